@@ -1,0 +1,1 @@
+"""What the simulation gets wrong: measured log, replay, causes, search, report."""
