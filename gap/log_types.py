@@ -31,10 +31,11 @@ SIGNAL_UNITS: dict[str, str] = {
     "current": "A",
     "torque": "N.m",
     "temperature": "degC",
+    "enabled": "1",
 }
 """Every signal a joint may log, with its unit."""
 
-REQUIRED_EVERYWHERE = ("goal", "position")
+REQUIRED_EVERYWHERE = ("goal", "position", "enabled")
 """Signals that may not miss a value in any sample where their column exists."""
 
 
@@ -52,6 +53,7 @@ class JointLog:
         current: motor current [A].
         torque: torque at the output shaft [N.m].
         temperature: motor temperature [degC].
+        enabled: 1 while the drive is on, 0 while the motor is left without torque; None where it was on throughout.
     """
 
     goal: Array | None
@@ -63,6 +65,7 @@ class JointLog:
     current: Array | None = None
     torque: Array | None = None
     temperature: Array | None = None
+    enabled: Array | None = None
 
     def signals(self) -> dict[str, Array]:
         """Return the recorded signals by name, in the order of the format."""
