@@ -27,8 +27,8 @@ def firmware_gain(kp: float) -> float:
 def chain(kp: float, volts: float) -> list[dict[str, dict[str, float]]]:
     """Return the actuation chain believed to be right before anything was fitted.
 
-    Motor values are those of the data sheet at the output shaft: stall 0.52 N.m at 1.47 A and 5 V gives a motor constant
-    of 0.35 N.m/A and 3.4 Ohm, the no-load speed of 103 rpm gives 0.46 V.s/rad with friction still in it. Armature and
+    Motor values are those of the data sheet at the output shaft: stall 0.52 N.m at 1.47 A and 5 V gives a motor
+    constant of 0.35 N.m/A and 3.4 Ohm, the no-load speed of 103 rpm gives 0.46 V.s/rad with friction still in it. Armature and
     friction are assumed.
     """
     return [
