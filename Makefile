@@ -1,0 +1,59 @@
+# Every command a person needs. Each one sets up .venv by itself; `make help` lists them.
+
+VENV := .venv
+PY := $(VENV)/bin/python
+INSTALLED := $(VENV)/.installed
+EXTRAS := train report dev
+
+# Headless drawing. MuJoCo on macOS has one way to draw and takes no choice.
+ifeq ($(shell uname),Linux)
+export MUJOCO_GL ?= egl
+endif
+
+.DEFAULT_GOAL := help
+.PHONY: help setup demo test lint pytest bench format clean
+
+help: ## list the commands
+	@awk -F ':.*## ' '/^[a-z]+:.*## /{printf "  make %-8s %s\n", $$1, $$2}' $(MAKEFILE_LIST)
+
+setup: $(INSTALLED) ## make .venv with the pinned packages
+
+demo: $(INSTALLED) ## the main job: log, diagnosis, training; under 10 minutes
+	$(PY) demo.py
+
+test: lint pytest ## lint, format and type check, then the tests
+
+lint: $(INSTALLED) ## ruff and pyright
+	$(PY) -m ruff check .
+	$(PY) -m ruff format --check .
+	$(PY) -m pyright
+
+pytest: $(INSTALLED) ## only the tests
+	$(PY) -m pytest -n 2 --durations=10
+
+bench: $(INSTALLED) ## measure the speed, write benchmarks/results
+	$(PY) -m benchmarks
+
+format: $(INSTALLED) ## put the code into the house format
+	$(PY) -m ruff check --fix .
+	$(PY) -m ruff format .
+
+clean: ## remove .venv and caches; never what you recorded (runs, logs)
+	rm -rf $(VENV) .pytest_cache .ruff_cache
+	find . -name __pycache__ -not -path './runs/*' -prune -exec rm -rf {} +
+
+# The first Python of at least 3.11 that starts. Read from pyproject.toml: one list of what is needed.
+$(INSTALLED): pyproject.toml constraints.txt
+	@for python in python3.11 python3 python3.12 python3.13; do \
+	    if $$python -c 'import sys; sys.exit(sys.version_info < (3, 11))' 2>/dev/null; then \
+	        echo "Setting up $(VENV) with $$($$python --version); the first time takes some minutes."; \
+	        exec $$python -m venv $(VENV); \
+	    fi; \
+	done; \
+	echo "sealegs needs Python 3.11 or newer, and neither python3.11 nor python3 is one: install it and run make again." >&2; \
+	exit 1
+	$(PY) -c 'import tomllib; p = tomllib.load(open("pyproject.toml", "rb"))["project"]; \
+	print(*p["dependencies"], *(r for e in "$(EXTRAS)".split() for r in p["optional-dependencies"][e]), sep="\n")' \
+	    > $(VENV)/requirements.txt
+	$(PY) -m pip install --disable-pip-version-check -c constraints.txt -r $(VENV)/requirements.txt
+	@touch $@
