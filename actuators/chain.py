@@ -1,0 +1,254 @@
+"""Actuation chains as data: reading, checking, changing, writing."""
+
+from __future__ import annotations
+
+import dataclasses
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import yaml
+
+from actuators.errors import nearest
+from actuators.layout import (
+    MAGIC,
+    P_COEFFICIENT,
+    P_FRICTION_KIND,
+    P_HEADER,
+    P_LATENCY,
+    P_LATENCY_MEMORY,
+    P_LENGTH,
+    P_MAGIC,
+    P_OFFSET,
+    P_SCALE,
+    P_STATE_SIZE,
+    P_TERMS,
+    P_TICKS,
+    P_VISCOUS,
+    S_HEADER,
+)
+from actuators.stages import ChainError, Quantity, Stage, build_stage
+from actuators.stages.net import Net
+
+CHECKOUT = Path(__file__).resolve().parent.parent
+LIBRARY = CHECKOUT / "configs" / "actuator"
+ORDER = (
+    "delay scale offset rate_limit dead_band position_p position_pd position_pi ideal net minimum_duty duty_limit regression supply "
+    "current_limit dc_motor torque_limit gear friction spring compliance backlash encoder"
+).split()
+"""Where :meth:`Chain.with_stage` puts a stage that a chain does not have yet: the order in which a command passes through."""
+
+LAST = ("friction", "spring", "compliance", "backlash", "encoder")  # only in this order, at the end
+
+
+@dataclass(frozen=True)
+class Chain:
+    """An ordered list of stages from a position goal to the torque on a joint.
+
+    Raises:
+        ChainError: stages that do not fit one behind the other, said in one sentence.
+    """
+
+    stages: tuple[Stage, ...]
+    label: str = "chain"
+
+    def __post_init__(self) -> None:
+        quantity: Quantity = Quantity.POSITION_GOAL
+        before = "the command"
+        for stage in self.stages:
+            if quantity not in stage.takes:
+                raise ChainError(
+                    f"{self.label}: stage '{stage.name}' takes {' or '.join(stage.takes)}, but {before} gives {quantity}; "
+                    f"put it where it belongs in the order {' > '.join(name for name in ORDER if self.find(name))}."
+                )
+            if stage.gives is not None:
+                quantity = stage.gives
+            before = f"'{stage.name}' before it"
+        if quantity != Quantity.TORQUE:
+            raise ChainError(
+                f"{self.label}: the chain ends in {quantity}, not in a torque; add a motor ('dc_motor' behind a 'supply', 'regression', "
+                "'ideal' or 'net')."
+            )
+        names = [stage.name for stage in self.stages]
+        for name in set(names):
+            if names.count(name) > 1 and name not in ("offset", "scale", "dead_band"):
+                raise ChainError(f"{self.label}: stage '{name}' stands {names.count(name)} times; it may stand once.")
+        ends = [name for name in names if name in LAST]
+        if ends != sorted(ends, key=LAST.index) or names[len(names) - len(ends) :] != ends:
+            raise ChainError(
+                f"{self.label}: the chain must end in the order {' > '.join(LAST)}, as far as it has them, not {' > '.join(names)}."
+            )
+        if "gear" in names and names[names.index("gear") - 1] not in ("dc_motor", "regression", "torque_limit"):
+            raise ChainError(f"{self.label}: 'gear' must stand directly behind its motor ('dc_motor' or 'regression').")
+        if "spring" in names and "compliance" in names:
+            raise ChainError(f"{self.label}: a chain has either a 'spring' or a 'compliance', which are the same element.")
+        for stage in self.stages:
+            stage.law_parameters(self)
+
+    # --- reading -----------------------------------------------------------------------------------------------
+
+    def find(self, name: str) -> Any:
+        """The first stage of that name, or None."""
+        return next((stage for stage in self.stages if stage.name == name), None)
+
+    def quantity_before(self, stage: Stage) -> Quantity:
+        """What travels into ``stage``."""
+        quantity: Quantity = Quantity.POSITION_GOAL
+        for other in self.stages:
+            if other is stage:
+                break
+            if other.gives is not None:
+                quantity = other.gives
+        return quantity
+
+    def gear_ratio(self) -> float:
+        """Motor turns per joint turn; 1 where the motor's numbers are given at the joint."""
+        gear = self.find("gear")
+        return gear.ratio if gear is not None else 1.0
+
+    def armature(self) -> float:
+        """Rotor inertia at the joint [kg.m2]."""
+        for stage in self.stages:
+            if (inertia := stage.parameters().get("armature")) is not None:
+                return inertia * self.gear_ratio() ** 2
+        return 0.0
+
+    def value(self, path: str) -> float:
+        """A parameter by ``stage.parameter``."""
+        stage, key = self._locate(path)
+        return getattr(stage, key)
+
+    def _locate(self, path: str) -> tuple[Stage, str]:
+        name, _, key = path.partition(".")
+        stage = self.find(name)
+        if stage is None:
+            names = [item.name for item in self.stages]
+            raise ChainError(f"{self.label} has no stage '{name}'{nearest(name, names)}; it has {', '.join(names)}.")
+        if key not in (known := {item.name for item in dataclasses.fields(stage)}):
+            raise ChainError(f"stage '{name}' has no parameter '{key}'{nearest(key, known)}.")
+        return stage, key
+
+    def __str__(self) -> str:
+        return " > ".join(stage.name for stage in self.stages)
+
+    # --- changing ----------------------------------------------------------------------------------------------
+
+    def with_value(self, path: str, value: float) -> Chain:
+        """A chain with one parameter (``stage.parameter``) changed."""
+        stage, key = self._locate(path)
+        changed = dataclasses.replace(stage, **{key: value})
+        return dataclasses.replace(self, stages=tuple(changed if item is stage else item for item in self.stages))
+
+    def with_stage(self, stage: Stage) -> Chain:
+        """A chain with a stage added where it belongs, or put in place of the one of its name."""
+        if (old := self.find(stage.name)) is not None:
+            return dataclasses.replace(self, stages=tuple(stage if item is old else item for item in self.stages))
+        rank = ORDER.index(stage.name)
+        at = next((k for k, item in enumerate(self.stages) if ORDER.index(item.name) > rank), len(self.stages))
+        return dataclasses.replace(self, stages=(*self.stages[:at], stage, *self.stages[at:]))
+
+    def without_stage(self, name: str) -> Chain:
+        """A chain without the stages of that name."""
+        return dataclasses.replace(self, stages=tuple(item for item in self.stages if item.name != name))
+
+    # --- writing -----------------------------------------------------------------------------------------------
+
+    def to_list(self) -> list[dict[str, Any]]:
+        """The chain as its YAML document."""
+        return [stage.to_dict() for stage in self.stages]
+
+    def to_yaml(self) -> str:
+        """The chain as YAML text, one stage a line."""
+        rows = [yaml.safe_dump(row, default_flow_style=True, width=1000, sort_keys=False).strip()[1:-1] for row in self.to_list()]
+        return "".join(f"- {row}\n" for row in rows)
+
+    def program(self) -> np.ndarray:
+        """The chain as its law reads it (see :mod:`actuators.layout`), for a coordinate of one joint at addresses 0."""
+        head = np.zeros(P_HEADER)
+        head[P_MAGIC] = MAGIC
+        head[P_TERMS] = 1
+        head[P_COEFFICIENT] = 1.0
+        head[P_SCALE] = 1.0
+        memory = S_HEADER
+        body: list[float] = []
+        for stage in self.stages:
+            if stage.name == "encoder":
+                head[P_TICKS], head[P_OFFSET], head[P_SCALE], head[P_LATENCY] = stage.parameters().values()
+                head[P_LATENCY_MEMORY] = memory
+            if stage.opcode:
+                values = stage.law_parameters(self)
+                body += [stage.opcode, 3 + len(values), memory, *values]
+            memory += stage.memory_size()
+        if (friction := self.find("friction")) is not None:
+            head[P_VISCOUS] = friction.viscous
+            head[P_FRICTION_KIND] = 1.0 if self.friction_needs_law() else 0.0
+        program = np.concatenate([head, body, [0.0]])
+        program[P_LENGTH] = len(program)
+        program[P_STATE_SIZE] = memory
+        return program
+
+    def friction_needs_law(self) -> bool:
+        """Whether dry friction is more than the constant that the engine knows natively."""
+        friction, gear = self.find("friction"), self.find("gear")
+        loss = gear is not None and gear.efficiency < 1.0
+        extra = ("stribeck", "asymmetry", "load", "load_quadratic", "load_stribeck", "ripple")
+        return loss or (friction is not None and any(getattr(friction, key) != 0.0 for key in extra))
+
+
+def names() -> list[str]:
+    """Names of the chains in ``configs/actuator``."""
+    return sorted(path.stem for path in LIBRARY.glob("*.yaml"))
+
+
+def load_chain(source: str | Path | list | Chain) -> Chain:
+    """A chain from its name in ``configs/actuator``, the path of a YAML file, or its stages as a list.
+
+    Raises:
+        ChainError: unknown name, unreadable file, or a chain that does not fit together.
+    """
+    if isinstance(source, Chain):
+        return source
+    if isinstance(source, list | tuple):
+        return _build(list(source), "inline chain", None)
+    path = Path(source)
+    if path.suffix not in (".yaml", ".yml"):
+        path = LIBRARY / f"{source}.yaml"
+        if not path.is_file():
+            raise ChainError(
+                f"there is no actuator '{source}'{nearest(str(source), names())}; give one of {', '.join(names())} or the path of a YAML file."
+            )
+    try:
+        document = yaml.safe_load(path.read_text(encoding="utf-8"))
+    except (OSError, UnicodeDecodeError) as error:
+        raise ChainError(f"cannot read the actuator {path}: {getattr(error, 'strerror', None) or error}.") from None
+    except yaml.YAMLError as error:
+        mark = getattr(error, "problem_mark", None)
+        where = f" in line {mark.line + 1}" if mark else ""
+        raise ChainError(f"{path} is not valid YAML{where}: {getattr(error, 'problem', error)}.") from None
+    return _build(document, str(path), path)
+
+
+def _build(document: Any, label: str, path: Path | None) -> Chain:
+    if not isinstance(document, list) or not document:
+        raise ChainError(f"{label}: a chain is a list of stages, such as '- delay: {{seconds: 0.005}}'.")
+    stages = []
+    for number, entry in enumerate(document, 1):
+        where = f"{label}, stage {number}"
+        if isinstance(entry, str):
+            entry = {entry: {}}
+        if not isinstance(entry, dict) or len(entry) != 1:
+            raise ChainError(f"{where}: expected one 'name: {{parameters}}', found {entry!r}.")
+        ((name, parameters),) = entry.items()
+        if name == Net.name and isinstance(parameters, dict) and isinstance(parameters.get("file"), str):
+            parameters = {**parameters, "file": _net_path(parameters["file"], path)}
+        stages.append(build_stage(str(name), parameters, where))
+    short = path.stem if path is not None else label
+    return Chain(tuple(stages), short)
+
+
+def _net_path(file: str, chain: Path | None) -> str:
+    for base in ([chain.parent] if chain is not None else []) + [Path.cwd(), CHECKOUT]:
+        if (candidate := base / file).is_file():
+            return str(candidate)
+    return file

@@ -1,0 +1,19 @@
+"""The one error class of the project, and the hint that its messages carry."""
+
+from __future__ import annotations
+
+import difflib
+from collections.abc import Iterable
+
+
+class SealegsError(ValueError):
+    """Something a person can put right: one sentence that says what is wrong, where, and what to do.
+
+    Scripts print the sentence and leave with exit status 2; a traceback means a bug.
+    """
+
+
+def nearest(name: str, options: Iterable[str]) -> str:
+    """`` (did you mean 'x'?)`` for the option closest to ``name``, or an empty string."""
+    close = difflib.get_close_matches(str(name), [str(option) for option in options], n=1, cutoff=0.5)
+    return f" (did you mean '{close[0]}'?)" if close else ""

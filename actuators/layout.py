@@ -1,0 +1,48 @@
+"""Where things stand in a law's program and in its state: the one table that laws, packing and readers share.
+
+A *program* is a flat array of doubles: the header below, then one record ``[opcode, length, memory offset, parameters...]`` per stage that
+has a law, then a zero. It travels in ``actuator_user`` of the MuJoCo model, where ``Batch.expand`` can vary it per simulation.
+A *state* is a flat array of doubles: the slots below, then the memory of the stages. It travels in ``mjData.userdata``.
+"""
+
+from __future__ import annotations
+
+MAGIC = 5_315_417.0  # marks an actuator as ours; anything else is passed on to whoever owned the callback before
+
+# program header
+P_MAGIC = 0
+P_LENGTH = 1  # doubles in the program
+P_STATE_SIZE = 2
+P_STATE_ADDRESS = 3  # in userdata
+P_TERMS = 4  # joints that make up the driven coordinate: 1, or 2 for a belt over a joint
+P_QPOS = 5  # two addresses
+P_DOF = 7  # two addresses
+P_COEFFICIENT = 9  # two coefficients
+P_FRICTION_KIND = 11  # 0 native only, 1 law sets the limit of a joint's row, 2 of a tendon's row
+P_FRICTION_ID = 12  # dof or tendon id of that row
+P_TICKS = 13  # encoder ticks per turn, 0: not quantised
+P_OFFSET = 14  # [rad]
+P_SCALE = 15
+P_LATENCY = 16  # [s]
+P_LATENCY_MEMORY = 17  # offset of the encoder's ring in the state
+P_VISCOUS = 18  # [N.m.s/rad], native damping; here for replays without an engine
+P_HEADER = 20
+
+# state slots
+S_TIME = 0  # start of the current physics step [s]
+S_STAGE = 1  # Runge-Kutta stage of the current step, 0..3
+S_READY = 2  # 0 until the memory is initialised
+S_TORQUE = 3  # [N.m] on the driven coordinate, friction excluded
+S_CURRENT = 4  # [A]
+S_DUTY = 5
+S_VOLTAGE = 6  # at the motor [V]
+S_LIMIT = 7  # Coulomb friction limit in force [N.m]
+S_OUT_OF_RANGE = 8  # actuator net samples whose inputs left the training range, since reset
+S_GOAL = 9  # goal as the controller saw it [rad]
+S_READING = 10  # encoder reading that the host receives [rad]
+S_LOAD = 11  # external torque on the coordinate [N.m]
+S_SPEED = 12  # [rad/s]
+S_HEADER = 16
+
+DELAY_EVENTS = 64  # goal changes remembered by a delay
+LATENCY_SAMPLES = 32  # positions remembered by an encoder with latency

@@ -1,0 +1,130 @@
+"""Stages on the way of a command to the controller: delay, rate limit, dead band, offset, gain."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any, ClassVar
+
+import numba
+
+from actuators.layout import DELAY_EVENTS, S_READING, S_TIME
+from actuators.stages.base import Quantity, Stage, parameter, register
+
+SIGNALS = (Quantity.POSITION_GOAL, Quantity.DUTY, Quantity.TORQUE)
+
+
+@register
+@dataclass(frozen=True, kw_only=True)
+class Delay(Stage):
+    """The command reaches the controller late, by any time, not only whole simulation steps."""
+
+    name: ClassVar[str] = "delay"
+    takes: ClassVar[tuple[Quantity, ...]] = (Quantity.POSITION_GOAL,)
+    opcode: ClassVar[int] = 1
+
+    seconds: float = parameter(None, "s", 0.0, 1.0, "time from sending a command to its effect")
+
+    def memory_size(self) -> int:
+        return 2 + 2 * DELAY_EVENTS
+
+
+@numba.njit(cache=True)
+def start_delay(s, m, value):
+    """Forget the past: the delay holds ``value`` as if it had always been commanded."""
+    s[m] = 1.0  # events stored
+    s[m + 1] = 0.0  # slot of the newest
+    s[m + 2] = -1e30
+    s[m + 3] = value
+
+
+@numba.njit(cache=True)
+def record_delay(s, m, time, value):
+    """Remember ``value`` as commanded at ``time``, if it differs from the newest event."""
+    slot = int(s[m + 1])
+    if s[m + 3 + 2 * slot] == value:
+        return
+    slot = (slot + 1) % DELAY_EVENTS
+    s[m + 2 + 2 * slot] = time
+    s[m + 3 + 2 * slot] = value
+    s[m + 1] = slot
+    if s[m] < DELAY_EVENTS:
+        s[m] += 1.0
+
+
+@numba.njit(cache=True)
+def delayed(s, m, time):
+    """The value commanded at ``time``. A pure function of the events, so every Runge-Kutta stage may ask for its own time."""
+    slot = int(s[m + 1])
+    for _ in range(int(s[m]) - 1):
+        if s[m + 2 + 2 * slot] <= time + 1e-9:
+            break
+        slot = (slot + DELAY_EVENTS - 1) % DELAY_EVENTS
+    return s[m + 3 + 2 * slot]
+
+
+@register
+@dataclass(frozen=True, kw_only=True)
+class RateLimit(Stage):
+    """The firmware lets its goal move no faster than this (goal speed profile)."""
+
+    name: ClassVar[str] = "rate_limit"
+    takes: ClassVar[tuple[Quantity, ...]] = (Quantity.POSITION_GOAL,)
+    opcode: ClassVar[int] = 2
+
+    speed: float = parameter(None, "rad/s", 1e-3, 1e4, "largest speed of the goal")
+
+    def memory_size(self) -> int:
+        return 2
+
+
+@numba.njit(cache=True)
+def rate_limited(p, i, s, m, time, goal):
+    """Goal after the profile at ``time``; memory is [profile at the start of the step, its target]."""
+    reach = p[i] * max(time - s[S_TIME], 0.0)
+    return s[m] + min(max(goal - s[m], -reach), reach)
+
+
+@register
+@dataclass(frozen=True, kw_only=True)
+class DeadBand(Stage):
+    """Errors (before the controller) or duties and torques (after it) smaller than this have no effect."""
+
+    name: ClassVar[str] = "dead_band"
+    takes: ClassVar[tuple[Quantity, ...]] = SIGNALS
+    opcode: ClassVar[int] = 3
+
+    width: float = parameter(None, "rad, duty or N.m", 0.0, 10.0, "largest size that is ignored; larger ones pass whole")
+
+    def law_parameters(self, chain: Any) -> list[float]:
+        return [self.width, 1.0 if chain.quantity_before(self) == Quantity.POSITION_GOAL else 0.0]
+
+
+@numba.njit(cache=True)
+def dead_banded(p, i, s, value):
+    """``value`` unless it is within the dead band (of the encoder reading for goals, of zero otherwise)."""
+    centre = s[S_READING] if p[i + 1] > 0.5 else 0.0
+    return centre if abs(value - centre) < p[i] else value
+
+
+@register
+@dataclass(frozen=True, kw_only=True)
+class Offset(Stage):
+    """A constant added to what passes: a mounting error of the goal, a bias of an amplifier."""
+
+    name: ClassVar[str] = "offset"
+    takes: ClassVar[tuple[Quantity, ...]] = SIGNALS
+    opcode: ClassVar[int] = 4
+
+    value: float = parameter(None, "rad, duty or N.m", -10.0, 10.0, "added to the signal")
+
+
+@register
+@dataclass(frozen=True, kw_only=True)
+class Scale(Stage):
+    """A factor on what passes, such as a degree taken for a radian."""
+
+    name: ClassVar[str] = "scale"
+    takes: ClassVar[tuple[Quantity, ...]] = SIGNALS
+    opcode: ClassVar[int] = 5
+
+    factor: float = parameter(None, "-", -1e4, 1e4, "multiplies the signal")

@@ -1,0 +1,99 @@
+"""Controllers: from a position goal and the encoder reading to a duty (servo firmware) or directly to a torque (ideal)."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any, ClassVar
+
+import numba
+
+from actuators.layout import S_GOAL, S_READING, S_SPEED, S_TIME
+from actuators.stages.base import Quantity, Stage, parameter, register
+
+
+class PositionController(Stage):
+    """What position_p, position_pd and position_pi share: one law with gains that may be zero."""
+
+    takes: ClassVar[tuple[Quantity, ...]] = (Quantity.POSITION_GOAL,)
+    gives: ClassVar[Quantity | None] = Quantity.DUTY
+    opcode: ClassVar[int] = 10
+
+    def law_parameters(self, chain: Any) -> list[float]:
+        del chain
+        values = self.parameters()
+        return [values.get(key, 0.0) for key in ("gain", "damping", "integral", "integral_limit")]
+
+    def memory_size(self) -> int:
+        return 2
+
+
+@register
+@dataclass(frozen=True, kw_only=True)
+class PositionP(PositionController):
+    """duty = gain (goal - reading)."""
+
+    name: ClassVar[str] = "position_p"
+
+    gain: float = parameter(None, "1/rad", 0.0, 1e4, "duty per radian of position error")
+
+
+@register
+@dataclass(frozen=True, kw_only=True)
+class PositionPD(PositionController):
+    """duty = gain (goal - reading) - damping speed."""
+
+    name: ClassVar[str] = "position_pd"
+
+    gain: float = parameter(None, "1/rad", 0.0, 1e4, "duty per radian of position error")
+    damping: float = parameter(0.0, "s/rad", 0.0, 1e3, "duty per rad/s of speed")
+
+
+@register
+@dataclass(frozen=True, kw_only=True)
+class PositionPI(PositionController):
+    """duty = gain (goal - reading) + integral of it, held within a limit (anti-windup)."""
+
+    name: ClassVar[str] = "position_pi"
+
+    gain: float = parameter(None, "1/rad", 0.0, 1e4, "duty per radian of position error")
+    integral: float = parameter(None, "1/(rad.s)", 0.0, 1e4, "duty per radian second")
+    integral_limit: float = parameter(1.0, "-", 0.0, 1.0, "largest duty of the integral part")
+    damping: float = parameter(0.0, "s/rad", 0.0, 1e3, "duty per rad/s of speed")
+
+
+@numba.njit(cache=True)
+def advance_integral(p, i, s, m, time):
+    """Add the error of the step that has passed to the integral; memory is [integral duty, error at the step's start]."""
+    change = p[i + 2] * s[m + 1] * (time - s[S_TIME])
+    s[m] = min(max(s[m] + change, -p[i + 3]), p[i + 3])
+
+
+@numba.njit(cache=True)
+def position_duty(p, i, s, m, goal):
+    """Duty of a position controller."""
+    s[S_GOAL] = goal
+    return p[i] * (goal - s[S_READING]) - p[i + 1] * s[S_SPEED] + s[m]
+
+
+@register
+@dataclass(frozen=True, kw_only=True)
+class Ideal(Stage):
+    """A perfect servo: torque = stiffness (goal - position) - damping speed, within a limit. What most simulations assume."""
+
+    name: ClassVar[str] = "ideal"
+    takes: ClassVar[tuple[Quantity, ...]] = (Quantity.POSITION_GOAL,)
+    gives: ClassVar[Quantity | None] = Quantity.TORQUE
+    opcode: ClassVar[int] = 11
+
+    stiffness: float = parameter(None, "N.m/rad", 0.0, 1e6, "torque per radian of position error")
+    damping: float = parameter(0.0, "N.m.s/rad", 0.0, 1e5, "torque per rad/s of speed")
+    torque_limit: float = parameter(1e6, "N.m", 0.0, 1e6, "largest torque")
+    armature: float = parameter(0.0, "kg.m2", 0.0, 1e3, "rotor inertia at the joint")
+
+
+@numba.njit(cache=True)
+def ideal_torque(p, i, s, goal):
+    """Torque of an ideal servo."""
+    s[S_GOAL] = goal
+    torque = p[i] * (goal - s[S_READING]) - p[i + 1] * s[S_SPEED]
+    return min(max(torque, -p[i + 2]), p[i + 2])

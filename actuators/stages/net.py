@@ -1,0 +1,137 @@
+"""Actuator net: a small network from the history of position error and speed to torque, sampled at the rate it was trained at."""
+
+from __future__ import annotations
+
+import functools
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any, ClassVar
+
+import numba
+import numpy as np
+
+from actuators.layout import S_GOAL, S_OUT_OF_RANGE, S_READING, S_SPEED
+from actuators.stages.base import ChainError, Quantity, Stage, parameter, register
+
+FORMAT = "sealegs actuator net 1"
+REQUIRED = ("format", "period", "history", "input_mean", "input_std", "input_low", "input_high", "torque_scale", "weights", "layers")
+
+
+@functools.lru_cache(maxsize=32)
+def read_net(path: Path, modified: float) -> dict[str, np.ndarray]:
+    """Arrays of a net file (``.npz``), keyed as in :data:`REQUIRED`. ``modified`` only makes a changed file a new one.
+
+    Raises:
+        ChainError: the file is no actuator net.
+    """
+    del modified
+    try:
+        with np.load(path, allow_pickle=False) as archive:
+            net = {key: archive[key] for key in archive.files}
+    except (OSError, ValueError) as error:
+        raise ChainError(f"{path} is not a readable actuator net ({error}); train one with train_net.py.") from None
+    missing = [key for key in REQUIRED if key not in net]
+    if missing or str(net["format"]) != FORMAT:
+        raise ChainError(f"{path} is not an actuator net of the format '{FORMAT}'; train one with train_net.py.")
+    return net
+
+
+@register
+@dataclass(frozen=True, kw_only=True)
+class Net(Stage):
+    """Torque from a trained network. The sample period is the net's own: the engine calls it at those times, whatever its step."""
+
+    name: ClassVar[str] = "net"
+    takes: ClassVar[tuple[Quantity, ...]] = (Quantity.POSITION_GOAL,)
+    gives: ClassVar[Quantity | None] = Quantity.TORQUE
+    opcode: ClassVar[int] = 50
+
+    file: str
+    """Path of the net (.npz); a relative path is looked for beside the chain's file, then from the checkout."""
+    rate: float = parameter(0.0, "Hz", 0.0, 1e5, "rate the user expects; 0: whatever the net was trained at")
+    armature: float = parameter(0.0, "kg.m2", 0.0, 1e3, "rotor inertia at the joint")
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        trained = 1.0 / float(self.arrays()["period"])
+        if self.rate > 0.0 and abs(trained - self.rate) > 0.01 * trained:
+            raise ChainError(
+                f"{self.file} was trained at {trained:g} Hz but the chain asks for {self.rate:g} Hz; "
+                f"train a net at {self.rate:g} Hz or remove 'rate' to run it at its own."
+            )
+
+    def arrays(self) -> dict[str, np.ndarray]:
+        """The net's file as arrays."""
+        path = Path(self.file)
+        if not path.is_file():
+            raise ChainError(f"there is no actuator net at {path}; train one with train_net.py or correct 'file'.")
+        return read_net(path, path.stat().st_mtime)
+
+    def law_parameters(self, chain: Any) -> list[float]:
+        del chain
+        net = self.arrays()
+        layers = [int(size) for size in net["layers"]]
+        head = [float(net["period"]), float(net["history"]), float(net["torque_scale"]), float(len(layers)), *map(float, layers)]
+        parts = [np.asarray(head)]
+        parts += [np.ravel(net[key]) for key in ("input_mean", "input_std", "input_low", "input_high", "weights")]
+        return np.concatenate(parts).astype(float).tolist()
+
+    def memory_size(self) -> int:
+        net = self.arrays()
+        history = int(net["history"])
+        widest = max(int(size) for size in net["layers"])
+        return 2 + 2 * history + 2 * widest
+
+
+@numba.njit(cache=True)
+def start_net(p, i, s, m):
+    """Forget the past: error and speed have always been what they are."""
+    s[m] = -1e30  # time of the next sample
+    s[m + 1] = 0.0
+    history = int(p[i + 1])
+    for k in range(history):
+        s[m + 2 + k] = s[S_GOAL] - s[S_READING]
+        s[m + 2 + history + k] = s[S_SPEED]
+
+
+@numba.njit(cache=True, fastmath=True)
+def sample_net(p, i, s, m, time, goal):
+    """Sample the inputs and evaluate the net, if its time has come. Newest sample first, errors before speeds."""
+    if s[m] > -1e29 and time < s[m] - 1e-9:
+        return
+    history = int(p[i + 1])
+    s[m] = (s[m] if s[m] > -1e29 else time) + p[i]
+    for k in range(history - 1, 0, -1):
+        s[m + 2 + k] = s[m + 1 + k]
+        s[m + 2 + history + k] = s[m + 1 + history + k]
+    s[m + 2] = goal - s[S_READING]
+    s[m + 2 + history] = s[S_SPEED]
+    layers = int(p[i + 3])
+    sizes = i + 4
+    inputs = int(p[sizes])
+    mean = sizes + layers
+    now = m + 2 + 2 * history
+    widest = 0
+    for k in range(layers):
+        widest = max(widest, int(p[sizes + k]))
+    other = now + widest
+    strange = 0.0
+    for k in range(inputs):
+        value = s[m + 2 + k]
+        if value < p[mean + 2 * inputs + k] or value > p[mean + 3 * inputs + k]:
+            strange = 1.0
+        s[now + k] = (value - p[mean + k]) / p[mean + inputs + k]
+    s[S_OUT_OF_RANGE] += strange
+    weight = mean + 4 * inputs
+    for layer in range(layers - 1):
+        wide, high = int(p[sizes + layer]), int(p[sizes + layer + 1])
+        x = s[now : now + wide]
+        for row in range(high):
+            w = p[weight + row * wide : weight + (row + 1) * wide]
+            total = p[weight + high * wide + row]
+            for k in range(wide):
+                total += w[k] * x[k]
+            s[other + row] = total / (1.0 + abs(total)) if layer < layers - 2 else total
+        weight += high * wide + high
+        now, other = other, now
+    s[m + 1] = s[now] * p[i + 2]

@@ -1,0 +1,83 @@
+"""Encoder: what firmware and host see of the position."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from typing import ClassVar
+
+import numba
+
+from actuators.layout import LATENCY_SAMPLES, P_LATENCY, P_LATENCY_MEMORY, P_OFFSET, P_SCALE, P_TICKS
+from actuators.stages.base import Quantity, Stage, parameter, register
+
+
+@register
+@dataclass(frozen=True, kw_only=True)
+class Encoder(Stage):
+    """Position sensor of the servo.
+
+    Ticks, offset and scale are in what the servo's own controller reads too; latency is the age of a reading when the host gets it.
+    """
+
+    name: ClassVar[str] = "encoder"
+    takes: ClassVar[tuple[Quantity, ...]] = (Quantity.TORQUE,)
+
+    ticks: float = parameter(0.0, "1/turn", 0.0, 1e9, "steps per turn, 0: continuous")
+    offset: float = parameter(0.0, "rad", -10.0, 10.0, "reading at position zero")
+    scale: float = parameter(1.0, "-", 0.01, 100.0, "reading per position")
+    latency: float = parameter(0.0, "s", 0.0, 0.5, "age of the reading when the host receives it")
+
+    def memory_size(self) -> int:
+        return 1 + 2 * LATENCY_SAMPLES if self.latency > 0.0 else 0
+
+
+@numba.njit(cache=True)
+def encoder_reading(p, q):
+    """Reading of the encoder at position ``q`` [rad]."""
+    reading = p[P_SCALE] * q + p[P_OFFSET]
+    if p[P_TICKS] > 0.0:
+        step = 2.0 * math.pi / p[P_TICKS]
+        reading = math.floor(reading / step + 0.5) * step
+    return reading
+
+
+@numba.njit(cache=True)
+def start_latency(p, s, q):
+    """Forget the past: the joint has always stood at ``q``."""
+    m = int(p[P_LATENCY_MEMORY])
+    s[m] = 0.0
+    for k in range(LATENCY_SAMPLES):
+        s[m + 1 + 2 * k] = -1e30
+        s[m + 2 + 2 * k] = q
+
+
+@numba.njit(cache=True)
+def record_latency(p, s, time, q):
+    """Remember the position at ``time``, often enough to interpolate over the latency."""
+    m = int(p[P_LATENCY_MEMORY])
+    slot = int(s[m])
+    if time - s[m + 1 + 2 * slot] < p[P_LATENCY] / (LATENCY_SAMPLES - 4):
+        return
+    slot = (slot + 1) % LATENCY_SAMPLES
+    s[m + 1 + 2 * slot] = time
+    s[m + 2 + 2 * slot] = q
+    s[m] = slot
+
+
+@numba.njit(cache=True)
+def late_position(p, s, time, q):
+    """Position as it was one latency before ``time``, where it is ``q``."""
+    m = int(p[P_LATENCY_MEMORY])
+    slot = int(s[m])
+    wanted = time - p[P_LATENCY]
+    later_time, later = time, q
+    for _ in range(LATENCY_SAMPLES):
+        at, value = s[m + 1 + 2 * slot], s[m + 2 + 2 * slot]
+        if at <= wanted:
+            if later_time - at < 1e-12 or at < -1e29:
+                return value
+            return value + (later - value) * (wanted - at) / (later_time - at)
+        later_time, later = at, value
+        slot = (slot + LATENCY_SAMPLES - 1) % LATENCY_SAMPLES
+    return later
