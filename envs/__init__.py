@@ -1,0 +1,1 @@
+"""What moves: robots, their tasks, and the batch engine that steps them."""

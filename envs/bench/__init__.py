@@ -1,0 +1,1 @@
+"""A servo with a pendulum load."""

@@ -1,0 +1,1 @@
+"""The series elastic hopper of the paper (seed 004)."""

@@ -1,0 +1,125 @@
+"""What a robot is: a MuJoCo specification built from numbers, and the coordinates that actuators drive."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
+from pathlib import Path
+
+import mujoco
+
+from actuators import Chain, DrivenCoordinate, Drivetrain
+from actuators.errors import SealegsError, nearest
+
+ChainSource = str | Path | list | Chain
+"""What :func:`actuators.load_chain` reads: a name, a path, a list of stages, or a chain."""
+
+
+class RobotError(SealegsError):
+    """An unknown robot, or a parameter that it does not have or cannot take."""
+
+
+@dataclass(frozen=True)
+class Number:
+    """One number of a robot: default, unit, inclusive bounds, and where it comes from.
+
+    Attributes:
+        value: default, in ``unit``.
+        unit: of the value.
+        source: where it was printed; ``assumed`` first, where nobody printed it.
+        low: smallest accepted value.
+        high: largest accepted value.
+    """
+
+    value: float
+    unit: str
+    source: str
+    low: float = 0.0
+    high: float = math.inf
+
+    @property
+    def assumed(self) -> bool:
+        """Whether the value is a choice of ours rather than a printed or measured one."""
+        return self.source.startswith("assumed")
+
+
+@dataclass(frozen=True)
+class Robot:
+    """A robot without its actuators.
+
+    Attributes:
+        name: as in ``get_robot`` and in the sidecar of a measured log.
+        numbers: every number of the model by name; ``build_spec`` takes other values for any of them.
+        coordinates: what actuators drive, in the order of goals.
+        limits: lowest and highest goal of each coordinate [rad].
+        chains: chain that drives each coordinate unless another is asked for.
+        build: makes the specification from a value for every number.
+    """
+
+    name: str
+    numbers: Mapping[str, Number]
+    coordinates: tuple[DrivenCoordinate, ...]
+    limits: Mapping[str, tuple[float, float]]
+    chains: Mapping[str, str]
+    build: Callable[[Mapping[str, float]], mujoco.MjSpec]
+
+    def parameters(self, params: Mapping[str, float] | None = None) -> dict[str, float]:
+        """A value for every number of the robot: ``params`` where given, the default elsewhere.
+
+        Raises:
+            RobotError: a name that the robot does not have, or a value that is no number within its bounds.
+        """
+        values = {name: number.value for name, number in self.numbers.items()}
+        for name, value in (params or {}).items():
+            if name not in self.numbers:
+                known = ", ".join(self.numbers)
+                hint = nearest(name, self.numbers)
+                raise RobotError(f"robot '{self.name}' has no parameter '{name}'{hint}; it has {known}.")
+            number = self.numbers[name]
+            if isinstance(value, bool) or not isinstance(value, int | float) or not number.low <= value <= number.high:
+                bounds = f"between {number.low:g} and {number.high:g} {number.unit}"
+                raise RobotError(f"robot '{self.name}': {name} is {value!r}; it must be a number {bounds}.")
+            values[name] = float(value)
+        return values
+
+    def build_spec(self, params: Mapping[str, float] | None = None) -> mujoco.MjSpec:
+        """The robot's specification, without actuators.
+
+        Raises:
+            RobotError: as :meth:`parameters`.
+        """
+        return self.build(self.parameters(params))
+
+    def chains_for(self, actuator: ChainSource | Mapping[str, ChainSource] | None) -> dict[str, ChainSource]:
+        """A chain for every coordinate.
+
+        Args:
+            actuator: one chain for all, or chains by coordinate, the others keeping the robot's own; None: the
+                robot's own for all.
+
+        Raises:
+            RobotError: a coordinate that the robot does not have.
+        """
+        names = [item.name for item in self.coordinates]
+        if actuator is None:
+            return dict(self.chains)
+        if not isinstance(actuator, Mapping):
+            return dict.fromkeys(names, actuator)
+        for name in actuator:
+            if name not in names:
+                hint = nearest(name, names)
+                raise RobotError(f"robot '{self.name}' drives no '{name}'{hint}; it drives {', '.join(names)}.")
+        return {name: actuator.get(name, self.chains[name]) for name in names}
+
+    def drivetrain(
+        self,
+        actuator: ChainSource | Mapping[str, ChainSource] | None = None,
+        params: Mapping[str, float] | None = None,
+    ) -> Drivetrain:
+        """The robot with chains on its coordinates, compiled.
+
+        Raises:
+            SealegsError: a wrong parameter or chain.
+        """
+        return Drivetrain(self.build_spec(params), self.chains_for(actuator), self.coordinates)

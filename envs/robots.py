@@ -1,0 +1,21 @@
+"""The robots that the project knows, by name."""
+
+from __future__ import annotations
+
+from actuators.errors import nearest
+from envs.bench.robot import BENCH
+from envs.robot import Robot, RobotError
+
+ROBOTS: dict[str, Robot] = {robot.name: robot for robot in (BENCH,)}
+
+
+def get_robot(name: str) -> Robot:
+    """The robot of that name.
+
+    Raises:
+        RobotError: there is none; the message names the nearest one.
+    """
+    if name not in ROBOTS:
+        known = ", ".join(ROBOTS)
+        raise RobotError(f"there is no robot '{name}'{nearest(str(name), ROBOTS)}; robots are {known}.")
+    return ROBOTS[name]
