@@ -1,0 +1,115 @@
+"""The learning algorithms, and their construction from a config whose keys are the algorithm's own arguments."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import Any
+
+import torch
+from stable_baselines3 import PPO, SAC
+from stable_baselines3.common.base_class import BaseAlgorithm
+from stable_baselines3.common.utils import LinearSchedule
+from stable_baselines3.common.vec_env import VecEnv, VecNormalize
+
+from actuators.errors import SealegsError, nearest
+from configs.check import arguments, checked
+
+ALGORITHMS: dict[str, type[BaseAlgorithm]] = {"ppo": PPO, "sac": SAC}
+ACTIVATIONS = {"tanh": torch.nn.Tanh, "relu": torch.nn.ReLU, "elu": torch.nn.ELU}
+
+# Arguments that the run itself decides.
+_TAKEN = {"self", "env", "seed", "tensorboard_log", "verbose", "_init_setup_model"}
+
+
+def algorithm(name: Any) -> type[BaseAlgorithm]:
+    """Class of the algorithm ``name``.
+
+    Raises:
+        SealegsError: the name is unknown.
+    """
+    if name not in ALGORITHMS:
+        known = ", ".join(ALGORITHMS)
+        raise SealegsError(f"agent.algorithm '{name}' is not known{nearest(str(name), ALGORITHMS)}: there are {known}.")
+    return ALGORITHMS[name]
+
+
+def agent_keys(agent: Mapping[str, Any]) -> list[str]:
+    """Keys that the config group ``agent`` accepts, given its algorithm."""
+    normalize = [f"normalize.{name}" for name in _normalize_arguments()]
+    return ["algorithm", "normalize", *normalize, *arguments(algorithm(agent.get("algorithm")).__init__, _TAKEN)]
+
+
+def checked_agent(agent: Mapping[str, Any]) -> dict[str, Any]:
+    """The config group ``agent`` with every value in the type of its argument.
+
+    Raises:
+        SealegsError: an unknown key or a value of the wrong type.
+    """
+    types = arguments(algorithm(agent.get("algorithm")).__init__, _TAKEN)
+    types |= {"algorithm": str, "normalize": dict | bool}
+    result: dict[str, Any] = {}
+    for key, value in agent.items():
+        if key not in types:
+            raise SealegsError(f"agent.{key} is not an argument of {agent['algorithm']}{nearest(key, types)}.")
+        is_schedule = isinstance(value, str) and value.startswith("lin_") and _schedule(value) is not None
+        result[key] = value if is_schedule else checked(f"agent.{key}", value, types[key])
+    if isinstance(normalize := result.get("normalize"), dict):
+        names = _normalize_arguments()
+        for key, value in normalize.items():
+            if key not in names:
+                raise SealegsError(f"agent.normalize.{key} is not an argument of VecNormalize{nearest(key, names)}.")
+            normalize[key] = checked(f"agent.normalize.{key}", value, names[key])
+    return result
+
+
+def normalized(env: VecEnv, agent: Mapping[str, Any], training: bool) -> VecEnv:
+    """``env`` in the VecNormalize that the config asks for; rewards stay as they are unless training."""
+    options = agent.get("normalize", False)
+    if not options:
+        return env
+    options = {"gamma": agent.get("gamma", 0.99)} | (options if isinstance(options, dict) else {})
+    wrapped = VecNormalize(env, training=training, **options)
+    wrapped.norm_reward &= training
+    return wrapped
+
+
+def build(agent: Mapping[str, Any], env: VecEnv, seed: int) -> BaseAlgorithm:
+    """New learner for ``env`` with the arguments of a checked ``agent`` config.
+
+    Raises:
+        SealegsError: Stable-Baselines3 refuses the arguments.
+    """
+    keywords = {key: value for key, value in agent.items() if key not in ("algorithm", "normalize")}
+    for key, value in keywords.items():
+        if isinstance(value, str) and value.startswith("lin_"):
+            keywords[key] = LinearSchedule(_schedule(value) or 0.0, 0.0, 1.0)
+    if keywords.get("policy_kwargs"):
+        keywords["policy_kwargs"] = _policy_keywords(keywords["policy_kwargs"])
+    try:
+        return algorithm(agent["algorithm"])(env=env, seed=seed, **keywords)
+    except (AssertionError, TypeError, ValueError, RuntimeError) as error:
+        reason = str(error).strip().splitlines() or [type(error).__name__]
+        raise SealegsError(f"Stable-Baselines3 refuses the agent's arguments: {reason[0]}") from error
+
+
+def _normalize_arguments() -> dict[str, Any]:
+    return arguments(VecNormalize.__init__, {"self", "venv", "training", "gamma"})
+
+
+def _schedule(value: str) -> float | None:
+    """Start of the linear schedule that rl-zoo writes ``lin_3e-4``; None where it is no number."""
+    try:
+        return float(value.removeprefix("lin_"))
+    except ValueError:
+        return None
+
+
+def _policy_keywords(keywords: Mapping[str, Any]) -> dict[str, Any]:
+    result = dict(keywords)
+    name = result.get("activation_fn")
+    if name is not None:
+        if name not in ACTIVATIONS:
+            known = ", ".join(ACTIVATIONS)
+            raise SealegsError(f"agent.policy_kwargs.activation_fn '{name}' is not known: there are {known}.")
+        result["activation_fn"] = ACTIVATIONS[name]
+    return result

@@ -1,0 +1,173 @@
+"""What happens beside the learning: stop requests, checkpoints, evaluation, reward terms, progress."""
+
+from __future__ import annotations
+
+import sys
+import time
+from collections import deque
+from collections.abc import Callable
+from typing import Any
+
+import numpy as np
+from rich.progress import BarColumn, Progress, TextColumn, TimeRemainingColumn
+from stable_baselines3.common.callbacks import BaseCallback, EvalCallback
+from stable_baselines3.common.vec_env import VecEnv
+
+from agents.stop import StopSignals
+
+
+class StopOnSignal(BaseCallback):
+    """Ends the learning after the current step once a stop was asked for."""
+
+    def __init__(self, signals: StopSignals) -> None:
+        super().__init__()
+        self.signals = signals
+
+    def _on_step(self) -> bool:
+        return not self.signals.asked
+
+
+class Checkpoints(BaseCallback):
+    """Calls ``save`` each ``every`` steps, between an update and the next rollout, where the learner is consistent."""
+
+    def __init__(self, every: int, save: Callable[[], Any]) -> None:
+        super().__init__()
+        self.every = every
+        self.save = save
+        self._last = 0
+
+    def _on_training_start(self) -> None:
+        self._last = self.num_timesteps
+
+    def _on_rollout_start(self) -> None:
+        if self.num_timesteps - self._last >= self.every:
+            self._last = self.num_timesteps
+            self.save()
+
+    def _on_step(self) -> bool:
+        return True
+
+
+class NewBest(BaseCallback):
+    """Calls ``save`` when an evaluation beats all before it."""
+
+    def __init__(self, save: Callable[[], Any]) -> None:
+        super().__init__()
+        self.save = save
+
+    def _on_step(self) -> bool:
+        self.save()
+        return True
+
+
+class Evaluation(EvalCallback):
+    """EvalCallback that goes on where an earlier session of the run stopped.
+
+    Args:
+        env: simulations to evaluate in, wrapped like the training ones.
+        every: steps between evaluations, over all training simulations; 0: only when asked by :meth:`evaluate`.
+        episodes: per evaluation.
+        folder: where ``evaluations.npz`` goes.
+        save_best: called when the mean reward is the best so far.
+    """
+
+    def __init__(
+        self, env: VecEnv, every: int, episodes: int, n_envs: int, folder: str, save_best: Callable[[], Any]
+    ) -> None:
+        calls = max(every // n_envs, 1) if every else 0
+        super().__init__(env, NewBest(save_best), None, episodes, calls, log_path=folder, verbose=0)
+
+    @property
+    def state(self) -> dict[str, list]:
+        """Evaluations so far, as a checkpoint keeps them."""
+        return {
+            "timesteps": list(self.evaluations_timesteps),
+            "results": [[float(reward) for reward in rewards] for rewards in self.evaluations_results],
+            "ep_lengths": [[int(length) for length in lengths] for lengths in self.evaluations_length],
+        }
+
+    def restore(self, state: dict[str, list]) -> None:
+        """Take over the evaluations of an earlier session; the best of them has to be beaten."""
+        self.evaluations_timesteps = list(state["timesteps"])
+        self.evaluations_results = list(state["results"])
+        self.evaluations_length = list(state["ep_lengths"])
+        self.best_mean_reward = max((float(np.mean(rewards)) for rewards in self.evaluations_results), default=-np.inf)
+        self.last_mean_reward = float(np.mean(self.evaluations_results[-1])) if self.evaluations_results else -np.inf
+
+    def evaluate(self) -> float:
+        """Evaluate now, unless the current step is evaluated already; returns the mean reward."""
+        if self.num_timesteps not in self.evaluations_timesteps[-1:]:
+            frequency, self.eval_freq = self.eval_freq, 1  # the parent evaluates when its calls divide by this
+            self._on_step()
+            self.eval_freq = frequency
+        return self.last_mean_reward
+
+
+class InfoTerms(BaseCallback):
+    """Logs the mean of what the environment reports per step: reward terms, and what its actuators did."""
+
+    GROUPS = ("reward", "actuator")
+
+    def __init__(self) -> None:
+        super().__init__()
+        self._sums: dict[str, float] = {}
+        self._counts: dict[str, int] = {}
+
+    def _on_step(self) -> bool:
+        for info in self.locals["infos"]:
+            for group in self.GROUPS:
+                for term, value in info.get(f"{group}_terms", {}).items():
+                    key = f"{group}/{term}"
+                    self._sums[key] = self._sums.get(key, 0.0) + float(value)
+                    self._counts[key] = self._counts.get(key, 0) + 1
+        return True
+
+    def _on_rollout_end(self) -> None:
+        for key, total in self._sums.items():
+            self.logger.record(key, total / self._counts[key])
+        self._sums.clear()
+        self._counts.clear()
+
+
+class ProgressReport(BaseCallback):
+    """Progress bar on a terminal, a line each tenth of the run elsewhere."""
+
+    def __init__(self, total: int) -> None:
+        super().__init__()
+        self.total = total
+        self._bar: Progress | None = None
+        self._rewards: deque[float] = deque(maxlen=100)
+        self._next_line = 0
+
+    def _on_training_start(self) -> None:
+        self._from, self._started = self.num_timesteps, time.monotonic()
+        if sys.stderr.isatty():
+            columns = (BarColumn(), TextColumn("{task.description}"), TimeRemainingColumn())
+            self._bar = Progress(*columns, refresh_per_second=4, transient=True)
+            self._bar.add_task("", total=self.total, completed=self.num_timesteps)
+            self._bar.start()
+        self._next_line = self.num_timesteps + self.total // 10
+
+    def _on_step(self) -> bool:
+        if self._bar is not None:
+            self._bar.update(self._bar.task_ids[0], completed=self.num_timesteps)
+        elif self.num_timesteps >= self._next_line:
+            self._next_line += self.total // 10 or 1
+            print(f"{100 * self.num_timesteps // self.total:3d} %  {self._text()}", flush=True)
+        return True
+
+    def _on_rollout_end(self) -> None:
+        if self._bar is not None:
+            self._bar.update(self._bar.task_ids[0], description=self._text())
+
+    def _text(self) -> str:
+        speed = (self.num_timesteps - self._from) / max(time.monotonic() - self._started, 1e-9)
+        episodes = self.model.ep_info_buffer or ()
+        reward = f", episode reward {np.mean([episode['r'] for episode in episodes]):.4g}" if episodes else ""
+        return f"step {self.num_timesteps} of {self.total}, {speed:.0f} steps/s{reward}"
+
+    def close(self) -> None:
+        """Take the bar off the terminal."""
+        if self._bar is not None:
+            self._bar.stop()
+            self._bar = None

@@ -1,0 +1,78 @@
+"""Checkpoints: complete or absent, and the newest one that can be read."""
+
+from __future__ import annotations
+
+import json
+import pickle
+import sys
+import zipfile
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any
+
+from stable_baselines3.common.base_class import BaseAlgorithm
+from stable_baselines3.common.off_policy_algorithm import OffPolicyAlgorithm
+from stable_baselines3.common.vec_env import VecEnv, VecNormalize
+
+from actuators.errors import SealegsError
+from agents.algorithms import algorithm
+from agents.policy_files import save_policy
+from agents.run_folder import RunFolder
+
+_BUFFER = "replay_buffer.pkl"
+
+
+def save_checkpoint(
+    run: RunFolder, model: BaseAlgorithm, description: dict[str, Any], evaluations: Mapping[str, Any]
+) -> Path:
+    """Write ``checkpoints/<steps>``; replay buffers of older checkpoints go once the new one is complete.
+
+    Raises:
+        OSError: the disk is full; earlier checkpoints stay.
+    """
+    name = f"checkpoints/{model.num_timesteps:012d}"
+    with run.writing(name) as folder:
+        save_policy(folder, model, description)
+        if isinstance(model, OffPolicyAlgorithm):
+            model.save_replay_buffer(folder / _BUFFER)
+        (folder / "state.json").write_text(json.dumps({"step": model.num_timesteps, "evaluations": dict(evaluations)}))
+    newest = run.path / name
+    for older in newest.parent.glob(f"*/{_BUFFER}"):
+        if older.parent != newest:
+            older.unlink()
+    return newest
+
+
+def checkpoints(run: RunFolder) -> list[Path]:
+    """Complete checkpoints, newest first."""
+    return sorted((path for path in (run.path / "checkpoints").glob("[0-9]*") if path.is_dir()), reverse=True)
+
+
+def load_newest(run: RunFolder, agent: Mapping[str, Any], env: VecEnv) -> tuple[BaseAlgorithm, dict[str, Any]] | None:
+    """Learner and evaluations of the newest checkpoint that can be read; None where the run has no checkpoint.
+
+    ``env`` is not normalised yet: the checkpoint's normaliser is put around it.
+
+    Raises:
+        SealegsError: there are checkpoints, but none can be read.
+    """
+    found = checkpoints(run)
+    for path in found:
+        try:
+            return _load(path, agent, env)
+        except (OSError, ValueError, KeyError, EOFError, pickle.UnpicklingError, zipfile.BadZipFile) as error:
+            reason = str(error).strip().partition("\n")[0] or type(error).__name__
+            print(f"Checkpoint {path.name} cannot be read ({reason}); trying the one before it.", file=sys.stderr)
+    if found:
+        raise SealegsError(f"No checkpoint in {run.path / 'checkpoints'} can be read: start the run anew.")
+    return None
+
+
+def _load(path: Path, agent: Mapping[str, Any], env: VecEnv) -> tuple[BaseAlgorithm, dict[str, Any]]:
+    state = json.loads((path / "state.json").read_text())
+    normalizer = path / "vecnormalize.pkl"
+    wrapped = VecNormalize.load(str(normalizer), env) if normalizer.is_file() else env
+    model = algorithm(agent["algorithm"]).load(path / "model.zip", env=wrapped)
+    if isinstance(model, OffPolicyAlgorithm):
+        model.load_replay_buffer(path / _BUFFER)
+    return model, state["evaluations"]

@@ -1,0 +1,164 @@
+"""Config of a training run, typed and checked."""
+
+from __future__ import annotations
+
+import dataclasses
+import json
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any, get_type_hints
+
+from actuators.errors import SealegsError
+from configs.check import checked
+from configs.compose import compose, override, split
+
+# A resumed run stays the same experiment: only its length and its bookkeeping may change.
+_RESUMABLE = ("total_timesteps", "threads", "evaluate", "checkpoint", "video")
+
+
+@dataclass(frozen=True)
+class EvaluateConfig:
+    """When the policy is evaluated: each ``every`` steps (0: never), over ``episodes`` episodes."""
+
+    every: int
+    episodes: int
+
+
+@dataclass(frozen=True)
+class CheckpointConfig:
+    """When a checkpoint is written: each ``every`` steps."""
+
+    every: int
+
+
+@dataclass(frozen=True)
+class VideoConfig:
+    """Film of the trained policy: ``seconds`` [s] (0: none), size in pixels."""
+
+    seconds: float
+    width: int
+    height: int
+
+
+@dataclass(frozen=True)
+class TrainConfig:
+    """What is learned, on what, for how long. Steps are counted over all simulations.
+
+    ``actuator`` is the name or the path of a chain, or the chain itself as a list of stages; ``env`` and ``agent`` hold
+    the arguments of the environment and of the algorithm.
+    """
+
+    env: dict[str, Any]
+    actuator: str | list[Any]
+    agent: dict[str, Any]
+    seed: int
+    n_envs: int
+    total_timesteps: int
+    threads: int
+    evaluate: EvaluateConfig
+    checkpoint: CheckpointConfig
+    video: VideoConfig
+
+    def __post_init__(self) -> None:
+        _at_least(1, n_envs=self.n_envs, total_timesteps=self.total_timesteps, threads=self.threads)
+        _at_least(0, seed=self.seed, evaluate__every=self.evaluate.every, video__seconds=self.video.seconds)
+        _at_least(1, evaluate__episodes=self.evaluate.episodes, checkpoint__every=self.checkpoint.every)
+        _at_least(16, video__width=self.video.width, video__height=self.video.height)
+
+    def as_dict(self) -> dict[str, Any]:
+        """Plain form, as it is written to ``config.yaml``."""
+        return json.loads(json.dumps(dataclasses.asdict(self)))  # tuples become lists
+
+    @property
+    def label(self) -> str:
+        """``<env>-<actuator>-<agent>``, the head of the run's name."""
+        env = str(self.env["id"]).rpartition("/")[2].partition("-")[0].lower()
+        actuator = Path(self.actuator).stem if isinstance(self.actuator, str) else "inline"
+        return f"{env}-{actuator}-{self.agent['algorithm']}"
+
+
+@dataclass(frozen=True)
+class Request:
+    """What the command line asks for: a new run of ``config`` in ``out``, or that the run at ``resume`` goes on.
+
+    ``overrides`` are the arguments of a resumed run, which its stored config takes.
+    """
+
+    config: TrainConfig | None
+    out: Path
+    name: str | None
+    resume: Path | None
+    overrides: dict[str, str]
+
+
+def read_config(arguments: Sequence[str]) -> Request:
+    """Request of the command line.
+
+    Raises:
+        SealegsError: an unknown key, a value of the wrong type or size, a change that a resumed run cannot take.
+    """
+    pairs = split(arguments, plain=("actuator", "name", "out", "resume"))
+    resume = pairs.get("resume", "null")
+    if resume not in ("", "null"):
+        overrides = {key: value for key, value in pairs.items() if key != "resume"}
+        for key in overrides:
+            if key.partition(".")[0] not in _RESUMABLE:
+                raise SealegsError(
+                    f"A resumed run keeps its config, so {key} cannot be given with resume; "
+                    f"what can: {', '.join(_RESUMABLE)}."
+                )
+        path = override({"resume": ""}, {"resume": resume})["resume"]
+        return Request(None, Path(), None, Path(str(path)), overrides)
+    plain = compose("train", pairs, _extra_keys)
+    out = checked("out", plain.pop("out"), str)
+    name = checked("name", plain.pop("name"), str | int | None)
+    plain.pop("resume")
+    return Request(train_config(plain), Path(out), None if name is None else str(name), None, {})
+
+
+def with_overrides(stored: Mapping[str, Any], overrides: Mapping[str, str]) -> TrainConfig:
+    """Config of a resumed run: what it was started with, and what may change since."""
+    return train_config(override(dict(stored), overrides))
+
+
+def train_config(plain: Mapping[str, Any]) -> TrainConfig:
+    """Typed config from its plain form.
+
+    Raises:
+        SealegsError: a value of the wrong type or size.
+    """
+    from agents.algorithms import checked_agent
+    from agents.make_env import checked_env
+
+    values = _typed(TrainConfig, plain, "")
+    config = TrainConfig(**values)
+    return dataclasses.replace(config, env=checked_env(config.env), agent=checked_agent(config.agent))
+
+
+def _typed(kind: Any, plain: Mapping[str, Any], prefix: str) -> dict[str, Any]:
+    """Arguments of the dataclass ``kind`` from plain values; nested dataclasses are built."""
+    values: dict[str, Any] = {}
+    for name, annotation in get_type_hints(kind).items():
+        if name not in plain:
+            raise SealegsError(f"The key {prefix}{name} is missing.")
+        if dataclasses.is_dataclass(annotation) and isinstance(annotation, type):
+            inner = checked(prefix + name, plain[name], dict[str, Any])
+            values[name] = annotation(**_typed(annotation, inner, f"{prefix}{name}."))
+        else:
+            values[name] = checked(prefix + name, plain[name], annotation)
+    return values
+
+
+def _extra_keys(base: Mapping[str, Any]) -> list[str]:
+    from agents.algorithms import agent_keys
+    from agents.make_env import env_keys
+
+    agent = [f"agent.{key}" for key in agent_keys(base["agent"])]
+    return agent + [f"env.{key}" for key in env_keys(base["env"])]
+
+
+def _at_least(low: float, **values: float) -> None:
+    for name, value in values.items():
+        if value < low:
+            raise SealegsError(f"{name.replace('__', '.')} must be at least {low}, not {value}.")

@@ -1,0 +1,46 @@
+"""Policy on disk: the learner, its normaliser, and what another program must know to run it."""
+
+from __future__ import annotations
+
+import io
+import json
+from pathlib import Path
+from typing import Any
+
+from stable_baselines3.common.base_class import BaseAlgorithm
+from stable_baselines3.common.vec_env import VecNormalize
+
+
+def save_policy(folder: Path, model: BaseAlgorithm, description: dict[str, Any]) -> None:
+    """Write ``model.zip``, ``vecnormalize.pkl`` (with a normaliser) and ``policy.json`` into ``folder``.
+
+    Raises:
+        OSError: the disk is full.
+    """
+    archive = (
+        io.BytesIO()
+    )  # torch reports a full disk as a RuntimeError without a reason; a plain write says what it is
+    model.save(archive)
+    (folder / "model.zip").write_bytes(archive.getvalue())
+    normalizer = model.get_vec_normalize_env()
+    if normalizer is not None:
+        normalizer.save(str(folder / "vecnormalize.pkl"))
+    (folder / "policy.json").write_text(json.dumps(describe(model, normalizer) | description, indent=2))
+
+
+def describe(model: BaseAlgorithm, normalizer: VecNormalize | None) -> dict[str, Any]:
+    """Observation and action as numbers: shapes, limits, and the normaliser.
+
+    A policy sees ``clip((x - mean) / sqrt(variance + epsilon), -clip, clip)`` of an observation ``x``.
+    """
+    observation: dict[str, Any] = {"shape": list(model.observation_space.shape or ())}
+    if normalizer is not None and normalizer.norm_obs and not isinstance(normalizer.obs_rms, dict):
+        observation |= {
+            "mean": normalizer.obs_rms.mean.tolist(),
+            "variance": normalizer.obs_rms.var.tolist(),
+            "epsilon": normalizer.epsilon,
+            "clip": normalizer.clip_obs,
+        }
+    space: Any = model.action_space
+    action = {"shape": list(space.shape), "low": space.low.tolist(), "high": space.high.tolist()}
+    return {"step": model.num_timesteps, "observation": observation, "action": action}

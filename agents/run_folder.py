@@ -1,0 +1,192 @@
+"""One folder per training run, never overwritten, and written so that a kill at any moment leaves it usable.
+
+config.yaml      resolved config; what a resumed run reads
+actuator.yaml    the chain itself, so that the run stays what it is when the chain's file changes
+run.json         git revision, versions, and each session with its command line
+tensorboard/     event files
+evaluations.npz  as EvalCallback writes them
+checkpoints/     <steps>/: policy, normaliser, replay buffer, state
+best/, final/    model.zip, vecnormalize.pkl, policy.json
+video.mp4
+"""
+
+from __future__ import annotations
+
+import contextlib
+import datetime
+import importlib.metadata
+import json
+import os
+import platform
+import shlex
+import shutil
+import subprocess
+import sys
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any
+
+import yaml
+
+from actuators.errors import SealegsError
+
+try:
+    import fcntl
+except ImportError:  # Windows has no such lock
+    fcntl = None
+
+REPOSITORY = Path(__file__).resolve().parents[1]
+_UNFINISHED = ".writing-"
+_REPLACED = ".replaced-"
+
+
+class RunFolder:
+    """Folder of a run, locked while a process trains in it.
+
+    Attributes:
+        path: the folder.
+    """
+
+    def __init__(self, path: Path) -> None:
+        self.path = path
+        self._lock = open(path / ".lock", "w")  # noqa: SIM115 held until the process ends
+        if fcntl:
+            try:
+                fcntl.flock(self._lock, fcntl.LOCK_EX | fcntl.LOCK_NB)
+            except OSError as error:
+                raise SealegsError(f"Another process is training in {path}: wait for it, or stop it.") from error
+        self._finish_replacements()
+
+    @classmethod
+    def create(cls, out: Path, label: str, name: str | None) -> RunFolder:
+        """New folder ``out/<name>``, or ``out/<label>-<time>`` without a name.
+
+        Raises:
+            SealegsError: the name is taken, or is a path.
+        """
+        if name is not None and (name in ("", ".", "..") or Path(name).name != name):
+            raise SealegsError(
+                f"name={name} must be one word without '/'; the folder it is made in is given as out=<folder>."
+            )
+        stem = name or f"{label}-{datetime.datetime.now():%Y%m%d-%H%M%S}"
+        for attempt in range(100):
+            path = out / (stem if attempt == 0 else f"{stem}-{attempt + 1}")
+            try:
+                path.mkdir(parents=True)
+                return cls(path)
+            except FileExistsError as error:
+                if name is not None:
+                    raise SealegsError(
+                        f"{path} exists, and a run is never overwritten: "
+                        f"give another name, or go on with it by resume={path}."
+                    ) from error
+            except OSError as error:
+                raise SealegsError(
+                    f"{path} cannot be made ({error.strerror}): give another folder, out=<folder>."
+                ) from error
+        raise SealegsError(f"{out} has too many runs that start with {stem}: give the run a name, name=<word>.")
+
+    @classmethod
+    def open(cls, path: Path) -> RunFolder:
+        """Folder of an earlier run.
+
+        Raises:
+            SealegsError: there is no run, or another process trains in it.
+        """
+        if not (path / "config.yaml").is_file():
+            beside = (
+                sorted(run.parent.name for run in path.parent.glob("*/config.yaml")) if path.parent.is_dir() else []
+            )
+            there = f"; {path.parent} has {', '.join(beside[-5:])}" if beside else ""
+            raise SealegsError(f"resume={path} is not a run folder (it has no config.yaml){there}.")
+        return cls(path)
+
+    def read_config(self) -> dict[str, Any]:
+        """Resolved config that the run was started with."""
+        try:
+            config = yaml.safe_load((self.path / "config.yaml").read_text())
+        except yaml.YAMLError as error:
+            raise SealegsError(f"{self.path / 'config.yaml'} is not YAML any more: {error}.") from error
+        if not isinstance(config, dict):
+            raise SealegsError(f"{self.path / 'config.yaml'} holds no config.")
+        return config
+
+    def write_text(self, name: str, text: str) -> None:
+        """Write a file as a whole or not at all."""
+        temporary = self.path / f"{_UNFINISHED}{name}"
+        with open(temporary, "w") as file:
+            file.write(text)
+            file.flush()
+            os.fsync(file.fileno())
+        os.replace(temporary, self.path / name)
+
+    @contextlib.contextmanager
+    def writing(self, name: str) -> Iterator[Path]:
+        """Folder to write into, which becomes ``<run>/<name>`` when the block ends, as a whole or not at all.
+
+        An older folder of that name stays until the new one is complete.
+        """
+        target = self.path / name
+        temporary = target.with_name(f"{_UNFINISHED}{target.name}")
+        replaced = target.with_name(f"{_REPLACED}{target.name}")
+        shutil.rmtree(temporary, ignore_errors=True)
+        temporary.mkdir(parents=True)
+        try:
+            yield temporary
+            for file in temporary.iterdir():
+                with open(file, "rb") as written:
+                    os.fsync(written.fileno())
+        except BaseException:
+            shutil.rmtree(temporary, ignore_errors=True)
+            raise
+        if target.exists():
+            os.replace(target, replaced)
+        os.replace(temporary, target)
+        shutil.rmtree(replaced, ignore_errors=True)
+
+    def record_session(self, from_step: int) -> None:
+        """Append to ``run.json`` who trains from here: command line, time, git revision, versions."""
+        file = self.path / "run.json"
+        record: dict[str, Any] = json.loads(file.read_text()) if file.is_file() else {"sessions": []}
+        record["sessions"].append(
+            {
+                "command": shlex.join([Path(sys.executable).name, *sys.argv]),
+                "started": datetime.datetime.now().astimezone().isoformat(timespec="seconds"),
+                "from_step": from_step,
+                "git": git_revision(),
+                "python": platform.python_version(),
+                "platform": platform.platform(),
+                "packages": {
+                    d.name: d.version for d in sorted(importlib.metadata.distributions(), key=lambda d: d.name)
+                },
+            }
+        )
+        self.write_text("run.json", json.dumps(record, indent=2))
+
+    def _finish_replacements(self) -> None:
+        """Put right what a kill between two renames left, and remove what was never complete."""
+        for folder in (self.path, self.path / "checkpoints"):
+            for replaced in folder.glob(f"{_REPLACED}*"):
+                target = folder / replaced.name.removeprefix(_REPLACED)
+                if target.exists():
+                    shutil.rmtree(replaced, ignore_errors=True)
+                else:
+                    os.replace(replaced, target)
+            for unfinished in folder.glob(f"{_UNFINISHED}*"):
+                if unfinished.is_dir():
+                    shutil.rmtree(unfinished, ignore_errors=True)
+                else:
+                    unfinished.unlink()
+
+
+def git_revision() -> dict[str, Any]:
+    """Commit that the code is at, and whether it differs from it; both None outside a git checkout."""
+
+    def git(*arguments: str) -> str:
+        command = ["git", "-C", str(REPOSITORY), *arguments]
+        return subprocess.run(command, capture_output=True, text=True, check=True, timeout=20).stdout.strip()
+
+    try:
+        return {"revision": git("rev-parse", "HEAD"), "changed": bool(git("status", "--porcelain"))}
+    except (OSError, subprocess.SubprocessError):
+        return {"revision": None, "changed": None}

@@ -1,0 +1,234 @@
+"""One training run, from its request to its film."""
+
+from __future__ import annotations
+
+import contextlib
+import errno
+import os
+import sys
+import threading
+import time
+from collections.abc import Iterator
+from typing import Any
+
+import torch
+import yaml
+from stable_baselines3.common.base_class import BaseAlgorithm
+from stable_baselines3.common.callbacks import CallbackList
+
+from actuators import Chain, load_chain
+from actuators.errors import SealegsError
+from agents.algorithms import build, normalized
+from agents.callbacks import Checkpoints, Evaluation, InfoTerms, ProgressReport, StopOnSignal
+from agents.checkpoint import checkpoints, load_newest, save_checkpoint
+from agents.config import Request, TrainConfig, with_overrides
+from agents.make_env import make_single_env, make_vec_env
+from agents.policy_files import save_policy
+from agents.run_folder import RunFolder
+from agents.stop import StopSignals
+from agents.tensorboard import tensorboard_logger
+from agents.video import record_video
+from configs.script import Interrupted
+
+# Evaluation and film draw their randomness apart from the training: switching either off leaves the training as it is.
+_EVALUATION_SEED = 1_000_003
+_VIDEO_SEED = 2_000_003
+
+
+def train(request: Request) -> RunFolder:
+    """Start or resume a run and train to its end.
+
+    Raises:
+        SealegsError: wrong input, or a full disk.
+        Interrupted: a stop was asked for; a checkpoint is saved.
+    """
+    if request.resume is not None:
+        run = RunFolder.open(request.resume)
+        config = with_overrides(run.read_config(), request.overrides)
+        chain = load_chain(run.path / "actuator.yaml")
+        session = Session.resumed(run, config, chain)
+    else:
+        assert request.config is not None
+        config = request.config
+        chain = load_chain(config.actuator)
+        session = Session.started(config, chain, request)
+    with _disk_errors(session.run), StopSignals() as signals:
+        session.learn(signals)
+    return session.run
+
+
+class Session:
+    """A run folder, its config and its learner in this process."""
+
+    def __init__(self, run: RunFolder, config: TrainConfig, chain: Chain, model: BaseAlgorithm) -> None:
+        self.run, self.config, self.chain, self.model = run, config, chain, model
+        self.from_step = model.num_timesteps
+        eval_envs = make_vec_env(
+            config.env, chain, min(config.evaluate.episodes, 8), seed=config.seed + _EVALUATION_SEED
+        )
+        self.evaluation = Evaluation(
+            normalized(eval_envs, config.agent, training=False),
+            config.evaluate.every,
+            config.evaluate.episodes,
+            config.n_envs,
+            str(run.path),
+            self._save_best,
+        )
+        self.description = {"env": config.env, "actuator": chain.to_list(), "algorithm": config.agent["algorithm"]}
+
+    @classmethod
+    def started(cls, config: TrainConfig, chain: Chain, request: Request) -> Session:
+        """New run; its folder is made only once environment and learner exist, so wrong input leaves none."""
+        torch.set_num_threads(config.threads)
+        env = make_vec_env(config.env, chain, config.n_envs, config.seed)
+        model = build(config.agent, normalized(env, config.agent, training=True), config.seed)
+        run = RunFolder.create(request.out, config.label, request.name)
+        with _disk_errors(run):
+            run.write_text("actuator.yaml", chain.to_yaml())
+            run.write_text("config.yaml", yaml.safe_dump(config.as_dict(), sort_keys=False))
+            run.record_session(0)
+        return cls(run, config, chain, model)
+
+    @classmethod
+    def resumed(cls, run: RunFolder, config: TrainConfig, chain: Chain) -> Session:
+        """Run that goes on from its newest complete checkpoint, or from the start where it has none."""
+        torch.set_num_threads(config.threads)
+        env = make_vec_env(config.env, chain, config.n_envs, config.seed)
+        loaded = load_newest(run, config.agent, env)
+        if loaded is None:
+            print(f"{run.path} has no checkpoint yet: starting from step 0.")
+            model, evaluations = build(config.agent, normalized(env, config.agent, training=True), config.seed), None
+        else:
+            model, evaluations = loaded
+            model.set_random_seed(config.seed + model.num_timesteps)
+        if model.num_timesteps >= config.total_timesteps:
+            raise SealegsError(
+                f"{run.path} is trained to step {model.num_timesteps} already: give a larger total_timesteps to go on."
+            )
+        run.write_text("config.yaml", yaml.safe_dump(config.as_dict(), sort_keys=False))
+        run.record_session(model.num_timesteps)
+        session = cls(run, config, chain, model)
+        if evaluations is not None:
+            session.evaluation.restore(evaluations)
+        return session
+
+    def learn(self, signals: StopSignals) -> None:
+        """Train to the configured number of steps, then evaluate, save and film the policy.
+
+        Raises:
+            Interrupted: a stop was asked for; a checkpoint is saved.
+        """
+        config, model = self.config, self.model
+        start = f" from step {self.from_step}" if self.from_step else ""
+        print(
+            f"Training{start} to {config.total_timesteps} on {config.n_envs} simulations, into {self.run.path}",
+            flush=True,
+        )
+        model.set_logger(tensorboard_logger(str(self.run.path / "tensorboard"), self.from_step))
+        progress = ProgressReport(config.total_timesteps)
+        callbacks = CallbackList(
+            [
+                StopOnSignal(signals),
+                InfoTerms(),
+                self.evaluation,
+                Checkpoints(config.checkpoint.every, self.save_checkpoint),
+                progress,
+            ]
+        )
+        started = time.monotonic()
+        try:
+            model.learn(
+                config.total_timesteps - self.from_step, callback=callbacks, reset_num_timesteps=self.from_step == 0
+            )
+        except KeyboardInterrupt as second:
+            raise Interrupted(self._how_to_resume("Stopped at once")) from second
+        finally:
+            progress.close()
+        seconds = time.monotonic() - started
+        if signals.asked:
+            self.save_checkpoint()
+            raise Interrupted(self._how_to_resume(f"Stopped at step {model.num_timesteps}"))
+        reward = self.evaluation.evaluate()
+        self.save_checkpoint()
+        with self.run.writing("final") as folder:
+            save_policy(folder, model, self.description)
+        model.logger.close()
+        steps = model.num_timesteps - self.from_step
+        print(
+            f"Trained {steps} steps in {seconds:.0f} s ({steps / seconds:.0f} steps/s), "
+            f"mean evaluation reward {reward:.4g}."
+        )
+        self._film()
+        self._say_where()
+
+    def save_checkpoint(self) -> None:
+        """Checkpoint of the learner as it is now."""
+        save_checkpoint(self.run, self.model, self.description, self.evaluation.state)
+
+    def _save_best(self) -> None:
+        with self.run.writing("best") as folder:
+            save_policy(folder, self.model, self.description | {"mean_reward": self.evaluation.last_mean_reward})
+
+    def _film(self) -> None:
+        video = self.config.video
+        if video.seconds == 0:
+            return
+        file = self.run.path / "video.mp4"
+        unfinished = self.run.path / ".writing-video.mp4"
+        try:
+            env = make_single_env(self.config.env, self.chain, video.width, video.height)
+            try:
+                record_video(unfinished, self.model, env, video.seconds, self.config.seed + _VIDEO_SEED)
+            finally:
+                env.close()
+            os.replace(unfinished, file)
+        except SealegsError:
+            raise
+        except (
+            Exception
+        ) as error:  # drawing needs OpenGL and ffmpeg; the policy is saved, so their absence is only a pity
+            if _disk_full(error):
+                raise
+            print(f"No film: {str(error).strip().partition(chr(10))[0] or type(error).__name__}.", file=sys.stderr)
+
+    def _say_where(self) -> None:
+        path = self.run.path
+        rows = {"Policy": path / "final", "Best policy": path / "best", "Film": path / "video.mp4"}
+        for label, file in rows.items():
+            if file.exists():
+                print(f"  {label:<12}{file}")
+        print(f"  {'TensorBoard':<12}tensorboard --logdir {path}")
+
+    def _how_to_resume(self, what: str) -> str:
+        found = checkpoints(self.run)
+        where = f"the checkpoint at step {int(found[0].name)}" if found else "the start (there is no checkpoint yet)"
+        return f"{what}; go on from {where} with: python train.py resume={self.run.path}"
+
+
+@contextlib.contextmanager
+def _disk_errors(run: RunFolder) -> Iterator[None]:
+    """Turn a full disk into a sentence that says what is safe."""
+    previous = threading.excepthook
+
+    def silent_if_full(thread_failure: Any) -> None:
+        # TensorBoard writes in a thread of its own; its error comes up again in ours, at the next flush.
+        if not _disk_full(thread_failure.exc_value):
+            previous(thread_failure)
+
+    threading.excepthook = silent_if_full
+    try:
+        yield
+    except OSError as error:
+        if not _disk_full(error):
+            raise
+        found = checkpoints(run)
+        safe = f"its checkpoint at step {int(found[0].name)} is complete" if found else "it has no checkpoint yet"
+        raise SealegsError(
+            f"The disk of {run.path} is full; {safe}. Free some space and go on with: python train.py resume={run.path}"
+        ) from error
+    finally:
+        threading.excepthook = previous
+
+
+def _disk_full(error: BaseException | None) -> bool:
+    return isinstance(error, OSError) and error.errno in (errno.ENOSPC, errno.EDQUOT)

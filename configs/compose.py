@@ -1,0 +1,158 @@
+"""Composition of a script's config from its file, the chosen group files and the command line.
+
+Hydra reads the files and the values; the checks stand here because a person who mistypes a key wants one sentence with
+the right key in it.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterable, Mapping, Sequence
+from pathlib import Path
+from typing import Any
+
+from hydra import compose as hydra_compose
+from hydra import initialize_config_dir
+from hydra.core.override_parser.overrides_parser import OverridesParser
+from hydra.core.override_parser.types import Override
+from hydra.errors import HydraException
+from omegaconf import DictConfig, OmegaConf
+from omegaconf.errors import OmegaConfBaseException
+
+from actuators.errors import SealegsError, nearest
+
+FOLDER = Path(__file__).resolve().parent
+
+# Keys that a config accepts besides those it lists, found from the composed config: they depend on the choices made.
+ExtraKeys = Callable[[Mapping[str, Any]], Iterable[str]]
+
+
+def choices(group: str) -> list[str]:
+    """Names that ``group=`` accepts: the files of the folder ``configs/<group>``."""
+    return sorted(path.stem for path in (FOLDER / group).glob("*.yaml"))
+
+
+def groups(script: str) -> list[str]:
+    """Choices that the config of ``script`` makes from a folder, in the order of its defaults."""
+    config = OmegaConf.load(FOLDER / f"{script}.yaml")
+    defaults = config.get("defaults", []) if isinstance(config, DictConfig) else []
+    return [str(key) for entry in defaults if isinstance(entry, DictConfig) for key in entry]
+
+
+def split(arguments: Sequence[str], plain: Iterable[str] = ()) -> dict[str, str]:
+    """Arguments ``key=value`` as a dict; a key given twice keeps the last value, as in Hydra.
+
+    Values of ``plain`` keys are file names or words and are quoted, so that Hydra's grammar leaves them alone.
+
+    Raises:
+        SealegsError: an argument has no ``=``.
+    """
+    pairs: dict[str, str] = {}
+    for argument in arguments:
+        key, equals, value = argument.partition("=")
+        if not equals or not key.strip() or key.startswith("-"):
+            raise SealegsError(
+                f"'{argument}' is not understood: arguments have the form key=value (--help lists them)."
+            )
+        key, value = key.strip(), value.strip()
+        if key in plain and value not in ("", "null") and value[0] not in "[{'\"":
+            value = "'" + value.replace("\\", "\\\\").replace("'", "\\'") + "'"
+        pairs[key] = value
+    return pairs
+
+
+def compose(script: str, pairs: Mapping[str, str], extra_keys: ExtraKeys | None = None) -> dict[str, Any]:
+    """Config of ``script``: ``configs/<script>.yaml`` with its groups, then the values of the command line.
+
+    Args:
+        script: name of the script and of its config file.
+        pairs: what :func:`split` made of the command line.
+        extra_keys: dotted keys that are accepted though no file lists them.
+
+    Raises:
+        SealegsError: an unknown key or choice, or a value that cannot be read.
+    """
+    chosen = {key: value for key, value in pairs.items() if key in groups(script)}
+    for group, choice in chosen.items():
+        if choice not in choices(group):
+            known = choices(group)
+            raise SealegsError(f"{group}={choice} is not known{nearest(choice, known)}: there are {', '.join(known)}.")
+    try:
+        with initialize_config_dir(str(FOLDER), version_base="1.3"):
+            base = hydra_compose(script, overrides=[f"{group}={choice}" for group, choice in chosen.items()])
+    except (HydraException, OmegaConfBaseException) as error:
+        raise SealegsError(f"The configs in {FOLDER} do not fit together: {_first_line(error)}") from error
+    values = {key: value for key, value in pairs.items() if key not in chosen}
+    return override(OmegaConf.to_container(base, resolve=False), values, extra_keys)
+
+
+def override(base: Any, pairs: Mapping[str, str], extra_keys: ExtraKeys | None = None) -> dict[str, Any]:
+    """Copy of the config ``base`` with the values of ``pairs`` put in; keys that ``base`` lacks are refused.
+
+    Raises:
+        SealegsError: an unknown key, or a value that cannot be read.
+    """
+    config = OmegaConf.create(base)
+    known, extra = list(_dotted(base)), None
+    for key, value in pairs.items():
+        if key not in known:
+            extra = (
+                list(extra_keys(base)) if extra is None and extra_keys else extra or []
+            )  # asked late: it may be slow
+            if not any(key == name or key.startswith(name + ".") for name in [*extra, *_open(base)]):
+                raise SealegsError(
+                    f"There is no key '{key}'{_suggestion(key, [*known, *extra])}; --help lists the keys."
+                )
+        OmegaConf.update(config, key, _parse(key, value), merge=False, force_add=True)
+    try:
+        resolved = OmegaConf.to_container(config, resolve=True, throw_on_missing=True)
+    except OmegaConfBaseException as error:
+        raise SealegsError(f"A value of the config cannot be resolved: {_first_line(error)}") from error
+    assert isinstance(resolved, dict)
+    return {str(key): value for key, value in resolved.items()}
+
+
+def _parse(key: str, value: str) -> Any:
+    """Value of one argument, read with Hydra's grammar."""
+    try:
+        parsed: Override = OverridesParser.create().parse_override(f"{key}={value}")
+        if parsed.is_sweep_override():
+            raise SealegsError(f"{key}={value} is a sweep: give one value; a list is written [a,b].")
+        return parsed.value()
+    except HydraException as error:
+        raise SealegsError(
+            f"{key}={value} cannot be read: put a value with spaces or special characters in quotes, {key}='\"...\"'."
+        ) from error
+
+
+def _dotted(config: Any, prefix: str = "") -> Iterable[str]:
+    """All keys of nested mappings, joined by dots; inner nodes too."""
+    for key, value in config.items() if isinstance(config, Mapping) else ():
+        yield f"{prefix}{key}"
+        yield from _dotted(value, f"{prefix}{key}.")
+
+
+def _open(config: Any, prefix: str = "") -> Iterable[str]:
+    """Keys whose value is an empty mapping: anything may be put below them."""
+    for key, value in config.items() if isinstance(config, Mapping) else ():
+        if isinstance(value, Mapping):
+            yield from _open(value, f"{prefix}{key}.") if value else (f"{prefix}{key}",)
+
+
+def _suggestion(key: str, known: list[str]) -> str:
+    """Hint at the key that was meant: one of the same last word in another place comes first."""
+    word = key.rpartition(".")[2]
+    same_word = [name for name in known if name.rpartition(".")[2] == word]
+    if same_word:
+        return f" (did you mean '{same_word[0]}'?)"
+    hint = nearest(key, known)
+    if hint:
+        return hint
+    words = {name.rpartition(".")[2]: name for name in known}
+    for candidate, name in words.items():
+        if nearest(word, [candidate]):
+            return f" (did you mean '{name}'?)"
+    return ""
+
+
+def _first_line(error: Exception) -> str:
+    return str(error).strip().splitlines()[0] if str(error).strip() else type(error).__name__

@@ -1,0 +1,64 @@
+"""What all scripts share: the help page, one sentence for what a person can put right, the exit status."""
+
+from __future__ import annotations
+
+import errno
+import re
+import sys
+from collections.abc import Callable, Sequence
+
+from actuators.errors import SealegsError
+from configs.compose import FOLDER, choices, groups
+
+BAD_INPUT = 2
+INTERRUPTED = 130
+
+
+class Interrupted(Exception):
+    """The person asked for a stop; the message says what was saved and how to go on."""
+
+
+def run(main: Callable[[list[str]], None], name: str, description: str, arguments: Sequence[str]) -> int:
+    """Run a script and return its exit status: 0, 2 for wrong input or a full disk, 130 for Ctrl-C.
+
+    Args:
+        main: takes the arguments, raises :class:`SealegsError` for what a person can put right.
+        name: of the script and of its config file, without suffix.
+        description: the script's docstring, the head of its help page.
+        arguments: command line without the script's name.
+    """
+    if any(argument in ("-h", "--help") for argument in arguments):
+        print(help_page(name, description))
+        return 0
+    try:
+        main(list(arguments))
+        return 0
+    except Interrupted as stop:
+        print(stop, file=sys.stderr)
+        return INTERRUPTED
+    except SealegsError as error:
+        print(error, file=sys.stderr)
+        return BAD_INPUT
+    except KeyboardInterrupt:
+        print("Stopped; what was written so far stays.", file=sys.stderr)
+        return INTERRUPTED
+    except OSError as error:
+        if error.errno not in (errno.ENOSPC, errno.EDQUOT, errno.EACCES, errno.EROFS):
+            raise
+        where = f" {error.filename}" if error.filename else ""
+        print(f"Cannot write{where}: {error.strerror}; what was written before stays.", file=sys.stderr)
+        return BAD_INPUT
+
+
+def help_page(name: str, description: str) -> str:
+    """Help page: the script's docstring, the names that stand for files, and its config file with its comments."""
+    text = (FOLDER / f"{name}.yaml").read_text()
+    page = [description.strip(), ""]
+    named = {key: choices(key) for key in [*groups(name), *re.findall(r"^(\w+):", text, re.MULTILINE)]}
+    if any(named.values()):
+        page += ["One word for a file in configs/<key>, whose own keys are given as <key>.<its key>=value:", ""]
+        page += [f"  {key}={'|'.join(words)}" for key, words in named.items() if words]
+        page += [""]
+    page += [f"Keys and their defaults (configs/{name}.yaml), given as key=value:", ""]
+    keys = re.sub(r"^defaults:\n(?:  .*\n)*\n?", "", text, flags=re.MULTILINE).strip()
+    return "\n".join([*page, *(f"  {line}".rstrip() for line in keys.splitlines())])

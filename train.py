@@ -1,0 +1,30 @@
+"""Learn a policy: PPO or SAC on a robot with any actuator chain.
+
+    python train.py                                       the hopper with ideal motors
+    python train.py env=hopper actuator=sts3215 agent=sac
+    python train.py actuator=diagnosis/extended.yaml      the chain that diagnose.py wrote
+    python train.py agent.learning_rate=lin_1e-3 n_envs=16 seed=3 name=first
+    python train.py resume=runs/first                     go on after a stop, a crash or a kill -9
+    python train.py resume=runs/first total_timesteps=2e6 go on for longer
+
+A run writes one folder: resolved config, versions and git revision, TensorBoard, evaluations, checkpoints, best and
+final policy, video. Ctrl-C saves a checkpoint first.
+"""
+
+from __future__ import annotations
+
+import sys
+
+from configs.script import run
+
+
+def main(arguments: list[str]) -> None:
+    """Start or resume the run that the command line describes."""
+    from agents.config import read_config  # here, so that --help does not wait for torch
+    from agents.training import train
+
+    train(read_config(arguments))
+
+
+if __name__ == "__main__":
+    sys.exit(run(main, "train", __doc__ or "", sys.argv[1:]))
