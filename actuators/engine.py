@@ -77,6 +77,8 @@ def compiled_law() -> Any:
     at_spring, at_applied, at_bias = (offset("mjData", f"qfrc_{name}") for name in ("spring", "applied", "bias"))
     at_equalities, at_frictions = offset("mjData", "ne"), offset("mjData", "nf")
     at_row_type, at_row_id, at_row_limit = (offset("mjData", f"efc_{name}") for name in ("type", "id", "frictionloss"))
+    at_islands, at_island_row = offset("mjData", "nisland"), offset("mjData", "map_efc2iefc")
+    at_island_limit = offset("mjData", "iefc_frictionloss")
     joint_row, tendon_row = int(mujoco.mjtConstraint.mjCNSTR_FRICTION_DOF), int(mujoco.mjtConstraint.mjCNSTR_FRICTION_TENDON)
 
     @numba.cfunc(SIGNATURE, cache=True)
@@ -119,6 +121,9 @@ def compiled_law() -> Any:
             for row in range(start, start + load_int(data + at_frictions)):
                 if load_int(row_id + 4 * row) == wanted_id and load_int(row_type + 4 * row) == wanted_type:
                     doubles(load_address(data + at_row_limit))[row] = s[S_LIMIT]
+                    if load_int(data + at_islands) > 0:  # the solver then reads a copy sorted by island, made before this call
+                        island_row = load_int(load_address(data + at_island_row) + 4 * row)
+                        doubles(load_address(data + at_island_limit))[island_row] = s[S_LIMIT]
                     break
         return force
 
