@@ -1,0 +1,119 @@
+"""Check measured logs before any physics is blamed: clock, units, columns that contradict each other, too little motion."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import replace
+
+import numpy as np
+
+from gap.log_checks.clock import check_clock
+from gap.log_checks.columns import check_columns
+from gap.log_checks.context import joint_contexts, position_noise
+from gap.log_checks.finding import Finding
+from gap.log_checks.motion import check_motion
+from gap.log_checks.signal import quantisation_step
+from gap.log_checks.torque import check_torque
+from gap.log_types import LogError, MeasuredRun, MeasuredSet
+
+__all__ = ["Finding", "check_run", "check_set", "merged", "noise_floor", "unusable"]
+
+
+def check_run(run: MeasuredRun) -> list[Finding]:
+    """Return what is wrong with, or worth knowing about, one run; an empty list for a clean one."""
+    findings = _without_torque(run)
+    for joint in joint_contexts(run):
+        findings += check_torque([joint], run.name)
+    return findings
+
+
+def check_set(data: MeasuredSet) -> list[Finding]:
+    """Return the findings of every run and those that only show across runs; torque columns are judged over all runs."""
+    findings = [finding for run in data.runs for finding in _without_torque(run)]
+    contexts = [joint_contexts(run) for run in data.runs]
+    names = dict.fromkeys(joint.name for joints in contexts for joint in joints)
+    for name in names:
+        same = [joint for joints in contexts for joint in joints if joint.name == name]
+        findings += check_torque(same, None if len(data.runs) > 1 else data.runs[0].name)
+    return findings + list(_across(data))
+
+
+def noise_floor(run: MeasuredRun, joint: str) -> float:
+    """Return the rms error of one logged position of a joint [rad]: quantisation and high-frequency noise together.
+
+    Raises:
+        LogError: the run has no such joint.
+    """
+    if joint not in run.joints:
+        raise LogError(f"{run.name}: has no joint '{joint}', only {', '.join(run.joints)}")
+    context = next(context for context in joint_contexts(run) if context.name == joint)
+    return position_noise(context.time, context.log.position, quantisation_step(context.log.position))
+
+
+def merged(findings: list[Finding]) -> list[Finding]:
+    """Return one finding per code and column: that of the run in the middle, which says in how many runs it was found."""
+    groups: dict[tuple[str, str | None, str | None], list[Finding]] = {}
+    for finding in findings:
+        groups.setdefault((finding.code, finding.joint, finding.column), []).append(finding)
+    out = []
+    for group in groups.values():
+        group.sort(key=lambda finding: finding.value if finding.value is not None else 0.0)
+        middle = group[len(group) // 2]
+        if len(group) > 1:
+            runs = f"{middle.sentence} (run {middle.run}; found in {len(group)} runs)"
+            middle = replace(middle, sentence=runs, run=None)
+        out.append(middle)
+    return sorted(out, key=lambda finding: ("error", "warning", "note").index(finding.severity))
+
+
+def unusable(findings: list[Finding], data: MeasuredSet) -> Finding | None:
+    """Return the finding that makes a whole data set unusable, None where it can be diagnosed.
+
+    That is an error in goal, position or time of any run, or no motion of any joint in any run.
+    """
+    fatal = [finding for finding in findings if finding.severity == "error"]
+    still = [finding for finding in fatal if finding.code == "motion.none"]
+    if still and len(still) == sum(len(run.joints) for run in data.runs):
+        return still[0]
+    needed = ("time", "goal", "position")
+    return next(
+        (
+            finding
+            for finding in fatal
+            if finding.code != "motion.none" and (finding.column or "").rpartition(".")[2] in needed
+        ),
+        None,
+    )
+
+
+def _without_torque(run: MeasuredRun) -> list[Finding]:
+    findings = list(check_clock(run))
+    for joint in joint_contexts(run):
+        findings += check_motion(joint)
+        if not joint.still:
+            findings += check_columns(joint)
+    return [replace(finding, run=run.name) for finding in findings]
+
+
+def _across(data: MeasuredSet) -> Iterator[Finding]:
+    first = data.runs[0]
+    for index, run in enumerate(data.runs):
+        if run.joints.keys() != first.joints.keys():
+            yield Finding(
+                "set.joints", "error", None, None,
+                f"{run.name} has the joints {', '.join(run.joints)}, {first.name} has {', '.join(first.joints)}: "
+                "keep one machine per data set.",
+                data_error=True, run=run.name,
+            )  # fmt: skip
+        for other in data.runs[:index]:
+            same = len(run.time) == len(other.time) and all(
+                name in other.joints and np.array_equal(log.position, other.joints[name].position)
+                for name, log in run.joints.items()
+            )
+            if same:
+                yield Finding(
+                    "set.duplicate", "warning", None, None,
+                    f"{run.name} is the same recording as {other.name}: a test on one after a fit on the other proves "
+                    "nothing; remove one.",
+                    data_error=True, run=run.name,
+                )  # fmt: skip

@@ -1,0 +1,184 @@
+"""Checks of goal and position: motion at all, units, wrap-around, excitation, saturation."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+
+import numpy as np
+
+from gap.log_checks.context import JointContext
+from gap.log_checks.finding import Finding
+
+DEGREES = 180.0 / np.pi
+FASTEST_SERVO = 60.0
+"""Speed [rad/s] that no geared joint reaches."""
+LARGEST_ANGLE = 10.0
+"""Angle [rad] that a joint with end stops does not reach."""
+
+
+def check_motion(joint: JointContext) -> Iterator[Finding]:
+    """Yield what is wrong with the motion of a joint."""
+    goal = joint.log.goal
+    if joint.still:
+        asked = goal is not None and np.ptp(goal) > max(10.0 * joint.noise, 5.0 * joint.step, 1e-6)
+        yield Finding(
+            "motion.none", "error", joint.name, joint.column("position"),
+            f"Joint {joint.name} does not move ({joint.span:.2g} rad in all)"
+            + (" although its goal does: check power, torque enable and the position column." if asked else
+               ": nothing can be learnt from it; record a motion."),
+            value=joint.span, data_error=bool(asked),
+        )  # fmt: skip
+        return
+    yield from _wraps(joint)
+    if joint.radians:
+        yield from _degrees(joint)
+    if goal is not None:
+        yield from _goal(joint, goal)
+    yield from _excitation(joint)
+    yield from _saturation(joint)
+    if joint.log.enabled is not None and (joint.log.enabled < 0.5).any():
+        off = joint.log.enabled < 0.5
+        yield Finding(
+            "drive.off", "note", joint.name, joint.column("enabled"),
+            f"The drive of {joint.name} is off in {off.mean():.0%} of the samples, from {joint.time[off.argmax()]:.3g} s: "
+            "the joint moves freely there.",
+            value=float(off.mean()),
+        )  # fmt: skip
+
+
+def _wraps(joint: JointContext) -> Iterator[Finding]:
+    for signal in ("position", "link_position"):
+        values = getattr(joint.log, signal)
+        if values is None or not np.isfinite(values).all():
+            continue
+        change = np.diff(values)
+        usual = float(np.quantile(np.abs(change), 0.99))
+        jumps = np.flatnonzero((np.abs(change) > 1.0) & (np.abs(change) > 12.0 * usual))
+        if not len(jumps):
+            continue
+        size = float(np.median(np.abs(change[jumps])))
+        back = np.isin(jumps + 1, jumps) & (
+            np.sign(change[jumps]) != np.sign(change[np.minimum(jumps + 1, len(change) - 1)])
+        )
+        spikes = int(back.sum())
+        where = f"first at {joint.time[jumps[0] + 1]:.4g} s"
+        if spikes * 2 >= len(jumps):
+            yield Finding(
+                f"{signal}.spikes", "error", joint.name, joint.column(signal),
+                f"{joint.column(signal)} has {max(spikes, 1)} isolated wrong reading{'s' * (spikes > 1)} of about {size:.3g} rad, "
+                f"{where}; remove these samples.",
+                value=size, data_error=True,
+            )  # fmt: skip
+        else:
+            turns = " (one turn)" if abs(size / (2 * np.pi) - 1) < 0.05 else ""
+            yield Finding(
+                f"{signal}.wrap", "error", joint.name, joint.column(signal),
+                f"{joint.column(signal)} jumps by {size:.4g} rad{turns} between neighbouring samples {len(jumps)} "
+                f"time{'s' * (len(jumps) > 1)}, {where}: the encoder wraps around; unwrap the column.",
+                value=size, data_error=True,
+            )  # fmt: skip
+
+
+def _degrees(joint: JointContext) -> Iterator[Finding]:
+    position, goal = joint.log.position, joint.log.goal
+    wrong: dict[str, str] = {}
+    # An encoder has a power of two of steps per turn, so its step betrays the unit whatever the motion.
+    for signal, values in (("position", position), ("goal", goal)):
+        if values is None:
+            continue
+        step = joint.step if signal == "position" else 0.0
+        per_turn = 360.0 / step if step > 0 else 0.0
+        bits = np.log2(per_turn) if per_turn > 0 else 0.5
+        speed = float(np.quantile(np.abs(np.diff(values)) / np.diff(joint.time), 0.95))
+        if 8 <= bits <= 24 and abs(bits - round(bits)) < 1e-3:
+            wrong[signal] = f"its step of {step:.4g} is a whole turn of 360 divided by {round(per_turn)}"
+        elif signal == "position" and np.abs(values).max() > LARGEST_ANGLE and speed > FASTEST_SERVO / 3.0:
+            top = float(np.quantile(np.abs(joint.velocity), 0.995))
+            if top > FASTEST_SERVO:
+                wrong[signal] = f"it reaches {np.abs(values).max():.3g} at {top:.3g} per second"
+    if goal is not None and np.ptp(goal) > 0:
+        ratio = float(np.ptp(position) / np.ptp(goal))
+        size = float(np.quantile(np.abs(goal), 0.98)), float(np.quantile(np.abs(position), 0.98))
+        if 0.3 * DEGREES < ratio < 2.0 * DEGREES:
+            wrong["position"] = f"it moves {ratio:.3g} times as far as the goal"
+            wrong.pop("goal", None)
+        elif 0.5 / DEGREES < ratio < 2.0 / DEGREES and size[0] > LARGEST_ANGLE * 0.5:
+            wrong["goal"] = f"it moves {1 / ratio:.3g} times as far as the position"
+            wrong.pop("position", None)
+        elif "position" in wrong:
+            wrong["goal"] = "it moves as far as the position"
+        elif np.abs(goal).max() > LARGEST_ANGLE and _slope_speed(joint, goal) > FASTEST_SERVO:
+            wrong["goal"] = f"it reaches {np.abs(goal).max():.3g}"
+    for signal, reason in wrong.items():
+        yield Finding(
+            "unit.degrees", "error", joint.name, joint.column(signal),
+            f"{joint.column(signal)} is in degrees, not in radians: {reason}; multiply it by pi/180.",
+            value=DEGREES, data_error=True,
+        )  # fmt: skip
+
+
+def _slope_speed(joint: JointContext, goal: np.ndarray) -> float:
+    # Steps have any speed; the smooth part of a goal shows its unit.
+    return float(np.quantile(np.abs(np.diff(goal)) / np.diff(joint.time), 0.9))
+
+
+def _goal(joint: JointContext, goal: np.ndarray) -> Iterator[Finding]:
+    if np.ptp(goal) <= 1e-9:
+        yield Finding(
+            "goal.still", "warning", joint.name, joint.column("goal"),
+            f"The goal of {joint.name} never moves, so what the drive does with a command cannot be seen.",
+            value=0.0,
+        )  # fmt: skip
+        return
+    slow_goal = np.interp(joint.time, joint.time, goal)
+    correlation = float(np.corrcoef(slow_goal, joint.log.position)[0, 1])
+    if correlation < -0.5:
+        yield Finding(
+            "position.sign", "error", joint.name, joint.column("position"),
+            f"{joint.column('position')} moves against its goal (correlation {correlation:.2f}): one of the two has the "
+            "wrong sign.",
+            value=correlation, data_error=True,
+        )  # fmt: skip
+
+
+def _excitation(joint: JointContext) -> Iterator[Finding]:
+    speed = joint.velocity[joint.moving]
+    reversals = int(np.count_nonzero(np.diff(np.sign(speed)))) if len(speed) else 0
+    share = float(joint.moving.mean())
+    top = float(np.quantile(np.abs(joint.velocity), 0.99))
+    reasons = []
+    if joint.span < 30.0 * max(joint.noise, joint.step / 4):
+        reasons.append(
+            f"moves over {joint.span:.2g} rad only, {joint.span / max(joint.noise, 1e-12):.0f} times its noise"
+        )
+    if reversals < 2:
+        reasons.append(f"reverses {reversals} time{'s' * (reversals != 1)}")
+    if share < 0.01:
+        reasons.append(f"moves in {share:.1%} of the samples")
+    if reasons:
+        yield Finding(
+            "excitation.little", "warning", joint.name, joint.column("position"),
+            f"Joint {joint.name} {' and '.join(reasons)}: friction, delay and backlash cannot be told apart from it.",
+            value=top,
+        )  # fmt: skip
+
+
+def _saturation(joint: JointContext) -> Iterator[Finding]:
+    duty = joint.log.duty
+    if duty is None:
+        return
+    size = np.abs(duty[np.isfinite(duty)])
+    if not len(size) or size.max() < 0.3:
+        return
+    limit = float(size.max())
+    at_limit = size >= 0.999 * limit
+    share = float(at_limit.mean())
+    both = min(float((duty >= 0.999 * limit).mean()), float((duty <= -0.999 * limit).mean()))
+    # A pose held by a constant duty looks like a limit, but on one side only.
+    if share > 0.01 and (limit > 0.9 or both > 0.003):
+        yield Finding(
+            "duty.saturated", "note", joint.name, joint.column("duty"),
+            f"The duty of {joint.name} is at its limit of {limit:.3g} in {share:.1%} of the samples: motor and supply show "
+            "there, gains do not.",
+            value=share,
+        )  # fmt: skip
