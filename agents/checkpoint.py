@@ -60,7 +60,15 @@ def load_newest(run: RunFolder, agent: Mapping[str, Any], env: VecEnv) -> tuple[
     for path in found:
         try:
             return _load(path, agent, env)
-        except (OSError, ValueError, KeyError, EOFError, pickle.UnpicklingError, zipfile.BadZipFile) as error:
+        except (
+            OSError,
+            ValueError,
+            RuntimeError,
+            KeyError,
+            EOFError,
+            pickle.UnpicklingError,
+            zipfile.BadZipFile,
+        ) as error:
             reason = str(error).strip().partition("\n")[0] or type(error).__name__
             print(f"Checkpoint {path.name} cannot be read ({reason}); trying the one before it.", file=sys.stderr)
     if found:

@@ -57,6 +57,10 @@ class RunFolder:
                 raise SealegsError(f"Another process is training in {path}: wait for it, or stop it.") from error
         self._finish_replacements()
 
+    def close(self) -> None:
+        """Let other processes train in the folder."""
+        self._lock.close()
+
     @classmethod
     def create(cls, out: Path, label: str, name: str | None) -> RunFolder:
         """New folder ``out/<name>``, or ``out/<label>-<time>`` without a name.

@@ -2,6 +2,9 @@
 
 from __future__ import annotations
 
+import time
+from pathlib import Path
+
 from stable_baselines3.common.logger import Logger, TensorBoardOutputFormat
 from torch.utils.tensorboard.writer import SummaryWriter
 
@@ -9,12 +12,16 @@ from torch.utils.tensorboard.writer import SummaryWriter
 class ResumableTensorBoard(TensorBoardOutputFormat):
     """TensorBoard format that takes back what a killed session wrote after its last checkpoint."""
 
-    def __init__(self, folder: str, step: int) -> None:
+    def __init__(self, folder: Path, step: int) -> None:
         # Not the parent's constructor: it makes a writer that cannot purge.
-        self.writer = SummaryWriter(log_dir=folder, purge_step=step + 1 if step else None)
+        self.writer = SummaryWriter(log_dir=str(folder), purge_step=step + 1 if step else None)
         self._is_closed = False
 
 
-def tensorboard_logger(folder: str, step: int) -> Logger:
+def tensorboard_logger(folder: Path, step: int) -> Logger:
     """Logger of event files in ``folder``; readers drop what an earlier session wrote there after ``step``."""
-    return Logger(folder, [ResumableTensorBoard(folder, step)])
+    for file in folder.glob("events.out.tfevents.*"):
+        # Readers take the files in the order of their names, which begin with the second they were made in.
+        while int(time.time()) <= int(file.name.split(".")[3]):
+            time.sleep(0.1)
+    return Logger(str(folder), [ResumableTensorBoard(folder, step)])

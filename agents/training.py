@@ -9,6 +9,7 @@ import sys
 import threading
 import time
 from collections.abc import Iterator
+from pathlib import Path
 from typing import Any
 
 import torch
@@ -35,8 +36,8 @@ _EVALUATION_SEED = 1_000_003
 _VIDEO_SEED = 2_000_003
 
 
-def train(request: Request) -> RunFolder:
-    """Start or resume a run and train to its end.
+def train(request: Request) -> Path:
+    """Start or resume a run, train to its end, and return its folder.
 
     Raises:
         SealegsError: wrong input, or a full disk.
@@ -44,17 +45,16 @@ def train(request: Request) -> RunFolder:
     """
     if request.resume is not None:
         run = RunFolder.open(request.resume)
-        config = with_overrides(run.read_config(), request.overrides)
-        chain = load_chain(run.path / "actuator.yaml")
-        session = Session.resumed(run, config, chain)
+        with contextlib.closing(run), _disk_errors(run):
+            config = with_overrides(run.read_config(), request.overrides)
+            Session.resumed(run, config, load_chain(run.path / "actuator.yaml")).learn()
     else:
         assert request.config is not None
-        config = request.config
-        chain = load_chain(config.actuator)
-        session = Session.started(config, chain, request)
-    with _disk_errors(session.run), StopSignals() as signals:
-        session.learn(signals)
-    return session.run
+        session = Session.started(request.config, load_chain(request.config.actuator), request.out, request.name)
+        run = session.run
+        with contextlib.closing(run), _disk_errors(run):
+            session.learn()
+    return run.path
 
 
 class Session:
@@ -77,12 +77,12 @@ class Session:
         self.description = {"env": config.env, "actuator": chain.to_list(), "algorithm": config.agent["algorithm"]}
 
     @classmethod
-    def started(cls, config: TrainConfig, chain: Chain, request: Request) -> Session:
+    def started(cls, config: TrainConfig, chain: Chain, out: Path, name: str | None) -> Session:
         """New run; its folder is made only once environment and learner exist, so wrong input leaves none."""
         torch.set_num_threads(config.threads)
         env = make_vec_env(config.env, chain, config.n_envs, config.seed)
         model = build(config.agent, normalized(env, config.agent, training=True), config.seed)
-        run = RunFolder.create(request.out, config.label, request.name)
+        run = RunFolder.create(out, config.label, name)
         with _disk_errors(run):
             run.write_text("actuator.yaml", chain.to_yaml())
             run.write_text("config.yaml", yaml.safe_dump(config.as_dict(), sort_keys=False))
@@ -112,7 +112,7 @@ class Session:
             session.evaluation.restore(evaluations)
         return session
 
-    def learn(self, signals: StopSignals) -> None:
+    def learn(self) -> None:
         """Train to the configured number of steps, then evaluate, save and film the policy.
 
         Raises:
@@ -124,30 +124,14 @@ class Session:
             f"Training{start} to {config.total_timesteps} on {config.n_envs} simulations, into {self.run.path}",
             flush=True,
         )
-        model.set_logger(tensorboard_logger(str(self.run.path / "tensorboard"), self.from_step))
-        progress = ProgressReport(config.total_timesteps)
-        callbacks = CallbackList(
-            [
-                StopOnSignal(signals),
-                InfoTerms(),
-                self.evaluation,
-                Checkpoints(config.checkpoint.every, self.save_checkpoint),
-                progress,
-            ]
-        )
+        model.set_logger(tensorboard_logger(self.run.path / "tensorboard", self.from_step))
         started = time.monotonic()
-        try:
-            model.learn(
-                config.total_timesteps - self.from_step, callback=callbacks, reset_num_timesteps=self.from_step == 0
-            )
-        except KeyboardInterrupt as second:
-            raise Interrupted(self._how_to_resume("Stopped at once")) from second
-        finally:
-            progress.close()
+        with StopSignals() as signals:
+            self._learn(signals)
+            if signals.asked:
+                self.save_checkpoint()
+                raise Interrupted(self._how_to_resume(f"Stopped at step {model.num_timesteps}"))
         seconds = time.monotonic() - started
-        if signals.asked:
-            self.save_checkpoint()
-            raise Interrupted(self._how_to_resume(f"Stopped at step {model.num_timesteps}"))
         reward = self.evaluation.evaluate()
         self.save_checkpoint()
         with self.run.writing("final") as folder:
@@ -160,6 +144,19 @@ class Session:
         )
         self._film()
         self._say_where()
+
+    def _learn(self, signals: StopSignals) -> None:
+        config = self.config
+        progress = ProgressReport(config.total_timesteps)
+        saving = Checkpoints(config.checkpoint.every, self.save_checkpoint)
+        callbacks = CallbackList([StopOnSignal(signals), InfoTerms(), self.evaluation, saving, progress])
+        remaining = config.total_timesteps - self.from_step
+        try:
+            self.model.learn(remaining, callback=callbacks, reset_num_timesteps=self.from_step == 0)
+        except KeyboardInterrupt as second:
+            raise Interrupted(self._how_to_resume("Stopped at once")) from second
+        finally:
+            progress.close()
 
     def save_checkpoint(self) -> None:
         """Checkpoint of the learner as it is now."""

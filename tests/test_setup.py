@@ -1,0 +1,92 @@
+"""Set-up: the two commands, the pins, and a help page on every script."""
+
+from __future__ import annotations
+
+import importlib.metadata
+import re
+import shutil
+import subprocess
+import sys
+import tomllib
+from pathlib import Path
+
+import pytest
+from packaging.requirements import Requirement
+from packaging.utils import canonicalize_name
+
+REPOSITORY = Path(__file__).resolve().parents[1]
+SCRIPTS = sorted(path.name for path in REPOSITORY.glob("*.py"))
+
+
+def constraints() -> dict[str, str]:
+    """Version of each pinned package."""
+    lines = (REPOSITORY / "constraints.txt").read_text().splitlines()
+    pins = (line.split("==") for line in lines if line and not line.startswith("#"))
+    return {canonicalize_name(name): version for name, version in pins}
+
+
+def needed() -> set[str]:
+    """Packages that pyproject.toml asks for, and all that these bring along on this machine."""
+    project = tomllib.loads((REPOSITORY / "pyproject.toml").read_text())["project"]
+    found: set[str] = set()
+    open_ends = [Requirement(line) for line in project["dependencies"]]
+    open_ends += [Requirement(line) for extra in project["optional-dependencies"].values() for line in extra]
+    while open_ends:
+        requirement = open_ends.pop()
+        name = canonicalize_name(requirement.name)
+        if name in found and not requirement.extras:
+            continue
+        found.add(name)
+        for line in importlib.metadata.requires(name) or ():
+            further = Requirement(line)
+            wanted = [{"extra": extra} for extra in requirement.extras] or [{"extra": ""}]
+            if further.marker is None or any(further.marker.evaluate(extra) for extra in wanted):
+                open_ends.append(further)
+    return found
+
+
+def test_every_package_is_pinned() -> None:
+    assert needed() <= set(constraints())
+
+
+def test_the_pins_are_what_the_tests_run_with() -> None:
+    wrong = {
+        name: (version, importlib.metadata.version(name))
+        for name, version in constraints().items()
+        if importlib.metadata.version(name).partition("+")[0] != version
+    }
+    assert not wrong, "constraints.txt and .venv differ: run make setup"
+
+
+@pytest.mark.parametrize("script", SCRIPTS)
+def test_every_script_has_a_help_page(script: str) -> None:
+    page = subprocess.run(
+        [sys.executable, script, "--help"], cwd=REPOSITORY, capture_output=True, text=True, timeout=60
+    )
+    assert page.returncode == 0 and not page.stderr
+    assert f"python {script}" in page.stdout
+
+
+def test_make_help_lists_every_command() -> None:
+    makefile = (REPOSITORY / "Makefile").read_text()
+    phony = re.search(r"^\.PHONY: (.*)$", makefile, re.MULTILINE)
+    assert phony
+    page = subprocess.run(["make", "help"], cwd=REPOSITORY, capture_output=True, text=True, check=True).stdout
+    assert [line.split()[1] for line in page.splitlines()] == phony.group(1).split()
+
+
+def test_make_clean_keeps_what_was_recorded(tmp_path: Path) -> None:
+    shutil.copy(REPOSITORY / "Makefile", tmp_path)
+    kept = [tmp_path / "runs" / "first" / "config.yaml", tmp_path / "logs" / "bench.csv"]
+    removed = [tmp_path / ".venv" / "pyvenv.cfg", tmp_path / "gap" / "__pycache__" / "log.pyc"]
+    for file in [*kept, *removed]:
+        file.parent.mkdir(parents=True)
+        file.touch()
+    subprocess.run(["make", "clean"], cwd=tmp_path, capture_output=True, check=True)
+    assert all(file.exists() for file in kept) and not any(file.exists() for file in removed)
+
+
+def test_continuous_integration_runs_make_test() -> None:
+    script = REPOSITORY / ".ci" / "run"
+    assert script.stat().st_mode & 0o111
+    assert script.read_text().rstrip().endswith("exec make test")

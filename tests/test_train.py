@@ -1,0 +1,297 @@
+"""Training runs: what a folder holds, what survives a kill, a Ctrl-C and a full disk, what wrong input says."""
+
+from __future__ import annotations
+
+import errno
+import json
+import os
+import pickle
+import signal
+import subprocess
+import sys
+import time
+from pathlib import Path
+
+import numpy as np
+import pytest
+import yaml
+from stable_baselines3 import PPO
+from stable_baselines3.common.vec_env import VecNormalize
+from tensorboard.backend.event_processing.event_accumulator import EventAccumulator
+
+import train
+from configs.script import run as run_script
+
+REPOSITORY = Path(__file__).resolve().parents[1]
+SMALL = [
+    "env=bench",
+    "n_envs=2",
+    "agent.n_steps=64",
+    "agent.batch_size=64",
+    "agent.n_epochs=1",
+    "agent.policy_kwargs.net_arch=[8]",
+    "evaluate.every=256",
+    "evaluate.episodes=2",
+    "checkpoint.every=256",
+    "video.seconds=0",
+]
+
+
+def run(*arguments: str) -> int:
+    """Exit status of train.py in this process."""
+    return run_script(train.main, "train", "", list(arguments))
+
+
+def start(*arguments: str) -> subprocess.Popen[str]:
+    """train.py in a process of its own."""
+    command = [sys.executable, "train.py", *arguments]
+    return subprocess.Popen(command, cwd=REPOSITORY, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True)
+
+
+def wait_for(path: Path, pattern: str, process: subprocess.Popen[str]) -> None:
+    """Wait until ``path`` holds a file that fits ``pattern``."""
+    for _ in range(600):
+        if any(path.glob(pattern)):
+            return
+        assert process.poll() is None, process.communicate()
+        time.sleep(0.1)
+    raise AssertionError(f"no {pattern} in {path} after a minute")
+
+
+def steps(run_folder: Path) -> list[int]:
+    """Steps of the complete checkpoints, oldest first."""
+    return sorted(int(path.name) for path in (run_folder / "checkpoints").iterdir() if not path.name.startswith("."))
+
+
+def events(run_folder: Path) -> EventAccumulator:
+    """The run's event files, read by TensorBoard itself."""
+    reader = EventAccumulator(str(run_folder / "tensorboard"))
+    return reader.Reload()
+
+
+def contents(folder: Path) -> dict[str, bytes]:
+    """Every file below ``folder``."""
+    return {str(path.relative_to(folder)): path.read_bytes() for path in folder.rglob("*") if path.is_file()}
+
+
+@pytest.fixture(scope="module")
+def finished(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """A short run of PPO from start to end."""
+    out = tmp_path_factory.mktemp("runs")
+    assert run(*SMALL, f"out={out}", "name=first", "total_timesteps=512") == 0
+    return out / "first"
+
+
+def test_run_folder_holds_what_reproduces_the_run(finished: Path) -> None:
+    config = yaml.safe_load((finished / "config.yaml").read_text())
+    assert config["agent"]["n_steps"] == 64 and config["total_timesteps"] == 512
+    assert yaml.safe_load((finished / "actuator.yaml").read_text())
+    session = json.loads((finished / "run.json").read_text())["sessions"][0]
+    assert session["from_step"] == 0 and "mujoco" in session["packages"] and "command" in session
+    git = subprocess.run(["git", "rev-parse", "HEAD"], cwd=REPOSITORY, capture_output=True, text=True)
+    assert session["git"]["revision"] == (git.stdout.strip() or None)
+
+
+def test_run_folder_holds_best_final_and_evaluated_policies(finished: Path) -> None:
+    for policy in ("best", "final"):
+        assert {path.name for path in (finished / policy).iterdir()} == {"model.zip", "vecnormalize.pkl", "policy.json"}
+    evaluations = np.load(finished / "evaluations.npz")
+    assert list(evaluations["timesteps"]) == [256, 512]
+    best = json.loads((finished / "best" / "policy.json").read_text())
+    assert best["mean_reward"] == pytest.approx(evaluations["results"].mean(axis=1).max())
+
+
+def test_policy_json_normalises_like_the_training(finished: Path) -> None:
+    description = json.loads((finished / "final" / "policy.json").read_text())
+    model = PPO.load(finished / "final" / "model.zip")
+    with open(finished / "final" / "vecnormalize.pkl", "rb") as file:
+        normalizer: VecNormalize = pickle.load(file)
+    observation = np.random.default_rng(0).normal(size=description["observation"]["shape"])
+    values = {key: np.asarray(value) for key, value in description["observation"].items()}
+    ours = (observation - values["mean"]) / np.sqrt(values["variance"] + values["epsilon"])
+    assert np.clip(ours, -values["clip"], values["clip"]) == pytest.approx(
+        normalizer.normalize_obs(observation), rel=1e-6
+    )
+    assert description["action"]["shape"] == list(model.action_space.shape or ())
+
+
+def test_tensorboard_reads_the_keys_people_look_for(finished: Path) -> None:
+    reader = events(finished)
+    keys = set(reader.Tags()["scalars"])
+    assert {"rollout/ep_rew_mean", "eval/mean_reward", "time/fps", "train/value_loss", "train/learning_rate"} <= keys
+    assert [event.step for event in reader.Scalars("eval/mean_reward")] == [256, 512]
+
+
+def test_linear_schedule_falls_to_zero(finished: Path) -> None:
+    rates = [event.value for event in events(finished).Scalars("train/learning_rate")]
+    assert rates == sorted(rates, reverse=True) and rates[0] < 3e-4 and rates[-1] < 1e-4
+
+
+def test_equal_seeds_give_equal_policies(finished: Path, tmp_path: Path) -> None:
+    for name, seed in (("same", 0), ("other", 1)):
+        assert run(*SMALL, f"out={tmp_path}", f"name={name}", f"seed={seed}", "total_timesteps=512") == 0
+    first, same, other = (
+        np.concatenate(
+            [p.detach().numpy().ravel() for p in PPO.load(folder / "final" / "model.zip").policy.parameters()]
+        )
+        for folder in (finished, tmp_path / "same", tmp_path / "other")
+    )
+    assert np.array_equal(first, same)
+    assert not np.allclose(first, other)
+
+
+def test_an_existing_run_is_never_overwritten(finished: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    before = contents(finished)
+    assert run(*SMALL, f"out={finished.parent}", f"name={finished.name}") == 2
+    assert f"resume={finished}" in capsys.readouterr().err
+    assert contents(finished) == before
+
+
+def test_a_run_without_a_name_is_called_after_its_choices(tmp_path: Path) -> None:
+    for _ in range(2):  # within one second
+        assert run(*SMALL, f"out={tmp_path}", "total_timesteps=128", "evaluate.every=0") == 0
+    names = [path.name for path in tmp_path.iterdir()]
+    assert len(names) == 2 and all("-ideal-ppo-" in name for name in names)
+
+
+def test_a_finished_run_goes_on_when_given_more_steps(finished: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    assert run(f"resume={finished}") == 2
+    assert "larger total_timesteps" in capsys.readouterr().err
+    assert run(f"resume={finished}", "total_timesteps=768") == 0
+    assert steps(finished)[-1] == 768
+    assert list(np.load(finished / "evaluations.npz")["timesteps"]) == [256, 512, 768]
+
+
+def test_a_killed_run_resumes_from_its_newest_complete_checkpoint(tmp_path: Path) -> None:
+    folder = tmp_path / "killed"
+    process = start(*SMALL, f"out={tmp_path}", "name=killed", "total_timesteps=1000000")
+    wait_for(folder / "checkpoints", "*/state.json", process)
+    process.kill()
+    process.communicate()
+    killed_at = steps(folder)[-1]
+    torn = folder / "checkpoints" / ".writing-000000999999"  # what a kill within a checkpoint leaves
+    torn.mkdir()
+    (torn / "model.zip").write_bytes(b"PK")
+    total = killed_at + 512
+    assert run(f"resume={folder}", f"total_timesteps={total}") == 0
+    assert steps(folder)[-1] == total and not torn.exists()
+    sessions = json.loads((folder / "run.json").read_text())["sessions"]
+    assert [session["from_step"] for session in sessions] == [0, killed_at]
+    logged = [event.step for event in events(folder).Scalars("time/fps")]
+    assert logged == list(range(128, total + 1, 128)), "TensorBoard shows one run without gaps or repeats"
+
+
+def test_ctrl_c_saves_a_checkpoint_and_says_how_to_go_on(tmp_path: Path) -> None:
+    folder = tmp_path / "stopped"
+    process = start(*SMALL, f"out={tmp_path}", "name=stopped", "total_timesteps=1000000", "checkpoint.every=1000000")
+    wait_for(folder, "evaluations.npz", process)
+    process.send_signal(signal.SIGINT)
+    _, stderr = process.communicate(timeout=60)
+    assert process.returncode == 130 and "Traceback" not in stderr
+    assert stderr.strip().splitlines()[-1].endswith(f"with: python train.py resume={folder}")
+    assert len(steps(folder)) == 1
+
+
+def test_a_damaged_checkpoint_gives_way_to_the_one_before(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    folder = tmp_path / "damaged"
+    assert run(*SMALL, f"out={tmp_path}", "name=damaged", "total_timesteps=512") == 0
+    (folder / "checkpoints" / "000000000512" / "model.zip").write_bytes(b"PK\x03\x04 torn")
+    assert run(f"resume={folder}", "total_timesteps=640") == 0
+    assert "000000000512 cannot be read" in capsys.readouterr().err
+    assert json.loads((folder / "run.json").read_text())["sessions"][-1]["from_step"] == 256
+
+
+def test_a_full_disk_ends_in_one_sentence_and_keeps_the_checkpoints(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    from agents import checkpoint
+
+    save = checkpoint.save_policy
+
+    def full(folder: Path, model: PPO, description: dict) -> None:
+        if model.num_timesteps > 256:
+            raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC), str(folder))
+        save(folder, model, description)
+
+    monkeypatch.setattr(checkpoint, "save_policy", full)
+    assert run(*SMALL, f"out={tmp_path}", "name=full", "total_timesteps=1024") == 2
+    error = capsys.readouterr().err.strip().splitlines()[-1]
+    assert "is full" in error and "step 256 is complete" in error
+    assert steps(tmp_path / "full") == [256]
+
+
+def test_two_processes_cannot_train_in_one_folder(finished: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    from agents.run_folder import RunFolder
+
+    held = RunFolder.open(finished)
+    assert run(f"resume={finished}", "total_timesteps=4096") == 2
+    assert "Another process" in capsys.readouterr().err
+    held.close()
+
+
+def test_sac_resumes_with_its_replay_buffer(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    small = [argument for argument in SMALL if not argument.startswith(("agent.n_steps", "agent.n_epochs"))]
+    sac = ["agent=sac", "agent.learning_starts=64", "agent.buffer_size=2000", "total_timesteps=512"]
+    folder = tmp_path / "sac"
+    assert run(*small, *sac, f"out={tmp_path}", "name=sac") == 0
+    buffers = sorted(path.parent.name for path in folder.glob("checkpoints/*/replay_buffer.pkl"))
+    assert buffers == [f"{steps(folder)[-1]:012d}"], "only the newest checkpoint keeps the buffer"
+    assert run(f"resume={folder}", "total_timesteps=640") == 0
+    assert "train/actor_loss" in events(folder).Tags()["scalars"]
+
+
+def test_a_chain_given_by_path_stays_with_the_run(tmp_path: Path) -> None:
+    chain = tmp_path / "extended.yaml"
+    chain.write_text((REPOSITORY / "configs" / "actuator" / "ideal.yaml").read_text())
+    assert run(*SMALL, f"actuator={chain}", f"out={tmp_path}", "name=own", "total_timesteps=256") == 0
+    chain.unlink()
+    assert run(f"resume={tmp_path / 'own'}", "total_timesteps=384") == 0
+
+
+@pytest.mark.parametrize(
+    ("argument", "says"),
+    [
+        ("n_env=3", "did you mean 'n_envs'?"),
+        ("agent.learning_rat=1e-3", "did you mean 'agent.learning_rate'?"),
+        ("learning_rate=1e-3", "did you mean 'agent.learning_rate'?"),
+        ("checkpoint.evry=3", "did you mean 'checkpoint.every'?"),
+        ("agent=pppo", "did you mean 'ppo'?"),
+        ("env=hoper", "did you mean 'hopper'?"),
+        ("env.id=SeaLegs/Hoper-v0", "is not a registered environment"),
+        ("env.no_such=1", "no key 'env.no_such'"),
+        ("actuator=idea", "did you mean 'ideal'?"),
+        ("actuator=missing/extended.yaml", "missing/extended.yaml"),
+        ("n_envs=abc", "n_envs takes a whole number, not 'abc'"),
+        ("n_envs=0", "n_envs must be at least 1"),
+        ("seed=null", "seed takes a whole number"),
+        ("agent.learning_rate=fast", "schedule such as lin_3e-4"),
+        ("agent.target_kl=abc", "agent.target_kl takes a number or null"),
+        ("agent.normalize.clip_ob=1", "did you mean 'clip_obs'?"),
+        ("agent.policy_kwargs.activation_fn=tan", "there are tanh, relu, elu"),
+        ("agent.algorithm=td4", "there are ppo, sac"),
+        ("agent.gamma=1,2", "is a sweep"),
+        ("agent.n_steps=[1", "cannot be read"),
+        ("name=a/b", "one word without '/'"),
+        ("resume=nowhere/run", "is not a run folder"),
+        ("verbose", "form key=value"),
+        ("--verbose", "form key=value"),
+    ],
+)
+def test_wrong_input_is_one_sentence_and_leaves_no_folder(
+    argument: str, says: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    arguments = [argument] if argument.startswith("resume") else [*SMALL, f"out={tmp_path / 'runs'}", argument]
+    assert run(*arguments) == 2
+    error = capsys.readouterr().err.strip()
+    assert says in error and len(error.splitlines()) == 1
+    assert not (tmp_path / "runs").exists()
+
+
+def test_a_resumed_run_refuses_another_experiment(finished: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    assert run(f"resume={finished}", "seed=3") == 2
+    assert "keeps its config" in capsys.readouterr().err
+
+
+def test_additional_arguments_of_the_algorithm_are_accepted(tmp_path: Path) -> None:
+    assert run(*SMALL, f"out={tmp_path}", "name=kl", "agent.target_kl=0.02", "total_timesteps=128") == 0
+    assert yaml.safe_load((tmp_path / "kl" / "config.yaml").read_text())["agent"]["target_kl"] == 0.02
