@@ -4,9 +4,10 @@ from __future__ import annotations
 
 from actuators.errors import nearest
 from envs.bench.robot import BENCH
+from envs.hopper.robot import HOPPER
 from envs.robot import Robot, RobotError
 
-ROBOTS: dict[str, Robot] = {robot.name: robot for robot in (BENCH,)}
+ROBOTS: dict[str, Robot] = {robot.name: robot for robot in (BENCH, HOPPER)}
 
 
 def get_robot(name: str) -> Robot:

@@ -1,0 +1,282 @@
+"""The engine of every environment: many simulations of one robot, each control step a few NumPy calls over all of them.
+
+A single environment, a Gymnasium vector environment and an SB3 one are shells around it. Simulation i of a batch that
+is seeded with s draws from the generator of seed s + i, so it moves, bit for bit, as a batch of one that is seeded with
+s + i.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import mujoco
+import numpy as np
+from mujoco.batch import Batch
+
+from actuators import Drivetrain
+from actuators.errors import SealegsError, nearest
+from actuators.layout import S_OUT_OF_RANGE, S_TORQUE
+from envs.randomization import Randomization, Source
+from envs.robot import ChainSource
+from envs.task import Motion, Task
+
+
+@dataclass(slots=True)
+class Step:
+    """Outcome of one control step of n simulations; arrays are the caller's to keep.
+
+    Attributes:
+        observation: (n, size), float32; of the new episode where ``done``, if the engine resets by itself.
+        reward: (n,).
+        terminated: (n,), the episode failed.
+        truncated: (n,), it reached its time limit.
+        terms: of the reward by name, (n,) each.
+        flags: what an engineer wants to know, (n,) each: ``net_out_of_range``, ``unstable``.
+        done: numbers of the simulations whose episode ended.
+        final_observation: (len(done), size), the last of those episodes.
+    """
+
+    observation: np.ndarray
+    reward: np.ndarray
+    terminated: np.ndarray
+    truncated: np.ndarray
+    terms: dict[str, np.ndarray]
+    flags: dict[str, np.ndarray]
+    done: np.ndarray
+    final_observation: np.ndarray
+
+
+class BatchEngine:
+    """n simulations of one task.
+
+    Attributes:
+        task: what is asked of the robot.
+        drivetrain: the robot with its actuators.
+        batch: the simulations.
+        dt: control step [s].
+        steps: control steps since reset, (n,).
+        drawn: values of the running episodes' randomisation by name, (n,) each.
+    """
+
+    def __init__(
+        self,
+        task: Task,
+        num_envs: int,
+        *,
+        actuator: ChainSource | Mapping[str, ChainSource] | None = None,
+        randomization: Source = None,
+        params: Mapping[str, float] | None = None,
+        control_rate: float = 50.0,
+        max_episode_steps: int | None = None,
+        autoreset: bool = True,
+        threads: int = 0,
+    ) -> None:
+        """Build the robot and its simulations; :meth:`reset` starts them.
+
+        Args:
+            task: what is asked of the robot.
+            num_envs: simulations side by side.
+            actuator: chain of all coordinates, or chains by coordinate; None: the robot's own.
+            randomization: see :mod:`envs.randomization`.
+            params: numbers of the robot other than its own.
+            control_rate: actions per second [Hz]; the physics step must fit into their distance a whole number of
+                times.
+            max_episode_steps: control steps until truncation; None: never.
+            autoreset: start a new episode in the step that ends one.
+            threads: of the engine; 0: one per core.
+
+        Raises:
+            SealegsError: one of the arguments does not fit the robot.
+        """
+        if num_envs < 1:
+            raise SealegsError(f"num_envs is {num_envs}; it must be at least 1.")
+        self.task, self.num_envs = task, num_envs
+        self.drivetrain = task.robot.drivetrain(actuator, params)
+        self.randomization = Randomization(self.drivetrain, randomization)
+        model = self.drivetrain.model
+        self.substeps = _substeps(control_rate, model.opt.timestep)
+        self.dt = self.substeps * model.opt.timestep
+        self.max_episode_steps, self.autoreset = max_episode_steps, autoreset
+        self.batch = Batch(model, num_envs, 1 if num_envs == 1 else threads)
+        self._qpos, self._qvel = self.batch.bind("qpos"), self.batch.bind("qvel")
+        self._ctrl, self._time = self.batch.bind("ctrl"), self.batch.bind("time")
+        self._userdata = self.batch.bind("userdata")
+        # position, speed, acceleration or control went bad, and the engine reset the simulation
+        self._warnings = self.batch.warning[:, int(mujoco.mjtWarning.mjWARN_BADQPOS) :, 1]
+        self._programs: np.ndarray | None = None
+        names = [item.name for item in self.drivetrain.coordinates]
+        addresses = np.array([self.drivetrain.state_addresses[name] for name in names])
+        self._torques, self._out_of_range = addresses + S_TORQUE, addresses + S_OUT_OF_RANGE
+        self._motor, self._link = (_Sides(self.drivetrain, names, side) for side in ("motor", "link"))
+        limits = np.array([task.robot.limits[name] for name in names])
+        self.goal_centre, self.goal_half = limits.mean(axis=1), 0.5 * (limits[:, 1] - limits[:, 0])
+        self.names = names
+        self.observation_size = len(task.observation_names())
+        shape = (num_envs, len(names))
+        self._action, self._link_before, self._reading_before = np.zeros(shape), np.zeros(shape), np.zeros(shape)
+        self._command = np.zeros((num_envs, task.commands(np.zeros((1, task.draws))).shape[1]))
+        self.steps = np.zeros(num_envs, dtype=np.int64)
+        self.drawn = {f"{draw.group}.{draw.name}": np.zeros(num_envs) for draw in self.randomization.draws}
+        self.generators = [np.random.Generator(np.random.PCG64())] * num_envs
+        self.seed(None)
+
+    # --- starting ----------------------------------------------------------------------------------------------
+
+    def seed(self, seed: int | Sequence[int | None] | None) -> None:
+        """Seed the generators: one number s makes s, s + 1, ...; None takes new entropy; a list holds one for each."""
+        if seed is None or isinstance(seed, int | np.integer):
+            seeds: Sequence[int | None] = [None if seed is None else int(seed) + i for i in range(self.num_envs)]
+        else:
+            seeds = list(seed)
+        if len(seeds) != self.num_envs:
+            raise SealegsError(f"there are {len(seeds)} seeds for {self.num_envs} simulations.")
+        self.generators = [np.random.Generator(np.random.PCG64(np.random.SeedSequence(value))) for value in seeds]
+
+    def reset(self, simulations: np.ndarray | None = None) -> np.ndarray:
+        """Start new episodes in all or some simulations; their observations, (m, size), float32."""
+        chosen = np.arange(self.num_envs) if simulations is None else simulations
+        self._start(chosen)
+        return self._observation(self._motion(self._action))[chosen]
+
+    def _start(self, chosen: np.ndarray) -> None:
+        task_draws, draws = self.task.draws, self.task.draws + len(self.randomization.draws)
+        random = np.empty((len(chosen), draws))
+        for row, number in enumerate(chosen):
+            random[row] = self.generators[number].random(draws)
+        self.batch.reset(chosen, stage=mujoco.mjtStage.mjSTAGE_NONE.value)
+        for name, values in self.randomization.apply(self.batch, chosen, random[:, task_draws:]).items():
+            self.drawn[name][chosen] = values
+        self._programs = self.batch.expanded("actuator_user")
+        qpos, qvel = self._qpos[chosen], self._qvel[chosen]
+        goals = self.task.place(self.drivetrain, random[:, :task_draws], qpos, qvel)
+        self._command[chosen] = self.task.commands(random[:, :task_draws])
+        self._qpos[chosen], self._qvel[chosen], self._ctrl[chosen] = qpos, qvel, goals
+        self.batch.forward(chosen)  # the chains' memories start at these goals
+        self._action[chosen] = np.clip((goals - self.goal_centre) / self.goal_half, -1.0, 1.0)
+        self._link_before[chosen] = self._link(self._qpos[chosen])
+        self._reading_before[chosen] = self._readings()[chosen]
+        self.steps[chosen] = 0
+
+    # --- stepping ----------------------------------------------------------------------------------------------
+
+    def step(self, action: np.ndarray) -> Step:
+        """Advance every simulation by one control step.
+
+        Args:
+            action: (n, k); -1 and 1 are the limits of the robot's goals.
+        """
+        previous, action = self._action, np.clip(np.asarray(action, np.float64), -1.0, 1.0)
+        self._ctrl[:] = self.goal_centre + self.goal_half * action
+        self.batch.step(nstep=self.substeps)
+        self._action = action
+        self.steps += 1
+        motion = self._motion(previous)
+        terms = self.task.rewards(motion)
+        reward = np.zeros(self.num_envs)
+        for term in terms.values():
+            reward += term
+        unstable = self._warnings.any(axis=1)
+        terminated = self.task.failed(motion) | unstable
+        truncated = np.zeros(self.num_envs, dtype=bool)
+        if self.max_episode_steps is not None:
+            np.greater_equal(self.steps, self.max_episode_steps, out=truncated)
+        observation = self._observation(motion)
+        flags = {"net_out_of_range": self._userdata[:, self._out_of_range].sum(axis=1), "unstable": unstable}
+        self._link_before, self._reading_before = motion.link, motion.reading
+        done = np.flatnonzero(terminated | truncated)
+        final = observation[done]
+        if self.autoreset and len(done):
+            self._start(done)
+            observation[done] = self._observation(self._motion(self._action))[done]
+        return Step(observation, reward, terminated, truncated, terms, flags, done, final)
+
+    def _motion(self, previous_action: np.ndarray) -> Motion:
+        qpos, qvel = self._qpos, self._qvel
+        link, reading = self._link(qpos), self._readings()
+        return Motion(
+            qpos=qpos,
+            qvel=qvel,
+            link=link,
+            link_speed=(link - self._link_before) / self.dt,
+            reading=reading,
+            reading_speed=(reading - self._reading_before) / self.dt,
+            torque=self._userdata[:, self._torques],
+            motor_speed=self._motor.speed(qvel),
+            action=self._action,
+            previous_action=previous_action,
+            command=self._command,
+        )
+
+    def _readings(self) -> np.ndarray:
+        columns = [
+            self.drivetrain.reading(name, self._qpos, self._userdata, self._time, self._programs) for name in self.names
+        ]
+        return np.stack(columns, axis=1)
+
+    def _observation(self, motion: Motion) -> np.ndarray:
+        parts = self.task.observe(motion)
+        observation = np.empty((self.num_envs, self.observation_size), np.float32)
+        at = 0
+        for part in parts:
+            width = 1 if part.ndim == 1 else part.shape[1]
+            observation[:, at : at + width] = part[:, None] if part.ndim == 1 else part
+            at += width
+        return observation
+
+
+class _Sides:
+    """Positions and speeds of all coordinates at once, each summed in one order at any batch size."""
+
+    def __init__(self, drivetrain: Drivetrain, names: Sequence[str], side: str) -> None:
+        model = drivetrain.model
+        weights = np.stack([drivetrain.position(name, np.eye(model.nq), side) for name in names])
+        speeds = np.stack([drivetrain.speed(name, np.eye(model.nv), side) for name in names])
+        self._positions, self._speeds = self._terms(weights), self._terms(speeds)
+
+    @staticmethod
+    def _terms(weights: np.ndarray) -> list[tuple[np.ndarray, np.ndarray]]:
+        order = np.argsort(weights == 0.0, axis=1, kind="stable")
+        count = int((weights != 0.0).sum(axis=1).max())
+        return [(order[:, k], np.take_along_axis(weights, order[:, k : k + 1], axis=1)[:, 0]) for k in range(count)]
+
+    def __call__(self, qpos: np.ndarray) -> np.ndarray:
+        return self._sum(self._positions, qpos)
+
+    def speed(self, qvel: np.ndarray) -> np.ndarray:
+        return self._sum(self._speeds, qvel)
+
+    @staticmethod
+    def _sum(terms: list[tuple[np.ndarray, np.ndarray]], values: np.ndarray) -> np.ndarray:
+        columns, weights = terms[0]
+        total = values[:, columns] * weights
+        for columns, weights in terms[1:]:
+            total += values[:, columns] * weights
+        return total
+
+
+def _substeps(control_rate: float, timestep: float) -> int:
+    count = 1.0 / (control_rate * timestep) if control_rate > 0.0 else 0.0
+    if round(count) < 1 or abs(count - round(count)) > 1e-6 * max(count, 1.0):
+        raise SealegsError(
+            f"control_rate is {control_rate:g} Hz; its period must be a whole number of steps of {timestep:g} s."
+        )
+    return round(count)
+
+
+def task_arguments(kind: type[Task], keywords: Mapping[str, Any]) -> tuple[Task, dict[str, Any]]:
+    """Split the keywords of an environment into the task and the engine's arguments.
+
+    Raises:
+        SealegsError: a keyword belongs to neither; the message names the nearest one.
+    """
+    fields = [item.name for item in dataclasses.fields(kind)]  # type: ignore[arg-type]
+    engine = ["actuator", "randomization", "params", "control_rate"]
+    for name in keywords:
+        if name not in fields and name not in engine:
+            known = [*engine, *fields]
+            raise SealegsError(f"there is no argument '{name}'{nearest(name, known)}; there are {', '.join(known)}.")
+    task = kind(**{name: value for name, value in keywords.items() if name in fields})
+    return task, {name: value for name, value in keywords.items() if name in engine}

@@ -1,0 +1,110 @@
+"""The bench as Gymnasium environments."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import Any
+
+from envs.bench.task import BenchTask
+from envs.robot import ChainSource
+from envs.single import SingleEnv
+from envs.vector import BatchVectorEnv
+
+
+class BenchEnv(SingleEnv):
+    r"""
+    ## Description
+    A servo on a stand turns a pendulum, a point mass at the end of a uniform rod. The task is to bring the pendulum to
+    an angle and to hold it there, against gravity and whatever the actuation chain does to the command.
+
+    ## Action Space
+    The action space is a `Box(-1, 1, (1,), float32)`: the position goal of the servo.
+
+    | Num | Action            | Min | Max | Goal at -1 | Goal at 1 | Coordinate | Type (Unit) |
+    |-----|-------------------|-----|-----|------------|-----------|------------|-------------|
+    | 0   | Goal of the servo | -1  | 1   | -3.1416    | 3.1416    | joint      | angle (rad) |
+
+    ## Observation Space
+    The observation space is a `Box(-Inf, Inf, (6,), float32)`. Angles are counter-clockwise, 0 hangs.
+
+    | Num | Observation        | Source                                                           | Unit  |
+    |-----|--------------------|------------------------------------------------------------------|-------|
+    | 0   | target             | command                                                          | rad   |
+    | 1   | angle of pendulum  | link encoder, ideal                                              | rad   |
+    | 2   | angle of motor     | motor encoder of the chain: its ticks, offset, scale and latency | rad   |
+    | 3   | speed of pendulum  | difference of 1 over the last control step                       | rad/s |
+    | 4   | speed of motor     | difference of 2 over the last control step                       | rad/s |
+    | 5   | last action        | memory                                                           | -     |
+
+    ## Rewards
+    The reward is ***tracking - energy***; `info` holds each term, and the flags `net_out_of_range` and `unstable` (see
+    `HopperEnv`).
+
+    - *reward_tracking*: $w_{tracking} (1 - \min(|q - q_{target}|, 1))$.
+    - *reward_energy*: $-w_{energy} |\tau \omega|$ of the motor [W].
+
+    ## Starting State
+    At rest near hanging, angle [rad] and speed [rad/s] with uniform noise of $\pm$ `start_noise`; the target is uniform
+    in $\pm$ `target_range`. Then `randomization` is drawn.
+
+    ## Episode End
+    ### Termination
+    Only if the simulation is unstable.
+
+    ### Truncation
+    After 250 steps (5 s).
+
+    ## Arguments
+
+    | Parameter         | Type              | Default    | Description |
+    |-------------------|-------------------|------------|---------------------------------------------------------------|
+    | `actuator`        | str, list or dict | `None`     | chain: a name in `configs/actuator`, a path or stages; `None`: `sts3215` |
+    | `randomization`   | dict or path      | `None`     | what every episode draws anew, see `envs/randomization.py` |
+    | `params`          | dict              | `None`     | `mass` [kg] at the end, `arm_mass` [kg] of the rod, `length` [m] |
+    | `control_rate`    | float             | `50.0`     | actions per second [Hz] |
+    | `target_range`    | float             | `1.2`      | see Starting State [rad] |
+    | `tracking_weight` | float             | `1.0`      | see Rewards |
+    | `energy_weight`   | float             | `0.02`     | see Rewards [1/W] |
+    | `start_noise`     | float             | `0.2`      | see Starting State |
+    | `width`, `height` | int               | `640, 480` | of the picture [px] |
+
+    ## Version History
+    * v0: initial version.
+    """  # noqa: E501
+
+    task = BenchTask
+
+    def __init__(
+        self,
+        actuator: ChainSource | Mapping[str, ChainSource] | None = None,
+        randomization: Mapping[str, Any] | str | None = None,
+        params: Mapping[str, float] | None = None,
+        control_rate: float = 50.0,
+        target_range: float = BenchTask.target_range,
+        tracking_weight: float = BenchTask.tracking_weight,
+        energy_weight: float = BenchTask.energy_weight,
+        start_noise: float = BenchTask.start_noise,
+        render_mode: str | None = None,
+        width: int = 640,
+        height: int = 480,
+    ) -> None:
+        """Build the environment; the class documents the arguments."""
+        super().__init__(
+            render_mode,
+            width,
+            height,
+            actuator=actuator,
+            randomization=randomization,
+            params=params,
+            control_rate=control_rate,
+            target_range=target_range,
+            tracking_weight=tracking_weight,
+            energy_weight=energy_weight,
+            start_noise=start_noise,
+        )
+
+
+class BenchVectorEnv(BatchVectorEnv):
+    """Many :class:`BenchEnv` side by side, with the same arguments."""
+
+    task = BenchTask

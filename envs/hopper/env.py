@@ -1,0 +1,150 @@
+"""The hopper as Gymnasium environments."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from typing import Any
+
+from envs.hopper.task import HopperTask
+from envs.robot import ChainSource
+from envs.single import SingleEnv
+from envs.vector import BatchVectorEnv
+
+
+class HopperEnv(SingleEnv):
+    r"""
+    ## Description
+    A one-legged robot of 0.587 kg with two series elastic actuators, the leg of seed 004 ("Practical Approach to
+    Characterize Realistic Motor Dynamics for Robotic Simulation Independent of the Use Case"). Its base translates in
+    the plane and does not rotate. Both motors sit in the base; a spring of 2 N.m/rad drives the upper link, another one
+    the lower link through a belt. The task is to hop forward at a commanded speed. Which servo drives the leg is one
+    word, `actuator`.
+
+    ## Action Space
+    The action space is a `Box(-1, 1, (2,), float32)`: position goals for the two servos. They go through the actuation
+    chain (delay, controller, power stage, motor, friction, spring) inside the physics engine.
+
+    | Num | Action        | Min | Max | Goal at -1 | Goal at 1 | Coordinate | Type (Unit)  |
+    |-----|---------------|-----|-----|------------|-----------|------------|--------------|
+    | 0   | Goal of hip   | -1  | 1   | -1.21      | -0.01     | hip        | angle (rad)  |
+    | 1   | Goal of knee  | -1  | 1   | 0.01       | 1.21      | knee       | angle (rad)  |
+
+    Angles are counter-clockwise from the vertical for a viewer who has forward to the right; that of the knee is the
+    lower link's own, not relative to the upper link.
+
+    ## Observation Space
+    The observation space is a `Box(-Inf, Inf, (14,), float32)` of what the computer on the robot knows.
+
+    | Num | Observation            | Source                                                            | Unit  |
+    |-----|------------------------|-------------------------------------------------------------------|-------|
+    | 0   | commanded speed        | command                                                           | m/s   |
+    | 1   | height of the hip      | encoder of the boom that guides the base, ideal                   | m     |
+    | 2   | angle of upper link    | link encoder, ideal                                               | rad   |
+    | 3   | angle of lower link    | link encoder, ideal                                               | rad   |
+    | 4   | angle of hip motor     | motor encoder of the chain: its ticks, offset, scale and latency  | rad   |
+    | 5   | angle of knee motor    | as 4                                                              | rad   |
+    | 6   | forward speed of base  | boom and inertial unit, ideal                                     | m/s   |
+    | 7   | upward speed of base   | as 6                                                              | m/s   |
+    | 8   | speed of upper link    | difference of 2 over the last control step                        | rad/s |
+    | 9   | speed of lower link    | difference of 3                                                   | rad/s |
+    | 10  | speed of hip motor     | difference of 4                                                   | rad/s |
+    | 11  | speed of knee motor    | difference of 5                                                   | rad/s |
+    | 12  | last action of hip     | memory                                                            | -     |
+    | 13  | last action of knee    | memory                                                            | -     |
+
+    With a chain without a series spring (`ideal`), motor and link are one.
+
+    ## Rewards
+    The reward is ***forward + alive + height - energy***; `info` holds each term.
+
+    - *reward_forward*: $w_{forward} \max(1 - |v - v_{cmd}| / \max(|v_{cmd}|, 0.1), -1)$ with the forward speed $v$ of the base.
+    - *reward_alive*: `alive_weight` in every step.
+    - *reward_height*: $w_{height}$ times the height of the hip above standing, over 0.05 m, between 0 and 1.
+    - *reward_energy*: $-w_{energy} \sum |\tau \omega|$ of the motors [W].
+
+    `info` also holds `net_out_of_range` (samples in this episode for which an actuator net was asked for motion that it
+    never saw in training) and `unstable` (the physics engine gave up; the episode ends).
+
+    ## Starting State
+    Standing at rest angles (-0.61, 0.61) rad with motors and links together, the foot up to `start_noise` m above the
+    floor. Angles [rad] and base speeds [m/s] have uniform noise of $\pm$ `start_noise`. The commanded speed is drawn
+    where `speed` is a range. Then `randomization` is drawn.
+
+    ## Episode End
+    ### Termination
+    The hip sinks below `healthy_height`, a link turns further than `healthy_angle` from the vertical, or the simulation
+    is unstable.
+
+    ### Truncation
+    After 500 steps (10 s).
+
+    ## Arguments
+
+    | Parameter         | Type                | Default    | Description |
+    |-------------------|---------------------|------------|-------------------------------------------------------------|
+    | `actuator`        | str, list or dict   | `None`     | chain: a name in `configs/actuator`, a path, stages, or one of these by coordinate; `None`: `sv1270tg` |
+    | `randomization`   | dict or path        | `None`     | what every episode draws anew, see `envs/randomization.py` |
+    | `params`          | dict                | `None`     | numbers of the robot, see `envs/hopper/parameters.py` |
+    | `control_rate`    | float               | `50.0`     | actions per second [Hz] |
+    | `speed`           | float or (low, high) | `0.5`     | commanded speed, or the range it is drawn from [m/s] |
+    | `forward_weight`  | float               | `1.0`      | see Rewards |
+    | `alive_weight`    | float               | `0.2`      | see Rewards |
+    | `height_weight`   | float               | `0.5`      | see Rewards |
+    | `energy_weight`   | float               | `0.02`     | see Rewards [1/W] |
+    | `healthy_height`  | float               | `0.06`     | lowest height of the hip [m] |
+    | `healthy_angle`   | float               | `2.0`      | largest angle of a link [rad] |
+    | `start_noise`     | float               | `0.05`     | see Starting State |
+    | `width`, `height` | int                 | `640, 480` | of the picture [px] |
+
+    `gymnasium.make_vec("SeaLegs/Hopper-v0", num_envs=64)` steps the simulations on all cores and starts new episodes in
+    the same step; `envs.sb3.BatchVecEnv` does so for Stable-Baselines3. All three move bit for bit alike for equal
+    seeds.
+
+    ## Version History
+    * v0: initial version.
+    """  # noqa: E501
+
+    task = HopperTask
+
+    def __init__(
+        self,
+        actuator: ChainSource | Mapping[str, ChainSource] | None = None,
+        randomization: Mapping[str, Any] | str | None = None,
+        params: Mapping[str, float] | None = None,
+        control_rate: float = 50.0,
+        speed: float | Sequence[float] = HopperTask.speed,
+        forward_weight: float = HopperTask.forward_weight,
+        alive_weight: float = HopperTask.alive_weight,
+        height_weight: float = HopperTask.height_weight,
+        energy_weight: float = HopperTask.energy_weight,
+        healthy_height: float = HopperTask.healthy_height,
+        healthy_angle: float = HopperTask.healthy_angle,
+        start_noise: float = HopperTask.start_noise,
+        render_mode: str | None = None,
+        width: int = 640,
+        height: int = 480,
+    ) -> None:
+        """Build the environment; the class documents the arguments."""
+        super().__init__(
+            render_mode,
+            width,
+            height,
+            actuator=actuator,
+            randomization=randomization,
+            params=params,
+            control_rate=control_rate,
+            speed=speed,
+            forward_weight=forward_weight,
+            alive_weight=alive_weight,
+            height_weight=height_weight,
+            energy_weight=energy_weight,
+            healthy_height=healthy_height,
+            healthy_angle=healthy_angle,
+            start_noise=start_noise,
+        )
+
+
+class HopperVectorEnv(BatchVectorEnv):
+    """Many :class:`HopperEnv` side by side, with the same arguments."""
+
+    task = HopperTask

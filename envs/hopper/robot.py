@@ -1,0 +1,142 @@
+"""The series elastic hopper: a base that translates in the plane, two links, both motors in the base."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+
+import mujoco
+
+from actuators import DrivenCoordinate
+from envs.hopper.parameters import GOAL_RANGE, NUMBERS
+from envs.robot import Robot
+from envs.scene import CAMERA, FLOOR, add_scene
+
+BASE, UPPER, LOWER, FOOT = "base", "upper", "lower", "foot"
+HIP, KNEE = "hip", "knee"
+TIMESTEP = 0.001  # [s], as in the paper (IV-D); convergence in docs/hopper.md
+AXIS = (0.0, -1.0, 0.0)  # counter-clockwise for a viewer who has x to the right (Fig. 5)
+
+_DARK, _METAL, _GREEN, _BEIGE = (
+    (0.16, 0.18, 0.22, 1),
+    (0.76, 0.78, 0.81, 1),
+    (0.36, 0.62, 0.42, 1),
+    (0.87, 0.76, 0.58, 1),
+)
+_RUBBER, _BLUE = (0.13, 0.13, 0.14, 1), (0.20, 0.42, 0.68, 1)
+_CAPSULE, _CYLINDER = mujoco.mjtGeom.mjGEOM_CAPSULE, mujoco.mjtGeom.mjGEOM_CYLINDER
+
+
+def standing_height(values: Mapping[str, float]) -> float:
+    """Height of the hip above the floor, standing at rest angles with unloaded springs [m]."""
+    upper = values["upper_length"] * math.cos(values["hip_rest"])
+    return upper + values["lower_length"] * math.cos(values["knee_rest"]) + values["foot_radius"]
+
+
+def build(values: Mapping[str, float]) -> mujoco.MjSpec:
+    """The hopper. ``qpos`` starts with x and the height of the hip; at zero angles the links hang down straight.
+
+    The rotors' mass is part of the base, which they ride in and turn against without moving their centres; their
+    inertia is the armature of the chain. So the total is the printed one with every chain.
+    """
+    spec = mujoco.MjSpec()
+    spec.modelname = "hopper"
+    spec.compiler.degree = False
+    spec.option.timestep = TIMESTEP
+    spec.option.integrator = mujoco.mjtIntegrator.mjINT_IMPLICITFAST
+    add_scene(
+        spec, friction=values["floor_friction"], tile=0.1, reach=0.35
+    ).priority = 1  # the floor's friction alone counts
+    height = standing_height(values)
+    base = spec.worldbody.add_body(name=BASE, pos=(0.0, 0.0, height))
+    base_mass = values["total_mass"] - values["upper_mass"] - values["lower_mass"]
+    slide = mujoco.mjtJoint.mjJNT_SLIDE
+    base.add_joint(name="base_x", type=slide, axis=(1.0, 0.0, 0.0))
+    base.add_joint(name="base_z", type=slide, axis=(0.0, 0.0, 1.0), ref=height)
+    base.mass, base.explicitinertial = base_mass, True
+    base.inertia = (base_mass * 1e-3,) * 3  # without effect: the base does not rotate
+    _draw_base(base)
+    upper = _link(base, UPPER, HIP, 0.0, values["upper_mass"], values["upper_length"], values["upper_centre"], _METAL)
+    lower = _link(
+        upper,
+        LOWER,
+        KNEE,
+        values["upper_length"],
+        values["lower_mass"],
+        values["lower_length"],
+        values["lower_centre"],
+        _BLUE,
+    )
+    lower.add_geom(
+        name=FOOT,
+        type=mujoco.mjtGeom.mjGEOM_SPHERE,
+        pos=(0.0, 0.0, -values["lower_length"]),
+        size=(values["foot_radius"], 0.0, 0.0),
+        rgba=_RUBBER,
+    )
+    for geom in spec.geoms:  # the parts meet the floor, not each other
+        if geom.name != FLOOR:
+            geom.contype, geom.mass = 0, 0.0
+    floor = spec.geom(FLOOR)
+    floor.solref = (values["contact_time"], 1.0)
+    spec.worldbody.add_camera(
+        name=CAMERA,
+        mode=mujoco.mjtCamLight.mjCAMLIGHT_TRACK,
+        pos=(0.0, -0.75, height + 0.02),
+        xyaxes=(1.0, 0.0, 0.0, 0.0, 0.15, 1.0),
+        fovy=35.0,
+    )
+    return spec
+
+
+def _link(
+    parent: mujoco.MjsBody,
+    name: str,
+    joint: str,
+    offset: float,
+    mass: float,
+    length: float,
+    centre: float,
+    colour: tuple,
+) -> mujoco.MjsBody:
+    """A rod that hangs from ``offset`` below its parent's origin; its centre of mass is at ``centre`` x length."""
+    across, along = mass * length**2 / 12.0, mass * 1e-5
+    body = parent.add_body(
+        name=name,
+        pos=(0.0, 0.0, -offset),
+        mass=mass,
+        ipos=(0.0, 0.0, -centre * length),
+        inertia=(across, across, along),
+        explicitinertial=True,
+    )
+    body.add_joint(name=joint, type=mujoco.mjtJoint.mjJNT_HINGE, axis=AXIS)
+    body.add_geom(type=_CAPSULE, fromto=(0.0, 0.0, 0.0, 0.0, 0.0, -length), size=(0.006, 0.0, 0.0), rgba=colour)
+    pin = (0.0, -0.011, 0.0, 0.0, 0.011, 0.0)
+    body.add_geom(type=_CYLINDER, fromto=pin, size=(0.0085, 0.0, 0.0), rgba=_DARK, conaffinity=0)
+    return body
+
+
+def _draw_base(base: mujoco.MjsBody) -> None:
+    base.add_geom(type=mujoco.mjtGeom.mjGEOM_BOX, size=(0.042, 0.022, 0.017), pos=(0.0, 0.0, 0.022), rgba=_DARK)
+    for x, z, colour in ((0.0, 0.0, _GREEN), (0.026, 0.022, _BEIGE)):  # hip and knee motor, coloured as in Fig. 5
+        ends = (x, -0.030, z, x, 0.030, z)
+        base.add_geom(type=_CYLINDER, fromto=ends, size=(0.0115, 0.0, 0.0), rgba=colour, conaffinity=0)
+
+
+def _goals(rest: float) -> tuple[float, float]:
+    return rest - GOAL_RANGE, rest + GOAL_RANGE
+
+
+HOPPER = Robot(
+    name="hopper",
+    numbers=NUMBERS,
+    coordinates=(
+        DrivenCoordinate(HIP, ((HIP, 1.0),), motor_body=BASE),
+        DrivenCoordinate(
+            KNEE, ((HIP, 1.0), (KNEE, 1.0)), motor_body=BASE
+        ),  # by a belt, so measured against the vertical
+    ),
+    limits={HIP: _goals(NUMBERS["hip_rest"].value), KNEE: _goals(NUMBERS["knee_rest"].value)},
+    chains={HIP: "sv1270tg", KNEE: "sv1270tg"},
+    build=build,
+)

@@ -1,0 +1,90 @@
+"""Hop forward at a commanded speed."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from actuators import Drivetrain
+from envs.hopper.robot import FOOT, HIP, HOPPER, KNEE, LOWER, standing_height
+from envs.task import Motion, Task
+
+STANDING = standing_height(HOPPER.parameters())
+SLOWEST = 0.1  # [m/s] below this, errors of speed count in absolute terms
+HIGH = 0.05  # [m] above standing, where the reward for height is full
+FORWARD, UP = 0, 1  # qpos and qvel of the base
+
+
+@dataclass(frozen=True)
+class HopperTask(Task):
+    """Weights and ranges of the hopper's task; the table in :class:`envs.hopper.env.HopperEnv` explains them."""
+
+    speed: float | Sequence[float] = 0.5
+    forward_weight: float = 1.0
+    alive_weight: float = 0.2
+    height_weight: float = 0.5
+    energy_weight: float = 0.02
+    healthy_height: float = 0.06
+    healthy_angle: float = 2.0
+    start_noise: float = 0.05
+
+    robot = HOPPER
+    draws = 6
+
+    def observation_names(self) -> tuple[str, ...]:
+        return (
+            "commanded speed [m/s]",
+            "hip height [m]",
+            "hip link angle [rad]",
+            "knee link angle [rad]",
+            "hip motor reading [rad]",
+            "knee motor reading [rad]",
+            "forward speed [m/s]",
+            "upward speed [m/s]",
+            "hip link speed [rad/s]",
+            "knee link speed [rad/s]",
+            "hip motor speed [rad/s]",
+            "knee motor speed [rad/s]",
+            "last hip action",
+            "last knee action",
+        )
+
+    def commands(self, random: np.ndarray) -> np.ndarray:
+        low, high = self.speed if isinstance(self.speed, Sequence) else (self.speed, self.speed)
+        return low + random[:, :1] * (high - low)
+
+    def place(self, drivetrain: Drivetrain, random: np.ndarray, qpos: np.ndarray, qvel: np.ndarray) -> np.ndarray:
+        model = drivetrain.model
+        noise = self.start_noise * (2.0 * random[:, 1:] - 1.0)
+        rest = HOPPER.parameters()
+        hip, knee = rest["hip_rest"] + noise[:, 0], rest["knee_rest"] + noise[:, 1]
+        drivetrain.set_position(HIP, qpos, hip)
+        drivetrain.set_position(KNEE, qpos, knee)
+        foot = model.geom(FOOT)
+        leg = -model.body(LOWER).pos[2] * np.cos(hip) - foot.pos[2] * np.cos(knee) + foot.size[0]
+        qpos[:, UP] = leg + np.abs(noise[:, 2])  # dropped from a little above the floor
+        qvel[:, FORWARD], qvel[:, UP] = noise[:, 3], noise[:, 4]
+        return np.stack([hip, knee], axis=1)
+
+    def observe(self, motion: Motion) -> tuple[np.ndarray, ...]:
+        m = motion
+        base = m.qvel[:, : UP + 1]
+        return m.command, m.qpos[:, UP], m.link, m.reading, base, m.link_speed, m.reading_speed, m.action
+
+    def rewards(self, motion: Motion) -> dict[str, np.ndarray]:
+        speed, wanted = motion.qvel[:, FORWARD], motion.command[:, 0]
+        error = np.abs(speed - wanted) / np.maximum(np.abs(wanted), SLOWEST)
+        rise = np.clip((motion.qpos[:, UP] - STANDING) / HIGH, 0.0, 1.0)
+        power = np.abs(motion.torque * motion.motor_speed).sum(axis=1)
+        return {
+            "reward_forward": self.forward_weight * np.maximum(1.0 - error, -1.0),
+            "reward_alive": np.full(len(speed), self.alive_weight),
+            "reward_height": self.height_weight * rise,
+            "reward_energy": -self.energy_weight * power,
+        }
+
+    def failed(self, motion: Motion) -> np.ndarray:
+        folded = motion.qpos[:, UP] < self.healthy_height
+        return folded | (np.abs(motion.link) > self.healthy_angle).any(axis=1)

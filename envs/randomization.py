@@ -1,0 +1,179 @@
+"""Domain randomisation: parameters of chains, bodies and floor that every episode of every simulation draws anew.
+
+hip:    {friction.viscous: [0.25, 0.45]}       chain of one coordinate: stage.parameter, uniform between two values
+all:    {position_p.gain: {times: [0.8, 1.2]}} chains of all coordinates: multiples of their own value
+mass:   {base: [0.9, 1.1]}                     multiples of a body's mass and inertia; all: every body together
+floor:  {friction: [0.6, 1.0]}                 sliding friction of the floor
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Mapping
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import yaml
+from mujoco.batch import Batch
+
+from actuators import Drivetrain
+from actuators.errors import SealegsError, nearest
+from envs.scene import FLOOR
+
+
+class RandomizationError(SealegsError):
+    """A randomisation that names something the robot does not have, or gives a range that is none."""
+
+
+@dataclass(frozen=True)
+class Draw:
+    """One randomised number.
+
+    Attributes:
+        group: coordinate, ``mass`` or ``floor``.
+        name: ``stage.parameter``, body, or ``friction``.
+        low: smallest value.
+        high: largest value.
+    """
+
+    group: str
+    name: str
+    low: float
+    high: float
+
+
+Source = Mapping[str, Any] | str | Path | None
+
+
+class Randomization:
+    """What of a drivetrain varies, and how to write drawn values into a batch."""
+
+    def __init__(self, drivetrain: Drivetrain, source: Source = None) -> None:
+        """Check ``source``, a mapping as in the module's docstring or the path of a YAML file with one.
+
+        Raises:
+            RandomizationError: something in it does not fit the drivetrain.
+            ChainError: a chain does not have a parameter or cannot take a value.
+        """
+        self._drivetrain = drivetrain
+        self.draws = tuple(_draws(drivetrain, _read(source)))
+        self._chains = [name for name in drivetrain.chains if any(draw.group == name for draw in self.draws)]
+        self._columns = {
+            group: [(k, draw) for k, draw in enumerate(self.draws) if draw.group == group]
+            for group in (*drivetrain.chains, "mass", "floor")
+        }
+        if drivetrain.model.nq:  # both ends of each range must make a chain of the same memory
+            for draw in self.draws:
+                if draw.group in drivetrain.chains:
+                    self._check_ends(draw)
+
+    def _check_ends(self, draw: Draw) -> None:
+        chain = self._drivetrain.chains[draw.group]
+        sizes = {len(chain.with_value(draw.name, value).program()) for value in (draw.low, draw.high)}
+        memories = {sum(s.memory_size() for s in chain.with_value(draw.name, v).stages) for v in (draw.low, draw.high)}
+        own = sum(stage.memory_size() for stage in chain.stages)
+        if len(sizes) > 1 or memories != {own}:
+            raise RandomizationError(
+                f"randomization.{draw.group}.{draw.name} goes from nothing to something; let the chain itself "
+                "and both ends of the range be above zero."
+            )
+
+    def apply(self, batch: Batch, simulations: np.ndarray, random: np.ndarray) -> dict[str, np.ndarray]:
+        """Write new values into some simulations.
+
+        Args:
+            batch: of the drivetrain's model.
+            simulations: their numbers (m,), ascending.
+            random: uniform numbers in [0, 1), (m, len(draws)).
+
+        Returns:
+            The values by ``group.name``, (m,) each.
+        """
+        if not self.draws:
+            return {}
+        low, high = (np.array([getattr(draw, end) for draw in self.draws]) for end in ("low", "high"))
+        values = low + random * (high - low)
+        for name in self._chains:
+            nominal = self._drivetrain.chains[name]
+            for row, simulation in enumerate(simulations):
+                chain = nominal
+                for column, draw in self._columns[name]:
+                    chain = chain.with_value(draw.name, float(values[row, column]))
+                self._drivetrain.set_chain(batch, name, chain, int(simulation))
+        if self._columns["mass"]:
+            self._scale_masses(batch, simulations, values)
+        for column, _ in self._columns["floor"]:
+            batch.expand("geom_friction")[simulations, batch.model.geom(FLOOR).id, 0] = values[:, column]
+        return {f"{draw.group}.{draw.name}": values[:, column] for column, draw in enumerate(self.draws)}
+
+    def _scale_masses(self, batch: Batch, simulations: np.ndarray, values: np.ndarray) -> None:
+        model = batch.model
+        scale = np.ones((len(simulations), model.nbody))
+        for column, draw in self._columns["mass"]:
+            chosen = slice(None) if draw.name == "all" else model.body(draw.name).id
+            scale[:, chosen] *= values[:, column, None] if draw.name == "all" else values[:, column]
+        batch.expand("body_mass")[simulations] = model.body_mass * scale
+        batch.expand("body_inertia")[simulations] = model.body_inertia * scale[..., None]
+        batch.set_const(simulations)
+
+
+def _read(source: Source) -> Mapping[str, Any]:
+    if source is None:
+        return {}
+    if isinstance(source, Mapping):
+        return source
+    try:
+        document = yaml.safe_load(Path(source).read_text(encoding="utf-8"))
+    except (OSError, UnicodeDecodeError) as error:
+        reason = getattr(error, "strerror", None) or error
+        raise RandomizationError(f"cannot read the randomisation {source}: {reason}.") from None
+    except yaml.YAMLError as error:
+        raise RandomizationError(f"{source} is not valid YAML: {getattr(error, 'problem', error)}.") from None
+    if not isinstance(document, Mapping):
+        raise RandomizationError(f"{source}: a randomisation is a mapping such as 'floor: {{friction: [0.6, 1.0]}}'.")
+    return document
+
+
+def _draws(drivetrain: Drivetrain, source: Mapping[str, Any]) -> Iterable[Draw]:
+    groups = [*drivetrain.chains, "all", "mass", "floor"]
+    for group, entries in source.items():
+        if group not in groups:
+            raise RandomizationError(
+                f"randomization has no '{group}'{nearest(group, groups)}; there are {', '.join(groups)}."
+            )
+        if not isinstance(entries, Mapping):
+            raise RandomizationError(f"randomization.{group} must be 'name: [low, high]' pairs, not {entries!r}.")
+        for name, value in entries.items():
+            where = f"randomization.{group}.{name}"
+            for target in drivetrain.chains if group == "all" else (group,):
+                nominal = _nominal(drivetrain, target, str(name), where)
+                low, high = _range(value, nominal, where)
+                yield Draw(target, str(name), low, high)
+
+
+def _nominal(drivetrain: Drivetrain, group: str, name: str, where: str) -> float:
+    """Value that a multiple is taken of."""
+    if group == "mass":
+        bodies = ["all", *(drivetrain.model.body(k).name for k in range(1, drivetrain.model.nbody))]
+        if name not in bodies:
+            raise RandomizationError(
+                f"{where}: the robot has no body '{name}'{nearest(name, bodies)}; there are {', '.join(bodies)}."
+            )
+        return 1.0
+    if group == "floor":
+        if name != "friction":
+            raise RandomizationError(f"{where}: of the floor, only 'friction' can vary.")
+        return float(drivetrain.model.geom(FLOOR).friction[0])
+    return float(drivetrain.chains[group].value(name))
+
+
+def _range(value: Any, nominal: float, where: str) -> tuple[float, float]:
+    factor = 1.0
+    if isinstance(value, Mapping) and set(value) == {"times"}:
+        value, factor = value["times"], nominal
+    fits = isinstance(value, list | tuple) and len(value) == 2
+    if not fits or not all(isinstance(end, int | float) and np.isfinite(end) for end in value) or value[0] > value[1]:
+        raise RandomizationError(f"{where} must be a range [low, high], or {{times: [low, high]}}, not {value!r}.")
+    low, high = sorted(float(end) * factor for end in value)
+    return low, high

@@ -1,0 +1,79 @@
+"""The single Gymnasium environment: a batch of one."""
+
+from __future__ import annotations
+
+from typing import Any, ClassVar
+
+import gymnasium as gym
+import numpy as np
+from gymnasium import spaces
+
+from actuators.errors import SealegsError, nearest
+from envs.batch import BatchEngine, task_arguments
+from envs.render import Scene
+from envs.task import Task
+
+
+def action_space(engine: BatchEngine) -> spaces.Box:
+    """Goals scaled to [-1, 1]."""
+    return spaces.Box(-1.0, 1.0, (len(engine.names),), np.float32)
+
+
+def observation_space(engine: BatchEngine) -> spaces.Box:
+    """Unbounded float32."""
+    return spaces.Box(-np.inf, np.inf, (engine.observation_size,), np.float32)
+
+
+class SingleEnv(gym.Env[np.ndarray, np.ndarray]):
+    """What single environments share; a subclass names its task and documents itself.
+
+    The time limit is Gymnasium's ``TimeLimit``, which ``gymnasium.make`` adds.
+    """
+
+    metadata: ClassVar[dict[str, Any]] = {"render_modes": ["rgb_array", "human"], "render_fps": 50}
+    task: ClassVar[type[Task]]
+
+    def __init__(self, render_mode: str | None = None, width: int = 640, height: int = 480, **keywords: Any) -> None:
+        """Build the batch of one; ``keywords`` are the task's and the engine's."""
+        modes = self.metadata["render_modes"]
+        if render_mode is not None and render_mode not in modes:
+            hint = nearest(render_mode, modes)
+            raise SealegsError(f"there is no render_mode '{render_mode}'{hint}; there are {', '.join(modes)}.")
+        task, engine = task_arguments(self.task, keywords)
+        self.engine = BatchEngine(task, 1, autoreset=False, **engine)
+        self.metadata = {**self.metadata, "render_fps": round(1.0 / self.engine.dt)}
+        self.action_space, self.observation_space = action_space(self.engine), observation_space(self.engine)
+        self.render_mode = render_mode
+        self._scene = Scene(self.engine, render_mode, width, height) if render_mode else None
+
+    def reset(self, *, seed: int | None = None, options: dict[str, Any] | None = None) -> tuple[np.ndarray, dict]:
+        """Start an episode; the same ``seed`` starts the same one. ``options`` are ignored."""
+        del options
+        if seed is not None or self._np_random is None:
+            super().reset(seed=seed)
+            self.engine.seed(seed)
+            self._np_random = self.engine.generators[0]
+        observation = self.engine.reset()[0]
+        if self.render_mode == "human":
+            self.render()
+        return observation, {}
+
+    def step(self, action: np.ndarray) -> tuple[np.ndarray, float, bool, bool, dict[str, Any]]:
+        """One control step; ``info`` holds the terms of the reward and the actuators' flags."""
+        result = self.engine.step(np.asarray(action)[None])
+        info = {name: value[0].item() for name, value in (*result.terms.items(), *result.flags.items())}
+        if self.render_mode == "human":
+            self.render()
+        return result.observation[0], float(result.reward[0]), bool(result.terminated[0]), False, info
+
+    def render(self) -> np.ndarray | None:  # type: ignore[override]
+        """The picture (height, width, 3), uint8, in mode ``rgb_array``; a window in mode ``human``."""
+        if self._scene is None:
+            gym.logger.warn("render() needs a render_mode, given to gymnasium.make.")
+            return None
+        return self._scene.draw(0)
+
+    def close(self) -> None:
+        """Close window and renderer."""
+        if self._scene is not None:
+            self._scene.close()
