@@ -1,4 +1,4 @@
-"""Check measured logs before any physics is blamed: clock, units, columns that contradict each other, too little motion."""
+"""Check measured logs before any physics is blamed: clock, units, contradicting columns, too little motion."""
 
 from __future__ import annotations
 
@@ -28,13 +28,15 @@ def check_run(run: MeasuredRun) -> list[Finding]:
 
 
 def check_set(data: MeasuredSet) -> list[Finding]:
-    """Return the findings of every run and those that only show across runs; torque columns are judged over all runs."""
+    """Return the findings of every run and those across runs; torque columns are judged over all runs together."""
     findings = [finding for run in data.runs for finding in _without_torque(run)]
     contexts = [joint_contexts(run) for run in data.runs]
+    names_of_runs = [run.name for run in data.runs]
+    only = names_of_runs[0] if len(names_of_runs) == 1 else None
     names = dict.fromkeys(joint.name for joints in contexts for joint in joints)
     for name in names:
         same = [joint for joints in contexts for joint in joints if joint.name == name]
-        findings += check_torque(same, None if len(data.runs) > 1 else data.runs[0].name)
+        findings += check_torque(same, only)
     return findings + list(_across(data))
 
 
@@ -51,7 +53,7 @@ def noise_floor(run: MeasuredRun, joint: str) -> float:
 
 
 def merged(findings: list[Finding]) -> list[Finding]:
-    """Return one finding per code and column: that of the run in the middle, which says in how many runs it was found."""
+    """Return one finding per code and column: the one in the middle, which says in how many runs it was found."""
     groups: dict[tuple[str, str | None, str | None], list[Finding]] = {}
     for finding in findings:
         groups.setdefault((finding.code, finding.joint, finding.column), []).append(finding)

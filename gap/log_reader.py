@@ -118,7 +118,10 @@ def _build_run(name: str, table: dict[str, Array], sidecar: Sidecar, path: Path,
                 f"{path}: joint '{joint}' has no entry under actuators in the sidecar"
                 f"{nearest(joint, sidecar.actuators)}; name the chain that drives it"
             )
-    joints = {joint: JointLog(**{"goal": None} | recorded) for joint, recorded in signals.items()}
+    joints = {
+        joint: JointLog(goal=recorded.pop("goal", None), position=recorded.pop("position"), **recorded)
+        for joint, recorded in signals.items()
+    }
     return MeasuredRun(
         name, table["time"], joints, base, sidecar.robot, dict(sidecar.robot_params), dict(sidecar.actuators), path,
         dict(sidecar.meta),
@@ -134,7 +137,7 @@ def _check_values(table: dict[str, Array], path: Path, first_row: int) -> None:
             row = first_row + int(np.argmax(bad)) + 1
             value = "has no value (NaN)" if np.isnan(values[row - first_row - 1]) else "is infinite"
             raise LogError(
-                f"{path}: column '{column}' {value} in row {row}; remove the {bad.sum()} row{'s' * (bad.sum() > 1)} "
+                f"{path}: column '{column}' {value} in row {row}; remove the {bad.sum()} row{'s' * int(bad.sum() > 1)} "
                 "concerned or record again"
             )
     _check_clock(table["time"], path, first_row)

@@ -8,9 +8,8 @@ from pathlib import Path
 
 import numpy as np
 import pyarrow as pa
-import pyarrow.compute
-import pyarrow.csv
-import pyarrow.parquet
+from pyarrow import compute, parquet
+from pyarrow import csv as arrow_csv
 
 from actuators.errors import nearest
 from gap.log_types import SIGNAL_UNITS, Array, LogError
@@ -40,7 +39,7 @@ def read_batches(path: Path) -> Iterator[dict[str, Array]]:
 
 def _parquet_batches(path: Path) -> Iterator[dict[str, Array]]:
     try:
-        with pa.parquet.ParquetFile(path) as file:
+        with parquet.ParquetFile(path) as file:
             names = file.schema_arrow.names
             check_columns(names, path)
             for field in file.schema_arrow:
@@ -56,10 +55,10 @@ def _parquet_batches(path: Path) -> Iterator[dict[str, Array]]:
 def _csv_batches(path: Path) -> Iterator[dict[str, Array]]:
     names = _csv_header(path)
     try:
-        reader = pa.csv.open_csv(
+        reader = arrow_csv.open_csv(
             path,
-            read_options=pa.csv.ReadOptions(block_size=_CSV_BLOCK_BYTES),
-            convert_options=pa.csv.ConvertOptions(column_types={name: pa.float64() for name in names}),
+            read_options=arrow_csv.ReadOptions(block_size=_CSV_BLOCK_BYTES),
+            convert_options=arrow_csv.ConvertOptions(column_types={name: pa.float64() for name in names}),
         )
         for batch in reader:
             yield {name: _as_float(batch.column(i)) for i, name in enumerate(names)}
@@ -88,6 +87,7 @@ def _first_bad_cell(path: Path, names: list[str]) -> str:
         with open(path, encoding="utf-8-sig", newline="") as file:
             rows = csv.reader(file)
             next(rows)
+            row = 0
             for row, cells in enumerate((cells for cells in rows if cells), start=1):
                 if len(cells) != len(names):
                     return f"{path}: row {row} has {len(cells)} values for {len(names)} columns; repair or remove it"
@@ -97,6 +97,8 @@ def _first_bad_cell(path: Path, names: list[str]) -> str:
                     except ValueError:
                         if cell not in missing:
                             return f"{path}: column '{name}', row {row}: {cell[:40]!r} is not a number; correct it"
+            if row == 0:
+                return f"{path}: has no samples; a run needs at least two"
     except (UnicodeDecodeError, csv.Error):
         pass
     return f"{path}: holds bytes that are not CSV text; export the log as CSV or Parquet"
@@ -105,7 +107,7 @@ def _first_bad_cell(path: Path, names: list[str]) -> str:
 def _as_float(column: pa.Array) -> Array:
     column = column.cast(pa.float64())
     if column.null_count:
-        column = pa.compute.fill_null(column, float("nan"))
+        column = compute.fill_null(column, float("nan"))
     return np.asarray(column.to_numpy(zero_copy_only=False), dtype=np.float64)
 
 

@@ -10,8 +10,8 @@ from pathlib import Path
 from typing import IO
 
 import pyarrow as pa
-import pyarrow.csv
-import pyarrow.parquet
+from pyarrow import csv as arrow_csv
+from pyarrow import parquet
 
 from gap.log_sidecar import Sidecar, sidecar_text
 from gap.log_types import LogError, MeasuredRun
@@ -40,7 +40,7 @@ def write_run(run: MeasuredRun, folder: str | Path, format: str = "csv") -> Path
     data, sidecar = folder / f"{run.name}.{format}", folder / f"{run.name}.yaml"
     text = sidecar_text(Sidecar(run.robot, run.robot_params, run.actuators, run.meta)).encode()
     table = pa.table({name: pa.array(values, pa.float64(), from_pandas=True) for name, values in run.columns().items()})
-    write_table = pa.csv.write_csv if format == "csv" else pa.parquet.write_table
+    write_table = arrow_csv.write_csv if format == "csv" else parquet.write_table
 
     staged: list[Path] = []
     try:

@@ -28,8 +28,8 @@ def chain(kp: float, volts: float) -> list[dict[str, dict[str, float]]]:
     """Return the actuation chain believed to be right before anything was fitted.
 
     Motor values are those of the data sheet at the output shaft: stall 0.52 N.m at 1.47 A and 5 V gives a motor
-    constant of 0.35 N.m/A and 3.4 Ohm, the no-load speed of 103 rpm gives 0.46 V.s/rad with friction still in it. Armature and
-    friction are assumed.
+    constant of 0.35 N.m/A and 3.4 Ohm, the no-load speed of 103 rpm gives 0.46 V.s/rad with friction still in it.
+    Armature and friction are assumed.
     """
     return [
         {"position_p": {"gain": firmware_gain(kp)}},

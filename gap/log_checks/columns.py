@@ -158,7 +158,7 @@ def _voltage(joint: JointContext, voltage: Array, duty: Array) -> Iterator[Findi
     if above > 0.02 and above + below > 0.05:
         yield Finding(
             "voltage.aliased", "warning", joint.name, joint.column("voltage"),
-            f"{joint.column('voltage')} reads {volts.min():.3g} to {volts.max():.3g} V around {rest:.3g} V at rest, above it "
-            f"as well as below while the duty is on: it aliases the PWM ripple and shows no sag of the supply.",
+            f"{joint.column('voltage')} reads {volts.min():.3g} to {volts.max():.3g} V around {rest:.3g} V at rest, "
+            "above it as well as below while the duty is on: it aliases the PWM ripple and shows no sag of the supply.",
             value=float(np.ptp(volts)), data_error=True,
         )  # fmt: skip

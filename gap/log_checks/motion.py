@@ -40,8 +40,8 @@ def check_motion(joint: JointContext) -> Iterator[Finding]:
         off = joint.log.enabled < 0.5
         yield Finding(
             "drive.off", "note", joint.name, joint.column("enabled"),
-            f"The drive of {joint.name} is off in {off.mean():.0%} of the samples, from {joint.time[off.argmax()]:.3g} s: "
-            "the joint moves freely there.",
+            f"The drive of {joint.name} is off in {off.mean():.0%} of the samples, from "
+            f"{joint.time[off.argmax()]:.3g} s: the joint moves freely there.",
             value=float(off.mean()),
         )  # fmt: skip
 
@@ -65,8 +65,8 @@ def _wraps(joint: JointContext) -> Iterator[Finding]:
         if spikes * 2 >= len(jumps):
             yield Finding(
                 f"{signal}.spikes", "error", joint.name, joint.column(signal),
-                f"{joint.column(signal)} has {max(spikes, 1)} isolated wrong reading{'s' * (spikes > 1)} of about {size:.3g} rad, "
-                f"{where}; remove these samples.",
+                f"{joint.column(signal)} has {max(spikes, 1)} isolated wrong reading{'s' * (spikes > 1)} of about "
+                f"{size:.3g} rad, {where}; remove these samples.",
                 value=size, data_error=True,
             )  # fmt: skip
         else:
@@ -135,8 +135,8 @@ def _goal(joint: JointContext, goal: np.ndarray) -> Iterator[Finding]:
     if correlation < -0.5:
         yield Finding(
             "position.sign", "error", joint.name, joint.column("position"),
-            f"{joint.column('position')} moves against its goal (correlation {correlation:.2f}): one of the two has the "
-            "wrong sign.",
+            f"{joint.column('position')} moves against its goal (correlation {correlation:.2f}): one of the two has "
+            "the wrong sign.",
             value=correlation, data_error=True,
         )  # fmt: skip
 
@@ -178,7 +178,7 @@ def _saturation(joint: JointContext) -> Iterator[Finding]:
     if share > 0.01 and (limit > 0.9 or both > 0.003):
         yield Finding(
             "duty.saturated", "note", joint.name, joint.column("duty"),
-            f"The duty of {joint.name} is at its limit of {limit:.3g} in {share:.1%} of the samples: motor and supply show "
-            "there, gains do not.",
+            f"The duty of {joint.name} is at its limit of {limit:.3g} in {share:.1%} of the samples: motor and supply "
+            "show there, gains do not.",
             value=share,
         )  # fmt: skip

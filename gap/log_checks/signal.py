@@ -1,4 +1,4 @@
-"""Signals of a log: quantisation, noise, derivatives on the actual time stamps, and how late one signal is of others."""
+"""Signals of a log: quantisation, noise, derivatives on the actual time stamps, and delays between signals."""
 
 from __future__ import annotations
 
@@ -41,7 +41,7 @@ def derivatives(time: Array, values: Array, window: float = DERIVATIVE_WINDOW) -
     The fits use the actual time stamps (Savitzky-Golay on an irregular clock). The window holds at least 7 samples.
     """
     period = float(np.median(np.diff(time)))
-    half = min(max(int(round(0.5 * window / period)), 3), (len(time) - 1) // 2)
+    half = min(max(round(0.5 * window / period), 3), (len(time) - 1) // 2)
     order = min(3, 2 * half)
     width = 2 * half + 1
     scale = half * period
@@ -62,7 +62,7 @@ def _local_fit(t: Array, x: Array, order: int) -> Array:
     powers = np.stack([t**k for k in range(order + 1)], axis=-1)
     gram = powers.transpose(0, 2, 1) @ powers
     right = powers.transpose(0, 2, 1) @ x[..., None]
-    fit = np.linalg.solve(gram, right)[..., 0]
+    fit = np.linalg.solve(gram, right)[..., 0].astype(np.float64)
     return fit if order >= 2 else np.pad(fit, ((0, 0), (0, 2 - order)))
 
 
@@ -76,7 +76,7 @@ def high_frequency_noise(time: Array, values: Array) -> float:
     residual = (values - smooth)[half:-half]
     moving = np.abs(values[2 * half :] - values[: -2 * half]) > 0
     residual = residual[moving] if moving.sum() > 50 else residual
-    # Trimmed: impacts and reversals are no noise. The fit follows part of it: its centre weight is 0.417 over 9 samples.
+    # Trimmed: impacts and reversals are no noise. The fit follows part of it: its centre weight is 0.417.
     residual = residual[np.abs(residual) <= np.quantile(np.abs(residual), 0.99)]
     return float(np.sqrt(np.mean(residual**2) / (1.0 - 0.417)))
 
@@ -113,8 +113,8 @@ def fit_lag(
 ) -> Lag | None:
     """Regress ``column`` on delayed ``signals`` and a constant; return the delay that explains it best.
 
-    Delays are fractional: signals are interpolated at shifted times. Signals and column must be smooth, because interpolation
-    between samples averages noise, which would favour delays of half a sample.
+    Delays are fractional: signals are interpolated at shifted times. Signals and column must be smooth, because
+    interpolation between samples averages noise, which would favour delays of half a sample.
 
     Args:
         keep: samples that count, (n,) bool.
@@ -192,4 +192,4 @@ def solve_lag(grams: Array, reach: float = LAG_REACH) -> Lag:
 
 
 def _delays(reach: float) -> Array:
-    return np.linspace(-reach, reach, 2 * int(round(reach / 2e-3)) + 1)
+    return np.linspace(-reach, reach, 2 * round(reach / 2e-3) + 1)

@@ -88,7 +88,8 @@ def hidden_bench(
 
     Returns:
         The logs, and the truth: ``effects`` (name to parameter, value, unit, magnitude), ``machines`` (one per run),
-        ``nominal_factors`` (true over nominal), ``noise_floor`` [rad] and ``clean_position`` (per run, the noiseless angle).
+        ``nominal_factors`` (true over nominal), ``noise_floor`` [rad] and ``clean_position`` (per run, the noiseless
+        angle).
     """
     effects = dict(effects or {})
     rng = np.random.default_rng(seed)

@@ -1,7 +1,7 @@
 """Equations of motion of the hidden bench: a servo, a gear train that may give way or have play, and a pendulum.
 
-Dry friction is integrated exactly, by events: a moving joint slides until its speed reaches zero within a step, then it is
-held until the torque on it exceeds the breakaway torque. Nothing here is shared with the simulator under test.
+Dry friction is integrated exactly, by events: a moving joint slides until its speed reaches zero within a step, then it
+is held until the torque on it exceeds the breakaway torque. Nothing here is shared with the simulator under test.
 """
 
 from __future__ import annotations
@@ -104,8 +104,9 @@ def load_torque(m, q, v):
     """Torque of gravity, air and end stop on the link [N.m]; the pendulum hangs at zero."""
     moment = m.mass * (m.length + m.centre_shift) + 0.5 * m.arm_mass * m.length
     torque = -GRAVITY * moment * math.sin(q) - m.air_drag * v * abs(v)
-    if q > m.stop_angle:
-        torque -= max(STOP_STIFFNESS * (q - m.stop_angle) + STOP_DAMPING * v, 0.0)
+    if abs(q) > m.stop_angle:
+        side = 1.0 if q > 0.0 else -1.0
+        torque -= side * max(STOP_STIFFNESS * (side * q - m.stop_angle) + STOP_DAMPING * side * v, 0.0)
     return torque
 
 
@@ -173,8 +174,8 @@ def simulate(m, goal_time, goal, jam_start, jam_end, duration, start_temperature
     """Integrate one run from rest at ``goal[0]``, or hanging where the servo cannot hold it.
 
     Returns:
-        (k, 8) record every ``RECORD_EVERY`` steps: time, motor angle and speed, link angle, duty, current, supply voltage,
-        temperature.
+        (k, 8) record every ``RECORD_EVERY`` steps: time, motor angle and speed, link angle, duty, current, supply
+        voltage, temperature.
     """
     steps = int(duration / STEP)
     record = np.empty((steps // RECORD_EVERY + 1, 8))

@@ -1,0 +1,130 @@
+"""The hidden bench obeys closed-form physics, logs as a real one, and hides effects of the sizes it promises."""
+
+from __future__ import annotations
+
+import time
+
+import numpy as np
+import pytest
+
+from tests.plant import EFFECTS, LOADS, MAGNITUDES, NOISE_FLOOR, STRANGERS, Machine, hidden_bench, simulate
+from tests.plant.effects import GAP_IN_NOISE_FLOORS
+from tests.plant.physics import GRAVITY
+
+HARD_TO_SHOW = ("friction.presliding", "transmission.backlash", "contact.blocked", "drive.overload")
+NO_JAMS = np.zeros(0)
+FREE = Machine(gain=0.0, motor_constant=1e-9, coulomb=0.0, viscous=0.0, armature=0.0)
+
+
+def swing(machine: Machine, start: float, duration: float) -> np.ndarray:
+    return simulate(machine, np.zeros(1), np.array([start]), NO_JAMS, NO_JAMS, duration, 25.0)
+
+
+def test_a_free_pendulum_keeps_its_energy_and_period() -> None:
+    record = swing(FREE, 0.05, 10.0)
+    energy = 0.5 * FREE.link_inertia * record[:, 2] ** 2 + FREE.mass * GRAVITY * FREE.length * (
+        1 - np.cos(record[:, 1])
+    )
+    assert np.ptp(energy) < 1e-5 * energy[0]
+    rising = np.flatnonzero((record[:-1, 1] < 0) & (record[1:, 1] >= 0))
+    period = np.diff(record[rising, 0]).mean()
+    assert period == pytest.approx(2 * np.pi * np.sqrt(FREE.length / GRAVITY) * (1 + 0.05**2 / 16), rel=1e-4)
+
+
+def test_dry_friction_takes_a_fixed_angle_per_swing_and_then_holds() -> None:
+    machine = FREE._replace(coulomb=0.01, armature=0.02)
+    record = swing(machine, 0.2, 12.0)
+    loss = 2 * 0.01 / (machine.mass * GRAVITY * machine.length)
+    turning = np.flatnonzero(np.diff(np.sign(record[:, 2])) != 0)
+    heights = np.abs(record[turning, 1])
+    heights = heights[np.concatenate([[True], np.abs(np.diff(heights)) > 1e-3])][:4]
+    np.testing.assert_allclose(-np.diff(heights), loss, rtol=0.05)
+    assert record[-1, 2] == 0.0 and abs(record[-1, 1]) < loss / 2
+
+
+def test_steady_speed_of_the_motor_is_that_of_its_equations() -> None:
+    machine = Machine(gain=1e6, duty_limit=0.5, mass=0.0, encoder_ticks=0.0)
+    record = simulate(machine, np.zeros(2), np.array([0.0, 1e6]), NO_JAMS, NO_JAMS, 3.0, 25.0)
+    k, r = machine.motor_constant, machine.resistance
+    speed = (k * 0.5 * machine.volts / r - machine.coulomb) / (k * k / r + machine.viscous)
+    assert record[-1, 2] == pytest.approx(speed, rel=1e-4)
+
+
+def test_a_held_pose_is_where_gravity_and_firmware_balance() -> None:
+    machine = Machine(coulomb=0.0, encoder_ticks=0.0, command_delay=0.0)
+    record = simulate(machine, np.zeros(2), np.array([0.0, 0.8]), NO_JAMS, NO_JAMS, 5.0, 25.0)
+    q = record[-1, 1]
+    torque = machine.motor_constant * machine.gain * (0.8 - q) * machine.volts / machine.resistance
+    assert torque == pytest.approx(machine.mass * GRAVITY * machine.length * np.sin(q), rel=1e-4)
+
+
+def test_a_stiff_joint_moves_as_a_rigid_one_and_play_lets_the_link_move() -> None:
+    t = np.arange(0, 3, 0.005)
+    goal = 0.4 * np.sin(2 * np.pi * 0.7 * t)
+    rigid, stiff, loose = (
+        simulate(machine, t, goal, NO_JAMS, NO_JAMS, 3.0, 25.0)
+        for machine in (Machine(), Machine(joint_stiffness=5000.0, joint_damping=1.0), Machine(backlash=0.05))
+    )
+    assert np.sqrt(np.mean((rigid[:, 1] - stiff[:, 1]) ** 2)) < 1e-3
+    gap = loose[:, 1] - loose[:, 3]
+    assert 0.045 < np.ptp(gap) < 0.056
+
+
+def test_a_log_looks_like_that_of_a_real_bench() -> None:
+    data, truth = hidden_bench({}, 5)
+    assert len(data.runs) == 3
+    for run, angle in zip(data.runs, truth["clean_position"], strict=True):
+        log = run.joints["servo"]
+        assert run.duration == pytest.approx(24.0, abs=0.05)
+        assert 2e-4 < np.std(np.diff(run.time)) < 6e-4
+        assert np.sqrt(np.mean((log.position - angle) ** 2)) == pytest.approx(NOISE_FLOOR, rel=0.05)
+        assert log.current is not None
+        steps = log.current / 0.0065
+        np.testing.assert_allclose(steps, np.round(steps), atol=1e-6)
+
+
+def test_equal_seeds_give_equal_logs_and_others_do_not() -> None:
+    first, again, other = (hidden_bench({"friction.stribeck": "clear"}, seed)[0] for seed in (1, 1, 2))
+    np.testing.assert_array_equal(first.runs[0].joints["servo"].position, again.runs[0].joints["servo"].position)
+    assert not np.array_equal(first.runs[0].joints["servo"].position, other.runs[0].joints["servo"].position)
+
+
+def test_loads_and_nominal_errors_are_what_they_say() -> None:
+    data, truth = hidden_bench({"load.mass": "clear"}, 3, load=tuple(LOADS), nominal_error=0.05)
+    for run, machine, (mass, length, _) in zip(data.runs, truth["machines"], LOADS.values(), strict=True):
+        assert run.robot_params["mass"] == mass and run.robot_params["length"] == length
+        assert machine.mass == pytest.approx(mass * truth["effects"]["load.mass"]["value"])
+    assert all(abs(factor - 1) <= 0.05 for factor in truth["nominal_factors"].values())
+
+
+@pytest.mark.parametrize("name", [name for name in EFFECTS if name not in HARD_TO_SHOW])
+def test_effects_have_the_promised_size(name: str) -> None:
+    from tests.plant.calibrate import gap
+
+    effect = EFFECTS[name]
+    clear, moderate, faint = (gap(name, size, seeds=(0,)) for size in effect.sizes)
+    assert clear > 6.0 and 2.5 < moderate < 7.0 and 0.8 < faint < 2.6
+    assert clear > moderate > faint
+
+
+def test_effects_that_a_servo_can_hardly_show_still_order_by_size() -> None:
+    from tests.plant.calibrate import gap
+
+    for name in (*HARD_TO_SHOW, *STRANGERS):
+        clear, moderate, faint = (gap(name, size, seeds=(0,)) for size in (EFFECTS | STRANGERS)[name].sizes)
+        assert clear > moderate > faint > 0.5, name
+    assert set(GAP_IN_NOISE_FLOORS) == set(MAGNITUDES)
+
+
+def test_several_effects_hide_at_once_and_an_unknown_one_is_refused() -> None:
+    _, truth = hidden_bench({"drive.delay": 0.01, "friction.coulomb": {"coulomb_extra": 0.05}}, 0, runs=1, duration=6.0)
+    assert truth["effects"]["drive.delay"]["value"] == 0.01
+    with pytest.raises(KeyError, match="knows no effect"):
+        hidden_bench({"friction.magic": "clear"}, 0)
+
+
+def test_a_run_of_24_seconds_takes_a_fraction_of_a_second() -> None:
+    hidden_bench({}, 0, runs=1, duration=6.0)
+    start = time.perf_counter()
+    hidden_bench({}, 0, runs=1)
+    assert time.perf_counter() - start < 0.3

@@ -1,0 +1,234 @@
+"""Every check of a log finds the defect planted in a clean one, and is silent on clean logs."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from functools import cache
+
+import numpy as np
+import pytest
+from scipy.interpolate import make_smoothing_spline
+
+from gap.checks import Finding, check_run, check_set, merged, noise_floor, unusable
+from gap.log_types import JointLog, MeasuredRun, MeasuredSet
+from tests.plant import NOISE_FLOOR, hidden_bench
+
+JOINT = "servo"
+TICK = 2 * np.pi / 4096
+
+
+@cache
+def clean(seed: int = 0) -> MeasuredSet:
+    return hidden_bench({}, seed)[0]
+
+
+def with_log(run: MeasuredRun, **signals: np.ndarray | None) -> MeasuredRun:
+    return replace(run, joints={JOINT: replace(run.joints[JOINT], **signals)})
+
+
+def found(run: MeasuredRun, code: str) -> Finding:
+    findings = [finding for finding in check_run(run) if finding.code == code]
+    assert findings, f"{code} not among {[finding.code for finding in check_run(run)]}"
+    return findings[0]
+
+
+def signal(run: MeasuredRun, name: str) -> np.ndarray:
+    return run.joints[JOINT].signals()[name]
+
+
+@pytest.mark.parametrize("seed", range(4))
+def test_clean_logs_raise_no_error_and_no_warning(seed: int) -> None:
+    data = hidden_bench({}, seed, load=("light", "medium", "heavy"))[0]
+    assert [finding for finding in check_set(data) if finding.severity != "note"] == []
+    assert unusable(check_set(data), data) is None
+
+
+@pytest.mark.parametrize(
+    "effect", ["friction.coulomb", "friction.stribeck", "drive.supply_sag", "drive.delay", "transmission.backlash"]
+)
+def test_physics_is_not_mistaken_for_a_data_error(effect: str) -> None:
+    findings = check_set(hidden_bench({effect: "clear"}, 3)[0])
+    assert [finding for finding in findings if finding.data_error] == []
+
+
+def test_the_noise_floor_is_that_of_the_encoder() -> None:
+    for run in clean().runs:
+        assert noise_floor(run, JOINT) == pytest.approx(NOISE_FLOOR, rel=0.15)
+
+
+def test_degrees_are_recognised_in_all_columns_or_one() -> None:
+    run = clean().runs[1]
+    degrees = 180 / np.pi
+    both = with_log(run, goal=signal(run, "goal") * degrees, position=signal(run, "position") * degrees)
+    assert {finding.column for finding in check_run(both) if finding.code == "unit.degrees"} == {
+        "servo.goal",
+        "servo.position",
+    }
+    for name in ("goal", "position"):
+        one = with_log(run, **{name: signal(run, name) * degrees})
+        assert found(one, "unit.degrees").column == f"servo.{name}"
+        assert unusable(check_run(one), MeasuredSet((one,), "x")) is not None
+
+
+def test_small_motion_in_degrees_is_recognised_without_an_encoder_grid() -> None:
+    run = clean().runs[0]
+    rng = np.random.default_rng(0)
+    smooth = signal(run, "position") + rng.normal(0, 1e-4, len(run.time))
+    one = with_log(run, position=smooth * 180 / np.pi)
+    assert found(one, "unit.degrees").column == "servo.position"
+
+
+def test_a_wheel_that_turns_far_is_not_in_degrees() -> None:
+    time = np.arange(0, 20, 0.005)
+    angle = 4.0 * time + np.sin(time)
+    run = MeasuredRun("wheel", time, {JOINT: JointLog(angle + 0.01, np.round(angle / TICK) * TICK)})
+    assert "unit.degrees" not in {finding.code for finding in check_run(run)}
+
+
+@pytest.mark.parametrize(("ratio", "name"), [(180 / np.pi, "degrees per second"), (9.549, "revolutions per minute")])
+def test_a_velocity_in_another_unit_is_named(ratio: float, name: str) -> None:
+    run = clean().runs[0]
+    finding = found(with_log(run, velocity=signal(run, "velocity") * ratio), "unit.velocity")
+    assert name in finding.sentence
+
+
+def test_a_velocity_of_a_wrong_scale_is_measured() -> None:
+    run = clean().runs[0]
+    finding = found(with_log(run, velocity=0.93 * signal(run, "velocity")), "velocity.scale")
+    assert finding.value == pytest.approx(0.93, abs=0.01)
+    assert (finding.cause, finding.data_error) == ("sensor.scale", True)
+
+
+def test_a_late_velocity_is_measured() -> None:
+    run = clean().runs[0]
+    late = np.interp(run.time - 0.017, run.time, signal(run, "velocity"))
+    finding = found(with_log(run, velocity=late), "velocity.lag")
+    assert finding.value == pytest.approx(0.017, abs=0.0015)
+    assert finding.low is not None and finding.high is not None and finding.low < 0.0175 and finding.high > 0.0165
+    assert finding.cause == "sensor.delay"
+
+
+def test_a_velocity_against_the_motion_is_an_error() -> None:
+    run = clean().runs[0]
+    assert found(with_log(run, velocity=-signal(run, "velocity")), "velocity.sign").severity == "error"
+
+
+def test_a_position_against_its_goal_is_an_error() -> None:
+    run = clean().runs[0]
+    assert found(with_log(run, position=-signal(run, "position")), "position.sign").severity == "error"
+
+
+def torque_run(delay: float = 0.0, factor: float = 1.0) -> MeasuredRun:
+    """A run with the torque that the bench's true motion needs: m g l sin(q) + I q'' and some dry friction."""
+    data, truth = hidden_bench({}, 0)
+    run, q = data.runs[0], truth["clean_position"][0]
+    motion = make_smoothing_spline(run.time, q, lam=1e-9)
+    velocity, acceleration = motion.derivative(1)(run.time), motion.derivative(2)(run.time)
+    mass, length, arm = (run.robot_params[key] for key in ("mass", "length", "arm_mass"))
+    inertia = mass * length**2 + arm * length**2 / 3
+    torque = inertia * acceleration + 9.81 * length * (mass + arm / 2) * np.sin(q) + 0.05 * np.tanh(velocity / 0.1)
+    torque += np.random.default_rng(0).normal(0, 0.005, len(q))
+    return with_log(run, torque=factor * np.interp(run.time - delay, run.time, torque))
+
+
+def test_a_right_torque_column_raises_nothing() -> None:
+    assert [f for f in check_run(torque_run()) if f.column == "servo.torque"] == []
+
+
+@pytest.mark.parametrize(("delay", "code"), [(0.010, "torque.lag"), (-0.010, "torque.lead")])
+def test_a_torque_column_out_of_step_is_measured(delay: float, code: str) -> None:
+    finding = found(torque_run(delay=delay), code)
+    assert finding.value == pytest.approx(0.010, abs=0.002)
+    assert finding.cause == "sensor.delay"
+
+
+def test_a_torque_on_the_wrong_side_of_the_gear_is_named() -> None:
+    finding = found(torque_run(factor=1 / 6), "torque.gear_side")
+    assert finding.value == pytest.approx(1 / 6, rel=0.15)
+
+
+@pytest.mark.parametrize("name", ["current", "torque"])
+def test_an_unsigned_column_is_named(name: str) -> None:
+    run = clean().runs[0]
+    assert found(with_log(run, **{name: np.abs(signal(run, "current"))}), f"{name}.unsigned").data_error
+
+
+def test_an_encoder_that_wraps_is_named_with_its_range() -> None:
+    run = clean().runs[0]
+    turned = signal(run, "position") + 3.0
+    wrapped = (turned + np.pi) % (2 * np.pi) - np.pi
+    finding = found(with_log(run, position=wrapped), "position.wrap")
+    assert finding.value == pytest.approx(2 * np.pi, rel=0.01)
+
+
+def test_single_wrong_readings_are_not_called_a_wrap() -> None:
+    run = clean().runs[0]
+    position = signal(run, "position").copy()
+    position[[500, 1700, 3100]] += 3.0
+    assert found(with_log(run, position=position), "position.spikes").severity == "error"
+
+
+def test_a_supply_reading_that_aliases_the_pwm_is_named() -> None:
+    run = clean().runs[0]
+    ripple = np.random.default_rng(0).normal(0, 1, len(run.time)) * np.abs(signal(run, "duty"))
+    voltage = np.round((7.4 + 1.5 * ripple) * 10) / 10
+    assert found(with_log(run, voltage=voltage), "voltage.aliased").data_error
+
+
+def test_a_column_that_stops_updating_is_named() -> None:
+    run = clean().runs[0]
+    velocity = signal(run, "velocity").copy()
+    velocity[200:700] = velocity[200]
+    finding = found(with_log(run, velocity=velocity), "column.stuck")
+    assert finding.value == pytest.approx(2.5, abs=0.1)
+
+
+def test_a_joint_at_rest_makes_a_log_unusable() -> None:
+    run = clean().runs[0]
+    still = with_log(run, position=np.full_like(run.time, 0.3), velocity=np.zeros_like(run.time))
+    finding = found(still, "motion.none")
+    assert finding.severity == "error"
+    assert unusable(check_run(still), MeasuredSet((still,), "still")) is not None
+
+
+def test_a_goal_that_never_moves_is_noted() -> None:
+    run = clean().runs[0]
+    assert found(with_log(run, goal=np.zeros_like(run.time)), "goal.still").severity == "warning"
+
+
+def test_too_little_motion_is_noted() -> None:
+    run = clean().runs[0]
+    ramp = np.linspace(0.0, 0.8, len(run.time))
+    slow = with_log(run, goal=ramp, position=np.round(ramp / TICK) * TICK, velocity=None, duty=None, current=None)
+    assert "reverses" in found(slow, "excitation.little").sentence
+
+
+def test_saturation_and_a_switched_off_drive_are_noted() -> None:
+    run = clean().runs[0]
+    assert found(run, "duty.saturated").severity == "note"
+    enabled = (run.time < 12.0).astype(float)
+    assert found(with_log(run, enabled=enabled), "drive.off").value == pytest.approx(0.5, abs=0.01)
+
+
+def test_gaps_irregular_and_rounded_clocks_are_found() -> None:
+    run = clean().runs[0]
+    keep = (run.time < 5.0) | (run.time > 5.4)
+    log = run.joints[JOINT]
+    cut = {name: values[keep] for name, values in log.signals().items()}
+    gap = replace(run, time=run.time[keep], joints={JOINT: replace(log, **cut)})
+    assert found(gap, "clock.gaps").value == pytest.approx(0.4, abs=0.02)
+    shaky = np.cumsum(np.random.default_rng(0).uniform(0.002, 0.008, len(run.time)))
+    assert found(replace(run, time=shaky), "clock.irregular")
+    assert found(replace(run, time=np.arange(1, len(run.time) + 1) * 0.0053 // 0.001 * 0.001), "clock.quantised")
+
+
+def test_the_same_recording_twice_is_found() -> None:
+    run = clean().runs[0]
+    findings = check_set(MeasuredSet((run, replace(run, name="copy")), "twice"))
+    assert "set.duplicate" in {finding.code for finding in findings}
+
+
+def test_findings_of_many_runs_merge_to_one_per_column() -> None:
+    runs = tuple(with_log(run, velocity=0.9 * signal(run, "velocity")) for run in clean().runs)
+    findings = [f for f in merged(check_set(MeasuredSet(runs, "x"))) if f.code == "velocity.scale"]
+    assert len(findings) == 1 and "found in 3 runs" in findings[0].sentence

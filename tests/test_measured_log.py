@@ -1,0 +1,200 @@
+"""Measured logs are read as written, refused with one sentence where they are wrong, and never overwritten."""
+
+from __future__ import annotations
+
+import errno
+from pathlib import Path
+
+import numpy as np
+import pytest
+import yaml
+
+from gap import log_writer
+from gap.log import JointLog, LogError, MeasuredRun, iterate_runs, read_measured, write_run
+
+SIDECAR = {"robot": "bench", "robot_params": {"mass": 0.5, "length": 0.12}, "actuators": {"servo": "sts3215"}}
+
+
+def sine_run(name: str = "run", samples: int = 400) -> MeasuredRun:
+    rng = np.random.default_rng(1)
+    time = 3.0 + np.cumsum(rng.uniform(0.004, 0.006, samples))
+    velocity = np.cos(time)
+    velocity[5] = np.nan
+    return MeasuredRun(
+        name=name,
+        time=time,
+        joints={"servo": JointLog(goal=np.sin(time), position=np.sin(time - 0.1), velocity=velocity)},
+        base={"height": 0.1 * time},
+        robot_params={"mass": 0.5, "length": 0.12, "arm_mass": 0.0},
+        actuators={"servo": [{"position_p": {"gain": 5.3}}]},
+        meta={"group": "a", "operator": "me"},
+    )
+
+
+def write_table(folder: Path, text: str, sidecar: object = SIDECAR, name: str = "log.csv") -> Path:
+    path = folder / name
+    path.write_text(text)
+    if sidecar is not None:
+        path.with_suffix(".yaml").write_text(sidecar if isinstance(sidecar, str) else yaml.safe_dump(sidecar))
+    return path
+
+
+def table(columns: str = "time,servo.goal,servo.position", rows: int = 20) -> list[str]:
+    width = columns.count(",")
+    return [columns] + [",".join([f"{0.005 * i:.3f}"] + [f"{0.1 * i}"] * width) for i in range(rows)]
+
+
+@pytest.mark.parametrize("format", ["csv", "parquet"])
+def test_a_run_is_read_back_bit_for_bit(tmp_path: Path, format: str) -> None:
+    run = sine_run()
+    path = write_run(run, tmp_path, format)
+    back = read_measured(path).runs[0]
+    assert back.columns().keys() == run.columns().keys()
+    for name, values in run.columns().items():
+        np.testing.assert_array_equal(values, back.columns()[name])
+    assert (back.robot_params, back.actuators, back.meta) == (run.robot_params, run.actuators, run.meta)
+
+
+def test_a_folder_is_one_data_set_and_its_log_yaml_holds_for_all(tmp_path: Path) -> None:
+    for name in ("b", "a"):
+        write_table(tmp_path, "\n".join(table()), {"robot_params": {"mass": 0.7}}, f"{name}.csv")
+    (tmp_path / "log.yaml").write_text(yaml.safe_dump(SIDECAR))
+    data = read_measured(tmp_path)
+    assert [run.name for run in data.runs] == ["a", "b"]
+    assert data.name == tmp_path.name
+    assert data.runs[0].robot_params == {"mass": 0.7, "length": 0.12}
+
+
+def test_a_torque_driven_log_needs_no_goal(tmp_path: Path) -> None:
+    path = write_table(tmp_path, "\n".join(table("time,servo.position,servo.torque")))
+    assert read_measured(path).runs[0].joints["servo"].goal is None
+
+
+def test_a_long_log_is_read_in_pieces_that_make_the_whole(tmp_path: Path) -> None:
+    run = sine_run(samples=1001)
+    path = write_run(run, tmp_path)
+    pieces = list(iterate_runs(path, rows=250))
+    assert max(len(piece.time) for piece in pieces) <= 251
+    np.testing.assert_array_equal(np.concatenate([piece.time for piece in pieces]), run.time)
+
+
+def swapped(rows: list[str], row: int, text: str) -> list[str]:
+    return [*rows[:row], text, *rows[row + 1 :]]
+
+
+BAD_TABLES = {
+    "missing position": (table("time,servo.goal"), "'servo.position'"),
+    "missing goal": (table("time,servo.position"), "'servo.goal'"),
+    "missing time": (table("t,servo.goal,servo.position"), "'t'"),
+    "unknown column": (table("time,servo.goal,servo.position,servo.velocty"), "did you mean 'servo.velocity'"),
+    "column twice": (table("time,servo.goal,servo.position,servo.goal"), "twice"),
+    "time backwards": (swapped(table(), 9, "0.001,0,0"), "backwards in row 9"),
+    "time repeated": (swapped(table(), 9, "0.035,0,0"), "repeats in row 9"),
+    "NaN in goal": (swapped(table(), 5, "0.020,nan,0"), "'servo.goal' has no value (NaN) in row 5"),
+    "empty position": (swapped(table(), 5, "0.020,0,"), "'servo.position' has no value (NaN) in row 5"),
+    "infinite": (swapped(table(), 5, "0.020,0,inf"), "infinite in row 5"),
+    "text": (swapped(table(), 5, "0.020,zero,0"), "column 'servo.goal', row 5: 'zero' is not a number"),
+    "short row": (swapped(table(), 5, "0.020,0"), "row 5 has 2 values for 3 columns"),
+    "one sample": (table(rows=1), "has 1 sample"),
+    "no sample": (table(rows=0), "has no samples"),
+    "empty": ([], "is empty"),
+    "semicolons": ([row.replace(",", ";") for row in table()], "separates columns by ;"),
+    "milliseconds": (
+        ["time,servo.goal,servo.position"] + [f"{5 * i},{i},{i}" for i in range(20)],
+        "convert it to seconds",
+    ),
+    "mixed rates": (
+        ["time,servo.goal,servo.position"]
+        + [f"{0.005 * i if i < 100 else 0.5 + 0.1 * (i - 100):.3f},0,0" for i in range(200)],
+        "split it into one file per rate",
+    ),
+}
+
+
+@pytest.mark.parametrize("case", BAD_TABLES)
+def test_a_wrong_table_is_refused_with_one_sentence(tmp_path: Path, case: str) -> None:
+    rows, expected = BAD_TABLES[case]
+    path = write_table(tmp_path, "\n".join(rows))
+    with pytest.raises(LogError) as error:
+        read_measured(path)
+    assert expected in str(error.value)
+    assert str(path) in str(error.value) and "\n" not in str(error.value)
+
+
+BAD_SIDECARS = {
+    "missing": (None, "sidecar log.yaml is missing"),
+    "unknown key": (SIDECAR | {"actuator": {}}, "did you mean 'actuators'"),
+    "bad YAML": ("robot: bench\n  mass: [1,", "not valid YAML at line 2"),
+    "no mapping": ("just text", "must be a mapping"),
+    "no robot": ({"actuators": {"servo": "sts3215"}}, "robot"),
+    "unit in a number": (SIDECAR | {"robot_params": {"mass": "0.5 kg"}}, "robot_params.mass must be a finite number"),
+    "wrong joint": (SIDECAR | {"actuators": {"sevro": "sts3215"}}, "did you mean 'servo'"),
+    "no actuator": ({"robot": "bench"}, "has no entry under actuators"),
+}
+
+
+@pytest.mark.parametrize("case", BAD_SIDECARS)
+def test_a_wrong_sidecar_is_refused_with_one_sentence(tmp_path: Path, case: str) -> None:
+    sidecar, expected = BAD_SIDECARS[case]
+    path = write_table(tmp_path, "\n".join(table()), sidecar)
+    with pytest.raises(LogError) as error:
+        read_measured(path)
+    assert expected in str(error.value) and "\n" not in str(error.value)
+
+
+@pytest.mark.parametrize("name", ["log.csv", "log.parquet"])
+def test_binary_garbage_is_refused_with_one_sentence(tmp_path: Path, name: str) -> None:
+    path = write_table(tmp_path, "", name=name)
+    path.write_bytes(np.random.default_rng(0).bytes(5000))
+    with pytest.raises(LogError, match=r"CSV|Parquet"):
+        read_measured(path)
+
+
+def test_a_truncated_parquet_file_is_refused_with_one_sentence(tmp_path: Path) -> None:
+    path = write_run(sine_run(), tmp_path, "parquet")
+    path.write_bytes(path.read_bytes()[:-200])
+    with pytest.raises(LogError, match="damaged"):
+        read_measured(path)
+
+
+def test_nothing_is_read_where_nothing_is(tmp_path: Path) -> None:
+    with pytest.raises(LogError, match="no such file"):
+        read_measured(tmp_path / "absent.csv")
+    with pytest.raises(LogError, match="no measured log"):
+        read_measured(tmp_path)
+
+
+def test_robots_do_not_mix_in_a_data_set(tmp_path: Path) -> None:
+    write_table(tmp_path, "\n".join(table()), name="a.csv")
+    write_table(tmp_path, "\n".join(table()), SIDECAR | {"robot": "hopper"}, name="b.csv")
+    with pytest.raises(LogError, match="one machine per folder"):
+        read_measured(tmp_path)
+
+
+@pytest.mark.parametrize("format", ["csv", "parquet"])
+def test_a_recording_is_never_overwritten(tmp_path: Path, format: str) -> None:
+    path = write_run(sine_run(), tmp_path, "csv")
+    before = path.read_bytes()
+    with pytest.raises(LogError, match="never overwritten"):
+        write_run(sine_run(samples=50), tmp_path, format)
+    assert path.read_bytes() == before
+    assert sorted(file.name for file in tmp_path.iterdir()) == ["run.csv", "run.yaml"]
+
+
+def test_a_full_disk_leaves_earlier_files_and_no_half_ones(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    write_run(sine_run("first"), tmp_path)
+    before = {file.name: file.read_bytes() for file in tmp_path.iterdir()}
+
+    def full(_: int) -> None:
+        raise OSError(errno.ENOSPC, "No space left on device")
+
+    monkeypatch.setattr(log_writer.os, "fsync", full)
+    with pytest.raises(LogError, match="disk is full") as error:
+        write_run(sine_run("second"), tmp_path)
+    assert "\n" not in str(error.value)
+    assert {file.name: file.read_bytes() for file in tmp_path.iterdir()} == before
+
+
+def test_a_run_name_cannot_leave_its_folder(tmp_path: Path) -> None:
+    with pytest.raises(LogError, match="plain file name"):
+        write_run(sine_run("../escape"), tmp_path / "logs")
