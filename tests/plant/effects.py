@@ -1,7 +1,7 @@
 """What the hidden bench can hide: cause names, what each changes, and how much is clear, moderate or faint.
 
 A magnitude moves the measured position by about 11, 4.5 and 1.6 times the noise floor (rms over the default runs with
-the medium load); ``python -m tests.plant.calibrate`` prints them. Four effects whose size depends on the seed, or which a
+the medium load); ``python -m tests.plant.calibrate`` prints them. Four whose size depends on the seed, or which a
 servo cannot show that strongly, are set by hand: ``friction.presliding``, ``transmission.backlash`` (clear),
 ``drive.overload`` and ``contact.blocked``. For scale: nominal parameters wrong by up to 5 % alone move it by 4 to 5.5
 noise floors.
