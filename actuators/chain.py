@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -34,10 +35,22 @@ from actuators.stages.net import Net
 CHECKOUT = Path(__file__).resolve().parent.parent
 LIBRARY = CHECKOUT / "configs" / "actuator"
 ORDER = (
-    "delay scale offset rate_limit dead_band position_p position_pd position_pi ideal net minimum_duty duty_limit regression supply "
-    "current_limit dc_motor torque_limit gear friction spring compliance backlash encoder"
-).split()
-"""Where :meth:`Chain.with_stage` puts a stage that a chain does not have yet: the order in which a command passes through."""
+    *(
+        "delay",
+        "scale",
+        "offset",
+        "rate_limit",
+        "dead_band",
+        "position_p",
+        "position_pd",
+        "position_pi",
+        "ideal",
+        "net",
+    ),
+    *("minimum_duty", "duty_limit", "regression", "supply", "current_limit", "dc_motor", "torque_limit"),
+    *("gear", "friction", "spring", "compliance", "backlash", "encoder"),
+)
+"""The order in which a command passes through; :meth:`Chain.with_stage` puts a new stage where it stands here."""
 
 LAST = ("friction", "spring", "compliance", "backlash", "encoder")  # only in this order, at the end
 
@@ -59,16 +72,16 @@ class Chain:
         for stage in self.stages:
             if quantity not in stage.takes:
                 raise ChainError(
-                    f"{self.label}: stage '{stage.name}' takes {' or '.join(stage.takes)}, but {before} gives {quantity}; "
-                    f"put it where it belongs in the order {' > '.join(name for name in ORDER if self.find(name))}."
+                    f"{self.label}: stage '{stage.name}' takes {' or '.join(stage.takes)}, "
+                    f"but {before} gives {quantity}; {self._remedy()}."
                 )
             if stage.gives is not None:
                 quantity = stage.gives
             before = f"'{stage.name}' before it"
         if quantity != Quantity.TORQUE:
             raise ChainError(
-                f"{self.label}: the chain ends in {quantity}, not in a torque; add a motor ('dc_motor' behind a 'supply', 'regression', "
-                "'ideal' or 'net')."
+                f"{self.label}: the chain ends in {quantity}, not in a torque; "
+                "add a motor ('dc_motor' behind a 'supply', 'regression', 'ideal' or 'net')."
             )
         names = [stage.name for stage in self.stages]
         for name in set(names):
@@ -77,14 +90,27 @@ class Chain:
         ends = [name for name in names if name in LAST]
         if ends != sorted(ends, key=LAST.index) or names[len(names) - len(ends) :] != ends:
             raise ChainError(
-                f"{self.label}: the chain must end in the order {' > '.join(LAST)}, as far as it has them, not {' > '.join(names)}."
+                f"{self.label}: the chain must end in the order {' > '.join(LAST)}, as far as it has them, "
+                f"not {' > '.join(names)}."
             )
         if "gear" in names and names[names.index("gear") - 1] not in ("dc_motor", "regression", "torque_limit"):
             raise ChainError(f"{self.label}: 'gear' must stand directly behind its motor ('dc_motor' or 'regression').")
         if "spring" in names and "compliance" in names:
-            raise ChainError(f"{self.label}: a chain has either a 'spring' or a 'compliance', which are the same element.")
+            raise ChainError(
+                f"{self.label}: a chain has a 'spring' or a 'compliance', not both: they are the same element."
+            )
         for stage in self.stages:
             stage.law_parameters(self)
+
+    def _remedy(self) -> str:
+        """What to do about stages that do not fit: another order, or a stage that misses."""
+        order = [name for name in ORDER if self.find(name)]
+        if order != [stage.name for stage in self.stages]:
+            return f"put it where it belongs in the order {' > '.join(order)}"
+        return (
+            "a position goal becomes a duty in 'position_p', 'position_pd' or 'position_pi', a duty a voltage "
+            "in 'supply', a voltage a torque in 'dc_motor'; add what misses"
+        )
 
     # --- reading -----------------------------------------------------------------------------------------------
 
@@ -160,8 +186,8 @@ class Chain:
 
     def to_yaml(self) -> str:
         """The chain as YAML text, one stage a line."""
-        rows = [yaml.safe_dump(row, default_flow_style=True, width=1000, sort_keys=False).strip()[1:-1] for row in self.to_list()]
-        return "".join(f"- {row}\n" for row in rows)
+        rows = [yaml.safe_dump(row, default_flow_style=True, width=1000, sort_keys=False) for row in self.to_list()]
+        return "".join(f"- {row.strip()[1:-1]}\n" for row in rows)
 
     def program(self) -> np.ndarray:
         """The chain as its law reads it (see :mod:`actuators.layout`), for a coordinate of one joint at addresses 0."""
@@ -201,7 +227,7 @@ def names() -> list[str]:
     return sorted(path.stem for path in LIBRARY.glob("*.yaml"))
 
 
-def load_chain(source: str | Path | list | Chain) -> Chain:
+def load_chain(source: str | Path | Sequence[Any] | Chain) -> Chain:
     """A chain from its name in ``configs/actuator``, the path of a YAML file, or its stages as a list.
 
     Raises:
@@ -209,19 +235,25 @@ def load_chain(source: str | Path | list | Chain) -> Chain:
     """
     if isinstance(source, Chain):
         return source
-    if isinstance(source, list | tuple):
-        return _build(list(source), "inline chain", None)
+    if isinstance(source, Sequence) and not isinstance(source, str):
+        return _build(source, "inline chain", None)
+    if not isinstance(source, str | Path):
+        raise ChainError(f"an actuator is a name, the path of a YAML file or a list of stages, not {source!r}.")
     path = Path(source)
     if path.suffix not in (".yaml", ".yml"):
+        if path.is_file():
+            raise ChainError(f"the actuator {path} is no YAML file; give it the ending .yaml.")
         path = LIBRARY / f"{source}.yaml"
         if not path.is_file():
             raise ChainError(
-                f"there is no actuator '{source}'{nearest(str(source), names())}; give one of {', '.join(names())} or the path of a YAML file."
+                f"there is no actuator '{source}'{nearest(str(source), names())}; "
+                f"give one of {', '.join(names())} or the path of a YAML file."
             )
     try:
         document = yaml.safe_load(path.read_text(encoding="utf-8"))
     except (OSError, UnicodeDecodeError) as error:
-        raise ChainError(f"cannot read the actuator {path}: {getattr(error, 'strerror', None) or error}.") from None
+        reason = getattr(error, "strerror", None) or error
+        raise ChainError(f"cannot read the actuator {path}: {reason}.") from None
     except yaml.YAMLError as error:
         mark = getattr(error, "problem_mark", None)
         where = f" in line {mark.line + 1}" if mark else ""
@@ -230,17 +262,17 @@ def load_chain(source: str | Path | list | Chain) -> Chain:
 
 
 def _build(document: Any, label: str, path: Path | None) -> Chain:
-    if not isinstance(document, list) or not document:
+    if isinstance(document, str) or not isinstance(document, Sequence) or not document:
         raise ChainError(f"{label}: a chain is a list of stages, such as '- delay: {{seconds: 0.005}}'.")
     stages = []
     for number, entry in enumerate(document, 1):
         where = f"{label}, stage {number}"
         if isinstance(entry, str):
             entry = {entry: {}}
-        if not isinstance(entry, dict) or len(entry) != 1:
+        if not isinstance(entry, Mapping) or len(entry) != 1:
             raise ChainError(f"{where}: expected one 'name: {{parameters}}', found {entry!r}.")
         ((name, parameters),) = entry.items()
-        if name == Net.name and isinstance(parameters, dict) and isinstance(parameters.get("file"), str):
+        if name == Net.name and isinstance(parameters, Mapping) and isinstance(parameters.get("file"), str):
             parameters = {**parameters, "file": _net_path(parameters["file"], path)}
         stages.append(build_stage(str(name), parameters, where))
     short = path.stem if path is not None else label

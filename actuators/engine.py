@@ -1,24 +1,29 @@
 """Runs the laws inside MuJoCo, through its callback for the bias of user-defined actuators.
 
-Actuators of ours have ``biastype="user"`` and a program that starts with a magic number. The engine calls the law for them wherever it
-computes actuator forces: in every Runge-Kutta stage, on every thread of a ``mujoco.batch.Batch``, with no Python between. Models
-without such actuators never reach this code; user-defined actuators of others are passed on to the callback that was installed before.
+Actuators of ours have ``biastype="user"`` and a program that starts with a magic number. The engine calls the law for
+them wherever it computes actuator forces: in every Runge-Kutta stage, on every thread of a ``mujoco.batch.Batch``, with
+no Python between. Models without such actuators never reach this code; user-defined actuators of others are passed on
+to the callback that was installed before, compiled or Python.
 """
 
 from __future__ import annotations
 
 import ctypes
 import functools
+import threading
+from pathlib import Path
 from typing import Any
 
 import mujoco
 import numba
 import numpy as np
 from llvmlite import ir
-from numba import types
+from numba import carray, types  # pyright: ignore[reportPrivateImportUsage]
 from numba.extending import intrinsic
 
-from actuators.law import FIRST, RESTART, advance, begin, torque
+from actuators.compiled import compiled
+from actuators.errors import SealegsError
+from actuators.law import FIRST, LATER, RESTART, advance, begin, torque
 from actuators.law import runge_kutta_stage as stage_of
 from actuators.layout import (
     MAGIC,
@@ -28,15 +33,16 @@ from actuators.layout import (
     P_FRICTION_KIND,
     P_LENGTH,
     P_QPOS,
+    P_SCALE,
     P_STATE_ADDRESS,
     P_STATE_SIZE,
     P_TERMS,
     S_LIMIT,
+    S_SPEED,
 )
 from actuators.structs import check_layout, offset
 
 SIGNATURE = types.float64(types.intp, types.intp, types.intc)
-CALLBACK = ctypes.CFUNCTYPE(ctypes.c_double, ctypes.c_void_p, ctypes.c_void_p, ctypes.c_int)
 
 
 def _loader(llvm_type: Any, numba_type: Any) -> Any:
@@ -50,19 +56,36 @@ def _loader(llvm_type: Any, numba_type: Any) -> Any:
     return load
 
 
+def _bias_caller() -> Any:
+    @intrinsic
+    def call(typingctx, function, model, data, actuator):  # type: ignore[no-untyped-def]
+        def codegen(context, builder, signature, args):  # type: ignore[no-untyped-def]
+            word = ir.IntType(64)
+            kind = ir.FunctionType(ir.DoubleType(), [word, word, ir.IntType(32)])
+            return builder.call(builder.inttoptr(args[0], kind.as_pointer()), args[1:])
+
+        return types.float64(types.intp, types.intp, types.intp, types.int32), codegen
+
+    return call
+
+
+def _pointer_maker() -> Any:
+    @intrinsic
+    def pointer(typingctx, address):  # type: ignore[no-untyped-def]
+        def codegen(context, builder, signature, args):  # type: ignore[no-untyped-def]
+            return builder.inttoptr(args[0], ir.DoubleType().as_pointer())
+
+        return types.CPointer(types.float64)(types.intp), codegen
+
+    return pointer
+
+
+# what numba lacks: reading at an address, an address as a double*, and a call of the C function (mjfAct) at an address
 load_int = _loader(ir.IntType(32), types.int32)
 load_double = _loader(ir.DoubleType(), types.float64)
 load_address = _loader(ir.IntType(64), types.intp)
-
-
-@intrinsic
-def doubles(typingctx, address):  # type: ignore[no-untyped-def]
-    """The address as a ``double*``."""
-
-    def codegen(context, builder, signature, args):  # type: ignore[no-untyped-def]
-        return builder.inttoptr(args[0], ir.DoubleType().as_pointer())
-
-    return types.CPointer(types.float64)(types.intp), codegen
+doubles = _pointer_maker()
+call_bias = _bias_caller()
 
 
 @functools.cache
@@ -73,15 +96,48 @@ def compiled_law() -> Any:
     integrator = offset("mjModel", "opt") + offset("mjOption", "integrator")
     runge_kutta = int(mujoco.mjtIntegrator.mjINT_RK4)
     at_time, at_qpos, at_qvel = offset("mjData", "time"), offset("mjData", "qpos"), offset("mjData", "qvel")
-    at_ctrl, at_user = offset("mjData", "ctrl"), offset("mjData", "userdata")
+    at_ctrl, at_user, at_qacc = offset("mjData", "ctrl"), offset("mjData", "userdata"), offset("mjData", "qacc")
     at_spring, at_applied, at_bias = (offset("mjData", f"qfrc_{name}") for name in ("spring", "applied", "bias"))
-    at_equalities, at_frictions = offset("mjData", "ne"), offset("mjData", "nf")
+    at_constraint = offset("mjData", "qfrc_constraint")
+    at_equalities, at_frictions, at_rows = (offset("mjData", name) for name in ("ne", "nf", "nefc"))
     at_row_type, at_row_id, at_row_limit = (offset("mjData", f"efc_{name}") for name in ("type", "id", "frictionloss"))
+    at_row_gains, at_row_stiffness = offset("mjData", "efc_KBIP"), offset("mjData", "efc_D")
     at_islands, at_island_row = offset("mjData", "nisland"), offset("mjData", "map_efc2iefc")
     at_island_limit = offset("mjData", "iefc_frictionloss")
-    joint_row, tendon_row = int(mujoco.mjtConstraint.mjCNSTR_FRICTION_DOF), int(mujoco.mjtConstraint.mjCNSTR_FRICTION_TENDON)
+    joint_row = int(mujoco.mjtConstraint.mjCNSTR_FRICTION_DOF)
+    tendon_row = int(mujoco.mjtConstraint.mjCNSTR_FRICTION_TENDON)
 
-    @numba.cfunc(SIGNATURE, cache=True)
+    @compiled()
+    def friction_row(p, data):  # type: ignore[no-untyped-def]
+        """Constraint row of the coordinate's dry friction, or -1."""
+        row_type, row_id = load_address(data + at_row_type), load_address(data + at_row_id)
+        wanted_type = joint_row if p[P_FRICTION_KIND] == 1.0 else tendon_row
+        wanted_id = int(p[P_FRICTION_ID])
+        start = load_int(data + at_equalities)
+        for row in range(start, start + load_int(data + at_frictions)):
+            if load_int(row_id + 4 * row) == wanted_id and load_int(row_type + 4 * row) == wanted_type:
+                return row
+        return -1
+
+    @compiled()
+    def reaction(p, s, data, row):  # type: ignore[no-untyped-def]
+        """Torque of contacts, limits and couplings on the coordinate, as of the latest evaluation [N.m].
+
+        The engine has solved for the sum of all constraint forces. What dry friction has in it follows from its row's
+        own law, so the rest is what the gearbox had to carry.
+        """
+        qacc, constraint = doubles(load_address(data + at_qacc)), doubles(load_address(data + at_constraint))
+        total, acceleration = 0.0, 0.0
+        for k in range(int(p[P_TERMS])):
+            dof = int(p[P_DOF + k])
+            acceleration += p[P_COEFFICIENT + k] * qacc[dof]
+            total = constraint[dof] / p[P_COEFFICIENT + k]
+        damping = doubles(load_address(data + at_row_gains))[4 * row + 1]
+        friction = -(acceleration + damping * s[S_SPEED] / p[P_SCALE])
+        friction *= doubles(load_address(data + at_row_stiffness))[row]
+        return total - min(max(friction, -s[S_LIMIT]), s[S_LIMIT])
+
+    @numba.cfunc(SIGNATURE, cache=True, error_model="numpy")
     def bias(model, data, actuator):  # type: ignore[no-untyped-def]
         width = load_int(model + model_user_size)
         if width == 0:
@@ -89,8 +145,8 @@ def compiled_law() -> Any:
         address = load_address(model + model_user) + 8 * width * actuator
         if load_double(address) != MAGIC:
             return 0.0
-        p = numba.carray(doubles(address), int(load_double(address + 8 * P_LENGTH)))
-        s = numba.carray(
+        p = carray(doubles(address), int(load_double(address + 8 * P_LENGTH)))
+        s = carray(
             doubles(load_address(data + at_user) + 8 * int(p[P_STATE_ADDRESS])),
             int(p[P_STATE_SIZE]),
         )
@@ -106,74 +162,86 @@ def compiled_law() -> Any:
             external = (spring[dof] + applied[dof] - gravity[dof]) / c
         time = load_double(data + at_time)
         goal = doubles(load_address(data + at_ctrl))[actuator]
-        stages = 4 if load_int(model + integrator) == runge_kutta else 1
-        stage = stage_of(s, time, stages)
+        stage = stage_of(s, time, 4 if load_int(model + integrator) == runge_kutta else 1)
+        row = friction_row(p, data) if p[P_FRICTION_KIND] > 0.0 else -1
+        if row >= 0 and stage != RESTART and load_int(data + at_rows) > load_int(data + at_frictions):
+            external += reaction(p, s, data, row)
         if stage == RESTART:
             begin(p, s, time, goal, q, w)
         elif stage == FIRST:
             advance(p, s, time)
-        force = torque(p, s, time, goal, q, w, external, stage == FIRST or stage == RESTART)
-        if p[P_FRICTION_KIND] > 0.0:
-            row_type, row_id = load_address(data + at_row_type), load_address(data + at_row_id)
-            wanted_type = joint_row if p[P_FRICTION_KIND] == 1.0 else tendon_row
-            wanted_id = int(p[P_FRICTION_ID])
-            start = load_int(data + at_equalities)
-            for row in range(start, start + load_int(data + at_frictions)):
-                if load_int(row_id + 4 * row) == wanted_id and load_int(row_type + 4 * row) == wanted_type:
-                    doubles(load_address(data + at_row_limit))[row] = s[S_LIMIT]
-                    if load_int(data + at_islands) > 0:  # the solver then reads a copy sorted by island, made before this call
-                        island_row = load_int(load_address(data + at_island_row) + 4 * row)
-                        doubles(load_address(data + at_island_limit))[island_row] = s[S_LIMIT]
-                    break
+        force = torque(p, s, time, goal, q, w, external, stage != LATER)
+        if row >= 0:
+            doubles(load_address(data + at_row_limit))[row] = s[S_LIMIT]
+            if load_int(data + at_islands) > 0:  # the solver then reads a copy sorted by island, made before this call
+                island_row = load_int(load_address(data + at_island_row) + 4 * row)
+                doubles(load_address(data + at_island_limit))[island_row] = s[S_LIMIT]
         return force
 
     return bias
 
 
 class _Installed:
-    """What keeps the callback alive: the C function, and whatever was installed before it."""
+    """What must live as long as the process: the C functions that MuJoCo holds pointers to."""
 
-    ours: Any = None
-    address: int = 0
-    foreign: Any = None
+    lock = threading.Lock()
+    addresses: frozenset[int] = frozenset()
+    kept: tuple[Any, ...] = ()
 
 
 def install() -> None:
-    """Install the law as MuJoCo's actuator bias callback, once a process; another owner's callback still gets its own actuators."""
-    current = mujoco.get_mjcb_act_bias()
-    if _Installed.ours is not None and current is _Installed.ours:
-        return
-    law = compiled_law()
-    if current is None:
-        _Installed.foreign = None
-        _Installed.ours = CALLBACK(law.address)
-    else:
-        _Installed.foreign = current
-        _Installed.ours = _forwarding(law, current)
-    mujoco.set_mjcb_act_bias(_Installed.ours)
+    """Install the law as MuJoCo's actuator bias callback.
+
+    Another owner's callback, C or Python, still gets its own actuators.
+    Call it again after a library has set ``mjcb_act_bias`` for itself (:class:`~actuators.drivetrain.Drivetrain` does):
+    a callback set later takes our place, and MuJoCo then computes no torque for our actuators.
+    """
+    with _Installed.lock:
+        slot = _callback_slot()
+        current = slot.value or 0
+        if current in _Installed.addresses:
+            return
+        function = compiled_law() if current == 0 else _router(compiled_law().address, current)
+        _Installed.kept = (*_Installed.kept, function)
+        _Installed.addresses = _Installed.addresses | {function.address}
+        slot.value = function.address
 
 
-def _forwarding(law: Any, foreign: Any) -> Any:
-    """A callback that asks the program's magic number whom an actuator belongs to."""
-    user, size = offset("mjModel", "actuator_user"), offset("mjModel", "nuser_actuator")
-    call_law = CALLBACK(law.address)
-    # a ctypes callback is given addresses; a Python callback wants MuJoCo's objects, which only MuJoCo can make
-    if not isinstance(foreign, ctypes._CFuncPtr):  # type: ignore[attr-defined]
-        from actuators.errors import SealegsError
+def installed() -> bool:
+    """Whether MuJoCo calls our law now."""
+    return (_callback_slot().value or 0) in _Installed.addresses
 
-        raise SealegsError(
-            "another library has installed a Python function as mjcb_act_bias; install it as a C function, or after "
-            "mujoco.set_mjcb_act_bias(None), so that both can run."
-        )
-    call_foreign = CALLBACK(ctypes.cast(foreign, ctypes.c_void_p).value or 0)
 
-    def route(model: int, data: int, actuator: int) -> float:
-        width = ctypes.c_int.from_address(model + size).value
-        base = ctypes.c_size_t.from_address(model + user).value
-        ours = width > 0 and ctypes.c_double.from_address(base + 8 * width * actuator).value == MAGIC
-        return (call_law if ours else call_foreign)(model, data, actuator)
+@functools.cache
+def _callback_slot() -> ctypes.c_void_p:
+    """The C variable ``mjcb_act_bias`` itself.
 
-    return CALLBACK(route)
+    Not ``mujoco.set_mjcb_act_bias``: that would make a Python callback of another library unreachable, which MuJoCo
+    calls through a C function of its own.
+    """
+    for pattern in ("libmujoco*", "mujoco*.dll"):
+        for path in Path(mujoco.__file__).parent.glob(pattern):
+            try:
+                return ctypes.c_void_p.in_dll(ctypes.CDLL(str(path)), "mjcb_act_bias")
+            except (OSError, ValueError):
+                continue
+    raise SealegsError(
+        f"this MuJoCo ({mujoco.__version__}) shows no callback for actuators; install the version in constraints.txt."
+    )
+
+
+def _router(ours: int, foreign: int) -> Any:
+    """A C function that asks the program's magic number whom an actuator belongs to."""
+    model_user, model_user_size = offset("mjModel", "actuator_user"), offset("mjModel", "nuser_actuator")
+
+    @numba.cfunc(SIGNATURE)  # not cached: the addresses are those of this process
+    def route(model, data, actuator):  # type: ignore[no-untyped-def]
+        width = load_int(model + model_user_size)
+        if width > 0 and load_double(load_address(model + model_user) + 8 * width * actuator) == MAGIC:
+            return call_bias(ours, model, data, actuator)
+        return call_bias(foreign, model, data, actuator)
+
+    return route
 
 
 def program_of(model: mujoco.MjModel, actuator: int) -> np.ndarray:

@@ -1,13 +1,12 @@
 """The law of a chain: its stages' laws in order, as one compiled scalar function.
 
-It is the same function for the engine (:mod:`actuators.engine`), for replays without an engine (``gap/``) and for tests. A chain is
-data to it (see :mod:`actuators.layout`), so no chain has to be compiled for itself.
+It is the same function for the engine (:mod:`actuators.engine`), for replays without an engine (``gap/``) and for
+tests. A chain is data to it (see :mod:`actuators.layout`), so no chain has to be compiled for itself.
 """
 
 from __future__ import annotations
 
-import numba
-
+from actuators.compiled import compiled
 from actuators.layout import (
     P_HEADER,
     P_LATENCY,
@@ -33,22 +32,23 @@ from actuators.stages.power import at_least, current_limited_voltage, supplied_v
 from actuators.stages.sensor import encoder_reading, late_position, record_latency, start_latency
 from actuators.stages.transmission import friction_limit
 
-FIRST, LATER, RESTART = 0, 1, 2
+FIRST, LATER, RESTART, REPEAT = 0, 1, 2, 3
 
 
-@numba.njit(cache=True)
+@compiled()
 def runge_kutta_stage(s, time, stages):
-    """Which evaluation of a physics step this is: FIRST of a new step, LATER in a step (or again), RESTART after a reset.
+    """Which evaluation of a physics step this is; the engine does not say.
 
-    The engine does not say. With ``stages`` evaluations a step, an evaluation at the time of the step's start repeats its first; after the
-    last one, any other time starts the next step.
+    Returns:
+        FIRST of a new step, REPEAT of that first one at the same time (as ``mj_forward`` before ``mj_step``), LATER in
+        a step of several ``stages``, or RESTART after a reset.
     """
     if s[S_READY] == 0.0 or time < s[S_TIME] - 1e-12:
         s[S_STAGE] = 0.0
         return RESTART
     if abs(time - s[S_TIME]) < 1e-12:
         s[S_STAGE] = 0.0
-        return LATER
+        return REPEAT
     if s[S_STAGE] >= stages - 1:
         s[S_STAGE] = 0.0
         return FIRST
@@ -56,7 +56,7 @@ def runge_kutta_stage(s, time, stages):
     return LATER
 
 
-@numba.njit(cache=True)
+@compiled()
 def begin(p, s, time, goal, q, w):
     """Start the memory of a chain at rest: goal and position have always been what they are now."""
     for k in range(S_STAGE, int(p[P_STATE_SIZE])):
@@ -81,13 +81,16 @@ def begin(p, s, time, goal, q, w):
         elif op == 5:
             goal *= p[i]
         elif op == 50:
-            start_net(p, i, s, m)
+            start_net(p, i, s, m, goal)
         at += int(p[at + 1])
 
 
-@numba.njit(cache=True)
+@compiled()
 def advance(p, s, time):
-    """Carry the memory of a chain over the physics step that ends at ``time``. What must see the new motion follows in ``torque``."""
+    """Carry the memory of a chain over the physics step that ends at ``time``.
+
+    What must see the new motion follows in ``torque``.
+    """
     at = P_HEADER
     while p[at] > 0.0:
         op, m, i = int(p[at]), int(p[at + 2]), at + 3
@@ -101,7 +104,7 @@ def advance(p, s, time):
     s[S_TIME] = time
 
 
-@numba.njit(cache=True)
+@compiled()
 def torque(p, s, time, goal, q, w, external, first):
     """Torque of a chain on its coordinate, dry and viscous friction excluded [N.m].
 
@@ -145,7 +148,7 @@ def torque(p, s, time, goal, q, w, external, first):
             s[S_LIMIT] = friction_limit(p, i, q, w, value, external)
         elif op == 1:
             if first:
-                record_delay(s, m, time, value)
+                record_delay(s, m, time, value, p[i + 1])
             value = delayed(s, m, time - p[i])
         elif op == 2:
             if first:
@@ -177,13 +180,12 @@ def torque(p, s, time, goal, q, w, external, first):
     return value
 
 
-@numba.njit(cache=True)
+@compiled()
 def host_reading(p, s, time, q):
-    """Position as the host receives it at ``time`` [rad]: late by the encoder's latency, in its ticks, offset and scale."""
+    """Position as the host receives it at ``time`` [rad], with the encoder's latency, ticks, offset and scale."""
     if p[P_LATENCY] > 0.0:
         q = late_position(p, s, time, q)
     return encoder_reading(p, q)
 
 
-__all__ = ["FIRST", "LATER", "RESTART", "advance", "begin", "host_reading", "runge_kutta_stage", "torque"]
-
+__all__ = ["FIRST", "LATER", "REPEAT", "RESTART", "advance", "begin", "host_reading", "runge_kutta_stage", "torque"]

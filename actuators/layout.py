@@ -1,7 +1,9 @@
 """Where things stand in a law's program and in its state: the one table that laws, packing and readers share.
 
-A *program* is a flat array of doubles: the header below, then one record ``[opcode, length, memory offset, parameters...]`` per stage that
-has a law, then a zero. It travels in ``actuator_user`` of the MuJoCo model, where ``Batch.expand`` can vary it per simulation.
+A *program* is a flat array of doubles: the header below, then one record ``[opcode, length, memory offset,
+parameters...]`` per stage that has a law, then a zero. It travels in ``actuator_user`` of the MuJoCo model, where
+``Batch.expand`` can vary it per simulation.
+
 A *state* is a flat array of doubles: the slots below, then the memory of the stages. It travels in ``mjData.userdata``.
 """
 

@@ -1,14 +1,15 @@
 """Where the fields of MuJoCo's C structs lie in memory, computed from MuJoCo's own description of them.
 
 The laws read ``mjModel`` and ``mjData`` as C code does. MuJoCo ships a machine-readable copy of its headers
-(``mujoco.introspect``); the C layout follows from it by the usual rules of alignment, and is checked against pointers whose values
-Python can see, so that another MuJoCo version is refused instead of misread.
+(``mujoco.introspect``); the C layout follows from it by the usual rules of alignment, and is checked against pointers
+whose values Python can see, so that another MuJoCo version is refused instead of misread.
 """
 
 from __future__ import annotations
 
 import ctypes
 import functools
+from typing import Any
 
 import mujoco
 from mujoco.introspect import ast_nodes, structs
@@ -33,7 +34,7 @@ _SCALARS = {
 }
 
 
-def _c_type(node: object) -> type:
+def _c_type(node: Any) -> Any:
     if isinstance(node, ast_nodes.PointerType):
         return ctypes.c_void_p
     if isinstance(node, ast_nodes.ArrayType):
@@ -43,7 +44,8 @@ def _c_type(node: object) -> type:
         return inner
     if isinstance(node, ast_nodes.AnonymousStructDecl | ast_nodes.AnonymousUnionDecl):
         base = ctypes.Union if isinstance(node, ast_nodes.AnonymousUnionDecl) else ctypes.Structure
-        return type("anonymous", (base,), {"_fields_": [(field.name, _c_type(field.type)) for field in node.fields]})
+        members: Any = node.fields
+        return type("anonymous", (base,), {"_fields_": [(member.name, _c_type(member.type)) for member in members]})
     name = getattr(node, "name", "").removeprefix("struct ")
     if name in _SCALARS:
         return _SCALARS[name]
@@ -53,13 +55,16 @@ def _c_type(node: object) -> type:
         return struct_type(name)
     if name.startswith("mjt"):  # the enumerations
         return ctypes.c_int
-    raise SealegsError(f"MuJoCo {mujoco.__version__} has a field type '{name}' that this version of sealegs does not know.")
+    raise SealegsError(
+        f"MuJoCo {mujoco.__version__} has a field type '{name}' that this version of sealegs does not know."
+    )
 
 
 @functools.cache
 def struct_type(name: str) -> type[ctypes.Structure]:
     """A ctypes structure laid out as MuJoCo's C struct of that name."""
-    fields = [(field.name, _c_type(field.type)) for field in structs.STRUCTS[name].fields]
+    described: Any = structs.STRUCTS[name]
+    fields = [(field.name, _c_type(field.type)) for field in described.fields]
     return type(name, (ctypes.Structure,), {"_fields_": fields})
 
 

@@ -5,8 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import Any, ClassVar
 
-import numba
-
+from actuators.compiled import compiled
 from actuators.layout import DELAY_EVENTS, S_READING, S_TIME
 from actuators.stages.base import Quantity, Stage, parameter, register
 
@@ -22,13 +21,17 @@ class Delay(Stage):
     takes: ClassVar[tuple[Quantity, ...]] = (Quantity.POSITION_GOAL,)
     opcode: ClassVar[int] = 1
 
-    seconds: float = parameter(None, "s", 0.0, 1.0, "time from sending a command to its effect")
+    seconds: float = parameter(None, "s", 0.0, 10.0, "time from sending a command to its effect")
+
+    def law_parameters(self, chain: Any) -> list[float]:
+        del chain
+        return [self.seconds, self.seconds / (DELAY_EVENTS - 4)]
 
     def memory_size(self) -> int:
         return 2 + 2 * DELAY_EVENTS
 
 
-@numba.njit(cache=True)
+@compiled()
 def start_delay(s, m, value):
     """Forget the past: the delay holds ``value`` as if it had always been commanded."""
     s[m] = 1.0  # events stored
@@ -37,11 +40,18 @@ def start_delay(s, m, value):
     s[m + 3] = value
 
 
-@numba.njit(cache=True)
-def record_delay(s, m, time, value):
-    """Remember ``value`` as commanded at ``time``, if it differs from the newest event."""
+@compiled()
+def record_delay(s, m, time, value, spacing=0.0):
+    """Remember ``value`` as commanded at ``time``, if it differs from the newest event.
+
+    Changes closer than ``spacing`` become one, so that the ring outlasts the delay even where the goal changes in every
+    step.
+    """
     slot = int(s[m + 1])
     if s[m + 3 + 2 * slot] == value:
+        return
+    if time - s[m + 2 + 2 * slot] <= spacing:
+        s[m + 3 + 2 * slot] = value
         return
     slot = (slot + 1) % DELAY_EVENTS
     s[m + 2 + 2 * slot] = time
@@ -51,9 +61,12 @@ def record_delay(s, m, time, value):
         s[m] += 1.0
 
 
-@numba.njit(cache=True)
+@compiled()
 def delayed(s, m, time):
-    """The value commanded at ``time``. A pure function of the events, so every Runge-Kutta stage may ask for its own time."""
+    """The value commanded at ``time``.
+
+    A pure function of the events, so every Runge-Kutta stage may ask for its own time.
+    """
     slot = int(s[m + 1])
     for _ in range(int(s[m]) - 1):
         if s[m + 2 + 2 * slot] <= time + 1e-9:
@@ -77,7 +90,7 @@ class RateLimit(Stage):
         return 2
 
 
-@numba.njit(cache=True)
+@compiled()
 def rate_limited(p, i, s, m, time, goal):
     """Goal after the profile at ``time``; memory is [profile at the start of the step, its target]."""
     reach = p[i] * max(time - s[S_TIME], 0.0)
@@ -93,13 +106,13 @@ class DeadBand(Stage):
     takes: ClassVar[tuple[Quantity, ...]] = SIGNALS
     opcode: ClassVar[int] = 3
 
-    width: float = parameter(None, "rad, duty or N.m", 0.0, 10.0, "largest size that is ignored; larger ones pass whole")
+    width: float = parameter(None, "rad, duty or N.m", 0.0, 10.0, "largest size ignored; larger ones pass whole")
 
     def law_parameters(self, chain: Any) -> list[float]:
         return [self.width, 1.0 if chain.quantity_before(self) == Quantity.POSITION_GOAL else 0.0]
 
 
-@numba.njit(cache=True)
+@compiled()
 def dead_banded(p, i, s, value):
     """``value`` unless it is within the dead band (of the encoder reading for goals, of zero otherwise)."""
     centre = s[S_READING] if p[i + 1] > 0.5 else 0.0

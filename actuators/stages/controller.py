@@ -1,12 +1,11 @@
-"""Controllers: from a position goal and the encoder reading to a duty (servo firmware) or directly to a torque (ideal)."""
+"""Controllers: from position goal and encoder reading to a duty (servo firmware) or directly to a torque (ideal)."""
 
 from __future__ import annotations
 
 from dataclasses import dataclass
 from typing import Any, ClassVar
 
-import numba
-
+from actuators.compiled import compiled
 from actuators.layout import S_GOAL, S_READING, S_SPEED, S_TIME
 from actuators.stages.base import Quantity, Stage, parameter, register
 
@@ -61,14 +60,14 @@ class PositionPI(PositionController):
     damping: float = parameter(0.0, "s/rad", 0.0, 1e3, "duty per rad/s of speed")
 
 
-@numba.njit(cache=True)
+@compiled()
 def advance_integral(p, i, s, m, time):
-    """Add the error of the step that has passed to the integral; memory is [integral duty, error at the step's start]."""
+    """Add the error of the step that has passed; memory is [integral duty, error at the step's start]."""
     change = p[i + 2] * s[m + 1] * (time - s[S_TIME])
     s[m] = min(max(s[m] + change, -p[i + 3]), p[i + 3])
 
 
-@numba.njit(cache=True)
+@compiled()
 def position_duty(p, i, s, m, goal):
     """Duty of a position controller."""
     s[S_GOAL] = goal
@@ -78,7 +77,10 @@ def position_duty(p, i, s, m, goal):
 @register
 @dataclass(frozen=True, kw_only=True)
 class Ideal(Stage):
-    """A perfect servo: torque = stiffness (goal - position) - damping speed, within a limit. What most simulations assume."""
+    """A perfect servo: torque = stiffness (goal - position) - damping speed, within a limit.
+
+    This is what most simulations assume.
+    """
 
     name: ClassVar[str] = "ideal"
     takes: ClassVar[tuple[Quantity, ...]] = (Quantity.POSITION_GOAL,)
@@ -91,7 +93,7 @@ class Ideal(Stage):
     armature: float = parameter(0.0, "kg.m2", 0.0, 1e3, "rotor inertia at the joint")
 
 
-@numba.njit(cache=True)
+@compiled()
 def ideal_torque(p, i, s, goal):
     """Torque of an ideal servo."""
     s[S_GOAL] = goal

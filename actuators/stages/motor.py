@@ -6,8 +6,7 @@ import math
 from dataclasses import dataclass
 from typing import Any, ClassVar
 
-import numba
-
+from actuators.compiled import compiled
 from actuators.layout import S_CURRENT, S_TIME
 from actuators.stages.base import Quantity, Stage, parameter, register
 
@@ -22,7 +21,9 @@ class DCMotor(Stage):
     gives: ClassVar[Quantity | None] = Quantity.TORQUE
     opcode: ClassVar[int] = 30
 
-    motor_constant: float = parameter(None, "N.m/A = V.s/rad", 1e-6, 1e3, "torque per current; at the joint, unless a gear follows")
+    motor_constant: float = parameter(
+        None, "N.m/A = V.s/rad", 1e-6, 1e3, "torque per current; at the joint, unless a gear follows"
+    )
     resistance: float = parameter(None, "ohm", 1e-4, 1e4, "of the winding")
     armature: float = parameter(0.0, "kg.m2", 0.0, 1e3, "rotor inertia; at the joint, unless a gear follows")
     inductance: float = parameter(0.0, "H", 0.0, 10.0, "of the winding; 0: the current follows at once")
@@ -32,26 +33,45 @@ class DCMotor(Stage):
         return [self.motor_constant * ratio, self.resistance, self.inductance]
 
     def memory_size(self) -> int:
-        return 2
+        return 4
 
 
-@numba.njit(cache=True)
+@compiled()
+def lagged_current(current, steady, later, span, lag):
+    """Current of a winding, exact while its steady value goes from ``steady`` to ``later`` in a line over ``span`` [A].
+
+    ``lag`` is inductance by resistance [s]; solves ``lag di/dt + i = steady + (later - steady) t / span``.
+    """
+    x = span / lag
+    decayed = -math.expm1(-x)
+    return later - (later - steady) * decayed / x + (current - steady) * (1.0 - decayed)
+
+
+@compiled()
 def advance_current(p, i, s, m, time):
-    """Carry the winding current over the step that has passed: exact for the voltage and speed at its start."""
-    if p[i + 2] > 0.0:
-        decay = math.exp(-(time - s[S_TIME]) * p[i + 1] / p[i + 2])
-        s[m] = s[m + 1] + (s[m] - s[m + 1]) * decay
+    """Carry the winding current over the step that has passed, along the steady current that its evaluations saw."""
+    span = time - s[S_TIME]
+    if p[i + 2] > 0.0 and span > 0.0:
+        seen = s[m + 3] - s[S_TIME]
+        slope = (s[m + 2] - s[m + 1]) / seen if seen > 0.0 else 0.0
+        s[m] = lagged_current(s[m], s[m + 1], s[m + 1] + slope * span, span, p[i + 2] / p[i + 1])
 
 
-@numba.njit(cache=True)
+@compiled()
 def motor_torque(p, i, s, m, time, voltage, w, first):
-    """Torque of a DC motor [N.m]; memory is [current at the step's start, steady current then]."""
+    """Torque of a DC motor [N.m].
+
+    Memory: current and steady current at the step's start, steady current at the latest evaluation, and its time.
+    """
     steady = (voltage - p[i] * w) / p[i + 1]
     current = steady
     if p[i + 2] > 0.0:
         if first:
             s[m + 1] = steady
-        current = steady + (s[m] - steady) * math.exp(-max(time - s[S_TIME], 0.0) * p[i + 1] / p[i + 2])
+        s[m + 2] = steady
+        s[m + 3] = time
+        span = time - s[S_TIME]
+        current = lagged_current(s[m], s[m + 1], steady, span, p[i + 2] / p[i + 1]) if span > 0.0 else s[m]
     s[S_CURRENT] = current
     return p[i] * current
 
@@ -76,7 +96,7 @@ class Regression(Stage):
         return [self.duty_torque * ratio, self.speed_torque * ratio**2, self.constant * ratio]
 
 
-@numba.njit(cache=True)
+@compiled()
 def regression_torque(p, i, duty, w):
     """Torque of the fitted map [N.m]."""
     return p[i] * duty + p[i + 1] * w + p[i + 2]

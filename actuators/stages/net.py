@@ -1,4 +1,7 @@
-"""Actuator net: a small network from the history of position error and speed to torque, sampled at the rate it was trained at."""
+"""Actuator net: a small network from the history of position error and speed to torque.
+
+It samples at the rate that it was trained at. ``train_net.py`` makes one from measured logs.
+"""
 
 from __future__ import annotations
 
@@ -7,14 +10,25 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, ClassVar
 
-import numba
 import numpy as np
 
-from actuators.layout import S_GOAL, S_OUT_OF_RANGE, S_READING, S_SPEED
+from actuators.compiled import compiled
+from actuators.layout import S_OUT_OF_RANGE, S_READING, S_SPEED
 from actuators.stages.base import ChainError, Quantity, Stage, parameter, register
 
 FORMAT = "sealegs actuator net 1"
-REQUIRED = ("format", "period", "history", "input_mean", "input_std", "input_low", "input_high", "torque_scale", "weights", "layers")
+REQUIRED = (
+    "format",
+    "period",
+    "history",
+    "input_mean",
+    "input_std",
+    "input_low",
+    "input_high",
+    "torque_scale",
+    "weights",
+    "layers",
+)
 
 
 @functools.lru_cache(maxsize=32)
@@ -39,7 +53,10 @@ def read_net(path: Path, modified: float) -> dict[str, np.ndarray]:
 @register
 @dataclass(frozen=True, kw_only=True)
 class Net(Stage):
-    """Torque from a trained network. The sample period is the net's own: the engine calls it at those times, whatever its step."""
+    """Torque from a trained network.
+
+    The sample period is the net's own: the engine calls it at those times, whatever its step.
+    """
 
     name: ClassVar[str] = "net"
     takes: ClassVar[tuple[Quantity, ...]] = (Quantity.POSITION_GOAL,)
@@ -53,12 +70,16 @@ class Net(Stage):
 
     def __post_init__(self) -> None:
         super().__post_init__()
-        trained = 1.0 / float(self.arrays()["period"])
+        trained = 1.0 / self.period()
         if self.rate > 0.0 and abs(trained - self.rate) > 0.01 * trained:
             raise ChainError(
                 f"{self.file} was trained at {trained:g} Hz but the chain asks for {self.rate:g} Hz; "
                 f"train a net at {self.rate:g} Hz or remove 'rate' to run it at its own."
             )
+
+    def period(self) -> float:
+        """Sample period of the net [s]."""
+        return float(self.arrays()["period"])
 
     def arrays(self) -> dict[str, np.ndarray]:
         """The net's file as arrays."""
@@ -71,7 +92,13 @@ class Net(Stage):
         del chain
         net = self.arrays()
         layers = [int(size) for size in net["layers"]]
-        head = [float(net["period"]), float(net["history"]), float(net["torque_scale"]), float(len(layers)), *map(float, layers)]
+        head = [
+            float(net["period"]),
+            float(net["history"]),
+            float(net["torque_scale"]),
+            float(len(layers)),
+            *map(float, layers),
+        ]
         parts = [np.asarray(head)]
         parts += [np.ravel(net[key]) for key in ("input_mean", "input_std", "input_low", "input_high", "weights")]
         return np.concatenate(parts).astype(float).tolist()
@@ -83,24 +110,25 @@ class Net(Stage):
         return 2 + 2 * history + 2 * widest
 
 
-@numba.njit(cache=True)
-def start_net(p, i, s, m):
+@compiled()
+def start_net(p, i, s, m, goal):
     """Forget the past: error and speed have always been what they are."""
     s[m] = -1e30  # time of the next sample
     s[m + 1] = 0.0
     history = int(p[i + 1])
     for k in range(history):
-        s[m + 2 + k] = s[S_GOAL] - s[S_READING]
+        s[m + 2 + k] = goal - s[S_READING]
         s[m + 2 + history + k] = s[S_SPEED]
 
 
-@numba.njit(cache=True, fastmath=True)
+@compiled(fastmath=True)
 def sample_net(p, i, s, m, time, goal):
     """Sample the inputs and evaluate the net, if its time has come. Newest sample first, errors before speeds."""
     if s[m] > -1e29 and time < s[m] - 1e-9:
         return
     history = int(p[i + 1])
-    s[m] = (s[m] if s[m] > -1e29 else time) + p[i]
+    due = (s[m] if s[m] > -1e29 else time) + p[i]
+    s[m] = due if due > time else time + p[i]
     for k in range(history - 1, 0, -1):
         s[m + 2 + k] = s[m + 1 + k]
         s[m + 2 + history + k] = s[m + 1 + history + k]

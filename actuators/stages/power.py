@@ -5,13 +5,12 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import Any, ClassVar
 
-import numba
-
+from actuators.compiled import compiled
 from actuators.stages.base import ChainError, Quantity, Stage, parameter, register
 
 
 def motor_behind(chain: Any, stage: Stage) -> list[float]:
-    """Motor constant at the joint [V.s/rad] and resistance [ohm] of the chain's motor, which limits and sag must know."""
+    """Motor constant at the joint [V.s/rad] and resistance [ohm] of the chain's motor, for limits and sag."""
     motor = chain.find("dc_motor")
     if motor is None:
         raise ChainError(f"{chain.label}: stage '{stage.name}' needs a 'dc_motor' behind it.")
@@ -42,7 +41,7 @@ class MinimumDuty(Stage):
     value: float = parameter(None, "-", 0.0, 1.0, "smallest duty that is applied")
 
 
-@numba.njit(cache=True)
+@compiled()
 def at_least(duty, value):
     """Raise the size of a duty to ``value``, smoothly through zero over 1e-4 so that rest stays rest."""
     if abs(duty) >= value:
@@ -68,7 +67,7 @@ class Supply(Stage):
         return [self.volts, self.resistance, *motor]
 
 
-@numba.njit(cache=True)
+@compiled()
 def supplied_voltage(p, i, duty, w):
     """Motor voltage: duty (volts - resistance duty current), with the current that this very voltage drives.
 
@@ -97,7 +96,7 @@ class CurrentLimit(Stage):
         return [self.limit, *motor_behind(chain, self)]
 
 
-@numba.njit(cache=True)
+@compiled()
 def current_limited_voltage(p, i, voltage, w):
     """Voltage whose steady current is within the limit."""
     back_emf = p[i + 1] * w

@@ -6,8 +6,7 @@ import math
 from dataclasses import dataclass
 from typing import ClassVar
 
-import numba
-
+from actuators.compiled import compiled
 from actuators.layout import LATENCY_SAMPLES, P_LATENCY, P_LATENCY_MEMORY, P_OFFSET, P_SCALE, P_TICKS
 from actuators.stages.base import Quantity, Stage, parameter, register
 
@@ -17,7 +16,8 @@ from actuators.stages.base import Quantity, Stage, parameter, register
 class Encoder(Stage):
     """Position sensor of the servo.
 
-    Ticks, offset and scale are in what the servo's own controller reads too; latency is the age of a reading when the host gets it.
+    Ticks, offset and scale are in what the servo's own controller reads too; latency is the age of a reading when the
+    host gets it.
     """
 
     name: ClassVar[str] = "encoder"
@@ -32,7 +32,7 @@ class Encoder(Stage):
         return 1 + 2 * LATENCY_SAMPLES if self.latency > 0.0 else 0
 
 
-@numba.njit(cache=True)
+@compiled()
 def encoder_reading(p, q):
     """Reading of the encoder at position ``q`` [rad]."""
     reading = p[P_SCALE] * q + p[P_OFFSET]
@@ -42,7 +42,7 @@ def encoder_reading(p, q):
     return reading
 
 
-@numba.njit(cache=True)
+@compiled()
 def start_latency(p, s, q):
     """Forget the past: the joint has always stood at ``q``."""
     m = int(p[P_LATENCY_MEMORY])
@@ -52,7 +52,7 @@ def start_latency(p, s, q):
         s[m + 2 + 2 * k] = q
 
 
-@numba.njit(cache=True)
+@compiled()
 def record_latency(p, s, time, q):
     """Remember the position at ``time``, often enough to interpolate over the latency."""
     m = int(p[P_LATENCY_MEMORY])
@@ -65,7 +65,7 @@ def record_latency(p, s, time, q):
     s[m] = slot
 
 
-@numba.njit(cache=True)
+@compiled()
 def late_position(p, s, time, q):
     """Position as it was one latency before ``time``, where it is ``q``."""
     m = int(p[P_LATENCY_MEMORY])
@@ -81,3 +81,13 @@ def late_position(p, s, time, q):
         later_time, later = at, value
         slot = (slot + LATENCY_SAMPLES - 1) % LATENCY_SAMPLES
     return later
+
+
+@compiled()
+def late_positions(programs, states, time, positions):
+    """:func:`late_position` for a batch: arrays (n, length), (n, state size), (n,), (n,)."""
+    late = positions.copy()
+    for k in range(len(positions)):
+        if programs[k, P_LATENCY] > 0.0:
+            late[k] = late_position(programs[k], states[k], time[k], positions[k])
+    return late

@@ -6,8 +6,7 @@ import math
 from dataclasses import dataclass
 from typing import Any, ClassVar
 
-import numba
-
+from actuators.compiled import compiled
 from actuators.stages.base import Quantity, Stage, parameter, register
 
 REST_SPEED = 1e-3  # [rad/s] below this a joint counts as at rest and friction opposes the torque, not the motion
@@ -18,8 +17,9 @@ REST_SPEED = 1e-3  # [rad/s] below this a joint counts as at rest and friction o
 class Gear(Stage):
     """Reduction between the motor and the joint.
 
-    The motor's constants are carried to the joint side (torque times ratio, inertia times its square); the loss is a dry friction
-    of ``1 - efficiency`` times the transmitted torque, so that a gear that is hard to drive backwards really holds.
+    The motor's constants are carried to the joint side (torque times ratio, inertia times its square); the loss is a
+    dry friction of ``1 - efficiency`` times the transmitted torque, so that a gear that is hard to drive backwards
+    really holds.
     """
 
     name: ClassVar[str] = "gear"
@@ -40,8 +40,8 @@ class Friction(Stage):
                 + S (stribeck + load_stribeck |m - e|) + ripple cos(ripple_count q + ripple_phase)
         S = exp(-|w / stribeck_velocity|^stribeck_exponent)
 
-    with the motor torque ``m`` and the external torque ``e`` on the gearbox (Duclusaud et al., ICRA 2025, M1 to M6; ripple: gear
-    meshing, seed 000 equation (16)).
+    with the motor torque ``m`` and the external torque ``e`` on the gearbox (Duclusaud et al., ICRA 2025, M1 to M6;
+    ripple: gear meshing, seed 000 equation (16)).
     """
 
     name: ClassVar[str] = "friction"
@@ -53,7 +53,9 @@ class Friction(Stage):
     stribeck: float = parameter(0.0, "N.m", 0.0, 1e4, "dry friction at rest above that while moving")
     stribeck_velocity: float = parameter(0.1, "rad/s", 1e-4, 1e3, "speed at which it has fallen to 1/e")
     stribeck_exponent: float = parameter(1.0, "-", 0.2, 5.0, "how sharply it falls")
-    asymmetry: float = parameter(0.0, "N.m", -1e3, 1e3, "dry friction more in positive than in negative direction, halved")
+    asymmetry: float = parameter(
+        0.0, "N.m", -1e3, 1e3, "dry friction more in positive than in negative direction, halved"
+    )
     load: float = parameter(0.0, "-", 0.0, 2.0, "dry friction per torque through the gearbox")
     load_quadratic: float = parameter(0.0, "1/(N.m)", 0.0, 1e3, "dry friction per torque squared")
     load_stribeck: float = parameter(0.0, "-", 0.0, 2.0, "load dependent friction at rest above that while moving")
@@ -68,7 +70,7 @@ class Friction(Stage):
         return [*values.values(), loss]
 
 
-@numba.njit(cache=True)
+@compiled()
 def friction_limit(p, i, q, w, motor, external):
     """Dry friction torque at most [N.m], for the direction in which the joint moves or is pushed."""
     load = abs(motor - external)
@@ -89,7 +91,7 @@ def friction_limit(p, i, q, w, motor, external):
 @register
 @dataclass(frozen=True, kw_only=True)
 class Spring(Stage):
-    """Series spring between the motor (behind its gears) and the link: both become bodies of their own in the engine."""
+    """Series spring between the motor (behind its gears) and the link, which become two bodies in the engine."""
 
     name: ClassVar[str] = "spring"
     takes: ClassVar[tuple[Quantity, ...]] = (Quantity.TORQUE,)

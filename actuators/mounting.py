@@ -1,0 +1,177 @@
+"""The native half of a chain: what MuJoCo simulates itself becomes part of the model, before it is compiled."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import mujoco
+import numpy as np
+
+from actuators.chain import Chain
+from actuators.errors import SealegsError, nearest
+
+# Chosen by measurement: docs/numerics.md, reproduced by `python -m benchmarks.numerics`.
+# Dry friction must creep no faster than an encoder can see; the default impedance lets a held pendulum sink visibly.
+FRICTION_SOLREF = (0.004, 1.0)
+FRICTION_SOLIMP = (0.995, 0.9999, 0.001, 0.5, 2.0)
+# Stops of a play as stiff as gear teeth; the defaults let them overlap by more than the play is wide.
+TOOTH_SOLREF = (0.004, 1.0)
+TOOTH_SOLIMP = (0.99, 0.999, 0.0001, 0.5, 2.0)
+MASSLESS = 1e-6  # [kg] and [kg.m2/100]: what the engine needs to accept a body whose inertia is the joint's armature
+
+
+@dataclass(frozen=True)
+class DrivenCoordinate:
+    """What one actuator moves: a joint, or a belt over several.
+
+    Attributes:
+        name: of the coordinate; chains, goals and logs use it.
+        terms: ``(joint, coefficient)``, the coordinate being the sum of coefficient times joint angle.
+        motor_body: body that carries the motor; default: the parent of the first joint's body.
+        rotor_mass: of the motor's rotating parts [kg], where it becomes a body of its own.
+    """
+
+    name: str
+    terms: tuple[tuple[str, float], ...]
+    motor_body: str | None = None
+    rotor_mass: float = MASSLESS
+
+    @staticmethod
+    def of_joint(joint: str) -> DrivenCoordinate:
+        """The coordinate that is one joint."""
+        return DrivenCoordinate(joint, ((joint, 1.0),))
+
+
+@dataclass(frozen=True)
+class Mounted:
+    """Names of what a chain became in the model.
+
+    Attributes:
+        motor_terms: joints and coefficients whose sum is the motor side's position.
+        link_terms: those of the link side; the same where nothing gives way between the two.
+        target: joint or tendon that the actuator acts on.
+        on_tendon: whether that is a tendon.
+        coupling: tendon that is the spring, compliance or play between motor and link.
+    """
+
+    motor_terms: tuple[tuple[str, float], ...]
+    link_terms: tuple[tuple[str, float], ...]
+    target: str
+    on_tendon: bool
+    coupling: str | None = None
+
+    def friction_id(self, model: mujoco.MjModel) -> int:
+        """What the engine's dry friction row of the coordinate is of: a degree of freedom or a tendon."""
+        if self.on_tendon:
+            return model.tendon(self.target).id
+        return int(model.jnt_dofadr[model.joint(self.target).id])
+
+    def native(self, model: mujoco.MjModel, chain: Chain) -> list[tuple[str, int, Any]]:
+        """``(model field, index, value)`` of everything native about a chain."""
+        friction = chain.find("friction")
+        viscous = friction.viscous if friction else 0.0
+        number, kind = self.friction_id(model), "tendon" if self.on_tendon else "dof"
+        inertia = max(chain.armature(), MASSLESS) if self.coupling else chain.armature()
+        rows: list[tuple[str, int, Any]] = [
+            (f"{kind}_armature", number, inertia),
+            (f"{kind}_frictionloss", number, native_coulomb(chain)),
+            (f"{kind}_damping", number, viscous),
+        ]
+        if self.coupling is None:
+            return rows
+        number = model.tendon(self.coupling).id
+        element, play = chain.find("spring") or chain.find("compliance"), chain.find("backlash")
+        half = play.width / 2.0 if play is not None else 0.0
+        if element is not None:
+            rows += [("tendon_stiffness", number, element.stiffness), ("tendon_damping", number, element.damping)]
+            rows += [("tendon_lengthspring", number, (-half, half))]
+        else:
+            rows += [("tendon_range", number, (-half, half))]
+        return rows
+
+
+def native_coulomb(chain: Chain) -> float:
+    """Native dry friction; never quite zero where a law sets the limit, because the engine makes no row for zero."""
+    friction = chain.find("friction")
+    coulomb = friction.coulomb if friction else 0.0
+    return max(coulomb, 1e-6) if chain.friction_needs_law() else coulomb
+
+
+def mount(spec: mujoco.MjSpec, item: DrivenCoordinate, chain: Chain) -> Mounted:
+    """Add motor body, tendon, friction and armature of one coordinate to a specification.
+
+    Raises:
+        SealegsError: the model lacks a joint or body of the coordinate.
+    """
+    if not 1 <= len(item.terms) <= 2:
+        raise SealegsError(f"'{item.name}' is driven over {len(item.terms)} joints; a belt runs over one or two.")
+    for joint, _ in item.terms:
+        if spec.joint(joint) is None:
+            names = [other.name for other in spec.joints]
+            raise SealegsError(f"the model has no joint '{joint}'{nearest(joint, names)} to put an actuator on.")
+    friction = chain.find("friction")
+    viscous = friction.viscous if friction else 0.0
+    element, play = chain.find("spring") or chain.find("compliance"), chain.find("backlash")
+    if element is None and play is None:
+        return _mount_stiff(spec, item, chain, viscous)
+    body = spec.body(item.motor_body) if item.motor_body else spec.joint(item.terms[0][0]).parent.parent
+    if body is None:
+        names = [other.name for other in spec.bodies]
+        raise SealegsError(
+            f"the model has no body '{item.motor_body}'{nearest(str(item.motor_body), names)} for a motor."
+        )
+    rotor = body.add_body(
+        name=f"{item.name}_rotor", mass=item.rotor_mass, inertia=[item.rotor_mass / 100.0] * 3, explicitinertial=True
+    )
+    motor_joint = f"{item.name}_motor"
+    rotor.add_joint(name=motor_joint, type=mujoco.mjtJoint.mjJNT_HINGE, axis=spec.joint(item.terms[0][0]).axis)
+    joint = spec.joint(motor_joint)
+    joint.armature = max(chain.armature(), MASSLESS)
+    _dissipate(joint, viscous, native_coulomb(chain))
+    tendon = _tendon(spec, f"{item.name}_coupling", ((motor_joint, 1.0), *((name, -c) for name, c in item.terms)))
+    half = play.width / 2.0 if play is not None else 0.0
+    if element is not None:
+        tendon.stiffness = _polynomial(tendon.stiffness, element.stiffness)
+        tendon.damping = _polynomial(tendon.damping, element.damping)
+        tendon.springlength = [-half, half]
+    else:
+        tendon.limited = True
+        tendon.range = [-half, half]
+        tendon.solref_limit, tendon.solimp_limit = TOOTH_SOLREF, TOOTH_SOLIMP
+    return Mounted(((motor_joint, 1.0),), item.terms, motor_joint, False, tendon.name)
+
+
+def _mount_stiff(spec: mujoco.MjSpec, item: DrivenCoordinate, chain: Chain, viscous: float) -> Mounted:
+    """Motor and link are one: the chain acts on the joint itself, or on a tendon where the coordinate is a belt."""
+    on_tendon = len(item.terms) > 1
+    if on_tendon:
+        target = _tendon(spec, f"{item.name}_belt", item.terms)
+        target.armature = chain.armature()
+        terms = item.terms
+    else:
+        target = spec.joint(item.terms[0][0])
+        target.armature += chain.armature()
+        terms = ((target.name, 1.0),)
+    _dissipate(target, viscous, native_coulomb(chain))
+    return Mounted(terms, item.terms, target.name, on_tendon)
+
+
+def _tendon(spec: mujoco.MjSpec, name: str, terms: Sequence[tuple[str, float]]) -> Any:
+    tendon = spec.add_tendon(name=name)
+    for joint, coefficient in terms:
+        tendon.wrap_joint(joint, coefficient)
+    return tendon
+
+
+def _polynomial(field: Any, value: float) -> Any:
+    """``value`` as the linear coefficient where MuJoCo takes a polynomial."""
+    return [value, *[0.0] * (np.size(field) - 1)] if np.size(field) > 1 else value
+
+
+def _dissipate(target: Any, viscous: float, coulomb: float) -> None:
+    """Native viscous and dry friction of a joint or tendon."""
+    target.damping = _polynomial(target.damping, viscous)
+    target.frictionloss = coulomb
+    target.solref_friction, target.solimp_friction = FRICTION_SOLREF, FRICTION_SOLIMP
