@@ -32,7 +32,7 @@ from gap.joint_model import (
 )
 
 STEP = 1e-3  # [s] largest step; halving it changes replays by less than a quarter of a tick (tests/test_simulator.py)
-ELASTIC_STEP = 2.5e-4  # [s] with a spring or play between motor and link
+ELASTIC_STEP = 5e-4  # [s] with a spring or play between motor and link
 STOP_STIFFNESS, STOP_DAMPING = 500.0, 1.0  # [N.m/rad], [N.m.s/rad] of whatever blocks a link: assumed
 CHANNELS = ("position", "link_position", "duty", "current")
 
@@ -209,4 +209,6 @@ def replay_many(programs, constants, time, goal, on, starts, states, steps, out)
         v, u = task // units, task % units
         a, b = starts[u], starts[u + 1]
         program = programs[v].copy()
-        replay(program, constants[v, u], time[a:b], goal[a:b], on[a:b], states[u, 0], states[u, 1], steps[v], out[v, a:b])
+        replay(
+            program, constants[v, u], time[a:b], goal[a:b], on[a:b], states[u, 0], states[u, 1], steps[v], out[v, a:b]
+        )

@@ -1,0 +1,202 @@
+"""The data of one joint laid out for the simulator, and the residual of any model on any part of it."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from actuators.stages.base import ChainError
+from gap.joint_model import JointModel, bench_parameters
+from gap.log_types import LogError, MeasuredRun
+from gap.simulator import CHANNELS, ELASTIC_STEP, STEP, replay_many
+from gap.units import Unit
+
+BLOCK = 1.0  # [s] errors closer than this are taken as one observation, since they are not independent
+
+
+@dataclass(frozen=True, eq=False)
+class Problem:
+    """Units of one joint as flat arrays.
+
+    Attributes:
+        units: pieces of runs.
+        params: bench parameters of each run.
+        time, goal, on: samples of all units one behind the other (n,).
+        starts: first sample of each unit and the end of the last (u + 1,).
+        states: of the units at their start (u, 2).
+        measured: channels as :data:`gap.simulator.CHANNELS` (n, 4), NaN where not logged.
+        weight: one over the noise of each channel (4,), 0 where it does not count.
+        judged: samples that count (n,).
+        block: number of the block each sample belongs to (n,).
+        models: nominal joint of each run (they may differ, for example in their gain).
+    """
+
+    units: tuple[Unit, ...]
+    params: tuple[dict[str, float], ...]
+    time: np.ndarray
+    goal: np.ndarray
+    on: np.ndarray
+    starts: np.ndarray
+    states: np.ndarray
+    measured: np.ndarray
+    weight: np.ndarray
+    judged: np.ndarray
+    block: np.ndarray
+    models: tuple[JointModel, ...]
+
+    @property
+    def noise(self) -> float:
+        """Noise floor of the position [rad]."""
+        return 1.0 / float(self.weight[0])
+
+    def part(self, *parts: int) -> Problem:
+        """The problem that has only the units of these parts: what is not in it cannot be seen by accident."""
+        chosen = [k for k, unit in enumerate(self.units) if unit.part in parts]
+        if not chosen:
+            raise LogError("the logs are too short to keep some for choosing and testing; record more runs or longer ones.")
+        rows = np.concatenate([np.arange(self.starts[k], self.starts[k + 1]) for k in chosen])
+        sizes = [self.starts[k + 1] - self.starts[k] for k in chosen]
+        flat = {key: getattr(self, key)[rows] for key in ("time", "goal", "on", "measured", "judged", "block")}
+        return replace(
+            self,
+            units=tuple(self.units[k] for k in chosen),
+            starts=np.concatenate([[0], np.cumsum(sizes)]).astype(int),
+            states=self.states[chosen],
+            **flat,
+        )
+
+    def simulate(self, variants: Sequence[Mapping[str, float]], step: float | None = None) -> np.ndarray:
+        """Replay every unit with every variant of the nominal models.
+
+        Args:
+            variants: parameters by path, each set on the nominal joint of every run.
+            step: largest step [s]; default: by what the model contains.
+
+        Returns:
+            Channels (v, n, 4). A variant whose values make no chain gives infinities.
+        """
+        programs, constants, steps, valid = [], [], [], []
+        for values in variants:
+            try:
+                joints = [model.with_values(_relative(values, model)) for model in self.models]
+            except ChainError:
+                joints = None
+            valid.append(joints is not None)
+            joints = joints or list(self.models)
+            per_run = [joint.chain.program() for joint in joints]
+            programs.append(per_run)
+            rows = [
+                joint.constants(params, program)
+                for joint, params, program in zip(joints, self.params, per_run, strict=True)
+            ]
+            constants.append(rows)
+            steps.append(step or (ELASTIC_STEP if rows[0][5] > 0.0 else STEP))
+        out = np.empty((len(variants), len(self.time), len(CHANNELS)))
+        # The chain may differ between runs (a gain per run), so each run of a variant is a variant of its own for the simulator.
+        width = max(len(program) for per_run in programs for program in per_run)
+        for run in sorted({unit.run for unit in self.units}):
+            chosen = [k for k, unit in enumerate(self.units) if unit.run == run]
+            lo, hi = self.starts[chosen[0]], self.starts[chosen[-1] + 1]
+            table = np.zeros((len(variants), width))
+            for v, per_run in enumerate(programs):
+                table[v, : len(per_run[run])] = per_run[run]
+            k = np.array([[rows[run]] * len(chosen) for rows in constants])
+            part = np.empty((len(variants), hi - lo, len(CHANNELS)))
+            starts = self.starts[chosen[0] : chosen[-1] + 2] - lo
+            replay_many(
+                table,
+                k,
+                self.time[lo:hi],
+                self.goal[lo:hi],
+                self.on[lo:hi],
+                starts,
+                self.states[chosen],
+                np.array(steps),
+                part,
+            )
+            out[:, lo:hi] = part
+        out[~np.array(valid)] = 1e3
+        return out
+
+    def residual(self, simulated: np.ndarray, every: int = 1) -> np.ndarray:
+        """Weighted errors (v, m) of simulated channels (v, n, 4) at (every so many of) the judged samples; what was not logged is zero."""
+        use = np.flatnonzero(self.weight > 0.0)
+        rows = np.flatnonzero(self.judged)[::every]
+        error = (simulated[:, rows][:, :, use] - self.measured[rows][:, use]) * self.weight[use]
+        error = np.where(np.isfinite(error), error, 0.0)
+        return np.clip(error, -1e6, 1e6).reshape(len(simulated), -1)
+
+    def blocks(self) -> tuple[np.ndarray, np.ndarray]:
+        """Block number of each entry of :meth:`residual` (m,), counted from zero, and entries per block (b,)."""
+        channels = int((self.weight > 0.0).sum())
+        _, number = np.unique(self.block[self.judged], return_inverse=True)
+        number = np.repeat(number, channels)
+        return number, np.bincount(number)
+
+    def block_errors(self, simulated: np.ndarray) -> np.ndarray:
+        """Sum of squared weighted errors per block (b,), of one variant (n, 4)."""
+        return np.bincount(self.blocks()[0], self.residual(simulated[None])[0] ** 2)
+
+    def position_error(self, simulated: np.ndarray) -> np.ndarray:
+        """Position errors [rad] of one variant (n, 4) at the judged samples."""
+        return (simulated[:, 0] - self.measured[:, 0])[self.judged]
+
+
+def _relative(values: Mapping[str, float], model: JointModel) -> dict[str, float]:
+    """Values of one run: a path that ends in ``*`` is a factor on the nominal value, which may differ between runs."""
+    return {
+        path.rstrip("*"): value * model.value(path[:-1]) if path.endswith("*") else value
+        for path, value in values.items()
+    }
+
+
+def lay_out(
+    runs: Sequence[MeasuredRun],
+    joint: str,
+    models: Sequence[JointModel],
+    units: Sequence[Unit],
+    weight: Mapping[str, float],
+) -> Problem:
+    """Lay the runs of one joint out.
+
+    Args:
+        runs, units: of :func:`gap.units.cut`.
+        models: nominal joint of each run.
+        weight: one over the noise, by channel; channels without one do not count.
+
+    Raises:
+        LogError: the joint has no commands.
+    """
+    units = sorted(units, key=lambda unit: (unit.run, unit.start))
+    columns: dict[str, list[np.ndarray]] = {key: [] for key in ("time", "goal", "on", "judged", "block")}
+    measured, starts, blocks = [], [0], 0
+    for unit in units:
+        log, time = runs[unit.run].joints[joint], runs[unit.run].time
+        if log.goal is None:
+            raise LogError(f"{runs[unit.run].name}: joint '{joint}' has no goal to replay.")
+        part = slice(unit.start, unit.stop)
+        count = unit.stop - unit.start
+        columns["time"].append(time[part] - time[0])
+        columns["goal"].append(log.goal[part])
+        columns["on"].append(np.ones(count, bool) if log.enabled is None else log.enabled[part] > 0.5)
+        columns["judged"].append(np.arange(count) >= unit.judged)
+        block = ((time[part] - time[unit.start]) / BLOCK).astype(int)
+        columns["block"].append(block + blocks)
+        blocks += int(block[-1]) + 1
+        missing = np.full(count, np.nan)
+        signals = [getattr(log, channel) for channel in CHANNELS]
+        measured.append(np.stack([missing if signal is None else signal[part] for signal in signals], axis=1))
+        starts.append(starts[-1] + count)
+    flat = {key: np.concatenate(value) for key, value in columns.items()}
+    return Problem(
+        units=tuple(units),
+        params=tuple(bench_parameters(run.robot_params, run.name) for run in runs),
+        starts=np.array(starts),
+        states=np.array([unit.state for unit in units]),
+        measured=np.concatenate(measured),
+        weight=np.array([weight.get(channel, 0.0) for channel in CHANNELS]),
+        models=tuple(models),
+        **flat,
+    )

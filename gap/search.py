@@ -1,0 +1,223 @@
+"""Finds the causes of a gap: screen, fit, and choose forward on data that the fit did not see."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, field, replace
+
+import numpy as np
+
+from gap.causes import Cause, catalogue, retunable
+from gap.fit import Fit, fit, merge
+from gap.parameters import Parameter
+from gap.problem import Problem
+from gap.units import FIT_A, FIT_B
+
+KEEP = 8  # causes that are fitted after the screen
+MOST_CAUSES = 6
+DONE = 1.06  # error over noise floor below which nothing is left to explain
+PAYS = 0.04  # least share of the excess error that a further cause must remove
+SURE = 0.975  # least probability, over resampled blocks, that it removes any
+RIVAL = 0.05  # causes that are better than the winner in more than this share of draws cannot be told from it
+DRAWS = 2000
+
+
+@dataclass(frozen=True, eq=False)
+class Candidate:
+    """A cause fitted on top of what is already accepted.
+
+    Attributes:
+        cause: of the catalogue.
+        variant: the parameters that it turns.
+        fits: on the two parts, each judged on the other.
+        blocks: squared error of each block under the fit that did not see it (b,).
+        better: probability that it lowers the error at all.
+        best: probability that it is the best of the round.
+        gain: share of the excess error that it removes.
+    """
+
+    cause: Cause
+    variant: tuple[Parameter, ...]
+    fits: tuple[Fit, Fit]
+    blocks: np.ndarray
+    better: float = 0.0
+    best: float = 0.0
+    gain: float = 0.0
+
+
+@dataclass(frozen=True, eq=False)
+class Round:
+    """One step of the forward selection: the error before it, and the candidates, best first."""
+
+    before: np.ndarray
+    candidates: tuple[Candidate, ...]
+    accepted: bool
+
+
+@dataclass(frozen=True, eq=False)
+class Search:
+    """What a search found.
+
+    Attributes:
+        tuned: parameters of the nominal model that are always re-tuned, tightly.
+        accepted: causes in the order they were accepted.
+        rounds: all rounds, the last one without a winner.
+        counts: judged values per block (b,), to make means of ``blocks``.
+    """
+
+    tuned: tuple[Parameter, ...]
+    accepted: tuple[Candidate, ...]
+    rounds: tuple[Round, ...]
+    counts: np.ndarray
+    base: tuple[Fit, Fit]
+
+    def parameters(self, without: str | None = None) -> list[Parameter]:
+        """All parameters of the extended model, or of the one that lacks a cause."""
+        return merge(self.tuned, *(c.variant for c in self.accepted if c.cause.name != without))
+
+
+@dataclass
+class Searcher:
+    """A search in progress over one problem."""
+
+    problem: Problem
+    progress: Callable[[str], None] = lambda text: None
+    seed: int = 0
+    causes: list[Cause] = field(default_factory=list)
+
+    def __post_init__(self) -> None:
+        self.nominal = self.problem.models[0]
+        self.causes = self.causes or catalogue(self.nominal)
+        self.tuned = tuple(retunable(self.nominal))
+        self.parts = (self.problem.part(FIT_A), self.problem.part(FIT_B))
+        self.both = self.problem.part(FIT_A, FIT_B)
+        self.counts = np.concatenate([part.blocks()[1] for part in reversed(self.parts)])
+
+    def run(self) -> Search:
+        """Search until no further cause pays."""
+        self.progress("re-tuning the nominal model")
+        base = self._fit_both(self.tuned, None)
+        blocks = self._judge(base)
+        accepted: list[Candidate] = []
+        rounds: list[Round] = []
+        current, before = base, blocks
+        while len(accepted) < MOST_CAUSES and self._level(before) > DONE:
+            candidates = self._round(accepted, current, before)
+            winner = candidates[0] if candidates else None
+            pays = winner is not None and winner.gain > PAYS and winner.better > SURE
+            rounds.append(Round(before, tuple(candidates), bool(pays)))
+            if winner is None or not pays:
+                break
+            accepted.append(winner)
+            current, before = winner.fits, winner.blocks
+            self.progress(f"found {winner.cause.name} (removes {100 * winner.gain:.0f} % of what was left)")
+        return Search(self.tuned, tuple(accepted), tuple(rounds), self.counts, base)
+
+    def _level(self, blocks: np.ndarray) -> float:
+        """Root mean squared weighted error: 1 is the noise floor."""
+        return float(np.sqrt(blocks.sum() / self.counts.sum()))
+
+    def _fit_both(self, parameters: Sequence[Parameter], start: tuple[Fit, Fit] | None) -> tuple[Fit, Fit]:
+        a, b = (fit(part, parameters, None if start is None else start[k].values) for k, part in enumerate(self.parts))
+        return a, b
+
+    def _judge(self, fits: tuple[Fit, Fit]) -> np.ndarray:
+        """Squared error of each block under the fit that did not see it (b,)."""
+        return np.concatenate([part.block_errors(part.simulate([found.values])[0]) for part, found in zip(reversed(self.parts), fits, strict=True)])
+
+    def _round(self, accepted: list[Candidate], current: tuple[Fit, Fit], before: np.ndarray) -> list[Candidate]:
+        taken = {candidate.cause.name for candidate in accepted}
+        extended = merge(self.tuned, *(candidate.variant for candidate in accepted))
+        chosen = self._screen([cause for cause in self.causes if cause.name not in taken], extended, current)
+        found: dict[str, Candidate] = {}
+        for cause, variant in chosen:
+            self.progress(f"trying {cause.name}")
+            fits = self._fit_both(merge(extended, variant), current)
+            candidate = Candidate(cause, variant, fits, self._judge(fits))
+            if cause.name not in found or candidate.blocks.sum() < found[cause.name].blocks.sum():
+                found[cause.name] = candidate
+        return self._rank(list(found.values()), before)
+
+    def _rank(self, candidates: list[Candidate], before: np.ndarray) -> list[Candidate]:
+        if not candidates:
+            return []
+        table = np.stack([candidate.blocks for candidate in candidates])
+        rng = np.random.default_rng(self.seed)
+        weights = rng.multinomial(len(before), np.full(len(before), 1.0 / len(before)), DRAWS)
+        totals = weights @ table.T
+        better = (totals < (weights @ before)[:, None]).mean(axis=0)
+        best = np.bincount(totals.argmin(axis=1), minlength=len(candidates)) / DRAWS
+        excess = max(before.sum() - self.counts.sum(), 1e-9)
+        ranked = [
+            replace(c, better=float(better[k]), best=float(best[k]), gain=float((before.sum() - c.blocks.sum()) / excess))
+            for k, c in enumerate(candidates)
+        ]
+        return sorted(ranked, key=lambda c: c.blocks.sum())
+
+    def _screen(
+        self, causes: Sequence[Cause], extended: Sequence[Parameter], current: tuple[Fit, Fit]
+    ) -> list[tuple[Cause, tuple[Parameter, ...]]]:
+        """Variants worth a fit: those whose effect, to first order, explains most of what is left on data of the fit's own part.
+
+        Every variant is simulated once or twice at a plausible size; the residual is projected on what that changes, beside what
+        re-tuning can change anyway.
+        """
+        problem = self.both
+        here = {path: 0.5 * (value + current[1].values[path]) for path, value in current[0].values.items()}
+        directions = [{p.path: p.from_fit(p.to_fit(here[p.path]) + 0.1)} for p in extended]
+        variants = [(cause, variant) for cause in causes for variant in cause.variants]
+        spans = []
+        for _, variant in variants:
+            tried = _sizes(variant)
+            spans.append((len(directions), len(directions) + len(tried)))
+            directions += tried
+        paths = {path.rstrip("*"): path for path in here}
+        rows = [here]
+        for change in directions:
+            replaced = {paths.get(path.rstrip("*")) for path in change}
+            rows.append({**{path: value for path, value in here.items() if path not in replaced}, **change})
+        error = np.concatenate([problem.residual(problem.simulate(rows[k : k + 16])) for k in range(0, len(rows), 16)])
+        rest, changes = error[0], error[1:] - error[0]
+        clip = 5.0 * np.sqrt(np.mean(rest**2))
+        rest = np.clip(rest, -clip, clip)
+        tuned = changes[: len(extended)].T
+        scores = []
+        for (cause, variant), (a, b) in zip(variants, spans, strict=True):
+            columns = [changes[a:b][k] for k in range(b - a)]
+            best = np.inf
+            for group in _groups(variant, len(columns)):
+                basis = np.concatenate([tuned, np.stack([columns[k] for k in group], axis=1)], axis=1)
+                basis = np.clip(basis, -20 * clip, 20 * clip)
+                gram = basis.T @ basis
+                solution = np.linalg.solve(gram + 1e-9 * np.trace(gram) * np.eye(len(gram)), -(basis.T @ rest))
+                solution[: tuned.shape[1]] = np.clip(solution[: tuned.shape[1]], -15.0, 15.0)
+                solution[tuned.shape[1] :] = np.clip(solution[tuned.shape[1] :], -2.0, 4.0)
+                best = min(best, float(((rest + basis @ solution) ** 2).sum()))
+            scores.append(best)
+        order = np.argsort(scores)
+        chosen: list[tuple[Cause, tuple[Parameter, ...]]] = []
+        per_cause: dict[str, int] = {}
+        for k in order:
+            name = variants[k][0].name
+            if per_cause.get(name, 0) >= 2 or (name not in per_cause and len(per_cause) >= KEEP):
+                continue
+            per_cause[name] = per_cause.get(name, 0) + 1
+            chosen.append(variants[k])
+        return chosen
+
+
+def _sizes(variant: tuple[Parameter, ...]) -> list[dict[str, float]]:
+    """Plausible sizes at which a variant is tried in the screen."""
+    start = {p.path: p.start for p in variant}
+    first = variant[0]
+    further = {**start, first.path: first.from_fit(first.to_fit(first.start) + 1.0)}
+    if (phase := next((p for p in variant if p.path.endswith("_phase")), None)) is not None:
+        return [start, {**start, phase.path: phase.start + np.pi / 2.0}]
+    return [start, further]
+
+
+def _groups(variant: tuple[Parameter, ...], count: int) -> list[tuple[int, ...]]:
+    """Which of the tried sizes are combined: two phases of a ripple together, two sizes of anything else one at a time."""
+    if any(p.path.endswith("_phase") for p in variant):
+        return [tuple(range(count))]
+    return [(k,) for k in range(count)]

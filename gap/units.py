@@ -1,0 +1,96 @@
+"""Which part of the data is for what: pieces of runs to fit on, to choose on, and to measure the gain on."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from gap.log_types import JointLog, LogError, MeasuredRun
+
+WARM_UP = 0.6  # [s] replayed but not judged, so that what came before a piece is forgotten
+START = 0.1  # [s] not judged at the start of a run
+PIECES = 4  # a run is cut into, where there are too few runs to hold whole ones out
+ENOUGH_RUNS = 6
+FIT_A, FIT_B, TEST = 0, 1, 2
+
+
+@dataclass(frozen=True, eq=False)
+class Unit:
+    """A piece of a run that is replayed on its own.
+
+    Attributes:
+        run: index of its run.
+        part: FIT_A or FIT_B (each chooses what the other fitted), or TEST, which no fit and no choice sees.
+        start, stop: samples of the run, warm-up included.
+        judged: first sample, counted from ``start``, whose error counts.
+        state: position [rad] and speed [rad/s] at ``start``.
+    """
+
+    run: int
+    part: int
+    start: int
+    stop: int
+    judged: int
+    state: tuple[float, float]
+
+
+def cut(runs: Sequence[MeasuredRun], joint: str, test_group: str | None = None) -> list[Unit]:
+    """Cut runs into units and deal them out.
+
+    Whole runs (or groups of runs, where the sidecars name them and there are at least three) are dealt out if there are enough; else
+    pieces of runs, shifted from run to run so that each part gets every excitation.
+
+    Args:
+        runs: of one machine.
+        joint: that is judged.
+        test_group: group of runs to keep for the test.
+
+    Raises:
+        LogError: the test group does not exist, or nothing is left to fit on.
+    """
+    groups = [str(run.meta.get("group", run.name)) for run in runs]
+    names = sorted(set(groups), key=groups.index)
+    if test_group is not None and test_group not in names:
+        raise LogError(f"there is no group '{test_group}' to test on; the logs have {', '.join(names)}.")
+    if test_group is not None:
+        rest = [name for name in names if name != test_group]
+        if not rest:
+            raise LogError(f"all runs are in the group '{test_group}'; nothing is left to fit on.")
+        if len(rest) > 1:
+            parts = {name: k % 2 for k, name in enumerate(rest)}
+            return [
+                _unit(runs, k, joint, TEST if g == test_group else parts[g], 0.0, 1.0) for k, g in enumerate(groups)
+            ]
+        order = {k: n for n, k in enumerate(k for k, g in enumerate(groups) if g != test_group)}
+        return [_unit(runs, k, joint, order[k] % 2 if k in order else TEST, 0.0, 1.0) for k in range(len(runs))]
+    if len(runs) >= ENOUGH_RUNS:
+        if 3 <= len(names) < len(runs):
+            return [_unit(runs, k, joint, names.index(g) % 3, 0.0, 1.0) for k, g in enumerate(groups)]
+        return [_unit(runs, k, joint, (k + k // 3) % 3, 0.0, 1.0) for k in range(len(runs))]
+    pieces = max(PIECES, -(-ENOUGH_RUNS // len(runs)))
+    return [
+        _unit(runs, k, joint, (piece + k) % 3, piece / pieces, (piece + 1) / pieces)
+        for k in range(len(runs))
+        for piece in range(pieces)
+    ]
+
+
+def _unit(runs: Sequence[MeasuredRun], k: int, joint: str, part: int, begin: float, end: float) -> Unit:
+    time = runs[k].time
+    span = time[-1] - time[0]
+    first, last = time[0] + begin * span, time[0] + end * span
+    start = int(np.searchsorted(time, first - WARM_UP)) if begin > 0.0 else 0
+    judged = int(np.searchsorted(time, first if begin > 0.0 else first + START))
+    stop = int(np.searchsorted(time, last, side="right")) if end < 1.0 else len(time)
+    return Unit(k, part, start, stop, max(judged - start, 1), state_at(time, runs[k].joints[joint], start))
+
+
+def state_at(time: np.ndarray, log: JointLog, sample: int, width: float = 0.03) -> tuple[float, float]:
+    """Position [rad] and speed [rad/s] at a sample, from a parabola through the positions around it."""
+    near = np.flatnonzero(np.abs(time - time[sample]) <= width)
+    if len(near) < 4 or np.ptp(log.position[near]) == 0.0:
+        return float(log.position[sample]), 0.0
+    fit = np.polynomial.polynomial.polyfit(time[near] - time[sample], log.position[near], 2 if len(near) > 5 else 1)
+    return float(fit[0]), float(fit[1])
