@@ -14,8 +14,9 @@ from actuators.errors import SealegsError, nearest
 
 # Chosen by measurement: docs/numerics.md, reproduced by `python -m benchmarks.numerics`.
 # Dry friction must creep no faster than an encoder can see; the default impedance lets a held pendulum sink visibly.
-FRICTION_SOLREF = (0.004, 1.0)
-FRICTION_SOLIMP = (0.995, 0.9999, 0.001, 0.5, 2.0)
+# The engine raises the time constant to twice the step (flag refsafe), so a short one means: as stiff as the step allows.
+FRICTION_SOLREF = (0.001, 1.0)
+FRICTION_SOLIMP = (0.9999, 0.9999, 0.001, 0.5, 2.0)
 # Stops of a play as stiff as gear teeth; the defaults let them overlap by more than the play is wide.
 TOOTH_SOLREF = (0.004, 1.0)
 TOOTH_SOLIMP = (0.99, 0.999, 0.0001, 0.5, 2.0)

@@ -1,0 +1,1 @@
+"""Measurements of speed and of numerical accuracy; their results are committed in ``benchmarks/results``."""

@@ -1,0 +1,92 @@
+"""What the hopper's paper leaves open: the search for link lengths, and how much each choice matters.
+
+    python -m benchmarks.hopper_open_parameters
+
+Prints the tables of docs/hopper.md. Every row runs the same controller with and without actuator (8 s, the first 2 s left out).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import Any
+
+import mujoco
+
+from actuators import Chain, load_chain
+from actuators.errors import SealegsError
+from envs.hopper.paper import CHAINS, PRINTED, Legs, measure
+from envs.hopper.parameters import NUMBERS
+
+SECONDS = 8.0
+UPPER = (0.080, 0.084, 0.088, 0.092, 0.096, 0.100)
+LOWER = (0.076, 0.080, 0.084, 0.088, 0.092)
+INTEGRATORS = {
+    "implicitfast": mujoco.mjtIntegrator.mjINT_IMPLICITFAST,
+    "RK4": mujoco.mjtIntegrator.mjINT_RK4,
+    "Euler": mujoco.mjtIntegrator.mjINT_EULER,
+}
+
+
+def row(label: str, params: Mapping[str, float] | None = None, servo: Chain | None = None, **legs: Any) -> float:
+    """Run both cases, print a line, and return the larger of the two relative errors of frequency."""
+    cells, errors = [], []
+    for name, chain in CHAINS.items():
+        try:
+            figures = measure(
+                Legs(servo if servo and name == "with actuator" else chain, params=params, **legs).hop(SECONDS)
+            )
+        except SealegsError:
+            cells.append("| does not hop | - ")
+            errors.append(1.0)
+            continue
+        cells.append(f"| {figures.frequency:.2f} | {100 * figures.height:.1f} ")
+        errors.append(abs(figures.frequency / PRINTED[name].frequency - 1.0))
+    print(f"| {label} {''.join(cells)}|", flush=True)
+    return max(errors)
+
+
+def head(title: str) -> None:
+    """Start a table."""
+    print(f"\n{title}\n\n| | with: Hz | cm | without: Hz | cm |\n|---|---|---|---|---|")
+
+
+def main() -> None:
+    """Print all tables."""
+    head("Lengths of upper and lower link [m]")
+    errors = {}
+    for upper in UPPER:
+        for lower in LOWER:
+            errors[upper, lower] = row(f"{upper:.3f}, {lower:.3f}", {"upper_length": upper, "lower_length": lower})
+    best = min(errors, key=lambda lengths: errors[lengths])
+    print(f"\nSmallest larger error of the two frequencies: {best}, {errors[best]:.1%}")
+    head("Other numbers that the paper leaves open, one at a time")
+    row("as chosen")
+    for name, values in (
+        ("upper_centre", (0.4, 0.6)),
+        ("lower_centre", (0.4, 0.6)),
+        ("foot_radius", (0.005, 0.015)),
+        ("contact_time", (0.01, 0.04)),
+        ("floor_friction", (0.7, 1.5)),
+    ):
+        for value in values:
+            unit = NUMBERS[name].unit
+            row(f"{name} {value:g}{'' if unit == '-' else ' ' + unit}", {name: value})
+    head("Servo")
+    servo = load_chain(CHAINS["with actuator"])
+    for path, values in (
+        ("position_p.gain", (0.75, 10.0, 16.85, 55.0)),
+        ("duty_limit.limit", (0.5, 1.0)),
+        ("regression.constant", (0.0, 0.13978)),
+        ("friction.viscous", (0.25, 0.45)),
+        ("regression.armature", (0.008, 0.012)),
+    ):
+        for value in values:
+            row(f"{path} {value:g}", servo=servo.with_value(path, value))
+    head("Integrator and step")
+    for name, integrator in INTEGRATORS.items():
+        for step in (0.001, 0.0005, 0.00025):
+            row(f"{name} {1000 * step:g} ms", integrator=integrator, timestep=step)
+
+
+if __name__ == "__main__":
+    main()
