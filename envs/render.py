@@ -56,10 +56,9 @@ class Scene:
         if self._mode == "human":
             self._show()
             return None
-        if self._renderer is None:
-            self._renderer = self._open()
-        self._renderer.update_scene(data, self._follow(simulation))
-        return self._renderer.render()
+        renderer = self._renderer = self._renderer or self._open()
+        renderer.update_scene(data, self._follow(simulation))
+        return renderer.render()
 
     def _follow(self, simulation: int) -> mujoco.MjvCamera:
         """The model's camera, moved along with the robot; heights stay, so that a hop is seen."""

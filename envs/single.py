@@ -30,7 +30,10 @@ class SingleEnv(gym.Env[np.ndarray, np.ndarray]):
     The time limit is Gymnasium's ``TimeLimit``, which ``gymnasium.make`` adds.
     """
 
-    metadata: ClassVar[dict[str, Any]] = {"render_modes": ["rgb_array", "human"], "render_fps": 50}
+    metadata: dict[str, Any] = {  # noqa: RUF012 as in Gymnasium
+        "render_modes": ["rgb_array", "human"],
+        "render_fps": 50,
+    }
     task: ClassVar[type[Task]]
 
     def __init__(self, render_mode: str | None = None, width: int = 640, height: int = 480, **keywords: Any) -> None:

@@ -22,7 +22,7 @@ class BatchVectorEnv(gym.vector.VectorEnv):
     mode.
     """
 
-    metadata: ClassVar[dict[str, Any]] = {
+    metadata: dict[str, Any] = {  # noqa: RUF012 as in Gymnasium
         "render_modes": ["rgb_array"],
         "render_fps": 50,
         "autoreset_mode": gym.vector.AutoresetMode.SAME_STEP,

@@ -1,0 +1,39 @@
+"""Compare: a robot with its published figures.
+
+    python evaluate.py paper=hopper                 hopping with and without actuator, beside the paper's figures
+    python evaluate.py paper=hopper out=comparison  the same, into that folder
+
+Writes the numbers (JSON), the motor positions over time (PNG), and positions and speeds over the hopping period (PNG).
+"""
+
+from __future__ import annotations
+
+import datetime
+import sys
+from pathlib import Path
+
+from configs.script import run
+
+
+def main(arguments: list[str]) -> None:
+    """Make the comparison that the command line names."""
+    from actuators.errors import SealegsError, nearest
+    from configs.compose import compose, split
+    from envs.hopper.report import compare  # here, so that --help does not wait
+
+    papers = {"hopper": compare}
+    config = compose("evaluate", split(arguments, plain=("paper", "out")))
+    paper = config["paper"]
+    if paper is None:
+        raise SealegsError(f"say what to compare: paper={'|'.join(papers)}; --help lists the keys.")
+    if paper not in papers:
+        raise SealegsError(f"there is no paper '{paper}'{nearest(str(paper), papers)}; there are {', '.join(papers)}.")
+    if isinstance(config["seconds"], bool) or not isinstance(config["seconds"], int | float):
+        raise SealegsError(f"seconds takes a number, not {config['seconds']!r}.")
+    now = datetime.datetime.now().strftime("%Y%m%d-%H%M%S")
+    out = Path(str(config["out"] or f"runs/paper-{paper}-{now}"))
+    papers[paper](out, float(config["seconds"]))
+
+
+if __name__ == "__main__":
+    sys.exit(run(main, "evaluate", __doc__ or "", sys.argv[1:]))
