@@ -1,0 +1,316 @@
+"""The verdict: what a diagnosis says, and how it comes about from measured logs. One joint at a time; the log's own errors first."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, field
+from typing import Any
+
+import numpy as np
+
+from actuators.chain import load_chain
+from actuators.errors import SealegsError
+from gap.causes import retunable
+from gap.checks import check_set, noise_floor, unusable
+from gap.experiment import Experiment, separate
+from gap.fit import Fit, fit, intervals, merge
+from gap.joint_model import JointModel
+from gap.log_checks.finding import Finding
+from gap.log_types import LogError, MeasuredRun, MeasuredSet
+from gap.parameters import Parameter
+from gap.problem import Problem, lay_out
+from gap.search import RIVAL, Search, Searcher
+from gap.units import FIT_A, FIT_B, TEST, cut
+
+WIDE = 4.0  # how far re-tuning alone may turn each number the model has: up to five times, down to a fifth
+CLOSED = 1.25  # error over noise floor up to which a model counts as right
+SMALL = 0.15  # unexplained share of the gap up to which a gap counts as explained
+UNSURE = 0.6  # a cause that is the best in a smaller share of draws than this is not named alone
+
+EXPLAINED, PARTLY, NOTHING, NOT_IDENTIFIABLE, UNUSABLE = (
+    "explained",
+    "partly explained",
+    "nothing to explain",
+    "not identifiable",
+    "unusable log",
+)
+
+
+@dataclass(frozen=True)
+class Error:
+    """Error of one model on the test part: root mean square and mean absolute."""
+
+    rmse: float
+    mae: float
+
+
+@dataclass(frozen=True)
+class Value:
+    """A parameter that was found: value, 95 % interval, unit, and what the nominal model has."""
+
+    value: float
+    low: float
+    high: float
+    unit: str
+    nominal: float
+
+
+@dataclass(frozen=True)
+class NamedCause:
+    """A cause in the verdict.
+
+    Attributes:
+        name, sentence, joint: what it is and where.
+        share: of the nominal gap's excess over the noise.
+        confidence: how often, over resampled data, it was the best of all causes.
+        parameters: by path.
+        gain: held-out error that it removes, as a share of the error without it.
+        kind: ``effect`` that the model lacks, wrong ``number`` of the model, or error of the ``data``.
+        picture: which picture shows it.
+    """
+
+    name: str
+    sentence: str
+    joint: str
+    share: float
+    confidence: float
+    parameters: dict[str, Value]
+    gain: float
+    kind: str
+    picture: str = ""
+    rivals: tuple[str, ...] = ()
+
+
+@dataclass(frozen=True, eq=False)
+class JointDiagnosis:
+    """What was found about one joint.
+
+    Attributes:
+        gap: error of each model on the test part, by ``nominal``, ``retuned``, ``extended``, ``noise_floor``.
+        values: of all parameters of the extended model, by path; a ``*`` marks a factor.
+        simulated: channels of the models over the whole problem, by model name (n, 4).
+        retuned: numbers of the nominal model that moved within their tolerance, as factors.
+    """
+
+    joint: str
+    verdict: str
+    sentence: str
+    signal: str
+    unit: str
+    gap: dict[str, Error]
+    causes: tuple[NamedCause, ...]
+    unexplained: float
+    rivals: tuple[dict[str, Any], ...]
+    experiment: Experiment | None
+    findings: tuple[Finding, ...]
+    values: dict[str, float] = field(default_factory=dict)
+    retuned: dict[str, float] = field(default_factory=dict)
+    problem: Problem | None = None
+    search: Search | None = None
+    simulated: dict[str, np.ndarray] = field(default_factory=dict)
+
+
+Progress = Callable[[str], None]
+
+
+def diagnose(data: MeasuredSet, test_group: str | None = None, seed: int = 0, progress: Progress = lambda text: None) -> list[JointDiagnosis]:
+    """Diagnose every joint of a data set.
+
+    Args:
+        data: measured runs of one machine.
+        test_group: group of runs that no fit and no choice may see.
+        seed: of all resampling.
+        progress: is told what goes on.
+
+    Raises:
+        SealegsError: the runs have no joint that can be diagnosed.
+    """
+    progress("checking the log")
+    findings = check_set(data)
+    if (reason := unusable(findings, data)) is not None:
+        return [_unusable(joint, reason.sentence, findings) for joint in data.runs[0].joints]
+    return [_joint(data.runs, joint, findings, test_group, seed, progress) for joint in data.runs[0].joints]
+
+
+def _joint(
+    runs: Sequence[MeasuredRun], joint: str, findings: Sequence[Finding], test_group: str | None, seed: int, progress: Progress
+) -> JointDiagnosis:
+    mine = tuple(f for f in findings if f.joint in (joint, None, ""))
+    if all(run.joints[joint].goal is None for run in runs):
+        from gap.torque_diagnosis import diagnose_torque  # a log without commands: only its torque can be judged
+
+        return diagnose_torque(runs, joint, mine)
+    if any(run.robot != "bench" for run in runs):
+        names = ", ".join(sorted({run.robot for run in runs}))
+        raise LogError(f"joint '{joint}' of robot '{names}': this version diagnoses logs of the robot 'bench' (one servo with a known load).")
+    missing = [run.name for run in runs if joint not in run.actuators]
+    if missing:
+        raise LogError(f"{missing[0]}: the sidecar names no actuator for joint '{joint}'; add it under 'actuators'.")
+    models = [JointModel(load_chain(run.actuators[joint])) for run in runs]
+    noise = float(np.median([noise_floor(run, joint) for run in runs]))
+    units = cut(runs, joint, test_group)
+    problem = lay_out(runs, joint, models, units, {"position": 1.0 / noise})
+    search = Searcher(problem, progress, seed).run()
+    progress("measuring the gain on runs that nothing has seen")
+    return _conclude(problem, search, joint, mine, seed)
+
+
+def _conclude(problem: Problem, search: Search, joint: str, findings: tuple[Finding, ...], seed: int) -> JointDiagnosis:
+    fitted, test = problem.part(FIT_A, FIT_B), problem.part(TEST)
+    nominal = problem.models[0]
+    wide = fit(fitted, retunable(nominal, WIDE), evaluations=25)
+    last = search.accepted[-1].fits if search.accepted else search.base
+    start = {path: 0.5 * (value + last[1].values[path]) for path, value in last[0].values.items()}
+    parameters = search.parameters()
+    extended = fit(fitted, parameters, start, evaluations=25)
+    models = {"nominal": {}, "retuned": wide.values, "extended": extended.values}
+    errors = {name: _error(test.position_error(test.simulate([values])[0])) for name, values in models.items()}
+    noise = problem.noise
+    errors["noise_floor"] = Error(noise, noise * float(np.sqrt(2.0 / np.pi)))
+
+    excess = max(errors["nominal"].rmse ** 2 - noise**2, 1e-12)
+    left = float(np.clip((errors["extended"].rmse ** 2 - noise**2) / excess, 0.0, 1.0))
+    causes = _name_causes(problem, search, extended, fitted, joint, 1.0 - left, seed)
+    rivals = tuple(
+        {"of": named.name, "names": [named.name, *named.rivals], "confidence": named.confidence} for named in causes if named.rivals
+    )
+    level = errors["extended"].rmse / noise
+    verdict, sentence = _verdict(joint, causes, errors, left, level, rivals)
+    experiment = separate(problem, search, seed) if verdict in (NOT_IDENTIFIABLE, PARTLY) or rivals else None
+    simulated = {name: problem.simulate([values])[0] for name, values in models.items()}
+    tuned = {p.path.rstrip("*"): extended.values[p.path] for p in search.tuned if p.path in extended.values}
+    return JointDiagnosis(
+        joint=joint,
+        verdict=verdict,
+        sentence=sentence,
+        signal=f"{joint}.position",
+        unit="rad",
+        gap=errors,
+        causes=(*_data_causes(findings, joint), *causes),
+        unexplained=left,
+        rivals=rivals,
+        experiment=experiment,
+        findings=findings,
+        values=extended.values,
+        retuned=tuned,
+        problem=problem,
+        search=search,
+        simulated=simulated,
+    )
+
+
+def _error(error: np.ndarray) -> Error:
+    return Error(float(np.sqrt(np.mean(error**2))), float(np.mean(np.abs(error))))
+
+
+def _name_causes(
+    problem: Problem, search: Search, extended: Fit, fitted: Problem, joint: str, explained: float, seed: int
+) -> list[NamedCause]:
+    """Causes with shares by what the model loses without each, all others re-fitted."""
+    if not search.accepted:
+        return []
+    final = search.accepted[-1]
+    parts = (problem.part(FIT_A), problem.part(FIT_B))
+    losses = []
+    for candidate in search.accepted:
+        rest = search.parameters(without=candidate.cause.name)
+        kept = [{p.path: f.values[p.path] for p in rest if p.path in f.values} for f in final.fits]
+        fits = [fit(part, rest, start) for part, start in zip(parts, kept, strict=True)]
+        blocks = np.concatenate([p.block_errors(p.simulate([f.values])[0]) for p, f in zip(reversed(parts), fits, strict=True)])
+        losses.append((max(float(blocks.sum() - final.blocks.sum()), 0.0), float(blocks.sum())))
+    total = sum(loss for loss, _ in losses) or 1.0
+    parameters = search.parameters()
+    bounds = intervals(fitted, parameters, extended, seed)
+    named = []
+    rounds = [r for r in search.rounds if r.accepted]
+    for candidate, (loss, without), chosen in zip(search.accepted, losses, rounds, strict=True):
+        rivals = tuple(c.cause.name for c in chosen.candidates[1:] if c.best > RIVAL)
+        values = {p.path.rstrip("*"): _value(p, extended, bounds, problem.models[0]) for p in candidate.variant if p.path in extended.values}
+        named.append(
+            NamedCause(
+                name=candidate.cause.name,
+                sentence=candidate.cause.sentence,
+                joint=joint,
+                share=explained * loss / total,
+                confidence=candidate.best,
+                parameters=values,
+                gain=1.0 - float(np.sqrt(final.blocks.sum() / without)),
+                kind="number" if candidate.cause.error else "effect",
+                picture=candidate.cause.picture,
+                rivals=rivals,
+            )
+        )
+    return sorted(named, key=lambda cause: -cause.share)
+
+
+def _value(parameter: Parameter, extended: Fit, bounds: Mapping[str, tuple[float, float]], nominal: JointModel) -> Value:
+    value, (low, high) = extended.values[parameter.path], bounds[parameter.path]
+    before = nominal.value(parameter.path.rstrip("*"))
+    if not parameter.path.endswith("*"):
+        return Value(float(value), float(low), float(high), parameter.unit, float(before))
+    return Value(float(value * before), float(low * before), float(high * before), _unit(nominal, parameter.path.rstrip("*")), float(before))
+
+
+def _unit(nominal: JointModel, path: str) -> str:
+    import dataclasses
+
+    name, key = path.split(".")
+    stage = nominal.chain.find(name)
+    return next((item.metadata.get("unit", "1") for item in dataclasses.fields(stage) if item.name == key), "1") if stage else "1"
+
+
+def _data_causes(findings: Sequence[Finding], joint: str) -> list[NamedCause]:
+    """Errors of the log itself, which are named before any physics is blamed."""
+    return [
+        NamedCause(
+            name=f.cause,
+            sentence=f.sentence,
+            joint=joint,
+            share=0.0,
+            confidence=0.95 if f.severity != "note" else 0.5,
+            parameters={
+                f.column or "column": Value(
+                    float(f.value), float(f.low if f.low is not None else f.value), float(f.high if f.high is not None else f.value), f.unit, 0.0
+                )
+            }
+            if f.value is not None
+            else {},
+            gain=0.0,
+            kind="data",
+        )
+        for f in findings
+        if f.data_error and f.cause
+    ]
+
+
+def _verdict(
+    joint: str, causes: Sequence[NamedCause], errors: Mapping[str, Error], left: float, level: float, rivals: Sequence[dict[str, Any]]
+) -> tuple[str, str]:
+    before, after, floor = (1e3 * errors[key].rmse for key in ("nominal", "extended", "noise_floor"))
+    if not causes and level <= CLOSED:
+        return NOTHING, (
+            f"Nothing to explain: the simulation of '{joint}' is within {after:.2f} mrad of the measurement, whose noise is {floor:.2f} mrad "
+            f"({before:.2f} mrad before its numbers were re-tuned within their tolerance)."
+        )
+    if not causes:
+        return NOT_IDENTIFIABLE, (
+            f"The simulation of '{joint}' is {before:.1f} mrad off and {after:.1f} mrad after re-tuning, but no known cause explains that on "
+            "runs it was not fitted to; it may lie outside the catalogue, or the motion does not show it."
+        )
+    names = " and ".join(cause.name for cause in causes[:3])
+    change = f"from {before:.1f} to {after:.1f} mrad on runs that nothing was fitted to (noise {floor:.2f} mrad)"
+    if causes[0].rivals and causes[0].confidence < UNSURE:
+        others = ", ".join(causes[0].rivals)
+        return NOT_IDENTIFIABLE, f"The gap of '{joint}' may be {causes[0].name}, but the data fit {others} about as well ({change})."
+    if left <= SMALL or level <= CLOSED:
+        return EXPLAINED, f"The gap of '{joint}' is explained by {names}: the error falls {change}."
+    return PARTLY, f"The gap of '{joint}' is partly explained by {names}: the error falls {change}; {100 * left:.0f} % of it stays unexplained."
+
+
+def _unusable(joint: str, reason: str, findings: Sequence[Finding]) -> JointDiagnosis:
+    return JointDiagnosis(
+        joint, UNUSABLE, f"The log cannot be used: {reason}", f"{joint}.position", "rad", {}, (), 1.0, (), None, tuple(findings)
+    )
+
+
+__all__ = ["Error", "JointDiagnosis", "NamedCause", "SealegsError", "Value", "diagnose", "merge"]
