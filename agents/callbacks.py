@@ -103,30 +103,27 @@ class Evaluation(EvalCallback):
         return self.last_mean_reward
 
 
-class InfoTerms(BaseCallback):
-    """Logs the mean of what the environment reports per step: reward terms, and what its actuators did."""
-
-    GROUPS = ("reward", "actuator")
+class EpisodeTerms(BaseCallback):
+    """Logs what episodes report at their end: the terms of the reward, summed, and the actuators' flags."""
 
     def __init__(self) -> None:
         super().__init__()
-        self._sums: dict[str, float] = {}
-        self._counts: dict[str, int] = {}
+        self._flags: dict[str, deque[float]] = {}
 
     def _on_step(self) -> bool:
-        for info in self.locals["infos"]:
-            for group in self.GROUPS:
-                for term, value in info.get(f"{group}_terms", {}).items():
-                    key = f"{group}/{term}"
-                    self._sums[key] = self._sums.get(key, 0.0) + float(value)
-                    self._counts[key] = self._counts.get(key, 0) + 1
+        for number in np.flatnonzero(self.locals["dones"]):
+            for name, value in self.locals["infos"][number].items():
+                if name != "TimeLimit.truncated" and isinstance(value, bool | int | float):
+                    self._flags.setdefault(name, deque(maxlen=100)).append(float(value))
         return True
 
     def _on_rollout_end(self) -> None:
-        for key, total in self._sums.items():
-            self.logger.record(key, total / self._counts[key])
-        self._sums.clear()
-        self._counts.clear()
+        episodes = self.model.ep_info_buffer or ()
+        for name in (key for key in (episodes[-1] if episodes else ()) if key.startswith("reward_")):
+            mean = np.mean([episode[name] for episode in episodes])
+            self.logger.record(f"reward/{name.removeprefix('reward_')}", float(mean))
+        for name, values in self._flags.items():
+            self.logger.record(f"actuator/{name}", float(np.mean(values)))
 
 
 class ProgressReport(BaseCallback):

@@ -45,12 +45,12 @@ class VideoConfig:
 class TrainConfig:
     """What is learned, on what, for how long. Steps are counted over all simulations.
 
-    ``actuator`` is the name or the path of a chain, or the chain itself as a list of stages; ``env`` and ``agent`` hold
-    the arguments of the environment and of the algorithm.
+    ``actuator`` is the name or the path of a chain, its stages, one of these by joint, or None for the robot's own;
+    ``env`` and ``agent`` hold the arguments of the environment and of the algorithm.
     """
 
     env: dict[str, Any]
-    actuator: str | list[Any]
+    actuator: str | list[Any] | dict[str, Any] | None
     agent: dict[str, Any]
     seed: int
     n_envs: int
@@ -69,13 +69,6 @@ class TrainConfig:
     def as_dict(self) -> dict[str, Any]:
         """Plain form, as it is written to ``config.yaml``."""
         return json.loads(json.dumps(dataclasses.asdict(self)))  # tuples become lists
-
-    @property
-    def label(self) -> str:
-        """``<env>-<actuator>-<agent>``, the head of the run's name."""
-        env = str(self.env["id"]).rpartition("/")[2].partition("-")[0].lower()
-        actuator = Path(self.actuator).stem if isinstance(self.actuator, str) else "inline"
-        return f"{env}-{actuator}-{self.agent['algorithm']}"
 
 
 @dataclass(frozen=True)

@@ -1,4 +1,4 @@
-"""Simulations for a learner: many side by side, or one to look at."""
+"""Simulations for a learner: many side by side, or one to look at; and the seeds that keep them apart."""
 
 from __future__ import annotations
 
@@ -6,29 +6,19 @@ from collections.abc import Mapping
 from typing import Any
 
 import gymnasium
+import numpy as np
 from gymnasium.envs.registration import load_env_creator
-from stable_baselines3.common.env_util import make_vec_env as make_dummy_vec_env
-from stable_baselines3.common.vec_env import VecEnv
 
+import envs
 from actuators.errors import SealegsError, nearest
 from configs.check import arguments, checked
+from envs.sb3 import BatchVecEnv
+
+Actuator = str | list[Any] | dict[str, Any] | None
+"""Chain of all coordinates (name, path or stages), or chains by coordinate; None: the robot's own."""
 
 # Arguments of an environment that are not the config group's business.
-_TAKEN = {"self", "render_mode", "actuator", "num_envs", "width", "height"}
-
-
-def _creator(env_id: str) -> Any:
-    try:
-        entry = gymnasium.spec(env_id).entry_point
-    except gymnasium.error.Error as error:
-        known = list(gymnasium.registry)
-        raise SealegsError(f"env.id '{env_id}' is not a registered environment{nearest(env_id, known)}.") from error
-    return load_env_creator(entry) if isinstance(entry, str) else entry
-
-
-def _env_arguments(env: Mapping[str, Any]) -> dict[str, Any]:
-    creator = _creator(str(env["id"]))
-    return arguments(creator.__init__ if isinstance(creator, type) else creator, _TAKEN)
+_TAKEN = {"self", "render_mode", "actuator", "width", "height"}
 
 
 def env_keys(env: Mapping[str, Any]) -> list[str]:
@@ -49,13 +39,35 @@ def checked_env(env: Mapping[str, Any]) -> dict[str, Any]:
     return {key: checked(f"env.{key}", value, types[key]) for key, value in env.items()}
 
 
-def make_vec_env(env: Mapping[str, Any], actuator: Any, num_envs: int, seed: int) -> VecEnv:
-    """``num_envs`` simulations of a checked ``env`` config with the chain ``actuator``; episodes are monitored."""
-    keywords = {key: value for key, value in env.items() if key != "id"}
-    return make_dummy_vec_env(env["id"], num_envs, seed=seed, env_kwargs=keywords)
+def make_vec_env(env: Mapping[str, Any], actuator: Actuator, num_envs: int, seed: int) -> BatchVecEnv:
+    """``num_envs`` simulations of a checked ``env`` config, with the chain ``actuator``."""
+    return BatchVecEnv(env["id"], num_envs, seed=seed, actuator=actuator, **_keywords(env))
 
 
-def make_single_env(env: Mapping[str, Any], actuator: Any, width: int, height: int) -> gymnasium.Env:
-    """One simulation that draws itself into arrays of ``height`` x ``width``."""
-    keywords = {key: value for key, value in env.items() if key != "id"}
-    return gymnasium.make(env["id"], render_mode="rgb_array", **keywords)
+def make_single_env(env: Mapping[str, Any], actuator: Actuator, width: int, height: int) -> gymnasium.Env:
+    """One simulation that draws itself into arrays of ``height`` x ``width`` x 3."""
+    size = {"width": width, "height": height}
+    return gymnasium.make(env["id"], render_mode="rgb_array", actuator=actuator, **size, **_keywords(env))
+
+
+def stream_seed(seed: int, *stream: int) -> int:
+    """Seed of one use of randomness in a run, such that neither uses nor runs with neighbouring seeds share numbers.
+
+    Simulation i is seeded with i more, which stays below 2**32.
+    """
+    return int(np.random.SeedSequence([seed, *stream]).generate_state(1)[0]) >> 1
+
+
+def _keywords(env: Mapping[str, Any]) -> dict[str, Any]:
+    return {key: value for key, value in env.items() if key != "id"}
+
+
+def _env_arguments(env: Mapping[str, Any]) -> dict[str, Any]:
+    envs.register_environments()
+    if env["id"] not in gymnasium.registry:
+        known = [name for name in gymnasium.registry if name.startswith("SeaLegs/")]
+        hint = nearest(str(env["id"]), known)
+        raise SealegsError(f"env.id '{env['id']}' is no registered environment{hint}: there are {', '.join(known)}.")
+    entry = gymnasium.spec(str(env["id"])).entry_point
+    creator: Any = load_env_creator(entry) if isinstance(entry, str) else entry
+    return arguments(creator.__init__, _TAKEN)

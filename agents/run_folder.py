@@ -107,13 +107,22 @@ class RunFolder:
 
     def read_config(self) -> dict[str, Any]:
         """Resolved config that the run was started with."""
+        return self.read_yaml("config.yaml")
+
+    def read_yaml(self, name: str) -> dict[str, Any]:
+        """Mapping that one of the run's YAML files holds.
+
+        Raises:
+            SealegsError: the file is gone, or was damaged.
+        """
+        file = self.path / name
         try:
-            config = yaml.safe_load((self.path / "config.yaml").read_text())
-        except yaml.YAMLError as error:
-            raise SealegsError(f"{self.path / 'config.yaml'} is not YAML any more: {error}.") from error
-        if not isinstance(config, dict):
-            raise SealegsError(f"{self.path / 'config.yaml'} holds no config.")
-        return config
+            document = yaml.safe_load(file.read_text())
+        except (OSError, ValueError, yaml.YAMLError) as error:
+            raise SealegsError(f"{file}, which the run needs to go on, cannot be read: {error}.") from error
+        if not isinstance(document, dict):
+            raise SealegsError(f"{file}, which the run needs to go on, holds no mapping.")
+        return document
 
     def write_text(self, name: str, text: str) -> None:
         """Write a file as a whole or not at all."""

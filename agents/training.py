@@ -17,23 +17,23 @@ import yaml
 from stable_baselines3.common.base_class import BaseAlgorithm
 from stable_baselines3.common.callbacks import CallbackList
 
-from actuators import Chain, load_chain
 from actuators.errors import SealegsError
 from agents.algorithms import build, normalized
-from agents.callbacks import Checkpoints, Evaluation, InfoTerms, ProgressReport, StopOnSignal
+from agents.callbacks import Checkpoints, EpisodeTerms, Evaluation, ProgressReport, StopOnSignal
 from agents.checkpoint import checkpoints, load_newest, save_checkpoint
 from agents.config import Request, TrainConfig, with_overrides
-from agents.make_env import make_single_env, make_vec_env
+from agents.make_env import Actuator, make_single_env, make_vec_env, stream_seed
 from agents.policy_files import save_policy
 from agents.run_folder import RunFolder
 from agents.stop import StopSignals
 from agents.tensorboard import tensorboard_logger
 from agents.video import record_video
 from configs.script import Interrupted
+from envs.sb3 import BatchVecEnv
 
-# Evaluation and film draw their randomness apart from the training: switching either off leaves the training as it is.
-_EVALUATION_SEED = 1_000_003
-_VIDEO_SEED = 2_000_003
+# Each use of randomness has a stream of its own: switching evaluation or film off leaves the training as it is.
+_TRAINING, _EVALUATION, _FILM = 0, 1, 2
+_CHAINS = "actuators.yaml"
 
 
 def train(request: Request) -> Path:
@@ -46,11 +46,10 @@ def train(request: Request) -> Path:
     if request.resume is not None:
         run = RunFolder.open(request.resume)
         with contextlib.closing(run), _disk_errors(run):
-            config = with_overrides(run.read_config(), request.overrides)
-            Session.resumed(run, config, load_chain(run.path / "actuator.yaml")).learn()
+            Session.resumed(run, with_overrides(run.read_config(), request.overrides)).learn()
     else:
         assert request.config is not None
-        session = Session.started(request.config, load_chain(request.config.actuator), request.out, request.name)
+        session = Session.started(request.config, request.out, request.name)
         run = session.run
         with contextlib.closing(run), _disk_errors(run):
             session.learn()
@@ -60,54 +59,58 @@ def train(request: Request) -> Path:
 class Session:
     """A run folder, its config and its learner in this process."""
 
-    def __init__(self, run: RunFolder, config: TrainConfig, chain: Chain, model: BaseAlgorithm) -> None:
-        self.run, self.config, self.chain, self.model = run, config, chain, model
+    def __init__(self, run: RunFolder, config: TrainConfig, model: BaseAlgorithm, env: BatchVecEnv) -> None:
+        self.run, self.config, self.model = run, config, model
         self.from_step = model.num_timesteps
-        eval_envs = make_vec_env(
-            config.env, chain, min(config.evaluate.episodes, 8), seed=config.seed + _EVALUATION_SEED
+        self.chains = _chains(env)
+        self.description = {"env": config.env, "actuators": self.chains, **_interface(env)}
+        evaluate = config.evaluate
+        eval_env = make_vec_env(
+            config.env, self.chains, min(evaluate.episodes, 8), stream_seed(config.seed, _EVALUATION)
         )
         self.evaluation = Evaluation(
-            normalized(eval_envs, config.agent, training=False),
-            config.evaluate.every,
-            config.evaluate.episodes,
+            normalized(eval_env, config.agent, training=False),
+            evaluate.every,
+            evaluate.episodes,
             config.n_envs,
             str(run.path),
             self._save_best,
         )
-        self.description = {"env": config.env, "actuator": chain.to_list(), "algorithm": config.agent["algorithm"]}
 
     @classmethod
-    def started(cls, config: TrainConfig, chain: Chain, out: Path, name: str | None) -> Session:
+    def started(cls, config: TrainConfig, out: Path, name: str | None) -> Session:
         """New run; its folder is made only once environment and learner exist, so wrong input leaves none."""
-        torch.set_num_threads(config.threads)
-        env = make_vec_env(config.env, chain, config.n_envs, config.seed)
-        model = build(config.agent, normalized(env, config.agent, training=True), config.seed)
-        run = RunFolder.create(out, config.label, name)
+        model, env = _new_learner(config, config.actuator)
+        robot = str(config.env["id"]).rpartition("/")[2].partition("-")[0].lower()
+        actuator = "+".join(dict.fromkeys(chain.label.split()[0] for chain in env.engine.drivetrain.chains.values()))
+        run = RunFolder.create(out, f"{robot}-{actuator}-{config.agent['algorithm']}", name)
         with _disk_errors(run):
-            run.write_text("actuator.yaml", chain.to_yaml())
+            run.write_text(_CHAINS, yaml.safe_dump(_chains(env), sort_keys=False))
             run.write_text("config.yaml", yaml.safe_dump(config.as_dict(), sort_keys=False))
             run.record_session(0)
-        return cls(run, config, chain, model)
+        return cls(run, config, model, env)
 
     @classmethod
-    def resumed(cls, run: RunFolder, config: TrainConfig, chain: Chain) -> Session:
+    def resumed(cls, run: RunFolder, config: TrainConfig) -> Session:
         """Run that goes on from its newest complete checkpoint, or from the start where it has none."""
+        chains = run.read_yaml(_CHAINS)
         torch.set_num_threads(config.threads)
-        env = make_vec_env(config.env, chain, config.n_envs, config.seed)
+        env = make_vec_env(config.env, chains, config.n_envs, config.seed)
         loaded = load_newest(run, config.agent, env)
         if loaded is None:
             print(f"{run.path} has no checkpoint yet: starting from step 0.")
-            model, evaluations = build(config.agent, normalized(env, config.agent, training=True), config.seed), None
+            model, env = _new_learner(config, chains)
+            evaluations = None
         else:
             model, evaluations = loaded
-            model.set_random_seed(config.seed + model.num_timesteps)
+            model.set_random_seed(stream_seed(config.seed, _TRAINING, model.num_timesteps))
         if model.num_timesteps >= config.total_timesteps:
             raise SealegsError(
                 f"{run.path} is trained to step {model.num_timesteps} already: give a larger total_timesteps to go on."
             )
         run.write_text("config.yaml", yaml.safe_dump(config.as_dict(), sort_keys=False))
         run.record_session(model.num_timesteps)
-        session = cls(run, config, chain, model)
+        session = cls(run, config, model, env)
         if evaluations is not None:
             session.evaluation.restore(evaluations)
         return session
@@ -149,7 +152,7 @@ class Session:
         config = self.config
         progress = ProgressReport(config.total_timesteps)
         saving = Checkpoints(config.checkpoint.every, self.save_checkpoint)
-        callbacks = CallbackList([StopOnSignal(signals), InfoTerms(), self.evaluation, saving, progress])
+        callbacks = CallbackList([StopOnSignal(signals), EpisodeTerms(), self.evaluation, saving, progress])
         remaining = config.total_timesteps - self.from_step
         try:
             self.model.learn(remaining, callback=callbacks, reset_num_timesteps=self.from_step == 0)
@@ -173,9 +176,9 @@ class Session:
         file = self.run.path / "video.mp4"
         unfinished = self.run.path / ".writing-video.mp4"
         try:
-            env = make_single_env(self.config.env, self.chain, video.width, video.height)
+            env = make_single_env(self.config.env, self.chains, video.width, video.height)
             try:
-                record_video(unfinished, self.model, env, video.seconds, self.config.seed + _VIDEO_SEED)
+                record_video(unfinished, self.model, env, video.seconds, stream_seed(self.config.seed, _FILM))
             finally:
                 env.close()
             os.replace(unfinished, file)
@@ -200,6 +203,30 @@ class Session:
         found = checkpoints(self.run)
         where = f"the checkpoint at step {int(found[0].name)}" if found else "the start (there is no checkpoint yet)"
         return f"{what}; go on from {where} with: python train.py resume={self.run.path}"
+
+
+def _new_learner(config: TrainConfig, actuator: Actuator) -> tuple[BaseAlgorithm, BatchVecEnv]:
+    torch.set_num_threads(config.threads)
+    seed = stream_seed(config.seed, _TRAINING)
+    env = make_vec_env(config.env, actuator, config.n_envs, seed)
+    return build(config.agent, normalized(env, config.agent, training=True), seed), env
+
+
+def _chains(env: BatchVecEnv) -> dict[str, Any]:
+    """Stages of the chain on each coordinate: what runs, whatever name or path it was asked for by."""
+    return {name: chain.to_list() for name, chain in env.engine.drivetrain.chains.items()}
+
+
+def _interface(env: BatchVecEnv) -> dict[str, Any]:
+    """What the numbers that go into and come out of a policy mean."""
+    engine = env.engine
+    return {
+        "control_rate": 1.0 / engine.dt,
+        "observation_names": list(engine.task.observation_names()),
+        "action_names": list(engine.names),
+        "goal_at_zero": engine.goal_centre.tolist(),
+        "goal_per_action": engine.goal_half.tolist(),
+    }
 
 
 @contextlib.contextmanager
