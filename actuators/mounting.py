@@ -13,8 +13,8 @@ from actuators.chain import Chain
 from actuators.errors import SealegsError, nearest
 
 # Chosen by measurement: docs/numerics.md, reproduced by `python -m benchmarks.numerics`.
-# Dry friction must creep no faster than an encoder can see; the default impedance lets a held pendulum sink visibly.
-# The engine raises the time constant to twice the step (flag refsafe), so a short one means: as stiff as the step allows.
+# Dry friction must creep no faster than an encoder can see; the default lets a held pendulum sink visibly.
+# The engine raises the time constant to twice the step (refsafe): a short one means as stiff as the step allows.
 FRICTION_SOLREF = (0.001, 1.0)
 FRICTION_SOLIMP = (0.9999, 0.9999, 0.001, 0.5, 2.0)
 # Stops of a play as stiff as gear teeth; the defaults let them overlap by more than the play is wide.

@@ -34,11 +34,11 @@ MODEL = """<mujoco><option timestep="{step}" integrator="{integrator}" gravity="
 
 TEMPLATE = """# Numerics: what a simulation step costs
 
-Written by `python -m benchmarks.numerics`; do not edit. Step error looks like a physical cause, so it is measured here against
-an exact integration (`benchmarks/exact_joint.py`, 2 us, a joint at rest is held, not slowed down). The joint is a position
-servo with 0.5 kg at 0.12 m and 0.06 N.m of Coulomb friction; 24 s of chirp, steps, slow triangle and multisine, a new goal
-every 10 ms. The noise and ticks of a real encoder are {noise_floor:g} mrad rms; the same exact integration at 20 us differs by
-{exact_20us:.2f} mrad.
+Written by `python -m benchmarks.numerics`; do not edit. Step error looks like a physical cause, so it is measured
+here against an exact integration (`benchmarks/exact_joint.py`, 2 us, a joint at rest is held, not slowed down). The
+joint is a position servo with 0.5 kg at 0.12 m and 0.06 N.m of Coulomb friction; 24 s of chirp, steps, slow triangle
+and multisine, a new goal every 10 ms. The noise and ticks of a real encoder are {noise_floor:g} mrad rms; the same
+exact integration at 20 us differs by {exact_20us:.2f} mrad.
 
 ## Position error
 
@@ -52,10 +52,10 @@ MuJoCo raises the time constant to twice the step, so friction is as stiff as th
 Euler and implicitfast evaluate the law once a step, and its velocity terms late by half a step: a delay that is not
 there. RK4 evaluates it in every stage.
 
-With a compliance of 50 N.m/rad as a tendon spring, RK4 at 1 ms: {compliance:.2f} mrad. With 12 mrad of play (whose whole effect is
-{play_effect:.1f} mrad) as a limited tendon, RK4 at 1 ms: {play_ours:.2f} mrad with `solreflimit {tooth_solref}`,
-`solimplimit {tooth_solimp}`, {play_default:.2f} mrad with the defaults. The exact teeth are a spring of 2000 N.m/rad; how stiff real
-teeth are is a parameter to identify.
+With a compliance of 50 N.m/rad as a tendon spring, RK4 at 1 ms: {compliance:.2f} mrad. With 12 mrad of play (whose
+whole effect is {play_effect:.1f} mrad) as a limited tendon, RK4 at 1 ms: {play_ours:.2f} mrad with `solreflimit
+{tooth_solref}`, `solimplimit {tooth_solimp}`, {play_default:.2f} mrad with the defaults. The exact teeth are a spring
+of 2000 N.m/rad; how stiff real teeth are is a parameter to identify.
 
 ## Creep
 
@@ -76,7 +76,6 @@ of its goal, with a light link (20 g at 5 cm) and with the heavy pendulum:
 | chain | {stable_head} |
 {stable_rule}
 {stable}
-
 """
 
 

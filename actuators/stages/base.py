@@ -9,7 +9,7 @@ import re
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from enum import StrEnum
-from typing import Any, ClassVar
+from typing import Any, ClassVar, TypeVar
 
 from actuators.errors import SealegsError, nearest
 
@@ -87,7 +87,7 @@ class Stage:
         for item in dataclasses.fields(self):
             value = getattr(self, item.name)
             if item.default is dataclasses.MISSING or value != item.default:
-                kept[item.name] = value
+                kept[item.name] = int(value) if isinstance(value, float) and value.is_integer() else value
         return {self.name: kept}
 
 
@@ -146,7 +146,10 @@ def _meant_otherwise(value: float, unit: str, low: float, high: float) -> str:
 STAGES: dict[str, type[Stage]] = {}
 
 
-def register(cls: type[Stage]) -> type[Stage]:
+S = TypeVar("S", bound=Stage)
+
+
+def register(cls: type[S]) -> type[S]:
     """Class decorator: make a stage known by its name."""
     STAGES[cls.name] = cls
     return cls
