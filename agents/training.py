@@ -63,7 +63,8 @@ class Session:
         self.run, self.config, self.model = run, config, model
         self.from_step = model.num_timesteps
         self.chains = _chains(env)
-        self.description = {"env": config.env, "actuators": self.chains, **_interface(env)}
+        algorithm = config.agent["algorithm"]
+        self.description = {"algorithm": algorithm, "env": config.env, "actuators": self.chains, **_interface(env)}
         evaluate = config.evaluate
         eval_env = make_vec_env(
             config.env, self.chains, min(evaluate.episodes, 8), stream_seed(config.seed, _EVALUATION)

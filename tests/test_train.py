@@ -21,6 +21,7 @@ from stable_baselines3.common.vec_env import VecNormalize
 from tensorboard.backend.event_processing.event_accumulator import EventAccumulator
 
 import train
+from agents.cross_evaluation import mean_reward
 from agents.make_env import stream_seed
 from configs.script import run as run_script
 
@@ -151,6 +152,12 @@ def test_policy_json_says_what_the_numbers_mean(finished: Path) -> None:
     assert list(description["actuators"]) == ["joint"]
 
 
+def test_a_policy_can_be_tried_on_another_actuator(finished: Path) -> None:
+    trained_with = mean_reward(finished / "final", "sts3215")
+    assert trained_with == mean_reward(finished / "final", "sts3215")
+    assert trained_with != mean_reward(finished / "final", [{"ideal": {"stiffness": 2.0}}])
+
+
 def test_runs_with_neighbouring_seeds_share_no_randomness() -> None:
     seeds = [stream_seed(seed, stream) for seed in range(8) for stream in range(3)]
     assert min(abs(a - b) for a in seeds for b in seeds if a is not b) > 1024
@@ -199,7 +206,7 @@ def test_a_finished_run_goes_on_when_given_more_steps(finished: Path, capsys: py
 def test_a_killed_run_resumes_from_its_newest_complete_checkpoint(tmp_path: Path) -> None:
     folder = tmp_path / "killed"
     process = start(*SMALL, f"out={tmp_path}", "name=killed", "total_timesteps=1000000")
-    wait_for(folder / "checkpoints", "*/state.json", process)
+    wait_for(folder / "checkpoints", "[0-9]*/state.json", process)
     process.kill()
     process.communicate()
     killed_at = steps(folder)[-1]
