@@ -186,7 +186,7 @@ def _conclude(problem: Problem, search: Search, joint: str, findings: tuple[Find
         signal=f"{joint}.position",
         unit="rad",
         gap=errors,
-        causes=(*_data_causes(findings, joint), *causes),
+        causes=(*causes, *_data_causes(findings, joint)),
         unexplained=left,
         rivals=rivals,
         experiment=experiment,
@@ -259,28 +259,22 @@ def _unit(nominal: JointModel, path: str) -> str:
     return next((item.metadata.get("unit", "1") for item in dataclasses.fields(stage) if item.name == key), "1") if stage else "1"
 
 
+DATA_UNITS = {"sensor.delay": "s", "sensor.scale": "1", "sensor.offset": "rad"}
+
+
 def _data_causes(findings: Sequence[Finding], joint: str) -> list[NamedCause]:
-    """Errors of the log itself, which are named before any physics is blamed."""
-    return [
-        NamedCause(
-            name=f.cause,
-            sentence=f.sentence,
-            joint=joint,
-            share=0.0,
-            confidence=0.95 if f.severity != "note" else 0.5,
-            parameters={
-                f.column or "column": Value(
-                    float(f.value), float(f.low if f.low is not None else f.value), float(f.high if f.high is not None else f.value), f.unit, 0.0
-                )
-            }
-            if f.value is not None
-            else {},
-            gain=0.0,
-            kind="data",
-        )
-        for f in findings
-        if f.data_error and f.cause
-    ]
+    """Errors of the log itself. They stand apart from the position gap, so they have no share of it."""
+    named = []
+    for f in findings:
+        if not f.data_error or f.cause is None:
+            continue
+        values = {}
+        if f.value is not None:
+            low, high = (float(f.value if bound is None else bound) for bound in (f.low, f.high))
+            values[f.column or joint] = Value(float(f.value), low, high, DATA_UNITS.get(f.cause, ""), 1.0 if f.cause == "sensor.scale" else 0.0)
+        confidence = 0.95 if f.severity != "note" else 0.5
+        named.append(NamedCause(f.cause, f.sentence, joint, 0.0, confidence, values, 0.0, "data"))
+    return named
 
 
 def _verdict(

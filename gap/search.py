@@ -20,6 +20,7 @@ PAYS = 0.04  # least share of the excess error that a further cause must remove
 SURE = 0.975  # least probability, over resampled blocks, that it removes any
 RIVAL = 0.05  # causes that are better than the winner in more than this share of draws cannot be told from it
 DRAWS = 2000
+CHARGE = 0.02  # share of the error that a further parameter of a variant must remove
 
 
 @dataclass(frozen=True, eq=False)
@@ -134,7 +135,7 @@ class Searcher:
             self.progress(f"trying {cause.name}")
             fits = self._fit_both(merge(extended, variant), current)
             candidate = Candidate(cause, variant, fits, self._judge(fits))
-            if cause.name not in found or candidate.blocks.sum() < found[cause.name].blocks.sum():
+            if cause.name not in found or _charge(candidate) < _charge(found[cause.name]):
                 found[cause.name] = candidate
         return self._rank(list(found.values()), before)
 
@@ -204,6 +205,11 @@ class Searcher:
             per_cause[name] = per_cause.get(name, 0) + 1
             chosen.append(variants[k])
         return chosen
+
+
+def _charge(candidate: Candidate) -> float:
+    """Error with a charge per parameter: of two variants that do about as well, the simpler one is meant."""
+    return float(candidate.blocks.sum()) * (1.0 + CHARGE * len(candidate.variant))
 
 
 def _sizes(variant: tuple[Parameter, ...]) -> list[dict[str, float]]:

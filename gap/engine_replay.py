@@ -1,0 +1,84 @@
+"""Commands replayed in MuJoCo itself: to confirm what the search found, and to make the logs of a virtual bench."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+
+import mujoco
+import numpy as np
+
+from actuators import Drivetrain
+from actuators.layout import S_CURRENT, S_DUTY
+from envs.robots import get_robot
+from gap.joint_model import GRAVITY, JointModel
+from gap.simulator import CHANNELS
+
+STEP = 1e-3  # [s] largest engine step; each sample interval is divided evenly, so that commands fall on steps
+
+
+def bench_parameters(joint: JointModel, params: Mapping[str, float]) -> dict[str, float]:
+    """Bench parameters with the load's changes written into them, as far as mass, arm and length can express them.
+
+    A point mass ``m`` at ``l`` on a rod is matched in gravity torque and inertia; the rod stays as it is.
+    """
+    load, arm = joint.load, params.get("arm_mass", 0.0)
+    if load == type(load)():
+        return {"mass": params["mass"], "arm_mass": arm, "length": params["length"]}
+    moment = load.gravity_torque(params) / GRAVITY
+    inertia = load.inertia(params)
+    if arm == 0.0:
+        length = inertia / moment
+        return {"mass": moment / length, "arm_mass": 0.0, "length": length}
+    # mass l + arm l / 2 = moment and mass l^2 + arm l^2 / 3 = inertia, solved for mass and length with the rod as believed
+    # mass = moment / l - arm / 2  =>  l moment - l^2 arm / 6 = inertia
+    root = np.sqrt(max(moment**2 - 4.0 * (arm / 6.0) * inertia, 0.0))
+    length = float(2.0 * inertia / (moment + root))
+    return {"mass": moment / length - arm / 2.0, "arm_mass": arm, "length": length}
+
+
+def bench(joint: JointModel, params: Mapping[str, float]) -> Drivetrain:
+    """A bench in the engine that carries the joint."""
+    robot = get_robot("bench")
+    return robot.drivetrain({robot.coordinates[0].name: joint.chain}, bench_parameters(joint, params))
+
+
+def replay_in_engine(
+    drivetrain: Drivetrain, time: np.ndarray, goal: np.ndarray, state: tuple[float, float], step: float = STEP
+) -> np.ndarray:
+    """Replay the commands of one run.
+
+    Args:
+        drivetrain: of one driven coordinate.
+        time, goal: of the samples (n,) [s], [rad].
+        state: position [rad] and speed [rad/s] at the first sample.
+        step: largest engine step [s].
+
+    Returns:
+        Channels (n, 4): reading, link position [rad], duty, current [A].
+    """
+    model, name = drivetrain.model, drivetrain.coordinates[0].name
+    original = model.opt.timestep
+    data = mujoco.MjData(model)
+    drivetrain.set_position(name, data.qpos, np.asarray(state[0]))
+    data.ctrl[drivetrain.actuator_ids[name]] = goal[0]
+    data.time = 0.0
+    for joint in range(model.njnt):
+        if model.jnt_type[joint] == mujoco.mjtJoint.mjJNT_HINGE:
+            data.qvel[model.jnt_dofadr[joint]] = state[1]
+    out = np.empty((len(time), len(CHANNELS)))
+    for k in range(len(time)):
+        data.ctrl[drivetrain.actuator_ids[name]] = goal[k]
+        mujoco.mj_forward(model, data)
+        reading = drivetrain.reading(name, data.qpos[None], data.userdata[None], np.array([data.time]))[0]
+        link = float(drivetrain.position(name, data.qpos, "link"))
+        out[k] = reading, link, drivetrain.state(name, data.userdata, S_DUTY), drivetrain.state(name, data.userdata, S_CURRENT)
+        if k + 1 < len(time):
+            span = time[k + 1] - time[k]
+            count = max(int(np.ceil(span / step - 1e-9)), 1)
+            model.opt.timestep = span / count
+            mujoco.mj_step(model, data, count)
+            data.time = time[k + 1] - time[0]
+    model.opt.timestep = original
+    return out
+
+
