@@ -56,6 +56,7 @@ class BatchEngine:
         task: what is asked of the robot.
         drivetrain: the robot with its actuators.
         batch: the simulations.
+        numbers: of the robot, by name.
         dt: control step [s].
         steps: control steps since reset, (n,).
         drawn: values of the running episodes' randomisation by name, (n,) each.
@@ -94,6 +95,7 @@ class BatchEngine:
         if num_envs < 1:
             raise SealegsError(f"num_envs is {num_envs}; it must be at least 1.")
         self.task, self.num_envs = task, num_envs
+        self.numbers = task.robot.parameters(params)
         self.drivetrain = task.robot.drivetrain(actuator, params)
         self.randomization = Randomization(self.drivetrain, randomization)
         model = self.drivetrain.model
@@ -208,6 +210,7 @@ class BatchEngine:
             action=self._action,
             previous_action=previous_action,
             command=self._command,
+            numbers=self.numbers,
         )
 
     def _readings(self) -> np.ndarray:

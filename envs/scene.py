@@ -11,8 +11,26 @@ _SKY_TOP, _SKY_BOTTOM = (0.62, 0.74, 0.86), (0.95, 0.96, 0.97)
 _TILE_DARK, _TILE_LIGHT, _TILE_EDGE = (0.80, 0.82, 0.84), (0.88, 0.89, 0.90), (0.72, 0.74, 0.77)
 
 
+def add_sun(body: mujoco.MjsBody, reach: float) -> None:
+    """Light a body wherever it goes, with a shadow on the floor.
+
+    Args:
+        body: to follow.
+        reach: rough size of the robot [m].
+    """
+    body.add_light(
+        name="sun",
+        type=mujoco.mjtLightType.mjLIGHT_DIRECTIONAL,
+        mode=mujoco.mjtCamLight.mjCAMLIGHT_TRACK,
+        pos=(-0.6 * reach, -1.2 * reach, 2.4 * reach),
+        dir=(0.25, 0.5, -1.0),
+        diffuse=(0.55, 0.55, 0.53),
+        castshadow=True,
+    )
+
+
 def add_scene(spec: mujoco.MjSpec, friction: float = 1.0, tile: float = 0.1, reach: float = 0.5) -> mujoco.MjsGeom:
-    """Add sky, light and a checkered floor at z = 0 whose tiles are a scale to read distances from.
+    """Add sky and a checkered floor at z = 0 whose tiles are a scale to read distances from.
 
     Args:
         spec: specification to edit.
@@ -31,7 +49,7 @@ def add_scene(spec: mujoco.MjSpec, friction: float = 1.0, tile: float = 0.1, rea
     spec.visual.global_.offwidth, spec.visual.global_.offheight = 1920, 1080
     spec.visual.rgba.haze = (*_SKY_BOTTOM, 1.0)
     spec.visual.map.znear, spec.visual.map.zfar = 0.02, 60.0
-    spec.visual.map.shadowclip = 2.0 * reach
+    spec.visual.map.shadowclip = 2.0  # times the extent
     spec.stat.extent, spec.stat.center = reach, (0.0, 0.0, 0.5 * reach)
     spec.add_texture(
         name="sky",
@@ -57,15 +75,6 @@ def add_scene(spec: mujoco.MjSpec, friction: float = 1.0, tile: float = 0.1, rea
     textures = list(material.textures)
     textures[mujoco.mjtTextureRole.mjTEXROLE_RGB] = checker.name
     material.textures = textures
-    spec.worldbody.add_light(
-        name="sun",
-        type=mujoco.mjtLightType.mjLIGHT_DIRECTIONAL,
-        mode=mujoco.mjtCamLight.mjCAMLIGHT_TRACK,
-        pos=(-0.6 * reach, -1.5 * reach, 4.0 * reach),
-        dir=(0.25, 0.5, -1.0),
-        diffuse=(0.55, 0.55, 0.53),
-        castshadow=True,
-    )
     return spec.worldbody.add_geom(
         name=FLOOR,
         type=mujoco.mjtGeom.mjGEOM_PLANE,

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from abc import ABC, abstractmethod
+from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import ClassVar
 
@@ -28,6 +29,7 @@ class Motion:
         action: of this step (n, k), within [-1, 1].
         previous_action: of the step before (n, k).
         command: what the episode asks for (n, c), as the task drew it at the start.
+        numbers: of the robot, by name.
     """
 
     qpos: np.ndarray
@@ -41,6 +43,7 @@ class Motion:
     action: np.ndarray
     previous_action: np.ndarray
     command: np.ndarray
+    numbers: Mapping[str, float]
 
 
 class Task(ABC):

@@ -8,7 +8,7 @@ import mujoco
 
 from actuators import DrivenCoordinate
 from envs.robot import Number, Robot
-from envs.scene import CAMERA, add_scene
+from envs.scene import CAMERA, add_scene, add_sun
 
 JOINT = "joint"
 TIMESTEP = 0.001  # [s] with RK4: 0.1 mrad rms from an exact stick-slip integration (docs/numerics.md)
@@ -43,6 +43,7 @@ def build(values: Mapping[str, float]) -> mujoco.MjSpec:
     height = 1.35 * length + 0.05
     add_scene(spec, tile=0.05, reach=4.0 * length)
     stand = spec.worldbody.add_body(name="stand", pos=(0.0, 0.0, height))
+    add_sun(stand, 4.0 * length)
     box = mujoco.mjtGeom.mjGEOM_BOX
     shown = {"contype": 0, "conaffinity": 0}
     stand.add_geom(

@@ -59,7 +59,7 @@ class HopperEnv(SingleEnv):
 
     - *reward_forward*: $w_{forward} \max(1 - |v - v_{cmd}| / \max(|v_{cmd}|, 0.1), -1)$ with the forward speed $v$ of the base.
     - *reward_alive*: `alive_weight` in every step.
-    - *reward_height*: $w_{height}$ times the height of the hip above standing, over 0.05 m, between 0 and 1.
+    - *reward_height*: $w_{height}$ times the height of the foot above the floor, over 0.04 m, between 0 and 1.
     - *reward_energy*: $-w_{energy} \sum |\tau \omega|$ of the motors [W].
 
     `info` also holds `net_out_of_range` (samples in this episode for which an actuator net was asked for motion that it
@@ -86,7 +86,7 @@ class HopperEnv(SingleEnv):
     | `randomization`   | dict or path        | `None`     | what every episode draws anew, see `envs/randomization.py` |
     | `params`          | dict                | `None`     | numbers of the robot, see `envs/hopper/parameters.py` |
     | `control_rate`    | float               | `50.0`     | actions per second [Hz] |
-    | `speed`           | float or (low, high) | `0.5`     | commanded speed, or the range it is drawn from [m/s] |
+    | `speed`           | float or (low, high) | `0.3`     | commanded speed, or the range it is drawn from [m/s] |
     | `forward_weight`  | float               | `1.0`      | see Rewards |
     | `alive_weight`    | float               | `0.2`      | see Rewards |
     | `height_weight`   | float               | `0.5`      | see Rewards |

@@ -15,8 +15,8 @@ NUMBERS = {
     "hip_rest": Number(-0.61, "rad", "seed 004, IV-A: q0", -1.5, 1.5),
     "knee_rest": Number(0.61, "rad", "seed 004, IV-A: q0", -1.5, 1.5),
     "floor_friction": Number(1.0, "-", "seed 004, IV-C: mu"),
-    "upper_length": Number(0.096, "m", "assumed: chosen by the search in docs/hopper.md", 0.01),
-    "lower_length": Number(0.080, "m", "assumed: chosen by the search in docs/hopper.md", 0.01),
+    "upper_length": Number(0.108, "m", "assumed: chosen by the search in docs/hopper.md", 0.01),
+    "lower_length": Number(0.092, "m", "assumed: chosen by the search in docs/hopper.md", 0.01),
     "upper_centre": Number(
         0.5, "-", "assumed: uniform rod; distance of the centre of mass from the hip over length", 0.05, 0.95
     ),
@@ -24,7 +24,9 @@ NUMBERS = {
         0.5, "-", "assumed: uniform rod; distance of the centre of mass from the knee over length", 0.05, 0.95
     ),
     "foot_radius": Number(0.01, "m", "assumed", 1e-3),
-    "contact_time": Number(0.02, "s", "assumed: MuJoCo's default; time constant of the foot's contact", 1e-3, 1.0),
+    "contact_time": Number(
+        0.006, "s", "assumed: the foot sinks in by less than 2 mm; time constant of its contact", 1e-3, 1.0
+    ),
 }
 GOAL_RANGE = (
     0.6  # [rad] about q0, assumed: 2.6 times the paper's largest goal, so that a learner may do more than the paper

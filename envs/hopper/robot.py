@@ -2,19 +2,20 @@
 
 from __future__ import annotations
 
-import math
 from collections.abc import Mapping
 
 import mujoco
+import numpy as np
 
 from actuators import DrivenCoordinate
 from envs.hopper.parameters import GOAL_RANGE, NUMBERS
 from envs.robot import Robot
-from envs.scene import CAMERA, FLOOR, add_scene
+from envs.scene import CAMERA, FLOOR, add_scene, add_sun
 
 BASE, UPPER, LOWER, FOOT = "base", "upper", "lower", "foot"
 HIP, KNEE = "hip", "knee"
 TIMESTEP = 0.001  # [s], as in the paper (IV-D); convergence in docs/hopper.md
+REACH = 0.35  # [m] rough size, for light and shadows
 AXIS = (0.0, -1.0, 0.0)  # counter-clockwise for a viewer who has x to the right (Fig. 5)
 
 _DARK, _METAL, _GREEN, _BEIGE = (
@@ -27,10 +28,9 @@ _RUBBER, _BLUE = (0.13, 0.13, 0.14, 1), (0.20, 0.42, 0.68, 1)
 _CAPSULE, _CYLINDER = mujoco.mjtGeom.mjGEOM_CAPSULE, mujoco.mjtGeom.mjGEOM_CYLINDER
 
 
-def standing_height(values: Mapping[str, float]) -> float:
-    """Height of the hip above the floor, standing at rest angles with unloaded springs [m]."""
-    upper = values["upper_length"] * math.cos(values["hip_rest"])
-    return upper + values["lower_length"] * math.cos(values["knee_rest"]) + values["foot_radius"]
+def leg_length(values: Mapping[str, float], hip: np.ndarray | float, knee: np.ndarray | float) -> np.ndarray:
+    """Vertical distance from the hip to the sole [m] at angles of both links against the vertical [rad]."""
+    return values["upper_length"] * np.cos(hip) + values["lower_length"] * np.cos(knee) + values["foot_radius"]
 
 
 def build(values: Mapping[str, float]) -> mujoco.MjSpec:
@@ -44,10 +44,10 @@ def build(values: Mapping[str, float]) -> mujoco.MjSpec:
     spec.compiler.degree = False
     spec.option.timestep = TIMESTEP
     spec.option.integrator = mujoco.mjtIntegrator.mjINT_IMPLICITFAST
-    add_scene(
-        spec, friction=values["floor_friction"], tile=0.1, reach=0.35
-    ).priority = 1  # the floor's friction alone counts
-    height = standing_height(values)
+    floor = add_scene(spec, friction=values["floor_friction"], tile=0.1, reach=REACH)
+    floor.priority = 1  # its friction and its softness count, whatever meets it
+    floor.solref = (values["contact_time"], 1.0)
+    height = float(leg_length(values, values["hip_rest"], values["knee_rest"]))
     base = spec.worldbody.add_body(name=BASE, pos=(0.0, 0.0, height))
     base_mass = values["total_mass"] - values["upper_mass"] - values["lower_mass"]
     slide = mujoco.mjtJoint.mjJNT_SLIDE
@@ -55,6 +55,7 @@ def build(values: Mapping[str, float]) -> mujoco.MjSpec:
     base.add_joint(name="base_z", type=slide, axis=(0.0, 0.0, 1.0), ref=height)
     base.mass, base.explicitinertial = base_mass, True
     base.inertia = (base_mass * 1e-3,) * 3  # without effect: the base does not rotate
+    add_sun(base, REACH)
     _draw_base(base)
     upper = _link(base, UPPER, HIP, 0.0, values["upper_mass"], values["upper_length"], values["upper_centre"], _METAL)
     lower = _link(
@@ -77,14 +78,12 @@ def build(values: Mapping[str, float]) -> mujoco.MjSpec:
     for geom in spec.geoms:  # the parts meet the floor, not each other
         if geom.name != FLOOR:
             geom.contype, geom.mass = 0, 0.0
-    floor = spec.geom(FLOOR)
-    floor.solref = (values["contact_time"], 1.0)
     spec.worldbody.add_camera(
         name=CAMERA,
         mode=mujoco.mjtCamLight.mjCAMLIGHT_TRACK,
-        pos=(0.0, -0.75, height + 0.02),
-        xyaxes=(1.0, 0.0, 0.0, 0.0, 0.15, 1.0),
-        fovy=35.0,
+        pos=(0.0, -0.9, height + 0.04),
+        xyaxes=(1.0, 0.0, 0.0, 0.0, 0.2, 1.0),
+        fovy=30.0,
     )
     return spec
 

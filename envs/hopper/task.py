@@ -8,12 +8,11 @@ from dataclasses import dataclass
 import numpy as np
 
 from actuators import Drivetrain
-from envs.hopper.robot import FOOT, HIP, HOPPER, KNEE, LOWER, standing_height
+from envs.hopper.robot import FOOT, HIP, HOPPER, KNEE, LOWER, leg_length
 from envs.task import Motion, Task
 
-STANDING = standing_height(HOPPER.parameters())
 SLOWEST = 0.1  # [m/s] below this, errors of speed count in absolute terms
-HIGH = 0.05  # [m] above standing, where the reward for height is full
+HIGH = 0.04  # [m] of the foot over the floor, where the reward for height is full
 FORWARD, UP = 0, 1  # qpos and qvel of the base
 
 
@@ -21,7 +20,7 @@ FORWARD, UP = 0, 1  # qpos and qvel of the base
 class HopperTask(Task):
     """Weights and ranges of the hopper's task; the table in :class:`envs.hopper.env.HopperEnv` explains them."""
 
-    speed: float | Sequence[float] = 0.5
+    speed: float | Sequence[float] = 0.3
     forward_weight: float = 1.0
     alive_weight: float = 0.2
     height_weight: float = 0.5
@@ -76,12 +75,12 @@ class HopperTask(Task):
     def rewards(self, motion: Motion) -> dict[str, np.ndarray]:
         speed, wanted = motion.qvel[:, FORWARD], motion.command[:, 0]
         error = np.abs(speed - wanted) / np.maximum(np.abs(wanted), SLOWEST)
-        rise = np.clip((motion.qpos[:, UP] - STANDING) / HIGH, 0.0, 1.0)
+        clearance = motion.qpos[:, UP] - leg_length(motion.numbers, motion.link[:, 0], motion.link[:, 1])
         power = np.abs(motion.torque * motion.motor_speed).sum(axis=1)
         return {
             "reward_forward": self.forward_weight * np.maximum(1.0 - error, -1.0),
             "reward_alive": np.full(len(speed), self.alive_weight),
-            "reward_height": self.height_weight * rise,
+            "reward_height": self.height_weight * np.clip(clearance / HIGH, 0.0, 1.0),
             "reward_energy": -self.energy_weight * power,
         }
 
