@@ -1,7 +1,7 @@
 """Learn a policy: PPO or SAC on a robot with any actuator chain.
 
-    python train.py                                       the hopper with ideal motors
-    python train.py env=hopper actuator=sts3215 agent=sac
+    python train.py                                       the hopper with its own servos
+    python train.py env=hopper actuator=ideal agent=sac   with ideal motors, by another algorithm
     python train.py actuator=diagnosis/extended.yaml      the chain that diagnose.py wrote
     python train.py agent.learning_rate=lin_1e-3 n_envs=16 seed=3 name=first
     python train.py resume=runs/first                     go on after a stop, a crash or a kill -9

@@ -24,6 +24,7 @@ from agents.checkpoint import checkpoints, load_newest, save_checkpoint
 from agents.config import Request, TrainConfig, with_overrides
 from agents.make_env import Actuator, make_single_env, make_vec_env, stream_seed
 from agents.policy_files import save_policy
+from agents.run_chains import chains, read_chains, write_chains
 from agents.run_folder import RunFolder
 from agents.stop import StopSignals
 from agents.tensorboard import tensorboard_logger
@@ -33,7 +34,6 @@ from envs.sb3 import BatchVecEnv
 
 # Each use of randomness has a stream of its own: switching evaluation or film off leaves the training as it is.
 _TRAINING, _EVALUATION, _FILM = 0, 1, 2
-_CHAINS = "actuators.yaml"
 
 
 def train(request: Request) -> Path:
@@ -62,7 +62,7 @@ class Session:
     def __init__(self, run: RunFolder, config: TrainConfig, model: BaseAlgorithm, env: BatchVecEnv) -> None:
         self.run, self.config, self.model = run, config, model
         self.from_step = model.num_timesteps
-        self.chains = _chains(env)
+        self.chains = chains(env)
         algorithm = config.agent["algorithm"]
         self.description = {"algorithm": algorithm, "env": config.env, "actuators": self.chains, **_interface(env)}
         evaluate = config.evaluate
@@ -86,7 +86,7 @@ class Session:
         actuator = "+".join(dict.fromkeys(chain.label.split()[0] for chain in env.engine.drivetrain.chains.values()))
         run = RunFolder.create(out, f"{robot}-{actuator}-{config.agent['algorithm']}", name)
         with _disk_errors(run):
-            run.write_text(_CHAINS, yaml.safe_dump(_chains(env), sort_keys=False))
+            write_chains(run, env)
             run.write_text("config.yaml", yaml.safe_dump(config.as_dict(), sort_keys=False))
             run.record_session(0)
         return cls(run, config, model, env)
@@ -94,13 +94,13 @@ class Session:
     @classmethod
     def resumed(cls, run: RunFolder, config: TrainConfig) -> Session:
         """Run that goes on from its newest complete checkpoint, or from the start where it has none."""
-        chains = run.read_yaml(_CHAINS)
+        actuator = read_chains(run)
         torch.set_num_threads(config.threads)
-        env = make_vec_env(config.env, chains, config.n_envs, config.seed)
+        env = make_vec_env(config.env, actuator, config.n_envs, config.seed)
         loaded = load_newest(run, config.agent, env)
         if loaded is None:
             print(f"{run.path} has no checkpoint yet: starting from step 0.")
-            model, env = _new_learner(config, chains)
+            model, env = _new_learner(config, actuator)
             evaluations = None
         else:
             model, evaluations = loaded
@@ -211,11 +211,6 @@ def _new_learner(config: TrainConfig, actuator: Actuator) -> tuple[BaseAlgorithm
     seed = stream_seed(config.seed, _TRAINING)
     env = make_vec_env(config.env, actuator, config.n_envs, seed)
     return build(config.agent, normalized(env, config.agent, training=True), seed), env
-
-
-def _chains(env: BatchVecEnv) -> dict[str, Any]:
-    """Stages of the chain on each coordinate: what runs, whatever name or path it was asked for by."""
-    return {name: chain.to_list() for name, chain in env.engine.drivetrain.chains.items()}
 
 
 def _interface(env: BatchVecEnv) -> dict[str, Any]:

@@ -289,6 +289,19 @@ def test_a_chain_given_by_path_stays_with_the_run(tmp_path: Path) -> None:
     assert run(f"resume={tmp_path / 'own'}", "total_timesteps=384") == 0
 
 
+def test_an_actuator_net_stays_with_the_run(tmp_path: Path) -> None:
+    net = tmp_path / "mine.npz"
+    net.write_bytes((REPOSITORY / "configs" / "actuator" / "sts3215_net.npz").read_bytes())
+    chain = yaml.safe_load((REPOSITORY / "configs" / "actuator" / "net.yaml").read_text())
+    chain[0]["net"]["file"] = str(net)
+    (tmp_path / "mine.yaml").write_text(yaml.safe_dump(chain))
+    arguments = [f"actuator={tmp_path / 'mine.yaml'}", f"out={tmp_path}", "name=net", "total_timesteps=256"]
+    assert run(*SMALL, *arguments) == 0
+    net.unlink()
+    (tmp_path / "net").rename(tmp_path / "moved")
+    assert run(f"resume={tmp_path / 'moved'}", "total_timesteps=384") == 0
+
+
 @pytest.mark.parametrize(
     ("argument", "says"),
     [

@@ -1,0 +1,45 @@
+"""The actuation chains of a run, kept with it, so that it stays what it is when the file of a chain or a net changes."""
+
+from __future__ import annotations
+
+import shutil
+from pathlib import Path
+from typing import Any
+
+import yaml
+
+from agents.run_folder import RunFolder
+from envs.sb3 import BatchVecEnv
+
+_FILE = "actuators.yaml"
+
+
+def chains(env: BatchVecEnv) -> dict[str, list[dict[str, Any]]]:
+    """Stages of the chain on each joint: what runs, whatever name or path it was asked for by."""
+    return {name: chain.to_list() for name, chain in env.engine.drivetrain.chains.items()}
+
+
+def write_chains(run: RunFolder, env: BatchVecEnv) -> None:
+    """Write ``actuators.yaml``, and copies of the nets that the chains name."""
+    kept = chains(env)
+    for joint, net in _nets(kept):
+        original = Path(net["file"])
+        net["file"] = f"{joint}-{original.name}"
+        shutil.copyfile(original, run.path / net["file"])
+    run.write_text(_FILE, yaml.safe_dump(kept, sort_keys=False))
+
+
+def read_chains(run: RunFolder) -> dict[str, Any]:
+    """Chains by joint, as an environment takes them.
+
+    Raises:
+        SealegsError: the file is gone, or was damaged.
+    """
+    kept = run.read_yaml(_FILE)
+    for _, net in _nets(kept):
+        net["file"] = str((run.path / net["file"]).resolve())
+    return kept
+
+
+def _nets(kept: dict[str, Any]) -> list[tuple[str, dict[str, Any]]]:
+    return [(joint, stage["net"]) for joint, stages in kept.items() for stage in stages if "net" in stage]
