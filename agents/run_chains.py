@@ -1,4 +1,4 @@
-"""The actuation chains of a run, kept with it, so that it stays what it is when the file of a chain or a net changes."""
+"""The actuation chains of a run, kept with it: a run stays what it is when the file of a chain or of a net changes."""
 
 from __future__ import annotations
 
