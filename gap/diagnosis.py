@@ -18,7 +18,7 @@ from gap.joint_model import JointModel
 from gap.log_checks.finding import Finding
 from gap.log_types import LogError, MeasuredRun, MeasuredSet
 from gap.parameters import Parameter
-from gap.problem import Problem, lay_out
+from gap.problem import Problem, converged, lay_out
 from gap.search import RIVAL, Search, Searcher
 from gap.units import FIT_A, FIT_B, TEST, cut
 
@@ -149,7 +149,7 @@ def _joint(
     models = [JointModel(load_chain(run.actuators[joint])) for run in runs]
     noise = float(np.median([noise_floor(run, joint) for run in runs]))
     units = cut(runs, joint, test_group)
-    problem = lay_out(runs, joint, models, units, {"position": 1.0 / noise})
+    problem = converged(lay_out(runs, joint, models, units, {"position": 1.0 / noise}))
     search = Searcher(problem, progress, seed).run()
     progress("measuring the gain on runs that nothing has seen")
     return _conclude(problem, search, joint, mine, seed)

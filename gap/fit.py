@@ -86,7 +86,16 @@ def fit(
         return ((errors - here) / steps[:, None]).T
 
     result = least_squares(
-        residual, u0, jac=jacobian, bounds=(low, high), loss="soft_l1", f_scale=ROBUST, max_nfev=evaluations, ftol=1e-3, xtol=1e-3
+        residual,
+        u0,
+        jac=jacobian,
+        bounds=(low, high),
+        loss="soft_l1",
+        f_scale=ROBUST,
+        max_nfev=evaluations,
+        ftol=1e-3,
+        xtol=1e-3,
+        tr_solver="lsmr",  # a tall thin Jacobian: no need for its singular vectors at every step
     )
     best = values(result.x)
     simulated = problem.simulate([best])[0]

@@ -8,9 +8,9 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from actuators.stages.base import ChainError
-from gap.joint_model import JointModel, bench_parameters
+from gap.joint_model import K_COUPLED, JointModel, bench_parameters
 from gap.log_types import LogError, MeasuredRun
-from gap.simulator import CHANNELS, ELASTIC_STEP, STEP, replay_many
+from gap.simulator import CHANNELS, ELASTIC_STEP, replay_many
 from gap.units import Unit
 
 BLOCK = 1.0  # [s] errors closer than this are taken as one observation, since they are not independent
@@ -31,6 +31,7 @@ class Problem:
         judged: samples that count (n,).
         block: number of the block each sample belongs to (n,).
         models: nominal joint of each run (they may differ, for example in their gain).
+        step: largest step of the simulator [s], see :func:`converged`.
     """
 
     units: tuple[Unit, ...]
@@ -45,6 +46,7 @@ class Problem:
     judged: np.ndarray
     block: np.ndarray
     models: tuple[JointModel, ...]
+    step: float = 1e-3
 
     @property
     def noise(self) -> float:
@@ -92,7 +94,7 @@ class Problem:
                 for joint, params, program in zip(joints, self.params, per_run, strict=True)
             ]
             constants.append(rows)
-            steps.append(step or (ELASTIC_STEP if rows[0][5] > 0.0 else STEP))
+            steps.append(min(step or self.step, ELASTIC_STEP) if rows[0][K_COUPLED] > 0.0 else step or self.step)
         out = np.empty((len(variants), len(self.time), len(CHANNELS)))
         # The chain may differ between runs (a gain per run), so each run of a variant is a variant of its own for the simulator.
         width = max(len(program) for per_run in programs for program in per_run)
@@ -142,6 +144,18 @@ class Problem:
     def position_error(self, simulated: np.ndarray) -> np.ndarray:
         """Position errors [rad] of one variant (n, 4) at the judged samples."""
         return (simulated[:, 0] - self.measured[:, 0])[self.judged]
+
+
+STEPS = (2.5e-3, 1.7e-3, 1e-3, 5e-4, 2.5e-4, 1e-4)  # [s]
+
+
+def converged(problem: Problem) -> Problem:
+    """The problem with the largest step that is not a gap of its own: halving it changes the replay by less than a quarter of the noise."""
+    for step in STEPS:
+        whole, halved = (problem.position_error(problem.simulate([{}], s)[0]) for s in (step, step / 2.0))
+        if np.sqrt(np.mean((whole - halved) ** 2)) < 0.25 * problem.noise:
+            break
+    return replace(problem, step=step)
 
 
 def _relative(values: Mapping[str, float], model: JointModel) -> dict[str, float]:

@@ -31,8 +31,7 @@ from gap.joint_model import (
     K_VISCOUS,
 )
 
-STEP = 1e-3  # [s] largest step; halving it changes replays by less than a quarter of a tick (tests/test_simulator.py)
-ELASTIC_STEP = 5e-4  # [s] with a spring or play between motor and link
+ELASTIC_STEP = 1e-3  # [s] largest step with a spring or play between motor and link, whose frequency bounds it
 STOP_STIFFNESS, STOP_DAMPING = 500.0, 1.0  # [N.m/rad], [N.m.s/rad] of whatever blocks a link: assumed
 CHANNELS = ("position", "link_position", "duty", "current")
 
