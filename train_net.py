@@ -115,9 +115,7 @@ def _measured(config: dict[str, Any]) -> list[TrainingRun]:
         raise SealegsError(f"the log has no joint '{joint}'{nearest(str(joint), joints)}; it has {', '.join(joints)}.")
     recorded = [item for item in measured.runs if joint in item.joints]
     if len({repr(item.actuators.get(joint)) for item in recorded}) > 1:
-        print(
-            "Note: the runs were recorded with different actuators (gains, firmware), which a net cannot see: it learns a mix."
-        )
+        print("Note: the runs differ in their actuators (gains, firmware), which a net cannot see: it learns a mix.")
     return [_run_of(item, joint, config) for item in recorded]
 
 

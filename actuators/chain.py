@@ -87,14 +87,14 @@ class Chain:
         for name in set(names):
             if names.count(name) > 1 and name not in ("offset", "scale", "dead_band"):
                 raise ChainError(f"{self.label}: stage '{name}' stands {names.count(name)} times; it may stand once.")
+        if "gear" in names and names[names.index("gear") - 1] not in ("dc_motor", "regression", "torque_limit"):
+            raise ChainError(f"{self.label}: 'gear' must stand directly behind its motor ('dc_motor' or 'regression').")
         ends = [name for name in names if name in LAST]
         if ends != sorted(ends, key=LAST.index) or names[len(names) - len(ends) :] != ends:
             raise ChainError(
                 f"{self.label}: the chain must end in the order {' > '.join(LAST)}, as far as it has them, "
                 f"not {' > '.join(names)}."
             )
-        if "gear" in names and names[names.index("gear") - 1] not in ("dc_motor", "regression", "torque_limit"):
-            raise ChainError(f"{self.label}: 'gear' must stand directly behind its motor ('dc_motor' or 'regression').")
         if "spring" in names and "compliance" in names:
             raise ChainError(
                 f"{self.label}: a chain has a 'spring' or a 'compliance', not both: they are the same element."

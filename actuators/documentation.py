@@ -1,0 +1,110 @@
+"""Writes docs/actuators.md from the stages themselves: ``python -m actuators.documentation``; a test compares."""
+
+from __future__ import annotations
+
+import dataclasses
+import inspect
+from pathlib import Path
+from types import ModuleType
+
+from actuators.chain import CHECKOUT, LIBRARY, ORDER, load_chain, names
+from actuators.stages import STAGES, Stage, command, controller, motor, net, power, sensor, transmission
+
+PAGE = CHECKOUT / "docs" / "actuators.md"
+SECTIONS: tuple[tuple[str, ModuleType], ...] = (
+    ("Command", command),
+    ("Controller", controller),
+    ("Power stage", power),
+    ("Motor", motor),
+    ("Actuator net", net),
+    ("Transmission", transmission),
+    ("Sensor", sensor),
+)
+HEAD = """# Actuation chains
+
+Written by `python -m actuators.documentation` from `actuators/stages/`; do not edit.
+
+A chain is a YAML list of stages, in the order in which a command passes through them:
+
+```yaml
+{example}```
+
+`load_chain("sts3215")` reads one from `configs/actuator`, `load_chain("path/to/chain.yaml")` any other; every
+script takes either as `actuator=`. A chain that does not fit together is refused with one sentence. Numbers are in
+the units of the tables, without the unit written behind them; angles are radians.
+
+The order is
+
+    {order}
+
+A stage takes one quantity and gives one (or passes on what it takes): a position goal [rad] becomes a duty in a
+position controller, a duty a voltage in `supply`, a voltage a torque in `dc_motor`; `regression`, `ideal` and `net`
+take shorter ways. Numbers of the motor are those at the joint, unless a `gear` stands directly behind it.
+
+What MuJoCo knows itself is written into the model: armature, viscous friction, dry friction, series spring, play.
+Everything else is a law that runs inside the engine, in every Runge-Kutta stage and on every thread of a
+`mujoco.batch.Batch`:
+
+```python
+drivetrain = Drivetrain(mujoco.MjSpec.from_file("leg.xml"), {{"knee": "sts3215"}})
+data = mujoco.MjData(drivetrain.model)
+data.ctrl[drivetrain.actuator_ids["knee"]] = 0.5  # position goal [rad]
+mujoco.mj_step(drivetrain.model, data)
+```
+
+How accurate that is, and how long a step may be: [numerics.md](numerics.md).
+
+"""
+
+
+def page() -> str:
+    """The text of docs/actuators.md."""
+    parts = [HEAD.format(example=(LIBRARY / "sts3215.yaml").read_text(encoding="utf-8"), order=_wrapped(ORDER))]
+    parts.append("## Named chains\n\n| name | stages | |\n|---|---|---|\n")
+    parts += [f"| `{name}` | {load_chain(name)} | {_comment(LIBRARY / f'{name}.yaml')} |\n" for name in names()]
+    for title, module in SECTIONS:
+        parts.append(f"\n## {title}\n")
+        parts += [_stage(stage) for stage in STAGES.values() if stage.__module__ == module.__name__]
+    return "".join(parts)
+
+
+def _wrapped(order: tuple[str, ...]) -> str:
+    lines, line = [], ""
+    for name in order:
+        if len(line) + len(name) > 100:
+            lines.append(line.rstrip())
+            line = ""
+        line += f"{name} > "
+    return "\n    ".join([*lines, line.removesuffix(" > ")])
+
+
+def _comment(path: Path) -> str:
+    """First sentence of a chain file's leading comment."""
+    lines = path.read_text(encoding="utf-8").splitlines()
+    text = " ".join(line.removeprefix("#").strip() for line in lines if line.startswith("#"))
+    return text.split(". ")[0].split("; ")[0].rstrip(".:")
+
+
+def _stage(stage: type[Stage]) -> str:
+    takes = " or ".join(stage.takes)
+    gives = f"gives {stage.gives}" if stage.gives else "passes it on"
+    rows = [f"\n### {stage.name}\n\n{inspect.cleandoc(stage.__doc__ or '')}\n\nTakes {takes}, {gives}.\n"]
+    rows.append("\n| parameter | unit | default | lowest | highest | |\n|---|---|---|---|---|---|\n")
+    for item in dataclasses.fields(stage):
+        needed = item.default is dataclasses.MISSING
+        if "unit" not in item.metadata:
+            rows.append(
+                f"| `{item.name}` | | {'required' if needed else item.default} | | | path of the net (.npz) |\n"
+            )
+            continue
+        low, high = item.metadata["low"], item.metadata["high"]
+        default = "required" if needed else f"{item.default:g}"
+        rows.append(
+            f"| `{item.name}` | {item.metadata['unit']} | {default} | {low:g} | {high:g} | {item.metadata['doc']} |\n"
+        )
+    return "".join(rows)
+
+
+if __name__ == "__main__":
+    PAGE.write_text(page(), encoding="utf-8")
+    print(f"Written: {PAGE.relative_to(CHECKOUT)}")

@@ -1,0 +1,224 @@
+"""The laws of the stages, each against its equation; no engine takes part."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+import pytest
+
+from actuators import Chain, load_chain
+from actuators.law import advance, begin, host_reading, torque
+from actuators.layout import (
+    DELAY_EVENTS,
+    P_STATE_SIZE,
+    S_CURRENT,
+    S_DUTY,
+    S_LIMIT,
+    S_READING,
+    S_TORQUE,
+    S_VOLTAGE,
+)
+
+STEP = 1e-3
+UNIT = [{"position_p": {"gain": 1.0}}, {"regression": {"duty_torque": 1.0, "speed_torque": 0.0}}]  # torque = error
+
+
+class Joint:
+    """A chain whose motion the test dictates."""
+
+    def __init__(self, stages: list | Chain, q: float = 0.0, goal: float = 0.0, step: float = STEP) -> None:
+        self.program = load_chain(stages).program()
+        self.state = np.zeros(int(self.program[P_STATE_SIZE]))
+        self.time, self.step, self.steps = 0.0, step, 0
+        begin(self.program, self.state, 0.0, goal, q, 0.0)
+
+    def __call__(self, goal: float, q: float = 0.0, w: float = 0.0, external: float = 0.0) -> float:
+        """Torque at the present time; the next call is one step later."""
+        if self.steps:
+            advance(self.program, self.state, self.time)
+        value = torque(self.program, self.state, self.time, goal, q, w, external, True)
+        self.steps += 1
+        self.time = self.steps * self.step
+        return value
+
+    def between(self, share: float, goal: float, q: float = 0.0, w: float = 0.0) -> float:
+        """Torque at a Runge-Kutta stage ``share`` of a step after the latest call."""
+        time = self.time - self.step + share * self.step
+        return torque(self.program, self.state, time, goal, q, w, 0.0, False)
+
+
+@pytest.mark.parametrize("delay", [0.0, 0.0004, 0.001, 0.0025, 0.02, 0.5])
+def test_a_command_arrives_after_the_delay_to_the_fraction_of_a_step(delay):
+    joint = Joint([{"delay": {"seconds": delay}}, *UNIT])
+    arrival = None
+    joint(0.0)
+    for k in range(1, 700):
+        for share in (0.0, 0.5, 1.0):
+            value = joint(1.0) if share == 0.0 else joint.between(share, 1.0)
+            if value == 1.0 and arrival is None:
+                arrival = (k + share - 1) * STEP
+    # the command is given at the second call, 1 ms
+    assert arrival is not None
+    assert 0.0 <= arrival - delay < 0.5 * STEP + 1e-9
+
+
+def test_a_goal_that_changes_in_every_step_keeps_its_delay():
+    delay = 0.2  # far more steps than the delay remembers events
+    joint = Joint([{"delay": {"seconds": delay}}, *UNIT])
+    ramp = [joint(k * STEP) for k in range(2000)]
+    late = 1.999 - ramp[-1]
+    assert delay > DELAY_EVENTS * STEP
+    assert late == pytest.approx(delay, abs=delay / (DELAY_EVENTS - 4) + STEP)
+
+
+def test_a_repeated_evaluation_at_one_time_replaces_the_goal_it_recorded():
+    joint = Joint([{"delay": {"seconds": 0.01}}, *UNIT])
+    joint(0.0)
+    torque(joint.program, joint.state, 0.0, 5.0, 0.0, 0.0, 0.0, True)
+    torque(joint.program, joint.state, 0.0, 0.0, 0.0, 0.0, 0.0, True)
+    assert all(joint(0.0) == 0.0 for _ in range(30))
+
+
+def test_the_rate_limit_lets_the_goal_move_at_its_speed():
+    joint = Joint([{"rate_limit": {"speed": 2.0}}, *UNIT])
+    values = [joint(0.5) for _ in range(400)]
+    assert values[100] == pytest.approx(0.2)
+    assert values[-1] == 0.5
+    assert joint.between(0.5, -1.0) == pytest.approx(0.5 - 0.5 * STEP * 2.0)
+
+
+def test_pd_and_pi_controllers_follow_their_equations():
+    motor = UNIT[1]
+    damped = Joint([{"position_pd": {"gain": 3.0, "damping": 0.5}}, motor])
+    assert damped(1.0, q=0.4, w=2.0) == pytest.approx(3.0 * 0.6 - 0.5 * 2.0)
+    integral = Joint([{"position_pi": {"gain": 2.0, "integral": 4.0, "integral_limit": 0.3}}, motor])
+    values = [integral(0.1) for _ in range(2000)]
+    assert values[100] == pytest.approx(0.2 + 4.0 * 0.1 * 0.1)
+    assert values[-1] == pytest.approx(0.2 + 0.3)  # held at its limit
+    assert integral(-0.1) == pytest.approx(-0.2 + 0.3)
+    assert integral(-0.1) < -0.2 + 0.3  # and leaves it at once
+
+
+def test_limits_dead_band_offset_scale_and_minimum_duty():
+    position, motor = UNIT
+    assert Joint([position, {"duty_limit": {"limit": 0.7}}, motor])(5.0) == 0.7
+    assert Joint([position, motor, {"torque_limit": {"limit": 0.4}}])(-5.0) == -0.4
+    assert Joint([position, {"minimum_duty": {"value": 0.1}}, motor])(0.03) == 0.1
+    assert Joint([position, {"minimum_duty": {"value": 0.1}}, motor])(0.0) == 0.0
+    assert Joint([{"offset": {"value": 0.2}}, position, motor])(1.0) == 1.2
+    assert Joint([{"scale": {"factor": 0.5}}, position, motor])(1.0) == 0.5
+    before = Joint([{"dead_band": {"width": 0.05}}, position, motor])
+    assert before(0.54, q=0.5) == 0.0
+    assert before(0.56, q=0.5) == pytest.approx(0.06)
+    behind = Joint([position, {"dead_band": {"width": 0.05}}, motor])
+    assert behind(0.04) == 0.0 and behind(0.06) == 0.06
+
+
+def dc_motor(**more: float) -> list:
+    return [{"position_p": {"gain": 1.0}}, {"supply": {"volts": 12.0}}, {"dc_motor": {**MOTOR, **more}}]
+
+
+MOTOR = {"motor_constant": 0.5, "resistance": 2.0}
+
+
+def test_a_motor_makes_its_torque_less_back_emf():
+    joint = Joint(dc_motor())
+    assert joint(0.5, w=3.0) == pytest.approx(0.5 * (6.0 - 0.5 * 3.0) / 2.0)
+    assert joint.state[S_CURRENT] == pytest.approx((6.0 - 1.5) / 2.0)
+    assert joint.state[S_VOLTAGE] == 6.0 and joint.state[S_DUTY] == 0.5
+
+
+def test_a_supply_sags_by_the_current_that_the_bridge_draws():
+    stages = dc_motor()
+    stages[1] = {"supply": {"volts": 12.0, "resistance": 0.8}}
+    joint = Joint(stages)
+    joint(0.5, w=3.0)
+    current, voltage = joint.state[S_CURRENT], joint.state[S_VOLTAGE]
+    assert voltage == pytest.approx(0.5 * (12.0 - 0.8 * 0.5 * current))
+    assert current == pytest.approx((voltage - 0.5 * 3.0) / 2.0)
+    joint(0.1, w=20.0)  # driven faster than it would run: it brakes, and the supply does not rise
+    assert joint.state[S_VOLTAGE] == pytest.approx(1.2)
+
+
+def test_a_current_limit_holds_in_both_directions():
+    stages = dc_motor()
+    stages.insert(2, {"current_limit": {"limit": 1.5}})
+    joint = Joint(stages)
+    for goal, w in ((1.0, 0.0), (-1.0, 0.0), (0.0, 20.0), (1.0, -20.0)):
+        joint(goal, w=w)
+        assert abs(joint.state[S_CURRENT]) == pytest.approx(1.5)
+
+
+@pytest.mark.parametrize("inductance", [1e-4, 2e-3, 0.05])
+def test_the_current_of_an_inductance_rises_exponentially(inductance):
+    joint = Joint(dc_motor(inductance=inductance))
+    joint(0.0)
+    lag = inductance / 2.0
+    for _ in range(20):
+        joint(1.0)
+        middle = joint.between(0.5, 1.0)
+        passed = joint.time - joint.step - STEP + 0.5 * STEP  # since the voltage came on
+        assert middle == pytest.approx(0.5 * 6.0 * (1.0 - math.exp(-passed / lag)), rel=1e-9)
+
+
+def test_the_current_of_an_inductance_follows_a_changing_voltage():
+    """A ramp of the duty, 1 ms steps with Runge-Kutta stages, against the solution of L di/dt = u - R i."""
+    inductance, slope = 0.01, 2.0
+    lag = inductance / 2.0
+    joint = Joint(dc_motor(inductance=inductance))
+    for k in range(50):
+        joint(slope * k * STEP)
+        for share in (0.5, 0.5, 1.0):
+            joint.between(share, slope * (k + share) * STEP)
+    t = 50 * STEP
+    exact = 12.0 * slope / 2.0 * (t - lag * (1.0 - math.exp(-t / lag)))
+    joint(slope * t)
+    assert joint.state[S_CURRENT] == pytest.approx(exact, rel=1e-9)
+
+
+def test_a_gear_multiplies_torque_and_squares_inertia_and_loses_what_it_transmits():
+    stages = [*dc_motor(armature=1e-4), {"gear": {"ratio": 10.0, "efficiency": 0.8}}]
+    chain = load_chain([*stages, {"friction": {}}])
+    joint = Joint(chain)
+    value = joint(0.5, w=0.2)
+    assert value == pytest.approx(5.0 * (6.0 - 5.0 * 0.2) / 2.0)
+    assert joint.state[S_LIMIT] == pytest.approx(0.2 * value)
+    assert chain.armature() == pytest.approx(0.01)
+
+
+def limit(friction: dict, q: float = 0.0, w: float = 0.0, motor: float = 0.0, external: float = 0.0) -> float:
+    joint = Joint([*UNIT, {"friction": friction}])
+    joint(q + motor, q=q, w=w, external=external)
+    return joint.state[S_LIMIT]
+
+
+def test_friction_limits_follow_their_equation():
+    assert limit({"coulomb": 0.1}, w=1.0) == 0.1
+    assert limit({"coulomb": 0.1, "load": 0.2}, motor=0.5, external=-0.5) == pytest.approx(0.1 + 0.2)
+    assert limit({"load_quadratic": 0.3}, motor=0.5, external=-0.5) == pytest.approx(0.3)
+    stribeck = {"coulomb": 0.1, "stribeck": 0.05, "stribeck_velocity": 0.2, "stribeck_exponent": 2.0}
+    assert limit(stribeck) == pytest.approx(0.15)
+    assert limit(stribeck, w=0.4) == pytest.approx(0.1 + 0.05 * math.exp(-4.0))
+    assert limit(stribeck, w=-0.4) == limit(stribeck, w=0.4)
+    assert limit({"load_stribeck": 0.1, "stribeck_velocity": 0.2}, motor=1.0) == pytest.approx(0.1)
+    lopsided = {"coulomb": 0.1, "asymmetry": 0.03}
+    assert (limit(lopsided, w=1.0), limit(lopsided, w=-1.0)) == pytest.approx((0.13, 0.07))
+    assert (limit(lopsided, motor=1.0), limit(lopsided, motor=-1.0)) == pytest.approx((0.13, 0.07))
+    ripple = {"coulomb": 0.1, "ripple": 0.02, "ripple_count": 8.0}
+    assert limit(ripple, q=math.pi / 8.0, w=1.0) == pytest.approx(0.08)
+
+
+def test_the_encoder_reads_in_ticks_with_offset_and_scale_and_late():
+    joint = Joint([*UNIT, {"encoder": {"ticks": 4096, "offset": 0.1, "scale": 1.02}}])
+    joint(0.0, q=1.0)
+    reading, step = joint.state[S_READING], 2.0 * math.pi / 4096
+    assert abs(reading - (1.02 * 1.0 + 0.1)) <= 0.5 * step
+    assert reading / step == pytest.approx(round(reading / step))
+    assert joint.state[S_TORQUE] == pytest.approx(-reading)  # the servo's controller reads the same
+    late = Joint([*UNIT, {"encoder": {"latency": 0.0123}}])
+    for k in range(200):
+        late(0.0, q=2.0 * k * STEP, w=2.0)
+    now = late.time - STEP
+    assert host_reading(late.program, late.state, now, 2.0 * now) == pytest.approx(2.0 * (now - 0.0123), abs=1e-9)
+    assert late.state[S_READING] == pytest.approx(2.0 * now)  # but the servo itself is up to date
