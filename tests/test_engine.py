@@ -1,0 +1,305 @@
+"""Laws inside MuJoCo: accuracy, sticking, several robots in one process, and models of others left alone."""
+
+from __future__ import annotations
+
+import subprocess
+import sys
+import threading
+from pathlib import Path
+
+import mujoco
+import numpy as np
+import pytest
+from mujoco.batch import Batch
+
+from actuators import ChainError, DrivenCoordinate, Drivetrain, SealegsError, load_chain
+from actuators.engine import install, installed
+from actuators.layout import S_LIMIT, S_LOAD, S_OUT_OF_RANGE, S_STAGE, S_TIME, S_TORQUE
+from benchmarks.exact_joint import ExactJoint, excitation
+from benchmarks.numerics import HOLD, Constants, engine
+
+REPOSITORY = Path(__file__).resolve().parents[1]
+LINK = '<inertial pos="0 0 -.12" mass=".5" diaginertia="1e-9 1e-9 1e-9"/>'
+PENDULUM = f"""<mujoco><option timestep="0.001" integrator="RK4"/><worldbody>
+<body><joint name="shaft" axis="0 1 0"/>{LINK}</body></worldbody></mujoco>"""
+TWO = f"""<mujoco><option timestep="0.001" integrator="RK4"/><worldbody>
+<body><joint name="one" axis="0 1 0"/>{LINK}</body><body pos="1 0 0"><joint name="two" axis="0 1 0"/>{LINK}</body>
+<body pos="2 0 0.1"><freejoint/><geom size=".1" density="100"/></body><geom type="plane" size="9 9 1" pos="0 0 -1"/>
+</worldbody></mujoco>"""
+FREE = {"ideal": {"stiffness": 0.0, "armature": 0.006}}  # a motor that does nothing
+
+
+def drivetrain(chain, xml: str = PENDULUM, joint: str = "shaft") -> Drivetrain:
+    return Drivetrain(mujoco.MjSpec.from_string(xml), {joint: chain})
+
+
+def run(driven: Drivetrain, seconds: float, goal: float = 0.0, start: float | None = None) -> mujoco.MjData:
+    data = mujoco.MjData(driven.model)
+    if start is not None:
+        driven.set_position(driven.coordinates[0].name, data.qpos, start)
+    data.ctrl[:] = goal
+    mujoco.mj_step(driven.model, data, round(seconds / driven.model.opt.timestep))
+    return data
+
+
+# --- accuracy ------------------------------------------------------------------------------------------------------
+
+
+def test_rk4_at_a_millisecond_follows_an_exact_stick_slip_joint():
+    goal = excitation(8.0)
+    joint = ExactJoint()
+    error = engine(joint, goal, 0.001, "RK4", Constants())[:, 1] - joint.simulate(goal, HOLD, 5e-6)[:, 1]
+    assert np.sqrt(np.mean(error**2)) < 0.15e-3
+
+
+def test_a_series_spring_follows_the_exact_joint_on_both_sides():
+    goal = excitation(8.0)
+    joint = ExactJoint(stiffness=20.0, damping=0.02)
+    simulated, exact = engine(joint, goal, 0.001, "RK4", Constants()), joint.simulate(goal, HOLD, 5e-6)
+    assert np.sqrt(np.mean((simulated - exact) ** 2, axis=0)).max() < 0.3e-3
+    assert np.ptp(exact[:, 0] - exact[:, 1]) > 0.02  # the two sides do move apart
+
+
+@pytest.mark.parametrize(
+    "friction",
+    [
+        {"coulomb": 0.7},
+        {"coulomb": 0.1, "stribeck": 0.6, "stribeck_velocity": 0.05},
+        {"coulomb": 0.05, "load": 1.2},
+        {"coulomb": 0.6, "asymmetry": 0.02},
+    ],
+    ids=lambda value: "+".join(value),
+)
+@pytest.mark.parametrize("integrator", ["RK4", "implicitfast"])
+def test_a_joint_that_friction_holds_under_load_stays(friction, integrator):
+    driven = drivetrain([FREE, {"friction": friction}], PENDULUM.replace("RK4", integrator))
+    data = run(driven, 0.5, start=1.2)
+    before = float(data.qpos[0])
+    mujoco.mj_step(driven.model, data, 1000)
+    assert abs(float(data.qpos[0]) - before) < 1e-5  # 0.01 mrad in a second, under 0.55 N.m
+
+
+def test_a_friction_limit_of_the_law_reaches_every_island():
+    driven = Drivetrain(
+        mujoco.MjSpec.from_string(TWO), {name: [FREE, {"friction": {"load": 1.2}}] for name in ("one", "two")}
+    )
+    data = mujoco.MjData(driven.model)
+    data.qpos[:2] = 1.0
+    mujoco.mj_step(driven.model, data, 1000)
+    assert data.nisland == 3
+    assert data.qpos[:2] == pytest.approx(1.0, abs=2e-3)
+
+
+def test_what_a_stop_carries_counts_as_load_of_the_gearbox():
+    xml = PENDULUM.replace('axis="0 1 0"', 'axis="0 1 0" limited="true" range="-0.3 0.3"')
+    xml = xml.replace("<option", '<compiler angle="radian"/><option')
+    servo = [{"ideal": {"stiffness": 5.0, "damping": 0.5, "armature": 0.006}}, {"friction": {"load": 0.1}}]
+    driven = drivetrain(servo, xml)
+    data = run(driven, 2.0, goal=1.0)
+    motor, load, limit = (float(driven.state("shaft", data.userdata, slot)) for slot in (S_TORQUE, S_LOAD, S_LIMIT))
+    assert motor == pytest.approx(5.0 * (1.0 - float(data.qpos[0])))
+    assert limit == pytest.approx(0.1 * abs(motor - load), rel=1e-6)
+    assert abs(motor + load) <= limit * 1.01  # the stop answers the motor, but for the friction
+    assert abs(load) > 2.0
+
+
+# --- several robots, threads, steps --------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("chain", ["ideal", "sts3215", "net", "sv1270tg"])
+def test_a_batch_on_threads_is_bit_equal_to_single_simulations(chain):
+    driven = drivetrain(chain)
+    goals = np.linspace(-1.0, 1.0, 12)
+    batch = Batch(driven.model, len(goals), 3)
+    batch.bind("ctrl")[:] = goals[:, None]
+    batch.step(nstep=300)
+    for k, goal in enumerate(goals):
+        assert np.array_equal(batch.bind("qpos")[k], run(driven, 0.3, goal).qpos)
+
+
+def test_robots_with_different_chains_do_not_disturb_each_other():
+    alone = {chain: run(drivetrain(chain), 0.2, 0.5).qpos.copy() for chain in ("sts3215", "xl330", "net")}
+    both = Drivetrain(mujoco.MjSpec.from_string(TWO), {"one": "sts3215", "two": "xl330"})
+    data = mujoco.MjData(both.model)
+    data.ctrl[:] = 0.5
+    mujoco.mj_step(both.model, data, 200)
+    assert data.qpos[0] == pytest.approx(alone["sts3215"][0], abs=1e-9)
+    assert data.qpos[1] == pytest.approx(alone["xl330"][0], abs=1e-9)
+    results: dict[str, np.ndarray] = {}
+
+    def work(chain: str) -> None:
+        results[chain] = run(drivetrain(chain), 0.2, 0.5).qpos.copy()
+
+    threads = [threading.Thread(target=work, args=(chain,)) for chain in alone]
+    for thread in threads:
+        thread.start()
+    for thread in threads:
+        thread.join()
+    assert all(np.array_equal(results[chain], alone[chain]) for chain in alone)
+
+
+def test_discrete_memory_advances_once_a_step_in_every_integrator():
+    for integrator, stages in (("RK4", 3.0), ("implicitfast", 0.0)):
+        driven = drivetrain("sts3215", PENDULUM.replace("RK4", integrator))
+        data = run(driven, 0.01, 0.5)
+        assert driven.state("shaft", data.userdata, S_TIME) == pytest.approx(0.009)
+        assert driven.state("shaft", data.userdata, S_STAGE) == stages
+
+
+def test_mj_forward_between_steps_changes_nothing():
+    driven = drivetrain("sts3215")
+    plain, watched = (mujoco.MjData(driven.model) for _ in range(2))
+    for k in range(200):
+        plain.ctrl[0] = watched.ctrl[0] = 0.3 * np.sin(0.1 * k)
+        mujoco.mj_step(driven.model, plain)
+        mujoco.mj_forward(driven.model, watched)
+        mujoco.mj_step(driven.model, watched)
+        mujoco.mj_forward(driven.model, watched)
+    assert plain.qpos[0] == pytest.approx(watched.qpos[0], abs=1e-9)
+
+
+def test_a_reset_forgets_the_past():
+    driven = drivetrain("sts3215")
+    data = run(driven, 0.5, 1.0)
+    mujoco.mj_resetData(driven.model, data)
+    data.ctrl[0] = 0.4
+    mujoco.mj_step(driven.model, data, 100)
+    assert np.array_equal(data.qpos, run(driven, 0.1, 0.4).qpos)
+
+
+def test_a_parameter_changes_per_simulation_of_a_batch_as_in_a_model_of_its_own():
+    driven = drivetrain("sts3215")
+    batch = Batch(driven.model, 3, 0)
+    values = np.array([0.02, 0.052, 0.2])
+    driven.set_value(batch, "shaft", "friction.coulomb", values)
+    driven.set_value(batch, "shaft", "dc_motor.armature", np.full(3, 0.026))
+    batch.bind("ctrl")[:] = 0.3
+    driven.set_value(batch, "shaft", "friction.coulomb", values)
+    batch.step(nstep=300)
+    for k, value in enumerate(values):
+        own = drivetrain(load_chain("sts3215").with_value("friction.coulomb", value))
+        assert batch.bind("qpos")[k] == pytest.approx(run(own, 0.3, 0.3).qpos, abs=1e-12)
+    with pytest.raises(ChainError, match="kind of friction"):
+        driven.set_value(driven.model, "shaft", "friction.load", 0.1)
+    with pytest.raises(ChainError, match="memory"):
+        driven.set_value(driven.model, "shaft", "encoder.latency", 0.01)
+
+
+def test_a_belt_drives_the_sum_of_two_joints():
+    xml = f"""<mujoco><option timestep="0.001" integrator="RK4" gravity="0 0 0"/><worldbody><body>
+    <joint name="hip" axis="0 1 0"/>{LINK}<body pos="0 0 -.12"><joint name="knee" axis="0 1 0"/>{LINK}</body></body>
+    </worldbody></mujoco>"""
+    belt = DrivenCoordinate("knee", (("hip", 1.0), ("knee", 1.0)))
+    stiff = [{"ideal": {"stiffness": 20.0, "damping": 1.0, "armature": 0.01}}, {"friction": {"load": 0.01}}]
+    for chain in (stiff, [*stiff, {"spring": {"stiffness": 50.0, "damping": 0.1}}]):
+        driven = Drivetrain(mujoco.MjSpec.from_string(xml), {"hip": stiff, "knee": chain}, [
+            DrivenCoordinate.of_joint("hip"), belt,
+        ])  # fmt: skip
+        data = mujoco.MjData(driven.model)
+        data.ctrl[:] = 0.3, -0.2
+        mujoco.mj_step(driven.model, data, 4000)
+        assert driven.position("knee", data.qpos, "link") == pytest.approx(-0.2, abs=5e-3)
+        assert data.qpos[1] == pytest.approx(-0.5, abs=1e-2)
+        assert driven.position("knee", data.qpos) == pytest.approx(-0.2, abs=5e-3)
+
+
+def test_play_lets_the_link_move_freely_by_its_width():
+    hold = [{"ideal": {"stiffness": 500.0, "damping": 5.0, "armature": 0.01}}, {"backlash": {"width": 0.1}}]
+    driven = drivetrain(hold, PENDULUM.replace('gravity="0 0 0"', ""))
+    data = run(driven, 3.0, goal=1.0, start=1.0)
+    gap = driven.position("shaft", data.qpos, "motor") - driven.position("shaft", data.qpos, "link")
+    assert gap == pytest.approx(0.05, abs=1e-3)  # the load hangs on one flank
+    data.qfrc_applied[driven.model.joint("shaft").dofadr] = 1.5
+    mujoco.mj_step(driven.model, data, 3000)
+    gap = driven.position("shaft", data.qpos, "motor") - driven.position("shaft", data.qpos, "link")
+    assert gap == pytest.approx(-0.05, abs=1e-3)
+
+
+# --- models of others ----------------------------------------------------------------------------------------------
+
+FOREIGN = """<mujoco><worldbody><body><joint name="j" axis="0 1 0"/><geom size=".1"/></body></worldbody><actuator>
+<general joint="j" biastype="user" {user}/><motor joint="j"/></actuator></mujoco>"""
+
+
+def foreign_script(setup: str, expected: str) -> None:
+    """Run a check in a process of its own: callbacks belong to a process."""
+    code = f"""
+import ctypes, mujoco, numpy as np
+from actuators import Drivetrain
+FOREIGN, PENDULUM = {FOREIGN!r}, {PENDULUM!r}
+models = [mujoco.MjModel.from_xml_string(FOREIGN.format(user=user)) for user in ('', 'user="3 4"')]
+{setup}
+for _ in range(2):  # before and after one of ours exists
+    forces = []
+    for model in models:
+        data = mujoco.MjData(model); data.ctrl[1] = 2.0
+        mujoco.mj_step(model, data); forces += data.actuator_force.tolist()
+    assert np.allclose(forces, {expected}), forces
+    driven = Drivetrain(mujoco.MjSpec.from_string(PENDULUM), {{"shaft": "sts3215"}})
+    ours = mujoco.MjData(driven.model); ours.ctrl[0] = 0.5
+    mujoco.mj_step(driven.model, ours, 500)
+    assert 0.3 < ours.qpos[0] < 0.6, ours.qpos
+"""
+    done = subprocess.run([sys.executable, "-c", code], cwd=REPOSITORY, capture_output=True, text=True)
+    assert done.returncode == 0, done.stderr
+
+
+def test_models_without_our_actuators_are_untouched():
+    foreign_script("", "[0, 2, 0, 2]")
+
+
+def test_a_python_callback_of_another_library_keeps_its_actuators():
+    foreign_script("mujoco.set_mjcb_act_bias(lambda model, data, actuator: 0.25)", "[0.25, 2, 0.25, 2]")
+
+
+def test_a_c_callback_of_another_library_keeps_its_actuators():
+    foreign_script(
+        "kind = ctypes.CFUNCTYPE(ctypes.c_double, ctypes.c_void_p, ctypes.c_void_p, ctypes.c_int)\n"
+        "theirs = kind(lambda model, data, actuator: 0.5)\n"
+        "mujoco.set_mjcb_act_bias(theirs)",
+        "[0.5, 2, 0.5, 2]",
+    )
+
+
+def test_the_law_is_installed_again_after_another_library_took_its_place():
+    driven = drivetrain("sts3215")
+    try:
+        mujoco.set_mjcb_act_bias(None)
+        assert not installed()
+        drivetrain("ideal")
+        assert installed()
+        assert run(driven, 0.3, 0.5).qpos[0] > 0.1
+    finally:
+        install()
+
+
+# --- refusals ------------------------------------------------------------------------------------------------------
+
+
+def test_what_does_not_fit_the_model_is_refused_with_the_nearest_name():
+    with pytest.raises(SealegsError, match="did you mean 'shaft'"):
+        drivetrain("ideal", joint="shft")
+    with pytest.raises(ChainError, match="the robot has shaft"):
+        Drivetrain(mujoco.MjSpec.from_string(PENDULUM), {"elbow": "ideal"}, [DrivenCoordinate.of_joint("shaft")])
+    with pytest.raises(SealegsError, match="over 3 joints"):
+        Drivetrain(
+            mujoco.MjSpec.from_string(PENDULUM),
+            {"a": "ideal"},
+            [DrivenCoordinate("a", (("shaft", 1.0), ("shaft", 1.0), ("shaft", 1.0)))],
+        )
+
+
+def test_a_net_refuses_a_simulation_slower_than_itself():
+    with pytest.raises(
+        ChainError, match=r"works at 200 Hz, but the simulation steps at 100 Hz; make its time step 0\.005"
+    ):
+        drivetrain("net", PENDULUM.replace("0.001", "0.01"))
+
+
+def test_a_net_counts_inputs_outside_its_training_range():
+    driven = drivetrain("net")
+    data = run(driven, 0.2, 0.5)
+    assert driven.state("shaft", data.userdata, S_OUT_OF_RANGE) == 0.0
+    data.qvel[0] = 40.0
+    mujoco.mj_step(driven.model, data, 20)
+    assert driven.state("shaft", data.userdata, S_OUT_OF_RANGE) > 0.0
