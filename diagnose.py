@@ -24,7 +24,9 @@ def main(arguments: list[str]) -> None:
 
     config = compose("diagnose", split(arguments, plain=("log", "out", "test")))
     if config["log"] is None:
-        raise SealegsError("log=<file or folder> is missing: name the measured log (docs/log-format.md), or try make demo.")
+        raise SealegsError(
+            "log=<file or folder> is missing: name the measured log (docs/log-format.md), or try make demo."
+        )
     if isinstance(config["seed"], bool) or not isinstance(config["seed"], int) or config["seed"] < 0:
         raise SealegsError(f"seed={config['seed']} must be a whole number from 0.")
     from rich.console import Console
@@ -53,8 +55,14 @@ def main(arguments: list[str]) -> None:
     for diagnosis in diagnoses:
         console.print(f"\n[bold]{diagnosis.verdict}[/bold]  {diagnosis.sentence}", highlight=False)
         for cause in diagnosis.causes:
-            values = ", ".join(f"{path} = {v.value:.4g} [{v.low:.4g}, {v.high:.4g}] {v.unit}" for path, v in cause.parameters.items())
-            console.print(f"  {cause.name:32s} share {100 * cause.share:3.0f} %  confidence {cause.confidence:.2f}  {values}", highlight=False, markup=False)
+            values = ", ".join(
+                f"{path} = {v.value:.4g} [{v.low:.4g}, {v.high:.4g}] {v.unit}" for path, v in cause.parameters.items()
+            )
+            console.print(
+                f"  {cause.name:32s} share {100 * cause.share:3.0f} %  confidence {cause.confidence:.2f}  {values}",
+                highlight=False,
+                markup=False,
+            )
     console.print()
     for name, path in written.items():
         console.print(f"  {name:12s} {path}", highlight=False, markup=False)

@@ -11,7 +11,7 @@ import numpy as np
 from actuators.chain import load_chain
 from actuators.errors import SealegsError
 from gap.causes import retunable
-from gap.checks import check_set, noise_floor, unusable
+from gap.checks import check_set, merged, noise_floor, unusable
 from gap.experiment import Experiment, separate
 from gap.fit import Fit, fit, intervals, merge
 from gap.joint_model import JointModel
@@ -113,7 +113,9 @@ class JointDiagnosis:
 Progress = Callable[[str], None]
 
 
-def diagnose(data: MeasuredSet, test_group: str | None = None, seed: int = 0, progress: Progress = lambda text: None) -> list[JointDiagnosis]:
+def diagnose(
+    data: MeasuredSet, test_group: str | None = None, seed: int = 0, progress: Progress = lambda text: None
+) -> list[JointDiagnosis]:
     """Diagnose every joint of a data set.
 
     Args:
@@ -126,14 +128,20 @@ def diagnose(data: MeasuredSet, test_group: str | None = None, seed: int = 0, pr
         SealegsError: the runs have no joint that can be diagnosed.
     """
     progress("checking the log")
-    findings = check_set(data)
-    if (reason := unusable(findings, data)) is not None:
+    every = check_set(data)
+    findings = merged(every)
+    if (reason := unusable(every, data)) is not None:
         return [_unusable(joint, reason.sentence, findings) for joint in data.runs[0].joints]
     return [_joint(data.runs, joint, findings, test_group, seed, progress) for joint in data.runs[0].joints]
 
 
 def _joint(
-    runs: Sequence[MeasuredRun], joint: str, findings: Sequence[Finding], test_group: str | None, seed: int, progress: Progress
+    runs: Sequence[MeasuredRun],
+    joint: str,
+    findings: Sequence[Finding],
+    test_group: str | None,
+    seed: int,
+    progress: Progress,
 ) -> JointDiagnosis:
     mine = tuple(f for f in findings if f.joint in (joint, None, ""))
     if all(run.joints[joint].goal is None for run in runs):
@@ -142,7 +150,9 @@ def _joint(
         return diagnose_torque(runs, joint, mine)
     if any(run.robot != "bench" for run in runs):
         names = ", ".join(sorted({run.robot for run in runs}))
-        raise LogError(f"joint '{joint}' of robot '{names}': this version diagnoses logs of the robot 'bench' (one servo with a known load).")
+        raise LogError(
+            f"joint '{joint}' of robot '{names}': this version diagnoses logs of the robot 'bench' (one servo with a known load)."
+        )
     missing = [run.name for run in runs if joint not in run.actuators]
     if missing:
         raise LogError(f"{missing[0]}: the sidecar names no actuator for joint '{joint}'; add it under 'actuators'.")
@@ -172,7 +182,9 @@ def _conclude(problem: Problem, search: Search, joint: str, findings: tuple[Find
     left = float(np.clip((errors["extended"].rmse ** 2 - noise**2) / excess, 0.0, 1.0))
     causes = _name_causes(problem, search, extended, fitted, joint, 1.0 - left, seed)
     rivals = tuple(
-        {"of": named.name, "names": [named.name, *named.rivals], "confidence": named.confidence} for named in causes if named.rivals
+        {"of": named.name, "names": [named.name, *named.rivals], "confidence": named.confidence}
+        for named in causes
+        if named.rivals
     )
     level = errors["extended"].rmse / noise
     verdict, sentence = _verdict(joint, causes, errors, left, level, rivals)
@@ -216,7 +228,9 @@ def _name_causes(
         rest = search.parameters(without=candidate.cause.name)
         kept = [{p.path: f.values[p.path] for p in rest if p.path in f.values} for f in final.fits]
         fits = [fit(part, rest, start) for part, start in zip(parts, kept, strict=True)]
-        blocks = np.concatenate([p.block_errors(p.simulate([f.values])[0]) for p, f in zip(reversed(parts), fits, strict=True)])
+        blocks = np.concatenate(
+            [p.block_errors(p.simulate([f.values])[0]) for p, f in zip(reversed(parts), fits, strict=True)]
+        )
         losses.append((max(float(blocks.sum() - final.blocks.sum()), 0.0), float(blocks.sum())))
     total = sum(loss for loss, _ in losses) or 1.0
     parameters = search.parameters()
@@ -225,7 +239,11 @@ def _name_causes(
     rounds = [r for r in search.rounds if r.accepted]
     for candidate, (loss, without), chosen in zip(search.accepted, losses, rounds, strict=True):
         rivals = tuple(c.cause.name for c in chosen.candidates[1:] if c.best > RIVAL)
-        values = {p.path.rstrip("*"): _value(p, extended, bounds, problem.models[0]) for p in candidate.variant if p.path in extended.values}
+        values = {
+            p.path.rstrip("*"): _value(p, extended, bounds, problem.models[0])
+            for p in candidate.variant
+            if p.path in extended.values
+        }
         named.append(
             NamedCause(
                 name=candidate.cause.name,
@@ -243,12 +261,20 @@ def _name_causes(
     return sorted(named, key=lambda cause: -cause.share)
 
 
-def _value(parameter: Parameter, extended: Fit, bounds: Mapping[str, tuple[float, float]], nominal: JointModel) -> Value:
+def _value(
+    parameter: Parameter, extended: Fit, bounds: Mapping[str, tuple[float, float]], nominal: JointModel
+) -> Value:
     value, (low, high) = extended.values[parameter.path], bounds[parameter.path]
     before = nominal.value(parameter.path.rstrip("*"))
     if not parameter.path.endswith("*"):
         return Value(float(value), float(low), float(high), parameter.unit, float(before))
-    return Value(float(value * before), float(low * before), float(high * before), _unit(nominal, parameter.path.rstrip("*")), float(before))
+    return Value(
+        float(value * before),
+        float(low * before),
+        float(high * before),
+        _unit(nominal, parameter.path.rstrip("*")),
+        float(before),
+    )
 
 
 def _unit(nominal: JointModel, path: str) -> str:
@@ -256,7 +282,11 @@ def _unit(nominal: JointModel, path: str) -> str:
 
     name, key = path.split(".")
     stage = nominal.chain.find(name)
-    return next((item.metadata.get("unit", "1") for item in dataclasses.fields(stage) if item.name == key), "1") if stage else "1"
+    return (
+        next((item.metadata.get("unit", "1") for item in dataclasses.fields(stage) if item.name == key), "1")
+        if stage
+        else "1"
+    )
 
 
 DATA_UNITS = {"sensor.delay": "s", "sensor.scale": "1", "sensor.offset": "rad"}
@@ -271,14 +301,21 @@ def _data_causes(findings: Sequence[Finding], joint: str) -> list[NamedCause]:
         values = {}
         if f.value is not None:
             low, high = (float(f.value if bound is None else bound) for bound in (f.low, f.high))
-            values[f.column or joint] = Value(float(f.value), low, high, DATA_UNITS.get(f.cause, ""), 1.0 if f.cause == "sensor.scale" else 0.0)
+            values[f.column or joint] = Value(
+                float(f.value), low, high, DATA_UNITS.get(f.cause, ""), 1.0 if f.cause == "sensor.scale" else 0.0
+            )
         confidence = 0.95 if f.severity != "note" else 0.5
         named.append(NamedCause(f.cause, f.sentence, joint, 0.0, confidence, values, 0.0, "data"))
     return named
 
 
 def _verdict(
-    joint: str, causes: Sequence[NamedCause], errors: Mapping[str, Error], left: float, level: float, rivals: Sequence[dict[str, Any]]
+    joint: str,
+    causes: Sequence[NamedCause],
+    errors: Mapping[str, Error],
+    left: float,
+    level: float,
+    rivals: Sequence[dict[str, Any]],
 ) -> tuple[str, str]:
     before, after, floor = (1e3 * errors[key].rmse for key in ("nominal", "extended", "noise_floor"))
     if not causes and level <= CLOSED:
@@ -295,15 +332,31 @@ def _verdict(
     change = f"from {before:.1f} to {after:.1f} mrad on runs that nothing was fitted to (noise {floor:.2f} mrad)"
     if causes[0].rivals and causes[0].confidence < UNSURE:
         others = ", ".join(causes[0].rivals)
-        return NOT_IDENTIFIABLE, f"The gap of '{joint}' may be {causes[0].name}, but the data fit {others} about as well ({change})."
+        return (
+            NOT_IDENTIFIABLE,
+            f"The gap of '{joint}' may be {causes[0].name}, but the data fit {others} about as well ({change}).",
+        )
     if left <= SMALL or level <= CLOSED:
         return EXPLAINED, f"The gap of '{joint}' is explained by {names}: the error falls {change}."
-    return PARTLY, f"The gap of '{joint}' is partly explained by {names}: the error falls {change}; {100 * left:.0f} % of it stays unexplained."
+    return (
+        PARTLY,
+        f"The gap of '{joint}' is partly explained by {names}: the error falls {change}; {100 * left:.0f} % of it stays unexplained.",
+    )
 
 
 def _unusable(joint: str, reason: str, findings: Sequence[Finding]) -> JointDiagnosis:
     return JointDiagnosis(
-        joint, UNUSABLE, f"The log cannot be used: {reason}", f"{joint}.position", "rad", {}, (), 1.0, (), None, tuple(findings)
+        joint,
+        UNUSABLE,
+        f"The log cannot be used: {reason}",
+        f"{joint}.position",
+        "rad",
+        {},
+        (),
+        1.0,
+        (),
+        None,
+        tuple(findings),
     )
 
 

@@ -33,7 +33,10 @@ def fresh_folder(path: Path) -> Path:
 
 
 def write_diagnosis(
-    diagnoses: Sequence[JointDiagnosis], data: MeasuredSet, folder: Path, progress: Callable[[str], None] = lambda text: None
+    diagnoses: Sequence[JointDiagnosis],
+    data: MeasuredSet,
+    folder: Path,
+    progress: Callable[[str], None] = lambda text: None,
 ) -> dict[str, Path]:
     """Write everything into a fresh folder.
 
@@ -65,7 +68,9 @@ def write_diagnosis(
             with path.open("w", newline="", encoding="utf-8") as file:
                 rows = csv.writer(file)
                 rows.writerow(["time", f"{diagnosis.joint}.goal"])
-                rows.writerows(zip(np.round(diagnosis.experiment.time, 6), np.round(diagnosis.experiment.goal, 6), strict=True))
+                rows.writerows(
+                    zip(np.round(diagnosis.experiment.time, 6), np.round(diagnosis.experiment.goal, 6), strict=True)
+                )
             document["next_experiment"]["file"] = path.name
             written["experiment"] = path
         documents.append(document)
@@ -100,7 +105,12 @@ def to_document(diagnosis: JointDiagnosis) -> dict[str, Any]:
         "rivals": list(diagnosis.rivals),
         "next_experiment": None
         if experiment is None
-        else {"name": experiment.name, "sentence": experiment.sentence, "separation": experiment.separation, "table": experiment.table},
+        else {
+            "name": experiment.name,
+            "sentence": experiment.sentence,
+            "separation": experiment.separation,
+            "table": experiment.table,
+        },
         "retuned": diagnosis.retuned,
         "findings": [asdict(finding) for finding in diagnosis.findings],
     }
@@ -152,7 +162,9 @@ def _overall(documents: Sequence[dict[str, Any]]) -> dict[str, Any]:
     """Verdict over several joints: the worst-understood joint speaks for the machine."""
     order = ("unusable log", "not identifiable", "partly explained", "explained", "nothing to explain")
     worst = min(documents, key=lambda document: order.index(document["verdict"]))
-    causes = sorted((cause for document in documents for cause in document["causes"]), key=lambda cause: -cause["share"])
+    causes = sorted(
+        (cause for document in documents for cause in document["causes"]), key=lambda cause: -cause["share"]
+    )
     return {
         "verdict": worst["verdict"],
         "sentence": " ".join(document["sentence"] for document in documents),

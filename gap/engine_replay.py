@@ -71,7 +71,12 @@ def replay_in_engine(
         mujoco.mj_forward(model, data)
         reading = drivetrain.reading(name, data.qpos[None], data.userdata[None], np.array([data.time]))[0]
         link = float(drivetrain.position(name, data.qpos, "link"))
-        out[k] = reading, link, drivetrain.state(name, data.userdata, S_DUTY), drivetrain.state(name, data.userdata, S_CURRENT)
+        out[k] = (
+            reading,
+            link,
+            drivetrain.state(name, data.userdata, S_DUTY),
+            drivetrain.state(name, data.userdata, S_CURRENT),
+        )
         if k + 1 < len(time):
             span = time[k + 1] - time[k]
             count = max(int(np.ceil(span / step - 1e-9)), 1)
@@ -80,5 +85,3 @@ def replay_in_engine(
             data.time = time[k + 1] - time[0]
     model.opt.timestep = original
     return out
-
-

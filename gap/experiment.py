@@ -40,7 +40,9 @@ def library(centre: float, reach: float, seed: int = 0) -> dict[str, np.ndarray]
     t = np.arange(0.0, DURATION, 1.0 / RATE)
     rng = np.random.default_rng(seed)
     sweep = 2 * np.pi * (0.1 * t + (2.5 - 0.1) * t**2 / (2 * DURATION))
-    multisine = sum(np.sin(2 * np.pi * f * t + rng.uniform(0, 2 * np.pi)) / (1 + f) for f in (0.25, 0.5, 1.0, 1.75, 2.5))
+    multisine = sum(
+        np.sin(2 * np.pi * f * t + rng.uniform(0, 2 * np.pi)) / (1 + f) for f in (0.25, 0.5, 1.0, 1.75, 2.5)
+    )
     held = np.repeat(rng.uniform(-1, 1, int(DURATION)), int(RATE))[: len(t)]
     shapes = {
         "chirp": np.sin(sweep) * np.linspace(1.0, 0.4, len(t)),

@@ -39,7 +39,14 @@ def changes(diagnosis: JointDiagnosis) -> list[dict[str, Any]]:
         bare = path.rstrip("*")
         before = nominal.value(bare)
         after = value * before if path.endswith("*") else value
-        rows.append({"path": bare, "from": float(before), "to": float(after), "why": owner.get(path, "re-tuned within its tolerance")})
+        rows.append(
+            {
+                "path": bare,
+                "from": float(before),
+                "to": float(after),
+                "why": owner.get(path, "re-tuned within its tolerance"),
+            }
+        )
     return sorted(rows, key=lambda row: row["why"].startswith("re-tuned"))
 
 
@@ -47,8 +54,14 @@ def not_native(chain: Chain) -> list[str]:
     """Stages and parameters of a chain that plain MuJoCo does not simulate."""
     found = []
     for stage in chain.stages:
-        keys = [key for key, value in stage.parameters().items() if value != 0.0 and key not in NATIVE.get(stage.name, ())]
-        found += [f"{stage.name}.{key}" for key in keys if not (stage.name == "friction" and key.startswith(("stribeck_", "ripple_")))]
+        keys = [
+            key for key, value in stage.parameters().items() if value != 0.0 and key not in NATIVE.get(stage.name, ())
+        ]
+        found += [
+            f"{stage.name}.{key}"
+            for key in keys
+            if not (stage.name == "friction" and key.startswith(("stribeck_", "ripple_")))
+        ]
     return found
 
 
@@ -70,7 +83,9 @@ def write_extension(diagnosis: JointDiagnosis, folder: Path, prefix: str = "") -
         path = folder / f"{prefix}extended{suffix}.yaml"
         named = ", ".join(cause.name for cause in diagnosis.causes if cause.kind != "data") or "nothing named"
         lines = [f"# Extended chain of joint '{diagnosis.joint}': {named}. Against the nominal chain:"]
-        lines += [f"#   {row['path']}: {row['from']:.5g} -> {row['to']:.5g} ({row['why']})" for row in changes(diagnosis)]
+        lines += [
+            f"#   {row['path']}: {row['from']:.5g} -> {row['to']:.5g} ({row['why']})" for row in changes(diagnosis)
+        ]
         path.write_text("\n".join(lines) + "\n" + _rounded(joint.chain).to_yaml(), encoding="utf-8")
         written[f"chain{suffix.replace('-', '.')}"] = path
         if len(seen) == 1:
@@ -84,6 +99,7 @@ def write_extension(diagnosis: JointDiagnosis, folder: Path, prefix: str = "") -
 def _rounded(chain: Chain) -> Chain:
     """Numbers to six digits, so that the file can be read."""
     rounded = [
-        dataclasses.replace(stage, **{key: float(f"{value:.6g}") for key, value in stage.parameters().items()}) for stage in chain.stages
+        dataclasses.replace(stage, **{key: float(f"{value:.6g}") for key, value in stage.parameters().items()})
+        for stage in chain.stages
     ]
     return dataclasses.replace(chain, stages=tuple(rounded))

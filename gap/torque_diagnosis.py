@@ -31,7 +31,9 @@ def diagnose_torque(runs: Sequence[MeasuredRun], joint: str, findings: tuple[Fin
     The nominal model gives the torque from sidecar and chain; re-tuning fits inertia, gravity, dry and viscous friction and offset; the
     extension shifts the torque column in time. All are judged on blocks (every other second) that were not fitted.
     """
-    findings = tuple(f for f in findings if not (f.cause == "sensor.delay" and f.column and f.column.endswith("torque")))  # judged here
+    findings = tuple(
+        f for f in findings if not (f.cause == "sensor.delay" and f.column and f.column.endswith("torque"))
+    )  # judged here
     pieces = [_weak_form(run, joint) for run in runs]
     terms = np.concatenate([piece[0] for piece in pieces])
     torques = np.concatenate([piece[1] for piece in pieces])  # (n, shifts)
@@ -62,21 +64,44 @@ def diagnose_torque(runs: Sequence[MeasuredRun], joint: str, findings: tuple[Fin
     left = float(np.clip((errors["extended"].rmse ** 2 - errors["noise_floor"].rmse ** 2) / excess, 0.0, 1.0))
     if same_side > 0.9 and gain > 0.005 and abs(shift) >= 2 * STEP:
         way = "leads" if shift > 0 else "lags behind"
-        sentence = (
-            f"The torque column {way} the motion columns by {1e3 * abs(shift):.0f} ms: torque and motion were not read at the same time."
-        )
+        sentence = f"The torque column {way} the motion columns by {1e3 * abs(shift):.0f} ms: torque and motion were not read at the same time."
         value = Value(abs(shift), float(low), float(high), "s", 0.0)
         share = max((errors["retuned"].rmse ** 2 - errors["extended"].rmse ** 2) / excess, 0.0)
-        causes = (NamedCause("sensor.delay", sentence, joint, share, same_side, {"torque.delay": value}, gain, "data", "response"),)
+        causes = (
+            NamedCause(
+                "sensor.delay", sentence, joint, share, same_side, {"torque.delay": value}, gain, "data", "response"
+            ),
+        )
     verdict = (EXPLAINED if left < 0.15 else PARTLY) if causes else NOTHING if left < 0.05 else PARTLY
-    names = causes[0].sentence if causes else "Re-tuned inertia, gravity and friction leave no shift between torque and motion."
+    names = (
+        causes[0].sentence
+        if causes
+        else "Re-tuned inertia, gravity and friction leave no shift between torque and motion."
+    )
     change = (
         f"The torque that the motion needs differs from the logged one by {errors['nominal'].rmse:.2f} N.m with the sidecar's numbers, "
         f"{errors['retuned'].rmse:.2f} re-tuned, {errors['extended'].rmse:.2f} N.m with the shift (held-out blocks)."
     )
-    numbers = dict(zip(("inertia [kg.m2]", "gravity torque [N.m]", "coulomb [N.m]", "viscous [N.m.s/rad]", "offset [N.m]"), extended, strict=True))
+    numbers = dict(
+        zip(
+            ("inertia [kg.m2]", "gravity torque [N.m]", "coulomb [N.m]", "viscous [N.m.s/rad]", "offset [N.m]"),
+            extended,
+            strict=True,
+        )
+    )
     return JointDiagnosis(
-        joint, verdict, f"{names} {change}", f"{joint}.torque", "N.m", errors, causes, left, (), None, findings, retuned=numbers
+        joint,
+        verdict,
+        f"{names} {change}",
+        f"{joint}.torque",
+        "N.m",
+        errors,
+        causes,
+        left,
+        (),
+        None,
+        findings,
+        retuned=numbers,
     )
 
 
@@ -131,7 +156,13 @@ def _nominal(run: MeasuredRun, joint: str) -> np.ndarray:
     friction = model.chain.find("friction")
     inertia = model.load.inertia(params) + model.chain.armature()
     return np.array(
-        [inertia, model.load.gravity_torque(params), friction.coulomb if friction else 0.0, friction.viscous if friction else 0.0, 0.0]
+        [
+            inertia,
+            model.load.gravity_torque(params),
+            friction.coulomb if friction else 0.0,
+            friction.viscous if friction else 0.0,
+            0.0,
+        ]
     )
 
 
@@ -142,7 +173,9 @@ def _noise(runs: Sequence[MeasuredRun], joint: str) -> float:
         torque = run.joints[joint].torque
         if torque is not None and len(torque) > 3:
             jumps = np.diff(torque, 2)
-            values.append(np.median(np.abs(jumps)) / 0.6745 / np.sqrt(6.0) / np.sqrt(max(WINDOW / run.period / 2.0, 1.0)))
+            values.append(
+                np.median(np.abs(jumps)) / 0.6745 / np.sqrt(6.0) / np.sqrt(max(WINDOW / run.period / 2.0, 1.0))
+            )
     return float(np.median(values)) if values else 0.0
 
 

@@ -1,0 +1,239 @@
+"""diagnose.py from the outside: what a person gives it and what comes back."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+
+import mujoco
+import numpy as np
+import pandas as pd
+import pytest
+import yaml
+
+import diagnose as script
+from actuators import load_chain
+from configs.script import run
+from gap.diagnosis import diagnose
+from gap.extension import extended_joint
+from gap.log import read_measured
+from gap.virtual_bench import record
+
+DATA = Path(__file__).resolve().parent.parent.parent / "shared" / "data"
+
+
+def call(*arguments: str) -> int:
+    return run(script.main, "diagnose", script.__doc__ or "", list(arguments))
+
+
+@pytest.fixture(scope="module")
+def hidden(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """Logs of a virtual bench of the hopper's servo whose gearbox loses torque under load."""
+    folder = tmp_path_factory.mktemp("logs")
+    record(folder, "sv1270tg", {"friction.load": 0.2}, seed=3, excitations=("steps", "multisine", "slow triangle"))
+    return folder
+
+
+@pytest.fixture(scope="module")
+def diagnosis(hidden: Path, tmp_path_factory: pytest.TempPathFactory) -> Path:
+    out = tmp_path_factory.mktemp("found") / "diagnosis"
+    assert call(f"log={hidden}", f"out={out}") == 0
+    return out
+
+
+def test_names_the_hidden_effect_with_its_size(diagnosis: Path) -> None:
+    found = json.loads((diagnosis / "diagnosis.json").read_text())
+    assert found["verdict"] == "explained"
+    assert found["causes"][0]["name"] == "friction.load_dependent"
+    value = found["causes"][0]["parameters"]["friction.load"]
+    assert value["value"] == pytest.approx(0.2, rel=0.05)
+    assert value["low"] <= 0.2 <= value["high"]
+    assert value["unit"] == "1"
+    gap = found["gap"]
+    assert gap["signal"] == "servo.position"
+    assert gap["extended"]["rmse"] < 1.3 * gap["noise_floor"]["rmse"] < gap["retuned"]["rmse"] < gap["nominal"]["rmse"]
+    assert 0.0 <= found["unexplained"] < 0.1
+    assert sum(cause["share"] for cause in found["causes"]) + found["unexplained"] == pytest.approx(1.0, abs=0.02)
+
+
+def test_the_engine_confirms_what_the_search_found(diagnosis: Path) -> None:
+    engine = json.loads((diagnosis / "diagnosis.json").read_text())["extension"]["engine"]
+    assert engine["distance"] < 2e-4
+
+
+def test_the_extended_chain_differs_by_the_listed_numbers_only(diagnosis: Path) -> None:
+    listed = json.loads((diagnosis / "diagnosis.json").read_text())["extension"]["changes"]
+    nominal, extended = load_chain("sv1270tg"), load_chain(diagnosis / "extended.yaml")
+    allowed = {change["path"] for change in listed}
+    for stage in extended.stages:
+        before = nominal.find(stage.name)
+        for key, value in stage.parameters().items():
+            if f"{stage.name}.{key}" not in allowed:
+                assert before is not None and value == pytest.approx(before.parameters()[key])
+
+
+def test_the_extended_mjcf_loads_in_plain_mujoco(diagnosis: Path) -> None:
+    model = mujoco.MjModel.from_xml_path(str(diagnosis / "extended.xml"))
+    assert model.nu == 1
+
+
+def test_pictures_and_report_are_written(diagnosis: Path) -> None:
+    assert (diagnosis / "report.html").stat().st_size > 10_000
+    assert list((diagnosis / "pictures").glob("*.png"))
+
+
+def test_training_takes_the_extended_chain_as_it_is(diagnosis: Path) -> None:
+    from envs.robots import get_robot
+
+    assert get_robot("hopper").drivetrain(str(diagnosis / "extended.yaml")).model.nu == 2
+
+
+def test_nothing_hidden_is_nothing_to_explain(tmp_path: Path) -> None:
+    record(tmp_path, "sv1270tg", {}, seed=5, excitations=("steps", "multisine", "slow triangle"))
+    (found,) = diagnose(read_measured(tmp_path))
+    assert found.verdict == "nothing to explain"
+    assert not found.causes
+
+
+def test_an_existing_diagnosis_is_never_overwritten(
+    hidden: Path, diagnosis: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    before = (diagnosis / "diagnosis.json").read_bytes()
+    assert call(f"log={hidden}", f"out={diagnosis}") == 2
+    assert "not empty" in capsys.readouterr().err
+    assert (diagnosis / "diagnosis.json").read_bytes() == before
+
+
+# --- wrong input ---------------------------------------------------------------------------------------------------
+
+
+@pytest.fixture
+def log(hidden: Path, tmp_path: Path) -> Path:
+    """A copy of one run, to be spoiled."""
+    source = sorted(hidden.glob("*.csv"))[0]
+    target = tmp_path / "log" / source.name
+    target.parent.mkdir()
+    target.write_bytes(source.read_bytes())
+    target.with_suffix(".yaml").write_bytes(source.with_suffix(".yaml").read_bytes())
+    return target
+
+
+def spoil_table(change):
+    def spoil(log: Path) -> None:
+        table = pd.read_csv(log)
+        change(table).to_csv(log, index=False)
+
+    return spoil
+
+
+def spoil_sidecar(change):
+    def spoil(log: Path) -> None:
+        sidecar = yaml.safe_load(log.with_suffix(".yaml").read_text())
+        change(sidecar)
+        log.with_suffix(".yaml").write_text(yaml.safe_dump(sidecar))
+
+    return spoil
+
+
+def degrees(table: pd.DataFrame) -> pd.DataFrame:
+    angles = [name for name in table.columns if name.endswith((".goal", ".position"))]
+    table[angles] = np.rad2deg(table[angles])
+    return table
+
+
+def backwards(table: pd.DataFrame) -> pd.DataFrame:
+    table.loc[100, "time"] = table.loc[50, "time"]
+    return table
+
+
+def with_nan(table: pd.DataFrame) -> pd.DataFrame:
+    table.loc[7, "servo.position"] = np.nan
+    return table
+
+
+def motionless(table: pd.DataFrame) -> pd.DataFrame:
+    for name in table.columns:
+        if name != "time":
+            table[name] = 0.0
+    return table
+
+
+BAD = {
+    "missing column": (spoil_table(lambda table: table.drop(columns="servo.position")), "servo.position"),
+    "degrees": (spoil_table(degrees), "degree"),
+    "time backwards": (spoil_table(backwards), "time"),
+    "nan": (spoil_table(with_nan), "servo.position"),
+    "one sample": (spoil_table(lambda table: table.head(1)), "sample"),
+    "no motion": (spoil_table(motionless), "mov"),
+    "unknown robot": (spoil_sidecar(lambda sidecar: sidecar.update(robot="bensh")), "bench"),
+    "unknown chain": (spoil_sidecar(lambda sidecar: sidecar.update(actuators={"servo": "sts3251"})), "sts3215"),
+    "wrong order": (
+        spoil_sidecar(
+            lambda sidecar: sidecar.update(
+                actuators={
+                    "servo": [
+                        {"duty_limit": {"limit": 1.0}},
+                        {"position_p": {"gain": 1.0}},
+                        {"ideal": {"stiffness": 1.0}},
+                    ]
+                }
+            )
+        ),
+        "order",
+    ),
+    "yaml typo": (lambda log: log.with_suffix(".yaml").write_text("robot: [bench\nactuators: {"), "YAML"),
+    "misspelt sidecar key": (spoil_sidecar(lambda sidecar: sidecar.update(robott=sidecar.pop("robot"))), "robot"),
+}
+
+
+@pytest.mark.parametrize("name", BAD)
+def test_wrong_input_gets_one_sentence(
+    name: str, log: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    spoil, hint = BAD[name]
+    spoil(log)
+    before = {path.name: path.read_bytes() for path in log.parent.iterdir()}
+    assert call(f"log={log}", f"out={tmp_path / 'out'}") == 2
+    said = capsys.readouterr().err.strip()
+    assert hint.lower() in said.lower()
+    assert "Traceback" not in said and len(said.splitlines()) == 1
+    assert before == {path.name: path.read_bytes() for path in log.parent.iterdir()}
+
+
+def test_a_mistyped_key_names_the_nearest(capsys: pytest.CaptureFixture[str]) -> None:
+    assert call("lgo=x") == 2
+    assert "'log'" in capsys.readouterr().err
+
+
+def test_a_missing_log_says_so(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    assert call(f"log={tmp_path / 'none.csv'}", f"out={tmp_path / 'out'}") == 2
+    assert "none.csv" in capsys.readouterr().err
+
+
+# --- real machines -------------------------------------------------------------------------------------------------
+
+
+@pytest.mark.skipif(not (DATA / "ak80_pendulum").is_dir(), reason="the AK80 logs (../shared/data) are not here")
+def test_ak80_torque_column_is_not_read_with_the_motion() -> None:
+    from gap.converters.ak80 import convert_ak80
+
+    pytest.importorskip("pandas")
+    import tempfile
+
+    with tempfile.TemporaryDirectory() as folder:
+        convert_ak80(DATA / "ak80_pendulum", Path(folder))
+        (found,) = diagnose(read_measured(Path(folder)))
+    assert found.causes[0].name == "sensor.delay"
+    assert 0.006 <= found.causes[0].parameters["torque.delay"].value <= 0.014
+
+
+@pytest.mark.skipif(not (DATA / "xl330_pendulum").is_dir(), reason="the XL330 logs (../shared/data) are not here")
+def test_xl330_loses_torque_under_load(tmp_path: Path) -> None:
+    from gap.converters.xl330 import convert_xl330
+
+    convert_xl330(DATA / "xl330_pendulum", tmp_path)
+    (found,) = diagnose(read_measured(tmp_path), test_group="kp400")
+    assert found.causes[0].name == "friction.load_dependent"
+    assert found.gap["extended"].mae < 0.67 * found.gap["retuned"].mae
+    joint = extended_joint(found.problem.models[0], found.values)  # type: ignore[union-attr]
+    assert joint.chain.value("friction.load") > 0.0
