@@ -281,5 +281,12 @@ def task_arguments(kind: type[Task], keywords: Mapping[str, Any]) -> tuple[Task,
         if name not in fields and name not in engine:
             known = [*engine, *fields]
             raise SealegsError(f"there is no argument '{name}'{nearest(name, known)}; there are {', '.join(known)}.")
-    task = kind(**{name: value for name, value in keywords.items() if name in fields})
+    weights = {name: value for name, value in keywords.items() if name in fields}
+    for name, value in weights.items():
+        pair = isinstance(value, list | tuple) and len(value) == 2
+        numbers = value if pair and name in kind.ranges else (value,)
+        if any(isinstance(item, bool) or not isinstance(item, int | float) for item in numbers):
+            wanted = "a number or a pair of numbers" if name in kind.ranges else "a number"
+            raise SealegsError(f"{name} takes {wanted}, not {value!r}.")
+    task = kind(**weights)
     return task, {name: value for name, value in keywords.items() if name in engine}

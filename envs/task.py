@@ -53,10 +53,12 @@ class Task(ABC):
     Attributes:
         robot: that the task is for.
         draws: uniform random numbers that one start needs.
+        ranges: arguments that may be a pair, low and high, instead of one number.
     """
 
     robot: ClassVar[Robot]
     draws: ClassVar[int]
+    ranges: ClassVar[tuple[str, ...]] = ()
 
     @abstractmethod
     def observation_names(self) -> tuple[str, ...]:

@@ -31,6 +31,7 @@ class HopperTask(Task):
 
     robot = HOPPER
     draws = 6
+    ranges = ("speed",)
 
     def observation_names(self) -> tuple[str, ...]:
         return (

@@ -1,0 +1,169 @@
+"""One engine, three shells: single, vector and SB3 environments move bit for bit alike."""
+
+from __future__ import annotations
+
+import warnings
+
+import gymnasium as gym
+import numpy as np
+import pytest
+
+import envs  # noqa: F401 registers
+from actuators.errors import SealegsError
+from envs.batch import BatchEngine
+from envs.hopper.task import HopperTask
+from envs.sb3 import BatchVecEnv
+from envs.vector import BatchVectorEnv
+
+HOPPER = "SeaLegs/Hopper-v0"
+RANDOM = {
+    "all": {"friction.viscous": {"times": [0.8, 1.2]}, "regression.duty_torque": [1.6, 2.0]},
+    "mass": {"base": [0.9, 1.1]},
+    "floor": {"friction": [0.5, 1.0]},
+}
+
+
+def actions(steps: int, count: int) -> np.ndarray:
+    return np.random.default_rng(0).uniform(-1, 1, (steps, count, 2)).astype(np.float32)
+
+
+def test_single_vector_and_sb3_move_alike_with_randomisation_and_new_episodes() -> None:
+    count, seed = 4, 7
+    keywords = {"randomization": RANDOM, "max_episode_steps": 30}
+    vector = gym.make_vec(HOPPER, num_envs=count, **keywords)
+    sb3 = BatchVecEnv(HOPPER, count, seed=seed, **keywords)
+    singles = [gym.make(HOPPER, **keywords) for _ in range(count)]
+    observed = vector.reset(seed=seed)[0]
+    np.testing.assert_array_equal(observed, sb3.reset())
+    np.testing.assert_array_equal(observed, [env.reset(seed=seed + i)[0] for i, env in enumerate(singles)])
+    ended = 0
+    for action in actions(70, count):
+        observed, rewards, terminated, truncated, infos = vector.step(action)
+        sb3_observed, sb3_rewards, dones, sb3_infos = sb3.step(action)
+        np.testing.assert_array_equal(observed, sb3_observed)
+        np.testing.assert_array_equal(rewards.astype(np.float32), sb3_rewards)
+        np.testing.assert_array_equal(terminated | truncated, dones)
+        for i, env in enumerate(singles):
+            own, reward, own_terminated, own_truncated, _ = env.step(action[i])
+            assert (reward, own_terminated, own_truncated) == (rewards[i], terminated[i], truncated[i])
+            if own_terminated or own_truncated:
+                ended += 1
+                np.testing.assert_array_equal(infos["final_obs"][i], own)
+                np.testing.assert_array_equal(sb3_infos[i]["terminal_observation"], own)
+                own = env.reset()[0]
+            np.testing.assert_array_equal(observed[i], own)
+    assert ended >= 2 * count
+
+
+def test_the_vector_environment_answers_as_gymnasiums_own_in_the_same_mode() -> None:
+    count = 3
+    mode = gym.vector.AutoresetMode.SAME_STEP
+    ours = gym.make_vec(HOPPER, num_envs=count, max_episode_steps=12)
+    theirs = gym.make_vec(
+        HOPPER, num_envs=count, max_episode_steps=12, vectorization_mode="sync", vector_kwargs={"autoreset_mode": mode}
+    )
+    np.testing.assert_array_equal(ours.reset(seed=1)[0], theirs.reset(seed=1)[0])
+    for action in actions(30, count):
+        *mine, my_infos = ours.step(action)
+        *other, infos = theirs.step(action)
+        for a, b in zip(mine, other, strict=True):
+            np.testing.assert_array_equal(a, b)
+        assert _plain(my_infos) == _plain(infos)
+
+
+def _plain(infos: dict) -> dict:
+    result = {}
+    for name, value in infos.items():
+        if isinstance(value, dict):
+            result[name] = _plain(value)
+        else:
+            result[name] = [None if item is None else np.asarray(item, float).tolist() for item in value]
+    return result
+
+
+def test_make_vec_takes_the_batch_by_default_and_without_warnings() -> None:
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        for env_id in (HOPPER, "SeaLegs/Bench-v0"):
+            env = gym.make_vec(env_id, num_envs=2)
+            assert isinstance(env.unwrapped, BatchVectorEnv)
+            assert env.metadata["autoreset_mode"] is gym.vector.AutoresetMode.SAME_STEP
+            assert env.reset(seed=0)[0] in env.observation_space
+            env.close()
+
+
+def test_the_number_of_threads_changes_nothing() -> None:
+    runs = []
+    for threads in (1, 2):
+        engine = BatchEngine(HopperTask(), 5, threads=threads, randomization=RANDOM, max_episode_steps=10)
+        engine.seed(3)
+        engine.reset()
+        runs.append([engine.step(action).observation for action in actions(25, 5)])
+    np.testing.assert_array_equal(runs[0], runs[1])
+
+
+def test_an_episode_that_ends_tells_sb3_why_and_what_it_was_worth() -> None:
+    env = BatchVecEnv(HOPPER, 3, seed=0, max_episode_steps=5)
+    env.reset()
+    total = np.zeros(3)
+    for step in range(5):
+        _, rewards, dones, infos = env.step(np.zeros((3, 2), np.float32))
+        total += rewards
+        assert dones.all() == (step == 4)
+    for i, info in enumerate(infos):
+        assert info["TimeLimit.truncated"] is True
+        assert info["episode"]["l"] == 5
+        assert info["episode"]["r"] == pytest.approx(total[i], abs=1e-5)
+        terms = [value for name, value in info["episode"].items() if name.startswith("reward_")]
+        assert sum(terms) == pytest.approx(total[i], abs=1e-5)
+
+
+def test_a_fall_is_no_time_limit() -> None:
+    env = BatchVecEnv(HOPPER, 1, seed=0, healthy_height=0.165)
+    env.reset()
+    for _ in range(100):
+        _, _, dones, infos = env.step(np.array([[-1.0, 1.0]], np.float32))
+        if dones[0]:
+            break
+    assert dones[0]
+    assert infos[0]["TimeLimit.truncated"] is False
+
+
+def test_an_unstable_simulation_ends_its_episode_and_no_other() -> None:
+    engine = BatchEngine(HopperTask(), 3)
+    engine.seed(0)
+    engine.reset()
+    action = np.zeros((3, 2))
+    action[1] = np.nan
+    outcome = engine.step(action)
+    assert outcome.terminated.tolist() == [False, True, False]
+    assert outcome.flags["unstable"].tolist() == [False, True, False]
+    assert np.isfinite(engine.step(np.zeros((3, 2))).observation).all()
+
+
+def test_step_leaves_the_arrays_of_earlier_steps_alone() -> None:
+    engine = BatchEngine(HopperTask(), 2)
+    engine.seed(0)
+    first = engine.reset()
+    kept = first.copy()
+    second = engine.step(np.zeros((2, 2)))
+    values = second.observation.copy(), {name: term.copy() for name, term in second.terms.items()}
+    engine.step(np.ones((2, 2)))
+    np.testing.assert_array_equal(first, kept)
+    np.testing.assert_array_equal(second.observation, values[0])
+    for name, term in second.terms.items():
+        np.testing.assert_array_equal(term, values[1][name])
+
+
+@pytest.mark.parametrize(
+    ("env_id", "keywords", "sentence"),
+    [
+        ("SeaLegs/Hoper-v0", {}, "no environment .*did you mean 'SeaLegs/Hopper-v0'"),
+        ("CartPole-v1", {}, "none of this project's"),
+        (HOPPER, {"sped": 1.0}, "no argument 'sped' .*did you mean 'speed'"),
+        (HOPPER, {"actuator": "idael"}, "did you mean 'ideal'"),
+    ],
+)
+def test_a_wrong_vec_env_is_answered_in_one_sentence(env_id: str, keywords: dict, sentence: str) -> None:
+    with pytest.raises(SealegsError, match=sentence):
+        BatchVecEnv(env_id, 2, **keywords)

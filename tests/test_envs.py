@@ -1,0 +1,168 @@
+"""Robots and single environments keep Gymnasium's contract and the robots' printed numbers."""
+
+from __future__ import annotations
+
+import re
+import warnings
+
+import gymnasium as gym
+import mujoco
+import numpy as np
+import pytest
+from gymnasium.utils.env_checker import check_env as check_gymnasium
+from stable_baselines3.common.env_checker import check_env as check_sb3
+
+import envs  # noqa: F401 registers
+from actuators.errors import SealegsError
+from envs.hopper.robot import HOPPER
+from envs.robots import get_robot
+from envs.single import SingleEnv
+
+
+def single(env: gym.Env) -> SingleEnv:
+    inner = env.unwrapped
+    assert isinstance(inner, SingleEnv)
+    return inner
+
+
+def constant(env: gym.Env, value: float) -> np.ndarray:
+    return np.full_like(env.action_space.sample(), value)
+
+
+IDS = ("SeaLegs/Hopper-v0", "SeaLegs/Bench-v0")
+
+
+@pytest.mark.parametrize("env_id", IDS)
+def test_environments_pass_the_checks_of_gymnasium_and_sb3(env_id: str) -> None:
+    env = gym.make(env_id).unwrapped
+    with warnings.catch_warnings():
+        warnings.filterwarnings("ignore", message=".*Box observation space m.*imum value is.*infinity")
+        warnings.simplefilter("error", UserWarning)
+        warnings.filterwarnings("ignore", message=".*Box observation space m.*imum value is.*infinity")
+        check_gymnasium(env, skip_render_check=True)
+        check_sb3(env, skip_render_check=True)
+
+
+@pytest.mark.parametrize("env_id", IDS)
+def test_reward_is_the_sum_of_its_terms_in_info(env_id: str) -> None:
+    env = gym.make(env_id)
+    env.reset(seed=0)
+    for _ in range(5):
+        _, reward, _, _, info = env.step(env.action_space.sample())
+        assert float(reward) == pytest.approx(sum(v for name, v in info.items() if name.startswith("reward_")))
+        assert info["unstable"] is False
+
+
+@pytest.mark.parametrize("env_id", IDS)
+def test_the_documented_tables_are_those_of_the_environment(env_id: str) -> None:
+    env = single(gym.make(env_id))
+    text = type(env).__doc__ or ""
+    action_table, observation_table = re.split(r"## Observation Space", text)[:2]
+    actions = re.findall(r"\| (\d+) +\| Goal of .*? \| -1 +\| 1 +\| (-?[\d.]+) +\| (-?[\d.]+)", action_table)
+    engine = env.engine
+    assert [float(low) for _, low, _ in actions] == pytest.approx(engine.goal_centre - engine.goal_half, abs=1e-3)
+    assert [float(high) for *_, high in actions] == pytest.approx(engine.goal_centre + engine.goal_half, abs=1e-3)
+    observations = re.findall(r"^ +\| (\d+) +\|", observation_table.split("## Rewards")[0], re.MULTILINE)
+    assert len(observations) == env.engine.observation_size == len(engine.task.observation_names())
+
+
+def test_the_hopper_has_the_printed_masses_whatever_drives_it() -> None:
+    for chain in ("sv1270tg", "ideal", "sts3215"):
+        model = HOPPER.drivetrain(chain).model
+        assert model.body_mass.sum() == pytest.approx(0.587, abs=1e-5)
+        assert model.body("upper").mass == 0.059
+        assert model.body("lower").mass == 0.038
+
+
+def test_a_motor_of_the_hopper_moves_its_own_link_and_not_the_other() -> None:
+    drivetrain = HOPPER.drivetrain("ideal")
+    data = mujoco.MjData(drivetrain.model)
+    data.qpos[1] = 2.0  # in the air
+    drivetrain.model.opt.gravity[:] = 0.0
+    goals = {"hip": 0.4, "knee": 0.0}
+    data.ctrl[:] = list(goals.values())
+    for _ in range(3000):
+        mujoco.mj_step(drivetrain.model, data)
+    hip, knee = (float(drivetrain.position(name, data.qpos)) for name in ("hip", "knee"))
+    assert (hip, knee) == pytest.approx((0.4, 0.0), abs=1e-3)
+
+
+def test_the_hopper_starts_with_its_foot_at_the_floor() -> None:
+    env = gym.make("SeaLegs/Hopper-v0", start_noise=0.0)
+    observation, _ = env.reset(seed=0)
+    assert observation[1] == pytest.approx(single(env).engine.drivetrain.model.qpos0[1], abs=1e-6)
+    assert observation[2:6] == pytest.approx([-0.61, 0.61, -0.61, 0.61], abs=1e-6)
+
+
+def test_several_robots_and_chains_in_one_process_do_not_disturb_each_other() -> None:
+    def run(env: gym.Env, steps: int = 10) -> np.ndarray:
+        env.reset(seed=3)
+        return np.concatenate([env.step(constant(env, 0.3))[0] for _ in range(steps)])
+
+    choices = [
+        ("SeaLegs/Hopper-v0", "sv1270tg"),
+        ("SeaLegs/Hopper-v0", {"hip": "ideal"}),
+        ("SeaLegs/Bench-v0", "sts3215"),
+        ("SeaLegs/Bench-v0", [{"ideal": {"stiffness": 5.0, "damping": 0.1}}]),
+    ]
+    alone = [run(gym.make(env_id, actuator=chain)) for env_id, chain in choices]
+    together = [gym.make(env_id, actuator=chain) for env_id, chain in choices]
+    for env in together:
+        env.reset(seed=3)
+    rows = [[env.step(constant(env, 0.3))[0] for env in together] for _ in range(10)]
+    for number, expected in enumerate(alone):
+        np.testing.assert_array_equal(np.concatenate([row[number] for row in rows]), expected)
+
+
+def test_the_encoder_that_the_host_sees_is_that_of_the_chain() -> None:
+    chain = [{"ideal": {"stiffness": 5.0, "damping": 0.1}}, {"encoder": {"ticks": 256, "offset": 0.1}}]
+    env = gym.make("SeaLegs/Bench-v0", actuator=chain)
+    env.reset(seed=0)
+    observation = env.step(np.array([0.2], np.float32))[0]
+    tick = 2.0 * np.pi / 256
+    assert observation[2] / tick == pytest.approx(round(observation[2] / tick), abs=1e-4)
+    assert observation[2] == pytest.approx(observation[1] + 0.1, abs=tick)
+
+
+@pytest.mark.parametrize(
+    ("keywords", "sentence"),
+    [
+        ({"actuator": "sv1270"}, "no actuator 'sv1270' .*did you mean 'sv1270tg'"),
+        ({"actuator": {"hop": "ideal"}}, "drives no 'hop' .*did you mean 'hip'"),
+        ({"params": {"upper_lenght": 0.1}}, "no parameter 'upper_lenght' .*did you mean 'upper_length'"),
+        ({"params": {"total_mass": -1.0}}, "total_mass is -1.0; it must be a number between"),
+        ({"control_rate": 300.0}, "control_rate is 300 Hz"),
+        ({"control_rate": 0.0}, "control_rate is 0 Hz"),
+        ({"speed": "fast"}, "speed takes a number or a pair"),
+        ({"alive_weight": [0, 1]}, "alive_weight takes a number"),
+        ({"render_mode": "rgb"}, "no render_mode 'rgb' .*did you mean 'rgb_array'"),
+    ],
+)
+def test_a_wrong_argument_is_answered_in_one_sentence(keywords: dict, sentence: str) -> None:
+    with pytest.raises(SealegsError, match=sentence):
+        gym.make("SeaLegs/Hopper-v0", disable_env_checker=True, **keywords).reset()
+
+
+def test_an_unknown_robot_is_answered_with_the_nearest_name() -> None:
+    with pytest.raises(SealegsError, match=r"no robot 'hoper' .did you mean 'hopper'"):
+        get_robot("hoper")
+
+
+def test_every_number_of_a_robot_has_a_source() -> None:
+    for robot in (get_robot("bench"), get_robot("hopper")):
+        for name, number in robot.numbers.items():
+            assert number.source, name
+            assert number.low <= number.value <= number.high
+            assert number.assumed or number.source.startswith("seed 004"), name
+
+
+def test_the_bench_is_a_point_mass_on_a_uniform_rod() -> None:
+    mass, arm_mass, length = 0.4, 0.1, 0.2
+    model = get_robot("bench").drivetrain("ideal", {"mass": mass, "arm_mass": arm_mass, "length": length}).model
+    data = mujoco.MjData(model)
+    data.qpos[0] = np.pi / 2
+    mujoco.mj_forward(model, data)
+    inertia = np.empty((1, 1))
+    mujoco.mj_fullM(model, data, inertia)
+    assert inertia[0, 0] == pytest.approx(mass * length**2 + arm_mass * length**2 / 3.0, rel=1e-6)
+    assert data.qfrc_bias[0] == pytest.approx(9.81 * (mass + 0.5 * arm_mass) * length, rel=1e-6)
