@@ -4,8 +4,9 @@
     python diagnose.py log=logs/xl330 test=kp400          keep the runs of that group for the final measurement
     python train.py actuator=diagnosis/extended.yaml      train on the extended model
 
-A log is a CSV or Parquet file with a YAML beside it (docs/log-format.md); a folder of them is one data set. Written are
-diagnosis.json, report.html (one page to send), pictures, the extended chain and MJCF, and the next experiment where one helps.
+A log is a CSV or Parquet file with a YAML beside it (docs/log-format.md); a folder of them is one data set. Written
+are diagnosis.json, report.html (one page to send), pictures, the extended chain and MJCF, and the next experiment
+where one helps.
 """
 
 from __future__ import annotations

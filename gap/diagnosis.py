@@ -1,4 +1,4 @@
-"""The verdict: what a diagnosis says, and how it comes about from measured logs. One joint at a time; the log's own errors first."""
+"""The verdict: what a diagnosis says, and how it comes about from measured logs, one joint at a time."""
 
 from __future__ import annotations
 
@@ -151,7 +151,8 @@ def _joint(
     if any(run.robot != "bench" for run in runs):
         names = ", ".join(sorted({run.robot for run in runs}))
         raise LogError(
-            f"joint '{joint}' of robot '{names}': this version diagnoses logs of the robot 'bench' (one servo with a known load)."
+            f"joint '{joint}' of robot '{names}': this version diagnoses logs of the robot 'bench' "
+            "(one servo with a known load)."
         )
     missing = [run.name for run in runs if joint not in run.actuators]
     if missing:
@@ -187,7 +188,7 @@ def _conclude(problem: Problem, search: Search, joint: str, findings: tuple[Find
         if named.rivals
     )
     level = errors["extended"].rmse / noise
-    verdict, sentence = _verdict(joint, causes, errors, left, level, rivals)
+    verdict, sentence = _verdict(joint, causes, errors, left, level)
     experiment = separate(problem, search, seed) if verdict in (NOT_IDENTIFIABLE, PARTLY) or rivals else None
     simulated = {name: problem.simulate([values])[0] for name, values in models.items()}
     tuned = {p.path.rstrip("*"): extended.values[p.path] for p in search.tuned if p.path in extended.values}
@@ -315,32 +316,32 @@ def _verdict(
     errors: Mapping[str, Error],
     left: float,
     level: float,
-    rivals: Sequence[dict[str, Any]],
 ) -> tuple[str, str]:
     before, after, floor = (1e3 * errors[key].rmse for key in ("nominal", "extended", "noise_floor"))
     if not causes and level <= CLOSED:
         return NOTHING, (
-            f"Nothing to explain: the simulation of '{joint}' is within {after:.2f} mrad of the measurement, whose noise is {floor:.2f} mrad "
-            f"({before:.2f} mrad before its numbers were re-tuned within their tolerance)."
+            f"Nothing to explain: the simulation of '{joint}' is within {after:.2f} mrad of the measurement, whose "
+            f"noise is {floor:.2f} mrad ({before:.2f} mrad before its numbers were re-tuned within their tolerance)."
         )
     if not causes:
         return NOT_IDENTIFIABLE, (
-            f"The simulation of '{joint}' is {before:.1f} mrad off and {after:.1f} mrad after re-tuning, but no known cause explains that on "
-            "runs it was not fitted to; it may lie outside the catalogue, or the motion does not show it."
+            f"The simulation of '{joint}' is {before:.1f} mrad off and {after:.1f} mrad after re-tuning, but no known "
+            "cause explains that on runs it was not fitted to; it may lie outside the catalogue, or the motion does not "
+            "show it."
         )
     names = " and ".join(cause.name for cause in causes[:3])
     change = f"from {before:.1f} to {after:.1f} mrad on runs that nothing was fitted to (noise {floor:.2f} mrad)"
     if causes[0].rivals and causes[0].confidence < UNSURE:
         others = ", ".join(causes[0].rivals)
-        return (
-            NOT_IDENTIFIABLE,
-            f"The gap of '{joint}' may be {causes[0].name}, but the data fit {others} about as well ({change}).",
+        return NOT_IDENTIFIABLE, (
+            f"The gap of '{joint}' may be {causes[0].name}, but the data fit {others} about as well: the error falls "
+            f"{change}."
         )
     if left <= SMALL or level <= CLOSED:
         return EXPLAINED, f"The gap of '{joint}' is explained by {names}: the error falls {change}."
-    return (
-        PARTLY,
-        f"The gap of '{joint}' is partly explained by {names}: the error falls {change}; {100 * left:.0f} % of it stays unexplained.",
+    return PARTLY, (
+        f"The gap of '{joint}' is partly explained by {names}: the error falls {change}; {100 * left:.0f} % of it stays "
+        "unexplained."
     )
 
 

@@ -41,7 +41,7 @@ def write_diagnosis(
     """Write everything into a fresh folder.
 
     Returns:
-        Paths by what they hold: ``json``, ``report``, ``pictures``, and where there is an extension ``chain`` and ``mjcf``.
+        Paths by what they hold: ``json``, ``report``, ``pictures``; with an extension also ``chain`` and ``mjcf``.
     """
     from gap.pictures import draw_all
     from gap.report import write_report
@@ -117,7 +117,11 @@ def to_document(diagnosis: JointDiagnosis) -> dict[str, Any]:
 
 
 def confirm(diagnosis: JointDiagnosis) -> dict[str, float]:
-    """The extended model in the engine on the longest unit of the test part: its error, and its distance from the search's simulator."""
+    """The extended model in the engine, on the longest piece of the test part.
+
+    Returns:
+        ``rmse`` of the engine, ``search_rmse`` of the search's simulator, and their ``distance`` [rad].
+    """
     problem = diagnosis.problem
     assert problem is not None
     at = [k for k, unit in enumerate(problem.units) if unit.part == 2] or [0]

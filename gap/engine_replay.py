@@ -29,8 +29,8 @@ def bench_parameters(joint: JointModel, params: Mapping[str, float]) -> dict[str
     if arm == 0.0:
         length = inertia / moment
         return {"mass": moment / length, "arm_mass": 0.0, "length": length}
-    # mass l + arm l / 2 = moment and mass l^2 + arm l^2 / 3 = inertia, solved for mass and length with the rod as believed
-    # mass = moment / l - arm / 2  =>  l moment - l^2 arm / 6 = inertia
+    # mass l + arm l / 2 = moment and mass l^2 + arm l^2 / 3 = inertia, solved for mass and length, the rod as believed:
+    # mass = moment / l - arm / 2, hence l moment - l^2 arm / 6 = inertia
     root = np.sqrt(max(moment**2 - 4.0 * (arm / 6.0) * inertia, 0.0))
     length = float(2.0 * inertia / (moment + root))
     return {"mass": moment / length - arm / 2.0, "arm_mass": arm, "length": length}

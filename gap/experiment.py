@@ -56,7 +56,7 @@ def library(centre: float, reach: float, seed: int = 0) -> dict[str, np.ndarray]
 
 
 def separate(problem: Problem, search: Search, seed: int = 0) -> Experiment | None:
-    """The excitation on which the best candidates of the first undecided round differ most; None where there is no rival."""
+    """The excitation on which the best candidates of the first undecided round differ most; None without a rival."""
     undecided = next(
         (r for r in search.rounds if len(r.candidates) > 1 and (r.candidates[1].best > RIVAL or not r.accepted)), None
     )
@@ -73,8 +73,8 @@ def separate(problem: Problem, search: Search, seed: int = 0) -> Experiment | No
         table[name] = _difference(problem, [dict(c.fits[0].values) for c in (first, second)], time, goal)
         if best is None or table[name] > best.separation:
             sentence = (
-                f"Run '{name}' ({DURATION:g} s, goals between {goal.min():.2f} and {goal.max():.2f} rad): {first.cause.name} and "
-                f"{second.cause.name} differ there by {table[name]:.1f} times the noise."
+                f"Run '{name}' ({DURATION:g} s, goals between {goal.min():.2f} and {goal.max():.2f} rad): "
+                f"{first.cause.name} and {second.cause.name} differ there by {table[name]:.1f} times the noise."
             )
             best = Experiment(name, sentence, table[name], time, goal, table)
     return best

@@ -66,7 +66,9 @@ def not_native(chain: Chain) -> list[str]:
 
 
 def write_extension(diagnosis: JointDiagnosis, folder: Path, prefix: str = "") -> dict[str, Path]:
-    """Write ``extended.yaml`` (the chain) and ``extended.xml`` (the bench with it); runs that differ in their chain get one file each.
+    """Write ``extended.yaml`` (the chain) and ``extended.xml`` (the bench with it).
+
+    Runs that differ in their nominal chain get a chain file each.
 
     Returns:
         Paths by ``chain`` and ``mjcf`` (of the first chain), and ``chain.<n>`` for further ones.

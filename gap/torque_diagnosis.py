@@ -1,7 +1,7 @@
 """Logs without commands: the logged torque against the torque that the motion needs.
 
-The equation of motion is tested in its weak form: both sides are averaged with a smooth window, and derivatives are moved from the
-noisy position onto the window by partial integration, so nothing measured is ever differentiated.
+The equation of motion is tested in its weak form: both sides are averaged with a smooth window, and derivatives are
+moved from the noisy position onto the window by partial integration, so nothing measured is ever differentiated.
 """
 
 from __future__ import annotations
@@ -28,8 +28,9 @@ DRAWS = 300
 def diagnose_torque(runs: Sequence[MeasuredRun], joint: str, findings: tuple[Finding, ...]) -> JointDiagnosis:
     """Diagnose a torque-driven log of a bench.
 
-    The nominal model gives the torque from sidecar and chain; re-tuning fits inertia, gravity, dry and viscous friction and offset; the
-    extension shifts the torque column in time. All are judged on blocks (every other second) that were not fitted.
+    The nominal model gives the torque from sidecar and chain; re-tuning fits inertia, gravity, dry and viscous friction
+    and offset; the extension shifts the torque column in time. All are judged on blocks (every other second) that were
+    not fitted.
     """
     findings = tuple(
         f for f in findings if not (f.cause == "sensor.delay" and f.column and f.column.endswith("torque"))
@@ -45,7 +46,7 @@ def diagnose_torque(runs: Sequence[MeasuredRun], joint: str, findings: tuple[Fin
     errors = {"nominal": _error(terms[test] @ nominal - torques[test, zero])}
     retuned = _fit(terms[fitted], torques[fitted, zero])
     errors["retuned"] = _error(terms[test] @ retuned - torques[test, zero])
-    # The shift is the centre of what resampled data say, since one pass over few seconds of motion hangs on single manoeuvres.
+    # The shift is the centre of what resampled data say: one pass over a few seconds hangs on single manoeuvres.
     rng = np.random.default_rng(0)
     count = int(block.max()) + 1
     draws = rng.multinomial(count, np.full(count, 1 / count), DRAWS)
@@ -79,16 +80,12 @@ def diagnose_torque(runs: Sequence[MeasuredRun], joint: str, findings: tuple[Fin
         else "Re-tuned inertia, gravity and friction leave no shift between torque and motion."
     )
     change = (
-        f"The torque that the motion needs differs from the logged one by {errors['nominal'].rmse:.2f} N.m with the sidecar's numbers, "
-        f"{errors['retuned'].rmse:.2f} re-tuned, {errors['extended'].rmse:.2f} N.m with the shift (held-out blocks)."
+        f"The torque that the motion needs differs from the logged one by {errors['nominal'].rmse:.2f} N.m with the "
+        f"sidecar's numbers, {errors['retuned'].rmse:.2f} re-tuned, {errors['extended'].rmse:.2f} N.m with the shift "
+        "(held-out blocks)."
     )
-    numbers = dict(
-        zip(
-            ("inertia [kg.m2]", "gravity torque [N.m]", "coulomb [N.m]", "viscous [N.m.s/rad]", "offset [N.m]"),
-            extended,
-            strict=True,
-        )
-    )
+    keys = ("inertia [kg.m2]", "gravity torque [N.m]", "coulomb [N.m]", "viscous [N.m.s/rad]", "offset [N.m]")
+    numbers: dict[str, float] = {key: float(value) for key, value in zip(keys, extended, strict=True)}
     return JointDiagnosis(
         joint,
         verdict,

@@ -1,4 +1,4 @@
-"""A bench that exists only in the engine, whose servo hides an effect: logs to try the tools on when there is no hardware."""
+"""A bench that exists only in the engine, whose servo hides an effect: logs to try the tools on without hardware."""
 
 from __future__ import annotations
 
@@ -58,7 +58,7 @@ def record(
                 goal=goal,
                 position=position,
                 link_position=link if coupled else None,
-                duty=np.round(out[:, 2], 3),
+                duty=np.asarray(np.round(out[:, 2], 3), np.float64),
                 current=np.round(out[:, 3] / CURRENT_STEP) * CURRENT_STEP if chain.find("dc_motor") else None,
             )
             run = MeasuredRun(
