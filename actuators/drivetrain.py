@@ -110,6 +110,8 @@ class Drivetrain:
     def _address(self) -> None:
         """Write addresses, known only after compiling, into the programs of model and specification."""
         model, address = self.model, self._own_userdata
+        joints = [model.joint(number) for number in range(model.njnt)]
+        self._qpos_addresses = {joint.name: int(joint.qposadr[0]) for joint in joints}
         self.actuator_ids, self.state_addresses = {}, {}
         for item in self.coordinates:
             side = self._sides[item.name]
@@ -153,7 +155,7 @@ class Drivetrain:
         return sides.motor_terms if side == "motor" else sides.link_terms
 
     def _qpos_address(self, joint: str) -> int:
-        return int(self.model.jnt_qposadr[self.model.joint(joint).id])
+        return self._qpos_addresses[joint]
 
     def set_position(
         self, name: str, qpos: np.ndarray, motor: float | np.ndarray, link: float | np.ndarray | None = None
