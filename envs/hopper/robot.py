@@ -53,7 +53,7 @@ def build(values: Mapping[str, float]) -> mujoco.MjSpec:
     slide = mujoco.mjtJoint.mjJNT_SLIDE
     base.add_joint(name="base_x", type=slide, axis=(1.0, 0.0, 0.0))
     base.add_joint(name="base_z", type=slide, axis=(0.0, 0.0, 1.0), ref=height)
-    base.mass, base.explicitinertial = base_mass, True
+    base.mass, base.ipos, base.explicitinertial = base_mass, (0.0, 0.0, 0.0), True  # without ipos, XML lacks all three
     base.inertia = (base_mass * 1e-3,) * 3  # without effect: the base does not rotate
     add_sun(base, REACH)
     _draw_base(base)
