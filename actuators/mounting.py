@@ -124,7 +124,11 @@ def mount(spec: mujoco.MjSpec, item: DrivenCoordinate, chain: Chain) -> Mounted:
             f"the model has no body '{item.motor_body}'{nearest(str(item.motor_body), names)} for a motor."
         )
     rotor = body.add_body(
-        name=f"{item.name}_rotor", mass=item.rotor_mass, inertia=[item.rotor_mass / 100.0] * 3, explicitinertial=True
+        name=f"{item.name}_rotor",
+        mass=item.rotor_mass,
+        ipos=[0.0, 0.0, 0.0],  # without it, MuJoCo writes no inertia at all into XML
+        inertia=[item.rotor_mass / 100.0] * 3,
+        explicitinertial=True,
     )
     motor_joint = f"{item.name}_motor"
     rotor.add_joint(name=motor_joint, type=mujoco.mjtJoint.mjJNT_HINGE, axis=spec.joint(item.terms[0][0]).axis)

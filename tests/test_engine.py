@@ -158,6 +158,16 @@ def test_mj_forward_between_steps_changes_nothing():
     assert plain.qpos[0] == pytest.approx(watched.qpos[0], abs=1e-9)
 
 
+@pytest.mark.parametrize("chain", ["sts3215", "net", "sv1270tg"])
+def test_the_model_written_as_mjcf_moves_as_the_one_it_came_from(chain):
+    driven = drivetrain(chain)
+    again = mujoco.MjModel.from_xml_string(driven.spec.to_xml())
+    data = mujoco.MjData(again)
+    data.ctrl[0] = 0.4
+    mujoco.mj_step(again, data, 300)
+    assert data.qpos == pytest.approx(run(driven, 0.3, 0.4).qpos, abs=1e-4)
+
+
 def test_a_reset_forgets_the_past():
     driven = drivetrain("sts3215")
     data = run(driven, 0.5, 1.0)

@@ -1,0 +1,231 @@
+"""The finder against the hidden bench: effects that it must name, nulls where it must name nothing, strangers that it must not name.
+
+``python -m benchmarks.hidden`` runs everything and writes ``benchmarks/results/hidden.{json,md,png}``. Finished cases are kept in
+``hidden.jsonl`` beside them while it runs, so that it can be stopped and resumed. Seeds below 900 are for development; the reported
+run uses seeds from 900 on, which were not looked at before.
+"""
+
+from __future__ import annotations
+
+import argparse
+import json
+import multiprocessing
+import sys
+import time
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+RESULTS = Path(__file__).parent / "results"
+REPORTED_SEED = 900
+NULLS = 20
+LOADS = ("light", "medium", "heavy")
+PAIRS = (
+    ("friction.load_dependent", "drive.delay"),
+    ("friction.coulomb", "transmission.backlash"),
+    ("friction.stribeck", "load.mass"),
+    ("drive.supply_sag", "friction.viscous"),
+    ("transmission.compliance", "friction.coulomb"),
+    ("drive.deadband", "friction.load_dependent"),
+    ("sensor.delay", "load.inertia"),
+    ("drive.gain", "friction.asymmetric"),
+    ("drive.rate_limit", "friction.coulomb"),
+    ("sensor.offset", "friction.load_dependent"),
+)
+SURE = 0.9
+"""Confidence from which a wrong name counts as wrong with confidence."""
+
+
+@dataclass(frozen=True)
+class Case:
+    """One hidden bench: its effects with magnitudes (none: a null), and its seed."""
+
+    effects: tuple[tuple[str, str], ...]
+    seed: int
+
+    @property
+    def key(self) -> str:
+        """Name in the results."""
+        return " + ".join(f"{name}:{size}" for name, size in self.effects) + f" #{self.seed}"
+
+
+def cases(names: Sequence[str], magnitudes: Sequence[str], seeds: int, first: int) -> list[Case]:
+    """Cases in a fixed order; each has a seed of its own.
+
+    Args:
+        names: of effects and strangers; ``null`` and ``pairs`` stand for these.
+        magnitudes: of effects and strangers; pairs are ``clear``.
+        seeds: cases per effect and magnitude.
+        first: seed of the first case.
+    """
+    from tests.plant import MAGNITUDES
+
+    plain = [name for name in names if name not in ("null", "pairs")]
+    found = [
+        Case(((name, size),), first + 1000 * k + 100 * MAGNITUDES.index(size) + repeat)
+        for size in magnitudes
+        for k, name in enumerate(all_names())
+        if name in plain
+        for repeat in range(seeds)
+    ]
+    if "null" in names:
+        found += [Case((), first + 50_000 + k) for k in range(NULLS)]
+    if "pairs" in names:
+        found += [
+            Case(((a, "clear"), (b, "clear")), first + 60_000 + 100 * k + repeat)
+            for k, (a, b) in enumerate(PAIRS)
+            for repeat in range(seeds)
+        ]
+    return found
+
+
+def all_names() -> list[str]:
+    """Effects and strangers of the hidden bench, in its order."""
+    from tests.plant import EFFECTS, STRANGERS
+
+    return [*EFFECTS, *STRANGERS]
+
+
+def run(case: Case) -> dict[str, Any]:
+    """Record and diagnose one case."""
+    from gap.diagnosis import diagnose
+    from tests.plant import hidden_bench
+
+    data, truth = hidden_bench(dict(case.effects), case.seed, LOADS)
+    began = time.perf_counter()
+    (found,) = diagnose(data)
+    seconds = time.perf_counter() - began
+    return {
+        "key": case.key,
+        "effects": {name: {k: v for k, v in what.items()} for name, what in truth["effects"].items()},
+        "factors": truth["nominal_factors"],
+        "seconds": seconds,
+        "verdict": found.verdict,
+        "gap": {name: error.rmse for name, error in found.gap.items()},
+        "unexplained": found.unexplained,
+        "causes": [
+            {
+                "name": cause.name,
+                "kind": cause.kind,
+                "share": cause.share,
+                "confidence": cause.confidence,
+                "rivals": list(cause.rivals),
+                "parameters": {path: [v.value, v.low, v.high, v.nominal] for path, v in cause.parameters.items()},
+            }
+            for cause in found.causes
+        ],
+    }
+
+
+# --- judging -----------------------------------------------------------------------------------------------------
+
+
+def outcome(row: dict[str, Any]) -> str:
+    """What a diagnosis of a single effect was worth: ``right``, ``rival``, ``nothing``, ``not identifiable``, ``unsure`` or ``wrong``."""
+    wanted = set(row["effects"])
+    found = [cause for cause in row["causes"] if cause["kind"] != "data"]
+    data = {cause["name"] for cause in row["causes"] if cause["kind"] == "data"}
+    if not found:
+        if wanted & data:
+            return "right"
+        return "nothing" if row["verdict"] == "nothing to explain" else "not identifiable"
+    first = found[0]
+    if row["verdict"] == "not identifiable":
+        return "rival" if wanted & {first["name"], *first["rivals"]} else "not identifiable"
+    if first["name"] in wanted:
+        return "right"
+    if wanted & set(first["rivals"]):
+        return "rival"
+    return "wrong" if first["confidence"] >= SURE else "unsure"
+
+
+TRUE_VALUES = {
+    "friction.coulomb": ("friction.coulomb", lambda v, n: v + n("coulomb", 0.052)),
+    "friction.viscous": ("friction.viscous", lambda v, n: v + n("viscous", 0.059)),
+    "friction.stribeck": ("friction.stribeck", lambda v, n: v),
+    "friction.asymmetric": ("friction.asymmetry", lambda v, n: v),
+    "friction.load_dependent": ("friction.load", lambda v, n: v),
+    "friction.position_dependent": ("friction.ripple", lambda v, n: v),
+    "friction.presliding": ("friction.bristle_stiffness", lambda v, n: v),
+    "drive.gain": ("position_p.gain", lambda v, n: v * 5.3),
+    "drive.delay": ("delay.seconds", lambda v, n: v + n("command_delay", 0.005)),
+    "drive.rate_limit": ("rate_limit.speed", lambda v, n: v),
+    "drive.deadband": ("dead_band.width", lambda v, n: v),
+    "drive.saturation": ("duty_limit.limit", lambda v, n: v),
+    "drive.offset": ("offset.value", lambda v, n: v),
+    "drive.supply_sag": ("supply.resistance", lambda v, n: v),
+    "drive.thermal": ("thermal.loss", lambda v, n: v),
+    "drive.motor_constant": ("dc_motor.motor_constant", lambda v, n: v * n("motor_constant", 1.2)),
+    "drive.minimum_duty": ("minimum_duty.value", lambda v, n: v),
+    "drive.overload": ("torque_limit.limit", lambda v, n: v),
+    "drive.integer_gain": ("duty_step.size", lambda v, n: v),
+    "transmission.backlash": ("backlash.width", lambda v, n: v),
+    "transmission.compliance": ("compliance.stiffness", lambda v, n: v),
+    "transmission.gear_ratio": ("gear_ratio.factor", lambda v, n: v),
+    "load.mass": ("load.mass_factor", lambda v, n: v),
+    "load.inertia": ("load.extra_inertia", lambda v, n: v),
+    "load.centre_of_mass": ("load.centre_shift", lambda v, n: v),
+    "sensor.offset": ("encoder.offset", lambda v, n: v),
+    "sensor.scale": ("encoder.scale", lambda v, n: v),
+    "sensor.delay": ("encoder.latency", lambda v, n: v),
+    "spring.stiffness": ("spring.stiffness", lambda v, n: v * 12.0),
+    "contact.blocked": ("load.stop_angle", lambda v, n: v),
+}
+"""Parameter of the finder, and its true value from the hidden one and the hidden nominal values."""
+
+
+def coverage(row: dict[str, Any]) -> tuple[bool, float] | None:
+    """Whether the interval of the right cause's parameter covers the truth, and the value's relative error; None where it has none."""
+    for name, effect in row["effects"].items():
+        path, true = TRUE_VALUES.get(name, (None, None))
+        cause = next((c for c in row["causes"] if c["name"] == name and path in c["parameters"]), None)
+        if cause is None or true is None:
+            return None
+        value, low, high, _ = cause["parameters"][path]
+        truth = true(effect["value"], lambda key, nominal: row["factors"][key] * nominal)
+        return low <= truth <= high, abs(value - truth) / abs(truth)
+    return None
+
+
+def main(arguments: Sequence[str] | None = None) -> int:
+    """Command line."""
+    parser = argparse.ArgumentParser(prog="python -m benchmarks.hidden", description=__doc__.split("\n")[0])
+    parser.add_argument("--effects", nargs="+", help="names, 'null' and 'pairs'; default: all")
+    parser.add_argument("--magnitudes", nargs="+", default=["clear", "moderate", "faint"])
+    parser.add_argument("--seeds", type=int, default=1, help="cases per effect and magnitude")
+    parser.add_argument("--first", type=int, default=REPORTED_SEED, help="seed of the first case; below 900 for development")
+    parser.add_argument("--jobs", type=int, default=1, help="cases at a time")
+    parser.add_argument("--out", type=Path, default=RESULTS / "hidden.jsonl", help="kept cases; the summary goes beside it")
+    options = parser.parse_args(arguments)
+    wanted = options.effects or [*all_names(), "null", "pairs"]
+    options.out.parent.mkdir(parents=True, exist_ok=True)
+    kept = [json.loads(line) for line in options.out.read_text().splitlines()] if options.out.exists() else []
+    have = {row["key"] for row in kept}
+    todo = [case for case in cases(wanted, options.magnitudes, options.seeds, options.first) if case.key not in have]
+    try:
+        for number, row in enumerate(_results(todo, options.jobs), 1):
+            kept.append(row)
+            with options.out.open("a") as file:
+                file.write(json.dumps(row) + "\n")
+            names = ", ".join(f"{c['name']} {c['confidence']:.2f}" for c in row["causes"]) or "-"
+            print(f"{number}/{len(todo)} {row['key']}: {outcome(row)}; {row['verdict']}: {names} ({row['seconds']:.0f} s)", flush=True)
+    except KeyboardInterrupt:
+        print(f"Stopped; {len(kept)} cases are kept in {options.out}; run the same command to go on.", file=sys.stderr)
+        return 130
+    from benchmarks.hidden_report import write
+
+    print(write(kept, options.out.with_suffix("")))
+    return 0
+
+
+def _results(todo: Sequence[Case], jobs: int) -> Iterable[dict[str, Any]]:
+    if jobs <= 1:
+        yield from map(run, todo)
+        return
+    with multiprocessing.get_context("spawn").Pool(jobs) as pool:
+        yield from pool.imap_unordered(run, todo)
+
+
+if __name__ == "__main__":
+    sys.exit(main())

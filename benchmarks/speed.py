@@ -1,0 +1,221 @@
+"""How fast: physics with a chain over bare MuJoCo, and training over a plain Python environment. See ``__main__``."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import mujoco
+import numpy as np
+from mujoco.batch import Batch
+
+from actuators import Drivetrain
+from actuators.law import begin, torque
+from actuators.layout import P_STATE_SIZE
+from envs.bench.robot import BENCH
+from envs.hopper.robot import HOPPER
+from envs.robot import Robot
+
+ROBOTS = {"bench": BENCH, "hopper": HOPPER}
+CHAINS = {"ideal": 0.90, "regression": 0.90, "net": 0.60}  # and the ratio that each must reach
+SIMULATIONS = (1, 16, 64, 1024)
+PER_CALL = 20  # physics steps between two goals: 50 Hz
+TRAINING_BAR = 5.0
+
+
+def bare_model(driven: Drivetrain) -> mujoco.MjModel:
+    """The same model with MuJoCo's own position servos, as stiff and damped as the chains are at rest.
+
+    So both move alike, and have the same contacts to solve.
+    """
+    spec = driven.spec.copy()
+    for coordinate in driven.coordinates:
+        stiffness, damping, largest = _linear(driven.chains[coordinate.name].program())
+        actuator = spec.actuator(coordinate.name)
+        actuator.biastype = mujoco.mjtBias.mjBIAS_AFFINE
+        actuator.gainprm[0] = stiffness
+        actuator.biasprm[:3] = 0.0, -stiffness, -damping
+        actuator.forcelimited, actuator.forcerange = True, (-largest, largest)
+        actuator.userdata = []
+    spec.nuserdata = 0
+    return spec.compile()
+
+
+def _linear(program: np.ndarray) -> tuple[float, float, float]:
+    """Stiffness [N.m/rad], damping [N.m.s/rad] and largest torque [N.m] of a chain."""
+
+    def settled(goal: float, speed: float) -> float:
+        state = np.zeros(int(program[P_STATE_SIZE]))
+        begin(program, state, 0.0, goal, 0.0, speed)
+        return torque(program, state, 0.0, goal, 0.0, speed, 0.0, True)
+
+    small = 1e-2
+    stiffness = (settled(small, 0.0) - settled(-small, 0.0)) / (2.0 * small)
+    damping = -(settled(0.0, small) - settled(0.0, -small)) / (2.0 * small)
+    return stiffness, max(damping, 0.0), max(abs(settled(1.5, 0.0)), abs(settled(-1.5, 0.0)))
+
+
+class Stepper:
+    """A batch whose goals swing, each simulation's in its own phase."""
+
+    def __init__(self, robot: Robot, model: mujoco.MjModel, count: int) -> None:
+        self.batch = Batch(model, count, 0)
+        self.goals = self.batch.bind("ctrl")
+        limits = np.array([robot.limits[item.name] for item in robot.coordinates])
+        self.centre, self.half = limits.mean(axis=1), 0.5 * (limits[:, 1] - limits[:, 0])
+        self.phase = np.linspace(0.0, 2.0 * np.pi, count, endpoint=False)[:, None]
+        self.calls = 0
+
+    def __call__(self) -> None:
+        """One control step."""
+        if self.calls % 200 == 0:
+            self.batch.reset()
+        self.goals[:] = self.centre + 0.3 * self.half * np.sin(0.1 * self.calls + self.phase)
+        self.batch.step(nstep=PER_CALL)
+        self.calls += 1
+
+
+def interleaved(sides: dict[str, Callable[[], int]], seconds: float, repeats: int) -> dict[str, list[float]]:
+    """Rates of several sides [1/s], measured in turns so that a busy machine slows all of them.
+
+    Args:
+        sides: each does some work and returns how much.
+        seconds: for one side in one turn.
+        repeats: turns.
+    """
+    rates: dict[str, list[float]] = {name: [] for name in sides}
+    for _ in range(repeats):
+        for name, work in sides.items():
+            done, start = 0, time.perf_counter()
+            while time.perf_counter() - start < seconds:
+                done += work()
+            rates[name].append(done / (time.perf_counter() - start))
+    return rates
+
+
+def physics(seconds: float, repeats: int, report: Callable[[dict[str, Any]], None]) -> list[dict[str, Any]]:
+    """Physics steps/s with each chain over bare MuJoCo on the same model."""
+    rows = []
+    for name, robot in ROBOTS.items():
+        for chain, bar in CHAINS.items():
+            driven = robot.drivetrain(chain)
+            bare = bare_model(driven)
+            for count in SIMULATIONS:
+                sides = {}
+                for side, model in (("chain", driven.model), ("bare", bare)):
+                    stepper = Stepper(robot, model, count)
+                    stepper()
+
+                    def work(stepper: Stepper = stepper, count: int = count) -> int:
+                        stepper()
+                        return count * PER_CALL
+
+                    sides[side] = work
+                rates = interleaved(sides, seconds, repeats)
+                ratios = np.array(rates["chain"]) / np.array(rates["bare"])
+                rows.append(
+                    {
+                        "robot": name,
+                        "chain": chain,
+                        "simulations": count,
+                        "steps_per_second": float(np.median(rates["chain"])),
+                        "bare_steps_per_second": float(np.median(rates["bare"])),
+                        "ratio": float(np.median(ratios)),
+                        "ratio_low": float(np.quantile(ratios, 0.25)),
+                        "ratio_high": float(np.quantile(ratios, 0.75)),
+                        "bar": bar,
+                    }
+                )
+                report(rows[-1])
+    return rows
+
+
+def training(rollouts: int, repeats: int, report: Callable[[str], None]) -> dict[str, Any]:
+    """PPO steps/s on the hopper: the batch engine against :class:`PythonHopper` under 8 ``SubprocVecEnv``."""
+    import torch
+    from stable_baselines3.common.vec_env import SubprocVecEnv, VecMonitor
+
+    from agents.algorithms import build, checked_agent, normalized
+    from benchmarks.python_hopper import PythonHopper
+    from configs.compose import compose
+    from envs.sb3 import BatchVecEnv
+
+    torch.set_num_threads(1)
+    config = compose("train", {"env": "hopper", "agent": "ppo"})
+    agent, count = checked_agent(config["agent"]), int(config["n_envs"])
+    rollout = int(agent["n_steps"]) * count
+    ours = build(
+        agent, normalized(BatchVecEnv("SeaLegs/Hopper-v0", count, seed=0, actuator="sv1270tg"), agent, True), 0
+    )
+    processes = SubprocVecEnv([PythonHopper] * 8, start_method="spawn")
+    theirs = build(agent | {"n_steps": rollout // 8}, normalized(VecMonitor(processes), agent, True), 0)
+    learners = {"batch": ours, "subproc": theirs}
+    rates: dict[str, list[float]] = {name: [] for name in learners}
+    try:
+        for name, learner in learners.items():
+            learner.learn(rollout)
+            report(f"{name}: warm")
+        for _ in range(repeats):
+            for name, learner in learners.items():
+                start = time.perf_counter()
+                learner.learn(rollouts * rollout)
+                rates[name].append(rollouts * rollout / (time.perf_counter() - start))
+                report(f"{name}: {rates[name][-1]:.0f} steps/s")
+    finally:
+        processes.close()
+    ratios = np.array(rates["batch"]) / np.array(rates["subproc"])
+    return {
+        "batch_steps_per_second": float(np.median(rates["batch"])),
+        "subproc_steps_per_second": float(np.median(rates["subproc"])),
+        "ratio": float(np.median(ratios)),
+        "ratio_low": float(ratios.min()),
+        "ratio_high": float(ratios.max()),
+        "bar": TRAINING_BAR,
+        "simulations": {"batch": count, "subproc": 8},
+        "steps_per_update": rollout,
+    }
+
+
+def table(physics_rows: list[dict[str, Any]], trained: dict[str, Any] | None, machine: dict[str, Any]) -> str:
+    """The results as a page of Markdown."""
+    lines = [
+        "# Speed",
+        "",
+        f"Written by `python -m benchmarks` (`make bench`); {machine['cores']} cores, MuJoCo {machine['mujoco']}, "
+        f"Python {machine['python']}. Ratios are medians of interleaved repeats in one run.",
+        "",
+        "## Physics steps per second, with a chain over bare MuJoCo on the same model",
+        "",
+        "Bare MuJoCo has its own position servos with the chain's stiffness and damping, so that both move alike.",
+        "",
+        "| robot | chain | simulations | steps/s | bare steps/s | ratio | quartiles | bar | |",
+        "|---|---|---|---|---|---|---|---|---|",
+    ]
+    for row in physics_rows:
+        verdict = "reached" if row["ratio"] >= row["bar"] else "**missed**"
+        lines.append(
+            f"| {row['robot']} | {row['chain']} | {row['simulations']} | {row['steps_per_second']:,.0f} | "
+            f"{row['bare_steps_per_second']:,.0f} | {row['ratio']:.2f} | "
+            f"{row['ratio_low']:.2f} to {row['ratio_high']:.2f} | {row['bar']:.2f} | {verdict} |"
+        )
+    if trained:
+        verdict = "reached" if trained["ratio"] >= trained["bar"] else "**missed**"
+        lines += [
+            "",
+            "## PPO training steps per second on the hopper",
+            "",
+            "Same model, task, chain (`sv1270tg`), PPO settings (`configs/agent/ppo.yaml`) and steps per update. "
+            "The other side is `benchmarks/python_hopper.py`, a Gymnasium `MujocoEnv` with the law in Python.",
+            "",
+            "| batch engine | 8 SubprocVecEnv | ratio | lowest to highest | bar | |",
+            "|---|---|---|---|---|---|",
+            f"| {trained['batch_steps_per_second']:,.0f} | {trained['subproc_steps_per_second']:,.0f} | "
+            f"{trained['ratio']:.1f} | {trained['ratio_low']:.1f} to {trained['ratio_high']:.1f} | "
+            f"{trained['bar']:.0f} | {verdict} |",
+        ]
+    return "\n".join(lines) + "\n"
+
+
+RESULTS = Path(__file__).resolve().parent / "results"
