@@ -24,7 +24,7 @@ def observation_space(engine: BatchEngine) -> spaces.Box:
     return spaces.Box(-np.inf, np.inf, (engine.observation_size,), np.float32)
 
 
-class SingleEnv(gym.Env[np.ndarray, np.ndarray]):
+class SingleEnv(gym.Env[np.ndarray, np.ndarray], gym.utils.EzPickle):
     """What single environments share; a subclass names its task and documents itself.
 
     The time limit is Gymnasium's ``TimeLimit``, which ``gymnasium.make`` adds.
@@ -38,6 +38,7 @@ class SingleEnv(gym.Env[np.ndarray, np.ndarray]):
 
     def __init__(self, render_mode: str | None = None, width: int = 640, height: int = 480, **keywords: Any) -> None:
         """Build the batch of one; ``keywords`` are the task's and the engine's."""
+        gym.utils.EzPickle.__init__(self, render_mode=render_mode, width=width, height=height, **keywords)
         modes = self.metadata["render_modes"]
         if render_mode is not None and render_mode not in modes:
             hint = nearest(render_mode, modes)

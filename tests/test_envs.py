@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import pickle
 import re
 import warnings
 
@@ -41,6 +42,12 @@ def test_environments_pass_the_checks_of_gymnasium_and_sb3(env_id: str) -> None:
         warnings.filterwarnings("ignore", message=".*Box observation space m.*imum value is.*infinity")
         check_gymnasium(env, skip_render_check=True)
         check_sb3(env, skip_render_check=True)
+
+
+def test_an_environment_survives_pickling() -> None:
+    env = gym.make("SeaLegs/Hopper-v0", actuator="ideal", speed=0.2).unwrapped
+    again = pickle.loads(pickle.dumps(env))
+    np.testing.assert_array_equal(env.reset(seed=1)[0], again.reset(seed=1)[0])
 
 
 @pytest.mark.parametrize("env_id", IDS)
