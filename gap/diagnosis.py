@@ -11,6 +11,7 @@ import numpy as np
 from actuators.chain import load_chain
 from actuators.errors import SealegsError
 from gap.causes import retunable
+from gap.channels import weigh_channels
 from gap.checks import check_set, merged, noise_floor, unusable
 from gap.experiment import Experiment, separate
 from gap.fit import Fit, fit, intervals, merge
@@ -160,7 +161,7 @@ def _joint(
     models = [JointModel(load_chain(run.actuators[joint])) for run in runs]
     noise = float(np.median([noise_floor(run, joint) for run in runs]))
     units = cut(runs, joint, test_group)
-    problem = converged(lay_out(runs, joint, models, units, {"position": 1.0 / noise}))
+    problem = weigh_channels(converged(lay_out(runs, joint, models, units, {"position": 1.0 / noise})))
     search = Searcher(problem, progress, seed).run()
     progress("measuring the gain on runs that nothing has seen")
     return _conclude(problem, search, joint, mine, seed)
@@ -326,8 +327,8 @@ def _verdict(
     if not causes:
         return NOT_IDENTIFIABLE, (
             f"The simulation of '{joint}' is {before:.1f} mrad off and {after:.1f} mrad after re-tuning, but no known "
-            "cause explains that on runs it was not fitted to; it may lie outside the catalogue, or the motion does not "
-            "show it."
+            "cause explains that on runs it was not fitted to; it may lie outside the catalogue, or the motion does "
+            "not show it."
         )
     names = " and ".join(cause.name for cause in causes[:3])
     change = f"from {before:.1f} to {after:.1f} mrad on runs that nothing was fitted to (noise {floor:.2f} mrad)"
@@ -340,8 +341,8 @@ def _verdict(
     if left <= SMALL or level <= CLOSED:
         return EXPLAINED, f"The gap of '{joint}' is explained by {names}: the error falls {change}."
     return PARTLY, (
-        f"The gap of '{joint}' is partly explained by {names}: the error falls {change}; {100 * left:.0f} % of it stays "
-        "unexplained."
+        f"The gap of '{joint}' is partly explained by {names}: the error falls {change}; {100 * left:.0f} % of it "
+        "stays unexplained."
     )
 
 

@@ -65,7 +65,10 @@ def diagnose_torque(runs: Sequence[MeasuredRun], joint: str, findings: tuple[Fin
     left = float(np.clip((errors["extended"].rmse ** 2 - errors["noise_floor"].rmse ** 2) / excess, 0.0, 1.0))
     if same_side > 0.9 and gain > 0.005 and abs(shift) >= 2 * STEP:
         way = "leads" if shift > 0 else "lags behind"
-        sentence = f"The torque column {way} the motion columns by {1e3 * abs(shift):.0f} ms: torque and motion were not read at the same time."
+        sentence = (
+            f"The torque column {way} the motion columns by {1e3 * abs(shift):.0f} ms: torque and motion were not read "
+            "at the same time."
+        )
         value = Value(abs(shift), float(low), float(high), "s", 0.0)
         share = max((errors["retuned"].rmse ** 2 - errors["extended"].rmse ** 2) / excess, 0.0)
         causes = (
