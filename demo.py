@@ -24,8 +24,8 @@ SERVO = "sv1270tg"
 # What the bench may hide, by the parameter that shows it: name of the cause, and range that the size is drawn from.
 HIDDEN = {
     "delay.seconds": ("drive.delay", 0.015, 0.030),
-    "friction.load": ("friction.load_dependent", 0.15, 0.35),
-    "friction.coulomb": ("friction.coulomb", 0.10, 0.20),
+    "friction.load": ("friction.load_dependent", 0.06, 0.12),
+    "friction.coulomb": ("friction.coulomb", 0.05, 0.12),
 }
 
 
