@@ -183,8 +183,6 @@ class Session:
             finally:
                 env.close()
             os.replace(unfinished, file)
-        except SealegsError:
-            raise
         except (
             Exception
         ) as error:  # drawing needs OpenGL and ffmpeg; the policy is saved, so their absence is only a pity
