@@ -60,16 +60,14 @@ class PythonHopper(MujocoEnv):
         self.action_space = Box(-1.0, 1.0, (2,), np.float32)
         joints = (HIP, KNEE, f"{HIP}_motor", f"{KNEE}_motor")
         self.at = [int(self.model.jnt_qposadr[self.model.joint(joint).id]) for joint in joints]
+        self.motors = np.array(self.at[2:])
         self.max_episode_steps, self.elapsed = max_episode_steps, 0
 
-    def torques(self, goals: np.ndarray) -> tuple[float, float]:
+    def torques(self, goals: np.ndarray) -> np.ndarray:
         """The chain sv1270tg in Python: position control, duty limit, regression."""
         per_duty, per_speed, constant = self.map
-        result = []
-        for goal, at in zip(goals.tolist(), self.at[2:], strict=True):
-            duty = min(max(self.gain * (goal - self.data.qpos.item(at)), -self.limit), self.limit)
-            result.append(per_duty * duty + per_speed * self.data.qvel.item(at) + constant)
-        return result[0], result[1]
+        duty = np.clip(self.gain * (goals - self.data.qpos[self.motors]), -self.limit, self.limit)
+        return per_duty * duty + per_speed * self.data.qvel[self.motors] + constant
 
     def reset_model(self) -> np.ndarray:
         """Drop the leg from a little above the floor."""
@@ -90,11 +88,10 @@ class PythonHopper(MujocoEnv):
         """One action."""
         self.action = np.clip(np.asarray(action, np.float64), -1.0, 1.0)
         goals = self.goal_centre + self.goal_half * self.action
-        torques = (0.0, 0.0)
+        torques = np.zeros(2)
         for _ in range(self.frame_skip):
             torques = self.torques(goals)
-            self.data.ctrl[:] = torques
-            mujoco.mj_step(self.model, self.data)
+            self.do_simulation(torques, 1)
         before, self.angles = self.angles, self._angles()
         observation = self._observation(before)
         qpos, qvel, task = self.data.qpos, self.data.qvel, self.task
