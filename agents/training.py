@@ -183,12 +183,13 @@ class Session:
             finally:
                 env.close()
             os.replace(unfinished, file)
-        except (
-            Exception
-        ) as error:  # drawing needs OpenGL and ffmpeg; the policy is saved, so their absence is only a pity
+        except Exception as error:
+            unfinished.unlink(missing_ok=True)
             if _disk_full(error):
                 raise
-            print(f"No film: {str(error).strip().partition(chr(10))[0] or type(error).__name__}.", file=sys.stderr)
+            # Drawing needs OpenGL and ffmpeg, and each fails in ways of its own; the policy is saved, so it is only a pity.
+            reason = str(error).strip().partition("\n")[0].rstrip(".") or type(error).__name__
+            print(f"No film: {reason}.", file=sys.stderr)
 
     def _say_where(self) -> None:
         path = self.run.path

@@ -3,6 +3,6 @@
 import os
 import sys
 
-# Without a screen MuJoCo can draw by EGL only. It reads this when it is imported, so it stands where every script begins.
+# Without a screen MuJoCo can draw by EGL only. It reads this when it is imported, so it stands where scripts begin.
 if sys.platform == "linux" and not (os.environ.get("DISPLAY") or os.environ.get("WAYLAND_DISPLAY")):
     os.environ.setdefault("MUJOCO_GL", "egl")

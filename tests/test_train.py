@@ -144,6 +144,19 @@ def test_the_trained_policy_is_filmed(tmp_path: Path) -> None:
     assert any(not np.array_equal(pictures[0], picture) for picture in pictures)
 
 
+def test_a_film_that_cannot_be_drawn_fails_no_run(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    def fail(*arguments: object) -> None:
+        raise RuntimeError("no OpenGL")
+
+    monkeypatch.setattr("agents.training.record_video", fail)
+    small = [argument for argument in SMALL if not argument.startswith("video")]
+    assert run(*small, f"out={tmp_path}", "name=blind", "total_timesteps=128") == 0
+    assert capsys.readouterr().err.strip().endswith("No film: no OpenGL.")
+    assert not list((tmp_path / "blind").glob("*video*"))
+
+
 def test_policy_json_says_what_the_numbers_mean(finished: Path) -> None:
     description = json.loads((finished / "final" / "policy.json").read_text())
     assert len(description["observation_names"]) == description["observation"]["shape"][0]
