@@ -1,0 +1,79 @@
+"""Pictures of a diagnosis: of the whole, and one per cause that shows it to a person who doubts it."""
+
+from __future__ import annotations
+
+import io
+from collections.abc import Callable, Iterator, Sequence
+from pathlib import Path
+
+from matplotlib.backends.backend_agg import FigureCanvasAgg
+from matplotlib.figure import Figure
+
+from gap.diagnosis import JointDiagnosis, NamedCause
+from gap.pictures.drive import duty_against_error, response, voltage_against_current
+from gap.pictures.evidence import Evidence
+from gap.pictures.friction import friction_against_speed, residual_against_load, residual_against_position
+from gap.pictures.summary import budget, experiment, overview, rivals
+from gap.pictures.transmission import hysteresis
+
+SUMMARIES: dict[str, Callable[[JointDiagnosis], Figure | None]] = {
+    "overview": overview,
+    "budget": budget,
+    "rivals": rivals,
+    "experiment": experiment,
+}
+CAUSES: dict[str, Callable[[Evidence, NamedCause], Figure]] = {
+    "friction_against_speed": friction_against_speed,
+    "residual_against_load": residual_against_load,
+    "residual_against_position": residual_against_position,
+    "response": response,
+    "duty_against_error": duty_against_error,
+    "voltage_against_current": voltage_against_current,
+    "hysteresis": hysteresis,
+}
+"""Pictures by the key that a cause of the catalogue names."""
+
+
+def pictures(diagnosis: JointDiagnosis) -> Iterator[tuple[str, Figure]]:
+    """The pictures of one joint, one at a time: summaries by their name, causes by theirs."""
+    for name, draw in SUMMARIES.items():
+        if (chart := draw(diagnosis)) is not None:
+            yield name, chart
+    if diagnosis.problem is None:
+        return
+    evidence = Evidence(diagnosis)
+    for cause in diagnosis.causes:
+        if cause.picture in CAUSES and cause.kind != "data":
+            yield cause.name, CAUSES[cause.picture](evidence, cause)
+
+
+def png(chart: Figure) -> bytes:
+    """A picture as a PNG file."""
+    FigureCanvasAgg(chart)
+    buffer = io.BytesIO()
+    chart.savefig(buffer, format="png")
+    return buffer.getvalue()
+
+
+def draw_all(diagnoses: Sequence[JointDiagnosis], folder: Path) -> dict[str, Path]:
+    """Draw every picture of a diagnosis into a folder that has none yet.
+
+    Returns:
+        Paths by name of the picture (``overview``, ``budget``, ..., name of a cause), with several joints ``<joint>.<name>``.
+
+    Raises:
+        FileExistsError: a picture of that name is there already; nothing is overwritten.
+    """
+    folder.mkdir(parents=True, exist_ok=True)
+    drawn: dict[str, Path] = {}
+    for diagnosis in diagnoses:
+        prefix = f"{diagnosis.joint}." if len(diagnoses) > 1 else ""
+        for name, chart in pictures(diagnosis):
+            path = folder / f"{prefix}{name}.png"
+            with path.open("xb") as file:
+                file.write(png(chart))
+            drawn[f"{prefix}{name}"] = path
+    return drawn
+
+
+__all__ = ["CAUSES", "SUMMARIES", "draw_all", "pictures", "png"]

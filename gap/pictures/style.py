@@ -1,0 +1,67 @@
+"""One look for every picture: colours that the colour-blind tell apart, the same meaning everywhere."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from functools import wraps
+from typing import Any, TypeVar
+
+from matplotlib import rc_context
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
+
+MEASURED, NOMINAL, RETUNED, EXTENDED = "#000000", "#e08214", "#8c8c8c", "#0072b2"
+COLOURS = {"measured": MEASURED, "nominal": NOMINAL, "retuned": RETUNED, "extended": EXTENDED}
+NAMES = {"measured": "measured", "nominal": "nominal model", "retuned": "re-tuned", "extended": "extended model"}
+DASHES = {"nominal": "-", "retuned": ":", "extended": "-"}
+CAUSES = ("#0072b2", "#009e73", "#cc79a7", "#56b4e9", "#7b5ea7", "#b8a500")  # Okabe and Ito, without the orange
+TUNED, UNEXPLAINED, NOISE = "#a6c3d6", "#d55e00", "#c9c9c9"
+TEST_SHADE = "#e9eff5"
+
+STYLE: dict[str, Any] = {
+    "font.size": 10.0,
+    "axes.titlesize": 11.0,
+    "axes.titlelocation": "left",
+    "axes.spines.top": False,
+    "axes.spines.right": False,
+    "axes.grid": True,
+    "axes.axisbelow": True,
+    "grid.color": "#e4e4e4",
+    "grid.linewidth": 0.7,
+    "legend.frameon": False,
+    "legend.fontsize": 9.0,
+    "lines.linewidth": 1.6,
+    "figure.dpi": 150.0,
+    "savefig.dpi": 150.0,
+    "hatch.linewidth": 0.6,
+}
+
+Draw = TypeVar("Draw", bound=Callable[..., Any])
+
+
+def styled(draw: Draw) -> Draw:
+    """Draw in the style, without leaving it behind for others."""
+
+    @wraps(draw)
+    def inside(*arguments: Any, **keywords: Any) -> Any:
+        with rc_context(STYLE):
+            return draw(*arguments, **keywords)
+
+    return inside  # type: ignore[return-value]
+
+
+def figure(width: float = 6.4, height: float = 4.2) -> Figure:
+    """An empty figure of a size in inches."""
+    return Figure(figsize=(width, height), layout="constrained")
+
+
+def legend_above(axes: Axes, columns: int = 3) -> None:
+    """A legend above the axes, where it hides no data."""
+    axes.legend(
+        loc="lower left",
+        bbox_to_anchor=(0.0, 1.0),
+        ncols=columns,
+        borderaxespad=0.2,
+        handlelength=1.6,
+        columnspacing=1.2,
+    )
