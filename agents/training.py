@@ -187,7 +187,7 @@ class Session:
             unfinished.unlink(missing_ok=True)
             if _disk_full(error):
                 raise
-            # Drawing needs OpenGL and ffmpeg, and each fails in ways of its own; the policy is saved, so it is only a pity.
+            # Drawing needs OpenGL and ffmpeg, which fail in ways of their own. The policy is saved: no reason to fail.
             reason = str(error).strip().partition("\n")[0].rstrip(".") or type(error).__name__
             print(f"No film: {reason}.", file=sys.stderr)
 
