@@ -47,8 +47,8 @@ ORDER = (
         "ideal",
         "net",
     ),
-    *("minimum_duty", "duty_limit", "regression", "supply", "current_limit", "dc_motor", "torque_limit"),
-    *("gear", "friction", "spring", "compliance", "backlash", "encoder"),
+    *("duty_step", "minimum_duty", "duty_limit", "regression", "supply", "current_limit", "dc_motor", "torque_limit"),
+    *("gear", "thermal", "friction", "spring", "compliance", "backlash", "encoder"),
 )
 """The order in which a command passes through; :meth:`Chain.with_stage` puts a new stage where it stands here."""
 
@@ -132,6 +132,11 @@ class Chain:
         """Motor turns per joint turn; 1 where the motor's numbers are given at the joint."""
         gear = self.find("gear")
         return gear.ratio if gear is not None else 1.0
+
+    def magnetisation(self) -> float:
+        """Motor constant at the motor's temperature over the one given."""
+        thermal = self.find("thermal")
+        return thermal.factor(thermal.temperature) if thermal is not None else 1.0
 
     def armature(self) -> float:
         """Rotor inertia at the joint [kg.m2]."""
@@ -218,7 +223,7 @@ class Chain:
         """Whether dry friction is more than the constant that the engine knows natively."""
         friction, gear = self.find("friction"), self.find("gear")
         loss = gear is not None and gear.efficiency < 1.0
-        extra = ("stribeck", "asymmetry", "load", "load_quadratic", "load_stribeck", "ripple")
+        extra = ("stribeck", "asymmetry", "load", "load_quadratic", "load_stribeck", "ripple", "bristle_stiffness")
         return loss or (friction is not None and any(getattr(friction, key) != 0.0 for key in extra))
 
 

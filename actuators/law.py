@@ -28,9 +28,9 @@ from actuators.stages.command import dead_banded, delayed, rate_limited, record_
 from actuators.stages.controller import advance_integral, ideal_torque, position_duty
 from actuators.stages.motor import advance_current, motor_torque, regression_torque
 from actuators.stages.net import sample_net, start_net
-from actuators.stages.power import at_least, current_limited_voltage, supplied_voltage
+from actuators.stages.power import at_least, current_limited_voltage, stepped, supplied_voltage
 from actuators.stages.sensor import encoder_reading, late_position, record_latency, start_latency
-from actuators.stages.transmission import friction_limit
+from actuators.stages.transmission import advance_bristle, bristle_torque, friction_limit
 
 FIRST, LATER, RESTART, REPEAT = 0, 1, 2, 3
 
@@ -100,13 +100,15 @@ def advance(p, s, time):
             advance_integral(p, i, s, m, time)
         elif op == 30:
             advance_current(p, i, s, m, time)
+        elif op == 41 and p[i + 12] > 0.0:
+            advance_bristle(p, i, s, m, time)
         at += int(p[at + 1])
     s[S_TIME] = time
 
 
 @compiled()
 def torque(p, s, time, goal, q, w, external, first):
-    """Torque of a chain on its coordinate, dry and viscous friction excluded [N.m].
+    """Torque of a chain on its coordinate, viscous and rigid dry friction excluded [N.m].
 
     Args:
         p: program of the chain.
@@ -146,6 +148,8 @@ def torque(p, s, time, goal, q, w, external, first):
             value = ideal_torque(p, i, s, value)
         elif op == 41:
             s[S_LIMIT] = friction_limit(p, i, q, w, value, external)
+            if p[i + 12] > 0.0:
+                value -= bristle_torque(p, i, s, m, time, w)
         elif op == 1:
             if first:
                 record_delay(s, m, time, value, p[i + 1])
@@ -162,6 +166,9 @@ def torque(p, s, time, goal, q, w, external, first):
             value *= p[i]
         elif op == 21:
             value = at_least(value, p[i])
+            s[S_DUTY] = value
+        elif op == 24:
+            value = stepped(p, i, value)
             s[S_DUTY] = value
         elif op == 23:
             value = current_limited_voltage(p, i, value, w)

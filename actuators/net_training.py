@@ -24,6 +24,7 @@ from actuators.stages.net import FORMAT
 
 Array = NDArray[np.float64]
 MARGIN = 0.05  # share of the training range that inputs may exceed it by without a flag (assumed)
+JUMP = 0.05  # [rad] smallest change of a goal from one sample to the next that counts as a step (assumed)
 SEGMENT = 64  # windows that are trained on together, because they share samples
 
 
@@ -166,6 +167,10 @@ def prepare(run: TrainingRun, settings: Settings, rate: float) -> Prepared:
     usable &= time - run.time[before] < 3.0 * period  # not across a gap in the log
     weights, target = _target(run, time, position, reach, period)
     kept = np.array([usable[k : k + len(weights) + 1].all() for k in range(len(target))])
+    if run.torque is not None:  # half of a held torque lies behind the next goal, which no net can foresee
+        change = np.diff(goal)
+        sudden = np.abs(change) > np.maximum(JUMP, 2.0 * np.abs(np.append(0.0, change[:-1])))
+        kept &= ~sudden[reach : reach + len(target)]
     middle = time[reach : reach + len(target)]
     return Prepared(run.name, inputs[: len(target) + len(weights) - 1], weights, target, kept, middle)
 

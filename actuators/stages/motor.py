@@ -30,10 +30,27 @@ class DCMotor(Stage):
 
     def law_parameters(self, chain: Any) -> list[float]:
         ratio = chain.gear_ratio()
-        return [self.motor_constant * ratio, self.resistance, self.inductance]
+        return [self.motor_constant * ratio * chain.magnetisation(), self.resistance, self.inductance]
 
     def memory_size(self) -> int:
         return 4
+
+
+@register
+@dataclass(frozen=True, kw_only=True)
+class Thermal(Stage):
+    """A warm motor's magnets are weaker: its motor constant falls with the temperature."""
+
+    name: ClassVar[str] = "thermal"
+    takes: ClassVar[tuple[Quantity, ...]] = (Quantity.TORQUE,)
+
+    loss: float = parameter(None, "1/K", -0.1, 0.1, "share of the motor constant lost per kelvin above the reference")
+    temperature: float = parameter(25.0, "degC", -60.0, 250.0, "of the motor")
+    reference: float = parameter(25.0, "degC", -60.0, 250.0, "temperature at which the motor constant holds")
+
+    def factor(self, temperature: float) -> float:
+        """Motor constant at a temperature [degC] over that at the reference."""
+        return max(1.0 - self.loss * (temperature - self.reference), 0.05)
 
 
 @compiled()

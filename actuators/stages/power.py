@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 from typing import Any, ClassVar
 
@@ -14,7 +15,7 @@ def motor_behind(chain: Any, stage: Stage) -> list[float]:
     motor = chain.find("dc_motor")
     if motor is None:
         raise ChainError(f"{chain.label}: stage '{stage.name}' needs a 'dc_motor' behind it.")
-    return [motor.motor_constant * chain.gear_ratio(), motor.resistance]
+    return [motor.motor_constant * chain.gear_ratio() * chain.magnetisation(), motor.resistance]
 
 
 @register
@@ -47,6 +48,28 @@ def at_least(duty, value):
     if abs(duty) >= value:
         return duty
     return value * min(max(duty / 1e-4, -1.0), 1.0)
+
+
+@register
+@dataclass(frozen=True, kw_only=True)
+class DutyStep(Stage):
+    """Firmware that computes with integers: the duty moves in steps, rounded down or towards zero."""
+
+    name: ClassVar[str] = "duty_step"
+    takes: ClassVar[tuple[Quantity, ...]] = (Quantity.DUTY,)
+    opcode: ClassVar[int] = 24
+
+    size: float = parameter(None, "-", 0.0, 1.0, "one step of the duty; 0: continuous")
+    towards_zero: float = parameter(0.0, "-", 0.0, 1.0, "1: rounded towards zero (division); 0: down (bit shift)")
+
+
+@compiled()
+def stepped(p, i, duty):
+    """The duty on its lattice."""
+    if p[i] == 0.0:
+        return duty
+    steps = duty / p[i]
+    return p[i] * (math.trunc(steps) if p[i + 1] > 0.5 else math.floor(steps))
 
 
 @register

@@ -7,6 +7,7 @@ from dataclasses import dataclass
 from typing import Any, ClassVar
 
 from actuators.compiled import compiled
+from actuators.layout import S_LIMIT, S_TIME
 from actuators.stages.base import Quantity, Stage, parameter, register
 
 REST_SPEED = 1e-3  # [rad/s] below this a joint counts as at rest and friction opposes the torque, not the motion
@@ -62,12 +63,18 @@ class Friction(Stage):
     ripple: float = parameter(0.0, "N.m", 0.0, 1e3, "amplitude of friction over position")
     ripple_count: float = parameter(1.0, "1/turn", 0.0, 1e4, "periods per turn")
     ripple_phase: float = parameter(0.0, "rad", -10.0, 10.0, "phase of the ripple")
+    bristle_stiffness: float = parameter(
+        0.0, "N.m/rad", 0.0, 1e6, "of the contact before it slips (presliding); 0: sticking is rigid"
+    )
 
     def law_parameters(self, chain: Any) -> list[float]:
         values = self.parameters()
-        del values["viscous"]
+        del values["viscous"], values["bristle_stiffness"]
         loss = 1.0 - (gear.efficiency if (gear := chain.find("gear")) else 1.0)
-        return [*values.values(), loss]
+        return [*values.values(), loss, self.bristle_stiffness]
+
+    def memory_size(self) -> int:
+        return 3
 
 
 @compiled()
@@ -86,6 +93,25 @@ def friction_limit(p, i, q, w, motor, external):
     if p[i + 8] > 0.0:
         limit += p[i + 8] * math.cos(p[i + 9] * q + p[i + 10])
     return max(limit, 0.0)
+
+
+@compiled()
+def bristle_torque(p, i, s, m, time, w):
+    """Friction torque of elastic sticking [N.m]: a spring that slips at the dry friction limit, which it replaces.
+
+    Memory is [deflection, speed and limit at the latest evaluation]; the deflection is of the step's start.
+    """
+    s[m + 1], s[m + 2] = w, s[S_LIMIT]
+    most = s[S_LIMIT] / p[i + 12]
+    s[S_LIMIT] = 0.0
+    return p[i + 12] * min(max(s[m] + w * (time - s[S_TIME]), -most), most)
+
+
+@compiled()
+def advance_bristle(p, i, s, m, time):
+    """Carry the deflection over the step that has passed."""
+    most = s[m + 2] / p[i + 12]
+    s[m] = min(max(s[m] + s[m + 1] * (time - s[S_TIME]), -most), most)
 
 
 @register
