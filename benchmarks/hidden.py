@@ -194,9 +194,13 @@ def main(arguments: Sequence[str] | None = None) -> int:
     parser.add_argument("--effects", nargs="+", help="names, 'null' and 'pairs'; default: all")
     parser.add_argument("--magnitudes", nargs="+", default=["clear", "moderate", "faint"])
     parser.add_argument("--seeds", type=int, default=1, help="cases per effect and magnitude")
-    parser.add_argument("--first", type=int, default=REPORTED_SEED, help="seed of the first case; below 900 for development")
+    parser.add_argument(
+        "--first", type=int, default=REPORTED_SEED, help="seed of the first case; below 900 for development"
+    )
     parser.add_argument("--jobs", type=int, default=1, help="cases at a time")
-    parser.add_argument("--out", type=Path, default=RESULTS / "hidden.jsonl", help="kept cases; the summary goes beside it")
+    parser.add_argument(
+        "--out", type=Path, default=RESULTS / "hidden.jsonl", help="kept cases; the summary goes beside it"
+    )
     options = parser.parse_args(arguments)
     wanted = options.effects or [*all_names(), "null", "pairs"]
     options.out.parent.mkdir(parents=True, exist_ok=True)
@@ -209,7 +213,10 @@ def main(arguments: Sequence[str] | None = None) -> int:
             with options.out.open("a") as file:
                 file.write(json.dumps(row) + "\n")
             names = ", ".join(f"{c['name']} {c['confidence']:.2f}" for c in row["causes"]) or "-"
-            print(f"{number}/{len(todo)} {row['key']}: {outcome(row)}; {row['verdict']}: {names} ({row['seconds']:.0f} s)", flush=True)
+            print(
+                f"{number}/{len(todo)} {row['key']}: {outcome(row)}; {row['verdict']}: {names} ({row['seconds']:.0f} s)",
+                flush=True,
+            )
     except KeyboardInterrupt:
         print(f"Stopped; {len(kept)} cases are kept in {options.out}; run the same command to go on.", file=sys.stderr)
         return 130

@@ -51,7 +51,9 @@ def retunable(nominal: JointModel, width: float = TIGHT) -> list[Parameter]:
     for stage, keys in RETUNABLE.items():
         if nominal.chain.find(stage) is not None:
             found += [
-                factor(f"{stage}.{key}", low, high, 0.05) for key in keys if nominal.value(f"{stage}.{key}") > 0.0
+                factor(f"{stage}.{key}", low, high, 0.05, DIFFERENCES.get(f"{stage}.{key}", 0.2))
+                for key in keys
+                if nominal.value(f"{stage}.{key}") > 0.0
             ]
     return found
 
@@ -65,6 +67,10 @@ RETUNABLE: dict[str, tuple[str, ...]] = {
     "spring": ("damping",),
 }
 """Numbers that data sheets and older fits give only roughly; gains, ticks and limits are set by people and known."""
+
+
+DIFFERENCES = {"delay.seconds": 1.5}
+"""Finite-difference steps in parts of the scale, where the response has steps of its own (a command is early or late by a whole sample)."""
 
 
 def _number(
@@ -131,7 +137,24 @@ def load_dependent(nominal: JointModel) -> Cause:
     at_rest = Parameter("friction.load_stribeck", "1", 0.0, 1.5, 0.08, 0.05)
     speed = Parameter("friction.stribeck_velocity", "rad/s", 0.02, 5.0, 0.3, 0.5, logarithmic=True)
     sentence = "Dry friction grows with the torque that passes through the gearbox."
-    return Cause("friction.load_dependent", sentence, "residual_against_load", ((number,), (number, at_rest, speed)))
+    quadratic = Parameter("friction.load_quadratic", "1/(N.m)", 0.0, 3.0 / _torque(nominal), 0.1 / _torque(nominal), 0.1 / _torque(nominal))
+    variants = ((number,), (quadratic,), (number, at_rest, speed))
+    return Cause("friction.load_dependent", sentence, "residual_against_load", variants)
+
+
+@entry
+def presliding(nominal: JointModel) -> Cause:
+    top = _torque(nominal)
+    numbers = [
+        Parameter("friction.bristle_stiffness", "N.m/rad", 0.05 * top, 50.0 * top, start * top, 0.3, logarithmic=True)
+        for start in (0.4, 2.0, 8.0)
+    ]
+    return Cause(
+        "friction.presliding",
+        "A joint that sticks gives way like a spring before it slips.",
+        "hysteresis",
+        tuple((n,) for n in numbers),
+    )
 
 
 @entry
@@ -183,7 +206,8 @@ def delay(nominal: JointModel) -> Cause:
 def rate_limit(nominal: JointModel) -> Cause:
     sentence = "The firmware moves its goal no faster than a limit."
     numbers = [
-        Parameter("rate_limit.speed", "rad/s", 0.05, 100.0, start, 0.2, logarithmic=True) for start in (1.5, 5.0, 15.0)
+        Parameter("rate_limit.speed", "rad/s", 0.05, 500.0, start, 0.2, logarithmic=True)
+        for start in (1.5, 5.0, 15.0, 45.0)
     ]
     return Cause("drive.rate_limit", sentence, "response", tuple((number,) for number in numbers))
 
@@ -205,7 +229,7 @@ def saturation(nominal: JointModel) -> Cause | None:
         return None
     top = nominal.value("duty_limit.limit")
     numbers = [
-        Parameter("duty_limit.limit", "1", 0.02, 1.0, start * top, 0.1, logarithmic=True) for start in (0.8, 0.45, 0.25)
+        Parameter("duty_limit.limit", "1", 0.02, 1.0, start * top, 0.1, logarithmic=True) for start in (0.95, 0.8, 0.5, 0.25)
     ]
     return Cause(
         "drive.saturation",
@@ -249,9 +273,27 @@ def overload(nominal: JointModel) -> Cause | None:
         return None
     numbers = [
         Parameter("torque_limit.limit", "N.m", 0.02 * top, 1.2 * top, start * top, 0.1, logarithmic=True)
-        for start in (0.6, 0.3, 0.15)
+        for start in (0.8, 0.5, 0.25)
     ]
     return Cause("drive.overload", "The firmware limits the torque.", "response", tuple((n,) for n in numbers))
+
+
+@entry
+def integer_gain(nominal: JointModel) -> Cause | None:
+    if nominal.chain.find("duty_step") is not None or nominal.chain.find("supply") is None:
+        return None
+    down = [Parameter("duty_step.size", "1", 0.0, 0.4, start, 0.02) for start in (0.02, 0.06)]
+    mode = Parameter("duty_step.towards_zero", "1", 0.9, 1.0, 1.0, 1.0)
+    variants = (*((number,) for number in down), *((number, mode) for number in down))
+    return Cause("drive.integer_gain", "The firmware computes the duty in coarse steps.", "duty_against_error", variants)
+
+
+@entry
+def thermal(nominal: JointModel) -> Cause | None:
+    if nominal.chain.find("dc_motor") is None or nominal.chain.find("thermal") is not None:
+        return None
+    number = Parameter("thermal.loss", "1/K", -0.05, 0.05, 0.002, 0.002)
+    return Cause("drive.thermal", "The motor grows weaker as it warms up.", "residual_against_temperature", ((number,),))
 
 
 @entry

@@ -94,6 +94,7 @@ def _difference(problem: Problem, variants: list[dict[str, float]], time: np.nda
             time,
             goal,
             np.ones(len(time), bool),
+            np.full(len(time), float(np.median(problem.temperature))),
             np.array([0, len(time)]),
             np.array([[goal[0], 0.0]]),
             np.array([5e-4]),

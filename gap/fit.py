@@ -6,15 +6,13 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from scipy.optimize import least_squares
 
 from gap.parameters import Parameter
 from gap.problem import Problem
 
-DIFFERENCE = (
-    0.04  # finite-difference step in units of a parameter's scale: above the ripple of ticks, below its curvature
-)
 MOST_SAMPLES = 30_000
+CONVERGED = 2e-4  # relative improvement of the cost below which a fit ends
+LONGEST = 10.0  # step of a parameter in one iteration, in units of its scale
 ROBUST = 6.0  # errors beyond this many noise floors count linearly, so that one jam does not steer a fit
 
 
@@ -48,15 +46,17 @@ def fit(
     problem: Problem,
     parameters: Sequence[Parameter],
     start: Mapping[str, float] | None = None,
-    evaluations: int = 10,
+    evaluations: int = 12,
 ) -> Fit:
-    """Fit parameters to all judged samples of a problem.
+    """Fit parameters to all judged samples of a problem: Levenberg-Marquardt within bounds, on a robust cost.
+
+    Jacobians are finite differences that are simulated together, and so are the steps of several lengths that each iteration tries.
 
     Args:
         problem: data.
         parameters: what may be turned; others stay nominal.
         start: values to start from, where they differ from the parameters' own.
-        evaluations: of the residual, at most (each with one Jacobian).
+        evaluations: iterations at most.
     """
     start = dict(start or {})
     if not parameters:
@@ -64,44 +64,84 @@ def fit(
         return Fit({}, simulated, float(np.mean(problem.residual(simulated[None]) ** 2)))
     low = np.array([p.to_fit(p.low) for p in parameters])
     high = np.array([p.to_fit(p.high) for p in parameters])
-    u0 = np.array([p.to_fit(min(max(start.get(p.path, p.start), p.low), p.high)) for p in parameters])
-    u0 = np.clip(u0, low + 1e-6, high - 1e-6)
-    cache: dict[bytes, np.ndarray] = {}
+    u = np.array([p.to_fit(min(max(start.get(p.path, p.start), p.low), p.high)) for p in parameters])
+    reach = np.array([p.difference for p in parameters])
     every = max(int(problem.judged.sum()) // MOST_SAMPLES, 1)  # a long log does not need each of its samples in a Jacobian
 
     def values(u: np.ndarray) -> dict[str, float]:
         return {p.path: p.from_fit(x) for p, x in zip(parameters, u, strict=True)}
 
-    def residual(u: np.ndarray) -> np.ndarray:
-        simulated = problem.simulate([values(u)])
-        cache[u.tobytes()] = simulated[0]
-        return problem.residual(simulated, every)[0]
+    def errors(rows: np.ndarray) -> np.ndarray:
+        return problem.residual(problem.simulate([values(row) for row in rows]), every)
 
-    def jacobian(u: np.ndarray) -> np.ndarray:
-        here = problem.residual(cache[u.tobytes()][None], every)[0]
-        steps = np.where(u + DIFFERENCE <= high, DIFFERENCE, -DIFFERENCE)
-        errors = problem.residual(problem.simulate([values(row) for row in u[None] + np.diag(steps)]), every)
-        for key in [key for key in cache if key != u.tobytes()]:
-            del cache[key]
-        return ((errors - here) / steps[:, None]).T
-
-    result = least_squares(
-        residual,
-        u0,
-        jac=jacobian,
-        bounds=(low, high),
-        loss="soft_l1",
-        f_scale=ROBUST,
-        max_nfev=evaluations,
-        ftol=1e-3,
-        xtol=1e-3,
-        tr_solver="lsmr",  # a tall thin Jacobian: no need for its singular vectors at every step
-    )
-    best = values(result.x)
-    simulated = problem.simulate([best])[0]
+    here = errors(u[None])[0]
+    cost, damping = robust_cost(here), 1e-3
+    for _ in range(evaluations):
+        steps = np.where(u + reach <= high, reach, -reach)
+        jacobian = (errors(u[None] + np.diag(steps)) - here) / steps[:, None]
+        weighted = jacobian * robust_weight(here)
+        slope, curvature = weighted @ here, weighted @ jacobian.T
+        free = ~(((u <= low + 1e-9) & (slope > 0.0)) | ((u >= high - 1e-9) & (slope < 0.0)))
+        if not free.any():
+            break
+        improved = 0.0
+        for _ in range(2):
+            trials = np.stack([_step(u, slope, curvature, free, damping * more, low, high) for more in (0.1, 1.0, 20.0)])
+            tried = errors(trials)
+            costs = np.array([robust_cost(row) for row in tried])
+            best = int(costs.argmin())
+            if costs[best] < cost:
+                improved = (cost - costs[best]) / cost
+                u, here, cost = trials[best], tried[best], float(costs[best])
+                damping = min(max(damping * (0.1, 1.0, 20.0)[best], 1e-7), 1e6)
+                break
+            damping *= 400.0
+        if improved < CONVERGED:
+            break
+    best_values = values(u)
+    simulated = problem.simulate([best_values])[0]
     edge = 1e-3 * (high - low)
-    at_bound = tuple(p.path for k, p in enumerate(parameters) if min(result.x[k] - low[k], high[k] - result.x[k]) < edge[k])
-    return Fit(best, simulated, float(np.mean(problem.residual(simulated[None]) ** 2)), at_bound)
+    at_bound = tuple(p.path for k, p in enumerate(parameters) if min(u[k] - low[k], high[k] - u[k]) < edge[k])
+    return Fit(best_values, simulated, float(np.mean(problem.residual(simulated[None]) ** 2)), at_bound)
+
+
+def robust_weight(residual: np.ndarray) -> np.ndarray:
+    """Weight of each error in a robust fit: 1 for small ones, falling beyond :data:`ROBUST`."""
+    return 1.0 / np.sqrt(1.0 + (residual / ROBUST) ** 2)
+
+
+def robust_cost(residual: np.ndarray) -> float:
+    """Sum of squares, for errors beyond :data:`ROBUST` rather of sizes."""
+    return float(2.0 * ROBUST**2 * (np.sqrt(1.0 + (residual / ROBUST) ** 2) - 1.0).sum())
+
+
+def _step(
+    u: np.ndarray,
+    slope: np.ndarray,
+    curvature: np.ndarray,
+    free: np.ndarray,
+    damping: float,
+    low: np.ndarray,
+    high: np.ndarray,
+) -> np.ndarray:
+    """Where a damped Gauss-Newton step from ``u`` ends; parameters that it would push over a bound stop there and the rest is solved again."""
+    free, end = free.copy(), u.copy()
+    for _ in range(3):
+        index = np.flatnonzero(free)
+        if len(index) == 0:
+            break
+        matrix = curvature[np.ix_(index, index)].copy()
+        diagonal = np.diag(matrix).copy()
+        matrix[np.diag_indices(len(index))] += damping * diagonal + 1e-9 * diagonal.max() + 1e-12
+        fixed = np.flatnonzero(~free)
+        right = slope[index] + curvature[np.ix_(index, fixed)] @ (end[fixed] - u[fixed])
+        step = np.clip(-np.linalg.solve(matrix, right), -LONGEST, LONGEST)
+        end[index] = np.clip(u[index] + step, low[index], high[index])
+        over = (u[index] + step < low[index]) | (u[index] + step > high[index])
+        if not over.any():
+            break
+        free[index[over]] = False
+    return end
 
 
 def intervals(
@@ -116,9 +156,10 @@ def intervals(
     u = np.array([p.to_fit(found.values[p.path]) for p in parameters])
     low = np.array([p.to_fit(p.low) for p in parameters])
     high = np.array([p.to_fit(p.high) for p in parameters])
+    reach = np.diag([p.difference for p in parameters])
     up, down = (
-        np.minimum(u[None] + DIFFERENCE * np.eye(len(u)), high),
-        np.maximum(u[None] - DIFFERENCE * np.eye(len(u)), low),
+        np.minimum(u[None] + reach, high),
+        np.maximum(u[None] - reach, low),
     )
     rows = [{p.path: p.from_fit(x) for p, x in zip(parameters, row, strict=True)} for row in np.concatenate([up, down])]
     errors = problem.residual(problem.simulate(rows))
@@ -129,7 +170,7 @@ def intervals(
     count = len(sizes)
     squares = np.zeros((count, len(u), len(u)))
     slopes = np.zeros((count, len(u)))
-    weight = 1.0 / np.sqrt(1.0 + (residual / ROBUST) ** 2)
+    weight = robust_weight(residual)
     for k in range(len(u)):
         slopes[:, k] = np.bincount(block, jacobian[:, k] * residual * weight, count)
         for j in range(len(u)):

@@ -32,10 +32,13 @@ GRAVITY = 9.81  # [m/s2]
     K_HOST_SCALE,
     K_STOP,  # angle of a one-sided stop [rad]
     K_DELAY,  # of commands [s]: where steps must end for a change of the goal to arrive at its time
+    K_LOSS,  # share of the motor constant lost per kelvin [1/K]
+    K_REFERENCE,  # temperature at which nothing is lost [degC]
+    K_MOTOR,  # where the motor constant stands in the program; 0: there is none
     K_SIZE,
-) = range(14)
+) = range(17)
 
-FRICTION_OPCODE = 41
+FRICTION_OPCODE, MOTOR_OPCODE = 41, 30
 TOOTH_FREQUENCY = 400.0  # [rad/s] of the motor against stiff teeth: far above any motion, far below the step
 TOOTH_DAMPING_RATIO = 0.2
 
@@ -47,6 +50,8 @@ NEUTRAL: dict[str, dict[str, float]] = {
     "scale": {"factor": 1.0},
     "minimum_duty": {"value": 0.0},
     "duty_limit": {"limit": 1.0},
+    "duty_step": {"size": 0.0},
+    "thermal": {"loss": 0.0},
     "torque_limit": {"limit": 1e3},
     "current_limit": {"limit": 1e3},
     "friction": {},
@@ -159,8 +164,10 @@ class JointModel:
         k[K_GRAVITY] = self.load.gravity_torque(params)
         k[K_MOTOR_INERTIA] = max(chain.armature(), 1e-7)
         k[K_VISCOUS] = program[P_VISCOUS]
-        k[K_FRICTION] = _friction_at(program)
+        k[K_FRICTION] = _record(program, FRICTION_OPCODE)
         k[K_HOST_OFFSET], k[K_HOST_SCALE], k[K_STOP] = self.host_offset, self.host_scale, self.load.stop_angle
+        if (thermal := chain.find("thermal")) is not None:
+            k[K_LOSS], k[K_REFERENCE], k[K_MOTOR] = thermal.loss, thermal.reference, _record(program, MOTOR_OPCODE)
         k[K_DELAY] = delay.seconds if (delay := chain.find("delay")) is not None else 0.0
         element, play = chain.find("spring") or chain.find("compliance"), chain.find("backlash")
         if element is not None or (play is not None and play.width > 0.0):
@@ -182,10 +189,11 @@ def _neutral(name: str) -> Stage:
         raise ChainError(f"the chain has no stage '{name}', and there is no neutral one to add.") from None
 
 
-def _friction_at(program: np.ndarray) -> int:
+def _record(program: np.ndarray, opcode: int) -> int:
+    """Where the parameters of a stage stand in a program; 0 where it has none."""
     at = P_HEADER
     while program[at] > 0.0:
-        if int(program[at]) == FRICTION_OPCODE:
+        if int(program[at]) == opcode:
             return at + 3
         at += int(program[at + 1])
     return 0

@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass
 
-TIGHT = 0.08
+TIGHT = 0.06
 """How far a number of the nominal model may be off without being a finding (bound of re-tuning beside causes, relative)."""
 
 
@@ -18,8 +18,9 @@ class Parameter:
         unit: of the value.
         low, high: bounds.
         start: where a fit starts.
-        scale: typical change; steps of finite differences are a small part of it.
+        scale: typical change.
         logarithmic: moved as a logarithm; ``scale`` is then relative.
+        difference: step of finite differences, in units of ``scale``: above the ripple of ticks, below the curvature.
     """
 
     path: str
@@ -29,6 +30,7 @@ class Parameter:
     start: float
     scale: float
     logarithmic: bool = False
+    difference: float = 0.1
 
     def to_fit(self, value: float) -> float:
         """Value to the optimiser's coordinate."""
@@ -40,6 +42,6 @@ class Parameter:
         return min(max(value, self.low), self.high)
 
 
-def factor(path: str, low: float, high: float, scale: float = 0.1) -> Parameter:
+def factor(path: str, low: float, high: float, scale: float = 0.1, difference: float = 0.1) -> Parameter:
     """A factor on a nominal value."""
-    return Parameter(f"{path}*", "1", low, high, 1.0, scale, logarithmic=True)
+    return Parameter(f"{path}*", "1", low, high, 1.0, scale, True, difference)

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
+from functools import cached_property
 
 import numpy as np
 
@@ -14,6 +15,9 @@ from gap.simulator import CHANNELS, ELASTIC_STEP, replay_many
 from gap.units import Unit
 
 BLOCK = 1.0  # [s] errors closer than this are taken as one observation, since they are not independent
+GROUP = 0.025  # [s] duty and current are compared as means over this long: a command that arrives a sample early is no gap
+ROOM = 25.0  # [degC] of a motor whose temperature was not logged
+SAMPLED, AVERAGED = (0, 1), (2, 3)  # channels compared sample by sample, and as means over groups of samples
 
 
 @dataclass(frozen=True, eq=False)
@@ -23,13 +27,15 @@ class Problem:
     Attributes:
         units: pieces of runs.
         params: bench parameters of each run.
-        time, goal, on: samples of all units one behind the other (n,).
+        time, goal, on, temperature: samples of all units one behind the other (n,).
         starts: first sample of each unit and the end of the last (u + 1,).
         states: of the units at their start (u, 2).
         measured: channels as :data:`gap.simulator.CHANNELS` (n, 4), NaN where not logged.
         weight: one over the noise of each channel (4,), 0 where it does not count.
         judged: samples that count (n,).
         block: number of the block each sample belongs to (n,).
+        group: number of the group of samples over which duty and current are averaged (n,), -1 where they do not count.
+        trust: factor on the weight of duty and current (n, 4), the same for all samples of a group (:mod:`gap.channels`).
         models: nominal joint of each run (they may differ, for example in their gain).
         step: largest step of the simulator [s], see :func:`converged`.
     """
@@ -39,12 +45,15 @@ class Problem:
     time: np.ndarray
     goal: np.ndarray
     on: np.ndarray
+    temperature: np.ndarray
     starts: np.ndarray
     states: np.ndarray
     measured: np.ndarray
     weight: np.ndarray
     judged: np.ndarray
     block: np.ndarray
+    group: np.ndarray
+    trust: np.ndarray
     models: tuple[JointModel, ...]
     step: float = 1e-3
 
@@ -60,7 +69,7 @@ class Problem:
             raise LogError("the logs are too short to keep some for choosing and testing; record more runs or longer ones.")
         rows = np.concatenate([np.arange(self.starts[k], self.starts[k + 1]) for k in chosen])
         sizes = [self.starts[k + 1] - self.starts[k] for k in chosen]
-        flat = {key: getattr(self, key)[rows] for key in ("time", "goal", "on", "measured", "judged", "block")}
+        flat = {key: getattr(self, key)[rows] for key in FLAT}
         return replace(
             self,
             units=tuple(self.units[k] for k in chosen),
@@ -113,6 +122,7 @@ class Problem:
                 self.time[lo:hi],
                 self.goal[lo:hi],
                 self.on[lo:hi],
+                self.temperature[lo:hi],
                 starts,
                 self.states[chosen],
                 np.array(steps),
@@ -122,20 +132,47 @@ class Problem:
         out[~np.array(valid)] = 1e3
         return out
 
+    @cached_property
+    def _groups(self) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        """Samples that are averaged, where each group starts among them, and how many samples it has."""
+        rows = np.flatnonzero(self.group >= 0)
+        starts = np.flatnonzero(np.diff(self.group[rows], prepend=-1))
+        return rows, starts, np.diff(np.append(starts, len(rows)))
+
+    def means(self, signal: np.ndarray) -> np.ndarray:
+        """Means (..., g) of a signal (..., n) over the groups of samples; NaN where one of them is missing."""
+        rows, starts, sizes = self._groups
+        return np.add.reduceat(signal[..., rows], starts, axis=-1) / sizes if len(rows) else signal[..., rows]
+
     def residual(self, simulated: np.ndarray, every: int = 1) -> np.ndarray:
-        """Weighted errors (v, m) of simulated channels (v, n, 4) at (every so many of) the judged samples; what was not logged is zero."""
-        use = np.flatnonzero(self.weight > 0.0)
+        """Weighted errors (v, m) of simulated channels (v, n, 4): of (every so many of) the judged samples, then of the groups.
+
+        What was not logged is zero.
+        """
         rows = np.flatnonzero(self.judged)[::every]
-        error = (simulated[:, rows][:, :, use] - self.measured[rows][:, use]) * self.weight[use]
-        error = np.where(np.isfinite(error), error, 0.0)
-        return np.clip(error, -1e6, 1e6).reshape(len(simulated), -1)
+        errors = [
+            (simulated[:, rows, c] - self.measured[rows, c]) * self.weight[c] for c in SAMPLED if self.weight[c] > 0.0
+        ]
+        first = self._groups[0][self._groups[1]]
+        errors += [
+            self.means(simulated[:, :, c] - self.measured[:, c]) * (self.weight[c] * self.trust[first, c])
+            for c in AVERAGED
+            if self.weight[c] > 0.0
+        ]
+        error = np.concatenate(errors, axis=1)
+        return np.clip(np.where(np.isfinite(error), error, 0.0), -1e6, 1e6)
+
+    @cached_property
+    def _blocks(self) -> tuple[np.ndarray, np.ndarray]:
+        rows, starts, _ = self._groups
+        parts = [self.block[self.judged] for c in SAMPLED if self.weight[c] > 0.0]
+        parts += [self.block[rows[starts]] for c in AVERAGED if self.weight[c] > 0.0]
+        _, number = np.unique(np.concatenate(parts), return_inverse=True)
+        return number, np.bincount(number)
 
     def blocks(self) -> tuple[np.ndarray, np.ndarray]:
         """Block number of each entry of :meth:`residual` (m,), counted from zero, and entries per block (b,)."""
-        channels = int((self.weight > 0.0).sum())
-        _, number = np.unique(self.block[self.judged], return_inverse=True)
-        number = np.repeat(number, channels)
-        return number, np.bincount(number)
+        return self._blocks
 
     def block_errors(self, simulated: np.ndarray) -> np.ndarray:
         """Sum of squared weighted errors per block (b,), of one variant (n, 4)."""
@@ -146,14 +183,18 @@ class Problem:
         return (simulated[:, 0] - self.measured[:, 0])[self.judged]
 
 
+FLAT = ("time", "goal", "on", "temperature", "measured", "judged", "block", "group", "trust")  # fields with one entry per sample
 STEPS = (2.5e-3, 1.7e-3, 1e-3, 5e-4, 2.5e-4, 1e-4)  # [s]
 
 
 def converged(problem: Problem) -> Problem:
-    """The problem with the largest step that is not a gap of its own: halving it changes the replay by less than a quarter of the noise."""
+    """The problem with the largest step that is not a gap of its own: halving it changes the replay by less than a tenth of the noise.
+
+    A quarter would be invisible in the error, but not to a search that looks for structure in it.
+    """
     for step in STEPS:
         whole, halved = (problem.position_error(problem.simulate([{}], s)[0]) for s in (step, step / 2.0))
-        if np.sqrt(np.mean((whole - halved) ** 2)) < 0.25 * problem.noise:
+        if np.sqrt(np.mean((whole - halved) ** 2)) < 0.1 * problem.noise:
             break
     return replace(problem, step=step)
 
@@ -184,8 +225,8 @@ def lay_out(
         LogError: the joint has no commands.
     """
     units = sorted(units, key=lambda unit: (unit.run, unit.start))
-    columns: dict[str, list[np.ndarray]] = {key: [] for key in ("time", "goal", "on", "judged", "block")}
-    measured, starts, blocks = [], [0], 0
+    columns: dict[str, list[np.ndarray]] = {key: [] for key in FLAT if key not in ("measured", "trust")}
+    measured, starts, blocks, groups = [], [0], 0, 0
     for unit in units:
         log, time = runs[unit.run].joints[joint], runs[unit.run].time
         if log.goal is None:
@@ -195,10 +236,16 @@ def lay_out(
         columns["time"].append(time[part] - time[0])
         columns["goal"].append(log.goal[part])
         columns["on"].append(np.ones(count, bool) if log.enabled is None else log.enabled[part] > 0.5)
+        warm = np.full(count, ROOM) if log.temperature is None else log.temperature[part]
+        columns["temperature"].append(np.where(np.isfinite(warm), warm, ROOM))
         columns["judged"].append(np.arange(count) >= unit.judged)
         block = ((time[part] - time[unit.start]) / BLOCK).astype(int)
         columns["block"].append(block + blocks)
         blocks += int(block[-1]) + 1
+        group = ((time[part] - time[unit.start]) / GROUP).astype(int)
+        counts = (np.arange(count) >= unit.judged) & columns["on"][-1]
+        columns["group"].append(np.where(counts, group + groups, -1))
+        groups += int(group[-1]) + 1
         missing = np.full(count, np.nan)
         signals = [getattr(log, channel) for channel in CHANNELS]
         measured.append(np.stack([missing if signal is None else signal[part] for signal in signals], axis=1))
@@ -210,6 +257,7 @@ def lay_out(
         starts=np.array(starts),
         states=np.array([unit.state for unit in units]),
         measured=np.concatenate(measured),
+        trust=np.ones((starts[-1], len(CHANNELS))),
         weight=np.array([weight.get(channel, 0.0) for channel in CHANNELS]),
         models=tuple(models),
         **flat,

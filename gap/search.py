@@ -13,10 +13,14 @@ from gap.parameters import Parameter
 from gap.problem import Problem
 from gap.units import FIT_A, FIT_B
 
-KEEP = 8  # causes that are fitted after the screen
+KEEP = 10  # causes that are fitted roughly after the screen
+FINALISTS = 5  # causes that are fitted fully after that
+ROUGH = 3  # iterations of a rough fit
 MOST_CAUSES = 6
-DONE = 1.06  # error over noise floor below which nothing is left to explain
-PAYS = 0.04  # least share of the excess error that a further cause must remove
+FLOOR = 0.8  # squared error over that of the noise which the best model reaches: the noise is estimated with a margin
+SEEN = 0.06  # least squared error that a cause must remove, in parts of that of the noise: ripple of ticks and steps can do less
+PAYS = 0.08  # least share of the excess error that a further cause must remove
+WARMED = 2.0  # [K] least change of the temperature that can show a thermal effect
 SURE = 0.975  # least probability, over resampled blocks, that it removes any
 RIVAL = 0.05  # causes that are better than the winner in more than this share of draws cannot be told from it
 DRAWS = 2000
@@ -89,6 +93,8 @@ class Searcher:
     def __post_init__(self) -> None:
         self.nominal = self.problem.models[0]
         self.causes = self.causes or catalogue(self.nominal)
+        if np.ptp(self.problem.temperature) < WARMED:
+            self.causes = [cause for cause in self.causes if cause.name != "drive.thermal"]
         self.tuned = tuple(retunable(self.nominal))
         self.parts = (self.problem.part(FIT_A), self.problem.part(FIT_B))
         self.both = self.problem.part(FIT_A, FIT_B)
@@ -102,10 +108,10 @@ class Searcher:
         accepted: list[Candidate] = []
         rounds: list[Round] = []
         current, before = base, blocks
-        while len(accepted) < MOST_CAUSES and self._level(before) > DONE:
+        while len(accepted) < MOST_CAUSES and self._excess(before) > SEEN:
             candidates = self._round(accepted, current, before)
             winner = candidates[0] if candidates else None
-            pays = winner is not None and winner.gain > PAYS and winner.better > SURE
+            pays = winner is not None and self._pays(winner, before)
             rounds.append(Round(before, tuple(candidates), bool(pays)))
             if winner is None or not pays:
                 break
@@ -117,6 +123,14 @@ class Searcher:
     def _level(self, blocks: np.ndarray) -> float:
         """Root mean squared weighted error: 1 is the noise floor."""
         return float(np.sqrt(blocks.sum() / self.counts.sum()))
+
+    def _excess(self, blocks: np.ndarray) -> float:
+        """Squared error beyond that of the noise, in its parts."""
+        return float(blocks.sum() / self.counts.sum()) - FLOOR
+
+    def _pays(self, winner: Candidate, before: np.ndarray) -> bool:
+        removed = float((before.sum() - winner.blocks.sum()) / self.counts.sum())
+        return winner.gain > PAYS and winner.better > SURE and removed > SEEN
 
     def _fit_both(self, parameters: Sequence[Parameter], start: tuple[Fit, Fit] | None) -> tuple[Fit, Fit]:
         a, b = (fit(part, parameters, None if start is None else start[k].values) for k, part in enumerate(self.parts))
@@ -130,10 +144,17 @@ class Searcher:
         taken = {candidate.cause.name for candidate in accepted}
         extended = merge(self.tuned, *(candidate.variant for candidate in accepted))
         chosen = self._screen([cause for cause in self.causes if cause.name not in taken], extended, current)
+        self.progress(f"trying {', '.join(dict.fromkeys(cause.name for cause, _ in chosen))}")
+        middle = {path: 0.5 * (value + current[1].values[path]) for path, value in current[0].values.items()}
+        rough = [(fit(self.both, merge(extended, variant), middle, ROUGH), cause, variant) for cause, variant in chosen]
+        rough.sort(key=lambda row: row[0].cost)
+        finalists = list(dict.fromkeys(cause.name for _, cause, _ in rough))[:FINALISTS]
         found: dict[str, Candidate] = {}
-        for cause, variant in chosen:
-            self.progress(f"trying {cause.name}")
-            fits = self._fit_both(merge(extended, variant), current)
+        fitted: dict[str, float] = {}
+        for start, cause, variant in rough:
+            if cause.name not in finalists or start.cost > 1.3 * fitted.setdefault(cause.name, start.cost):
+                continue
+            fits = self._fit_both(merge(extended, variant), (start, start))
             candidate = Candidate(cause, variant, fits, self._judge(fits))
             if cause.name not in found or _charge(candidate) < _charge(found[cause.name]):
                 found[cause.name] = candidate
@@ -148,7 +169,7 @@ class Searcher:
         totals = weights @ table.T
         better = (totals < (weights @ before)[:, None]).mean(axis=0)
         best = np.bincount(totals.argmin(axis=1), minlength=len(candidates)) / DRAWS
-        excess = max(before.sum() - self.counts.sum(), 1e-9)
+        excess = max(before.sum() - FLOOR * self.counts.sum(), 1e-9)
         ranked = [
             replace(c, better=float(better[k]), best=float(best[k]), gain=float((before.sum() - c.blocks.sum()) / excess))
             for k, c in enumerate(candidates)
@@ -200,7 +221,7 @@ class Searcher:
         per_cause: dict[str, int] = {}
         for k in order:
             name = variants[k][0].name
-            if per_cause.get(name, 0) >= 2 or (name not in per_cause and len(per_cause) >= KEEP):
+            if per_cause.get(name, 0) >= 3 or (name not in per_cause and len(per_cause) >= KEEP):
                 continue
             per_cause[name] = per_cause.get(name, 0) + 1
             chosen.append(variants[k])

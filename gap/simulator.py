@@ -25,7 +25,10 @@ from gap.joint_model import (
     K_HOST_OFFSET,
     K_HOST_SCALE,
     K_INERTIA,
+    K_LOSS,
+    K_MOTOR,
     K_MOTOR_INERTIA,
+    K_REFERENCE,
     K_STIFFNESS,
     K_STOP,
     K_VISCOUS,
@@ -94,7 +97,7 @@ def slide(p, k, s, x, time, span, goal, on, first):
         a = (total - way * limit) / inertia
         half = 0.5 * left
         q_mid, w_mid = q + half * w, w + half * a
-        if w_mid * way < 0.0:
+        if limit > 0.0 and w_mid * way < 0.0:
             w_mid = 0.0
         if coupled:
             lq_mid, lw_mid = lq + half * lw, lw + half * la
@@ -107,13 +110,13 @@ def slide(p, k, s, x, time, span, goal, on, first):
         a = (total - way * s[S_LIMIT]) / inertia
         w_new = w + left * a
         share = 1.0
-        if w * way > 0.0 and w_new * way < 0.0:
+        if limit > 0.0 and w * way > 0.0 and w_new * way < 0.0:
             share = w / (w - w_new)
         part = share * left
         if share < 1.0:
             x[0], x[1] = q + 0.5 * part * w, 0.0
         else:
-            if w_new * way < 0.0:
+            if limit > 0.0 and w_new * way < 0.0:
                 w_new = 0.0
             x[0], x[1] = q + 0.5 * left * (w + w_new), w_new
         if coupled:
@@ -125,7 +128,7 @@ def slide(p, k, s, x, time, span, goal, on, first):
 
 
 @numba.njit(cache=True)
-def replay(p, k, time, goal, on, q0, w0, step, out):
+def replay(p, k, time, goal, on, temperature, q0, w0, step, out):
     """Replay the commands of one run from the state ``(q0, w0)`` at its first sample.
 
     Args:
@@ -133,6 +136,7 @@ def replay(p, k, time, goal, on, q0, w0, step, out):
         k: constants of the joint (K_SIZE,).
         time, goal: of the samples (n,) [s], [rad].
         on: whether the drive was on, per sample (n,).
+        temperature: of the motor (n,) [degC].
         q0, w0: state of motor and link at the first sample [rad, rad/s].
         step: largest step [s].
         out: (n, 4) filled with reading, link position [rad], duty and current [A] at the samples.
@@ -145,7 +149,11 @@ def replay(p, k, time, goal, on, q0, w0, step, out):
     begin(p, s, time[0], goal[0], q0, w0)
     n = len(time)
     arrival = 0
+    motor = int(k[K_MOTOR])
+    constant = p[motor]
     for j in range(n):
+        if motor > 0:
+            p[motor] = constant * max(1.0 - k[K_LOSS] * (temperature[j] - k[K_REFERENCE]), 0.05)
         external = -coupling_torque(k, x[0] - x[2], x[1] - x[3]) if k[K_COUPLED] > 0.0 else load_torque(k, x[0], x[1])
         advance(p, s, time[j])
         torque(p, s, time[j], goal[j], x[0], x[1], external, True)
@@ -191,13 +199,13 @@ def host_reading_smooth(p, s, time, q):
 
 
 @numba.njit(cache=True, parallel=True)
-def replay_many(programs, constants, time, goal, on, starts, states, steps, out):
+def replay_many(programs, constants, time, goal, on, temperature, starts, states, steps, out):
     """Replay many units with many variants of the model, on all cores.
 
     Args:
         programs: (v, L), each padded with zeros.
         constants: (v, u, K_SIZE).
-        time, goal, on: samples of all units one behind the other (n,).
+        time, goal, on, temperature: samples of all units one behind the other (n,).
         starts: first sample of each unit, and the end of the last (u + 1,).
         states: start of each unit (u, 2) [rad, rad/s].
         steps: largest step of each variant (v,) [s].
@@ -209,5 +217,14 @@ def replay_many(programs, constants, time, goal, on, starts, states, steps, out)
         a, b = starts[u], starts[u + 1]
         program = programs[v].copy()
         replay(
-            program, constants[v, u], time[a:b], goal[a:b], on[a:b], states[u, 0], states[u, 1], steps[v], out[v, a:b]
+            program,
+            constants[v, u],
+            time[a:b],
+            goal[a:b],
+            on[a:b],
+            temperature[a:b],
+            states[u, 0],
+            states[u, 1],
+            steps[v],
+            out[v, a:b],
         )

@@ -1,0 +1,97 @@
+"""What the further columns of a log are worth beside the position: duty, current and link position, each weighted by its own noise.
+
+Position alone cannot tell a late command from a late reading, or a weak motor from a heavy load; the duty and the current can. But a
+column may be in a wrong unit, unsigned or of another joint, and the model is never perfect: a channel counts only if the re-tuned
+nominal model roughly predicts it, and no more than its unpredictable part and a general doubt about calibration allow.
+"""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+
+from gap.causes import retunable
+from gap.fit import fit
+from gap.log_checks.signal import high_frequency_noise, quantisation_step
+from gap.problem import Problem
+from gap.simulator import CHANNELS
+from gap.units import FIT_A, FIT_B
+
+AGREES = 0.8  # least correlation of a channel with what the re-tuned model predicts
+SLOPE = (0.5, 2.0)  # measured over predicted size: beyond it the column has another unit or another meaning
+DOUBT = 0.02  # calibration error of a column, as a share of its rms
+
+
+def weigh_channels(problem: Problem) -> Problem:
+    """The problem with a weight for each further channel that the model understands; others stay without.
+
+    Only the parts to fit on are looked at.
+    """
+    fitted = problem.part(FIT_A, FIT_B)
+    logged = [c for c in range(1, len(CHANNELS)) if np.isfinite(fitted.measured[:, c]).mean() > 0.5]
+    if not logged:
+        return problem
+    simulated = fit(fitted, retunable(problem.models[0])).simulated
+    weight, trust = problem.weight.copy(), problem.trust.copy()
+    for c in logged:
+        if CHANNELS[c] == "link_position":
+            weight[c] = 1.0 / _link_noise(fitted, c)
+            continue
+        measured, predicted = fitted.means(fitted.measured[:, c]), fitted.means(simulated[:, c])
+        good = np.isfinite(measured)
+        if good.sum() < 50 or not _agrees(measured[good], predicted[good]):
+            continue
+        noise, timing = _noise(measured, predicted)
+        weight[c] = 1.0 / noise
+        change = _change(problem.means(problem.measured[:, c]))
+        share = noise / np.sqrt(noise**2 + (timing * np.nan_to_num(change)) ** 2)
+        rows = np.flatnonzero(problem.group >= 0)
+        _, number = np.unique(problem.group[rows], return_inverse=True)
+        trust[rows, c] = share[number]
+    return replace(problem, weight=weight, trust=trust)
+
+
+def _agrees(measured: np.ndarray, predicted: np.ndarray) -> bool:
+    spread = measured.std() * predicted.std()
+    if spread == 0.0:
+        return False
+    correlation = float(np.mean((measured - measured.mean()) * (predicted - predicted.mean())) / spread)
+    return correlation > AGREES and SLOPE[0] < correlation * measured.std() / predicted.std() < SLOPE[1]
+
+
+def _change(means: np.ndarray) -> np.ndarray:
+    """Change of a channel per group, from its neighbours (g,)."""
+    step = np.abs(np.diff(means))
+    return np.maximum(np.append(step, 0.0), np.append(0.0, step))
+
+
+def _noise(measured: np.ndarray, predicted: np.ndarray) -> tuple[float, float]:
+    """Noise of the means of a channel at rest, and the timing error where it changes, in groups.
+
+    Both from second differences of the error, which a slow error of the model hardly enters.
+    """
+    error = measured - predicted
+    jump = np.abs(error[:-2] - 2.0 * error[1:-1] + error[2:]) / np.sqrt(6.0)
+    change = _change(measured)[1:-1]
+    good = np.isfinite(jump) & np.isfinite(change)
+    jump, change = jump[good], change[good]
+    slow = change <= np.median(change)
+    noise = max(float(np.sqrt(np.mean(_trimmed(jump[slow]) ** 2))), DOUBT * float(np.nanstd(measured)), 1e-9)
+    fast = change >= np.quantile(change, 0.75)
+    timing = float(np.sqrt(np.mean(_trimmed(jump[fast]) ** 2) / max(np.mean(change[fast] ** 2), 1e-18)))
+    return noise, min(timing, 1.0)
+
+
+def _trimmed(values: np.ndarray) -> np.ndarray:
+    return values[values <= np.quantile(values, 0.98)]
+
+
+def _link_noise(problem: Problem, c: int) -> float:
+    noises = []
+    for a, b in zip(problem.starts[:-1], problem.starts[1:], strict=True):
+        time, values = problem.time[a:b], problem.measured[a:b, c]
+        good = np.isfinite(values)
+        step = quantisation_step(values[good])
+        noises.append(max(step / np.sqrt(12.0), high_frequency_noise(time[good], values[good])))
+    return float(max(np.median(noises), 1e-9))
