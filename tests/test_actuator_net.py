@@ -42,7 +42,7 @@ def bench_runs(count: int = 4, torque_logged: bool = True, noise: float = 0.0) -
                 w += 0.00025 * (held - GRAVITY * math.sin(q)) / INERTIA
                 q += 0.00025 * w
         seen = position + noise * rng.standard_normal(len(goal))
-        time = np.arange(len(goal)) * 0.005
+        time = 0.005 * np.arange(len(goal), dtype=np.float64)
         logged = force if torque_logged else None
         runs.append(TrainingRun(f"run {number}", time, goal, seen, velocity, logged, INERTIA, GRAVITY))
     return runs
