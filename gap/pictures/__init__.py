@@ -39,6 +39,11 @@ def pictures(diagnosis: JointDiagnosis) -> Iterator[tuple[str, Figure]]:
     for name, draw in SUMMARIES.items():
         if (chart := draw(diagnosis)) is not None:
             yield name, chart
+    yield from cause_pictures(diagnosis)
+
+
+def cause_pictures(diagnosis: JointDiagnosis) -> Iterator[tuple[str, Figure]]:
+    """The pictures of the causes of one joint, by their names; none where nothing was replayed."""
     if diagnosis.problem is None:
         return
     evidence = Evidence(diagnosis)
@@ -59,7 +64,8 @@ def draw_all(diagnoses: Sequence[JointDiagnosis], folder: Path) -> dict[str, Pat
     """Draw every picture of a diagnosis into a folder that has none yet.
 
     Returns:
-        Paths by name of the picture (``overview``, ``budget``, ..., name of a cause), with several joints ``<joint>.<name>``.
+        Paths by name of the picture (``overview``, ``budget``, ..., name of a cause); with several joints
+        ``<joint>.<name>``.
 
     Raises:
         FileExistsError: a picture of that name is there already; nothing is overwritten.
@@ -76,4 +82,4 @@ def draw_all(diagnoses: Sequence[JointDiagnosis], folder: Path) -> dict[str, Pat
     return drawn
 
 
-__all__ = ["CAUSES", "SUMMARIES", "draw_all", "pictures", "png"]
+__all__ = ["CAUSES", "SUMMARIES", "cause_pictures", "draw_all", "pictures", "png"]

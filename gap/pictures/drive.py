@@ -34,7 +34,7 @@ def response(evidence: Evidence, cause: NamedCause) -> Figure:
     """A moment of the test part where the nominal model is most wrong, and the quantity that its error follows."""
     line = timeline(evidence.diagnosis)
     assert line is not None
-    chart = figure(6.4, 6.2)
+    chart = figure(5.8, 5.8)
     over_time, against = chart.subplots(2, 1, height_ratios=(1.0, 1.0))
     start, stop = worst_window(line, RESPONSE)
     use = (line.x >= start - 0.02) & (line.x <= stop + 0.02)

@@ -134,7 +134,7 @@ def smooth(problem: Problem) -> Motion:
     for a, b in zip(problem.starts[:-1], problem.starts[1:], strict=True):
         time = problem.time[a:b]
         step = float(np.median(np.diff(time))) if b - a > 1 else 1.0
-        width = max(int(round(WINDOW / step)), LEAST_SAMPLES) // 2 * 2 + 1
+        width = max(round(WINDOW / step), LEAST_SAMPLES) // 2 * 2 + 1
         if b - a <= width:
             continue
         grid = np.arange(time[0], time[-1] + 0.5 * step, step)

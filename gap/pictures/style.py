@@ -50,7 +50,7 @@ def styled(draw: Draw) -> Draw:
     return inside  # type: ignore[return-value]
 
 
-def figure(width: float = 6.4, height: float = 4.2) -> Figure:
+def figure(width: float = 5.8, height: float = 4.0) -> Figure:
     """An empty figure of a size in inches."""
     return Figure(figsize=(width, height), layout="constrained")
 

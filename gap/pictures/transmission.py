@@ -52,7 +52,7 @@ def _link_share(evidence: Evidence) -> float:
 def _error_loop(evidence: Evidence) -> Figure:
     simulated, measured = evidence.diagnosis.simulated, evidence.problem.measured[:, 0]
     torque = evidence.extended.gravity + _link_share(evidence) * evidence.extended.inertial
-    chart = figure(6.4, 4.6)
+    chart = figure(5.8, 4.4)
     panels = chart.subplots(1, 2, sharey=True)
     errors = []
     for axes, (name, colour) in zip(panels, (("nominal", NOMINAL), ("extended", EXTENDED)), strict=True):
