@@ -79,6 +79,8 @@ class Scene:
         return camera
 
     def _open(self) -> mujoco.Renderer:
+        if os.environ.get("MUJOCO_GL", "glfw") == "glfw" and not _screen():  # GLFW would end the process
+            raise RenderError("there is no screen: set MUJOCO_GL=egl before mujoco is imported.")
         self._model.vis.global_.fovy = float(self._model.camera(CAMERA).fovy[0])
         try:
             return mujoco.Renderer(self._model, *self._size)
@@ -88,9 +90,7 @@ class Scene:
 
     def _show(self) -> None:
         if self._viewer is None:
-            if sys.platform.startswith("linux") and not (
-                os.environ.get("DISPLAY") or os.environ.get("WAYLAND_DISPLAY")
-            ):
+            if not _screen():
                 raise RenderError("there is no screen for render_mode 'human'; use 'rgb_array'.")
             import mujoco.viewer
 
@@ -106,3 +106,9 @@ class Scene:
             if item is not None:
                 item.close()
         self._renderer = self._viewer = None
+
+
+def _screen() -> bool:
+    """Whether a window can be opened."""
+    has_server = os.environ.get("DISPLAY") or os.environ.get("WAYLAND_DISPLAY")
+    return bool(has_server) or not sys.platform.startswith("linux")

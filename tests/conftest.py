@@ -5,7 +5,7 @@ from __future__ import annotations
 import functools
 from pathlib import Path
 
-import configs  # isort: skip  # noqa: F401 chooses how MuJoCo draws, before that is imported
+import actuators  # isort: skip  # noqa: F401 chooses how MuJoCo draws, before that is imported
 import mujoco
 import pytest
 
