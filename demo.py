@@ -11,6 +11,7 @@ policies are tried on the extended one.
 from __future__ import annotations
 
 import datetime
+import json
 import sys
 import time
 from pathlib import Path
@@ -54,11 +55,11 @@ def main(arguments: list[str]) -> None:
         runs[name] = train(actuator, out, name, steps, seed)
 
     heading("What came of it")
-    print(f"  hidden in the servo: {cause}, {path} = {size:.4g}")
-    print(f"  found              : see {out / 'diagnosis' / 'report.html'}")
+    print(f"  Hidden in the servo: {cause}, {path} = {size:.4g}")
+    print(f"  Found              : {found(out / 'diagnosis' / 'diagnosis.json')}")
+    print("  Mean episode reward on the extended servo, of the policy that was trained on the")
     for name, folder in runs.items():
-        reward = mean_reward(folder / "final", str(extended))
-        print(f"  trained on the {name} servo, mean episode reward on the extended one: {reward:.0f}")
+        print(f"    {name} one: {mean_reward(folder / 'final', str(extended)):.0f}")
     print(f"\n  Report       {out / 'diagnosis' / 'report.html'}")
     print(f"  Pictures     {out / 'diagnosis' / 'pictures'}")
     for name, folder in runs.items():
@@ -90,6 +91,16 @@ def diagnose(log: Path, out: Path, seed: int) -> Path:
     script.main(arguments)
     extended = out / "extended.yaml"
     return extended if extended.is_file() else Path(SERVO)
+
+
+def found(file: Path) -> str:
+    """Causes that a diagnosis names, with their parameters."""
+    diagnosis = json.loads(file.read_text())
+    causes = [
+        ", ".join([cause["name"], *(f"{path} = {number['value']:.4g}" for path, number in cause["parameters"].items())])
+        for cause in diagnosis["causes"]
+    ]
+    return "; ".join(causes) or diagnosis["verdict"]
 
 
 def train(actuator: str, out: Path, name: str, steps: int, seed: int) -> Path:
