@@ -10,11 +10,11 @@ from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
 
 from gap.diagnosis import JointDiagnosis, NamedCause
-from gap.pictures.drive import duty_against_error, response, voltage_against_current
+from gap.pictures.drive import duty_against_error, residual_against_temperature, response, voltage_against_current
 from gap.pictures.evidence import Evidence
 from gap.pictures.friction import friction_against_speed, residual_against_load, residual_against_position
 from gap.pictures.summary import budget, experiment, overview, rivals
-from gap.pictures.transmission import hysteresis
+from gap.pictures.transmission import error_since_reversal, hysteresis
 
 SUMMARIES: dict[str, Callable[[JointDiagnosis], Figure | None]] = {
     "overview": overview,
@@ -26,12 +26,23 @@ CAUSES: dict[str, Callable[[Evidence, NamedCause], Figure]] = {
     "friction_against_speed": friction_against_speed,
     "residual_against_load": residual_against_load,
     "residual_against_position": residual_against_position,
+    "residual_against_temperature": residual_against_temperature,
     "response": response,
     "duty_against_error": duty_against_error,
     "voltage_against_current": voltage_against_current,
     "hysteresis": hysteresis,
+    "error_since_reversal": error_since_reversal,
 }
 """Pictures by the key that a cause of the catalogue names."""
+SHARED = frozenset({"friction_against_speed", "residual_against_load", "voltage_against_current", "hysteresis"})
+"""Of these, the ones that look the same for every cause: drawn once, for the largest cause that names them."""
+
+
+def picture_of(cause: NamedCause) -> str:
+    """Which picture shows a cause; empty where none does."""
+    if cause.kind == "data":
+        return ""
+    return "error_since_reversal" if cause.name == "friction.presliding" else cause.picture
 
 
 def pictures(diagnosis: JointDiagnosis) -> Iterator[tuple[str, Figure]]:
@@ -47,9 +58,12 @@ def cause_pictures(diagnosis: JointDiagnosis) -> Iterator[tuple[str, Figure]]:
     if diagnosis.problem is None:
         return
     evidence = Evidence(diagnosis)
+    drawn: set[str] = set()
     for cause in diagnosis.causes:
-        if cause.picture in CAUSES and cause.kind != "data":
-            yield cause.name, CAUSES[cause.picture](evidence, cause)
+        key = picture_of(cause)
+        if key in CAUSES and key not in drawn & SHARED:
+            drawn.add(key)
+            yield cause.name, CAUSES[key](evidence, cause)
 
 
 def png(chart: Figure) -> bytes:
@@ -82,4 +96,4 @@ def draw_all(diagnoses: Sequence[JointDiagnosis], folder: Path) -> dict[str, Pat
     return drawn
 
 
-__all__ = ["CAUSES", "SUMMARIES", "cause_pictures", "draw_all", "pictures", "png"]
+__all__ = ["CAUSES", "SUMMARIES", "cause_pictures", "draw_all", "picture_of", "pictures", "png"]

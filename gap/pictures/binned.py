@@ -27,7 +27,10 @@ def equal_counts(x: np.ndarray, count: int = 14) -> np.ndarray:
 
 def equal_widths(x: np.ndarray, count: int = 20) -> np.ndarray:
     """Edges of bins of equal width over all but the outermost samples (count + 1,)."""
-    return np.linspace(*np.quantile(x, (0.002, 0.998)), count + 1) if len(x) else np.zeros(0)
+    if not len(x):
+        return np.zeros(0)
+    low, high = np.quantile(x, (0.002, 0.998))
+    return np.linspace(low, high, count + 1)
 
 
 def bins(x: np.ndarray, y: np.ndarray, edges: np.ndarray) -> Bins:

@@ -1,4 +1,4 @@
-"""Pictures of the drive: how the joint answers, what the controller makes of an error, what the supply does under current."""
+"""Pictures of the drive: how the joint answers, what the controller makes of an error, how supply and motor weaken."""
 
 from __future__ import annotations
 
@@ -122,6 +122,29 @@ def voltage_against_current(evidence: Evidence, cause: NamedCause) -> Figure:
     axes.set_xlim(0.0, float(np.quantile(drawn[use], 0.998)) if use.any() else 1.0)
     axes.set_xlabel("current drawn from the supply: duty times motor current [A]")
     axes.set_ylabel("supply voltage [V]")
+    legend_above(axes)
+    return chart
+
+
+@styled
+def residual_against_temperature(evidence: Evidence, cause: NamedCause) -> Figure:
+    """Torque that the motion needs over what the nominal motor gives at the same current (or duty), by temperature."""
+    measured, nominal, motion = evidence.extended, evidence.nominal, evidence.motion
+    needed = measured.inertial + measured.gravity + measured.modelled_friction
+    strong = np.quantile(np.abs(nominal.motor[motion.moving]), 0.4) if motion.moving.any() else 0.0
+    use = motion.moving & (np.abs(nominal.motor) > max(float(strong), 1e-9))
+    warm = evidence.problem.temperature[use]
+    ratio, model = (torque[use] / nominal.motor[use] for torque in (needed, measured.motor))
+    edges = equal_counts(warm, 12)
+    chart = figure()
+    axes = chart.subplots()
+    cloud(axes, warm, ratio)
+    axes.axhline(1.0, color=NOMINAL, label="nominal model")
+    draw_model(axes, bins(warm, model, edges), "extended model", EXTENDED)
+    draw_measured(axes, bins(warm, ratio, edges), "measured")
+    axes.set_ylim(*limits(ratio, 0.05))
+    axes.set_xlabel("temperature of the motor [degC]")
+    axes.set_ylabel("torque / that of the nominal motor")
     legend_above(axes)
     return chart
 

@@ -20,7 +20,17 @@ from actuators.layout import P_STATE_SIZE, S_CURRENT, S_DUTY, S_LIMIT, S_VOLTAGE
 from actuators.stages.transmission import friction_limit
 from gap.diagnosis import JointDiagnosis
 from gap.extension import extended_joint
-from gap.joint_model import K_FRICTION, K_GRAVITY, K_INERTIA, K_MOTOR_INERTIA, K_VISCOUS, JointModel
+from gap.joint_model import (
+    K_FRICTION,
+    K_GRAVITY,
+    K_INERTIA,
+    K_LOSS,
+    K_MOTOR,
+    K_MOTOR_INERTIA,
+    K_REFERENCE,
+    K_VISCOUS,
+    JointModel,
+)
 from gap.problem import Problem
 from gap.simulator import CHANNELS
 
@@ -28,6 +38,7 @@ WINDOW = 0.08  # [s] of the parabolas that give speed and acceleration: long aga
 LEAST_SAMPLES = 7
 MOVING = 0.03  # [rad/s] above this, and with one sign over the whole window, a joint counts as moving
 AGREES = 0.8  # least correlation of a logged current or duty with the model's, for it to be taken as it is
+BRISTLE = "friction.bristle_stiffness"
 DUTY, CURRENT = CHANNELS.index("duty"), CHANNELS.index("current")
 
 
@@ -138,13 +149,13 @@ def smooth(problem: Problem) -> Motion:
         if b - a <= width:
             continue
         grid = np.arange(time[0], time[-1] + 0.5 * step, step)
-        position = np.interp(grid, time, problem.measured[a:b, 0])
+        position = np.interp(grid, time, np.asarray(problem.measured[a:b, 0]))
         for order in range(3):
-            filtered = savgol_filter(position, width, 2, deriv=order, delta=step)
+            filtered = np.asarray(savgol_filter(position, width, 2, deriv=order, delta=step))
             out[order, a:b] = np.interp(time, grid, filtered)
         for c, values in extra.items():
             held = np.interp(grid, time, problem.measured[a:b, c])
-            values[a:b] = np.interp(time, grid, savgol_filter(held, width, 2))
+            values[a:b] = np.interp(time, grid, np.asarray(savgol_filter(held, width, 2)))
         fast = np.sign(out[1, a:b]) * (np.abs(out[1, a:b]) > MOVING)
         run = np.convolve(fast, np.ones(width), "same")
         moving[a:b] = np.abs(run) == width
@@ -153,8 +164,12 @@ def smooth(problem: Problem) -> Motion:
 
 
 def balance(problem: Problem, motion: Motion, values: Mapping[str, float]) -> Balance:
-    """Torques of the nominal joints with ``values`` along the measured motion."""
+    """Torques of the nominal joints with ``values`` along the measured motion.
+
+    Sticking counts as rigid: the bristles of presliding pass the same torque once a joint slides.
+    """
     n = len(problem.time)
+    values = {path: value for path, value in values.items() if path.rstrip("*") != BRISTLE}
     angle, speed, inertial, gravity, motor, viscous = np.zeros((6, n))
     law = np.zeros((n, 5))
     sources = []
@@ -170,9 +185,10 @@ def balance(problem: Problem, motion: Motion, values: Mapping[str, float]) -> Ba
         gravity[at] = constants[K_GRAVITY] * np.sin(angle[at])
         inertial[at] = (constants[K_INERTIA] + constants[K_MOTOR_INERTIA]) * motion.acceleration[at] / scale
         viscous[at] = constants[K_VISCOUS] * speed[at]
+        warm = np.maximum(1.0 - constants[K_LOSS] * (problem.temperature[at] - constants[K_REFERENCE]), 0.05)
         motion_given = (problem.time[at], problem.goal[at], problem.on[at], angle[at], speed[at], -gravity[at])
-        _drive(program, constants, *motion_given, law[at])
-        motor[at], source = _motor_torque(joint, motion, at, speed[at], law[at], problem.on[at])
+        _drive(program, constants, warm, *motion_given, law[at])
+        motor[at], source = _motor_torque(joint, motion, at, speed[at], warm, law[at], problem.on[at])
         sources.append(source)
     source = max(set(sources), key=sources.count)
     torques, limit, duty, current, voltage = law.T
@@ -180,21 +196,27 @@ def balance(problem: Problem, motion: Motion, values: Mapping[str, float]) -> Ba
 
 
 def _motor_torque(
-    joint: JointModel, motion: Motion, at: slice, speed: np.ndarray, out: np.ndarray, on: np.ndarray
+    joint: JointModel,
+    motion: Motion,
+    at: slice,
+    speed: np.ndarray,
+    warm: np.ndarray,
+    law: np.ndarray,
+    on: np.ndarray,
 ) -> tuple[np.ndarray, str]:
     """Motor torque [N.m] by the best of what was logged, and what that was."""
     chain = joint.chain
     dc_motor, supply, regression = chain.find("dc_motor"), chain.find("supply"), chain.find("regression")
     ratio = chain.gear_ratio()
-    if dc_motor is not None and _agrees(motion.current, at, out[:, 3]):
+    if dc_motor is not None and _agrees(motion.current, at, law[:, 3]):
         assert motion.current is not None
-        return dc_motor.motor_constant * ratio * motion.current[at] * on, "current"
-    if not _agrees(motion.duty, at, out[:, 2]):
-        return out[:, 0], "law"
+        return dc_motor.motor_constant * ratio * warm * motion.current[at] * on, "current"
+    if not _agrees(motion.duty, at, law[:, 2]):
+        return law[:, 0], "law"
     assert motion.duty is not None
     duty = motion.duty[at]
     if dc_motor is not None and supply is not None:
-        constant = dc_motor.motor_constant * ratio
+        constant = dc_motor.motor_constant * ratio * warm
         sag = duty**2 * supply.resistance
         return on * constant * (duty * supply.volts - constant * speed) / (dc_motor.resistance + sag), "duty"
     if regression is not None:
@@ -202,7 +224,7 @@ def _motor_torque(
             ratio * (regression.duty_torque * duty + regression.constant) + ratio**2 * regression.speed_torque * speed
         )
         return on * torques, "duty"
-    return out[:, 0], "law"
+    return law[:, 0], "law"
 
 
 def _agrees(logged: np.ndarray | None, at: slice, law: np.ndarray) -> bool:
@@ -210,15 +232,19 @@ def _agrees(logged: np.ndarray | None, at: slice, law: np.ndarray) -> bool:
     if logged is None or not np.all(np.isfinite(logged[at])) or np.std(logged[at]) == 0.0 or np.std(law) == 0.0:
         return False
     same = float(np.corrcoef(logged[at], law)[0, 1])
-    return same > AGREES and 0.5 < same * np.std(logged[at]) / np.std(law) < 2.0
+    return same > AGREES and 0.5 < same * float(np.std(logged[at]) / np.std(law)) < 2.0
 
 
 @numba.njit(cache=True)
-def _drive(p, k, time, goal, on, q, w, external, out):
+def _drive(p, k, warm, time, goal, on, q, w, external, out):
     """Run a chain's law along a given motion; ``out`` (n, 5): torque, dry limit, duty, current, voltage."""
     s = np.zeros(int(p[P_STATE_SIZE]))
+    motor = int(k[K_MOTOR])
+    constant = p[motor]
     begin(p, s, time[0], goal[0], q[0], w[0])
     for j in range(len(time)):
+        if motor > 0:
+            p[motor] = constant * warm[j]
         advance(p, s, time[j])
         value = torque(p, s, time[j], goal[j], q[j], w[j], external[j], True)
         if not on[j]:

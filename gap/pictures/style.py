@@ -18,7 +18,7 @@ CAUSES = ("#0072b2", "#009e73", "#cc79a7", "#56b4e9", "#7b5ea7", "#b8a500")  # O
 TUNED, UNEXPLAINED, NOISE = "#a6c3d6", "#d55e00", "#c9c9c9"
 TEST_SHADE = "#e9eff5"
 
-STYLE: dict[str, Any] = {
+STYLE: Any = {
     "font.size": 10.0,
     "axes.titlesize": 11.0,
     "axes.titlelocation": "left",

@@ -26,7 +26,7 @@ from gap.pictures.style import (
 from gap.pictures.timeline import Timeline, fine, timeline, worst_window
 from gap.search import RIVAL
 
-MOMENT = 2.0  # [s] shown large
+MOMENT = 1.2  # [s] shown large
 MOST_ROUNDS, MOST_CANDIDATES = 3, 7
 
 
@@ -129,15 +129,12 @@ def budget(diagnosis: JointDiagnosis) -> Figure | None:
     axes = chart.subplots()
     left = 0.0
     for piece in slices:
-        axes.barh(
-            0.0, 100.0 * piece.share, left=left, color=piece.colour, hatch=piece.hatch, edgecolor="white", lw=1.2, height=0.7,
-            label=f"{piece.label}  {percent(piece.share)}",
-        )  # fmt: skip
+        look = {"color": piece.colour, "hatch": piece.hatch, "edgecolor": "white", "lw": 1.2, "height": 0.7}
+        axes.barh(0.0, 100.0 * piece.share, left=left, label=f"{piece.label}  {percent(piece.share)}", **look)
         if piece.share > 0.06:
-            axes.text(
-                left + 50.0 * piece.share, 0.0, percent(piece.share), ha="center", va="center", fontsize=10, weight="bold",
-                color="black" if piece.colour in (NOISE, TUNED) else "white",
-            )  # fmt: skip
+            ink = "black" if piece.colour in (NOISE, TUNED) else "white"
+            middle = left + 50.0 * piece.share
+            axes.text(middle, 0.0, percent(piece.share), ha="center", va="center", weight="bold", color=ink)
         left += 100.0 * piece.share
     axes.set_xlim(0.0, 100.0)
     axes.set_ylim(-0.45, 0.45)

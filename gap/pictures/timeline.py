@@ -106,13 +106,15 @@ def fine(unit: str) -> tuple[float, str]:
 
 
 def worst_window(line: Timeline, width: float) -> tuple[float, float]:
-    """Span of the test part, ``width`` seconds long, where the nominal model is most wrong."""
+    """Span of the test part, at most ``width`` seconds long, where the nominal model is most wrong."""
     error = line.models.get("nominal", line.measured) - line.measured
-    inside = np.zeros(len(line.x), bool)
-    for start, stop in line.tested or [(line.x[0], line.x[-1])]:
-        inside |= (line.x >= start) & (line.x <= stop)
-    squared = np.where(inside & np.isfinite(error), error**2, 0.0)
-    total = np.cumsum(squared)
-    end = np.searchsorted(line.x, line.x + width, side="right") - 1
-    best = int(np.argmax(np.where(line.x + width <= line.x[-1] + 1e-9, total[end] - total, -1.0)))
-    return float(line.x[best]), float(line.x[best] + width)
+    total = np.concatenate([[0.0], np.cumsum(np.where(np.isfinite(error), error**2, 0.0))])
+    best, window = -1.0, (float(line.x[0]), float(line.x[0]) + width)
+    for start, stop in line.tested or [(float(line.x[0]), float(line.x[-1]))]:
+        first = np.flatnonzero((line.x >= start) & (line.x <= max(start, stop - width)))
+        last = np.searchsorted(line.x, np.minimum(line.x[first] + width, stop), side="right")
+        sums = total[last] - total[first]
+        if len(first) and sums.max() > best:
+            best, begin = float(sums.max()), float(line.x[first[sums.argmax()]])
+            window = (begin, min(begin + width, stop))
+    return window

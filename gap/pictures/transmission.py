@@ -15,7 +15,10 @@ FORWARD, BACKWARD = ">", "<"
 
 @styled
 def hysteresis(evidence: Evidence, cause: NamedCause) -> Figure:
-    """Twist over torque where the link was logged, else the models' error over the load torque, by direction of motion."""
+    """What gives way, and what that does to the models' errors.
+
+    Twist over torque where the link was logged, else error over the torque of the link by direction of motion.
+    """
     measured = evidence.problem.measured
     if np.isfinite(measured[:, 1]).mean() > 0.95:
         return _twist(evidence)
@@ -72,3 +75,44 @@ def _error_loop(evidence: Evidence) -> Figure:
     panels[0].set_ylabel("measured minus model [mrad]")
     panels[0].set_ylim(*limits(np.concatenate(errors), 0.1))
     return chart
+
+
+@styled
+def error_since_reversal(evidence: Evidence, cause: NamedCause) -> Figure:
+    """Error of the models over the way since the joint last turned around: where it sticks, and gives way as it does."""
+    problem, motion = evidence.problem, evidence.motion
+    way, direction = np.zeros(len(problem.time)), np.zeros(len(problem.time))
+    for a, b in zip(problem.starts[:-1], problem.starts[1:], strict=True):
+        way[a:b], direction[a:b] = _way(motion.position[a:b], 3.0 * problem.noise)
+    use = motion.judged & (direction != 0.0)
+    edges = equal_counts(1e3 * way[use], 24)
+    chart = figure()
+    axes = chart.subplots()
+    for name, colour in (("nominal", NOMINAL), ("extended", EXTENDED)):
+        error = 1e3 * direction * (problem.measured[:, 0] - evidence.diagnosis.simulated[name][:, 0])
+        draw_model(axes, bins(1e3 * way[use], error[use], edges), f"{name} model", colour)
+    axes.axhline(0.0, color="#000000", lw=0.9)
+    axes.set_xlabel("way since the last reversal [mrad]")
+    axes.set_ylabel("measured minus model, along the way [mrad]")
+    axes.set_xscale("symlog", linthresh=10.0)
+    axes.set_xlim(0.0)
+    legend_above(axes)
+    return chart
+
+
+def _way(position: np.ndarray, least: float) -> tuple[np.ndarray, np.ndarray]:
+    """Way since the last reversal of more than ``least`` [rad] (n,), and direction, 0 before any motion (n,)."""
+    way, direction = np.zeros(len(position)), np.zeros(len(position))
+    if not len(position):
+        return way, direction
+    turn = extreme = float(position[0])
+    sign = 0.0
+    for k, x in enumerate(position):
+        if sign == 0.0 and abs(x - turn) > least:
+            sign, extreme = float(np.sign(x - turn)), float(x)
+        elif sign * (x - extreme) > 0.0:
+            extreme = float(x)
+        elif sign * (extreme - x) > least:
+            turn, extreme, sign = extreme, float(x), -sign
+        way[k], direction[k] = abs(x - turn), sign
+    return way, direction

@@ -23,7 +23,7 @@ def signals(diagnosis: JointDiagnosis, joints: int) -> tuple[str, tuple[float, f
     """Measured and simulated signals over time with their errors below.
 
     Returns:
-        HTML of the plot, and the span [s] of the test part where the nominal model is most wrong; None without a replay.
+        HTML of the plot, and the span [s] of the test part where the nominal model is most wrong; None without replay.
     """
     line = timeline(diagnosis)
     if line is None or not len(line.x):

@@ -10,12 +10,13 @@ from typing import Any
 
 import numpy as np
 
+from actuators.stages import STAGES
 from gap.diagnosis import JointDiagnosis, NamedCause
 from gap.experiment import Experiment
 from gap.extension import changes as changes_of
 from gap.extension import extended_joint, not_native
 from gap.log_types import MeasuredRun, MeasuredSet
-from gap.pictures import cause_pictures, png
+from gap.pictures import cause_pictures, picture_of, png
 from gap.pictures.summary import budget_slices, percent
 from gap.pictures.timeline import fine
 from gap.problem import Problem
@@ -27,20 +28,35 @@ MODELS = {
     "nominal": ("nominal model", "as it was believed to be"),
     "retuned": ("re-tuned", "its own numbers fitted freely, nothing added"),
     "extended": ("extended model", "with the causes below"),
-    "noise_floor": ("noise of the measurement", "no model can do better"),
+    "noise_floor": ("noise of the measurement", "estimated from the log itself"),
 }
 KINDS = {"effect": "effect that the model lacks", "number": "wrong number in the model", "data": "error in the log"}
 SEVERITIES = {"error": "Error", "warning": "Warning", "note": "Note"}
+THROUGH = "A right model runs through the black dots."
 CAPTIONS = {
-    "friction_against_speed": "Friction torque: what the motor gives and the moving load does not get, against speed.",
-    "residual_against_load": "Dry friction while moving, against the torque that passes through the gearbox.",
-    "residual_against_position": "What the measured motion says, against the position reading.",
-    "response": "Above, the moment of the test part where the nominal model is most wrong. Below, the error of both models "
-    "over all data, against what it follows.",
-    "duty_against_error": "What the controller makes of its error, near where the models differ.",
-    "voltage_against_current": "Supply voltage that the measured current and speed imply, against the current drawn.",
-    "hysteresis": "What lies between motor and link, against the torque that the link takes.",
+    "friction_against_speed": f"What the motor gives and the moving load does not get, against speed. {THROUGH}",
+    "residual_against_load": f"Dry friction while moving, against the torque through the gearbox. {THROUGH}",
+    "residual_against_position": f"What the measured motion demands, against the position reading. {THROUGH}",
+    "residual_against_temperature": (
+        f"Torque that the motion needs, over what the nominal motor would give, against its temperature. {THROUGH}"
+    ),
+    "response": (
+        "Above: the moment of the test part where the nominal model is most wrong. Below: the error of both models "
+        "over the whole log, against the quantity that this cause makes it follow; a right model stays on zero."
+    ),
+    "duty_against_error": f"What the controller makes of its error. {THROUGH}",
+    "voltage_against_current": (
+        f"Supply voltage, as measured current and speed imply it, against the current drawn. {THROUGH}"
+    ),
+    "hysteresis": (
+        "What happens between motor and link, against the torque that the link takes. A right model follows the black "
+        "dots; where errors are drawn, it stays on zero in both directions."
+    ),
+    "error_since_reversal": (
+        "Error of both models, against the way since the joint last turned around. A right model stays on zero."
+    ),
 }
+ABSENT = "not in it"
 MOST_CANDIDATES = 7
 MINUS = "\N{MINUS SIGN}"
 
@@ -72,10 +88,7 @@ def _joint(diagnosis: JointDiagnosis, changes: Sequence[Mapping[str, Any]] | Non
         "signal": diagnosis.signal,
         "gap": _gap(diagnosis),
         "plot": None if plot is None else {"html": plot[0], "moment": [round(t, 4) for t in plot[1]]},
-        "budget": [
-            {"label": s.label, "share": percent(s.share), "width": f"{100.0 * s.share:.3f}", "colour": s.colour, "hatch": bool(s.hatch)}
-            for s in budget_slices(diagnosis)
-        ],
+        "budget": _budget(diagnosis),
         "causes": _causes(diagnosis),
         "unexplained": percent(diagnosis.unexplained),
         "rounds": [] if diagnosis.search is None else _rounds(diagnosis.search),
@@ -84,10 +97,7 @@ def _joint(diagnosis: JointDiagnosis, changes: Sequence[Mapping[str, Any]] | Non
             for rival in diagnosis.rivals
         ],
         "experiment": None if diagnosis.experiment is None else _experiment(diagnosis.experiment, diagnosis.joint),
-        "findings": [
-            {"severity": SEVERITIES[f.severity], "level": f.severity, "column": f.column or "", "run": f.run or "", "sentence": f.sentence}
-            for f in diagnosis.findings
-        ],
+        "findings": _findings(diagnosis),
         "changes": _changes(diagnosis, changes, joints == 1),
         "not_native": [] if problem is None else not_native(extended_joint(problem.models[0], diagnosis.values).chain),
         "chain": "" if problem is None else extended_joint(problem.models[0], diagnosis.values).chain.to_yaml(),
@@ -120,12 +130,42 @@ def _gap(diagnosis: JointDiagnosis) -> dict[str, Any]:
     return {"unit": unit, "rows": rows}
 
 
+def _budget(diagnosis: JointDiagnosis) -> list[dict[str, Any]]:
+    return [
+        {
+            "label": piece.label,
+            "share": percent(piece.share),
+            "width": f"{100.0 * piece.share:.3f}",
+            "colour": piece.colour,
+            "hatch": bool(piece.hatch),
+        }
+        for piece in budget_slices(diagnosis)
+    ]
+
+
+def _findings(diagnosis: JointDiagnosis) -> list[dict[str, str]]:
+    return [
+        {
+            "severity": SEVERITIES[finding.severity],
+            "level": finding.severity,
+            "column": finding.column or "",
+            "run": finding.run or "",
+            "sentence": finding.sentence,
+        }
+        for finding in diagnosis.findings
+    ]
+
+
 def _causes(diagnosis: JointDiagnosis) -> list[dict[str, Any]]:
     drawn = {name: png(chart) for name, chart in cause_pictures(diagnosis)}
-    return [_cause(cause, drawn.get(cause.name)) for cause in diagnosis.causes]
+    by_key = {picture_of(cause): cause.name for cause in reversed(diagnosis.causes) if cause.name in drawn}
+    rows = [_cause(cause, drawn.get(cause.name), diagnosis.problem) for cause in diagnosis.causes]
+    for cause, row in zip(diagnosis.causes, rows, strict=True):
+        row["shown_by"] = by_key.get(picture_of(cause), "") if row["picture"] is None and not row["data"] else ""
+    return rows
 
 
-def _cause(cause: NamedCause, picture: bytes | None) -> dict[str, Any]:
+def _cause(cause: NamedCause, picture: bytes | None, problem: Problem | None) -> dict[str, Any]:
     image = None if picture is None else f"data:image/png;base64,{base64.b64encode(picture).decode()}"
     return {
         "name": cause.name,
@@ -137,18 +177,26 @@ def _cause(cause: NamedCause, picture: bytes | None) -> dict[str, Any]:
         "confidence": percent(cause.confidence),
         "rivals": list(cause.rivals),
         "picture": image,
-        "caption": CAPTIONS.get(cause.picture, ""),
+        "caption": CAPTIONS.get(picture_of(cause), ""),
         "parameters": [
             {
                 "path": path,
                 "value": number(v.value),
                 "interval": f"{number(v.low)} to {number(v.high)}",
-                "nominal": number(v.nominal),
+                "nominal": _before(problem, path, v.nominal),
                 "unit": "" if v.unit in ("1", "-") else v.unit,
             }
             for path, v in cause.parameters.items()
         ],
     }
+
+
+def _before(problem: Problem | None, path: str, value: float) -> str:
+    """Nominal value of a parameter; a stage that the nominal chain lacks has none."""
+    stage = path.partition(".")[0]
+    if problem is None or stage not in STAGES or problem.models[0].chain.find(stage) is not None:
+        return number(value)
+    return ABSENT
 
 
 def _rounds(search: Search) -> list[dict[str, Any]]:
@@ -207,14 +255,19 @@ def _changes(diagnosis: JointDiagnosis, given: Sequence[Mapping[str, Any]] | Non
     """Rows of the given changes that are of this joint; where they do not say, all of a single joint's."""
     mine = [row for row in given or () if row.get("joint", diagnosis.joint if alone else None) == diagnosis.joint]
     return [
-        {"path": row["path"], "from": number(row["from"]), "to": number(row["to"]), "why": row["why"]}
+        {
+            "path": row["path"],
+            "from": _before(diagnosis.problem, row["path"], row["from"]),
+            "to": number(row["to"]),
+            "why": row["why"],
+        }
         for row in mine or changes_of(diagnosis)
     ]
 
 
 def _parts(problem: Problem) -> dict[str, str]:
     """Seconds of data that each part of the method saw, and what the simulator used."""
-    seconds = {part: 0.0 for part in (FIT_A, FIT_B, TEST)}
+    seconds: dict[int, float] = dict.fromkeys((FIT_A, FIT_B, TEST), 0.0)
     for unit, a, b in zip(problem.units, problem.starts[:-1], problem.starts[1:], strict=True):
         use = problem.time[a:b][problem.judged[a:b]]
         seconds[unit.part] = seconds.get(unit.part, 0.0) + (float(use[-1] - use[0]) if len(use) else 0.0)

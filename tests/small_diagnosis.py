@@ -1,0 +1,31 @@
+"""A small diagnosis that pictures and report are tried on: hidden bench, short runs, few causes to choose from."""
+
+from __future__ import annotations
+
+import functools
+
+import pytest
+
+from gap.causes import Cause, catalogue
+from gap.diagnosis import JointDiagnosis, diagnose
+from gap.joint_model import JointModel
+from gap.log_types import MeasuredSet
+from tests.plant import hidden_bench
+
+CONSIDERED = ("friction.load_dependent", "friction.viscous", "drive.delay")
+
+
+@functools.cache
+def small_diagnosis() -> tuple[JointDiagnosis, MeasuredSet]:
+    """A bench that hides friction which grows with load, and what was found."""
+    data, _ = hidden_bench(
+        {"friction.load_dependent": "clear"}, seed=1, load=("medium", "heavy", "light"), duration=6.0
+    )
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr("gap.search.catalogue", _few)
+        (found,) = diagnose(data)
+    return found, data
+
+
+def _few(nominal: JointModel) -> list[Cause]:
+    return [cause for cause in catalogue(nominal) if cause.name in CONSIDERED]

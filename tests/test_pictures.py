@@ -1,0 +1,146 @@
+"""Pictures of a diagnosis: one per cause, showing what the measurement says and what the models say."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+from matplotlib import rcParams
+from matplotlib.image import imread
+
+from gap.causes import catalogue
+from gap.diagnosis import Error, JointDiagnosis, NamedCause
+from gap.pictures import CAUSES, draw_all, picture_of, pictures, png
+from gap.pictures.evidence import Evidence
+from gap.pictures.summary import budget_slices
+from gap.pictures.timeline import timeline, worst_window
+from gap.pictures.transmission import _way
+from tests.small_diagnosis import small_diagnosis
+
+
+@pytest.fixture(scope="module")
+def found() -> JointDiagnosis:
+    return small_diagnosis()[0]
+
+
+@pytest.fixture(scope="module")
+def evidence(found: JointDiagnosis) -> Evidence:
+    return Evidence(found)
+
+
+def named(name: str, picture: str, share: float = 0.5) -> NamedCause:
+    return NamedCause(name, "A sentence.", "servo", share, 0.9, {}, 0.5, "effect", picture)
+
+
+def test_every_picture_is_a_file_with_something_on_it(found: JointDiagnosis, tmp_path: Path) -> None:
+    drawn = draw_all([found], tmp_path)
+    assert {"overview", "budget", "rivals", "friction.load_dependent"} <= drawn.keys()
+    for path in drawn.values():
+        image = imread(path)
+        assert min(image.shape[:2]) > 250
+        assert image[..., :3].std() > 0.02
+
+
+def test_nothing_is_overwritten(found: JointDiagnosis, tmp_path: Path) -> None:
+    (tmp_path / "overview.png").write_bytes(b"mine")
+    with pytest.raises(FileExistsError):
+        draw_all([found], tmp_path)
+    assert (tmp_path / "overview.png").read_bytes() == b"mine"
+
+
+def test_several_joints_do_not_share_files(found: JointDiagnosis, tmp_path: Path) -> None:
+    drawn = draw_all([replace(found, joint="hip", problem=None), replace(found, joint="knee", problem=None)], tmp_path)
+    assert {"hip.budget", "knee.budget"} <= drawn.keys()
+    assert len(set(drawn.values())) == len(drawn)
+
+
+def test_the_catalogue_names_only_pictures_that_exist(found: JointDiagnosis) -> None:
+    assert found.problem is not None
+    for cause in catalogue(found.problem.models[0]):
+        assert picture_of(named(cause.name, cause.picture)) in CAUSES, cause.name
+
+
+@pytest.mark.parametrize("key", CAUSES)
+def test_each_picture_can_be_drawn_of_any_log(evidence: Evidence, key: str) -> None:
+    assert png(CAUSES[key](evidence, named("drive.deadband", key))).startswith(b"\x89PNG")
+
+
+def test_friction_read_off_the_motion_is_that_of_the_hidden_machine(evidence: Evidence) -> None:
+    """The plant's dry friction is about 0.05 N.m plus 0.133 of the load; the nominal model lacks the second part."""
+    use = evidence.motion.moving
+    balance = evidence.extended
+    dry = (np.sign(balance.speed) * (balance.observed_friction - balance.viscous))[use]
+    slope, constant = np.polyfit(balance.load[use], dry, 1)
+    assert slope == pytest.approx(0.133, abs=0.03)
+    assert constant == pytest.approx(0.05, abs=0.02)
+    assert np.ptp(evidence.nominal.limit[use]) == 0.0
+
+
+def test_without_duty_and_current_the_law_gives_the_motor_torque(found: JointDiagnosis) -> None:
+    assert found.problem is not None
+    measured = found.problem.measured.copy()
+    measured[:, 1:] = np.nan
+    silent = Evidence(replace(found, problem=replace(found.problem, measured=measured)))
+    assert silent.extended.source == "law"
+    for key in ("friction_against_speed", "duty_against_error", "voltage_against_current"):
+        assert png(CAUSES[key](silent, named("friction.stribeck", key)))
+
+
+def test_an_unsigned_current_is_not_taken_for_a_torque(found: JointDiagnosis) -> None:
+    assert found.problem is not None
+    measured = found.problem.measured.copy()
+    measured[:, 3] = np.abs(measured[:, 3])
+    unsigned = Evidence(replace(found, problem=replace(found.problem, measured=measured)))
+    assert unsigned.extended.source == "duty"
+
+
+def test_the_budget_adds_up(found: JointDiagnosis) -> None:
+    slices = budget_slices(found)
+    assert sum(piece.share for piece in slices) == pytest.approx(1.0)
+    assert slices[0].label == "friction.load_dependent"
+    assert slices[-1].label == "noise"
+
+
+def test_a_gap_that_is_all_noise_is_shown_as_noise(found: JointDiagnosis) -> None:
+    quiet = {**found.gap, "nominal": Error(0.9 * found.gap["noise_floor"].rmse, 0.0)}
+    (piece,) = budget_slices(replace(found, gap=quiet, causes=(), unexplained=0.0))
+    assert (piece.label, piece.share) == ("noise", 1.0)
+
+
+def test_pictures_that_would_look_the_same_are_drawn_once(found: JointDiagnosis) -> None:
+    twice = (named("transmission.backlash", "hysteresis"), named("transmission.compliance", "hysteresis", 0.2))
+    names = [name for name, _ in pictures(replace(found, causes=twice))]
+    assert "transmission.backlash" in names
+    assert "transmission.compliance" not in names
+
+
+def test_thinning_keeps_every_peak(found: JointDiagnosis) -> None:
+    line = timeline(found)
+    assert line is not None
+    thin = line.thinned(300)
+    assert len(thin.x) < 600
+    assert np.nanmax(thin.measured) == np.nanmax(line.measured)
+    assert np.nanmin(thin.measured) == np.nanmin(line.measured)
+    assert np.isnan(thin.measured).sum() == np.isnan(line.measured).sum()
+
+
+def test_the_shown_moment_lies_in_the_test_part(found: JointDiagnosis) -> None:
+    line = timeline(found)
+    assert line is not None
+    start, stop = worst_window(line, 0.4)
+    assert stop - start == pytest.approx(0.4)
+    assert any(low <= start <= high for low, high in line.tested)
+
+
+def test_a_reversal_is_more_than_noise() -> None:
+    way, direction = _way(np.array([0.0, 1.0, 2.0, 1.95, 2.1, 1.0, 0.5]), 0.2)
+    assert direction.tolist() == [0.0, 1.0, 1.0, 1.0, 1.0, -1.0, -1.0]
+    assert way[-1] == pytest.approx(1.6)
+
+
+def test_drawing_leaves_the_style_of_others_alone(found: JointDiagnosis) -> None:
+    before = dict(rcParams)
+    list(pictures(replace(found, problem=None)))
+    assert dict(rcParams) == before

@@ -1,0 +1,271 @@
+"""The report as a person gets it: one file, opened in a real browser."""
+
+from __future__ import annotations
+
+import re
+import shutil
+from collections.abc import Iterator
+from dataclasses import dataclass, replace
+from html.parser import HTMLParser
+from itertools import pairwise
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+from gap.diagnosis import UNUSABLE, Error, JointDiagnosis, NamedCause, Value
+from gap.experiment import Experiment
+from gap.log_checks.finding import Finding
+from gap.log_types import MeasuredSet
+from gap.report import write_report
+from gap.report.view import number
+from tests.small_diagnosis import small_diagnosis
+
+CHROMIUM = next(
+    (path for name in ("chromium", "chromium-browser", "google-chrome") if (path := shutil.which(name))), None
+)
+QUIET = (
+    "--no-sandbox",
+    "--disable-gpu",
+    "--disable-quic",
+    "--no-first-run",
+    "--disable-background-networking",
+    "--disable-component-update",
+    "--disable-sync",
+)
+VOID = {"area", "base", "br", "col", "hr", "img", "input", "link", "meta"}
+MOST_BYTES = 8_000_000
+
+
+@pytest.fixture(scope="module")
+def small() -> tuple[JointDiagnosis, MeasuredSet]:
+    return small_diagnosis()
+
+
+@pytest.fixture(scope="module")
+def rich(small: tuple[JointDiagnosis, MeasuredSet]) -> list[JointDiagnosis]:
+    """Three joints that between them have everything a report can show."""
+    found, _ = small
+    time = np.arange(0.0, 4.0, 0.01)
+    proposal = Experiment("chirp", "Run 'chirp'.", 2.5, time, np.sin(time), {"steps": 1.0, "chirp": 2.5})
+    notes = (
+        Finding(
+            "velocity.scale", "warning", "servo", "servo.velocity", "The velocity is 0.93 times the <derivative>.", 0.93
+        ),
+        Finding("clock.jitter", "note", None, "time", "The clock jitters."),
+    )
+    rival = replace(found.causes[0], rivals=("friction.stribeck",))
+    doubtful = replace(
+        found,
+        joint="elbow",
+        experiment=proposal,
+        findings=notes,
+        causes=(rival, *found.causes[1:]),
+        rivals=({"of": rival.name, "names": [rival.name, "friction.stribeck"], "confidence": 0.5},),
+    )
+    value = Value(0.009, 0.008, 0.010, "s", 0.0)
+    late = NamedCause(
+        "sensor.delay", "The torque column lags.", "motor", 0.4, 0.99, {"torque.delay": value}, 0.3, "data", "response"
+    )
+    driven = JointDiagnosis(
+        "motor", "partly explained", "The torque column lags.", "motor.torque", "N.m",
+        {"nominal": Error(0.5, 0.4), "retuned": Error(0.2, 0.1), "extended": Error(0.1, 0.1), "noise_floor": Error(0.02, 0.02)},
+        (late,), 0.1, (), None, (), retuned={"inertia [kg.m2]": 0.15},
+    )  # fmt: skip
+    broken = JointDiagnosis(
+        "wrist",
+        UNUSABLE,
+        "The log cannot be used: time runs backwards.",
+        "wrist.position",
+        "rad",
+        {},
+        (),
+        1.0,
+        (),
+        None,
+        (),
+    )
+    return [doubtful, driven, broken]
+
+
+@pytest.fixture(scope="module")
+def page(small: tuple[JointDiagnosis, MeasuredSet], tmp_path_factory: pytest.TempPathFactory) -> Path:
+    found, data = small
+    return write_report([found], data, tmp_path_factory.mktemp("one") / "report.html")
+
+
+@pytest.fixture(scope="module")
+def rich_page(
+    rich: list[JointDiagnosis], small: tuple[JointDiagnosis, MeasuredSet], tmp_path_factory: pytest.TempPathFactory
+) -> Path:
+    return write_report(rich, small[1], tmp_path_factory.mktemp("three") / "report.html")
+
+
+# --- the file ------------------------------------------------------------------------------------------------------
+
+
+class Outline(HTMLParser):
+    """Headings in order, text outside of scripts, addresses, and whether every tag is closed."""
+
+    def __init__(self, html: str) -> None:
+        super().__init__()
+        self.open: list[str] = []
+        self.headings: list[int] = []
+        self.addresses: list[str] = []
+        self.text = ""
+        self.feed(html)
+        self.close()
+
+    def handle_starttag(self, tag: str, attrs: list[tuple[str, str | None]]) -> None:
+        self.addresses += [value for key, value in attrs if key in ("src", "href") and value]
+        if re.fullmatch("h[1-6]", tag):
+            self.headings.append(int(tag[1]))
+        if tag not in VOID:
+            self.open.append(tag)
+
+    def handle_endtag(self, tag: str) -> None:
+        assert self.open and self.open.pop() == tag, f"</{tag}> closes nothing"
+
+    def handle_data(self, data: str) -> None:
+        if not {"script", "style"} & set(self.open):
+            self.text += data
+
+
+@pytest.mark.parametrize("name", ["page", "rich_page"])
+def test_the_page_is_well_formed_and_loads_nothing(name: str, request: pytest.FixtureRequest) -> None:
+    path: Path = request.getfixturevalue(name)
+    outline = Outline(path.read_text(encoding="utf-8"))
+    assert outline.open == []
+    assert all(address.startswith(("data:", "#")) for address in outline.addresses)
+    assert path.stat().st_size < MOST_BYTES
+
+
+def test_headings_step_down_one_level_at_a_time(rich_page: Path) -> None:
+    levels = Outline(rich_page.read_text(encoding="utf-8")).headings
+    assert levels[0] == 1 and levels.count(1) == 1
+    assert all(after - before <= 1 for before, after in pairwise(levels))
+
+
+def test_says_verdict_cause_interval_and_what_changes(small: tuple[JointDiagnosis, MeasuredSet], page: Path) -> None:
+    found, data = small
+    text = Outline(page.read_text(encoding="utf-8")).text
+    assert found.sentence in text
+    value = found.causes[0].parameters["friction.load"]
+    assert f"{number(value.low)} to {number(value.high)}" in text
+    for run in data.runs:
+        assert run.name in text
+    for said in ("friction.load_dependent", "re-tuned within its tolerance", "Plain MuJoCo does not simulate"):
+        assert said in text
+
+
+def test_shows_rivals_experiment_findings_and_data_errors(rich_page: Path) -> None:
+    html = rich_page.read_text(encoding="utf-8")
+    text = Outline(html).text
+    assert "friction.stribeck" in text
+    assert "Run 'chirp'." in text
+    assert "The velocity is 0.93 times the <derivative>." in text
+    assert "The log cannot be used: time runs backwards." in text
+    assert 'download="next_experiment.csv"' in html
+    assert "inertia [kg.m2]" in text
+
+
+def test_takes_the_changes_of_the_caller(small: tuple[JointDiagnosis, MeasuredSet], tmp_path: Path) -> None:
+    found, data = small
+    rows = [{"path": "friction.load", "from": 0.0, "to": 0.125, "why": "because I say so"}]
+    path = write_report([found], data, tmp_path / "report.html", changes=rows)
+    assert "because I say so" in path.read_text(encoding="utf-8")
+
+
+def test_nothing_is_overwritten(small: tuple[JointDiagnosis, MeasuredSet], tmp_path: Path) -> None:
+    path = tmp_path / "report.html"
+    path.write_text("mine", encoding="utf-8")
+    with pytest.raises(FileExistsError):
+        write_report([small[0]], small[1], path)
+    assert path.read_text(encoding="utf-8") == "mine"
+
+
+# --- in a browser --------------------------------------------------------------------------------------------------
+
+
+@pytest.fixture(scope="module")
+def browser() -> Iterator[Any]:
+    """A headless Chromium with a profile of its own, which is thrown away."""
+    driver = pytest.importorskip("playwright.sync_api", reason="needs the package playwright to drive a browser")
+    if CHROMIUM is None:
+        pytest.skip("needs Chromium to open the report; on Debian, `apt-get install chromium`")
+    with driver.sync_playwright() as playwright:
+        chromium = playwright.chromium.launch(executable_path=CHROMIUM, args=list(QUIET))
+        yield chromium
+        chromium.close()
+
+
+@dataclass
+class Opened:
+    """A page in the browser, and everything it complained about or asked for."""
+
+    tab: Any
+    complaints: list[str]
+
+
+def opened(browser: Any, path: Path, width: int, height: int = 900) -> Opened:
+    tab = browser.new_page(viewport={"width": width, "height": height})
+    complaints: list[str] = []
+    tab.on("console", lambda message: complaints.append(message.text) if message.type in ("error", "warning") else None)
+    tab.on("pageerror", lambda error: complaints.append(str(error)))
+    tab.on(
+        "request",
+        lambda request: None if request.url.startswith(("file:", "data:")) else complaints.append(request.url),
+    )
+    tab.goto(path.as_uri())
+    tab.wait_for_function(
+        "[...document.querySelectorAll('.plotly-graph-div')].every(plot => plot.querySelector('svg.main-svg'))"
+    )
+    return Opened(tab, complaints)
+
+
+@pytest.mark.parametrize("width", [1280, 390])
+@pytest.mark.parametrize("name", ["page", "rich_page"])
+def test_every_figure_is_drawn_without_complaint(
+    browser: Any, name: str, width: int, request: pytest.FixtureRequest
+) -> None:
+    view = opened(browser, request.getfixturevalue(name), width)
+    plots = view.tab.query_selector_all(".plotly-graph-div")
+    assert len(plots) == (1 if name == "page" else 2)
+    for plot in plots:
+        assert plot.query_selector_all("path.js-line"), "a plot without a line"
+        assert plot.bounding_box()["width"] <= width
+    images = view.tab.evaluate("[...document.images].map(image => image.complete && image.naturalWidth)")
+    assert images and all(size > 300 for size in images)
+    assert view.complaints == []
+    view.tab.close()
+
+
+@pytest.mark.parametrize("name", ["page", "rich_page"])
+def test_a_phone_never_scrolls_sideways(browser: Any, name: str, request: pytest.FixtureRequest) -> None:
+    view = opened(browser, request.getfixturevalue(name), 390, 844)
+    view.tab.evaluate("document.querySelectorAll('details').forEach(part => part.open = true)")
+    assert view.tab.evaluate("document.documentElement.scrollWidth") <= 390
+    size = view.tab.evaluate("parseFloat(getComputedStyle(document.querySelector('.lead')).fontSize)")
+    assert size >= 16.0
+    view.tab.close()
+
+
+def test_the_verdict_is_seen_without_scrolling(browser: Any, page: Path) -> None:
+    view = opened(browser, page, 390, 844)
+    box = view.tab.query_selector(".lead").bounding_box()
+    assert box["y"] + box["height"] < 844
+    view.tab.close()
+
+
+def test_the_buttons_zoom(browser: Any, page: Path) -> None:
+    view = opened(browser, page, 1280)
+    reach = "document.querySelector('.plotly-graph-div')._fullLayout.xaxis.range"
+    whole = view.tab.evaluate(reach)
+    view.tab.click("[data-moment]")
+    moment = view.tab.evaluate(reach)
+    assert moment[1] - moment[0] < 0.5 * (whole[1] - whole[0])
+    view.tab.click("[data-whole]")
+    assert view.tab.evaluate(reach) == pytest.approx(whole)
+    assert view.complaints == []
+    view.tab.close()
