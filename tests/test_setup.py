@@ -92,3 +92,11 @@ def test_continuous_integration_runs_make_test() -> None:
     script = REPOSITORY / ".ci" / "run"
     assert script.stat().st_mode & 0o111
     assert script.read_text().rstrip().endswith("exec make test")
+
+
+def test_the_demo_never_writes_into_an_existing_folder(tmp_path: Path) -> None:
+    (tmp_path / "kept").touch()
+    command = [sys.executable, "demo.py", f"out={tmp_path}"]
+    answer = subprocess.run(command, cwd=REPOSITORY, capture_output=True, text=True, timeout=60)
+    assert answer.returncode == 2 and "nothing is overwritten" in answer.stderr
+    assert [path.name for path in tmp_path.iterdir()] == ["kept"]
