@@ -68,10 +68,11 @@ def rich(small: tuple[JointDiagnosis, MeasuredSet]) -> list[JointDiagnosis]:
     late = NamedCause(
         "sensor.delay", "The torque column lags.", "motor", 0.4, 0.99, {"torque.delay": value}, 0.3, "data", "response"
     )
+    gap = {"nominal": 0.5, "retuned": 0.2, "extended": 0.1, "noise_floor": 0.02}
     driven = JointDiagnosis(
         "motor", "partly explained", "The torque column lags.", "motor.torque", "N.m",
-        {"nominal": Error(0.5, 0.4), "retuned": Error(0.2, 0.1), "extended": Error(0.1, 0.1), "noise_floor": Error(0.02, 0.02)},
-        (late,), 0.1, (), None, (), retuned={"inertia [kg.m2]": 0.15},
+        {name: Error(rmse, 0.8 * rmse) for name, rmse in gap.items()}, (late,), 0.1, (), None, (),
+        retuned={"inertia [kg.m2]": 0.15},
     )  # fmt: skip
     broken = JointDiagnosis(
         "wrist",

@@ -135,18 +135,28 @@ def residual_against_temperature(evidence: Evidence, cause: NamedCause) -> Figur
     use = motion.moving & (np.abs(nominal.motor) > max(float(strong), 1e-9))
     warm = evidence.problem.temperature[use]
     ratio, model = (torque[use] / nominal.motor[use] for torque in (needed, measured.motor))
-    edges = equal_counts(warm, 12)
+    edges = _degrees(warm)
     chart = figure()
     axes = chart.subplots()
     cloud(axes, warm, ratio)
     axes.axhline(1.0, color=NOMINAL, label="nominal model")
     draw_model(axes, bins(warm, model, edges), "extended model", EXTENDED)
-    draw_measured(axes, bins(warm, ratio, edges), "measured")
-    axes.set_ylim(*limits(ratio, 0.05))
+    seen = bins(warm, ratio, edges)
+    draw_measured(axes, seen, "measured")
+    axes.set_ylim(*limits(np.concatenate([seen.low, seen.high, [1.0]]), 0.4))
     axes.set_xlabel("temperature of the motor [degC]")
     axes.set_ylabel("torque / that of the nominal motor")
     legend_above(axes)
     return chart
+
+
+def _degrees(warm: np.ndarray) -> np.ndarray:
+    """Edges of bins of whole degrees, wider where the temperature moves far, as sensors round to degrees (b,)."""
+    if not len(warm):
+        return np.zeros(0)
+    low, high = np.floor(warm.min()), np.ceil(warm.max())
+    width = max(np.ceil((high - low) / 12.0), 1.0)
+    return np.arange(low - 0.5, high + 0.5 + width, width)
 
 
 def _seen_voltage(evidence: Evidence, duty: np.ndarray, current: np.ndarray) -> np.ndarray | None:

@@ -79,7 +79,7 @@ def _error_loop(evidence: Evidence) -> Figure:
 
 @styled
 def error_since_reversal(evidence: Evidence, cause: NamedCause) -> Figure:
-    """Error of the models over the way since the joint last turned around: where it sticks, and gives way as it does."""
+    """Error over the way since the joint last turned around: where it sticks, and gives way while it does."""
     problem, motion = evidence.problem, evidence.motion
     way, direction = np.zeros(len(problem.time)), np.zeros(len(problem.time))
     for a, b in zip(problem.starts[:-1], problem.starts[1:], strict=True):

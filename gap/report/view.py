@@ -56,6 +56,7 @@ CAPTIONS = {
         "Error of both models, against the way since the joint last turned around. A right model stays on zero."
     ),
 }
+PARAMETER_UNITS = {"mass": "kg", "arm_mass": "kg", "length": "m"}
 ABSENT = "not in it"
 MOST_CANDIDATES = 7
 MINUS = "\N{MINUS SIGN}"
@@ -279,7 +280,9 @@ def _parts(problem: Problem) -> dict[str, str]:
 
 
 def _run(run: MeasuredRun) -> dict[str, Any]:
-    params = ", ".join(f"{key} {number(value)}" for key, value in run.robot_params.items())
+    params = ", ".join(
+        f"{key} {number(value)} {PARAMETER_UNITS.get(key, '')}".strip() for key, value in run.robot_params.items()
+    )
     signals = dict.fromkeys(signal for log in run.joints.values() for signal in log.signals())
     return {
         "name": run.name,
