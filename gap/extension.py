@@ -15,6 +15,9 @@ from gap.joint_model import JointModel
 NATIVE = {
     "friction": ("coulomb", "viscous"),
     "dc_motor": ("armature",),
+    "regression": ("armature",),
+    "ideal": ("armature",),
+    "net": ("armature",),
     "spring": ("stiffness", "damping"),
     "compliance": ("stiffness", "damping"),
     "backlash": ("width",),
