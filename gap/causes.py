@@ -51,7 +51,7 @@ def retunable(nominal: JointModel, width: float = TIGHT) -> list[Parameter]:
     for stage, keys in RETUNABLE.items():
         if nominal.chain.find(stage) is not None:
             found += [
-                factor(f"{stage}.{key}", low, high, 0.05, DIFFERENCES.get(f"{stage}.{key}", 0.2))
+                factor(f"{stage}.{key}", low, high, 0.05, DIFFERENCES.get(f"{stage}.{key}", 0.4))
                 for key in keys
                 if nominal.value(f"{stage}.{key}") > 0.0
             ]
@@ -137,7 +137,14 @@ def load_dependent(nominal: JointModel) -> Cause:
     at_rest = Parameter("friction.load_stribeck", "1", 0.0, 1.5, 0.08, 0.05)
     speed = Parameter("friction.stribeck_velocity", "rad/s", 0.02, 5.0, 0.3, 0.5, logarithmic=True)
     sentence = "Dry friction grows with the torque that passes through the gearbox."
-    quadratic = Parameter("friction.load_quadratic", "1/(N.m)", 0.0, 3.0 / _torque(nominal), 0.1 / _torque(nominal), 0.1 / _torque(nominal))
+    quadratic = Parameter(
+        "friction.load_quadratic",
+        "1/(N.m)",
+        0.0,
+        3.0 / _torque(nominal),
+        0.1 / _torque(nominal),
+        0.1 / _torque(nominal),
+    )
     variants = ((number,), (quadratic,), (number, at_rest, speed))
     return Cause("friction.load_dependent", sentence, "residual_against_load", variants)
 
@@ -229,7 +236,8 @@ def saturation(nominal: JointModel) -> Cause | None:
         return None
     top = nominal.value("duty_limit.limit")
     numbers = [
-        Parameter("duty_limit.limit", "1", 0.02, 1.0, start * top, 0.1, logarithmic=True) for start in (0.95, 0.8, 0.5, 0.25)
+        Parameter("duty_limit.limit", "1", 0.02, 1.0, start * top, 0.1, logarithmic=True)
+        for start in (0.95, 0.8, 0.5, 0.25)
     ]
     return Cause(
         "drive.saturation",
@@ -285,7 +293,9 @@ def integer_gain(nominal: JointModel) -> Cause | None:
     down = [Parameter("duty_step.size", "1", 0.0, 0.4, start, 0.02) for start in (0.02, 0.06)]
     mode = Parameter("duty_step.towards_zero", "1", 0.9, 1.0, 1.0, 1.0)
     variants = (*((number,) for number in down), *((number, mode) for number in down))
-    return Cause("drive.integer_gain", "The firmware computes the duty in coarse steps.", "duty_against_error", variants)
+    return Cause(
+        "drive.integer_gain", "The firmware computes the duty in coarse steps.", "duty_against_error", variants
+    )
 
 
 @entry
@@ -293,7 +303,9 @@ def thermal(nominal: JointModel) -> Cause | None:
     if nominal.chain.find("dc_motor") is None or nominal.chain.find("thermal") is not None:
         return None
     number = Parameter("thermal.loss", "1/K", -0.05, 0.05, 0.002, 0.002)
-    return Cause("drive.thermal", "The motor grows weaker as it warms up.", "residual_against_temperature", ((number,),))
+    return Cause(
+        "drive.thermal", "The motor grows weaker as it warms up.", "residual_against_temperature", ((number,),)
+    )
 
 
 @entry

@@ -12,6 +12,7 @@ from gap.problem import Problem
 
 MOST_SAMPLES = 30_000
 CONVERGED = 2e-4  # relative improvement of the cost below which a fit ends
+TRIED = (0.1, 1.0, 20.0)  # dampings that each iteration tries, relative to the last one
 LONGEST = 10.0  # step of a parameter in one iteration, in units of its scale
 ROBUST = 6.0  # errors beyond this many noise floors count linearly, so that one jam does not steer a fit
 
@@ -66,7 +67,9 @@ def fit(
     high = np.array([p.to_fit(p.high) for p in parameters])
     u = np.array([p.to_fit(min(max(start.get(p.path, p.start), p.low), p.high)) for p in parameters])
     reach = np.array([p.difference for p in parameters])
-    every = max(int(problem.judged.sum()) // MOST_SAMPLES, 1)  # a long log does not need each of its samples in a Jacobian
+    every = max(
+        int(problem.judged.sum()) // MOST_SAMPLES, 1
+    )  # a long log does not need each of its samples in a Jacobian
 
     def values(u: np.ndarray) -> dict[str, float]:
         return {p.path: p.from_fit(x) for p, x in zip(parameters, u, strict=True)}
@@ -86,14 +89,16 @@ def fit(
             break
         improved = 0.0
         for _ in range(2):
-            trials = np.stack([_step(u, slope, curvature, free, damping * more, low, high) for more in (0.1, 1.0, 20.0)])
+            trials = np.stack([_step(u, slope, curvature, free, damping * more, low, high) for more in TRIED])
+            # ripple in the Jacobian looks like curvature and shortens steps along a valley: also try further
+            trials = np.concatenate([trials, np.clip(u + 3.0 * (trials[:1] - u), low, high)])
             tried = errors(trials)
             costs = np.array([robust_cost(row) for row in tried])
             best = int(costs.argmin())
             if costs[best] < cost:
                 improved = (cost - costs[best]) / cost
                 u, here, cost = trials[best], tried[best], float(costs[best])
-                damping = min(max(damping * (0.1, 1.0, 20.0)[best], 1e-7), 1e6)
+                damping = min(max(damping * (*TRIED, 0.1)[best], 1e-7), 1e6)
                 break
             damping *= 400.0
         if improved < CONVERGED:

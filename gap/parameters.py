@@ -30,7 +30,7 @@ class Parameter:
     start: float
     scale: float
     logarithmic: bool = False
-    difference: float = 0.1
+    difference: float = 0.3
 
     def to_fit(self, value: float) -> float:
         """Value to the optimiser's coordinate."""
@@ -38,10 +38,10 @@ class Parameter:
 
     def from_fit(self, u: float) -> float:
         """The optimiser's coordinate to a value within the bounds."""
-        value = math.exp(u * self.scale) if self.logarithmic else u * self.scale
+        value = math.exp(u * self.scale) if self.logarithmic else float(u) * self.scale
         return min(max(value, self.low), self.high)
 
 
-def factor(path: str, low: float, high: float, scale: float = 0.1, difference: float = 0.1) -> Parameter:
+def factor(path: str, low: float, high: float, scale: float = 0.1, difference: float = 0.3) -> Parameter:
     """A factor on a nominal value."""
     return Parameter(f"{path}*", "1", low, high, 1.0, scale, True, difference)

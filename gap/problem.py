@@ -15,7 +15,9 @@ from gap.simulator import CHANNELS, ELASTIC_STEP, replay_many
 from gap.units import Unit
 
 BLOCK = 1.0  # [s] errors closer than this are taken as one observation, since they are not independent
-GROUP = 0.025  # [s] duty and current are compared as means over this long: a command that arrives a sample early is no gap
+GROUP = (
+    0.025  # [s] duty and current are compared as means over this long: a command that arrives a sample early is no gap
+)
 ROOM = 25.0  # [degC] of a motor whose temperature was not logged
 SAMPLED, AVERAGED = (0, 1), (2, 3)  # channels compared sample by sample, and as means over groups of samples
 
@@ -66,7 +68,9 @@ class Problem:
         """The problem that has only the units of these parts: what is not in it cannot be seen by accident."""
         chosen = [k for k, unit in enumerate(self.units) if unit.part in parts]
         if not chosen:
-            raise LogError("the logs are too short to keep some for choosing and testing; record more runs or longer ones.")
+            raise LogError(
+                "the logs are too short to keep some for choosing and testing; record more runs or longer ones."
+            )
         rows = np.concatenate([np.arange(self.starts[k], self.starts[k + 1]) for k in chosen])
         sizes = [self.starts[k + 1] - self.starts[k] for k in chosen]
         flat = {key: getattr(self, key)[rows] for key in FLAT}
@@ -183,7 +187,17 @@ class Problem:
         return (simulated[:, 0] - self.measured[:, 0])[self.judged]
 
 
-FLAT = ("time", "goal", "on", "temperature", "measured", "judged", "block", "group", "trust")  # fields with one entry per sample
+FLAT = (
+    "time",
+    "goal",
+    "on",
+    "temperature",
+    "measured",
+    "judged",
+    "block",
+    "group",
+    "trust",
+)  # fields with one entry per sample
 STEPS = (2.5e-3, 1.7e-3, 1e-3, 5e-4, 2.5e-4, 1e-4)  # [s]
 
 

@@ -19,7 +19,12 @@ ROUGH = 3  # iterations of a rough fit
 MOST_CAUSES = 6
 FLOOR = 0.8  # squared error over that of the noise which the best model reaches: the noise is estimated with a margin
 SEEN = 0.06  # least squared error that a cause must remove, in parts of that of the noise: ripple of ticks and steps can do less
+SMALL, PROMISE = (
+    0.3,
+    0.015,
+)  # squared error left, and what of it the screen must promise for a round to be worth its time
 PAYS = 0.08  # least share of the excess error that a further cause must remove
+ALIKE = 0.4  # least ratio of a parameter's distance from doing nothing in one part to that in the other
 WARMED = 2.0  # [K] least change of the temperature that can show a thermal effect
 SURE = 0.975  # least probability, over resampled blocks, that it removes any
 RIVAL = 0.05  # causes that are better than the winner in more than this share of draws cannot be told from it
@@ -110,6 +115,9 @@ class Searcher:
         current, before = base, blocks
         while len(accepted) < MOST_CAUSES and self._excess(before) > SEEN:
             candidates = self._round(accepted, current, before)
+            if candidates:
+                current, before = self._challenged(accepted, candidates[0], current, before)
+                candidates = self._rank(candidates, before)
             winner = candidates[0] if candidates else None
             pays = winner is not None and self._pays(winner, before)
             rounds.append(Round(before, tuple(candidates), bool(pays)))
@@ -124,13 +132,31 @@ class Searcher:
         """Root mean squared weighted error: 1 is the noise floor."""
         return float(np.sqrt(blocks.sum() / self.counts.sum()))
 
+    def _challenged(
+        self, accepted: list[Candidate], winner: Candidate, current: tuple[Fit, Fit], before: np.ndarray
+    ) -> tuple[tuple[Fit, Fit], np.ndarray]:
+        """The model without the winner, fitted again from where the winner stands: what a better start of all else does is not its merit."""
+        extended = merge(self.tuned, *(candidate.variant for candidate in accepted))
+        again = self._fit_both(extended, winner.fits)
+        blocks = self._judge(again)
+        return (again, blocks) if blocks.sum() < before.sum() else (current, before)
+
+    def _consistent(self, candidate: Candidate) -> bool:
+        """Whether both parts find its parameter on the same side of doing nothing, and about as far from it."""
+        first = candidate.variant[0]
+        neutral = 1.0 if first.path.endswith("*") else self.nominal.value(first.path)
+        least = first.low if not first.logarithmic else max(first.low, 1e-12)
+        none = first.to_fit(max(neutral, least))
+        a, b = (first.to_fit(found.values[first.path]) - none for found in candidate.fits)
+        return a * b > 0.0 and ALIKE < a / b < 1.0 / ALIKE
+
     def _excess(self, blocks: np.ndarray) -> float:
         """Squared error beyond that of the noise, in its parts."""
         return float(blocks.sum() / self.counts.sum()) - FLOOR
 
     def _pays(self, winner: Candidate, before: np.ndarray) -> bool:
         removed = float((before.sum() - winner.blocks.sum()) / self.counts.sum())
-        return winner.gain > PAYS and winner.better > SURE and removed > SEEN
+        return winner.gain > PAYS and winner.better > SURE and removed > SEEN and self._consistent(winner)
 
     def _fit_both(self, parameters: Sequence[Parameter], start: tuple[Fit, Fit] | None) -> tuple[Fit, Fit]:
         a, b = (fit(part, parameters, None if start is None else start[k].values) for k, part in enumerate(self.parts))
@@ -138,12 +164,19 @@ class Searcher:
 
     def _judge(self, fits: tuple[Fit, Fit]) -> np.ndarray:
         """Squared error of each block under the fit that did not see it (b,)."""
-        return np.concatenate([part.block_errors(part.simulate([found.values])[0]) for part, found in zip(reversed(self.parts), fits, strict=True)])
+        return np.concatenate(
+            [
+                part.block_errors(part.simulate([found.values])[0])
+                for part, found in zip(reversed(self.parts), fits, strict=True)
+            ]
+        )
 
     def _round(self, accepted: list[Candidate], current: tuple[Fit, Fit], before: np.ndarray) -> list[Candidate]:
         taken = {candidate.cause.name for candidate in accepted}
         extended = merge(self.tuned, *(candidate.variant for candidate in accepted))
-        chosen = self._screen([cause for cause in self.causes if cause.name not in taken], extended, current)
+        chosen, promise = self._screen([cause for cause in self.causes if cause.name not in taken], extended, current)
+        if self._excess(before) < SMALL and promise < PROMISE:
+            return []
         self.progress(f"trying {', '.join(dict.fromkeys(cause.name for cause, _ in chosen))}")
         middle = {path: 0.5 * (value + current[1].values[path]) for path, value in current[0].values.items()}
         rough = [(fit(self.both, merge(extended, variant), middle, ROUGH), cause, variant) for cause, variant in chosen]
@@ -171,22 +204,24 @@ class Searcher:
         best = np.bincount(totals.argmin(axis=1), minlength=len(candidates)) / DRAWS
         excess = max(before.sum() - FLOOR * self.counts.sum(), 1e-9)
         ranked = [
-            replace(c, better=float(better[k]), best=float(best[k]), gain=float((before.sum() - c.blocks.sum()) / excess))
+            replace(
+                c, better=float(better[k]), best=float(best[k]), gain=float((before.sum() - c.blocks.sum()) / excess)
+            )
             for k, c in enumerate(candidates)
         ]
         return sorted(ranked, key=lambda c: c.blocks.sum())
 
     def _screen(
         self, causes: Sequence[Cause], extended: Sequence[Parameter], current: tuple[Fit, Fit]
-    ) -> list[tuple[Cause, tuple[Parameter, ...]]]:
-        """Variants worth a fit: those whose effect, to first order, explains most of what is left on data of the fit's own part.
+    ) -> tuple[list[tuple[Cause, tuple[Parameter, ...]]], float]:
+        """Variants worth a fit: those whose effect, to first order, explains most of what is left; and how much the best promises.
 
         Every variant is simulated once or twice at a plausible size; the residual is projected on what that changes, beside what
         re-tuning can change anyway.
         """
         problem = self.both
         here = {path: 0.5 * (value + current[1].values[path]) for path, value in current[0].values.items()}
-        directions = [{p.path: p.from_fit(p.to_fit(here[p.path]) + 0.1)} for p in extended]
+        directions = [{p.path: p.from_fit(p.to_fit(here[p.path]) + _inward(p, here[p.path]))} for p in extended]
         variants = [(cause, variant) for cause in causes for variant in cause.variants]
         spans = []
         for _, variant in variants:
@@ -211,7 +246,7 @@ class Searcher:
                 basis = np.concatenate([tuned, np.stack([columns[k] for k in group], axis=1)], axis=1)
                 basis = np.clip(basis, -20 * clip, 20 * clip)
                 gram = basis.T @ basis
-                solution = np.linalg.solve(gram + 1e-9 * np.trace(gram) * np.eye(len(gram)), -(basis.T @ rest))
+                solution = np.linalg.lstsq(gram + 1e-9 * np.trace(gram) * np.eye(len(gram)), -(basis.T @ rest))[0]
                 solution[: tuned.shape[1]] = np.clip(solution[: tuned.shape[1]], -15.0, 15.0)
                 solution[tuned.shape[1] :] = np.clip(solution[tuned.shape[1] :], -2.0, 4.0)
                 best = min(best, float(((rest + basis @ solution) ** 2).sum()))
@@ -225,12 +260,23 @@ class Searcher:
                 continue
             per_cause[name] = per_cause.get(name, 0) + 1
             chosen.append(variants[k])
-        return chosen
+        step = (
+            np.linalg.solve(tuned.T @ tuned + 1e-9 * np.eye(tuned.shape[1]), -(tuned.T @ rest))
+            if len(extended)
+            else np.zeros(0)
+        )
+        promise = float(((rest + tuned @ step) ** 2).sum() - scores[order[0]]) if len(order) else 0.0
+        return chosen, promise / float(self.counts.sum())
 
 
 def _charge(candidate: Candidate) -> float:
     """Error with a charge per parameter: of two variants that do about as well, the simpler one is meant."""
     return float(candidate.blocks.sum()) * (1.0 + CHARGE * len(candidate.variant))
+
+
+def _inward(parameter: Parameter, value: float, step: float = 0.1) -> float:
+    """A small step of a parameter that stays within its bounds, in the optimiser's coordinate."""
+    return step if parameter.to_fit(value) + step <= parameter.to_fit(parameter.high) else -step
 
 
 def _sizes(variant: tuple[Parameter, ...]) -> list[dict[str, float]]:
