@@ -1,0 +1,162 @@
+"""The hidden bench's cases as a table, a confusion matrix and a picture."""
+
+from __future__ import annotations
+
+import json
+from collections import Counter
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from benchmarks.hidden import SURE, all_names, coverage, outcome
+
+OUTCOMES = ("right", "rival", "not identifiable", "nothing", "unsure", "wrong")
+MEANING = {
+    "right": "right name first",
+    "rival": "right name among rivals that are reported as inseparable",
+    "not identifiable": "not identifiable",
+    "nothing": "nothing to explain",
+    "unsure": f"wrong name, confidence below {SURE:g}",
+    "wrong": f"wrong name, confidence {SURE:g} or more",
+}
+
+
+def write(rows: Sequence[dict[str, Any]], path: Path) -> str:
+    """Write ``<path>.json``, ``.md`` and ``.png``.
+
+    Returns:
+        The summary as markdown.
+    """
+    rows = sorted(rows, key=lambda row: row["key"])
+    text = "# The finder against the hidden bench\n\n" + summary(rows) + "\n" + table(rows)
+    path.with_suffix(".md").write_text(text, encoding="utf-8")
+    names, matrix = confusion(rows)
+    document = {"named": names, "confusion": {k: v.tolist() for k, v in matrix.items()}, "cases": rows}
+    path.with_suffix(".json").write_text(json.dumps(document, indent=1) + "\n", encoding="utf-8")
+    picture(names, matrix, path.with_suffix(".png"))
+    return summary(rows)
+
+
+def kind(row: dict[str, Any]) -> str:
+    """``null``, ``pair``, ``stranger``, or the magnitude of a single effect."""
+    if not row["effects"]:
+        return "null"
+    if len(row["effects"]) > 1:
+        return "pair"
+    ((name, effect),) = row["effects"].items()
+    return "stranger" if name.startswith("stranger") else str(effect["magnitude"])
+
+
+def named(row: dict[str, Any]) -> list[str]:
+    """Names of physical causes, errors of the log apart."""
+    return [cause["name"] for cause in row["causes"] if cause["kind"] != "data"]
+
+
+def summary(rows: Sequence[dict[str, Any]]) -> str:
+    """How often which outcome, as markdown."""
+    lines = [
+        "| hidden | cases | " + " | ".join(MEANING[o] for o in OUTCOMES) + " |",
+        "|---" * (len(OUTCOMES) + 2) + "|",
+    ]
+    for size in ("clear", "moderate", "faint"):
+        mine = [row for row in rows if kind(row) == size]
+        if mine:
+            count = Counter(outcome(row) for row in mine)
+            lines.append(f"| {size} | {len(mine)} | " + " | ".join(str(count[o]) for o in OUTCOMES) + " |")
+    lines.append("")
+    if nulls := [row for row in rows if kind(row) == "null"]:
+        false = sum(len(named(row)) for row in nulls)
+        quiet = sum(row["verdict"] == "nothing to explain" for row in nulls)
+        lines.append(f"- nulls: {len(nulls)}, false causes {false}, verdict 'nothing to explain' {quiet}")
+    if pairs := [row for row in rows if kind(row) == "pair"]:
+        both = sum(set(row["effects"]) <= set(named(row)) for row in pairs)
+        lines.append(f"- pairs: {len(pairs)}, both named {both}")
+    if strangers := [row for row in rows if kind(row) == "stranger"]:
+        confident = sum(row["verdict"] == "explained" and bool(named(row)) for row in strangers)
+        lines.append(f"- strangers: {len(strangers)}, explained away by known causes {confident}")
+    covered = [
+        c for row in rows if kind(row) in ("clear", "moderate") and outcome(row) == "right" and (c := coverage(row))
+    ]
+    if covered:
+        share, error = np.mean([c[0] for c in covered]), np.median([c[1] for c in covered])
+        lines.append(
+            f"- parameters of right causes, clear and moderate: {len(covered)}, interval covers the truth in {100 * share:.0f} %, median error {100 * error:.1f} %"
+        )
+    if single := [row for row in rows if kind(row) == "clear"]:
+        over = [
+            row["gap"]["extended"] / row["gap"]["noise_floor"]
+            for row in single
+            if outcome(row) == "right" and row["gap"]
+        ]
+        lines.append(
+            f"- extended model on unseen data, clear effects named right: median {np.median(over):.2f}, largest {max(over):.2f} noise floors"
+        )
+    lines.append(
+        f"- time per diagnosis of three 24 s runs: median {np.median([row['seconds'] for row in rows]):.0f} s on a shared machine"
+    )
+    return "\n".join(lines) + "\n"
+
+
+def table(rows: Sequence[dict[str, Any]]) -> str:
+    """Every case in a line, as markdown."""
+    lines = [
+        "## Cases",
+        "",
+        "| hidden | outcome | verdict | named (confidence) | error / noise: nominal, extended |",
+        "|---|---|---|---|---|",
+    ]
+    for row in rows:
+        size = kind(row)
+        result = outcome(row) if size in ("clear", "moderate", "faint") else "-"
+        causes = ", ".join(f"{c['name']} ({c['confidence']:.2f})" for c in row["causes"]) or "-"
+        gap = row["gap"]
+        errors = (
+            f"{gap['nominal'] / gap['noise_floor']:.1f}, {gap['extended'] / gap['noise_floor']:.2f}" if gap else "-"
+        )
+        lines.append(f"| {row['key']} | {result} | {row['verdict']} | {causes} | {errors} |")
+    return "\n".join(lines) + "\n"
+
+
+def confusion(rows: Sequence[dict[str, Any]]) -> tuple[list[str], dict[str, np.ndarray]]:
+    """What was named first for what was hidden: columns, and one row of counts per hidden effect."""
+    none, undecided = "(nothing)", "(not identifiable)"
+    seen = sorted({name for row in rows for name in named(row)[:1]} - set(all_names()))
+    columns = [*(name for name in all_names() if not name.startswith("stranger")), *seen, undecided, none]
+    matrix = {name: np.zeros(len(columns), int) for name in [*all_names(), "null"]}
+    for row in rows:
+        if len(row["effects"]) > 1:
+            continue
+        hidden = next(iter(row["effects"]), "null")
+        first = named(row)[:1] or [none if row["verdict"] == "nothing to explain" else undecided]
+        answer = undecided if row["verdict"] == "not identifiable" else first[0]
+        matrix[hidden][columns.index(answer)] += 1
+    return columns, matrix
+
+
+def picture(columns: Sequence[str], matrix: dict[str, np.ndarray], path: Path) -> None:
+    """The confusion matrix as a picture."""
+    from matplotlib.figure import Figure
+
+    hidden = [name for name, row in matrix.items() if row.any()]
+    if not hidden:
+        return
+    values = np.stack([matrix[name] for name in hidden])
+    figure = Figure(figsize=(12, 0.3 * len(hidden) + 3.5), layout="constrained")
+    axes = figure.subplots()
+    axes.imshow(np.where(values, values, np.nan), cmap="Blues", vmin=0, vmax=values.max())
+    for i, j in zip(*np.nonzero(values), strict=True):
+        axes.text(
+            j,
+            i,
+            str(values[i, j]),
+            ha="center",
+            va="center",
+            color="white" if values[i, j] > values.max() / 2 else "black",
+        )
+    axes.set_xticks(range(len(columns)), columns, rotation=90)
+    axes.set_yticks(range(len(hidden)), hidden)
+    axes.set_xlabel("named first")
+    axes.set_ylabel("hidden")
+    figure.savefig(path, dpi=110)
