@@ -85,6 +85,10 @@ class Drivetrain:
         except ValueError as error:
             raise SealegsError(f"the model does not compile with its actuators: {error}.") from None
         self._address()
+        if self.model.ntree == 1:  # one tree is one island: looking for others costs 5 % of a step
+            flag = int(mujoco.mjtDisableBit.mjDSBL_ISLAND)
+            self.model.opt.disableflags |= flag
+            spec.option.disableflags |= flag
 
     # --- building ----------------------------------------------------------------------------------------------
 

@@ -9,6 +9,7 @@ from __future__ import annotations
 import math
 import os
 import tempfile
+import time
 from pathlib import Path
 from typing import Any
 
@@ -68,6 +69,10 @@ class PythonHopper(MujocoEnv):
         per_duty, per_speed, constant = self.map
         duty = np.clip(self.gain * (goals - self.data.qpos[self.motors]), -self.limit, self.limit)
         return per_duty * duty + per_speed * self.data.qvel[self.motors] + constant
+
+    def cpu_seconds(self) -> float:
+        """CPU time of this process [s]."""
+        return time.process_time()
 
     def reset_model(self) -> np.ndarray:
         """Drop the leg from a little above the floor."""

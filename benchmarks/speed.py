@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 import time
 from collections.abc import Callable
 from pathlib import Path
@@ -23,6 +24,7 @@ CHAINS = {"ideal": 0.90, "regression": 0.90, "net": 0.60}  # and the ratio that 
 SIMULATIONS = (1, 16, 64, 1024)
 PER_CALL = 20  # physics steps between two goals: 50 Hz
 TRAINING_BAR = 5.0
+TRAINING_SIMULATIONS = 256  # of the batch engine; the other side has 8 processes, and both the same steps per update
 
 
 def bare_model(driven: Drivetrain) -> mujoco.MjModel:
@@ -144,28 +146,31 @@ def training(rollouts: int, repeats: int, report: Callable[[str], None]) -> dict
 
     torch.set_num_threads(1)
     config = compose("train", {"env": "hopper", "agent": "ppo"})
-    agent, count = checked_agent(config["agent"]), int(config["n_envs"])
-    rollout = int(agent["n_steps"]) * count
-    ours = build(
-        agent, normalized(BatchVecEnv("SeaLegs/Hopper-v0", count, seed=0, actuator="sv1270tg"), agent, True), 0
-    )
+    agent, count = checked_agent(config["agent"]), TRAINING_SIMULATIONS
+    rollout = int(agent["n_steps"]) * int(config["n_envs"])
+    batch = BatchVecEnv("SeaLegs/Hopper-v0", count, seed=0, actuator="sv1270tg")
+    ours = build(agent | {"n_steps": rollout // count}, normalized(batch, agent, True), 0)
     processes = SubprocVecEnv([PythonHopper] * 8, start_method="spawn")
     theirs = build(agent | {"n_steps": rollout // 8}, normalized(VecMonitor(processes), agent, True), 0)
     learners = {"batch": ours, "subproc": theirs}
     rates: dict[str, list[float]] = {name: [] for name in learners}
+    spent = dict.fromkeys(learners, 0.0)
     try:
         for name, learner in learners.items():
             learner.learn(rollout)
             report(f"{name}: warm")
         for _ in range(repeats):
             for name, learner in learners.items():
-                start = time.perf_counter()
+                workers = processes.env_method if name == "subproc" else None
+                cpu, start = _cpu_seconds(workers), time.perf_counter()
                 learner.learn(rollouts * rollout)
                 rates[name].append(rollouts * rollout / (time.perf_counter() - start))
+                spent[name] += _cpu_seconds(workers) - cpu
                 report(f"{name}: {rates[name][-1]:.0f} steps/s")
     finally:
         processes.close()
     ratios = np.array(rates["batch"]) / np.array(rates["subproc"])
+    steps = repeats * rollouts * rollout
     return {
         "batch_steps_per_second": float(np.median(rates["batch"])),
         "subproc_steps_per_second": float(np.median(rates["subproc"])),
@@ -173,9 +178,16 @@ def training(rollouts: int, repeats: int, report: Callable[[str], None]) -> dict
         "ratio_low": float(ratios.min()),
         "ratio_high": float(ratios.max()),
         "bar": TRAINING_BAR,
+        "cpu_microseconds_per_step": {name: 1e6 * value / steps for name, value in spent.items()},
         "simulations": {"batch": count, "subproc": 8},
         "steps_per_update": rollout,
+        "load_average": os.getloadavg()[0],
     }
+
+
+def _cpu_seconds(workers: Callable[[str], list[float]] | None) -> float:
+    """CPU time of this process and of the workers [s]: it does not change with what else the machine is doing."""
+    return time.process_time() + (sum(workers("cpu_seconds")) if workers else 0.0)
 
 
 def table(physics_rows: list[dict[str, Any]], trained: dict[str, Any] | None, machine: dict[str, Any]) -> str:
@@ -206,14 +218,22 @@ def table(physics_rows: list[dict[str, Any]], trained: dict[str, Any] | None, ma
             "",
             "## PPO training steps per second on the hopper",
             "",
-            "Same model, task, chain (`sv1270tg`), PPO settings (`configs/agent/ppo.yaml`) and steps per update. "
-            "The other side is `benchmarks/python_hopper.py`, a Gymnasium `MujocoEnv` with the law in Python.",
+            "Same model, task, chain (`sv1270tg`), PPO settings (`configs/agent/ppo.yaml`) and "
+            f"{trained['steps_per_update']} steps per update; "
+            f"{trained['simulations']['batch']} simulations in the batch. "
+            "The other side is `benchmarks/python_hopper.py`, a Gymnasium `MujocoEnv` with the law in Python. "
+            f"Load average at the end: {trained['load_average']:.1f}; where it is far above the number of cores, other "
+            "programs shared the machine, and 9 processes get more of it than one.",
             "",
             "| batch engine | 8 SubprocVecEnv | ratio | lowest to highest | bar | |",
             "|---|---|---|---|---|---|",
             f"| {trained['batch_steps_per_second']:,.0f} | {trained['subproc_steps_per_second']:,.0f} | "
             f"{trained['ratio']:.1f} | {trained['ratio_low']:.1f} to {trained['ratio_high']:.1f} | "
             f"{trained['bar']:.0f} | {verdict} |",
+            "",
+            "CPU time per training step, all processes together: "
+            f"{trained['cpu_microseconds_per_step']['batch']:.0f} us against "
+            f"{trained['cpu_microseconds_per_step']['subproc']:.0f} us.",
         ]
     return "\n".join(lines) + "\n"
 
