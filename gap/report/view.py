@@ -160,7 +160,10 @@ def _findings(diagnosis: JointDiagnosis) -> list[dict[str, str]]:
 def _causes(diagnosis: JointDiagnosis) -> list[dict[str, Any]]:
     drawn = {name: png(chart) for name, chart in cause_pictures(diagnosis)}
     by_key = {picture_of(cause): cause.name for cause in reversed(diagnosis.causes) if cause.name in drawn}
-    rows = [_cause(cause, drawn.get(cause.name), diagnosis.problem) for cause in diagnosis.causes]
+    rows = [
+        _cause(cause, drawn.get(cause.name) if picture_of(cause) else None, diagnosis.problem)
+        for cause in diagnosis.causes
+    ]
     for cause, row in zip(diagnosis.causes, rows, strict=True):
         row["shown_by"] = by_key.get(picture_of(cause), "") if row["picture"] is None and not row["data"] else ""
     return rows
@@ -281,7 +284,8 @@ def _parts(problem: Problem) -> dict[str, str]:
 
 def _run(run: MeasuredRun) -> dict[str, Any]:
     params = ", ".join(
-        f"{key} {number(value)} {PARAMETER_UNITS.get(key, '')}".strip() for key, value in run.robot_params.items()
+        f"{key} {number(value)}\N{NO-BREAK SPACE}{PARAMETER_UNITS.get(key, '')}".strip()
+        for key, value in run.robot_params.items()
     )
     signals = dict.fromkeys(signal for log in run.joints.values() for signal in log.signals())
     return {
