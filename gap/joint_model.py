@@ -35,8 +35,9 @@ GRAVITY = 9.81  # [m/s2]
     K_LOSS,  # share of the motor constant lost per kelvin [1/K]
     K_REFERENCE,  # temperature at which nothing is lost [degC]
     K_MOTOR,  # where the motor constant stands in the program; 0: there is none
+    K_CONSTANT,  # motor constant at that temperature [N.m/A]
     K_SIZE,
-) = range(17)
+) = range(18)
 
 FRICTION_OPCODE, MOTOR_OPCODE = 41, 30
 TOOTH_FREQUENCY = 400.0  # [rad/s] of the motor against stiff teeth: far above any motion, far below the step
@@ -168,6 +169,7 @@ class JointModel:
         k[K_HOST_OFFSET], k[K_HOST_SCALE], k[K_STOP] = self.host_offset, self.host_scale, self.load.stop_angle
         if (thermal := chain.find("thermal")) is not None:
             k[K_LOSS], k[K_REFERENCE], k[K_MOTOR] = thermal.loss, thermal.reference, _record(program, MOTOR_OPCODE)
+            k[K_CONSTANT] = program[int(k[K_MOTOR])] / chain.magnetisation()
         k[K_DELAY] = delay.seconds if (delay := chain.find("delay")) is not None else 0.0
         element, play = chain.find("spring") or chain.find("compliance"), chain.find("backlash")
         if element is not None or (play is not None and play.width > 0.0):

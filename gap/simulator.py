@@ -16,6 +16,7 @@ from actuators.law import advance, begin, host_reading, torque
 from actuators.layout import P_OFFSET, P_SCALE, P_STATE_SIZE, S_CURRENT, S_DUTY, S_LIMIT, S_TIME
 from actuators.stages.transmission import friction_limit
 from gap.joint_model import (
+    K_CONSTANT,
     K_COUPLED,
     K_DAMPING,
     K_DELAY,
@@ -150,10 +151,9 @@ def replay(p, k, time, goal, on, temperature, q0, w0, step, out):
     n = len(time)
     arrival = 0
     motor = int(k[K_MOTOR])
-    constant = p[motor]
     for j in range(n):
         if motor > 0:
-            p[motor] = constant * max(1.0 - k[K_LOSS] * (temperature[j] - k[K_REFERENCE]), 0.05)
+            p[motor] = k[K_CONSTANT] * max(1.0 - k[K_LOSS] * (temperature[j] - k[K_REFERENCE]), 0.05)
         external = -coupling_torque(k, x[0] - x[2], x[1] - x[3]) if k[K_COUPLED] > 0.0 else load_torque(k, x[0], x[1])
         advance(p, s, time[j])
         torque(p, s, time[j], goal[j], x[0], x[1], external, True)

@@ -1,0 +1,114 @@
+"""The compiled joint simulator converges, agrees with the engine, and makes no gap of its own."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from actuators.chain import load_chain
+from gap.diagnosis import NOTHING, diagnose
+from gap.engine_replay import bench, replay_in_engine
+from gap.joint_model import JointModel, PendulumLoad
+from gap.log_types import JointLog, MeasuredRun, MeasuredSet
+from gap.simulator import replay
+
+PARAMS = {"mass": 0.5, "arm_mass": 0.03, "length": 0.12}
+CHAIN = [
+    {"delay": {"seconds": 0.005}},
+    {"position_p": {"gain": 5.3}},
+    {"duty_limit": {"limit": 0.97}},
+    {"supply": {"volts": 7.4, "resistance": 0.0}},
+    {"dc_motor": {"motor_constant": 1.2, "resistance": 2.7, "armature": 0.026}},
+    {"friction": {"coulomb": 0.052, "viscous": 0.059}},
+    {"encoder": {"ticks": 0}},
+]
+EXTENSIONS = {
+    "nominal": {},
+    "load dependent friction": {"friction.load": 0.1, "friction.stribeck": 0.05},
+    "presliding": {"friction.bristle_stiffness": 4.0},
+    "duty step": {"duty_step.size": 0.03},
+    "thermal": {"thermal.loss": 0.01, "thermal.temperature": 40.0},
+    "compliance": {"compliance.stiffness": 15.0, "compliance.damping": 0.02},
+}
+
+
+def excitation(duration: float, seed: int = 0) -> tuple[np.ndarray, np.ndarray]:
+    """Time [s] and goal [rad] at 200 Hz: multisine, then steps."""
+    rng = np.random.default_rng(seed)
+    time = np.arange(0.0, duration, 0.005)
+    smooth = sum(0.3 / (1 + f) * np.sin(2 * np.pi * f * time + rng.uniform(0, 6)) for f in (0.2, 0.5, 1.1, 1.9))
+    steps = rng.uniform(-0.8, 0.8, int(duration) + 1)[time.astype(int)]
+    return time, np.where(time < duration / 2, smooth, steps)
+
+
+def simulate(joint: JointModel, time: np.ndarray, goal: np.ndarray, step: float, state=(0.0, 0.0)) -> np.ndarray:
+    program = joint.chain.program()
+    out = np.empty((len(time), 4))
+    thermal = joint.chain.find("thermal")
+    warm = np.full(len(time), thermal.temperature if thermal is not None else 25.0)
+    constants = joint.constants(PARAMS, program)
+    replay(program.copy(), constants, time, goal, np.ones(len(time), bool), warm, *state, step, out)
+    return out
+
+
+def rms(error: np.ndarray) -> float:
+    return float(np.sqrt(np.mean(error**2)))
+
+
+@pytest.mark.parametrize("name", EXTENSIONS)
+def test_halving_the_step_changes_little_and_ever_less(name: str) -> None:
+    joint = JointModel(load_chain(CHAIN)).with_values(EXTENSIONS[name])
+    time, goal = excitation(8.0)
+    exact = simulate(joint, time, goal, 2e-5)[:, 0]
+    coarse, fine = (rms(simulate(joint, time, goal, step)[:, 0] - exact) for step in (1e-3, 2.5e-4))
+    assert fine < 0.06e-3
+    assert fine < 0.5 * coarse or coarse < 0.02e-3
+
+
+@pytest.mark.parametrize("name", EXTENSIONS)
+def test_the_engine_agrees(name: str) -> None:
+    joint = JointModel(load_chain(CHAIN)).with_values(EXTENSIONS[name])
+    time, goal = excitation(6.0, seed=1)
+    ours = simulate(joint, time, goal, 2.5e-4)
+    engine = replay_in_engine(bench(joint, PARAMS), time, goal, (0.0, 0.0), step=2.5e-4)
+    assert rms(ours[:, 0] - engine[:, 0]) < 0.2e-3
+
+
+def test_a_stuck_joint_stays_stuck() -> None:
+    joint = JointModel(load_chain(CHAIN)).with_values({"friction.coulomb": 1.0})
+    time = np.arange(0.0, 5.0, 0.005)
+    out = simulate(joint, time, np.full(len(time), 0.5), 1e-3, (0.45, 0.0))
+    assert np.ptp(out[:, 0]) == 0.0
+
+
+def test_a_stop_holds_the_link() -> None:
+    joint = JointModel(load_chain(CHAIN), PendulumLoad(stop_angle=0.3))
+    time = np.arange(0.0, 2.0, 0.005)
+    out = simulate(joint, time, np.full(len(time), 0.8), 1e-3)
+    assert 0.3 <= out[-1, 0] < 0.31
+
+
+def test_temperature_of_the_log_weakens_the_motor() -> None:
+    joint = JointModel(load_chain(CHAIN)).with_values({"thermal.loss": 0.01})
+    weaker = JointModel(load_chain(CHAIN)).with_values({"dc_motor.motor_constant": 1.2 * 0.8})
+    time, goal = excitation(4.0)
+    out = np.empty((len(time), 4))
+    program = joint.chain.program()
+    constants = joint.constants(PARAMS, program)
+    replay(program, constants, time, goal, np.ones(len(time), bool), np.full(len(time), 45.0), 0.0, 0.0, 1e-3, out)
+    np.testing.assert_allclose(out, simulate(weaker, time, goal, 1e-3), atol=1e-9)
+
+
+def test_a_log_of_the_nominal_model_at_a_fine_step_has_nothing_to_explain() -> None:
+    chain = [*CHAIN[:-1], {"encoder": {"ticks": 4096}}]
+    joint, rng, runs = JointModel(load_chain(chain)), np.random.default_rng(3), []
+    for k in range(3):
+        time, goal = excitation(12.0, seed=k)
+        out = simulate(joint, time, goal, 2e-5)
+        reading = out[:, 0] + rng.normal(0.0, 3.9e-4, len(time))
+        tick = 2.0 * np.pi / 4096
+        log = JointLog(goal=goal, position=tick * np.round(reading / tick), duty=out[:, 2], current=out[:, 3])
+        runs.append(MeasuredRun(f"run{k}", time, {"servo": log}, {}, "bench", PARAMS, {"servo": chain}))
+    (found,) = diagnose(MeasuredSet(tuple(runs), "null"))
+    assert found.verdict == NOTHING, found.sentence
+    assert not found.causes
