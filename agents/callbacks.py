@@ -10,6 +10,7 @@ from typing import Any
 
 import numpy as np
 from rich.progress import BarColumn, Progress, TextColumn, TimeRemainingColumn
+from stable_baselines3.common.base_class import BaseAlgorithm
 from stable_baselines3.common.callbacks import BaseCallback, EvalCallback
 from stable_baselines3.common.vec_env import VecEnv
 
@@ -94,8 +95,13 @@ class Evaluation(EvalCallback):
         self.best_mean_reward = max((float(np.mean(rewards)) for rewards in self.evaluations_results), default=-np.inf)
         self.last_mean_reward = float(np.mean(self.evaluations_results[-1])) if self.evaluations_results else -np.inf
 
-    def evaluate(self) -> float:
-        """Evaluate now, unless the current step is evaluated already; returns the mean reward."""
+    def evaluate(self, model: BaseAlgorithm) -> float:
+        """Evaluate ``model`` now, unless its step is evaluated already; returns the mean reward.
+
+        The model needs a logger; that it learned in this session is not needed.
+        """
+        self.init_callback(model)
+        self.num_timesteps = model.num_timesteps
         if self.num_timesteps not in self.evaluations_timesteps[-1:]:
             frequency, self.eval_freq = self.eval_freq, 1  # the parent evaluates when its calls divide by this
             self._on_step()

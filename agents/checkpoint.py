@@ -19,7 +19,7 @@ from agents.algorithms import algorithm
 from agents.policy_files import save_policy
 from agents.run_folder import RunFolder
 
-_BUFFER = "replay_buffer.pkl"
+_BUFFER, _STATE = "replay_buffer.pkl", "state.json"
 
 
 def save_checkpoint(
@@ -35,12 +35,17 @@ def save_checkpoint(
         save_policy(folder, model, description)
         if isinstance(model, OffPolicyAlgorithm):
             model.save_replay_buffer(folder / _BUFFER)
-        (folder / "state.json").write_text(json.dumps({"step": model.num_timesteps, "evaluations": dict(evaluations)}))
+        (folder / _STATE).write_text(_state(model.num_timesteps, evaluations))
     newest = run.path / name
     for older in newest.parent.glob(f"*/{_BUFFER}"):
         if older.parent != newest:
             older.unlink()
     return newest
+
+
+def save_evaluations(run: RunFolder, step: int, evaluations: Mapping[str, Any]) -> None:
+    """Put evaluations into the checkpoint at ``step``, which was written before the last of them."""
+    run.write_text(f"checkpoints/{step:012d}/{_STATE}", _state(step, evaluations))
 
 
 def checkpoints(run: RunFolder) -> list[Path]:
@@ -76,8 +81,12 @@ def load_newest(run: RunFolder, agent: Mapping[str, Any], env: VecEnv) -> tuple[
     return None
 
 
+def _state(step: int, evaluations: Mapping[str, Any]) -> str:
+    return json.dumps({"step": step, "evaluations": dict(evaluations)})
+
+
 def _load(path: Path, agent: Mapping[str, Any], env: VecEnv) -> tuple[BaseAlgorithm, dict[str, Any]]:
-    state = json.loads((path / "state.json").read_text())
+    state = json.loads((path / _STATE).read_text())
     normalizer = path / "vecnormalize.pkl"
     wrapped = VecNormalize.load(str(normalizer), env) if normalizer.is_file() else env
     model = algorithm(agent["algorithm"]).load(path / "model.zip", env=wrapped)

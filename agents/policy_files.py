@@ -44,3 +44,11 @@ def describe(model: BaseAlgorithm, normalizer: VecNormalize | None) -> dict[str,
     space: Any = model.action_space
     action = {"shape": list(space.shape), "low": space.low.tolist(), "high": space.high.tolist()}
     return {"step": model.num_timesteps, "observation": observation, "action": action}
+
+
+def policy_step(folder: Path) -> int | None:
+    """Step at which the policy in ``folder`` was saved; None where there is none that can be read."""
+    try:
+        return json.loads((folder / "policy.json").read_text())["step"]
+    except (OSError, ValueError, LookupError, TypeError):
+        return None

@@ -1,7 +1,7 @@
 """One folder per training run, never overwritten, and written so that a kill at any moment leaves it usable.
 
 config.yaml      resolved config; what a resumed run reads
-actuator.yaml    the chain itself, so that the run stays what it is when the chain's file changes
+actuators.yaml   the chains themselves, so that the run stays what it is when their files change
 run.json         git revision, versions, and each session with its command line
 tensorboard/     event files
 evaluations.npz  as EvalCallback writes them
@@ -126,12 +126,13 @@ class RunFolder:
 
     def write_text(self, name: str, text: str) -> None:
         """Write a file as a whole or not at all."""
-        temporary = self.path / f"{_UNFINISHED}{name}"
+        target = self.path / name
+        temporary = target.with_name(f"{_UNFINISHED}{target.name}")
         with open(temporary, "w") as file:
             file.write(text)
             file.flush()
             os.fsync(file.fileno())
-        os.replace(temporary, self.path / name)
+        os.replace(temporary, target)
 
     @contextlib.contextmanager
     def writing(self, name: str) -> Iterator[Path]:

@@ -18,6 +18,7 @@ class StopSignals:
 
     def __init__(self) -> None:
         self.asked = False
+        self._waits = True
         self._previous: dict[int, Any] = {}
 
     def __enter__(self) -> StopSignals:
@@ -30,8 +31,18 @@ class StopSignals:
         for number, handler in self._previous.items():
             signal.signal(number, handler)
 
-    def _ask(self, number: int, frame: FrameType | None) -> None:
+    def at_once(self) -> None:
+        """From here on the first stop breaks in: nothing is in progress that would be lost.
+
+        Raises:
+            KeyboardInterrupt: a stop was asked for before.
+        """
         if self.asked:
+            raise KeyboardInterrupt
+        self._waits = False
+
+    def _ask(self, number: int, frame: FrameType | None) -> None:
+        if self.asked or not self._waits:
             raise KeyboardInterrupt
         self.asked = True
         print("\nStopping after this step; once more to stop at once.", file=sys.stderr, flush=True)

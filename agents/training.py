@@ -20,10 +20,10 @@ from stable_baselines3.common.callbacks import CallbackList
 from actuators.errors import SealegsError
 from agents.algorithms import build, normalized
 from agents.callbacks import Checkpoints, EpisodeTerms, Evaluation, ProgressReport, StopOnSignal
-from agents.checkpoint import checkpoints, load_newest, save_checkpoint
+from agents.checkpoint import checkpoints, load_newest, save_checkpoint, save_evaluations
 from agents.config import Request, TrainConfig, with_overrides
 from agents.make_env import Actuator, make_single_env, make_vec_env, stream_seed
-from agents.policy_files import save_policy
+from agents.policy_files import policy_step, save_policy
 from agents.run_chains import chains, read_chains, write_chains
 from agents.run_folder import RunFolder
 from agents.stop import StopSignals
@@ -34,6 +34,7 @@ from envs.sb3 import BatchVecEnv
 
 # Each use of randomness has a stream of its own: switching evaluation or film off leaves the training as it is.
 _TRAINING, _EVALUATION, _FILM = 0, 1, 2
+_VIDEO = "video.mp4"
 
 
 def train(request: Request) -> Path:
@@ -105,7 +106,7 @@ class Session:
         else:
             model, evaluations = loaded
             model.set_random_seed(stream_seed(config.seed, _TRAINING, model.num_timesteps))
-        if model.num_timesteps >= config.total_timesteps:
+        if model.num_timesteps >= config.total_timesteps and not _unfinished(run, config, model.num_timesteps):
             raise SealegsError(
                 f"{run.path} is trained to step {model.num_timesteps} already: give a larger total_timesteps to go on."
             )
@@ -117,50 +118,53 @@ class Session:
         return session
 
     def learn(self) -> None:
-        """Train to the configured number of steps, then evaluate, save and film the policy.
+        """Train to the configured number of steps, where that is still to do; then evaluate, save and film the policy.
 
         Raises:
             Interrupted: a stop was asked for; a checkpoint is saved.
         """
-        config, model = self.config, self.model
+        self.model.set_logger(tensorboard_logger(self.run.path / "tensorboard", self.from_step))
+        with StopSignals() as signals:
+            try:
+                if self.from_step < self.config.total_timesteps:
+                    self._learn(signals)
+                    self.save_checkpoint()  # before anything else can fail: all of the training is in it
+                    if signals.asked:
+                        raise Interrupted(self._how_to_resume(f"Stopped at step {self.model.num_timesteps}"))
+                signals.at_once()
+                self._finish()
+            except KeyboardInterrupt as stop:
+                raise Interrupted(self._how_to_resume("Stopped at once")) from stop
+        self.model.logger.close()
+        self._say_where()
+
+    def _learn(self, signals: StopSignals) -> None:
+        config = self.config
         start = f" from step {self.from_step}" if self.from_step else ""
         print(
             f"Training{start} to {config.total_timesteps} on {config.n_envs} simulations, into {self.run.path}",
             flush=True,
         )
-        model.set_logger(tensorboard_logger(self.run.path / "tensorboard", self.from_step))
-        started = time.monotonic()
-        with StopSignals() as signals:
-            self._learn(signals)
-            if signals.asked:
-                self.save_checkpoint()
-                raise Interrupted(self._how_to_resume(f"Stopped at step {model.num_timesteps}"))
-        seconds = time.monotonic() - started
-        reward = self.evaluation.evaluate()
-        self.save_checkpoint()
-        with self.run.writing("final") as folder:
-            save_policy(folder, model, self.description)
-        model.logger.close()
-        steps = model.num_timesteps - self.from_step
-        print(
-            f"Trained {steps} steps in {seconds:.0f} s ({steps / seconds:.0f} steps/s), "
-            f"mean evaluation reward {reward:.4g}."
-        )
-        self._film()
-        self._say_where()
-
-    def _learn(self, signals: StopSignals) -> None:
-        config = self.config
         progress = ProgressReport(config.total_timesteps)
         saving = Checkpoints(config.checkpoint.every, self.save_checkpoint)
         callbacks = CallbackList([StopOnSignal(signals), EpisodeTerms(), self.evaluation, saving, progress])
         remaining = config.total_timesteps - self.from_step
+        started = time.monotonic()
         try:
             self.model.learn(remaining, callback=callbacks, reset_num_timesteps=self.from_step == 0)
-        except KeyboardInterrupt as second:
-            raise Interrupted(self._how_to_resume("Stopped at once")) from second
         finally:
             progress.close()
+        seconds, steps = time.monotonic() - started, self.model.num_timesteps - self.from_step
+        print(f"Trained {steps} steps in {seconds:.0f} s ({steps / seconds:.0f} steps/s).", flush=True)
+
+    def _finish(self) -> None:
+        """What follows the last step, of which each part can be made up for by a resume."""
+        reward = self.evaluation.evaluate(self.model)
+        save_evaluations(self.run, self.model.num_timesteps, self.evaluation.state)
+        with self.run.writing("final") as folder:
+            save_policy(folder, self.model, self.description)
+        print(f"Mean evaluation reward {reward:.4g}.", flush=True)
+        self._film()
 
     def save_checkpoint(self) -> None:
         """Checkpoint of the learner as it is now."""
@@ -174,8 +178,8 @@ class Session:
         video = self.config.video
         if video.seconds == 0:
             return
-        file = self.run.path / "video.mp4"
-        unfinished = self.run.path / ".writing-video.mp4"
+        file = self.run.path / _VIDEO
+        unfinished = self.run.path / f".writing-{_VIDEO}"
         try:
             env = make_single_env(self.config.env, self.chains, video.width, video.height)
             try:
@@ -184,16 +188,17 @@ class Session:
                 env.close()
             os.replace(unfinished, file)
         except Exception as error:
-            unfinished.unlink(missing_ok=True)
             if _disk_full(error):
                 raise
             # Drawing needs OpenGL and ffmpeg, which fail in ways of their own. The policy is saved: no reason to fail.
             reason = str(error).strip().partition("\n")[0].rstrip(".") or type(error).__name__
             print(f"No film: {reason}.", file=sys.stderr)
+        finally:
+            unfinished.unlink(missing_ok=True)
 
     def _say_where(self) -> None:
         path = self.run.path
-        rows = {"Policy": path / "final", "Best policy": path / "best", "Film": path / "video.mp4"}
+        rows = {"Policy": path / "final", "Best policy": path / "best", "Film": path / _VIDEO}
         for label, file in rows.items():
             if file.exists():
                 print(f"  {label:<12}{file}")
@@ -210,6 +215,15 @@ def _new_learner(config: TrainConfig, actuator: Actuator) -> tuple[BaseAlgorithm
     seed = stream_seed(config.seed, _TRAINING)
     env = make_vec_env(config.env, actuator, config.n_envs, seed)
     return build(config.agent, normalized(env, config.agent, training=True), seed), env
+
+
+def _unfinished(run: RunFolder, config: TrainConfig, step: int) -> bool:
+    """Whether ``final/`` or the film of the policy at ``step`` is missing, as a stop or a full disk leaves a run."""
+    final, film = run.path / "final", run.path / _VIDEO
+    if policy_step(final) != step:
+        return True
+    # the film follows the policy; one that is older shows what the policy was before the run went on
+    return config.video.seconds > 0 and not (film.is_file() and film.stat().st_mtime >= final.stat().st_mtime)
 
 
 def _interface(env: BatchVecEnv) -> dict[str, Any]:

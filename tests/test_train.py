@@ -11,6 +11,7 @@ import subprocess
 import sys
 import time
 from pathlib import Path
+from typing import Any
 
 import imageio.v2 as imageio
 import numpy as np
@@ -272,6 +273,57 @@ def test_a_full_disk_ends_in_one_sentence_and_keeps_the_checkpoints(
     error = capsys.readouterr().err.strip().splitlines()[-1]
     assert "is full" in error and "step 256 is complete" in error
     assert steps(tmp_path / "full") == [256]
+
+
+def test_ctrl_c_in_the_final_evaluation_costs_none_of_the_training(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    folder = tmp_path / "late"
+    with monkeypatch.context() as patch:
+        patch.setattr("agents.training.Evaluation.evaluate", lambda *_: os.kill(os.getpid(), signal.SIGINT))
+        assert run(*SMALL, f"out={tmp_path}", "name=late", "total_timesteps=384") == 130
+    error = capsys.readouterr().err.strip()
+    assert "checkpoint at step 384" in error and "Traceback" not in error
+    assert not (folder / "final").exists()
+    assert run(f"resume={folder}") == 0
+    assert json.loads((folder / "final" / "policy.json").read_text())["step"] == 384
+    assert list(np.load(folder / "evaluations.npz")["timesteps"]) == [256, 384]
+    assert run(f"resume={folder}") == 2, "nothing is left to do"
+
+
+def test_a_disk_that_is_full_at_the_final_policy_is_made_up_for_by_a_resume(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    from agents import training
+
+    save, folder = training.save_policy, tmp_path / "full"
+
+    def full(target: Path, *arguments: Any) -> None:
+        if "final" in target.name:
+            raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC), str(target))
+        save(target, *arguments)
+
+    with monkeypatch.context() as patch:
+        patch.setattr(training, "save_policy", full)
+        assert run(*SMALL, f"out={tmp_path}", "name=full", "total_timesteps=256") == 2
+    assert "step 256 is complete" in capsys.readouterr().err
+    assert run(f"resume={folder}") == 0
+    assert json.loads((folder / "final" / "policy.json").read_text())["step"] == 256
+
+
+def test_a_film_that_is_missing_is_made_by_a_resume(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    def film(file: Path, *_: object) -> None:
+        file.write_bytes(b"film")
+
+    monkeypatch.setattr("agents.training.record_video", film)
+    monkeypatch.setattr("agents.training.make_single_env", lambda *_: open(os.devnull))
+    folder = tmp_path / "film"
+    assert run(*SMALL, f"out={tmp_path}", "name=film", "total_timesteps=128") == 0
+    assert run(f"resume={folder}", "video.seconds=1") == 0
+    assert (folder / "video.mp4").read_bytes() == b"film"
+    assert run(f"resume={folder}") == 2, "nothing is left to do"
+    os.utime(folder / "video.mp4", (0, 0))  # as if the policy had been trained on since
+    assert run(f"resume={folder}") == 0
 
 
 def test_two_processes_cannot_train_in_one_folder(finished: Path, capsys: pytest.CaptureFixture[str]) -> None:
