@@ -37,8 +37,12 @@ from actuators.layout import (
     P_STATE_ADDRESS,
     P_STATE_SIZE,
     P_TERMS,
+    P_VISCOUS,
+    S_KNOWN,
     S_LIMIT,
+    S_REST,
     S_SPEED,
+    S_TORQUE,
 )
 from actuators.structs import check_layout, offset
 
@@ -97,9 +101,13 @@ def compiled_law() -> Any:
     runge_kutta = int(mujoco.mjtIntegrator.mjINT_RK4)
     at_time, at_qpos, at_qvel = offset("mjData", "time"), offset("mjData", "qpos"), offset("mjData", "qvel")
     at_ctrl, at_user, at_qacc = offset("mjData", "ctrl"), offset("mjData", "userdata"), offset("mjData", "qacc")
-    at_spring, at_applied, at_bias = (offset("mjData", f"qfrc_{name}") for name in ("spring", "applied", "bias"))
-    at_constraint = offset("mjData", "qfrc_constraint")
-    at_equalities, at_frictions, at_rows = (offset("mjData", name) for name in ("ne", "nf", "nefc"))
+    at_warmstart, at_mass, at_dofs = offset("mjData", "qacc_warmstart"), offset("mjData", "M"), offset("mjModel", "nv")
+    at_row_entries, at_row_start, at_column = (
+        offset("mjModel", f"M_{name}") for name in ("rownnz", "rowadr", "colind")
+    )
+    at_spring, at_damper = offset("mjData", "qfrc_spring"), offset("mjData", "qfrc_damper")
+    at_applied, at_bias = offset("mjData", "qfrc_applied"), offset("mjData", "qfrc_bias")
+    at_equalities, at_frictions = offset("mjData", "ne"), offset("mjData", "nf")
     at_row_type, at_row_id, at_row_limit = (offset("mjData", f"efc_{name}") for name in ("type", "id", "frictionloss"))
     at_row_gains, at_row_stiffness = offset("mjData", "efc_KBIP"), offset("mjData", "efc_D")
     at_islands, at_island_row = offset("mjData", "nisland"), offset("mjData", "map_efc2iefc")
@@ -120,22 +128,37 @@ def compiled_law() -> Any:
         return -1
 
     @compiled()
-    def reaction(p, s, data, row):  # type: ignore[no-untyped-def]
-        """Torque of contacts, limits and couplings on the coordinate, as of the latest evaluation [N.m].
+    def inertial(model, data, dof, qacc):  # type: ignore[no-untyped-def]
+        """Row ``dof`` of the mass matrix, times accelerations [N.m]."""
+        entries = load_address(model + at_row_entries)
+        start, column = load_address(model + at_row_start), load_address(model + at_column)
+        mass = doubles(load_address(data + at_mass))
+        at, depth, total = load_int(start + 4 * dof), load_int(entries + 4 * dof), 0.0
+        for k in range(at, at + depth):
+            total += mass[k] * qacc[load_int(column + 4 * k)]
+        for other in range(dof + 1, load_int(model + at_dofs)):  # what hangs on it follows it, and has the other half
+            k = load_int(start + 4 * other) + depth - 1
+            if load_int(entries + 4 * other) < depth or load_int(column + 4 * k) != dof:
+                break
+            total += mass[k] * qacc[other]
+        return total
 
-        The engine has solved for the sum of all constraint forces. What dry friction has in it follows from its row's
-        own law, so the rest is what the gearbox had to carry.
+    @compiled()
+    def remainder(model, p, s, data, row, qacc):  # type: ignore[no-untyped-def]
+        """What of the load no field of ``mjData`` says [N.m]: contacts, stops, other actuators, ``xfrc_applied``.
+
+        It is what the latest evaluation's accelerations, which a simulation's own row of state holds, leave over once
+        the actuator's torque, its dry friction by the law of its constraint row, and the known load are taken off.
         """
-        qacc, constraint = doubles(load_address(data + at_qacc)), doubles(load_address(data + at_constraint))
-        total, acceleration = 0.0, 0.0
-        for k in range(int(p[P_TERMS])):
-            dof = int(p[P_DOF + k])
-            acceleration += p[P_COEFFICIENT + k] * qacc[dof]
-            total = constraint[dof] / p[P_COEFFICIENT + k]
+        last, acceleration = int(p[P_TERMS]) - 1, 0.0
+        for k in range(last + 1):
+            acceleration += p[P_COEFFICIENT + k] * qacc[int(p[P_DOF + k])]
+        total = inertial(model, data, int(p[P_DOF + last]), qacc) / p[P_COEFFICIENT + last]
+        speed = s[S_SPEED] / p[P_SCALE]
         damping = doubles(load_address(data + at_row_gains))[4 * row + 1]
-        friction = -(acceleration + damping * s[S_SPEED] / p[P_SCALE])
-        friction *= doubles(load_address(data + at_row_stiffness))[row]
-        return total - min(max(friction, -s[S_LIMIT]), s[S_LIMIT])
+        friction = -(acceleration + damping * speed) * doubles(load_address(data + at_row_stiffness))[row]
+        friction = min(max(friction, -s[S_LIMIT]), s[S_LIMIT])
+        return total - s[S_TORQUE] - friction - s[S_KNOWN] + p[P_VISCOUS] * speed
 
     @numba.cfunc(SIGNATURE, cache=True, error_model="numpy")
     def bias(model, data, actuator):  # type: ignore[no-untyped-def]
@@ -152,25 +175,29 @@ def compiled_law() -> Any:
         )
         qpos, qvel = doubles(load_address(data + at_qpos)), doubles(load_address(data + at_qvel))
         spring, applied = doubles(load_address(data + at_spring)), doubles(load_address(data + at_applied))
-        gravity = doubles(load_address(data + at_bias))
-        q, w, external = 0.0, 0.0, 0.0
+        damper, gravity = doubles(load_address(data + at_damper)), doubles(load_address(data + at_bias))
+        q, w, known = 0.0, 0.0, 0.0
         for k in range(int(p[P_TERMS])):
             c, dof = p[P_COEFFICIENT + k], int(p[P_DOF + k])
             q += c * qpos[int(p[P_QPOS + k])]
             w += c * qvel[dof]
             # of a belt over a joint, only the last joint moves when the motor turns
-            external = (spring[dof] + applied[dof] - gravity[dof]) / c
+            known = (spring[dof] + damper[dof] + applied[dof] - gravity[dof]) / c
+        known += p[P_VISCOUS] * w  # the chain's own friction is no load
         time = load_double(data + at_time)
         goal = doubles(load_address(data + at_ctrl))[actuator]
         stage = stage_of(s, time, 4 if load_int(model + integrator) == runge_kutta else 1)
         row = friction_row(p, data) if p[P_FRICTION_KIND] > 0.0 else -1
-        if row >= 0 and stage != RESTART and load_int(data + at_rows) > load_int(data + at_frictions):
-            external += reaction(p, s, data, row)
+        if row >= 0 and stage in (FIRST, LATER):
+            # between steps, shared mjData may hold another simulation; within one, the state is that of its start
+            latest = at_warmstart if stage == FIRST else at_qacc
+            s[S_REST] = remainder(model, p, s, data, row, doubles(load_address(data + latest)))
         if stage == RESTART:
             begin(p, s, time, goal, q, w)
         elif stage == FIRST:
             advance(p, s, time)
-        force = torque(p, s, time, goal, q, w, external, stage != LATER)
+        s[S_KNOWN] = known
+        force = torque(p, s, time, goal, q, w, known + s[S_REST], stage != LATER)
         if row >= 0:
             doubles(load_address(data + at_row_limit))[row] = s[S_LIMIT]
             if load_int(data + at_islands) > 0:  # the solver then reads a copy sorted by island, made before this call

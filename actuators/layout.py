@@ -42,8 +42,10 @@ S_LIMIT = 7  # Coulomb friction limit in force [N.m]
 S_OUT_OF_RANGE = 8  # actuator net samples whose inputs left the training range, since reset
 S_GOAL = 9  # goal as the controller saw it [rad]
 S_READING = 10  # encoder reading that the host receives [rad]
-S_LOAD = 11  # external torque on the coordinate [N.m]
+S_LOAD = 11  # external torque on the coordinate, complete where dry friction needs a law [N.m]
 S_SPEED = 12  # [rad/s]
+S_KNOWN = 13  # part of the load that mjData states as the law is called [N.m]
+S_REST = 14  # its rest, from the accelerations of the latest evaluation [N.m]
 S_HEADER = 16
 
 DELAY_EVENTS = 64  # goal changes remembered by a delay

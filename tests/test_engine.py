@@ -103,6 +103,70 @@ def test_what_a_stop_carries_counts_as_load_of_the_gearbox():
     assert abs(load) > 2.0
 
 
+TWO_LINKS = f"""<mujoco><option timestep="0.001" integrator="{{integrator}}"/><worldbody><body>
+<joint name="hip" axis="0 1 0"/>{LINK}<body name="shank" pos="0 0 -.12"><joint name="knee" axis="0 1 0"/>{LINK}</body>
+</body></worldbody>{{more}}</mujoco>"""
+SERVO = [{"ideal": {"stiffness": 20.0, "damping": 1.0, "armature": 0.01}}, {"friction": {"load": 0.01}}]
+BELT = [DrivenCoordinate.of_joint("hip"), DrivenCoordinate("knee", (("hip", 1.0), ("knee", 1.0)))]
+
+
+def two_links(integrator: str = "RK4", more: str = "") -> Drivetrain:
+    spec = mujoco.MjSpec.from_string(TWO_LINKS.format(integrator=integrator, more=more))
+    return Drivetrain(spec, {"hip": SERVO, "knee": SERVO}, BELT)
+
+
+def gears(driven: Drivetrain, data: mujoco.MjData, name: str) -> tuple[float, float]:
+    """Motor torque and load of a gearbox [N.m]."""
+    motor, load = (float(driven.state(name, data.userdata, slot)) for slot in (S_TORQUE, S_LOAD))
+    return motor, load
+
+
+@pytest.mark.parametrize("integrator", ["RK4", "implicitfast"])
+def test_at_rest_gearboxes_of_a_belt_carry_what_their_motors_give(integrator):
+    driven = two_links(integrator)
+    data = mujoco.MjData(driven.model)
+    data.ctrl[:] = 0.6, -0.4
+    mujoco.mj_step(driven.model, data, 4000)
+    assert np.abs(data.qvel).max() < 1e-6
+    for name in ("hip", "knee"):
+        motor, load = gears(driven, data, name)
+        assert abs(motor) > 0.2
+        assert load == pytest.approx(-motor, rel=0.025)  # friction holds 1 % of motor plus load
+
+
+def test_other_motors_and_forces_on_bodies_load_a_gearbox():
+    driven = two_links(more='<actuator><motor name="foreign" joint="hip"/></actuator>')
+    data = mujoco.MjData(driven.model)
+    data.ctrl[driven.model.actuator("foreign").id] = 3.0
+    mujoco.mj_step(driven.model, data, 4000)
+    assert gears(driven, data, "hip")[0] < -2.0
+    data.xfrc_applied[driven.model.body("shank").id, 4] = -1.2
+    mujoco.mj_step(driven.model, data, 4000)
+    assert gears(driven, data, "knee")[0] > 1.0
+    for name in ("hip", "knee"):
+        motor, load = gears(driven, data, name)
+        assert load == pytest.approx(-motor, rel=0.025, abs=0.01)
+
+
+def test_a_load_does_not_depend_on_which_simulation_the_engine_ran_before():
+    driven = two_links(more='<actuator><motor name="foreign" joint="hip"/></actuator>')
+    heavy = [{**SERVO[0]}, {"friction": {"load": 0.3}}]
+    for name in ("hip", "knee"):
+        driven.set_chain(driven.model, name, load_chain(heavy))
+    goals = np.array([[0.5, -0.4, 1.0], [-0.8, 0.7, -2.0], [0.1, 0.2, 0.0]])
+    order = [driven.model.actuator(name).id for name in ("hip", "knee", "foreign")]
+    batch = Batch(driven.model, len(goals), 1)
+    batch.bind("ctrl")[:, order] = goals
+    for _ in range(60):
+        batch.step(nstep=3)
+    for k, goal in enumerate(goals):
+        alone = mujoco.MjData(driven.model)
+        alone.ctrl[order] = goal
+        for _ in range(60):
+            mujoco.mj_step(driven.model, alone, 3)
+        assert np.array_equal(batch.bind("qpos")[k], alone.qpos)
+
+
 # --- several robots, threads, steps --------------------------------------------------------------------------------
 
 
