@@ -11,7 +11,7 @@ export MUJOCO_GL ?= egl
 endif
 
 .DEFAULT_GOAL := help
-.PHONY: help setup demo test lint pytest bench format clean
+.PHONY: help setup demo test lint pytest bench hidden format clean
 
 help: ## list the commands
 	@awk -F ':.*## ' '/^[a-z]+:.*## /{printf "  make %-8s %s\n", $$1, $$2}' $(MAKEFILE_LIST)
@@ -33,6 +33,9 @@ pytest: $(INSTALLED) ## only the tests
 
 bench: $(INSTALLED) ## measure the speed, write benchmarks/results
 	$(PY) -m benchmarks
+
+hidden: $(INSTALLED) ## the finder against every hidden effect, hours; can be stopped and goes on, writes benchmarks/results
+	$(PY) -m benchmarks.hidden
 
 format: $(INSTALLED) ## put the code into the house format
 	$(PY) -m ruff check --fix .

@@ -25,11 +25,15 @@ SMALL, PROMISE = (
 )  # squared error left, and what of it the screen must promise for a round to be worth its time
 PAYS = 0.08  # least share of the excess error that a further cause must remove
 ALIKE = 0.4  # least ratio of a parameter's distance from doing nothing in one part to that in the other
+MATERIAL = (
+    0.004  # relative change of a number below which it is no finding: none is known better, nor is the simulation
+)
 WARMED = 2.0  # [K] least change of the temperature that can show a thermal effect
 SURE = 0.975  # least probability, over resampled blocks, that it removes any
 RIVAL = 0.05  # causes that are better than the winner in more than this share of draws cannot be told from it
 DRAWS = 2000
 CHARGE = 0.02  # share of the error that a further parameter of a variant must remove
+FORM = 2.0  # how many times smaller the squared error of another form of a cause must be than that of its usual, first form
 
 
 @dataclass(frozen=True, eq=False)
@@ -142,12 +146,14 @@ class Searcher:
         return (again, blocks) if blocks.sum() < before.sum() else (current, before)
 
     def _consistent(self, candidate: Candidate) -> bool:
-        """Whether both parts find its parameter on the same side of doing nothing, and about as far from it."""
+        """Whether both parts find its parameter on the same side of doing nothing, about as far from it, and far enough to matter."""
         first = candidate.variant[0]
         neutral = 1.0 if first.path.endswith("*") else self.nominal.value(first.path)
         least = first.low if not first.logarithmic else max(first.low, 1e-12)
         none = first.to_fit(max(neutral, least))
         a, b = (first.to_fit(found.values[first.path]) - none for found in candidate.fits)
+        if first.logarithmic and max(abs(a), abs(b)) * first.scale < MATERIAL:
+            return False
         return a * b > 0.0 and ALIKE < a / b < 1.0 / ALIKE
 
     def _excess(self, blocks: np.ndarray) -> float:
@@ -180,12 +186,13 @@ class Searcher:
         self.progress(f"trying {', '.join(dict.fromkeys(cause.name for cause, _ in chosen))}")
         middle = {path: 0.5 * (value + current[1].values[path]) for path, value in current[0].values.items()}
         rough = [(fit(self.both, merge(extended, variant), middle, ROUGH), cause, variant) for cause, variant in chosen]
-        rough.sort(key=lambda row: row[0].cost)
+        rough.sort(key=lambda row: row[0].cost * _form(row[1], row[2]))
         finalists = list(dict.fromkeys(cause.name for _, cause, _ in rough))[:FINALISTS]
         found: dict[str, Candidate] = {}
         fitted: dict[str, float] = {}
         for start, cause, variant in rough:
-            if cause.name not in finalists or start.cost > 1.3 * fitted.setdefault(cause.name, start.cost):
+            cost = start.cost * _form(cause, variant)
+            if cause.name not in finalists or cost > 1.3 * fitted.setdefault(cause.name, cost):
                 continue
             fits = self._fit_both(merge(extended, variant), (start, start))
             candidate = Candidate(cause, variant, fits, self._judge(fits))
@@ -271,7 +278,17 @@ class Searcher:
 
 def _charge(candidate: Candidate) -> float:
     """Error with a charge per parameter: of two variants that do about as well, the simpler one is meant."""
-    return float(candidate.blocks.sum()) * (1.0 + CHARGE * len(candidate.variant))
+    form = _form(candidate.cause, candidate.variant)
+    return float(candidate.blocks.sum()) * (1.0 + CHARGE * len(candidate.variant)) * form
+
+
+def _form(cause: Cause, variant: tuple[Parameter, ...]) -> float:
+    """Charge of a variant that acts in another way than the cause usually does.
+
+    Other starts or periods of the same parameters are free; another law, such as friction with the square of the load, fits more and
+    extrapolates worse, so it takes strong evidence.
+    """
+    return 1.0 if {p.path for p in variant} == {p.path for p in cause.variants[0]} else FORM
 
 
 def _inward(parameter: Parameter, value: float, step: float = 0.1) -> float:

@@ -1,0 +1,44 @@
+"""The finder against the hidden bench, a sample for every test run; ``make hidden`` runs all of it."""
+
+from __future__ import annotations
+
+import pytest
+
+from gap.diagnosis import EXPLAINED, NOT_IDENTIFIABLE, NOTHING, PARTLY, JointDiagnosis, diagnose
+from tests.plant import hidden_bench
+
+LOADS = ("light", "medium", "heavy")
+SCHEDULES = (("chirp", "steps"), ("multisine", "triangle"), ("lift_and_drop", "chirp"))
+
+
+def diagnosed(effects: dict[str, str], seed: int) -> JointDiagnosis:
+    data, _ = hidden_bench(effects, seed, LOADS, duration=12.0, schedules=SCHEDULES)
+    (found,) = diagnose(data)
+    return found
+
+
+@pytest.mark.parametrize(
+    ("effect", "path", "true"),
+    [
+        ("friction.load_dependent", "friction.load", 0.133),
+        ("sensor.delay", "encoder.latency", 0.00408),
+    ],
+)
+def test_a_clear_effect_is_named_with_its_size(effect: str, path: str, true: float) -> None:
+    found = diagnosed({effect: "clear"}, seed=11)
+    assert found.verdict == EXPLAINED, found.sentence
+    assert found.causes[0].name == effect
+    assert found.causes[0].confidence > 0.9
+    assert found.causes[0].parameters[path].value == pytest.approx(true, rel=0.1)
+
+
+def test_nothing_hidden_is_nothing_to_explain() -> None:
+    found = diagnosed({}, seed=12)
+    assert found.verdict == NOTHING, found.sentence
+    assert not found.causes
+
+
+def test_a_stranger_is_not_explained_by_a_known_cause() -> None:
+    found = diagnosed({"stranger.jams": "clear"}, seed=13)
+    assert found.verdict in (NOT_IDENTIFIABLE, PARTLY), found.sentence
+    assert found.unexplained > 0.5
