@@ -6,6 +6,7 @@ import json
 import pickle
 import sys
 import zipfile
+import zlib
 from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
@@ -19,13 +20,17 @@ from agents.algorithms import algorithm
 from agents.policy_files import save_policy
 from agents.run_folder import RunFolder
 
+_BUFFERS_KEPT = 2  # a buffer is large, and the older ones are needed only where the newest checkpoint is damaged
 _BUFFER, _STATE = "replay_buffer.pkl", "state.json"
 
 
 def save_checkpoint(
     run: RunFolder, model: BaseAlgorithm, description: dict[str, Any], evaluations: Mapping[str, Any]
 ) -> Path:
-    """Write ``checkpoints/<steps>``; replay buffers of older checkpoints go once the new one is complete.
+    """Write ``checkpoints/<steps>``.
+
+    Once it is complete, replay buffers go from all older checkpoints but the one before, which stands by in case that
+    the newest cannot be read.
 
     Raises:
         OSError: the disk is full; earlier checkpoints stay.
@@ -37,9 +42,9 @@ def save_checkpoint(
             model.save_replay_buffer(folder / _BUFFER)
         (folder / _STATE).write_text(_state(model.num_timesteps, evaluations))
     newest = run.path / name
-    for older in newest.parent.glob(f"*/{_BUFFER}"):
-        if older.parent != newest:
-            older.unlink()
+    reached = [path for path in checkpoints(run) if path.name <= newest.name]  # not one that was found damaged
+    for older in reached[_BUFFERS_KEPT:]:
+        (older / _BUFFER).unlink(missing_ok=True)
     return newest
 
 
@@ -73,6 +78,7 @@ def load_newest(run: RunFolder, agent: Mapping[str, Any], env: VecEnv) -> tuple[
             EOFError,
             pickle.UnpicklingError,
             zipfile.BadZipFile,
+            zlib.error,
         ) as error:
             reason = str(error).strip().partition("\n")[0] or type(error).__name__
             print(f"Checkpoint {path.name} cannot be read ({reason}); trying the one before it.", file=sys.stderr)
@@ -91,5 +97,9 @@ def _load(path: Path, agent: Mapping[str, Any], env: VecEnv) -> tuple[BaseAlgori
     wrapped = VecNormalize.load(str(normalizer), env) if normalizer.is_file() else env
     model = algorithm(agent["algorithm"]).load(path / "model.zip", env=wrapped)
     if isinstance(model, OffPolicyAlgorithm):
-        model.load_replay_buffer(path / _BUFFER)
+        if (path / _BUFFER).is_file():
+            model.load_replay_buffer(path / _BUFFER)
+        else:
+            print(f"Checkpoint {path.name} has no replay buffer any more: it is filled anew.", file=sys.stderr)
+            model.learning_starts += model.num_timesteps  # no update from a handful of steps
     return model, state["evaluations"]

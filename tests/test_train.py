@@ -6,11 +6,13 @@ import errno
 import json
 import os
 import pickle
+import shutil
 import signal
 import subprocess
 import sys
 import time
 from pathlib import Path
+from types import SimpleNamespace
 from typing import Any
 
 import imageio.v2 as imageio
@@ -316,7 +318,7 @@ def test_a_film_that_is_missing_is_made_by_a_resume(tmp_path: Path, monkeypatch:
         file.write_bytes(b"film")
 
     monkeypatch.setattr("agents.training.record_video", film)
-    monkeypatch.setattr("agents.training.make_single_env", lambda *_: open(os.devnull))
+    monkeypatch.setattr("agents.training.make_single_env", lambda *_: SimpleNamespace(close=lambda: None))
     folder = tmp_path / "film"
     assert run(*SMALL, f"out={tmp_path}", "name=film", "total_timesteps=128") == 0
     assert run(f"resume={folder}", "video.seconds=1") == 0
@@ -335,15 +337,40 @@ def test_two_processes_cannot_train_in_one_folder(finished: Path, capsys: pytest
     held.close()
 
 
+SMALL_SAC = [
+    *(argument for argument in SMALL if not argument.startswith(("agent.n_steps", "agent.n_epochs"))),
+    *("agent=sac", "agent.learning_starts=64", "agent.buffer_size=2000"),
+]
+
+
 def test_sac_resumes_with_its_replay_buffer(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    small = [argument for argument in SMALL if not argument.startswith(("agent.n_steps", "agent.n_epochs"))]
-    sac = ["agent=sac", "agent.learning_starts=64", "agent.buffer_size=2000", "total_timesteps=512"]
     folder = tmp_path / "sac"
-    assert run(*small, *sac, f"out={tmp_path}", "name=sac") == 0
-    buffers = sorted(path.parent.name for path in folder.glob("checkpoints/*/replay_buffer.pkl"))
-    assert buffers == [f"{steps(folder)[-1]:012d}"], "only the newest checkpoint keeps the buffer"
-    assert run(f"resume={folder}", "total_timesteps=640") == 0
+    assert run(*SMALL_SAC, "total_timesteps=768", f"out={tmp_path}", "name=sac") == 0
+    buffers = sorted(int(path.parent.name) for path in folder.glob("checkpoints/*/replay_buffer.pkl"))
+    assert len(steps(folder)) > 2 and buffers == steps(folder)[-2:], "the newest two checkpoints keep the buffer"
+    assert run(f"resume={folder}", "total_timesteps=832") == 0
+    assert "buffer" not in capsys.readouterr().err
     assert "train/actor_loss" in events(folder).Tags()["scalars"]
+
+
+def test_sac_goes_back_to_older_checkpoints_with_and_without_their_buffer(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    folder = tmp_path / "sac"
+    assert run(*SMALL_SAC, "total_timesteps=768", f"out={tmp_path}", "name=sac") == 0
+    oldest, before, newest = (folder / "checkpoints" / f"{step:012d}" for step in steps(folder)[-3:])
+    (newest / "model.zip").write_bytes((newest / "model.zip").read_bytes()[:1000])
+    shutil.copytree(folder, tmp_path / "again")
+    assert run(f"resume={folder}", "total_timesteps=640") == 0
+    errors = capsys.readouterr().err
+    assert f"{newest.name} cannot be read" in errors and "no replay buffer" not in errors
+    assert (before / "replay_buffer.pkl").is_file(), "stands by, whatever lies damaged ahead"
+    again = tmp_path / "again" / "checkpoints"
+    (again / before.name / "replay_buffer.pkl").write_bytes(b"torn")
+    assert run(f"resume={tmp_path / 'again'}", "total_timesteps=640") == 0
+    assert f"{oldest.name} has no replay buffer any more" in capsys.readouterr().err
+    sessions = json.loads((tmp_path / "again" / "run.json").read_text())["sessions"]
+    assert sessions[-1]["from_step"] == int(oldest.name)
 
 
 def test_a_chain_given_by_path_stays_with_the_run(tmp_path: Path) -> None:
