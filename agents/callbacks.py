@@ -69,14 +69,23 @@ class Evaluation(EvalCallback):
         every: steps between evaluations, over all training simulations; 0: only when asked by :meth:`evaluate`.
         episodes: per evaluation.
         folder: where ``evaluations.npz`` goes.
+        best: mean reward to beat, of the best policy that an earlier session saved.
         save_best: called when the mean reward is the best so far.
     """
 
     def __init__(
-        self, env: VecEnv, every: int, episodes: int, n_envs: int, folder: str, save_best: Callable[[], Any]
+        self,
+        env: VecEnv,
+        every: int,
+        episodes: int,
+        n_envs: int,
+        folder: str,
+        best: float,
+        save_best: Callable[[], Any],
     ) -> None:
         calls = max(every // n_envs, 1) if every else 0
         super().__init__(env, NewBest(save_best), None, episodes, calls, log_path=folder, verbose=0)
+        self.best_mean_reward = best
 
     @property
     def state(self) -> dict[str, list]:
@@ -88,11 +97,10 @@ class Evaluation(EvalCallback):
         }
 
     def restore(self, state: dict[str, list]) -> None:
-        """Take over the evaluations of an earlier session; the best of them has to be beaten."""
+        """Take over the evaluations of an earlier session, as of its checkpoint."""
         self.evaluations_timesteps = list(state["timesteps"])
         self.evaluations_results = list(state["results"])
         self.evaluations_length = list(state["ep_lengths"])
-        self.best_mean_reward = max((float(np.mean(rewards)) for rewards in self.evaluations_results), default=-np.inf)
         self.last_mean_reward = float(np.mean(self.evaluations_results[-1])) if self.evaluations_results else -np.inf
 
     def evaluate(self, model: BaseAlgorithm) -> float:

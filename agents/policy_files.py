@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import io
 import json
+import math
 from pathlib import Path
 from typing import Any
 
@@ -48,7 +49,17 @@ def describe(model: BaseAlgorithm, normalizer: VecNormalize | None) -> dict[str,
 
 def policy_step(folder: Path) -> int | None:
     """Step at which the policy in ``folder`` was saved; None where there is none that can be read."""
+    return _described(folder, "step")
+
+
+def policy_reward(folder: Path) -> float:
+    """Mean reward that the policy in ``folder`` was saved with; minus infinity where there is none that can be read."""
+    reward = _described(folder, "mean_reward")
+    return float(reward) if isinstance(reward, int | float) else -math.inf
+
+
+def _described(folder: Path, key: str) -> Any:
     try:
-        return json.loads((folder / "policy.json").read_text())["step"]
+        return json.loads((folder / "policy.json").read_text())[key]
     except (OSError, ValueError, LookupError, TypeError):
         return None

@@ -160,8 +160,7 @@ class RunFolder:
 
     def record_session(self, from_step: int) -> None:
         """Append to ``run.json`` who trains from here: command line, time, git revision, versions."""
-        file = self.path / "run.json"
-        record: dict[str, Any] = json.loads(file.read_text()) if file.is_file() else {"sessions": []}
+        record = self._sessions()
         record["sessions"].append(
             {
                 "command": shlex.join([Path(sys.executable).name, *sys.argv]),
@@ -176,6 +175,22 @@ class RunFolder:
             }
         )
         self.write_text("run.json", json.dumps(record, indent=2))
+
+    def _sessions(self) -> dict[str, Any]:
+        """What ``run.json`` holds; a damaged one is set aside, for a run goes on without its history."""
+        file = self.path / "run.json"
+        if not file.is_file():
+            return {"sessions": []}
+        try:
+            record = json.loads(file.read_text())
+            if isinstance(record["sessions"], list):
+                return record
+        except (ValueError, LookupError, TypeError):
+            pass
+        aside = next(path for k in range(1, 1000) if not (path := self.path / f"run.damaged-{k}.json").exists())
+        file.rename(aside)
+        print(f"{file} is damaged: it is kept as {aside.name}, and a new one begins.", file=sys.stderr)
+        return {"sessions": []}
 
     def _finish_replacements(self) -> None:
         """Put right what a kill between two renames left, and remove what was never complete."""

@@ -23,7 +23,7 @@ from agents.callbacks import Checkpoints, EpisodeTerms, Evaluation, ProgressRepo
 from agents.checkpoint import checkpoints, load_newest, save_checkpoint, save_evaluations
 from agents.config import Request, TrainConfig, with_overrides
 from agents.make_env import Actuator, make_single_env, make_vec_env, stream_seed
-from agents.policy_files import policy_step, save_policy
+from agents.policy_files import policy_reward, policy_step, save_policy
 from agents.run_chains import chains, read_chains, write_chains
 from agents.run_folder import RunFolder
 from agents.stop import StopSignals
@@ -76,6 +76,9 @@ class Session:
             evaluate.episodes,
             config.n_envs,
             str(run.path),
+            policy_reward(
+                run.path / "best"
+            ),  # not the checkpoint's: a killed session may have saved a better one since
             self._save_best,
         )
 

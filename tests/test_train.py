@@ -328,6 +328,27 @@ def test_a_film_that_is_missing_is_made_by_a_resume(tmp_path: Path, monkeypatch:
     assert run(f"resume={folder}") == 0
 
 
+def test_a_damaged_history_is_set_aside_and_the_run_goes_on(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    folder = tmp_path / "history"
+    assert run(*SMALL, f"out={tmp_path}", "name=history", "total_timesteps=128") == 0
+    for number, damaged in enumerate(('{"sessions": [', "[1]"), 1):
+        (folder / "run.json").write_text(damaged)
+        assert run(f"resume={folder}", f"total_timesteps={128 + 128 * number}") == 0
+        assert f"kept as run.damaged-{number}.json" in capsys.readouterr().err
+        assert (folder / f"run.damaged-{number}.json").read_text() == damaged
+    assert len(json.loads((folder / "run.json").read_text())["sessions"]) == 1
+
+
+def test_a_best_policy_saved_after_the_last_checkpoint_stays(tmp_path: Path) -> None:
+    folder = tmp_path / "best"
+    assert run(*SMALL, f"out={tmp_path}", "name=best", "total_timesteps=256") == 0
+    description = json.loads((folder / "best" / "policy.json").read_text())
+    saved = json.dumps(description | {"mean_reward": 1e9})  # by a session that was killed
+    (folder / "best" / "policy.json").write_text(saved)
+    assert run(f"resume={folder}", "total_timesteps=512") == 0
+    assert (folder / "best" / "policy.json").read_text() == saved
+
+
 def test_two_processes_cannot_train_in_one_folder(finished: Path, capsys: pytest.CaptureFixture[str]) -> None:
     from agents.run_folder import RunFolder
 
