@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 from typing import Any, ClassVar
 
@@ -9,6 +10,7 @@ from actuators.compiled import compiled
 from actuators.layout import DELAY_EVENTS, S_READING, S_TIME
 from actuators.stages.base import Quantity, Stage, parameter, register
 
+EVENT = 3  # doubles of a remembered command: when it came, its value, changes since the event before it
 SIGNALS = (Quantity.POSITION_GOAL, Quantity.DUTY, Quantity.TORQUE)
 
 
@@ -25,10 +27,10 @@ class Delay(Stage):
 
     def law_parameters(self, chain: Any) -> list[float]:
         del chain
-        return [self.seconds, self.seconds / (DELAY_EVENTS - 4)]
+        return [self.seconds, 2.0 * self.seconds / (DELAY_EVENTS - 4)]
 
     def memory_size(self) -> int:
-        return 2 + 2 * DELAY_EVENTS
+        return 2 + EVENT * DELAY_EVENTS
 
 
 @compiled()
@@ -38,24 +40,34 @@ def start_delay(s, m, value):
     s[m + 1] = 0.0  # slot of the newest
     s[m + 2] = -1e30
     s[m + 3] = value
+    s[m + 4] = 1.0
 
 
 @compiled()
-def record_delay(s, m, time, value, spacing=0.0):
+def record_delay(s, m, time, value, spacing):
     """Remember ``value`` as commanded at ``time``, if it differs from the newest event.
 
-    Changes closer than ``spacing`` become one, so that the ring outlasts the delay even where the goal changes in every
-    step.
+    Where the goal changes in every step, changes within ``spacing`` after an event become one: the last, with their
+    count. Three events in a row so take longer than ``spacing``, and the ring outlasts the delay.
     """
     slot = int(s[m + 1])
-    if s[m + 3 + 2 * slot] == value:
+    at = m + 2 + EVENT * slot
+    if s[at + 1] == value:
         return
-    if time - s[m + 2 + 2 * slot] <= spacing:
-        s[m + 3 + 2 * slot] = value
+    if time - s[at] < 1e-12:  # the same evaluation again, with another goal
+        s[at + 1] = value
+        return
+    before = m + 2 + EVENT * ((slot + DELAY_EVENTS - 1) % DELAY_EVENTS)
+    if s[m] > 1.0 and time - s[before] <= spacing:
+        s[at] = time
+        s[at + 1] = value
+        s[at + 2] += 1.0
         return
     slot = (slot + 1) % DELAY_EVENTS
-    s[m + 2 + 2 * slot] = time
-    s[m + 3 + 2 * slot] = value
+    at = m + 2 + EVENT * slot
+    s[at] = time
+    s[at + 1] = value
+    s[at + 2] = 1.0
     s[m + 1] = slot
     if s[m] < DELAY_EVENTS:
         s[m] += 1.0
@@ -65,14 +77,23 @@ def record_delay(s, m, time, value, spacing=0.0):
 def delayed(s, m, time):
     """The value commanded at ``time``.
 
-    A pure function of the events, so every Runge-Kutta stage may ask for its own time.
+    A pure function of the events, so every Runge-Kutta stage may ask for its own time. Changes that became one event
+    are taken to have come evenly, in equal steps: of a ramp or a sampled curve, they did.
     """
     slot = int(s[m + 1])
+    later = -1
     for _ in range(int(s[m]) - 1):
-        if s[m + 2 + 2 * slot] <= time + 1e-9:
+        if s[m + 2 + EVENT * slot] <= time + 1e-9:
             break
+        later = slot
         slot = (slot + DELAY_EVENTS - 1) % DELAY_EVENTS
-    return s[m + 3 + 2 * slot]
+    at = m + 2 + EVENT * slot
+    value = s[at + 1]
+    if later < 0 or s[m + 2 + EVENT * later + 2] <= 1.0 or s[at] < -1e29:
+        return value
+    end = m + 2 + EVENT * later
+    passed = math.floor((time + 1e-9 - s[at]) / (s[end] - s[at]) * s[end + 2])
+    return value + (s[end + 1] - value) * min(max(passed, 0.0), s[end + 2]) / s[end + 2]
 
 
 @register
