@@ -17,6 +17,7 @@ import numpy as np
 from mujoco.batch import Batch
 
 from actuators import Drivetrain
+from actuators.engine import install
 from actuators.errors import SealegsError, nearest
 from actuators.layout import S_OUT_OF_RANGE, S_TORQUE
 from envs.randomization import Randomization, Source
@@ -55,6 +56,7 @@ class BatchEngine:
     Attributes:
         task: what is asked of the robot.
         drivetrain: the robot with its actuators.
+        chains: those of the robot that were asked for, by coordinate; the drivetrain's may have room for more.
         batch: the simulations.
         numbers: of the robot, by name.
         dt: control step [s].
@@ -97,7 +99,10 @@ class BatchEngine:
         self.task, self.num_envs = task, num_envs
         self.numbers = task.robot.parameters(params)
         self.drivetrain = task.robot.drivetrain(actuator, params)
+        self.chains = self.drivetrain.chains
         self.randomization = Randomization(self.drivetrain, randomization)
+        if self.randomization.chains != self.chains:
+            self.drivetrain = task.robot.drivetrain(self.randomization.chains, params)
         model = self.drivetrain.model
         self.substeps = _substeps(control_rate, model.opt.timestep)
         self.dt = self.substeps * model.opt.timestep
@@ -148,8 +153,11 @@ class BatchEngine:
         random = np.empty((len(chosen), draws))
         for row, number in enumerate(chosen):
             random[row] = self.generators[number].random(draws)
+        install()  # a library may have taken the callback's place since
         self.batch.reset(chosen, stage=mujoco.mjtStage.mjSTAGE_NONE.value)
-        for name, values in self.randomization.apply(self.batch, chosen, random[:, task_draws:]).items():
+        for name, values in self.randomization.apply(
+            self.drivetrain, self.batch, chosen, random[:, task_draws:]
+        ).items():
             self.drawn[name][chosen] = values
         self._programs = self.batch.expanded("actuator_user")
         qpos, qvel = self._qpos[chosen], self._qvel[chosen]

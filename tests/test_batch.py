@@ -5,6 +5,7 @@ from __future__ import annotations
 import warnings
 
 import gymnasium as gym
+import mujoco
 import numpy as np
 import pytest
 
@@ -116,6 +117,18 @@ def test_an_episode_that_ends_tells_sb3_why_and_what_it_was_worth() -> None:
         assert info["episode"]["r"] == pytest.approx(total[i], abs=1e-5)
         terms = [value for name, value in info["episode"].items() if name.startswith("reward_")]
         assert sum(terms) == pytest.approx(total[i], abs=1e-5)
+
+
+def test_a_reset_revives_actuators_whose_callback_was_taken_away() -> None:
+    engine = BatchEngine(HopperTask(), 1)
+    seen = []
+    for take in (False, True):
+        if take:
+            mujoco.set_mjcb_act_bias(None)
+        engine.seed(0)
+        engine.reset()
+        seen.append(engine.step(np.ones((1, 2))).observation)
+    np.testing.assert_array_equal(seen[0], seen[1])
 
 
 def test_a_fall_is_no_time_limit() -> None:
