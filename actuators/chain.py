@@ -31,6 +31,7 @@ from actuators.layout import (
 )
 from actuators.stages import ChainError, Quantity, Stage, build_stage
 from actuators.stages.net import Net
+from actuators.stages.transmission import Friction
 
 CHECKOUT = Path(__file__).resolve().parent.parent
 LIBRARY = CHECKOUT / "configs" / "actuator"
@@ -87,8 +88,17 @@ class Chain:
         for name in set(names):
             if names.count(name) > 1 and name not in ("offset", "scale", "dead_band"):
                 raise ChainError(f"{self.label}: stage '{name}' stands {names.count(name)} times; it may stand once.")
-        if "gear" in names and names[names.index("gear") - 1] not in ("dc_motor", "regression", "torque_limit"):
-            raise ChainError(f"{self.label}: 'gear' must stand directly behind its motor ('dc_motor' or 'regression').")
+        if "gear" in names:
+            before_gear = [name for name in names[: names.index("gear")] if name != "torque_limit"]
+            if before_gear[-1] not in ("dc_motor", "regression"):
+                raise ChainError(
+                    f"{self.label}: 'gear' must stand directly behind its motor ('dc_motor' or 'regression'), "
+                    "with at most a 'torque_limit' of the motor between."
+                )
+        if "thermal" in names and "dc_motor" not in names:
+            raise ChainError(
+                f"{self.label}: 'thermal' weakens a 'dc_motor', which the chain lacks; remove it or add the motor."
+            )
         ends = [name for name in names if name in LAST]
         if ends != sorted(ends, key=LAST.index) or names[len(names) - len(ends) :] != ends:
             raise ChainError(
@@ -203,7 +213,7 @@ class Chain:
         head[P_SCALE] = 1.0
         memory = S_HEADER
         body: list[float] = []
-        for stage in self.stages:
+        for stage in self._with_gear_loss().stages:
             if stage.name == "encoder":
                 head[P_TICKS], head[P_OFFSET], head[P_SCALE], head[P_LATENCY] = stage.parameters().values()
                 head[P_LATENCY_MEMORY] = memory
@@ -213,11 +223,17 @@ class Chain:
             memory += stage.memory_size()
         if (friction := self.find("friction")) is not None:
             head[P_VISCOUS] = friction.viscous
-            head[P_FRICTION_KIND] = 1.0 if self.friction_needs_law() else 0.0
+        head[P_FRICTION_KIND] = 1.0 if self.friction_needs_law() else 0.0
         program = np.concatenate([head, body, [0.0]])
         program[P_LENGTH] = len(program)
         program[P_STATE_SIZE] = memory
         return program
+
+    def _with_gear_loss(self) -> Chain:
+        """The chain with a friction stage where it has a gear, whose loss is a law of that stage."""
+        if self.find("gear") is None or self.find("friction") is not None:
+            return self
+        return self.with_stage(Friction())
 
     def friction_needs_law(self) -> bool:
         """Whether dry friction is more than the constant that the engine knows natively."""

@@ -15,6 +15,7 @@ from actuators.stages.transmission import Friction
 
 MOTOR = [{"supply": {"volts": 7.4}}, {"dc_motor": {"motor_constant": 1.2, "resistance": 2.7}}]
 SERVO = [{"position_p": {"gain": 5.0}}, *MOTOR]
+IDEAL = {"ideal": {"stiffness": 5.0}}
 
 
 @pytest.mark.parametrize("name", names())
@@ -66,6 +67,12 @@ def refusal(stages) -> str:
         ([*SERVO, {"encoder": {}}, {"friction": {}}], "must end in the order friction > spring"),
         ([*SERVO, {"friction": {}}, {"friction": {}}], "'friction' stands 2 times"),
         ([*SERVO, {"friction": {}}, {"gear": {"ratio": 2}}], "'gear' must stand directly behind its motor"),
+        (
+            [IDEAL, {"torque_limit": {"limit": 1}}, {"gear": {"ratio": 2}}],
+            "'gear' must stand directly behind its motor",
+        ),
+        ([*SERVO, {"offset": {"value": 1}}, {"torque_limit": {"limit": 1}}, {"gear": {"ratio": 2}}], "directly behind"),
+        ([IDEAL, {"thermal": {"loss": 0.01}}], "'thermal' weakens a 'dc_motor', which the chain lacks"),
         ([*SERVO, {"spring": {"stiffness": 1}}, {"compliance": {"stiffness": 1}}], "the same element"),
         (
             [

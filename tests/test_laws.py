@@ -63,13 +63,34 @@ def test_a_command_arrives_after_the_delay_to_the_fraction_of_a_step(delay):
     assert 0.0 <= arrival - delay < 0.5 * STEP + 1e-9
 
 
-def test_a_goal_that_changes_in_every_step_keeps_its_delay():
-    delay = 0.2  # far more steps than the delay remembers events
+@pytest.mark.parametrize("delay", [0.1, 0.2, 0.5])
+def test_a_goal_that_changes_in_every_step_keeps_its_delay(delay):
+    assert delay > DELAY_EVENTS * STEP  # more steps than the delay remembers events
     joint = Joint([{"delay": {"seconds": delay}}, *UNIT])
-    ramp = [joint(k * STEP) for k in range(2000)]
-    late = 1.999 - ramp[-1]
-    assert delay > DELAY_EVENTS * STEP
-    assert late == pytest.approx(delay, abs=delay / (DELAY_EVENTS - 4) + STEP)
+    lead = []
+    for k in range(2000):
+        joint(k * STEP)  # a ramp of 1 rad/s, as a staircase of 1 ms
+        for share in (0.0, 0.25, 0.5, 0.75):
+            value = joint.between(share, k * STEP)
+            lead.append(value - max(math.floor((k + share - delay / STEP) + 1e-6), 0) * STEP)
+    assert abs(np.mean(lead)) < 0.1e-3
+    assert np.max(np.abs(lead)) < 1.1e-3
+
+
+def test_a_late_sine_commanded_at_a_kilohertz_keeps_its_shape():
+    joint = Joint([{"delay": {"seconds": 0.1}}, *UNIT])
+    goal = np.sin(2.0 * np.pi * 2.0 * STEP * np.arange(2000))
+    seen = np.array([joint(value) for value in goal])
+    assert np.abs(seen[200:] - goal[100:-100]).max() < 1.5e-3
+
+
+def test_few_changes_keep_their_times_under_a_long_delay():
+    delay = 0.5
+    joint = Joint([{"delay": {"seconds": delay}}, *UNIT])
+    times = np.cumsum([20, 40, 25, 100, 30])
+    goal = np.array([float((times <= k).sum()) for k in range(1000)])
+    seen = np.array([joint(value) for value in goal])
+    assert np.array_equal(seen[500:], goal[:500])
 
 
 def test_a_repeated_evaluation_at_one_time_replaces_the_goal_it_recorded():
@@ -185,6 +206,20 @@ def test_a_gear_multiplies_torque_and_squares_inertia_and_loses_what_it_transmit
     assert value == pytest.approx(5.0 * (6.0 - 5.0 * 0.2) / 2.0)
     assert joint.state[S_LIMIT] == pytest.approx(0.2 * value)
     assert chain.armature() == pytest.approx(0.01)
+
+
+def test_a_gear_without_a_friction_stage_loses_what_it_transmits_too():
+    stages = [*dc_motor(), {"gear": {"ratio": 10.0, "efficiency": 0.8}}]
+    plain, explicit = Joint(stages), Joint([*stages, {"friction": {}}])
+    assert plain(0.5, w=0.2) == explicit(0.5, w=0.2)
+    assert plain.state[S_LIMIT] == explicit.state[S_LIMIT] > 0.0
+    assert np.array_equal(plain.program, explicit.program)
+
+
+def test_a_torque_limit_in_front_of_a_gear_is_of_the_motor():
+    gear, limit = {"gear": {"ratio": 10.0}}, {"torque_limit": {"limit": 0.4}}
+    assert Joint([*dc_motor(), limit, gear])(1.0) == pytest.approx(4.0)
+    assert Joint([*dc_motor(), gear, limit])(1.0) == pytest.approx(0.4)
 
 
 def limit(friction: dict, q: float = 0.0, w: float = 0.0, motor: float = 0.0, external: float = 0.0) -> float:

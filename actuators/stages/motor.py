@@ -122,10 +122,15 @@ def regression_torque(p, i, duty, w):
 @register
 @dataclass(frozen=True, kw_only=True)
 class TorqueLimit(Stage):
-    """The torque saturates."""
+    """The torque saturates: that of the motor in front of a gear, that at the joint elsewhere."""
 
     name: ClassVar[str] = "torque_limit"
     takes: ClassVar[tuple[Quantity, ...]] = (Quantity.TORQUE,)
     opcode: ClassVar[int] = 32
 
-    limit: float = parameter(None, "N.m", 0.0, 1e6, "largest torque")
+    limit: float = parameter(None, "N.m", 0.0, 1e6, "largest torque; of the motor, if a gear follows")
+
+    def law_parameters(self, chain: Any) -> list[float]:
+        names = [stage.name for stage in chain.stages]
+        geared = "gear" in names and names.index("gear") > names.index(self.name)
+        return [self.limit * (chain.gear_ratio() if geared else 1.0)]

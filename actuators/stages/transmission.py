@@ -141,7 +141,11 @@ class Compliance(Stage):
 @register
 @dataclass(frozen=True, kw_only=True)
 class Backlash(Stage):
-    """Play between motor and link."""
+    """Play between motor and link.
+
+    With the damping of a spring or compliance, that damping acts inside the play too: the engine's springs know a gap,
+    its dampers do not. Where that matters, leave the damping at zero; the teeth of a play alone have their own.
+    """
 
     name: ClassVar[str] = "backlash"
     takes: ClassVar[tuple[Quantity, ...]] = (Quantity.TORQUE,)
