@@ -12,6 +12,7 @@ from gymnasium.envs.registration import load_env_creator
 import envs
 from actuators.errors import SealegsError, nearest
 from configs.check import arguments, checked
+from envs.randomization import read_randomization
 from envs.sb3 import BatchVecEnv
 
 Actuator = str | list[Any] | dict[str, Any] | None
@@ -27,16 +28,19 @@ def env_keys(env: Mapping[str, Any]) -> list[str]:
 
 
 def checked_env(env: Mapping[str, Any]) -> dict[str, Any]:
-    """The config group ``env`` with every value in the type of the environment's argument.
+    """The config group ``env`` with every value in the type of the environment's argument, files read.
 
     Raises:
-        SealegsError: an unknown environment or key, or a value of the wrong type.
+        SealegsError: an unknown environment or key, a value of the wrong type, or a file that cannot be read.
     """
     types = {"id": str} | _env_arguments(env)
     for key in env:
         if key not in types:
             raise SealegsError(f"env.{key} is not an argument of {env['id']}{nearest(key, types)}.")
-    return {key: checked(f"env.{key}", value, types[key]) for key, value in env.items()}
+    values = {key: checked(f"env.{key}", value, types[key]) for key, value in env.items()}
+    if isinstance(source := values.get("randomization"), str):  # a run keeps what it draws from, as it does its chains
+        values["randomization"] = dict(read_randomization(source))
+    return values
 
 
 def make_vec_env(env: Mapping[str, Any], actuator: Actuator, num_envs: int, seed: int) -> BatchVecEnv:

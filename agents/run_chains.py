@@ -16,7 +16,7 @@ _FILE = "actuators.yaml"
 
 def chains(env: BatchVecEnv) -> dict[str, list[dict[str, Any]]]:
     """Stages of the chain on each joint: what runs, whatever name or path it was asked for by."""
-    return {name: chain.to_list() for name, chain in env.engine.drivetrain.chains.items()}
+    return {name: chain.to_list() for name, chain in env.engine.chains.items()}
 
 
 def write_chains(run: RunFolder, env: BatchVecEnv) -> None:

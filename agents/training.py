@@ -87,7 +87,7 @@ class Session:
         """New run; its folder is made only once environment and learner exist, so wrong input leaves none."""
         model, env = _new_learner(config, config.actuator)
         robot = str(config.env["id"]).rpartition("/")[2].partition("-")[0].lower()
-        actuator = "+".join(dict.fromkeys(chain.label.split()[0] for chain in env.engine.drivetrain.chains.values()))
+        actuator = "+".join(dict.fromkeys(chain.label.split()[0] for chain in env.engine.chains.values()))
         run = RunFolder.create(out, f"{robot}-{actuator}-{config.agent['algorithm']}", name)
         with _disk_errors(run):
             write_chains(run, env)

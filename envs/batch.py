@@ -18,7 +18,6 @@ from mujoco.batch import Batch
 
 from actuators import Drivetrain
 from actuators.engine import install
-from actuators.engine import install
 from actuators.errors import SealegsError, nearest
 from actuators.layout import S_OUT_OF_RANGE, S_TORQUE
 from envs.randomization import Randomization, Source
@@ -154,7 +153,6 @@ class BatchEngine:
         random = np.empty((len(chosen), draws))
         for row, number in enumerate(chosen):
             random[row] = self.generators[number].random(draws)
-        install()  # a library may have taken the callback's place since
         install()  # a library may have taken the callback's place since
         self.batch.reset(chosen, stage=mujoco.mjtStage.mjSTAGE_NONE.value)
         for name, values in self.randomization.apply(

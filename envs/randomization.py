@@ -17,8 +17,9 @@ import numpy as np
 import yaml
 from mujoco.batch import Batch
 
-from actuators import Drivetrain
+from actuators import Chain, Drivetrain
 from actuators.errors import SealegsError, nearest
+from actuators.layout import P_STATE_SIZE
 from envs.scene import FLOOR
 
 
@@ -47,7 +48,13 @@ Source = Mapping[str, Any] | str | Path | None
 
 
 class Randomization:
-    """What of a drivetrain varies, and how to write drawn values into a batch."""
+    """What of a drivetrain varies, and how to write drawn values into a batch.
+
+    Attributes:
+        draws: the numbers that vary, in the order of :meth:`apply`'s random numbers.
+        chains: chain of each coordinate to build the drivetrain from, such that every value that can be drawn has its
+            place: a friction law that the robot's own chain leaves out, or memory. Otherwise the robot's own.
+    """
 
     def __init__(self, drivetrain: Drivetrain, source: Source = None) -> None:
         """Check ``source``, a mapping as in the module's docstring or the path of a YAML file with one.
@@ -56,34 +63,36 @@ class Randomization:
             RandomizationError: something in it does not fit the drivetrain.
             ChainError: a chain does not have a parameter or cannot take a value.
         """
-        self._drivetrain = drivetrain
-        self.draws = tuple(_draws(drivetrain, _read(source)))
-        self._chains = [name for name in drivetrain.chains if any(draw.group == name for draw in self.draws)]
+        self.draws = tuple(_draws(drivetrain, read_randomization(source)))
+        self._nominal = drivetrain.chains
         self._columns = {
             group: [(k, draw) for k, draw in enumerate(self.draws) if draw.group == group]
             for group in (*drivetrain.chains, "mass", "floor")
         }
-        if drivetrain.model.nq:  # both ends of each range must make a chain of the same memory
-            for draw in self.draws:
-                if draw.group in drivetrain.chains:
-                    self._check_ends(draw)
+        self.chains = {name: self._with_room(name) for name in self._nominal}
 
-    def _check_ends(self, draw: Draw) -> None:
-        chain = self._drivetrain.chains[draw.group]
-        sizes = {len(chain.with_value(draw.name, value).program()) for value in (draw.low, draw.high)}
-        memories = {sum(s.memory_size() for s in chain.with_value(draw.name, v).stages) for v in (draw.low, draw.high)}
-        own = sum(stage.memory_size() for stage in chain.stages)
-        if len(sizes) > 1 or memories != {own}:
-            raise RandomizationError(
-                f"randomization.{draw.group}.{draw.name} goes from nothing to something; let the chain itself "
-                "and both ends of the range be above zero."
-            )
+    def _with_room(self, name: str) -> Chain:
+        chain = self._nominal[name]
+        for _, draw in self._columns[name]:
+            low, high = (chain.with_value(draw.name, value) for value in (draw.low, draw.high))
+            if _memory(low) != _memory(high):
+                raise RandomizationError(
+                    f"randomization.{name}.{draw.name} reaches from {draw.low:g} to {draw.high:g}, but at "
+                    f"{draw.low:g} the law keeps other memory: begin the range above it, at {draw.high / 1000.0:g} say."
+                )
+            wider = low if low.friction_needs_law() else high
+            if (wider.friction_needs_law(), *_memory(wider)) != (chain.friction_needs_law(), *_memory(chain)):
+                chain = wider
+        return chain
 
-    def apply(self, batch: Batch, simulations: np.ndarray, random: np.ndarray) -> dict[str, np.ndarray]:
+    def apply(
+        self, drivetrain: Drivetrain, batch: Batch, simulations: np.ndarray, random: np.ndarray
+    ) -> dict[str, np.ndarray]:
         """Write new values into some simulations.
 
         Args:
-            batch: of the drivetrain's model.
+            drivetrain: built from :attr:`chains`.
+            batch: of its model.
             simulations: their numbers (m,), ascending.
             random: uniform numbers in [0, 1), (m, len(draws)).
 
@@ -94,13 +103,12 @@ class Randomization:
             return {}
         low, high = (np.array([getattr(draw, end) for draw in self.draws]) for end in ("low", "high"))
         values = low + random * (high - low)
-        for name in self._chains:
-            nominal = self._drivetrain.chains[name]
-            for row, simulation in enumerate(simulations):
+        for name, nominal in self._nominal.items():
+            for row, simulation in enumerate(simulations if self._columns[name] else ()):
                 chain = nominal
                 for column, draw in self._columns[name]:
                     chain = chain.with_value(draw.name, float(values[row, column]))
-                self._drivetrain.set_chain(batch, name, chain, int(simulation))
+                drivetrain.set_chain(batch, name, chain, int(simulation))
         if self._columns["mass"]:
             self._scale_masses(batch, simulations, values)
         for column, _ in self._columns["floor"]:
@@ -118,7 +126,18 @@ class Randomization:
         batch.set_const(simulations)
 
 
-def _read(source: Source) -> Mapping[str, Any]:
+def _memory(chain: Chain) -> tuple[int, int]:
+    """Sizes of program and state, which a batch fixes for all its simulations."""
+    program = chain.program()
+    return len(program), int(program[P_STATE_SIZE])
+
+
+def read_randomization(source: Source) -> Mapping[str, Any]:
+    """The mapping that ``source`` is or that its YAML file holds; empty for None.
+
+    Raises:
+        RandomizationError: the file cannot be read, or holds no mapping.
+    """
     if source is None:
         return {}
     if isinstance(source, Mapping):

@@ -115,7 +115,55 @@ def test_a_wrong_randomisation_is_answered_in_one_sentence(source: object, sente
         hopper(source)
 
 
+@pytest.mark.parametrize(
+    ("actuator", "path", "ends"),
+    [
+        ("sts3215", "friction.stribeck", [0.0, 0.1]),
+        ("sts3215", "friction.load", [0.0, 0.3]),
+        ("sts3215", "friction.asymmetry", [-0.02, 0.0]),
+        ("sv1270tg", "friction.coulomb", [0.0, 0.1]),
+        ("sv1270tg", "friction.load", [0.0, 0.3]),
+    ],
+)
+def test_friction_that_the_chain_lacks_can_vary_from_zero(actuator: str, path: str, ends: list[float]) -> None:
+    asked = [None, *({"all": {path: values}} for values in ([0.0, 0.0], [ends[0]] * 2, [ends[1]] * 2, ends))]
+    engines = [hopper(source, actuator=actuator, autoreset=False) for source in asked]
+    rng, seen = np.random.default_rng(0), []
+    for _ in range(15):
+        action = rng.uniform(-1.0, 1.0, (6, 2))
+        seen = [engine.step(action).observation for engine in engines]
+    none, zero, *fixed, _ = seen
+    with_some = fixed[1] if ends[0] == 0.0 else fixed[0]
+    np.testing.assert_array_equal(none, zero)
+    assert np.abs(with_some - none).max() > 1e-3
+    varied = engines[-1]
+    assert all(len(set(drawn)) == 6 for drawn in varied.drawn.values())
+    assert varied.chains == engines[0].chains, "the robot's own chain is still told"
+
+
+def test_a_loss_in_the_gears_can_vary_from_none() -> None:
+    motor = [{"position_p": {"gain": 5.0}}, {"supply": {"volts": 7.4}}]
+    motor += [{"dc_motor": {"motor_constant": 0.012, "resistance": 2.7}}, {"gear": {"ratio": 100.0}}]
+    chain = [*motor, {"friction": {"coulomb": 0.05}}]
+    engine = BatchEngine(
+        BenchTask(), 3, actuator=chain, randomization={"joint": {"gear.efficiency": {"times": [0.6, 1.0]}}}
+    )
+    engine.reset()
+    assert ((engine.drawn["joint.gear.efficiency"] >= 0.6) & (engine.drawn["joint.gear.efficiency"] < 1.0)).all()
+
+
+def test_latency_that_the_chain_lacks_can_vary_above_zero() -> None:
+    chain = [{"ideal": {"stiffness": 5.0}}, {"encoder": {}}]
+    ranges = {"joint": {"encoder.latency": [0.001, 0.03]}}
+    engine = BatchEngine(BenchTask(), 2, actuator=chain, randomization=ranges)
+    engine.seed(0)
+    engine.reset()
+    late = engine.step(np.ones((2, 1))).observation
+    assert (np.abs(late[:, 2] - late[:, 1]) > 1e-4).all()
+
+
 def test_a_range_that_would_add_memory_is_refused() -> None:
     chain = [{"delay": {"seconds": 0.01}}, {"ideal": {"stiffness": 5.0}}, {"encoder": {"latency": 0.0}}]
-    with pytest.raises(SealegsError, match="from nothing to something"):
+    sentence = "randomization.joint.encoder.latency reaches from 0 to 0.01, .* begin the range above it, at 1e-05 say"
+    with pytest.raises(SealegsError, match=sentence):
         BatchEngine(BenchTask(), 2, actuator=chain, randomization={"joint": {"encoder.latency": [0.0, 0.01]}})

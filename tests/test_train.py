@@ -402,6 +402,20 @@ def test_a_chain_given_by_path_stays_with_the_run(tmp_path: Path) -> None:
     assert run(f"resume={tmp_path / 'own'}", "total_timesteps=384") == 0
 
 
+def test_a_randomisation_given_by_path_stays_with_the_run(tmp_path: Path) -> None:
+    file = tmp_path / "random.yaml"
+    file.write_text("joint: {friction.load: [0.0, 0.2], friction.viscous: {times: [0.8, 1.2]}}\n")
+    arguments = [f"env.randomization={file}", f"out={tmp_path}", "name=random", "total_timesteps=256"]
+    assert run(*SMALL, *arguments) == 0
+    file.unlink()
+    folder = tmp_path / "random"
+    kept = yaml.safe_load((folder / "config.yaml").read_text())["env"]["randomization"]
+    assert kept == {"joint": {"friction.load": [0.0, 0.2], "friction.viscous": {"times": [0.8, 1.2]}}}
+    friction = [stage["friction"] for stage in yaml.safe_load((folder / "actuators.yaml").read_text())["joint"][5:6]]
+    assert friction == [{"coulomb": 0.052, "viscous": 0.059}], "the chain that was asked for"
+    assert run(f"resume={folder}", "total_timesteps=384") == 0
+
+
 def test_an_actuator_net_stays_with_the_run(tmp_path: Path) -> None:
     net = tmp_path / "mine.npz"
     net.write_bytes((REPOSITORY / "configs" / "actuator" / "sts3215_net.npz").read_bytes())
@@ -440,6 +454,7 @@ def test_an_actuator_net_stays_with_the_run(tmp_path: Path) -> None:
         ("agent.n_steps=[1", "cannot be read"),
         ("name=a/b", "one word without '/'"),
         ("resume=nowhere/run", "is not a run folder"),
+        ("env.randomization=nowhere.yaml", "cannot read the randomisation nowhere.yaml"),
         ("verbose", "form key=value"),
         ("--verbose", "form key=value"),
     ],
