@@ -30,6 +30,7 @@ MATERIAL = (
 )
 WARMED = 2.0  # [K] least change of the temperature that can show a thermal effect
 SURE = 0.975  # least probability, over resampled blocks, that it removes any
+TOLD_APART = 0.5  # a further cause that is the best in fewer draws is left to the next experiment: the data cannot tell it from others
 RIVAL = 0.05  # causes that are better than the winner in more than this share of draws cannot be told from it
 DRAWS = 2000
 CHARGE = 0.02  # share of the error that a further parameter of a variant must remove
@@ -123,7 +124,7 @@ class Searcher:
                 current, before = self._challenged(accepted, candidates[0], current, before)
                 candidates = self._rank(candidates, before)
             winner = candidates[0] if candidates else None
-            pays = winner is not None and self._pays(winner, before)
+            pays = winner is not None and self._pays(winner, before) and (not accepted or winner.best > TOLD_APART)
             rounds.append(Round(before, tuple(candidates), bool(pays)))
             if winner is None or not pays:
                 break
