@@ -6,6 +6,9 @@ It samples at the rate that it was trained at. ``train_net.py`` makes one from m
 from __future__ import annotations
 
 import functools
+import itertools
+import zipfile
+import zlib
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, ClassVar
@@ -42,12 +45,37 @@ def read_net(path: Path, modified: float) -> dict[str, np.ndarray]:
     try:
         with np.load(path, allow_pickle=False) as archive:
             net = {key: archive[key] for key in archive.files}
-    except (OSError, ValueError) as error:
+    except (OSError, ValueError, EOFError, KeyError, AttributeError, zipfile.BadZipFile, zlib.error) as error:
         raise ChainError(f"{path} is not a readable actuator net ({error}); train one with train_net.py.") from None
     missing = [key for key in REQUIRED if key not in net]
     if missing or str(net["format"]) != FORMAT:
         raise ChainError(f"{path} is not an actuator net of the format '{FORMAT}'; train one with train_net.py.")
+    if (fault := _fault(net)) is not None:
+        raise ChainError(f"{path} is a damaged actuator net: {fault}; train it again with train_net.py.")
     return net
+
+
+def _fault(net: dict[str, np.ndarray]) -> str | None:
+    """What makes a net unusable, in words; None for a sound one."""
+    for key in REQUIRED[1:]:
+        if net[key].dtype.kind not in "iuf" or not np.isfinite(net[key]).all():
+            return f"'{key}' holds something that is no finite number"
+        if net[key].size != 1 and key in ("period", "history", "torque_scale"):
+            return f"'{key}' is not one number"
+    layers, history = [int(size) for size in np.ravel(net["layers"])], int(net["history"])
+    if float(net["period"]) <= 0.0 or history < 1:
+        return f"its period is {float(net['period']):g} s and its history {history} samples, which must be positive"
+    if len(layers) < 2 or min(layers) < 1 or layers[0] != 2 * history or layers[-1] != 1:
+        return f"its layers are {layers}, but a history of {history} needs {2 * history} inputs, and one output"
+    weights = sum((wide + 1) * high for wide, high in itertools.pairwise(layers))
+    if net["weights"].size != weights:
+        return f"its layers {layers} need {weights} weights, but it has {net['weights'].size}"
+    for key in ("input_mean", "input_std", "input_low", "input_high"):
+        if net[key].size != layers[0]:
+            return f"'{key}' has {net[key].size} numbers for {layers[0]} inputs"
+    if (net["input_std"] <= 0.0).any():
+        return "'input_std' must be positive"
+    return None
 
 
 @register
