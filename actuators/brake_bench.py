@@ -137,6 +137,10 @@ def _on_the_bench(chain: Chain, temperature: float) -> Chain:
             "it needs a 'supply' with a 'dc_motor', or a 'regression'."
         )
     bench = Chain((PositionP(gain=1.0), *stages), chain.label)
+    if bench.find("friction") is not None:
+        bench = bench.with_value("friction.bristle_stiffness", 0.0)  # a steady shaft has slipped: its limit is dry
+    if bench.find("thermal") is not None:
+        bench = bench.with_value("thermal.temperature", temperature)
     if bench.find("dc_motor") is not None:
         warm = 1.0 + COPPER * (temperature - REFERENCE_TEMPERATURE)
         bench = bench.with_value("dc_motor.inductance", 0.0)

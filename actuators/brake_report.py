@@ -16,13 +16,6 @@ from actuators.stages.controller import PositionP
 from actuators.stages.motor import Regression
 from actuators.stages.power import DutyLimit
 
-BEFORE = (
-    "minimum_duty",
-    "duty_limit",
-    "dead_band",
-    "offset",
-    "scale",
-)  # what acts on a duty and stays in front of the map
 BEHIND = ("spring", "compliance", "backlash", "encoder")
 
 
@@ -43,13 +36,10 @@ def chain_from(fit: RegressionFit, table: BenchTable, measured: Chain | None, ga
         limit = DutyLimit(limit=float(np.max(np.abs(table.duty[table.valid]))))
         return Chain((PositionP(gain=gain), limit, stage), "characterised")
     command = [item for item in measured.stages if measured.quantity_before(item) == Quantity.POSITION_GOAL]
-    duty = [
-        item
-        for item in measured.stages
-        if item.name in BEFORE and measured.quantity_before(item) == Quantity.DUTY and item not in command
-    ]
+    # what else acts on a duty was on the bench, so the map contains it; but a line knows no end
+    limit = [item for item in measured.stages if item.name == "duty_limit"]
     behind = [item for item in measured.stages if item.name in BEHIND]
-    return Chain((*command, *duty, stage, *behind), "characterised")
+    return Chain((*command, *limit, stage, *behind), "characterised")
 
 
 def report(out: Path, table: BenchTable, fit: RegressionFit, chain: Chain, label: str) -> None:
