@@ -19,6 +19,7 @@ from actuators.layout import (
     P_FRICTION_KIND,
     P_LATENCY,
     P_OFFSET,
+    P_OWN_FRICTION,
     P_QPOS,
     P_SCALE,
     P_STATE_ADDRESS,
@@ -27,6 +28,7 @@ from actuators.layout import (
     P_TICKS,
 )
 from actuators.mounting import DrivenCoordinate, Mounted, mount
+from actuators.stability import check_step
 from actuators.stages.sensor import late_positions
 
 
@@ -84,6 +86,7 @@ class Drivetrain:
             self.model = spec.compile()
         except ValueError as error:
             raise SealegsError(f"the model does not compile with its actuators: {error}.") from None
+        self._check_steps()
         self._address()
         if self.model.ntree == 1:  # one tree is one island: looking for others costs 5 % of a step
             flag = int(mujoco.mjtDisableBit.mjDSBL_ISLAND)
@@ -101,6 +104,15 @@ class Drivetrain:
                     f"the actuator net on '{name}' works at {1 / period:g} Hz, but the simulation steps at "
                     f"{1 / step:g} Hz; make its time step {period:g} s or shorter."
                 )
+
+    def _check_steps(self) -> None:
+        model = self.model
+        for item in self.coordinates:
+            side = self._sides[item.name]
+            weights = model.tendon_invweight0 if side.on_tendon else model.dof_invweight0
+            mobility = float(weights[side.friction_id(model)])
+            if mobility > 0.0:
+                check_step(item.name, self.chains[item.name], 1.0 / mobility, side.coupling is not None, model.opt)
 
     def _add_actuator(self, name: str) -> None:
         side = self._sides[name]
@@ -130,6 +142,7 @@ class Drivetrain:
             if program[P_FRICTION_KIND] > 0.0:
                 program[P_FRICTION_KIND] = 2.0 if side.on_tendon else 1.0
                 program[P_FRICTION_ID] = side.friction_id(model)
+                program[P_OWN_FRICTION] = side.own.frictionloss
             actuator = model.actuator(item.name).id
             model.actuator_user[actuator] = 0.0
             model.actuator_user[actuator, : len(program)] = program
@@ -234,6 +247,7 @@ class Drivetrain:
                 f"{chain.label} has other stages or memory than the chain on '{name}'; build another Drivetrain for it."
             )
         program[P_STATE_ADDRESS : P_FRICTION_ID + 1] = built[P_STATE_ADDRESS : P_FRICTION_ID + 1]
+        program[P_OWN_FRICTION] = built[P_OWN_FRICTION]
         rows[simulation, self.actuator_ids[name], : len(program)] = program
         self._set_native(target, batch, simulation, name, chain)
 

@@ -32,6 +32,7 @@ from actuators.layout import (
     P_FRICTION_ID,
     P_FRICTION_KIND,
     P_LENGTH,
+    P_OWN_FRICTION,
     P_QPOS,
     P_SCALE,
     P_STATE_ADDRESS,
@@ -157,7 +158,8 @@ def compiled_law() -> Any:
         speed = s[S_SPEED] / p[P_SCALE]
         damping = doubles(load_address(data + at_row_gains))[4 * row + 1]
         friction = -(acceleration + damping * speed) * doubles(load_address(data + at_row_stiffness))[row]
-        friction = min(max(friction, -s[S_LIMIT]), s[S_LIMIT])
+        limit = s[S_LIMIT] + p[P_OWN_FRICTION]
+        friction = min(max(friction, -limit), limit)
         return total - s[S_TORQUE] - friction - s[S_KNOWN] + p[P_VISCOUS] * speed
 
     @numba.cfunc(SIGNATURE, cache=True, error_model="numpy")
@@ -199,10 +201,11 @@ def compiled_law() -> Any:
         s[S_KNOWN] = known
         force = torque(p, s, time, goal, q, w, known + s[S_REST], stage != LATER)
         if row >= 0:
-            doubles(load_address(data + at_row_limit))[row] = s[S_LIMIT]
+            limit = s[S_LIMIT] + p[P_OWN_FRICTION]
+            doubles(load_address(data + at_row_limit))[row] = limit
             if load_int(data + at_islands) > 0:  # the solver then reads a copy sorted by island, made before this call
                 island_row = load_int(load_address(data + at_island_row) + 4 * row)
-                doubles(load_address(data + at_island_limit))[island_row] = s[S_LIMIT]
+                doubles(load_address(data + at_island_limit))[island_row] = limit
         return force
 
     return bias

@@ -28,6 +28,7 @@ P_SCALE = 15
 P_LATENCY = 16  # [s]
 P_LATENCY_MEMORY = 17  # offset of the encoder's ring in the state
 P_VISCOUS = 18  # [N.m.s/rad], native damping; here for replays without an engine
+P_OWN_FRICTION = 19  # dry friction that the model itself gives the joint [N.m], beside the law's
 P_HEADER = 20
 
 # state slots

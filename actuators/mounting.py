@@ -11,6 +11,7 @@ import numpy as np
 
 from actuators.chain import Chain
 from actuators.errors import SealegsError, nearest
+from actuators.stages import ChainError
 
 # Chosen by measurement: docs/numerics.md, reproduced by `python -m benchmarks.numerics`.
 # Dry friction must creep no faster than an encoder can see; the default lets a held pendulum sink visibly.
@@ -46,6 +47,15 @@ class DrivenCoordinate:
 
 
 @dataclass(frozen=True)
+class OwnValues:
+    """Armature [kg.m2], viscous friction [N.m.s/rad] and dry friction [N.m] of a joint before a chain was put on it."""
+
+    armature: float = 0.0
+    damping: float = 0.0
+    frictionloss: float = 0.0
+
+
+@dataclass(frozen=True)
 class Mounted:
     """Names of what a chain became in the model.
 
@@ -55,6 +65,7 @@ class Mounted:
         target: joint or tendon that the actuator acts on.
         on_tendon: whether that is a tendon.
         coupling: tendon that is the spring, compliance or play between motor and link.
+        own: what the model itself gives the driven joint, to which the chain's is added.
     """
 
     motor_terms: tuple[tuple[str, float], ...]
@@ -62,6 +73,7 @@ class Mounted:
     target: str
     on_tendon: bool
     coupling: str | None = None
+    own: OwnValues = OwnValues()
 
     def friction_id(self, model: mujoco.MjModel) -> int:
         """What the engine's dry friction row of the coordinate is of: a degree of freedom or a tendon."""
@@ -74,11 +86,11 @@ class Mounted:
         friction = chain.find("friction")
         viscous = friction.viscous if friction else 0.0
         number, kind = self.friction_id(model), "tendon" if self.on_tendon else "dof"
-        inertia = max(chain.armature(), MASSLESS) if self.coupling else chain.armature()
+        inertia = rotor_inertia(chain, self.motor_terms[0][0]) if self.coupling else chain.armature()
         rows: list[tuple[str, int, Any]] = [
-            (f"{kind}_armature", number, inertia),
-            (f"{kind}_frictionloss", number, native_coulomb(chain)),
-            (f"{kind}_damping", number, viscous),
+            (f"{kind}_armature", number, self.own.armature + inertia),
+            (f"{kind}_frictionloss", number, self.own.frictionloss + native_coulomb(chain)),
+            (f"{kind}_damping", number, self.own.damping + viscous),
         ]
         if self.coupling is None:
             return rows
@@ -91,6 +103,20 @@ class Mounted:
         else:
             rows += [("tendon_range", number, (-half, half))]
         return rows
+
+
+def rotor_inertia(chain: Chain, name: str) -> float:
+    """Inertia of a motor that is a body of its own [kg.m2].
+
+    Raises:
+        ChainError: the chain gives none, so that any torque would make its speed infinite.
+    """
+    if (inertia := chain.armature()) <= 0.0:
+        raise ChainError(
+            f"{chain.label}: the motor '{name}' has a spring or play between itself and its link, but no inertia; "
+            "give its motor ('dc_motor', 'regression', 'ideal' or 'net') an 'armature'."
+        )
+    return inertia
 
 
 def native_coulomb(chain: Chain) -> float:
@@ -133,7 +159,7 @@ def mount(spec: mujoco.MjSpec, item: DrivenCoordinate, chain: Chain) -> Mounted:
     motor_joint = f"{item.name}_motor"
     rotor.add_joint(name=motor_joint, type=mujoco.mjtJoint.mjJNT_HINGE, axis=spec.joint(item.terms[0][0]).axis)
     joint = spec.joint(motor_joint)
-    joint.armature = max(chain.armature(), MASSLESS)
+    joint.armature = rotor_inertia(chain, item.name)
     _dissipate(joint, viscous, native_coulomb(chain))
     tendon = _tendon(spec, f"{item.name}_coupling", ((motor_joint, 1.0), *((name, -c) for name, c in item.terms)))
     half = play.width / 2.0 if play is not None else 0.0
@@ -151,16 +177,18 @@ def mount(spec: mujoco.MjSpec, item: DrivenCoordinate, chain: Chain) -> Mounted:
 def _mount_stiff(spec: mujoco.MjSpec, item: DrivenCoordinate, chain: Chain, viscous: float) -> Mounted:
     """Motor and link are one: the chain acts on the joint itself, or on a tendon where the coordinate is a belt."""
     on_tendon = len(item.terms) > 1
+    own = OwnValues()
     if on_tendon:
         target = _tendon(spec, f"{item.name}_belt", item.terms)
         target.armature = chain.armature()
         terms = item.terms
     else:
         target = spec.joint(item.terms[0][0])
+        own = OwnValues(target.armature, float(np.ravel(target.damping)[0]), target.frictionloss)
         target.armature += chain.armature()
         terms = ((target.name, 1.0),)
     _dissipate(target, viscous, native_coulomb(chain))
-    return Mounted(terms, item.terms, target.name, on_tendon)
+    return Mounted(terms, item.terms, target.name, on_tendon, own=own)
 
 
 def _tendon(spec: mujoco.MjSpec, name: str, terms: Sequence[tuple[str, float]]) -> Any:
@@ -171,12 +199,12 @@ def _tendon(spec: mujoco.MjSpec, name: str, terms: Sequence[tuple[str, float]]) 
 
 
 def _polynomial(field: Any, value: float) -> Any:
-    """``value`` as the linear coefficient where MuJoCo takes a polynomial."""
-    return [value, *[0.0] * (np.size(field) - 1)] if np.size(field) > 1 else value
+    """``value`` as the linear coefficient where MuJoCo takes a polynomial, whose others stay."""
+    return [value, *np.ravel(field)[1:]] if np.size(field) > 1 else value
 
 
 def _dissipate(target: Any, viscous: float, coulomb: float) -> None:
-    """Native viscous and dry friction of a joint or tendon."""
-    target.damping = _polynomial(target.damping, viscous)
-    target.frictionloss = coulomb
+    """Add native viscous and dry friction to a joint or tendon."""
+    target.damping = _polynomial(target.damping, float(np.ravel(target.damping)[0]) + viscous)
+    target.frictionloss += coulomb
     target.solref_friction, target.solimp_friction = FRICTION_SOLREF, FRICTION_SOLIMP

@@ -79,6 +79,15 @@ def test_a_joint_that_friction_holds_under_load_stays(friction, integrator):
     assert abs(float(data.qpos[0]) - before) < 1e-5  # 0.01 mrad in a second, under 0.55 N.m
 
 
+def test_a_lossy_gear_without_a_friction_stage_is_hard_to_drive_backwards():
+    motor = [{"position_p": {"gain": 0.0}}, {"regression": {"duty_torque": 1.0, "speed_torque": 0.0, "armature": 1e-4}}]
+    ends = []
+    for efficiency in (1.0, 0.4):
+        driven = drivetrain([*motor, {"gear": {"ratio": 10.0, "efficiency": efficiency}}])
+        ends.append(abs(float(run(driven, 0.2, start=1.0).qpos[0]) - 1.0))
+    assert ends[1] < 0.6 * ends[0]
+
+
 def test_a_friction_limit_of_the_law_reaches_every_island():
     driven = Drivetrain(
         mujoco.MjSpec.from_string(TWO), {name: [FREE, {"friction": {"load": 1.2}}] for name in ("one", "two")}
@@ -361,6 +370,52 @@ def test_what_does_not_fit_the_model_is_refused_with_the_nearest_name():
             {"a": "ideal"},
             [DrivenCoordinate("a", (("shaft", 1.0), ("shaft", 1.0), ("shaft", 1.0)))],
         )
+
+
+def test_a_joints_own_friction_and_armature_add_to_those_of_its_chain():
+    own = 'axis="0 1 0" damping="0.3" frictionloss="0.2" armature="0.004"'
+    for more in ({}, {"load": 0.1}):
+        chain = [FREE, {"friction": {"coulomb": 0.1, "viscous": 0.05, **more}}]
+        driven = drivetrain(chain, PENDULUM.replace('axis="0 1 0"', own))
+        model = driven.model
+        driven.set_value(model, "shaft", "friction.viscous", 0.07)
+        driven.set_value(model, "shaft", "friction.coulomb", 0.15)
+        driven.set_value(model, "shaft", "friction.viscous", 0.05)
+        assert model.dof_damping[0] == pytest.approx(0.35)
+        assert model.dof_frictionloss[0] == pytest.approx(0.3)
+        assert model.dof_armature[0] == pytest.approx(0.01)
+        data = run(driven, 0.3, start=0.5)  # 0.28 N.m of gravity, held by 0.3 together
+        assert data.qpos[0] == pytest.approx(0.5, abs=1e-3)
+
+
+def test_a_motor_behind_a_spring_needs_an_inertia():
+    servo = [{"ideal": {"stiffness": 5.0}}, {"spring": {"stiffness": 20.0}}]
+    with pytest.raises(ChainError, match=r"no inertia; give its motor .* an 'armature'"):
+        drivetrain(servo)
+    driven = drivetrain([{"ideal": {"stiffness": 5.0, "armature": 0.01}}, servo[1]])
+    with pytest.raises(ChainError, match="no inertia"):
+        driven.set_value(driven.model, "shaft", "ideal.armature", 0.0)
+
+
+@pytest.mark.parametrize("integrator", ["RK4", "implicitfast"])
+@pytest.mark.parametrize(
+    "chain",
+    [
+        [{"ideal": {"stiffness": 1.0, "damping": 40.0}}],
+        [
+            {"position_p": {"gain": 1.0}},
+            {"supply": {"volts": 7.0}},
+            {"dc_motor": {"motor_constant": 3, "resistance": 0.2}},
+        ],
+        [{"ideal": {"stiffness": 1.0, "armature": 1e-4}}, {"spring": {"stiffness": 1e4}}],
+    ],
+)
+def test_a_chain_that_the_step_makes_unstable_is_refused(chain, integrator):
+    with pytest.raises(ChainError, match=r"is unstable at a step of 0\.001 s") as caught:
+        drivetrain(chain, PENDULUM.replace("RK4", integrator))
+    assert "\n" not in str(caught.value)
+    longest = float(str(caught.value).split("shorter than ")[1].split()[0])
+    drivetrain(chain, PENDULUM.replace("RK4", integrator).replace("0.001", f"{0.95 * longest:g}"))
 
 
 def test_a_net_refuses_a_simulation_slower_than_itself():

@@ -1,0 +1,73 @@
+"""Whether a chain can be simulated at a model's time step; where it cannot, it would oscillate ever wilder, silently.
+
+The engine takes native damping implicitly, but a law's fall of torque over speed (back-EMF, a controller's damping)
+explicitly: the speed is multiplied by ``1 - h d / J`` per step, with time step ``h``, that fall ``d`` [N.m.s/rad] and
+the inertia ``J`` that it moves, or by the Runge-Kutta polynomial of ``-h d / J``. A spring of stiffness ``k`` on a
+rotor is stable below ``h sqrt(k / J) = 2``, or sqrt(8) in Runge-Kutta.
+"""
+
+from __future__ import annotations
+
+import math
+
+import mujoco
+
+from actuators.chain import Chain
+from actuators.stages import ChainError
+
+# of h d / J and h sqrt(k / J); the bounds of stability are 2 and 2, and 2.79 and 2.83, less what a wild motion needs
+ONE_STAGE = (1.5, 1.9)
+RUNGE_KUTTA = (2.5, 2.7)
+
+
+def velocity_slope(chain: Chain, step: float) -> float:
+    """Torque that the law of a chain loses per speed [N.m.s/rad], unsaturated, as felt within a ``step`` [s]."""
+    motor, regression, ideal = chain.find("dc_motor"), chain.find("regression"), chain.find("ideal")
+    controller, encoder = chain.find("position_pd") or chain.find("position_pi"), chain.find("encoder")
+    scale = encoder.scale if encoder is not None else 1.0
+    damping = controller.damping * scale if controller is not None else 0.0  # duty per speed
+    if ideal is not None:
+        return ideal.damping * scale
+    if regression is not None:
+        ratio = chain.gear_ratio()
+        return damping * regression.duty_torque * ratio - regression.speed_torque * ratio**2
+    if motor is None:
+        return 0.0
+    constant = motor.motor_constant * chain.gear_ratio() * chain.magnetisation()
+    supply = chain.find("supply")
+    slope = (constant + damping * (supply.volts if supply is not None else 0.0)) * constant / motor.resistance
+    lag = motor.inductance / motor.resistance
+    return slope if lag == 0.0 else -slope * math.expm1(-step / lag)  # the share of the current that follows in a step
+
+
+def check_step(name: str, chain: Chain, inertia: float, coupled: bool, option: mujoco.MjOption) -> None:
+    """Refuse a chain that its model's step makes unstable.
+
+    Args:
+        name: of the coordinate.
+        chain: on it.
+        inertia: that the motor moves, with its armature [kg.m2].
+        coupled: whether a spring or play lies between motor and link.
+        option: the model's time step and integrator.
+
+    Raises:
+        ChainError: the step is too long.
+    """
+    step, kutta = option.timestep, option.integrator == mujoco.mjtIntegrator.mjINT_RK4
+    most_damping, most_frequency = RUNGE_KUTTA if kutta else ONE_STAGE
+    slope = velocity_slope(chain, step)
+    if kutta and (friction := chain.find("friction")) is not None:
+        slope += friction.viscous  # implicit in the other integrators
+    element = chain.find("spring") or chain.find("compliance")
+    stiffness = element.stiffness if coupled and element is not None else 0.0
+    frequency = math.sqrt(stiffness / inertia)
+    if step * slope > most_damping * inertia:
+        reason, longest = f"its torque falls by {slope:.3g} N.m per rad/s", most_damping * inertia / slope
+    elif step * frequency > most_frequency:
+        reason, longest = f"its spring of {stiffness:g} N.m/rad pulls", most_frequency / frequency
+    else:
+        return
+    raise ChainError(
+        f"{chain.label}: the chain on '{name}' is unstable at a step of {step:g} s, because {reason} on an inertia of "
+        f"{inertia:.3g} kg.m2; make the step shorter than {longest:.2g} s, or correct the armature."
+    )
