@@ -18,6 +18,7 @@ from configs.script import run
 def main(arguments: list[str]) -> None:
     """Make the comparison that the command line names."""
     from actuators.errors import SealegsError, nearest
+    from configs.check import checked
     from configs.compose import compose, split
     from envs.hopper.report import compare  # here, so that --help does not wait
 
@@ -28,11 +29,10 @@ def main(arguments: list[str]) -> None:
         raise SealegsError(f"say what to compare: paper={'|'.join(papers)}; --help lists the keys.")
     if paper not in papers:
         raise SealegsError(f"there is no paper '{paper}'{nearest(str(paper), papers)}; there are {', '.join(papers)}.")
-    if isinstance(config["seconds"], bool) or not isinstance(config["seconds"], int | float):
-        raise SealegsError(f"seconds takes a number, not {config['seconds']!r}.")
+    seconds = checked("seconds", config["seconds"], float)
     now = datetime.datetime.now().strftime("%Y%m%d-%H%M%S")
     out = Path(str(config["out"] or f"runs/paper-{paper}-{now}"))
-    papers[paper](out, float(config["seconds"]))
+    papers[paper](out, seconds)
 
 
 if __name__ == "__main__":

@@ -10,7 +10,7 @@ from pathlib import Path
 from typing import Any, get_type_hints
 
 from actuators.errors import SealegsError
-from configs.check import checked
+from configs.check import checked, checked_seed
 from configs.compose import compose, override, split
 
 # A resumed run stays the same experiment: only its length and its bookkeeping may change.
@@ -62,7 +62,8 @@ class TrainConfig:
 
     def __post_init__(self) -> None:
         _at_least(1, n_envs=self.n_envs, total_timesteps=self.total_timesteps, threads=self.threads)
-        _at_least(0, seed=self.seed, evaluate__every=self.evaluate.every, video__seconds=self.video.seconds)
+        checked_seed(self.seed)
+        _at_least(0, evaluate__every=self.evaluate.every, video__seconds=self.video.seconds)
         _at_least(1, evaluate__episodes=self.evaluate.episodes, checkpoint__every=self.checkpoint.every)
         _at_least(16, video__width=self.video.width, video__height=self.video.height)
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import inspect
+import math
 import types
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from typing import Any, Literal, Union, get_args, get_origin
@@ -15,6 +16,8 @@ _WORDS = {int: "a whole number", float: "a number", bool: "true or false", str: 
 def checked(key: str, value: Any, annotation: Any) -> Any:
     """``value`` as the type of ``annotation``: 5 becomes 5.0 for a float, 1e6 becomes 1000000 for an int.
 
+    A float must be finite.
+
     Raises:
         SealegsError: the value is of another type.
     """
@@ -24,6 +27,18 @@ def checked(key: str, value: Any, annotation: Any) -> Any:
             return converted
     words = list(dict.fromkeys(_describe(option) for option in _options(annotation)))
     raise SealegsError(f"{key} takes {' or '.join(words)}, not {value!r}.")
+
+
+def checked_seed(value: Any, key: str = "seed") -> int:
+    """``value`` as the seed of a random generator.
+
+    Raises:
+        SealegsError: it is no whole number from 0.
+    """
+    seed = checked(key, value, int)
+    if seed < 0:
+        raise SealegsError(f"{key} must be at least 0, not {seed}.")
+    return seed
 
 
 def arguments(function: Callable[..., Any], taken: Iterable[str] = ()) -> dict[str, Any]:
@@ -56,7 +71,8 @@ def _convert(value: Any, option: Any) -> tuple[bool, Any]:
     if origin is Literal:
         return value in get_args(option), value
     if origin is float:
-        return number, float(value) if number else value
+        fits = number and math.isfinite(value)
+        return fits, float(value) if fits else value
     if origin is int:
         whole = number and float(value).is_integer()
         return whole, int(value) if whole else value

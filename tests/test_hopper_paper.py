@@ -125,6 +125,8 @@ def test_evaluate_writes_numbers_and_pictures_and_never_over_old_ones(tmp_path: 
         (["paper=hoper"], "no paper 'hoper' (did you mean 'hopper'?)"),
         (["paper=hopper", "ot=x"], "no key 'ot' (did you mean 'out'?)"),
         (["paper=hopper", "seconds=1"], "at least 4"),
+        (["paper=hopper", "seconds=nan"], "seconds takes a number, not nan"),
+        (["paper=hopper", "seconds=inf"], "seconds takes a number, not inf"),
         (["paper=hopper", "seconds=long"], "seconds takes a number"),
     ],
 )
