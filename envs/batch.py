@@ -118,7 +118,7 @@ class BatchEngine:
         addresses = np.array([self.drivetrain.state_addresses[name] for name in names])
         self._torques, self._out_of_range = addresses + S_TORQUE, addresses + S_OUT_OF_RANGE
         self._motor, self._link = (_Sides(self.drivetrain, names, side) for side in ("motor", "link"))
-        limits = np.array([task.robot.limits[name] for name in names])
+        limits = np.array([task.robot.goal_limits(self.numbers)[name] for name in names])
         self.goal_centre, self.goal_half = limits.mean(axis=1), 0.5 * (limits[:, 1] - limits[:, 0])
         self.names = names
         self.observation_size = len(task.observation_names())
@@ -161,7 +161,7 @@ class BatchEngine:
             self.drawn[name][chosen] = values
         self._programs = self.batch.expanded("actuator_user")
         qpos, qvel = self._qpos[chosen], self._qvel[chosen]
-        goals = self.task.place(self.drivetrain, random[:, :task_draws], qpos, qvel)
+        goals = self.task.place(self.drivetrain, self.numbers, random[:, :task_draws], qpos, qvel)
         self._command[chosen] = self.task.commands(random[:, :task_draws])
         self._qpos[chosen], self._qvel[chosen], self._ctrl[chosen] = qpos, qvel, goals
         self.batch.forward(chosen)  # the chains' memories start at these goals

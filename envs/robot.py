@@ -43,6 +43,10 @@ class Number:
         """Whether the value is a choice of ours rather than a printed or measured one."""
         return self.source.startswith("assumed")
 
+    def takes(self, value: float) -> bool:
+        """Whether ``value`` is finite and within the bounds."""
+        return math.isfinite(value) and self.low <= value <= self.high
+
 
 @dataclass(frozen=True)
 class Robot:
@@ -52,7 +56,7 @@ class Robot:
         name: as in ``get_robot`` and in the sidecar of a measured log.
         numbers: every number of the model by name; ``build_spec`` takes other values for any of them.
         coordinates: what actuators drive, in the order of goals.
-        limits: lowest and highest goal of each coordinate [rad].
+        goal_limits: lowest and highest goal of each coordinate [rad], from a value for every number.
         chains: chain that drives each coordinate unless another is asked for.
         build: makes the specification from a value for every number.
     """
@@ -60,9 +64,14 @@ class Robot:
     name: str
     numbers: Mapping[str, Number]
     coordinates: tuple[DrivenCoordinate, ...]
-    limits: Mapping[str, tuple[float, float]]
+    goal_limits: Callable[[Mapping[str, float]], Mapping[str, tuple[float, float]]]
     chains: Mapping[str, str]
     build: Callable[[Mapping[str, float]], mujoco.MjSpec]
+
+    @property
+    def limits(self) -> Mapping[str, tuple[float, float]]:
+        """Lowest and highest goal of each coordinate [rad] with the robot's own numbers."""
+        return self.goal_limits(self.parameters())
 
     def parameters(self, params: Mapping[str, float] | None = None) -> dict[str, float]:
         """A value for every number of the robot: ``params`` where given, the default elsewhere.
@@ -77,7 +86,7 @@ class Robot:
                 hint = nearest(name, self.numbers)
                 raise RobotError(f"robot '{self.name}' has no parameter '{name}'{hint}; it has {known}.")
             number = self.numbers[name]
-            if isinstance(value, bool) or not isinstance(value, int | float) or not number.low <= value <= number.high:
+            if isinstance(value, bool) or not isinstance(value, int | float) or not number.takes(value):
                 bounds = f"between {number.low:g} and {number.high:g} {number.unit}"
                 raise RobotError(f"robot '{self.name}': {name} is {value!r}; it must be a number {bounds}.")
             values[name] = float(value)

@@ -69,11 +69,19 @@ class Task(ABC):
         """What m new episodes ask for (m, c), from uniform numbers in [0, 1), (m, draws)."""
 
     @abstractmethod
-    def place(self, drivetrain: Drivetrain, random: np.ndarray, qpos: np.ndarray, qvel: np.ndarray) -> np.ndarray:
+    def place(
+        self,
+        drivetrain: Drivetrain,
+        numbers: Mapping[str, float],
+        random: np.ndarray,
+        qpos: np.ndarray,
+        qvel: np.ndarray,
+    ) -> np.ndarray:
         """Write m starts into ``qpos`` (m, nq) and ``qvel`` (m, nv), which hold the model's defaults.
 
         Args:
             drivetrain: robot with its actuators.
+            numbers: of the robot, by name.
             random: the same uniform numbers, (m, draws).
             qpos: to edit.
             qvel: to edit.

@@ -101,6 +101,15 @@ def test_the_hopper_starts_with_its_foot_at_the_floor() -> None:
     assert observation[2:6] == pytest.approx([-0.61, 0.61, -0.61, 0.61], abs=1e-6)
 
 
+def test_other_rest_angles_move_the_start_and_the_goals() -> None:
+    env = gym.make("SeaLegs/Hopper-v0", start_noise=0.0, params={"hip_rest": -0.3, "knee_rest": 0.4})
+    observation, _ = env.reset(seed=0)
+    assert observation[2:6] == pytest.approx([-0.3, 0.4, -0.3, 0.4], abs=1e-6)
+    assert observation[1] == pytest.approx(single(env).engine.drivetrain.model.qpos0[1], abs=1e-6)
+    assert observation[12:14] == pytest.approx([0.0, 0.0], abs=1e-6)
+    assert single(env).engine.goal_centre == pytest.approx([-0.3, 0.4])
+
+
 def test_several_robots_and_chains_in_one_process_do_not_disturb_each_other() -> None:
     def run(env: gym.Env, steps: int = 10) -> np.ndarray:
         env.reset(seed=3)
@@ -138,6 +147,7 @@ def test_the_encoder_that_the_host_sees_is_that_of_the_chain() -> None:
         ({"actuator": {"hop": "ideal"}}, "drives no 'hop' .*did you mean 'hip'"),
         ({"params": {"upper_lenght": 0.1}}, "no parameter 'upper_lenght' .*did you mean 'upper_length'"),
         ({"params": {"total_mass": -1.0}}, "total_mass is -1.0; it must be a number between"),
+        ({"params": {"total_mass": np.inf}}, "total_mass is inf; it must be a number between"),
         ({"control_rate": 300.0}, "control_rate is 300 Hz"),
         ({"control_rate": 0.0}, "control_rate is 0 Hz"),
         ({"speed": "fast"}, "speed takes a number or a pair"),

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping
 
 import mujoco
@@ -72,7 +73,7 @@ BENCH = Robot(
     name="bench",
     numbers=NUMBERS,
     coordinates=(DrivenCoordinate.of_joint(JOINT),),
-    limits={JOINT: (-3.141592653589793, 3.141592653589793)},
+    goal_limits=lambda _: {JOINT: (-math.pi, math.pi)},
     chains={JOINT: "sts3215"},
     build=build,
 )

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass
 
 import numpy as np
@@ -36,7 +37,15 @@ class BenchTask(Task):
     def commands(self, random: np.ndarray) -> np.ndarray:
         return self.target_range * (2.0 * random[:, :1] - 1.0)
 
-    def place(self, drivetrain: Drivetrain, random: np.ndarray, qpos: np.ndarray, qvel: np.ndarray) -> np.ndarray:
+    def place(
+        self,
+        drivetrain: Drivetrain,
+        numbers: Mapping[str, float],
+        random: np.ndarray,
+        qpos: np.ndarray,
+        qvel: np.ndarray,
+    ) -> np.ndarray:
+        del numbers
         angle = self.start_noise * (2.0 * random[:, 1] - 1.0)
         drivetrain.set_position(JOINT, qpos, angle)
         qvel[:] = (self.start_noise * (2.0 * random[:, 2] - 1.0))[:, None]

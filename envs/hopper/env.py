@@ -30,7 +30,8 @@ class HopperEnv(SingleEnv):
     | 1   | Goal of knee  | -1  | 1   | 0.01       | 1.21      | knee       | angle (rad)  |
 
     Angles are counter-clockwise from the vertical for a viewer who has forward to the right; that of the knee is the
-    lower link's own, not relative to the upper link.
+    lower link's own, not relative to the upper link. The goals reach 0.6 rad to both sides of the rest angles, which are
+    the numbers `hip_rest` and `knee_rest` of `params`.
 
     ## Observation Space
     The observation space is a `Box(-Inf, Inf, (14,), float32)` of what the computer on the robot knows.
@@ -66,9 +67,9 @@ class HopperEnv(SingleEnv):
     never saw in training) and `unstable` (the physics engine gave up; the episode ends).
 
     ## Starting State
-    Standing at rest angles (-0.61, 0.61) rad with motors and links together, the foot up to `start_noise` m above the
-    floor. Angles [rad] and base speeds [m/s] have uniform noise of $\pm$ `start_noise`. The commanded speed is drawn
-    where `speed` is a range. Then `randomization` is drawn.
+    Standing at the rest angles, (-0.61, 0.61) rad unless `params` has others, with motors and links together, the foot
+    up to `start_noise` m above the floor. Angles [rad] and base speeds [m/s] have uniform noise of $\pm$ `start_noise`.
+    The commanded speed is drawn where `speed` is a range. Then `randomization` is drawn.
 
     ## Episode End
     ### Termination

@@ -122,8 +122,10 @@ def _draw_base(base: mujoco.MjsBody) -> None:
         base.add_geom(type=_CYLINDER, fromto=ends, size=(0.0115, 0.0, 0.0), rgba=colour, conaffinity=0)
 
 
-def _goals(rest: float) -> tuple[float, float]:
-    return rest - GOAL_RANGE, rest + GOAL_RANGE
+def goal_limits(values: Mapping[str, float]) -> dict[str, tuple[float, float]]:
+    """Goals reach equally far to both sides of the rest angles [rad]."""
+    rest = {HIP: values["hip_rest"], KNEE: values["knee_rest"]}
+    return {name: (angle - GOAL_RANGE, angle + GOAL_RANGE) for name, angle in rest.items()}
 
 
 HOPPER = Robot(
@@ -135,7 +137,7 @@ HOPPER = Robot(
             KNEE, ((HIP, 1.0), (KNEE, 1.0)), motor_body=BASE
         ),  # by a belt, so measured against the vertical
     ),
-    limits={HIP: _goals(NUMBERS["hip_rest"].value), KNEE: _goals(NUMBERS["knee_rest"].value)},
+    goal_limits=goal_limits,
     chains={HIP: "sv1270tg", KNEE: "sv1270tg"},
     build=build,
 )

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -55,11 +55,17 @@ class HopperTask(Task):
         low, high = self.speed if isinstance(self.speed, Sequence) else (self.speed, self.speed)
         return low + random[:, :1] * (high - low)
 
-    def place(self, drivetrain: Drivetrain, random: np.ndarray, qpos: np.ndarray, qvel: np.ndarray) -> np.ndarray:
+    def place(
+        self,
+        drivetrain: Drivetrain,
+        numbers: Mapping[str, float],
+        random: np.ndarray,
+        qpos: np.ndarray,
+        qvel: np.ndarray,
+    ) -> np.ndarray:
         model = drivetrain.model
         noise = self.start_noise * (2.0 * random[:, 1:] - 1.0)
-        rest = HOPPER.parameters()
-        hip, knee = rest["hip_rest"] + noise[:, 0], rest["knee_rest"] + noise[:, 1]
+        hip, knee = numbers["hip_rest"] + noise[:, 0], numbers["knee_rest"] + noise[:, 1]
         drivetrain.set_position(HIP, qpos, hip)
         drivetrain.set_position(KNEE, qpos, knee)
         foot = model.geom(FOOT)
