@@ -176,9 +176,15 @@ class BatchEngine:
         """Advance every simulation by one control step.
 
         Args:
-            action: (n, k); -1 and 1 are the limits of the robot's goals.
+            action: (n, k), finite; -1 and 1 are the limits of the robot's goals.
+
+        Raises:
+            SealegsError: the action has another shape, or is not finite.
         """
-        previous, action = self._action, np.clip(np.asarray(action, np.float64), -1.0, 1.0)
+        action = np.asarray(action, np.float64)
+        if action.shape != self._action.shape or not np.isfinite(action).all():
+            raise SealegsError(self._refusal(action))
+        previous, action = self._action, np.clip(action, -1.0, 1.0)
         self._ctrl[:] = self.goal_centre + self.goal_half * action
         self.batch.step(nstep=self.substeps)
         self._action = action
@@ -202,6 +208,18 @@ class BatchEngine:
             self._start(done)
             observation[done] = self._observation(self._motion(self._action))[done]
         return Step(observation, reward, terminated, truncated, terms, flags, done, final)
+
+    def _refusal(self, action: np.ndarray) -> str:
+        if action.shape != self._action.shape:
+            return (
+                f"actions have the shape {action.shape}; {self.num_envs} simulations of {', '.join(self.names)} need "
+                f"{self._action.shape}."
+            )
+        number, column = np.argwhere(~np.isfinite(action))[0]
+        return (
+            f"the action of '{self.names[column]}' in simulation {number} is {action[number, column]:g}; "
+            "give finite numbers (a learner that diverged gives none: lower its learning rate)."
+        )
 
     def _motion(self, previous_action: np.ndarray) -> Motion:
         qpos, qvel = self._qpos, self._qvel
@@ -292,9 +310,13 @@ def task_arguments(kind: type[Task], keywords: Mapping[str, Any]) -> tuple[Task,
     weights = {name: value for name, value in keywords.items() if name in fields}
     for name, value in weights.items():
         pair = isinstance(value, list | tuple) and len(value) == 2
-        numbers = value if pair and name in kind.ranges else (value,)
+        numbers: list[Any] = list(value) if pair and name in kind.ranges else [value]
         if any(isinstance(item, bool) or not isinstance(item, int | float) for item in numbers):
             wanted = "a number or a pair of numbers" if name in kind.ranges else "a number"
             raise SealegsError(f"{name} takes {wanted}, not {value!r}.")
+        if not np.isfinite(numbers).all():
+            raise SealegsError(f"{name} is {value!r}; it must be finite.")
+        if numbers[0] > numbers[-1]:
+            raise SealegsError(f"{name} is {value!r}; a range goes from its low to its high end.")
     task = kind(**weights)
     return task, {name: value for name, value in keywords.items() if name in engine}

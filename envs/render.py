@@ -4,12 +4,13 @@ from __future__ import annotations
 
 import os
 import sys
+from collections.abc import Sequence
 from typing import Any
 
 import mujoco
 import numpy as np
 
-from actuators.errors import SealegsError
+from actuators.errors import SealegsError, nearest
 from envs.batch import BatchEngine
 from envs.scene import CAMERA
 
@@ -18,6 +19,16 @@ FOLLOW = 0.15  # share of the way to the robot that the camera goes in each pict
 
 class RenderError(SealegsError):
     """Nothing can be drawn on this machine, with the reason."""
+
+
+def check_render_mode(mode: str | None, modes: Sequence[str]) -> None:
+    """Refuse a mode that is not among ``modes``; None draws nothing.
+
+    Raises:
+        RenderError: there is no such mode; the message names the nearest one.
+    """
+    if mode is not None and mode not in modes:
+        raise RenderError(f"there is no render_mode '{mode}'{nearest(mode, modes)}; there are {', '.join(modes)}.")
 
 
 class Scene:

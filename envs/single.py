@@ -8,9 +8,8 @@ import gymnasium as gym
 import numpy as np
 from gymnasium import spaces
 
-from actuators.errors import SealegsError, nearest
 from envs.batch import BatchEngine, task_arguments
-from envs.render import Scene
+from envs.render import Scene, check_render_mode
 from envs.task import Task
 
 
@@ -39,10 +38,7 @@ class SingleEnv(gym.Env[np.ndarray, np.ndarray], gym.utils.EzPickle):
     def __init__(self, render_mode: str | None = None, width: int = 640, height: int = 480, **keywords: Any) -> None:
         """Build the batch of one; ``keywords`` are the task's and the engine's."""
         gym.utils.EzPickle.__init__(self, render_mode=render_mode, width=width, height=height, **keywords)
-        modes = self.metadata["render_modes"]
-        if render_mode is not None and render_mode not in modes:
-            hint = nearest(render_mode, modes)
-            raise SealegsError(f"there is no render_mode '{render_mode}'{hint}; there are {', '.join(modes)}.")
+        check_render_mode(render_mode, self.metadata["render_modes"])
         task, engine = task_arguments(self.task, keywords)
         self.engine = BatchEngine(task, 1, autoreset=False, **engine)
         self.metadata = {**self.metadata, "render_fps": round(1.0 / self.engine.dt)}

@@ -10,7 +10,7 @@ import numpy as np
 from gymnasium.vector.utils import batch_space
 
 from envs.batch import BatchEngine, Step, task_arguments
-from envs.render import Scene
+from envs.render import Scene, check_render_mode
 from envs.single import action_space, observation_space
 from envs.task import Task
 
@@ -39,6 +39,7 @@ class BatchVectorEnv(gym.vector.VectorEnv):
         **keywords: Any,
     ) -> None:
         """Build the batch; ``keywords`` are the task's and the engine's."""
+        check_render_mode(render_mode, self.metadata["render_modes"])
         task, engine = task_arguments(self.task, keywords)
         self.engine = BatchEngine(task, num_envs, max_episode_steps=max_episode_steps, **engine)
         self.metadata = {**self.metadata, "render_fps": round(1.0 / self.engine.dt)}

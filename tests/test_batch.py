@@ -146,12 +146,28 @@ def test_an_unstable_simulation_ends_its_episode_and_no_other() -> None:
     engine = BatchEngine(HopperTask(), 3)
     engine.seed(0)
     engine.reset()
-    action = np.zeros((3, 2))
-    action[1] = np.nan
-    outcome = engine.step(action)
+    engine.batch.bind("qvel")[1] = 1e11
+    outcome = engine.step(np.zeros((3, 2)))
     assert outcome.terminated.tolist() == [False, True, False]
     assert outcome.flags["unstable"].tolist() == [False, True, False]
     assert np.isfinite(engine.step(np.zeros((3, 2))).observation).all()
+
+
+@pytest.mark.parametrize("shape", [(3, 1), (2,), (1, 2), (2, 3)])
+def test_actions_of_another_shape_are_refused(shape: tuple[int, ...]) -> None:
+    engine = BatchEngine(HopperTask(), 3)
+    engine.reset()
+    with pytest.raises(SealegsError, match=r"simulations of hip, knee need \(3, 2\)"):
+        engine.step(np.zeros(shape))
+
+
+def test_an_action_that_is_not_finite_is_refused_and_moves_nothing() -> None:
+    engine = BatchEngine(HopperTask(), 3)
+    engine.reset()
+    before = engine.batch.bind("qpos").copy()
+    with pytest.raises(SealegsError, match="the action of 'knee' in simulation 1 is nan"):
+        engine.step(np.array([[0.0, 0.0], [0.0, np.nan], [0.0, 0.0]]))
+    np.testing.assert_array_equal(engine.batch.bind("qpos"), before)
 
 
 def test_step_leaves_the_arrays_of_earlier_steps_alone() -> None:
@@ -175,6 +191,9 @@ def test_step_leaves_the_arrays_of_earlier_steps_alone() -> None:
         ("CartPole-v1", {}, "none of this project's"),
         (HOPPER, {"sped": 1.0}, "no argument 'sped' .*did you mean 'speed'"),
         (HOPPER, {"actuator": "idael"}, "did you mean 'ideal'"),
+        (HOPPER, {"render_mode": "depht"}, "no render_mode 'depht'"),
+        (HOPPER, {"speed": (0.5, 0.1)}, "a range goes from its low to its high end"),
+        (HOPPER, {"speed": float("nan")}, "it must be finite"),
     ],
 )
 def test_a_wrong_vec_env_is_answered_in_one_sentence(env_id: str, keywords: dict, sentence: str) -> None:
