@@ -40,7 +40,10 @@ def main(arguments: list[str]) -> None:
         repeats = checked("repeats", config["repeats"], int)
         if repeats < 1:
             _refuse(f"repeats is {repeats}; each point must be measured at least once.")
-        table = measure(chain, Protocol(repeats=repeats), Noise(**numbers), checked("seed", config["seed"], int))
+        seed = checked("seed", config["seed"], int)
+        if seed < 0:
+            _refuse(f"seed is {seed}; it must not be negative.")
+        table = measure(chain, Protocol(repeats=repeats), Noise(**numbers), seed)
     fit = fit_regression(table)
     new = chain_from(fit, table, chain, _number("gain", config["gain"]), _number("armature", config["armature"]))
     now = datetime.datetime.now().strftime("%Y%m%d-%H%M%S")

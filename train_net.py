@@ -47,7 +47,13 @@ def main(arguments: list[str]) -> None:
         out.mkdir(parents=True)
     except FileExistsError:
         raise SealegsError(f"{out} exists already and nothing is overwritten; give another folder with out=.") from None
-    trained = _train(runs, settings)
+    try:
+        trained = _train(runs, settings)
+    except BaseException as error:
+        out.rmdir()  # nothing came of it, and the same out= is free for the next attempt
+        if isinstance(error, KeyboardInterrupt):
+            raise Interrupted("Stopped before the first epoch was done; there is no net yet.") from None
+        raise
     armature = config["armature"] if config["armature"] is not None else runs[0].armature
     report(trained, out, float(armature), behind, source)
     if trained.stopped:
@@ -58,7 +64,7 @@ def _settings(config: dict[str, Any]) -> Settings:
     from actuators.net_training import Settings
     from configs.check import checked
 
-    bounds = {"history": 1, "epochs": 1, "patience": 1, "window": 0.0, "learning_rate": 0.0}
+    bounds = {"seed": 0, "history": 1, "epochs": 1, "patience": 1, "window": 0.0, "learning_rate": 0.0}
     for key, low in bounds.items():
         if checked(key, config[key], float) < low:
             raise SealegsError(f"{key} is {config[key]}; it must be at least {low:g}.")
@@ -116,7 +122,13 @@ def _measured(config: dict[str, Any]) -> list[TrainingRun]:
     recorded = [item for item in measured.runs if joint in item.joints]
     if len({repr(item.actuators.get(joint)) for item in recorded}) > 1:
         print("Note: the runs differ in their actuators (gains, firmware), which a net cannot see: it learns a mix.")
-    return [_run_of(item, joint, config) for item in recorded]
+    runs = [_run_of(item, joint, config) for item in recorded]
+    if len(armatures := sorted({run.armature for run in runs})) > 1:
+        raise SealegsError(
+            f"the actuators of the runs have armatures from {armatures[0]:g} to {armatures[-1]:g} kg.m2, but a net "
+            "stands beside one; give armature=, or train on runs of one actuator."
+        )
+    return runs
 
 
 def _run_of(item: MeasuredRun, joint: str, config: dict[str, Any]) -> TrainingRun:

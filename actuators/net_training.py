@@ -207,6 +207,7 @@ def train(
 
     Raises:
         SealegsError: the runs do not suffice, or torch is missing.
+        KeyboardInterrupt: Ctrl-C came before the end of the first epoch.
     """
     torch = require_torch()
     if len(runs) < 2:
@@ -315,15 +316,16 @@ def _optimise(
                 unseen = torch.cat([residual(*run) for run in sets[1]])
                 error = float((unseen**2).mean().sqrt()) if len(unseen) else math.sqrt(squares / max(count, 1))
             history.append((scale * math.sqrt(squares / max(count, 1)), scale * error))
-            if progress is not None:
-                progress(epoch + 1, *history[-1])
+            waited += 1
             if error < best_error:
                 best_error, waited = error, 0
                 best = {key: value.clone() for key, value in net.state_dict().items()}
-            else:
-                waited += 1
-                if waited >= settings.patience:
-                    break
+            if progress is not None:
+                progress(epoch + 1, *history[-1])
+            if waited >= settings.patience:
+                break
     except KeyboardInterrupt:
+        if not history:  # the net is still as it was drawn
+            raise
         stopped = True
     return best, history, stopped

@@ -160,6 +160,33 @@ def test_files_that_are_no_nets_are_refused(tmp_path):
         Net(file=str(tmp_path / "other.npz"))
 
 
+@pytest.mark.parametrize(
+    ("change", "words"),
+    [
+        ({"weights": np.zeros(7)}, "weights, but it has 7"),
+        ({"history": np.array(7)}, "a history of 7 needs 14 inputs"),
+        ({"period": np.array(0.0)}, "its period is 0 s"),
+        ({"input_mean": np.full(8, np.nan)}, "'input_mean' holds something that is no finite number"),
+        ({"torque_scale": np.array("x")}, "'torque_scale' holds something"),
+        ({"input_low": np.zeros(3)}, "'input_low' has 3 numbers for 8 inputs"),
+    ],
+)
+def test_a_net_whose_arrays_do_not_fit_is_refused(change, words, tmp_path):
+    path = tmp_path / "net.npz"
+    np.savez(path, **{**read_net(LIBRARY / "sts3215_net.npz", 0.0), **change})
+    with pytest.raises(ChainError, match="damaged actuator net") as caught:
+        Net(file=str(path))
+    assert words in str(caught.value) and "\n" not in str(caught.value)
+
+
+@pytest.mark.parametrize("size", [0, 100, 2000, -50, -3])
+def test_a_net_file_cut_short_is_refused(size, tmp_path):
+    path = tmp_path / "net.npz"
+    path.write_bytes((LIBRARY / "sts3215_net.npz").read_bytes()[:size])
+    with pytest.raises(ChainError, match=r"not a readable actuator net|not an actuator net"):
+        Net(file=str(path))
+
+
 def test_a_net_file_is_never_overwritten(tmp_path, trained):
     write_net(trained.arrays, tmp_path / "net.npz")
     before = (tmp_path / "net.npz").read_bytes()
@@ -178,6 +205,27 @@ def test_ctrl_c_keeps_the_best_net_so_far():
     net = train(bench_runs(2), SHORT, stop)
     assert net.stopped and net.epochs == 4
     assert np.isfinite(net.arrays["weights"]).all()
+
+
+def test_ctrl_c_before_the_first_epoch_gives_no_net(monkeypatch):
+    torch = require_torch()
+
+    def stop(*_) -> None:
+        raise KeyboardInterrupt
+
+    monkeypatch.setattr(torch.optim.Adam, "step", stop)
+    with pytest.raises(KeyboardInterrupt):
+        train(bench_runs(2), SHORT)
+
+
+def test_ctrl_c_at_the_end_of_the_first_epoch_keeps_what_it_learned():
+    def stop(*_) -> None:
+        raise KeyboardInterrupt
+
+    runs = bench_runs(2)
+    one = train(runs, dataclasses.replace(SHORT, epochs=1))
+    stopped = train(runs, dataclasses.replace(SHORT, epochs=1), stop)
+    assert stopped.stopped and np.array_equal(stopped.arrays["weights"], one.arrays["weights"])
 
 
 @pytest.mark.parametrize(
@@ -234,6 +282,20 @@ def test_the_script_learns_from_a_measured_log(tmp_path):
     assert (moved / "torque.png").stat().st_size > 10_000
 
 
+def test_a_refused_run_leaves_its_folder_free_and_runs_of_different_motors_are_refused(tmp_path):
+    from gap.log import JointLog, MeasuredRun, write_run
+
+    for number, run in enumerate(bench_runs(2)):
+        log = JointLog(goal=run.goal, position=run.position, velocity=run.velocity, torque=0.0 * run.position)
+        chain = [{"ideal": {"stiffness": 1.0, "armature": 0.01 * (1 + number)}}]
+        write_run(MeasuredRun(f"run_{number}", run.time, {"joint": log}, actuators={"joint": chain}), tmp_path / "logs")
+    done = train_net(f"log={tmp_path}/logs", f"out={tmp_path}/net")
+    assert done.returncode == 2 and "armatures from 0.01 to 0.02 kg.m2" in done.stderr
+    done = train_net(f"log={tmp_path}/logs", f"out={tmp_path}/net", "armature=0")
+    assert done.returncode == 2 and "too little usable motion" in done.stderr
+    assert not (tmp_path / "net").exists()
+
+
 @pytest.mark.parametrize(
     ("arguments", "words"),
     [
@@ -242,6 +304,7 @@ def test_the_script_learns_from_a_measured_log(tmp_path):
         (("actuator=sts321",), "did you mean 'sts3215'"),
         (("actuator=sts3215", "epoch=3"), "did you mean 'epochs'"),
         (("actuator=sts3215", "validation=2"), "share of the runs"),
+        (("actuator=sts3215", "seed=-1"), "seed is -1; it must be at least 0"),
         (("actuator=sts3215", "simulated.rate=300"), "does not divide"),
     ],
 )

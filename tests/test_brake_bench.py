@@ -12,6 +12,7 @@ import pytest
 
 from actuators import SealegsError, load_chain
 from actuators.brake_bench import COPPER, BenchTable, Noise, Protocol, measure
+from actuators.brake_report import chain_from
 from actuators.gear_train import (
     G_MM2,
     SV1270TG_ROTOR,
@@ -75,6 +76,38 @@ def test_a_dc_motor_runs_where_its_equations_balance():
     stalled = way * 1.2 * 7.4 * table.duty / ohm - 0.05
     points = Protocol().points(np.random.default_rng(0))
     assert np.array_equal(table.valid, (stalled > points[:, 1]) & (table.duty != 0.0))
+
+
+MOTOR = [{"supply": {"volts": 7.4}}, {"dc_motor": {"motor_constant": 1.2, "resistance": 2.7}}]
+
+
+def test_what_stood_in_front_of_the_map_is_not_counted_twice():
+    before = [{"scale": {"factor": 0.7}}, {"offset": {"value": 0.05}}, {"duty_limit": {"limit": 0.9}}]
+    chain = load_chain([{"delay": {"seconds": 0.01}}, {"position_p": {"gain": 5.0}}, *before, *MOTOR])
+    table = measure(chain, Protocol(repeats=1), SILENT, 0)
+    fit = fit_regression(table)
+    written = chain_from(fit, table, chain, 0.0, 0.0)
+    assert str(written) == "delay > position_p > duty_limit > regression"
+    again = fit_regression(measure(written, Protocol(repeats=1), SILENT, 0))
+    for name in ("duty_torque", "speed_torque", "constant"):
+        assert getattr(again, name) == pytest.approx(getattr(fit, name), rel=1e-3)
+
+
+def test_presliding_changes_nothing_on_the_bench():
+    tables = []
+    for stiffness in (0.0, 5.0):
+        friction = {"friction": {"coulomb": 0.2, "bristle_stiffness": stiffness}}
+        tables.append(measure(load_chain([{"position_p": {"gain": 5.0}}, *MOTOR, friction]), Protocol(), SILENT, 0))
+    assert np.array_equal(tables[0].speed, tables[1].speed, equal_nan=True)
+
+
+def test_a_warm_motor_with_weak_magnets_is_measured_at_the_temperature_of_the_protocol():
+    chain = load_chain([{"position_p": {"gain": 5.0}}, *MOTOR, {"thermal": {"loss": 0.004}}])
+    table = measure(chain, Protocol(repeats=1), SILENT, 0)
+    constant = 1.2 * (1.0 - 0.004 * (table.temperature - 25.0))
+    ohm = 2.7 * (1.0 + COPPER * (table.temperature - 25.0))
+    driving = constant * (7.4 * table.duty - constant * table.speed) / ohm
+    assert np.abs(driving - table.torque)[table.valid].max() < 1e-9
 
 
 def test_a_chain_without_a_duty_is_refused():
@@ -167,6 +200,7 @@ def test_the_script_writes_a_chain_that_can_be_loaded_and_overwrites_nothing(tmp
         ("actuator=ideal", "has no duty"),
         ("noise.torqe=1", "did you mean 'noise.torque'"),
         ("repeats=0", "at least once"),
+        ("seed=-1", "seed is -1; it must not be negative"),
         ("table=missing.csv", "cannot read the table"),
     ],
 )
