@@ -32,7 +32,7 @@ def main(arguments: list[str]) -> None:
         raise SealegsError(f"seed={config['seed']} must be a whole number from 0.")
     from rich.console import Console
 
-    from gap.diagnosis import diagnose
+    from gap.diagnosis import UNUSABLE, diagnose
     from gap.diagnosis_files import fresh_folder, write_diagnosis
     from gap.log import read_measured
 
@@ -47,12 +47,15 @@ def main(arguments: list[str]) -> None:
 
         def progress(text: str) -> None:
             status.update(f"{text}  ({time.perf_counter() - started:.0f} s)")
-            if text.startswith("found"):
-                console.print(f"  {text}")
+            if text.startswith("found") or not console.is_terminal:  # a file or a pipe shows no status line
+                console.print(f"  {time.perf_counter() - started:5.0f} s  {text}", highlight=False)
 
         test = None if config["test"] is None else str(config["test"])
         diagnoses = diagnose(data, test, int(config["seed"]), progress)
         written = write_diagnosis(diagnoses, data, out, progress)
+    unusable = [diagnosis for diagnosis in diagnoses if diagnosis.verdict == UNUSABLE]
+    if unusable:
+        raise SealegsError(f"{unusable[0].sentence} The findings are in {out}; give another out= for the next try.")
     for diagnosis in diagnoses:
         console.print(f"\n[bold]{diagnosis.verdict}[/bold]  {diagnosis.sentence}", highlight=False)
         for cause in diagnosis.causes:
@@ -67,8 +70,6 @@ def main(arguments: list[str]) -> None:
     console.print()
     for name, path in written.items():
         console.print(f"  {name:12s} {path}", highlight=False, markup=False)
-    if any(diagnosis.verdict == "unusable log" for diagnosis in diagnoses):
-        raise SealegsError(diagnoses[0].sentence)
 
 
 if __name__ == "__main__":

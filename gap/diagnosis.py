@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 
-from actuators.chain import load_chain
+from actuators.chain import Chain, load_chain
 from actuators.errors import SealegsError
 from gap.causes import retunable
 from gap.channels import weigh_channels
@@ -158,13 +158,25 @@ def _joint(
     missing = [run.name for run in runs if joint not in run.actuators]
     if missing:
         raise LogError(f"{missing[0]}: the sidecar names no actuator for joint '{joint}'; add it under 'actuators'.")
-    models = [JointModel(load_chain(run.actuators[joint])) for run in runs]
+    models = [JointModel(_chain(run, joint)) for run in runs]
     noise = float(np.median([noise_floor(run, joint) for run in runs]))
     units = cut(runs, joint, test_group)
     problem = weigh_channels(converged(lay_out(runs, joint, models, units, {"position": 1.0 / noise})))
     search = Searcher(problem, progress, seed).run()
     progress("measuring the gain on runs that nothing has seen")
     return _conclude(problem, search, joint, mine, seed)
+
+
+def _chain(run: MeasuredRun, joint: str) -> Chain:
+    """The chain that a sidecar names.
+
+    Raises:
+        LogError: it cannot be had; the message names the run.
+    """
+    try:
+        return load_chain(run.actuators[joint])
+    except SealegsError as error:
+        raise LogError(f"{run.name}: actuator of joint '{joint}': {error}") from None
 
 
 def _conclude(problem: Problem, search: Search, joint: str, findings: tuple[Finding, ...], seed: int) -> JointDiagnosis:

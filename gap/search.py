@@ -11,6 +11,7 @@ from gap.causes import Cause, catalogue, retunable
 from gap.fit import Fit, fit, merge
 from gap.parameters import Parameter
 from gap.problem import Problem
+from gap.simulator import CHANNELS
 from gap.units import FIT_A, FIT_B
 
 KEEP = 10  # causes that are fitted roughly after the screen
@@ -28,6 +29,7 @@ ALIKE = 0.4  # least ratio of a parameter's distance from doing nothing in one p
 MATERIAL = (
     0.004  # relative change of a number below which it is no finding: none is known better, nor is the simulation
 )
+EXCEPTIONS = 2e-3  # share of samples that may contradict a cause
 WARMED = 2.0  # [K] least change of the temperature that can show a thermal effect
 SURE = 0.975  # least probability, over resampled blocks, that it removes any
 TOLD_APART = 0.5  # a further cause that is the best in fewer draws is left to the next experiment: the data cannot tell it from others
@@ -106,6 +108,7 @@ class Searcher:
         if np.ptp(self.problem.temperature) < WARMED:
             self.causes = [cause for cause in self.causes if cause.name != "drive.thermal"]
         self.tuned = tuple(retunable(self.nominal))
+        self.numbers = {parameter.path.rstrip("*") for parameter in self.tuned}
         self.parts = (self.problem.part(FIT_A), self.problem.part(FIT_B))
         self.both = self.problem.part(FIT_A, FIT_B)
         self.counts = np.concatenate([part.blocks()[1] for part in reversed(self.parts)])
@@ -165,6 +168,16 @@ class Searcher:
         removed = float((before.sum() - winner.blocks.sum()) / self.counts.sum())
         return winner.gain > PAYS and winner.better > SURE and removed > SEEN and self._consistent(winner)
 
+    def _contradicted(self, candidate: Candidate) -> bool:
+        """Whether the log itself shows that the cause is not there: duties above a limit that was fitted."""
+        duty = CHANNELS.index("duty")
+        if candidate.cause.name != "drive.saturation" or self.both.weight[duty] == 0.0:
+            return False
+        limit = min(found.values[candidate.variant[0].path] for found in candidate.fits)
+        if candidate.variant[0].path.endswith("*"):
+            limit *= self.nominal.value(candidate.variant[0].path[:-1])
+        return float(np.mean(np.abs(self.both.measured[:, duty]) > limit * (1.0 + MATERIAL))) > EXCEPTIONS
+
     def _fit_both(self, parameters: Sequence[Parameter], start: tuple[Fit, Fit] | None) -> tuple[Fit, Fit]:
         a, b = (fit(part, parameters, None if start is None else start[k].values) for k, part in enumerate(self.parts))
         return a, b
@@ -184,6 +197,15 @@ class Searcher:
         chosen, promise = self._screen([cause for cause in self.causes if cause.name not in taken], extended, current)
         if self._excess(before) < SMALL and promise < PROMISE:
             return []
+        # A number that is several times wrong is far from what the screen can foresee, and the likeliest error there is.
+        screened = {cause.name for cause, _ in chosen}
+        for cause in self.causes:
+            if (
+                cause.error
+                and cause.name not in taken | screened
+                and cause.variants[0][0].path.rstrip("*") in self.numbers
+            ):
+                chosen.append((cause, cause.variants[0]))
         self.progress(f"trying {', '.join(dict.fromkeys(cause.name for cause, _ in chosen))}")
         middle = {path: 0.5 * (value + current[1].values[path]) for path, value in current[0].values.items()}
         rough = [(fit(self.both, merge(extended, variant), middle, ROUGH), cause, variant) for cause, variant in chosen]
@@ -197,6 +219,8 @@ class Searcher:
                 continue
             fits = self._fit_both(merge(extended, variant), (start, start))
             candidate = Candidate(cause, variant, fits, self._judge(fits))
+            if self._contradicted(candidate):
+                continue
             if cause.name not in found or _charge(candidate) < _charge(found[cause.name]):
                 found[cause.name] = candidate
         return self._rank(list(found.values()), before)
@@ -217,7 +241,8 @@ class Searcher:
             )
             for k, c in enumerate(candidates)
         ]
-        return sorted(ranked, key=lambda c: c.blocks.sum())
+        # of a wrong number and a missing effect that do about as well, the number is meant
+        return sorted(ranked, key=lambda c: c.blocks.sum() * (1.0 if c.cause.error else 1.0 + CHARGE))
 
     def _screen(
         self, causes: Sequence[Cause], extended: Sequence[Parameter], current: tuple[Fit, Fit]

@@ -18,6 +18,7 @@ from gap.diagnosis import diagnose
 from gap.extension import extended_joint
 from gap.log import read_measured
 from gap.virtual_bench import record
+from tests.plant import hidden_bench
 
 DATA = Path(__file__).resolve().parent.parent.parent / "shared" / "data"
 
@@ -102,6 +103,22 @@ def test_an_existing_diagnosis_is_never_overwritten(
     assert call(f"log={hidden}", f"out={diagnosis}") == 2
     assert "not empty" in capsys.readouterr().err
     assert (diagnosis / "diagnosis.json").read_bytes() == before
+
+
+@pytest.mark.parametrize(
+    ("cause", "extra", "path", "true"),
+    [
+        ("friction.coulomb", {"coulomb_extra": 0.108}, "friction.coulomb", 0.16),
+        ("friction.viscous", {"viscous_extra": 0.14}, "friction.viscous", 0.199),
+    ],
+)
+def test_a_number_several_times_wrong_is_named_as_that_number(
+    cause: str, extra: dict[str, float], path: str, true: float
+) -> None:
+    data, _ = hidden_bench({cause: extra}, 7, ("light", "medium", "heavy"), nominal_error=0.0)
+    (found,) = diagnose(data)
+    assert [named.name for named in found.causes] == [cause]
+    assert found.causes[0].parameters[path].value == pytest.approx(true, rel=0.03)
 
 
 # --- wrong input ---------------------------------------------------------------------------------------------------
