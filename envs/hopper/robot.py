@@ -44,6 +44,8 @@ def build(values: Mapping[str, float]) -> mujoco.MjSpec:
     spec.compiler.degree = False
     spec.option.timestep = TIMESTEP
     spec.option.integrator = mujoco.mjtIntegrator.mjINT_IMPLICITFAST
+    # one plane and eight parts: testing all pairs takes 3 % less of a step than looking for those that are near
+    spec.option.disableflags |= int(mujoco.mjtDisableBit.mjDSBL_MIDPHASE)
     floor = add_scene(spec, friction=values["floor_friction"], tile=0.1, reach=REACH)
     floor.priority = 1  # its friction and its softness count, whatever meets it
     floor.solref = (values["contact_time"], 1.0)
