@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import errno
+import os
 import re
 import sys
 from collections.abc import Callable, Sequence
@@ -27,11 +28,15 @@ def run(main: Callable[[list[str]], None], name: str, description: str, argument
         description: the script's docstring, the head of its help page.
         arguments: command line without the script's name.
     """
-    if any(argument in ("-h", "--help") for argument in arguments):
-        print(help_page(name, description))
-        return 0
     try:
-        main(list(arguments))
+        if any(argument in ("-h", "--help") for argument in arguments):
+            print(help_page(name, description))
+        else:
+            main(list(arguments))
+        sys.stdout.flush()
+        return 0
+    except BrokenPipeError:  # whoever read the output, such as `head`, has seen enough
+        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
         return 0
     except Interrupted as stop:
         print(stop, file=sys.stderr)
