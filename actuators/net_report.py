@@ -46,7 +46,8 @@ def report(trained: TrainedNet, out: Path, armature: float, behind: tuple[Stage,
     print(f"{1 / period:g} Hz, layers {' - '.join(map(str, layers))}, {trained.epochs} epochs")
     print(f"on unseen runs ({unseen}): rms {trained.rms:.4f} N.m, {100 * trained.r2:.2f} % of the torque's variance")
     draw(trained, out / "torque.png")
-    print(f"Written: {out}/chain.yaml (.venv/bin/python train.py actuator={out}/chain.yaml), net.npz, training.json, torque.png")
+    print(f"Written: {out}/chain.yaml, net.npz, training.json, torque.png")
+    print(f"Train with it: .venv/bin/python train.py actuator={out}/chain.yaml")
 
 
 def draw(trained: TrainedNet, path: Path) -> None:
