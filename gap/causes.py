@@ -70,7 +70,9 @@ RETUNABLE: dict[str, tuple[str, ...]] = {
 
 
 DIFFERENCES = {"delay.seconds": 1.5}
-"""Finite-difference steps in parts of the scale, where the response has steps of its own (a command is early or late by a whole sample)."""
+"""Finite-difference steps in parts of the scale, where the response has steps of its own (a command is early or
+late by a whole sample).
+"""
 
 
 def _number(
@@ -408,8 +410,12 @@ def centre_of_mass(nominal: JointModel) -> Cause:
 
 @entry
 def blocked(nominal: JointModel) -> Cause:
-    numbers = [Parameter("load.stop_angle", "rad", -0.5, 2.0, start, 0.03) for start in (0.9, 0.5, 0.25)]
-    return Cause("contact.blocked", "Something stops the link at an angle.", "response", tuple((n,) for n in numbers))
+    variants = []
+    for start in (0.9, 0.5, 0.25):
+        upper = Parameter("load.stop_angle", "rad", -0.5, 2.0, start, 0.03)
+        lower = Parameter("load.lower_stop", "rad", -2.0, 0.5, -start, 0.03)
+        variants += [(upper,), (lower,), (upper, lower)]
+    return Cause("contact.blocked", "Something stops the link at an angle.", "response", tuple(variants))
 
 
 # --- sensor ------------------------------------------------------------------------------------------------------

@@ -1,4 +1,7 @@
-"""One joint as the search sees it: its chain, what hangs on it, and how its host reads it. Everything that a cause may change."""
+"""One joint as the search sees it.
+
+Its chain, what hangs on it, and how its host reads it. Everything that a cause may change.
+"""
 
 from __future__ import annotations
 
@@ -30,14 +33,15 @@ GRAVITY = 9.81  # [m/s2]
     K_HALF_PLAY,  # [rad]
     K_HOST_OFFSET,  # [rad]
     K_HOST_SCALE,
-    K_STOP,  # angle of a one-sided stop [rad]
+    K_STOP,  # angle beyond which something stops the link [rad]
+    K_LOWER_STOP,  # and below which [rad]
     K_DELAY,  # of commands [s]: where steps must end for a change of the goal to arrive at its time
     K_LOSS,  # share of the motor constant lost per kelvin [1/K]
     K_REFERENCE,  # temperature at which nothing is lost [degC]
     K_MOTOR,  # where the motor constant stands in the program; 0: there is none
     K_CONSTANT,  # motor constant at that temperature [N.m/A]
     K_SIZE,
-) = range(18)
+) = range(19)
 
 FRICTION_OPCODE, MOTOR_OPCODE = 41, 30
 TOOTH_FREQUENCY = 400.0  # [rad/s] of the motor against stiff teeth: far above any motion, far below the step
@@ -71,13 +75,14 @@ class PendulumLoad:
         mass_factor: true over believed mass.
         extra_inertia: beyond that of mass and arm [kg.m2].
         centre_shift: of the mass along the arm [m].
-        stop_angle: where something blocks the link [rad].
+        stop_angle, lower_stop: beyond and below which something blocks the link [rad].
     """
 
     mass_factor: float = 1.0
     extra_inertia: float = 0.0
     centre_shift: float = 0.0
     stop_angle: float = math.inf
+    lower_stop: float = -math.inf
 
     def inertia(self, params: Mapping[str, float]) -> float:
         """Inertia about the shaft [kg.m2]: point mass on a uniform rod."""
@@ -102,7 +107,9 @@ class JointModel:
     host_scale: float = 1.0
 
     def value(self, path: str) -> float:
-        """A parameter by path: ``stage.parameter``, ``load.*``, ``host.*`` or ``gear_ratio.factor`` (1 by definition)."""
+        """A parameter by path: ``stage.parameter``, ``load.*``, ``host.*`` or ``gear_ratio.factor`` (1 by
+        definition).
+        """
         name, key = path.split(".")
         if name == "load":
             return getattr(self.load, key)
@@ -170,6 +177,7 @@ class JointModel:
         if (thermal := chain.find("thermal")) is not None:
             k[K_LOSS], k[K_REFERENCE], k[K_MOTOR] = thermal.loss, thermal.reference, _record(program, MOTOR_OPCODE)
             k[K_CONSTANT] = program[int(k[K_MOTOR])] / chain.magnetisation()
+        k[K_LOWER_STOP] = self.load.lower_stop
         k[K_DELAY] = delay.seconds if (delay := chain.find("delay")) is not None else 0.0
         element, play = chain.find("spring") or chain.find("compliance"), chain.find("backlash")
         if element is not None or (play is not None and play.width > 0.0):

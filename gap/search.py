@@ -19,24 +19,26 @@ FINALISTS = 5  # causes that are fitted fully after that
 ROUGH = 3  # iterations of a rough fit
 MOST_CAUSES = 6
 FLOOR = 0.8  # squared error over that of the noise which the best model reaches: the noise is estimated with a margin
-SEEN = 0.06  # least squared error that a cause must remove, in parts of that of the noise: ripple of ticks and steps can do less
+# least squared error that a cause must remove, in parts of that of the noise: ripple of ticks and steps can do less
+SEEN = 0.06
 SMALL, PROMISE = (
     0.3,
     0.015,
 )  # squared error left, and what of it the screen must promise for a round to be worth its time
 PAYS = 0.08  # least share of the excess error that a further cause must remove
 ALIKE = 0.4  # least ratio of a parameter's distance from doing nothing in one part to that in the other
-MATERIAL = (
-    0.004  # relative change of a number below which it is no finding: none is known better, nor is the simulation
-)
+MATERIAL = 0.01  # relative change of a number below which it is no finding: none is known better, nor is the simulation
+CLEAR = 0.95  # share of draws in which a cause must be the best where it removes less than SMALL
 EXCEPTIONS = 2e-3  # share of samples that may contradict a cause
 WARMED = 2.0  # [K] least change of the temperature that can show a thermal effect
 SURE = 0.975  # least probability, over resampled blocks, that it removes any
-TOLD_APART = 0.5  # a further cause that is the best in fewer draws is left to the next experiment: the data cannot tell it from others
+# a further cause that is the best in fewer draws is left to the next experiment: the data cannot tell it from others
+TOLD_APART = 0.5
 RIVAL = 0.05  # causes that are better than the winner in more than this share of draws cannot be told from it
 DRAWS = 2000
 CHARGE = 0.02  # share of the error that a further parameter of a variant must remove
-FORM = 2.0  # how many times smaller the squared error of another form of a cause must be than that of its usual, first form
+# how many times smaller the squared error of another form of a cause must be than that of its usual, first form
+FORM = 2.0
 
 
 @dataclass(frozen=True, eq=False)
@@ -143,14 +145,19 @@ class Searcher:
     def _challenged(
         self, accepted: list[Candidate], winner: Candidate, current: tuple[Fit, Fit], before: np.ndarray
     ) -> tuple[tuple[Fit, Fit], np.ndarray]:
-        """The model without the winner, fitted again from where the winner stands: what a better start of all else does is not its merit."""
+        """The model without the winner, fitted again from where the winner stands.
+
+        What a better start of all else does is not its merit.
+        """
         extended = merge(self.tuned, *(candidate.variant for candidate in accepted))
         again = self._fit_both(extended, winner.fits)
         blocks = self._judge(again)
         return (again, blocks) if blocks.sum() < before.sum() else (current, before)
 
     def _consistent(self, candidate: Candidate) -> bool:
-        """Whether both parts find its parameter on the same side of doing nothing, about as far from it, and far enough to matter."""
+        """Whether both parts find its parameter on the same side of doing nothing, about as far from it, and far
+        enough to matter.
+        """
         first = candidate.variant[0]
         neutral = 1.0 if first.path.endswith("*") else self.nominal.value(first.path)
         least = first.low if not first.logarithmic else max(first.low, 1e-12)
@@ -166,7 +173,9 @@ class Searcher:
 
     def _pays(self, winner: Candidate, before: np.ndarray) -> bool:
         removed = float((before.sum() - winner.blocks.sum()) / self.counts.sum())
-        return winner.gain > PAYS and winner.better > SURE and removed > SEEN and self._consistent(winner)
+        pays = winner.gain > PAYS and winner.better > SURE and removed > SEEN and self._consistent(winner)
+        # little beyond the noise also means little to tell causes apart by
+        return pays and (removed > SMALL or winner.best > CLEAR)
 
     def _contradicted(self, candidate: Candidate) -> bool:
         """Whether the log itself shows that the cause is not there: duties above a limit that was fitted."""
@@ -176,7 +185,7 @@ class Searcher:
         limit = min(found.values[candidate.variant[0].path] for found in candidate.fits)
         if candidate.variant[0].path.endswith("*"):
             limit *= self.nominal.value(candidate.variant[0].path[:-1])
-        return float(np.mean(np.abs(self.both.measured[:, duty]) > limit * (1.0 + MATERIAL))) > EXCEPTIONS
+        return float(np.mean(np.abs(self.both.measured[:, duty]) > limit * 1.004)) > EXCEPTIONS
 
     def _fit_both(self, parameters: Sequence[Parameter], start: tuple[Fit, Fit] | None) -> tuple[Fit, Fit]:
         a, b = (fit(part, parameters, None if start is None else start[k].values) for k, part in enumerate(self.parts))
@@ -197,7 +206,8 @@ class Searcher:
         chosen, promise = self._screen([cause for cause in self.causes if cause.name not in taken], extended, current)
         if self._excess(before) < SMALL and promise < PROMISE:
             return []
-        # A number that is several times wrong is far from what the screen can foresee, and the likeliest error there is.
+        # A number that is several times wrong is far from what the screen can foresee, and the likeliest error there
+        # is.
         screened = {cause.name for cause, _ in chosen}
         for cause in self.causes:
             if (
@@ -247,10 +257,12 @@ class Searcher:
     def _screen(
         self, causes: Sequence[Cause], extended: Sequence[Parameter], current: tuple[Fit, Fit]
     ) -> tuple[list[tuple[Cause, tuple[Parameter, ...]]], float]:
-        """Variants worth a fit: those whose effect, to first order, explains most of what is left; and how much the best promises.
+        """Variants worth a fit: those whose effect, to first order, explains most of what is left.
 
-        Every variant is simulated once or twice at a plausible size; the residual is projected on what that changes, beside what
-        re-tuning can change anyway.
+        And how much the best promises.
+
+        Every variant is simulated once or twice at a plausible size; the residual is projected on what that changes,
+        beside what re-tuning can change anyway.
         """
         problem = self.both
         here = {path: 0.5 * (value + current[1].values[path]) for path, value in current[0].values.items()}
@@ -311,8 +323,8 @@ def _charge(candidate: Candidate) -> float:
 def _form(cause: Cause, variant: tuple[Parameter, ...]) -> float:
     """Charge of a variant that acts in another way than the cause usually does.
 
-    Other starts or periods of the same parameters are free; another law, such as friction with the square of the load, fits more and
-    extrapolates worse, so it takes strong evidence.
+    Other starts or periods of the same parameters are free; another law, such as friction with the square of the
+    load, fits more and extrapolates worse, so it takes strong evidence.
     """
     return 1.0 if {p.path for p in variant} == {p.path for p in cause.variants[0]} else FORM
 
@@ -333,7 +345,10 @@ def _sizes(variant: tuple[Parameter, ...]) -> list[dict[str, float]]:
 
 
 def _groups(variant: tuple[Parameter, ...], count: int) -> list[tuple[int, ...]]:
-    """Which of the tried sizes are combined: two phases of a ripple together, two sizes of anything else one at a time."""
+    """Which of the tried sizes are combined.
+
+    Two phases of a ripple together, two sizes of anything else one at a time.
+    """
     if any(p.path.endswith("_phase") for p in variant):
         return [tuple(range(count))]
     return [(k,) for k in range(count)]

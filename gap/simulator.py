@@ -1,8 +1,9 @@
 """A joint on a bench, simulated in a plain compiled loop with the very laws that run in the engine.
 
-It exists for speed: a search replays a log thousands of times, and this costs tens of nanoseconds a step. Dry friction is resolved
-exactly: a moving joint slides until its speed reaches zero inside a step, a resting one holds until the torque exceeds the limit.
-What the search finds is confirmed in the engine (:mod:`gap.engine_replay`).
+It exists for speed: a search replays a log thousands of times, and this costs tens of nanoseconds a step. Dry
+friction is resolved
+exactly: a moving joint slides until its speed reaches zero inside a step, a resting one holds until the torque
+exceeds the limit. What the search finds is confirmed in the engine (:mod:`gap.engine_replay`).
 """
 
 from __future__ import annotations
@@ -27,6 +28,7 @@ from gap.joint_model import (
     K_HOST_SCALE,
     K_INERTIA,
     K_LOSS,
+    K_LOWER_STOP,
     K_MOTOR,
     K_MOTOR_INERTIA,
     K_REFERENCE,
@@ -46,6 +48,8 @@ def load_torque(k, q, w):
     value = -k[K_GRAVITY] * math.sin(q)
     if q > k[K_STOP]:
         value -= max(STOP_STIFFNESS * (q - k[K_STOP]) + STOP_DAMPING * w, 0.0)
+    elif q < k[K_LOWER_STOP]:
+        value -= min(STOP_STIFFNESS * (q - k[K_LOWER_STOP]) + STOP_DAMPING * w, 0.0)
     return value
 
 
@@ -75,7 +79,10 @@ def drive(p, k, s, time, goal, on, q, w, external, first):
 
 @numba.njit(cache=True)
 def slide(p, k, s, x, time, span, goal, on, first):
-    """Advance motor and link ``x = [q, w, link q, link w]`` by ``span`` seconds; midpoint rule, split where the motor stops."""
+    """Advance motor and link ``x = [q, w, link q, link w]`` by ``span`` seconds.
+
+    Midpoint rule, split where the motor stops.
+    """
     coupled = k[K_COUPLED] > 0.0
     inertia = k[K_MOTOR_INERTIA] if coupled else k[K_MOTOR_INERTIA] + k[K_INERTIA]
     left = span
@@ -188,7 +195,10 @@ def replay(p, k, time, goal, on, temperature, q0, w0, step, out):
 
 @numba.njit(cache=True)
 def host_reading_smooth(p, s, time, q):
-    """What the host reads, before rounding to ticks: a fit wants the expected reading, the ticks are in the noise floor."""
+    """What the host reads, before rounding to ticks.
+
+    A fit wants the expected reading, the ticks are in the noise floor.
+    """
     if p[16] > 0.0:
         ticks = p[13]
         p[13] = 0.0
