@@ -260,7 +260,8 @@ def _disk_errors(run: RunFolder) -> Iterator[None]:
         found = checkpoints(run)
         safe = f"its checkpoint at step {int(found[0].name)} is complete" if found else "it has no checkpoint yet"
         raise SealegsError(
-            f"The disk of {run.path} is full; {safe}. Free some space and go on with: .venv/bin/python train.py resume={run.path}"
+            f"The disk of {run.path} is full; {safe}. Free some space and go on with: "
+            f".venv/bin/python train.py resume={run.path}"
         ) from error
     finally:
         threading.excepthook = previous

@@ -1,8 +1,10 @@
-"""The finder against the hidden bench: effects that it must name, nulls where it must name nothing, strangers that it must not name.
+"""The finder against the hidden bench.
 
-``python -m benchmarks.hidden`` runs everything and writes ``benchmarks/results/hidden.{json,md,png}``. Finished cases are kept in
-``hidden.jsonl`` beside them while it runs, so that it can be stopped and resumed. Seeds below 900 are for development; the reported
-run uses seeds from 900 on, which were not looked at before.
+Effects that it must name, nulls where it must name nothing, strangers that it must not name.
+
+``python -m benchmarks.hidden`` runs everything and writes ``benchmarks/results/hidden.{json,md,png}``. Finished cases
+are kept in ``hidden.jsonl`` beside them while it runs, so that it can be stopped and resumed. Seeds below 900 are for
+development; the reported run uses seeds from 900 on, which were not looked at before.
 """
 
 from __future__ import annotations
@@ -98,7 +100,7 @@ def run(case: Case) -> dict[str, Any]:
     seconds = time.perf_counter() - began
     return {
         "key": case.key,
-        "effects": {name: {k: v for k, v in what.items()} for name, what in truth["effects"].items()},
+        "effects": {name: dict(what) for name, what in truth["effects"].items()},
         "factors": truth["nominal_factors"],
         "seconds": seconds,
         "verdict": found.verdict,
@@ -122,7 +124,10 @@ def run(case: Case) -> dict[str, Any]:
 
 
 def outcome(row: dict[str, Any]) -> str:
-    """What a diagnosis of a single effect was worth: ``right``, ``rival``, ``nothing``, ``not identifiable``, ``unsure`` or ``wrong``."""
+    """What a diagnosis of a single effect was worth.
+
+    ``right``, ``rival``, ``nothing``, ``not identifiable``, ``unsure`` or ``wrong``.
+    """
     wanted = set(row["effects"])
     found = [cause for cause in row["causes"] if cause["kind"] != "data"]
     data = {cause["name"] for cause in row["causes"] if cause["kind"] == "data"}
@@ -176,7 +181,10 @@ TRUE_VALUES = {
 
 
 def coverage(row: dict[str, Any]) -> tuple[bool, float] | None:
-    """Whether the interval of the right cause's parameter covers the truth, and the value's relative error; None where it has none."""
+    """Whether the interval of the right cause's parameter covers the truth, and the value's relative error.
+
+    None where it has none.
+    """
     for name, effect in row["effects"].items():
         path, true = TRUE_VALUES.get(name, (None, None))
         cause = next((c for c in row["causes"] if c["name"] == name and path in c["parameters"]), None)
@@ -190,7 +198,7 @@ def coverage(row: dict[str, Any]) -> tuple[bool, float] | None:
 
 def main(arguments: Sequence[str] | None = None) -> int:
     """Command line."""
-    parser = argparse.ArgumentParser(prog="python -m benchmarks.hidden", description=__doc__.split("\n")[0])
+    parser = argparse.ArgumentParser(prog="python -m benchmarks.hidden", description=(__doc__ or "").split("\n")[0])
     parser.add_argument("--effects", nargs="+", help="names, 'null' and 'pairs'; default: all")
     parser.add_argument("--magnitudes", nargs="+", default=["clear", "moderate", "faint"])
     parser.add_argument("--seeds", type=int, default=1, help="cases per effect and magnitude")
@@ -213,10 +221,8 @@ def main(arguments: Sequence[str] | None = None) -> int:
             with options.out.open("a") as file:
                 file.write(json.dumps(row) + "\n")
             names = ", ".join(f"{c['name']} {c['confidence']:.2f}" for c in row["causes"]) or "-"
-            print(
-                f"{number}/{len(todo)} {row['key']}: {outcome(row)}; {row['verdict']}: {names} ({row['seconds']:.0f} s)",
-                flush=True,
-            )
+            said = f"{outcome(row)}; {row['verdict']}: {names} ({row['seconds']:.0f} s)"
+            print(f"{number}/{len(todo)} {row['key']}: {said}", flush=True)
     except KeyboardInterrupt:
         print(f"Stopped; {len(kept)} cases are kept in {options.out}; run the same command to go on.", file=sys.stderr)
         return 130

@@ -82,7 +82,8 @@ def summary(rows: Sequence[dict[str, Any]]) -> str:
     if covered:
         share, error = np.mean([c[0] for c in covered]), np.median([c[1] for c in covered])
         lines.append(
-            f"- parameters of right causes, clear and moderate: {len(covered)}, interval covers the truth in {100 * share:.0f} %, median error {100 * error:.1f} %"
+            f"- parameters of right causes, clear and moderate: {len(covered)}, interval covers the truth in "
+            f"{100 * share:.0f} %, median error {100 * error:.1f} %"
         )
     if single := [row for row in rows if kind(row) == "clear"]:
         over = [
@@ -91,10 +92,12 @@ def summary(rows: Sequence[dict[str, Any]]) -> str:
             if outcome(row) == "right" and row["gap"]
         ]
         lines.append(
-            f"- extended model on unseen data, clear effects named right: median {np.median(over):.2f}, largest {max(over):.2f} noise floors"
+            f"- extended model on unseen data, clear effects named right: median {np.median(over):.2f}, "
+            f"largest {max(over):.2f} noise floors"
         )
     lines.append(
-        f"- time per diagnosis of three 24 s runs: median {np.median([row['seconds'] for row in rows]):.0f} s on a shared machine"
+        "- time per diagnosis of three 24 s runs: median "
+        f"{np.median([row['seconds'] for row in rows]):.0f} s on a shared machine"
     )
     return "\n".join(lines) + "\n"
 

@@ -1,8 +1,12 @@
-"""What the further columns of a log are worth beside the position: duty, current and link position, each weighted by its own noise.
+"""What the further columns of a log are worth beside the position.
 
-Position alone cannot tell a late command from a late reading, or a weak motor from a heavy load; the duty and the current can. But a
-column may be in a wrong unit, unsigned or of another joint, and the model is never perfect: a channel counts only if the re-tuned
-nominal model roughly predicts it, and no more than its unpredictable part and a general doubt about calibration allow.
+Duty, current and link position, each weighted by its own noise.
+
+Position alone cannot tell a late command from a late reading, or a weak motor from a heavy load; the duty and the
+current can. But a column may be in a wrong unit, unsigned or of another joint, and the model is never perfect: a
+channel counts only if
+the re-tuned nominal model roughly predicts it, and no more than its unpredictable part and a general doubt about
+calibration allow.
 """
 
 from __future__ import annotations

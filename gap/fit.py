@@ -1,4 +1,7 @@
-"""Least squares on simulated residuals: bounds, batched finite differences, and intervals that know errors are not independent."""
+"""Least squares on simulated residuals.
+
+Bounds, batched finite differences, and intervals that know errors are not independent.
+"""
 
 from __future__ import annotations
 
@@ -51,7 +54,8 @@ def fit(
 ) -> Fit:
     """Fit parameters to all judged samples of a problem: Levenberg-Marquardt within bounds, on a robust cost.
 
-    Jacobians are finite differences that are simulated together, and so are the steps of several lengths that each iteration tries.
+    Jacobians are finite differences that are simulated together, and so are the steps of several lengths that each
+    iteration tries.
 
     Args:
         problem: data.
@@ -129,7 +133,10 @@ def _step(
     low: np.ndarray,
     high: np.ndarray,
 ) -> np.ndarray:
-    """Where a damped Gauss-Newton step from ``u`` ends; parameters that it would push over a bound stop there and the rest is solved again."""
+    """Where a damped Gauss-Newton step from ``u`` ends.
+
+    Parameters that it would push over a bound stop there and the rest is solved again.
+    """
     free, end = free.copy(), u.copy()
     for _ in range(3):
         index = np.flatnonzero(free)
@@ -154,7 +161,8 @@ def intervals(
 ) -> dict[str, tuple[float, float]]:
     """95 % intervals of fitted parameters by a bootstrap over blocks of data.
 
-    Each draw re-weights the blocks and takes one Gauss-Newton step from the fit, so correlated errors widen the interval as they should.
+    Each draw re-weights the blocks and takes one Gauss-Newton step from the fit, so correlated errors widen the
+    interval as they should.
     """
     if not parameters:
         return {}

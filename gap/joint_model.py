@@ -119,7 +119,7 @@ class JointModel:
             return 1.0
         stage = self.chain.find(name)
         if stage is None:
-            return NEUTRAL[name].get(key, getattr(_neutral(name), key))
+            return float(getattr(_neutral(name), key))
         return getattr(stage, key)
 
     def with_values(self, values: Mapping[str, float]) -> JointModel:

@@ -6,7 +6,9 @@ import math
 from dataclasses import dataclass
 
 TIGHT = 0.06
-"""How far a number of the nominal model may be off without being a finding (bound of re-tuning beside causes, relative)."""
+"""How far a number of the nominal model may be off without being a finding (bound of re-tuning beside causes,
+relative).
+"""
 
 
 @dataclass(frozen=True)

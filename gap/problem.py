@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
+from typing import Any
 
 import numpy as np
 
@@ -37,7 +38,8 @@ class Problem:
         judged: samples that count (n,).
         block: number of the block each sample belongs to (n,).
         group: number of the group of samples over which duty and current are averaged (n,), -1 where they do not count.
-        trust: factor on the weight of duty and current (n, 4), the same for all samples of a group (:mod:`gap.channels`).
+        trust: factor on the weight of duty and current (n, 4), the same for all samples of a group
+        (:mod:`gap.channels`).
         models: nominal joint of each run (they may differ, for example in their gain).
         step: largest step of the simulator [s], see :func:`converged`.
     """
@@ -109,7 +111,8 @@ class Problem:
             constants.append(rows)
             steps.append(min(step or self.step, ELASTIC_STEP) if rows[0][K_COUPLED] > 0.0 else step or self.step)
         out = np.empty((len(variants), len(self.time), len(CHANNELS)))
-        # The chain may differ between runs (a gain per run), so each run of a variant is a variant of its own for the simulator.
+        # The chain may differ between runs (a gain per run), so each run of a variant is a variant of its own for the
+        # simulator.
         width = max(len(program) for per_run in programs for program in per_run)
         for run in sorted({unit.run for unit in self.units}):
             chosen = [k for k, unit in enumerate(self.units) if unit.run == run]
@@ -149,7 +152,9 @@ class Problem:
         return np.add.reduceat(signal[..., rows], starts, axis=-1) / sizes if len(rows) else signal[..., rows]
 
     def residual(self, simulated: np.ndarray, every: int = 1) -> np.ndarray:
-        """Weighted errors (v, m) of simulated channels (v, n, 4): of (every so many of) the judged samples, then of the groups.
+        """Weighted errors (v, m) of simulated channels (v, n, 4).
+
+        Of (every so many of) the judged samples, then of the groups.
 
         What was not logged is zero.
         """
@@ -202,7 +207,9 @@ STEPS = (2.5e-3, 1.7e-3, 1e-3, 5e-4, 2.5e-4, 1e-4)  # [s]
 
 
 def converged(problem: Problem) -> Problem:
-    """The problem with the largest step that is not a gap of its own: halving it changes the replay by less than a tenth of the noise.
+    """The problem with the largest step that is not a gap of its own.
+
+    Halving it changes the replay by less than a tenth of the noise.
 
     A quarter would be invisible in the error, but not to a search that looks for structure in it.
     """
@@ -264,7 +271,7 @@ def lay_out(
         signals = [getattr(log, channel) for channel in CHANNELS]
         measured.append(np.stack([missing if signal is None else signal[part] for signal in signals], axis=1))
         starts.append(starts[-1] + count)
-    flat = {key: np.concatenate(value) for key, value in columns.items()}
+    flat: dict[str, Any] = {key: np.concatenate(value) for key, value in columns.items()}
     return Problem(
         units=tuple(units),
         params=tuple(bench_parameters(run.robot_params, run.name) for run in runs),

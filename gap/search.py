@@ -284,7 +284,7 @@ class Searcher:
         rest = np.clip(rest, -clip, clip)
         tuned = changes[: len(extended)].T
         scores = []
-        for (cause, variant), (a, b) in zip(variants, spans, strict=True):
+        for (_, variant), (a, b) in zip(variants, spans, strict=True):
             columns = [changes[a:b][k] for k in range(b - a)]
             best = np.inf
             for group in _groups(variant, len(columns)):

@@ -179,7 +179,7 @@ def replay(p, k, time, goal, on, temperature, q0, w0, step, out):
             end = time[j + 1]
             if arrival < n and time[arrival] + k[K_DELAY] < end - 1e-9:
                 end = time[arrival] + k[K_DELAY]
-            count = max(int(math.ceil((end - now) / step - 1e-9)), 1)
+            count = max(math.ceil((end - now) / step - 1e-9), 1)
             span = (end - now) / count
             for i in range(count):
                 at = now + i * span

@@ -39,8 +39,8 @@ class Unit:
 def cut(runs: Sequence[MeasuredRun], joint: str, test_group: str | None = None) -> list[Unit]:
     """Cut runs into units and deal them out.
 
-    Whole runs (or groups of runs, where the sidecars name them and there are at least three) are dealt out if there are enough; else
-    pieces of runs, shifted from run to run so that each part gets every excitation.
+    Whole runs (or groups of runs, where the sidecars name them and there are at least three) are dealt out if there
+    are enough; else pieces of runs, shifted from run to run so that each part gets every excitation.
 
     Args:
         runs: of one machine.

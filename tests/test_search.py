@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from typing import Any
+
 import pytest
 
 from gap.diagnosis import EXPLAINED, NOT_IDENTIFIABLE, NOTHING, PARTLY, JointDiagnosis, diagnose
@@ -11,7 +13,7 @@ LOADS = ("light", "medium", "heavy")
 SCHEDULES = (("chirp", "steps"), ("multisine", "triangle"), ("lift_and_drop", "chirp"))
 
 
-def diagnosed(effects: dict[str, str], seed: int) -> JointDiagnosis:
+def diagnosed(effects: dict[str, Any], seed: int) -> JointDiagnosis:
     data, _ = hidden_bench(effects, seed, LOADS, duration=12.0, schedules=SCHEDULES)
     (found,) = diagnose(data)
     return found

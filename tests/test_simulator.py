@@ -47,7 +47,8 @@ def simulate(joint: JointModel, time: np.ndarray, goal: np.ndarray, step: float,
     thermal = joint.chain.find("thermal")
     warm = np.full(len(time), thermal.temperature if thermal is not None else 25.0)
     constants = joint.constants(PARAMS, program)
-    replay(program.copy(), constants, time, goal, np.ones(len(time), bool), warm, *state, step, out)
+    on = np.ones(len(time), bool)
+    replay(program.copy(), constants, time, goal, on, warm, state[0], state[1], step, out)
     return out
 
 
