@@ -248,7 +248,7 @@ def _name_causes(
         losses.append((max(float(blocks.sum() - final.blocks.sum()), 0.0), float(blocks.sum())))
     total = sum(loss for loss, _ in losses) or 1.0
     parameters = search.parameters()
-    bounds = intervals(fitted, parameters, extended, seed)
+    bounds = intervals(fitted, parameters, extended, seed, final.fits)
     named = []
     rounds = [r for r in search.rounds if r.accepted]
     for candidate, (loss, without), chosen in zip(search.accepted, losses, rounds, strict=True):

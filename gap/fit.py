@@ -16,6 +16,8 @@ from gap.problem import Problem
 MOST_SAMPLES = 30_000
 CONVERGED = 2e-4  # relative improvement of the cost below which a fit ends
 TRIED = (0.1, 1.0, 20.0)  # dampings that each iteration tries, relative to the last one
+CALIBRATION = 0.01  # relative error that columns and simulation share in all data
+CLOCK = 0.03  # of a sample period: what all time stamps are late or early by
 LONGEST = 10.0  # step of a parameter in one iteration, in units of its scale
 ROBUST = 6.0  # errors beyond this many noise floors count linearly, so that one jam does not steer a fit
 
@@ -157,12 +159,24 @@ def _step(
 
 
 def intervals(
-    problem: Problem, parameters: Sequence[Parameter], found: Fit, seed: int = 0, draws: int = 400
+    problem: Problem,
+    parameters: Sequence[Parameter],
+    found: Fit,
+    seed: int = 0,
+    halves: Sequence[Fit] = (),
+    draws: int = 400,
 ) -> dict[str, tuple[float, float]]:
-    """95 % intervals of fitted parameters by a bootstrap over blocks of data.
+    """95 % intervals of fitted parameters.
+
+    A bootstrap over blocks of data, how far parts of it disagree, and a systematic part.
 
     Each draw re-weights the blocks and takes one Gauss-Newton step from the fit, so correlated errors widen the
-    interval as they should.
+    interval as they should. No draw shows what all data share: calibration of the columns, the clock of the log,
+    steps of the
+    simulation.
+
+    Args:
+        halves: fits of the same parameters to two parts of the data.
     """
     if not parameters:
         return {}
@@ -197,7 +211,11 @@ def intervals(
     moved = np.clip(moved, low, high)
     lows, highs = np.percentile(moved, [2.5, 97.5], axis=0)
     found_intervals = {}
+    period = float(np.median(np.diff(problem.time[: problem.starts[1]])))
     for k, p in enumerate(parameters):
-        # the step of one draw is a linear guess: never narrower than it, always around the value
-        found_intervals[p.path] = (p.from_fit(min(lows[k], u[k])), p.from_fit(max(highs[k], u[k])))
+        value, least, most = (p.from_fit(x) for x in (u[k], lows[k], highs[k]))
+        values = [fit.values[p.path] for fit in halves if p.path in fit.values]
+        shared = CLOCK * period if p.unit == "s" else CALIBRATION * abs(value)
+        wide = float(np.linalg.norm([0.5 * (most - least), max(values) - min(values) if values else 0.0, shared]))
+        found_intervals[p.path] = (max(min(least, value - wide), p.low), min(max(most, value + wide), p.high))
     return found_intervals
