@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import dataclasses
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import Any
@@ -14,7 +15,7 @@ from gap.causes import retunable
 from gap.channels import weigh_channels
 from gap.checks import check_set, merged, noise_floor, unusable
 from gap.experiment import Experiment, separate
-from gap.fit import Fit, fit, intervals, merge
+from gap.fit import Fit, fit, intervals, middle
 from gap.joint_model import JointModel
 from gap.log_checks.finding import Finding
 from gap.log_types import LogError, MeasuredRun, MeasuredSet
@@ -184,9 +185,8 @@ def _conclude(problem: Problem, search: Search, joint: str, findings: tuple[Find
     nominal = problem.models[0]
     wide = fit(fitted, retunable(nominal, WIDE), evaluations=25)
     last = search.accepted[-1].fits if search.accepted else search.base
-    start = {path: 0.5 * (value + last[1].values[path]) for path, value in last[0].values.items()}
     parameters = search.parameters()
-    extended = fit(fitted, parameters, start, evaluations=25)
+    extended = fit(fitted, parameters, middle(*last), evaluations=25)
     models = {"nominal": {}, "retuned": wide.values, "extended": extended.values}
     errors = {name: _error(test.position_error(test.simulate([values])[0])) for name, values in models.items()}
     noise = problem.noise
@@ -292,8 +292,6 @@ def _value(
 
 
 def _unit(nominal: JointModel, path: str) -> str:
-    import dataclasses
-
     name, key = path.split(".")
     stage = nominal.chain.find(name)
     return (
@@ -372,6 +370,3 @@ def _unusable(joint: str, reason: str, findings: Sequence[Finding]) -> JointDiag
         None,
         tuple(findings),
     )
-
-
-__all__ = ["Error", "JointDiagnosis", "NamedCause", "SealegsError", "Value", "diagnose", "merge"]

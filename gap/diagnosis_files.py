@@ -14,8 +14,9 @@ import numpy as np
 
 from gap.diagnosis import JointDiagnosis, NamedCause
 from gap.engine_replay import bench, replay_in_engine
-from gap.extension import changes, extended_joint, not_native, write_extension
+from gap.extension import changes, not_native, write_extension
 from gap.log_types import LogError, MeasuredSet
+from gap.units import TEST
 
 VERSION = 1
 
@@ -56,13 +57,14 @@ def write_diagnosis(
             progress("confirming in the engine")
             files = write_extension(diagnosis, folder, prefix)
             written |= {key: path for key, path in files.items() if key not in written}
+            changed = changes(diagnosis)
             document["extension"] = {
                 "files": {key: path.name for key, path in files.items()},
-                "changes": changes(diagnosis),
-                "not_native": not_native(extended_joint(diagnosis.problem.models[0], diagnosis.values).chain),
+                "changes": changed,
+                "not_native": not_native(diagnosis.problem.models[0].with_fitted(diagnosis.values).chain),
                 "engine": confirm(diagnosis),
             }
-            differences += changes(diagnosis)
+            differences += changed
         if diagnosis.experiment is not None:
             path = folder / f"{prefix}next_experiment.csv"
             with path.open("w", newline="", encoding="utf-8") as file:
@@ -124,7 +126,7 @@ def confirm(diagnosis: JointDiagnosis) -> dict[str, float]:
     """
     problem = diagnosis.problem
     assert problem is not None
-    at = [k for k, unit in enumerate(problem.units) if unit.part == 2] or [0]
+    at = [k for k, unit in enumerate(problem.units) if unit.part == TEST] or [0]
     k = max(at, key=lambda k: problem.starts[k + 1] - problem.starts[k])
     rows = slice(problem.starts[k], problem.starts[k + 1])
     if not problem.on[rows].all():
@@ -134,7 +136,7 @@ def confirm(diagnosis: JointDiagnosis) -> dict[str, float]:
         k = at[0]
         rows = slice(problem.starts[k], problem.starts[k + 1])
     unit = problem.units[k]
-    joint = extended_joint(problem.models[unit.run], diagnosis.values)
+    joint = problem.models[unit.run].with_fitted(diagnosis.values)
     drivetrain = bench(joint, problem.params[unit.run])
     out = replay_in_engine(drivetrain, problem.time[rows], problem.goal[rows], unit.state)
     judged = problem.judged[rows]

@@ -83,9 +83,7 @@ def separate(problem: Problem, search: Search, seed: int = 0) -> Experiment | No
 def _difference(problem: Problem, variants: list[dict[str, float]], time: np.ndarray, goal: np.ndarray) -> float:
     rows = []
     for values in variants:
-        joint = problem.models[0].with_values(
-            {p.rstrip("*"): v * problem.models[0].value(p[:-1]) if p.endswith("*") else v for p, v in values.items()}
-        )
+        joint = problem.models[0].with_fitted(values)
         program = joint.chain.program()
         out = np.empty((1, len(time), 4))
         replay_many(

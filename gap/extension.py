@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import dataclasses
-from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
@@ -23,12 +22,6 @@ NATIVE = {
     "backlash": ("width",),
 }
 """What MuJoCo itself simulates of a chain; everything else is the law's, and is listed as such."""
-
-
-def extended_joint(nominal: JointModel, values: Mapping[str, float]) -> JointModel:
-    """The joint with found values; a path that ends in ``*`` is a factor on the nominal value."""
-    absolute = {p.rstrip("*"): v * nominal.value(p[:-1]) if p.endswith("*") else v for p, v in values.items()}
-    return nominal.with_values(absolute)
 
 
 def changes(diagnosis: JointDiagnosis) -> list[dict[str, Any]]:
@@ -83,7 +76,7 @@ def write_extension(diagnosis: JointDiagnosis, folder: Path, prefix: str = "") -
         if any(nominal.chain.stages == other.chain.stages for other in seen):
             continue
         seen.append(nominal)
-        joint = extended_joint(nominal, diagnosis.values)
+        joint = nominal.with_fitted(diagnosis.values)
         suffix = f"-{len(seen)}" if len(seen) > 1 else ""
         path = folder / f"{prefix}extended{suffix}.yaml"
         named = ", ".join(cause.name for cause in diagnosis.causes if cause.kind != "data") or "nothing named"

@@ -48,6 +48,11 @@ def merge(*groups: Sequence[Parameter]) -> list[Parameter]:
     return list(table.values())
 
 
+def middle(a: Fit, b: Fit) -> dict[str, float]:
+    """Values halfway between two fits of the same parameters."""
+    return {path: 0.5 * (value + b.values[path]) for path, value in a.values.items()}
+
+
 def fit(
     problem: Problem,
     parameters: Sequence[Parameter],
@@ -73,9 +78,8 @@ def fit(
     high = np.array([p.to_fit(p.high) for p in parameters])
     u = np.array([p.to_fit(min(max(start.get(p.path, p.start), p.low), p.high)) for p in parameters])
     reach = np.array([p.difference for p in parameters])
-    every = max(
-        int(problem.judged.sum()) // MOST_SAMPLES, 1
-    )  # a long log does not need each of its samples in a Jacobian
+    # a long log does not need each of its samples in a Jacobian
+    every = max(int(problem.judged.sum()) // MOST_SAMPLES, 1)
 
     def values(u: np.ndarray) -> dict[str, float]:
         return {p.path: p.from_fit(x) for p, x in zip(parameters, u, strict=True)}
@@ -172,8 +176,7 @@ def intervals(
 
     Each draw re-weights the blocks and takes one Gauss-Newton step from the fit, so correlated errors widen the
     interval as they should. No draw shows what all data share: calibration of the columns, the clock of the log,
-    steps of the
-    simulation.
+    steps of the simulation.
 
     Args:
         halves: fits of the same parameters to two parts of the data.

@@ -165,6 +165,16 @@ class JointModel:
             host.get("host_scale", self.host_scale),
         )
 
+    def with_fitted(self, values: Mapping[str, float]) -> JointModel:
+        """The joint with values of a fit: a path that ends in ``*`` is a factor on this joint's own value.
+
+        Raises:
+            ChainError: as :meth:`with_values`.
+        """
+        return self.with_values(
+            {p.rstrip("*"): v * self.value(p[:-1]) if p.endswith("*") else v for p, v in values.items()}
+        )
+
     def constants(self, params: Mapping[str, float], program: np.ndarray) -> np.ndarray:
         """What the simulator needs beside the program, for a run with these bench parameters."""
         chain, k = self.chain, np.zeros(K_SIZE)

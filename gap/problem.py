@@ -97,7 +97,7 @@ class Problem:
         programs, constants, steps, valid = [], [], [], []
         for values in variants:
             try:
-                joints = [model.with_values(_relative(values, model)) for model in self.models]
+                joints = [model.with_fitted(values) for model in self.models]
             except ChainError:
                 joints = None
             valid.append(joints is not None)
@@ -218,14 +218,6 @@ def converged(problem: Problem) -> Problem:
         if np.sqrt(np.mean((whole - halved) ** 2)) < 0.1 * problem.noise:
             break
     return replace(problem, step=step)
-
-
-def _relative(values: Mapping[str, float], model: JointModel) -> dict[str, float]:
-    """Values of one run: a path that ends in ``*`` is a factor on the nominal value, which may differ between runs."""
-    return {
-        path.rstrip("*"): value * model.value(path[:-1]) if path.endswith("*") else value
-        for path, value in values.items()
-    }
 
 
 def lay_out(

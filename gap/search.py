@@ -8,7 +8,7 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 
 from gap.causes import Cause, catalogue, retunable
-from gap.fit import Fit, fit, merge
+from gap.fit import Fit, fit, merge, middle
 from gap.parameters import Parameter
 from gap.problem import Problem
 from gap.simulator import CHANNELS
@@ -138,10 +138,6 @@ class Searcher:
             self.progress(f"found {winner.cause.name} (removes {100 * winner.gain:.0f} % of what was left)")
         return Search(self.tuned, tuple(accepted), tuple(rounds), self.counts, base)
 
-    def _level(self, blocks: np.ndarray) -> float:
-        """Root mean squared weighted error: 1 is the noise floor."""
-        return float(np.sqrt(blocks.sum() / self.counts.sum()))
-
     def _challenged(
         self, accepted: list[Candidate], winner: Candidate, current: tuple[Fit, Fit], before: np.ndarray
     ) -> tuple[tuple[Fit, Fit], np.ndarray]:
@@ -217,8 +213,8 @@ class Searcher:
             ):
                 chosen.append((cause, cause.variants[0]))
         self.progress(f"trying {', '.join(dict.fromkeys(cause.name for cause, _ in chosen))}")
-        middle = {path: 0.5 * (value + current[1].values[path]) for path, value in current[0].values.items()}
-        rough = [(fit(self.both, merge(extended, variant), middle, ROUGH), cause, variant) for cause, variant in chosen]
+        start = middle(*current)
+        rough = [(fit(self.both, merge(extended, variant), start, ROUGH), cause, variant) for cause, variant in chosen]
         rough.sort(key=lambda row: row[0].cost * _form(row[1], row[2]))
         finalists = list(dict.fromkeys(cause.name for _, cause, _ in rough))[:FINALISTS]
         found: dict[str, Candidate] = {}
@@ -257,15 +253,14 @@ class Searcher:
     def _screen(
         self, causes: Sequence[Cause], extended: Sequence[Parameter], current: tuple[Fit, Fit]
     ) -> tuple[list[tuple[Cause, tuple[Parameter, ...]]], float]:
-        """Variants worth a fit: those whose effect, to first order, explains most of what is left.
+        """Variants worth a fit, and how much the best of them promises.
 
-        And how much the best promises.
-
-        Every variant is simulated once or twice at a plausible size; the residual is projected on what that changes,
-        beside what re-tuning can change anyway.
+        Worth a fit are those whose effect, to first order, explains most of what is left. Every variant is simulated
+        once or twice at a plausible size; the residual is projected on what that changes, beside what re-tuning can
+        change anyway.
         """
         problem = self.both
-        here = {path: 0.5 * (value + current[1].values[path]) for path, value in current[0].values.items()}
+        here = middle(*current)
         directions = [{p.path: p.from_fit(p.to_fit(here[p.path]) + _inward(p, here[p.path]))} for p in extended]
         variants = [(cause, variant) for cause in causes for variant in cause.variants]
         spans = []

@@ -14,7 +14,7 @@ import numba
 import numpy as np
 
 from actuators.law import advance, begin, host_reading, torque
-from actuators.layout import P_OFFSET, P_SCALE, P_STATE_SIZE, S_CURRENT, S_DUTY, S_LIMIT, S_TIME
+from actuators.layout import P_LATENCY, P_OFFSET, P_SCALE, P_STATE_SIZE, P_TICKS, S_CURRENT, S_DUTY, S_LIMIT, S_TIME
 from actuators.stages.transmission import friction_limit
 from gap.joint_model import (
     K_CONSTANT,
@@ -199,11 +199,11 @@ def host_reading_smooth(p, s, time, q):
 
     A fit wants the expected reading, the ticks are in the noise floor.
     """
-    if p[16] > 0.0:
-        ticks = p[13]
-        p[13] = 0.0
+    if p[P_LATENCY] > 0.0:
+        ticks = p[P_TICKS]
+        p[P_TICKS] = 0.0
         value = host_reading(p, s, time, q)
-        p[13] = ticks
+        p[P_TICKS] = ticks
         return value
     return p[P_SCALE] * q + p[P_OFFSET]
 

@@ -15,7 +15,6 @@ import diagnose as script
 from actuators import load_chain
 from configs.script import run
 from gap.diagnosis import diagnose
-from gap.extension import extended_joint
 from gap.log import read_measured
 from gap.virtual_bench import record
 from tests.plant import hidden_bench
@@ -255,5 +254,5 @@ def test_xl330_loses_torque_under_load(tmp_path: Path) -> None:
     (found,) = diagnose(read_measured(tmp_path), test_group="kp400")
     assert found.causes[0].name == "friction.load_dependent"
     assert found.gap["extended"].mae < 0.67 * found.gap["retuned"].mae
-    joint = extended_joint(found.problem.models[0], found.values)  # type: ignore[union-attr]
+    joint = found.problem.models[0].with_fitted(found.values)  # type: ignore[union-attr]
     assert joint.chain.value("friction.load") > 0.0

@@ -6,7 +6,6 @@ import numpy as np
 from matplotlib.figure import Figure
 
 from gap.diagnosis import NamedCause
-from gap.extension import extended_joint
 from gap.pictures.binned import bins, cloud, draw_measured, draw_model, equal_counts, equal_widths, limits
 from gap.pictures.evidence import Evidence
 from gap.pictures.style import EXTENDED, MEASURED, NOMINAL, figure, legend_above, styled
@@ -166,7 +165,7 @@ def _seen_voltage(evidence: Evidence, duty: np.ndarray, current: np.ndarray) -> 
     seen = np.empty(len(duty))
     for k, unit in enumerate(evidence.problem.units):
         at = slice(evidence.problem.starts[k], evidence.problem.starts[k + 1])
-        chain = extended_joint(evidence.problem.models[unit.run], evidence.diagnosis.values).chain
+        chain = evidence.problem.models[unit.run].with_fitted(evidence.diagnosis.values).chain
         motor = chain.find("dc_motor")
         at_motor = (
             motor.resistance * current[at] + motor.motor_constant * chain.gear_ratio() * evidence.extended.speed[at]
@@ -191,7 +190,7 @@ def _arriving_goal(evidence: Evidence) -> np.ndarray:
     goal = np.empty(len(problem.goal))
     for k, unit in enumerate(problem.units):
         at = slice(problem.starts[k], problem.starts[k + 1])
-        joint = extended_joint(problem.models[unit.run], evidence.diagnosis.values)
+        joint = problem.models[unit.run].with_fitted(evidence.diagnosis.values)
         chain, time = joint.chain, problem.time[at]
         late = delay.seconds if (delay := chain.find("delay")) is not None else 0.0
         held = np.clip(np.searchsorted(time, time - late, side="right") - 1, 0, len(time) - 1)

@@ -19,7 +19,6 @@ from actuators.law import advance, begin, torque
 from actuators.layout import P_STATE_SIZE, S_CURRENT, S_DUTY, S_LIMIT, S_VOLTAGE
 from actuators.stages.transmission import friction_limit
 from gap.diagnosis import JointDiagnosis
-from gap.extension import extended_joint
 from gap.joint_model import (
     K_FRICTION,
     K_GRAVITY,
@@ -175,7 +174,7 @@ def balance(problem: Problem, motion: Motion, values: Mapping[str, float]) -> Ba
     sources = []
     for k, unit in enumerate(problem.units):
         at = slice(problem.starts[k], problem.starts[k + 1])
-        joint = extended_joint(problem.models[unit.run], values)
+        joint = problem.models[unit.run].with_fitted(values)
         program = joint.chain.program()
         constants = joint.constants(problem.params[unit.run], program)
         encoder = joint.chain.find("encoder")

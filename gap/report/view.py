@@ -14,7 +14,7 @@ from actuators.stages import STAGES
 from gap.diagnosis import JointDiagnosis, NamedCause
 from gap.experiment import Experiment
 from gap.extension import changes as changes_of
-from gap.extension import extended_joint, not_native
+from gap.extension import not_native
 from gap.log_types import MeasuredRun, MeasuredSet
 from gap.pictures import cause_pictures, picture_of, png
 from gap.pictures.summary import budget_slices, percent
@@ -100,8 +100,8 @@ def _joint(diagnosis: JointDiagnosis, changes: Sequence[Mapping[str, Any]] | Non
         "experiment": None if diagnosis.experiment is None else _experiment(diagnosis.experiment, diagnosis.joint),
         "findings": _findings(diagnosis),
         "changes": _changes(diagnosis, changes, joints == 1),
-        "not_native": [] if problem is None else not_native(extended_joint(problem.models[0], diagnosis.values).chain),
-        "chain": "" if problem is None else extended_joint(problem.models[0], diagnosis.values).chain.to_yaml(),
+        "not_native": [] if problem is None else not_native(problem.models[0].with_fitted(diagnosis.values).chain),
+        "chain": "" if problem is None else problem.models[0].with_fitted(diagnosis.values).chain.to_yaml(),
         "numbers": [] if problem is not None else [(key, number(value)) for key, value in diagnosis.retuned.items()],
         "parts": None if problem is None else _parts(problem),
     }  # fmt: skip
