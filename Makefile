@@ -3,7 +3,7 @@
 VENV := .venv
 PY := $(VENV)/bin/python
 INSTALLED := $(VENV)/.installed
-EXTRAS := train report dev
+EXTRAS := train report hw dev
 
 # Headless drawing. MuJoCo on macOS has one way to draw and takes no choice.
 ifeq ($(shell uname),Linux)
