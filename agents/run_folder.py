@@ -6,7 +6,7 @@ run.json         git revision, versions, and each session with its command line
 tensorboard/     event files
 evaluations.npz  as EvalCallback writes them
 checkpoints/     <steps>/: policy, normaliser, replay buffer, state
-best/, final/    model.zip, vecnormalize.pkl, policy.json
+best/, final/    model.zip, vecnormalize.pkl, policy.json, policy.onnx
 video.mp4
 """
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import contextlib
 import errno
+import json
 import os
 import sys
 import threading
@@ -22,6 +23,7 @@ from agents.algorithms import build, normalized
 from agents.callbacks import Checkpoints, EpisodeTerms, Evaluation, ProgressReport, StopOnSignal
 from agents.checkpoint import checkpoints, load_newest, save_checkpoint, save_evaluations
 from agents.config import Request, TrainConfig, with_overrides
+from agents.export import FILE, ExportError, write_onnx
 from agents.make_env import Actuator, make_single_env, make_vec_env, stream_seed
 from agents.policy_files import policy_reward, policy_step, save_policy
 from agents.run_chains import chains, read_chains, write_chains
@@ -166,6 +168,7 @@ class Session:
         save_evaluations(self.run, self.model.num_timesteps, self.evaluation.state)
         with self.run.writing("final") as folder:
             save_policy(folder, self.model, self.description)
+            self._export(folder)
         print(f"Mean evaluation reward {reward:.4g}.", flush=True)
         self._film()
 
@@ -176,6 +179,15 @@ class Session:
     def _save_best(self) -> None:
         with self.run.writing("best") as folder:
             save_policy(folder, self.model, self.description | {"mean_reward": self.evaluation.last_mean_reward})
+            self._export(folder)
+
+    def _export(self, folder: Path) -> None:
+        """Write ``policy.onnx``, which ``deploy.py`` runs; other kinds of policies are kept all the same."""
+        description = json.loads((folder / "policy.json").read_text())
+        try:
+            write_onnx(folder / FILE, self.model, description)
+        except ExportError as error:
+            print(f"No {FILE}: {error}", file=sys.stderr)
 
     def _film(self) -> None:
         video = self.config.video

@@ -100,7 +100,8 @@ def test_run_folder_holds_what_reproduces_the_run(finished: Path) -> None:
 
 def test_run_folder_holds_best_final_and_evaluated_policies(finished: Path) -> None:
     for policy in ("best", "final"):
-        assert {path.name for path in (finished / policy).iterdir()} == {"model.zip", "vecnormalize.pkl", "policy.json"}
+        names = {path.name for path in (finished / policy).iterdir()}
+        assert names == {"model.zip", "vecnormalize.pkl", "policy.json", "policy.onnx"}
     evaluations = np.load(finished / "evaluations.npz")
     assert list(evaluations["timesteps"]) == [256, 512]
     best = json.loads((finished / "best" / "policy.json").read_text())

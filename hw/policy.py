@@ -1,0 +1,57 @@
+"""A policy from its ONNX file: what deployment needs of learning, and all of it."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import onnxruntime
+
+from envs.contract import KEY, Contract, ContractError
+
+FILE = "policy.onnx"
+
+
+class Policy:
+    """A policy and the contract that it came with.
+
+    Attributes:
+        path: of its file.
+        contract: what it takes for granted about the robot.
+    """
+
+    def __init__(self, path: str | Path) -> None:
+        """Load the policy.
+
+        Args:
+            path: ONNX file, or a folder with a ``policy.onnx``.
+
+        Raises:
+            ContractError: there is no such file, it is no ONNX file, or it has no contract.
+        """
+        self.path = Path(path) / FILE if Path(path).is_dir() else Path(path)
+        if not self.path.is_file():
+            beside = ""
+            if (self.path.parent / "model.zip").is_file():
+                beside = f"; make it with: .venv/bin/python -m agents.export {self.path.parent}"
+            raise ContractError(f"there is no policy {self.path}{beside}.")
+        options = onnxruntime.SessionOptions()
+        options.intra_op_num_threads = options.inter_op_num_threads = 1  # microseconds of work: threads only add jitter
+        options.log_severity_level = 3
+        try:
+            self._session = onnxruntime.InferenceSession(self.path, options, providers=["CPUExecutionProvider"])
+            metadata = self._session.get_modelmeta().custom_metadata_map
+        except Exception as error:  # onnxruntime has a class of its own for each way that a file can be damaged
+            reason = str(error).strip().partition("\n")[0]
+            raise ContractError(f"{self.path} is no ONNX file that can be read: {reason}") from None
+        if KEY not in metadata:
+            raise ContractError(
+                f"{self.path} has no contract, so nothing says which robot it is for; export it with "
+                "python -m agents.export."
+            )
+        self.contract = Contract.from_json(metadata[KEY], str(self.path))
+
+    def act(self, observation: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """Actions (n, k) in [-1, 1] and the goals they stand for (n, k) [rad], from observations (n, size)."""
+        action, goal = self._session.run(["action", "goal"], {"observation": np.asarray(observation, np.float32)})
+        return np.asarray(action), np.asarray(goal)
