@@ -199,7 +199,7 @@ def _compare(document: onnx.ModelProto, model: BaseAlgorithm, observation: Mappi
         clip = observation["clip"]
         seen = np.clip((raw - np.asarray(observation["mean"])) / scale, -clip, clip).astype(np.float32)
     wanted, _ = model.predict(seen, deterministic=True)
-    got = ReferenceEvaluator(document).run(["action"], {"observation": raw})[0]
+    got: Any = list(ReferenceEvaluator(document).run(["action"], {"observation": raw}))[0]
     difference = float(np.abs(np.asarray(got) - wanted).max())
     if not difference < PARITY:
         raise ExportError(

@@ -86,13 +86,13 @@ class Contract:
                     f"{where}: its contract has version {document['version']}, and this program reads version "
                     f"{VERSION}; export the policy again."
                 )
-            values = {field.name: document[field.name] for field in fields(cls)}
+            values: dict[str, Any] = {field.name: document[field.name] for field in fields(cls)}
         except (ValueError, LookupError, TypeError) as error:
             if isinstance(error, ContractError):
                 raise
             raise ContractError(f"{where}: its contract cannot be read ({error}); export the policy again.") from None
-        lists = {name: tuple(value) for name, value in values.items() if isinstance(value, list)}
-        return cls(**(values | lists))
+        lists: dict[str, Any] = {name: tuple(value) for name, value in values.items() if isinstance(value, list)}
+        return cls(**{**values, **lists})
 
 
 def task_of(env: Mapping[str, Any]) -> tuple[Task, dict[str, Any]]:

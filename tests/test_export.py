@@ -43,7 +43,8 @@ def learner(algorithm: str, activation: type[torch.nn.Module], normalize: bool) 
         for parameter in model.policy.parameters():
             parameter.mul_(2.0)
         if algorithm == "ppo":  # which begins with actions near 0
-            model.policy.action_net.weight.mul_(50.0)
+            policy: Any = model.policy
+            policy.action_net.weight.mul_(50.0)
     description = {"env": ENV, "actuators": chains, "control_rate": 50.0, "algorithm": algorithm}
     return model, describe(model, model.get_vec_normalize_env()) | description
 
