@@ -46,6 +46,7 @@ ORDER = (
         "position_pd",
         "position_pi",
         "ideal",
+        "torque_command",
         "net",
     ),
     *("duty_step", "minimum_duty", "duty_limit", "regression", "supply", "current_limit", "dc_motor", "torque_limit"),
@@ -105,9 +106,10 @@ class Chain:
                 f"{self.label}: the chain must end in the order {' > '.join(LAST)}, as far as it has them, "
                 f"not {' > '.join(names)}."
             )
-        if "spring" in names and "compliance" in names:
+        if "spring" in names and "compliance" in names and not self.find("spring").has_coordinate:
             raise ChainError(
-                f"{self.label}: a chain has a 'spring' or a 'compliance', not both: they are the same element."
+                f"{self.label}: a 'spring' and a 'compliance' with nothing between are the same element; remove one, "
+                "or give the spring the 'inertia' of what turns between them."
             )
         for stage in self.stages:
             stage.law_parameters(self)

@@ -112,7 +112,8 @@ class Drivetrain:
             weights = model.tendon_invweight0 if side.on_tendon else model.dof_invweight0
             mobility = float(weights[side.friction_id(model)])
             if mobility > 0.0:
-                check_step(item.name, self.chains[item.name], 1.0 / mobility, side.coupling is not None, model.opt)
+                coupled = side.coupling is not None or side.deflection is not None
+                check_step(item.name, self.chains[item.name], 1.0 / mobility, coupled, model.opt)
 
     def _add_actuator(self, name: str) -> None:
         side = self._sides[name]

@@ -21,6 +21,10 @@ FRICTION_SOLIMP = (0.9999, 0.9999, 0.001, 0.5, 2.0)
 # Stops of a play as stiff as gear teeth; the defaults let them overlap by more than the play is wide.
 TOOTH_SOLREF = (0.004, 1.0)
 TOOTH_SOLIMP = (0.99, 0.999, 0.0001, 0.5, 2.0)
+# A spring's hard stop: inelastic within two steps, as one whose damper outweighs the pulley that meets it.
+STOP_SOLREF = (0.002, 1.0)
+STOP_SOLIMP = (0.99, 0.999, 0.001, 0.5, 2.0)
+SPRING_TRAVEL = 1e3  # [rad] no stop on the other side
 MASSLESS = 1e-6  # [kg] and [kg.m2/100]: what the engine needs to accept a body whose inertia is the joint's armature
 
 
@@ -65,6 +69,7 @@ class Mounted:
         target: joint or tendon that the actuator acts on.
         on_tendon: whether that is a tendon.
         coupling: tendon that is the spring, compliance or play between motor and link.
+        deflection: joint that is the deflection of a spring with an inertia of its own.
         own: what the model itself gives the driven joint, to which the chain's is added.
     """
 
@@ -74,6 +79,7 @@ class Mounted:
     on_tendon: bool
     coupling: str | None = None
     own: OwnValues = OwnValues()
+    deflection: str | None = None
 
     def friction_id(self, model: mujoco.MjModel) -> int:
         """What the engine's dry friction row of the coordinate is of: a degree of freedom or a tendon."""
@@ -92,10 +98,15 @@ class Mounted:
             (f"{kind}_frictionloss", number, self.own.frictionloss + native_coulomb(chain)),
             (f"{kind}_damping", number, self.own.damping + viscous),
         ]
+        if self.deflection is not None:
+            spring, joint = chain.find("spring"), model.joint(self.deflection).id
+            dof = int(model.jnt_dofadr[joint])
+            rows += [("jnt_stiffness", joint, spring.stiffness), ("dof_damping", dof, spring.damping)]
+            rows += [("dof_armature", dof, spring.inertia)]
         if self.coupling is None:
             return rows
         number = model.tendon(self.coupling).id
-        element, play = chain.find("spring") or chain.find("compliance"), chain.find("backlash")
+        element, play = coupling_element(chain), chain.find("backlash")
         half = play.width / 2.0 if play is not None else 0.0
         if element is not None:
             rows += [("tendon_stiffness", number, element.stiffness), ("tendon_damping", number, element.damping)]
@@ -103,6 +114,12 @@ class Mounted:
         else:
             rows += [("tendon_range", number, (-half, half))]
         return rows
+
+
+def coupling_element(chain: Chain) -> Any:
+    """The spring or compliance that lies between the motor's joint and the link, or None."""
+    spring = chain.find("spring")
+    return chain.find("compliance") if spring is None or spring.has_coordinate else spring
 
 
 def rotor_inertia(chain: Chain, name: str) -> float:
@@ -140,28 +157,20 @@ def mount(spec: mujoco.MjSpec, item: DrivenCoordinate, chain: Chain) -> Mounted:
             raise SealegsError(f"the model has no joint '{joint}'{nearest(joint, names)} to put an actuator on.")
     friction = chain.find("friction")
     viscous = friction.viscous if friction else 0.0
-    element, play = chain.find("spring") or chain.find("compliance"), chain.find("backlash")
+    element, play, deflection = coupling_element(chain), chain.find("backlash"), None
+    if (spring := chain.find("spring")) is not None and spring.has_coordinate:
+        deflection = _mount_deflection(spec, item, spring)
     if element is None and play is None:
-        return _mount_stiff(spec, item, chain, viscous)
-    body = spec.body(item.motor_body) if item.motor_body else spec.joint(item.terms[0][0]).parent.parent
-    if body is None:
-        names = [other.name for other in spec.bodies]
-        raise SealegsError(
-            f"the model has no body '{item.motor_body}'{nearest(str(item.motor_body), names)} for a motor."
-        )
-    rotor = body.add_body(
-        name=f"{item.name}_rotor",
-        mass=item.rotor_mass,
-        ipos=[0.0, 0.0, 0.0],  # without it, MuJoCo writes no inertia at all into XML
-        inertia=[item.rotor_mass / 100.0] * 3,
-        explicitinertial=True,
-    )
+        return _mount_stiff(spec, item, chain, viscous, deflection)
+    rotor = _rotor(spec, item, f"{item.name}_rotor")
     motor_joint = f"{item.name}_motor"
-    rotor.add_joint(name=motor_joint, type=mujoco.mjtJoint.mjJNT_HINGE, axis=spec.joint(item.terms[0][0]).axis)
-    joint = spec.joint(motor_joint)
+    joint = rotor.add_joint(name=motor_joint, type=mujoco.mjtJoint.mjJNT_HINGE, axis=spec.joint(item.terms[0][0]).axis)
     joint.armature = rotor_inertia(chain, item.name)
     _dissipate(joint, viscous, native_coulomb(chain))
-    tendon = _tendon(spec, f"{item.name}_coupling", ((motor_joint, 1.0), *((name, -c) for name, c in item.terms)))
+    between = ((motor_joint, 1.0), *((name, -c) for name, c in item.terms))
+    if deflection is not None:
+        between += ((deflection, 1.0),)
+    tendon = _tendon(spec, f"{item.name}_coupling", between)
     half = play.width / 2.0 if play is not None else 0.0
     if element is not None:
         tendon.stiffness = _polynomial(tendon.stiffness, element.stiffness)
@@ -171,24 +180,65 @@ def mount(spec: mujoco.MjSpec, item: DrivenCoordinate, chain: Chain) -> Mounted:
         tendon.limited = True
         tendon.range = [-half, half]
         tendon.solref_limit, tendon.solimp_limit = TOOTH_SOLREF, TOOTH_SOLIMP
-    return Mounted(((motor_joint, 1.0),), item.terms, motor_joint, False, tendon.name)
+    return Mounted(((motor_joint, 1.0),), item.terms, motor_joint, False, tendon.name, deflection=deflection)
 
 
-def _mount_stiff(spec: mujoco.MjSpec, item: DrivenCoordinate, chain: Chain, viscous: float) -> Mounted:
-    """Motor and link are one: the chain acts on the joint itself, or on a tendon where the coordinate is a belt."""
-    on_tendon = len(item.terms) > 1
+def _rotor(spec: mujoco.MjSpec, item: DrivenCoordinate, name: str) -> mujoco.MjsBody:
+    """A body for a turning part whose inertia is its joint's armature, on the body that carries the motor."""
+    body = spec.body(item.motor_body) if item.motor_body else spec.joint(item.terms[0][0]).parent.parent
+    if body is None:
+        names = [other.name for other in spec.bodies]
+        raise SealegsError(
+            f"the model has no body '{item.motor_body}'{nearest(str(item.motor_body), names)} for a motor."
+        )
+    return body.add_body(
+        name=name,
+        mass=item.rotor_mass,
+        ipos=[0.0, 0.0, 0.0],  # without it, MuJoCo writes no inertia at all into XML
+        inertia=[item.rotor_mass / 100.0] * 3,
+        explicitinertial=True,
+    )
+
+
+def _mount_deflection(spec: mujoco.MjSpec, item: DrivenCoordinate, spring: Any) -> str:
+    """The joint that is the deflection of a spring which turns an inertia, against its stop where it has one."""
+    pulley = _rotor(spec, item, f"{item.name}_pulley")
+    name = f"{item.name}_spring"
+    joint = pulley.add_joint(name=name, type=mujoco.mjtJoint.mjJNT_HINGE, axis=spec.joint(item.terms[0][0]).axis)
+    joint.armature = spring.inertia
+    joint.stiffness = _polynomial(joint.stiffness, spring.stiffness)
+    joint.damping = _polynomial(joint.damping, spring.damping)
+    if spring.unilateral > 0.5:
+        joint.limited = mujoco.mjtLimited.mjLIMITED_TRUE
+        joint.range = (0.0, SPRING_TRAVEL)
+        joint.solref_limit, joint.solimp_limit = STOP_SOLREF, STOP_SOLIMP
+    return name
+
+
+def _mount_stiff(
+    spec: mujoco.MjSpec, item: DrivenCoordinate, chain: Chain, viscous: float, deflection: str | None
+) -> Mounted:
+    """Motor and link are one, but for the deflection of a spring that is a joint of its own: the chain acts on the
+    joint itself, or on a tendon where the motor's position is a sum.
+    """
+    terms = item.terms if deflection is None else (*item.terms, (deflection, -1.0))
+    if len(terms) > 2:
+        raise ChainError(
+            f"{chain.label}: behind a belt over two joints ('{item.name}'), a 'spring' with an inertia needs a "
+            "'compliance' in series."
+        )
+    on_tendon = len(terms) > 1 or terms[0][1] != 1.0
     own = OwnValues()
     if on_tendon:
-        target = _tendon(spec, f"{item.name}_belt", item.terms)
+        target = _tendon(spec, f"{item.name}_belt", terms)
         target.armature = chain.armature()
-        terms = item.terms
     else:
         target = spec.joint(item.terms[0][0])
         own = OwnValues(target.armature, float(np.ravel(target.damping)[0]), target.frictionloss)
         target.armature += chain.armature()
         terms = ((target.name, 1.0),)
     _dissipate(target, viscous, native_coulomb(chain))
-    return Mounted(terms, item.terms, target.name, on_tendon, own=own)
+    return Mounted(terms, item.terms, target.name, on_tendon, own=own, deflection=deflection)
 
 
 def _tendon(spec: mujoco.MjSpec, name: str, terms: Sequence[tuple[str, float]]) -> Any:

@@ -58,9 +58,10 @@ def check_step(name: str, chain: Chain, inertia: float, coupled: bool, option: m
     slope = velocity_slope(chain, step)
     if kutta and (friction := chain.find("friction")) is not None:
         slope += friction.viscous  # implicit in the other integrators
-    element = chain.find("spring") or chain.find("compliance")
-    stiffness = element.stiffness if coupled and element is not None else 0.0
-    frequency = math.sqrt(stiffness / inertia)
+    springs = [stage for stage in (chain.find("spring"), chain.find("compliance")) if stage is not None]
+    stiffness = sum(stage.stiffness for stage in springs) if coupled else 0.0
+    pulley = min((stage.inertia for stage in springs if stage.parameters().get("inertia")), default=inertia)
+    frequency = math.sqrt(stiffness / min(pulley, inertia))
     if step * slope > most_damping * inertia:
         reason, longest = f"its torque falls by {slope:.3g} N.m per rad/s", most_damping * inertia / slope
     elif step * frequency > most_frequency:

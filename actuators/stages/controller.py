@@ -93,6 +93,21 @@ class Ideal(Stage):
     armature: float = parameter(0.0, "kg.m2", 0.0, 1e3, "rotor inertia at the joint")
 
 
+@register
+@dataclass(frozen=True, kw_only=True)
+class TorqueCommand(Stage):
+    """The host closes the loop itself: its command is a torque [N.m] and passes as it is.
+
+    Behind it come the amplifier's faults (``offset`` for a bias, ``scale`` for a wrong motor constant).
+    """
+
+    name: ClassVar[str] = "torque_command"
+    takes: ClassVar[tuple[Quantity, ...]] = (Quantity.POSITION_GOAL,)
+    gives: ClassVar[Quantity | None] = Quantity.TORQUE
+
+    armature: float = parameter(0.0, "kg.m2", 0.0, 1e3, "rotor inertia at the joint")
+
+
 @compiled()
 def ideal_torque(p, i, s, goal):
     """Torque of an ideal servo."""

@@ -8,7 +8,7 @@ from typing import Any, ClassVar
 
 from actuators.compiled import compiled
 from actuators.layout import S_LIMIT, S_TIME
-from actuators.stages.base import Quantity, Stage, parameter, register
+from actuators.stages.base import ChainError, Quantity, Stage, parameter, register
 
 REST_SPEED = 1e-3  # [rad/s] below this a joint counts as at rest and friction opposes the torque, not the motion
 
@@ -117,13 +117,29 @@ def advance_bristle(p, i, s, m, time):
 @register
 @dataclass(frozen=True, kw_only=True)
 class Spring(Stage):
-    """Series spring between the motor (behind its gears) and the link, which become two bodies in the engine."""
+    """Series spring between the motor (behind its gears) and the link, which become two bodies in the engine.
+
+    With an ``inertia`` its deflection, link minus motor, is a coordinate of its own, as that of a pulley in a
+    differential that winds a spring; only then may it be ``unilateral``, and a ``compliance`` follow in series.
+    """
 
     name: ClassVar[str] = "spring"
     takes: ClassVar[tuple[Quantity, ...]] = (Quantity.TORQUE,)
 
     stiffness: float = parameter(None, "N.m/rad", 1e-3, 1e6, "torque per deflection")
     damping: float = parameter(0.0, "N.m.s/rad", 0.0, 1e4, "torque per deflection speed")
+    inertia: float = parameter(0.0, "kg.m2", 0.0, 1e3, "of what turns with the deflection; 0: nothing does")
+    unilateral: float = parameter(0.0, "-", 0.0, 1.0, "1: a hard stop keeps the link from falling behind the motor")
+
+    @property
+    def has_coordinate(self) -> bool:
+        """Whether the deflection is a coordinate of its own."""
+        return self.inertia > 0.0
+
+    def law_parameters(self, chain: Any) -> list[float]:
+        if self.unilateral > 0.5 and not self.has_coordinate:
+            raise ChainError(f"{chain.label}: a unilateral 'spring' needs an inertia that meets its stop.")
+        return super().law_parameters(chain)
 
 
 @register
