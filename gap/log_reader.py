@@ -10,7 +10,7 @@ import numpy as np
 from actuators.errors import nearest
 from gap.log_sidecar import Sidecar, read_sidecar
 from gap.log_table import ENDINGS, check_columns, read_batches
-from gap.log_types import REQUIRED_EVERYWHERE, Array, JointLog, LogError, MeasuredRun, MeasuredSet
+from gap.log_types import OTHER, REQUIRED_EVERYWHERE, Array, JointLog, LogError, MeasuredRun, MeasuredSet
 
 MINIMUM_SAMPLES = 2
 SLOWEST_PERIOD = 0.5
@@ -99,11 +99,11 @@ def _build_run(name: str, table: dict[str, Array], sidecar: Sidecar, path: Path,
     check_columns(list(table), path)
     _check_values(table, path, first_row)
     signals: dict[str, dict[str, Array]] = {}
-    base: dict[str, Array] = {}
+    other: dict[str, dict[str, Array]] = {group: {} for group in OTHER}
     for column, values in table.items():
         joint, _, signal = column.rpartition(".")
-        if joint == "base":
-            base[signal] = values
+        if joint in OTHER:
+            other[joint][signal] = values
         elif joint:
             signals.setdefault(joint, {})[signal] = values
     for joint in sidecar.actuators:
@@ -123,8 +123,8 @@ def _build_run(name: str, table: dict[str, Array], sidecar: Sidecar, path: Path,
         for joint, recorded in signals.items()
     }
     return MeasuredRun(
-        name, table["time"], joints, base, sidecar.robot, dict(sidecar.robot_params), dict(sidecar.actuators), path,
-        dict(sidecar.meta),
+        name, table["time"], joints, other["base"], sidecar.robot, dict(sidecar.robot_params), dict(sidecar.actuators),
+        path, dict(sidecar.meta), other["host"],
     )  # fmt: skip
 
 
@@ -132,7 +132,7 @@ def _check_values(table: dict[str, Array], path: Path, first_row: int) -> None:
     for column, values in table.items():
         signal = column.rpartition(".")[2]
         needed = signal in REQUIRED_EVERYWHERE or column == "time"
-        bad = ~np.isfinite(values) if needed and not column.startswith("base.") else np.isinf(values)
+        bad = ~np.isfinite(values) if needed and column.partition(".")[0] not in OTHER else np.isinf(values)
         if bad.any():
             row = first_row + int(np.argmax(bad)) + 1
             value = "has no value (NaN)" if np.isnan(values[row - first_row - 1]) else "is infinite"

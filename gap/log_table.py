@@ -12,7 +12,7 @@ from pyarrow import compute, parquet
 from pyarrow import csv as arrow_csv
 
 from actuators.errors import nearest
-from gap.log_types import SIGNAL_UNITS, Array, LogError
+from gap.log_types import OTHER, SIGNAL_UNITS, Array, LogError
 
 ENDINGS = (".csv", ".parquet")
 _CSV_BLOCK_BYTES = 8 << 20
@@ -115,18 +115,18 @@ def check_columns(names: list[str], path: Path) -> None:
     """Refuse columns that the format does not know, columns named twice, and a missing ``time`` or ``position``."""
     seen: set[str] = set()
     joints = dict.fromkeys(name.rpartition(".")[0] for name in names if name.rpartition(".")[2] in SIGNAL_UNITS)
-    joints = [joint for joint in joints if joint and joint != "base"]
+    joints = [joint for joint in joints if joint and joint not in OTHER]
     known = ["time", *(f"{joint}.{signal}" for joint in joints for signal in SIGNAL_UNITS)]
     for name in names:
         if name in seen:
             raise LogError(f"{path}: column '{name}' is there twice; keep one")
         seen.add(name)
         joint, _, signal = name.rpartition(".")
-        if name != "time" and joint != "base" and not (joint and signal in SIGNAL_UNITS):
+        if name != "time" and joint not in OTHER and not (joint and signal in SIGNAL_UNITS):
             hint = nearest(name, known) or nearest(signal, SIGNAL_UNITS)
             raise LogError(
-                f"{path}: unknown column '{name}'{hint}; columns are time, base.*, and <joint>. followed by one of "
-                f"{', '.join(SIGNAL_UNITS)}"
+                f"{path}: unknown column '{name}'{hint}; columns are time, base.*, host.*, and <joint>. followed by "
+                f"one of {', '.join(SIGNAL_UNITS)}"
             )
     if "time" not in seen:
         raise LogError(f"{path}: the column 'time' [s] is missing{nearest('time', names)}")

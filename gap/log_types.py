@@ -35,6 +35,9 @@ SIGNAL_UNITS: dict[str, str] = {
 }
 """Every signal a joint may log, with its unit."""
 
+OTHER = ("base", "host")
+"""Groups of columns that belong to no joint: of the floating base, and of the computer that ran the loop."""
+
 REQUIRED_EVERYWHERE = ("goal", "position", "enabled")
 """Signals that may not miss a value in any sample where their column exists."""
 
@@ -87,6 +90,7 @@ class MeasuredRun:
         actuators: chain name or inline chain per joint.
         source: file the run was read from, None for a run made in memory.
         meta: everything else the sidecar says (``group``, ``units``, ``sample_clock``, ...).
+        host: ``host.*`` columns by the name after the dot, each of shape (n,).
     """
 
     name: str
@@ -98,6 +102,7 @@ class MeasuredRun:
     actuators: dict[str, str | list] = field(default_factory=dict)
     source: Path | None = None
     meta: dict[str, Any] = field(default_factory=dict)
+    host: dict[str, Array] = field(default_factory=dict)
 
     @property
     def duration(self) -> float:
@@ -114,7 +119,8 @@ class MeasuredRun:
         table: dict[str, Array] = {"time": self.time}
         for joint, log in self.joints.items():
             table |= {f"{joint}.{signal}": values for signal, values in log.signals().items()}
-        return table | {f"base.{name}": values for name, values in self.base.items()}
+        table |= {f"base.{name}": values for name, values in self.base.items()}
+        return table | {f"host.{name}": values for name, values in self.host.items()}
 
 
 @dataclass(frozen=True, eq=False)

@@ -25,6 +25,7 @@ def sine_run(name: str = "run", samples: int = 400) -> MeasuredRun:
         time=time,
         joints={"servo": JointLog(goal=np.sin(time), position=np.sin(time - 0.1), velocity=velocity)},
         base={"height": 0.1 * time},
+        host={"sent": time + 0.002},
         robot_params={"mass": 0.5, "length": 0.12, "arm_mass": 0.0},
         actuators={"servo": [{"position_p": {"gain": 5.3}}]},
         meta={"group": "a", "operator": "me"},
