@@ -1,0 +1,589 @@
+"""A bus of Feetech servos, over the manufacturer's SDK.
+
+The SDK frames and parses packets; this module decides what a reply is worth. A transaction discards old input first,
+accepts a reply only if servo, length and order fit, repeats what can be repeated, and gives every failure its name.
+"""
+
+from __future__ import annotations
+
+import threading
+import time
+from collections import Counter, deque
+from collections.abc import Callable, Iterable, Mapping, Sequence
+from typing import Any, TypeVar
+
+import numpy as np
+import scservo_sdk as sdk
+
+from hw.packets import (
+    BusError,
+    ConfigurationError,
+    CorruptReplyError,
+    EchoError,
+    NoReplyError,
+    NotWrittenError,
+    RegisterError,
+    ReplyError,
+    ShortReplyError,
+    StaleReplyError,
+    WrongModelError,
+)
+from hw.port import GONE, BusPort
+from hw.registers import Register, load_model
+from hw.servo_state import BlockReader, ServoState
+
+BROADCAST = 254
+ID, LENGTH, ERROR, DATA = 2, 3, 4, 5  # places in a packet
+PING, READ, WRITE, SYNC_READ, SYNC_WRITE = 0x01, 0x02, 0x03, 0x82, 0x83
+SCAN_TIMEOUT = 0.005  # [s] per id: a servo answers within 1 ms, and a USB adapter adds a few
+RECOVERY = 0.3  # [s] of torque off that clears an overload, as in huggingface/lerobot
+MULTI_TURN = 16  # bit of register phase
+
+T = TypeVar("T")
+
+
+class ServoBus:
+    """Servos of one model on one port. Every method is safe to call from several threads.
+
+    Angles are those of the output shaft: 0 rad is the centre of the encoder's turn (step 2048), positive is the
+    direction of growing steps. Joints, their directions and zeros are the calibration's business.
+
+    Attributes:
+        port: path of the port.
+        model: register table in use.
+        retries: further tries of a transaction whose reply was missing or unusable.
+        counts: failures so far by the name of their class, those that a further try cured included.
+        events: the latest failures, oldest first, as (host's monotonic time [s], error).
+        status: latest error byte of each servo by id.
+    """
+
+    def __init__(
+        self,
+        port: str,
+        baudrate: int = 1_000_000,
+        model: str = "sts3215",
+        timeout: float = 0.02,
+        retries: int = 2,
+    ) -> None:
+        """Open the port; close it with :meth:`close`, or use the bus in a ``with``.
+
+        Args:
+            port: path, such as /dev/ttyUSB0.
+            baudrate: of the bus [bit/s].
+            model: name of a table in ``hw/registers``.
+            timeout: how long a reply may take beyond the time of its bytes [s]; some USB adapters hold bytes for 16 ms.
+            retries: further tries of a transaction whose reply was missing or unusable.
+
+        Raises:
+            PortError: the port is missing, not a serial port, or (:class:`PortBusyError`) in use.
+            EchoError: the adapter returns what is sent.
+            RegisterError: there is no table of that name.
+        """
+        self.port, self.retries = port, retries
+        self.model = load_model(model)
+        self.counts: Counter[str] = Counter()
+        self.events: deque[tuple[float, BusError]] = deque(maxlen=256)
+        self.status: dict[int, int] = {}
+        self._lock = threading.RLock()
+        self._block = BlockReader(self.model)
+        self._unsettled = False  # a reply failed: more of it may be on its way
+        self._longer = 0  # bytes by which blocks are read longer, so that late answers to older requests do not fit
+        self._port = BusPort(port, baudrate, timeout)
+        self._sdk = sdk.PacketHandler(0)
+        try:
+            self._check_echo()
+        except BaseException:
+            self._port.closePort()
+            raise
+
+    def __enter__(self) -> ServoBus:
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        self.close()
+
+    def close(self) -> None:
+        """Close the port. Torque stays as it is."""
+        with self._lock:
+            self._port.closePort()
+
+    @property
+    def timeout(self) -> float:
+        """How long a reply may take beyond the time of its bytes [s]."""
+        return self._port.reply_timeout
+
+    # --- who is there ------------------------------------------------------------------------------------------
+
+    def ping(self, servo: int) -> int:
+        """Model number of a servo.
+
+        Raises:
+            ReplyError: it does not answer.
+        """
+        self._retry(lambda: self._transact([servo], PING, [], 0))
+        return self.read_register(servo, "model_number")
+
+    def scan(self, ids: Iterable[int] = range(254)) -> dict[int, int]:
+        """Model number by id of the servos that answer.
+
+        Raises:
+            CorruptReplyError: an id answers, but never cleanly; two servos may share it.
+        """
+        found = {}
+        for servo in ids:
+            try:
+                self._retry(
+                    lambda servo=servo: self._transact([servo], PING, [], 0, SCAN_TIMEOUT), retries=1, keep=False
+                )
+            except NoReplyError:
+                continue
+            except CorruptReplyError:
+                raise CorruptReplyError(
+                    f"id {servo} on {self.port} answers with broken packets; if two servos have this id, connect them "
+                    "one at a time and give one another id.",
+                    [servo],
+                ) from None
+            found[servo] = self.read_register(servo, "model_number")
+        return found
+
+    def check(self, ids: Sequence[int]) -> None:
+        """Make sure that servos are there, of the bus's model, and set up so that the bus can work with them.
+
+        Raises:
+            NoReplyError: one does not answer.
+            WrongModelError: one is of another model.
+            ConfigurationError: one does not acknowledge writes, is not in position mode, or counts turns.
+        """
+        for servo in ids:
+            if (number := self.ping(servo)) != self.model.model_number:
+                raise WrongModelError(
+                    f"servo {servo} reports model number {number}, but a {self.model.name} has "
+                    f"{self.model.model_number}; give the right servo model.",
+                    [servo],
+                )
+            for name, fits, remedy in (
+                ("response_level", lambda v: v == 1, "write 1, so that it acknowledges writes"),
+                ("operating_mode", lambda v: v == 0, "write 0, position mode"),
+                ("phase", lambda v: not v & MULTI_TURN, "clear bit 4, so that positions stay within one turn"),
+            ):
+                if not fits(value := self.read_register(servo, name)):
+                    raise ConfigurationError(
+                        f"servo {servo} has {value} in register '{name}'; {remedy} (bus.write_register).", [servo]
+                    )
+
+    def identity(self, servo: int) -> dict[str, int]:
+        """Every register of a servo outside its readings, by name: what a log keeps of the firmware and its settings."""
+        names = [name for name, item in self.model.registers.items() if not name.startswith(("present_", "target_"))]
+        data: dict[int, int] = {}
+        for start in range(0, self.model.size(), 48):
+            length = min(48, self.model.size() - start)
+            reply = self._retry(lambda start=start, length=length: self._read(servo, start, length))
+            data.update(enumerate(reply, start))
+        memory = [data[at] for at in range(self.model.size())]
+        return {name: self.model[name].read(memory) for name in names}
+
+    # --- cycle -------------------------------------------------------------------------------------------------
+
+    def read_state(self, ids: Sequence[int], retries: int | None = None) -> ServoState:
+        """Position, velocity, duty, voltage, temperature, status and current of all servos, in one transaction.
+
+        Args:
+            ids: of the servos, each once.
+            retries: other than the bus's own.
+
+        Raises:
+            NoReplyError, CorruptReplyError, ShortReplyError, StaleReplyError: after the last try; ``servos`` names
+                those whose reply is missing.
+            UnpluggedError: the adapter is gone.
+        """
+
+        def read() -> ServoState:
+            before = time.monotonic()
+            length = self._block.length
+            asked = length + self._longer
+            replies = self._transact(ids, SYNC_READ, [self._block.start, asked, *ids], asked)
+            return self._block.state(ids, [replies[servo] for servo in ids], before, time.monotonic())
+
+        return self._retry(read, retries)
+
+    def write_goals(
+        self,
+        ids: Sequence[int],
+        position: Sequence[float] | np.ndarray,
+        velocity: float | Sequence[float] | np.ndarray | None = None,
+        acceleration: float | Sequence[float] | np.ndarray | None = None,
+    ) -> float:
+        """Send goals to all servos in one packet, which no servo acknowledges.
+
+        Args:
+            ids: of the servos (n,).
+            position: goals (n,) [rad]; held within the turn of the encoder.
+            velocity: of the move there (n,) [rad/s], 0: no limit; None: the register stays as it is.
+            acceleration: of the move (n,) [rad/s2], 0: no limit; None: as velocity, 0 where that is given.
+
+        Returns:
+            Host's monotonic clock as the packet went out [s].
+
+        Raises:
+            RegisterError: a goal is not finite, or there are not as many as servos.
+            UnpluggedError: the adapter is gone.
+        """
+        steps = self.to_steps(position)
+        if len(steps) != len(ids):
+            raise RegisterError(f"there are {len(steps)} goals for {len(ids)} servos.")
+        return self.write_goal_steps(ids, steps, velocity, acceleration)
+
+    def write_goal_steps(
+        self,
+        ids: Sequence[int],
+        steps: Sequence[int] | np.ndarray,
+        velocity: float | Sequence[float] | np.ndarray | None = None,
+        acceleration: float | Sequence[float] | np.ndarray | None = None,
+    ) -> float:
+        """As :meth:`write_goals`, with goals in steps of the encoder (n,)."""
+        goal = self.model["goal_position"]
+        if velocity is None and acceleration is None:
+            rows = [goal.to_bytes(int(step)) for step in steps]
+            return self._write_all(goal.address, ids, rows)
+        step = 2.0 * np.pi / self.model.resolution
+        count = len(ids)
+        speeds = np.broadcast_to(np.rint(np.asarray(velocity or 0.0, float) / step), (count,))
+        scale = self.model["acceleration"].scale * step
+        ramps = np.broadcast_to(np.rint(np.asarray(acceleration or 0.0, float) / scale), (count,))
+        rows = [
+            self.model["acceleration"].to_bytes(int(ramps[k]))
+            + goal.to_bytes(int(steps[k]))
+            + self.model["goal_time"].to_bytes(0)
+            + self.model["goal_velocity"].to_bytes(int(speeds[k]))
+            for k in range(count)
+        ]
+        return self._write_all(self.model["acceleration"].address, ids, rows)
+
+    def to_steps(self, position: Sequence[float] | np.ndarray) -> np.ndarray:
+        """Steps of the encoder nearest to positions [rad], within its turn.
+
+        Raises:
+            RegisterError: a position is not finite.
+        """
+        angles = np.asarray(position, np.float64)
+        if not np.isfinite(angles).all():
+            raise RegisterError(f"a goal is not a finite number: {angles.tolist()}.")
+        steps = np.rint(angles * (self.model.resolution / (2.0 * np.pi))) + self.model.centre
+        return np.clip(steps, 0, self.model.resolution - 1).astype(int)
+
+    # --- torque ------------------------------------------------------------------------------------------------
+
+    def torque_on(self, ids: Sequence[int]) -> None:
+        """Switch torque on where each servo stands: its goal becomes its position first, or it would jump.
+
+        Raises:
+            BusError: a servo failed; torque is then off on all of them.
+        """
+        try:
+            self.hold(ids)
+            for servo in ids:
+                self.write_register(servo, "torque_enable", 1)
+        except BusError:
+            self.torque_off(ids)
+            raise
+
+    def hold(self, ids: Sequence[int]) -> None:
+        """Make each servo's position its goal, and make sure that the goal arrived.
+
+        Raises:
+            NotWrittenError: a servo has another goal.
+            BusError: a servo failed.
+        """
+        goals = np.clip(self.read_state(ids).raw["present_position"], 0, self.model.resolution - 1)
+        register = self.model["goal_position"]
+
+        def write() -> None:
+            self.write_goal_steps(ids, goals)
+            for servo, goal in zip(ids, goals, strict=True):
+                if self.read_register(servo, register.name) != goal:
+                    raise NotWrittenError(f"servo {servo} did not take its position as its goal; try again.", [servo])
+
+        self._repeat_unwritten(write)
+
+    def torque_off(self, ids: Sequence[int]) -> dict[int, BusError]:
+        """Switch torque off on every servo that can be reached; never raises.
+
+        All are told in one packet, twice. Then each is asked on its own, and told again where needed.
+
+        Returns:
+            Why, for each servo of which it is not sure that its torque is off.
+        """
+        register, failed = self.model["torque_enable"], dict[int, BusError]()
+        with self._lock:
+            for _ in range(2):
+                try:
+                    self._write_all(register.address, ids, [b"\0"] * len(ids))
+                except BusError as error:
+                    failed = {servo: error for servo in ids}
+            if failed:
+                return failed
+            for servo in ids:
+                try:
+                    if self.read_register(servo, register.name) != 0:
+                        self.write_register(servo, register.name, 0)
+                except BusError as error:
+                    failed[servo] = error
+        return failed
+
+    def recover(self, ids: Sequence[int]) -> None:
+        """Clear an overload: torque off for a while, then on where the servos stand.
+
+        Raises:
+            BusError: a servo failed; torque is then off on all of them.
+        """
+        for error in self.torque_off(ids).values():
+            raise error
+        time.sleep(RECOVERY)
+        self.torque_on(ids)
+
+    # --- registers ---------------------------------------------------------------------------------------------
+
+    def read_register(self, servo: int, name: str) -> int:
+        """A register's count, with its sign.
+
+        Raises:
+            RegisterError: there is no such register.
+            ReplyError: no usable answer after the last try.
+        """
+        register = self.model[name]
+        data = self._retry(lambda: self._read(servo, register.address, register.bytes))
+        return register.read(data, register.address)
+
+    def read_value(self, servo: int, name: str) -> float:
+        """A register's value in its unit."""
+        return self.read_register(servo, name) * self.model[name].scale
+
+    def write_register(self, servo: int, name: str, count: int) -> None:
+        """Write a register, and make sure that it arrived. What belongs to the EEPROM is unlocked, and locked again.
+
+        Raises:
+            RegisterError: there is no such register, it is read-only, or cannot take the count.
+            NotWrittenError: it reads back otherwise.
+            ReplyError: no usable answer after the last try.
+        """
+        register = self.model[name]
+        if register.area == "read":
+            raise RegisterError(f"register '{name}' is read-only.", [servo])
+        if name in ("id", "baud_rate"):
+            raise RegisterError(
+                f"register '{name}' changes how the servo is reached; "
+                f"{'use change_id' if name == 'id' else 'change it with the tool of the manufacturer'}.",
+                [servo],
+            )
+        data = register.to_bytes(count)
+        with self._lock:
+            if register.area != "eeprom":
+                self._write_checked(servo, register, data, count)
+                return
+            self._unlocked(servo, lambda: self._write_checked(servo, register, data, count))
+
+    def change_id(self, servo: int, new: int) -> None:
+        """Give a servo another id.
+
+        Raises:
+            ConfigurationError: another servo has the new id.
+            RegisterError: the id is outside 0..253.
+            NotWrittenError: it does not answer under the new id.
+        """
+        data = self.model["id"].to_bytes(new)
+        with self._lock:
+            self.ping(servo)
+            if new in self.scan([new]):
+                raise ConfigurationError(f"id {new} is taken by another servo; choose a free one.", [servo, new])
+            self._put(servo, self.model["lock"], b"\0")
+            try:
+                self._transact([servo], WRITE, [self.model["id"].address, *data], 0)
+            except ReplyError:  # documents do not say under which id it acknowledges
+                pass
+            if new not in self.scan([new]):
+                raise NotWrittenError(f"servo {servo} does not answer as {new}; scan the bus.", [servo])
+            self._put(new, self.model["lock"], b"\1")
+
+    def _unlocked(self, servo: int, write: Callable[[], None]) -> None:
+        lock = self.model["lock"]
+        self._put(servo, lock, b"\0")
+        try:
+            write()
+        finally:
+            self._put(servo, lock, b"\1")
+
+    def _write_checked(self, servo: int, register: Register, data: bytes, count: int) -> None:
+        def write() -> None:
+            self._put(servo, register, data)
+            if register.name == "torque_enable" and count == 128:
+                return  # an order, not a value
+            if (found := self.read_register(servo, register.name)) != count:
+                raise NotWrittenError(
+                    f"servo {servo} has {found} in register '{register.name}' after {count} was written; try again.",
+                    [servo],
+                )
+
+        self._repeat_unwritten(write)
+
+    def _repeat_unwritten(self, write: Callable[[], None]) -> None:
+        for left in range(self.retries, -1, -1):
+            try:
+                return write()
+            except NotWrittenError as error:
+                self._note(error)
+                if not left:
+                    raise
+
+    def _put(self, servo: int, register: Register, data: bytes) -> None:
+        self._retry(lambda: self._transact([servo], WRITE, [register.address, *data], 0))
+
+    # --- transactions ------------------------------------------------------------------------------------------
+
+    def _read(self, servo: int, address: int, length: int) -> list[int]:
+        return self._transact([servo], READ, [address, length], length)[servo]
+
+    def _write_all(self, address: int, ids: Sequence[int], rows: Sequence[bytes]) -> float:
+        """One packet to all servos, without an answer."""
+        _check_ids(ids)
+        length = len(rows[0])
+        parameters = [address, length]
+        for servo, row in zip(ids, rows, strict=True):
+            parameters += [servo, *row]
+        with self._lock, self._port.errors_named():
+            self._require_open()
+            self._send(BROADCAST, SYNC_WRITE, parameters)
+            return time.monotonic()
+
+    def _transact(
+        self, ids: Sequence[int], instruction: int, parameters: list[int], length: int, timeout: float | None = None
+    ) -> dict[int, list[int]]:
+        """Send a request and collect the data bytes of each servo's reply.
+
+        Raises:
+            ReplyError: a reply is missing or unusable.
+            UnpluggedError, StalledError, EchoError: the port failed.
+        """
+        _check_ids(ids)
+        with self._lock, self._port.errors_named():
+            self._require_open()
+            if self._unsettled:
+                self._port.settle()
+                self._unsettled = False
+            target = BROADCAST if instruction == SYNC_READ else ids[0]
+            request = self._send(target, instruction, parameters)
+            span = (timeout or self._port.reply_timeout) + 1e-5 * (len(request) + (6 + length) * len(ids)) * (
+                1e6 / self._port.baudrate
+            )
+            self._port.setPacketTimeoutMillis(1e3 * span)
+            try:
+                return self._collect(ids, request, length)
+            except ReplyError:
+                self._unsettled, self._longer = True, 1 - self._longer
+                raise
+
+    def _send(self, target: int, instruction: int, parameters: list[int]) -> list[int]:
+        request = [0xFF, 0xFF, target, len(parameters) + 2, instruction, *parameters, 0]
+        result = self._sdk.txPacket(self._port, request)
+        if self._port.discarded:
+            self._note(StaleReplyError(f"{self._port.discarded} bytes came on {self.port} after their time; ignored."))
+        if result != sdk.COMM_SUCCESS:
+            raise RegisterError(f"the request is too long: {len(request)} bytes; address fewer servos at once.")
+        self._port.is_using = False
+        return request
+
+    def _collect(self, ids: Sequence[int], request: list[int], length: int) -> dict[int, list[int]]:
+        replies: dict[int, list[int]] = {}
+        problem: ReplyError | None = None
+        while len(replies) < len(ids):
+            packet, result = self._sdk.rxPacket(self._port)
+            missing = [servo for servo in ids if servo not in replies]
+            if result == sdk.COMM_RX_TIMEOUT:
+                raise problem or self._no_reply(missing)
+            if result != sdk.COMM_SUCCESS:
+                problem = CorruptReplyError(
+                    f"a broken packet came from {_servos(missing)} on {self.port}; check the wiring, "
+                    "and that no two servos have one id.",
+                    missing,
+                )
+                if self._port.isPacketTimeout():
+                    raise problem
+                continue
+            servo = packet[ID]
+            if packet == request:
+                raise self._echo_error()
+            if servo in replies or servo not in ids:
+                raise StaleReplyError(
+                    f"servo {servo} on {self.port} answered a question that was not the latest; it was ignored.",
+                    [servo],
+                )
+            if packet[LENGTH] != length + 2:
+                raise ShortReplyError(
+                    f"servo {servo} on {self.port} answered {packet[LENGTH] - 2} bytes to a question for {length}; "
+                    "it was ignored.",
+                    [servo],
+                )
+            self.status[servo] = packet[ERROR]
+            replies[servo] = packet[DATA : DATA + length]
+        return replies
+
+    def _no_reply(self, missing: Sequence[int]) -> NoReplyError:
+        return NoReplyError(
+            f"{_servos(missing)} on {self.port} did not answer within {1e3 * self.timeout:g} ms; check power, wiring, "
+            "ids and baud rate.",
+            missing,
+        )
+
+    def _retry(self, transaction: Callable[[], T], retries: int | None = None, keep: bool = True) -> T:
+        for left in range(self.retries if retries is None else retries, -1, -1):
+            try:
+                with self._lock:
+                    return transaction()
+            except ReplyError as error:
+                if keep:
+                    self._note(error)
+                if not left:
+                    raise
+            except BusError as error:
+                self._note(error)
+                raise
+        raise AssertionError("unreachable")
+
+    def _note(self, error: BusError) -> None:
+        self.counts[type(error).__name__] += 1
+        self.events.append((time.monotonic(), error))
+
+    def _require_open(self) -> None:
+        if not self._port.is_open:
+            raise OSError("closed")
+
+    def _check_echo(self) -> None:
+        """Send what no servo answers and no reply can equal, a SYNC_WRITE to nobody, and see whether it comes back."""
+        with self._port.errors_named():
+            self._port.settle(0.002)
+            request = self._send(BROADCAST, SYNC_WRITE, [self.model["goal_position"].address, 2])
+            self._port.setPacketTimeoutMillis(5.0)
+            seen: list[int] = []
+            while not self._port.isPacketTimeout() and len(seen) < len(request):
+                seen += self._port.readPort(len(request) - len(seen))
+            if seen == request:
+                raise self._echo_error()
+
+    def _echo_error(self) -> EchoError:
+        return EchoError(
+            f"the adapter at {self.port} returns what is sent to it; switch its echo off, or use an adapter that "
+            "joins the two data lines itself."
+        )
+
+
+def _check_ids(ids: Sequence[int]) -> None:
+    if not len(ids):
+        raise RegisterError("no servo is addressed; give at least one id.")
+    if len(set(ids)) != len(ids):
+        raise RegisterError(f"a servo is addressed twice: {list(ids)}.")
+    for servo in ids:
+        if not 0 <= servo < BROADCAST:
+            raise RegisterError(f"{servo} is not the id of a servo; ids are 0 to 253.")
+
+
+def _servos(ids: Sequence[int]) -> str:
+    return f"servo {ids[0]}" if len(ids) == 1 else f"servos {', '.join(map(str, ids))}"

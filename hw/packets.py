@@ -1,0 +1,149 @@
+"""What a bus of servos can do wrong, each under its own name; and the bits of a servo's status byte.
+
+Every message is one sentence that says what is wrong, on which servo or port, and what to do.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Sequence
+from enum import IntFlag
+
+from actuators.errors import SealegsError
+
+
+class BusError(SealegsError):
+    """Something that went wrong between host and servos.
+
+    Attributes:
+        servos: ids concerned; empty where it is the whole bus.
+    """
+
+    def __init__(self, message: str, servos: Iterable[int] = ()) -> None:
+        super().__init__(message)
+        self.servos = tuple(servos)
+
+
+class RegisterError(BusError):
+    """A register that the servo does not have, or that cannot take the value."""
+
+
+# --- the port ------------------------------------------------------------------------------------------------------
+
+
+class PortError(BusError):
+    """The port cannot be opened or set up."""
+
+
+class PortBusyError(PortError):
+    """Another program has the port."""
+
+
+class UnpluggedError(PortError):
+    """The adapter is gone: unplugged, or its driver gave up."""
+
+
+class StalledError(PortError):
+    """The adapter takes no more bytes."""
+
+
+class EchoError(PortError):
+    """The adapter returns what the host sends, which no reply can be told apart from."""
+
+
+# --- replies -------------------------------------------------------------------------------------------------------
+
+
+class ReplyError(BusError):
+    """A transaction without a usable answer; another try may succeed."""
+
+
+class NoReplyError(ReplyError):
+    """No byte came from a servo within the timeout."""
+
+
+class CorruptReplyError(ReplyError):
+    """Bytes came, but no packet with a right checksum: noise, a cut packet, or two servos with one id."""
+
+
+class ShortReplyError(ReplyError):
+    """A sound packet of another length than was asked for: the answer to some other question."""
+
+
+class StaleReplyError(ReplyError):
+    """Replies came after their time; what was read meanwhile may answer an older question."""
+
+
+# --- servos --------------------------------------------------------------------------------------------------------
+
+
+class WrongModelError(BusError):
+    """A servo is of another model than the register table in use."""
+
+
+class ConfigurationError(BusError):
+    """A servo's registers are set so that the host cannot work with it."""
+
+
+class NotWrittenError(BusError):
+    """A register reads back other than it was written."""
+
+
+class ServoFaultError(BusError):
+    """A servo reports a fault of its own in its status byte."""
+
+
+class VoltageFault(ServoFaultError):
+    """Supply voltage below or above the limits in the servo: flat battery, thin wires, wrong supply."""
+
+
+class EncoderFault(ServoFaultError):
+    """The servo cannot read its position sensor."""
+
+
+class OverheatFault(ServoFaultError):
+    """The servo is hotter than its limit."""
+
+
+class OvercurrentFault(ServoFaultError):
+    """The motor current was above its limit for too long."""
+
+
+class OverloadFault(ServoFaultError):
+    """The servo pushed with nearly all its torque for too long and limits itself until its torque is switched off."""
+
+
+class Status(IntFlag):
+    """Bits of register 65 and of the error byte of every reply; they say how the servo is, not what became of a request."""
+
+    VOLTAGE = 1
+    ENCODER = 2
+    OVERHEAT = 4
+    OVERCURRENT = 8
+    OVERLOAD = 32
+
+
+FAULTS: dict[Status, tuple[type[ServoFaultError], str]] = {
+    Status.VOLTAGE: (VoltageFault, "has a supply voltage outside its limits; check battery, supply and wires"),
+    Status.ENCODER: (EncoderFault, "cannot read its position sensor; replace the servo"),
+    Status.OVERHEAT: (OverheatFault, "is hotter than its limit; switch its torque off and let it cool"),
+    Status.OVERCURRENT: (OvercurrentFault, "drew more current than its limit for too long; find out what blocks it"),
+    Status.OVERLOAD: (
+        OverloadFault,
+        "is overloaded and limits its torque; find out what blocks it, then switch its torque off for 0.3 s",
+    ),
+}
+
+
+def faults(servos: Sequence[int], status: Sequence[int]) -> list[ServoFaultError]:
+    """The faults that servos report, an exception each, not raised.
+
+    Args:
+        servos: ids (n,).
+        status: their status bytes (n,).
+    """
+    found = []
+    for servo, byte in zip(servos, status, strict=True):
+        for bit, (kind, text) in FAULTS.items():
+            if int(byte) & bit:
+                found.append(kind(f"servo {servo} {text}.", [servo]))
+    return found

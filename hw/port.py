@@ -1,0 +1,156 @@
+"""The SDK's serial port without its traps: bounded waits, no busy waiting, input that is really discarded."""
+
+from __future__ import annotations
+
+import errno
+import sys
+import time
+from collections.abc import Iterator
+from contextlib import contextmanager
+from typing import Any
+
+import serial
+from scservo_sdk import PortHandler
+
+from hw.packets import PortBusyError, PortError, StalledError, UnpluggedError
+
+try:
+    from termios import error as TermiosError
+except ImportError:  # no termios on Windows, hence none of its errors
+
+    class TermiosError(Exception):
+        """Stands for what this system never raises."""
+
+
+GONE = (OSError, serial.SerialException, TermiosError)
+"""What a port raises once its adapter is gone, depending on where it was noticed."""
+
+WRITE_TIMEOUT = 0.1  # [s] for a full output queue; 250 bytes take 2.5 ms at 1 Mbit/s
+WAIT = 0.002  # [s] that one read waits for its bytes: how finely the reply timeout is kept
+
+
+class BusPort(PortHandler):
+    """A serial port for the SDK's packet handler.
+
+    It differs from the SDK's own in that a read waits in the kernel and not in a loop, time is monotonic, writing
+    cannot block for ever, no other program can share the port, and ``clearPort`` discards what has come in.
+
+    Attributes:
+        reply_timeout: wait for the first byte of a reply beyond the time that its bytes take [s].
+        discarded: bytes that the latest ``clearPort`` threw away.
+    """
+
+    def __init__(self, path: str, baudrate: int, reply_timeout: float) -> None:
+        """Open the port.
+
+        Raises:
+            PortError: it does not exist or cannot be set up.
+            PortBusyError: another program has it.
+        """
+        super().__init__(path)
+        self.reply_timeout = reply_timeout
+        self.discarded = 0
+        self._deadline = 0.0
+        self.ser: Any = None
+        if self.getCFlagBaud(baudrate) < 0:
+            raise PortError(f"the baud rate {baudrate} is not one of a Feetech bus; the usual one is 1000000.")
+        self.baudrate = baudrate
+        try:
+            self.setupPort(baudrate)
+        except GONE as error:
+            raise _cannot_open(path, error) from None
+
+    def setupPort(self, cflag_baud: int) -> bool:
+        """Open the device; called by the SDK too, when the baud rate changes."""
+        if self.is_open:
+            self.closePort()
+        self.ser = serial.Serial(
+            self.port_name,
+            cflag_baud,
+            timeout=WAIT,
+            write_timeout=WRITE_TIMEOUT,
+            **({} if sys.platform == "win32" else {"exclusive": True}),
+        )
+        self.is_open = True
+        self.is_using = False
+        self.ser.reset_input_buffer()
+        self.tx_time_per_byte = 10_000.0 / cflag_baud  # [ms]
+        return True
+
+    def closePort(self) -> None:
+        """Close the device; a port that is gone or closed already is no error."""
+        self.is_open = self.is_using = False
+        if self.ser is not None:
+            try:
+                self.ser.close()
+            except GONE:
+                pass
+
+    def clearPort(self) -> None:
+        """Discard what has come in; the SDK calls this in front of every request."""
+        self.discarded = self.ser.in_waiting
+        if self.discarded:
+            self.ser.reset_input_buffer()
+
+    def writePort(self, packet: list[int]) -> int:
+        """Send a packet."""
+        return self.ser.write(bytes(packet))
+
+    # the SDK asks in milliseconds and for its own margin of 34 ms
+
+    def setPacketTimeout(self, packet_length: int) -> None:
+        """Start the timeout of a reply of so many bytes."""
+        self._deadline = time.monotonic() + self.reply_timeout + 1e-3 * self.tx_time_per_byte * packet_length
+
+    def setPacketTimeoutMillis(self, msec: float) -> None:
+        """Start a timeout of so many milliseconds."""
+        self._deadline = time.monotonic() + 1e-3 * msec
+
+    def isPacketTimeout(self) -> bool:
+        """Whether the timeout is over."""
+        return time.monotonic() > self._deadline
+
+    def settle(self, quiet: float = 0.004, longest: float = 0.05) -> int:
+        """Discard input until none has come for ``quiet`` seconds, but no longer than ``longest``; the bytes discarded."""
+        count, now = 0, time.monotonic()
+        silent_since, end = now, now + longest
+        while now < min(end, silent_since + quiet):
+            if self.ser.read(256):
+                silent_since = time.monotonic()
+                count += 1
+            now = time.monotonic()
+        return count
+
+    @contextmanager
+    def errors_named(self) -> Iterator[None]:
+        """Turn what an unplugged or stalled adapter raises into our own errors, and free the SDK's busy flag.
+
+        Raises:
+            UnpluggedError: the adapter is gone.
+            StalledError: it takes no more bytes.
+        """
+        try:
+            yield
+        except serial.SerialTimeoutException:
+            raise StalledError(
+                f"the adapter at {self.port_name} takes no more bytes; unplug it, plug it in again and restart."
+            ) from None
+        except (*GONE, TypeError) as error:  # pyserial reads from None where another thread closed the port
+            if isinstance(error, TypeError) and self.is_open:
+                raise
+            raise UnpluggedError(
+                f"the adapter at {self.port_name} is gone; plug it in, check its power, and start again."
+            ) from None
+        finally:
+            self.is_using = False
+
+
+def _cannot_open(path: str, error: BaseException) -> PortError:
+    number = getattr(error, "errno", None)
+    if number in (errno.EBUSY, errno.EAGAIN, errno.EWOULDBLOCK) or "exclusively lock" in str(error):
+        return PortBusyError(f"another program has {path}; stop it, or give another port.")
+    if number == errno.ENOENT:
+        return PortError(f"there is no port {path}; plug the adapter in, or give its name as port=<path>.")
+    if number == errno.EACCES:
+        return PortError(f"you may not use {path}; join the group that owns it (on Debian: dialout), and log in again.")
+    return PortError(f"{path} cannot be opened as a serial port: {error}.")

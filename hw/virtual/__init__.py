@@ -1,0 +1,5 @@
+"""A bus of servos that exists only as a process: the servos' bytes on a pseudo-terminal, a simulated robot behind them."""
+
+from hw.virtual.launcher import VirtualBus
+
+__all__ = ["VirtualBus"]

@@ -1,0 +1,72 @@
+"""A virtual bus of Feetech servos, with a robot of this project behind it.
+
+    python -m hw.virtual                                       # the bench
+    python -m hw.virtual robot=hopper hidden=extended.yaml     # a hopper that is not what it seems
+    python -m hw.virtual faults=faults.yaml link=/tmp/servos   # what goes wrong when; a port of a fixed name
+
+Prints the port that any client of such a bus can open, and runs until Ctrl-C.
+"""
+
+from __future__ import annotations
+
+import sys
+from pathlib import Path
+from typing import Any
+
+from actuators import load_chain
+from actuators.errors import SealegsError
+from configs.check import checked, checked_seed
+from configs.compose import compose, split
+from configs.script import run
+from envs.robots import get_robot
+from hw.registers import load_model
+from hw.virtual.faults import read_faults
+from hw.virtual.machine import Machine
+from hw.virtual.rig import Rig, mounts
+from hw.virtual.server import Server, announce
+from hw.virtual.wire import Wire
+
+PLAIN = ("actuator", "hidden", "faults", "link")
+
+
+def build(config: dict[str, Any]) -> Server:
+    """A server from its config; see ``configs/virtual.yaml``.
+
+    Raises:
+        SealegsError: a value is wrong.
+    """
+    robot = get_robot(checked("robot", config["robot"], str))
+    actuator = config["actuator"]
+    if isinstance(actuator, str):
+        actuator = load_chain(actuator)
+    if (mode := checked("time", config["time"], str)) not in ("real", "stepped"):
+        raise SealegsError(f"time is '{mode}'; it may be real or stepped.")
+    numbers = {key: checked(key, config[key], float) for key in ("cycle", "latency")}
+    for key, value in numbers.items():
+        if value < 0.0:
+            raise SealegsError(f"{key} is {value:g} s; it cannot be negative.")
+    model = load_model(checked("model", config["model"], str))
+    machine = Machine(robot, actuator, checked("hidden", config["hidden"], str | None), config["params"])
+    faults = read_faults(config["faults"]) if config["faults"] is not None else []
+    wire = Wire(
+        Rig(machine, model, mounts(machine.names, config["servos"], model)), faults, checked_seed(config["seed"])
+    )
+    return Server(
+        wire,
+        stepped=mode == "stepped",
+        cycle=numbers["cycle"],
+        latency=numbers["latency"],
+        link=Path(config["link"]) if config["link"] is not None else None,
+        until_closed=0 if checked("end_with_parent", config["end_with_parent"], bool) else None,
+    )
+
+
+def main(arguments: list[str]) -> None:
+    """Serve one port."""
+    server = build(compose("virtual", split(arguments, PLAIN)))
+    announce(server)
+    server.run()
+
+
+if __name__ == "__main__":
+    sys.exit(run(main, "virtual", __doc__ or "", sys.argv[1:]))

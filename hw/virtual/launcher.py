@@ -1,0 +1,101 @@
+"""Starts a virtual bus in a process of its own, from Python."""
+
+from __future__ import annotations
+
+import subprocess
+import sys
+from pathlib import Path
+from typing import Any
+
+from actuators.errors import SealegsError
+from hw.virtual.control import Control
+
+CHECKOUT = Path(__file__).resolve().parents[2]
+
+
+class VirtualBus:
+    """A virtual bus for the length of a ``with``: a process, its port, and its control channel.
+
+    The process ends with the block. If whoever started it is killed, the servos live on for some seconds, in which
+    another process can still reach them, and then end too.
+
+    Attributes:
+        port: path to give to :class:`hw.bus.ServoBus` or to any other client.
+        control_path: of the control socket, for another process.
+    """
+
+    def __init__(self, **keys: Any) -> None:
+        """Start the process; keys are those of ``configs/virtual.yaml``, such as ``robot="bench"``.
+
+        Raises:
+            SealegsError: what the process said in refusing its arguments.
+        """
+        arguments = [f"{key}={_written(value)}" for key, value in {"end_with_parent": True, **keys}.items()]
+        self._process = subprocess.Popen(
+            [sys.executable, "-m", "hw.virtual", *arguments],
+            cwd=CHECKOUT,
+            stdin=subprocess.PIPE,
+            stdout=subprocess.PIPE,
+            stderr=subprocess.PIPE,
+            text=True,
+        )
+        assert self._process.stdout is not None
+        facts = {}
+        for name in ("port", "control"):
+            key, _, value = self._process.stdout.readline().strip().partition(": ")
+            if key != name:
+                _, errors = self._process.communicate()
+                raise SealegsError(f"the virtual bus did not start: {errors.strip().splitlines()[-1:] or 'no reason'}.")
+            facts[key] = value
+        self.port, self.control_path = facts["port"], facts["control"]
+        self._control = Control(self.control_path)
+
+    def __enter__(self) -> VirtualBus:
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        self.close()
+
+    def close(self) -> None:
+        """End the process."""
+        self._control.close()
+        self._process.terminate()
+        try:
+            self._process.communicate(timeout=5.0)
+        except subprocess.TimeoutExpired:
+            self._process.kill()
+            self._process.communicate()
+
+    @property
+    def pid(self) -> int:
+        """Of the process."""
+        return self._process.pid
+
+    def status(self) -> dict[str, Any]:
+        """What only a simulation can know: see ``docs/virtual-bus.md``."""
+        return self._control.order("status")
+
+    def fault(self, kind: str, **values: Any) -> None:
+        """Plant a fault from now on, or ``at`` seconds from now; see :mod:`hw.virtual.faults`."""
+        self._control.order("fault", kind=kind, **values)
+
+    def clear(self) -> None:
+        """Take all faults away."""
+        self.port = self._control.order("clear")["port"]
+
+    def advance(self, seconds: float) -> None:
+        """Let time pass, in stepped time."""
+        self._control.order("advance", seconds=seconds)
+
+
+def _written(value: Any) -> str:
+    """A value as Hydra's grammar reads it."""
+    if value is None:
+        return "null"
+    if isinstance(value, bool):
+        return str(value).lower()
+    if isinstance(value, dict):
+        return "{" + ",".join(f"{key}:{_written(item)}" for key, item in value.items()) + "}"
+    if isinstance(value, list | tuple):
+        return "[" + ",".join(_written(item) for item in value) + "]"
+    return str(value)

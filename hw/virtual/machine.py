@@ -1,0 +1,173 @@
+"""The machine behind the virtual bus: a robot of ``envs``, an actuation chain on each joint, stepped to any time."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+
+import mujoco
+import numpy as np
+
+from actuators import Chain
+from actuators.engine import install
+from actuators.law import host_reading
+from actuators.layout import S_CURRENT, S_DUTY, S_READY
+from actuators.stages import build_stage
+from envs.robot import Robot
+from hw.virtual.hidden import hide
+
+NOMINAL_VOLTAGE = 7.4  # [V] that a chain without a supply stage is taken to run on; assumed
+SHORTEST_STEP = 1e-7  # [s]
+
+
+@dataclass(frozen=True)
+class Drive:
+    """What a servo's firmware lets its motor do.
+
+    Attributes:
+        connected: whether the bridge drives the motor; False: the output turns freely but for its friction.
+        duty: share of the chain's largest duty that is allowed; 0 with ``connected`` brakes the motor.
+        gain: share of the chain's controller gain.
+        volts: supply voltage in place of the chain's [V]; None: the chain's.
+    """
+
+    connected: bool = True
+    duty: float = 1.0
+    gain: float = 1.0
+    volts: float | None = None
+
+
+class Machine:
+    """A simulated robot whose joints are driven by chains.
+
+    Attributes:
+        names: of the driven coordinates.
+        drivetrain: robot and chains.
+        model, data: MuJoCo's.
+    """
+
+    def __init__(
+        self,
+        robot: Robot,
+        actuator: object = None,
+        hidden: str | None = None,
+        params: Mapping[str, float] | None = None,
+    ) -> None:
+        """Build the robot and place it at the middle of its goals' ranges.
+
+        Args:
+            robot: of ``envs.robots``.
+            actuator: chain of all coordinates, or chains by coordinate; None: the robot's own.
+            hidden: file of what the machine really is, see :mod:`hw.virtual.hidden`.
+            params: numbers of the robot other than its own.
+
+        Raises:
+            SealegsError: one of them does not fit the robot.
+        """
+        chains, params = hide(robot, robot.chains_for(actuator), dict(params or {}), hidden)  # type: ignore[arg-type]
+        self._base = {name: _switchable(chain) for name, chain in chains.items()}
+        self.drivetrain = robot.drivetrain(dict(self._base), params)
+        self.model = self.drivetrain.model
+        self.data = mujoco.MjData(self.model)
+        self.names = [item.name for item in self.drivetrain.coordinates]
+        self.limits = robot.goal_limits(robot.parameters(params))
+        self._step = self.model.opt.timestep
+        count = len(self.names)
+        self._weights = np.stack([self.drivetrain.position(name, np.eye(self.model.nq)) for name in self.names])
+        self._drives = [Drive()] * count
+        self._actuators = [self.drivetrain.actuator_ids[name] for name in self.names]
+        self._programs, self._states = [], []
+        for name, actuator_id in zip(self.names, self._actuators, strict=True):
+            program = self.drivetrain.program(name)
+            start = self.drivetrain.state_addresses[name]
+            self._programs.append(self.model.actuator_user[actuator_id][: len(program)])
+            self._states.append(self.data.userdata[start : start + int(program[2])])
+        for name in self.names:
+            low, high = self.limits[name]
+            middle = np.asarray(0.5 * (low + high))
+            self.drivetrain.set_position(name, self.data.qpos, middle)
+            self.data.ctrl[self.drivetrain.actuator_ids[name]] = middle
+        install()
+        mujoco.mj_forward(self.model, self.data)
+
+    @property
+    def time(self) -> float:
+        """Of the simulation [s]."""
+        return self.data.time
+
+    def advance(self, time: float) -> None:
+        """Simulate up to ``time`` [s]; the last step is as short as it must be."""
+        whole = int((time - self.data.time) / self._step + 1e-9)
+        if whole > 0:
+            mujoco.mj_step(self.model, self.data, whole)
+        rest = time - self.data.time
+        if rest > SHORTEST_STEP:
+            self.model.opt.timestep = rest
+            mujoco.mj_step(self.model, self.data)
+            self.model.opt.timestep = self._step
+
+    def set_goal(self, joint: int, angle: float) -> None:
+        """Position goal of a joint's chain [rad]."""
+        self.data.ctrl[self._actuators[joint]] = angle
+
+    def set_drive(self, joint: int, drive: Drive) -> None:
+        """What the firmware lets the motor do from now on."""
+        before = self._drives[joint]
+        if drive == before:
+            return
+        self._drives[joint] = drive
+        name = self.names[joint]
+        self.drivetrain.set_chain(self.model, name, _driven(self._base[name], drive))
+        if drive.connected and not before.connected:
+            self._states[joint][S_READY] = 0.0  # the controller starts afresh
+
+    def position(self, joint: int) -> float:
+        """Position of a joint's motor side [rad], true."""
+        return float(self._weights[joint] @ self.data.qpos)
+
+    def reading(self, joint: int) -> float:
+        """Position as the encoder of the chain gives it to the host [rad]."""
+        return float(host_reading(self._programs[joint], self._states[joint], self.data.time, self.position(joint)))
+
+    def duty(self, joint: int) -> float:
+        """Duty of the bridge [-1..1]; 0 for chains without one, and while the motor is disconnected."""
+        return float(self._states[joint][S_DUTY]) if self._drives[joint].connected else 0.0
+
+    def current(self, joint: int) -> float:
+        """Motor current [A]; 0 for chains without one, and while the motor is disconnected."""
+        return float(self._states[joint][S_CURRENT]) if self._drives[joint].connected else 0.0
+
+    def voltage(self, joint: int) -> float:
+        """Supply voltage at the servo [V], sag included."""
+        supply = self._base[self.names[joint]].find("supply")
+        drawn = max(self.duty(joint) * self.current(joint), 0.0)
+        nominal, resistance = (supply.volts, supply.resistance) if supply is not None else (NOMINAL_VOLTAGE, 0.0)
+        volts = self._drives[joint].volts
+        return (nominal if volts is None else volts) - resistance * drawn
+
+    def resistance(self, joint: int) -> float:
+        """Winding resistance of the joint's motor [ohm]; 0 where the chain has none."""
+        motor = self._base[self.names[joint]].find("dc_motor")
+        return motor.resistance if motor is not None else 0.0
+
+
+def _switchable(chain: Chain) -> Chain:
+    """The chain with the stages by which firmware limits it, at values that change nothing."""
+    if chain.find("duty_limit") is None and (chain.find("supply") or chain.find("regression")):
+        chain = chain.with_stage(build_stage("duty_limit", {"limit": 1.0}, "virtual bus"))
+    if chain.find("torque_limit") is None:
+        chain = chain.with_stage(build_stage("torque_limit", {"limit": 1e6}, "virtual bus"))
+    return chain
+
+
+def _driven(chain: Chain, drive: Drive) -> Chain:
+    if not drive.connected:
+        chain = chain.with_value("torque_limit.limit", 0.0)
+    if chain.find("duty_limit") is not None:
+        chain = chain.with_value("duty_limit.limit", chain.value("duty_limit.limit") * drive.duty)
+    for stage in ("position_p", "position_pd", "position_pi"):
+        if drive.gain != 1.0 and chain.find(stage) is not None:
+            chain = chain.with_value(f"{stage}.gain", chain.value(f"{stage}.gain") * drive.gain)
+    if drive.volts is not None and chain.find("supply") is not None:
+        chain = chain.with_value("supply.volts", drive.volts)
+    return chain

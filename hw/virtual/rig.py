@@ -1,0 +1,140 @@
+"""Servos on a machine: carries both to any time together."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+from dataclasses import dataclass, replace
+from typing import Any
+
+from actuators.errors import SealegsError, nearest
+from hw.registers import ServoModel
+from hw.virtual.machine import Machine
+from hw.virtual.servo import OFF, TICK, Servo
+
+PROFILE_STEP = 0.001  # [s] between two moves of a set-point that is on its way; assumed
+
+
+@dataclass(frozen=True)
+class Mount:
+    """How a servo sits on its joint.
+
+    Attributes:
+        id: of the servo.
+        zero: step at which the joint is at 0 rad.
+        direction: +1 where growing steps turn the joint in its positive sense, else -1.
+    """
+
+    id: int
+    zero: int
+    direction: int = 1
+
+
+def mounts(joints: list[str], given: Mapping[str, Any] | None, model: ServoModel) -> list[Mount]:
+    """A mount for each joint: ids from 1 in the order of joints, zero at the centre, unless ``given`` by joint.
+
+    Raises:
+        SealegsError: a joint that the robot does not have, or a key or value that a mount cannot take.
+    """
+    found = {name: Mount(number, model.centre) for number, name in enumerate(joints, 1)}
+    for name, row in (given or {}).items():
+        if name not in found:
+            raise SealegsError(f"servos: there is no joint '{name}'{nearest(str(name), joints)}; there are {joints}.")
+        if not isinstance(row, Mapping) or set(row) - {"id", "zero", "direction"}:
+            raise SealegsError(f"servos: '{name}' takes id, zero and direction, not {row!r}.")
+        mount = replace(found[name], **{str(key): value for key, value in row.items()})
+        if not all(isinstance(value, int) for value in (mount.id, mount.zero, mount.direction)):
+            raise SealegsError(f"servos: '{name}' takes whole numbers, not {row!r}.")
+        if not 0 <= mount.id <= 253 or mount.direction not in (-1, 1):
+            raise SealegsError(f"servos: '{name}' needs an id from 0 to 253 and a direction of 1 or -1, not {row!r}.")
+        found[name] = mount
+    return list(found.values())
+
+
+class Rig:
+    """A machine and the servos on it.
+
+    Attributes:
+        machine: the simulated robot.
+        servos: one per joint, in their order.
+        mounts: of the servos.
+        volts: supply voltage that a fault forces on each servo [V]; None: the chain's.
+        history: (time [s], id, torque on) whenever a servo's torque was switched.
+    """
+
+    def __init__(self, machine: Machine, model: ServoModel, mounted: list[Mount]) -> None:
+        self.machine, self.model, self.mounts = machine, model, mounted
+        self.servos = [Servo(model, mount.id, joint) for joint, mount in enumerate(mounted)]
+        self.volts: list[float | None] = [None] * len(mounted)
+        self.history: list[tuple[float, int, bool]] = []
+        self.since = [0.0] * len(mounted)
+        self._on = [False] * len(mounted)
+        self._steps_per_radian = model.resolution / (2.0 * math.pi)
+        self._nominal_gain = model["p_gain"].default
+        self._next_tick = TICK
+        self.sense()
+        for servo in self.servos:
+            servo.allow_voltage(servo.sensors.voltage)
+            servo.boot(0.0, 0.0)
+            servo.target = float(servo.sensors.steps)
+        self.apply()
+
+    @property
+    def time(self) -> float:
+        """Of the machine [s]."""
+        return self.machine.time
+
+    def advance(self, time: float) -> None:
+        """Carry machine and firmware to ``time`` [s]; earlier times do nothing."""
+        while self.machine.time < time - 1e-9:
+            now = self.machine.time
+            end = min(time, self._next_tick)
+            moving = [servo for servo in self.servos if servo.in_profile]
+            if moving:
+                end = min(end, now + PROFILE_STEP)
+                for servo in moving:
+                    servo.move_target(end - now)
+                    self._steer(servo)
+            self.machine.advance(end)
+            if end >= self._next_tick - 1e-9:
+                self._next_tick += TICK
+                self.sense()
+                for servo in self.servos:
+                    servo.tick(end, self.machine.resistance(servo.joint))
+                self.apply()
+
+    def sense(self) -> None:
+        """Bring all servos' sensors up to date."""
+        machine = self.machine
+        for servo in self.servos:
+            joint = servo.joint
+            sensors, direction = servo.sensors, self.mounts[joint].direction
+            sensors.steps = self.steps(joint, machine.reading(joint))
+            sensors.duty = direction * machine.duty(joint)
+            sensors.current = direction * machine.current(joint)
+            sensors.voltage = machine.voltage(joint)
+
+    def apply(self) -> None:
+        """Hand the servos' goals and limits to the machine; after every request that may have changed them."""
+        for servo in self.servos:
+            drive = servo.drive(self._nominal_gain, self.volts[servo.joint])
+            self._steer(servo)
+            self.machine.set_drive(servo.joint, drive)
+            on = servo.get("torque_enable") != OFF and drive.connected
+            if on != self._on[servo.joint]:
+                self._on[servo.joint], self.since[servo.joint] = on, self.time
+                self.history.append((self.time, servo.id, on))
+
+    def torque(self, joint: int) -> bool:
+        """Whether the servo of a joint drives it."""
+        return self._on[joint]
+
+    def _steer(self, servo: Servo) -> None:
+        mount = self.mounts[servo.joint]
+        angle = mount.direction * (servo.goal_steps() - mount.zero) / self._steps_per_radian
+        self.machine.set_goal(servo.joint, angle)
+
+    def steps(self, joint: int, angle: float) -> int:
+        """Step of the servo's encoder at an angle of its joint [rad], turns counted."""
+        mount = self.mounts[joint]
+        return round(mount.zero + mount.direction * angle * self._steps_per_radian)

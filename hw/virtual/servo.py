@@ -1,0 +1,326 @@
+"""The firmware of one virtual servo: its registers, what it does on a request, how it protects itself.
+
+Behaviour that no document states is marked assumed.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+from hw.packets import Status
+from hw.registers import ServoModel
+from hw.virtual import protocol
+from hw.virtual.machine import Drive
+
+TICK = 0.005  # [s] between two looks at protection, velocity and temperature; assumed
+VELOCITY_TICKS = 4  # velocity is the encoder's difference over so many; assumed
+BOOT = 0.8  # [s] silent after a reboot
+RESET_VOLTAGE = 3.3  # [V] below which the controller stops; assumed
+MODE_POSITION, MODE_VELOCITY = 0, 1
+OFF, ON, DAMPING, HERE_IS_CENTRE = 0, 1, 2, 128
+AMBIENT = 25.0  # [degC]; assumed
+HEAT_CAPACITY, HEAT_RESISTANCE = 40.0, 8.0  # [J/K], [K/W] of motor and case to the air; assumed
+MOVING = 50  # step/s above which the servo counts as moving; assumed
+
+
+@dataclass
+class Sensors:
+    """What a servo's electronics measure: position in steps from the encoder's zero (turns included), and the rest."""
+
+    steps: int = 0
+    duty: float = 0.0
+    current: float = 0.0
+    voltage: float = 0.0
+
+
+class Servo:
+    """One servo.
+
+    Attributes:
+        model: whose memory table it has.
+        joint: number of the joint that it drives.
+        memory: its registers.
+        sensors: latest readings; whoever owns the servo keeps them up to date.
+        temperature: of the case [degC].
+        forced_temperature: that a fault pretends; None: the true one.
+        silent_until: time at which it has booted [s].
+        target: step that its loop steers to, homing offset included.
+    """
+
+    def __init__(self, model: ServoModel, servo_id: int, joint: int) -> None:
+        self.model, self.joint = model, joint
+        self._stored = bytearray(model.size())  # EEPROM
+        for register in model.registers.values():
+            self._put(self._stored, register.name, register.default)
+        self._stored[model["id"].address] = servo_id
+        self._first_ram = model["torque_enable"].address
+        self._writable = {
+            at
+            for register in model.registers.values()
+            if register.area != "read"
+            for at in range(register.address, register.address + register.bytes)
+        }
+        self.memory = bytearray(self._stored)
+        self.sensors = Sensors()
+        self.temperature = AMBIENT
+        self.forced_temperature: float | None = None
+        self.silent_until = 0.0
+        self.boot(0.0, 0.0)
+
+    # --- registers ---------------------------------------------------------------------------------------------
+
+    @property
+    def id(self) -> int:
+        """Its id at the moment."""
+        return self.memory[self.model["id"].address]
+
+    def get(self, name: str) -> int:
+        """Count in a register."""
+        return self.model[name].read(self.memory)
+
+    def put(self, name: str, count: int) -> None:
+        """Set a register, as the firmware itself does."""
+        self._put(self.memory, name, count)
+
+    def _put(self, memory: bytearray, name: str, count: int) -> None:
+        register = self.model[name]
+        word = count
+        if register.sign is not None:
+            largest = (1 << register.sign) - 1
+            word = min(abs(count), largest) | ((1 << register.sign) if count < 0 else 0)
+        word = min(max(word, 0), (1 << 8 * register.bytes) - 1)
+        memory[register.address : register.address + register.bytes] = word.to_bytes(register.bytes, "little")
+
+    # --- power -------------------------------------------------------------------------------------------------
+
+    def allow_voltage(self, volts: float) -> None:
+        """Raise the stored voltage limit where the machine's supply needs it, as the maker of a 12 V servo did."""
+        if 10.0 * volts > self.model["max_voltage"].default:
+            self._put(self._stored, "max_voltage", math.ceil(11.5 * volts))
+
+    def boot(self, now: float, silent: float = BOOT) -> None:
+        """Start as after power-on: EEPROM into memory, torque off, silent for a while."""
+        self.memory = bytearray(self._stored)
+        self.put("torque_limit", self.get("max_torque"))
+        self.put("lock", 1)
+        self.silent_until = now + silent
+        self._pending: bytes | None = None
+        self._overload_since: float | None = None
+        self._overcurrent_since: float | None = None
+        self.latched = False  # overloaded, until torque is switched off
+        self._released = False  # a fault released the output
+        self._history: list[int] = []
+        self._velocity = 0.0
+        self.target = float(self._actual(self.get("goal_position")))
+        self._goal = self.target
+        self._move_speed, self._move_ramp, self._profile_speed = math.inf, math.inf, 0.0
+
+    # --- requests ----------------------------------------------------------------------------------------------
+
+    def execute(self, instruction: int, parameters: bytes, now: float) -> bytes | None:
+        """Carry out a request; the data of its reply, or None where there is no reply."""
+        quiet = self.get("response_level") == 0
+        if instruction == protocol.PING:
+            return b""
+        if instruction == protocol.READ and len(parameters) == 2:
+            return self.read(parameters[0], parameters[1])
+        if instruction == protocol.WRITE and len(parameters) >= 2:
+            self.write(parameters[0], parameters[1:], now)
+        elif instruction == protocol.REG_WRITE and len(parameters) >= 2:
+            self._pending = parameters
+            self.put("write_pending", 1)
+        elif instruction == protocol.ACTION:
+            if self._pending is not None:
+                self.write(self._pending[0], self._pending[1:], now)
+            self._pending = None
+            self.put("write_pending", 0)
+        elif instruction == protocol.REBOOT:
+            self.boot(now)
+            return None
+        elif instruction == protocol.RESTORE:
+            self._restore(now)
+        elif instruction == protocol.CALIBRATE:
+            self._calibrate(int.from_bytes(parameters[:2], "little") if len(parameters) >= 2 else self.model.centre)
+        elif instruction not in (protocol.BACKUP, protocol.RESET):
+            return None
+        return None if quiet else b""
+
+    def read(self, start: int, length: int) -> bytes:
+        """Bytes of the memory; what lies behind its end reads 0."""
+        self._refresh()
+        return bytes(self.memory[start : start + length]).ljust(length, b"\0")
+
+    def write(self, start: int, data: bytes, now: float) -> None:
+        """Write bytes; those of read-only registers are ignored."""
+        lock = self.memory[self.model["lock"].address]
+        enabled = self.get("torque_enable")
+        for at, byte in enumerate(data, start):
+            if at in self._writable:
+                self.memory[at] = byte
+                if at < self._first_ram and not lock:
+                    self._stored[at] = byte
+        touched = range(start, start + len(data))
+        if self.model["torque_enable"].address in touched:
+            self._switch(enabled, now)
+        if self.model["goal_position"].address in touched:
+            self._new_goal()
+        if self.model["max_torque"].address in touched:
+            self.put("torque_limit", self.get("max_torque"))  # assumed: at once, not only at power-on
+
+    def _switch(self, before: int, now: float) -> None:
+        wanted = self.get("torque_enable")
+        if wanted == HERE_IS_CENTRE:
+            self.put("torque_enable", before)
+            self._calibrate(self.model.centre)
+            return
+        if wanted == OFF:
+            self._overload_since = self._overcurrent_since = None
+            self.latched = self._released = False
+        elif before == OFF:
+            self.target = float(self.sensors.steps)
+            self._new_goal()
+
+    def _calibrate(self, step: int) -> None:
+        offset = (self.sensors.steps - step) % self.model.resolution
+        if offset > self.model.resolution // 2:
+            offset -= self.model.resolution
+        largest = self.model["homing_offset"].high
+        self.put("homing_offset", min(max(offset, -largest), largest))
+        register = self.model["homing_offset"]
+        self._stored[register.address : register.address + 2] = self.memory[register.address : register.address + 2]
+
+    def _restore(self, now: float) -> None:
+        servo_id = self.id
+        for register in self.model.registers.values():
+            self._put(self._stored, register.name, register.default)
+        self._stored[self.model["id"].address] = servo_id
+        self.boot(now)
+
+    # --- motion ------------------------------------------------------------------------------------------------
+
+    def _actual(self, present: float) -> float:
+        return present + self.get("homing_offset")
+
+    def _new_goal(self) -> None:
+        goal = self.get("goal_position")
+        low, high = self.get("min_angle"), self.get("max_angle")
+        if low or high:
+            goal = min(max(goal, low), high)
+        self._goal = float(self._actual(goal))
+        unit = 1 if self.get("phase") & 4 else 50
+        speed, ramp = abs(self.get("goal_velocity")) * unit, self.get("acceleration") * 100
+        top = self.get("max_velocity") * 50
+        self._move_speed = float(speed or (top if ramp else 0)) or math.inf
+        self._move_ramp = float(ramp) or math.inf
+        if math.isinf(self._move_speed):
+            self.target = self._goal
+
+    @property
+    def in_profile(self) -> bool:
+        """Whether the set-point is on its way, so that it must be carried on in small steps."""
+        return self.get("torque_enable") == ON and (
+            self.target != self._goal or self.get("operating_mode") == MODE_VELOCITY
+        )
+
+    def move_target(self, span: float) -> None:
+        """Carry the set-point on by ``span`` seconds."""
+        if self.get("operating_mode") == MODE_VELOCITY:
+            unit = 1 if self.get("phase") & 4 else 50
+            self.target += self.get("goal_velocity") * unit * span
+            return
+        left = self._goal - self.target
+        speed = self._move_speed
+        if math.isfinite(self._move_ramp):
+            self._profile_speed = min(self._profile_speed + self._move_ramp * span, speed)
+            speed = min(self._profile_speed, math.sqrt(2.0 * self._move_ramp * abs(left)))
+        change = speed * span
+        if abs(left) <= max(change, 1e-3):
+            self.target, self._profile_speed = self._goal, 0.0
+        else:
+            self.target += math.copysign(change, left)
+
+    def goal_steps(self) -> float:
+        """Step that the joint is steered to, in the turn that the encoder is in: the loop does not take the short way."""
+        turns = 0
+        if not self.get("phase") & 16:
+            turns = math.floor(self.sensors.steps / self.model.resolution)
+        return self.target + turns * self.model.resolution
+
+    def drive(self, nominal_gain: int, volts: float | None) -> Drive:
+        """What the motor may do."""
+        mode = self.get("torque_enable")
+        share = self.get("torque_limit") / 1000.0
+        if self.latched and self.get("unloading_condition") & Status.OVERLOAD:
+            share = min(share, self.get("protective_torque") / 100.0)
+        return Drive(
+            connected=mode != OFF and not self._released,
+            duty=0.0 if mode == DAMPING else share,
+            gain=self.get("p_gain") / nominal_gain,
+            volts=volts,
+        )
+
+    # --- protection --------------------------------------------------------------------------------------------
+
+    def tick(self, now: float, winding: float) -> None:
+        """Look at velocity, temperature and protection, one :data:`TICK` after the last time.
+
+        Args:
+            now: [s].
+            winding: resistance of the winding [ohm].
+        """
+        sensors = self.sensors
+        self._history = [*self._history[-VELOCITY_TICKS:], sensors.steps]
+        if len(self._history) > VELOCITY_TICKS:
+            self._velocity = (sensors.steps - self._history[0]) / (VELOCITY_TICKS * TICK)
+        heat = winding * sensors.current**2
+        self.temperature += TICK / HEAT_CAPACITY * (heat - (self.temperature - AMBIENT) / HEAT_RESISTANCE)
+        loaded = abs(sensors.duty) >= self.get("overload_torque") / 100.0 - 1e-9
+        self._overload_since = (self._overload_since or now) if loaded else None
+        if self._overload_since is not None and now - self._overload_since >= self.get("protection_time") * 0.01:
+            self.latched = True
+        limit = self.get("protection_current") * self.model["present_current"].scale
+        strong = limit > 0.0 and abs(sensors.current) >= limit
+        self._overcurrent_since = (self._overcurrent_since or now) if strong else None
+        status = self.status(now)
+        releasing = Status.VOLTAGE | Status.ENCODER | Status.OVERHEAT | Status.OVERCURRENT
+        if status & self.get("unloading_condition") & releasing:
+            self._released = True
+        if sensors.voltage < RESET_VOLTAGE:
+            self.boot(now)
+
+    def status(self, now: float) -> int:
+        """Its status byte."""
+        byte = 0
+        volts = round(self.sensors.voltage * 10)
+        if not self.get("min_voltage") <= volts <= self.get("max_voltage"):
+            byte |= Status.VOLTAGE
+        if self.shown_temperature() >= self.get("max_temperature"):
+            byte |= Status.OVERHEAT
+        since = self._overcurrent_since
+        if since is not None and now - since >= self.get("overcurrent_time") * 0.01:
+            byte |= Status.OVERCURRENT
+        if self.latched:
+            byte |= Status.OVERLOAD
+        self.put("status", byte)
+        return byte
+
+    def shown_temperature(self) -> int:
+        """Temperature as it is reported [degC]."""
+        return round(self.temperature if self.forced_temperature is None else self.forced_temperature)
+
+    def _refresh(self) -> None:
+        sensors, resolution = self.sensors, self.model.resolution
+        offset = self.get("homing_offset")
+        shown = sensors.steps - offset
+        if not self.get("phase") & 16:
+            shown %= resolution
+        velocity = self._velocity / (1 if self.get("phase") & 4 else 50)
+        self.put("present_position", shown)
+        self.put("present_velocity", round(velocity))
+        self.put("present_load", round(1000.0 * sensors.duty))
+        self.put("present_voltage", round(10.0 * sensors.voltage))
+        self.put("present_temperature", self.shown_temperature())
+        self.put("moving", int(abs(self._velocity) >= MOVING or self.in_profile))
+        self.put("target_position", round(self.target - offset))
+        self.put("present_current", round(sensors.current / self.model["present_current"].scale))
