@@ -147,7 +147,7 @@ def load_dependent(nominal: JointModel) -> Cause:
         0.1 / _torque(nominal),
         0.1 / _torque(nominal),
     )
-    variants = ((number,), (number, quadratic), (number, at_rest, speed))
+    variants = ((number,), (number, quadratic), (number, at_rest, speed), (number, quadratic, at_rest, speed))
     return Cause("friction.load_dependent", sentence, "residual_against_load", variants)
 
 

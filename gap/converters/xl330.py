@@ -27,16 +27,17 @@ def firmware_gain(kp: float) -> float:
 def chain(kp: float, volts: float) -> list[dict[str, dict[str, float]]]:
     """Return the actuation chain believed to be right before anything was fitted.
 
-    Motor values are those of the data sheet at the output shaft: stall 0.52 N.m at 1.47 A and 5 V gives a motor
-    constant of 0.35 N.m/A and 3.4 Ohm, the no-load speed of 103 rpm gives 0.46 V.s/rad with friction still in it.
-    Armature and friction are assumed.
+    Motor values are read off the data sheet at 5 V and hold at the output shaft: the no-load speed of 103 rpm gives the
+    back-EMF and with it the motor constant, 0.46 N.m/A; the stall current of 1.47 A gives 3.4 Ohm. The stall torque of
+    0.52 N.m is what the gears let through of 0.68 N.m, so no motor constant follows from it. Armature and friction are
+    assumed.
     """
     return [
         {"position_p": {"gain": firmware_gain(kp)}},
         {"duty_limit": {"limit": 1.0}},
         {"supply": {"volts": volts, "resistance": 0.0}},
-        {"dc_motor": {"motor_constant": 0.34, "resistance": 4.0, "armature": 0.002}},
-        {"friction": {"coulomb": 0.01, "viscous": 0.005}},
+        {"dc_motor": {"motor_constant": 0.46, "resistance": 3.4, "armature": 0.002}},
+        {"friction": {"coulomb": 0.02, "viscous": 0.005}},
         {"encoder": {"ticks": COUNTS_PER_TURN}},
     ]
 
