@@ -1,1 +1,1 @@
-"""What is real: servos on a bus, their calibration, safety and control loop; and a virtual bus that stands in for them."""
+"""What is real: servos on a bus, their calibration, safety and control loop; and a virtual bus in place of them."""

@@ -9,14 +9,16 @@ from __future__ import annotations
 import threading
 import time
 from collections import Counter, deque
-from collections.abc import Callable, Iterable, Mapping, Sequence
-from typing import Any, TypeVar
+from collections.abc import Callable, Iterable, Sequence
+from contextlib import suppress
+from typing import TypeVar
 
 import numpy as np
 import scservo_sdk as sdk
 
 from hw.packets import (
     BusError,
+    ClosedError,
     ConfigurationError,
     CorruptReplyError,
     EchoError,
@@ -28,7 +30,7 @@ from hw.packets import (
     StaleReplyError,
     WrongModelError,
 )
-from hw.port import GONE, BusPort
+from hw.port import BusPort
 from hw.registers import Register, load_model
 from hw.servo_state import BlockReader, ServoState
 
@@ -136,6 +138,7 @@ class ServoBus:
                     lambda servo=servo: self._transact([servo], PING, [], 0, SCAN_TIMEOUT), retries=1, keep=False
                 )
             except NoReplyError:
+                self._unsettled = False  # nobody is there, so nothing is on its way
                 continue
             except CorruptReplyError:
                 raise CorruptReplyError(
@@ -172,7 +175,7 @@ class ServoBus:
                     )
 
     def identity(self, servo: int) -> dict[str, int]:
-        """Every register of a servo outside its readings, by name: what a log keeps of the firmware and its settings."""
+        """Every register of a servo but its readings, by name: what a log keeps of the firmware and its settings."""
         names = [name for name, item in self.model.registers.items() if not name.startswith(("present_", "target_"))]
         data: dict[int, int] = {}
         for start in range(0, self.model.size(), 48):
@@ -319,7 +322,7 @@ class ServoBus:
                 try:
                     self._write_all(register.address, ids, [b"\0"] * len(ids))
                 except BusError as error:
-                    failed = {servo: error for servo in ids}
+                    failed = dict.fromkeys(ids, error)
             if failed:
                 return failed
             for servo in ids:
@@ -396,10 +399,8 @@ class ServoBus:
             if new in self.scan([new]):
                 raise ConfigurationError(f"id {new} is taken by another servo; choose a free one.", [servo, new])
             self._put(servo, self.model["lock"], b"\0")
-            try:
+            with suppress(ReplyError):  # documents do not say under which id it acknowledges
                 self._transact([servo], WRITE, [self.model["id"].address, *data], 0)
-            except ReplyError:  # documents do not say under which id it acknowledges
-                pass
             if new not in self.scan([new]):
                 raise NotWrittenError(f"servo {servo} does not answer as {new}; scan the bus.", [servo])
             self._put(new, self.model["lock"], b"\1")
@@ -554,7 +555,7 @@ class ServoBus:
 
     def _require_open(self) -> None:
         if not self._port.is_open:
-            raise OSError("closed")
+            raise ClosedError(f"the bus at {self.port} was closed; open it again.")
 
     def _check_echo(self) -> None:
         """Send what no servo answers and no reply can equal, a SYNC_WRITE to nobody, and see whether it comes back."""

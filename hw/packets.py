@@ -42,6 +42,10 @@ class UnpluggedError(PortError):
     """The adapter is gone: unplugged, or its driver gave up."""
 
 
+class ClosedError(PortError):
+    """The bus was closed before."""
+
+
 class StalledError(PortError):
     """The adapter takes no more bytes."""
 
@@ -113,7 +117,7 @@ class OverloadFault(ServoFaultError):
 
 
 class Status(IntFlag):
-    """Bits of register 65 and of the error byte of every reply; they say how the servo is, not what became of a request."""
+    """Bits of register 65 and of every reply's error byte; they say how the servo is, not what became of a request."""
 
     VOLTAGE = 1
     ENCODER = 2

@@ -6,7 +6,7 @@ import errno
 import sys
 import time
 from collections.abc import Iterator
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from typing import Any
 
 import serial
@@ -14,15 +14,11 @@ from scservo_sdk import PortHandler
 
 from hw.packets import PortBusyError, PortError, StalledError, UnpluggedError
 
-try:
-    from termios import error as TermiosError
-except ImportError:  # no termios on Windows, hence none of its errors
+GONE: tuple[type[Exception], ...] = (OSError, serial.SerialException)
+if sys.platform != "win32":
+    import termios
 
-    class TermiosError(Exception):
-        """Stands for what this system never raises."""
-
-
-GONE = (OSError, serial.SerialException, TermiosError)
+    GONE = (*GONE, termios.error)
 """What a port raises once its adapter is gone, depending on where it was noticed."""
 
 WRITE_TIMEOUT = 0.1  # [s] for a full output queue; 250 bytes take 2.5 ms at 1 Mbit/s
@@ -69,7 +65,7 @@ class BusPort(PortHandler):
             cflag_baud,
             timeout=WAIT,
             write_timeout=WRITE_TIMEOUT,
-            **({} if sys.platform == "win32" else {"exclusive": True}),
+            exclusive=None if sys.platform == "win32" else True,
         )
         self.is_open = True
         self.is_using = False
@@ -81,10 +77,8 @@ class BusPort(PortHandler):
         """Close the device; a port that is gone or closed already is no error."""
         self.is_open = self.is_using = False
         if self.ser is not None:
-            try:
+            with suppress(*GONE):
                 self.ser.close()
-            except GONE:
-                pass
 
     def clearPort(self) -> None:
         """Discard what has come in; the SDK calls this in front of every request."""
@@ -111,7 +105,7 @@ class BusPort(PortHandler):
         return time.monotonic() > self._deadline
 
     def settle(self, quiet: float = 0.004, longest: float = 0.05) -> int:
-        """Discard input until none has come for ``quiet`` seconds, but no longer than ``longest``; the bytes discarded."""
+        """Discard input until none has come for ``quiet`` seconds, at most ``longest``; how many reads found some."""
         count, now = 0, time.monotonic()
         silent_since, end = now, now + longest
         while now < min(end, silent_since + quiet):

@@ -1,4 +1,4 @@
-"""A bus of servos that exists only as a process: the servos' bytes on a pseudo-terminal, a simulated robot behind them."""
+"""A bus that exists only as a process: the servos' bytes on a pseudo-terminal, and a simulated robot behind them."""
 
 from hw.virtual.launcher import VirtualBus
 

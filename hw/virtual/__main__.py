@@ -9,6 +9,7 @@ Prints the port that any client of such a bus can open, and runs until Ctrl-C.
 
 from __future__ import annotations
 
+import signal
 import sys
 from pathlib import Path
 from typing import Any
@@ -64,6 +65,7 @@ def build(config: dict[str, Any]) -> Server:
 def main(arguments: list[str]) -> None:
     """Serve one port."""
     server = build(compose("virtual", split(arguments, PLAIN)))
+    signal.signal(signal.SIGTERM, lambda *_: server.stop())
     announce(server)
     server.run()
 

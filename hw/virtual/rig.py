@@ -9,7 +9,7 @@ from typing import Any
 
 from actuators.errors import SealegsError, nearest
 from hw.registers import ServoModel
-from hw.virtual.machine import Machine
+from hw.virtual.machine import SHORTEST_STEP, Machine
 from hw.virtual.servo import OFF, TICK, Servo
 
 PROFILE_STEP = 0.001  # [s] between two moves of a set-point that is on its way; assumed
@@ -86,7 +86,7 @@ class Rig:
 
     def advance(self, time: float) -> None:
         """Carry machine and firmware to ``time`` [s]; earlier times do nothing."""
-        while self.machine.time < time - 1e-9:
+        while time - self.machine.time > SHORTEST_STEP:
             now = self.machine.time
             end = min(time, self._next_tick)
             moving = [servo for servo in self.servos if servo.in_profile]

@@ -5,7 +5,6 @@ from __future__ import annotations
 import heapq
 import os
 import select
-import signal
 import sys
 import time
 from collections.abc import Callable
@@ -77,7 +76,6 @@ class Server:
 
     def run(self) -> None:
         """Serve until told to stop."""
-        signal.signal(signal.SIGTERM, lambda *_: self.stop())
         try:
             while self._running:
                 self._wait()

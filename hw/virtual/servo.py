@@ -179,6 +179,8 @@ class Servo:
             self.latched = self._released = False
         elif before == OFF:
             self.target = float(self.sensors.steps)
+            if not self._multi_turn and self.get("operating_mode") != MODE_VELOCITY:
+                self.target %= self.model.resolution
             self._new_goal()
 
     def _calibrate(self, step: int) -> None:
@@ -199,6 +201,10 @@ class Servo:
 
     # --- motion ------------------------------------------------------------------------------------------------
 
+    @property
+    def _multi_turn(self) -> bool:
+        return bool(self.get("phase") & 16)
+
     def _actual(self, present: float) -> float:
         return present + self.get("homing_offset")
 
@@ -213,15 +219,16 @@ class Servo:
         top = self.get("max_velocity") * 50
         self._move_speed = float(speed or (top if ramp else 0)) or math.inf
         self._move_ramp = float(ramp) or math.inf
-        if math.isinf(self._move_speed):
+        if math.isinf(self._move_speed) and self.get("operating_mode") == MODE_POSITION:
             self.target = self._goal
 
     @property
     def in_profile(self) -> bool:
         """Whether the set-point is on its way, so that it must be carried on in small steps."""
-        return self.get("torque_enable") == ON and (
-            self.target != self._goal or self.get("operating_mode") == MODE_VELOCITY
-        )
+        if self.get("torque_enable") != ON:
+            return False
+        mode = self.get("operating_mode")
+        return mode == MODE_VELOCITY or (mode == MODE_POSITION and self.target != self._goal)
 
     def move_target(self, span: float) -> None:
         """Carry the set-point on by ``span`` seconds."""
@@ -241,9 +248,9 @@ class Servo:
             self.target += math.copysign(change, left)
 
     def goal_steps(self) -> float:
-        """Step that the joint is steered to, in the turn that the encoder is in: the loop does not take the short way."""
+        """Step that the joint is steered to, in the turn of the encoder: the loop does not take the short way."""
         turns = 0
-        if not self.get("phase") & 16:
+        if not self._multi_turn and self.get("operating_mode") != MODE_VELOCITY:
             turns = math.floor(self.sensors.steps / self.model.resolution)
         return self.target + turns * self.model.resolution
 
@@ -313,7 +320,7 @@ class Servo:
         sensors, resolution = self.sensors, self.model.resolution
         offset = self.get("homing_offset")
         shown = sensors.steps - offset
-        if not self.get("phase") & 16:
+        if not self._multi_turn:
             shown %= resolution
         velocity = self._velocity / (1 if self.get("phase") & 4 else 50)
         self.put("present_position", shown)

@@ -15,6 +15,16 @@ BITS = 10  # on the line per byte: start, eight, stop
 PROCESSING = 20e-6  # [s] from a request's end to the reply's start, beside the return delay register; assumed
 
 
+def collided(packets: Sequence[bytes]) -> bytes:
+    """What servos of one id put on the line together: it is low wherever one of them pulls it low; assumed."""
+    longest = max(len(packet) for packet in packets)
+    merged = bytearray(b"\xff" * longest)
+    for packet in packets:
+        for k, byte in enumerate(packet):
+            merged[k] &= byte
+    return bytes(merged)
+
+
 class Wire:
     """The half-duplex line of a rig.
 
@@ -37,7 +47,7 @@ class Wire:
         return BITS / baudrate
 
     def exchange(self, request: Request, now: float, baudrate: int) -> list[tuple[float, bytes]]:
-        """Carry a request to the servos at ``now`` [s]; the bytes that come back, each with the time of its last one."""
+        """Carry a request to the servos at ``now`` [s]; the packets that come back, and when each has."""
         per_byte = self.byte_time(baudrate)
         self.requests += 1
         arrival = max(now, self.free_at) + request.size * per_byte
@@ -47,8 +57,10 @@ class Wire:
         self.rig.sense()
         answers: list[tuple[float, bytes]] = []
         at = arrival + PROCESSING
-        for servo, data in self._answers(request, arrival, baudrate):
-            packet = protocol.status_packet(servo.id, servo.status(arrival), data)
+        for group in self._answers(request, arrival, baudrate):
+            packets = [protocol.status_packet(servo.id, servo.status(arrival), data) for servo, data in group]
+            packet = collided(packets)
+            servo = group[0][0]
             at += servo.get("return_delay") * 2e-6 + len(packet) * per_byte
             answers += self._spoiled(servo.id, packet, at)
         self.rig.apply()
@@ -58,7 +70,8 @@ class Wire:
 
     # --- who answers -------------------------------------------------------------------------------------------
 
-    def _answers(self, request: Request, now: float, baudrate: int) -> list[tuple[Servo, bytes]]:
+    def _answers(self, request: Request, now: float, baudrate: int) -> list[list[tuple[Servo, bytes]]]:
+        """Who answers what, in the order of the replies; servos that answer at the same time stand together."""
         hearing = [servo for servo in self.rig.servos if self._hears(servo, now, baudrate)]
         code, data = request.instruction, request.parameters
         if code == protocol.SYNC_WRITE:
@@ -68,16 +81,16 @@ class Wire:
             if len(data) < 3:
                 return []
             asked = [[servo for servo in hearing if servo.id == number] for number in data[2:]]
-            return [(servo, servo.read(data[0], data[1])) for found in asked for servo in found]
-        answers = []
+            return [[(servo, servo.read(data[0], data[1])) for servo in found] for found in asked if found]
+        answers: dict[int, list[tuple[Servo, bytes]]] = {}
         for servo in hearing:
             if request.target not in (servo.id, BROADCAST):
                 continue
             name = servo.id
             reply = servo.execute(code, data, now)
             if reply is not None and (request.target == name or code == protocol.PING):
-                answers.append((servo, reply))
-        return answers
+                answers.setdefault(name, []).append((servo, reply))
+        return [answers[name] for name in sorted(answers)]
 
     def _sync_write(self, hearing: list[Servo], data: bytes, now: float) -> None:
         if len(data) < 2 or (len(data) - 2) % (data[1] + 1):
@@ -108,7 +121,7 @@ class Wire:
                 return []
             if fault.kind == "corrupt":
                 spoiled = bytearray(packet)
-                spoiled[self._random.randrange(2, len(packet))] ^= 1 << self._random.randrange(8)
+                spoiled[self._random.randrange(len(packet))] ^= 1 << self._random.randrange(8)
                 packet = bytes(spoiled)
             elif fault.kind == "short":
                 packet = protocol.status_packet(packet[2], packet[4], packet[5:-2])
