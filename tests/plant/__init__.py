@@ -3,7 +3,7 @@
 Shares no code with ``actuators/`` or ``gap/`` except the container of the measured log that it fills.
 """
 
-from .bench import LOADS, NOISE_FLOOR, hidden_bench, nominal_chain, run_machine
+from .bench import LOADS, NOISE_FLOOR, hidden_bench, nominal_chain, run_again, run_machine
 from .effects import EFFECTS, MAGNITUDES, STRANGERS
 from .physics import Machine, simulate
 
@@ -16,6 +16,7 @@ __all__ = [
     "Machine",
     "hidden_bench",
     "nominal_chain",
+    "run_again",
     "run_machine",
     "simulate",
 ]

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable, Mapping
 from typing import Any
 
 import numpy as np
@@ -34,6 +35,9 @@ LOADS: dict[str, tuple[float, float, float]] = {
 
 SPRING = (12.0, 0.02)
 """Series spring [N.m/rad] and its damping [N.m.s/rad] of the machine that ``spring.stiffness`` is hidden in."""
+
+Schedule = tuple[str, ...] | Callable[[np.ndarray], np.ndarray]
+"""Names of excitations one after the other, or goals [rad] as a function of the sample times [s]."""
 
 UNCERTAIN = ("motor_constant", "resistance", "armature", "coulomb", "viscous", "command_delay")
 """What the nominal model may have wrong without anything being hidden."""
@@ -70,7 +74,7 @@ def hidden_bench(
     runs: int = 3,
     duration: float = 24.0,
     nominal_error: float = 0.05,
-    schedules: tuple[tuple[str, ...], ...] = DEFAULT_SCHEDULES,
+    schedules: tuple[Schedule, ...] = DEFAULT_SCHEDULES,
     link_encoder: bool = False,
 ) -> tuple[MeasuredSet, dict[str, Any]]:
     """Record runs of a bench that hides ``effects``.
@@ -83,7 +87,7 @@ def hidden_bench(
         runs: number of runs.
         duration: of each run [s].
         nominal_error: largest relative error of the sidecar's servo parameters.
-        schedules: excitation names per run, in turn.
+        schedules: excitation names, or goals over time, per run, in turn.
         link_encoder: also log the link side.
 
     Returns:
@@ -148,9 +152,46 @@ def hidden_bench(
     return MeasuredSet(tuple(recorded), f"hidden-{seed}"), truth
 
 
+def run_again(
+    data: MeasuredSet,
+    truth: Mapping[str, Any],
+    goals: Callable[[np.ndarray], np.ndarray],
+    load: Mapping[str, float],
+    *,
+    duration: float,
+    runs: int = 3,
+    seed: int = 0,
+) -> list[MeasuredRun]:
+    """Record further runs of the machine behind ``data``, with other goals and perhaps another load.
+
+    Args:
+        data, truth: of `hidden_bench`.
+        goals: goals [rad] at sample times (n,) [s].
+        load: ``mass`` [kg], ``length`` [m] and ``arm_mass`` [kg] as whoever hangs it believes.
+        duration: of each run [s].
+        runs: how many.
+        seed: of noise and jitter.
+    """
+    first, machine = data.runs[0], truth["machines"][0]
+    scale = machine.mass / first.robot_params["mass"]  # a hidden load.mass is a factor on whatever hangs there
+    loaded = machine._replace(mass=load["mass"] * scale, length=load["length"], arm_mass=load["arm_mass"])
+    latency = truth["effects"].get("sensor.delay", {"value": 0.0})["value"]
+    link_encoder = first.joints[JOINT].link_position is not None
+    recorded = []
+    for index in range(runs):
+        rng = np.random.default_rng([seed, 77, index])
+        log, time, _ = run_machine(loaded, goals, duration, rng, latency=latency, link_encoder=link_encoder)
+        name = f"again{index}"
+        params = {key: load[key] for key in ("mass", "length", "arm_mass")}
+        recorded.append(
+            MeasuredRun(name, time, {JOINT: log}, {}, "bench", params, dict(first.actuators), meta={"group": name})
+        )
+    return recorded
+
+
 def run_machine(
     machine: Machine,
-    schedule: tuple[str, ...],
+    schedule: Schedule,
     duration: float,
     rng: np.random.Generator,
     *,
@@ -165,7 +206,10 @@ def run_machine(
     count = int(duration / SAMPLE_PERIOD)
     jitter = np.clip(rng.normal(0.0, JITTER, count), -0.3 * SAMPLE_PERIOD, 0.3 * SAMPLE_PERIOD)
     time = SAMPLE_PERIOD * (1.0 + np.arange(count)) + jitter
-    goal = trajectory(schedule, np.minimum(time, SEGMENT * len(schedule)), rng)
+    if callable(schedule):
+        goal = schedule(time)
+    else:
+        goal = trajectory(schedule, np.minimum(time, SEGMENT * len(schedule)), rng)
     jams = np.sort(rng.uniform(0.5, duration, max(int(duration / 2.0), 1)))
     jam_end = jams + rng.uniform(0.05, 0.4, len(jams))
     ambient = AMBIENT + rng.uniform(0.0, 10.0)

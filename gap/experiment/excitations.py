@@ -1,0 +1,144 @@
+"""The library of excitations, and the limits of a joint that they keep."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+from dataclasses import dataclass
+
+import numpy as np
+
+from actuators.errors import SealegsError
+from gap.joint_model import JointModel
+
+DURATION = 12.0  # [s]
+RATE = 100.0  # [Hz] goals of an excitation
+REACH = 1.2  # [rad] either side of hanging, unless the log went further or limits are given
+HOLDS = 0.6  # share of the stall torque that gravity may take at the ends of an excitation
+FOLLOWS = 0.8  # share of the no-load speed that a smooth goal may have
+SMOOTH = ("chirp", "fast chirp", "multisine", "slow triangle", "slow small triangle")
+
+
+@dataclass(frozen=True)
+class Limits:
+    """Where goals may go.
+
+    Attributes:
+        lower, upper: of the goal, and of the position that the models predict [rad].
+        speed: of the goal [rad/s]; infinite: steps are steps.
+    """
+
+    lower: float
+    upper: float
+    speed: float = math.inf
+
+    def __post_init__(self) -> None:
+        """Refuse limits that leave no room.
+
+        Raises:
+            SealegsError: lower is not below upper, or the speed is not positive.
+        """
+        if not (math.isfinite(self.lower) and math.isfinite(self.upper) and self.lower < self.upper):
+            raise SealegsError(f"limits=[{self.lower:g},{self.upper:g}] must be two angles [rad], the lower one first.")
+        if not self.speed > 0.0:
+            raise SealegsError(f"limit_speed={self.speed:g} must be a speed above zero [rad/s].")
+
+    @property
+    def centre(self) -> float:
+        """Middle of the range [rad]."""
+        return 0.5 * (self.lower + self.upper)
+
+    @property
+    def reach(self) -> float:
+        """Half the range [rad]."""
+        return 0.5 * (self.upper - self.lower)
+
+
+def default_limits(position: np.ndarray, speed: float = math.inf) -> Limits:
+    """Limits where nobody gave any: :data:`REACH` either side of hanging, more where the log (n,) [rad] went further."""
+    seen = position[np.isfinite(position)]
+    return Limits(min(-REACH, float(seen.min())), max(REACH, float(seen.max())), speed)
+
+
+def library(centre: float, reach: float, seed: int = 0) -> dict[str, np.ndarray]:
+    """Excitations within ``centre +- reach`` [rad], each (n,) at :data:`RATE`.
+
+    All but the chirps and triangles begin again after half of their duration with other numbers, and all of them keep
+    to the range.
+    """
+    t = np.arange(0.0, DURATION, 1.0 / RATE)
+    rng = np.random.default_rng(seed)
+    sweep = 2 * np.pi * (0.1 * t + (2.5 - 0.1) * t**2 / (2 * DURATION))
+    fast = 2 * np.pi * (0.5 * t + (6.0 - 0.5) * t**2 / (2 * DURATION))
+    multisine = sum(
+        np.sin(2 * np.pi * f * t + rng.uniform(0, 2 * np.pi)) / (1 + f) for f in (0.25, 0.5, 1.0, 1.75, 2.5)
+    )
+    held = _held(rng, t, 1.0)
+    poses = np.linspace(-1.0, 1.0, 6)[[3, 0, 5, 2, 4, 1]]
+    shapes = {
+        "chirp": np.sin(sweep) * np.linspace(1.0, 0.4, len(t)),
+        "fast chirp": 0.25 * np.sin(fast) * np.linspace(1.0, 0.4, len(t)),
+        "multisine": multisine / np.abs(multisine).max(),
+        "slow triangle": 4 * np.abs((t / 6.0) % 1.0 - 0.5) - 1.0,
+        "slow small triangle": 0.1 * (4 * np.abs((t / 3.0) % 1.0 - 0.5) - 1.0),
+        "steps": held,
+        "fast steps": _held(rng, t, 0.4),
+        "small steps": 0.12 * _held(rng, t, 0.5),
+        "hold": poses[np.minimum((t / 2.0).astype(int), 5)],
+        "hold and release": np.where((t % 4.0) < 2.0, 1.0, 0.0) * np.where(t < DURATION / 2, 1.0, -1.0),
+    }
+    return {name: centre + reach * shape for name, shape in shapes.items()}
+
+
+def _held(rng: np.random.Generator, t: np.ndarray, period: float) -> np.ndarray:
+    """A new random level in -1..1 every ``period`` seconds (n,)."""
+    levels = rng.uniform(-1, 1, int(np.ceil(DURATION / period)) + 1)
+    return levels[(t / period + 1e-9).astype(int)]
+
+
+def excitations(
+    limits: Limits, nominal: JointModel, params: Mapping[str, float], seed: int = 0
+) -> dict[str, np.ndarray]:
+    """The library within the limits and within what the servo can do with this load, each (n,) at :data:`RATE`.
+
+    Smooth motions that the motor could not follow are made smaller; nothing goes where gravity takes more than
+    :data:`HOLDS` of the stall torque.
+    """
+    reach = limits.reach
+    stall, no_load = abilities(nominal)
+    gravity = nominal.load.gravity_torque(params)
+    lower, upper = limits.lower, limits.upper
+    if HOLDS * stall < gravity:
+        most = math.asin(HOLDS * stall / gravity)
+        lower, upper = max(lower, -most), min(upper, most)
+        reach = 0.5 * (upper - lower) if lower < upper else 0.05
+    centre = 0.5 * (lower + upper)
+    fastest = min(limits.speed, FOLLOWS * no_load)
+    found = {}
+    for name, goal in library(centre, reach, seed).items():
+        speed = float(np.abs(np.diff(goal)).max() * RATE)
+        if name in SMOOTH and speed > fastest:
+            goal = centre + (goal - centre) * (fastest / speed)
+        found[name] = slewed(goal, limits.speed)
+    return found
+
+
+def abilities(nominal: JointModel) -> tuple[float, float]:
+    """Stall torque [N.m] and no-load speed [rad/s] of a joint; infinite where its chain has no motor to say so."""
+    chain = nominal.chain
+    motor, supply = chain.find("dc_motor"), chain.find("supply")
+    if motor is None or supply is None:
+        return math.inf, math.inf
+    constant = chain.gear_ratio() * motor.motor_constant  # type: ignore[attr-defined]
+    volts = supply.volts  # type: ignore[attr-defined]
+    return constant * volts / motor.resistance, volts / constant  # type: ignore[attr-defined]
+
+
+def slewed(goal: np.ndarray, speed: float) -> np.ndarray:
+    """Goals (n,) that follow ``goal`` no faster than ``speed`` [rad/s]."""
+    if not math.isfinite(speed):
+        return goal
+    out, most = goal.copy(), speed / RATE
+    for k in range(1, len(out)):
+        out[k] = out[k - 1] + min(max(goal[k] - out[k - 1], -most), most)
+    return out

@@ -1,0 +1,349 @@
+"""The proposal: which excitation, and where no motion helps which load, tells best apart what a log leaves open.
+
+Each hypothesis (a rival, or any cause of the catalogue where the log shows none) predicts the new measurement. What
+counts is how far two predictions differ after each of them was allowed to fit the other as well as it can, with all
+that may be re-tuned beside it, on the old log and the new measurement together: a difference that a little more
+friction would hide tells nothing apart.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from gap.causes import catalogue
+from gap.experiment.excitations import HOLDS, RATE, Limits, abilities, default_limits, excitations
+from gap.fit import merge, middle
+from gap.joint_model import JointModel
+from gap.log_types import JointLog, MeasuredRun
+from gap.parameters import Parameter
+from gap.problem import Problem, lay_out
+from gap.search import RIVAL, Search
+from gap.simulator import CHANNELS
+from gap.units import FIT_A, FIT_B, Unit
+
+ENOUGH = 1.0  # noise floors (rms) by which rivals must differ; below that another load is proposed
+SHOWS = 0.3  # noise floors (rms) that a search can still see: below that nothing is told apart
+CAP = 3.0  # noise floors beyond which a pair needs no more
+MOST_RIVALS = 4
+REPEATS = 3  # times the excitation is to be run: once for each part of the data
+LOAD_FACTORS = (2.0, 1.5, 0.5)  # of the mass on the shaft, the heavier first: it shows more
+MOST_SAMPLES = 6000  # of the old log that the hypotheses must also fit
+
+
+@dataclass(frozen=True, eq=False)
+class Experiment:
+    """A proposed measurement.
+
+    Attributes:
+        name: of the excitation.
+        sentence: what to do and what it tells apart.
+        separation: root mean squared difference of the two rivals that differ least on it, in noise floors.
+        time, goal: the excitation (n,) [s], [rad].
+        table: separation by excitation.
+        load: bench parameters of the measurement.
+        repeats: times to run it.
+        rivals: what it tells apart.
+    """
+
+    name: str
+    sentence: str
+    separation: float
+    time: np.ndarray
+    goal: np.ndarray
+    table: dict[str, float]
+    load: dict[str, float] = dataclasses.field(default_factory=dict)
+    repeats: int = REPEATS
+    rivals: tuple[str, ...] = ()
+
+
+@dataclass(frozen=True)
+class Hypothesis:
+    """What may be true: values by path, and the parameters that may still move if it is, its own last.
+
+    Attributes:
+        own: paths of the parameters that make it this hypothesis.
+    """
+
+    name: str
+    values: dict[str, float]
+    parameters: tuple[Parameter, ...]
+    own: tuple[str, ...] = ()
+
+    @property
+    def beside(self) -> int:
+        """How many parameters are not its own."""
+        return sum(p.path not in self.own for p in self.parameters)
+
+
+def _hypothesis(
+    name: str, values: dict[str, float], before: Sequence[Parameter], own: Sequence[Parameter]
+) -> Hypothesis:
+    taken = {p.path.rstrip("*") for p in own}
+    beside = [p for p in before if p.path.rstrip("*") not in taken]
+    return Hypothesis(name, values, (*beside, *own), tuple(p.path for p in own))
+
+
+@dataclass(frozen=True, eq=False)
+class Prediction:
+    """Weighted signals that a hypothesis predicts (m,), their change by each parameter (m, p), and how far each
+    parameter may move down and up (p,), in the coordinates of the fit. The first ``beside`` of them are not its own.
+    """
+
+    signal: np.ndarray
+    change: np.ndarray
+    low: np.ndarray
+    high: np.ndarray
+    beside: int
+
+
+def propose(
+    problem: Problem, search: Search, limits: Limits | None = None, seed: int = 0, blind: bool = False
+) -> Experiment | None:
+    """The measurement that best tells the rivals of a search apart.
+
+    Args:
+        problem: of the log.
+        search: what was found in it.
+        limits: of the joint; default: :func:`gap.experiment.excitations.default_limits`.
+        seed: of the excitations.
+        blind: the log shows too little: tell all causes of the catalogue apart, not only rivals.
+
+    Returns:
+        None where the search left nothing open.
+    """
+    if any(not params for params in problem.params):
+        return None  # a driven link has no load to choose and no motion of its own
+    hypotheses = _everything(problem, search) if blind else _rivals(search)
+    if len(hypotheses) < 2:
+        return None
+    limits = limits or default_limits(problem.measured[:, 0])
+    old = _thinned(problem.part(FIT_A, FIT_B))
+    known = [_predict(old, h) for h in hypotheses]
+    nominal = problem.models[0]
+    best: Experiment | None = None
+    table: dict[str, float] = {}
+    loads = _distinct(problem.params)
+    for step, load in enumerate([*loads, *_other_loads(nominal, loads[0])]):
+        if step >= len(loads) and best is not None and best.separation >= ENOUGH:
+            break
+        for name, goal in excitations(limits, nominal, load, seed).items():
+            goal = _kept_within(problem, load, goal, hypotheses, limits)
+            label = name if load == loads[0] else f"{name}, {load['mass']:.3g} kg"
+            new = _measurement(problem, load, goal)
+            predicted = [_predict(new, h) for h in hypotheses]
+            apart = _distances(known, predicted)
+            score = float(np.mean(np.minimum(apart, CAP))) if blind else float(apart.min())
+            table[label] = score
+            # another load is work: it must tell a good deal more apart
+            if best is None or score > best.separation * (1.0 if load in loads else 1.5):
+                time = np.arange(len(goal)) / RATE
+                best = Experiment(
+                    name, "", score, time, goal, table, dict(load), rivals=tuple(h.name for h in hypotheses)
+                )
+    assert best is not None
+    return dataclasses.replace(best, sentence=_sentence(best, loads, blind))
+
+
+def separate(problem: Problem, search: Search, seed: int = 0) -> Experiment | None:
+    """:func:`propose` with default limits."""
+    return propose(problem, search, None, seed)
+
+
+def _sentence(best: Experiment, loads: Sequence[Mapping[str, float]], blind: bool) -> str:
+    seconds = best.time[-1] + 1.0 / RATE
+    what = (
+        f"Run '{best.name}' {best.repeats} times ({seconds:g} s each, goals between {best.goal.min():.2f} and "
+        f"{best.goal.max():.2f} rad; see that the joint is free there)"
+    )
+    if best.load not in loads:
+        what += f" with {best.load['mass']:.3g} kg on the arm instead of {loads[0]['mass']:.3g} kg"
+    elif len(loads) > 1:
+        what += f" with {best.load['mass']:.3g} kg at {best.load['length']:.3g} m"
+    what += " and diagnose these logs together with the old ones"
+    if blind:
+        return f"{what}: the causes of the catalogue differ there by {best.separation:.1f} times the noise on average."
+    names = " and ".join([", ".join(best.rivals[:-1]), best.rivals[-1]])
+    if best.separation < SHOWS:
+        return (
+            f"No motion and no load of the library tells {names} apart (at most {best.separation:.2f} times the "
+            f"noise); measure one of them directly. {what} is the best there is."
+        )
+    return f"{what}: {names} differ there by {best.separation:.1f} times the noise."
+
+
+# --- hypotheses ----------------------------------------------------------------------------------------------------
+
+
+def _rivals(search: Search) -> list[Hypothesis]:
+    """The candidates that the first undecided round leaves, with what was accepted before it."""
+    for k, step in enumerate(search.rounds):
+        close = [c for j, c in enumerate(step.candidates) if j == 0 or c.best > RIVAL][:MOST_RIVALS]
+        before = merge(search.tuned, *(c.variant for c in search.accepted[:k]))
+        found = [_hypothesis(c.cause.name, middle(*c.fits), before, c.variant) for c in close]
+        if found and not step.accepted:  # a round that ends the search leaves open whether anything is missing at all
+            fits = search.accepted[k - 1].fits if k else search.base
+            found.append(_hypothesis("nothing more", middle(*fits), before, ()))
+        if len(found) > 1:
+            return found
+    return []
+
+
+def _everything(problem: Problem, search: Search) -> list[Hypothesis]:
+    """Every cause of the catalogue at a plausible size on top of what was found, and none of them."""
+    nominal = problem.models[0]
+    last = search.accepted[-1].fits if search.accepted else search.base
+    here, moving = middle(*last), search.parameters()
+    taken = {c.cause.name for c in search.accepted}
+    found = [_hypothesis("nothing more", here, moving, ())]
+    for cause in catalogue(nominal):
+        variant = cause.variants[0]
+        if cause.name in taken or (cause.name == "drive.thermal" and np.ptp(problem.temperature) == 0.0):
+            continue
+        paths = {p.path.rstrip("*") for p in variant}
+        values = {path: value for path, value in here.items() if path.rstrip("*") not in paths}
+        values |= {p.path: p.start for p in variant}
+        first = variant[0]
+        neutral = 1.0 if first.path.endswith("*") else nominal.value(first.path)
+        if first.start == neutral:
+            values[first.path] = first.from_fit(first.to_fit(first.start) + 1.0)
+        found.append(_hypothesis(cause.name, values, moving, variant))
+    return found
+
+
+# --- measurements and predictions ----------------------------------------------------------------------------------
+
+
+def _distinct(params: Sequence[Mapping[str, float]]) -> list[dict[str, float]]:
+    loads: list[dict[str, float]] = []
+    for one in params:
+        if dict(one) not in loads:
+            loads.append(dict(one))
+    return loads[:3]
+
+
+def _other_loads(nominal: JointModel, load: Mapping[str, float]) -> list[dict[str, float]]:
+    """The same arm with another mass that the servo can still hold."""
+    found = []
+    for factor in LOAD_FACTORS:
+        changed = {**load, "mass": float(f"{load['mass'] * factor:.2g}")}
+        if nominal.load.gravity_torque(changed) <= HOLDS * abilities(nominal)[0]:
+            found.append(changed)
+    return found
+
+
+def _measurement(problem: Problem, load: Mapping[str, float], goal: np.ndarray) -> Problem:
+    """A measurement yet to be made, laid out as the log is; its measured signals are zero."""
+    time = np.arange(len(goal)) / RATE
+    nothing = np.zeros(len(goal))
+    logged = {c: nothing for c in CHANNELS if c != "position" and problem.weight[CHANNELS.index(c)] > 0.0}
+    warm = np.full(len(goal), float(np.median(problem.temperature)))
+    log = JointLog(goal=goal, position=nothing, temperature=warm, **logged)
+    run = MeasuredRun("next", time, {"joint": log}, robot_params=dict(load))
+    unit = Unit(0, FIT_A, 0, len(goal), 1, (float(goal[0]), 0.0))
+    weight = dict(zip(CHANNELS, problem.weight, strict=True))
+    laid = lay_out([run], "joint", problem.models[:1], [unit], weight)
+    return dataclasses.replace(laid, step=problem.step)
+
+
+def _kept_within(
+    problem: Problem, load: Mapping[str, float], goal: np.ndarray, hypotheses: Sequence[Hypothesis], limits: Limits
+) -> np.ndarray:
+    """The goals (n,), smaller where a hypothesis predicts that the joint shoots beyond its limits."""
+    room = 1.05 * limits.reach
+    for _ in range(3):
+        out = _measurement(problem, load, goal).simulate([h.values for h in hypotheses])[:, :, 0]
+        beyond = float(np.abs(np.clip(out, -1e2, 1e2) - limits.centre).max()) / room
+        if beyond <= 1.0:
+            break
+        goal = limits.centre + (goal - limits.centre) / min(beyond, 2.0)
+    return goal
+
+
+def _thinned(problem: Problem) -> Problem:
+    """Few enough units of a long log, spread over it."""
+    sizes = np.diff(problem.starts)
+    every = max(int(np.ceil(sizes.sum() / MOST_SAMPLES)), 1)
+    if every == 1 or len(sizes) <= every:
+        return problem
+    chosen = set(range(0, len(sizes), every))
+    marked = tuple(dataclasses.replace(u, part=FIT_A if k in chosen else FIT_B) for k, u in enumerate(problem.units))
+    return dataclasses.replace(problem, units=marked).part(FIT_A)
+
+
+def _predict(problem: Problem, hypothesis: Hypothesis) -> Prediction:
+    parameters = hypothesis.parameters
+    u = np.array([p.to_fit(min(max(hypothesis.values.get(p.path, p.start), p.low), p.high)) for p in parameters])
+    low = np.array([p.to_fit(p.low) if p.low > 0.0 or not p.logarithmic else -1e3 for p in parameters])
+    high = np.array([p.to_fit(p.high) for p in parameters])
+    reach = np.array([p.difference for p in parameters])
+    steps = np.where(u + reach <= high, reach, -reach)
+
+    def values(row: np.ndarray) -> dict[str, float]:
+        moved = {p.path: p.from_fit(x) for p, x in zip(parameters, row, strict=True)}
+        return {**hypothesis.values, **moved}
+
+    rows = [values(u), *(values(row) for row in u[None] + np.diag(steps))]
+    measured = problem.measured
+    blank = dataclasses.replace(problem, measured=np.where(np.isfinite(measured), 0.0, np.nan))
+    signals = blank.residual(blank.simulate(rows))
+    change = ((signals[1:] - signals[0]) / steps[:, None]).T
+    return Prediction(signals[0], change, low - u, high - u, hypothesis.beside)
+
+
+def _distances(known: Sequence[Prediction], predicted: Sequence[Prediction]) -> np.ndarray:
+    """How far each two hypotheses differ on a new measurement, (h (h - 1) / 2,), in noise floors (rms)."""
+    found = []
+    for a in range(len(predicted)):
+        for b in range(a):
+            one = _unlike(known[a], known[b], predicted[a], predicted[b])
+            other = _unlike(known[b], known[a], predicted[b], predicted[a])
+            found.append(min(one, other))
+    return np.array(found)
+
+
+def _unlike(old_a: Prediction, old_b: Prediction, new_a: Prediction, new_b: Prediction) -> float:
+    """Rms difference that stays on the new measurement if ``a`` is true, of the size it has, and ``b`` is fitted.
+
+    What may be re-tuned beside ``a`` is unknown as well: it is set so that the difference is smallest, as far as the
+    old log allows.
+    """
+    beside = slice(0, new_a.beside)
+    rest_old, rest_new = old_b.signal - old_a.signal, new_b.signal - new_a.signal
+    change_a, change_b = new_a.change[:, beside], new_b.change
+    zeros_a, zeros_b = np.zeros_like(old_a.change[:, beside]), np.zeros_like(old_b.change)
+    # the old log holds for both, the new measurement is compared; its repeats weigh as several measurements
+    rows = np.concatenate(
+        [
+            np.concatenate([old_a.change[:, beside], zeros_b], axis=1),
+            np.concatenate([zeros_a, old_b.change], axis=1),
+            np.sqrt(REPEATS) * np.concatenate([-change_a, change_b], axis=1),
+        ]
+    )
+    rest = np.concatenate([np.zeros(len(rest_old)), rest_old, np.sqrt(REPEATS) * rest_new])
+    low, high = np.append(new_a.low[beside], new_b.low), np.append(new_a.high[beside], new_b.high)
+    moved = _bounded(rows.T @ rows, rows.T @ rest, low, high)
+    left = rest_new + change_b @ moved[new_a.beside :] - change_a @ moved[: new_a.beside]
+    return float(np.sqrt(np.mean(left**2)))
+
+
+def _bounded(gram: np.ndarray, slope: np.ndarray, low: np.ndarray, high: np.ndarray) -> np.ndarray:
+    """Least squares step within bounds: parameters that leave them stop there and the rest is solved again."""
+    free, moved = np.ones(len(slope), bool), np.zeros(len(slope))
+    for _ in range(4):
+        index, fixed = np.flatnonzero(free), np.flatnonzero(~free)
+        if not len(index):
+            break
+        matrix = gram[np.ix_(index, index)]
+        matrix = matrix + np.diag(1e-9 * matrix.diagonal() + 1e-9)
+        right = slope[index] + gram[np.ix_(index, fixed)] @ moved[fixed]
+        step = -np.linalg.solve(matrix, right)
+        over = (step < low[index]) | (step > high[index])
+        moved[index] = np.clip(step, low[index], high[index])
+        if not over.any():
+            break
+        free[index[over]] = False
+    return moved
