@@ -1,0 +1,273 @@
+"""Zero, direction and range of each joint, found with a person's help and kept as a file with the robot.
+
+    python -m hw.calibration robot=bench port=/dev/ttyUSB0
+    python -m hw.calibration robot=hopper port=/dev/ttyUSB0 out=calibrations/hopper-left.yaml
+
+Torque stays off throughout: the person moves each joint by hand. Nothing is written to the servos, and no file is
+overwritten.
+"""
+
+from __future__ import annotations
+
+import datetime
+import math
+import os
+import sys
+import threading
+import time
+from collections.abc import Callable, Iterable, Mapping, Sequence
+from pathlib import Path
+from typing import Any, Protocol
+
+import numpy as np
+import yaml
+
+from actuators.errors import SealegsError
+from configs.script import run
+from envs.robot import Robot
+from hw.registers import ServoModel
+from hw.robot import CalibrationError, Joint, check_joints
+
+FOLDER = Path("calibrations")
+STILL = 8  # steps that a joint at rest may wander
+MOVED = 60  # steps (5 degrees) that count as moved
+SEAM = 0.5  # share of a turn: a jump beyond it between two readings went over the encoder's seam
+INSIDE = 0.02  # [rad] by which the range stays inside the stops that were found
+PERIOD = 0.02  # [s] between two readings
+
+
+class Encoders(Protocol):
+    """What calibration needs of a bus."""
+
+    def scan(self, ids: Iterable[int] = ...) -> dict[int, int]:
+        """Model number by id of the servos that answer."""
+        ...
+
+    def torque_off(self, ids: Sequence[int]) -> Mapping[int, Exception]:
+        """Switch torque off."""
+        ...
+
+    def read_register(self, servo: int, name: str) -> int:
+        """A register's count."""
+        ...
+
+
+def guide(
+    bus: Encoders,
+    robot: Robot,
+    servo: ServoModel,
+    params: Mapping[str, float],
+    ask: Callable[[str], str] = input,
+    say: Callable[[str], None] = print,
+) -> list[Joint]:
+    """Ask a person through the calibration of every joint.
+
+    Args:
+        bus: with the servos, open.
+        robot: whose joints are looked for.
+        servo: model of the servos.
+        params: numbers of the robot other than its own.
+        ask: prints a question and waits for the answer.
+        say: prints a line.
+
+    Raises:
+        CalibrationError: too few servos, or a range that cannot be reached.
+        EOFError: the person has gone.
+    """
+    names = [item.name for item in robot.coordinates]
+    say(f"Looking for the servos of '{robot.name}': {', '.join(names)}.")
+    found = sorted(bus.scan())
+    say(f"Found {len(found)}: {', '.join(map(str, found)) or 'none'}.")
+    if len(found) < len(names):
+        raise CalibrationError(
+            f"robot '{robot.name}' has {len(names)} joint(s), but {len(found)} servo(s) answer; check power and "
+            "wiring, and that no two have one id: connect them one at a time and give each its own."
+        )
+    if failed := bus.torque_off(found):
+        raise CalibrationError(f"torque cannot be switched off: {next(iter(failed.values()))}")
+    say("Torque is off. Support the robot: it may sag.")
+    limits = robot.goal_limits(robot.parameters(params))
+    joints: list[Joint] = []
+    for name in names:
+        number = _choose(bus, name, [n for n in found if n not in [j.id for j in joints]], ask, say)
+        joints.append(_joint(bus, name, number, limits[name], servo, ask, say))
+    check_joints(joints, robot, servo, params)
+    return joints
+
+
+def write_calibration(path: Path, robot: Robot, servo: ServoModel, joints: Sequence[Joint]) -> None:
+    """Write a calibration.
+
+    Raises:
+        CalibrationError: the file exists; a calibration is never overwritten.
+    """
+    document = {
+        "robot": robot.name,
+        "servo": servo.name,
+        "date": datetime.datetime.now().astimezone().isoformat(timespec="seconds"),
+        "joints": {joint.name: as_row(joint) for joint in joints},
+    }
+    path.parent.mkdir(parents=True, exist_ok=True)
+    try:
+        with open(path, "x", encoding="utf-8") as file:
+            file.write(
+                "# zero: step of the encoder at 0 rad; direction: 1 where steps grow with the angle; range: rad\n"
+            )
+            yaml.safe_dump(document, file, sort_keys=False)
+            file.flush()
+            os.fsync(file.fileno())
+    except FileExistsError:
+        raise CalibrationError(f"{path} exists, and a calibration is never overwritten; give another out=.") from None
+
+
+def as_row(joint: Joint) -> dict[str, Any]:
+    """A joint as its file has it."""
+    return {
+        "id": joint.id,
+        "zero": joint.zero,
+        "direction": joint.direction,
+        "range": [round(joint.low, 4), round(joint.high, 4)],
+    }
+
+
+def newest(robot: str, folder: Path = FOLDER) -> Path | None:
+    """The latest calibration of a robot; None where there is none."""
+    found = sorted(folder.glob(f"{robot}-*.yaml"), key=lambda path: path.stat().st_mtime)
+    return found[-1] if found else None
+
+
+# --- one joint -----------------------------------------------------------------------------------------------------
+
+
+def _choose(bus: Encoders, name: str, free: list[int], ask: Callable[[str], str], say: Callable[[str], None]) -> int:
+    """The servo of a joint: the one that a person moves."""
+    if len(free) == 1:
+        say(f"\n{name}: servo {free[0]}, the only one left.")
+        return free[0]
+    while True:
+        before = {number: _still(bus, number) for number in free}
+        ask(f"\n{name}: move this joint by hand, a good bit, and leave it there; then press Enter. ")
+        moved = {number: abs(_shortest(_still(bus, number) - before[number])) for number in free}
+        best = max(moved, key=lambda number: moved[number])
+        others = [n for n in free if n != best and moved[n] > 0.5 * moved[best]]
+        if moved[best] >= MOVED and not others:
+            say(f"{name}: servo {best}.")
+            return best
+        say(
+            f"Servos {best} and {others[0]} both moved; move one joint only."
+            if moved[best] >= MOVED
+            else f"Nothing moved by more than {MOVED} steps; try again."
+        )
+
+
+def _joint(
+    bus: Encoders,
+    name: str,
+    number: int,
+    limits: tuple[float, float],
+    servo: ServoModel,
+    ask: Callable[[str], str],
+    say: Callable[[str], None],
+) -> Joint:
+    step = 2.0 * math.pi / servo.resolution
+    ask(f"{name}: bring it to 0 rad as the robot's documentation defines it, hold it still, press Enter. ")
+    zero = _still(bus, number)
+    while True:
+        ask(f"{name}: move it in its positive direction, between 5 and 90 degrees; press Enter. ")
+        moved = _shortest(_still(bus, number) - zero, servo.resolution)
+        if abs(moved) >= MOVED:
+            break
+        say(f"It moved by {moved} steps only, and {MOVED} are needed; try again.")
+    direction = 1 if moved > 0 else -1
+    low, high = limits
+    say(f"{name}: the robot works between {low:.2f} and {high:.2f} rad.")
+    steps = _sweep(bus, number, lambda: ask(f"{name}: move it slowly from stop to stop; press Enter when done. "))
+    jump = np.abs(np.diff(steps)).max(initial=0)
+    if jump > SEAM * servo.resolution:
+        raise CalibrationError(
+            f"joint {name}: its range goes over the encoder's seam (step 0 and {servo.resolution - 1}), which the "
+            "servo cannot cross; turn the horn by half a turn and calibrate again."
+        )
+    ends = sorted(direction * (float(edge) - zero) * step for edge in (steps.min(), steps.max()))
+    joint = Joint(name, number, int(zero), direction, ends[0] + INSIDE, ends[1] - INSIDE)
+    say(f"{name}: zero at step {zero}, direction {direction:+d}, range {joint.low:.2f} to {joint.high:.2f} rad.")
+    return joint
+
+
+def _still(bus: Encoders, number: int, attempts: int = 50) -> int:
+    """Step at which a servo rests.
+
+    Raises:
+        CalibrationError: it does not come to rest.
+    """
+    window: list[int] = []
+    for _ in range(attempts):
+        window = [*window[-4:], bus.read_register(number, "present_position")]
+        if len(window) == 5 and max(window) - min(window) <= STILL:
+            return int(np.median(window))
+        time.sleep(PERIOD)
+    raise CalibrationError(
+        f"servo {number} does not come to rest (last steps {window}); hold it still and start again."
+    )
+
+
+def _sweep(bus: Encoders, number: int, until: Callable[[], object]) -> np.ndarray:
+    """Steps of a servo while a person moves it, until ``until`` returns (n,)."""
+    steps: list[int] = []
+    failed: list[BaseException] = []
+    done = threading.Event()
+
+    def watch() -> None:
+        try:
+            while not done.is_set():
+                steps.append(bus.read_register(number, "present_position"))
+                time.sleep(PERIOD)
+        except BaseException as error:  # told by the thread that asked
+            failed.append(error)
+
+    watcher = threading.Thread(target=watch, daemon=True)
+    watcher.start()
+    try:
+        until()
+    finally:
+        done.set()
+        watcher.join()
+    if failed:
+        raise failed[0]
+    return np.array([*steps, bus.read_register(number, "present_position")])
+
+
+def _shortest(steps: int, resolution: int = 4096) -> int:
+    """Difference of two encoder steps the short way round."""
+    return (steps + resolution // 2) % resolution - resolution // 2
+
+
+def main(arguments: list[str]) -> None:
+    """Calibrate the robot that the command line names."""
+    from configs.compose import compose, split
+    from envs.robots import get_robot
+    from hw.bus import ServoBus
+    from hw.registers import load_model
+
+    config = compose("calibrate", split(arguments, plain=("port", "out")))
+    if config["port"] is None:
+        raise SealegsError("port=<path> is missing: name the adapter's port, such as /dev/ttyUSB0.")
+    settings = config["robot"]
+    robot, servo = get_robot(settings["name"]), load_model(settings["servo"])
+    stamp = datetime.datetime.now().strftime("%Y%m%d-%H%M%S")
+    out = Path(str(config["out"] or FOLDER / f"{robot.name}-{stamp}.yaml"))
+    if out.exists():
+        raise CalibrationError(f"{out} exists, and a calibration is never overwritten; give another out=.")
+    with ServoBus(str(config["port"]), int(config["baudrate"]), servo.name) as bus:
+        try:
+            joints = guide(bus, robot, servo, settings.get("params") or {})
+        except EOFError:
+            raise CalibrationError(
+                "the terminal was closed before the calibration was done; nothing is saved."
+            ) from None
+        write_calibration(out, robot, servo, joints)
+    print(f"\nWritten: {out}. deploy.py takes the newest of {FOLDER}/, or calibration={out}.")
+
+
+if __name__ == "__main__":
+    sys.exit(run(main, "calibrate", __doc__ or "", sys.argv[1:]))

@@ -1,0 +1,130 @@
+"""A fixed rate without a busy wait, and how well it was kept."""
+
+from __future__ import annotations
+
+import time
+from dataclasses import dataclass
+
+import numpy as np
+
+from actuators.errors import SealegsError
+
+
+@dataclass(frozen=True)
+class Timing:
+    """How well a loop kept its rate.
+
+    Attributes:
+        cycles: done.
+        overruns: cycles whose work did not end before the next one was due.
+        skipped: periods left out because of overruns.
+        late_p99, late_worst: how late cycles began [s].
+        busy_share: part of the period that the work of a cycle took, in the mean.
+        read_mean, read_p99: from the request for the readings to the last reply [s].
+        command_mean, command_p99: from the middle of the reading to the goals on the wire [s].
+        cpu_share: processor time of the loop's process over wall time.
+    """
+
+    cycles: int
+    overruns: int
+    skipped: int
+    late_p99: float
+    late_worst: float
+    busy_share: float
+    read_mean: float
+    read_p99: float
+    command_mean: float
+    command_p99: float
+    cpu_share: float
+
+    @property
+    def overrun_share(self) -> float:
+        """Overruns over cycles."""
+        return self.overruns / max(self.cycles, 1)
+
+    def sentence(self) -> str:
+        """For people."""
+        return (
+            f"{self.cycles} cycles, {self.overruns} overruns ({100 * self.overrun_share:.2f} %), began late by "
+            f"{1e3 * self.late_p99:.2f} ms (99 %) and {1e3 * self.late_worst:.2f} ms (worst), reading "
+            f"{1e3 * self.read_mean:.2f} ms, reading to command {1e3 * self.command_mean:.2f} ms, "
+            f"{100 * self.cpu_share:.0f} % of a core."
+        )
+
+
+class Metronome:
+    """Wakes a loop at a fixed rate; the processor sleeps in between.
+
+    Attributes:
+        period: [s].
+        cycles: done so far.
+        overruns: of them.
+    """
+
+    def __init__(self, rate: float, expected: int = 1 << 16) -> None:
+        """Begin to count with the first :meth:`wait`.
+
+        Args:
+            rate: cycles per second [Hz].
+            expected: cycles to make room for.
+
+        Raises:
+            SealegsError: the rate is no rate.
+        """
+        if not 0.5 <= rate <= 1000.0:
+            raise SealegsError(f"the rate is {rate:g} Hz; it must be between 0.5 and 1000 Hz.")
+        self.period = 1.0 / rate
+        self._due: float | None = None
+        self._times = np.zeros((4, max(expected, 16)))  # late, work, read, command; grown when full
+        self.cycles, self.overruns, self._skipped = 0, 0, 0
+        self._began = self._woke = self._cpu = 0.0
+
+    def wait(self) -> float:
+        """Sleep until the next cycle is due; the host's monotonic clock at its beginning [s]."""
+        now = time.monotonic()
+        if self._due is None:
+            self._due = self._began = now
+            self._cpu = time.process_time()
+        else:
+            self._due += self.period
+            behind = now - self._due
+            if behind > 0.0:
+                self.overruns += 1
+                whole = int(behind / self.period)  # cycles that cannot be made up for are left out, not hurried through
+                self._skipped += whole
+                self._due += whole * self.period
+            else:
+                time.sleep(-behind)
+        self._woke = time.monotonic()
+        return self._woke
+
+    def done(self, read: float, command: float) -> None:
+        """Count a cycle, at the end of its work.
+
+        Args:
+            read: time that the reading took [s].
+            command: from the middle of the reading to the goals on the wire [s].
+        """
+        assert self._due is not None
+        if self.cycles == self._times.shape[1]:
+            self._times = np.concatenate([self._times, np.zeros_like(self._times)], axis=1)
+        self._times[:, self.cycles] = self._woke - self._due, time.monotonic() - self._woke, read, command
+        self.cycles += 1
+
+    def timing(self) -> Timing:
+        """How well the rate was kept so far."""
+        late, work, read, command = self._times[:, : max(self.cycles, 1)]
+        wall = max(time.monotonic() - self._began, 1e-9)
+        return Timing(
+            cycles=self.cycles,
+            overruns=self.overruns,
+            skipped=self._skipped,
+            late_p99=float(np.quantile(late, 0.99)),
+            late_worst=float(late.max()),
+            busy_share=float(work.mean() / self.period),
+            read_mean=float(np.nanmean(read)) if np.isfinite(read).any() else 0.0,
+            read_p99=float(np.nanquantile(read, 0.99)) if np.isfinite(read).any() else 0.0,
+            command_mean=float(np.nanmean(command)) if np.isfinite(command).any() else 0.0,
+            command_p99=float(np.nanquantile(command, 0.99)) if np.isfinite(command).any() else 0.0,
+            cpu_share=(time.process_time() - self._cpu) / wall if self._began else 0.0,
+        )

@@ -1,0 +1,190 @@
+"""Where goals come from: a policy, a recorded or computed trajectory, or a robot's reference controller."""
+
+from __future__ import annotations
+
+import csv
+import math
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Protocol
+
+import numpy as np
+
+from actuators.errors import SealegsError, nearest
+from envs.hopper.controller import BangBang, spring_stiffness
+from hw.observer import Observer, Seen
+from hw.policy import Policy
+from hw.robot import Reading, ServoRobot
+
+
+class Commands(Protocol):
+    """A source of goals.
+
+    Attributes:
+        name: one word, for names of logs.
+        rate: cycles per second that it is made for [Hz]; None: any.
+        duration: after which it has nothing more to say [s]; infinite where it always has.
+        description: what a log says about it.
+    """
+
+    @property
+    def name(self) -> str: ...
+    @property
+    def rate(self) -> float | None: ...
+    @property
+    def duration(self) -> float: ...
+    @property
+    def description(self) -> dict: ...
+
+    def start(self) -> np.ndarray | None:
+        """Where the robot should be when it begins (k,) [rad]; None: wherever it is."""
+        ...
+
+    def goals(self, time: float, reading: Reading) -> np.ndarray:
+        """Goals (k,) [rad] at ``time`` [s] since the start."""
+        ...
+
+
+class PolicyCommands:
+    """Goals of a policy.
+
+    Attributes:
+        seen: latest control step as the policy saw it.
+    """
+
+    def __init__(self, policy: Policy, robot: ServoRobot, command: np.ndarray | None = None) -> None:
+        """Prepare; ``command`` is what the task is asked for (c,), None: the middle of what it draws."""
+        self.observer = Observer(policy.contract, robot, command)
+        self._policy = policy
+        self.name, self.rate, self.duration = "policy", policy.contract.control_rate, math.inf
+        self.description = {"policy": str(policy.path), "command": self.observer.command.tolist()}
+        self.seen: Seen | None = None
+
+    def start(self) -> None:
+        return None
+
+    def goals(self, time: float, reading: Reading) -> np.ndarray:
+        del time
+        self.seen = self.observer.see(reading)
+        action, goal = self._policy.act(self.seen.observation[None])
+        self.observer.acted(action[0].astype(np.float64))
+        return goal[0]
+
+
+class Trajectory:
+    """Goals over time, each held until the next: an excitation, or the goals of a log."""
+
+    def __init__(self, name: str, time: np.ndarray, goals: np.ndarray, description: dict | None = None) -> None:
+        """Prepare.
+
+        Args:
+            name: one word.
+            time: (n,) [s], from 0.
+            goals: (n, k) [rad], joints in the order of the robot.
+            description: what a log says about it.
+        """
+        self.name, self.rate = name, None
+        self._time, self._goals = time, goals
+        self.duration = float(time[-1] + (time[-1] - time[0]) / max(len(time) - 1, 1))
+        self.description = description or {}
+
+    def start(self) -> np.ndarray:
+        return self._goals[0]
+
+    def goals(self, time: float, reading: Reading) -> np.ndarray:
+        del reading
+        row = int(np.searchsorted(self._time, time + 1e-6, side="right")) - 1
+        return self._goals[min(max(row, 0), len(self._goals) - 1)]
+
+
+class Reference:
+    """The reference controller of the hopper's paper; its springs are felt through motor and link encoders."""
+
+    def __init__(self, robot: ServoRobot) -> None:
+        """Prepare.
+
+        Raises:
+            SealegsError: the robot has no reference controller, or no spring to feel.
+        """
+        if robot.robot.name != "hopper":
+            raise SealegsError(f"robot '{robot.robot.name}' has no reference controller; the hopper has one.")
+        numbers = robot.robot.parameters(robot.params)
+        stiffness = spring_stiffness(robot.chains[robot.names[0]])
+        self._law = BangBang(rest=(numbers["hip_rest"], numbers["knee_rest"]), stiffness=stiffness)
+        self.name, self.rate, self.duration = "reference", None, math.inf
+        self.description = {"controller": "envs.hopper.controller.BangBang"}
+
+    def start(self) -> np.ndarray:
+        return np.asarray(self._law.rest)
+
+    def goals(self, time: float, reading: Reading) -> np.ndarray:
+        del time
+        return self._law.goals(reading.position, reading.link)
+
+
+def read_excitation(path: Path, robot: ServoRobot) -> Trajectory:
+    """Goals of a CSV file with the columns ``time`` [s] and ``<joint>.goal`` [rad], such as a diagnosis proposes.
+
+    A joint without a column is brought to the middle of its range and held there. On a robot of one joint, the only
+    goal column is that joint's, whatever it is called.
+
+    Raises:
+        SealegsError: the file cannot be read, names other joints, or its goals are beyond a joint's range.
+    """
+    try:
+        with path.open(newline="", encoding="utf-8-sig") as file:
+            rows = list(csv.reader(file))
+        header, values = rows[0], np.array([[float(cell) for cell in row] for row in rows[1:] if row], float)
+    except OSError as error:
+        raise SealegsError(f"the excitation {path} cannot be read: {error.strerror}.") from None
+    except (ValueError, IndexError, UnicodeDecodeError, csv.Error) as error:
+        raise SealegsError(f"the excitation {path} is no table of numbers with a header: {error}.") from None
+    columns = {name.strip(): values[:, k] for k, name in enumerate(header)} if values.ndim == 2 else {}
+    goals = {name.removesuffix(".goal"): column for name, column in columns.items() if name.endswith(".goal")}
+    if "time" not in columns or not goals:
+        raise SealegsError(
+            f"the excitation {path} needs the columns time and <joint>.goal; it has {', '.join(header)}."
+        )
+    return _trajectory("excitation", path, columns["time"], goals, robot)
+
+
+def read_replay(path: Path, robot: ServoRobot) -> Trajectory:
+    """Goals of a measured log.
+
+    Raises:
+        SealegsError: as :func:`read_excitation`, or the log is of another robot.
+    """
+    from gap.log import read_measured
+
+    run = read_measured(path).runs[0]
+    if run.robot != robot.robot.name:
+        raise SealegsError(f"{path} is a log of robot '{run.robot}', not of '{robot.robot.name}'.")
+    goals = {name: log.goal for name, log in run.joints.items() if log.goal is not None}
+    return _trajectory("replay", path, run.time, goals, robot)
+
+
+def _trajectory(
+    kind: str, path: Path, time: np.ndarray, goals: Mapping[str, np.ndarray], robot: ServoRobot
+) -> Trajectory:
+    if len(time) < 2 or not (np.diff(time) > 0.0).all() or not np.isfinite(time).all():
+        raise SealegsError(f"{path}: the column 'time' must grow from row to row, over two rows at least.")
+    if len(goals) == 1 and len(robot.joints) == 1:
+        goals = {robot.names[0]: next(iter(goals.values()))}
+    for name in goals:
+        if name not in robot.names:
+            known = robot.names
+            raise SealegsError(
+                f"{path}: the robot has no joint '{name}'{nearest(name, known)}; it has {', '.join(known)}."
+            )
+    table = np.tile(0.5 * (robot.low + robot.high), (len(time), 1))
+    for k, joint in enumerate(robot.joints):
+        if joint.name not in goals:
+            continue
+        table[:, k] = goals[joint.name]
+        bad = np.flatnonzero(~((table[:, k] >= joint.low) & (table[:, k] <= joint.high)))
+        if len(bad):
+            raise SealegsError(
+                f"{path}: row {bad[0] + 2} asks joint {joint.name} for {table[bad[0], k]:.3f} rad, but its range is "
+                f"{joint.low:.3f} to {joint.high:.3f} rad."
+            )
+    return Trajectory(f"{kind}-{path.stem}", time - time[0], table, {kind: path.name})

@@ -1,0 +1,58 @@
+"""From ``hw=virtual`` or ``hw=feetech port=...`` to an open bus; nothing behind it knows which."""
+
+from __future__ import annotations
+
+import contextlib
+from collections.abc import Iterator, Mapping
+from typing import Any
+
+from actuators.errors import SealegsError
+from hw.bus import ServoBus
+from hw.robot import ServoRobot
+
+
+@contextlib.contextmanager
+def opened_port(hw: Mapping[str, Any], port: str | None, robot: ServoRobot, truth: Any) -> Iterator[str]:
+    """The port to use, and a virtual machine behind it where one is asked for.
+
+    Args:
+        hw: of ``configs/hw``.
+        port: that the person named.
+        robot: as the host sees it; a virtual machine has its servos mounted like that.
+        truth: chain of a virtual machine, before what it hides.
+
+    Raises:
+        SealegsError: no port is named, or the virtual machine does not start.
+    """
+    if hw["virtual"] is None:
+        if port is None:
+            raise SealegsError("port=<path> is missing: name the adapter's port, such as port=/dev/ttyUSB0.")
+        yield port
+        return
+    if port is not None:
+        raise SealegsError(
+            "hw=virtual starts a bus of its own; to use one that runs already, give hw=feetech port=<path>."
+        )
+    from hw.virtual import VirtualBus
+
+    mounts = {j.name: {"id": j.id, "zero": j.zero, "direction": j.direction} for j in robot.joints}
+    known = {"robot": robot.robot.name, "params": robot.params, "servos": mounts, "model": robot.servo.name}
+    if truth is not None:
+        known["actuator"] = truth
+    with VirtualBus(**{**known, **hw["virtual"]}) as bus:
+        yield bus.port
+
+
+def opened_bus(hw: Mapping[str, Any], port: str, robot: ServoRobot) -> ServoBus:
+    """The bus, with every servo of the robot there and set up.
+
+    Raises:
+        BusError: the port cannot be opened, or a servo is missing or set up otherwise.
+    """
+    bus = ServoBus(port, int(hw["baudrate"]), robot.servo.name, float(hw["timeout"]))
+    try:
+        bus.check(robot.ids)
+    except BaseException:
+        bus.close()
+        raise
+    return bus

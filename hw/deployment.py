@@ -1,0 +1,299 @@
+"""One run on servos from its config: robot, policy or trajectory, bus, supervisor, loop and log put together."""
+
+from __future__ import annotations
+
+import contextlib
+import datetime
+import os
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from actuators.errors import SealegsError, nearest
+from configs.check import checked, checked_seed
+from hw.bus import ServoBus
+from hw.calibration import as_row, newest
+from hw.commands import Commands, PolicyCommands, Reference, Trajectory, read_excitation, read_replay
+from hw.connection import opened_bus, opened_port
+from hw.deadman import keyboard
+from hw.live import live_view
+from hw.loop import ControlLoop, Outcome, Stop
+from hw.measured_log import MeasuredLog, make_sidecar, read_events
+from hw.policy import Policy
+from hw.robot import ServoRobot, build_robot
+from hw.safety import Limits, Safety
+from hw.supervisor import Charge, Supervisor
+
+RATE = 100.0  # [Hz] of what does not say its own
+DURATION = 10.0  # [s] of what has no end of its own
+DRY_CYCLES = 10
+SIGNALS = ("goal", "position", "velocity", "duty", "voltage", "current", "temperature")
+SOURCES = ("policy", "excitation", "replay", "reference")
+
+
+@dataclass(frozen=True)
+class Deployment:
+    """A run that is ready to start.
+
+    Attributes:
+        config: as composed from ``configs/deploy.yaml``.
+        robot: with its calibration.
+        commands: source of goals.
+        limits: of safety.
+        rate: [Hz].
+        duration: [s].
+        calibration: file; None: built as drawn.
+    """
+
+    config: dict[str, Any]
+    robot: ServoRobot
+    commands: Commands
+    limits: Limits
+    rate: float
+    duration: float
+    calibration: Path | None
+
+
+@dataclass(frozen=True)
+class Run:
+    """A run that is over.
+
+    Attributes:
+        outcome: of the loop.
+        log: its file.
+    """
+
+    outcome: Outcome
+    log: Path
+
+
+def prepare(config: Mapping[str, Any]) -> Deployment:
+    """Check a config and everything that it names; nothing is opened, nothing moves.
+
+    Raises:
+        SealegsError: something in it is wrong, or policy and robot do not fit.
+    """
+    config = dict(config)
+    for key, kind in (("silence", float), ("reach", float), ("dead_man", bool), ("dry_run", bool), ("live", bool)):
+        config[key] = checked(key, config[key], kind)
+    for key in ("rate", "duration"):
+        config[key] = checked(key, config[key], float | None)
+    if config["rest"] not in ("release", "hold"):
+        raise SealegsError(f"rest is '{config['rest']}'; it may be release or hold.")
+    given = [key for key in SOURCES if config[key] not in (None, False)]
+    if len(given) != 1:
+        what = f"{' and '.join(given)} cannot run at once" if given else "say what to run"
+        raise SealegsError(f"{what}: give one of {', '.join(f'{key}=' for key in SOURCES)} (--help lists the keys).")
+    calibration = _calibration(config)
+    robot = build_robot(config["robot"], config["actuator"], calibration)
+    commands = _commands(given[0], config, robot)
+    rate = config["rate"] or commands.rate or RATE
+    own = commands.duration if np.isfinite(commands.duration) else DURATION
+    duration = own if config["duration"] is None else config["duration"]
+    if duration <= 0.0 or config["silence"] < 3.0 / rate:
+        raise SealegsError(
+            f"duration is {duration:g} s and silence {config['silence']:g} s; the first must be above 0, the other at "
+            f"least three periods ({3.0 / rate:g} s)."
+        )
+    limits = Limits.from_config(config["robot"].get("safety") or {})
+    return Deployment(config, robot, commands, limits, rate, duration, calibration)
+
+
+def run(deployment: Deployment, say: Callable[[str], None] = print) -> Run | None:
+    """Run, and bring the servos to rest whatever happens.
+
+    Returns:
+        The run; None for a dry one.
+
+    Raises:
+        SealegsError: the servos cannot be reached, or the log cannot be written.
+    """
+    config, robot = deployment.config, deployment.robot
+    stop = Stop()
+    truth = config["robot"].get("actuator")
+    with stop.on_signals(), opened_port(config["hw"], config["port"], robot, truth) as port:
+        bus = opened_bus(config["hw"], port, robot)
+        with contextlib.closing(bus):
+            if config["dry_run"]:
+                dry_run(deployment, bus, say)
+                return None
+            return _guarded(deployment, bus, port, stop, say)
+
+
+def dry_run(deployment: Deployment, bus: ServoBus, say: Callable[[str], None]) -> None:
+    """Print the goals of the first cycles, computed from what the servos report, torque off throughout."""
+    robot, period = deployment.robot, 1.0 / deployment.rate
+    for error in bus.torque_off(robot.ids).values():
+        raise error
+    safety = Safety(robot, deployment.limits, period)
+    say(f"Dry run at {deployment.rate:g} Hz, no torque. Goals [rad]:")
+    say("  time [s]  " + "  ".join(f"{name:>18}" for name in robot.names))
+    last: np.ndarray | None = None
+    for cycle in range(DRY_CYCLES):
+        reading = robot.reading(bus.read_state(robot.ids))
+        if (fault := safety.judge(reading)) is not None:
+            say(f"  safety would stop here: {fault.sentence}")
+            return
+        start = deployment.commands.start()
+        last = (reading.position if start is None else start) if last is None else last
+        wanted = deployment.commands.goals(cycle * period, reading)
+        admitted = safety.admit(wanted, np.clip(last, robot.low, robot.high))
+        if not isinstance(admitted, np.ndarray):
+            say(f"  safety would stop here: {admitted.sentence}")
+            return
+        cells = [f"{a:+.3f}" + (f" (of {w:+.3f})" if a != w else "") for a, w in zip(admitted, wanted, strict=True)]
+        say(f"  {cycle * period:8.3f}  " + "  ".join(f"{cell:>18}" for cell in cells))
+        last = admitted
+
+
+def _guarded(deployment: Deployment, bus: ServoBus, port: str, stop: Stop, say: Callable[[str], None]) -> Run:
+    config, robot = deployment.config, deployment.robot
+    hw = config["hw"]
+    log = _log(deployment, bus, port)
+    with contextlib.closing(log), contextlib.ExitStack() as stack:
+        each_cycle = stack.enter_context(keyboard(config["dead_man"]))
+        charge = Charge(
+            port, int(hw["baudrate"]), robot.servo.name, float(hw["timeout"]), robot.ids, config["rest"],
+            config["silence"], os.getpid(), str(log.events_path.resolve()),
+        )  # fmt: skip
+        loop = ControlLoop(
+            bus,
+            robot,
+            Safety(robot, deployment.limits, 1.0 / deployment.rate),
+            deployment.commands,
+            deployment.rate,
+            log=log,
+            supervisor=Supervisor(charge),
+            rest=config["rest"],
+            stop=stop,
+            each_cycle=each_cycle,
+        )
+        say(
+            f"Running {deployment.commands.name} at {deployment.rate:g} Hz for {deployment.duration:g} s, "
+            f"into {log.path}"
+        )
+        with live_view(loop, config["live"]):
+            outcome = loop.run(deployment.duration)
+    return Run(outcome, log.path)
+
+
+def report(deployment: Deployment, done: Run, say: Callable[[str], None] = print) -> None:
+    """Tell what became of a run.
+
+    Raises:
+        SealegsError: it ended with a fault; the sentence says which.
+    """
+    outcome = done.outcome
+    say(outcome.timing.sentence())
+    if any(outcome.cut.values()):
+        say(f"Safety cut goals: {outcome.cut['step']} cycles by their step, {outcome.cut['range']} by their range.")
+    if outcome.bus:
+        say("Bus: " + ", ".join(f"{name} {count}" for name, count in outcome.bus.items()) + ".")
+    say(f"Log: {done.log}")
+    rest = "released" if deployment.config["rest"] == "release" else "held"
+    lost = _not_at_rest(done)
+    where = f"; the log is {done.log}"
+    if lost:
+        servos = ", ".join(map(str, lost))
+        raise SealegsError(
+            f"TORQUE MAY BE ON at servo(s) {servos}, which cannot be reached: cut their power. "
+            f"{outcome.fault.sentence if outcome.fault else ''}{where}."
+        )
+    if outcome.fault is not None:
+        raise SealegsError(
+            f"safety stopped the run: {outcome.fault.sentence.rstrip('.')}; the servos are {rest}{where}."
+        )
+
+
+def _not_at_rest(done: Run) -> list[int]:
+    """Servos that neither loop nor supervisor brought to rest."""
+    if not done.outcome.not_at_rest:
+        return []
+    for event in reversed(read_events(done.log)):
+        if event.get("by") == "supervisor":
+            return event.get("servos", [])
+    return sorted(done.outcome.not_at_rest)
+
+
+def _calibration(config: Mapping[str, Any]) -> Path | None:
+    if config["calibration"] is not None:
+        return Path(str(config["calibration"]))
+    if config["hw"]["virtual"] is not None:
+        return None
+    name = config["robot"]["name"]
+    if (found := newest(name)) is None:
+        raise SealegsError(
+            f"robot '{name}' has no calibration yet: make one with .venv/bin/python -m hw.calibration robot={name} "
+            f"port={config['port'] or '<path>'}, or give calibration=<file>."
+        )
+    return found
+
+
+def _commands(kind: str, config: Mapping[str, Any], robot: ServoRobot) -> Commands:
+    if kind == "policy":
+        policy = Policy(str(config["policy"]))
+        robot.check_contract(policy.contract, config["rate"])
+        command = config["command"]
+        if command is not None:
+            command = np.atleast_1d(np.asarray(checked("command", command, list[float] | float), float))
+        return PolicyCommands(policy, robot, command)
+    if kind == "replay":
+        return read_replay(Path(str(config["replay"])), robot)
+    if kind == "reference":
+        return Reference(robot)
+    word = str(config["excitation"])
+    if Path(word).suffix == ".csv":
+        return read_excitation(Path(word), robot)
+    return library_excitation(word, robot, config["reach"], checked_seed(config["seed"]))
+
+
+def library_excitation(word: str, robot: ServoRobot, reach: float, seed: int) -> Trajectory:
+    """An excitation of the library on every joint, each about the middle of its range.
+
+    Raises:
+        SealegsError: there is none of that name, or ``reach`` is more than a joint has.
+    """
+    from gap.experiment import RATE as SAMPLES
+    from gap.experiment import library
+
+    columns = []
+    for k, joint in enumerate(robot.joints):
+        shapes = {name.replace(" ", "_"): shape for name, shape in library(0.0, reach, seed + k).items()}
+        if word not in shapes:
+            hint = nearest(word, shapes)
+            raise SealegsError(
+                f"there is no excitation '{word}'{hint}; give a .csv file or one of {', '.join(shapes)}."
+            )
+        middle = 0.5 * (joint.low + joint.high)
+        if not 0.0 < reach <= (half := 0.5 * (joint.high - joint.low)):
+            raise SealegsError(f"reach is {reach:g} rad; joint {joint.name} has {half:.2f} rad to either side.")
+        columns.append(middle + shapes[word])
+    goals = np.stack(columns, axis=1)
+    return Trajectory(word, np.arange(len(goals)) / SAMPLES, goals, {"excitation": word, "reach": reach, "seed": seed})
+
+
+def _log(deployment: Deployment, bus: ServoBus, port: str) -> MeasuredLog:
+    config, robot, commands = deployment.config, deployment.robot, deployment.commands
+    now = datetime.datetime.now().astimezone()
+    name = config["name"] or f"{commands.name}-{now:%Y%m%d-%H%M%S}"
+    folder = Path(str(config["out"] or Path("logs") / robot.robot.name))
+    meta = {
+        "machine": "servos" if config["hw"]["virtual"] is None else "virtual bus",
+        "date": now.isoformat(timespec="seconds"),
+        "command": commands.description,
+        "rate": deployment.rate,
+        "port": port,
+        "servo": robot.servo.name,
+        "calibration": {
+            "file": None if deployment.calibration is None else str(deployment.calibration),
+            **{joint.name: as_row(joint) for joint in robot.joints},
+        },
+        "safety": dict(config["robot"]["safety"]),
+        "registers": {joint.name: bus.identity(joint.id) for joint in robot.joints},
+    }
+    sidecar = make_sidecar(robot.robot.name, robot.params, robot.belief, meta)
+    signals = (*SIGNALS, "link_position") if robot.measures_links else SIGNALS
+    return MeasuredLog(folder, str(name), sidecar, robot.names, signals, ())

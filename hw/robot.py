@@ -1,0 +1,341 @@
+"""A robot as the host sees it: which servo is which joint, where its zero is, which way it counts, how far it goes."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import yaml
+
+from actuators import Chain, load_chain
+from actuators.errors import SealegsError, nearest
+from envs.contract import Contract, ContractError, chain_hash, robot_hash
+from envs.robot import Robot
+from envs.robots import get_robot
+from hw.registers import ServoModel, load_model
+from hw.servo_state import ServoState
+
+ENCODER_TURN = math.pi  # [rad] to either side of the centre that a one-turn encoder reaches
+HIGHEST_ID = 252  # that the SDK addresses
+
+
+class CalibrationError(SealegsError):
+    """A calibration that is none, or does not fit the robot."""
+
+
+@dataclass(frozen=True)
+class Joint:
+    """One joint and its servo.
+
+    Attributes:
+        name: as in the robot.
+        id: of the servo.
+        zero: step of the encoder at which the joint is at 0 rad.
+        direction: 1 where growing steps are the joint's positive direction, -1 where they are its negative one.
+        low, high: range of the joint [rad].
+    """
+
+    name: str
+    id: int
+    zero: int
+    direction: int
+    low: float
+    high: float
+
+
+@dataclass(frozen=True)
+class Reading:
+    """One reading of all joints, in the order of the robot.
+
+    Attributes:
+        before: host's monotonic clock as the request went out [s].
+        after: the same once all replies had come in [s].
+        position: (k,) [rad].
+        velocity: (k,) [rad/s].
+        duty: (k,), 1 = full.
+        current: (k,) [A].
+        voltage: (k,) [V].
+        temperature: (k,) [degC].
+        link: position on the far side of a series spring (k,) [rad]; where nothing measures it, ``position``.
+        base_position, base_velocity: of the robot's base, as far as it is measured (b,) [m or rad], per second.
+        state: as the bus gave it.
+    """
+
+    before: float
+    after: float
+    position: np.ndarray
+    velocity: np.ndarray
+    duty: np.ndarray
+    current: np.ndarray
+    voltage: np.ndarray
+    temperature: np.ndarray
+    link: np.ndarray
+    base_position: np.ndarray
+    base_velocity: np.ndarray
+    state: ServoState
+
+    @property
+    def time(self) -> float:
+        """Middle of the transaction [s]: when the servos looked at their sensors, as well as the host can tell."""
+        return 0.5 * (self.before + self.after)
+
+
+class ServoRobot:
+    """A robot of ``envs`` with a servo on each joint.
+
+    Attributes:
+        robot: without its actuators.
+        params: its numbers, where they are not the robot's own.
+        servo: model of the servos.
+        joints: in the order of goals.
+        chains: chain that each servo is believed to be.
+        belief: the same as a log's sidecar names it: a name, or stages.
+        ids: of the servos, in the order of joints.
+        measures_links: whether the far sides of springs have encoders of their own.
+        low, high: range of each joint (k,) [rad].
+    """
+
+    def __init__(
+        self,
+        robot: Robot,
+        params: Mapping[str, float],
+        servo: ServoModel,
+        joints: Sequence[Joint],
+        belief: Mapping[str, Any],
+    ) -> None:
+        """Put the parts together.
+
+        Raises:
+            CalibrationError: two joints have one id, or a joint has a range that its servo or the robot cannot reach.
+        """
+        self.robot, self.params, self.servo, self.joints = robot, dict(params), servo, tuple(joints)
+        self.belief = dict(belief)
+        self.chains: dict[str, Chain] = {name: load_chain(source) for name, source in belief.items()}
+        check_joints(self.joints, robot, servo, self.params)
+        self.ids = [joint.id for joint in self.joints]
+        self.names = [joint.name for joint in self.joints]
+        self.measures_links = False
+        self.low = np.array([joint.low for joint in self.joints])
+        self.high = np.array([joint.high for joint in self.joints])
+        self._direction = np.array([float(joint.direction) for joint in self.joints])
+        step = 2.0 * math.pi / servo.resolution
+        self._zero = np.array([(joint.zero - servo.centre) * step for joint in self.joints])
+
+    # --- units -------------------------------------------------------------------------------------------------
+
+    def reading(self, state: ServoState) -> Reading:
+        """What the bus read, as angles of the joints."""
+        side = self._direction
+        position = side * (state.position - self._zero)
+        nothing = np.zeros(0)
+        return Reading(
+            before=state.before,
+            after=state.after,
+            position=position,
+            velocity=side * state.velocity,
+            duty=side * state.duty,
+            current=side * state.current,
+            voltage=state.voltage,
+            temperature=state.temperature,
+            link=position,
+            base_position=nothing,
+            base_velocity=nothing,
+            state=state,
+        )
+
+    def to_servo(self, position: np.ndarray) -> np.ndarray:
+        """Angles of the servos' shafts (k,) [rad] from angles of the joints (k,) [rad]."""
+        return self._direction * position + self._zero
+
+    # --- contract ----------------------------------------------------------------------------------------------
+
+    def check_contract(self, contract: Contract, rate: float | None = None) -> None:
+        """Make sure that a policy is for this robot.
+
+        Args:
+            contract: of the policy.
+            rate: at which the loop is to run [Hz]; None: the policy's own.
+
+        Raises:
+            ContractError: it is not; the message names the field.
+        """
+        from envs.contract import task_of
+
+        def refuse(field: str, policy: object, here: object, remedy: str) -> None:
+            raise ContractError(
+                f"the policy does not fit the robot: its '{field}' is {policy}, and here it is {here}; {remedy}."
+            )
+
+        robot = self.robot
+        if contract.robot != robot.name:
+            refuse("robot", contract.robot, robot.name, f"give robot={contract.robot}, or another policy")
+        if list(contract.joints) != self.names:
+            refuse("joints", ", ".join(contract.joints), ", ".join(self.names), "train it again")
+        if contract.robot_hash != (here := robot_hash(robot, self.params)):
+            different = self._different_numbers(contract)
+            refuse(
+                "robot_hash",
+                contract.robot_hash,
+                here,
+                f"the robot's numbers differ ({different}): correct robot.params, or train it for this robot",
+            )
+        if contract.history != 1:
+            refuse("history", contract.history, 1, "train it on single observations")
+        names = tuple(task_of(contract.env)[0].observation_names())
+        if contract.observation_names != names:
+            first = next(
+                (f"{a!r} for {b!r}" for a, b in zip(contract.observation_names, names, strict=False) if a != b),
+                f"{len(contract.observation_names)} values for {len(names)}",
+            )
+            refuse("observation_names", len(contract.observation_names), len(names), f"{first}: train it again")
+        if rate is not None and abs(rate - contract.control_rate) > 1e-6 * rate:
+            refuse("control_rate", f"{contract.control_rate:g} Hz", f"{rate:g} Hz", "leave rate= out")
+        for joint in self.joints:
+            low, high = contract.goal_limits[joint.name]
+            if high < joint.low or low > joint.high:
+                refuse(
+                    "goal_at_zero",
+                    f"in {low:.2f} to {high:.2f} rad for {joint.name}",
+                    f"{joint.low:.2f} to {joint.high:.2f} rad",
+                    "calibrate the joint again",
+                )
+        if contract.chain_hash != (here := chain_hash(self.chains)):
+            trained = ", ".join(f"{name}: {_said(chain)}" for name, chain in contract.chains.items())
+            believed = ", ".join(f"{name}: {_said(chain.to_list())}" for name, chain in self.chains.items())
+            refuse(
+                "chain_hash",
+                f"{contract.chain_hash} ({trained})",
+                f"{here} ({believed})",
+                "say which chain these servos are taken for by actuator=<name or path>",
+            )
+
+    def _different_numbers(self, contract: Contract) -> str:
+        params = contract.env.get("params") or {}
+        ours, theirs = self.robot.parameters(self.params), self.robot.parameters(params)
+        rows = [f"{key} {theirs[key]:g} and {ours[key]:g}" for key in ours if ours[key] != theirs[key]]
+        return ", ".join(rows) or "its code changed since"
+
+
+def check_joints(joints: Sequence[Joint], robot: Robot, servo: ServoModel, params: Mapping[str, float]) -> None:
+    """Refuse joints that cannot be.
+
+    Raises:
+        CalibrationError: a joint is missing, unknown or doubled, two have one id, or a range cannot be reached.
+    """
+    wanted = [item.name for item in robot.coordinates]
+    for joint in joints:
+        if joint.name not in wanted:
+            raise CalibrationError(f"robot '{robot.name}' has no joint '{joint.name}'{nearest(joint.name, wanted)}.")
+    if (missing := [name for name in wanted if name not in [joint.name for joint in joints]]) or [
+        joint.name for joint in joints
+    ] != wanted:
+        raise CalibrationError(
+            f"robot '{robot.name}' has the joints {', '.join(wanted)}; "
+            + (f"{', '.join(missing)} {'is' if len(missing) == 1 else 'are'} missing." if missing else "order them so.")
+        )
+    users: dict[int, str] = {}
+    limits = robot.goal_limits(robot.parameters(params))
+    step = 2.0 * math.pi / servo.resolution
+    for joint in joints:
+        if not 0 <= joint.id <= HIGHEST_ID:
+            raise CalibrationError(f"joint {joint.name} has the id {joint.id}; ids are 0 to {HIGHEST_ID}.")
+        if joint.id in users:
+            raise CalibrationError(
+                f"joints {users[joint.id]} and {joint.name} both have the servo with id {joint.id}; "
+                "give each servo an id of its own (bus.change_id)."
+            )
+        users[joint.id] = joint.name
+        if joint.direction not in (-1, 1):
+            raise CalibrationError(f"joint {joint.name} has the direction {joint.direction}; it is 1 or -1.")
+        if not (math.isfinite(joint.low) and math.isfinite(joint.high) and joint.low < joint.high):
+            raise CalibrationError(f"joint {joint.name} has the range {joint.low} to {joint.high} rad, which is none.")
+        for angle in (joint.low, joint.high):
+            place = joint.zero + joint.direction * angle / step
+            if not -0.5 <= place <= servo.resolution - 0.5:
+                raise CalibrationError(
+                    f"joint {joint.name} cannot reach {angle:.3f} rad: its encoder ends at step 0 and "
+                    f"{servo.resolution - 1}, and that is step {place:.0f}; mount the horn so that the range keeps "
+                    "clear of the encoder's seam, or give a smaller range."
+                )
+        low, high = limits[joint.name]
+        if joint.high <= low or joint.low >= high:
+            raise CalibrationError(
+                f"joint {joint.name} has the range {joint.low:.2f} to {joint.high:.2f} rad, but robot '{robot.name}' "
+                f"works between {low:.2f} and {high:.2f} rad; zero or direction is wrong: calibrate it again."
+            )
+
+
+def nominal_joints(robot: Robot, servo: ServoModel, params: Mapping[str, float]) -> list[Joint]:
+    """Joints of a machine built as drawn: ids 1, 2, ..., zero at the encoder's centre, range of the robot's goals."""
+    step = 2.0 * math.pi / servo.resolution
+    ends = (-servo.centre * step, (servo.resolution - 1 - servo.centre) * step)
+    limits = robot.goal_limits(robot.parameters(params))
+    return [
+        Joint(
+            item.name, number, servo.centre, 1, max(limits[item.name][0], ends[0]), min(limits[item.name][1], ends[1])
+        )
+        for number, item in enumerate(robot.coordinates, 1)
+    ]
+
+
+def read_joints(path: Path, robot: Robot) -> list[Joint]:
+    """Joints from a calibration file.
+
+    Raises:
+        CalibrationError: the file cannot be read, or is of another robot.
+    """
+    try:
+        document = yaml.safe_load(path.read_text(encoding="utf-8"))
+        if document["robot"] != robot.name:
+            raise CalibrationError(f"{path} is the calibration of robot '{document['robot']}', not of '{robot.name}'.")
+        return [
+            Joint(
+                str(name),
+                int(row["id"]),
+                int(row["zero"]),
+                int(row["direction"]),
+                float(row["range"][0]),
+                float(row["range"][1]),
+            )
+            for name, row in document["joints"].items()
+        ]
+    except CalibrationError:
+        raise
+    except OSError as error:
+        raise CalibrationError(f"the calibration {path} cannot be read: {error.strerror}.") from None
+    except (yaml.YAMLError, UnicodeDecodeError, LookupError, TypeError, ValueError, AttributeError) as error:
+        raise CalibrationError(f"{path} is no calibration ({error}); calibrate again.") from None
+
+
+def build_robot(config: Mapping[str, Any], actuator: Any = None, calibration: Path | None = None) -> ServoRobot:
+    """The robot of a ``configs/robot`` file.
+
+    Args:
+        config: ``name``, ``params``, ``servo``, ``actuator``.
+        actuator: chain that the servos are taken for, in place of the file's.
+        calibration: file; None: a machine built as drawn.
+
+    Raises:
+        SealegsError: an unknown robot, servo or chain, or a calibration that does not fit.
+    """
+    robot, servo = get_robot(config["name"]), load_model(config["servo"])
+    params = {str(key): value for key, value in (config.get("params") or {}).items()}
+    belief = actuator if actuator is not None else config.get("actuator")
+    joints = nominal_joints(robot, servo, params) if calibration is None else read_joints(calibration, robot)
+    chains = {name: _plain(chain) for name, chain in robot.chains_for(belief).items()}
+    return ServoRobot(robot, params, servo, joints, chains)
+
+
+def _plain(chain: Any) -> str | list:
+    """A chain as a log's sidecar takes it: a name of the library, or its stages."""
+    if isinstance(chain, str) and not chain.endswith((".yaml", ".yml")):
+        return chain
+    return load_chain(chain).to_list()
+
+
+def _said(stages: Sequence[Mapping[str, Any]]) -> str:
+    return "+".join(next(iter(stage)) for stage in stages)

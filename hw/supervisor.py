@@ -1,0 +1,211 @@
+"""A small process that outlives the control loop: when the loop dies or hangs, it brings the servos to rest.
+
+The servos' registers offer no watchdog; left alone, they hold their last goal for ever. So the loop starts this process
+before it switches torque on, sends it a byte each cycle, and says when it has brought the servos to rest itself. If the
+bytes stop without that, whether by an exception, a ``kill -9`` or a loop that hangs, the supervisor takes the port and
+releases the servos, or holds them where they are, every one of them, whatever becomes of the others.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import json
+import os
+import select
+import signal
+import subprocess
+import sys
+import time
+from collections.abc import Callable, Sequence
+from dataclasses import asdict, dataclass
+from pathlib import Path
+from typing import Literal
+
+from hw.bus import ServoBus
+from hw.packets import BusError, PortError
+
+BEAT, RESTING, DONE = b".", b"r", b"d"
+READY = b"ready\n"
+PATIENCE = 10.0  # [s] that it goes on trying to reach port and servos
+AT_REST = 2.0  # [s] that the loop may take to bring the servos to rest itself
+PAUSE = 0.002  # [s] between two tries to get the port: the dead loop's lock goes with its last file
+STARTING = 20.0  # [s] that the process may take to start
+
+Rest = Literal["release", "hold"]
+
+
+@dataclass(frozen=True)
+class Charge:
+    """What a supervisor must know.
+
+    Attributes:
+        port, baudrate, servo, timeout: of the bus.
+        ids: of the servos.
+        rest: what becomes of the servos: ``release``: torque off; ``hold``: their position becomes their goal.
+        silence: time without a beat at which the loop counts as hanging [s].
+        loop: process id of the loop, which is killed before the port is taken from it.
+        events: file for events, of the run's log; None: nowhere.
+    """
+
+    port: str
+    baudrate: int
+    servo: str
+    timeout: float
+    ids: list[int]
+    rest: Rest
+    silence: float
+    loop: int
+    events: str | None = None
+
+
+def bring_to_rest(bus: ServoBus, ids: Sequence[int], rest: Rest) -> dict[int, BusError]:
+    """Release or hold every servo that can be reached, whatever fails on the others.
+
+    Returns:
+        Why, for each servo of which it is not sure.
+    """
+    if rest == "release":
+        return bus.torque_off(ids)
+    failed: dict[int, BusError] = {}
+    for servo in ids:
+        try:
+            bus.hold([servo])
+        except BusError as error:
+            failed[servo] = error
+    return failed
+
+
+class Supervisor:
+    """The loop's end of it."""
+
+    def __init__(self, charge: Charge) -> None:
+        """Start the process and wait until it watches.
+
+        Raises:
+            PortError: it does not start.
+        """
+        self._process = subprocess.Popen(
+            [sys.executable, "-m", "hw.supervisor"],
+            cwd=Path(__file__).resolve().parents[1],
+            stdin=subprocess.PIPE,
+            stdout=subprocess.PIPE,
+            start_new_session=True,  # a Ctrl-C in the terminal is the loop's business
+        )
+        assert self._process.stdin is not None and self._process.stdout is not None
+        self._pipe = self._process.stdin
+        self._pipe.write(json.dumps(asdict(charge)).encode() + b"\n")
+        self._pipe.flush()
+        ready, _, _ = select.select([self._process.stdout], [], [], STARTING)
+        if not ready or self._process.stdout.readline() != READY:
+            self._process.kill()
+            raise PortError(
+                "the supervisor that guards the servos does not start; without it no torque is switched on."
+            )
+        os.set_blocking(self._pipe.fileno(), False)
+
+    def beat(self) -> None:
+        """Say that the loop is alive; never blocks."""
+        self._say(BEAT)
+
+    def resting(self) -> None:
+        """Say that the loop has ended and brings the servos to rest, which may take longer than a cycle."""
+        self._say(RESTING)
+
+    @property
+    def alive(self) -> bool:
+        """Whether it watches."""
+        return self._process.poll() is None
+
+    def dismiss(self) -> None:
+        """Say that the servos are at rest and the port is closed; the process ends."""
+        self._say(DONE)
+        self._finish()
+
+    def call(self) -> None:
+        """Hand the servos over, because bringing them to rest failed; waits for the supervisor's try."""
+        self._finish()
+
+    def _say(self, word: bytes) -> None:
+        with contextlib.suppress(BlockingIOError, BrokenPipeError):
+            os.write(self._pipe.fileno(), word)
+
+    def _finish(self) -> None:
+        with contextlib.suppress(OSError):
+            self._pipe.close()
+        with contextlib.suppress(subprocess.TimeoutExpired):
+            self._process.wait(PATIENCE + 2.0)
+        if self._process.stdout is not None:
+            self._process.stdout.close()
+
+
+def watch(charge: Charge, pipe: int) -> str | None:
+    """Wait for the end of the loop.
+
+    Returns:
+        None where the loop brought the servos to rest; else what happened.
+    """
+    patience: float | None = None
+    last = b""
+    while True:
+        ready, _, _ = select.select([pipe], [], [], patience)
+        if not ready:
+            return f"the loop was silent for {patience:g} s"
+        data = os.read(pipe, 4096)
+        if not data:
+            return None if last == DONE else "the loop ended without bringing the servos to rest"
+        last = data[-1:]
+        patience = AT_REST if last == RESTING else charge.silence
+
+
+def take_over(charge: Charge, why: str) -> None:
+    """Bring the servos to rest, and write down what became of it."""
+    started = time.monotonic()
+    note(charge, "supervisor", why=why, rest=charge.rest)
+    if os.getppid() == charge.loop:  # it hangs: it must not wake up and command the servos again
+        with contextlib.suppress(ProcessLookupError):
+            os.kill(charge.loop, signal.SIGKILL)
+    failed: dict[int, BusError] | None = None
+    while time.monotonic() < started + PATIENCE:
+        try:
+            bus = ServoBus(charge.port, charge.baudrate, charge.servo, charge.timeout)
+        except PortError as error:
+            reason = str(error)
+            time.sleep(PAUSE)
+            continue
+        with bus:
+            failed = bring_to_rest(bus, charge.ids, charge.rest)
+        if not failed:
+            break
+        reason = str(next(iter(failed.values())))
+        time.sleep(20 * PAUSE)
+    took = round(time.monotonic() - started, 4)
+    if failed == {}:
+        note(charge, "at rest", by="supervisor", rest=charge.rest, seconds=took)
+    else:
+        lost = charge.ids if failed is None else sorted(failed)
+        note(charge, "not at rest", by="supervisor", servos=lost, reason=reason, seconds=took)
+
+
+def note(charge: Charge, kind: str, **details: object) -> None:
+    """Append an event to the run's."""
+    if charge.events is None:
+        return
+    line = json.dumps({"monotonic": round(time.monotonic(), 6), "event": kind, **details}) + "\n"
+    with contextlib.suppress(OSError), open(charge.events, "ab", buffering=0) as file:
+        file.write(line.encode())
+        os.fsync(file.fileno())
+
+
+def main(read_line: Callable[[], bytes]) -> None:
+    """Serve one loop."""
+    for number in (signal.SIGINT, signal.SIGTERM, signal.SIGHUP):
+        signal.signal(number, signal.SIG_IGN)  # it ends with its loop, not before
+    charge = Charge(**json.loads(read_line()))
+    sys.stdout.buffer.write(READY)
+    sys.stdout.buffer.flush()
+    if (why := watch(charge, sys.stdin.fileno())) is not None:
+        take_over(charge, why)
+
+
+if __name__ == "__main__":
+    main(lambda: os.read(0, 65536))
