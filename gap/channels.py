@@ -19,7 +19,6 @@ from gap.causes import retunable
 from gap.fit import fit
 from gap.log_checks.signal import high_frequency_noise, quantisation_step
 from gap.problem import Problem
-from gap.simulator import CHANNELS
 from gap.units import FIT_A, FIT_B
 
 AGREES = 0.8  # least correlation of a channel with what the re-tuned model predicts
@@ -33,13 +32,13 @@ def weigh_channels(problem: Problem) -> Problem:
     Only the parts to fit on are looked at.
     """
     fitted = problem.part(FIT_A, FIT_B)
-    logged = [c for c in range(1, len(CHANNELS)) if np.isfinite(fitted.measured[:, c]).mean() > 0.5]
+    logged = [c for c in range(1, len(problem.channels)) if np.isfinite(fitted.measured[:, c]).mean() > 0.5]
     if not logged:
         return problem
     simulated = fit(fitted, retunable(problem.models[0])).simulated
     weight, trust = problem.weight.copy(), problem.trust.copy()
     for c in logged:
-        if CHANNELS[c] == "link_position":
+        if problem.channels[c] == "link_position":
             weight[c] = 1.0 / _link_noise(fitted, c)
             continue
         measured, predicted = fitted.means(fitted.measured[:, c]), fitted.means(simulated[:, c])

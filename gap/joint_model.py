@@ -46,6 +46,7 @@ GRAVITY = 9.81  # [m/s2]
 FRICTION_OPCODE, MOTOR_OPCODE = 41, 30
 TOOTH_FREQUENCY = 400.0  # [rad/s] of the motor against stiff teeth: far above any motion, far below the step
 TOOTH_DAMPING_RATIO = 0.2
+IMMOVABLE = 1e12  # [kg.m2] of a link that moves as measured
 
 NEUTRAL: dict[str, dict[str, float]] = {
     "delay": {"seconds": 0.0},
@@ -176,10 +177,12 @@ class JointModel:
         )
 
     def constants(self, params: Mapping[str, float], program: np.ndarray) -> np.ndarray:
-        """What the simulator needs beside the program, for a run with these bench parameters."""
+        """What the simulator needs beside the program, for a run with these bench parameters; without any, for a link
+        that moves as it was measured, whatever torque acts on it.
+        """
         chain, k = self.chain, np.zeros(K_SIZE)
-        k[K_INERTIA] = self.load.inertia(params)
-        k[K_GRAVITY] = self.load.gravity_torque(params)
+        k[K_INERTIA] = self.load.inertia(params) if params else IMMOVABLE
+        k[K_GRAVITY] = self.load.gravity_torque(params) if params else 0.0
         k[K_MOTOR_INERTIA] = max(chain.armature(), 1e-7)
         k[K_VISCOUS] = program[P_VISCOUS]
         k[K_FRICTION] = _record(program, FRICTION_OPCODE)

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
-from typing import Any
+from typing import Any, ClassVar
 
 import numpy as np
 
@@ -20,7 +20,17 @@ GROUP = (
     0.025  # [s] duty and current are compared as means over this long: a command that arrives a sample early is no gap
 )
 ROOM = 25.0  # [degC] of a motor whose temperature was not logged
-SAMPLED, AVERAGED = (0, 1), (2, 3)  # channels compared sample by sample, and as means over groups of samples
+FLAT = (
+    "time",
+    "goal",
+    "on",
+    "temperature",
+    "measured",
+    "judged",
+    "block",
+    "group",
+    "trust",
+)  # fields with one entry per sample
 
 
 @dataclass(frozen=True, eq=False)
@@ -29,7 +39,7 @@ class Problem:
 
     Attributes:
         units: pieces of runs.
-        params: bench parameters of each run.
+        params: bench parameters of each run; empty where the link is driven.
         time, goal, on, temperature: samples of all units one behind the other (n,).
         starts: first sample of each unit and the end of the last (u + 1,).
         states: of the units at their start (u, 2).
@@ -61,6 +71,15 @@ class Problem:
     models: tuple[JointModel, ...]
     step: float = 1e-3
 
+    sampled: ClassVar[tuple[int, ...]] = (0, 1)  # channels compared sample by sample
+    averaged: ClassVar[tuple[int, ...]] = (2, 3)  # and as means over groups of samples
+    flat: ClassVar[tuple[str, ...]] = FLAT
+
+    @property
+    def channels(self) -> tuple[str, ...]:
+        """Names of the channels that are replayed."""
+        return CHANNELS
+
     @property
     def noise(self) -> float:
         """Noise floor of the position [rad]."""
@@ -75,7 +94,7 @@ class Problem:
             )
         rows = np.concatenate([np.arange(self.starts[k], self.starts[k + 1]) for k in chosen])
         sizes = [self.starts[k + 1] - self.starts[k] for k in chosen]
-        flat = {key: getattr(self, key)[rows] for key in FLAT}
+        flat = {key: getattr(self, key)[rows] for key in self.flat}
         return replace(
             self,
             units=tuple(self.units[k] for k in chosen),
@@ -123,21 +142,24 @@ class Problem:
             k = np.array([[rows[run]] * len(chosen) for rows in constants])
             part = np.empty((len(variants), hi - lo, len(CHANNELS)))
             starts = self.starts[chosen[0] : chosen[-1] + 2] - lo
-            replay_many(
-                table,
-                k,
-                self.time[lo:hi],
-                self.goal[lo:hi],
-                self.on[lo:hi],
-                self.temperature[lo:hi],
-                starts,
-                self.states[chosen],
-                np.array(steps),
-                part,
-            )
+            self._replay(slice(lo, hi), table, k, starts, self.states[chosen], np.array(steps), part)
             out[:, lo:hi] = part
         out[~np.array(valid)] = 1e3
         return out
+
+    def _replay(
+        self,
+        rows: slice,
+        programs: np.ndarray,
+        constants: np.ndarray,
+        starts: np.ndarray,
+        states: np.ndarray,
+        steps: np.ndarray,
+        out: np.ndarray,
+    ) -> None:
+        """Replay the units in ``rows`` into ``out``, as :func:`gap.simulator.replay_many`."""
+        time, goal, on, temperature = self.time[rows], self.goal[rows], self.on[rows], self.temperature[rows]
+        replay_many(programs, constants, time, goal, on, temperature, starts, states, steps, out)
 
     @cached_property
     def _groups(self) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
@@ -160,12 +182,14 @@ class Problem:
         """
         rows = np.flatnonzero(self.judged)[::every]
         errors = [
-            (simulated[:, rows, c] - self.measured[rows, c]) * self.weight[c] for c in SAMPLED if self.weight[c] > 0.0
+            (simulated[:, rows, c] - self.measured[rows, c]) * self.weight[c]
+            for c in self.sampled
+            if self.weight[c] > 0.0
         ]
         first = self._groups[0][self._groups[1]]
         errors += [
             self.means(simulated[:, :, c] - self.measured[:, c]) * (self.weight[c] * self.trust[first, c])
-            for c in AVERAGED
+            for c in self.averaged
             if self.weight[c] > 0.0
         ]
         error = np.concatenate(errors, axis=1)
@@ -174,8 +198,8 @@ class Problem:
     @cached_property
     def _blocks(self) -> tuple[np.ndarray, np.ndarray]:
         rows, starts, _ = self._groups
-        parts = [self.block[self.judged] for c in SAMPLED if self.weight[c] > 0.0]
-        parts += [self.block[rows[starts]] for c in AVERAGED if self.weight[c] > 0.0]
+        parts = [self.block[self.judged] for c in self.sampled if self.weight[c] > 0.0]
+        parts += [self.block[rows[starts]] for c in self.averaged if self.weight[c] > 0.0]
         _, number = np.unique(np.concatenate(parts), return_inverse=True)
         return number, np.bincount(number)
 
@@ -192,17 +216,6 @@ class Problem:
         return (simulated[:, 0] - self.measured[:, 0])[self.judged]
 
 
-FLAT = (
-    "time",
-    "goal",
-    "on",
-    "temperature",
-    "measured",
-    "judged",
-    "block",
-    "group",
-    "trust",
-)  # fields with one entry per sample
 STEPS = (2.5e-3, 1.7e-3, 1e-3, 5e-4, 2.5e-4, 1e-4)  # [s]
 
 
@@ -266,7 +279,7 @@ def lay_out(
     flat: dict[str, Any] = {key: np.concatenate(value) for key, value in columns.items()}
     return Problem(
         units=tuple(units),
-        params=tuple(bench_parameters(run.robot_params, run.name) for run in runs),
+        params=tuple(bench_parameters(run.robot_params, run.name) if run.robot == "bench" else {} for run in runs),
         starts=np.array(starts),
         states=np.array([unit.state for unit in units]),
         measured=np.concatenate(measured),
