@@ -14,7 +14,7 @@ from actuators.errors import SealegsError
 from gap.causes import retunable
 from gap.channels import weigh_channels
 from gap.checks import check_set, merged, noise_floor, unusable
-from gap.experiment import Experiment, separate
+from gap.experiment import Experiment, Limits, blind, experiment_for_still, propose
 from gap.fit import Fit, fit, intervals, middle
 from gap.joint_model import JointModel
 from gap.log_checks.finding import Finding
@@ -116,7 +116,11 @@ Progress = Callable[[str], None]
 
 
 def diagnose(
-    data: MeasuredSet, test_group: str | None = None, seed: int = 0, progress: Progress = lambda text: None
+    data: MeasuredSet,
+    test_group: str | None = None,
+    seed: int = 0,
+    progress: Progress = lambda text: None,
+    limits: Limits | None = None,
 ) -> list[JointDiagnosis]:
     """Diagnose every joint of a data set.
 
@@ -125,6 +129,7 @@ def diagnose(
         test_group: group of runs that no fit and no choice may see.
         seed: of all resampling.
         progress: is told what goes on.
+        limits: of the next experiment; default: :func:`gap.experiment.excitations.default_limits`.
 
     Raises:
         SealegsError: the runs have no joint that can be diagnosed.
@@ -133,8 +138,11 @@ def diagnose(
     every = check_set(data)
     findings = merged(every)
     if (reason := unusable(every, data)) is not None:
-        return [_unusable(joint, reason.sentence, findings) for joint in data.runs[0].joints]
-    return [_joint(data.runs, joint, findings, test_group, seed, progress) for joint in data.runs[0].joints]
+        return [
+            _unusable(joint, reason.sentence, findings, _first_experiment(data.runs, joint, reason, limits, seed))
+            for joint in data.runs[0].joints
+        ]
+    return [_joint(data.runs, joint, findings, test_group, seed, progress, limits) for joint in data.runs[0].joints]
 
 
 def _joint(
@@ -144,6 +152,7 @@ def _joint(
     test_group: str | None,
     seed: int,
     progress: Progress,
+    limits: Limits | None,
 ) -> JointDiagnosis:
     mine = tuple(f for f in findings if f.joint in (joint, None, ""))
     if all(run.joints[joint].goal is None for run in runs):
@@ -165,7 +174,7 @@ def _joint(
     problem = weigh_channels(converged(lay_out(runs, joint, models, units, {"position": 1.0 / noise})))
     search = Searcher(problem, progress, seed).run()
     progress("measuring the gain on runs that nothing has seen")
-    return _conclude(problem, search, joint, mine, seed)
+    return _conclude(problem, search, joint, mine, seed, limits)
 
 
 def _chain(run: MeasuredRun, joint: str) -> Chain:
@@ -180,7 +189,9 @@ def _chain(run: MeasuredRun, joint: str) -> Chain:
         raise LogError(f"{run.name}: actuator of joint '{joint}': {error}") from None
 
 
-def _conclude(problem: Problem, search: Search, joint: str, findings: tuple[Finding, ...], seed: int) -> JointDiagnosis:
+def _conclude(
+    problem: Problem, search: Search, joint: str, findings: tuple[Finding, ...], seed: int, limits: Limits | None
+) -> JointDiagnosis:
     fitted, test = problem.part(FIT_A, FIT_B), problem.part(TEST)
     nominal = problem.models[0]
     wide = fit(fitted, retunable(nominal, WIDE), evaluations=25)
@@ -202,7 +213,12 @@ def _conclude(problem: Problem, search: Search, joint: str, findings: tuple[Find
     )
     level = errors["extended"].rmse / noise
     verdict, sentence = _verdict(joint, causes, errors, left, level)
-    experiment = separate(problem, search, seed) if verdict in (NOT_IDENTIFIABLE, PARTLY) or rivals else None
+    experiment = None
+    if verdict == NOTHING and blind(problem, search):
+        verdict, sentence = NOT_IDENTIFIABLE, f"{sentence} But the motion would hardly show anything else either."
+        experiment = propose(problem, search, limits, seed, blind=True)
+    elif verdict in (NOT_IDENTIFIABLE, PARTLY) or rivals:
+        experiment = propose(problem, search, limits, seed)
     simulated = {name: problem.simulate([values])[0] for name, values in models.items()}
     tuned = {p.path.rstrip("*"): extended.values[p.path] for p in search.tuned if p.path in extended.values}
     return JointDiagnosis(
@@ -356,7 +372,19 @@ def _verdict(
     )
 
 
-def _unusable(joint: str, reason: str, findings: Sequence[Finding]) -> JointDiagnosis:
+def _first_experiment(
+    runs: Sequence[MeasuredRun], joint: str, reason: Finding, limits: Limits | None, seed: int
+) -> Experiment | None:
+    """What to run on a joint of a bench that nobody has moved yet."""
+    asked = reason.code != "motion.none" or reason.data_error
+    if asked or runs[0].robot != "bench" or joint not in runs[0].actuators or runs[0].joints[joint].goal is None:
+        return None
+    return experiment_for_still(runs, joint, [JointModel(_chain(runs[0], joint))], limits, seed)
+
+
+def _unusable(
+    joint: str, reason: str, findings: Sequence[Finding], experiment: Experiment | None = None
+) -> JointDiagnosis:
     return JointDiagnosis(
         joint,
         UNUSABLE,
@@ -367,6 +395,6 @@ def _unusable(joint: str, reason: str, findings: Sequence[Finding]) -> JointDiag
         (),
         1.0,
         (),
-        None,
+        experiment,
         tuple(findings),
     )

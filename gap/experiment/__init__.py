@@ -1,18 +1,21 @@
 """What to measure next: the motion, out of a library, that best tells apart what the log leaves open."""
 
 from gap.experiment.excitations import DURATION, RATE, Limits, library
+from gap.experiment.exposure import blind, experiment_for_still, unseen
 from gap.experiment.files import goal_table, read_goals, write_experiment
-from gap.experiment.proposal import Experiment, propose, separate
+from gap.experiment.proposal import Experiment, propose
 
 __all__ = [
     "DURATION",
     "RATE",
     "Experiment",
     "Limits",
+    "blind",
+    "experiment_for_still",
     "goal_table",
     "library",
     "propose",
     "read_goals",
-    "separate",
+    "unseen",
     "write_experiment",
 ]

@@ -55,7 +55,7 @@ class Limits:
 
 
 def default_limits(position: np.ndarray, speed: float = math.inf) -> Limits:
-    """Limits where nobody gave any: :data:`REACH` either side of hanging, more where the log (n,) [rad] went further."""
+    """Limits where nobody gave any: :data:`REACH` either side of hanging, further where the log (n,) [rad] went."""
     seen = position[np.isfinite(position)]
     return Limits(min(-REACH, float(seen.min())), max(REACH, float(seen.max())), speed)
 

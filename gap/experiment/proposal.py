@@ -117,12 +117,12 @@ def propose(
     """
     if any(not params for params in problem.params):
         return None  # a driven link has no load to choose and no motion of its own
-    hypotheses = _everything(problem, search) if blind else _rivals(search)
+    hypotheses = everything(problem, search) if blind else _rivals(search)
     if len(hypotheses) < 2:
         return None
     limits = limits or default_limits(problem.measured[:, 0])
-    old = _thinned(problem.part(FIT_A, FIT_B))
-    known = [_predict(old, h) for h in hypotheses]
+    old = thinned(problem.part(FIT_A, FIT_B))
+    known = [predict(old, h) for h in hypotheses]
     nominal = problem.models[0]
     best: Experiment | None = None
     table: dict[str, float] = {}
@@ -134,23 +134,19 @@ def propose(
             goal = _kept_within(problem, load, goal, hypotheses, limits)
             label = name if load == loads[0] else f"{name}, {load['mass']:.3g} kg"
             new = _measurement(problem, load, goal)
-            predicted = [_predict(new, h) for h in hypotheses]
+            predicted = [predict(new, h) for h in hypotheses]
             apart = _distances(known, predicted)
             score = float(np.mean(np.minimum(apart, CAP))) if blind else float(apart.min())
             table[label] = score
             # another load is work: it must tell a good deal more apart
-            if best is None or score > best.separation * (1.0 if load in loads else 1.5):
+            dearer = best is not None and load not in loads and best.load in loads
+            if best is None or score > best.separation * (1.5 if dearer else 1.0):
                 time = np.arange(len(goal)) / RATE
                 best = Experiment(
                     name, "", score, time, goal, table, dict(load), rivals=tuple(h.name for h in hypotheses)
                 )
     assert best is not None
     return dataclasses.replace(best, sentence=_sentence(best, loads, blind))
-
-
-def separate(problem: Problem, search: Search, seed: int = 0) -> Experiment | None:
-    """:func:`propose` with default limits."""
-    return propose(problem, search, None, seed)
 
 
 def _sentence(best: Experiment, loads: Sequence[Mapping[str, float]], blind: bool) -> str:
@@ -192,7 +188,7 @@ def _rivals(search: Search) -> list[Hypothesis]:
     return []
 
 
-def _everything(problem: Problem, search: Search) -> list[Hypothesis]:
+def everything(problem: Problem, search: Search) -> list[Hypothesis]:
     """Every cause of the catalogue at a plausible size on top of what was found, and none of them."""
     nominal = problem.models[0]
     last = search.accepted[-1].fits if search.accepted else search.base
@@ -263,7 +259,7 @@ def _kept_within(
     return goal
 
 
-def _thinned(problem: Problem) -> Problem:
+def thinned(problem: Problem) -> Problem:
     """Few enough units of a long log, spread over it."""
     sizes = np.diff(problem.starts)
     every = max(int(np.ceil(sizes.sum() / MOST_SAMPLES)), 1)
@@ -274,7 +270,7 @@ def _thinned(problem: Problem) -> Problem:
     return dataclasses.replace(problem, units=marked).part(FIT_A)
 
 
-def _predict(problem: Problem, hypothesis: Hypothesis) -> Prediction:
+def predict(problem: Problem, hypothesis: Hypothesis) -> Prediction:
     parameters = hypothesis.parameters
     u = np.array([p.to_fit(min(max(hypothesis.values.get(p.path, p.start), p.low), p.high)) for p in parameters])
     low = np.array([p.to_fit(p.low) if p.low > 0.0 or not p.logarithmic else -1e3 for p in parameters])
@@ -299,13 +295,13 @@ def _distances(known: Sequence[Prediction], predicted: Sequence[Prediction]) -> 
     found = []
     for a in range(len(predicted)):
         for b in range(a):
-            one = _unlike(known[a], known[b], predicted[a], predicted[b])
-            other = _unlike(known[b], known[a], predicted[b], predicted[a])
+            one = unlike(known[a], known[b], predicted[a], predicted[b])
+            other = unlike(known[b], known[a], predicted[b], predicted[a])
             found.append(min(one, other))
     return np.array(found)
 
 
-def _unlike(old_a: Prediction, old_b: Prediction, new_a: Prediction, new_b: Prediction) -> float:
+def unlike(old_a: Prediction, old_b: Prediction, new_a: Prediction, new_b: Prediction) -> float:
     """Rms difference that stays on the new measurement if ``a`` is true, of the size it has, and ``b`` is fitted.
 
     What may be re-tuned beside ``a`` is unknown as well: it is set so that the difference is smallest, as far as the

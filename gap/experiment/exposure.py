@@ -1,0 +1,49 @@
+"""What a log could not show: causes that would have left no trace in its motion, had they been there."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+
+from gap.causes import retunable
+from gap.experiment.excitations import Limits
+from gap.experiment.proposal import SHOWS, Experiment, everything, predict, propose, thinned, unlike
+from gap.fit import Fit
+from gap.joint_model import JointModel
+from gap.log_types import MeasuredRun
+from gap.problem import Problem, lay_out
+from gap.search import Search
+from gap.units import FIT_A, FIT_B, Unit
+
+BLIND = 0.5  # share of the catalogue that a log must be able to show for "nothing to explain" to mean anything
+ASSUMED_NOISE = 5e-4  # [rad] of an encoder whose log never moves: a tick of 4096 a turn, and as much noise
+
+
+def unseen(problem: Problem, search: Search) -> tuple[str, ...]:
+    """Causes of the catalogue which, at a plausible size, the log would hardly show beside what may be re-tuned."""
+    none, *causes = everything(problem, search)
+    old = thinned(problem.part(FIT_A, FIT_B))
+    nothing = predict(old, none)
+    hidden = []
+    for cause in causes:
+        there = predict(old, cause)
+        if unlike(there, nothing, there, nothing) < SHOWS:
+            hidden.append(cause.name)
+    return tuple(hidden)
+
+
+def blind(problem: Problem, search: Search) -> bool:
+    """Whether a log shows so little that finding nothing in it means nothing."""
+    return len(unseen(problem, search)) > BLIND * (len(everything(problem, search)) - 1)
+
+
+def experiment_for_still(
+    runs: Sequence[MeasuredRun], joint: str, models: Sequence[JointModel], limits: Limits | None = None, seed: int = 0
+) -> Experiment | None:
+    """The measurement to begin with where a joint was never moved."""
+    units = [Unit(0, FIT_A, 0, len(runs[0].time), 1, (float(runs[0].joints[joint].position[0]), 0.0))]
+    problem = lay_out(runs[:1], joint, models[:1], units, {"position": 1.0 / ASSUMED_NOISE})
+    start = Fit({}, np.empty((0, 4)), 0.0)
+    search = Search(tuple(retunable(models[0])), (), (), np.ones(1), (start, start))
+    return propose(problem, search, limits, seed, blind=True)
