@@ -47,10 +47,12 @@ def build(config: dict[str, Any]) -> Server:
         if value < 0.0:
             raise SealegsError(f"{key} is {value:g} s; it cannot be negative.")
     model = load_model(checked("model", config["model"], str))
-    machine = Machine(robot, actuator, checked("hidden", config["hidden"], str | None), config["params"])
+    machine = Machine(
+        robot, actuator, checked("hidden", config["hidden"], str | None), config["params"], config["sensors"]
+    )
     faults = read_faults(config["faults"]) if config["faults"] is not None else []
     wire = Wire(
-        Rig(machine, model, mounts(machine.names, config["servos"], model)), faults, checked_seed(config["seed"])
+        Rig(machine, model, mounts(machine.encoders, config["servos"], model)), faults, checked_seed(config["seed"])
     )
     return Server(
         wire,

@@ -10,6 +10,7 @@ import numpy as np
 
 from actuators import Chain
 from actuators.engine import install
+from actuators.errors import SealegsError, nearest
 from actuators.law import host_reading
 from actuators.layout import S_CURRENT, S_DUTY, S_READY
 from actuators.stages import build_stage
@@ -42,6 +43,7 @@ class Machine:
 
     Attributes:
         names: of the driven coordinates.
+        encoders: of these, and behind them of the encoders that drive nothing.
         drivetrain: robot and chains.
         model, data: MuJoCo's.
     """
@@ -52,6 +54,7 @@ class Machine:
         actuator: object = None,
         hidden: str | None = None,
         params: Mapping[str, float] | None = None,
+        sensors: Mapping[str, float] | None = None,
     ) -> None:
         """Build the robot and place it at the middle of its goals' ranges.
 
@@ -60,6 +63,8 @@ class Machine:
             actuator: chain of all coordinates, or chains by coordinate; None: the robot's own.
             hidden: file of what the machine really is, see :mod:`hw.virtual.hidden`.
             params: numbers of the robot other than its own.
+            sensors: encoders that drive nothing: ``<coordinate>.link``, on the far side of a spring, or a joint of the
+                model; and how far what they measure moves per radian of theirs [rad or m].
 
         Raises:
             SealegsError: one of them does not fit the robot.
@@ -73,7 +78,10 @@ class Machine:
         self.limits = robot.goal_limits(robot.parameters(params))
         self._step = self.model.opt.timestep
         count = len(self.names)
-        self._weights = np.stack([self.drivetrain.position(name, np.eye(self.model.nq)) for name in self.names])
+        weights = [self.drivetrain.position(name, np.eye(self.model.nq)) for name in self.names]
+        weights += [self._sensed(name) / per_radian for name, per_radian in (sensors or {}).items()]
+        self._weights = np.stack(weights)
+        self.encoders = [*self.names, *(sensors or {})]
         self._drives = [Drive()] * count
         self._actuators = [self.drivetrain.actuator_ids[name] for name in self.names]
         self._programs, self._states = [], []
@@ -107,11 +115,15 @@ class Machine:
             self.model.opt.timestep = self._step
 
     def set_goal(self, joint: int, angle: float) -> None:
-        """Position goal of a joint's chain [rad]."""
+        """Position goal of a joint's chain [rad]; an encoder that drives nothing takes none."""
+        if joint >= len(self.names):
+            return
         self.data.ctrl[self._actuators[joint]] = angle
 
     def set_drive(self, joint: int, drive: Drive) -> None:
         """What the firmware lets the motor do from now on."""
+        if joint >= len(self.names):
+            return
         before = self._drives[joint]
         if drive == before:
             return
@@ -122,23 +134,27 @@ class Machine:
             self._states[joint][S_READY] = 0.0  # the controller starts afresh
 
     def position(self, joint: int) -> float:
-        """Position of a joint's motor side [rad], true."""
+        """Position of a joint's motor side, or of an encoder that drives nothing [rad], true."""
         return float(self._weights[joint] @ self.data.qpos)
 
     def reading(self, joint: int) -> float:
         """Position as the encoder of the chain gives it to the host [rad]."""
+        if joint >= len(self.names):
+            return self.position(joint)
         return float(host_reading(self._programs[joint], self._states[joint], self.data.time, self.position(joint)))
 
     def duty(self, joint: int) -> float:
         """Duty of the bridge [-1..1]; 0 for chains without one, and while the motor is disconnected."""
-        return float(self._states[joint][S_DUTY]) if self._drives[joint].connected else 0.0
+        return float(self._states[joint][S_DUTY]) if self._connected(joint) else 0.0
 
     def current(self, joint: int) -> float:
         """Motor current [A]; 0 for chains without one, and while the motor is disconnected."""
-        return float(self._states[joint][S_CURRENT]) if self._drives[joint].connected else 0.0
+        return float(self._states[joint][S_CURRENT]) if self._connected(joint) else 0.0
 
     def voltage(self, joint: int) -> float:
         """Supply voltage at the servo [V], sag included."""
+        if joint >= len(self.names):
+            return NOMINAL_VOLTAGE
         supply = self._base[self.names[joint]].find("supply")
         drawn = max(self.duty(joint) * self.current(joint), 0.0)
         nominal, resistance = (supply.volts, supply.resistance) if supply is not None else (NOMINAL_VOLTAGE, 0.0)
@@ -147,8 +163,22 @@ class Machine:
 
     def resistance(self, joint: int) -> float:
         """Winding resistance of the joint's motor [ohm]; 0 where the chain has none."""
-        motor = self._base[self.names[joint]].find("dc_motor")
+        motor = self._base[self.names[joint]].find("dc_motor") if joint < len(self.names) else None
         return motor.resistance if motor is not None else 0.0
+
+    def _connected(self, joint: int) -> bool:
+        return joint < len(self.names) and self._drives[joint].connected
+
+    def _sensed(self, name: str) -> np.ndarray:
+        """Weights of ``qpos`` in what a sensor measures (nq,)."""
+        coordinate, _, side = name.rpartition(".")
+        if side == "link" and coordinate in self.names:
+            return self.drivetrain.position(coordinate, np.eye(self.model.nq), "link")
+        joints = [self.model.joint(number).name for number in range(self.model.njnt)]
+        if name not in joints:
+            known = [*joints, *(f"{coordinate}.link" for coordinate in self.names)]
+            raise SealegsError(f"sensors: there is no '{name}'{nearest(name, known)}; there are {', '.join(known)}.")
+        return np.eye(self.model.nq)[self.model.jnt_qposadr[joints.index(name)]]
 
 
 def _switchable(chain: Chain) -> Chain:

@@ -186,7 +186,7 @@ class Server:
             self._carry_on(now)
         rig.sense()
         servos = {}
-        for servo, name in zip(rig.servos, rig.machine.names, strict=True):
+        for servo, name in zip(rig.servos, rig.machine.encoders, strict=True):
             since = rig.since[servo.joint]
             servos[str(servo.id)] = {
                 "joint": name,
