@@ -1,47 +1,30 @@
-"""A bus of Feetech servos, over the manufacturer's SDK.
-
-The SDK frames and parses packets; this module decides what a reply is worth. A transaction discards old input first,
-accepts a reply only if servo, length and order fit, repeats what can be repeated, and gives every failure its name.
-"""
+"""A bus of Feetech servos: who is there, one reading and one command a cycle, torque, registers."""
 
 from __future__ import annotations
 
-import threading
 import time
 from collections import Counter, deque
 from collections.abc import Callable, Iterable, Sequence
 from contextlib import suppress
-from typing import TypeVar
 
 import numpy as np
-import scservo_sdk as sdk
 
 from hw.packets import (
     BusError,
-    ClosedError,
     ConfigurationError,
     CorruptReplyError,
-    EchoError,
     NoReplyError,
     NotWrittenError,
     RegisterError,
     ReplyError,
-    ShortReplyError,
-    StaleReplyError,
     WrongModelError,
 )
-from hw.port import BusPort
 from hw.registers import Register, load_model
 from hw.servo_state import BlockReader, ServoState
+from hw.transactions import PING, READ, SYNC_READ, WRITE, Transactions
 
-BROADCAST = 254
-ID, LENGTH, ERROR, DATA = 2, 3, 4, 5  # places in a packet
-PING, READ, WRITE, SYNC_READ, SYNC_WRITE = 0x01, 0x02, 0x03, 0x82, 0x83
-SCAN_TIMEOUT = 0.005  # [s] per id: a servo answers within 1 ms, and a USB adapter adds a few
 RECOVERY = 0.3  # [s] of torque off that clears an overload, as in huggingface/lerobot
 MULTI_TURN = 16  # bit of register phase
-
-T = TypeVar("T")
 
 
 class ServoBus:
@@ -53,6 +36,7 @@ class ServoBus:
     Attributes:
         port: path of the port.
         model: register table in use.
+        line: transactions on the port.
         retries: further tries of a transaction whose reply was missing or unusable.
         counts: failures so far by the name of their class, those that a further try cured included.
         events: the latest failures, oldest first, as (host's monotonic time [s], error).
@@ -83,20 +67,11 @@ class ServoBus:
         """
         self.port, self.retries = port, retries
         self.model = load_model(model)
-        self.counts: Counter[str] = Counter()
-        self.events: deque[tuple[float, BusError]] = deque(maxlen=256)
-        self.status: dict[int, int] = {}
-        self._lock = threading.RLock()
         self._block = BlockReader(self.model)
-        self._unsettled = False  # a reply failed: more of it may be on its way
-        self._longer = 0  # bytes by which blocks are read longer, so that late answers to older requests do not fit
-        self._port = BusPort(port, baudrate, timeout)
-        self._sdk = sdk.PacketHandler(0)
-        try:
-            self._check_echo()
-        except BaseException:
-            self._port.closePort()
-            raise
+        self.line = Transactions(port, baudrate, timeout, retries)
+        self.counts: Counter[str] = self.line.counts
+        self.events: deque[tuple[float, BusError]] = self.line.events
+        self.status: dict[int, int] = self.line.status
 
     def __enter__(self) -> ServoBus:
         return self
@@ -106,13 +81,12 @@ class ServoBus:
 
     def close(self) -> None:
         """Close the port. Torque stays as it is."""
-        with self._lock:
-            self._port.closePort()
+        self.line.close()
 
     @property
     def timeout(self) -> float:
         """How long a reply may take beyond the time of its bytes [s]."""
-        return self._port.reply_timeout
+        return self.line.port.reply_timeout
 
     # --- who is there ------------------------------------------------------------------------------------------
 
@@ -122,11 +96,11 @@ class ServoBus:
         Raises:
             ReplyError: it does not answer.
         """
-        self._retry(lambda: self._transact([servo], PING, [], 0))
+        self.line.retry(lambda: self.line.transact([servo], PING, [], 0))
         return self.read_register(servo, "model_number")
 
     def scan(self, ids: Iterable[int] = range(254)) -> dict[int, int]:
-        """Model number by id of the servos that answer.
+        """Model number by id of the servos that answer; each id without a servo costs one timeout.
 
         Raises:
             CorruptReplyError: an id answers, but never cleanly; two servos may share it.
@@ -134,20 +108,25 @@ class ServoBus:
         found = {}
         for servo in ids:
             try:
-                self._retry(
-                    lambda servo=servo: self._transact([servo], PING, [], 0, SCAN_TIMEOUT), retries=1, keep=False
-                )
+                self._find(servo)
             except NoReplyError:
-                self._unsettled = False  # nobody is there, so nothing is on its way
+                self.line.expect_nothing_more()
                 continue
-            except CorruptReplyError:
-                raise CorruptReplyError(
-                    f"id {servo} on {self.port} answers with broken packets; if two servos have this id, connect them "
-                    "one at a time and give one another id.",
-                    [servo],
-                ) from None
             found[servo] = self.read_register(servo, "model_number")
         return found
+
+    def _find(self, servo: int) -> None:
+        for left in range(self.retries, -1, -1):
+            try:
+                self.line.transact([servo], PING, [], 0)
+                return
+            except CorruptReplyError:
+                if not left:
+                    raise CorruptReplyError(
+                        f"id {servo} on {self.port} answers with broken packets; if two servos have this id, connect "
+                        "them one at a time and give one another id.",
+                        [servo],
+                    ) from None
 
     def check(self, ids: Sequence[int]) -> None:
         """Make sure that servos are there, of the bus's model, and set up so that the bus can work with them.
@@ -180,7 +159,7 @@ class ServoBus:
         data: dict[int, int] = {}
         for start in range(0, self.model.size(), 48):
             length = min(48, self.model.size() - start)
-            reply = self._retry(lambda start=start, length=length: self._read(servo, start, length))
+            reply = self._read(servo, start, length)
             data.update(enumerate(reply, start))
         memory = [data[at] for at in range(self.model.size())]
         return {name: self.model[name].read(memory) for name in names}
@@ -203,11 +182,11 @@ class ServoBus:
         def read() -> ServoState:
             before = time.monotonic()
             length = self._block.length
-            asked = length + self._longer
-            replies = self._transact(ids, SYNC_READ, [self._block.start, asked, *ids], asked)
+            asked = length + self.line.longer
+            replies = self.line.transact(ids, SYNC_READ, [self._block.start, asked, *ids], asked)
             return self._block.state(ids, [replies[servo] for servo in ids], before, time.monotonic())
 
-        return self._retry(read, retries)
+        return self.line.retry(read, retries)
 
     def write_goals(
         self,
@@ -247,7 +226,7 @@ class ServoBus:
         goal = self.model["goal_position"]
         if velocity is None and acceleration is None:
             rows = [goal.to_bytes(int(step)) for step in steps]
-            return self._write_all(goal.address, ids, rows)
+            return self.line.send_all(goal.address, ids, rows)
         step = 2.0 * np.pi / self.model.resolution
         count = len(ids)
         speeds = np.broadcast_to(np.rint(np.asarray(velocity or 0.0, float) / step), (count,))
@@ -260,7 +239,7 @@ class ServoBus:
             + self.model["goal_velocity"].to_bytes(int(speeds[k]))
             for k in range(count)
         ]
-        return self._write_all(self.model["acceleration"].address, ids, rows)
+        return self.line.send_all(self.model["acceleration"].address, ids, rows)
 
     def to_steps(self, position: Sequence[float] | np.ndarray) -> np.ndarray:
         """Steps of the encoder nearest to positions [rad], within its turn.
@@ -317,10 +296,10 @@ class ServoBus:
             Why, for each servo of which it is not sure that its torque is off.
         """
         register, failed = self.model["torque_enable"], dict[int, BusError]()
-        with self._lock:
+        with self.line.lock:
             for _ in range(2):
                 try:
-                    self._write_all(register.address, ids, [b"\0"] * len(ids))
+                    self.line.send_all(register.address, ids, [b"\0"] * len(ids))
                 except BusError as error:
                     failed = dict.fromkeys(ids, error)
             if failed:
@@ -354,7 +333,7 @@ class ServoBus:
             ReplyError: no usable answer after the last try.
         """
         register = self.model[name]
-        data = self._retry(lambda: self._read(servo, register.address, register.bytes))
+        data = self._read(servo, register.address, register.bytes)
         return register.read(data, register.address)
 
     def read_value(self, servo: int, name: str) -> float:
@@ -379,7 +358,7 @@ class ServoBus:
                 [servo],
             )
         data = register.to_bytes(count)
-        with self._lock:
+        with self.line.lock:
             if register.area != "eeprom":
                 self._write_checked(servo, register, data, count)
                 return
@@ -394,13 +373,13 @@ class ServoBus:
             NotWrittenError: it does not answer under the new id.
         """
         data = self.model["id"].to_bytes(new)
-        with self._lock:
+        with self.line.lock:
             self.ping(servo)
             if new in self.scan([new]):
                 raise ConfigurationError(f"id {new} is taken by another servo; choose a free one.", [servo, new])
             self._put(servo, self.model["lock"], b"\0")
             with suppress(ReplyError):  # documents do not say under which id it acknowledges
-                self._transact([servo], WRITE, [self.model["id"].address, *data], 0)
+                self.line.transact([servo], WRITE, [self.model["id"].address, *data], 0)
             if new not in self.scan([new]):
                 raise NotWrittenError(f"servo {servo} does not answer as {new}; scan the bus.", [servo])
             self._put(new, self.model["lock"], b"\1")
@@ -431,160 +410,12 @@ class ServoBus:
             try:
                 return write()
             except NotWrittenError as error:
-                self._note(error)
+                self.line.note(error)
                 if not left:
                     raise
 
     def _put(self, servo: int, register: Register, data: bytes) -> None:
-        self._retry(lambda: self._transact([servo], WRITE, [register.address, *data], 0))
-
-    # --- transactions ------------------------------------------------------------------------------------------
+        self.line.retry(lambda: self.line.transact([servo], WRITE, [register.address, *data], 0))
 
     def _read(self, servo: int, address: int, length: int) -> list[int]:
-        return self._transact([servo], READ, [address, length], length)[servo]
-
-    def _write_all(self, address: int, ids: Sequence[int], rows: Sequence[bytes]) -> float:
-        """One packet to all servos, without an answer."""
-        _check_ids(ids)
-        length = len(rows[0])
-        parameters = [address, length]
-        for servo, row in zip(ids, rows, strict=True):
-            parameters += [servo, *row]
-        with self._lock, self._port.errors_named():
-            self._require_open()
-            self._send(BROADCAST, SYNC_WRITE, parameters)
-            return time.monotonic()
-
-    def _transact(
-        self, ids: Sequence[int], instruction: int, parameters: list[int], length: int, timeout: float | None = None
-    ) -> dict[int, list[int]]:
-        """Send a request and collect the data bytes of each servo's reply.
-
-        Raises:
-            ReplyError: a reply is missing or unusable.
-            UnpluggedError, StalledError, EchoError: the port failed.
-        """
-        _check_ids(ids)
-        with self._lock, self._port.errors_named():
-            self._require_open()
-            if self._unsettled:
-                self._port.settle()
-                self._unsettled = False
-            target = BROADCAST if instruction == SYNC_READ else ids[0]
-            request = self._send(target, instruction, parameters)
-            span = (timeout or self._port.reply_timeout) + 1e-5 * (len(request) + (6 + length) * len(ids)) * (
-                1e6 / self._port.baudrate
-            )
-            self._port.setPacketTimeoutMillis(1e3 * span)
-            try:
-                return self._collect(ids, request, length)
-            except ReplyError:
-                self._unsettled, self._longer = True, 1 - self._longer
-                raise
-
-    def _send(self, target: int, instruction: int, parameters: list[int]) -> list[int]:
-        request = [0xFF, 0xFF, target, len(parameters) + 2, instruction, *parameters, 0]
-        result = self._sdk.txPacket(self._port, request)
-        if self._port.discarded:
-            self._note(StaleReplyError(f"{self._port.discarded} bytes came on {self.port} after their time; ignored."))
-        if result != sdk.COMM_SUCCESS:
-            raise RegisterError(f"the request is too long: {len(request)} bytes; address fewer servos at once.")
-        self._port.is_using = False
-        return request
-
-    def _collect(self, ids: Sequence[int], request: list[int], length: int) -> dict[int, list[int]]:
-        replies: dict[int, list[int]] = {}
-        problem: ReplyError | None = None
-        while len(replies) < len(ids):
-            packet, result = self._sdk.rxPacket(self._port)
-            missing = [servo for servo in ids if servo not in replies]
-            if result == sdk.COMM_RX_TIMEOUT:
-                raise problem or self._no_reply(missing)
-            if result != sdk.COMM_SUCCESS:
-                problem = CorruptReplyError(
-                    f"a broken packet came from {_servos(missing)} on {self.port}; check the wiring, "
-                    "and that no two servos have one id.",
-                    missing,
-                )
-                if self._port.isPacketTimeout():
-                    raise problem
-                continue
-            servo = packet[ID]
-            if packet == request:
-                raise self._echo_error()
-            if servo in replies or servo not in ids:
-                raise StaleReplyError(
-                    f"servo {servo} on {self.port} answered a question that was not the latest; it was ignored.",
-                    [servo],
-                )
-            if packet[LENGTH] != length + 2:
-                raise ShortReplyError(
-                    f"servo {servo} on {self.port} answered {packet[LENGTH] - 2} bytes to a question for {length}; "
-                    "it was ignored.",
-                    [servo],
-                )
-            self.status[servo] = packet[ERROR]
-            replies[servo] = packet[DATA : DATA + length]
-        return replies
-
-    def _no_reply(self, missing: Sequence[int]) -> NoReplyError:
-        return NoReplyError(
-            f"{_servos(missing)} on {self.port} did not answer within {1e3 * self.timeout:g} ms; check power, wiring, "
-            "ids and baud rate.",
-            missing,
-        )
-
-    def _retry(self, transaction: Callable[[], T], retries: int | None = None, keep: bool = True) -> T:
-        for left in range(self.retries if retries is None else retries, -1, -1):
-            try:
-                with self._lock:
-                    return transaction()
-            except ReplyError as error:
-                if keep:
-                    self._note(error)
-                if not left:
-                    raise
-            except BusError as error:
-                self._note(error)
-                raise
-        raise AssertionError("unreachable")
-
-    def _note(self, error: BusError) -> None:
-        self.counts[type(error).__name__] += 1
-        self.events.append((time.monotonic(), error))
-
-    def _require_open(self) -> None:
-        if not self._port.is_open:
-            raise ClosedError(f"the bus at {self.port} was closed; open it again.")
-
-    def _check_echo(self) -> None:
-        """Send what no servo answers and no reply can equal, a SYNC_WRITE to nobody, and see whether it comes back."""
-        with self._port.errors_named():
-            self._port.settle(0.002)
-            request = self._send(BROADCAST, SYNC_WRITE, [self.model["goal_position"].address, 2])
-            self._port.setPacketTimeoutMillis(5.0)
-            seen: list[int] = []
-            while not self._port.isPacketTimeout() and len(seen) < len(request):
-                seen += self._port.readPort(len(request) - len(seen))
-            if seen == request:
-                raise self._echo_error()
-
-    def _echo_error(self) -> EchoError:
-        return EchoError(
-            f"the adapter at {self.port} returns what is sent to it; switch its echo off, or use an adapter that "
-            "joins the two data lines itself."
-        )
-
-
-def _check_ids(ids: Sequence[int]) -> None:
-    if not len(ids):
-        raise RegisterError("no servo is addressed; give at least one id.")
-    if len(set(ids)) != len(ids):
-        raise RegisterError(f"a servo is addressed twice: {list(ids)}.")
-    for servo in ids:
-        if not 0 <= servo < BROADCAST:
-            raise RegisterError(f"{servo} is not the id of a servo; ids are 0 to 253.")
-
-
-def _servos(ids: Sequence[int]) -> str:
-    return f"servo {ids[0]}" if len(ids) == 1 else f"servos {', '.join(map(str, ids))}"
+        return self.line.retry(lambda: self.line.transact([servo], READ, [address, length], length)[servo])

@@ -5,8 +5,7 @@ from __future__ import annotations
 import errno
 import sys
 import time
-from collections.abc import Iterator
-from contextlib import contextmanager, suppress
+from contextlib import suppress
 from typing import Any
 
 import serial
@@ -115,28 +114,18 @@ class BusPort(PortHandler):
             now = time.monotonic()
         return count
 
-    @contextmanager
-    def errors_named(self) -> Iterator[None]:
-        """Turn what an unplugged or stalled adapter raises into our own errors, and free the SDK's busy flag.
-
-        Raises:
-            UnpluggedError: the adapter is gone.
-            StalledError: it takes no more bytes.
-        """
-        try:
-            yield
-        except serial.SerialTimeoutException:
-            raise StalledError(
+    def named(self, error: Exception) -> PortError | None:
+        """What the port raised, as an error of ours; None where it is something else."""
+        if isinstance(error, serial.SerialTimeoutException):
+            return StalledError(
                 f"the adapter at {self.port_name} takes no more bytes; unplug it, plug it in again and restart."
-            ) from None
-        except (*GONE, TypeError) as error:  # pyserial reads from None where another thread closed the port
-            if isinstance(error, TypeError) and self.is_open:
-                raise
-            raise UnpluggedError(
+            )
+        # pyserial reads from None where another thread closed the port
+        if isinstance(error, GONE) or (isinstance(error, TypeError) and not self.is_open):
+            return UnpluggedError(
                 f"the adapter at {self.port_name} is gone; plug it in, check its power, and start again."
-            ) from None
-        finally:
-            self.is_using = False
+            )
+        return None
 
 
 def _cannot_open(path: str, error: BaseException) -> PortError:

@@ -64,40 +64,48 @@ class ServoState:
 
 
 class BlockReader:
-    """Turns the blocks of registers that servos reply into a :class:`ServoState`, for all servos at once."""
+    """Turns the blocks of registers that servos reply into a :class:`ServoState`, all servos and registers at once.
+
+    Attributes:
+        start: address of the block's first byte.
+        length: of the block in bytes.
+    """
 
     def __init__(self, model: ServoModel) -> None:
-        self.model = model
-        self.start = model[FIRST].address
+        registers = [model[name] for name in FIELDS]
         last = model[LAST]
+        self.start = model[FIRST].address
         self.length = last.address + last.bytes - self.start
-        self._step = 2.0 * np.pi / model.resolution
+        self._low = np.array([item.address - self.start for item in registers], np.int64)
+        self._high = self._low + np.array([item.bytes - 1 for item in registers], np.int64)
+        self._weight = np.array([256 * (item.bytes - 1) for item in registers], np.int64)
+        self._sign = np.array([1 << item.sign if item.sign is not None else 1 << 30 for item in registers], np.int64)
+        step = 2.0 * np.pi / model.resolution
+        steps = {"present_position": step, "target_position": step, "present_velocity": step}
+        self._scale = np.array([item.scale * steps.get(item.name, 1.0) for item in registers])
+        centred = ("present_position", "target_position")
+        self._zero = np.array([model.centre if item.name in centred else 0 for item in registers])
 
     def state(self, ids: Sequence[int], blocks: Sequence[Sequence[int]], before: float, after: float) -> ServoState:
         """The state in blocks (n, length or more) of bytes."""
-        table = np.array([block[: self.length] for block in blocks], np.int64)
-        raw: dict[str, np.ndarray] = {}
-        for name in FIELDS:
-            register = self.model[name]
-            at = register.address - self.start
-            word = table[:, at] if register.bytes == 1 else table[:, at] | table[:, at + 1] << 8
-            if register.sign is not None:
-                magnitude = word & ((1 << register.sign) - 1)
-                word = np.where(word >> register.sign & 1, -magnitude, magnitude)
-            raw[name] = word
-        scaled = {name: raw[name] * self.model[name].scale for name in FIELDS}
+        table = np.array(blocks, np.int64)
+        words = table[:, self._low] + table[:, self._high] * self._weight
+        counts = np.where(words & self._sign, -(words & (self._sign - 1)), words)
+        values = (counts - self._zero) * self._scale
+        position, velocity, duty, voltage, temperature, _, _, target, current = values.T
+        rows = counts.T
         return ServoState(
             ids=tuple(ids),
             before=before,
             after=after,
-            position=(raw["present_position"] - self.model.centre) * self._step,
-            velocity=scaled["present_velocity"] * self._step,
-            duty=scaled["present_load"],
-            voltage=scaled["present_voltage"],
-            temperature=scaled["present_temperature"],
-            current=scaled["present_current"],
-            target=(raw["target_position"] - self.model.centre) * self._step,
-            status=raw["status"],
-            moving=raw["moving"] != 0,
-            raw=raw,
+            position=position,
+            velocity=velocity,
+            duty=duty,
+            voltage=voltage,
+            temperature=temperature,
+            current=current,
+            target=target,
+            status=rows[5],
+            moving=rows[6] != 0,
+            raw=dict(zip(FIELDS, rows, strict=True)),
         )

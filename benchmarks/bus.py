@@ -1,0 +1,207 @@
+"""Cycles per second of the servo bus, over those of bare SDK calls for the same transactions on the same port.
+
+    python -m benchmarks.bus            # a minute; writes benchmarks/results/bus.json and bus.md
+    python -m benchmarks.bus --quick    # a few seconds; prints only
+
+A cycle is one SYNC_WRITE of goals and one SYNC_READ of registers 56 to 70. The servos are virtual, with the timing of
+a wire at 1 Mbit/s; both sides drive the same ones in turns of a fraction of a second.
+"""
+
+from __future__ import annotations
+
+import argparse
+import json
+import math
+import multiprocessing
+import os
+import platform
+import sys
+import time
+from collections.abc import Callable, Mapping
+from multiprocessing.connection import Connection
+from typing import Any
+
+import mujoco
+import numpy as np
+import scservo_sdk as sdk
+
+from actuators import DrivenCoordinate
+from benchmarks.speed import RESULTS
+from envs.robot import Robot
+from hw.bus import ServoBus
+from hw.packets import ReplyError
+from hw.registers import load_model
+from hw.virtual.machine import Machine
+from hw.virtual.rig import Rig, mounts
+from hw.virtual.server import Server
+from hw.virtual.wire import Wire
+
+COUNTS = (1, 3, 6, 12)
+BAR = 0.9
+BAUDRATE = 1_000_000
+GOAL, GOAL_BYTES, BLOCK, BLOCK_BYTES = 42, 2, 56, 15
+
+
+def servo_row(count: int) -> Robot:
+    """So many servos side by side, each with a small pendulum."""
+
+    def build(_: Mapping[str, float]) -> mujoco.MjSpec:
+        spec = mujoco.MjSpec()
+        spec.option.timestep = 0.001
+        for k in range(count):
+            arm = spec.worldbody.add_body(name=f"arm{k}", mass=0.1, ipos=(0, 0, -0.05), explicitinertial=True)
+            arm.inertia = (1e-4, 1e-4, 1e-5)
+            arm.add_joint(name=f"joint{k}", type=mujoco.mjtJoint.mjJNT_HINGE, axis=(0.0, -1.0, 0.0))
+        return spec
+
+    names = [f"joint{k}" for k in range(count)]
+    return Robot(
+        name="servo row",
+        numbers={},
+        coordinates=tuple(DrivenCoordinate.of_joint(name) for name in names),
+        goal_limits=lambda _: dict.fromkeys(names, (-math.pi, math.pi)),
+        chains=dict.fromkeys(names, "sts3215"),
+        build=build,
+    )
+
+
+def serve(count: int, connection: Connection) -> None:
+    """A virtual bus with so many servos; sends its port, and runs until its parent ends it."""
+    model = load_model("sts3215")
+    machine = Machine(servo_row(count))
+    server = Server(Wire(Rig(machine, model, mounts(machine.names, None, model))))
+    connection.send(server.port)
+    server.run()
+
+
+def bare_cycle(port: str, ids: list[int]) -> tuple[Callable[[list[int]], bool], Callable[[], None]]:
+    """A cycle of SDK calls and nothing else, and what closes its port."""
+    handler = sdk.PortHandler(port)
+    handler.openPort()
+    handler.setBaudRate(BAUDRATE)
+    assert handler.ser is not None
+    discard = handler.ser.reset_input_buffer
+    packets = sdk.PacketHandler(0)
+    writer = sdk.GroupSyncWrite(handler, packets, GOAL, GOAL_BYTES)
+    reader = sdk.GroupSyncRead(handler, packets, BLOCK, BLOCK_BYTES)
+    for servo in ids:
+        writer.addParam(servo, [0, 8])
+        reader.addParam(servo)
+
+    def cycle(goals: list[int]) -> bool:
+        for servo, goal in zip(ids, goals, strict=True):
+            writer.changeParam(servo, [sdk.SCS_LOBYTE(goal), sdk.SCS_HIBYTE(goal)])
+        writer.txPacket()
+        if reader.txRxPacket() == sdk.COMM_SUCCESS:
+            return True
+        time.sleep(0.05)  # on a machine with other load, servos may be late; what they still send is not the next reply
+        discard()
+        return False
+
+    return cycle, handler.closePort
+
+
+def rate(cycle: Callable[[list[int]], bool], count: int, seconds: float) -> float:
+    """Successful cycles per second."""
+    begin, cycles = time.perf_counter(), 0
+    while (passed := time.perf_counter() - begin) < seconds:
+        cycles += cycle([2048 + round(200 * math.sin(6.0 * passed))] * count)
+    return cycles / passed
+
+
+def measure(count: int, rounds: int, seconds: float) -> dict[str, Any]:
+    """Both sides with so many servos, in turns."""
+    context = multiprocessing.get_context("spawn")
+    here, there = context.Pipe()
+    process = context.Process(target=serve, args=(count, there), daemon=True)
+    process.start()
+    ids = list(range(1, count + 1))
+    try:
+        port = here.recv()
+        bare, close = bare_cycle(port, ids)
+        with ServoBus(port, BAUDRATE) as bus:
+
+            def ours(goals: list[int]) -> bool:
+                bus.write_goal_steps(ids, goals)
+                try:
+                    bus.read_state(ids)
+                except ReplyError:
+                    return False
+                return True
+
+            for side in (bare, ours):
+                rate(side, count, 0.2)
+            found = [(rate(ours, count, seconds), rate(bare, count, seconds)) for _ in range(rounds)]
+            failures = dict(bus.counts)
+        close()
+    finally:
+        process.terminate()
+        process.join()
+    speeds = np.array(found)
+    low, ratio, high = np.percentile(speeds[:, 0] / speeds[:, 1], (25, 50, 75))
+    return {
+        "servos": count,
+        "cycles_per_second": float(np.median(speeds[:, 0])),
+        "bare_cycles_per_second": float(np.median(speeds[:, 1])),
+        "wire_cycles_per_second": wire_rate(count),
+        "ratio": float(ratio),
+        "ratio_low": float(low),
+        "ratio_high": float(high),
+        "bar": BAR,
+        "failures": failures,
+    }
+
+
+def wire_rate(count: int) -> float:
+    """Cycles per second that the bytes alone would allow."""
+    sent = (8 + count * (1 + GOAL_BYTES)) + (8 + count)
+    return BAUDRATE / 10.0 / (sent + count * (6 + BLOCK_BYTES))
+
+
+def table(rows: list[dict[str, Any]], machine: dict[str, Any]) -> str:
+    """The results as a page of Markdown."""
+    lines = [
+        "# Servo bus",
+        "",
+        f"Written by `python -m benchmarks.bus`; {machine['cores']} cores, Python {machine['python']}, load average "
+        f"{machine['load']:.1f}. A cycle is one SYNC_WRITE of goals and one SYNC_READ of registers 56 to 70 on the "
+        "virtual bus, which keeps the time of the bytes at 1 Mbit/s. Ratios are medians of interleaved turns.",
+        "",
+        "| servos | cycles/s | bare SDK | bytes alone | ratio | quartiles | bar | |",
+        "|---|---|---|---|---|---|---|---|",
+    ]
+    for row in rows:
+        verdict = "reached" if row["ratio"] >= row["bar"] else "**missed**"
+        lines.append(
+            f"| {row['servos']} | {row['cycles_per_second']:,.0f} | {row['bare_cycles_per_second']:,.0f} | "
+            f"{row['wire_cycles_per_second']:,.0f} | {row['ratio']:.2f} | "
+            f"{row['ratio_low']:.2f} to {row['ratio_high']:.2f} | {row['bar']:.2f} | {verdict} |"
+        )
+    return "\n".join(lines) + "\n"
+
+
+def main() -> int:
+    """Measure all counts; return the exit status."""
+    parser = argparse.ArgumentParser(prog="python -m benchmarks.bus", description=__doc__)
+    parser.add_argument("--quick", action="store_true", help="short turns; prints, writes nothing")
+    quick = parser.parse_args().quick
+    rows = []
+    try:
+        for count in COUNTS:
+            rows.append(measure(count, 4 if quick else 25, 0.25))
+            print(f"{count:3d} servos: ratio {rows[-1]['ratio']:.2f}", flush=True)
+    except KeyboardInterrupt:
+        print("Stopped; the results of the last whole measurement stay.", file=sys.stderr)
+        return 130
+    machine = {"cores": os.cpu_count(), "python": platform.python_version(), "load": os.getloadavg()[0]}
+    page = table(rows, machine)
+    if not quick:
+        RESULTS.mkdir(parents=True, exist_ok=True)
+        (RESULTS / "bus.json").write_text(json.dumps({"machine": machine, "rows": rows}, indent=1) + "\n", "utf-8")
+        (RESULTS / "bus.md").write_text(page, "utf-8")
+    print("\n" + page)
+    return 0
+
+
+if __name__ == "__main__":
+    sys.exit(main())

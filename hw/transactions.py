@@ -1,0 +1,283 @@
+"""Transactions on a bus of servos, over the manufacturer's SDK.
+
+The SDK frames and parses packets; this module decides what a reply is worth. A transaction discards old input first,
+accepts a reply only if servo, length and order fit, can be repeated, and every failure has its name.
+"""
+
+from __future__ import annotations
+
+import threading
+import time
+from collections import Counter, deque
+from collections.abc import Callable, Sequence
+from typing import TypeVar
+
+import scservo_sdk as sdk
+
+from hw.packets import (
+    BusError,
+    ClosedError,
+    CorruptReplyError,
+    EchoError,
+    NoReplyError,
+    RegisterError,
+    ReplyError,
+    ShortReplyError,
+    StaleReplyError,
+    UnpluggedError,
+)
+from hw.port import BusPort
+
+BROADCAST = 254
+ID, LENGTH, ERROR, DATA = 2, 3, 4, 5  # places in a packet
+PING, READ, WRITE, SYNC_READ, SYNC_WRITE = 0x01, 0x02, 0x03, 0x82, 0x83
+SHORTEST = 6  # bytes of a packet without data: a PING looks like its reply from a servo with a voltage fault
+ECHO_WAIT = 0.005  # [s] within which an adapter's echo would be back
+
+T = TypeVar("T")
+
+
+class Transactions:
+    """One port, one transaction at a time.
+
+    Attributes:
+        path: of the port.
+        port: the SDK's port.
+        lock: held over whatever must not be interrupted by other threads.
+        retries: further tries of a transaction whose reply was missing or unusable.
+        counts: failures so far by the name of their class, those that a further try cured included.
+        events: the latest failures, oldest first, as (host's monotonic time [s], error).
+        status: latest error byte of each servo by id.
+        longer: bytes by which blocks are read longer, so that late answers to older requests do not fit; it changes
+            with every failure.
+    """
+
+    def __init__(self, path: str, baudrate: int, timeout: float, retries: int) -> None:
+        """Open the port.
+
+        Raises:
+            PortError: as :class:`~hw.port.BusPort`.
+            EchoError: the adapter returns what is sent.
+        """
+        self.path, self.retries = path, retries
+        self.counts: Counter[str] = Counter()
+        self.events: deque[tuple[float, BusError]] = deque(maxlen=256)
+        self.status: dict[int, int] = {}
+        self.lock = threading.RLock()
+        self.longer = 0
+        self._unsettled = False  # a reply failed: more of it may be on its way
+        self._gone: UnpluggedError | None = None
+        self.port = BusPort(path, baudrate, timeout)
+        self._byte_time = 10.0 / baudrate
+        self._sdk = sdk.PacketHandler(0)
+        try:
+            self._check_echo()
+        except BaseException:
+            self.port.closePort()
+            raise
+
+    def close(self) -> None:
+        """Close the port."""
+        with self.lock:
+            self.port.closePort()
+
+    # --- one transaction ---------------------------------------------------------------------------------------
+
+    def send_all(self, address: int, ids: Sequence[int], rows: Sequence[bytes]) -> float:
+        """Write a row of bytes to each servo in one packet, which none acknowledges.
+
+        Returns:
+            Host's monotonic clock behind it [s].
+
+        Raises:
+            RegisterError: no servo, or one twice.
+            UnpluggedError, StalledError: the port failed.
+        """
+        check_ids(ids)
+        parameters = [address, len(rows[0])]
+        for servo, row in zip(ids, rows, strict=True):
+            parameters.append(servo)
+            parameters += row
+        with self.lock:
+            self._require_open()
+            try:
+                self._send(BROADCAST, SYNC_WRITE, parameters)
+            except Exception as error:
+                raise self._named(error) from None
+            return time.monotonic()
+
+    def transact(
+        self, ids: Sequence[int], instruction: int, parameters: list[int], length: int, timeout: float | None = None
+    ) -> dict[int, list[int]]:
+        """Send a request and collect the data bytes of each servo's reply.
+
+        Args:
+            ids: that must answer; more than one for SYNC_READ only.
+            instruction: code.
+            parameters: of the request.
+            length: data bytes that each reply must have.
+            timeout: other than the port's [s].
+
+        Raises:
+            ReplyError: a reply is missing or unusable.
+            UnpluggedError, StalledError, EchoError: the port failed.
+        """
+        check_ids(ids)
+        wait = self.port.reply_timeout if timeout is None else timeout
+        with self.lock:
+            self._require_open()
+            try:
+                if self._unsettled:
+                    self.port.settle()
+                    self._unsettled = False
+                target = BROADCAST if instruction == SYNC_READ else ids[0]
+                request = self._send(target, instruction, parameters)
+                size = len(request) + (6 + length) * len(ids)
+                self.port.setPacketTimeoutMillis(1e3 * (wait + size * self._byte_time))
+                return self._collect(ids, request, length, wait)
+            except ReplyError:
+                self._unsettled, self.longer = True, 1 - self.longer
+                raise
+            except Exception as error:
+                raise self._named(error) from None
+
+    def _send(self, target: int, instruction: int, parameters: list[int]) -> list[int]:
+        request = [0xFF, 0xFF, target, len(parameters) + 2, instruction, *parameters, 0]
+        if len(request) > 250:
+            raise RegisterError(f"the request is too long: {len(request)} bytes; address fewer servos at once.")
+        self._sdk.txPacket(self.port, request)
+        self.port.is_using = False
+        if self.port.discarded:
+            self.note(StaleReplyError(f"{self.port.discarded} bytes came on {self.path} after their time; ignored."))
+        return request
+
+    def _collect(self, ids: Sequence[int], request: list[int], length: int, wait: float) -> dict[int, list[int]]:
+        replies: dict[int, list[int]] = {}
+        problem: ReplyError | None = None
+        while len(replies) < len(ids):
+            packet, result = self._sdk.rxPacket(self.port)
+            if result != sdk.COMM_SUCCESS:
+                missing = [servo for servo in ids if servo not in replies]
+                if result == sdk.COMM_RX_TIMEOUT:
+                    raise problem or self._no_reply(missing, wait)
+                problem = self._corrupt(missing)
+                if self.port.isPacketTimeout():
+                    raise problem
+                continue
+            servo = packet[ID]
+            if packet == request and len(request) > SHORTEST:
+                self._check_echo()
+            if servo in replies or servo not in ids:
+                raise StaleReplyError(
+                    f"servo {servo} on {self.path} answered a question that was not the latest; it was ignored.",
+                    [servo],
+                )
+            if packet[LENGTH] != length + 2:
+                raise ShortReplyError(
+                    f"servo {servo} on {self.path} answered {packet[LENGTH] - 2} bytes to a question for {length}; "
+                    "it was ignored.",
+                    [servo],
+                )
+            self.status[servo] = packet[ERROR]
+            replies[servo] = packet[DATA:-1]
+        return replies
+
+    # --- several tries -----------------------------------------------------------------------------------------
+
+    def retry(self, transaction: Callable[[], T], retries: int | None = None, note: bool = True) -> T:
+        """Try a transaction until it has a usable reply, and keep a note of every failure.
+
+        Raises:
+            BusError: of the last try; of the first, where another one cannot help.
+        """
+        for left in range(self.retries if retries is None else retries, -1, -1):
+            try:
+                with self.lock:
+                    return transaction()
+            except BusError as error:
+                if note:
+                    self.note(error)
+                if not left or not isinstance(error, ReplyError):
+                    raise
+        raise AssertionError("unreachable")
+
+    def note(self, error: BusError) -> None:
+        """Keep a failure in ``counts`` and ``events``."""
+        self.counts[type(error).__name__] += 1
+        self.events.append((time.monotonic(), error))
+
+    def expect_nothing_more(self) -> None:
+        """A reply is missing because nobody is there: nothing is on its way that the next request must wait for."""
+        self._unsettled = False
+
+    # --- what went wrong ---------------------------------------------------------------------------------------
+
+    def _require_open(self) -> None:
+        if self._gone is not None:
+            raise self._gone
+        if not self.port.is_open:
+            raise ClosedError(f"the bus at {self.path} was closed; open it again.")
+
+    def _named(self, error: Exception) -> Exception:
+        """What the port raised, as an error of ours; the SDK's busy flag is freed."""
+        self.port.is_using = False
+        if isinstance(error, BusError):
+            return error
+        if (named := self.port.named(error)) is None:
+            return error
+        if isinstance(named, UnpluggedError):
+            self._gone = named
+        return named
+
+    def _check_echo(self) -> None:
+        """Send what no servo answers and no reply can equal, a SYNC_WRITE to nobody, and see whether it comes back."""
+        try:
+            self.port.settle(quiet=0.002)
+            request = self._send(BROADCAST, SYNC_WRITE, [0, 1])
+            self.port.setPacketTimeoutMillis(1e3 * ECHO_WAIT)
+            seen: list[int] = []
+            while not self.port.isPacketTimeout() and len(seen) < len(request):
+                seen += self.port.readPort(len(request) - len(seen))
+        except Exception as error:
+            raise self._named(error) from None
+        if seen == request:
+            raise self._echo()
+
+    def _echo(self) -> EchoError:
+        return EchoError(
+            f"the adapter at {self.path} returns what is sent to it; switch its echo off, or use an adapter that "
+            "joins the two data lines itself."
+        )
+
+    def _no_reply(self, missing: Sequence[int], wait: float) -> NoReplyError:
+        return NoReplyError(
+            f"{in_words(missing)} on {self.path} did not answer within {1e3 * wait:g} ms; check power, wiring, "
+            "ids and baud rate.",
+            missing,
+        )
+
+    def _corrupt(self, missing: Sequence[int]) -> CorruptReplyError:
+        return CorruptReplyError(
+            f"a broken packet came from {in_words(missing)} on {self.path}; check the wiring, "
+            "and that no two servos have one id.",
+            missing,
+        )
+
+
+def check_ids(ids: Sequence[int]) -> None:
+    """Make sure that servos are addressed, each once, by ids that a servo can have.
+
+    Raises:
+        RegisterError: they are not.
+    """
+    if not len(ids):
+        raise RegisterError("no servo is addressed; give at least one id.")
+    if len(set(ids)) != len(ids):
+        raise RegisterError(f"a servo is addressed twice: {list(ids)}.")
+    if min(ids) < 0 or max(ids) >= BROADCAST:
+        raise RegisterError(f"{list(ids)} are not all ids of servos, which are 0 to 253.")
+
+
+def in_words(ids: Sequence[int]) -> str:
+    """Servos as they stand in a sentence."""
+    return f"servo {ids[0]}" if len(ids) == 1 else f"servos {', '.join(map(str, ids))}"
