@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import csv
 import json
 import math
 from collections.abc import Callable, Sequence
@@ -14,6 +13,7 @@ import numpy as np
 
 from gap.diagnosis import JointDiagnosis, NamedCause
 from gap.engine_replay import bench, replay_in_engine
+from gap.experiment import write_experiment
 from gap.extension import changes, not_native, write_extension
 from gap.log_types import LogError, MeasuredSet
 from gap.units import TEST
@@ -66,15 +66,10 @@ def write_diagnosis(
             }
             differences += changed
         if diagnosis.experiment is not None:
-            path = folder / f"{prefix}next_experiment.csv"
-            with path.open("w", newline="", encoding="utf-8") as file:
-                rows = csv.writer(file)
-                rows.writerow(["time", f"{diagnosis.joint}.goal"])
-                rows.writerows(
-                    zip(np.round(diagnosis.experiment.time, 6), np.round(diagnosis.experiment.goal, 6), strict=True)
-                )
-            document["next_experiment"]["file"] = path.name
-            written["experiment"] = path
+            actuator = data.runs[0].actuators[diagnosis.joint]
+            files = write_experiment(diagnosis.experiment, diagnosis.joint, folder, actuator, prefix)
+            document["next_experiment"]["file"] = files["experiment"].name
+            written |= files
         documents.append(document)
     first = documents[0]
     whole = first if len(documents) == 1 else {**_overall(documents), "joints": documents}
@@ -111,6 +106,9 @@ def to_document(diagnosis: JointDiagnosis) -> dict[str, Any]:
             "name": experiment.name,
             "sentence": experiment.sentence,
             "separation": experiment.separation,
+            "repeats": experiment.repeats,
+            "load": experiment.load,
+            "rivals": list(experiment.rivals),
             "table": experiment.table,
         },
         "retuned": diagnosis.retuned,
