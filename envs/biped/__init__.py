@@ -1,0 +1,1 @@
+"""The planar biped MABEL (seed 003)."""
