@@ -51,9 +51,9 @@ def build(config: dict[str, Any]) -> Server:
         robot, actuator, checked("hidden", config["hidden"], str | None), config["params"], config["sensors"]
     )
     faults = read_faults(config["faults"]) if config["faults"] is not None else []
-    wire = Wire(
-        Rig(machine, model, mounts(machine.encoders, config["servos"], model)), faults, checked_seed(config["seed"])
-    )
+    mounted = mounts(machine.encoders, config["servos"], model)
+    rig = Rig(machine, model, mounted, checked("held", config["held"], bool))
+    wire = Wire(rig, faults, checked_seed(config["seed"]))
     return Server(
         wire,
         stepped=mode == "stepped",

@@ -59,10 +59,12 @@ class Rig:
         servos: one per joint, in their order.
         mounts: of the servos.
         volts: supply voltage that a fault forces on each servo [V]; None: the chain's.
+        held: whether a hand holds the robot still, as it does until a servo's torque is first switched on.
         history: (time [s], id, torque on) whenever a servo's torque was switched.
     """
 
-    def __init__(self, machine: Machine, model: ServoModel, mounted: list[Mount]) -> None:
+    def __init__(self, machine: Machine, model: ServoModel, mounted: list[Mount], held: bool = False) -> None:
+        self.held = held
         self.machine, self.model, self.mounts = machine, model, mounted
         self.servos = [Servo(model, mount.id, joint) for joint, mount in enumerate(mounted)]
         self.volts: list[float | None] = [None] * len(mounted)
@@ -95,7 +97,11 @@ class Rig:
                 for servo in moving:
                     servo.move_target(end - now)
                     self._steer(servo)
-            self.machine.advance(end)
+            self.held = self.held and not any(self._on)
+            if self.held:
+                self.machine.data.time = end
+            else:
+                self.machine.advance(end)
             if end >= self._next_tick - 1e-9:
                 self._next_tick += TICK
                 self.sense()
