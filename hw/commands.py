@@ -49,24 +49,39 @@ class PolicyCommands:
     """Goals of a policy.
 
     Attributes:
-        seen: latest control step as the policy saw it.
+        observer: that makes its observations.
+        history: every control step so far as the policy saw it.
     """
 
-    def __init__(self, policy: Policy, robot: ServoRobot, command: np.ndarray | None = None) -> None:
-        """Prepare; ``command`` is what the task is asked for (c,), None: the middle of what it draws."""
-        self.observer = Observer(policy.contract, robot, command)
+    def __init__(
+        self, policy: Policy, robot: ServoRobot, command: np.ndarray | None = None, segment: float = math.inf
+    ) -> None:
+        """Prepare.
+
+        Args:
+            policy: for this robot.
+            robot: that it runs on.
+            command: what the task is asked for (c,), or one after the other (m, c); None: the middle of what it draws.
+            segment: time that each of several commands holds [s].
+        """
+        self._schedule = None if command is None else np.atleast_2d(command)
+        self._segment = segment
+        self.observer = Observer(policy.contract, robot, None if self._schedule is None else self._schedule[0])
         self._policy = policy
         self.name, self.rate, self.duration = "policy", policy.contract.control_rate, math.inf
         self.description = {"policy": str(policy.path), "command": self.observer.command.tolist()}
-        self.seen: Seen | None = None
+        self.history: list[Seen] = []
 
-    def start(self) -> None:
-        return None
+    def start(self) -> np.ndarray:
+        return np.asarray(self._policy.contract.goal_at_zero)
 
     def goals(self, time: float, reading: Reading) -> np.ndarray:
-        del time
-        self.seen = self.observer.see(reading)
-        action, goal = self._policy.act(self.seen.observation[None])
+        if self._schedule is not None:
+            row = int((time + 1e-6) / self._segment) if math.isfinite(self._segment) else 0
+            self.observer.command = self._schedule[min(row, len(self._schedule) - 1)]
+        seen = self.observer.see(reading)
+        self.history.append(seen)
+        action, goal = self._policy.act(seen.observation[None])
         self.observer.acted(action[0].astype(np.float64))
         return goal[0]
 

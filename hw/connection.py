@@ -36,7 +36,16 @@ def opened_port(hw: Mapping[str, Any], port: str | None, robot: ServoRobot, trut
     from hw.virtual import VirtualBus
 
     mounts = {j.name: {"id": j.id, "zero": j.zero, "direction": j.direction} for j in robot.joints}
-    known = {"robot": robot.robot.name, "params": robot.params, "servos": mounts, "model": robot.servo.name}
+    mounts |= {s.name: {"id": s.id, "zero": s.zero, "direction": 1 if s.per_radian > 0 else -1} for s in robot.sensors}
+    known = {
+        "robot": robot.robot.name,
+        "params": robot.params,
+        "servos": mounts,
+        "model": robot.servo.name,
+        "held": True,
+    }
+    if robot.sensors:
+        known["sensors"] = {sensor.name: abs(sensor.per_radian) for sensor in robot.sensors}
     if truth is not None:
         known["actuator"] = truth
     with VirtualBus(**{**known, **hw["virtual"]}) as bus:
@@ -51,7 +60,7 @@ def opened_bus(hw: Mapping[str, Any], port: str, robot: ServoRobot) -> ServoBus:
     """
     bus = ServoBus(port, int(hw["baudrate"]), robot.servo.name, float(hw["timeout"]))
     try:
-        bus.check(robot.ids)
+        bus.check(robot.all_ids)
     except BaseException:
         bus.close()
         raise

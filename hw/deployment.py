@@ -133,7 +133,7 @@ def dry_run(deployment: Deployment, bus: ServoBus, say: Callable[[str], None]) -
     say("  time [s]  " + "  ".join(f"{name:>18}" for name in robot.names))
     last: np.ndarray | None = None
     for cycle in range(DRY_CYCLES):
-        reading = robot.reading(bus.read_state(robot.ids))
+        reading = robot.reading(bus.read_state(robot.all_ids))
         if (fault := safety.judge(reading)) is not None:
             say(f"  safety would stop here: {fault.sentence}")
             return
@@ -296,4 +296,4 @@ def _log(deployment: Deployment, bus: ServoBus, port: str) -> MeasuredLog:
     }
     sidecar = make_sidecar(robot.robot.name, robot.params, robot.belief, meta)
     signals = (*SIGNALS, "link_position") if robot.measures_links else SIGNALS
-    return MeasuredLog(folder, str(name), sidecar, robot.names, signals, ())
+    return MeasuredLog(folder, str(name), sidecar, robot.names, signals, robot.base_names)

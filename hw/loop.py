@@ -178,7 +178,7 @@ class ControlLoop:
             self._approach(np.clip(start, self.robot.low, self.robot.high))
 
     def _read(self) -> Reading:
-        self.reading = self.robot.reading(self.bus.read_state(self.robot.ids))
+        self.reading = self.robot.reading(self.bus.read_state(self.robot.all_ids), self.reading)
         return self.reading
 
     def _approach(self, start: np.ndarray) -> None:
@@ -233,7 +233,7 @@ class ControlLoop:
     def _cycle(self, now: float) -> Fault | None:
         ids = self.robot.ids
         try:
-            reading = self.robot.reading(self.bus.read_state(ids, retries=0))
+            reading = self.robot.reading(self.bus.read_state(self.robot.all_ids, retries=0), self.reading)
         except BusError as error:
             self._metronome.done(NOWHERE, NOWHERE)
             self._event("missed", error=type(error).__name__, sentence=str(error), servos=list(error.servos))
@@ -268,9 +268,8 @@ class ControlLoop:
         if self.robot.measures_links:
             columns += (reading.link,)
         host = (reading.before - zero, reading.after - zero, sent - zero)
-        self._log.write(
-            reading.time - zero, np.stack(columns, axis=1), reading.base_position, host, reading.state.status
-        )
+        status = reading.state.status[: len(self.robot.joints)] if reading.state is not None else ()
+        self._log.write(reading.time - zero, np.stack(columns, axis=1), reading.base_position, host, status)
 
     def _beat(self) -> None:
         if self._supervisor is not None:

@@ -48,6 +48,23 @@ class Joint:
 
 
 @dataclass(frozen=True)
+class Sensor:
+    """An encoder on the bus that drives nothing: a servo without torque, or a board that speaks like one.
+
+    Attributes:
+        name: ``<joint>.link`` for the far side of a joint's spring, or a coordinate of the base such as ``base_z``.
+        id: on the bus.
+        zero: step at which what it measures is 0.
+        per_radian: how far what it measures moves per radian of its own, with its sign [rad or m].
+    """
+
+    name: str
+    id: int
+    zero: int
+    per_radian: float
+
+
+@dataclass(frozen=True)
 class Reading:
     """One reading of all joints, in the order of the robot.
 
@@ -62,7 +79,7 @@ class Reading:
         temperature: (k,) [degC].
         link: position on the far side of a series spring (k,) [rad]; where nothing measures it, ``position``.
         base_position, base_velocity: of the robot's base, as far as it is measured (b,) [m or rad], per second.
-        state: as the bus gave it.
+        state: as the bus gave it; None in simulation.
     """
 
     before: float
@@ -76,7 +93,7 @@ class Reading:
     link: np.ndarray
     base_position: np.ndarray
     base_velocity: np.ndarray
-    state: ServoState
+    state: ServoState | None
 
     @property
     def time(self) -> float:
@@ -96,6 +113,8 @@ class ServoRobot:
         belief: the same as a log's sidecar names it: a name, or stages.
         ids: of the servos, in the order of joints.
         measures_links: whether the far sides of springs have encoders of their own.
+        sensors: encoders that drive nothing; of the base in the order of the simulation's coordinates.
+        all_ids: of the servos, and behind them of the sensors.
         low, high: range of each joint (k,) [rad].
     """
 
@@ -106,6 +125,7 @@ class ServoRobot:
         servo: ServoModel,
         joints: Sequence[Joint],
         belief: Mapping[str, Any],
+        sensors: Sequence[Sensor] = (),
     ) -> None:
         """Put the parts together.
 
@@ -117,39 +137,60 @@ class ServoRobot:
         self.chains: dict[str, Chain] = {name: load_chain(source) for name, source in belief.items()}
         check_joints(self.joints, robot, servo, self.params)
         self.ids = [joint.id for joint in self.joints]
+        self.sensors = tuple(sensors)
+        self.all_ids = [*self.ids, *(sensor.id for sensor in self.sensors)]
         self.names = [joint.name for joint in self.joints]
-        self.measures_links = False
+        links = {sensor.name: k for k, sensor in enumerate(self.sensors, len(self.joints))}
+        self._links = [links.get(f"{name}.link") for name in self.names]
+        self.measures_links = all(at is not None for at in self._links)
+        self.base_names = [sensor.name for sensor in self.sensors if not sensor.name.endswith(".link")]
+        self._base = [k for k, sensor in enumerate(self.sensors, len(self.joints)) if sensor.name in self.base_names]
         self.low = np.array([joint.low for joint in self.joints])
         self.high = np.array([joint.high for joint in self.joints])
-        self._direction = np.array([float(joint.direction) for joint in self.joints])
         step = 2.0 * math.pi / servo.resolution
-        self._zero = np.array([(joint.zero - servo.centre) * step for joint in self.joints])
+        mounted = [*self.joints, *self.sensors]
+        self._zeros = np.array([(item.zero - servo.centre) * step for item in mounted])
+        self._scales = np.array([*(float(j.direction) for j in self.joints), *(s.per_radian for s in self.sensors)])
 
     # --- units -------------------------------------------------------------------------------------------------
 
-    def reading(self, state: ServoState) -> Reading:
-        """What the bus read, as angles of the joints."""
-        side = self._direction
-        position = side * (state.position - self._zero)
-        nothing = np.zeros(0)
+    def reading(self, state: ServoState, last: Reading | None = None) -> Reading:
+        """What the bus read of ``all_ids``, as angles of the joints.
+
+        Args:
+            state: as read.
+            last: the reading before; speeds of the base are differences from it, and turns are counted on from it.
+        """
+        k = len(self.joints)
+        place = self._scales * (state.position - self._zeros)
+        side = self._scales[:k]
+        base = place[self._base]
+        speed = np.zeros(len(base))
+        if last is not None and len(base):
+            turn = np.abs(2.0 * math.pi * self._scales[self._base])
+            base = base + turn * np.round((last.base_position - base) / turn)
+            speed = (base - last.base_position) / max(0.5 * (state.before + state.after) - last.time, 1e-6)
+        position = place[:k]
+        link = np.array([place[at] if at is not None else position[n] for n, at in enumerate(self._links)])
         return Reading(
             before=state.before,
             after=state.after,
             position=position,
-            velocity=side * state.velocity,
-            duty=side * state.duty,
-            current=side * state.current,
-            voltage=state.voltage,
-            temperature=state.temperature,
-            link=position,
-            base_position=nothing,
-            base_velocity=nothing,
+            velocity=side * state.velocity[:k],
+            duty=side * state.duty[:k],
+            current=side * state.current[:k],
+            voltage=state.voltage[:k],
+            temperature=state.temperature[:k],
+            link=link,
+            base_position=base,
+            base_velocity=speed,
             state=state,
         )
 
     def to_servo(self, position: np.ndarray) -> np.ndarray:
         """Angles of the servos' shafts (k,) [rad] from angles of the joints (k,) [rad]."""
-        return self._direction * position + self._zero
+        k = len(self.joints)
+        return self._scales[:k] * position + self._zeros[:k]
 
     # --- contract ----------------------------------------------------------------------------------------------
 
@@ -327,7 +368,36 @@ def build_robot(config: Mapping[str, Any], actuator: Any = None, calibration: Pa
     belief = actuator if actuator is not None else config.get("actuator")
     joints = nominal_joints(robot, servo, params) if calibration is None else read_joints(calibration, robot)
     chains = {name: _plain(chain) for name, chain in robot.chains_for(belief).items()}
-    return ServoRobot(robot, params, servo, joints, chains)
+    return ServoRobot(robot, params, servo, joints, chains, read_sensors(config.get("sensors") or {}, joints, servo))
+
+
+def read_sensors(config: Mapping[str, Any], joints: Sequence[Joint], servo: ServoModel) -> list[Sensor]:
+    """Sensors of a robot's file.
+
+    Raises:
+        CalibrationError: one has the id of a joint or of another one, or lacks something.
+    """
+    found: list[Sensor] = []
+    users = {joint.id: joint.name for joint in joints}
+    for name, row in config.items():
+        try:
+            per_radian = float(row.get("per_radian", 1.0))
+            sensor = Sensor(str(name), int(row["id"]), int(row.get("zero", servo.centre)), per_radian)
+        except (LookupError, TypeError, ValueError, AttributeError):
+            raise CalibrationError(
+                f"robot.sensors.{name} is {row!r}; it needs an id, and takes zero, per_radian."
+            ) from None
+        if sensor.id in users:
+            raise CalibrationError(
+                f"sensor {name} has the id {sensor.id}, and so has {users[sensor.id]}; ids are unique."
+            )
+        if per_radian == 0.0 or not math.isfinite(per_radian):
+            raise CalibrationError(
+                f"robot.sensors.{name}.per_radian is {per_radian:g}; it must be a number other than 0."
+            )
+        users[sensor.id] = sensor.name
+        found.append(sensor)
+    return found
 
 
 def _plain(chain: Any) -> str | list:

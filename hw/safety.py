@@ -139,7 +139,8 @@ class Safety:
         if took > self.limits.late:
             late = f"a reading took {1e3 * took:.1f} ms, and {1e3 * self.limits.late:g} ms are tolerated."
             return self.missed(BusError(late), "late")
-        if (faults := reading.state.faults()) != []:
+        faults = reading.state.faults() if reading.state is not None else []
+        if faults:
             return Fault(type(faults[0]).__name__, str(faults[0]), faults[0].servos)
         limits, values = self.limits, reading
         self._over_current = np.where(np.abs(values.current) > limits.current, self._over_current + self._period, 0.0)
