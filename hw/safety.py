@@ -6,7 +6,7 @@ Pure bookkeeping on numbers; no bus and no clock of its own. The loop asks it in
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from dataclasses import dataclass, fields
 from typing import Any
 
@@ -17,7 +17,7 @@ from configs.check import checked
 from hw.packets import BusError
 from hw.robot import Reading, ServoRobot
 
-FORGIVENESS = 0.1  # missing cycles forgiven by each good one: two within ten good cycles count as two
+FORGIVEN = 10  # good cycles that make up for a missing one
 
 
 @dataclass(frozen=True)
@@ -98,14 +98,14 @@ class Safety:
     Attributes:
         limits: in force.
         cut: goals that were cut so far, by reason.
-        missing: cycles without a usable reading, less what good ones made up for.
+        missing: cycles without a usable reading, less what good ones made up for, in shares of 1 / :data:`FORGIVEN`.
     """
 
     def __init__(self, robot: ServoRobot, limits: Limits, period: float) -> None:
         """Watch ``robot``, whose loop has the period ``period`` [s]."""
         self.limits, self._robot, self._period = limits, robot, period
         self.cut = {"range": 0, "step": 0}
-        self.missing = 0.0
+        self.missing = 0
         self._over_current = np.zeros(len(robot.joints))
 
     # --- goals -------------------------------------------------------------------------------------------------
@@ -134,7 +134,7 @@ class Safety:
 
     def judge(self, reading: Reading) -> Fault | None:
         """What is wrong with a reading, if anything."""
-        self.missing = max(self.missing - FORGIVENESS, 0.0)
+        self.missing = max(self.missing - 1, 0)
         took = reading.after - reading.before
         if took > self.limits.late:
             late = f"a reading took {1e3 * took:.1f} ms, and {1e3 * self.limits.late:g} ms are tolerated."
@@ -173,13 +173,7 @@ class Safety:
         Returns:
             A fault named after the error, once there were more than ``limits.missing`` of them at a time.
         """
-        self.missing += 1.0
-        if self.missing <= self.limits.missing:
+        self.missing += FORGIVEN
+        if self.missing <= FORGIVEN * self.limits.missing:
             return None
         return Fault(name or type(error).__name__, str(error), tuple(error.servos))
-
-
-def worst(joints: Sequence[str], values: np.ndarray) -> str:
-    """``value (joint)`` of the largest of values, for a line of text."""
-    k = int(np.nanargmax(values))
-    return f"{values[k]:.2f} ({joints[k]})"

@@ -1,0 +1,205 @@
+"""Calibration: a person is guided, what cannot be is refused, nothing is overwritten."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Iterable, Sequence
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from envs.robots import get_robot
+from hw.bus import ServoBus
+from hw.calibration import guide, newest, write_calibration
+from hw.registers import load_model
+from hw.robot import CalibrationError, Joint, ServoRobot, check_joints, nominal_joints, read_joints
+from hw.servo_state import ServoState
+from hw.virtual import VirtualBus
+
+SERVO = load_model("sts3215")
+HOPPER, BENCH = get_robot("hopper"), get_robot("bench")
+
+
+class Hand:
+    """Servos without torque that a scripted hand moves, and the person who answers the questions with it."""
+
+    def __init__(self, script: list[dict[int, int | list[int]]], steps: dict[int, int]) -> None:
+        self.steps, self._script, self.asked, self.said = dict(steps), script, list[str](), list[str]()
+        self.off: list[int] = []
+        self._sweep: dict[int, list[int]] = {}
+
+    def scan(self, ids: Iterable[int] = ()) -> dict[int, int]:
+        return dict.fromkeys(self.steps, 777)
+
+    def torque_off(self, ids: Sequence[int]) -> dict[int, Exception]:
+        self.off = list(ids)
+        return {}
+
+    def read_register(self, servo: int, name: str) -> int:
+        assert name == "present_position"
+        if self._sweep.get(servo):
+            self.steps[servo] = self._sweep[servo].pop(0)
+        return self.steps[servo]
+
+    def ask(self, question: str) -> str:
+        self.asked.append(question)
+        for servo, move in self._script.pop(0).items():
+            if isinstance(move, list):
+                self._sweep[servo] = list(move)
+                while self._sweep[servo]:
+                    pass
+            else:
+                self.steps[servo] = move
+        return ""
+
+
+def sweep(low: int, high: int) -> list[int]:
+    return [int(step) for step in np.linspace(low, high, 9)]
+
+
+def calibrated(hand: Hand, robot=HOPPER) -> list[Joint]:
+    return guide(hand, robot, SERVO, {}, hand.ask, hand.said.append)
+
+
+def test_a_person_is_guided_to_ids_zeros_directions_and_ranges(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("hw.calibration.PERIOD", 0.0)
+    hand = Hand(
+        [
+            {7: 2500},  # the hip's servo is the one that moves
+            {7: 2100},  # hip at 0
+            {7: 2000},  # its positive direction: falling steps
+            {7: sweep(2000, 3000)},
+            {3: 2048},  # the knee's is left over: at 0
+            {3: 2200},
+            {3: sweep(2000, 2900)},
+        ],
+        {3: 2048, 7: 2048},
+    )
+    hip, knee = calibrated(hand)
+    step = 2.0 * math.pi / 4096
+    assert (hip.id, hip.zero, hip.direction) == (7, 2100, -1) and (knee.id, knee.zero, knee.direction) == (3, 2048, 1)
+    assert hip.low == pytest.approx(-900 * step + 0.02) and hip.high == pytest.approx(100 * step - 0.02)
+    assert knee.high == pytest.approx(852 * step - 0.02)
+    assert hand.off == [3, 7], "torque is off before anybody touches a joint"
+
+
+def test_it_asks_again_when_nothing_moved_or_two_joints_did(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("hw.calibration.PERIOD", 0.0)
+    script: list[dict[int, int | list[int]]] = [
+        {7: 2050},
+        {7: 2500, 3: 2500},
+        {7: 2100},
+        {},
+        {7: 2110},
+        {7: 2000},
+        {7: sweep(2050, 3000)},
+    ]
+    hand = Hand([*script, {3: 2048}, {3: 2200}, {3: sweep(2000, 2900)}], {3: 2048, 7: 2048})
+    assert [joint.id for joint in calibrated(hand)] == [7, 3]
+    assert any("Nothing moved" in line for line in hand.said) and any("both moved" in line for line in hand.said)
+    assert any("and 60 are needed" in line for line in hand.said)
+
+
+def test_a_range_over_the_encoders_seam_is_refused(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("hw.calibration.PERIOD", 0.0)
+    hand = Hand([{1: 3900}, {1: 4000}, {1: [3900, 4000, 4090, 5, 90, 200]}], {1: 3900})
+    with pytest.raises(CalibrationError, match="seam"):
+        calibrated(hand, BENCH)
+
+
+def test_too_few_servos_are_refused() -> None:
+    with pytest.raises(CalibrationError, match="2 joint\\(s\\), but 1 servo"):
+        calibrated(Hand([], {1: 2048}))
+
+
+def joints(**changes: dict[str, float]) -> list[Joint]:
+    base = {"hip": Joint("hip", 1, 2048, 1, -1.2, 0.0), "knee": Joint("knee", 2, 2048, 1, 0.0, 1.2)}
+    return [Joint(**{**vars(joint), **changes.get(name, {})}) for name, joint in base.items()]
+
+
+@pytest.mark.parametrize(
+    ("changes", "says"),
+    [
+        ({"knee": {"id": 1}}, "joints hip and knee both have the servo with id 1"),
+        ({"knee": {"id": 253}}, "ids are 0 to 252"),
+        ({"knee": {"high": 3.3}}, "joint knee cannot reach 3.300 rad: its encoder ends at step 0 and 4095"),
+        ({"knee": {"zero": 3800}}, "joint knee cannot reach 1.200 rad"),
+        ({"hip": {"zero": 900, "low": -1.5}}, "joint hip cannot reach -1.500 rad"),
+        ({"knee": {"low": -1.2, "high": -0.4}}, "works between 0.01 and 1.21 rad; zero or direction is wrong"),
+        ({"hip": {"low": 0.0, "high": 0.0}}, "which is none"),
+        ({"hip": {"high": math.nan}}, "which is none"),
+        ({"hip": {"direction": 0}}, "it is 1 or -1"),
+        ({"hip": {"name": "hipp"}}, "did you mean 'hip'?"),
+    ],
+)
+def test_what_cannot_be_is_refused_in_a_sentence(changes: dict[str, dict[str, float]], says: str) -> None:
+    with pytest.raises(CalibrationError) as refusal:
+        check_joints(joints(**changes), HOPPER, SERVO, {})
+    assert says in str(refusal.value)
+
+
+def test_a_missing_joint_is_refused() -> None:
+    with pytest.raises(CalibrationError, match="knee is missing"):
+        check_joints(joints()[:1], HOPPER, SERVO, {})
+
+
+def test_a_file_is_read_as_written_and_never_overwritten(tmp_path: Path) -> None:
+    path = tmp_path / "calibrations" / "hopper-a.yaml"
+    write_calibration(path, HOPPER, SERVO, joints())
+    assert read_joints(path, HOPPER) == joints() and newest("hopper", path.parent) == path
+    before = path.read_text()
+    with pytest.raises(CalibrationError, match="never overwritten"):
+        write_calibration(path, HOPPER, SERVO, joints(hip={"id": 9}))
+    assert path.read_text() == before
+    with pytest.raises(CalibrationError, match="of robot 'hopper', not of 'bench'"):
+        read_joints(path, BENCH)
+
+
+@pytest.mark.parametrize("text", ["", "- 1", "robot: hopper\njoints: {hip: {id: x}}", "robot: [", "robot: hopper"])
+def test_a_damaged_file_is_refused(text: str, tmp_path: Path) -> None:
+    path = tmp_path / "bad.yaml"
+    path.write_text(text)
+    with pytest.raises(CalibrationError, match="calibrat"):
+        read_joints(path, HOPPER)
+
+
+def test_angles_turn_with_zero_and_direction() -> None:
+    mounted = [Joint("hip", 1, 1848, -1, -1.2, 0.0), Joint("knee", 2, 2048, 1, 0.0, 1.2)]
+    robot = ServoRobot(HOPPER, {}, SERVO, mounted, dict(HOPPER.chains))
+    angles = np.array([-0.5, 0.7])
+    shafts = robot.to_servo(angles)
+    zero = np.zeros(2)
+    state = ServoState((1, 2), 0.0, 0.1, shafts, np.ones(2), zero, zero, zero, np.ones(2), zero, zero, zero, {})
+    reading = robot.reading(state)
+    assert reading.position == pytest.approx(angles) and reading.time == 0.05
+    assert reading.velocity == pytest.approx([-1.0, 1.0]) and reading.current == pytest.approx([-1.0, 1.0])
+
+
+def test_a_machine_built_as_drawn_has_ids_from_one_and_the_robots_range() -> None:
+    hip, knee = nominal_joints(HOPPER, SERVO, {})
+    assert (hip.id, knee.id, hip.zero) == (1, 2, 2048) and (hip.low, hip.high) == pytest.approx((-1.21, -0.01))
+
+
+def test_servos_of_a_bus_are_calibrated(monkeypatch: pytest.MonkeyPatch) -> None:
+    """The whole way over the SDK and a virtual bus whose pendulum stands in for a hand."""
+    monkeypatch.setattr("hw.calibration.MOVED", 20)
+    with VirtualBus(time="stepped", cycle=0.0) as virtual, ServoBus(virtual.port) as bus:
+        answers: list[Callable[[], None]] = []
+
+        def pushed(angle: float) -> Callable[[], None]:
+            def push() -> None:
+                bus.torque_on([1])
+                bus.write_goals([1], [angle])
+                virtual.advance(1.0)
+
+            return push
+
+        def swing() -> None:
+            for angle in (-0.8, 0.8):
+                pushed(angle)()
+
+        answers = [pushed(0.0), pushed(0.5), swing]
+        (joint,) = guide(bus, BENCH, SERVO, {}, lambda _: answers.pop(0)() or "", lambda _: None)
+    assert (joint.id, joint.direction) == (1, 1) and abs(joint.zero - 2048) < 20
+    assert joint.low == pytest.approx(-0.8, abs=0.1) and joint.high == pytest.approx(0.8, abs=0.1)

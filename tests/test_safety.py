@@ -1,0 +1,139 @@
+"""Safety: goals are kept within limits, measurements beyond them end the run, no limit can be left out."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+import pytest
+
+from actuators.errors import SealegsError
+from configs.compose import compose
+from hw.packets import NoReplyError
+from hw.robot import Reading, build_robot
+from hw.safety import Fault, Limits, Safety
+from hw.servo_state import ServoState
+
+CONFIG: dict[str, Any] = compose("deploy", {"robot": "hopper"})["robot"]
+PERIOD = 0.01
+
+
+def guard(**limits: float) -> Safety:
+    values = {**Limits.from_config(CONFIG["safety"]).__dict__, **limits}
+    return Safety(build_robot(CONFIG), Limits(**values), PERIOD)
+
+
+def reading(took: float = 0.002, status: tuple[int, int] = (0, 0), **values: Any) -> Reading:
+    base = {
+        "position": (-0.61, 0.61),
+        "velocity": (0.0, 0.0),
+        "current": (0.1, 0.1),
+        "voltage": (7.4, 7.4),
+        "temperature": (30.0, 30.0),
+    }
+    arrays = {name: np.array(value, float) for name, value in {**base, **values}.items()}
+    zero = np.zeros(2)
+    state = ServoState((1, 2), 0.0, took, zero, zero, zero, zero, zero, zero, zero, np.array(status), zero, {})
+    more = {"duty": zero, "link": zero, "base_position": zero, "base_velocity": zero, "state": state}
+    return Reading(before=0.0, after=took, **arrays, **more)
+
+
+def test_what_is_within_the_limits_passes_untouched() -> None:
+    safety = guard()
+    goals = np.array([-0.5, 0.7])
+    admitted = safety.admit(goals, np.array([-0.6, 0.6]))
+    assert isinstance(admitted, np.ndarray) and (admitted == goals).all() and safety.judge(reading()) is None
+    assert safety.cut == {"range": 0, "step": 0}
+
+
+def test_goals_are_cut_to_range_and_step() -> None:
+    safety = guard(goal_step=0.2)
+    admitted = safety.admit(np.array([0.5, 5.0]), np.array([-0.1, 1.15]))
+    assert isinstance(admitted, np.ndarray)
+    assert admitted == pytest.approx([-0.01, 1.21]), "hip goes up to -0.01 rad, knee up to 1.21 rad"
+    assert safety.cut == {"range": 1, "step": 1}
+    admitted = safety.admit(np.array([-1.0, 1.0]), np.array([-0.1, 1.1]))
+    assert isinstance(admitted, np.ndarray) and admitted == pytest.approx([-0.3, 1.0])
+
+
+@pytest.mark.parametrize("bad", [np.nan, np.inf])
+def test_a_goal_that_is_no_number_ends_the_run(bad: float) -> None:
+    fault = guard().admit(np.array([-0.5, bad]), np.array([-0.6, 0.6]))
+    assert isinstance(fault, Fault) and fault.name == "goal" and "knee" in fault.sentence
+
+
+@pytest.mark.parametrize(
+    ("values", "name", "says"),
+    [
+        ({"position": (-0.61, 1.7)}, "range", "joint knee (servo 2) is 0.490 rad beyond its range"),
+        ({"velocity": (-40.0, 0.0)}, "speed", "joint hip (servo 1) turns at 40.0 rad/s"),
+        ({"temperature": (30.0, 71.0)}, "temperature", "is at 71 degC; its limit is 65 degC"),
+        ({"voltage": (5.1, 5.1)}, "voltage", "gets 5.1 V; at least 6 V are needed"),
+        ({"voltage": (9.9, 7.4)}, "voltage", "gets 9.9 V; at most"),
+        ({"position": (np.nan, 0.61)}, "range", "joint hip"),
+        ({"status": (0, 32)}, "OverloadFault", "servo 2 is overloaded"),
+        ({"status": (4, 0)}, "OverheatFault", "servo 1 is hotter"),
+    ],
+)
+def test_a_measurement_beyond_a_limit_is_named_with_its_joint(values: dict[str, Any], name: str, says: str) -> None:
+    fault = guard().judge(reading(**values))
+    assert fault is not None and fault.name == name and says in fault.sentence
+
+
+def test_current_may_peak_but_not_stay() -> None:
+    safety = guard(current=2.0, current_time=0.05)
+    strong = reading(current=(2.4, 0.1))
+    assert [safety.judge(strong) for _ in range(4)] == [None] * 4
+    assert safety.judge(reading()) is None
+    faults = [safety.judge(strong) for _ in range(6)]
+    assert faults[:5] == [None] * 5 and faults[5] is not None and faults[5].name == "current"
+
+
+def test_one_missing_reading_is_tolerated_and_the_second_names_the_cause() -> None:
+    safety, lost = guard(), NoReplyError("servo 2 did not answer.", [2])
+    assert safety.missed(lost) is None
+    for _ in range(10):
+        assert safety.judge(reading()) is None
+    assert safety.missed(lost) is None, "ten good cycles make up for a lost one"
+    fault = safety.missed(lost)
+    assert fault is not None and fault.name == "NoReplyError" and fault.servos == (2,)
+
+
+def test_readings_that_fail_every_other_cycle_end_the_run_too() -> None:
+    safety = guard()
+    faults = []
+    for _ in range(4):
+        faults.append(safety.missed(NoReplyError("servo 2 did not answer.", [2])))
+        safety.judge(reading())
+    assert any(fault is not None for fault in faults)
+
+
+def test_late_readings_count_as_missing() -> None:
+    safety = guard(late=0.008)
+    assert safety.judge(reading(took=0.009)) is None
+    fault = safety.judge(reading(took=0.009))
+    assert fault is not None and fault.name == "late" and "9.0 ms" in fault.sentence
+
+
+@pytest.mark.parametrize(
+    ("change", "says"),
+    [
+        ({"speed": None}, "safety.speed takes a number"),
+        ({"speed": -1.0}, "safety.speed is -1"),
+        ({"sped": 1.0}, "did you mean 'speed'?"),
+        ({"voltage_low": 9.0}, "not below voltage_high"),
+        ({"missing": 0.5}, "safety.missing takes a whole number"),
+    ],
+)
+def test_limits_cannot_be_switched_off(change: dict[str, Any], says: str) -> None:
+    with pytest.raises(SealegsError, match=says.replace("?", r"\?")):
+        Limits.from_config({**CONFIG["safety"], **change})
+    without = {key: value for key, value in CONFIG["safety"].items() if key != "temperature"}
+    with pytest.raises(SealegsError, match=r"safety\.temperature is missing"):
+        Limits.from_config(without)
+
+
+def test_a_reading_of_another_size_is_no_goal() -> None:
+    assert isinstance(guard().admit(np.zeros(3), np.zeros(2)), Fault)
+    assert replace(Fault("a", "b"), name="c").servos == ()
