@@ -40,22 +40,32 @@ def entry(function: Entry) -> Entry:
 
 
 def catalogue(nominal: JointModel) -> list[Cause]:
-    """The causes that a joint can have."""
-    return [cause for make in ENTRIES if (cause := make(nominal)) is not None]
+    """The causes that a joint can have; what nobody measured (:mod:`gap.unknown`) cannot be wrong."""
+    unknown = {parameter.path.rstrip("*") for parameter in nominal.unknown}
+    causes = [cause for make in ENTRIES if (cause := make(nominal)) is not None]
+    return [
+        cause
+        for cause in causes
+        if not (cause.error and any(variant[0].path.rstrip("*") in unknown for variant in cause.variants))
+        and not (cause.name.startswith("load.") and any(path.startswith("load.") for path in unknown))
+    ]
 
 
 def retunable(nominal: JointModel, width: float = TIGHT) -> list[Parameter]:
-    """Numbers that the nominal model has and that nobody knows exactly, as factors within ``1 +- width``."""
+    """Numbers that the nominal model has and that nobody knows exactly, as factors within ``1 +- width``, and those
+    that nobody measured, within their own bounds.
+    """
     low, high = 1.0 / (1.0 + width), 1.0 + width
+    unknown = {parameter.path.rstrip("*") for parameter in nominal.unknown}
     found = []
     for stage, keys in RETUNABLE.items():
         if nominal.chain.find(stage) is not None:
             found += [
                 factor(f"{stage}.{key}", low, high, 0.05, DIFFERENCES.get(f"{stage}.{key}", 0.4))
                 for key in keys
-                if nominal.value(f"{stage}.{key}") > 0.0
+                if nominal.value(f"{stage}.{key}") > 0.0 and f"{stage}.{key}" not in unknown
             ]
-    return found
+    return [*found, *nominal.unknown]
 
 
 RETUNABLE: dict[str, tuple[str, ...]] = {
@@ -147,7 +157,7 @@ def load_dependent(nominal: JointModel) -> Cause:
         0.1 / _torque(nominal),
         0.1 / _torque(nominal),
     )
-    variants = ((number,), (number, quadratic), (number, at_rest, speed), (number, quadratic, at_rest, speed))
+    variants = ((number,), (quadratic, number), (number, at_rest, speed), (quadratic, at_rest, speed))
     return Cause("friction.load_dependent", sentence, "residual_against_load", variants)
 
 

@@ -23,6 +23,7 @@ from gap.parameters import Parameter
 from gap.problem import Problem, converged, lay_out
 from gap.search import RIVAL, Search, Searcher
 from gap.units import FIT_A, FIT_B, TEST, cut
+from gap.unknown import unknown_parameters, with_believed_load
 
 WIDE = 4.0  # how far re-tuning alone may turn each number the model has: up to five times, down to a fifth
 CLOSED = 1.25  # error over noise floor up to which a model counts as right
@@ -155,6 +156,7 @@ def _joint(
     limits: Limits | None,
 ) -> JointDiagnosis:
     mine = tuple(f for f in findings if f.joint in (joint, None, ""))
+    runs = [with_believed_load(run) for run in runs]
     if all(run.joints[joint].goal is None for run in runs):
         from gap.torque_diagnosis import diagnose_torque  # a log without commands: only its torque can be judged
 
@@ -168,7 +170,7 @@ def _joint(
     missing = [run.name for run in runs if joint not in run.actuators]
     if missing:
         raise LogError(f"{missing[0]}: the sidecar names no actuator for joint '{joint}'; add it under 'actuators'.")
-    models = [JointModel(_chain(run, joint)) for run in runs]
+    models = [JointModel(_chain(run, joint), unknown=unknown_parameters(run)) for run in runs]
     noise = float(np.median([noise_floor(run, joint) for run in runs]))
     units = cut(runs, joint, test_group)
     problem = weigh_channels(converged(lay_out(runs, joint, models, units, {"position": 1.0 / noise})))

@@ -17,6 +17,7 @@ from actuators.errors import SealegsError
 from actuators.layout import P_HEADER, P_VISCOUS
 from actuators.stages import STAGES, Stage
 from actuators.stages.base import ChainError
+from gap.parameters import Parameter
 
 GRAVITY = 9.81  # [m/s2]
 
@@ -100,12 +101,16 @@ class PendulumLoad:
 
 @dataclass(frozen=True)
 class JointModel:
-    """A joint: chain, load, and what the host's log does to the reading."""
+    """A joint: chain, load, and what the host's log does to the reading.
+
+    ``unknown`` are numbers that nobody measured (:mod:`gap.unknown`): every fit turns them, and none is a finding.
+    """
 
     chain: Chain
     load: PendulumLoad = PendulumLoad()
     host_offset: float = 0.0
     host_scale: float = 1.0
+    unknown: tuple[Parameter, ...] = ()
 
     def value(self, path: str) -> float:
         """A parameter by path: ``stage.parameter``, ``load.*``, ``host.*`` or ``gear_ratio.factor`` (1 by
@@ -164,6 +169,7 @@ class JointModel:
             dataclasses.replace(self.load, **load) if load else self.load,
             host.get("host_offset", self.host_offset),
             host.get("host_scale", self.host_scale),
+            self.unknown,
         )
 
     def with_fitted(self, values: Mapping[str, float]) -> JointModel:

@@ -50,6 +50,7 @@ def read_so101(path: Path) -> MeasuredRun:
             "machine": "SO-101, six Feetech STS3215 12 V, P 16 I 0 D 32",
             "source": "isaac-sim2real/sage at 4ffd2627df9d",
             "licence": "Apache-2.0",
+            "unknown": ["load"],
             "units": {"gripper.goal": "fraction", "gripper.position": "fraction"},
             "notes": "current is the unsigned current register; the gripper's position is its opening, 0 to 1.",
         },

@@ -27,16 +27,16 @@ def firmware_gain(kp: float) -> float:
 def chain(kp: float, volts: float) -> list[dict[str, dict[str, float]]]:
     """Return the actuation chain believed to be right before anything was fitted.
 
-    Motor values are read off the data sheet at 5 V and hold at the output shaft: the no-load speed of 103 rpm gives the
-    back-EMF and with it the motor constant, 0.46 N.m/A; the stall current of 1.47 A gives 3.4 Ohm. The stall torque of
-    0.52 N.m is what the gears let through of 0.68 N.m, so no motor constant follows from it. Armature and friction are
-    assumed.
+    Motor values are read off the data sheet at 5 V and hold at the output shaft: the stall current of 1.47 A gives
+    3.4 Ohm, and the no-load speed of 103 rpm, at which the motor turns the assumed friction, a motor constant of
+    0.41 N.m/A. The stall torque of 0.52 N.m is what the gears let through of 0.60 N.m, so it gives no motor constant.
+    Armature and friction are assumed, and the sidecar says so.
     """
     return [
         {"position_p": {"gain": firmware_gain(kp)}},
         {"duty_limit": {"limit": 1.0}},
         {"supply": {"volts": volts, "resistance": 0.0}},
-        {"dc_motor": {"motor_constant": 0.46, "resistance": 3.4, "armature": 0.002}},
+        {"dc_motor": {"motor_constant": 0.41, "resistance": 3.4, "armature": 0.002}},
         {"friction": {"coulomb": 0.02, "viscous": 0.005}},
         {"encoder": {"ticks": COUNTS_PER_TURN}},
     ]
@@ -80,8 +80,9 @@ def read_xl330(path: Path) -> MeasuredRun:
             "machine": "Dynamixel XL330-M288-T, pendulum",
             "source": "Rhoban/bam at af2260462471",
             "licence": "Apache-2.0",
-            "notes": "The mass of the pendulum's rod was not recorded: arm_mass 0 is a placeholder.",
-            "unknown_params": ["arm_mass"],
+            "notes": "Neither the mass of the pendulum's rod was recorded (arm_mass 0 is a placeholder) nor where the "
+            "encoder's zero is: the pendulum hangs anywhere within friction of 0.02 rad after a drop.",
+            "unknown": ["zero", "friction", "armature"],
         },
     )
 

@@ -1,0 +1,53 @@
+"""What a sidecar says was not measured, so that every fit may turn it: a number that nobody claimed cannot be wrong.
+
+A bench whose encoder's zero was not aligned and whose chain has an assumed friction says ``unknown: [zero, friction]``
+under ``meta``; an arm, where the load of each joint is the rest of the arm, ``unknown: [load]``.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+import math
+
+from actuators.errors import nearest
+from gap.log_types import LogError, MeasuredRun
+from gap.parameters import Parameter, factor
+
+UNKNOWN: dict[str, tuple[Parameter, ...]] = {
+    "zero": (Parameter("encoder.offset", "rad", -0.1, 0.1, 0.0, 0.01),),
+    "friction": (factor("friction.coulomb", 0.02, 20.0, 0.2), factor("friction.viscous", 0.02, 20.0, 0.2)),
+    "armature": (factor("dc_motor.armature", 0.2, 5.0, 0.1),),
+    "load": (
+        Parameter("load.mass_factor", "1", 0.005, 20.0, 1.0, 0.3, logarithmic=True),
+        Parameter("load.extra_inertia", "kg.m2", 0.0, 0.1, 0.002, 0.002),
+        # where gravity pulls to; the zero of the encoder is a pose of the arm
+        Parameter("encoder.offset", "rad", -math.pi, math.pi, 0.0, 0.2),
+    ),
+}
+"""Parameters per word of the sidecar."""
+
+BELIEVED = {"mass": 0.2, "length": 0.1, "arm_mass": 0.0}
+"""Where the fit of an unknown load starts: a point mass [kg] at a distance [m]; assumed."""
+
+
+def unknown_parameters(run: MeasuredRun) -> tuple[Parameter, ...]:
+    """What was not measured in a run.
+
+    Raises:
+        LogError: the sidecar uses a word that is not in :data:`UNKNOWN`.
+    """
+    words = run.meta.get("unknown") or []
+    for word in words if isinstance(words, list) else [words]:
+        if word not in UNKNOWN:
+            raise LogError(
+                f"{run.name}: meta.unknown holds {word!r}{nearest(str(word), UNKNOWN)}; it is a list of "
+                f"{', '.join(UNKNOWN)}."
+            )
+    return tuple({p.path: p for word in words for p in UNKNOWN[word]}.values())
+
+
+def with_believed_load(run: MeasuredRun) -> MeasuredRun:
+    """The run as one of a bench, with a load to start from, where the sidecar says that its load is not known."""
+    if "load" not in (run.meta.get("unknown") or []):
+        return run
+    return dataclasses.replace(run, robot="bench", robot_params={**BELIEVED, **run.robot_params})
