@@ -1,6 +1,6 @@
 """What moves: robots, their tasks, and the batch engine that steps them.
 
-Importing this package registers ``SeaLegs/Hopper-v0`` and ``SeaLegs/Bench-v0`` with Gymnasium.
+Importing this package registers ``SeaLegs/Hopper-v0`` and the other robots' environments with Gymnasium.
 """
 
 from __future__ import annotations
@@ -11,6 +11,7 @@ import gymnasium as gym
 _ENVIRONMENTS = {
     "SeaLegs/Hopper-v0": ("envs.hopper.env:Hopper", 500),
     "SeaLegs/Bench-v0": ("envs.bench.env:Bench", 250),
+    "SeaLegs/Biped-v0": ("envs.biped.env:Biped", 1000),
 }
 
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from pathlib import Path
 
 import mujoco
@@ -59,6 +59,8 @@ class Robot:
         goal_limits: lowest and highest goal of each coordinate [rad], from a value for every number.
         chains: chain that drives each coordinate unless another is asked for.
         build: makes the specification from a value for every number.
+        words: what a word such as ``ideal`` stands for on this robot, by coordinate, where the chain of that name in
+            ``configs/actuator`` is made for robots of another size.
     """
 
     name: str
@@ -67,6 +69,7 @@ class Robot:
     goal_limits: Callable[[Mapping[str, float]], Mapping[str, tuple[float, float]]]
     chains: Mapping[str, str]
     build: Callable[[Mapping[str, float]], mujoco.MjSpec]
+    words: Mapping[str, Mapping[str, str]] = field(default_factory=dict)
 
     @property
     def limits(self) -> Mapping[str, tuple[float, float]]:
@@ -104,8 +107,8 @@ class Robot:
         """A chain for every coordinate.
 
         Args:
-            actuator: one chain for all, or chains by coordinate, the others keeping the robot's own; None: the
-                robot's own for all.
+            actuator: one chain for all, a word of the robot's own, or chains by coordinate, the others keeping the
+                robot's own; None: the robot's own for all.
 
         Raises:
             RobotError: a coordinate that the robot does not have.
@@ -113,6 +116,8 @@ class Robot:
         names = [item.name for item in self.coordinates]
         if actuator is None:
             return dict(self.chains)
+        if isinstance(actuator, str) and actuator in self.words:
+            return dict(self.words[actuator])
         if not isinstance(actuator, Mapping):
             return dict.fromkeys(names, actuator)
         for name in actuator:

@@ -101,8 +101,8 @@ are the same. The paper took it from CAD, with radii that it does not print."""
 
 ENCODER = 2048  # steps per turn of a motor, assumed
 TORQUE_LIMIT = {ANGLE: 8.0, SHAPE: 16.0}  # [N.m] of the motors, assumed: twice what walking needs (section IV-C)
-STIFFNESS = {ANGLE: 600.0, SHAPE: 2000.0}  # [N.m/rad] at the leg, assumed: of the host's position loop
-DAMPING = {ANGLE: 30.0, SHAPE: 50.0}  # [N.m.s/rad] at the leg, assumed
+STIFFNESS = {ANGLE: 850.0, SHAPE: 7100.0}  # [N.m/rad] at the leg, assumed: gains of the hopping controller
+DAMPING = {ANGLE: 60.0, SHAPE: 250.0}  # [N.m.s/rad] at the leg, likewise
 
 
 def transmission(name: str) -> list[dict[str, Any]]:

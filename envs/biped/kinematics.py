@@ -24,14 +24,19 @@ TURNED = np.array(
 
 def segments(pitch: np.ndarray | float, link: np.ndarray) -> np.ndarray:
     """Absolute angles of the segments (..., 5) [rad] from the torso's pitch (...) and leg coordinates (..., 4)."""
-    return np.concatenate([np.asarray(pitch, float)[..., None], link], axis=-1) @ TURNED.T
+    pitch = np.asarray(pitch, float)
+    left, right = (pitch + link[..., 0], link[..., 1]), (pitch + link[..., 2], link[..., 3])
+    return np.stack([pitch, *(angle + sign * shape for angle, shape in (left, right) for sign in (1.0, -1.0))], axis=-1)
 
 
 def place(point: np.ndarray, angles: np.ndarray) -> np.ndarray:
     """Position from the hip, forward and up (..., 2) [m], of a point (5, 2) at segment angles (..., 5)."""
     sine, cosine = np.sin(angles), np.cos(angles)
-    forward, up = point.T
-    return np.stack([cosine @ forward - sine @ up, sine @ forward + cosine @ up], axis=-1)
+    total = np.zeros((*angles.shape[:-1], 2))
+    for segment, (forward, up) in enumerate(point):  # in one order at any batch size: equal simulations stay equal
+        total[..., 0] += cosine[..., segment] * forward - sine[..., segment] * up
+        total[..., 1] += sine[..., segment] * forward + cosine[..., segment] * up
+    return total
 
 
 def centre_of_mass(values: Mapping[str, float]) -> np.ndarray:

@@ -46,6 +46,6 @@ NUMBERS = {
     "contact_low": Number(0.747, "-", f"assumed: {_FITTED}; impedance at touch", 0.01, 0.999),
     "contact_high": Number(0.926, "-", f"assumed: {_FITTED}; impedance within", 0.01, 0.999),
     "contact_width": Number(0.0045, "m", f"assumed: {_FITTED}; depth over which it rises", 1e-4, 0.1),
-    "leg_angle": Number(0.262, "rad", "assumed: legs 30 degrees apart, as delta_LA of seed 003, (46)", 0.0, 1.0),
-    "leg_shape": Number(0.2094, "rad", "seed 003, (46): eta_LS of 12 degrees", 0.02, 1.0),
+    "leg_angle": Number(0.262, "rad", "assumed: between the legs as a task starts", 0.0, 1.0),
+    "leg_shape": Number(0.2094, "rad", "seed 003, (46): eta_LS of 12 degrees; as a task starts", 0.02, 1.0),
 }

@@ -70,7 +70,7 @@ def build(values: Mapping[str, float]) -> mujoco.MjSpec:
     floor.priority = 1  # its friction and its softness count, whatever meets it
     floor.solref = (values["contact_time"], values["contact_damping"])
     floor.solimp = (values["contact_low"], values["contact_high"], values["contact_width"], 0.5, 2.0)
-    height = float(hip_height(values, values["leg_angle"], values["leg_shape"]))
+    height = float(hip_height(values, 0.5 * values["leg_angle"], values["leg_shape"]))
     boom = spec.worldbody.add_body(name=BOOM, pos=(0.0, 0.0, height))
     slide = mujoco.mjtJoint.mjJNT_SLIDE
     boom.add_joint(name="hip_x", type=slide, axis=(1.0, 0.0, 0.0))
@@ -162,11 +162,20 @@ def _coordinates() -> tuple[DrivenCoordinate, ...]:
     return tuple(rows)
 
 
+def _words() -> dict[str, dict[str, str]]:
+    """Chains by word; ``mabel`` is what the robot has anyway."""
+    names = {item.name: item.name.partition("_")[2] for item in _coordinates()}
+    kinds = ("ideal", "regression", "net")
+    words = {word: {name: f"mabel_{word}_{kind}" for name, kind in names.items()} for word in kinds}
+    return words | {"mabel": {name: f"mabel_{name}" for name in names}}
+
+
 BIPED = Robot(
     name="biped",
     numbers=NUMBERS,
     coordinates=_coordinates(),
     goal_limits=goal_limits,
-    chains={item.name: f"mabel_{item.name}" for item in _coordinates()},
+    chains=_words()["mabel"],
     build=build,
+    words=_words(),
 )

@@ -1,0 +1,176 @@
+"""The biped as Gymnasium environments."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from typing import Any
+
+from envs.biped.task import BipedTask
+from envs.robot import ChainSource
+from envs.single import SingleEnv
+from envs.vector import BatchVectorEnv
+
+
+class BipedEnv(SingleEnv):
+    r"""
+    ## Description
+    MABEL, the planar biped of seed 003 ("Identification of a Bipedal Robot with a Compliant Drivetrain"): 1 m tall at
+    the hip, 58 kg, held upright sideways by a boom. Cable differentials let one motor of each leg drive its angle and
+    one its shape (half the bend of the knee); the shape acts through a unilateral spring, and all four cables stretch.
+    The task is to walk or to hop forward at a commanded speed. What drives the legs is one word, `actuator`.
+
+    ## Action Space
+    The action space is a `Box(-1, 1, (4,), float32)`: position goals of the motors, in leg coordinates. They go through
+    the actuation chain (position loop, amplifier, motor, friction, spring, cable) inside the physics engine.
+
+    | Num | Action                   | Min | Max | Goal at -1 | Goal at 1 | Coordinate         | Type (Unit)  |
+    |-----|--------------------------|-----|-----|------------|-----------|--------------------|--------------|
+    | 0   | Goal of left leg angle   | -1  | 1   | -0.6       | 0.6       | `left_leg_angle`   | angle (rad)  |
+    | 1   | Goal of left leg shape   | -1  | 1   | 0.0        | 0.6       | `left_leg_shape`   | angle (rad)  |
+    | 2   | Goal of right leg angle  | -1  | 1   | -0.6       | 0.6       | `right_leg_angle`  | angle (rad)  |
+    | 3   | Goal of right leg shape  | -1  | 1   | 0.0        | 0.6       | `right_leg_shape`  | angle (rad)  |
+
+    Angles are counter-clockwise for a viewer who has forward to the right. A leg angle is the mean of thigh and shin
+    against the torso, zero where the leg hangs down; a leg shape is half their difference, zero where the leg is
+    straight.
+
+    ## Observation Space
+    The observation space is a `Box(-Inf, Inf, (28,), float32)` of what the computer on the robot knows.
+
+    | Num | Observation                  | Source                                                           | Unit  |
+    |-----|------------------------------|------------------------------------------------------------------|-------|
+    | 0   | commanded speed              | command                                                          | m/s   |
+    | 1   | height of the hip            | encoder of the boom, ideal                                       | m     |
+    | 2   | pitch of the torso           | encoder of the boom, ideal                                       | rad   |
+    | 3   | left leg angle               | joint encoders, ideal                                            | rad   |
+    | 4   | left leg shape               | joint encoders, ideal                                            | rad   |
+    | 5   | right leg angle              | joint encoders, ideal                                            | rad   |
+    | 6   | right leg shape              | joint encoders, ideal                                            | rad   |
+    | 7   | motor of left leg angle      | motor encoder of the chain: its ticks, offset, scale and latency | rad   |
+    | 8   | motor of left leg shape      | as 7                                                             | rad   |
+    | 9   | motor of right leg angle     | as 7                                                             | rad   |
+    | 10  | motor of right leg shape     | as 7                                                             | rad   |
+    | 11  | forward speed of the hip     | boom, ideal                                                      | m/s   |
+    | 12  | upward speed of the hip      | boom, ideal                                                      | m/s   |
+    | 13  | pitch speed of the torso     | boom, ideal                                                      | rad/s |
+    | 14  | speed of left leg angle      | difference of 3 over the last control step                       | rad/s |
+    | 15  | speed of left leg shape      | difference of 4                                                  | rad/s |
+    | 16  | speed of right leg angle     | difference of 5                                                  | rad/s |
+    | 17  | speed of right leg shape     | difference of 6                                                  | rad/s |
+    | 18  | speed of left angle motor    | difference of 7                                                  | rad/s |
+    | 19  | speed of left shape motor    | difference of 8                                                  | rad/s |
+    | 20  | speed of right angle motor   | difference of 9                                                  | rad/s |
+    | 21  | speed of right shape motor   | difference of 10                                                 | rad/s |
+    | 22  | switch of left foot          | 1 where the sole is less than 2 mm over the floor                | -     |
+    | 23  | switch of right foot         | as 22                                                            | -     |
+    | 24  | last action, left angle      | memory                                                           | -     |
+    | 25  | last action, left shape      | memory                                                           | -     |
+    | 26  | last action, right angle     | memory                                                           | -     |
+    | 27  | last action, right shape     | memory                                                           | -     |
+
+    Motors are read in leg coordinates, over their gear ratios. With a chain without springs (`ideal`), motor and link
+    are one.
+
+    ## Rewards
+    The reward is ***forward + alive + gait + upright - energy***; `info` holds each term.
+
+    - *reward_forward*: $w_{forward} \max(1 - |v - v_{cmd}| / \max(|v_{cmd}|, 0.2), -1)$ with the forward speed $v$ of
+      the hip.
+    - *reward_alive*: `alive_weight` in every step.
+    - *reward_gait*: $w_{gait}$ times a height over 0.05 m, between 0 and 1: where `hopping` is 1, that of the lower
+      foot; where it is 0 (walking), how much higher one foot is than the other.
+    - *reward_upright*: $w_{upright} \cos 2 p$ with the torso's pitch $p$.
+    - *reward_energy*: $-w_{energy} \sum |\tau \omega|$ of the motors [W].
+
+    `info` also holds `net_out_of_range` (samples in this episode for which an actuator net was asked for motion that it
+    never saw in training) and `unstable` (the physics engine gave up; the episode ends).
+
+    ## Starting State
+    Standing with the legs 15 degrees apart (`leg_angle` of `params`, half to each side) and bent by 12 degrees
+    (`leg_shape`), motors and links together, the lower foot up to `start_noise` m above the floor. Angles [rad] and
+    forward speed [m/s] have uniform noise of $\pm$ `start_noise`. The commanded speed is drawn where `speed` is a range.
+    Then `randomization` is drawn.
+
+    ## Episode End
+    ### Termination
+    The hip sinks below `healthy_height`, the torso pitches further than `healthy_pitch`, or the simulation is unstable.
+
+    ### Truncation
+    After 1000 steps (20 s).
+
+    ## Arguments
+
+    | Parameter         | Type                | Default    | Description |
+    |-------------------|---------------------|------------|-------------------------------------------------------------|
+    | `actuator`        | str, list or dict   | `None`     | `ideal`, `regression`, `net`, `mabel`, or a chain: a name in `configs/actuator`, a path, stages, or one of these by coordinate; `None`: `mabel` |
+    | `randomization`   | dict or path        | `None`     | what every episode draws anew, see `envs/randomization.py` |
+    | `params`          | dict                | `None`     | numbers of the robot, see `envs/biped/parameters.py` |
+    | `control_rate`    | float               | `50.0`     | actions per second [Hz] |
+    | `speed`           | float or (low, high) | `0.6`     | commanded speed, or the range it is drawn from [m/s] |
+    | `hopping`         | float               | `0.0`      | 0: walk; 1: hop with both legs |
+    | `forward_weight`  | float               | `1.0`      | see Rewards |
+    | `alive_weight`    | float               | `0.5`      | see Rewards |
+    | `gait_weight`     | float               | `0.5`      | see Rewards |
+    | `upright_weight`  | float               | `0.5`      | see Rewards |
+    | `energy_weight`   | float               | `3e-4`     | see Rewards [1/W] |
+    | `healthy_height`  | float               | `0.65`     | lowest height of the hip [m] |
+    | `healthy_pitch`   | float               | `0.7`      | largest pitch of the torso [rad] |
+    | `start_noise`     | float               | `0.03`     | see Starting State |
+    | `width`, `height` | int                 | `640, 480` | of the picture [px] |
+
+    `gymnasium.make_vec("SeaLegs/Biped-v0", num_envs=64)` steps the simulations on all cores and starts new episodes in
+    the same step; `envs.sb3.BatchVecEnv` does so for Stable-Baselines3. All three move bit for bit alike for equal
+    seeds.
+
+    ## Version History
+    * v0: initial version.
+    """  # noqa: E501
+
+    task = BipedTask
+
+    def __init__(
+        self,
+        actuator: ChainSource | Mapping[str, ChainSource] | None = None,
+        randomization: Mapping[str, Any] | str | None = None,
+        params: Mapping[str, float] | None = None,
+        control_rate: float = 50.0,
+        speed: float | Sequence[float] = BipedTask.speed,
+        hopping: float = BipedTask.hopping,
+        forward_weight: float = BipedTask.forward_weight,
+        alive_weight: float = BipedTask.alive_weight,
+        gait_weight: float = BipedTask.gait_weight,
+        upright_weight: float = BipedTask.upright_weight,
+        energy_weight: float = BipedTask.energy_weight,
+        healthy_height: float = BipedTask.healthy_height,
+        healthy_pitch: float = BipedTask.healthy_pitch,
+        start_noise: float = BipedTask.start_noise,
+        render_mode: str | None = None,
+        width: int = 640,
+        height: int = 480,
+    ) -> None:
+        """Build the environment; the class documents the arguments."""
+        super().__init__(
+            render_mode,
+            width,
+            height,
+            actuator=actuator,
+            randomization=randomization,
+            params=params,
+            control_rate=control_rate,
+            speed=speed,
+            hopping=hopping,
+            forward_weight=forward_weight,
+            alive_weight=alive_weight,
+            gait_weight=gait_weight,
+            upright_weight=upright_weight,
+            energy_weight=energy_weight,
+            healthy_height=healthy_height,
+            healthy_pitch=healthy_pitch,
+            start_noise=start_noise,
+        )
+
+
+class BipedVectorEnv(BatchVectorEnv):
+    """Many :class:`BipedEnv` side by side, with the same arguments."""
+
+    task = BipedTask

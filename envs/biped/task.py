@@ -1,0 +1,118 @@
+"""Walk or hop at a commanded speed."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from actuators import Drivetrain
+from envs.biped.drive import ANGLE, SHAPE
+from envs.biped.kinematics import feet, place, segments
+from envs.biped.parameters import SIDES
+from envs.biped.robot import BIPED, coordinate
+from envs.task import Motion, Task
+
+SLOWEST = 0.2  # [m/s] below this, errors of speed count in absolute terms
+HIGH = 0.05  # [m] of a foot over the floor, where the reward for lifting it is full
+TOUCH = 2e-3  # [m] under which the switch of a foot says that it is on the floor
+FORWARD, UP, PITCH = 0, 1, 2  # qpos and qvel of the torso
+
+
+@dataclass(frozen=True)
+class BipedTask(Task):
+    """Weights and ranges of the biped's task; the table in :class:`envs.biped.env.BipedEnv` explains them."""
+
+    speed: float | Sequence[float] = 0.6
+    hopping: float = 0.0
+    forward_weight: float = 1.0
+    alive_weight: float = 0.5
+    gait_weight: float = 0.5
+    upright_weight: float = 0.5
+    energy_weight: float = 3e-4
+    healthy_height: float = 0.65
+    healthy_pitch: float = 0.7
+    start_noise: float = 0.03
+
+    robot = BIPED
+    draws = 8
+    ranges = ("speed",)
+
+    def observation_names(self) -> tuple[str, ...]:
+        names = [f"{side} leg {kind}" for side in SIDES for kind in ("angle", "shape")]
+        return (
+            "commanded speed [m/s]",
+            "hip height [m]",
+            "torso pitch [rad]",
+            *(f"{name} [rad]" for name in names),
+            *(f"{name} motor reading [rad]" for name in names),
+            "forward speed [m/s]",
+            "upward speed [m/s]",
+            "torso pitch speed [rad/s]",
+            *(f"{name} speed [rad/s]" for name in names),
+            *(f"{name} motor speed [rad/s]" for name in names),
+            *(f"{side} foot switch" for side in SIDES),
+            *(f"last {name} action" for name in names),
+        )
+
+    def commands(self, random: np.ndarray) -> np.ndarray:
+        low, high = self.speed if isinstance(self.speed, Sequence) else (self.speed, self.speed)
+        return low + random[:, :1] * (high - low)
+
+    def place(
+        self,
+        drivetrain: Drivetrain,
+        numbers: Mapping[str, float],
+        random: np.ndarray,
+        qpos: np.ndarray,
+        qvel: np.ndarray,
+    ) -> np.ndarray:
+        noise = self.start_noise * (2.0 * random[:, 1:] - 1.0)
+        half = 0.5 * numbers["leg_angle"]
+        rest = np.array([-half, numbers["leg_shape"], half, numbers["leg_shape"]])
+        goals = rest + noise[:, :4]
+        for column, side in ((0, SIDES[0]), (2, SIDES[1])):
+            drivetrain.set_position(coordinate(side, SHAPE), qpos, goals[:, column + 1])
+            drivetrain.set_position(coordinate(side, ANGLE), qpos, goals[:, column])
+        qpos[:, PITCH] = noise[:, 4]
+        lowest = _soles(numbers, np.zeros(len(qpos)), qpos[:, PITCH], goals).min(axis=1)
+        qpos[:, UP] = np.abs(noise[:, 5]) - lowest  # dropped from a little above the floor
+        qvel[:, FORWARD] = noise[:, 6]
+        return goals
+
+    def observe(self, motion: Motion) -> tuple[np.ndarray, ...]:
+        m = motion
+        base, switches = m.qvel[:, : PITCH + 1], (_clearance(m) < TOUCH).astype(float)
+        links, readings = (m.link, m.reading), (m.link_speed, m.reading_speed)
+        return m.command, m.qpos[:, UP : PITCH + 1], *links, base, *readings, switches, m.action
+
+    def rewards(self, motion: Motion) -> dict[str, np.ndarray]:
+        speed, wanted = motion.qvel[:, FORWARD], motion.command[:, 0]
+        error = np.abs(speed - wanted) / np.maximum(np.abs(wanted), SLOWEST)
+        clearance = np.clip(_clearance(motion) / HIGH, 0.0, 1.0)
+        lower, higher = clearance.min(axis=1), clearance.max(axis=1)
+        gait = self.hopping * lower + (1.0 - self.hopping) * (higher - lower)
+        power = np.abs(motion.torque * motion.motor_speed).sum(axis=1)
+        return {
+            "reward_forward": self.forward_weight * np.maximum(1.0 - error, -1.0),
+            "reward_alive": np.full(len(speed), self.alive_weight),
+            "reward_gait": self.gait_weight * gait,
+            "reward_upright": self.upright_weight * np.cos(2.0 * motion.qpos[:, PITCH]),
+            "reward_energy": -self.energy_weight * power,
+        }
+
+    def failed(self, motion: Motion) -> np.ndarray:
+        fallen = motion.qpos[:, UP] < self.healthy_height
+        return fallen | (np.abs(motion.qpos[:, PITCH]) > self.healthy_pitch)
+
+
+def _soles(numbers: Mapping[str, float], height: np.ndarray, pitch: np.ndarray, link: np.ndarray) -> np.ndarray:
+    """Heights of both soles over the floor (n, 2) [m]."""
+    angles = segments(pitch, link)
+    ends = [place(end, angles)[:, 1] for end in feet(numbers)]
+    return np.stack(ends, axis=1) + (height - numbers["foot_radius"])[:, None]
+
+
+def _clearance(motion: Motion) -> np.ndarray:
+    return _soles(motion.numbers, motion.qpos[:, UP], motion.qpos[:, PITCH], motion.link)
