@@ -60,7 +60,7 @@ def build(config: dict[str, Any]) -> Server:
         cycle=numbers["cycle"],
         latency=numbers["latency"],
         link=Path(config["link"]) if config["link"] is not None else None,
-        until_closed=0 if checked("end_with_parent", config["end_with_parent"], bool) else None,
+        linger=checked("linger", config["linger"], float | None),
     )
 
 

@@ -10,6 +10,7 @@ from typing import Any
 from actuators.errors import SealegsError
 from hw.virtual.control import Control
 
+LINGER = 5.0  # [s] that the servos outlive a killed parent
 CHECKOUT = Path(__file__).resolve().parents[2]
 
 
@@ -30,7 +31,7 @@ class VirtualBus:
         Raises:
             SealegsError: what the process said in refusing its arguments.
         """
-        arguments = [f"{key}={_written(value)}" for key, value in {"end_with_parent": True, **keys}.items()]
+        arguments = [f"{key}={_written(value)}" for key, value in {"linger": LINGER, **keys}.items()]
         self._process = subprocess.Popen(
             [sys.executable, "-m", "hw.virtual", *arguments],
             cwd=CHECKOUT,

@@ -130,8 +130,13 @@ class Machine:
         self._drives[joint] = drive
         name = self.names[joint]
         self.drivetrain.set_chain(self.model, name, _driven(self._base[name], drive))
-        if drive.connected and not before.connected:
-            self._states[joint][S_READY] = 0.0  # the controller starts afresh
+        if drive.connected and not before.connected:  # the controller starts afresh, where the joint is
+            actuator = self._actuators[joint]
+            goal = self.data.ctrl[actuator]
+            self._states[joint][S_READY] = 0.0
+            self.data.ctrl[actuator] = self.reading(joint)
+            mujoco.mj_forward(self.model, self.data)
+            self.data.ctrl[actuator] = goal
 
     def position(self, joint: int) -> float:
         """Position of a joint's motor side, or of an encoder that drives nothing [rad], true."""

@@ -19,7 +19,6 @@ from hw.virtual.terminal import Terminal
 from hw.virtual.wire import Wire
 
 IDLE = 0.005  # [s] after which the machine moves on though nobody asks
-LINGER = 5.0  # [s] that the servos outlive the process that started them
 
 
 class Server:
@@ -33,7 +32,7 @@ class Server:
         cycle: float = 0.01,
         latency: float = 0.0,
         link: Path | None = None,
-        until_closed: int | None = None,
+        linger: float | None = None,
     ) -> None:
         """Open port and control socket.
 
@@ -43,7 +42,7 @@ class Server:
             cycle: in stepped time, every SYNC_READ waits for the next multiple of this [s]; 0: it does not.
             latency: of the adapter, on every reply [s].
             link: fixed name of the port.
-            until_closed: descriptor whose closing by the other side ends the server, a while later.
+            linger: end so long after the standard input is closed [s]; None: do not look at it.
         """
         self.wire, self.stepped, self.cycle, self.latency = wire, stepped, cycle, latency
         self._link = link
@@ -54,7 +53,8 @@ class Server:
         self._sequence = 0
         self._stepped_now = 0.0
         self._start = time.monotonic()
-        self._parent = until_closed
+        self._linger = linger
+        self._parent = sys.stdin.fileno() if linger is not None else None
         self._end: float | None = None
         self._running = True
 
@@ -97,8 +97,8 @@ class Server:
         ready, _, _ = select.select(readers, [], [], self._pause())
         if self._terminal is not None and self._terminal.master in ready:
             self._receive()
-        if self._parent in ready and not os.read(self._parent or 0, 64):
-            self._parent, self._end = None, time.monotonic() + LINGER
+        if self._parent is not None and self._parent in ready and not os.read(self._parent, 64):
+            self._parent, self._end = None, time.monotonic() + (self._linger or 0.0)
         self._control.serve(ready, self._command)
         if self._end is not None and time.monotonic() > self._end:
             self.stop()
@@ -109,7 +109,7 @@ class Server:
 
     def _pause(self) -> float:
         if self.stepped:
-            return 0.5
+            return 0.1
         if not self._outgoing:
             return IDLE
         return min(max(self._outgoing[0][0] - self.now(), 0.0), IDLE)

@@ -1,0 +1,252 @@
+"""Every fault of wire, adapter and servos has its name, spoils no reading, and keeps no servo from being released."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from hw.bus import ServoBus
+from hw.packets import (
+    CorruptReplyError,
+    EchoError,
+    NoReplyError,
+    OverheatFault,
+    OverloadFault,
+    ReplyError,
+    ShortReplyError,
+    UnpluggedError,
+    VoltageFault,
+)
+from hw.virtual.control import Control
+from hw.virtual.faults import FaultError, fault_from, read_faults
+from hw.virtual.server import Server
+from tests.served_bus import served
+
+IDS = [1, 2]
+TIMEOUT = 0.15  # [s]
+
+
+class Rigged:
+    """A bus whose servos can be spoilt."""
+
+    def __init__(self, server: Server) -> None:
+        self.server = server
+        self.control = Control(server.control)
+        self.bus = ServoBus(server.port, timeout=TIMEOUT, retries=2)
+
+    def fault(self, kind: str, **values: Any) -> None:
+        self.control.order("fault", kind=kind, **values)
+
+    def torque(self) -> list[bool]:
+        return [row["torque"] for row in self.control.order("status")["servos"].values()]
+
+
+@pytest.fixture
+def rigged() -> Iterator[Rigged]:
+    with served() as server:
+        found = Rigged(server)
+        yield found
+        found.bus.close()
+        found.control.close()
+
+
+def position(rigged: Rigged, joint: int) -> float:
+    return rigged.server.wire.rig.machine.position(joint)
+
+
+# --- replies -----------------------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize(
+    ("kind", "error"), [("drop", NoReplyError), ("short", ShortReplyError), ("corrupt", CorruptReplyError)]
+)
+def test_one_spoilt_reply_is_named_and_cured_by_another_try(rigged: Rigged, kind, error):
+    rigged.fault(kind, servos=[2], count=1)
+    state = rigged.bus.read_state(IDS)
+    assert state.position == pytest.approx([position(rigged, 0), position(rigged, 1)], abs=1e-3)
+    assert rigged.bus.counts == {error.__name__: 1}
+    ((_, noted),) = rigged.bus.events
+    assert isinstance(noted, error)
+    assert noted.servos == (2,)
+
+
+@pytest.mark.parametrize(("kind", "error"), [("drop", NoReplyError), ("short", ShortReplyError)])
+def test_a_spoilt_reply_without_another_try_is_an_error(rigged: Rigged, kind, error):
+    rigged.fault(kind, servos=[2], count=1)
+    with pytest.raises(error, match="servo 2 on"):
+        rigged.bus.read_state(IDS, retries=0)
+    assert rigged.bus.read_state(IDS, retries=0).ids == (1, 2)
+
+
+def test_no_flipped_bit_is_ever_taken_for_a_reading(rigged: Rigged):
+    rigged.bus.line.port.reply_timeout = 0.02
+    rigged.fault("corrupt", probability=0.5)
+    read = 0
+    for _ in range(60):
+        try:
+            state = rigged.bus.read_state(IDS, retries=0)
+        except ReplyError:
+            continue
+        read += 1
+        assert state.position == pytest.approx([position(rigged, 0), position(rigged, 1)], abs=0.05)
+    assert 0 < read < 40
+
+
+def test_a_silent_servo_is_named_within_the_timeout_and_the_others_are_released(rigged: Rigged):
+    rigged.bus.torque_on(IDS)
+    rigged.fault("silence", servos=[2])
+    begin = time.monotonic()
+    with pytest.raises(NoReplyError, match=r"servo 2 on .* did not answer") as caught:
+        rigged.bus.read_state(IDS, retries=0)
+    assert TIMEOUT <= time.monotonic() - begin < TIMEOUT + 1.0
+    assert caught.value.servos == (2,)
+    failed = rigged.bus.torque_off(IDS)
+    assert set(failed) == {2}
+    assert isinstance(failed[2], NoReplyError)
+    assert rigged.torque() == [False, True]
+    rigged.control.order("clear")
+    assert rigged.bus.torque_off(IDS) == {}
+    assert rigged.torque() == [False, False]
+
+
+def test_a_reply_that_is_lost_at_torque_off_keeps_no_torque_on(rigged: Rigged):
+    rigged.bus.torque_on(IDS)
+    rigged.fault("drop", probability=0.3)
+    rigged.bus.torque_off(IDS)
+    assert rigged.torque() == [False, False]
+
+
+# --- late replies ------------------------------------------------------------------------------------------------
+
+
+def test_a_late_reply_is_not_taken_for_the_next_answer(rigged: Rigged):
+    rigged.fault("late", servos=[1], count=1, delay=0.05)
+    with pytest.raises(NoReplyError):
+        rigged.bus.line.transact([1], 2, [56, 2], 2)  # READ of the position, 2 bytes
+    rigged.control.order("advance", seconds=0.1)  # it comes now, and waits in the host's buffer
+    assert rigged.bus.read_register(1, "model_number") == 777
+
+
+def test_a_late_reply_after_the_next_question_has_another_length(rigged: Rigged):
+    rigged.fault("late", servos=[1], count=1, delay=0.005)
+    with pytest.raises(NoReplyError):
+        rigged.bus.read_state([1], retries=0)
+    with pytest.raises(ShortReplyError):  # it comes behind this question, in front of its answer
+        rigged.bus.read_state([1], retries=0)
+    state = rigged.bus.read_state([1], retries=0)
+    assert state.position[0] == pytest.approx(position(rigged, 0), abs=1e-3)
+
+
+def test_bytes_left_over_are_noted_as_stale(rigged: Rigged):
+    rigged.bus.read_state(IDS)
+    assert rigged.server._terminal is not None
+    rigged.server._terminal.write(b"\xff\xff\x01\x04\x00\x00\x08\xf2")
+    time.sleep(0.05)
+    assert rigged.bus.read_register(1, "model_number") == 777
+    assert rigged.bus.counts == {"StaleReplyError": 1}
+
+
+# --- adapter -----------------------------------------------------------------------------------------------------
+
+
+def test_an_unplugged_adapter_is_named_and_ends_the_bus(rigged: Rigged):
+    rigged.bus.torque_on(IDS)
+    rigged.fault("unplug")
+    with pytest.raises(UnpluggedError, match="is gone"):
+        rigged.bus.read_state(IDS)
+    with pytest.raises(UnpluggedError):
+        rigged.bus.write_goals(IDS, [0.0, 0.0])
+    failed = rigged.bus.torque_off(IDS)
+    assert {type(error) for error in failed.values()} == {UnpluggedError}
+    assert rigged.torque() == [True, True]  # nobody can reach them: they hold what they were told last
+    rigged.bus.close()
+    port = rigged.control.order("clear")["port"]
+    with ServoBus(port, timeout=TIMEOUT) as bus:
+        assert bus.torque_off(IDS) == {}
+    assert rigged.torque() == [False, False]
+
+
+def test_an_adapter_that_echoes_is_refused_at_once_and_later(rigged: Rigged):
+    rigged.fault("echo")
+    with pytest.raises(EchoError, match="returns what is sent"):
+        rigged.bus.read_register(1, "present_position")
+    rigged.bus.close()
+    with pytest.raises(EchoError):
+        ServoBus(rigged.server.port)
+    rigged.control.order("clear")
+    with ServoBus(rigged.server.port, timeout=TIMEOUT) as bus:
+        assert bus.ping(1) == 777
+
+
+# --- servos ------------------------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize(
+    ("kind", "value", "fault"),
+    [("overheat", 80, OverheatFault), ("brown_out", 3.8, VoltageFault), ("overload", None, OverloadFault)],
+)
+def test_a_servos_own_fault_comes_with_the_reading(rigged: Rigged, kind, value, fault):
+    rigged.fault(kind, servos=[2], value=value)
+    state = rigged.bus.read_state(IDS)
+    (found,) = state.faults()
+    assert isinstance(found, fault)
+    assert found.servos == (2,)
+    assert str(found).startswith("servo 2 ")
+
+
+def test_a_reply_of_a_servo_with_a_fault_is_a_reply(rigged: Rigged):
+    rigged.fault("brown_out", value=3.8)
+    assert rigged.bus.ping(1) == 777  # its PING reply is, byte for byte, the request
+    rigged.bus.torque_on(IDS)
+    assert rigged.bus.torque_off(IDS) == {}
+    assert rigged.bus.status[1] == 1
+
+
+def test_an_overload_is_cleared_by_the_documented_sequence(rigged: Rigged):
+    rigged.bus.torque_on(IDS)
+    rigged.fault("overload", servos=[1])
+    assert len(rigged.bus.read_state(IDS).faults()) == 1
+    rigged.bus.recover(IDS)
+    assert rigged.bus.read_state(IDS).faults() == []
+    assert rigged.torque() == [True, True]
+
+
+def test_servos_that_restart_after_a_brown_out_come_back_without_torque(rigged: Rigged):
+    rigged.bus.torque_on(IDS)
+    rigged.fault("brown_out", value=2.0, seconds=0.1)
+    rigged.control.order("advance", seconds=0.2)
+    with pytest.raises(NoReplyError):
+        rigged.bus.read_state(IDS, retries=0)
+    assert rigged.torque() == [False, False]
+    rigged.control.order("advance", seconds=1.0)
+    assert rigged.bus.read_register(1, "torque_enable") == 0
+
+
+# --- files of faults ---------------------------------------------------------------------------------------------
+
+
+def test_faults_of_a_file_come_at_their_time(tmp_path: Path):
+    path = tmp_path / "faults.yaml"
+    path.write_text("- {kind: drop, servos: 2, at: 1.0, seconds: 0.5}\n- {kind: overheat, value: 75}\n")
+    drop, hot = read_faults(path)
+    assert [drop.active(now) for now in (0.9, 1.0, 1.4, 1.6)] == [False, True, True, False]
+    assert (drop.servos, hot.value, hot.active(99.0)) == ((2,), 75, True)
+
+
+@pytest.mark.parametrize(
+    ("row", "words"),
+    [
+        ({"kind": "dorp"}, "did you mean 'drop'"),
+        ({"kind": "drop", "servo": 1}, "did you mean 'servos'"),
+        ({"kind": "drop", "at": "soon"}, "takes a number as 'at'"),
+        ({"kind": "drop", "servos": ["x"]}, "cannot be read"),
+        ("drop", "a mapping"),
+    ],
+)
+def test_a_wrong_fault_is_refused_in_a_sentence(row, words):
+    with pytest.raises(FaultError, match=words):
+        fault_from(row)

@@ -1,0 +1,293 @@
+"""The bus reads, commands and sets up servos, and says in a sentence what it cannot do."""
+
+from __future__ import annotations
+
+import math
+import threading
+from collections.abc import Iterator
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from hw.bus import ServoBus
+from hw.packets import (
+    ClosedError,
+    ConfigurationError,
+    CorruptReplyError,
+    NoReplyError,
+    PortBusyError,
+    PortError,
+    RegisterError,
+    WrongModelError,
+)
+from hw.registers import load_model, model_names
+from hw.virtual.server import Server
+from tests.served_bus import served
+
+STEP = 2.0 * math.pi / 4096
+IDS = [1, 2]
+TIMEOUT = 0.3  # [s]; other programs may hold the machine for longer than a servo would take
+
+
+@pytest.fixture
+def server() -> Iterator[Server]:
+    with served() as found:
+        yield found
+
+
+@pytest.fixture
+def bus(server: Server) -> Iterator[ServoBus]:
+    with ServoBus(server.port, timeout=TIMEOUT) as found:
+        yield found
+
+
+# --- registers ---------------------------------------------------------------------------------------------------
+
+
+def test_signs_are_a_bit_of_their_own_and_not_twos_complement():
+    model = load_model("sts3215")
+    assert model["goal_position"].to_bytes(-5) == bytes((5, 0x80))
+    assert model["homing_offset"].encode(-2047) == 0b1111_1111_1111
+    assert model["present_load"].decode(1 << 10 | 300) == -300
+    assert model["present_temperature"].decode(200) == 200
+    for register in model.registers.values():
+        if register.area != "read" and register.low < 0:
+            for count in (register.low, -1, 0, register.high):
+                assert register.decode(register.encode(count)) == count
+
+
+@pytest.mark.parametrize("name", model_names())
+def test_registers_of_a_table_do_not_overlap(name):
+    model = load_model(name)
+    taken: dict[int, str] = {}
+    for register in model.registers.values():
+        for at in range(register.address, register.address + register.bytes):
+            assert at not in taken, f"{register.name} and {taken[at]}"
+            taken[at] = register.name
+        assert register.area in ("eeprom", "ram", "read")
+        assert register.area == "read" or register.low <= register.default <= register.high
+
+
+def test_an_unknown_model_or_register_is_refused_with_the_nearest_name():
+    with pytest.raises(RegisterError, match="did you mean 'sts3215'"):
+        load_model("sts3216")
+    with pytest.raises(RegisterError, match="did you mean 'goal_position'"):
+        load_model("sts3215")["goal_postion"]
+
+
+# --- who is there ------------------------------------------------------------------------------------------------
+
+
+def test_scan_finds_the_servos_and_check_is_content(bus: ServoBus):
+    assert bus.ping(2) == 777
+    assert bus.scan([1, 2]) == {1: 777, 2: 777}
+    bus.check(IDS)
+    assert bus.identity(1)["model_number"] == 777
+    assert bus.identity(2)["id"] == 2
+
+
+def test_a_missing_servo_is_named(server: Server):
+    with ServoBus(server.port, timeout=0.05, retries=0) as bus:
+        assert list(bus.scan([2, 3])) == [2]
+        with pytest.raises(NoReplyError, match=r"servo 3 on .* did not answer within 50 ms") as caught:
+            bus.read_state([1, 3, 2])
+        assert caught.value.servos == (3,)
+        assert bus.read_state(IDS).ids == (1, 2)
+
+
+def test_another_model_is_refused(server: Server):
+    with (
+        ServoBus(server.port, model="sts3250", timeout=TIMEOUT) as bus,
+        pytest.raises(WrongModelError, match="777, but a sts3250 has 2825"),
+    ):
+        bus.check(IDS)
+
+
+@pytest.mark.parametrize(
+    ("register", "count", "words"),
+    [("operating_mode", 1, "position mode"), ("phase", 28, "within one turn")],
+)
+def test_a_servo_set_up_otherwise_is_refused(bus: ServoBus, register, count, words):
+    bus.write_register(2, register, count)
+    with pytest.raises(ConfigurationError, match=words) as caught:
+        bus.check(IDS)
+    assert caught.value.servos == (2,)
+
+
+def test_two_servos_with_one_id_are_noticed():
+    with (
+        served(servos={"hip": {"id": 5}, "knee": {"id": 5, "zero": 1500}}) as server,
+        ServoBus(server.port, timeout=0.05, retries=1) as bus,
+        pytest.raises(CorruptReplyError, match="no two servos have one id"),
+    ):
+        bus.read_state([5])
+
+
+# --- cycle -------------------------------------------------------------------------------------------------------
+
+
+def test_a_reading_has_counts_and_si_units(server: Server, bus: ServoBus):
+    state = bus.read_state([2, 1])
+    machine = server.wire.rig.machine
+    assert state.ids == (2, 1)
+    assert state.position == pytest.approx([machine.position(1), machine.position(0)], abs=0.6 * STEP)
+    assert state.raw["present_position"].tolist() == np.rint(2048 + state.position / STEP).tolist()
+    assert state.voltage.tolist() == [7.4, 7.4]
+    assert state.temperature.tolist() == [25.0, 25.0]
+    assert (state.status.tolist(), state.faults()) == ([0, 0], [])
+    assert 0.0 < state.after - state.before < 10.0
+
+
+def test_current_duty_and_velocity_have_their_units_and_signs():
+    with served("bench") as server, ServoBus(server.port, timeout=TIMEOUT) as bus:
+        bus.torque_on([1])
+        bus.write_goals([1], [-0.6])
+        for _ in range(5):
+            state = bus.read_state([1])
+        machine = server.wire.rig.machine
+        assert state.velocity[0] == pytest.approx(machine.data.qvel[0], abs=1.2)
+        assert state.velocity[0] < -0.5
+        assert state.duty[0] == pytest.approx(machine.duty(0), abs=0.1)
+        for _ in range(100):
+            state = bus.read_state([1])
+        assert state.current[0] == pytest.approx(machine.current(0), abs=0.01)
+        assert state.current[0] < -0.05
+        assert state.target[0] == pytest.approx(-0.6, abs=STEP)
+
+
+def test_goals_reach_all_servos_and_stay_within_the_turn(server: Server, bus: ServoBus):
+    bus.write_goals(IDS, [0.5, -9.0])
+    assert [bus.read_register(servo, "goal_position") for servo in IDS] == [round(2048 + 0.5 / STEP), 0]
+    bus.write_goals(IDS, [0.1, 0.2], velocity=[1.0, 2.0], acceleration=10.0)
+    assert bus.read_register(2, "goal_velocity") == round(2.0 / STEP)
+    assert bus.read_register(1, "acceleration") == round(10.0 / (100 * STEP))
+    assert bus.read_register(1, "goal_position") == round(2048 + 0.1 / STEP)
+
+
+@pytest.mark.parametrize(
+    ("ids", "goals", "words"),
+    [
+        ([1, 2], [0.0, math.nan], "not a finite number"),
+        ([1, 2], [0.0], "1 goals for 2 servos"),
+        ([1, 1], [0.0, 0.0], "addressed twice"),
+        ([1, 300], [0.0, 0.0], "0 to 253"),
+        ([], [], "no servo is addressed"),
+    ],
+)
+def test_wrong_goals_are_refused(bus: ServoBus, ids, goals, words):
+    with pytest.raises(RegisterError, match=words):
+        bus.write_goals(ids, goals)
+
+
+def test_stepped_time_goes_a_period_on_with_every_reading(server: Server, bus: ServoBus):
+    bus.read_state(IDS)
+    before = server.wire.rig.time
+    for _ in range(20):
+        bus.write_goals(IDS, [0.0, 0.0])
+        bus.read_state(IDS)
+    assert server.wire.rig.time - before == pytest.approx(0.2, abs=1e-3)
+
+
+def test_several_threads_may_use_one_bus(bus: ServoBus):
+    wrong: list[str] = []
+
+    def work(servo: int) -> None:
+        for _ in range(20):
+            if bus.read_register(servo, "id") != servo or bus.read_state([servo]).ids != (servo,):
+                wrong.append(f"servo {servo}")
+
+    threads = [threading.Thread(target=work, args=(servo,)) for servo in IDS]
+    for thread in threads:
+        thread.start()
+    for thread in threads:
+        thread.join()
+    assert not wrong
+    assert not bus.counts
+
+
+# --- torque ------------------------------------------------------------------------------------------------------
+
+
+def test_switching_torque_on_moves_nothing(server: Server, bus: ServoBus):
+    bus.write_goals(IDS, [1.0, -1.0])  # where the servos would jump to
+    before = bus.read_state(IDS).position
+    bus.torque_on(IDS)
+    assert [server.wire.rig.torque(joint) for joint in (0, 1)] == [True, True]
+    assert bus.read_state(IDS).target == pytest.approx(before, abs=20 * STEP)  # the hopper falls meanwhile
+
+
+def test_switching_torque_off_reaches_every_servo(server: Server, bus: ServoBus):
+    bus.torque_on(IDS)
+    assert bus.torque_off(IDS) == {}
+    assert [server.wire.rig.torque(joint) for joint in (0, 1)] == [False, False]
+
+
+# --- set-up ------------------------------------------------------------------------------------------------------
+
+
+def test_eeprom_registers_are_unlocked_written_and_locked_again(server: Server, bus: ServoBus):
+    bus.write_register(1, "p_gain", 20)
+    bus.write_register(1, "homing_offset", -100)
+    assert bus.read_register(1, "lock") == 1
+    servo = server.wire.rig.servos[0]
+    servo.boot(server.wire.rig.time, 0.0)
+    assert (bus.read_register(1, "p_gain"), bus.read_register(1, "homing_offset")) == (20, -100)
+    assert bus.read_value(1, "min_voltage") == pytest.approx(4.0)
+
+
+@pytest.mark.parametrize(
+    ("name", "count", "words"),
+    [
+        ("present_position", 3, "read-only"),
+        ("p_gain", 300, "0 to 254, not 300"),
+        ("p_gain", 1.5, "whole numbers"),
+        ("id", 3, "use change_id"),
+        ("baud_rate", 1, "tool of the manufacturer"),
+    ],
+)
+def test_a_register_that_cannot_be_written_so_is_refused(bus: ServoBus, name, count, words):
+    with pytest.raises(RegisterError, match=words):
+        bus.write_register(1, name, count)
+
+
+def test_a_servo_gets_another_id_unless_it_is_taken(server: Server):
+    with ServoBus(server.port, timeout=0.1, retries=1) as bus:
+        with pytest.raises(ConfigurationError, match="id 2 is taken"):
+            bus.change_id(1, 2)
+        bus.change_id(1, 9)
+        assert list(bus.scan([1, 2, 9])) == [2, 9]
+        server.wire.rig.servos[0].boot(server.wire.rig.time, 0.0)
+        assert bus.ping(9) == 777
+
+
+# --- ports -------------------------------------------------------------------------------------------------------
+
+
+def test_ports_that_are_none_are_refused(tmp_path: Path):
+    with pytest.raises(PortError, match="there is no port"):
+        ServoBus(str(tmp_path / "ttyUSB0"))
+    (tmp_path / "file").write_text("")
+    with pytest.raises(PortError, match="cannot be opened as a serial port"):
+        ServoBus(str(tmp_path / "file"))
+    with pytest.raises(PortError, match="baud rate 12345"):
+        ServoBus(str(tmp_path / "file"), baudrate=12345)
+
+
+def test_two_programs_cannot_share_a_port(server: Server, bus: ServoBus):
+    with pytest.raises(PortBusyError, match="another program has"):
+        ServoBus(server.port)
+    assert bus.ping(1) == 777
+
+
+def test_a_closed_bus_says_so(server: Server):
+    bus = ServoBus(server.port, timeout=TIMEOUT)
+    bus.close()
+    bus.close()
+    with pytest.raises(ClosedError, match="was closed"):
+        bus.read_state(IDS)
+
+
+def test_the_wrong_baud_rate_finds_nobody(server: Server):
+    with ServoBus(server.port, baudrate=500_000, timeout=0.05, retries=0) as bus:
+        assert bus.scan(IDS) == {}
