@@ -69,7 +69,7 @@ class Robot:
     goal_limits: Callable[[Mapping[str, float]], Mapping[str, tuple[float, float]]]
     chains: Mapping[str, str]
     build: Callable[[Mapping[str, float]], mujoco.MjSpec]
-    words: Mapping[str, Mapping[str, str]] = field(default_factory=dict)
+    words: Mapping[str, Mapping[str, ChainSource]] = field(default_factory=dict)
 
     @property
     def limits(self) -> Mapping[str, tuple[float, float]]:
@@ -116,15 +116,17 @@ class Robot:
         names = [item.name for item in self.coordinates]
         if actuator is None:
             return dict(self.chains)
-        if isinstance(actuator, str) and actuator in self.words:
-            return dict(self.words[actuator])
         if not isinstance(actuator, Mapping):
-            return dict.fromkeys(names, actuator)
+            return {name: self._meant(actuator, name) for name in names}
         for name in actuator:
             if name not in names:
                 hint = nearest(name, names)
                 raise RobotError(f"robot '{self.name}' drives no '{name}'{hint}; it drives {', '.join(names)}.")
-        return {name: actuator.get(name, self.chains[name]) for name in names}
+        return {name: self._meant(actuator.get(name, self.chains[name]), name) for name in names}
+
+    def _meant(self, actuator: ChainSource, coordinate: str) -> ChainSource:
+        """What stands for ``actuator`` on this robot, where it is one of its words."""
+        return self.words[actuator][coordinate] if isinstance(actuator, str) and actuator in self.words else actuator
 
     def drivetrain(
         self,
