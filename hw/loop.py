@@ -217,6 +217,7 @@ class ControlLoop:
             woke = self._metronome.wait()
             if begun is None:
                 begun = self._zero_time = woke
+                self._event("started", monotonic=woke)
             self._beat()
             if (reason := self._each_cycle()) is not None:
                 self._stop.ask(reason)

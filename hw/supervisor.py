@@ -138,30 +138,30 @@ class Supervisor:
             self._process.stdout.close()
 
 
-def watch(charge: Charge, pipe: int) -> str | None:
+def watch(charge: Charge, pipe: int) -> tuple[str, bool] | None:
     """Wait for the end of the loop.
 
     Returns:
-        None where the loop brought the servos to rest; else what happened.
+        None where the loop brought the servos to rest; else what happened, and whether the loop hangs.
     """
     patience: float | None = None
     last = b""
     while True:
         ready, _, _ = select.select([pipe], [], [], patience)
         if not ready:
-            return f"the loop was silent for {patience:g} s"
+            return f"the loop was silent for {patience:g} s", True
         data = os.read(pipe, 4096)
         if not data:
-            return None if last == DONE else "the loop ended without bringing the servos to rest"
+            return None if last == DONE else ("the loop ended without bringing the servos to rest", False)
         last = data[-1:]
         patience = AT_REST if last == RESTING else charge.silence
 
 
-def take_over(charge: Charge, why: str) -> None:
+def take_over(charge: Charge, why: str, hangs: bool) -> None:
     """Bring the servos to rest, and write down what became of it."""
     started = time.monotonic()
     note(charge, "supervisor", why=why, rest=charge.rest)
-    if os.getppid() == charge.loop:  # it hangs: it must not wake up and command the servos again
+    if hangs and os.getppid() == charge.loop:  # it must not wake up and command the servos again
         with contextlib.suppress(ProcessLookupError):
             os.kill(charge.loop, signal.SIGKILL)
     failed: dict[int, BusError] | None = None
@@ -203,8 +203,8 @@ def main(read_line: Callable[[], bytes]) -> None:
     charge = Charge(**json.loads(read_line()))
     sys.stdout.buffer.write(READY)
     sys.stdout.buffer.flush()
-    if (why := watch(charge, sys.stdin.fileno())) is not None:
-        take_over(charge, why)
+    if (end := watch(charge, sys.stdin.fileno())) is not None:
+        take_over(charge, *end)
 
 
 if __name__ == "__main__":

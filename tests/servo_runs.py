@@ -17,7 +17,7 @@ from configs.compose import compose, split
 from envs.sb3 import BatchVecEnv
 
 REPOSITORY = Path(__file__).resolve().parents[1]
-PATIENT = ["robot.safety.late=1.0", "silence=3.0", "live=false"]
+PATIENT = ["robot.safety.late=1.0", "silence=3.0", "hw.timeout=0.5", "live=false"]
 """A machine that runs tests is no machine that runs robots: it may be late without a fault."""
 
 

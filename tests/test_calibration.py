@@ -199,6 +199,8 @@ def test_servos_of_a_bus_are_calibrated(monkeypatch: pytest.MonkeyPatch) -> None
             for angle in (-0.8, 0.8):
                 pushed(angle)()
 
+        scan = bus.scan
+        monkeypatch.setattr(bus, "scan", lambda: scan(range(4)))  # the others are known to be absent, and cost time
         answers = [pushed(0.0), pushed(0.5), swing]
         (joint,) = guide(bus, BENCH, SERVO, {}, lambda _: answers.pop(0)() or "", lambda _: None)
     assert (joint.id, joint.direction) == (1, 1) and abs(joint.zero - 2048) < 20

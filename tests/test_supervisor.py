@@ -1,0 +1,168 @@
+"""The supervisor: whatever becomes of the loop, the servos come to rest, each of them, and the log says so."""
+
+from __future__ import annotations
+
+import os
+import signal
+import subprocess
+import sys
+import time
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from gap.log import read_measured
+from hw.bus import ServoBus
+from hw.measured_log import read_events
+from hw.packets import BusError, NoReplyError
+from hw.supervisor import bring_to_rest
+from hw.virtual import VirtualBus
+from tests.servo_runs import excitation, start
+
+
+@pytest.fixture(scope="module")
+def machine() -> Iterator[VirtualBus]:
+    with VirtualBus(robot="hopper") as bus:
+        yield bus
+
+
+@pytest.fixture
+def virtual(machine: VirtualBus) -> Iterator[VirtualBus]:
+    """The machine, released and without faults."""
+    yield machine
+    machine.clear()
+    with ServoBus(machine.port, timeout=0.5) as bus:
+        assert bus.torque_off([1, 2]) == {}
+
+
+def torque(virtual: VirtualBus) -> list[bool]:
+    return [servo["torque"] for servo in virtual.status()["servos"].values()]
+
+
+def running(virtual: VirtualBus, folder: Path, *arguments: str) -> subprocess.Popen[str]:
+    """deploy.py on the bus, its log well under way."""
+    chosen = ["hw=feetech", f"port={virtual.port}", "robot=hopper", "robot.sensors={}", "robot.safety.range_margin=3.0"]
+    chosen += [f"calibration={folder / 'c.yaml'}"]
+    (folder / "c.yaml").write_text(
+        "robot: hopper\njoints:\n  hip: {id: 1, zero: 2048, direction: 1, range: [-1.2, 0.3]}\n"
+        "  knee: {id: 2, zero: 2048, direction: 1, range: [-0.3, 1.2]}\n"
+    )
+    goals = excitation(folder / "hip.csv", "hip", amplitude=0.2)
+    goals.write_text(goals.read_text().replace("hip.goal", "knee.goal"))
+    process = start(*chosen, f"excitation={goals}", f"out={folder}", "name=run", *arguments)
+    wait_until(
+        lambda: (folder / "run.csv").is_file() and len((folder / "run.csv").read_bytes().splitlines()) > 30, process
+    )
+    assert all(torque(virtual))
+    return process
+
+
+def wait_until(done: Any, process: subprocess.Popen[str] | None = None, seconds: float = 60.0) -> None:
+    end = time.monotonic() + seconds
+    while not done():
+        assert time.monotonic() < end, "timeout"
+        assert process is None or process.poll() is None, process.communicate() if process else ""
+        time.sleep(0.01)
+
+
+def test_after_a_kill_the_servos_are_released_and_the_log_is_whole(virtual: VirtualBus, tmp_path: Path) -> None:
+    process = running(virtual, tmp_path)
+    os.kill(process.pid, signal.SIGKILL)
+    killed = time.monotonic()
+    process.communicate()
+    wait_until(lambda: not any(torque(virtual)))
+    status = virtual.status()
+    released = max(servo["since_monotonic"] for servo in status["servos"].values())
+    wait_until(lambda: read_events(tmp_path / "run.csv")[-1]["event"] == "at rest")
+    run = read_measured(tmp_path / "run.csv").runs[0]
+    origin = read_origin(tmp_path)
+    assert killed - (origin + run.time[-1]) < 0.1, "all but the last 100 ms"
+    assert released - killed < 1.0
+    assert (run.joints["hip"].goal is not None) and run.meta["registers"]["hip"]["p_gain"] == 32
+    assert read_events(tmp_path / "run.csv")[-1]["by"] == "supervisor"
+    with ServoBus(virtual.port, timeout=0.5) as bus:  # the port is free for the next one
+        assert bus.ping(1) == 777
+
+
+def read_origin(folder: Path) -> float:
+    """Host's monotonic clock at time 0 of the log [s]."""
+    starts = [event for event in read_events(folder / "run.csv") if event["event"] == "started"]
+    return starts[0]["monotonic"]
+
+
+def test_after_a_kill_the_servos_are_held_where_that_is_configured(virtual: VirtualBus, tmp_path: Path) -> None:
+    process = running(virtual, tmp_path, "rest=hold")
+    os.kill(process.pid, signal.SIGKILL)
+    process.communicate()
+    wait_until(lambda: read_events(tmp_path / "run.csv")[-1]["event"] == "at rest")
+    assert all(torque(virtual))
+    goals = [servo["goal"] for servo in virtual.status()["servos"].values()]
+    time.sleep(0.3)
+    status = virtual.status()["servos"].values()
+    assert [servo["goal"] for servo in status] == goals
+    assert all(abs(servo["goal"] - servo["steps"]) < 60 for servo in status), "it stands at its goal"
+
+
+def test_a_loop_that_hangs_loses_the_servos_and_cannot_wake_up_again(virtual: VirtualBus, tmp_path: Path) -> None:
+    process = running(virtual, tmp_path, "silence=0.3")
+    os.kill(process.pid, signal.SIGSTOP)
+    wait_until(lambda: not any(torque(virtual)))
+    assert process.wait(10.0) == -signal.SIGKILL
+    process.communicate()
+    events = {event["event"]: event for event in read_events(tmp_path / "run.csv")}
+    assert "silent for 0.3 s" in events["supervisor"]["why"]
+
+
+def test_ctrl_c_releases_the_servos_without_the_supervisor(virtual: VirtualBus, tmp_path: Path) -> None:
+    process = running(virtual, tmp_path)
+    process.send_signal(signal.SIGINT)
+    _, errors = process.communicate(timeout=30.0)
+    assert process.returncode == 130 and errors.strip() == "Stopped; the servos are released."
+    assert not any(torque(virtual))
+    events = [event["event"] for event in read_events(tmp_path / "run.csv")]
+    assert events[-2:] == ["at rest", "end"] and "supervisor" not in events
+
+
+class HalfABus:
+    """A bus whose second servo never answers."""
+
+    def __init__(self) -> None:
+        self.told: list[int] = []
+
+    def torque_off(self, ids: list[int]) -> dict[int, BusError]:
+        self.told += ids
+        return {2: NoReplyError("servo 2 is silent.", [2])}
+
+    def hold(self, ids: list[int]) -> None:
+        self.told += ids
+        if ids == [2]:
+            raise NoReplyError("servo 2 is silent.", [2])
+
+
+@pytest.mark.parametrize("rest", ["release", "hold"])
+def test_every_servo_is_tried_even_when_one_fails(rest: Any) -> None:
+    bus: Any = HalfABus()
+    assert list(bring_to_rest(bus, [1, 2, 3], rest)) == [2]
+    assert bus.told == [1, 2, 3]
+
+
+def test_it_goes_on_trying_while_the_adapter_is_unplugged(virtual: VirtualBus, tmp_path: Path) -> None:
+    process = running(virtual, tmp_path)
+    virtual.fault("unplug", seconds=1.0)
+    _, errors = process.communicate(timeout=40.0)
+    assert process.returncode == 2 and "adapter" in errors
+    if any(torque(virtual)):  # the port came back under another name: nobody can reach the servos, and that is said
+        assert "TORQUE MAY BE ON" in errors
+    assert any(event.get("by") == "supervisor" for event in read_events(tmp_path / "run.csv"))
+
+
+def test_the_supervisor_ends_with_its_loop() -> None:
+    code = (
+        "import os\nfrom hw.supervisor import Charge, Supervisor\n"
+        "s = Supervisor(Charge('/dev/null', 1000000, 'sts3215', 0.02, [1], 'release', 1.0, os.getpid()))\n"
+        "print(s._process.pid); s.beat(); s.dismiss(); print(s.alive)"
+    )
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, timeout=60)
+    assert done.stdout.split()[1:] == ["False"], done.stderr
