@@ -240,7 +240,7 @@ def _measurement(problem: Problem, load: Mapping[str, float], goal: np.ndarray) 
     log = JointLog(goal=goal, position=nothing, temperature=warm, **logged)
     run = MeasuredRun("next", time, {"joint": log}, robot_params=dict(load))
     unit = Unit(0, FIT_A, 0, len(goal), 1, (float(goal[0]), 0.0))
-    weight = dict(zip(CHANNELS, problem.weight, strict=True))
+    weight: dict[str, float] = dict(zip(map(str, CHANNELS), problem.weight, strict=True))
     laid = lay_out([run], "joint", problem.models[:1], [unit], weight)
     return dataclasses.replace(laid, step=problem.step)
 

@@ -1,0 +1,170 @@
+"""One servo of a fleet: a folder of logs in, a folder with its diagnosis out, complete or absent."""
+
+from __future__ import annotations
+
+import json
+import math
+import os
+import shutil
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from actuators.errors import SealegsError
+from gap.log_table import ENDINGS
+from gap.log_types import LogError
+
+if TYPE_CHECKING:
+    from gap.diagnosis import JointDiagnosis
+
+SOURCE = "source.json"
+"""What a diagnosis was made from: settings, and size and name of each log."""
+UNFINISHED = ".unfinished-"
+
+
+@dataclass(frozen=True)
+class Job:
+    """One data set to diagnose.
+
+    Attributes:
+        name: of its folder.
+        log: folder with the logs.
+        out: folder for the diagnosis.
+        settings: keywords of :func:`diagnose_folder`.
+    """
+
+    name: str
+    log: Path
+    out: Path
+    settings: Mapping[str, Any] = field(default_factory=dict)
+
+
+@dataclass(frozen=True)
+class Outcome:
+    """How a job ended: its ``document`` (``diagnosis.json``), or in one ``error`` sentence."""
+
+    name: str
+    document: dict[str, Any] | None = None
+    error: str = ""
+    kept: bool = False
+
+
+def find_jobs(folder: Path, out: Path, settings: Mapping[str, Any] | None = None) -> list[Job]:
+    """One job for each folder in ``folder`` that holds logs, by name.
+
+    Raises:
+        LogError: there is none.
+    """
+    if not folder.is_dir():
+        raise LogError(f"{folder}: a fleet is a folder that has a folder of logs for each servo")
+    names = sorted(path.name for path in folder.iterdir() if path.is_dir() and not path.name.startswith("."))
+    jobs = [Job(name, folder / name, out / name, dict(settings or {})) for name in names]
+    jobs = [job for job in jobs if any(path.suffix in ENDINGS for path in job.log.iterdir())]
+    if not jobs:
+        raise LogError(f"{folder}: none of its folders holds a log; a fleet has a folder of logs for each servo")
+    return jobs
+
+
+def finished(job: Job) -> Outcome | None:
+    """The outcome of a job that was finished before, None where it was not.
+
+    Raises:
+        SealegsError: what was diagnosed were other logs or other settings.
+    """
+    if not (job.out / "diagnosis.json").is_file():
+        if job.out.exists():
+            raise SealegsError(f"{job.out} is there without a diagnosis; move it away, or give another out=<folder>.")
+        return None
+    before = json.loads((job.out / SOURCE).read_text()) if (job.out / SOURCE).is_file() else None
+    if before != source(job):
+        raise SealegsError(
+            f"{job.log} or its settings are not what {job.out} was made from, and that is not overwritten; "
+            "give another out=<folder>."
+        )
+    return Outcome(job.name, json.loads((job.out / "diagnosis.json").read_text()), kept=True)
+
+
+def source(job: Job) -> dict[str, Any]:
+    """What the diagnosis of a job depends on, as plain data."""
+    files = {path.name: path.stat().st_size for path in sorted(job.log.iterdir()) if path.is_file()}
+    return {"settings": json.loads(json.dumps(dict(job.settings))), "files": files}
+
+
+def staging(job: Job) -> Path:
+    """Where a diagnosis grows before it is finished."""
+    return job.out.with_name(UNFINISHED + job.out.name)
+
+
+def remove_unfinished(job: Job) -> None:
+    """Remove what a stopped diagnosis left."""
+    shutil.rmtree(staging(job), ignore_errors=True)
+
+
+def diagnose_folder(
+    log: Path,
+    out: Path,
+    progress: Callable[[str], None] = lambda text: None,
+    *,
+    test: str | None = None,
+    seed: int = 0,
+    limits: Sequence[float] | None = None,
+    speed_limit: float | None = None,
+) -> tuple[list[JointDiagnosis], dict[str, Path]]:
+    """Diagnose one data set into a fresh folder.
+
+    Args:
+        log: file or folder of logs.
+        out: folder to write into; new or empty.
+        progress: is told what goes on.
+        test: group of runs that no fit and no choice may see.
+        seed: of all resampling.
+        limits: lower and upper end of the next experiment [rad].
+        speed_limit: of its goals [rad/s].
+
+    Raises:
+        SealegsError: the logs cannot be read or diagnosed, or the folder is not empty.
+    """
+    from gap.diagnosis import diagnose
+    from gap.diagnosis_files import fresh_folder, write_diagnosis
+    from gap.experiment import Limits, default_limits
+    from gap.log import read_measured
+
+    data = read_measured(log)
+    speed = math.inf if speed_limit is None else speed_limit
+    kept = None
+    if limits is not None:
+        kept = Limits(limits[0], limits[1], speed)
+    elif speed_limit is not None:
+        kept = default_limits(np.concatenate([run.joints[j].position for run in data.runs for j in run.joints]), speed)
+    fresh_folder(out)
+    diagnoses = diagnose(data, test, seed, progress, kept)
+    return diagnoses, write_diagnosis(diagnoses, data, out, progress)
+
+
+def run_job(job: Job, progress: Callable[[str], None] = lambda text: None) -> Outcome:
+    """Diagnose one servo; its folder appears whole or not at all.
+
+    Whatever goes wrong becomes the outcome's sentence, so that one servo does not stop the others.
+    """
+    staged = staging(job)
+    try:
+        remove_unfinished(job)
+        diagnose_folder(job.log, staged, progress, **job.settings)
+        (staged / SOURCE).write_text(json.dumps(source(job), indent=1) + "\n", encoding="utf-8")
+        os.rename(staged, job.out)
+        return Outcome(job.name, json.loads((job.out / "diagnosis.json").read_text()))
+    except SealegsError as error:
+        return Outcome(job.name, error=str(error))
+    except OSError as error:
+        return Outcome(job.name, error=f"{job.out} cannot be written: {error.strerror or error}.")
+    except MemoryError:
+        return Outcome(job.name, error=f"{job.log}: there is not enough memory; use fewer workers=<number>.")
+    except Exception as error:
+        return Outcome(
+            job.name, error=f"{job.log}: {type(error).__name__}: {error} (a bug of sealegs; please report it)."
+        )
+    finally:
+        remove_unfinished(job)

@@ -1,0 +1,100 @@
+"""The page of a fleet: one HTML file with the picture, the shared causes and the servos."""
+
+from __future__ import annotations
+
+import base64
+import io
+from collections.abc import Sequence
+from pathlib import Path
+
+import numpy as np
+from jinja2 import Environment, FileSystemLoader, StrictUndefined
+from matplotlib.figure import Figure
+
+from gap.fleet.table import FAILED, Row, Shared
+from gap.pictures.style import EXTENDED, NOMINAL, figure, styled
+
+HERE = Path(__file__).parent
+STYLE_SHEET = HERE.parent / "report" / "report.css"
+MOST_DOTS = 4  # causes whose values are drawn
+SHORT = {
+    FAILED: "–",
+    "explained": "ok",
+    "partly explained": "partly",
+    "nothing to explain": "nothing",
+    "not identifiable": "?",
+}
+
+
+@styled
+def draw_fleet(rows: Sequence[Row], shared: Sequence[Shared]) -> Figure:
+    """Servos against causes, coloured by the share of the gap, and beside it the values of the commonest causes."""
+    dotted = [cause for cause in shared if cause.values][:MOST_DOTS]
+    count, causes = len(rows), max(len(shared), 1)
+    chart = figure(3.2 + 0.62 * causes + 2.1 * len(dotted), 2.2 + 0.3 * count)
+    axes = chart.subplots(
+        1, 1 + len(dotted), sharey=True, squeeze=False, width_ratios=[0.62 * causes + 0.6, *(2.1 for _ in dotted)]
+    )[0]
+    matrix = axes[0]
+    table = np.full((count, causes), np.nan)
+    for i, row in enumerate(rows):
+        for cause in row.causes:
+            table[i, [s.name for s in shared].index(cause["name"])] = max(cause["share"], 0.0)
+    matrix.imshow(table, aspect="auto", cmap="Blues", vmin=-0.15, vmax=1.1, interpolation="nearest")
+    for i, j in zip(*np.nonzero(np.isfinite(table)), strict=True):
+        data = next(c for c in rows[i].causes if c["name"] == shared[j].name)["kind"] == "data"
+        text = "data" if data else f"{100 * table[i, j]:.0f}"
+        matrix.text(j, i, text, ha="center", va="center", fontsize=9, color="white" if table[i, j] > 0.6 else "black")
+    for i, row in enumerate(rows):
+        if not row.causes:
+            words = {FAILED: "not diagnosed"}.get(row.verdict, row.verdict)
+            matrix.text(-0.42, i, words, va="center", fontsize=8, color="#8a3310" if row.failed else "#5a646e")
+    matrix.set_xticks(
+        range(len(shared)), [cause.name for cause in shared], rotation=40, ha="right", rotation_mode="anchor"
+    )
+    matrix.set_yticks(range(count), [row.servo for row in rows])
+    matrix.set_xlim(-0.5, causes - 0.5)
+    matrix.set_title("Share of the gap [%]")
+    matrix.grid(False)
+    matrix.tick_params(length=0)
+    for axis, cause in zip(axes[1:], dotted, strict=True):
+        at = {row.servo: i for i, row in enumerate(rows)}
+        with_value = [servo for servo in cause.servos if servo in at][: len(cause.values)]
+        for servo, (value, low, high) in zip(with_value, cause.values, strict=True):
+            axis.plot([low, high], [at[servo]] * 2, color=EXTENDED, linewidth=2.0, solid_capstyle="butt")
+            axis.plot([value], [at[servo]], "o", color=EXTENDED, markersize=5)
+        axis.axvline(cause.middle, color=NOMINAL, linewidth=1.2, linestyle="--")
+        unit = f" [{cause.unit}]" if cause.unit not in ("", "1") else ""
+        axis.set_xlabel(f"{cause.parameter}{unit}", fontsize=9)
+        axis.set_title(cause.name, fontsize=9)
+        axis.tick_params(labelsize=8)
+        axis.locator_params(axis="x", nbins=4)
+    return chart
+
+
+def write_page(rows: Sequence[Row], shared: Sequence[Shared], folder: Path, name: str) -> dict[str, Path]:
+    """Write ``fleet.html`` and ``fleet.png``, in place of those of an earlier, stopped session.
+
+    Args:
+        rows, shared: of :mod:`gap.fleet.table`.
+        folder: of the fleet; reports of servos are linked relative to it.
+        name: of the fleet.
+    """
+    chart = draw_fleet(rows, shared)
+    picture, page = folder / "fleet.png", folder / "fleet.html"
+    buffer = io.BytesIO()
+    chart.savefig(buffer, format="png")
+    picture.write_bytes(buffer.getvalue())
+    environment = Environment(
+        loader=FileSystemLoader(HERE), autoescape=True, undefined=StrictUndefined, trim_blocks=True, lstrip_blocks=True
+    )
+    html = environment.get_template("fleet.html.j2").render(
+        name=name,
+        style=STYLE_SHEET.read_text(encoding="utf-8"),
+        picture=base64.b64encode(buffer.getvalue()).decode(),
+        rows=rows,
+        shared=shared,
+        reports={row.folder for row in rows if (folder / row.folder / "report.html").is_file()},
+    )
+    page.write_text(html, encoding="utf-8")
+    return {"page": page, "picture": picture}

@@ -1,0 +1,164 @@
+"""The table of a fleet: what each servo has, which of them share a cause, and how its values spread over them."""
+
+from __future__ import annotations
+
+import csv
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from statistics import median
+from typing import Any
+
+import numpy as np
+
+from gap.fleet.jobs import Outcome
+
+COLUMNS: tuple[str, ...] = (
+    "servo", "verdict", "nominal_rmse", "extended_rmse", "noise_floor", "cause", "kind", "share", "confidence",
+    "parameter", "value", "low", "high", "unit", "nominal", "sentence",
+)  # fmt: skip
+FAILED = "not diagnosed"
+Z95 = 1.96
+
+
+@dataclass(frozen=True)
+class Row:
+    """One servo: a joint of one data set.
+
+    Attributes:
+        servo: folder, with the joint where the folder has several.
+        folder: of the data set.
+        verdict, sentence: of the diagnosis; :data:`FAILED` and why where there is none.
+        gap: error by model, as in ``diagnosis.json``.
+        causes: as in ``diagnosis.json``.
+    """
+
+    servo: str
+    folder: str
+    verdict: str
+    sentence: str
+    gap: dict[str, Any]
+    causes: tuple[dict[str, Any], ...]
+
+    @property
+    def failed(self) -> bool:
+        """Whether there is no diagnosis."""
+        return self.verdict == FAILED
+
+
+@dataclass(frozen=True)
+class Shared:
+    """One cause over a fleet.
+
+    Attributes:
+        name: of the cause.
+        servos: that have it.
+        parameter, unit: its first parameter.
+        values: (value, low, high) by servo.
+        middle: median value.
+        spread: standard deviation of the values over servos; 0 for one.
+        common: whether one value lies within the interval of every servo, widened to what so many intervals need.
+    """
+
+    name: str
+    servos: tuple[str, ...]
+    parameter: str
+    unit: str
+    values: tuple[tuple[float, float, float], ...]
+    middle: float
+    spread: float
+    common: bool
+
+    @property
+    def sentence(self) -> str:
+        """For people."""
+        values = [value for value, _, _ in self.values]
+        if not values:
+            return f"{self.name}: {len(self.servos)} servos."
+        size = f"{self.parameter} = {self.middle:.4g} {self.unit}".rstrip(" 1").rstrip()
+        if len(values) == 1:
+            return f"{self.name}: {self.servos[0]} alone, {size}."
+        range_ = f"{min(values):.4g} to {max(values):.4g}, standard deviation {self.spread:.2g}"
+        same = "one value fits all of them" if self.common else "they differ by more than their intervals"
+        return f"{self.name}: {len(self.servos)} servos, median {size} ({range_}); {same}."
+
+
+def rows_of(outcomes: Sequence[Outcome]) -> list[Row]:
+    """The rows of a table, by name."""
+    rows = []
+    for outcome in sorted(outcomes, key=lambda outcome: outcome.name):
+        if outcome.document is None:
+            rows.append(Row(outcome.name, outcome.name, FAILED, outcome.error, {}, ()))
+            continue
+        joints = outcome.document.get("joints") or [outcome.document]
+        for joint in joints:
+            name = outcome.name if len(joints) == 1 else f"{outcome.name}/{joint['joint']}"
+            rows.append(
+                Row(name, outcome.name, joint["verdict"], joint["sentence"], joint["gap"], tuple(joint["causes"]))
+            )
+    return rows
+
+
+def shared_causes(rows: Sequence[Row]) -> list[Shared]:
+    """Every cause that a servo has, the most common one first."""
+    names: dict[str, list[tuple[str, dict[str, Any]]]] = {}
+    for row in rows:
+        for cause in row.causes:
+            names.setdefault(cause["name"], []).append((row.servo, cause))
+    found = []
+    for name, having in names.items():
+        first = [next(iter(cause["parameters"].items()), None) for _, cause in having]
+        parameters = [item[0] for item in first if item is not None]
+        parameter = max(set(parameters), key=parameters.count) if parameters else ""
+        values, unit = [], ""
+        for _, cause in having:
+            value = cause["parameters"].get(parameter)
+            if value is not None:
+                values.append((float(value["value"]), float(value["low"]), float(value["high"])))
+                unit = value["unit"]
+        numbers = [value for value, _, _ in values]
+        found.append(
+            Shared(
+                name,
+                tuple(servo for servo, _ in having),
+                parameter,
+                unit,
+                tuple(values),
+                median(numbers) if numbers else float("nan"),
+                float(np.std(numbers, ddof=1)) if len(numbers) > 1 else 0.0,
+                _common(values),
+            )
+        )
+    return sorted(found, key=lambda cause: (-len(cause.servos), cause.name))
+
+
+def _common(values: Sequence[tuple[float, float, float]]) -> bool:
+    """Chi-squared test that one value is behind all of them, from the widths of their intervals."""
+    if len(values) < 2:
+        return True
+    from scipy.stats import chi2
+
+    centre = np.array([value for value, _, _ in values])
+    deviation = np.array([max(high - low, 1e-12) / (2.0 * Z95) for _, low, high in values])
+    mean = np.sum(centre / deviation**2) / np.sum(1.0 / deviation**2)
+    return bool(np.sum(((centre - mean) / deviation) ** 2) < chi2.ppf(0.99, len(values) - 1))
+
+
+def write_table(rows: Sequence[Row], path: Path) -> None:
+    """Write ``fleet.csv``: one line per servo, cause and parameter; one line for a servo without a cause."""
+    with path.open("w", newline="", encoding="utf-8") as file:
+        table = csv.DictWriter(file, COLUMNS, restval="", lineterminator="\n")
+        table.writeheader()
+        for row in rows:
+            errors = {
+                "nominal_rmse": (row.gap.get("nominal") or {}).get("rmse", ""),
+                "extended_rmse": (row.gap.get("extended") or {}).get("rmse", ""),
+                "noise_floor": (row.gap.get("noise_floor") or {}).get("rmse", ""),
+            }
+            line = {"servo": row.servo, "verdict": row.verdict, **errors, "sentence": row.sentence}
+            if not row.causes:
+                table.writerow(line)
+            for cause in row.causes:
+                mine = {"cause": cause["name"], **{key: cause[key] for key in ("kind", "share", "confidence")}}
+                for path_, value in (cause["parameters"] or {"": {}}).items():
+                    table.writerow({**line, **mine, "parameter": path_, **value})
