@@ -37,7 +37,6 @@ class ServoBus:
         port: path of the port.
         model: register table in use.
         line: transactions on the port.
-        retries: further tries of a transaction whose reply was missing or unusable.
         counts: failures so far by the name of their class, those that a further try cured included.
         events: the latest failures, oldest first, as (host's monotonic time [s], error).
         status: latest error byte of each servo by id.
@@ -65,7 +64,7 @@ class ServoBus:
             EchoError: the adapter returns what is sent.
             RegisterError: there is no table of that name.
         """
-        self.port, self.retries = port, retries
+        self.port = port
         self.model = load_model(model)
         self._block = BlockReader(self.model)
         self.line = Transactions(port, baudrate, timeout, retries)
@@ -82,6 +81,11 @@ class ServoBus:
     def close(self) -> None:
         """Close the port. Torque stays as it is."""
         self.line.close()
+
+    @property
+    def retries(self) -> int:
+        """Further tries of a transaction whose reply was missing or unusable."""
+        return self.line.retries
 
     @property
     def timeout(self) -> float:
@@ -229,9 +233,11 @@ class ServoBus:
             return self.line.send_all(goal.address, ids, rows)
         step = 2.0 * np.pi / self.model.resolution
         count = len(ids)
-        speeds = np.broadcast_to(np.rint(np.asarray(velocity or 0.0, float) / step), (count,))
+        speeds = np.broadcast_to(np.rint(np.asarray(0.0 if velocity is None else velocity, float) / step), (count,))
         scale = self.model["acceleration"].scale * step
-        ramps = np.broadcast_to(np.rint(np.asarray(acceleration or 0.0, float) / scale), (count,))
+        ramps = np.broadcast_to(
+            np.rint(np.asarray(0.0 if acceleration is None else acceleration, float) / scale), (count,)
+        )
         rows = [
             self.model["acceleration"].to_bytes(int(ramps[k]))
             + goal.to_bytes(int(steps[k]))

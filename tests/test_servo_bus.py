@@ -159,7 +159,7 @@ def test_current_duty_and_velocity_have_their_units_and_signs():
 def test_goals_reach_all_servos_and_stay_within_the_turn(server: Server, bus: ServoBus):
     bus.write_goals(IDS, [0.5, -9.0])
     assert [bus.read_register(servo, "goal_position") for servo in IDS] == [round(2048 + 0.5 / STEP), 0]
-    bus.write_goals(IDS, [0.1, 0.2], velocity=[1.0, 2.0], acceleration=10.0)
+    bus.write_goals(IDS, [0.1, 0.2], velocity=np.array([1.0, 2.0]), acceleration=10.0)
     assert bus.read_register(2, "goal_velocity") == round(2.0 / STEP)
     assert bus.read_register(1, "acceleration") == round(10.0 / (100 * STEP))
     assert bus.read_register(1, "goal_position") == round(2048 + 0.1 / STEP)

@@ -83,6 +83,8 @@ class Machine:
         self._weights = np.stack(weights)
         self.encoders = [*self.names, *(sensors or {})]
         self._drives = [Drive()] * count
+        supplies = [self._base[name].find("supply") for name in self.names]
+        self._supplies = [(item.volts, item.resistance) if item else (NOMINAL_VOLTAGE, 0.0) for item in supplies]
         self._actuators = [self.drivetrain.actuator_ids[name] for name in self.names]
         self._programs, self._states = [], []
         for name, actuator_id in zip(self.names, self._actuators, strict=True):
@@ -160,9 +162,8 @@ class Machine:
         """Supply voltage at the servo [V], sag included."""
         if joint >= len(self.names):
             return NOMINAL_VOLTAGE
-        supply = self._base[self.names[joint]].find("supply")
+        nominal, resistance = self._supplies[joint]
         drawn = max(self.duty(joint) * self.current(joint), 0.0)
-        nominal, resistance = (supply.volts, supply.resistance) if supply is not None else (NOMINAL_VOLTAGE, 0.0)
         volts = self._drives[joint].volts
         return (nominal if volts is None else volts) - resistance * drawn
 

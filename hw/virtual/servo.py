@@ -17,6 +17,10 @@ TICK = 0.005  # [s] between two looks at protection, velocity and temperature; a
 VELOCITY_TICKS = 4  # velocity is the encoder's difference over so many; assumed
 BOOT = 0.8  # [s] silent after a reboot
 RESET_VOLTAGE = 3.3  # [V] below which the controller stops; assumed
+VOLTAGE, OVERHEAT, OVERCURRENT, OVERLOAD = (
+    int(bit) for bit in (Status.VOLTAGE, Status.OVERHEAT, Status.OVERCURRENT, Status.OVERLOAD)
+)
+RELEASING = VOLTAGE | int(Status.ENCODER) | OVERHEAT | OVERCURRENT  # an overload limits the torque, the others release
 MODE_POSITION, MODE_VELOCITY = 0, 1
 OFF, ON, DAMPING, HERE_IS_CENTRE = 0, 1, 2, 128
 AMBIENT = 25.0  # [degC]; assumed
@@ -50,6 +54,8 @@ class Servo:
 
     def __init__(self, model: ServoModel, servo_id: int, joint: int) -> None:
         self.model, self.joint = model, joint
+        self._places = {item.name: (item.address, item.bytes == 2, item.sign) for item in model.registers.values()}
+        self._id = model["id"].address
         self._stored = bytearray(model.size())  # EEPROM
         for register in model.registers.values():
             self._put(self._stored, register.name, register.default)
@@ -73,11 +79,15 @@ class Servo:
     @property
     def id(self) -> int:
         """Its id at the moment."""
-        return self.memory[self.model["id"].address]
+        return self.memory[self._id]
 
     def get(self, name: str) -> int:
         """Count in a register."""
-        return self.model[name].read(self.memory)
+        at, wide, sign = self._places[name]
+        word = self.memory[at]
+        if wide:
+            word |= self.memory[at + 1] << 8
+        return word if sign is None else self.model.registers[name].decode(word)
 
     def put(self, name: str, count: int) -> None:
         """Set a register, as the firmware itself does."""
@@ -258,7 +268,7 @@ class Servo:
         """What the motor may do."""
         mode = self.get("torque_enable")
         share = self.get("torque_limit") / 1000.0
-        if self.latched and self.get("unloading_condition") & Status.OVERLOAD:
+        if self.latched and self.get("unloading_condition") & OVERLOAD:
             share = min(share, self.get("protective_torque") / 100.0)
         return Drive(
             connected=mode != OFF and not self._released,
@@ -290,8 +300,7 @@ class Servo:
         strong = limit > 0.0 and abs(sensors.current) >= limit
         self._overcurrent_since = (self._overcurrent_since or now) if strong else None
         status = self.status(now)
-        releasing = Status.VOLTAGE | Status.ENCODER | Status.OVERHEAT | Status.OVERCURRENT
-        if status & self.get("unloading_condition") & releasing:
+        if status & self.get("unloading_condition") & RELEASING:
             self._released = True
         if sensors.voltage < RESET_VOLTAGE:
             self.boot(now)
@@ -301,15 +310,15 @@ class Servo:
         byte = 0
         volts = round(self.sensors.voltage * 10)
         if not self.get("min_voltage") <= volts <= self.get("max_voltage"):
-            byte |= Status.VOLTAGE
+            byte |= VOLTAGE
         if self.shown_temperature() >= self.get("max_temperature"):
-            byte |= Status.OVERHEAT
+            byte |= OVERHEAT
         since = self._overcurrent_since
         if since is not None and now - since >= self.get("overcurrent_time") * 0.01:
-            byte |= Status.OVERCURRENT
+            byte |= OVERCURRENT
         if self.latched:
-            byte |= Status.OVERLOAD
-        self.put("status", byte)
+            byte |= OVERLOAD
+        self.memory[self._places["status"][0]] = byte
         return byte
 
     def shown_temperature(self) -> int:

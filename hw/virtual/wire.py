@@ -17,6 +17,8 @@ PROCESSING = 20e-6  # [s] from a request's end to the reply's start, beside the 
 
 def collided(packets: Sequence[bytes]) -> bytes:
     """What servos of one id put on the line together: it is low wherever one of them pulls it low; assumed."""
+    if len(packets) == 1:
+        return packets[0]
     longest = max(len(packet) for packet in packets)
     merged = bytearray(b"\xff" * longest)
     for packet in packets:
