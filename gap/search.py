@@ -103,13 +103,14 @@ class Searcher:
     progress: Callable[[str], None] = lambda text: None
     seed: int = 0
     causes: list[Cause] = field(default_factory=list)
+    tuned: tuple[Parameter, ...] = ()
 
     def __post_init__(self) -> None:
         self.nominal = self.problem.models[0]
         self.causes = self.causes or catalogue(self.nominal)
         if np.ptp(self.problem.temperature) < WARMED:
             self.causes = [cause for cause in self.causes if cause.name != "drive.thermal"]
-        self.tuned = tuple(retunable(self.nominal))
+        self.tuned = self.tuned or tuple(retunable(self.nominal))
         self.numbers = {parameter.path.rstrip("*") for parameter in self.tuned}
         self.parts = (self.problem.part(FIT_A), self.problem.part(FIT_B))
         self.both = self.problem.part(FIT_A, FIT_B)
