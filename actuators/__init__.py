@@ -13,9 +13,9 @@ import sys
 if sys.platform == "linux" and not (os.environ.get("DISPLAY") or os.environ.get("WAYLAND_DISPLAY")):
     os.environ.setdefault("MUJOCO_GL", "egl")
 
-from actuators.chain import Chain, ChainError, load_chain
+from actuators.chain import Chain, ChainError, load_chain, load_chain_set
 from actuators.drivetrain import Drivetrain
 from actuators.errors import SealegsError
 from actuators.mounting import DrivenCoordinate
 
-__all__ = ["Chain", "ChainError", "DrivenCoordinate", "Drivetrain", "SealegsError", "load_chain"]
+__all__ = ["Chain", "ChainError", "DrivenCoordinate", "Drivetrain", "SealegsError", "load_chain", "load_chain_set"]

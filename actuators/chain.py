@@ -241,13 +241,41 @@ class Chain:
         """Whether dry friction is more than the constant that the engine knows natively."""
         friction, gear = self.find("friction"), self.find("gear")
         loss = gear is not None and gear.efficiency < 1.0
-        extra = ("stribeck", "asymmetry", "load", "load_quadratic", "load_stribeck", "ripple", "bristle_stiffness")
+        extra = (
+            "stribeck",
+            "asymmetry",
+            "load",
+            "load_quadratic",
+            "load_stribeck",
+            "ripple",
+            "bristle_stiffness",
+            "slip_speed",
+        )
         return loss or (friction is not None and any(getattr(friction, key) != 0.0 for key in extra))
 
 
 def names() -> list[str]:
-    """Names of the chains in ``configs/actuator``."""
-    return sorted(path.stem for path in LIBRARY.glob("*.yaml"))
+    """Names of the chains in ``configs/actuator``, without the sets for the joints of one robot."""
+    return sorted(path.stem for path in LIBRARY.glob("*.yaml") if isinstance(_read(path), list))
+
+
+def set_names() -> list[str]:
+    """Names of the sets in ``configs/actuator``, which hold a chain for each kind of joint of one robot."""
+    return sorted(path.stem for path in LIBRARY.glob("*.yaml") if isinstance(_read(path), Mapping))
+
+
+def load_chain_set(source: Any) -> dict[str, Chain] | None:
+    """The chains of a file that holds several, by pattern of joint names (``"*_knee"``); None for any other source.
+
+    Raises:
+        ChainError: unreadable file, or a chain that does not fit together.
+    """
+    if not isinstance(source, str | Path):
+        return None
+    path = Path(source) if Path(source).suffix in (".yaml", ".yml") else LIBRARY / f"{source}.yaml"
+    if not path.is_file() or not isinstance(document := _read(path), Mapping):
+        return None
+    return {str(pattern): _build(stages, str(path), path) for pattern, stages in document.items()}
 
 
 def load_chain(source: str | Path | Sequence[Any] | Chain) -> Chain:
@@ -272,8 +300,15 @@ def load_chain(source: str | Path | Sequence[Any] | Chain) -> Chain:
                 f"there is no actuator '{source}'{nearest(str(source), names())}; "
                 f"give one of {', '.join(names())} or the path of a YAML file."
             )
+    document = _read(path)
+    if isinstance(document, Mapping):
+        raise ChainError(f"{path} holds chains for {', '.join(document)}; put it on a robot that has such joints.")
+    return _build(document, str(path), path)
+
+
+def _read(path: Path) -> Any:
     try:
-        document = yaml.safe_load(path.read_text(encoding="utf-8"))
+        return yaml.safe_load(path.read_text(encoding="utf-8"))
     except (OSError, UnicodeDecodeError) as error:
         reason = getattr(error, "strerror", None) or error
         raise ChainError(f"cannot read the actuator {path}: {reason}.") from None
@@ -281,7 +316,6 @@ def load_chain(source: str | Path | Sequence[Any] | Chain) -> Chain:
         mark = getattr(error, "problem_mark", None)
         where = f" in line {mark.line + 1}" if mark else ""
         raise ChainError(f"{path} is not valid YAML{where}: {getattr(error, 'problem', error)}.") from None
-    return _build(document, str(path), path)
 
 
 def _build(document: Any, label: str, path: Path | None) -> Chain:

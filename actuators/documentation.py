@@ -7,7 +7,7 @@ import inspect
 from pathlib import Path
 from types import ModuleType
 
-from actuators.chain import CHECKOUT, LIBRARY, ORDER, load_chain, names
+from actuators.chain import CHECKOUT, LIBRARY, ORDER, load_chain, load_chain_set, names, set_names
 from actuators.stages import STAGES, Stage, command, controller, motor, net, power, sensor, transmission
 
 PAGE = CHECKOUT / "docs" / "actuators.md"
@@ -62,6 +62,12 @@ def page() -> str:
     parts = [HEAD.format(example=(LIBRARY / "sts3215.yaml").read_text(encoding="utf-8"), order=_wrapped(ORDER))]
     parts.append("## Named chains\n\n| name | stages | |\n|---|---|---|\n")
     parts += [f"| `{name}` | {load_chain(name)} | {_comment(LIBRARY / f'{name}.yaml')} |\n" for name in names()]
+    parts.append(
+        "\nSets, which hold a chain for each kind of joint of one robot:\n\n| name | joints | |\n|---|---|---|\n"
+    )
+    for name in set_names():
+        patterns = ", ".join(f"`{pattern}`" for pattern in load_chain_set(name) or {})
+        parts.append(f"| `{name}` | {patterns} | {_comment(LIBRARY / f'{name}.yaml')} |\n")
     for title, module in SECTIONS:
         parts.append(f"\n## {title}\n")
         parts += [_stage(stage) for stage in STAGES.values() if stage.__module__ == module.__name__]

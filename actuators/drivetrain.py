@@ -18,6 +18,8 @@ from actuators.layout import (
     P_FRICTION_ID,
     P_FRICTION_KIND,
     P_LATENCY,
+    P_LOAD_FACTOR,
+    P_LOAD_STATE,
     P_OFFSET,
     P_OWN_FRICTION,
     P_QPOS,
@@ -151,6 +153,13 @@ class Drivetrain:
             self.actuator_ids[item.name] = actuator
             self.state_addresses[item.name] = address
             address += int(program[P_STATE_SIZE])
+        for item in self.coordinates:
+            if item.pressed_by is not None and item.pressed_by[0] in self.state_addresses:
+                program = self._programs[item.name]
+                program[P_LOAD_STATE] = self.state_addresses[item.pressed_by[0]]
+                program[P_LOAD_FACTOR] = item.pressed_by[1]
+                model.actuator_user[self.actuator_ids[item.name], : len(program)] = program
+                self.spec.actuator(item.name).userdata = program
 
     # --- reading -----------------------------------------------------------------------------------------------
 
@@ -248,7 +257,8 @@ class Drivetrain:
                 f"{chain.label} has other stages or memory than the chain on '{name}'; build another Drivetrain for it."
             )
         program[P_STATE_ADDRESS : P_FRICTION_ID + 1] = built[P_STATE_ADDRESS : P_FRICTION_ID + 1]
-        program[P_OWN_FRICTION] = built[P_OWN_FRICTION]
+        for slot in (P_OWN_FRICTION, P_LOAD_STATE, P_LOAD_FACTOR):
+            program[slot] = built[slot]
         rows[simulation, self.actuator_ids[name], : len(program)] = program
         self._set_native(target, batch, simulation, name, chain)
 

@@ -32,6 +32,8 @@ from actuators.layout import (
     P_FRICTION_ID,
     P_FRICTION_KIND,
     P_LENGTH,
+    P_LOAD_FACTOR,
+    P_LOAD_STATE,
     P_OWN_FRICTION,
     P_QPOS,
     P_SCALE,
@@ -41,8 +43,12 @@ from actuators.layout import (
     P_VISCOUS,
     S_KNOWN,
     S_LIMIT,
+    S_PRESSED,
     S_REST,
+    S_ROW_ACCELERATION,
+    S_ROW_INERTIA,
     S_SPEED,
+    S_STEP,
     S_TORQUE,
 )
 from actuators.structs import check_layout, offset
@@ -99,6 +105,7 @@ def compiled_law() -> Any:
     check_layout()
     model_user, model_user_size = offset("mjModel", "actuator_user"), offset("mjModel", "nuser_actuator")
     integrator = offset("mjModel", "opt") + offset("mjOption", "integrator")
+    timestep = offset("mjModel", "opt") + offset("mjOption", "timestep")
     runge_kutta = int(mujoco.mjtIntegrator.mjINT_RK4)
     at_time, at_qpos, at_qvel = offset("mjData", "time"), offset("mjData", "qpos"), offset("mjData", "qvel")
     at_ctrl, at_user, at_qacc = offset("mjData", "ctrl"), offset("mjData", "userdata"), offset("mjData", "qacc")
@@ -111,8 +118,10 @@ def compiled_law() -> Any:
     at_equalities, at_frictions = offset("mjData", "ne"), offset("mjData", "nf")
     at_row_type, at_row_id, at_row_limit = (offset("mjData", f"efc_{name}") for name in ("type", "id", "frictionloss"))
     at_row_gains, at_row_stiffness = offset("mjData", "efc_KBIP"), offset("mjData", "efc_D")
+    at_row_softness, at_row_aim = offset("mjData", "efc_R"), offset("mjData", "efc_aref")
     at_islands, at_island_row = offset("mjData", "nisland"), offset("mjData", "map_efc2iefc")
-    at_island_limit = offset("mjData", "iefc_frictionloss")
+    at_island_limit, at_island_stiffness = offset("mjData", "iefc_frictionloss"), offset("mjData", "iefc_D")
+    at_island_softness, at_island_aim = offset("mjData", "iefc_R"), offset("mjData", "iefc_aref")
     joint_row = int(mujoco.mjtConstraint.mjCNSTR_FRICTION_DOF)
     tendon_row = int(mujoco.mjtConstraint.mjCNSTR_FRICTION_TENDON)
 
@@ -156,11 +165,23 @@ def compiled_law() -> Any:
             acceleration += p[P_COEFFICIENT + k] * qacc[int(p[P_DOF + k])]
         total = inertial(model, data, int(p[P_DOF + last]), qacc) / p[P_COEFFICIENT + last]
         speed = s[S_SPEED] / p[P_SCALE]
-        damping = doubles(load_address(data + at_row_gains))[4 * row + 1]
-        friction = -(acceleration + damping * speed) * doubles(load_address(data + at_row_stiffness))[row]
+        if s[S_ROW_INERTIA] > 0.0:
+            friction = -(acceleration - s[S_ROW_ACCELERATION]) * s[S_ROW_INERTIA]
+        else:
+            damping = doubles(load_address(data + at_row_gains))[4 * row + 1]
+            friction = -(acceleration + damping * speed) * doubles(load_address(data + at_row_stiffness))[row]
         limit = s[S_LIMIT] + p[P_OWN_FRICTION]
         friction = min(max(friction, -limit), limit)
         return total - s[S_TORQUE] - friction - s[S_KNOWN] + p[P_VISCOUS] * speed
+
+    @compiled()
+    def write_row(p, s, stiffness, softness, aim, frictionloss, row):  # type: ignore[no-untyped-def]
+        """Give the constraint row of the dry friction what the law says of it."""
+        doubles(frictionloss)[row] = s[S_LIMIT] + p[P_OWN_FRICTION]
+        if s[S_ROW_INERTIA] > 0.0:
+            doubles(stiffness)[row] = s[S_ROW_INERTIA]
+            doubles(softness)[row] = 1.0 / s[S_ROW_INERTIA]
+            doubles(aim)[row] = s[S_ROW_ACCELERATION]
 
     @numba.cfunc(SIGNATURE, cache=True, error_model="numpy")
     def bias(model, data, actuator):  # type: ignore[no-untyped-def]
@@ -198,14 +219,32 @@ def compiled_law() -> Any:
             begin(p, s, time, goal, q, w)
         elif stage == FIRST:
             advance(p, s, time)
-        s[S_KNOWN] = known
+        s[S_KNOWN], s[S_STEP] = known, load_double(model + timestep)
+        if p[P_LOAD_FACTOR] != 0.0:
+            pressing = load_double(load_address(data + at_user) + 8 * (int(p[P_LOAD_STATE]) + S_REST))
+            s[S_PRESSED] = max(p[P_LOAD_FACTOR] * pressing, 0.0)
         force = torque(p, s, time, goal, q, w, known + s[S_REST], stage != LATER)
         if row >= 0:
-            limit = s[S_LIMIT] + p[P_OWN_FRICTION]
-            doubles(load_address(data + at_row_limit))[row] = limit
+            write_row(
+                p,
+                s,
+                load_address(data + at_row_stiffness),
+                load_address(data + at_row_softness),
+                load_address(data + at_row_aim),
+                load_address(data + at_row_limit),
+                row,
+            )
             if load_int(data + at_islands) > 0:  # the solver then reads a copy sorted by island, made before this call
                 island_row = load_int(load_address(data + at_island_row) + 4 * row)
-                doubles(load_address(data + at_island_limit))[island_row] = limit
+                write_row(
+                    p,
+                    s,
+                    load_address(data + at_island_stiffness),
+                    load_address(data + at_island_softness),
+                    load_address(data + at_island_aim),
+                    load_address(data + at_island_limit),
+                    island_row,
+                )
         return force
 
     return bias

@@ -10,14 +10,17 @@ from actuators.compiled import compiled
 from actuators.layout import (
     P_HEADER,
     P_LATENCY,
+    P_LOAD_FACTOR,
     P_SCALE,
     P_STATE_SIZE,
     S_DUTY,
     S_GOAL,
     S_LIMIT,
     S_LOAD,
+    S_PRESSED,
     S_READING,
     S_READY,
+    S_ROW_INERTIA,
     S_SPEED,
     S_STAGE,
     S_TIME,
@@ -25,12 +28,19 @@ from actuators.layout import (
     S_VOLTAGE,
 )
 from actuators.stages.command import dead_banded, delayed, rate_limited, record_delay, start_delay
-from actuators.stages.controller import advance_integral, ideal_torque, position_duty
+from actuators.stages.controller import advance_integral, ideal_torque, position_duty, sampled_duty
 from actuators.stages.motor import advance_current, motor_torque, regression_torque
 from actuators.stages.net import sample_net, start_net
 from actuators.stages.power import at_least, current_limited_voltage, stepped, supplied_voltage
 from actuators.stages.sensor import encoder_reading, late_position, record_latency, start_latency
-from actuators.stages.transmission import advance_bristle, bristle_torque, friction_limit
+from actuators.stages.transmission import (
+    advance_bristle,
+    bristle_torque,
+    friction_limit,
+    lugre_row,
+    pressed_limit,
+    smooth_row,
+)
 
 FIRST, LATER, RESTART, REPEAT = 0, 1, 2, 3
 
@@ -96,11 +106,11 @@ def advance(p, s, time):
         op, m, i = int(p[at]), int(p[at + 2]), at + 3
         if op == 2:
             s[m] = rate_limited(p, i, s, m, time, s[m + 1])
-        elif op == 10:
+        elif op == 10 and p[i + 4] == 0.0:
             advance_integral(p, i, s, m, time)
         elif op == 30:
             advance_current(p, i, s, m, time)
-        elif op == 41 and p[i + 12] > 0.0:
+        elif op == 41 and p[i + 12] > 0.0 and p[i + 13] == 0.0:
             advance_bristle(p, i, s, m, time)
         at += int(p[at + 1])
     s[S_TIME] = time
@@ -127,10 +137,13 @@ def torque(p, s, time, goal, q, w, external, first):
     while p[at] > 0.0:
         op, m, i = int(p[at]), int(p[at + 2]), at + 3
         if op == 10:
-            error_goal = value
-            value = position_duty(p, i, s, m, error_goal)
-            if first:
-                s[m + 1] = error_goal - s[S_READING]
+            if p[i + 4] > 0.0:
+                value = sampled_duty(p, i, s, m, time, value, first)
+            else:
+                error_goal = value
+                value = position_duty(p, i, s, m, error_goal)
+                if first:
+                    s[m + 1] = error_goal - s[S_READING]
             s[S_DUTY] = value
         elif op == 20:
             value = min(max(value, -p[i]), p[i])
@@ -147,8 +160,16 @@ def torque(p, s, time, goal, q, w, external, first):
         elif op == 11:
             value = ideal_torque(p, i, s, value)
         elif op == 41:
-            s[S_LIMIT] = friction_limit(p, i, q, w, value, external)
-            if p[i + 12] > 0.0:
+            s[S_ROW_INERTIA] = 0.0
+            if p[P_LOAD_FACTOR] != 0.0:
+                s[S_LIMIT] = pressed_limit(p, i, q, w, value, external, s[S_PRESSED])
+            else:
+                s[S_LIMIT] = friction_limit(p, i, q, w, value, external)
+            if p[i + 13] > 0.0:
+                lugre_row(p, i, s, m, time, w, first)
+            elif p[i + 15] > 0.0:
+                smooth_row(p, i, s, w)
+            elif p[i + 12] > 0.0:
                 value -= bristle_torque(p, i, s, m, time, w)
         elif op == 1:
             if first:

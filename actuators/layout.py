@@ -29,7 +29,9 @@ P_LATENCY = 16  # [s]
 P_LATENCY_MEMORY = 17  # offset of the encoder's ring in the state
 P_VISCOUS = 18  # [N.m.s/rad], native damping; here for replays without an engine
 P_OWN_FRICTION = 19  # dry friction that the model itself gives the joint [N.m], beside the law's
-P_HEADER = 20
+P_LOAD_STATE = 20  # state of the coordinate whose load presses on this one's transmission, in userdata
+P_LOAD_FACTOR = 21  # that load by its contact torque, 0: the torque through the transmission itself counts
+P_HEADER = 22
 
 # state slots
 S_TIME = 0  # start of the current physics step [s]
@@ -47,7 +49,11 @@ S_LOAD = 11  # external torque on the coordinate, complete where dry friction ne
 S_SPEED = 12  # [rad/s]
 S_KNOWN = 13  # part of the load that mjData states as the law is called [N.m]
 S_REST = 14  # its rest, from the accelerations of the latest evaluation [N.m]
-S_HEADER = 16
+S_ROW_INERTIA = 15  # resistance of the friction row to acceleration [kg.m2], 0: the engine's own
+S_ROW_ACCELERATION = 16  # acceleration at which that row gives no torque [rad/s2]
+S_PRESSED = 17  # load that presses on the transmission, where it is another coordinate's
+S_STEP = 18  # physics step [s], 0 where no engine steps
+S_HEADER = 20
 
 DELAY_EVENTS = 64  # goal changes remembered by a delay
 LATENCY_SAMPLES = 32  # positions remembered by an encoder with latency

@@ -37,12 +37,15 @@ class DrivenCoordinate:
         terms: ``(joint, coefficient)``, the coordinate being the sum of coefficient times joint angle.
         motor_body: body that carries the motor; default: the parent of the first joint's body.
         rotor_mass: of the motor's rotating parts [kg], where it becomes a body of its own.
+        pressed_by: coordinate whose contact load presses on this one's transmission and sets its load dependent
+            friction, and that load per contact torque of the coordinate; default: the torque through the transmission.
     """
 
     name: str
     terms: tuple[tuple[str, float], ...]
     motor_body: str | None = None
     rotor_mass: float = MASSLESS
+    pressed_by: tuple[str, float] | None = None
 
     @staticmethod
     def of_joint(joint: str) -> DrivenCoordinate:

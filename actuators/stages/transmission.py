@@ -7,7 +7,7 @@ from dataclasses import dataclass
 from typing import Any, ClassVar
 
 from actuators.compiled import compiled
-from actuators.layout import S_LIMIT, S_TIME
+from actuators.layout import S_LIMIT, S_ROW_ACCELERATION, S_ROW_INERTIA, S_STEP, S_TIME
 from actuators.stages.base import ChainError, Quantity, Stage, parameter, register
 
 REST_SPEED = 1e-3  # [rad/s] below this a joint counts as at rest and friction opposes the torque, not the motion
@@ -42,7 +42,12 @@ class Friction(Stage):
         S = exp(-|w / stribeck_velocity|^stribeck_exponent)
 
     with the motor torque ``m`` and the external torque ``e`` on the gearbox (Duclusaud et al., ICRA 2025, M1 to M6;
-    ripple: gear meshing, seed 000 equation (16)).
+    ripple: gear meshing, seed 000 equation (16)). Where another coordinate's load presses on the transmission, it
+    stands in place of ``|m - e|``.
+
+    What the limit does near rest is one of four: sticking is rigid; it is elastic (``bristle_stiffness``); bristles
+    yield gradually and are stable at any stiffness (``lugre``: seed 001, equations (26) to (28)); or nothing sticks,
+    and the dry friction grows in a line up to ``slip_speed`` (seed 001, equation (34)).
     """
 
     name: ClassVar[str] = "friction"
@@ -64,23 +69,40 @@ class Friction(Stage):
     ripple_count: float = parameter(1.0, "1/turn", 0.0, 1e4, "periods per turn")
     ripple_phase: float = parameter(0.0, "rad", -10.0, 10.0, "phase of the ripple")
     bristle_stiffness: float = parameter(
-        0.0, "N.m/rad", 0.0, 1e6, "of the contact before it slips (presliding); 0: sticking is rigid"
+        0.0, "N.m/rad", 0.0, 1e12, "of the contact before it slips (presliding); 0: sticking is rigid"
     )
+    bristle_damping: float = parameter(0.0, "N.m.s/rad", 0.0, 1e6, "of LuGre bristles")
+    lugre: float = parameter(0.0, "-", 0.0, 1.0, "1: bristles yield gradually; 0: they hold up to the limit")
+    slip_speed: float = parameter(0.0, "rad/s", 0.0, 1e3, "at which dry friction is whole; 0: it is so at rest")
 
     def law_parameters(self, chain: Any) -> list[float]:
+        if self.lugre > 0.5 and self.bristle_stiffness == 0.0:
+            raise ChainError(f"{chain.label}: a LuGre 'friction' needs a bristle_stiffness.")
+        if self.bristle_damping > 0.0 and self.lugre < 0.5:
+            raise ChainError(
+                f"{chain.label}: 'friction' has a bristle_damping, which only LuGre bristles have; add lugre: 1."
+            )
+        if self.slip_speed > 0.0 and self.bristle_stiffness > 0.0:
+            raise ChainError(f"{chain.label}: 'friction' has bristles and a slip_speed, which exclude each other.")
         values = self.parameters()
-        del values["viscous"], values["bristle_stiffness"]
+        near_rest = [values.pop(key) for key in ("bristle_stiffness", "lugre", "bristle_damping", "slip_speed")]
+        del values["viscous"]
         loss = 1.0 - (gear.efficiency if (gear := chain.find("gear")) else 1.0)
-        return [*values.values(), loss, self.bristle_stiffness]
+        return [*values.values(), loss, *near_rest]
 
     def memory_size(self) -> int:
-        return 3
+        return 6 if self.lugre > 0.5 else 3
 
 
 @compiled()
 def friction_limit(p, i, q, w, motor, external):
     """Dry friction torque at most [N.m], for the direction in which the joint moves or is pushed."""
-    load = abs(motor - external)
+    return pressed_limit(p, i, q, w, motor, external, abs(motor - external))
+
+
+@compiled()
+def pressed_limit(p, i, q, w, motor, external, load):
+    """:func:`friction_limit` under a load that is given."""
     speed = abs(w)
     limit = p[i] + p[i + 5] * load + p[i + 6] * load * load + p[i + 11] * max(abs(motor), abs(external))
     extra = p[i + 1] + p[i + 7] * load
@@ -112,6 +134,45 @@ def advance_bristle(p, i, s, m, time):
     """Carry the deflection over the step that has passed."""
     most = s[m + 2] / p[i + 12]
     s[m] = min(max(s[m] + s[m + 1] * (time - s[S_TIME]), -most), most)
+
+
+@compiled()
+def lugre_row(p, i, s, m, time, w, first):
+    """Make the engine's friction row LuGre bristles (seed 001, equations (26) to (28)).
+
+    ``dz/dt = w - |w| z / g`` is solved exactly over a step ``h`` of constant ``|w|``, with the speed ``w + h a`` that
+    the step ends with: ``z' = E z + h F (w + h a)``, ``E = exp(-x)``, ``F = (1 - E) / x``, ``x = |w| h / g``. The
+    torque ``stiffness z' + damping (z' - z) / h`` is then linear in the acceleration ``a``, so the solver finds both together
+    with contacts and all else, and no stiffness is too large for the step. The row's limit is ``g stiffness``.
+
+    Memory: deflection at the step's start; what remains of it and its gain on the speed over the step; its bound; time.
+    """
+    h, limit = s[S_STEP], max(s[S_LIMIT], 1e-9)
+    if h <= 0.0:
+        return
+    if first and time > s[m + 4] + 1e-12:
+        s[m] = min(max(s[m + 1] + s[m + 2] * w, -s[m + 3]), s[m + 3])
+        s[m + 4] = time
+    bound = limit / p[i + 12]
+    x = abs(w) * h / bound
+    kept = math.exp(-x)
+    gain = h * (-math.expm1(-x) / x if x > 1e-9 else 1.0)
+    if first:
+        s[m + 1], s[m + 2], s[m + 3] = kept * s[m], gain, bound
+    whole = p[i + 12] + p[i + 14] / h
+    s[S_ROW_INERTIA] = whole * gain * h
+    s[S_ROW_ACCELERATION] = -(whole * (kept * s[m] + gain * w) - p[i + 14] * s[m] / h) / s[S_ROW_INERTIA]
+
+
+@compiled()
+def smooth_row(p, i, s, w):
+    """Make the engine's friction row grow in a line up to ``slip_speed`` (seed 001, equation (34)).
+
+    It takes the speed that the step ends with, so no slope is too steep for the step.
+    """
+    if s[S_STEP] > 0.0:
+        s[S_ROW_INERTIA] = max(s[S_LIMIT], 1e-9) / p[i + 15] * s[S_STEP]
+        s[S_ROW_ACCELERATION] = -w / s[S_STEP]
 
 
 @register

@@ -1,0 +1,1 @@
+"""The hexapod AMRU5 of seed 001."""
