@@ -87,7 +87,7 @@ def prepare(config: Mapping[str, Any]) -> Deployment:
     if len(given) != 1:
         what = f"{' and '.join(given)} cannot run at once" if given else "say what to run"
         raise SealegsError(f"{what}: give one of {', '.join(f'{key}=' for key in SOURCES)} (--help lists the keys).")
-    calibration = _calibration(config)
+    calibration = calibration_of(config)
     robot = build_robot(config["robot"], config["actuator"], calibration)
     commands = _commands(given[0], config, robot)
     rate = config["rate"] or commands.rate or RATE
@@ -218,7 +218,12 @@ def _not_at_rest(done: Run) -> list[int]:
     return sorted(done.outcome.not_at_rest)
 
 
-def _calibration(config: Mapping[str, Any]) -> Path | None:
+def calibration_of(config: Mapping[str, Any]) -> Path | None:
+    """The calibration file that a config names, or the newest of its robot; None on a virtual machine.
+
+    Raises:
+        SealegsError: there is none for real servos.
+    """
     if config["calibration"] is not None:
         return Path(str(config["calibration"]))
     if config["hw"]["virtual"] is not None:

@@ -1,0 +1,316 @@
+"""One policy in the nominal model, in the extended model and on the machine: what it earns, and what departs."""
+
+from __future__ import annotations
+
+import json
+import math
+from collections.abc import Callable, Mapping
+from dataclasses import asdict, dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from actuators.errors import SealegsError
+from envs.robot import ChainSource
+from gap.log import read_measured
+from hw import deployment
+from hw.commands import PolicyCommands
+from hw.policy import Policy
+from hw.robot import ServoRobot, build_robot
+from hw.simulated import Recording, rewards_of, simulate
+
+MACHINE = "machine"
+DEPARTS = 0.25  # of the spread of a signal on the machine: a model further off than this has departed
+LASTS = 3  # cycles in a row that it takes
+SLOWEST = 0.3  # [Hz] below which nothing counts as a frequency
+
+
+@dataclass(frozen=True)
+class Figures:
+    """What one run comes to.
+
+    Attributes:
+        seconds: run.
+        reward: per second, from measured signals; NaN without a policy.
+        terms: of the reward, per second.
+        tracking: rms of goal minus position, over all joints [rad].
+        frequency: strongest of the motion: of the base's height, else of the joint that moves most [Hz].
+        height: of a hop, from lowest to highest point, mean over the hops [m]; NaN for robots without a base.
+        energy: that the motors drew, electrical [J]; NaN where current or voltage is unknown.
+        same_goals: rms of the model's position error where it is given the machine's goals [rad]; 0 for the machine.
+        departs: signal by which it first departs from the machine, None where none does.
+        departs_at: when [s].
+        departures: time at which each signal departs [s], those that do.
+    """
+
+    seconds: float
+    reward: float
+    terms: Mapping[str, float]
+    tracking: float
+    frequency: float
+    height: float
+    energy: float
+    same_goals: float = 0.0
+    departs: str | None = None
+    departs_at: float | None = None
+    departures: Mapping[str, float] | None = None
+
+
+@dataclass(frozen=True)
+class Comparison:
+    """Runs of one policy.
+
+    Attributes:
+        policy: its file.
+        robot: name.
+        joints, base: names of the recordings' columns.
+        runs: by ``nominal``, ``extended`` (where there is one) and ``machine``.
+        figures: by the same names.
+        ending: of the machine's run.
+        log: of the machine's run.
+    """
+
+    policy: str
+    robot: str
+    joints: list[str]
+    base: list[str]
+    runs: Mapping[str, Recording]
+    figures: Mapping[str, Figures]
+    ending: str
+    log: Path
+
+
+def compare(config: Mapping[str, Any], folder: Path, say: Callable[[str], None] = print) -> Comparison:
+    """Run the policy on the machine and in the models, from the same start, asked for the same.
+
+    Args:
+        config: of ``configs/evaluate.yaml``: ``policy``, ``nominal``, ``extended``, ``hw``, ``port``, ``robot``, ...
+        folder: for the machine's log.
+        say: prints a line.
+
+    Raises:
+        SealegsError: policy, robot or chains do not fit, or the machine ended before anything could be compared.
+    """
+    policy = Policy(str(config["policy"]))
+    robot = build_robot(config["robot"], config["nominal"], None)
+    models: dict[str, dict[str, ChainSource]] = {"nominal": dict(robot.chains)}
+    if config["extended"] is not None:
+        models["extended"] = dict(build_robot(config["robot"], config["extended"], None).chains)
+    trained = build_robot(
+        config["robot"], dict(policy.contract.chains), None
+    )  # it may be any model's: that is compared
+    trained.check_contract(policy.contract)
+    rate, seconds = policy.contract.control_rate, float(config["seconds"])
+    schedule, segment = command_schedule(policy, seconds, int(config["seed"]))
+
+    def commands() -> PolicyCommands:
+        return PolicyCommands(policy, robot, schedule, segment)
+
+    deploy = {
+        **config, "actuator": config["nominal"], "rate": None, "duration": seconds, "out": str(folder), "name": MACHINE,
+        "excitation": None, "replay": None, "reference": False, "command": None, "dry_run": False, "dead_man": False,
+    }  # fmt: skip
+    say(f"On the machine ({'servos' if config['hw']['virtual'] is None else 'virtual bus'}), {seconds:g} s")
+    own = commands()
+    outcome, log = on_machine(deploy, own, rate, seconds, say)
+    machine = from_log(log, own)
+    if len(machine.time) < rate:
+        raise SealegsError(f"the machine's run ended after {len(machine.time)} cycles: {outcome}; the log is {log}.")
+    limits = deployment.Limits.from_config(config["robot"]["safety"])
+    runs: dict[str, Recording] = {}
+    figures: dict[str, Figures] = {}
+    spent = len(machine.time) / rate
+    for name, chains in models.items():
+        say(f"In the {name} model")
+        run = simulate(robot, chains, commands(), limits, rate, spent)
+        replay = simulate(robot, chains, commands(), limits, rate, spent, machine.goal)
+        count = min(len(run.time), len(machine.time))
+        runs[name] = run.cut(count)
+        departures = find_departures(machine.cut(count), runs[name], robot)
+        first = min(departures, key=lambda signal: departures[signal], default=None)
+        error = replay.position[:count] - machine.position[: len(replay.position)][:count]
+        figures[name] = measure(
+            run,
+            same_goals=float(np.sqrt(np.mean(error**2))),
+            departs=first,
+            departs_at=departures[first] if first else None,
+            departures=departures,
+        )
+    runs[MACHINE], figures[MACHINE] = machine, measure(machine)
+    return Comparison(str(policy.path), robot.robot.name, robot.names, robot.base_names, runs, figures, outcome, log)
+
+
+def on_machine(
+    config: dict[str, Any], commands: PolicyCommands, rate: float, seconds: float, say: Callable[[str], None]
+) -> tuple[str, Path]:
+    """Run on servos; how the run ended, in words, and its log."""
+    calibration = deployment.calibration_of(config)
+    robot = build_robot(config["robot"], config["actuator"], calibration)
+    limits = deployment.Limits.from_config(config["robot"]["safety"])
+    prepared = deployment.Deployment(config, robot, commands, limits, rate, seconds, calibration)
+    done = deployment.run(prepared, say)
+    assert done is not None
+    say(done.outcome.timing.sentence())
+    fault = done.outcome.fault
+    return (f"{fault.name}: {fault.sentence}" if fault else done.outcome.ending), done.log
+
+
+def command_schedule(policy: Policy, seconds: float, seed: int, segment: float = 2.5) -> tuple[np.ndarray, float]:
+    """What the policy is asked for, one command after the other (m, c), as its task draws them; time of each [s]."""
+    from envs.contract import task_of
+
+    task = task_of(policy.contract.env)[0]
+    count = max(math.ceil(seconds / segment), 1)
+    return task.commands(np.random.default_rng(seed).random((count, task.draws))), segment
+
+
+def from_log(path: Path, commands: PolicyCommands) -> Recording:
+    """The machine's run out of its log."""
+    run = read_measured(path).runs[0]
+    joints = list(run.joints.values())
+
+    def column(name: str) -> np.ndarray:
+        return np.stack([getattr(joint, name) for joint in joints], axis=1)
+
+    rewards = rewards_of(commands)
+    count = min(len(run.time), *(len(term) for term in rewards.values())) if rewards else len(run.time)
+    base = np.stack(list(run.base.values()), axis=1) if run.base else np.zeros((len(run.time), 0))
+    columns = {name: column(name) for name in ("goal", "position", "velocity", "duty", "current", "voltage")}
+    return Recording(time=run.time - run.time[0], **columns, base=base, rewards=rewards).cut(count)
+
+
+# --- figures -------------------------------------------------------------------------------------------------------
+
+
+def measure(run: Recording, **more: Any) -> Figures:
+    """Figures of one run."""
+    seconds = float(len(run.time) * run.period)
+    terms = {name: float(values.sum() / seconds) for name, values in run.rewards.items()}
+    power = np.abs(run.voltage * run.duty * run.current).sum(axis=1)
+    height = run.base[:, 1] if run.base.shape[1] > 1 else None
+    return Figures(
+        seconds=seconds,
+        reward=sum(terms.values()) if terms else math.nan,
+        terms=terms,
+        # a goal is answered by the position one cycle later
+        tracking=float(np.sqrt(np.mean((run.goal[:-1] - run.position[1:]) ** 2))),
+        frequency=strongest_frequency(height if height is not None else _liveliest(run.position), run.period),
+        height=hop_height(height, run.period) if height is not None else math.nan,
+        energy=float(power.sum() * run.period) if power.any() else math.nan,
+        **more,
+    )
+
+
+def strongest_frequency(values: np.ndarray, period: float) -> float:
+    """Frequency of the largest line of the spectrum [Hz]; NaN where nothing moves."""
+    centred = (values - values.mean()) * np.hanning(len(values))
+    if np.ptp(values) < 1e-6 or len(values) < 16:
+        return math.nan
+    length = 8 * len(values)
+    spectrum, grid = np.abs(np.fft.rfft(centred, length)), np.fft.rfftfreq(length, period)
+    spectrum[grid < SLOWEST] = 0.0
+    return float(grid[int(np.argmax(spectrum))])
+
+
+def hop_height(height: np.ndarray, period: float) -> float:
+    """Mean way from the lowest to the highest point of a hop [m]; NaN where there are no hops."""
+    frequency = strongest_frequency(height, period)
+    if not math.isfinite(frequency) or frequency <= 0.0:
+        return math.nan
+    length = max(round(1.0 / (frequency * period)), 2)
+    pieces = [height[at : at + length] for at in range(0, len(height) - length + 1, length)]
+    return float(np.mean([np.ptp(piece) for piece in pieces])) if pieces else math.nan
+
+
+def _liveliest(position: np.ndarray) -> np.ndarray:
+    return position[:, int(np.argmax(position.std(axis=0)))]
+
+
+def find_departures(machine: Recording, model: Recording, robot: ServoRobot) -> dict[str, float]:
+    """When each signal of a model leaves that of the machine for good, or for :data:`LASTS` cycles [s].
+
+    A signal departs where it is off by more than :data:`DEPARTS` of its spread on the machine.
+    """
+    signals: dict[str, tuple[np.ndarray, np.ndarray]] = {}
+    for k, joint in enumerate(robot.names):
+        for name in ("goal", "position", "velocity", "duty", "current"):
+            signals[f"{joint}.{name}"] = getattr(machine, name)[:, k], getattr(model, name)[:, k]
+    for k, name in enumerate(robot.base_names):
+        signals[f"base.{name}"] = machine.base[:, k], model.base[:, k]
+    found = {}
+    for name, (ours, theirs) in signals.items():
+        spread = float(ours.std())
+        if spread < 1e-9 or not np.isfinite(theirs).all() or not theirs.any():
+            continue
+        off = np.abs(ours - theirs) > DEPARTS * spread
+        lasting = np.convolve(off, np.ones(LASTS), "valid") >= LASTS
+        if lasting.any():
+            found[name] = float(machine.time[int(np.argmax(lasting))])
+    return dict(sorted(found.items(), key=lambda item: item[1]))
+
+
+# --- telling -------------------------------------------------------------------------------------------------------
+
+ROWS: tuple[tuple[str, str, float], ...] = (
+    ("reward per second", "reward", 1.0),
+    ("tracking error, goal to position [mrad]", "tracking", 1e3),
+    ("frequency [Hz]", "frequency", 1.0),
+    ("height of a hop [mm]", "height", 1e3),
+    ("electrical energy [J]", "energy", 1.0),
+    ("gap: position error, same goals [mrad]", "same_goals", 1e3),
+)
+
+
+def table(comparison: Comparison) -> tuple[list[str], list[list[str]]]:
+    """Header and rows of the comparison, as text."""
+    names = [*[name for name in comparison.figures if name != MACHINE], MACHINE]
+    rows = []
+    for label, field, factor in ROWS:
+        if field == "tracking":
+            for term in comparison.figures[MACHINE].terms:
+                rows.append(
+                    [f"  {term} per second", *(f"{comparison.figures[name].terms[term]:.4g}" for name in names)]
+                )
+        values = [getattr(comparison.figures[name], field) * factor for name in names]
+        if all(math.isnan(value) for value in values):
+            continue
+        rows.append([label, *("-" if math.isnan(value) else f"{value:.4g}" for value in values)])
+    rows.append(["first to depart", *(comparison.figures[name].departs or "-" for name in names)])
+    times = [comparison.figures[name].departs_at for name in names]
+    rows.append(["  after [s]", *("-" if at is None else f"{at:.2f}" for at in times)])
+    return ["", *names], rows
+
+
+def write_comparison(comparison: Comparison, folder: Path, say: Callable[[str], None] = print) -> dict[str, Path]:
+    """Write ``comparison.json`` and ``comparison.html`` into ``folder``, and print the table.
+
+    Raises:
+        FileExistsError: they are there already.
+    """
+    from hw.comparison_page import write_page
+
+    document = {
+        "policy": comparison.policy,
+        "robot": comparison.robot,
+        "ending": comparison.ending,
+        "log": str(comparison.log),
+        "figures": {name: asdict(value) for name, value in comparison.figures.items()},
+    }
+    paths = {"json": folder / "comparison.json", "page": folder / "comparison.html"}
+    with paths["json"].open("x", encoding="utf-8") as file:
+        json.dump(_finite(document), file, indent=1)
+    write_page(comparison, paths["page"])
+    header, rows = table(comparison)
+    for row in [header, *rows]:
+        say(f"  {row[0]:<40}" + "".join(f"{cell:>18}" for cell in row[1:]))
+    if comparison.ending != "finished":
+        say(f"  The machine's run ended early: {comparison.ending}")
+    say(f"  Page  {paths['page']}")
+    return paths
+
+
+def _finite(value: Any) -> Any:
+    if isinstance(value, Mapping):
+        return {str(key): _finite(item) for key, item in value.items()}
+    return None if isinstance(value, float) and not math.isfinite(value) else value

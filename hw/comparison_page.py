@@ -1,0 +1,122 @@
+"""The comparison as one self-contained HTML page that a person can send to a colleague."""
+
+from __future__ import annotations
+
+import html
+from pathlib import Path
+
+import numpy as np
+import plotly.graph_objects as go
+from plotly.offline import get_plotlyjs
+from plotly.subplots import make_subplots
+
+from gap.pictures.style import COLOURS
+from hw.comparison import MACHINE, Comparison, table
+
+PEN = {"nominal": COLOURS["nominal"], "extended": COLOURS["extended"], MACHINE: COLOURS["measured"]}
+STYLE = """
+body { font: 16px/1.5 system-ui, sans-serif; color: #1c2126; max-width: 60rem; margin: 0 auto; padding: 1rem; }
+h1 { font-size: 1.5rem; } h2 { font-size: 1.1rem; margin-top: 2rem; }
+.wide { overflow-x: auto; } table { border-collapse: collapse; width: 100%; font-variant-numeric: tabular-nums; }
+th, td { padding: .3rem .7rem; text-align: right; border-bottom: 1px solid #e4e4e4; white-space: nowrap; }
+th:first-child, td:first-child { text-align: left; white-space: normal; } .small { color: #5a646e; font-size: .85rem; }
+"""
+CONFIG = {"responsive": True, "displaylogo": False}
+
+
+def write_page(comparison: Comparison, path: Path) -> Path:
+    """Write the page; it asks nothing of any network.
+
+    Raises:
+        FileExistsError: it is there already.
+    """
+    header, rows = table(comparison)
+    head = "".join(f"<th>{html.escape(cell)}</th>" for cell in header)
+    body = "".join("<tr>" + "".join(f"<td>{html.escape(cell)}</td>" for cell in row) + "</tr>" for row in rows)
+    text = f"""<!doctype html>
+<html lang="en"><head><meta charset="utf-8"><meta name="viewport" content="width=device-width, initial-scale=1">
+<title>Simulation and machine: {html.escape(comparison.robot)}</title><style>{STYLE}</style>
+<script>{get_plotlyjs()}</script></head><body>
+<h1>{html.escape(headline(comparison))}</h1>
+<p class="small">Policy {html.escape(comparison.policy)} on robot {html.escape(comparison.robot)}. Each column
+is the same policy, asked for the same, from the same start. The gap is the model's position error where it is given the
+goals that the machine got. The machine's run: {html.escape(comparison.ending)}; its log is
+{html.escape(str(comparison.log))}.</p>
+<div class="wide"><table><thead><tr>{head}</tr></thead><tbody>{body}</tbody></table></div>
+<h2>Signals over time</h2><p class="small">Drag to zoom, double-click to see all; a click in the legend hides a line.
+Dotted lines: where a model's signal first departs.</p>
+{_signals(comparison)}
+<h2>Reward</h2>
+{_rewards(comparison)}
+</body></html>
+"""
+    with path.open("x", encoding="utf-8") as file:
+        file.write(text)
+    return path
+
+
+def headline(comparison: Comparison) -> str:
+    """The comparison in a sentence."""
+    figures = comparison.figures
+    gaps = {name: 1e3 * figures[name].same_goals for name in figures if name != MACHINE}
+    parts = " and ".join(f"{gap:.1f} mrad in the {name} model" for name, gap in gaps.items())
+    first = figures["nominal"]
+    departs = f"; {first.departs} departs first, after {first.departs_at:.2f} s" if first.departs else ""
+    return f"The machine is off by {parts}{departs}."
+
+
+def _signals(comparison: Comparison) -> str:
+    joints = comparison.joints
+    panels = [(f"{joint}: {label}", field, k) for k, joint in enumerate(joints) for label, field in _FIELDS]
+    panels += [(f"{name} [m]", "base", k) for k, name in enumerate(comparison.base)]
+    chart = make_subplots(
+        rows=len(panels),
+        cols=1,
+        shared_xaxes=True,
+        vertical_spacing=0.25 / len(panels),
+        subplot_titles=[p[0] for p in panels],
+    )
+    for row, (_, field, k) in enumerate(panels, 1):
+        for name in (MACHINE, *(n for n in comparison.runs if n != MACHINE)):
+            run = comparison.runs[name]
+            pen = {"color": PEN[name], "width": 2.2 if name == MACHINE else 1.3}
+            values = np.asarray(getattr(run, field)[:, k], np.float32)
+            about = {"name": name, "legendgroup": name, "showlegend": row == 1, "line": pen}
+            chart.add_trace(go.Scatter(x=np.asarray(run.time, np.float32), y=values, mode="lines", **about), row, 1)
+    for name, figures in comparison.figures.items():
+        if figures.departs_at is not None:
+            chart.add_vline(figures.departs_at, line={"color": PEN[name], "width": 1.2, "dash": "dot"})
+    chart.update_xaxes(title_text="time [s]", row=len(panels), col=1)
+    return _dressed(chart, 90 + 150 * len(panels))
+
+
+_FIELDS = (("goal [rad]", "goal"), ("position [rad]", "position"), ("duty", "duty"), ("current [A]", "current"))
+
+
+def _rewards(comparison: Comparison) -> str:
+    chart = go.Figure()
+    for name, run in comparison.runs.items():
+        if not run.rewards:
+            return "<p>No policy, no reward.</p>"
+        total = np.cumsum(sum(run.rewards.values()))
+        pen = {"color": PEN[name], "width": 2.2 if name == MACHINE else 1.3}
+        chart.add_trace(go.Scatter(x=run.time, y=np.asarray(total, np.float32), name=name, mode="lines", line=pen))
+    chart.update_xaxes(title_text="time [s]")
+    chart.update_yaxes(title_text="reward so far")
+    return _dressed(chart, 320)
+
+
+def _dressed(chart: go.Figure, height: int) -> str:
+    chart.update_layout(
+        height=height,
+        margin={"l": 8, "r": 8, "t": 40, "b": 8},
+        paper_bgcolor="white",
+        plot_bgcolor="white",
+        font={"family": "system-ui, sans-serif", "size": 12, "color": "#1c2126"},
+        legend={"orientation": "h", "x": 0, "y": 1.0, "xanchor": "left", "yanchor": "bottom", "yref": "container"},
+        hovermode="x unified",
+    )
+    chart.update_layout(legend={"y": 0.999, "yanchor": "top"})
+    chart.update_xaxes(gridcolor="#e4e4e4", zerolinecolor="#e4e4e4", automargin=True)
+    chart.update_yaxes(gridcolor="#e4e4e4", zerolinecolor="#e4e4e4", automargin=True)
+    return chart.to_html(full_html=False, include_plotlyjs=False, config=CONFIG)
