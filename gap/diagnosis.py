@@ -136,7 +136,7 @@ def diagnose(
         SealegsError: the runs have no joint that can be diagnosed.
     """
     progress("checking the log")
-    every = check_set(data)
+    every = [*data.findings, *check_set(data)]
     findings = merged(every)
     if (reason := unusable(every, data)) is not None:
         return [

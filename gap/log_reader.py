@@ -30,6 +30,23 @@ def read_measured(path: str | Path) -> MeasuredSet:
         LogError: one sentence naming file, column and row of what is wrong.
     """
     path = Path(path)
+    files = log_files(path)
+    runs = tuple(_read_run(file) for file in files)
+    for run in runs:
+        if run.robot != runs[0].robot:
+            raise LogError(
+                f"{path}: {files[0].name} is a log of robot {runs[0].robot!r}, {run.name} one of {run.robot!r}; "
+                "keep one machine per folder"
+            )
+    return MeasuredSet(runs, path.stem if path.is_file() else path.resolve().name)
+
+
+def log_files(path: Path) -> list[Path]:
+    """The files of a measured log: itself, or those in a folder.
+
+    Raises:
+        LogError: there is none, or two share a sidecar.
+    """
     files = [path]
     if path.is_dir():
         files = sorted(file for file in path.iterdir() if file.suffix in ENDINGS and not file.name.startswith("."))
@@ -42,14 +59,7 @@ def read_measured(path: str | Path) -> MeasuredSet:
         if file.stem in stems:
             raise LogError(f"{file}: {stems[file.stem].name} has the same name and sidecar; keep one of the two")
         stems[file.stem] = file
-    runs = tuple(_read_run(file) for file in files)
-    for run in runs:
-        if run.robot != runs[0].robot:
-            raise LogError(
-                f"{path}: {files[0].name} is a log of robot {runs[0].robot!r}, {run.name} one of {run.robot!r}; "
-                "keep one machine per folder"
-            )
-    return MeasuredSet(runs, path.stem if path.is_file() else path.resolve().name)
+    return files
 
 
 def iterate_runs(path: str | Path, rows: int = 1 << 18) -> Iterator[MeasuredRun]:

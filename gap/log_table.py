@@ -39,7 +39,8 @@ def read_batches(path: Path) -> Iterator[dict[str, Array]]:
 
 def _parquet_batches(path: Path) -> Iterator[dict[str, Array]]:
     try:
-        with parquet.ParquetFile(path) as file:
+        # pages are read as they are needed: a row group may hold the whole of a long log
+        with parquet.ParquetFile(path, buffer_size=1 << 20, pre_buffer=False) as file:
             names = file.schema_arrow.names
             check_columns(names, path)
             for field in file.schema_arrow:

@@ -13,6 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from actuators.errors import SealegsError
+from gap.log_checks.finding import Finding
 
 Array = NDArray[np.float64]
 
@@ -130,7 +131,9 @@ class MeasuredSet:
     Attributes:
         runs: at least one run.
         name: folder or file name without its ending.
+        findings: of the log as it is on disk, where the runs are only parts of it.
     """
 
     runs: tuple[MeasuredRun, ...]
     name: str
+    findings: tuple[Finding, ...] = ()

@@ -82,7 +82,9 @@ def _unit(runs: Sequence[MeasuredRun], k: int, joint: str, part: int, begin: flo
     span = time[-1] - time[0]
     first, last = time[0] + begin * span, time[0] + end * span
     start = int(np.searchsorted(time, first - WARM_UP)) if begin > 0.0 else 0
-    judged = int(np.searchsorted(time, first if begin > 0.0 else first + START))
+    cut_out = begin == 0.0 and runs[k].meta.get("excerpt", False)  # a window of a long log: something came before it
+    quiet = 0.0 if begin > 0.0 else WARM_UP if cut_out else START
+    judged = int(np.searchsorted(time, first + quiet))
     stop = int(np.searchsorted(time, last, side="right")) if end < 1.0 else len(time)
     return Unit(k, part, start, stop, max(judged - start, 1), state_at(time, runs[k].joints[joint], start))
 

@@ -130,9 +130,9 @@ def diagnose_folder(
     from gap.diagnosis import diagnose
     from gap.diagnosis_files import fresh_folder, write_diagnosis
     from gap.experiment import Limits, default_limits
-    from gap.log import read_measured
+    from gap.long_log import read_bounded
 
-    data = read_measured(log)
+    data = read_bounded(log, progress=progress)
     speed = math.inf if speed_limit is None else speed_limit
     kept = None
     if limits is not None:
