@@ -189,6 +189,19 @@ def test_stepped_time_goes_a_period_on_with_every_reading(server: Server, bus: S
     assert server.wire.rig.time - before == pytest.approx(0.2, abs=1e-3)
 
 
+def test_stepped_time_repeats_itself_exactly():
+    runs = []
+    for _ in range(2):
+        with served() as server, ServoBus(server.port, timeout=TIMEOUT) as bus:
+            bus.torque_on(IDS)
+            states = []
+            for k in range(30):
+                bus.write_goals(IDS, [0.3 * math.sin(0.4 * k), -0.2])
+                states.append(bus.read_state(IDS).raw)
+            runs.append([[row[name].tolist() for name in sorted(row)] for row in states])
+    assert runs[0] == runs[1]
+
+
 def test_several_threads_may_use_one_bus(bus: ServoBus):
     wrong: list[str] = []
 

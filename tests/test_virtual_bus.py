@@ -266,6 +266,21 @@ def test_the_torque_limit_bounds_the_duty():
     assert read(wire, "present_load") == pytest.approx(0.97 * 300, abs=2)
 
 
+def test_gain_and_startup_force_scale_those_of_the_chain(tmp_path: Path):
+    (tmp_path / "hidden.yaml").write_text("minimum_duty.value: 0.03\n")
+    wire = wired("bench", hidden=str(tmp_path / "hidden.yaml"))
+    switch_on(wire)
+    write(wire, "p_gain", 16)
+    write(wire, "goal_position", 2148)
+    wait(wire, 0.012)
+    error = 100 - (read(wire, "present_position") - 2048)
+    assert read(wire, "present_load") == pytest.approx(0.5 * 5.3 * 1000 * error * STEP, abs=4)
+    write(wire, "startup_force", 160)
+    write(wire, "goal_position", read(wire, "present_position") + 2)
+    wait(wire, 0.02)
+    assert abs(read(wire, "present_load")) == pytest.approx(300, abs=5)
+
+
 def test_a_move_keeps_the_speed_in_force_when_its_goal_was_written():
     wire = wired()
     switch_on(wire)

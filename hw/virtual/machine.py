@@ -29,12 +29,18 @@ class Drive:
         connected: whether the bridge drives the motor; False: the output turns freely but for its friction.
         duty: share of the chain's largest duty that is allowed; 0 with ``connected`` brakes the motor.
         gain: share of the chain's controller gain.
+        damping: share of its damping, where it has one.
+        startup: share of its minimum duty, where it has one.
+        dead_zone: share of its dead band, where it has one.
         volts: supply voltage in place of the chain's [V]; None: the chain's.
     """
 
     connected: bool = True
     duty: float = 1.0
     gain: float = 1.0
+    damping: float = 1.0
+    startup: float = 1.0
+    dead_zone: float = 1.0
     volts: float | None = None
 
 
@@ -201,9 +207,14 @@ def _driven(chain: Chain, drive: Drive) -> Chain:
         chain = chain.with_value("torque_limit.limit", 0.0)
     if chain.find("duty_limit") is not None:
         chain = chain.with_value("duty_limit.limit", chain.value("duty_limit.limit") * drive.duty)
-    for stage in ("position_p", "position_pd", "position_pi"):
-        if drive.gain != 1.0 and chain.find(stage) is not None:
-            chain = chain.with_value(f"{stage}.gain", chain.value(f"{stage}.gain") * drive.gain)
+    for path, share in (
+        *((f"{stage}.gain", drive.gain) for stage in ("position_p", "position_pd", "position_pi")),
+        ("position_pd.damping", drive.damping),
+        ("minimum_duty.value", drive.startup),
+        ("dead_band.width", drive.dead_zone),
+    ):
+        if share != 1.0 and chain.find(path.partition(".")[0]) is not None:
+            chain = chain.with_value(path, chain.value(path) * share)
     if drive.volts is not None and chain.find("supply") is not None:
         chain = chain.with_value("supply.volts", drive.volts)
     return chain

@@ -72,7 +72,6 @@ class Rig:
         self.since = [0.0] * len(mounted)
         self._on = [False] * len(mounted)
         self._steps_per_radian = model.resolution / (2.0 * math.pi)
-        self._nominal_gain = model["p_gain"].default
         self._next_tick = TICK
         self.sense()
         for servo in self.servos:
@@ -123,7 +122,7 @@ class Rig:
     def apply(self) -> None:
         """Hand the servos' goals and limits to the machine; after every request that may have changed them."""
         for servo in self.servos:
-            drive = servo.drive(self._nominal_gain, self.volts[servo.joint])
+            drive = servo.drive(self.volts[servo.joint])
             self._steer(servo)
             self.machine.set_drive(servo.joint, drive)
             on = servo.get("torque_enable") != OFF and drive.connected

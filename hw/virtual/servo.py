@@ -56,6 +56,7 @@ class Servo:
         self.model, self.joint = model, joint
         self._places = {item.name: (item.address, item.bytes == 2, item.sign) for item in model.registers.values()}
         self._id = model["id"].address
+        self._factory = {name: model[name].default for name in ("p_gain", "d_gain", "startup_force", "cw_dead_zone")}
         self._stored = bytearray(model.size())  # EEPROM
         for register in model.registers.values():
             self._put(self._stored, register.name, register.default)
@@ -264,8 +265,12 @@ class Servo:
             turns = math.floor(self.sensors.steps / self.model.resolution)
         return self.target + turns * self.model.resolution
 
-    def drive(self, nominal_gain: int, volts: float | None) -> Drive:
-        """What the motor may do."""
+    def drive(self, volts: float | None) -> Drive:
+        """What the motor may do. The chain describes the servo as it left the factory; registers scale it.
+
+        Args:
+            volts: supply voltage in place of the chain's [V].
+        """
         mode = self.get("torque_enable")
         share = self.get("torque_limit") / 1000.0
         if self.latched and self.get("unloading_condition") & OVERLOAD:
@@ -273,7 +278,10 @@ class Servo:
         return Drive(
             connected=mode != OFF and not self._released,
             duty=0.0 if mode == DAMPING else share,
-            gain=self.get("p_gain") / nominal_gain,
+            gain=self.get("p_gain") / self._factory["p_gain"],
+            damping=self.get("d_gain") / self._factory["d_gain"],
+            startup=self.get("startup_force") / self._factory["startup_force"],
+            dead_zone=0.5 * (self.get("cw_dead_zone") + self.get("ccw_dead_zone")) / self._factory["cw_dead_zone"],
             volts=volts,
         )
 
