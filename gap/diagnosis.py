@@ -22,12 +22,12 @@ from gap.log_types import LogError, MeasuredRun, MeasuredSet
 from gap.parameters import Parameter
 from gap.problem import Problem, converged, lay_out
 from gap.search import RIVAL, Search, Searcher
+from gap.structure import Structure, structure
 from gap.units import FIT_A, FIT_B, TEST, cut
 from gap.unknown import unknown_parameters, with_believed_load
 
 WIDE = 4.0  # how far re-tuning alone may turn each number the model has: up to five times, down to a fifth
-CLOSED = 1.25  # error over noise floor up to which a model counts as right
-SMALL = 0.15  # unexplained share of the gap up to which a gap counts as explained
+NEGLIGIBLE = 0.03  # unexplained share of the gap up to which a gap counts as explained
 UNSURE = 0.6  # a cause that is the best in a smaller share of draws than this is not named alone
 
 EXPLAINED, PARTLY, NOTHING, NOT_IDENTIFIABLE, UNUSABLE = (
@@ -65,7 +65,8 @@ class NamedCause:
     Attributes:
         name, sentence, joint: what it is and where.
         share: of the nominal gap's excess over the noise.
-        confidence: how often, over resampled data, it was the best of all causes.
+        confidence: how often, over resampled data, it was the best of all causes; less by what stays unexplained
+            beside what it removes, since an unknown cause that leaves that much may also be what made it look good.
         parameters: by path.
         gain: held-out error that it removes, as a share of the error without it.
         kind: ``effect`` that the model lacks, wrong ``number`` of the model, or error of the ``data``.
@@ -92,6 +93,7 @@ class JointDiagnosis:
         gap: error of each model on the test part, by ``nominal``, ``retuned``, ``extended``, ``noise_floor``.
         values: of all parameters of the extended model, by path; a ``*`` marks a factor.
         simulated: channels of the models over the whole problem, by model name (n, 4).
+        structure: what is left of the position error that is not noise.
         retuned: numbers of the nominal model that moved within their tolerance, as factors.
     """
 
@@ -111,6 +113,7 @@ class JointDiagnosis:
     problem: Problem | None = None
     search: Search | None = None
     simulated: dict[str, np.ndarray] = field(default_factory=dict)
+    structure: Structure | None = None
 
 
 Progress = Callable[[str], None]
@@ -205,23 +208,26 @@ def _conclude(
     noise = problem.noise
     errors["noise_floor"] = Error(noise, noise * float(np.sqrt(2.0 / np.pi)))
 
-    excess = max(errors["nominal"].rmse ** 2 - noise**2, 1e-12)
-    left = float(np.clip((errors["extended"].rmse ** 2 - noise**2) / excess, 0.0, 1.0))
-    causes = _name_causes(problem, search, extended, fitted, joint, 1.0 - left, seed)
+    simulated = {name: problem.simulate([values])[0] for name, values in models.items()}
+    rest = structure(problem, simulated["extended"], seed)
+    # the noise as it is, where the floor was estimated with a margin
+    white = float(np.mean(problem.position_error(simulated["extended"]) ** 2)) - rest.rms**2
+    white = min(white, noise**2)
+    excess = max(errors["nominal"].rmse ** 2 - white, 1e-12)
+    left = float(np.clip((errors["extended"].rmse ** 2 - white) / excess, 0.0, 1.0))
+    causes = _name_causes(problem, search, extended, fitted, joint, 1.0 - left, rest, seed)
     rivals = tuple(
         {"of": named.name, "names": [named.name, *named.rivals], "confidence": named.confidence}
         for named in causes
         if named.rivals
     )
-    level = errors["extended"].rmse / noise
-    verdict, sentence = _verdict(joint, causes, errors, left, level)
+    verdict, sentence = _verdict(joint, causes, errors, left, rest)
     experiment = None
     if verdict == NOTHING and blind(problem, search):
         verdict, sentence = NOT_IDENTIFIABLE, f"{sentence} But the motion would hardly show anything else either."
         experiment = propose(problem, search, limits, seed, blind=True)
     elif verdict in (NOT_IDENTIFIABLE, PARTLY) or rivals:
         experiment = propose(problem, search, limits, seed)
-    simulated = {name: problem.simulate([values])[0] for name, values in models.items()}
     tuned = {p.path.rstrip("*"): extended.values[p.path] for p in search.tuned if p.path in extended.values}
     return JointDiagnosis(
         joint=joint,
@@ -240,6 +246,7 @@ def _conclude(
         problem=problem,
         search=search,
         simulated=simulated,
+        structure=rest,
     )
 
 
@@ -248,7 +255,14 @@ def _error(error: np.ndarray) -> Error:
 
 
 def _name_causes(
-    problem: Problem, search: Search, extended: Fit, fitted: Problem, joint: str, explained: float, seed: int
+    problem: Problem,
+    search: Search,
+    extended: Fit,
+    fitted: Problem,
+    joint: str,
+    explained: float,
+    rest: Structure,
+    seed: int,
 ) -> list[NamedCause]:
     """Causes with shares by what the model loses without each, all others re-fitted."""
     if not search.accepted:
@@ -257,9 +271,9 @@ def _name_causes(
     parts = (problem.part(FIT_A), problem.part(FIT_B))
     losses = []
     for candidate in search.accepted:
-        rest = search.parameters(without=candidate.cause.name)
-        kept = [{p.path: f.values[p.path] for p in rest if p.path in f.values} for f in final.fits]
-        fits = [fit(part, rest, start) for part, start in zip(parts, kept, strict=True)]
+        others = search.parameters(without=candidate.cause.name)
+        kept = [{p.path: f.values[p.path] for p in others if p.path in f.values} for f in final.fits]
+        fits = [fit(part, others, start) for part, start in zip(parts, kept, strict=True)]
         blocks = np.concatenate(
             [p.block_errors(p.simulate([f.values])[0]) for p, f in zip(reversed(parts), fits, strict=True)]
         )
@@ -271,6 +285,7 @@ def _name_causes(
     rounds = [r for r in search.rounds if r.accepted]
     for candidate, (loss, without), chosen in zip(search.accepted, losses, rounds, strict=True):
         rivals = tuple(c.cause.name for c in chosen.candidates[1:] if c.best > RIVAL)
+        removed = float((chosen.before.sum() - candidate.blocks.sum()) / search.counts.sum())
         values = {
             p.path.rstrip("*"): _value(p, extended, bounds, problem.models[0])
             for p in candidate.variant
@@ -282,7 +297,7 @@ def _name_causes(
                 sentence=candidate.cause.sentence,
                 joint=joint,
                 share=explained * loss / total,
-                confidence=candidate.best,
+                confidence=candidate.best * removed / (removed + (rest.level if rest.noticed else 0.0)),
                 parameters=values,
                 gain=1.0 - float(np.sqrt(final.blocks.sum() / without)),
                 kind="number" if candidate.cause.error else "effect",
@@ -340,23 +355,18 @@ def _data_causes(findings: Sequence[Finding], joint: str) -> list[NamedCause]:
 
 
 def _verdict(
-    joint: str,
-    causes: Sequence[NamedCause],
-    errors: Mapping[str, Error],
-    left: float,
-    level: float,
+    joint: str, causes: Sequence[NamedCause], errors: Mapping[str, Error], left: float, rest: Structure
 ) -> tuple[str, str]:
     before, after, floor = (1e3 * errors[key].rmse for key in ("nominal", "extended", "noise_floor"))
-    if not causes and level <= CLOSED:
+    if not causes and not rest.noticed:
         return NOTHING, (
             f"Nothing to explain: the simulation of '{joint}' is within {after:.2f} mrad of the measurement, whose "
             f"noise is {floor:.2f} mrad ({before:.2f} mrad before its numbers were re-tuned within their tolerance)."
         )
     if not causes:
         return NOT_IDENTIFIABLE, (
-            f"The simulation of '{joint}' is {before:.1f} mrad off and {after:.1f} mrad after re-tuning, but no known "
-            "cause explains that on runs it was not fitted to; it may lie outside the catalogue, or the motion does "
-            "not show it."
+            f"The simulation of '{joint}' is {before:.1f} mrad off and {after:.1f} mrad after re-tuning, and no known "
+            f"cause explains that on runs it was not fitted to. {rest.sentence}"
         )
     names = " and ".join(cause.name for cause in causes[:3])
     change = f"from {before:.1f} to {after:.1f} mrad on runs that nothing was fitted to (noise {floor:.2f} mrad)"
@@ -366,11 +376,12 @@ def _verdict(
             f"The gap of '{joint}' may be {causes[0].name}, but the data fit {others} about as well: the error falls "
             f"{change}."
         )
-    if left <= SMALL or level <= CLOSED:
+    if left <= NEGLIGIBLE or not rest.noticed:
         return EXPLAINED, f"The gap of '{joint}' is explained by {names}: the error falls {change}."
+    doubt = "" if causes[0].confidence >= UNSURE else ", if that is the cause at all"
     return PARTLY, (
-        f"The gap of '{joint}' is partly explained by {names}: the error falls {change}; {100 * left:.0f} % of it "
-        "stays unexplained."
+        f"The gap of '{joint}' is partly explained by {names}{doubt}: the error falls {change}; {100 * left:.0f} % of "
+        f"it stays. {rest.sentence}"
     )
 
 

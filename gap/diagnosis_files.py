@@ -99,6 +99,9 @@ def to_document(diagnosis: JointDiagnosis) -> dict[str, Any]:
         },
         "causes": [_cause(cause) for cause in diagnosis.causes],
         "unexplained": diagnosis.unexplained,
+        "structure": None
+        if (rest := diagnosis.structure) is None
+        else {**asdict(rest), "noticed": rest.noticed, "sentence": rest.sentence},
         "rivals": list(diagnosis.rivals),
         "next_experiment": None
         if experiment is None

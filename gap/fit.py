@@ -9,6 +9,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
+from scipy.optimize import lsq_linear
 
 from gap.parameters import Parameter
 from gap.problem import Problem
@@ -16,6 +17,7 @@ from gap.problem import Problem
 MOST_SAMPLES = 30_000
 CONVERGED = 2e-4  # relative improvement of the cost below which a fit ends
 TRIED = (0.1, 1.0, 20.0)  # dampings that each iteration tries, relative to the last one
+UNLIKELY = 3.84  # rise of the cost, in squared noise floors, that a true value exceeds in 5 % of cases
 CALIBRATION = 0.01  # relative error that columns and simulation share in all data
 CLOCK = 0.03  # of a sample period: what all time stamps are late or early by
 LONGEST = 10.0  # step of a parameter in one iteration, in units of its scale
@@ -168,15 +170,17 @@ def intervals(
     found: Fit,
     seed: int = 0,
     halves: Sequence[Fit] = (),
-    draws: int = 400,
+    draws: int = 2000,
 ) -> dict[str, tuple[float, float]]:
     """95 % intervals of fitted parameters.
 
-    A bootstrap over blocks of data, how far parts of it disagree, and a systematic part.
+    How far each parameter can go while the others make up for it within their bounds, how far parts of the data
+    disagree, and a systematic part.
 
-    Each draw re-weights the blocks and takes one Gauss-Newton step from the fit, so correlated errors widen the
-    interval as they should. No draw shows what all data share: calibration of the columns, the clock of the log,
-    steps of the simulation.
+    A number that only a tolerance holds, such as an armature beside a load's inertia, so widens the interval of what
+    it can stand in for. Errors are not independent: by how much they scatter the cost more than independent ones
+    would is taken from a bootstrap over blocks of data. And no resampling shows what all data share: calibration of
+    the columns, the clock of the log, steps of the simulation.
 
     Args:
         halves: fits of the same parameters to two parts of the data.
@@ -198,21 +202,17 @@ def intervals(
     residual = problem.residual(found.simulated[None])[0]
     block, sizes = problem.blocks()
     count = len(sizes)
-    squares = np.zeros((count, len(u), len(u)))
-    slopes = np.zeros((count, len(u)))
     weight = robust_weight(residual)
-    for k in range(len(u)):
-        slopes[:, k] = np.bincount(block, jacobian[:, k] * residual * weight, count)
-        for j in range(len(u)):
-            squares[:, k, j] = np.bincount(block, jacobian[:, k] * jacobian[:, j] * weight, count)
-    rng = np.random.default_rng(seed)
-    weights = rng.multinomial(count, np.full(count, 1.0 / count), draws).astype(float)
-    ridge = 1e-9 * np.eye(len(u)) * np.trace(squares.sum(axis=0))
-    moved = np.array(
-        [u - np.linalg.lstsq(np.tensordot(w, squares, 1) + ridge, w @ slopes, rcond=None)[0] for w in weights]
+    scores = np.stack([np.bincount(block, jacobian[:, k] * residual * weight, count) for k in range(len(u))], axis=1)
+    curvature = (jacobian * weight[:, None]).T @ jacobian
+    weights = np.random.default_rng(seed).multinomial(count, np.full(count, 1.0 / count), draws).astype(float)
+    # how far resampling the blocks scatters the cost, in parts of what independent errors would do
+    ridge = 1e-9 * np.trace(curvature) * np.eye(len(u))
+    moves = (weights - 1.0) @ scores
+    dependent = max(
+        float(np.mean(np.einsum("dk,kj,dj->d", moves, np.linalg.inv(curvature + ridge), moves))) / len(u), 1.0
     )
-    moved = np.clip(moved, low, high)
-    lows, highs = np.percentile(moved, [2.5, 97.5], axis=0)
+    lows, highs = _reach(u, scores.sum(axis=0), curvature + ridge, low, high, UNLIKELY * dependent)
     found_intervals = {}
     period = float(np.median(np.diff(problem.time[: problem.starts[1]])))
     for k, p in enumerate(parameters):
@@ -222,3 +222,37 @@ def intervals(
         wide = float(np.linalg.norm([0.5 * (most - least), max(values) - min(values) if values else 0.0, shared]))
         found_intervals[p.path] = (max(min(least, value - wide), p.low), min(max(most, value + wide), p.high))
     return found_intervals
+
+
+def _reach(
+    u: np.ndarray, slope: np.ndarray, curvature: np.ndarray, low: np.ndarray, high: np.ndarray, rise: float
+) -> tuple[np.ndarray, np.ndarray]:
+    """Ends of each parameter (p,), (p,) up to which the cost, quadratic about ``u``, can stay within ``rise`` of it.
+
+    The others move freely within their bounds.
+    """
+    root = np.linalg.cholesky(curvature).T
+    target = -np.linalg.solve(root.T, slope)
+
+    def cost(k: int, move: float) -> float:
+        """Least rise of the cost with parameter ``k`` moved."""
+        rest = np.arange(len(u)) != k
+        wanted = target - root[:, k] * move
+        if not rest.any():
+            return float(wanted @ wanted - target @ target)
+        bounds = (np.minimum(low[rest] - u[rest], -1e-9), np.maximum(high[rest] - u[rest], 1e-9))
+        best = lsq_linear(root[:, rest], wanted, bounds, method="bvls").x
+        error = root[:, rest] @ best - wanted
+        return float(error @ error - target @ target)
+
+    ends = np.empty((2, len(u)))
+    for k in range(len(u)):
+        for side, bound in enumerate((low[k], high[k])):
+            inside, outside = 0.0, bound - u[k]
+            if abs(outside) > 1e-9 and cost(k, outside) > rise:
+                for _ in range(30):
+                    middle_way = 0.5 * (inside + outside)
+                    inside, outside = (inside, middle_way) if cost(k, middle_way) > rise else (middle_way, outside)
+                outside = inside
+            ends[side, k] = u[k] + outside
+    return ends[0], ends[1]

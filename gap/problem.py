@@ -12,7 +12,7 @@ import numpy as np
 from actuators.stages.base import ChainError
 from gap.joint_model import K_COUPLED, JointModel, bench_parameters
 from gap.log_types import LogError, MeasuredRun
-from gap.simulator import CHANNELS, ELASTIC_STEP, replay_many
+from gap.simulator import CHANNELS, ELASTIC_STEP, SWITCHING, SWITCHING_STEP, replay_many
 from gap.units import Unit
 
 BLOCK = 1.0  # [s] errors closer than this are taken as one observation, since they are not independent
@@ -128,7 +128,10 @@ class Problem:
                 for joint, params, program in zip(joints, self.params, per_run, strict=True)
             ]
             constants.append(rows)
-            steps.append(min(step or self.step, ELASTIC_STEP) if rows[0][K_COUPLED] > 0.0 else step or self.step)
+            most = ELASTIC_STEP if rows[0][K_COUPLED] > 0.0 else np.inf
+            if any(joints[0].chain.find(stage) is not None for stage in SWITCHING):
+                most = min(most, SWITCHING_STEP)
+            steps.append(min(step or self.step, most))
         out = np.empty((len(variants), len(self.time), len(CHANNELS)))
         # The chain may differ between runs (a gain per run), so each run of a variant is a variant of its own for the
         # simulator.
@@ -263,7 +266,7 @@ def lay_out(
         columns["goal"].append(log.goal[part])
         columns["on"].append(np.ones(count, bool) if log.enabled is None else log.enabled[part] > 0.5)
         warm = np.full(count, ROOM) if log.temperature is None else log.temperature[part]
-        columns["temperature"].append(np.where(np.isfinite(warm), warm, ROOM))
+        columns["temperature"].append(between_steps(time[part], np.where(np.isfinite(warm), warm, ROOM)))
         columns["judged"].append(np.arange(count) >= unit.judged)
         block = ((time[part] - time[unit.start]) / BLOCK).astype(int)
         columns["block"].append(block + blocks)
@@ -288,3 +291,12 @@ def lay_out(
         models=tuple(models),
         **flat,
     )
+
+
+def between_steps(time: np.ndarray, values: np.ndarray) -> np.ndarray:
+    """A slow signal (n,) without the steps of its resolution: straight lines between the middles of its changes."""
+    change = np.flatnonzero(np.diff(values))
+    if len(change) == 0 or len(change) > len(values) // 10:
+        return values
+    middle = 0.5 * (values[change] + values[change + 1])
+    return np.interp(time, 0.5 * (time[change] + time[change + 1]), middle)

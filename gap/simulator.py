@@ -38,6 +38,8 @@ from gap.joint_model import (
 )
 
 ELASTIC_STEP = 1e-3  # [s] largest step with a spring or play between motor and link, whose frequency bounds it
+SWITCHING_STEP = 5e-4  # [s] largest step with firmware that switches: it must switch when the machine does
+SWITCHING = ("rate_limit", "dead_band", "minimum_duty", "duty_step")
 STOP_STIFFNESS, STOP_DAMPING = 500.0, 1.0  # [N.m/rad], [N.m.s/rad] of whatever blocks a link: assumed
 CHANNELS = ("position", "link_position", "duty", "current")
 
@@ -145,15 +147,17 @@ def replay(p, k, time, goal, on, temperature, q0, w0, step, out):
         time, goal: of the samples (n,) [s], [rad].
         on: whether the drive was on, per sample (n,).
         temperature: of the motor (n,) [degC].
-        q0, w0: state of motor and link at the first sample [rad, rad/s].
+        q0, w0: reading and speed at the first sample [rad, rad/s].
         step: largest step [s].
         out: (n, 4) filled with reading, link position [rad], duty and current [A] at the samples.
     """
     s = np.zeros(int(p[P_STATE_SIZE]))
     x = np.empty(4)
+    q0 = ((q0 - k[K_HOST_OFFSET]) / k[K_HOST_SCALE] - p[P_OFFSET]) / p[P_SCALE]
     x[0], x[1], x[2], x[3] = q0, w0, q0, w0
-    if k[K_COUPLED] > 0.0 and k[K_STIFFNESS] > 0.0:  # start with the spring holding the load, not with a jerk
-        x[2] = q0 + load_torque(k, q0, 0.0) / k[K_STIFFNESS]
+    if k[K_COUPLED] > 0.0 and k[K_STIFFNESS] > 0.0:  # start with the load held by spring or tooth, not with a jerk
+        load = load_torque(k, q0, 0.0)
+        x[2] = q0 + load / k[K_STIFFNESS] + math.copysign(k[K_HALF_PLAY], load)
     begin(p, s, time[0], goal[0], q0, w0)
     n = len(time)
     arrival = 0

@@ -9,7 +9,9 @@ import numpy as np
 
 from gap.log_types import JointLog, LogError, MeasuredRun
 
-WARM_UP = 0.6  # [s] replayed but not judged, so that what came before a piece is forgotten
+WARM_UP = 1.5  # [s] replayed but not judged, so that what came before a piece is forgotten
+SEARCH = 1.5  # [s] before that in which a quiet start is looked for
+QUIET = 0.05  # [s] either side of a sample over which its motion is judged
 START = 0.1  # [s] not judged at the start of a run
 PIECES = 4  # a run is cut into, where there are too few runs to hold whole ones out
 ENOUGH_RUNS = 6
@@ -81,12 +83,24 @@ def _unit(runs: Sequence[MeasuredRun], k: int, joint: str, part: int, begin: flo
     time = runs[k].time
     span = time[-1] - time[0]
     first, last = time[0] + begin * span, time[0] + end * span
-    start = int(np.searchsorted(time, first - WARM_UP)) if begin > 0.0 else 0
-    cut_out = begin == 0.0 and runs[k].meta.get("excerpt", False)  # a window of a long log: something came before it
-    quiet = 0.0 if begin > 0.0 else WARM_UP if cut_out else START
-    judged = int(np.searchsorted(time, first + quiet))
+    start = (
+        _quiet(time, runs[k].joints[joint].position, first - SEARCH - WARM_UP, first - WARM_UP) if begin > 0.0 else 0
+    )
+    judged = int(np.searchsorted(time, first if begin > 0.0 else first + START))
+    if begin == 0.0 and runs[k].meta.get("excerpt", False):  # a window of a long log: something came before it
+        start = _quiet(time, runs[k].joints[joint].position, first, first + SEARCH)
+        judged = int(np.searchsorted(time, time[start] + WARM_UP))
     stop = int(np.searchsorted(time, last, side="right")) if end < 1.0 else len(time)
     return Unit(k, part, start, stop, max(judged - start, 1), state_at(time, runs[k].joints[joint], start))
+
+
+def _quiet(time: np.ndarray, position: np.ndarray, earliest: float, latest: float) -> int:
+    """Sample between two times at which the joint moves least: there both sides of a play or spring likely rest."""
+    a, b = np.searchsorted(time, [earliest, latest])
+    samples = np.arange(a, max(b, a + 1))
+    reach = max(round(QUIET / float(np.median(np.diff(time)))), 1)
+    before, after = np.maximum(samples - reach, 0), np.minimum(samples + reach, len(time) - 1)
+    return int(samples[np.argmin(np.abs(position[after] - position[before]))])
 
 
 def state_at(time: np.ndarray, log: JointLog, sample: int, width: float = 0.03) -> tuple[float, float]:
