@@ -152,7 +152,7 @@ def diagnose_fleet(log: Path, out: Path, settings: dict[str, Any], workers: int 
                 outcomes.append(outcome)
                 doing.pop(outcome.name, None)
                 said = outcome.error or ("kept" if outcome.kept else outcome.document["verdict"])  # type: ignore[index]
-                bar.console.print(f"  {outcome.name}: {said}", highlight=False, markup=False)
+                bar.console.print(f"  {outcome.name}: {said}", highlight=False, markup=False, soft_wrap=True)
                 bar.advance(task)
     except KeyboardInterrupt:
         kept = sum(outcome.document is not None for outcome in outcomes)
@@ -172,7 +172,7 @@ def diagnose_fleet(log: Path, out: Path, settings: dict[str, Any], workers: int 
     console.print(table, highlight=False, markup=False)
     console.print()
     for cause in shared:
-        console.print(f"  {cause.sentence}", highlight=False, markup=False)
+        console.print(f"  {cause.sentence}", highlight=False, markup=False, soft_wrap=True)
     for path in (written["page"], out / "fleet.csv"):
         console.print(f"  {path}", highlight=False, markup=False)
     if all(row.failed for row in rows):
