@@ -10,6 +10,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from benchmarks.bus import bare_cycle
 from hw.bus import ServoBus
 from hw.packets import (
     ClosedError,
@@ -304,3 +305,24 @@ def test_a_closed_bus_says_so(server: Server):
 def test_the_wrong_baud_rate_finds_nobody(server: Server):
     with ServoBus(server.port, baudrate=500_000, timeout=0.05, retries=0) as bus:
         assert bus.scan(IDS) == {}
+
+
+def test_the_benchmark_compares_the_same_transactions(server: Server, bus: ServoBus):
+    heard: list[tuple[int, int, bytes]] = []
+    exchange = server.wire.exchange
+
+    def listening(request, now, baudrate):
+        heard.append((request.target, request.instruction, request.parameters))
+        return exchange(request, now, baudrate)
+
+    server.wire.exchange = listening
+    bare, close = bare_cycle(server.port, IDS)
+    for _ in range(20):  # the SDK waits for 34 ms only, which a busy machine may take
+        heard.clear()
+        if bare([2100, 1900]):
+            break
+    close()
+    bus.write_goal_steps(IDS, [2100, 1900])
+    bus.read_state(IDS)
+    assert len(heard) == 4
+    assert heard[:2] == heard[2:]

@@ -18,6 +18,10 @@ from envs.robot import Robot
 from hw.virtual.hidden import hide
 
 NOMINAL_VOLTAGE = 7.4  # [V] that a chain without a supply stage is taken to run on; assumed
+UNSTABLE = tuple(
+    int(kind)
+    for kind in (mujoco.mjtWarning.mjWARN_BADQPOS, mujoco.mjtWarning.mjWARN_BADQVEL, mujoco.mjtWarning.mjWARN_BADQACC)
+)
 SHORTEST_STEP = 1e-7  # [s]
 
 
@@ -112,7 +116,11 @@ class Machine:
         return self.data.time
 
     def advance(self, time: float) -> None:
-        """Simulate up to ``time`` [s]; the last step is as short as it must be."""
+        """Simulate up to ``time`` [s]; the last step is as short as it must be.
+
+        Raises:
+            SealegsError: the simulation became unstable.
+        """
         whole = int((time - self.data.time) / self._step + 1e-9)
         if whole > 0:
             mujoco.mj_step(self.model, self.data, whole)
@@ -121,6 +129,11 @@ class Machine:
             self.model.opt.timestep = rest
             mujoco.mj_step(self.model, self.data)
             self.model.opt.timestep = self._step
+        if any(self.data.warning[kind].number for kind in UNSTABLE):
+            raise SealegsError(
+                f"the virtual machine became unstable at {self.data.time:.3f} s; its chains, or what it hides, do not "
+                "fit the robot."
+            )
 
     def set_goal(self, joint: int, angle: float) -> None:
         """Position goal of a joint's chain [rad]; an encoder that drives nothing takes none."""
