@@ -421,7 +421,11 @@ class ServoBus:
                     raise
 
     def _put(self, servo: int, register: Register, data: bytes) -> None:
-        self.line.retry(lambda: self.line.transact([servo], WRITE, [register.address, *data], 0))
+        try:
+            self.line.retry(lambda: self.line.transact([servo], WRITE, [register.address, *data], 0))
+        except NoReplyError:  # the acknowledgement may be lost, or switched off (response_level 0)
+            if bytes(self._read(servo, register.address, register.bytes)) != data:
+                raise
 
     def _read(self, servo: int, address: int, length: int) -> list[int]:
         return self.line.retry(lambda: self.line.transact([servo], READ, [address, length], length)[servo])

@@ -3,7 +3,10 @@
 from __future__ import annotations
 
 import math
+import os
+import pty
 import threading
+import time
 from collections.abc import Iterator
 from pathlib import Path
 
@@ -20,6 +23,7 @@ from hw.packets import (
     PortBusyError,
     PortError,
     RegisterError,
+    StalledError,
     WrongModelError,
 )
 from hw.registers import load_model, model_names
@@ -265,6 +269,15 @@ def test_a_register_that_cannot_be_written_so_is_refused(bus: ServoBus, name, co
         bus.write_register(1, name, count)
 
 
+def test_a_servo_that_acknowledges_no_writes_can_be_told_to(server: Server):
+    with ServoBus(server.port, timeout=0.05, retries=0) as bus:
+        bus.write_register(2, "response_level", 0)
+        with pytest.raises(ConfigurationError, match="acknowledges writes"):
+            bus.check(IDS)
+        bus.write_register(2, "response_level", 1)
+        bus.check(IDS)
+
+
 def test_a_servo_gets_another_id_unless_it_is_taken(server: Server):
     with ServoBus(server.port, timeout=0.1, retries=1) as bus:
         with pytest.raises(ConfigurationError, match="id 2 is taken"):
@@ -292,6 +305,25 @@ def test_two_programs_cannot_share_a_port(server: Server, bus: ServoBus):
     with pytest.raises(PortBusyError, match="another program has"):
         ServoBus(server.port)
     assert bus.ping(1) == 777
+
+
+def test_an_adapter_that_takes_no_more_bytes_is_named():
+    master, slave = pty.openpty()
+    try:
+        with ServoBus(os.ttyname(slave)) as bus, pytest.raises(StalledError, match="takes no more bytes"):
+            for _ in range(5000):
+                bus.write_goals(IDS, [0.0, 0.0])
+    finally:
+        os.close(master)
+        os.close(slave)
+
+
+def test_waiting_for_a_reply_costs_no_processor_time(server: Server):
+    with ServoBus(server.port, timeout=1.0, retries=0) as bus:
+        begin = time.thread_time()
+        with pytest.raises(NoReplyError):
+            bus.read_register(7, "id")
+        assert time.thread_time() - begin < 0.2
 
 
 def test_a_closed_bus_says_so(server: Server):

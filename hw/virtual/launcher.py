@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import subprocess
 import sys
+import tempfile
 from pathlib import Path
 from typing import Any
 
@@ -32,12 +33,13 @@ class VirtualBus:
             SealegsError: what the process said in refusing its arguments.
         """
         arguments = [f"{key}={_written(value)}" for key, value in {"linger": LINGER, **keys}.items()]
+        self._errors = tempfile.TemporaryFile("w+")  # noqa: SIM115 no pipe, which nobody would empty
         self._process = subprocess.Popen(
             [sys.executable, "-m", "hw.virtual", *arguments],
             cwd=CHECKOUT,
             stdin=subprocess.PIPE,
             stdout=subprocess.PIPE,
-            stderr=subprocess.PIPE,
+            stderr=self._errors,
             text=True,
         )
         assert self._process.stdout is not None
@@ -45,8 +47,9 @@ class VirtualBus:
         for name in ("port", "control"):
             key, _, value = self._process.stdout.readline().strip().partition(": ")
             if key != name:
-                _, errors = self._process.communicate()
-                raise SealegsError(f"the virtual bus did not start: {errors.strip().splitlines()[-1:] or 'no reason'}.")
+                self._process.communicate()
+                self._errors.seek(0)
+                raise SealegsError(self._errors.read().strip() or "the virtual bus did not start, and did not say why.")
             facts[key] = value
         self.port, self.control_path = facts["port"], facts["control"]
         self._control = Control(self.control_path)
@@ -66,6 +69,7 @@ class VirtualBus:
         except subprocess.TimeoutExpired:
             self._process.kill()
             self._process.communicate()
+        self._errors.close()
 
     @property
     def pid(self) -> int:
