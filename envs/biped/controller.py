@@ -68,12 +68,12 @@ class Gait:
     shape: tuple[float, float] = (math.radians(12.0), math.radians(12.0))
     kick: tuple[float, float] = (math.radians(5.0), math.radians(18.0))
     retraction: tuple[float, float] = (math.radians(5.0), math.radians(5.0))
-    torso: float = math.radians(2.8)
+    torso: float = 0.151
     torso_gain: float = 8.0
     travel: float = math.radians(-0.69)
     slow: float = 0.01
-    gains: tuple[float, float] = (36.0, 7.2)
-    dampings: tuple[float, float] = (2.6, 0.25)
+    gains: tuple[float, float] = (28.0, 6.3)
+    dampings: tuple[float, float] = (2.7, 0.19)
     limits: tuple[float, float] = (8.0, 16.0)
 
 

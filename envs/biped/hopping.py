@@ -3,12 +3,13 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass
+from copy import deepcopy
+from dataclasses import dataclass, fields
 
 import mujoco
 import numpy as np
 
-from actuators import Chain
+from actuators import Chain, Drivetrain
 from actuators.errors import SealegsError
 from envs.biped.controller import PERIOD, RATIOS, Gait, HoppingController, Phase
 from envs.biped.drive import ANGLE, ENCODER, SHAPE, SPRING_RATIO, torque_chain
@@ -53,6 +54,20 @@ class Hopping:
     hop: np.ndarray
     fell: bool
 
+    def rows(self, chosen: slice | np.ndarray) -> Hopping:
+        """Some of the samples."""
+        arrays = {item.name: getattr(self, item.name)[chosen] for item in fields(self) if item.name != "fell"}
+        return Hopping(**arrays, fell=self.fell)
+
+    def then(self, later: Hopping) -> Hopping:
+        """This recording and one that goes on where it ends."""
+        arrays = {
+            item.name: np.concatenate([getattr(self, item.name), getattr(later, item.name)])
+            for item in fields(self)
+            if item.name != "fell"
+        }
+        return Hopping(**arrays, fell=later.fell)
+
     @property
     def hops(self) -> int:
         """Touchdowns before the end or the fall."""
@@ -79,6 +94,7 @@ class HoppingExperiment:
         chains: Callable[[str], Chain] = torque_chain,
         params: Mapping[str, float] | None = None,
         joint_ticks: float = JOINT_TICKS,
+        substeps: int = 1,
     ) -> None:
         """Build the model and put the biped a little over the floor.
 
@@ -87,10 +103,14 @@ class HoppingExperiment:
             chains: makes the chain of a coordinate; it must take torques.
             params: numbers of the robot other than its own.
             joint_ticks: steps per turn of the encoders on joints, torso and boom.
+            substeps: of the engine in a period of the controller.
         """
         self.gait = gait or Gait()
         self.values = BIPED.parameters(params)
-        self.drivetrain = BIPED.drivetrain({name: chains(name) for name in NAMES}, params)
+        spec = BIPED.build_spec(params)
+        spec.option.timestep = PERIOD / substeps
+        self.substeps = substeps
+        self.drivetrain = Drivetrain(spec, {name: chains(name) for name in NAMES}, BIPED.coordinates)
         self.model = self.drivetrain.model
         self.data = mujoco.MjData(self.model)
         self.controller = HoppingController(self.gait)
@@ -119,6 +139,18 @@ class HoppingExperiment:
         names = [self.model.joint(number).name for number in range(self.model.njnt)]
         return identity[self.model.joint(joint).qposadr[0]] if joint in names else np.zeros(self.model.nq)
 
+    def start_from(self, other: HoppingExperiment) -> None:
+        """Go on from the state of an experiment whose model may have other cables: joints that both have move alike."""
+        shared = {self.model.joint(number).name for number in range(self.model.njnt)}
+        for number in range(other.model.njnt):
+            if (name := other.model.joint(number).name) in shared:
+                self.data.joint(name).qpos, self.data.joint(name).qvel = (
+                    other.data.joint(name).qpos,
+                    other.data.joint(name).qvel,
+                )
+        self.data.time, self.controller, self._places = other.data.time, deepcopy(other.controller), [*other._places]
+        mujoco.mj_forward(self.model, self.data)
+
     def step(self) -> np.ndarray:
         """One period of the controller; the torques it commanded (4,) [N.m at the motor]."""
         data, values, ticks = self.data, self.values, self.joint_ticks
@@ -130,7 +162,7 @@ class HoppingExperiment:
             data.time, pitch, link[ANGLES], motor[SHAPES], contact, self._speed(pitch, link), turn
         )
         data.ctrl[:] = torque * RATIOS
-        mujoco.mj_step(self.model, data)
+        mujoco.mj_step(self.model, data, self.substeps)
         return torque
 
     def _speed(self, pitch: float, link: np.ndarray) -> float:

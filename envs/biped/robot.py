@@ -9,7 +9,7 @@ import numpy as np
 
 from actuators import DrivenCoordinate
 from envs.biped.drive import ANGLE, SHAPE
-from envs.biped.parameters import NUMBERS, SIDES
+from envs.biped.parameters import GRAVITY, NUMBERS, SIDES
 from envs.robot import Robot
 from envs.scene import CAMERA, FLOOR, add_scene, add_sun
 
@@ -17,6 +17,7 @@ BOOM, TORSO = "boom", "torso"
 TIMESTEP = 0.001  # [s], the period of the paper's controller
 REACH = 1.5  # [m] rough size, for light and shadows
 AXIS = (0.0, -1.0, 0.0)  # counter-clockwise for a viewer who has x to the right (Fig. 2)
+SOFT = 1e-3  # [N/m]
 WIDTH = 0.09  # [m] of each leg from the middle, only seen
 GOAL_RANGE = {ANGLE: (-0.6, 0.6), SHAPE: (0.0, 0.6)}  # [rad] assumed: the work space that hopping and walking need
 KNEE_RANGE = (-2.4, -0.02)  # [rad] assumed: the knee's stops
@@ -74,12 +75,13 @@ def build(values: Mapping[str, float]) -> mujoco.MjSpec:
     boom = spec.worldbody.add_body(name=BOOM, pos=(0.0, 0.0, height))
     slide = mujoco.mjtJoint.mjJNT_SLIDE
     boom.add_joint(name="hip_x", type=slide, axis=(1.0, 0.0, 0.0))
-    boom.add_joint(name="hip_z", type=slide, axis=(0.0, 0.0, 1.0), ref=height)
+    upward = boom.add_joint(name="hip_z", type=slide, axis=(0.0, 0.0, 1.0), ref=height)
     felt = values["boom_inertia"] / values["boom_length"] ** 2
     weight = values["boom_mass"] * values["boom_centre"] / values["boom_length"]
     boom.mass, boom.ipos, boom.explicitinertial = felt, (0.0, 0.0, 0.0), True
     boom.inertia = (1e-3,) * 3  # without effect: the boom's end does not pitch
-    boom.gravcomp = 1.0 - weight / felt
+    heavier = GRAVITY * (weight - felt)  # a spring so long that it pulls with one force
+    upward.stiffness, upward.springref = [SOFT, 0.0, 0.0], height - heavier / SOFT
     add_sun(boom, REACH)
     boom.add_geom(type=_CAPSULE, fromto=(0.0, 0.12, 0.0, 0.0, 1.2, 0.0), size=(0.02, 0.0, 0.0), rgba=_METAL)
     torso = boom.add_body(name=TORSO)

@@ -1,0 +1,271 @@
+"""The biped keeps Gymnasium's contract, its printed numbers, and the laws of its cable differentials."""
+
+from __future__ import annotations
+
+import pickle
+import re
+import warnings
+
+import gymnasium as gym
+import mujoco
+import numpy as np
+import pytest
+from gymnasium.utils.env_checker import check_env as check_gymnasium
+from stable_baselines3.common.env_checker import check_env as check_sb3
+
+import envs  # noqa: F401 registers
+from actuators import Drivetrain, load_chain
+from actuators.errors import SealegsError
+from envs.batch import BatchEngine
+from envs.biped.drive import DRIVES, SPRING_RATIO, position_chain, torque_chain
+from envs.biped.kinematics import centre_of_mass, feet, place, robot_mass, segments
+from envs.biped.robot import BIPED, TORSO, coordinate, foot
+from envs.biped.task import BipedTask
+from envs.robots import get_robot
+from envs.sb3 import BatchVecEnv
+from envs.single import SingleEnv
+
+BIPED_ID = "SeaLegs/Biped-v0"
+WORDS = ("ideal", "regression", "net", "mabel")
+NAMES = [item.name for item in BIPED.coordinates]
+RANDOM = {
+    "all": {"friction.viscous": {"times": [0.8, 1.2]}},
+    "mass": {TORSO: [0.9, 1.1]},
+    "floor": {"friction": [1.0, 1.7]},
+}
+
+
+def test_the_environment_passes_the_checks_of_gymnasium_and_sb3() -> None:
+    env = gym.make(BIPED_ID).unwrapped
+    with warnings.catch_warnings():
+        warnings.simplefilter("error", UserWarning)
+        warnings.filterwarnings("ignore", message=".*Box observation space m.*imum value is.*infinity")
+        check_gymnasium(env, skip_render_check=True)
+        check_sb3(env, skip_render_check=True)
+
+
+@pytest.mark.parametrize("word", WORDS)
+def test_one_word_chooses_what_drives_the_legs(word: str) -> None:
+    env = gym.make_vec(BIPED_ID, num_envs=4, actuator=word)
+    env.reset(seed=0)
+    for _ in range(15):
+        observation, _, _, _, infos = env.step(np.tile([-0.2, -0.3, 0.2, -0.3], (4, 1)))
+    assert np.isfinite(observation).all() and not infos["unstable"].any()
+    assert (observation[:, 1] > 0.7).all(), "it stands, or falls slowly"
+
+
+def test_single_vector_and_sb3_move_alike() -> None:
+    count, seed, keywords = 3, 7, {"randomization": RANDOM, "max_episode_steps": 12}
+    vector = gym.make_vec(BIPED_ID, num_envs=count, **keywords)
+    sb3 = BatchVecEnv(BIPED_ID, count, seed=seed, **keywords)
+    singles = [gym.make(BIPED_ID, **keywords) for _ in range(count)]
+    observed = vector.reset(seed=seed)[0]
+    np.testing.assert_array_equal(observed, sb3.reset())
+    np.testing.assert_array_equal(observed, [env.reset(seed=seed + i)[0] for i, env in enumerate(singles)])
+    rng = np.random.default_rng(0)
+    for _ in range(30):
+        action = rng.uniform(-1.0, 1.0, (count, 4)).astype(np.float32)
+        observed, rewards, terminated, truncated, _ = vector.step(action)
+        sb3_observed, _, dones, _ = sb3.step(action)
+        np.testing.assert_array_equal(observed, sb3_observed)
+        np.testing.assert_array_equal(terminated | truncated, dones)
+        for i, env in enumerate(singles):
+            own, reward, own_terminated, own_truncated, _ = env.step(action[i])
+            assert (reward, own_terminated, own_truncated) == (rewards[i], terminated[i], truncated[i])
+            if own_terminated or own_truncated:
+                own = env.reset()[0]
+            np.testing.assert_array_equal(observed[i], own)
+
+
+def test_an_environment_survives_pickling() -> None:
+    env = gym.make(BIPED_ID, actuator="ideal", hopping=1.0).unwrapped
+    again = pickle.loads(pickle.dumps(env))
+    np.testing.assert_array_equal(env.reset(seed=1)[0], again.reset(seed=1)[0])
+
+
+def test_the_documented_tables_are_those_of_the_environment() -> None:
+    env = gym.make(BIPED_ID).unwrapped
+    assert isinstance(env, SingleEnv)
+    action_table, observation_table = re.split(r"## Observation Space", type(env).__doc__ or "")[:2]
+    actions = re.findall(r"\| (\d+) +\| Goal of .*? \| -1 +\| 1 +\| (-?[\d.]+) +\| (-?[\d.]+)", action_table)
+    engine = env.engine
+    assert [float(low) for _, low, _ in actions] == pytest.approx(engine.goal_centre - engine.goal_half, abs=1e-3)
+    assert [float(high) for *_, high in actions] == pytest.approx(engine.goal_centre + engine.goal_half, abs=1e-3)
+    observations = re.findall(r"^ +\| (\d+) +\|", observation_table.split("## Rewards")[0], re.MULTILINE)
+    assert len(observations) == engine.observation_size == len(engine.task.observation_names())
+
+
+def test_walking_pays_for_one_foot_in_the_air_and_hopping_for_both() -> None:
+    def gait(hopping: float, shapes: tuple[float, float], height: float) -> float:
+        engine = BatchEngine(BipedTask(hopping=hopping), 1)
+        engine.reset()
+        engine.batch.bind("qpos")[:] = 0.0
+        qpos = engine.batch.bind("qpos")
+        for side, shape in zip(("left", "right"), shapes, strict=True):
+            engine.drivetrain.set_position(coordinate(side, "leg_shape"), qpos, np.array([shape]))
+            engine.drivetrain.set_position(coordinate(side, "leg_angle"), qpos, np.array([0.0]))
+        qpos[:, 1] = height
+        motion = engine._motion(engine._action)
+        return float(engine.task.rewards(motion)["reward_gait"][0])
+
+    both_down, one_up, both_up = ((0.1, 0.1), 0.9951), ((0.1, 0.5), 0.9951), ((0.1, 0.1), 1.2)
+    assert gait(0.0, *one_up) > 0.4 and gait(0.0, *both_up) == gait(0.0, *both_down) == pytest.approx(0.0, abs=0.01)
+    assert gait(1.0, *both_up) > 0.4 and gait(1.0, *one_up) == pytest.approx(0.0, abs=0.01)
+
+
+@pytest.mark.parametrize(
+    ("keywords", "sentence"),
+    [
+        ({"actuator": "idle"}, "no actuator 'idle' .*did you mean 'ideal'"),
+        ({"actuator": {"left_leg": "ideal"}}, "drives no 'left_leg' .*did you mean 'left_leg_"),
+        ({"params": {"boom_lenght": 2.0}}, "no parameter 'boom_lenght' .*did you mean 'boom_length'"),
+        ({"params": {"torso_mass": -1.0}}, "torso_mass is -1.0; it must be a number between"),
+        ({"control_rate": 300.0}, "control_rate is 300 Hz"),
+        ({"hopping": [0, 1]}, "hopping takes a number"),
+        ({"speed": [1.0, 0.5]}, "a range goes from its low to its high end"),
+    ],
+)
+def test_a_wrong_argument_is_answered_in_one_sentence(keywords: dict, sentence: str) -> None:
+    with pytest.raises(SealegsError, match=sentence):
+        gym.make(BIPED_ID, disable_env_checker=True, **keywords).reset()
+
+
+def test_every_number_has_a_source_and_lies_within_its_bounds() -> None:
+    for name, number in get_robot("biped").numbers.items():
+        assert number.assumed or number.source.startswith("seed 003"), name
+        assert number.low <= number.value <= number.high, name
+
+
+def test_the_chains_in_the_library_are_the_printed_numbers_at_the_leg() -> None:
+    for name in NAMES:
+        stored, built = load_chain(f"mabel_{name}"), position_chain(name)
+        assert [stage.name for stage in stored.stages] == [stage.name for stage in built.stages]
+        for mine, other in zip(stored.stages, built.stages, strict=True):
+            assert mine.parameters() == pytest.approx(other.parameters(), rel=1e-5)
+
+
+def test_the_model_weighs_and_balances_as_its_links_do() -> None:
+    drivetrain = BIPED.drivetrain("ideal")
+    model, values = drivetrain.model, BIPED.parameters()
+    data = mujoco.MjData(model)
+    link = np.array([-0.2, 0.3, 0.4, 0.15])
+    for column, side in ((0, "left"), (2, "right")):
+        drivetrain.set_position(coordinate(side, "leg_shape"), data.qpos, link[column + 1])
+        drivetrain.set_position(coordinate(side, "leg_angle"), data.qpos, link[column])
+    data.qpos[1:3] = 1.1, 0.2
+    mujoco.mj_forward(model, data)
+    hip = np.array([data.qpos[0], data.qpos[1]])
+    body = model.body(TORSO).id
+    assert model.body_subtreemass[body] == pytest.approx(robot_mass(values), abs=1e-6)
+    angles = segments(0.2, link)
+    assert data.subtree_com[body, [0, 2]] == pytest.approx(hip + place(centre_of_mass(values), angles), abs=1e-9)
+    for end, side in zip(feet(values), ("left", "right"), strict=True):
+        assert data.geom(foot(side)).xpos[[0, 2]] == pytest.approx(hip + place(end, angles), abs=1e-9)
+
+
+def test_the_boom_weighs_on_the_hip_by_its_lever_and_resists_by_its_inertia() -> None:
+    values = BIPED.parameters()
+    model = BIPED.drivetrain("ideal").model
+    model.opt.disableflags |= int(mujoco.mjtDisableBit.mjDSBL_CONTACT)
+    data = mujoco.MjData(model)
+    mujoco.mj_forward(model, data)
+    weight = values["boom_mass"] * values["boom_centre"] / values["boom_length"]
+    felt = values["boom_inertia"] / values["boom_length"] ** 2
+    gravity = data.qfrc_bias[1] - data.qfrc_passive[1]
+    assert gravity == pytest.approx(9.81 * (robot_mass(values) + weight), rel=1e-4)
+    mass = np.empty((model.nv, model.nv))
+    mujoco.mj_fullM(model, data, mass)
+    assert mass[0, 0] == pytest.approx(robot_mass(values) + felt, rel=1e-6)
+
+
+def test_leg_coordinates_are_mean_and_half_difference_of_thigh_and_shin() -> None:
+    drivetrain = BIPED.drivetrain("ideal")
+    qpos = np.zeros(drivetrain.model.nq)
+    thigh, shin = 0.5, -0.1
+    qpos[drivetrain.model.joint("left_hip").qposadr[0]] = thigh
+    qpos[drivetrain.model.joint("left_knee").qposadr[0]] = shin - thigh
+    assert drivetrain.position("left_leg_angle", qpos, "link") == pytest.approx(0.5 * (thigh + shin))
+    assert drivetrain.position("left_leg_shape", qpos, "link") == pytest.approx(0.5 * (thigh - shin))
+
+
+def _one_leg(without: tuple[str, ...] = ()) -> tuple[Drivetrain, mujoco.MjData]:
+    """The left leg's drives on a leg whose torso is held and that feels no gravity."""
+    spec = BIPED.build_spec()
+    chains = {}
+    for name in NAMES:
+        chain = torque_chain(name)
+        for stage in ("offset", *without):
+            chain = chain.without_stage(stage)
+        chains[name] = chain
+    drivetrain = Drivetrain(spec, chains, BIPED.coordinates)
+    model = drivetrain.model
+    model.opt.gravity[:] = 0.0
+    data = mujoco.MjData(model)
+    data.qpos[1] = 3.0
+    for side in ("left", "right"):
+        drivetrain.set_position(coordinate(side, "leg_shape"), data.qpos, 0.4)
+        drivetrain.set_position(coordinate(side, "leg_angle"), data.qpos, 0.0)
+    for joint in ("hip_x", "hip_z", "torso_pitch", "right_hip", "right_knee"):
+        model.dof_armature[model.joint(joint).dofadr[0]] = 1e6
+    return drivetrain, data
+
+
+@pytest.mark.parametrize("sign", [1.0, -1.0])
+def test_a_torque_at_the_shape_winds_the_spring_one_way_and_meets_the_stop_the_other(sign: float) -> None:
+    drivetrain, data = _one_leg()
+    model, torque = drivetrain.model, 60.0
+    knee, motor, spring = (
+        model.joint(name).id for name in ("left_knee", "left_leg_shape_motor", "left_leg_shape_spring")
+    )
+    model.dof_armature[model.jnt_dofadr[motor]] = 1e6  # the motor is held
+    data.qfrc_applied[model.jnt_dofadr[knee]] = -sign * torque / 2.0  # the shape is minus half the knee
+    for _ in range(3000):
+        mujoco.mj_step(model, data)
+    drive = DRIVES["left_leg_shape"]
+    stretch = sign * torque / (drive.cable_stiffness * drive.ratio**2)
+    deflection = sign * torque / (drive.spring_stiffness * SPRING_RATIO**2) if sign > 0 else 0.0
+    assert data.qpos[model.jnt_qposadr[spring]] == pytest.approx(deflection, rel=0.02, abs=5e-4)
+    shape = float(drivetrain.position("left_leg_shape", data.qpos, "link"))
+    assert shape - 0.4 == pytest.approx(stretch + deflection, rel=0.03, abs=5e-4)
+
+
+def test_without_cable_stretch_motor_and_leg_angle_are_one_and_spring_and_motor_share_the_shape() -> None:
+    drivetrain, data = _one_leg(("compliance",))
+    data.ctrl[:2] = 5.0, 20.0
+    for _ in range(200):
+        mujoco.mj_step(drivetrain.model, data)
+    spring = float(data.joint("left_leg_shape_spring").qpos[0])
+    for name, between in (("left_leg_angle", 0.0), ("left_leg_shape", spring)):
+        motor, link = (float(drivetrain.position(name, data.qpos, side)) for side in ("motor", "link"))
+        assert link - motor == pytest.approx(between, abs=1e-9)
+    assert abs(float(drivetrain.position("left_leg_angle", data.qpos, "link"))) > 0.01
+
+
+def test_a_torque_command_reaches_the_motor_over_its_constant() -> None:
+    speeds = []
+    for without in ((), ("scale",)):
+        drivetrain, data = _one_leg(without)
+        data.ctrl[:] = 30.0
+        mujoco.mj_step(drivetrain.model, data)
+        speeds.append([float(drivetrain.speed(name, data.qvel)) for name in NAMES])
+    constants = [DRIVES[name].motor_constant for name in NAMES]
+    assert np.array(speeds[1]) / np.array(speeds[0]) == pytest.approx(constants, rel=1e-6)
+
+
+def test_a_spring_and_a_compliance_need_something_between_them() -> None:
+    command, spring, cable = (
+        {"torque_command": {"armature": 1.0}},
+        {"stiffness": 10.0},
+        {"compliance": {"stiffness": 9.0}},
+    )
+    with pytest.raises(SealegsError, match="the same element"):
+        load_chain([command, {"spring": spring}, cable])
+    with pytest.raises(SealegsError, match="needs an inertia that meets its stop"):
+        load_chain([command, {"spring": spring | {"unilateral": 1}}])
+    load_chain([command, {"spring": spring | {"inertia": 0.1, "unilateral": 1}}, cable])
+
+
+def test_a_pulley_too_light_for_the_step_is_refused() -> None:
+    chain = torque_chain("left_leg_shape").with_value("spring.inertia", 1e-4)
+    with pytest.raises(SealegsError, match=r"unstable at a step of 0.001 s"):
+        BIPED.drivetrain({"left_leg_shape": chain})
