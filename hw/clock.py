@@ -57,15 +57,18 @@ class Metronome:
 
     Attributes:
         period: [s].
+        stepped: whether time is the machine's.
         cycles: done so far.
         overruns: of them.
     """
 
-    def __init__(self, rate: float, expected: int = 1 << 16) -> None:
+    def __init__(self, rate: float, stepped: bool = False, expected: int = 1 << 16) -> None:
         """Begin to count with the first :meth:`wait`.
 
         Args:
             rate: cycles per second [Hz].
+            stepped: the machine's time advances by a period in each cycle, however long that takes: nothing is waited
+                for, and :meth:`now` is that time.
             expected: cycles to make room for.
 
         Raises:
@@ -74,13 +77,21 @@ class Metronome:
         if not 0.5 <= rate <= 1000.0:
             raise SealegsError(f"the rate is {rate:g} Hz; it must be between 0.5 and 1000 Hz.")
         self.period = 1.0 / rate
+        self.stepped = stepped
         self._due: float | None = None
         self._times = np.zeros((4, max(expected, 16)))  # late, work, read, command; grown when full
         self.cycles, self.overruns, self._skipped = 0, 0, 0
         self._began = self._woke = self._cpu = 0.0
 
+    def now(self) -> float:
+        """The host's monotonic clock, or in stepped time the machine's [s]."""
+        return self._woke if self.stepped else time.monotonic()
+
     def wait(self) -> float:
-        """Sleep until the next cycle is due; the host's monotonic clock at its beginning [s]."""
+        """Sleep until the next cycle is due; :meth:`now` at its beginning [s]."""
+        if self.stepped:
+            self._due = self._woke = self._woke + self.period
+            return self._woke
         now = time.monotonic()
         if self._due is None:
             self._due = self._began = now
@@ -98,6 +109,11 @@ class Metronome:
         self._woke = time.monotonic()
         return self._woke
 
+    def restart(self) -> None:
+        """Count and keep time anew from the next :meth:`wait` on."""
+        self._due = None
+        self.cycles, self.overruns, self._skipped = 0, 0, 0
+
     def done(self, read: float, command: float) -> None:
         """Count a cycle, at the end of its work.
 
@@ -108,13 +124,13 @@ class Metronome:
         assert self._due is not None
         if self.cycles == self._times.shape[1]:
             self._times = np.concatenate([self._times, np.zeros_like(self._times)], axis=1)
-        self._times[:, self.cycles] = self._woke - self._due, time.monotonic() - self._woke, read, command
+        self._times[:, self.cycles] = self._woke - self._due, self.now() - self._woke, read, command
         self.cycles += 1
 
     def timing(self) -> Timing:
         """How well the rate was kept so far."""
         late, work, read, command = self._times[:, : max(self.cycles, 1)]
-        wall = max(time.monotonic() - self._began, 1e-9)
+        wall = max(self.now() - self._began, 1e-9)
         return Timing(
             cycles=self.cycles,
             overruns=self.overruns,

@@ -12,7 +12,9 @@ from hw.robot import ServoRobot
 
 
 @contextlib.contextmanager
-def opened_port(hw: Mapping[str, Any], port: str | None, robot: ServoRobot, truth: Any) -> Iterator[str]:
+def opened_port(
+    hw: Mapping[str, Any], port: str | None, robot: ServoRobot, truth: Any, period: float = 0.01
+) -> Iterator[str]:
     """The port to use, and a virtual machine behind it where one is asked for.
 
     Args:
@@ -20,6 +22,7 @@ def opened_port(hw: Mapping[str, Any], port: str | None, robot: ServoRobot, trut
         port: that the person named.
         robot: as the host sees it; a virtual machine has its servos mounted like that.
         truth: chain of a virtual machine, before what it hides.
+        period: of the loop [s]; a virtual machine in stepped time advances by it in each cycle.
 
     Raises:
         SealegsError: no port is named, or the virtual machine does not start.
@@ -43,6 +46,7 @@ def opened_port(hw: Mapping[str, Any], port: str | None, robot: ServoRobot, trut
         "servos": mounts,
         "model": robot.servo.name,
         "held": True,
+        "cycle": period,
     }
     if robot.sensors:
         known["sensors"] = {sensor.name: abs(sensor.per_radian) for sensor in robot.sensors}

@@ -114,7 +114,7 @@ def run(deployment: Deployment, say: Callable[[str], None] = print) -> Run | Non
     config, robot = deployment.config, deployment.robot
     stop = Stop()
     truth = config["robot"].get("actuator")
-    with stop.on_signals(), opened_port(config["hw"], config["port"], robot, truth) as port:
+    with stop.on_signals(), opened_port(config["hw"], config["port"], robot, truth, 1.0 / deployment.rate) as port:
         bus = opened_bus(config["hw"], port, robot)
         with contextlib.closing(bus):
             if config["dry_run"]:
@@ -169,6 +169,7 @@ def _guarded(deployment: Deployment, bus: ServoBus, port: str, stop: Stop, say: 
             supervisor=Supervisor(charge),
             rest=config["rest"],
             stop=stop,
+            stepped=(hw["virtual"] or {}).get("time") == "stepped",
             each_cycle=each_cycle,
         )
         say(

@@ -6,7 +6,7 @@ import contextlib
 import signal
 import time
 from collections.abc import Callable, Iterator
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import Any
 
 import numpy as np
@@ -100,6 +100,7 @@ class ControlLoop:
         supervisor: Supervisor | None = None,
         rest: Rest = "release",
         stop: Stop | None = None,
+        stepped: bool = False,
         each_cycle: Callable[[], str | None] = lambda: None,
     ) -> None:
         """Prepare; nothing moves.
@@ -114,14 +115,15 @@ class ControlLoop:
             supervisor: that outlives the loop; None: none.
             rest: what becomes of the servos at the end.
             stop: a person's wish to stop.
+            stepped: the machine's time advances by a period in each cycle, however long that takes; of a virtual bus.
             each_cycle: called in every cycle; a text that it returns stops the run, such as the dead-man's switch.
         """
         self.bus, self.robot, self.safety, self.commands = bus, robot, safety, commands
-        self._metronome = Metronome(rate)
+        self._metronome = Metronome(rate, stepped)
         self._log, self._supervisor = log, supervisor
         self._rest: Rest = rest
         self._stop, self._each_cycle = stop or Stop(), each_cycle
-        self._zero_time = time.monotonic()
+        self._zero_time = self._metronome.now()
         self.reading: Reading | None = None
         self.sent = np.zeros(len(robot.joints))
         self._events_seen = 0
@@ -129,7 +131,7 @@ class ControlLoop:
     @property
     def elapsed(self) -> float:
         """Since the start of the run [s]."""
-        return time.monotonic() - self._zero_time
+        return self._metronome.now() - self._zero_time
 
     @property
     def counts(self) -> tuple[int, int]:
@@ -178,8 +180,14 @@ class ControlLoop:
             self._approach(np.clip(start, self.robot.low, self.robot.high))
 
     def _read(self) -> Reading:
-        self.reading = self.robot.reading(self.bus.read_state(self.robot.all_ids), self.reading)
+        self.reading = self._read_once(None)
         return self.reading
+
+    def _read_once(self, retries: int | None) -> Reading:
+        state = self.bus.read_state(self.robot.all_ids, retries=retries)
+        if self._metronome.stepped:
+            state = replace(state, before=self._metronome.now(), after=self._metronome.now())
+        return self.robot.reading(state, self.reading)
 
     def _approach(self, start: np.ndarray) -> None:
         """Move slowly to where a trajectory begins; under the same limits as all else.
@@ -189,10 +197,9 @@ class ControlLoop:
         """
         first = self.sent
         span = float(np.abs(start - first).max()) / APPROACH_SPEED
-        metronome = Metronome(1.0 / self._metronome.period)
-        begun = metronome.wait()
+        begun = self._metronome.wait()
         while True:
-            now = time.monotonic() - begun
+            now = self._metronome.now() - begun
             reading = self._read()
             if (fault := self.safety.judge(reading)) is not None:
                 raise BusError(f"on the way to the start: {fault.sentence}", fault.servos)
@@ -206,18 +213,19 @@ class ControlLoop:
             if now > span + SETTLING:
                 off = {n: f"{e:+.2f}" for n, e in zip(self.robot.names, reading.position - start, strict=True)}
                 raise BusError(f"the robot does not reach the start of the trajectory; it is off by {off} rad.")
-            metronome.wait()
+            self._metronome.wait()
 
     # --- cycles ------------------------------------------------------------------------------------------------
 
     def _cycles(self, duration: float) -> Fault | None:
         begun: float | None = None
+        self._metronome.restart()
         period = self._metronome.period
         while self._stop.reason is None:
             woke = self._metronome.wait()
             if begun is None:
                 begun = self._zero_time = woke
-                self._event("started", monotonic=woke)
+                self._event("started", monotonic=time.monotonic())
             self._beat()
             if (reason := self._each_cycle()) is not None:
                 self._stop.ask(reason)
@@ -234,7 +242,7 @@ class ControlLoop:
     def _cycle(self, now: float) -> Fault | None:
         ids = self.robot.ids
         try:
-            reading = self.robot.reading(self.bus.read_state(self.robot.all_ids, retries=0), self.reading)
+            reading = self._read_once(0)
         except BusError as error:
             self._metronome.done(NOWHERE, NOWHERE)
             self._event("missed", error=type(error).__name__, sentence=str(error), servos=list(error.servos))
@@ -252,6 +260,7 @@ class ControlLoop:
             return admitted
         try:
             sent = self.bus.write_goals(ids, self.robot.to_servo(admitted))
+            sent = self._metronome.now() if self._metronome.stepped else sent
         except BusError as error:
             self._write(reading, NOWHERE)
             return Fault(type(error).__name__, str(error), tuple(error.servos))
@@ -264,10 +273,8 @@ class ControlLoop:
         if self._log is None:
             return
         zero = self._zero_time
-        columns = (self.sent, reading.position, reading.velocity, reading.duty)
-        columns += (reading.voltage, reading.current, reading.temperature)
-        if self.robot.measures_links:
-            columns += (reading.link,)
+        values = {"goal": self.sent, "link_position": reading.link, **vars(reading)}
+        columns = [values[signal] for signal in self._log.signals]
         host = (reading.before - zero, reading.after - zero, sent - zero)
         status = reading.state.status[: len(self.robot.joints)] if reading.state is not None else ()
         self._log.write(reading.time - zero, np.stack(columns, axis=1), reading.base_position, host, status)
