@@ -1,33 +1,24 @@
-"""A bus of Feetech servos: who is there, one reading and one command a cycle, torque, registers."""
+"""A bus of Feetech servos: one reading and one command a cycle, and torque."""
 
 from __future__ import annotations
 
 import time
 from collections import Counter, deque
-from collections.abc import Callable, Iterable, Sequence
-from contextlib import suppress
+from collections.abc import Sequence
 
 import numpy as np
 
-from hw.packets import (
-    BusError,
-    ConfigurationError,
-    CorruptReplyError,
-    NoReplyError,
-    NotWrittenError,
-    RegisterError,
-    ReplyError,
-    WrongModelError,
-)
-from hw.registers import Register, load_model
+from hw.memory import ServoMemory
+from hw.packets import BusError, ConfigurationError, NotWrittenError, RegisterError, WrongModelError
+from hw.registers import load_model
 from hw.servo_state import BlockReader, ServoState
-from hw.transactions import PING, READ, SYNC_READ, WRITE, Transactions
+from hw.transactions import SYNC_READ, Transactions
 
 RECOVERY = 0.3  # [s] of torque off that clears an overload, as in huggingface/lerobot
 MULTI_TURN = 16  # bit of register phase
 
 
-class ServoBus:
+class ServoBus(ServoMemory):
     """Servos of one model on one port. Every method is safe to call from several threads.
 
     Angles are those of the output shaft: 0 rad is the centre of the encoder's turn (step 2048), positive is the
@@ -64,10 +55,10 @@ class ServoBus:
             EchoError: the adapter returns what is sent.
             RegisterError: there is no table of that name.
         """
+        table = load_model(model)
+        super().__init__(Transactions(port, baudrate, timeout, retries), table)
         self.port = port
-        self.model = load_model(model)
-        self._block = BlockReader(self.model)
-        self.line = Transactions(port, baudrate, timeout, retries)
+        self._block = BlockReader(table)
         self.counts: Counter[str] = self.line.counts
         self.events: deque[tuple[float, BusError]] = self.line.events
         self.status: dict[int, int] = self.line.status
@@ -94,44 +85,6 @@ class ServoBus:
 
     # --- who is there ------------------------------------------------------------------------------------------
 
-    def ping(self, servo: int) -> int:
-        """Model number of a servo.
-
-        Raises:
-            ReplyError: it does not answer.
-        """
-        self.line.retry(lambda: self.line.transact([servo], PING, [], 0))
-        return self.read_register(servo, "model_number")
-
-    def scan(self, ids: Iterable[int] = range(254)) -> dict[int, int]:
-        """Model number by id of the servos that answer; each id without a servo costs one timeout.
-
-        Raises:
-            CorruptReplyError: an id answers, but never cleanly; two servos may share it.
-        """
-        found = {}
-        for servo in ids:
-            try:
-                self._find(servo)
-            except NoReplyError:
-                self.line.expect_nothing_more()
-                continue
-            found[servo] = self.read_register(servo, "model_number")
-        return found
-
-    def _find(self, servo: int) -> None:
-        for left in range(self.retries, -1, -1):
-            try:
-                self.line.transact([servo], PING, [], 0)
-                return
-            except CorruptReplyError:
-                if not left:
-                    raise CorruptReplyError(
-                        f"id {servo} on {self.port} answers with broken packets; if two servos have this id, connect "
-                        "them one at a time and give one another id.",
-                        [servo],
-                    ) from None
-
     def check(self, ids: Sequence[int]) -> None:
         """Make sure that servos are there, of the bus's model, and set up so that the bus can work with them.
 
@@ -156,17 +109,6 @@ class ServoBus:
                     raise ConfigurationError(
                         f"servo {servo} has {value} in register '{name}'; {remedy} (bus.write_register).", [servo]
                     )
-
-    def identity(self, servo: int) -> dict[str, int]:
-        """Every register of a servo but its readings, by name: what a log keeps of the firmware and its settings."""
-        names = [name for name, item in self.model.registers.items() if not name.startswith(("present_", "target_"))]
-        data: dict[int, int] = {}
-        for start in range(0, self.model.size(), 48):
-            length = min(48, self.model.size() - start)
-            reply = self._read(servo, start, length)
-            data.update(enumerate(reply, start))
-        memory = [data[at] for at in range(self.model.size())]
-        return {name: self.model[name].read(memory) for name in names}
 
     # --- cycle -------------------------------------------------------------------------------------------------
 
@@ -328,104 +270,3 @@ class ServoBus:
             raise error
         time.sleep(RECOVERY)
         self.torque_on(ids)
-
-    # --- registers ---------------------------------------------------------------------------------------------
-
-    def read_register(self, servo: int, name: str) -> int:
-        """A register's count, with its sign.
-
-        Raises:
-            RegisterError: there is no such register.
-            ReplyError: no usable answer after the last try.
-        """
-        register = self.model[name]
-        data = self._read(servo, register.address, register.bytes)
-        return register.read(data, register.address)
-
-    def read_value(self, servo: int, name: str) -> float:
-        """A register's value in its unit."""
-        return self.read_register(servo, name) * self.model[name].scale
-
-    def write_register(self, servo: int, name: str, count: int) -> None:
-        """Write a register, and make sure that it arrived. What belongs to the EEPROM is unlocked, and locked again.
-
-        Raises:
-            RegisterError: there is no such register, it is read-only, or cannot take the count.
-            NotWrittenError: it reads back otherwise.
-            ReplyError: no usable answer after the last try.
-        """
-        register = self.model[name]
-        if register.area == "read":
-            raise RegisterError(f"register '{name}' is read-only.", [servo])
-        if name in ("id", "baud_rate"):
-            raise RegisterError(
-                f"register '{name}' changes how the servo is reached; "
-                f"{'use change_id' if name == 'id' else 'change it with the tool of the manufacturer'}.",
-                [servo],
-            )
-        data = register.to_bytes(count)
-        with self.line.lock:
-            if register.area != "eeprom":
-                self._write_checked(servo, register, data, count)
-                return
-            self._unlocked(servo, lambda: self._write_checked(servo, register, data, count))
-
-    def change_id(self, servo: int, new: int) -> None:
-        """Give a servo another id.
-
-        Raises:
-            ConfigurationError: another servo has the new id.
-            RegisterError: the id is outside 0..253.
-            NotWrittenError: it does not answer under the new id.
-        """
-        data = self.model["id"].to_bytes(new)
-        with self.line.lock:
-            self.ping(servo)
-            if new in self.scan([new]):
-                raise ConfigurationError(f"id {new} is taken by another servo; choose a free one.", [servo, new])
-            self._put(servo, self.model["lock"], b"\0")
-            with suppress(ReplyError):  # documents do not say under which id it acknowledges
-                self.line.transact([servo], WRITE, [self.model["id"].address, *data], 0)
-            if new not in self.scan([new]):
-                raise NotWrittenError(f"servo {servo} does not answer as {new}; scan the bus.", [servo])
-            self._put(new, self.model["lock"], b"\1")
-
-    def _unlocked(self, servo: int, write: Callable[[], None]) -> None:
-        lock = self.model["lock"]
-        self._put(servo, lock, b"\0")
-        try:
-            write()
-        finally:
-            self._put(servo, lock, b"\1")
-
-    def _write_checked(self, servo: int, register: Register, data: bytes, count: int) -> None:
-        def write() -> None:
-            self._put(servo, register, data)
-            if register.name == "torque_enable" and count == 128:
-                return  # an order, not a value
-            if (found := self.read_register(servo, register.name)) != count:
-                raise NotWrittenError(
-                    f"servo {servo} has {found} in register '{register.name}' after {count} was written; try again.",
-                    [servo],
-                )
-
-        self._repeat_unwritten(write)
-
-    def _repeat_unwritten(self, write: Callable[[], None]) -> None:
-        for left in range(self.retries, -1, -1):
-            try:
-                return write()
-            except NotWrittenError as error:
-                self.line.note(error)
-                if not left:
-                    raise
-
-    def _put(self, servo: int, register: Register, data: bytes) -> None:
-        try:
-            self.line.retry(lambda: self.line.transact([servo], WRITE, [register.address, *data], 0))
-        except NoReplyError:  # the acknowledgement may be lost, or switched off (response_level 0)
-            if bytes(self._read(servo, register.address, register.bytes)) != data:
-                raise
-
-    def _read(self, servo: int, address: int, length: int) -> list[int]:
-        return self.line.retry(lambda: self.line.transact([servo], READ, [address, length], length)[servo])
