@@ -106,6 +106,14 @@ def run(case: Case) -> dict[str, Any]:
         "verdict": found.verdict,
         "gap": {name: error.rmse for name, error in found.gap.items()},
         "unexplained": found.unexplained,
+        "structure": None
+        if found.structure is None
+        else {
+            "level": found.structure.level,
+            "noticed": found.structure.noticed,
+            "predicted": found.structure.predicted,
+            "depends_on": [name for name, _ in found.structure.depends_on],
+        },
         "causes": [
             {
                 "name": cause.name,

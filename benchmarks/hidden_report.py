@@ -49,6 +49,23 @@ def kind(row: dict[str, Any]) -> str:
     return "stranger" if name.startswith("stranger") else str(effect["magnitude"])
 
 
+def magnitude(row: dict[str, Any]) -> str:
+    """``clear``, ``moderate`` or ``faint``, of the first effect."""
+    return str(next(iter(row["effects"].values()))["magnitude"])
+
+
+def flagged(row: dict[str, Any]) -> bool:
+    """Whether the verdict says that something stays unexplained, and no known cause is named with confidence."""
+    structure = row.get("structure") or {"noticed": False}
+    silent = row["verdict"] in ("explained", "nothing to explain")
+    return bool(structure["noticed"]) and not silent and not confident(row)
+
+
+def confident(row: dict[str, Any]) -> bool:
+    """Whether any physical cause is named with confidence."""
+    return any(cause["confidence"] >= SURE for cause in row["causes"] if cause["kind"] != "data")
+
+
 def named(row: dict[str, Any]) -> list[str]:
     """Names of physical causes, errors of the log apart."""
     return [cause["name"] for cause in row["causes"] if cause["kind"] != "data"]
@@ -74,8 +91,12 @@ def summary(rows: Sequence[dict[str, Any]]) -> str:
         both = sum(set(row["effects"]) <= set(named(row)) for row in pairs)
         lines.append(f"- pairs: {len(pairs)}, both named {both}")
     if strangers := [row for row in rows if kind(row) == "stranger"]:
-        confident = sum(row["verdict"] == "explained" and bool(named(row)) for row in strangers)
-        lines.append(f"- strangers: {len(strangers)}, explained away by known causes {confident}")
+        lines.append(
+            f"- strangers: {len(strangers)}, flagged as unexplained {sum(map(flagged, strangers))}; of them "
+            f"{sum(flagged(row) for row in strangers if magnitude(row) != 'faint')} of the "
+            f"{sum(magnitude(row) != 'faint' for row in strangers)} clear and moderate ones; a known cause named with "
+            f"confidence {SURE:g} or more: {sum(confident(row) for row in strangers)}"
+        )
     covered = [
         c for row in rows if kind(row) in ("clear", "moderate") and outcome(row) == "right" and (c := coverage(row))
     ]
@@ -107,8 +128,8 @@ def table(rows: Sequence[dict[str, Any]]) -> str:
     lines = [
         "## Cases",
         "",
-        "| hidden | outcome | verdict | named (confidence) | error / noise: nominal, extended |",
-        "|---|---|---|---|---|",
+        "| hidden | outcome | verdict | named (confidence) | error / noise: nominal, extended | structure left |",
+        "|---|---|---|---|---|---|",
     ]
     for row in rows:
         size = kind(row)
@@ -118,7 +139,9 @@ def table(rows: Sequence[dict[str, Any]]) -> str:
         errors = (
             f"{gap['nominal'] / gap['noise_floor']:.1f}, {gap['extended'] / gap['noise_floor']:.2f}" if gap else "-"
         )
-        lines.append(f"| {row['key']} | {result} | {row['verdict']} | {causes} | {errors} |")
+        rest = row.get("structure") or {"noticed": False}
+        said = "-" if not rest["noticed"] else f"{rest['level']:.2f}: {', '.join(rest['depends_on']) or 'no signal'}"
+        lines.append(f"| {row['key']} | {result} | {row['verdict']} | {causes} | {errors} | {said} |")
     return "\n".join(lines) + "\n"
 
 

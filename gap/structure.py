@@ -128,6 +128,7 @@ def _learn(
 ) -> tuple[float, tuple[tuple[str, float], ...]]:
     """Share of the structure that is predicted on unseen pieces, and the signals it needs."""
     from sklearn.ensemble import HistGradientBoostingRegressor
+    from threadpoolctl import threadpool_limits
 
     features = {name: columns for name, columns in _features(problem, simulated).items() if np.ptp(columns) > 0.0}
     table = np.concatenate(list(features.values()), axis=1)
@@ -146,15 +147,16 @@ def _learn(
             max_iter=80, learning_rate=0.08, max_leaf_nodes=12, min_samples_leaf=80, l2_regularization=10.0,
             random_state=seed,
         )  # fmt: skip
-        learner.fit(table[seen], wanted[seen])
-        rows = unseen[:: max(len(unseen) // MOST_SAMPLES, 1)]
-        target, weight = wanted[rows], len(unseen) / len(rows)
-        here = float(((target - learner.predict(table[rows])) ** 2).sum())
-        before, after = before + weight * float((target**2).sum()), after + weight * here
-        for j in range(len(features)):
-            shuffled = table[rows]
-            shuffled[:, spans[j] : spans[j + 1]] = rng.permutation(shuffled[:, spans[j] : spans[j + 1]])
-            worse[j] += weight * max(float(((target - learner.predict(shuffled)) ** 2).sum()) - here, 0.0)
+        with threadpool_limits(1):  # its threads wait for each other in loops, which a busy machine cannot bear
+            learner.fit(table[seen], wanted[seen])
+            rows = unseen[:: max(len(unseen) // MOST_SAMPLES, 1)]
+            target, weight = wanted[rows], len(unseen) / len(rows)
+            here = float(((target - learner.predict(table[rows])) ** 2).sum())
+            before, after = before + weight * float((target**2).sum()), after + weight * here
+            for j in range(len(features)):
+                shuffled = table[rows]
+                shuffled[:, spans[j] : spans[j + 1]] = rng.permutation(shuffled[:, spans[j] : spans[j + 1]])
+                worse[j] += weight * max(float(((target - learner.predict(shuffled)) ** 2).sum()) - here, 0.0)
     count = float(good.sum())
     share = float(np.clip((before - after) / count / level, 0.0, 1.0)) if count else 0.0
     if share < LEARNT:

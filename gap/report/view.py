@@ -92,6 +92,7 @@ def _joint(diagnosis: JointDiagnosis, changes: Sequence[Mapping[str, Any]] | Non
         "budget": _budget(diagnosis),
         "causes": _causes(diagnosis),
         "unexplained": percent(diagnosis.unexplained),
+        "structure": "" if diagnosis.structure is None else diagnosis.structure.sentence,
         "rounds": [] if diagnosis.search is None else _rounds(diagnosis.search),
         "rivals": [
             {"of": rival["of"], "others": [name for name in rival["names"] if name != rival["of"]]}
