@@ -53,15 +53,15 @@ def machine_arguments(config: Mapping[str, Any], out: Path) -> list[str]:
     shared = [f"robot={config['robot']['name']}", "live=false"]
     if config["calibration"] is not None:
         shared.append(f"calibration={config['calibration']}")
-    for block, prefix in ((config["robot"]["safety"], "robot.safety"),):
-        shared += [f"{prefix}.{key}={value}" for key, value in block.items()]
-    shared.append(f"hw.timeout={config['hw']['timeout']}")
+    shared += [f"robot.safety.{key}={value}" for key, value in config["robot"]["safety"].items()]
+    shared += [f"hw.timeout={config['hw']['timeout']}", f"silence={config['silence']}"]
     if config["hw"]["virtual"] is None:
         return [*shared, "hw=feetech", f"port={config['port']}"]
     hidden = out / "hidden.yaml"
     if not hidden.exists():
         hidden.write_text(yaml.safe_dump(dict(config["hidden"] or {})))
-    return [*shared, "hw=virtual", f"hw.virtual.hidden={hidden.resolve()}"]
+    clock = "stepped" if config["stepped"] else "real"
+    return [*shared, "hw=virtual", f"hw.virtual.hidden={hidden.resolve()}", f"hw.virtual.time={clock}"]
 
 
 def measure(config: Mapping[str, Any], out: Path, machine: list[str], seed: int) -> None:
@@ -192,7 +192,7 @@ def tell(out: Path, folders: Mapping[str, Path]) -> None:
         figures = document["figures"]
         gaps = [f"{1e3 * figures[m]['same_goals']:.1f} mrad in the {m} model" for m in figures if m != "machine"]
         print(
-            f"  Policy trained on the {name} model: on the machine {figures['machine']['reward']:.1f} of reward a second;"
+            f"  Policy trained on the {name} model: {figures['machine']['reward']:.1f} of reward a second on the machine;"
         )
         print(f"    the machine is off by {', by '.join(gaps)}.")
     if "extended" not in folders:
