@@ -1,18 +1,60 @@
-"""A virtual bus served by a thread of the test, in stepped time: quick to start, and its inside can be looked at."""
+"""Virtual servos without a process: asked directly, or served by a thread of the test in stepped time."""
 
 from __future__ import annotations
 
 import contextlib
+import math
 import threading
 from collections.abc import Iterator
 from typing import Any
 
 from envs.robots import get_robot
 from hw.registers import load_model
+from hw.virtual import protocol
 from hw.virtual.machine import Machine
+from hw.virtual.protocol import Request
 from hw.virtual.rig import Rig, mounts
 from hw.virtual.server import Server
 from hw.virtual.wire import Wire
+
+STS = load_model("sts3215")
+STEP = 2.0 * math.pi / STS.resolution  # [rad]
+RATE = 1_000_000  # [bit/s]
+
+
+def wired(robot: str = "bench", servos=None, hidden=None, actuator=None, params=None) -> Wire:
+    machine = Machine(get_robot(robot), actuator, hidden, params)
+    return Wire(Rig(machine, STS, mounts(machine.names, servos, STS)))
+
+
+def ask(wire: Wire, target: int, instruction: int, *parameters: int) -> list[bytes]:
+    """Replies to one request, sent as soon as the line is free."""
+    request = Request(target, instruction, bytes(parameters), 6 + len(parameters))
+    return [packet for _, packet in wire.exchange(request, wire.rig.time, RATE)]
+
+
+def write(wire: Wire, name: str, count: int, servo: int = 1) -> list[bytes]:
+    register = STS[name]
+    return ask(wire, servo, protocol.WRITE, register.address, *register.to_bytes(count))
+
+
+def read(wire: Wire, name: str, servo: int = 1) -> int:
+    register = STS[name]
+    (packet,) = ask(wire, servo, protocol.READ, register.address, register.bytes)
+    return register.read(packet[5:-1], register.address)
+
+
+def switch_on(wire: Wire, servo: int = 1) -> None:
+    write(wire, "goal_position", read(wire, "present_position", servo), servo)
+    write(wire, "torque_enable", 1, servo)
+
+
+def wait(wire: Wire, seconds: float) -> None:
+    end = wire.rig.time + seconds
+    while wire.rig.time < end - 1e-6:
+        wire.apply_faults(wire.rig.time)
+        wire.rig.advance(min(wire.rig.time + 0.01, end))
+        wire.rig.apply()
 
 
 @contextlib.contextmanager

@@ -1,0 +1,287 @@
+"""Virtual servos behave as the documents say that real ones do."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import mujoco
+import pytest
+
+from envs.bench.robot import BENCH
+from hw.packets import Status
+from hw.virtual import protocol
+from hw.virtual.faults import Fault
+from hw.virtual.wire import Wire
+from tests.served_bus import STEP, STS, ask, read, switch_on, wait, wired, write
+
+# --- registers ---------------------------------------------------------------------------------------------------
+
+
+def test_eeprom_registers_survive_power_off_only_if_they_were_unlocked():
+    wire = wired()
+    write(wire, "p_gain", 16)
+    assert read(wire, "p_gain") == 16
+    assert ask(wire, 1, protocol.REBOOT) == []
+    assert ask(wire, 1, protocol.PING) == []  # it boots
+    wait(wire, 0.9)
+    assert read(wire, "p_gain") == 32
+    write(wire, "lock", 0)
+    write(wire, "p_gain", 16)
+    ask(wire, 1, protocol.REBOOT)
+    wait(wire, 0.9)
+    assert (read(wire, "p_gain"), read(wire, "lock")) == (16, 1)
+
+
+def test_read_only_registers_keep_their_value():
+    wire = wired()
+    ask(wire, 1, protocol.WRITE, STS["model_number"].address, 1, 1)
+    ask(wire, 1, protocol.WRITE, STS["present_voltage"].address, 1)
+    assert (read(wire, "model_number"), read(wire, "present_voltage")) == (777, 74)
+
+
+def test_a_buffered_write_waits_for_its_action():
+    wire = wired()
+    ask(wire, 1, protocol.REG_WRITE, STS["goal_velocity"].address, 7, 0)
+    assert (read(wire, "goal_velocity"), read(wire, "write_pending")) == (0, 1)
+    assert ask(wire, 254, protocol.ACTION) == []
+    assert (read(wire, "goal_velocity"), read(wire, "write_pending")) == (7, 0)
+
+
+def test_response_level_zero_silences_writes():
+    wire = wired()
+    assert write(wire, "goal_velocity", 3)
+    write(wire, "response_level", 0)
+    assert write(wire, "goal_velocity", 4) == []
+    assert read(wire, "goal_velocity") == 4
+
+
+def test_the_id_changes_at_once():
+    wire = wired()
+    write(wire, "id", 12)
+    assert read(wire, "id", 12) == 12
+    assert ask(wire, 1, protocol.PING) == []
+
+
+def test_here_is_the_centre_sets_the_homing_offset():
+    wire = wired("bench", {"joint": {"zero": 1000}})
+    assert read(wire, "present_position") == 1000
+    write(wire, "torque_enable", 128)
+    assert (read(wire, "present_position"), read(wire, "homing_offset")) == (2048, -1048)
+    assert read(wire, "torque_enable") == 0
+    write(wire, "torque_enable", 1)
+    write(wire, "goal_position", 2148)
+    wait(wire, 1.0)
+    assert wire.rig.machine.position(0) == pytest.approx(100 * STEP, abs=0.03)
+
+
+# --- motion ------------------------------------------------------------------------------------------------------
+
+
+def test_the_machine_moves_as_the_drivetrain_it_is_made_of():
+    wire = wired()
+    write(wire, "goal_position", 2500)
+    write(wire, "torque_enable", 1)
+    started = wire.rig.time
+    wire.rig.advance(started + 0.2)
+    plain = BENCH.drivetrain()
+    data = mujoco.MjData(plain.model)
+    mujoco.mj_forward(plain.model, data)
+    data.ctrl[0] = (2500 - 2048) * STEP
+    mujoco.mj_step(plain.model, data, 200)
+    assert wire.rig.machine.position(0) == pytest.approx(
+        data.qpos[0], abs=5e-4
+    )  # a third of an encoder step; its steps fall elsewhere
+
+
+def test_readings_are_what_the_encoder_and_the_motor_of_the_chain_give():
+    wire = wired()
+    switch_on(wire)
+    write(wire, "goal_position", 2600)
+    wait(wire, 0.05)
+    machine = wire.rig.machine
+    (packet,) = ask(wire, 1, protocol.READ, 56, 15)
+    block = packet[5:-1]
+    found = {name: STS[name].read(block, 56) for name in ("present_position", "present_load", "present_current")}
+    assert found["present_position"] == round(2048 + machine.position(0) / STEP)
+    assert found["present_load"] == round(1000 * machine.duty(0))
+    assert found["present_current"] == round(machine.current(0) / 0.0065)
+    assert machine.duty(0) > 0.5
+
+
+def test_velocity_is_the_encoders_difference_over_a_window():
+    wire = wired()
+    switch_on(wire)
+    ask(wire, 1, protocol.WRITE, 41, 0, *STS["goal_position"].to_bytes(2900), 0, 0, *STS["goal_velocity"].to_bytes(500))
+    wait(wire, 0.6)
+    assert read(wire, "present_velocity") == pytest.approx(500, abs=60)
+    assert read(wire, "moving") == 1
+
+
+def test_torque_on_drives_to_the_goal_as_it_stands():
+    wire = wired()
+    write(wire, "goal_position", 2300)
+    wait(wire, 0.5)
+    assert read(wire, "present_position") == pytest.approx(2048, abs=3)
+    write(wire, "torque_enable", 1)
+    wait(wire, 0.5)
+    assert read(wire, "present_position") == pytest.approx(2300, abs=20)
+
+
+def test_without_torque_the_pendulum_swings_and_damping_slows_it():
+    speeds = {}
+    for mode in (0, 2):
+        wire = wired()
+        write(wire, "torque_enable", 1)
+        write(wire, "goal_position", 2048 + 1000)
+        wait(wire, 1.5)
+        write(wire, "torque_enable", mode)
+        wait(wire, 0.25)
+        speeds[mode] = abs(wire.rig.machine.data.qvel[0])
+        assert read(wire, "present_load") == 0
+    assert speeds[2] < 0.5 * speeds[0]
+
+
+def test_goals_stay_within_the_angle_limits():
+    wire = wired()
+    write(wire, "max_angle", 2200)
+    switch_on(wire)
+    write(wire, "goal_position", 3000)
+    wait(wire, 0.5)
+    assert read(wire, "present_position") == pytest.approx(2200, abs=15)
+
+
+def test_the_torque_limit_bounds_the_duty():
+    wire = wired()
+    write(wire, "torque_limit", 300)
+    switch_on(wire)
+    write(wire, "goal_position", 3000)
+    wait(wire, 0.02)
+    assert read(wire, "present_load") == pytest.approx(0.97 * 300, abs=2)
+
+
+def test_gain_and_startup_force_scale_those_of_the_chain(tmp_path: Path):
+    (tmp_path / "hidden.yaml").write_text("minimum_duty.value: 0.03\n")
+    wire = wired("bench", hidden=str(tmp_path / "hidden.yaml"))
+    switch_on(wire)
+    write(wire, "p_gain", 16)
+    write(wire, "goal_position", 2148)
+    wait(wire, 0.012)
+    error = 100 - (read(wire, "present_position") - 2048)
+    assert read(wire, "present_load") == pytest.approx(0.5 * 5.3 * 1000 * error * STEP, abs=4)
+    write(wire, "startup_force", 160)
+    write(wire, "goal_position", read(wire, "present_position") + 2)
+    wait(wire, 0.02)
+    assert abs(read(wire, "present_load")) == pytest.approx(300, abs=5)
+
+
+def test_a_move_keeps_the_speed_in_force_when_its_goal_was_written():
+    wire = wired()
+    switch_on(wire)
+    write(wire, "goal_velocity", 400)
+    write(wire, "goal_position", 3048)
+    wait(wire, 0.5)
+    write(wire, "goal_velocity", 4000)
+    wait(wire, 0.5)
+    assert read(wire, "target_position") == pytest.approx(2048 + 400, abs=15)
+    wait(wire, 1.6)
+    assert read(wire, "target_position") == 3048
+
+
+def test_acceleration_makes_a_trapezoid():
+    wire = wired()
+    switch_on(wire)
+    ask(
+        wire,
+        1,
+        protocol.WRITE,
+        41,
+        20,
+        *STS["goal_position"].to_bytes(3048),
+        0,
+        0,
+        *STS["goal_velocity"].to_bytes(1000),
+    )
+    wait(wire, 0.25)
+    assert read(wire, "target_position") == pytest.approx(2048 + 0.5 * 2000 * 0.25**2, abs=6)
+    wait(wire, 1.3)  # 0.5 s up, 0.5 s at 1000 step/s, 0.5 s down: 1.5 s
+    assert read(wire, "target_position") == pytest.approx(3048, abs=2)
+
+
+def test_the_loop_does_not_take_the_short_way_over_the_seam():
+    wire = wired("bench", {"joint": {"zero": 100}}, params={"mass": 0.01})
+    write(wire, "torque_enable", 1)
+    write(wire, "goal_position", 4000)  # 196 steps down, 3900 up
+    wait(wire, 0.1)
+    assert wire.rig.machine.data.qvel[0] > 1.0
+
+
+def test_a_servo_mounted_the_other_way_turns_the_other_way():
+    wire = wired("bench", {"joint": {"zero": 1900, "direction": -1, "id": 7}})
+    write(wire, "torque_enable", 1, 7)
+    write(wire, "goal_position", 2100, 7)
+    wait(wire, 0.6)
+    assert wire.rig.machine.position(0) == pytest.approx(-200 * STEP, abs=0.03)
+    assert read(wire, "present_position", 7) == pytest.approx(2100, abs=20)
+
+
+# --- protection --------------------------------------------------------------------------------------------------
+
+
+def blocked() -> Wire:
+    """A servo that cannot lift its load."""
+    wire = wired("bench", params={"mass": 8.0})
+    write(wire, "torque_enable", 1)
+    write(wire, "goal_position", 2048 + 1024)
+    return wire
+
+
+def test_overload_latches_and_limits_until_torque_is_switched_off():
+    wire = blocked()
+    wait(wire, 1.5)
+    assert read(wire, "status") == 0
+    wait(wire, 1.5)
+    (packet,) = ask(wire, 1, protocol.PING)
+    assert packet[4] == Status.OVERLOAD
+    assert abs(read(wire, "present_load")) == pytest.approx(0.97 * 200, abs=3)
+    (packet,) = write(wire, "torque_enable", 0)
+    wait(wire, 0.3)
+    assert read(wire, "status") == 0
+
+
+def test_overheat_releases_the_output_and_shows_in_every_reply():
+    wire = wired()
+    write(wire, "torque_enable", 1)
+    wire.faults.append(Fault("overheat", value=80.0, seconds=1.0))
+    wait(wire, 0.05)
+    (packet,) = ask(wire, 1, protocol.PING)
+    assert packet[4] == Status.OVERHEAT
+    assert read(wire, "present_temperature") == 80
+    assert not wire.rig.torque(0)
+    wait(wire, 1.2)
+    assert read(wire, "present_temperature") == 25
+
+
+def test_a_brown_out_restarts_the_servos_without_torque():
+    wire = wired()
+    write(wire, "torque_enable", 1)
+    wire.faults.append(Fault("brown_out", value=3.8, seconds=0.2))
+    wait(wire, 0.1)
+    (packet,) = ask(wire, 1, protocol.PING)
+    assert packet[4] == Status.VOLTAGE
+    assert read(wire, "present_voltage") == 38
+    assert wire.rig.torque(0)
+    wait(wire, 0.2)
+    wire.faults.append(Fault("brown_out", at=wire.rig.time, value=2.5, seconds=0.1))
+    wait(wire, 0.5)
+    assert ask(wire, 1, protocol.PING) == []
+    assert not wire.rig.torque(0)
+    wait(wire, 0.5)
+    assert (read(wire, "torque_enable"), read(wire, "status")) == (0, 0)
+
+
+def test_current_heats_the_servo():
+    wire = blocked()
+    write(wire, "overload_torque", 0)
+    write(wire, "protection_time", 254)
+    wait(wire, 2.0)
+    assert wire.rig.servos[0].temperature > 25.3
