@@ -11,9 +11,12 @@ import numpy as np
 
 from actuators.chain import Chain, load_chain
 from actuators.errors import SealegsError
-from gap.causes import retunable
+from envs.hopper.robot import HOPPER
+from gap.causes import Cause, retunable
 from gap.channels import weigh_channels
 from gap.checks import check_set, merged, noise_floor, unusable
+from gap.driven import driven_problem, shown
+from gap.driven import limits as limits_of_driven
 from gap.experiment import Experiment, Limits, blind, experiment_for_still, propose
 from gap.fit import Fit, fit, intervals, middle
 from gap.joint_model import JointModel
@@ -22,12 +25,12 @@ from gap.log_types import LogError, MeasuredRun, MeasuredSet
 from gap.parameters import Parameter
 from gap.problem import Problem, converged, lay_out
 from gap.search import RIVAL, Search, Searcher
-from gap.structure import Structure, structure
+from gap.structure import Structure, fine, structure
 from gap.units import FIT_A, FIT_B, TEST, cut
 from gap.unknown import unknown_parameters, with_believed_load
 
 WIDE = 4.0  # how far re-tuning alone may turn each number the model has: up to five times, down to a fifth
-NEGLIGIBLE = 0.03  # unexplained share of the gap up to which a gap counts as explained
+NEGLIGIBLE = 0.03  # unexplained share of the gap up to which a gap counts as explained if its causes are beyond doubt
 UNSURE = 0.6  # a cause that is the best in a smaller share of draws than this is not named alone
 
 EXPLAINED, PARTLY, NOTHING, NOT_IDENTIFIABLE, UNUSABLE = (
@@ -146,7 +149,12 @@ def diagnose(
             _unusable(joint, reason.sentence, findings, _first_experiment(data.runs, joint, reason, limits, seed))
             for joint in data.runs[0].joints
         ]
-    return [_joint(data.runs, joint, findings, test_group, seed, progress, limits) for joint in data.runs[0].joints]
+    found = [_joint(data.runs, joint, findings, test_group, seed, progress, limits) for joint in data.runs[0].joints]
+    if all(run.robot == HOPPER.name for run in data.runs):
+        from gap.contact.ground import diagnose_ground  # here, since it concludes as joints do
+
+        found.append(diagnose_ground(data.runs, found, seed, progress))
+    return found
 
 
 def _joint(
@@ -164,22 +172,26 @@ def _joint(
         from gap.torque_diagnosis import diagnose_torque  # a log without commands: only its torque can be judged
 
         return diagnose_torque(runs, joint, mine)
-    if any(run.robot != "bench" for run in runs):
-        names = ", ".join(sorted({run.robot for run in runs}))
-        raise LogError(
-            f"joint '{joint}' of robot '{names}': this version diagnoses logs of the robot 'bench' "
-            "(one servo with a known load)."
-        )
     missing = [run.name for run in runs if joint not in run.actuators]
     if missing:
         raise LogError(f"{missing[0]}: the sidecar names no actuator for joint '{joint}'; add it under 'actuators'.")
     models = [JointModel(_chain(run, joint), unknown=unknown_parameters(run)) for run in runs]
     noise = float(np.median([noise_floor(run, joint) for run in runs]))
     units = cut(runs, joint, test_group)
-    problem = weigh_channels(converged(lay_out(runs, joint, models, units, {"position": 1.0 / noise})))
-    search = Searcher(problem, progress, seed).run()
+    causes: list[Cause] = []
+    if all(run.robot == "bench" for run in runs):
+        problem = weigh_channels(converged(lay_out(runs, joint, models, units, {"position": 1.0 / noise})))
+    else:  # what holds the link is not known: it moves as measured
+        try:
+            problem = weigh_channels(converged(driven_problem(runs, joint, models, units, noise)))
+        except LogError as error:
+            return _unusable(joint, str(error), mine, verdict=NOT_IDENTIFIABLE)
+        causes, hidden = shown(problem, models[0])
+        mine = (*mine, limits_of_driven(problem, joint, hidden))
+        progress(f"judging the actuator of {joint} along its measured motion")
+    search = Searcher(problem, progress, seed, causes).run()
     progress("measuring the gain on runs that nothing has seen")
-    return _conclude(problem, search, joint, mine, seed, limits)
+    return conclude(problem, search, joint, mine, seed, limits)
 
 
 def _chain(run: MeasuredRun, joint: str) -> Chain:
@@ -194,16 +206,26 @@ def _chain(run: MeasuredRun, joint: str) -> Chain:
         raise LogError(f"{run.name}: actuator of joint '{joint}': {error}") from None
 
 
-def _conclude(
-    problem: Problem, search: Search, joint: str, findings: tuple[Finding, ...], seed: int, limits: Limits | None
+def conclude(
+    problem: Problem,
+    search: Search,
+    joint: str,
+    findings: tuple[Finding, ...],
+    seed: int,
+    limits: Limits | None = None,
+    wide: Sequence[Parameter] | None = None,
 ) -> JointDiagnosis:
+    """What a search says: gain on the test part, causes with shares and intervals, verdict.
+
+    Args:
+        wide: what re-tuning alone may turn, and how far; default: the numbers of a joint.
+    """
     fitted, test = problem.part(FIT_A, FIT_B), problem.part(TEST)
-    nominal = problem.models[0]
-    wide = fit(fitted, retunable(nominal, WIDE), evaluations=25)
+    retuned = fit(fitted, retunable(problem.models[0], WIDE) if wide is None else wide, evaluations=25)
     last = search.accepted[-1].fits if search.accepted else search.base
     parameters = search.parameters()
     extended = fit(fitted, parameters, middle(*last), evaluations=25)
-    models = {"nominal": {}, "retuned": wide.values, "extended": extended.values}
+    models = {"nominal": {}, "retuned": retuned.values, "extended": extended.values}
     errors = {name: _error(test.position_error(test.simulate([values])[0])) for name, values in models.items()}
     noise = problem.noise
     errors["noise_floor"] = Error(noise, noise * float(np.sqrt(2.0 / np.pi)))
@@ -221,9 +243,10 @@ def _conclude(
         for named in causes
         if named.rivals
     )
+    signal, unit = problem.signal
     verdict, sentence = _verdict(joint, causes, errors, left, rest)
     experiment = None
-    if verdict == NOTHING and blind(problem, search):
+    if verdict == NOTHING and all(problem.params) and blind(problem, search):
         verdict, sentence = NOT_IDENTIFIABLE, f"{sentence} But the motion would hardly show anything else either."
         experiment = propose(problem, search, limits, seed, blind=True)
     elif verdict in (NOT_IDENTIFIABLE, PARTLY) or rivals:
@@ -233,8 +256,8 @@ def _conclude(
         joint=joint,
         verdict=verdict,
         sentence=sentence,
-        signal=f"{joint}.position",
-        unit="rad",
+        signal=signal if "." in signal else f"{joint}.{signal}",
+        unit=unit,
         gap=errors,
         causes=(*causes, *_data_causes(findings, joint)),
         unexplained=left,
@@ -357,28 +380,30 @@ def _data_causes(findings: Sequence[Finding], joint: str) -> list[NamedCause]:
 def _verdict(
     joint: str, causes: Sequence[NamedCause], errors: Mapping[str, Error], left: float, rest: Structure
 ) -> tuple[str, str]:
-    before, after, floor = (1e3 * errors[key].rmse for key in ("nominal", "extended", "noise_floor"))
+    before, after = (fine(errors[key].rmse, rest.unit) for key in ("nominal", "extended"))
+    floor = fine(errors["noise_floor"].rmse, rest.unit, 2)
     if not causes and not rest.noticed:
         return NOTHING, (
-            f"Nothing to explain: the simulation of '{joint}' is within {after:.2f} mrad of the measurement, whose "
-            f"noise is {floor:.2f} mrad ({before:.2f} mrad before its numbers were re-tuned within their tolerance)."
+            f"Nothing to explain: the simulation of '{joint}' is within {after} of the measurement, whose "
+            f"noise is {floor} ({before} before its numbers were re-tuned within their tolerance)."
         )
     if not causes:
         return NOT_IDENTIFIABLE, (
-            f"The simulation of '{joint}' is {before:.1f} mrad off and {after:.1f} mrad after re-tuning, and no known "
+            f"The simulation of '{joint}' is {before} off and {after} after re-tuning, and no known "
             f"cause explains that on runs it was not fitted to. {rest.sentence}"
         )
     names = " and ".join(cause.name for cause in causes[:3])
-    change = f"from {before:.1f} to {after:.1f} mrad on runs that nothing was fitted to (noise {floor:.2f} mrad)"
+    change = f"from {before} to {after} on runs that nothing was fitted to (noise {floor})"
     if causes[0].rivals and causes[0].confidence < UNSURE:
         others = ", ".join(causes[0].rivals)
         return NOT_IDENTIFIABLE, (
             f"The gap of '{joint}' may be {causes[0].name}, but the data fit {others} about as well: the error falls "
             f"{change}."
         )
-    if left <= NEGLIGIBLE or not rest.noticed:
+    sure = all(cause.confidence >= UNSURE for cause in causes)
+    if not rest.noticed or (left <= NEGLIGIBLE and sure):
         return EXPLAINED, f"The gap of '{joint}' is explained by {names}: the error falls {change}."
-    doubt = "" if causes[0].confidence >= UNSURE else ", if that is the cause at all"
+    doubt = "" if sure else ", if that is the cause at all"
     return PARTLY, (
         f"The gap of '{joint}' is partly explained by {names}{doubt}: the error falls {change}; {100 * left:.0f} % of "
         f"it stays. {rest.sentence}"
@@ -396,11 +421,15 @@ def _first_experiment(
 
 
 def _unusable(
-    joint: str, reason: str, findings: Sequence[Finding], experiment: Experiment | None = None
+    joint: str,
+    reason: str,
+    findings: Sequence[Finding],
+    experiment: Experiment | None = None,
+    verdict: str = UNUSABLE,
 ) -> JointDiagnosis:
     return JointDiagnosis(
         joint,
-        UNUSABLE,
+        verdict,
         f"The log cannot be used: {reason}",
         f"{joint}.position",
         "rad",
