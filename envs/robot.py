@@ -115,7 +115,7 @@ class Robot:
         """
         names = [item.name for item in self.coordinates]
         if actuator is None:
-            return dict(self.chains)
+            actuator = dict(self.chains)
         if not isinstance(actuator, Mapping):
             return {name: self._meant(actuator, name) for name in names}
         for name in actuator:
