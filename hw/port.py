@@ -63,7 +63,7 @@ class BusPort(PortHandler):
             self.port_name,
             cflag_baud,
             timeout=WAIT,
-            write_timeout=WRITE_TIMEOUT,
+            write_timeout=max(WRITE_TIMEOUT, self.reply_timeout),  # who waits long for replies has a slow host
             exclusive=None if sys.platform == "win32" else True,
         )
         self.is_open = True
