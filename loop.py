@@ -191,9 +191,7 @@ def tell(out: Path, folders: Mapping[str, Path]) -> None:
     for name, document in documents.items():
         figures = document["figures"]
         gaps = [f"{1e3 * figures[m]['same_goals']:.1f} mrad in the {m} model" for m in figures if m != "machine"]
-        print(
-            f"  Policy trained on the {name} model: {figures['machine']['reward']:.1f} of reward a second on the machine;"
-        )
+        print(f"  Policy trained on the {name} model: {figures['machine']['reward']:.1f} of reward a second there;")
         print(f"    the machine is off by {', by '.join(gaps)}.")
     if "extended" not in folders:
         print("  The diagnosis found nothing to extend the model by.")

@@ -1,0 +1,334 @@
+"""The control loop on a virtual bus: its rate, its log, and every fault named in time while a policy runs."""
+
+from __future__ import annotations
+
+import threading
+import time
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+from actuators.errors import SealegsError
+from gap.log import LogError, read_measured
+from hw.bus import ServoBus
+from hw.clock import Metronome
+from hw.commands import PolicyCommands, Trajectory
+from hw.connection import opened_port
+from hw.loop import ControlLoop, Outcome, Stop
+from hw.measured_log import MeasuredLog, make_sidecar, read_events, recover
+from hw.policy import Policy
+from hw.robot import ServoRobot, build_robot
+from hw.safety import Limits, Safety
+from hw.supervisor import bring_to_rest
+from hw.virtual import VirtualBus
+from tests.servo_runs import config, gentle_policy
+
+TIMEOUT = 0.3
+"""For a reply [s]: what shares the processors with this test must not look like a fault."""
+SIGNALS = ("goal", "position", "velocity", "duty", "voltage", "current", "temperature")
+
+
+class Run:
+    """A policy on the hopper of a virtual bus, in a thread; what goes wrong is planted meanwhile."""
+
+    def __init__(self, virtual: VirtualBus, policy: Path, folder: Path, rest: Any = "release") -> None:
+        settings = config("robot=hopper", "robot.safety.range_margin=3.0", "robot.safety.speed=200.0")["robot"]
+        self.robot = build_robot(settings)
+        loaded = Policy(policy)
+        self.robot.check_contract(loaded.contract)
+        rate = loaded.contract.control_rate
+        self.bus = ServoBus(virtual.port, timeout=TIMEOUT)
+        sidecar = make_sidecar("hopper", {}, self.robot.belief, {})
+        signals = (*SIGNALS, "link_position")
+        self.log = MeasuredLog(folder, "run", sidecar, self.robot.names, signals, self.robot.base_names)
+        limits = Limits.from_config({**settings["safety"], "late": 1.0})
+        safety = Safety(self.robot, limits, 1.0 / rate)
+        commands = PolicyCommands(loaded, self.robot)
+        self.stop = Stop()
+        self.loop = ControlLoop(self.bus, self.robot, safety, commands, rate, log=self.log, rest=rest, stop=self.stop)
+        self.outcome: Outcome | None = None
+        self._thread = threading.Thread(target=self._run)
+        self._thread.start()
+
+    def _run(self) -> None:
+        try:
+            self.outcome = self.loop.run(30.0)
+        finally:
+            self.log.close()
+
+    def under_way(self) -> None:
+        """Wait until the policy has been in command for some cycles."""
+        end = time.monotonic() + 30.0
+        while self.log.rows < 10:
+            assert self._thread.is_alive() and time.monotonic() < end, read_events(self.log.path)
+            time.sleep(0.005)
+
+    def ended(self) -> Outcome:
+        """Wait for the end."""
+        self._thread.join(30.0)
+        assert self.outcome is not None, read_events(self.log.path)
+        return self.outcome
+
+
+@pytest.fixture(scope="module")
+def policy(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    return gentle_policy(tmp_path_factory.mktemp("policy") / "policy.onnx", "SeaLegs/Hopper-v0")
+
+
+@pytest.fixture(scope="module")
+def machine() -> Iterator[VirtualBus]:
+    robot = build_robot(config("robot=hopper")["robot"])
+    sensors = {sensor.name: sensor.per_radian for sensor in robot.sensors}
+    with VirtualBus(robot="hopper", sensors=sensors) as bus:
+        yield bus
+
+
+@pytest.fixture
+def virtual(machine: VirtualBus) -> Iterator[VirtualBus]:
+    yield machine
+    machine.clear()
+    time.sleep(1.0)  # servos that a brown-out restarted are silent for 0.8 s
+    with ServoBus(machine.port, timeout=TIMEOUT) as bus:
+        bus.torque_off([1, 2])
+
+
+def torque(virtual: VirtualBus) -> dict[int, bool]:
+    servos = virtual.status()["servos"]
+    return {int(number): servo["torque"] for number, servo in servos.items() if int(number) <= 2}
+
+
+@pytest.mark.parametrize(
+    ("kind", "values", "names", "unreachable"),
+    [
+        ("drop", {"servos": [2]}, {"NoReplyError"}, set()),
+        ("corrupt", {"servos": [2]}, {"CorruptReplyError"}, set()),
+        ("short", {"servos": [1]}, {"ShortReplyError"}, set()),
+        ("late", {"servos": [2], "delay": 0.5}, {"NoReplyError", "StaleReplyError"}, set()),
+        ("silence", {"servos": [2]}, {"NoReplyError"}, {2}),
+        ("overheat", {"servos": [1]}, {"OverheatFault"}, set()),
+        ("brown_out", {"value": 3.8}, {"VoltageFault"}, set()),
+        ("overload", {"servos": [2]}, {"OverloadFault"}, set()),
+        ("unplug", {}, {"UnpluggedError"}, {1, 2}),
+    ],
+)
+def test_a_fault_is_named_in_two_cycles_and_what_can_be_reached_is_released(
+    kind: str, values: dict[str, Any], names: set[str], unreachable: set[int],
+    virtual: VirtualBus, policy: Path, tmp_path: Path,
+) -> None:  # fmt: skip
+    run = Run(virtual, policy, tmp_path)
+    run.under_way()
+    planted = time.monotonic()
+    virtual.fault(kind, **values)
+    outcome = run.ended()
+    assert outcome.ending == "fault" and outcome.fault is not None and outcome.fault.name in names
+    if values.get("servos"):
+        assert outcome.fault.servos == tuple(values["servos"])
+
+    events = read_events(run.log.path)
+    origin = next(event["monotonic"] for event in events if event["event"] == "started")
+    log = read_measured(run.log.path).runs[0]
+    after = int((log.host["read_sent"] + origin > planted).sum())
+    missed = sum(event["event"] == "missed" for event in events)
+    assert missed <= 2 and after + missed <= 3, "named within two cycles of the first that could show it"
+    assert len(log.time) == run.log.rows, "the log is complete up to the last cycle that had a reading"
+    assert any(event["event"] == "fault" and event["name"] == outcome.fault.name for event in events)
+
+    status = virtual.status()["servos"]
+    fault_at = origin + next(event["time"] for event in events if event["event"] == "fault")
+    for servo in {1, 2} - unreachable:
+        assert not status[str(servo)]["torque"]
+        stalls = 4.0 * outcome.timing.late_worst  # of a host that had no time for the loop
+        assert status[str(servo)]["since_monotonic"] - fault_at < 0.1 + stalls, "released within 100 ms"
+    if unreachable and kind != "unplug":
+        assert set(outcome.not_at_rest) == unreachable, "and it is said which servo could not be reached"
+
+
+def test_a_single_lost_reply_is_named_and_does_not_stop_the_robot(
+    virtual: VirtualBus, policy: Path, tmp_path: Path
+) -> None:
+    run = Run(virtual, policy, tmp_path)
+    run.under_way()
+    rows = run.log.rows
+    virtual.fault("drop", servos=[2], count=1)
+    while run.log.rows < rows + 20:
+        time.sleep(0.01)
+    run.stop.ask("enough")
+    outcome = run.ended()
+    assert outcome.ending == "stopped" and outcome.bus["NoReplyError"] == 1
+    missed = [event for event in read_events(run.log.path) if event["event"] == "missed"]
+    assert [event["servos"] for event in missed] == [[2]]
+
+
+def test_a_stopped_loop_holds_where_that_is_configured(virtual: VirtualBus, policy: Path, tmp_path: Path) -> None:
+    run = Run(virtual, policy, tmp_path, "hold")
+    run.under_way()
+    run.stop.ask("enough")
+    assert run.ended().ending == "stopped" and torque(virtual) == {1: True, 2: True}
+
+
+def test_an_exception_in_the_loop_releases_the_servos(virtual: VirtualBus, tmp_path: Path) -> None:
+    robot = build_robot(config("robot=hopper", "robot.sensors={}", "robot.safety.range_margin=3.0")["robot"])
+    settings = config("robot=hopper", "robot.safety.range_margin=3.0", "robot.safety.late=1.0")["robot"]["safety"]
+
+    class Broken(Trajectory):
+        def goals(self, time: float, reading: Any) -> np.ndarray:
+            raise ZeroDivisionError("a bug")
+
+    commands = Broken("broken", np.array([0.0, 1.0]), np.tile([-0.61, 0.61], (2, 1)))
+    bus = ServoBus(virtual.port, timeout=TIMEOUT)
+    safety = Safety(robot, Limits.from_config({**settings, "speed": 200.0}), 0.02)
+    with pytest.raises(ZeroDivisionError):
+        ControlLoop(bus, robot, safety, commands, 50.0).run(5.0)
+    assert torque(virtual) == {1: False, 2: False}
+    with ServoBus(virtual.port, timeout=TIMEOUT) as again:  # the port was closed
+        assert again.ping(1) == 777
+
+
+def test_what_a_virtual_bus_hides_is_not_what_the_host_believes() -> None:
+    robot = build_robot(config()["robot"])
+    hw = {"virtual": {}, "baudrate": 1_000_000, "timeout": TIMEOUT}
+    with pytest.raises(SealegsError, match="hw=feetech"), opened_port(hw, "/dev/null", robot, None):
+        pass
+    with (
+        pytest.raises(SealegsError, match="port=<path> is missing"),
+        opened_port({**hw, "virtual": None}, None, robot, None),
+    ):
+        pass
+
+
+# --- rate ----------------------------------------------------------------------------------------------------------
+
+
+class Clock:
+    """A clock that only sleeping and working move."""
+
+    def __init__(self) -> None:
+        self.time, self.slept = 100.0, 0.0
+
+    def monotonic(self) -> float:
+        return self.time
+
+    def process_time(self) -> float:
+        return self.time - self.slept
+
+    def sleep(self, seconds: float) -> None:
+        self.time += seconds
+        self.slept += seconds
+
+
+@pytest.fixture
+def clock(monkeypatch: pytest.MonkeyPatch) -> Clock:
+    fake = Clock()
+    monkeypatch.setattr("hw.clock.time", fake)
+    return fake
+
+
+def test_the_metronome_keeps_its_rate_and_sleeps_in_between(clock: Clock) -> None:
+    metronome = Metronome(100.0)
+    began = metronome.wait()
+    for _ in range(50):
+        clock.time += 0.004  # the work of a cycle
+        metronome.done(0.001, 0.002)
+        last = metronome.wait()
+    assert last - began == pytest.approx(0.5), "fifty periods, on the grid"
+    timing = metronome.timing()
+    assert timing.cycles == 50 and timing.overruns == 0 and timing.read_mean == pytest.approx(0.001)
+    assert timing.cpu_share == pytest.approx(0.4) and timing.busy_share == pytest.approx(0.4)
+
+
+def test_an_overrun_is_counted_and_not_hurried_after(clock: Clock) -> None:
+    metronome = Metronome(100.0)
+    began = metronome.wait()
+    clock.time += 0.035
+    metronome.wait()
+    timing = metronome.timing()
+    assert timing.overruns == 1 and timing.skipped == 2
+    assert metronome.wait() - began == pytest.approx(0.04), "the next one is back on the grid"
+
+
+def test_real_sleep_leaves_the_processor_alone() -> None:
+    metronome = Metronome(100.0)
+    began, cpu = metronome.wait(), time.process_time()
+    for _ in range(30):
+        metronome.done(0.001, 0.002)
+        last = metronome.wait()
+    assert last - began > 0.299 and (time.process_time() - cpu) / (last - began) < 0.2
+
+
+def test_stepped_time_waits_for_nothing(clock: Clock) -> None:
+    metronome = Metronome(100.0, stepped=True)
+    times = [metronome.wait() for _ in range(3)]
+    assert np.diff(times) == pytest.approx([0.01, 0.01]) and metronome.now() == times[-1] and clock.slept == 0.0
+
+
+@pytest.mark.parametrize("rate", [0.0, -1.0, 1e5, float("nan")])
+def test_a_rate_that_is_none_is_refused(rate: float) -> None:
+    with pytest.raises(SealegsError, match="rate"):
+        Metronome(rate)
+
+
+# --- log -----------------------------------------------------------------------------------------------------------
+
+
+def small_log(folder: Path, rows: int, name: str = "run") -> MeasuredLog:
+    log = MeasuredLog(
+        folder, name, make_sidecar("bench", {"mass": 0.3}, {"a": "sts3215"}, {"rate": 10}), ["a"], SIGNALS, ()
+    )
+    for k in range(rows):
+        log.write(0.1 * k, np.full((1, 7), 0.01 * k), (), (0.1 * k, 0.1 * k, float("nan")), [0])
+    return log
+
+
+def test_a_log_is_readable_while_it_is_written(tmp_path: Path) -> None:
+    log = small_log(tmp_path, 40)
+    run = read_measured(log.path).runs[0]
+    assert len(run.time) == 40 and run.robot_params == {"mass": 0.3} and run.meta["rate"] == 10
+    assert set(run.host) == {"read_sent", "read_done", "goal_sent", "a_status"}
+    log.close()
+
+
+@pytest.mark.parametrize("torn", [1, 30, 55])
+def test_after_a_power_cut_every_whole_line_is_recovered(torn: int, tmp_path: Path) -> None:
+    log = small_log(tmp_path, 40)
+    log.close()
+    log.path.write_bytes(log.path.read_bytes()[:-torn] + b"\0" * 12)
+    target, _ = recover(log.path)
+    assert len(read_measured(target).runs[0].time) >= 38
+    with pytest.raises(LogError, match="never overwritten"):
+        recover(log.path)
+
+
+def test_a_log_never_overwrites(tmp_path: Path) -> None:
+    small_log(tmp_path, 3).close()
+    before = (tmp_path / "run.csv").read_bytes()
+    with pytest.raises(LogError, match="never overwritten"):
+        small_log(tmp_path, 5)
+    assert (tmp_path / "run.csv").read_bytes() == before
+    with pytest.raises(LogError, match="plain file name"):
+        small_log(tmp_path, 1, "../run")
+
+
+def test_a_full_disk_is_told_and_what_was_written_is_safe(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    log = small_log(tmp_path, 5)
+
+    def full(*_: Any) -> int:
+        raise OSError(28, "No space left on device")
+
+    with monkeypatch.context() as patched:
+        patched.setattr("hw.measured_log.os.write", full)
+        with pytest.raises(LogError, match="No space left"):
+            log.write(1.0, np.zeros((1, 7)), (), (0.0, 0.0, 0.0), [0])
+        log.event(1.0, "end")
+    log.close()
+    assert len(read_measured(log.path).runs[0].time) == 5
+
+
+def test_rest_is_release_or_hold(virtual: VirtualBus) -> None:
+    with ServoBus(virtual.port, timeout=TIMEOUT) as bus:
+        bus.torque_on([1, 2])
+        assert bring_to_rest(bus, [1, 2], "hold") == {} and torque(virtual) == {1: True, 2: True}
+        assert bring_to_rest(bus, [1, 2], "release") == {} and torque(virtual) == {1: False, 2: False}
+    assert isinstance(build_robot(config()["robot"]), ServoRobot)

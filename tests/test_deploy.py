@@ -1,0 +1,213 @@
+"""deploy.py: what runs is logged, what does not fit is refused by name, a dry run has no torque."""
+
+from __future__ import annotations
+
+import dataclasses
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+import yaml
+
+import deploy
+import loop
+from actuators.errors import SealegsError
+from configs.script import run as run_script
+from envs.contract import Contract, ContractError
+from gap.checks import check_run, unusable
+from gap.log import JointLog, MeasuredRun, read_measured, write_run
+from hw import deployment
+from hw.commands import read_excitation, read_replay
+from hw.measured_log import MeasuredLog, make_sidecar, read_events
+from hw.policy import Policy
+from hw.robot import build_robot
+from tests.servo_runs import PATIENT, config, excitation, gentle_policy
+
+STEPPED = ["hw.virtual.time=stepped", *PATIENT, "silence=20"]
+
+
+def run(*arguments: str) -> int:
+    """Exit status of deploy.py in this process."""
+    return run_script(deploy.main, "deploy", "", [*STEPPED, *arguments])
+
+
+@pytest.fixture(scope="module")
+def policy(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    return gentle_policy(tmp_path_factory.mktemp("policy") / "policy.onnx")
+
+
+def test_a_policy_runs_and_its_log_says_everything(
+    policy: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    assert run(f"policy={policy}", f"out={tmp_path}", "name=run", "duration=2", "command=[0.4]") == 0
+    assert "100 cycles, 0 overruns" in capsys.readouterr().out
+    log = read_measured(tmp_path / "run.csv").runs[0]
+    joint = log.joints["joint"]
+    assert len(log.time) == 100 and np.diff(log.time) == pytest.approx(0.02)
+    assert joint.goal is not None and np.abs(joint.goal).max() < 0.5, "an untrained policy moves little"
+    assert log.robot == "bench" and log.actuators == {"joint": "sts3215"}
+    assert log.meta["registers"]["joint"]["p_gain"] == 32 and log.meta["calibration"]["joint"]["zero"] == 2048
+    assert log.meta["command"]["command"] == [0.4] and log.meta["rate"] == 50.0
+    assert {"read_sent", "read_done", "goal_sent", "joint_status"} <= set(log.host)
+    assert not unusable(check_run(log))
+    events = [event["event"] for event in read_events(tmp_path / "run.csv")]
+    assert events == ["torque on", "started", "at rest", "end"]
+    assert run(f"policy={policy}", f"out={tmp_path}", "name=run", "duration=2") == 2
+    assert "never overwritten" in capsys.readouterr().err
+
+
+def test_what_a_diagnosis_proposes_is_run_and_can_be_diagnosed(tmp_path: Path) -> None:
+    proposal = tmp_path / "next_experiment.csv"
+    time = np.arange(0.0, 1.0, 0.01)
+    goal = 0.2 + 0.3 * np.sin(6.0 * time)
+    np.savetxt(proposal, np.stack([time, goal], axis=1), "%.6f", ",", header="time,servo.goal", comments="")
+    assert run(f"excitation={proposal}", f"out={tmp_path / 'log'}", "name=next", "robot.params={mass:0.3}") == 0
+    log = read_measured(tmp_path / "log").runs[0]
+    assert log.robot_params == {"mass": 0.3} and not unusable(check_run(log))
+    assert log.joints["joint"].goal == pytest.approx(goal[: len(log.time)], abs=1e-5)
+    assert len(log.time) == 100
+    assert abs(log.joints["joint"].position[0] - 0.2) < 0.15, "it was brought to the start slowly before"
+
+
+def test_a_dry_run_prints_goals_and_leaves_no_log(
+    policy: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    told: list[Any] = []
+    monkeypatch.setattr("hw.bus.ServoBus.torque_on", lambda *a: told.append(a))
+    monkeypatch.setattr("hw.bus.ServoBus.write_goals", lambda *a: told.append(a))
+    assert run(f"policy={policy}", f"out={tmp_path / 'none'}", "dry_run=true") == 0
+    shown = capsys.readouterr().out.splitlines()
+    assert "no torque" in shown[0] and len(shown) == 2 + deployment.DRY_CYCLES
+    assert not told and not (tmp_path / "none").exists()
+
+
+@pytest.mark.parametrize(
+    ("arguments", "says"),
+    [
+        ([], "say what to run"),
+        (["excitation=chirp", "reference=true"], "excitation and reference cannot run at once"),
+        (["excitation=chrip"], "did you mean 'chirp'?"),
+        (["excitation=chirp", "reach=4"], "reach is 4 rad; joint joint has"),
+        (["excitation=missing.csv"], "missing.csv cannot be read"),
+        (["policy=missing.onnx"], "there is no policy missing.onnx"),
+        (["reference=true"], "has no reference controller"),
+        (["excitation=chirp", "rest=relax"], "it may be release or hold"),
+        (["excitation=chirp", "rate=0"], "rate"),
+        (["excitation=chirp", "duration=-1"], "duration is -1"),
+        (["excitation=chirp", "silence=0.001"], "at least three periods"),
+        (["excitation=chirp", "hw=feetech", "port=/dev/null", "calibration=none.yaml"], "none.yaml cannot be read"),
+        (["excitation=chirp", "hw=feetech"], "has no calibration yet"),
+        (["excitation=chirp", "robot=benhc"], "did you mean 'bench'?"),
+        (["excitation=chirp", "robot.safety.speed=null"], "safety.speed takes a number"),
+        (["excitation=chirp", "actuator=sts3125"], "did you mean 'sts3215'?"),
+        (["excitation=chirp", "robot.params={masss:1}"], "did you mean 'mass'?"),
+        (["excitation=chirp", "port=/dev/null"], "hw=virtual starts a bus of its own"),
+        (["exitation=chirp"], "did you mean 'excitation'?"),
+    ],
+)
+def test_wrong_input_is_one_sentence(
+    arguments: list[str], says: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    monkeypatch.chdir(tmp_path)  # where no calibration is
+    assert run_script(deploy.main, "deploy", "", [*arguments, f"out={tmp_path}"]) == 2
+    error = capsys.readouterr().err.strip()
+    assert says in error and len(error.splitlines()) == 1 and not list(tmp_path.glob("*.csv"))
+
+
+def changed(contract: Contract, **values: Any) -> Contract:
+    return dataclasses.replace(contract, **values)
+
+
+@pytest.mark.parametrize(
+    ("field", "value", "says"),
+    [
+        ("robot", "hopper", "give robot=hopper"),
+        ("joints", ("elbow",), "elbow"),
+        ("robot_hash", "0" * 16, "the robot's numbers differ"),
+        ("history", 4, "single observations"),
+        ("observation_names", ("target [rad]", "height [m]"), "train it again"),
+        ("chain_hash", "0" * 16, "actuator=<name or path>"),
+    ],
+)
+def test_a_policy_for_another_robot_is_refused_by_the_field(field: str, value: Any, says: str, policy: Path) -> None:
+    robot = build_robot(config()["robot"])
+    contract = Policy(policy).contract
+    robot.check_contract(contract)
+    with pytest.raises(ContractError) as refusal:
+        robot.check_contract(changed(contract, **{field: value}))
+    assert f"'{field}'" in str(refusal.value) and says in str(refusal.value)
+
+
+def test_a_policy_at_another_rate_or_for_a_heavier_load_is_refused(policy: Path) -> None:
+    contract = Policy(policy).contract
+    with pytest.raises(ContractError, match="'control_rate' is 50 Hz, and here it is 100 Hz"):
+        build_robot(config()["robot"]).check_contract(contract, 100.0)
+    with pytest.raises(ContractError, match=r"mass 0\.5 and 0\.7"):
+        build_robot(config("robot.params={mass:0.7}")["robot"]).check_contract(contract)
+    other = build_robot(config()["robot"], "xl330")
+    with pytest.raises(ContractError, match="chain_hash"):
+        other.check_contract(contract)
+    contract = changed(contract, goal_at_zero=(9.0,), goal_per_action=(0.1,))
+    with pytest.raises(ContractError, match=r"'goal_at_zero' is in 8\.90 to 9\.10 rad for joint"):
+        build_robot(config()["robot"]).check_contract(contract)
+
+
+@pytest.mark.parametrize(
+    ("text", "says"),
+    [
+        ("time,joint.goal\n0,0\n0.1,9\n", "row 3 asks joint joint for 9.000 rad"),
+        ("time,joint.goal\n0,0\n0,0.1\n", "must grow"),
+        ("time,goal\n0,0\n0.1,0\n", "needs the columns time and <joint>.goal"),
+        ("time,joint.goal\n0,x\n", "no table of numbers"),
+        ("", "no table of numbers"),
+        ("time,a.goal,b.goal\n0,0,0\n0.1,0,0\n", "the robot has no joint 'a'"),
+        ("time,joint.goal\n0,0\n0.1,nan\n", "row 3"),
+    ],
+)
+def test_an_excitation_that_cannot_be_run_is_refused(text: str, says: str, tmp_path: Path) -> None:
+    path = tmp_path / "goals.csv"
+    path.write_text(text)
+    with pytest.raises(SealegsError) as refusal:
+        read_excitation(path, build_robot(config()["robot"]))
+    assert says in str(refusal.value)
+
+
+def test_goals_are_held_until_the_next_and_a_log_is_replayed_with_its_own(tmp_path: Path) -> None:
+    robot = build_robot(config()["robot"])
+    commands = read_excitation(excitation(tmp_path / "sine.csv", seconds=2.0), robot)
+    reading: Any = None
+    assert commands.duration == pytest.approx(2.0)
+    assert commands.goals(0.039, reading) == commands.goals(0.02, reading) != commands.goals(0.04, reading)
+    time = 5.0 + np.arange(50) / 50.0
+    log = JointLog(goal=0.1 * np.sin(time), position=np.zeros(50))
+    path = write_run(MeasuredRun("run", time, {"joint": log}, actuators={"joint": "sts3215"}), tmp_path)
+    assert read_replay(path, robot).goals(0.5, reading) == pytest.approx(log.goal[25])  # type: ignore[index]
+    other = MeasuredRun("other", time, {"hip": log}, robot="hopper", actuators={"hip": "sts3215"})
+    with pytest.raises(SealegsError, match="log of robot 'hopper', not of 'bench'"):
+        read_replay(write_run(other, tmp_path), robot)
+
+
+# --- the whole loop ------------------------------------------------------------------------------------------------
+
+
+def test_the_loop_goes_on_with_what_is_done_and_puts_unfinished_logs_aside(tmp_path: Path) -> None:
+    sidecar = make_sidecar("bench", {}, {"joint": "sts3215"}, {})
+    for name, ending in (("whole", "finished"), ("torn", None)):
+        log = MeasuredLog(tmp_path / "log", name, sidecar, ["joint"], deployment.SIGNALS, ())
+        log.write(0.0, np.zeros((1, 7)), (), (0.0, 0.0, 0.0), [0])
+        if ending:
+            log.event(0.0, "end", ending=ending)
+        log.close()
+    assert loop.complete(tmp_path, "whole") and not loop.complete(tmp_path, "torn")
+    assert not loop.complete(tmp_path, "never begun")
+    assert {path.suffix for path in (tmp_path / "unfinished").iterdir()} == {".csv", ".yaml", ".jsonl"}
+    assert {path.name for path in (tmp_path / "log").glob("*.csv")} == {"whole.csv"}
+
+
+def test_the_loop_refuses_to_go_on_with_other_settings(tmp_path: Path) -> None:
+    loop.keep(tmp_path / "loop.yaml", {"seed": 0, "reach": 0.9})
+    loop.keep(tmp_path / "loop.yaml", {"seed": 0, "reach": 0.9})
+    with pytest.raises(SealegsError, match=r"begun with reach=0\.9"):
+        loop.keep(tmp_path / "loop.yaml", {"seed": 0, "reach": 0.5})
+    assert yaml.safe_load((tmp_path / "loop.yaml").read_text()) == {"seed": 0, "reach": 0.9}
