@@ -1,4 +1,4 @@
-"""The paper's experiments on the virtual MABEL: identification, spring, balance, hopping, and how far choices matter."""
+"""The experiments of the paper on the virtual MABEL: identification, spring, hopping, and how far choices matter."""
 
 from __future__ import annotations
 
