@@ -5,10 +5,11 @@ from __future__ import annotations
 from actuators.errors import nearest
 from envs.bench.robot import BENCH
 from envs.biped.robot import BIPED
+from envs.hexapod.robot import HEXAPOD
 from envs.hopper.robot import HOPPER
 from envs.robot import Robot, RobotError
 
-ROBOTS: dict[str, Robot] = {robot.name: robot for robot in (BENCH, HOPPER, BIPED)}
+ROBOTS: dict[str, Robot] = {robot.name: robot for robot in (BENCH, HOPPER, BIPED, HEXAPOD)}
 
 
 def get_robot(name: str) -> Robot:

@@ -62,7 +62,9 @@ class Friction(Stage):
     asymmetry: float = parameter(
         0.0, "N.m", -1e3, 1e3, "dry friction more in positive than in negative direction, halved"
     )
-    load: float = parameter(0.0, "-", 0.0, 2.0, "dry friction per torque through the gearbox")
+    load: float = parameter(
+        0.0, "-", 0.0, 1e2, "dry friction per torque through the gearbox, or per load that presses on it"
+    )
     load_quadratic: float = parameter(0.0, "1/(N.m)", 0.0, 1e3, "dry friction per torque squared")
     load_stribeck: float = parameter(0.0, "-", 0.0, 2.0, "load dependent friction at rest above that while moving")
     ripple: float = parameter(0.0, "N.m", 0.0, 1e3, "amplitude of friction over position")
@@ -142,8 +144,8 @@ def lugre_row(p, i, s, m, time, w, first):
 
     ``dz/dt = w - |w| z / g`` is solved exactly over a step ``h`` of constant ``|w|``, with the speed ``w + h a`` that
     the step ends with: ``z' = E z + h F (w + h a)``, ``E = exp(-x)``, ``F = (1 - E) / x``, ``x = |w| h / g``. The
-    torque ``stiffness z' + damping (z' - z) / h`` is then linear in the acceleration ``a``, so the solver finds both together
-    with contacts and all else, and no stiffness is too large for the step. The row's limit is ``g stiffness``.
+    torque ``stiffness z' + damping (z' - z) / h`` is then linear in the acceleration ``a``, so the solver finds both
+    together with contacts and all else, and no stiffness is too large for the step. The row's limit is ``g stiffness``.
 
     Memory: deflection at the step's start; what remains of it and its gain on the speed over the step; its bound; time.
     """

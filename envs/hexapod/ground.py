@@ -17,6 +17,7 @@ from envs.hexapod.parameters import GRAVITY
 
 SOLIMP = (0.358, 0.527, 0.024, 0.025, 12.0)
 """Impedance at touch and at full depth, that depth [m], and shape."""
+EXPONENT = 1.5  # p_K: "chosen to fit with the Hertz's theory"
 SUPPORTS = 3  # legs that stand where the penetration is printed
 
 
@@ -33,6 +34,17 @@ def shape(depth: np.ndarray | float) -> np.ndarray:
     """Force at rest over ``S / A``, [m]."""
     reached = impedance(depth)
     return reached**2 * np.asarray(depth) / (SOLIMP[1] ** 2 * (1.0 - reached))
+
+
+def penetration(values: Mapping[str, float], load: float, weight: float) -> float:
+    """How deep a foot stands in the ground under a load [N], by (19) at rest [m].
+
+    Args:
+        values: numbers of the robot.
+        load: on the foot [N].
+        weight: of the robot [N], whose third sinks in by the printed penetration.
+    """
+    return values["penetration"] * (load * SUPPORTS / weight) ** (1.0 / EXPONENT)
 
 
 def soften(spec: mujoco.MjSpec, floor: mujoco.MjsGeom, values: Mapping[str, float], foot_body: str) -> None:

@@ -35,6 +35,9 @@ NUMBERS = {
         984.0, "rad/rad", "assumed: planetary 246:1 and sprocket chain 4:1 (table 1 is missing)", 1.0
     ),
     "screw_gear": Number(35186.0, "rad/m", "assumed: ball screws of 2.5 mm lead behind 14:1 (table 1 is missing)", 1.0),
+    "winding_loss": Number(
+        915.0, "W/(N.m)2", "assumed: resistance over squared motor constant of the motors in configs/actuator/amru5_*"
+    ),
     "leg_radius": Number(
         0.175, "m", "seed 001, 2.1: radius of the body; that the legs turn at its rim is assumed", 0.01
     ),

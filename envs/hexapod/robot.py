@@ -22,7 +22,14 @@ REACH = 0.9  # [m] rough size, for light and shadows
 ROTATION, VERTICAL, HORIZONTAL = KINDS = ("rotation", "vertical", "horizontal")
 # Loops carry a leg with less give than an encoder sees; the engine makes them as stiff as the step allows.
 LOOP_SOLREF, LOOP_SOLIMP = (0.001, 1.0), (0.9999, 0.9999, 0.001, 0.5, 2.0)
-WORDS = {"amru5_lugre": "amru5_lugre"}
+FRICTIONS = {
+    "none": "amru5_frictionless",
+    "dry/viscous": "amru5_dry",
+    "LuGre": "amru5_lugre",
+    "dry/viscous 2": "amru5_load",
+}
+"""Files of ``configs/actuator`` with the four models of joint friction that the paper compares."""
+WORDS = {name: name for name in FRICTIONS.values()}
 MASSLESS = 1e-4  # [kg] of the slides: table 10 has none, and their inertia is the armature of their motors
 
 _DARK, _METAL, _BLUE = (0.16, 0.18, 0.22, 1), (0.76, 0.78, 0.81, 1), (0.20, 0.42, 0.68, 1)

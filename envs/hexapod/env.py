@@ -1,0 +1,162 @@
+"""The hexapod as Gymnasium environments."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from typing import Any
+
+from envs.hexapod.task import HexapodTask
+from envs.robot import ChainSource
+from envs.single import SingleEnv
+from envs.vector import BatchVectorEnv
+
+CONTROL_RATE = 5.0  # [Hz] a step cycle of the reference gait takes 6 to 12 s
+
+
+class HexapodEnv(SingleEnv):
+    r"""
+    ## Description
+    The six-legged robot AMRU5 of seed 001 ("Dynamic simulation of six-legged robots with a focus on joint friction"):
+    34 kg on six pantograph legs, each turned about its upright axis and moved by a vertical and a horizontal ball screw,
+    18 Maxon RE35 motors in all. The task is to walk forward at a commanded speed with little specific resistance, the
+    energy over weight and way. Which actuators drive the legs, and with which joint friction, is one word, `actuator`.
+
+    ## Action Space
+    The action space is a `Box(-1, 1, (18,), float32)`: position goals for the joints. They go through the actuation
+    chain (digital PI controller, motor, gears, friction) inside the physics engine. Joint k belongs to leg k // 3; leg 0
+    points forward, the others follow counter-clockwise every 60 degrees.
+
+    | Num                | Action                      | Min | Max | Goal at -1 | Goal at 1 | Type (Unit)  |
+    |--------------------|-----------------------------|-----|-----|------------|-----------|--------------|
+    | 0, 3, 6, 9, 12, 15 | Goal of a leg's rotation    | -1  | 1   | -0.3       | 0.3       | angle (rad)  |
+    | 1, 4, 7, 10, 13, 16 | Goal of a vertical screw   | -1  | 1   | 0.0259     | 0.0499    | position (m) |
+    | 2, 5, 8, 11, 14, 17 | Goal of a horizontal screw | -1  | 1   | 0.032      | 0.058     | position (m) |
+
+    Rotation turns a leg clockwise seen from above. A foot follows its horizontal screw outward 8 times as far, and its
+    vertical screw downward 7 times.
+
+    ## Observation Space
+    The observation space is a `Box(-Inf, Inf, (73,), float32)` of what the computer on the robot knows.
+
+    | Num   | Observation                        | Source                                                     | Unit        |
+    |-------|------------------------------------|------------------------------------------------------------|-------------|
+    | 0     | commanded speed                    | command                                                    | m/s         |
+    | 1     | height of the body                 | odometry over the standing legs, ideal                     | m           |
+    | 2-4   | upward direction in the body       | inertial unit, ideal                                       | -           |
+    | 5-6   | heading of the body on the floor   | inertial unit, ideal                                       | -           |
+    | 7-9   | velocity of the body               | odometry, ideal                                            | m/s         |
+    | 10-12 | turn rate of the body              | inertial unit, ideal                                       | rad/s       |
+    | 13-30 | joints, from the middle of a stance | motor encoders of the chain: ticks, offset, scale, latency | rad, m     |
+    | 31-48 | speed of the joints                | difference of 13-30 over the last control step             | rad/s, m/s  |
+    | 49-54 | foot on the floor                  | from the height of the body and 13-30, ideal               | -           |
+    | 55-72 | last action                        | memory                                                     | -           |
+
+    ## Rewards
+    The reward is ***forward + alive + straight + resistance***; `info` holds each term.
+
+    - *reward_forward*: $w_{forward} \max(1 - |v - v_{cmd}| / s, -1)$ with the forward speed $v$ of the body and
+      $s = \max(|v_{cmd}|, 0.01)$ m/s.
+    - *reward_alive*: `alive_weight` in every step.
+    - *reward_straight*: $-w_{straight} (\min(|v_y| / s, 1) + |h_y|)$ with the speed and the heading to the side.
+    - *reward_resistance*: $-w_{resistance} \min(P / (m g s), 20)$ with the electrical power $P$ of the paper's motors,
+      braking not counted: the specific resistance (35) of a robot that travels at the commanded speed.
+
+    `info` also holds `net_out_of_range` (samples in this episode for which an actuator net was asked for motion that it
+    never saw in training) and `unstable` (the physics engine gave up; the episode ends).
+
+    ## Starting State
+    Standing, sunk into the ground by as much as it carries six legs, each joint off the middle of its range by uniform
+    noise of $\pm$ `start_noise` times the half of that range. The commanded speed is drawn where `speed` is a range.
+    Then `randomization` is drawn.
+
+    ## Episode End
+    ### Termination
+    The body sinks below `healthy_height` or tilts so far that the cosine is below `healthy_upright`, or the simulation
+    is unstable.
+
+    ### Truncation
+    After 100 steps (20 s).
+
+    ## Arguments
+
+    | Parameter           | Type                | Default    | Description |
+    |---------------------|---------------------|------------|-----------------------------------------------------------|
+    | `actuator`          | str, list or dict   | `None`     | chains: a word (`amru5_lugre`, `amru5_dry`, `amru5_load`, `amru5_frictionless`, `ideal`, `regression`, `net`), a path, stages, or one of these by joint; `None`: `amru5_lugre` |
+    | `randomization`     | dict or path        | `None`     | what every episode draws anew, see `envs/randomization.py` |
+    | `params`            | dict                | `None`     | numbers of the robot, see `envs/hexapod/parameters.py` |
+    | `control_rate`      | float               | `5.0`      | actions per second [Hz] |
+    | `speed`             | float or (low, high) | `0.03`    | commanded speed, or the range it is drawn from [m/s] |
+    | `forward_weight`    | float               | `1.0`      | see Rewards |
+    | `alive_weight`      | float               | `0.1`      | see Rewards |
+    | `straight_weight`   | float               | `0.3`      | see Rewards |
+    | `resistance_weight` | float               | `0.05`     | see Rewards |
+    | `healthy_height`    | float               | `0.12`     | lowest height of the body [m] |
+    | `healthy_upright`   | float               | `0.85`     | lowest cosine of its tilt |
+    | `start_noise`       | float               | `0.1`      | see Starting State |
+    | `width`, `height`   | int                 | `640, 480` | of the picture [px] |
+
+    `gymnasium.make_vec("SeaLegs/Hexapod-v0", num_envs=64)` steps the simulations on all cores and starts new episodes in
+    the same step; `envs.sb3.BatchVecEnv` does so for Stable-Baselines3. All three move bit for bit alike for equal
+    seeds.
+
+    ## Version History
+    * v0: initial version.
+    """  # noqa: E501
+
+    task = HexapodTask
+
+    def __init__(
+        self,
+        actuator: ChainSource | Mapping[str, ChainSource] | None = None,
+        randomization: Mapping[str, Any] | str | None = None,
+        params: Mapping[str, float] | None = None,
+        control_rate: float = CONTROL_RATE,
+        speed: float | Sequence[float] = HexapodTask.speed,
+        forward_weight: float = HexapodTask.forward_weight,
+        alive_weight: float = HexapodTask.alive_weight,
+        straight_weight: float = HexapodTask.straight_weight,
+        resistance_weight: float = HexapodTask.resistance_weight,
+        healthy_height: float = HexapodTask.healthy_height,
+        healthy_upright: float = HexapodTask.healthy_upright,
+        start_noise: float = HexapodTask.start_noise,
+        render_mode: str | None = None,
+        width: int = 640,
+        height: int = 480,
+    ) -> None:
+        """Build the environment; the class documents the arguments."""
+        super().__init__(
+            render_mode,
+            width,
+            height,
+            actuator=actuator,
+            randomization=randomization,
+            params=params,
+            control_rate=control_rate,
+            speed=speed,
+            forward_weight=forward_weight,
+            alive_weight=alive_weight,
+            straight_weight=straight_weight,
+            resistance_weight=resistance_weight,
+            healthy_height=healthy_height,
+            healthy_upright=healthy_upright,
+            start_noise=start_noise,
+        )
+
+
+class HexapodVectorEnv(BatchVectorEnv):
+    """Many :class:`HexapodEnv` side by side, with the same arguments."""
+
+    task = HexapodTask
+
+    def __init__(
+        self,
+        num_envs: int = 1,
+        max_episode_steps: int | None = None,
+        render_mode: str | None = None,
+        width: int = 640,
+        height: int = 480,
+        control_rate: float = CONTROL_RATE,
+        **keywords: Any,
+    ) -> None:
+        """Build the batch; ``keywords`` are the task's and the engine's."""
+        super().__init__(num_envs, max_episode_steps, render_mode, width, height, control_rate=control_rate, **keywords)

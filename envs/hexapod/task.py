@@ -1,0 +1,161 @@
+"""Walk at a commanded speed, at little specific resistance."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from actuators import Drivetrain
+from envs.hexapod.ground import penetration
+from envs.hexapod.kinematics import Joints, foot_from_joints, leg_angle, link_angles, stance
+from envs.hexapod.parameters import GOAL_RANGE, GRAVITY, LEGS
+from envs.hexapod.robot import HEXAPOD, KINDS, ROTATION, coordinate, loop_joints, total_mass
+from envs.task import Motion, Task
+
+SLOWEST = 0.01  # [m/s] below this, errors of speed count in absolute terms
+TOUCH = 1e-3  # [m] under which the switch of a foot says that it is on the floor
+MOST = 20.0  # of the specific resistance that the reward counts
+UP, UPRIGHT = 2, slice(3, 7)  # height and quaternion of the body in qpos
+
+
+@dataclass(frozen=True)
+class HexapodTask(Task):
+    """Weights and ranges of the hexapod's task; the table in :class:`envs.hexapod.env.HexapodEnv` explains them."""
+
+    speed: float | Sequence[float] = 0.03
+    forward_weight: float = 1.0
+    alive_weight: float = 0.1
+    straight_weight: float = 0.3
+    resistance_weight: float = 0.05
+    healthy_height: float = 0.12
+    healthy_upright: float = 0.85
+    start_noise: float = 0.1
+
+    robot = HEXAPOD
+    draws = 1 + 3 * LEGS
+    ranges = ("speed",)
+
+    def observation_names(self) -> tuple[str, ...]:
+        joints = [item.name for item in HEXAPOD.coordinates]
+        units = ["rad" if name.endswith(ROTATION) else "m" for name in joints]
+        return (
+            "commanded speed [m/s]",
+            "body height [m]",
+            *(f"upward in the body {axis}" for axis in "xyz"),
+            *(f"heading {axis}" for axis in "xy"),
+            *(f"body speed {axis} [m/s]" for axis in "xyz"),
+            *(f"body turn rate {axis} [rad/s]" for axis in "xyz"),
+            *(f"{name} reading from stance [{unit}]" for name, unit in zip(joints, units, strict=True)),
+            *(f"{name} speed [{unit}/s]" for name, unit in zip(joints, units, strict=True)),
+            *(f"leg{leg} foot switch" for leg in range(LEGS)),
+            *(f"last {name} action" for name in joints),
+        )
+
+    def commands(self, random: np.ndarray) -> np.ndarray:
+        low, high = self.speed if isinstance(self.speed, Sequence) else (self.speed, self.speed)
+        return low + random[:, :1] * (high - low)
+
+    def place(
+        self,
+        drivetrain: Drivetrain,
+        numbers: Mapping[str, float],
+        random: np.ndarray,
+        qpos: np.ndarray,
+        qvel: np.ndarray,
+    ) -> np.ndarray:
+        model = drivetrain.model
+        rest = stance(numbers)._asdict()
+        noise = self.start_noise * (2.0 * random[:, 1:] - 1.0)
+        goals = np.empty((len(qpos), 3 * LEGS))
+        lowest = np.full(len(qpos), np.inf)
+        for leg in range(LEGS):
+            for k, kind in enumerate(KINDS):
+                goals[:, 3 * leg + k] = float(rest[kind]) + GOAL_RANGE[kind] * noise[:, 3 * leg + k]
+                drivetrain.set_position(coordinate(leg, kind), qpos, goals[:, 3 * leg + k])
+            joints = Joints(*goals[:, 3 * leg : 3 * leg + 3].T)
+            rise, bend = link_angles(numbers, joints.vertical, joints.horizontal)
+            for name, angle in zip(loop_joints(leg), (rise, np.pi - bend, np.pi - bend), strict=True):
+                qpos[:, int(model.joint(name).qposadr[0])] = angle
+            lowest = np.minimum(lowest, foot_from_joints(numbers, joints)[2] - numbers["foot_radius"])
+        weight = total_mass(numbers) * GRAVITY
+        qpos[:, UP] = -lowest - penetration(numbers, weight / LEGS, weight)
+        return goals
+
+    def observe(self, motion: Motion) -> tuple[np.ndarray, ...]:
+        m = motion
+        _, upward, heading = _axes(m.qpos)
+        velocity = m.qvel[:, :3]
+        middle = np.array([value for _ in range(LEGS) for value in stance(m.numbers)], dtype=float)
+        return (
+            m.command,
+            m.qpos[:, UP],
+            upward,
+            heading,
+            velocity,
+            m.qvel[:, 3:6],
+            m.reading - middle,
+            m.reading_speed,
+            (foot_heights(m) < TOUCH).astype(float),
+            m.action,
+        )
+
+    def rewards(self, motion: Motion) -> dict[str, np.ndarray]:
+        speed, wanted = motion.qvel[:, 0], motion.command[:, 0]
+        scale = np.maximum(np.abs(wanted), SLOWEST)
+        _, _, heading = _axes(motion.qpos)
+        aside = np.minimum(np.abs(motion.qvel[:, 1]) / scale, 1.0) + np.abs(heading[:, 1])
+        return {
+            "reward_forward": self.forward_weight * np.maximum(1.0 - np.abs(speed - wanted) / scale, -1.0),
+            "reward_alive": np.full(len(speed), self.alive_weight),
+            "reward_straight": -self.straight_weight * aside,
+            "reward_resistance": -self.resistance_weight * resistance(motion, scale),
+        }
+
+    def failed(self, motion: Motion) -> np.ndarray:
+        vertical, _, _ = _axes(motion.qpos)
+        return (motion.qpos[:, UP] < self.healthy_height) | (vertical < self.healthy_upright)
+
+
+def resistance(motion: Motion, speed: np.ndarray) -> np.ndarray:
+    """Specific resistance at this moment: (35) with the power of the paper's motors, whatever chain there is, (n,).
+
+    The power is what the motors give, where they do not brake, and what their windings lose.
+
+    Args:
+        motion: of n simulations.
+        speed: at which the robot is to travel (n,) [m/s].
+    """
+    numbers = motion.numbers
+    power = np.zeros(len(speed))
+    for k in range(motion.torque.shape[1]):
+        gear = numbers["rotation_gear"] if k % len(KINDS) == 0 else numbers["screw_gear"]
+        force = motion.torque[:, k]
+        lost = numbers["winding_loss"] * np.square(force / gear)
+        power += np.maximum(force * motion.motor_speed[:, k] + lost, 0.0)
+    return np.minimum(power / (total_mass(numbers) * GRAVITY * speed), MOST)
+
+
+def foot_heights(motion: Motion) -> np.ndarray:
+    """Height of each sole over the floor, from the readings of the joints (n, 6) [m]."""
+    vertical, upward, _ = _axes(motion.qpos)
+    heights = np.empty((len(vertical), LEGS))
+    for leg in range(LEGS):
+        x, y, z = foot_from_joints(motion.numbers, Joints(*motion.reading[:, 3 * leg : 3 * leg + 3].T))
+        angle, radius = leg_angle(leg), motion.numbers["leg_radius"]
+        ahead = (radius + x) * np.cos(angle) - y * np.sin(angle)
+        left = (radius + x) * np.sin(angle) + y * np.cos(angle)
+        along = upward[:, 0] * ahead + upward[:, 1] * left + upward[:, 2] * z
+        heights[:, leg] = motion.qpos[:, UP] + along - motion.numbers["foot_radius"]
+    return heights
+
+
+def _axes(qpos: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Cosine of the body's tilt (n,), the world's upward axis in the body (n, 3), the body's forward axis on the floor
+    (n, 2).
+    """
+    w, x, y, z = qpos[:, UPRIGHT].T
+    upward = np.stack([2.0 * (x * z - w * y), 2.0 * (y * z + w * x), 1.0 - 2.0 * (x * x + y * y)], axis=1)
+    heading = np.stack([1.0 - 2.0 * (y * y + z * z), 2.0 * (x * y + w * z)], axis=1)
+    return upward[:, 2], upward, heading
