@@ -183,12 +183,13 @@ def _joint(
         problem = weigh_channels(converged(lay_out(runs, joint, models, units, {"position": 1.0 / noise})))
     else:  # what holds the link is not known: it moves as measured
         try:
-            problem = weigh_channels(converged(driven_problem(runs, joint, models, units, noise)))
+            driven = driven_problem(runs, joint, models, units, noise)
         except LogError as error:
             return _unusable(joint, str(error), mine, verdict=NOT_IDENTIFIABLE)
-        causes, hidden = shown(problem, models[0])
-        mine = (*mine, limits_of_driven(problem, joint, hidden))
+        causes, hidden = shown(driven, models[0])
+        mine = (*mine, limits_of_driven(driven, joint, hidden))
         progress(f"judging the actuator of {joint} along its measured motion")
+        problem = weigh_channels(converged(driven))
     search = Searcher(problem, progress, seed, causes).run()
     progress("measuring the gain on runs that nothing has seen")
     return conclude(problem, search, joint, mine, seed, limits)
@@ -430,7 +431,7 @@ def _unusable(
     return JointDiagnosis(
         joint,
         verdict,
-        f"The log cannot be used: {reason}",
+        f"The log cannot be used: {reason}" if verdict == UNUSABLE else f"Nothing can be said: {reason}",
         f"{joint}.position",
         "rad",
         {},

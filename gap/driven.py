@@ -53,14 +53,9 @@ class DrivenProblem(Problem):
         return tuple(CHANNELS[c] for c in _exchanged(self.first))
 
     @property
-    def signal(self) -> str:
-        """The channel that is judged sample by sample."""
-        return CHANNELS[self.first]
-
-    @property
-    def unit(self) -> str:
-        """Unit of that channel."""
-        return UNITS[self.signal]
+    def signal(self) -> tuple[str, str]:
+        """The channel that is judged sample by sample, and its unit."""
+        return CHANNELS[self.first], UNITS[CHANNELS[self.first]]
 
     def _replay(
         self,
@@ -156,7 +151,7 @@ def limits(problem: DrivenProblem, joint: str, hidden: Sequence[str]) -> Finding
         "torque": "its torque along the measured motion",
         "current": "its current along the measured motion",
         "duty": "its duty along the measured motion",
-    }[problem.signal]
+    }[problem.signal[0]]
     return Finding(
         "replay.driven", "note", joint, None,
         f"The link of '{joint}' was moved as measured, and {what} was judged, so no model of load and contact was "

@@ -81,6 +81,16 @@ class Problem:
         return CHANNELS
 
     @property
+    def signal(self) -> tuple[str, str]:
+        """The first channel, which is judged sample by sample, and its unit."""
+        return "position", "rad"
+
+    def left_over(self, simulated: np.ndarray) -> float | None:
+        """Mean squared error of a model (n, 4) beyond the noise, in parts of it, where the problem itself can tell."""
+        del simulated
+        return None
+
+    @property
     def noise(self) -> float:
         """Noise floor of the position [rad]."""
         return 1.0 / float(self.weight[0])

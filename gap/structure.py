@@ -31,16 +31,18 @@ class Structure:
 
     Attributes:
         level: mean square of the structure over that of the noise.
-        rms: of the structure [rad].
+        rms: of the structure, in ``unit``.
         predicted: share of it that the learner predicts on unseen pieces; 0 where there was too little to learn.
         depends_on: signals that the prediction needs with their shares of it, the strongest first; empty where the
             structure follows none of them.
+        unit: of what is judged.
     """
 
     level: float
     rms: float
     predicted: float = 0.0
     depends_on: tuple[tuple[str, float], ...] = ()
+    unit: str = "rad"
 
     @property
     def noticed(self) -> bool:
@@ -52,25 +54,31 @@ class Structure:
         """For people."""
         if not self.noticed:
             return "What is left is noise."
-        size = (
-            f"What is left holds {1e3 * self.rms:.2f} mrad (rms) of structure that no cause of the catalogue explains"
-        )
+        rms = fine(self.rms, self.unit, 2)
+        size = f"What is left holds {rms} (rms) of structure that no cause of the catalogue explains"
         if not self.depends_on:
             return f"{size}; it follows none of the logged signals, as events at random times would."
         names = " and ".join(name for name, _ in self.depends_on)
         return f"{size}; a flexible learner predicts {100 * self.predicted:.0f} % of it, from {names}."
 
 
+def fine(value: float, unit: str, digits: int = 1) -> str:
+    """A small value for people: thousandths of its unit, parts per thousand of a number without one."""
+    return f"{1e3 * value:.{digits}f} {'per mille' if unit == '1' else f'm{unit}'}"
+
+
 def structure(problem: Problem, simulated: np.ndarray, seed: int = 0) -> Structure:
     """Structure in the position errors of a model (n, 4)."""
+    if (known := problem.left_over(simulated)) is not None:
+        return Structure(known, float(np.sqrt(known)) * problem.noise, unit=problem.signal[1])
     error = (simulated[:, 0] - problem.measured[:, 0]) / problem.noise
     error = np.where(problem.judged & np.isfinite(error), error, np.nan)
     level = max(_shared(problem, error) - _shared(problem, _reading_error(problem, simulated, error, seed)), 0.0)
     rms = float(np.sqrt(level)) * problem.noise
     if level <= NOTICED:
-        return Structure(level, rms)
+        return Structure(level, rms, unit=problem.signal[1])
     predicted, depends_on = _learn(problem, simulated, error, level, seed)
-    return Structure(level, rms, predicted, depends_on)
+    return Structure(level, rms, predicted, depends_on, problem.signal[1])
 
 
 def _shared(problem: Problem, error: np.ndarray) -> float:

@@ -101,8 +101,8 @@ def timeline(diagnosis: JointDiagnosis) -> Timeline | None:
 
 
 def fine(unit: str) -> tuple[float, str]:
-    """Factor and unit in which errors of a signal are told: thousandths of radians, anything else as it is."""
-    return (1e3, "mrad") if unit == "rad" else (1.0, unit)
+    """Factor and unit in which errors are told: thousandths of radians and metres, anything else as it is."""
+    return (1e3, f"m{unit}") if unit in ("rad", "m") else (1.0, unit)
 
 
 def worst_window(line: Timeline, width: float) -> tuple[float, float]:
