@@ -5,7 +5,6 @@ from __future__ import annotations
 from collections.abc import Mapping
 
 import mujoco
-import numpy as np
 
 from actuators import DrivenCoordinate
 from envs.biped.drive import ANGLE, SHAPE
@@ -48,12 +47,6 @@ def coordinate(side: str, kind: str) -> str:
     return f"{side}_{kind}"
 
 
-def hip_height(values: Mapping[str, float], angle: np.ndarray | float, shape: np.ndarray | float) -> np.ndarray:
-    """Vertical distance from the hip to the sole [m] of a leg at an angle against the vertical [rad]."""
-    thigh, shin = values["thigh_length"], values["shin_length"] - values["foot_radius"]
-    return thigh * np.cos(angle + shape) + shin * np.cos(angle - shape) + values["foot_radius"]
-
-
 def build(values: Mapping[str, float]) -> mujoco.MjSpec:
     """The biped. ``qpos`` starts with forward position and height of the hip, and the pitch of the torso.
 
@@ -71,7 +64,7 @@ def build(values: Mapping[str, float]) -> mujoco.MjSpec:
     floor.priority = 1  # its friction and its softness count, whatever meets it
     floor.solref = (values["contact_time"], values["contact_damping"])
     floor.solimp = (values["contact_low"], values["contact_high"], values["contact_width"], 0.5, 2.0)
-    height = float(hip_height(values, 0.5 * values["leg_angle"], values["leg_shape"]))
+    height = values["thigh_length"] + values["shin_length"]  # at zero angles the legs are straight
     boom = spec.worldbody.add_body(name=BOOM, pos=(0.0, 0.0, height))
     slide = mujoco.mjtJoint.mjJNT_SLIDE
     boom.add_joint(name="hip_x", type=slide, axis=(1.0, 0.0, 0.0))
