@@ -24,15 +24,20 @@ BOOM_STEP, BOOM_NOISE = 1e-4, 1e-4  # [m] boom encoder, seen at the hip
 CURRENT_STEP = 0.0065  # [A]
 GRAVITY = 9.81
 REST = (-0.61, 0.61)  # [rad]
+CONTACT_TIME = 0.002  # [s] of the sidecar: as hard as the nominal ground here, about
 JOINTS = ("hip", "knee")
 
 
 class Ground(NamedTuple):
-    """The ground: friction, stiffness [N/m], damping [N.s/m], slope [rad] (positive: rising along x)."""
+    """The ground: friction, stiffness [N/m] and damping [N.s/m] along its normal and along its surface, slope [rad]
+    (positive: rising along x).
+    """
 
     friction: float = 1.0
-    stiffness: float = 6000.0
-    damping: float = 25.0
+    stiffness: float = 40_000.0
+    damping: float = 70.0
+    shear_stiffness: float = 60_000.0
+    shear_damping: float = 70.0
     slope: float = 0.0
     drag: float = 0.0  # [N.s2/m2] of the air on the base: a stranger
 
@@ -78,10 +83,7 @@ MAGNITUDES = ("clear", "moderate", "faint")
 HOPPER_EFFECTS: dict[str, Effect] = {
     "contact.friction": Effect("friction", "1", lambda g, h, k, v: (g._replace(friction=v), h, k), (0.3, 0.45, 0.7)),
     "contact.stiffness": Effect(
-        "stiffness_factor",
-        "1",
-        lambda g, h, k, v: (g._replace(stiffness=g.stiffness * v, damping=g.damping * math.sqrt(v)), h, k),
-        (0.25, 0.45, 0.8),
+        "stiffness", "N/m", lambda g, h, k, v: (g._replace(stiffness=v, damping=25.0), h, k), (1500.0, 4000.0, 12_000.0)
     ),
     "contact.slope": Effect("slope", "rad", lambda g, h, k, v: (g._replace(slope=v), h, k), (0.07, 0.035, 0.009)),
     "spring.stiffness": Effect(
@@ -122,12 +124,12 @@ def ground_force(ground, body, x, z, b, vx, vz, vb, anchor):
     speed = cos * vx + sin * vz + body.foot_radius * vb
     if math.isnan(anchor):
         anchor = along
-    tangential = -(2.0 * ground.stiffness * (along - anchor) + 2.0 * ground.damping * speed)
+    tangential = -(ground.shear_stiffness * (along - anchor) + ground.shear_damping * speed)
     limit = ground.friction * normal
     if abs(tangential) > limit:
         tangential = math.copysign(limit, tangential)
         # the anchor is dragged along behind the foot
-        anchor = along + (tangential + 2.0 * ground.damping * speed) / (2.0 * ground.stiffness)
+        anchor = along + (tangential + ground.shear_damping * speed) / (ground.shear_stiffness)
     return normal, tangential, anchor
 
 
@@ -362,7 +364,7 @@ def _log(name: str, time: np.ndarray, out: np.ndarray, rng: np.random.Generator)
         joints=joints,
         base={"x": boom(out[:, 10]), "z": boom(out[:, 11])},
         robot="hopper",
-        robot_params={key: float(getattr(body, key)) for key in Body._fields},
+        robot_params={key: float(getattr(body, key)) for key in Body._fields} | {"contact_time": CONTACT_TIME},
         actuators=dict.fromkeys(JOINTS, nominal_hopper_chain()),
         meta={"group": name},
     )

@@ -1,0 +1,40 @@
+"""Contact causes of a legged log, and the numbers of the ground that nobody knows exactly."""
+
+from __future__ import annotations
+
+from gap.causes import Cause
+from gap.contact.leg_model import RIGID
+from gap.parameters import Parameter, factor
+
+HEIGHT = 3e-3  # [m] how well the zero of the height is known
+TIME = 3.0  # factor on the time constant of the engine's contact, which stands for no number of the machine
+
+
+def contact_causes() -> list[Cause]:
+    """The catalogue of the ground."""
+    friction = [factor("contact.friction", 0.05, 4.0, 0.2) for _ in range(1)]
+    low = Parameter("contact.friction*", "1", 0.05, 4.0, 0.4, 0.2, logarithmic=True)
+    soft = [
+        (
+            Parameter("contact.stiffness", "N/m", 200.0, 0.5 * RIGID, start, 0.3, logarithmic=True),
+            Parameter("contact.damping", "N.s/m", 1.0, 300.0, 20.0, 0.4, logarithmic=True),
+        )
+        for start in (1500.0, 5000.0)
+    ]
+    slope = Parameter("contact.slope", "rad", -0.4, 0.4, 0.0, 0.01)
+    return [
+        Cause(
+            "contact.friction", "The foot slides on less, or holds on more, friction than the model has.", "stance",
+            ((low,), (friction[0],)), error=True,
+        ),
+        Cause("contact.stiffness", "The ground gives way under the foot.", "stance", tuple(soft)),
+        Cause("contact.slope", "The ground is not level.", "stance", ((slope,),)),
+    ]  # fmt: skip
+
+
+def ground_numbers() -> list[Parameter]:
+    """What every fit re-tunes: no finding, as long as it stays within these bounds."""
+    return [
+        Parameter("contact.time*", "1", 1.0 / TIME, TIME, 1.0, 0.2, logarithmic=True),
+        Parameter("contact.height", "m", -HEIGHT, HEIGHT, 0.0, 5e-4),
+    ]

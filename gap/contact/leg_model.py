@@ -1,0 +1,114 @@
+"""The leg as the search for contact causes sees it: body and actuators as diagnosed, on a ground whose numbers vary."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field, replace
+
+import mujoco
+import numpy as np
+
+from actuators import Chain, Drivetrain
+from envs.hopper.robot import HOPPER
+from envs.scene import FLOOR
+
+RIGID = 1e5  # [N/m] from which ground counts as rigid
+GROUND_MASS = 0.01  # [kg] of the ground that moves with the foot where it is soft: assumed
+GROUND_BODY, GROUND_JOINT = "ground", "ground_normal"
+SIZE = (20.0, 2.0, 0.05)  # [m] half sizes of the ground
+GROUND = {
+    "contact.friction": 1.0,  # coefficient of the foot on the ground
+    "contact.time": 0.006,  # [s] time constant of the engine's contact itself
+    "contact.stiffness": RIGID,  # [N/m] of the ground along its normal, beneath that contact
+    "contact.damping": 20.0,  # [N.s/m] of ground that is not rigid
+    "contact.slope": 0.0,  # [rad] positive where the ground rises along x
+    "contact.height": 0.0,  # [m] of the ground where x is zero
+}
+"""Numbers of the ground by path, as they are unless the sidecar says otherwise."""
+NUMBERS = {"contact.friction": "floor_friction", "contact.time": "contact_time"}
+"""Of these, the ones that are numbers of the robot's model."""
+
+
+@dataclass(frozen=True)
+class LegModel:
+    """A hopper with its chains.
+
+    Attributes:
+        params: numbers of the robot, complete.
+        chains: of its joints, as the diagnosis of each left them.
+        ground: values by path (:data:`GROUND`).
+    """
+
+    params: Mapping[str, float]
+    chains: Mapping[str, Chain]
+    ground: Mapping[str, float] = field(default_factory=dict)
+
+    @staticmethod
+    def of(params: Mapping[str, float], chains: Mapping[str, Chain]) -> LegModel:
+        """The leg that a sidecar describes.
+
+        Raises:
+            SealegsError: a number that the robot does not have or cannot take.
+        """
+        complete = HOPPER.parameters(params)
+        return LegModel(complete, chains, GROUND | {path: complete[name] for path, name in NUMBERS.items()})
+
+    def value(self, path: str) -> float:
+        """A number of the ground by path."""
+        return float(self.ground[path])
+
+    def with_fitted(self, values: Mapping[str, float]) -> LegModel:
+        """The leg on another ground; a path that ends in ``*`` is a factor on this one's own value."""
+        change = {p.rstrip("*"): v * self.value(p[:-1]) if p.endswith("*") else v for p, v in values.items()}
+        return replace(self, ground={**self.ground, **change})
+
+    def drivetrain(self) -> Drivetrain:
+        """The leg in the engine, on ground that may slope and give way along its normal."""
+        numbers = {name: self.value(path) for path, name in NUMBERS.items()}
+        spec = HOPPER.build_spec({**self.params, **numbers})
+        plane = spec.geom(FLOOR)
+        solref, friction = np.array(plane.solref), np.array(plane.friction)
+        spec.delete(plane)  # a plane cannot move
+        half = -0.5 * self.value("contact.slope")  # about y, which points away from who has x to the right
+        body = spec.worldbody.add_body(
+            name=GROUND_BODY,
+            pos=(0.0, 0.0, self.value("contact.height")),
+            quat=(np.cos(half), 0.0, np.sin(half), 0.0),
+            mass=GROUND_MASS,
+            ipos=(0.0, 0.0, 0.0),
+            inertia=(GROUND_MASS,) * 3,
+            explicitinertial=True,
+            gravcomp=1.0,
+        )
+        joint = body.add_joint(name=GROUND_JOINT, type=mujoco.mjtJoint.mjJNT_SLIDE, axis=(0.0, 0.0, 1.0))
+        stiffness, damping, inertia = self.compliance()
+        joint.stiffness, joint.damping, joint.armature = [stiffness, 0.0, 0.0], [damping, 0.0, 0.0], inertia
+        body.add_geom(
+            name=FLOOR, type=mujoco.mjtGeom.mjGEOM_BOX, size=SIZE, pos=(0.0, 0.0, -SIZE[2]),
+            solref=solref, friction=friction, priority=1, mass=0.0,
+        )  # fmt: skip
+        return Drivetrain(spec, dict(self.chains), HOPPER.coordinates)
+
+    def compliance(self) -> tuple[float, float, float]:
+        """Stiffness [N/m], damping [N.s/m] and added mass [kg] of the ground; a rigid one is too heavy to move."""
+        stiffness = self.value("contact.stiffness")
+        return (0.0, 0.0, 1e6) if stiffness >= RIGID else (stiffness, self.value("contact.damping"), 0.0)
+
+    def mass_centre(self, hip: np.ndarray | float, knee: np.ndarray | float, split: bool = False) -> np.ndarray:
+        """Height of the centre of mass over the hip [m] at link angles against the vertical [rad].
+
+        Split into the parts of upper and lower link on request; :meth:`mass_centre_ahead` is their derivative by angle.
+        """
+        parts = -np.stack(np.broadcast_arrays(*(r * np.cos(q) for r, q in zip(self._arms(), (hip, knee), strict=True))))
+        return parts if split else parts.sum(axis=0)
+
+    def mass_centre_ahead(self, hip: np.ndarray | float, knee: np.ndarray | float, split: bool = False) -> np.ndarray:
+        """How far the centre of mass is ahead of the hip [m]; see :meth:`mass_centre`, less its derivative by angle."""
+        parts = np.stack(np.broadcast_arrays(*(r * np.sin(q) for r, q in zip(self._arms(), (hip, knee), strict=True))))
+        return parts if split else parts.sum(axis=0)
+
+    def _arms(self) -> tuple[float, float]:
+        """Mass moments of upper and lower link over the total mass [m]."""
+        p = self.params
+        upper = (p["upper_mass"] * p["upper_centre"] + p["lower_mass"]) * p["upper_length"]
+        return upper / p["total_mass"], p["lower_mass"] * p["lower_centre"] * p["lower_length"] / p["total_mass"]
