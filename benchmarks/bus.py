@@ -260,7 +260,7 @@ def table(rows: list[dict[str, Any]], machine: dict[str, Any]) -> str:
         lines += [
             "",
             "Where the machine was too busy, other programs kept it so that bare SDK calls reached less than "
-            f"{FAIR:.0%} of what the bytes allow: the ratio then says nothing. Repeat it on a machine without other load.",
+            f"{FAIR:.0%} of what the bytes allow: the ratio then says nothing. Repeat it without other load.",
         ]
     lines += [
         "",

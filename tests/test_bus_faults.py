@@ -27,7 +27,7 @@ from hw.virtual.server import Server
 from tests.served_bus import served
 
 IDS = [1, 2]
-TIMEOUT = 0.15  # [s]
+TIMEOUT = 0.3  # [s]
 
 
 class Rigged:
