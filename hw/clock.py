@@ -9,6 +9,8 @@ import numpy as np
 
 from actuators.errors import SealegsError
 
+LOWEST_RATE, HIGHEST_RATE = 0.5, 1000.0  # [Hz]
+
 
 @dataclass(frozen=True)
 class Timing:
@@ -74,8 +76,8 @@ class Metronome:
         Raises:
             SealegsError: the rate is no rate.
         """
-        if not 0.5 <= rate <= 1000.0:
-            raise SealegsError(f"the rate is {rate:g} Hz; it must be between 0.5 and 1000 Hz.")
+        if not LOWEST_RATE <= rate <= HIGHEST_RATE:
+            raise SealegsError(f"the rate is {rate:g} Hz; it must be between {LOWEST_RATE:g} and {HIGHEST_RATE:g} Hz.")
         self.period = 1.0 / rate
         self.stepped = stepped
         self._due: float | None = None

@@ -16,6 +16,7 @@ from actuators.errors import SealegsError, nearest
 from configs.check import checked, checked_seed
 from hw.bus import ServoBus
 from hw.calibration import as_row, newest
+from hw.clock import HIGHEST_RATE, LOWEST_RATE
 from hw.commands import Commands, PolicyCommands, Reference, Trajectory, read_excitation, read_replay
 from hw.connection import opened_bus, opened_port
 from hw.deadman import keyboard
@@ -90,7 +91,9 @@ def prepare(config: Mapping[str, Any]) -> Deployment:
     calibration = calibration_of(config)
     robot = build_robot(config["robot"], config["actuator"], calibration)
     commands = _commands(given[0], config, robot)
-    rate = config["rate"] or commands.rate or RATE
+    rate = next(rate for rate in (config["rate"], commands.rate, RATE) if rate is not None)
+    if not LOWEST_RATE <= rate <= HIGHEST_RATE:
+        raise SealegsError(f"rate is {rate:g} Hz; it must be between {LOWEST_RATE:g} and {HIGHEST_RATE:g} Hz.")
     own = commands.duration if np.isfinite(commands.duration) else DURATION
     duration = own if config["duration"] is None else config["duration"]
     if duration <= 0.0 or config["silence"] < 3.0 / rate:

@@ -29,7 +29,7 @@ READY = b"ready\n"
 PATIENCE = 10.0  # [s] that it goes on trying to reach port and servos
 AT_REST = 2.0  # [s] that the loop may take to bring the servos to rest itself
 PAUSE = 0.002  # [s] between two tries to get the port: the dead loop's lock goes with its last file
-STARTING = 20.0  # [s] that the process may take to start
+STARTING = 60.0  # [s] that the process may take to start
 
 Rest = Literal["release", "hold"]
 

@@ -33,6 +33,9 @@ def gentle_policy(path: Path, env_id: str = "SeaLegs/Bench-v0", rate: float = 50
     torch.manual_seed(0)
     batch: Any = BatchVecEnv(env_id, 1, seed=0, control_rate=rate, **env)
     model = PPO("MlpPolicy", batch, policy_kwargs={"net_arch": [8]}, device="cpu")
+    network: Any = model.policy
+    with torch.no_grad():
+        network.action_net.weight.mul_(8.0)
     chains = {name: chain.to_list() for name, chain in batch.engine.chains.items()}
     actuator = {key: value for key, value in env.items() if key != "actuator"}
     description = {"env": {"id": env_id, "control_rate": rate, **actuator}, "actuators": chains, "control_rate": rate}

@@ -15,7 +15,7 @@ import loop
 from actuators.errors import SealegsError
 from configs.script import run as run_script
 from envs.contract import Contract, ContractError
-from gap.checks import check_run, unusable
+from gap.checks import check_set, unusable
 from gap.log import JointLog, MeasuredRun, read_measured, write_run
 from hw import deployment
 from hw.commands import read_excitation, read_replay
@@ -50,7 +50,6 @@ def test_a_policy_runs_and_its_log_says_everything(
     assert log.meta["registers"]["joint"]["p_gain"] == 32 and log.meta["calibration"]["joint"]["zero"] == 2048
     assert log.meta["command"]["command"] == [0.4] and log.meta["rate"] == 50.0
     assert {"read_sent", "read_done", "goal_sent", "joint_status"} <= set(log.host)
-    assert not unusable(check_run(log))
     events = [event["event"] for event in read_events(tmp_path / "run.csv")]
     assert events == ["torque on", "started", "at rest", "end"]
     assert run(f"policy={policy}", f"out={tmp_path}", "name=run", "duration=2") == 2
@@ -63,8 +62,9 @@ def test_what_a_diagnosis_proposes_is_run_and_can_be_diagnosed(tmp_path: Path) -
     goal = 0.2 + 0.3 * np.sin(6.0 * time)
     np.savetxt(proposal, np.stack([time, goal], axis=1), "%.6f", ",", header="time,servo.goal", comments="")
     assert run(f"excitation={proposal}", f"out={tmp_path / 'log'}", "name=next", "robot.params={mass:0.3}") == 0
-    log = read_measured(tmp_path / "log").runs[0]
-    assert log.robot_params == {"mass": 0.3} and not unusable(check_run(log))
+    data = read_measured(tmp_path / "log")
+    log = data.runs[0]
+    assert log.robot_params == {"mass": 0.3} and unusable(check_set(data), data) is None
     assert log.joints["joint"].goal == pytest.approx(goal[: len(log.time)], abs=1e-5)
     assert len(log.time) == 100
     assert abs(log.joints["joint"].position[0] - 0.2) < 0.15, "it was brought to the start slowly before"
