@@ -20,6 +20,9 @@ _LINKS = {  # table VII: mass [kg], centre of mass [m] forward and along the lin
     "shin": (1.5007, 0.0009671, 0.1570, 0.08813),
 }
 
+_UNUSED = dict.fromkeys(
+    ("spring_carrier", "shin_carrier"), "; without effect: where it turns to is not printed, so it rides on the hip"
+)
 _FITTED = "fitted to the ground law of table VI, see docs/biped.md"
 
 NUMBERS = {
@@ -27,10 +30,15 @@ NUMBERS = {
     "shin_length": Number(0.5, "m", "seed 003, I: 50 cm; here to the sole", 0.1),
     **{f"{link}_mass": Number(row[0], "kg", "seed 003, table VII", 0.01) for link, row in _LINKS.items()},
     **{
-        f"{link}_forward": Number(row[1], "m", "seed 003, table VII: r_x; direction assumed forward", -0.5, 0.5)
+        f"{link}_forward": Number(
+            row[1], "m", f"seed 003, table VII: r_x, assumed forward{_UNUSED.get(link, '')}", -0.5, 0.5
+        )
         for link, row in _LINKS.items()
     },
-    **{f"{link}_centre": Number(row[2], "m", "seed 003, table VII: r_y", 0.0, 0.5) for link, row in _LINKS.items()},
+    **{
+        f"{link}_centre": Number(row[2], "m", f"seed 003, table VII: r_y{_UNUSED.get(link, '')}", 0.0, 0.5)
+        for link, row in _LINKS.items()
+    },
     **{
         f"{link}_inertia": Number(row[3], "kg.m2", "seed 003, table VII; read as about the joint, see docs", 1e-4)
         for link, row in _LINKS.items()
