@@ -1,6 +1,6 @@
 """The whole loop in one command: excite, log, diagnose, extend, train, deploy, compare.
 
-    python loop.py                                a virtual machine that hides an effect, about 8 minutes
+    python loop.py                                a virtual machine that hides an effect
     python loop.py out=runs/loop-1                go on with it after a stop, a crash or a kill
     python loop.py hw=feetech port=/dev/ttyUSB0   the same on real servos
 
@@ -21,7 +21,7 @@ from typing import Any
 import yaml
 
 from actuators.errors import SealegsError
-from configs.script import run
+from configs.script import Interrupted, run
 
 
 def main(arguments: list[str]) -> None:
@@ -37,14 +37,18 @@ def main(arguments: list[str]) -> None:
     keep(out / "loop.yaml", {key: value for key, value in config.items() if key != "out"})
     machine = machine_arguments(config, out)
 
-    measure(config, out, machine, seed)
-    extended = diagnose(config, out, machine, seed)
-    nominal = str(config["robot"]["actuator"])
-    models = {"nominal": nominal} | ({"extended": str(extended)} if extended else {})
-    pages = {}
-    for name, chain in models.items():
-        train(out, name, chain, steps, config["energy_weight"], seed)
-        pages[name] = compare(config, out, name, extended, machine, seed)
+    try:
+        measure(config, out, machine, seed)
+        extended = diagnose(config, out, machine, seed)
+        models = {"nominal": str(config["robot"]["actuator"])} | ({"extended": str(extended)} if extended else {})
+        pages = {}
+        for name, chain in models.items():
+            train(config, out, name, chain, steps, seed)
+            pages[name] = compare(config, out, name, extended, machine, seed)
+    except (Interrupted, KeyboardInterrupt) as stop:
+        others = [argument for argument in arguments if not argument.startswith("out=")]
+        command = " ".join([".venv/bin/python loop.py", f"out={out}", *others])
+        raise Interrupted(f"{str(stop) or 'Stopped.'} The loop goes on with: {command}") from stop
     tell(out, pages)
 
 
@@ -128,7 +132,7 @@ def diagnose(config: Mapping[str, Any], out: Path, machine: list[str], seed: int
     return extended if extended.exists() else None
 
 
-def train(out: Path, name: str, actuator: str, steps: int, energy_weight: float, seed: int) -> None:
+def train(config: Mapping[str, Any], out: Path, name: str, actuator: str, steps: int, seed: int) -> None:
     """Train on a model, or go on with it."""
     import train as script
 
@@ -139,8 +143,9 @@ def train(out: Path, name: str, actuator: str, steps: int, energy_weight: float,
         arguments = [f"resume={folder}"]
     else:
         put_aside(folder, out)
-        arguments = ["env=bench", f"actuator={actuator}", f"out={out}", f"name={folder.name}", f"seed={seed}"]
-        arguments += [f"total_timesteps={steps}", "video.seconds=0", f"env.energy_weight={energy_weight}"]
+        arguments = [f"env={config['robot']['name']}", f"actuator={actuator}", f"out={out}", f"name={folder.name}"]
+        arguments += [f"seed={seed}", f"total_timesteps={steps}", "video.seconds=0"]
+        arguments.append(f"env.energy_weight={config['energy_weight']}")
     heading(f"python train.py {' '.join(arguments)}")
     script.main(arguments)
 

@@ -199,7 +199,7 @@ def _compare(document: onnx.ModelProto, model: BaseAlgorithm, observation: Mappi
         clip = observation["clip"]
         seen = np.clip((raw - np.asarray(observation["mean"])) / scale, -clip, clip).astype(np.float32)
     wanted, _ = model.predict(seen, deterministic=True)
-    got: Any = list(ReferenceEvaluator(document).run(["action"], {"observation": raw}))[0]
+    got: Any = next(iter(ReferenceEvaluator(document).run(["action"], {"observation": raw})))
     difference = float(np.abs(np.asarray(got) - wanted).max())
     if not difference < PARITY:
         raise ExportError(
@@ -215,4 +215,6 @@ def main(arguments: list[str]) -> None:
 
 
 if __name__ == "__main__":
-    sys.exit(run(main, "train", __doc__ or "", sys.argv[1:]))
+    if {"-h", "--help"} & set(sys.argv[1:]):
+        sys.exit(print((__doc__ or "").strip()))
+    sys.exit(run(main, "", "", sys.argv[1:]))

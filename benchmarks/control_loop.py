@@ -154,11 +154,12 @@ def table(rows: list[dict[str, Any]]) -> str:
     """The result as a page."""
     cycles, overruns = sum(row["cycles"] for row in rows), sum(row["overruns"] for row in rows)
     share, missed = overruns / max(cycles, 1), sum(row["missed"] for row in rows)
+    seconds = cycles / RATE
     verdict = "reached" if share < OVERRUN_BAR and missed == 0 else "missed"
     lines = [
         "# Control loop",
         "",
-        f"{SERVOS} virtual servos at {RATE:g} Hz for {cycles / RATE:.0f} s, {os.cpu_count()} cores, {platform.machine()}.",
+        f"{SERVOS} virtual servos at {RATE:g} Hz for {seconds:.0f} s; {os.cpu_count()} cores, {platform.machine()}.",
         "`python -m benchmarks.control_loop`",
         "",
         "| | measured | to reach |",

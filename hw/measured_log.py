@@ -236,4 +236,6 @@ def make_sidecar(
 
 
 if __name__ == "__main__":
-    sys.exit(run(main, "deploy", __doc__ or "", sys.argv[1:]))
+    if {"-h", "--help"} & set(sys.argv[1:]):
+        sys.exit(print((__doc__ or "").strip()))
+    sys.exit(run(main, "", "", sys.argv[1:]))

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 import threading
 import time
 from collections.abc import Iterator
@@ -17,6 +18,7 @@ from hw.bus import ServoBus
 from hw.clock import Metronome
 from hw.commands import PolicyCommands, Trajectory
 from hw.connection import opened_port
+from hw.deadman import DeadMan
 from hw.loop import ControlLoop, Outcome, Stop
 from hw.measured_log import MeasuredLog, make_sidecar, read_events, recover
 from hw.policy import Policy
@@ -268,6 +270,26 @@ def test_stepped_time_waits_for_nothing(clock: Clock) -> None:
 def test_a_rate_that_is_none_is_refused(rate: float) -> None:
     with pytest.raises(SealegsError, match="rate"):
         Metronome(rate)
+
+
+def test_the_dead_mans_switch_is_let_go_when_the_key_is_not_pressed_again() -> None:
+    keys, pressed = os.pipe()
+    now = [0.0]
+    switch = DeadMan(keys, lambda: now[0])
+    assert switch() is None, "there is time to press it first"
+    now[0] = 4.0
+    os.write(pressed, b" ")
+    assert switch() is None
+    now[0] = 4.5
+    os.write(pressed, b"x ")
+    assert switch() is None
+    now[0] = 5.1
+    assert switch() is None
+    now[0] = 5.3
+    assert switch() == "the dead-man's switch was let go"
+    os.close(pressed)
+    assert switch() == "the terminal was closed"
+    os.close(keys)
 
 
 # --- log -----------------------------------------------------------------------------------------------------------
