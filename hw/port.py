@@ -20,7 +20,7 @@ if sys.platform != "win32":
     GONE = (*GONE, termios.error)
 """What a port raises once its adapter is gone, depending on where it was noticed."""
 
-WRITE_TIMEOUT = 0.1  # [s] for a full output queue; 250 bytes take 2.5 ms at 1 Mbit/s
+WRITE_TIMEOUT = 0.5  # [s] for a full output queue; pyserial counts time in which this process did not run, too
 WAIT = 0.002  # [s] that one read waits for its bytes: how finely the reply timeout is kept
 
 
