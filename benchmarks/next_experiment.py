@@ -1,0 +1,179 @@
+"""Does the proposed experiment turn an undecided verdict into the right name?
+
+    python -m benchmarks.next_experiment              writes benchmarks/results/next_experiment.{jsonl,md}
+
+A hidden bench (:mod:`tests.plant`) records a poor set: two runs of eight seconds with one load and little motion. It is
+diagnosed; what is then proposed is run on the same hidden machine, with the goals and the load that the proposal names;
+old and new logs are diagnosed together. Where the verdict is still open, the next proposal is run as well. Seeds stay
+below 900. Finished cases are kept, so that it can be stopped and goes on.
+"""
+
+from __future__ import annotations
+
+import argparse
+import json
+import sys
+import time
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from gap.diagnosis import JointDiagnosis, diagnose
+from gap.experiment import RATE, Experiment
+from gap.log_types import MeasuredSet
+
+RESULTS = Path(__file__).parent / "results" / "next_experiment"
+EXPERIMENTS = 2
+POOR = {
+    "sine": lambda t: 0.4 * np.sin(2 * np.pi * 0.5 * t),
+    "small": lambda t: 0.05 * np.sin(2 * np.pi * 0.25 * t),
+    "slow": lambda t: 0.5 * np.sin(2 * np.pi * 0.1 * t),
+    "still": lambda t: 0.3 + 0.0 * t,
+}
+"""Goals [rad] over time [s] of the poor sets."""
+CASES = (
+    ("load.mass", "sine", "clear"),
+    ("drive.delay", "small", "clear"),
+    ("load.centre_of_mass", "sine", "clear"),
+    ("friction.viscous", "small", "clear"),
+    ("transmission.backlash", "small", "clear"),
+    ("friction.load_dependent", "still", "clear"),
+    ("drive.deadband", "slow", "clear"),
+    ("load.inertia", "small", "clear"),
+    ("transmission.gear_ratio", "small", "clear"),
+    ("drive.supply_sag", "small", "clear"),
+    ("friction.stribeck", "sine", "clear"),
+    ("drive.saturation", "small", "clear"),
+    ("", "small", "clear"),
+)
+
+
+def record_experiment(data: MeasuredSet, truth: dict[str, Any], experiment: Experiment, seed: int) -> MeasuredSet:
+    """The old logs and those of the experiment, run on the same hidden machine."""
+    from tests.plant import run_again
+
+    def goals(time: np.ndarray) -> np.ndarray:
+        at = np.floor((time - time[0]) * RATE + 1e-6).astype(int)
+        return experiment.goal[np.clip(at, 0, len(experiment.goal) - 1)]
+
+    duration = len(experiment.goal) / RATE
+    more = run_again(data, truth, goals, experiment.load, duration=duration, runs=experiment.repeats, seed=seed)
+    tag = len(data.runs)
+    runs = [run.__class__(**{**run.__dict__, "name": f"{run.name}_{tag}"}) for run in more]
+    return MeasuredSet((*data.runs, *runs), data.name)
+
+
+def summary(found: JointDiagnosis) -> dict[str, Any]:
+    """What a diagnosis said."""
+    causes = [cause for cause in found.causes if cause.kind != "data"]
+    return {
+        "verdict": found.verdict,
+        "causes": [[cause.name, cause.confidence, list(cause.rivals)] for cause in causes],
+        "experiment": None
+        if (e := found.experiment) is None
+        else {"name": e.name, "load": e.load, "separation": e.separation, "rivals": list(e.rivals)},
+    }
+
+
+def run(effect: str, kind: str, size: str, seed: int) -> dict[str, Any]:
+    """One case: the poor set, then experiments until the verdict is closed."""
+    from tests.plant import hidden_bench
+
+    hidden = {effect: size} if effect else {}
+    data, truth = hidden_bench(hidden, seed, "medium", runs=2, duration=8.0, schedules=(POOR[kind],))
+    rows, began = [], time.perf_counter()
+    (found,) = diagnose(data)
+    rows.append(summary(found))
+    for number in range(EXPERIMENTS):
+        if found.experiment is None:
+            break
+        data = record_experiment(data, truth, found.experiment, seed + number)
+        (found,) = diagnose(data)
+        rows.append(summary(found))
+    return {
+        "key": f"{effect or 'nothing'}:{size} {kind} #{seed}",
+        "effect": effect,
+        "steps": rows,
+        "seconds": time.perf_counter() - began,
+    }
+
+
+def outcome(effect: str, step: dict[str, Any]) -> str:
+    """``right``, ``open`` (with the right name among the rivals or none named) or ``wrong``."""
+    names = [name for name, _, _ in step["causes"]]
+    if not effect:
+        return "right" if not names and step["verdict"] == "nothing to explain" else "open" if not names else "wrong"
+    if not names or step["verdict"] in ("not identifiable", "nothing to explain", "unusable log"):
+        return "open"
+    if names[0] == effect:
+        return "right"
+    return "open" if effect in step["causes"][0][2] and step["causes"][0][1] < 0.9 else "wrong"
+
+
+def main(arguments: Sequence[str] | None = None) -> int:
+    """Command line."""
+    parser = argparse.ArgumentParser(
+        prog="python -m benchmarks.next_experiment", description=(__doc__ or "").split("\n")[0]
+    )
+    parser.add_argument("--seeds", type=int, nargs="+", default=[11])
+    parser.add_argument("--effects", nargs="+", help="default: all")
+    parser.add_argument("--out", type=Path, default=RESULTS)
+    options = parser.parse_args(arguments)
+    kept = options.out.with_suffix(".jsonl")
+    rows = [json.loads(line) for line in kept.read_text().splitlines()] if kept.exists() else []
+    have = {row["key"] for row in rows}
+    try:
+        for seed in options.seeds:
+            for effect, kind, size in CASES:
+                key = f"{effect or 'nothing'}:{size} {kind} #{seed}"
+                if key in have or (options.effects and effect not in options.effects):
+                    continue
+                row = run(effect, kind, size, seed)
+                rows.append(row)
+                with kept.open("a") as file:
+                    file.write(json.dumps(row) + "\n")
+                print(f"{key}: {' -> '.join(outcome(effect, step) for step in row['steps'])}", flush=True)
+    except KeyboardInterrupt:
+        print(f"Stopped; {len(rows)} cases are kept in {kept}; run the same command to go on.", file=sys.stderr)
+        return 130
+    report(rows, options.out.with_suffix(".md"))
+    return 0
+
+
+def report(rows: Sequence[dict[str, Any]], path: Path) -> None:
+    """Write the table."""
+    lines = [
+        "# Next experiment (`python -m benchmarks.next_experiment`)",
+        "",
+        "Hidden effect, poor set, verdict on it, what was proposed and run, and the verdict on all logs together.",
+        "",
+        "| hidden | poor set | at first | proposed | then |",
+        "|---|---|---|---|---|",
+    ]
+    before, after = {}, {}
+    for row in rows:
+        effect, steps = row["effect"], row["steps"]
+        said = []
+        for step in steps:
+            named = ", ".join(f"{name} {confidence:.2f}" for name, confidence, _ in step["causes"]) or "–"
+            said.append(f"{outcome(effect, step)}: {step['verdict']} ({named})")
+        proposed = [step["experiment"] for step in steps[: len(steps) - 1]]
+        what = "; ".join(f"{p['name']}, {p['load']['mass']:.3g} kg" for p in proposed) or "–"
+        hidden, kind = row["key"].split(" ")[:2]
+        lines.append(f"| {hidden} | {kind} | {said[0]} | {what} | {'; '.join(said[1:]) or '–'} |")
+        for table, step in ((before, steps[0]), (after, steps[-1])):
+            result = outcome(effect, step)
+            table[result] = table.get(result, 0) + 1
+    lines += ["", f"Before: {_counts(before)}. After: {_counts(after)}."]
+    path.write_text("\n".join(lines) + "\n")
+    print(lines[-1])
+
+
+def _counts(table: dict[str, int]) -> str:
+    return ", ".join(f"{count} {name}" for name, count in sorted(table.items()))
+
+
+if __name__ == "__main__":
+    sys.exit(main())
