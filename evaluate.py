@@ -20,7 +20,7 @@ from typing import Any
 
 from configs.script import run
 
-PAPERS = {"hopper": "envs.hopper.report", "biped": "envs.biped.report"}
+PAPERS = {"hopper": "envs.hopper.report", "biped": "envs.biped.report", "hexapod": "envs.hexapod.report"}
 """Modules with a function ``compare(folder, seconds)``, by the word that the command line takes."""
 
 PLAIN = ("paper", "out", "policy", "nominal", "extended", "port", "calibration", "hw.virtual.hidden")

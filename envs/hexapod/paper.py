@@ -10,13 +10,14 @@ import numpy as np
 
 from actuators import Chain, Drivetrain
 from actuators.errors import SealegsError
-from actuators.layout import S_CURRENT, S_VOLTAGE
+from actuators.layout import S_CURRENT, S_LOAD, S_TORQUE, S_VOLTAGE
 from envs.hexapod.gait import PERIOD, Tripod
 from envs.hexapod.ground import penetration
 from envs.hexapod.kinematics import link_angles
 from envs.hexapod.parameters import GRAVITY, LEGS
 from envs.hexapod.robot import FRICTIONS, HEXAPOD, KINDS, VERTICAL, chains_of, coordinate, foot, loop_joints
 
+LIFTED = 0.04  # [m] of the feet that do not stand
 SAMPLE = 0.002  # [s] between samples of the power, five in a period of the controllers
 BREAKAWAY_AT_REST = 330.0  # [N] over Coulomb under 5 kg, assumed: table 8, used where the robot stands (5.4)
 
@@ -47,7 +48,7 @@ class Standing:
         time: (n,) [s].
         height: of the body (n,) [m].
         friction: force at the vertical joint of leg 0 (n,) [N].
-        load: force of everything else on it (n,) [N].
+        load: that this force would have to be to hold the joint: of everything else, motor included, reversed (n,) [N].
     """
 
     time: np.ndarray
@@ -168,14 +169,15 @@ class Machine:
         self.place(self._stance())
         vertical = coordinate(0, VERTICAL)
         dof = int(self.model.joint(vertical).dofadr[0])
+        loads = [self.drivetrain.state_addresses[vertical] + slot for slot in (S_LOAD, S_TORQUE)]
         count = round(seconds / PERIOD)
         rows = np.empty((count + 1, 4))
         mujoco.mj_forward(self.model, self.data)
         for k in range(count + 1):
             if k:
                 mujoco.mj_step(self.model, self.data, round(PERIOD / self.model.opt.timestep))
-            force = self.friction_force(dof)
-            rows[k] = self.data.time, self.data.qpos[2], force, -force
+            load = -float(self.data.userdata[loads].sum())
+            rows[k] = self.data.time, self.data.qpos[2], self.friction_force(dof), load
         self._check()
         return Standing(*rows.T)
 
@@ -243,5 +245,21 @@ def stand_unpowered(
 ) -> Standing:
     """Section 6: all motors at 0 V, with the breakaway force of a robot on its six legs."""
     off = {f"{kind}.duty_limit.limit": 0.0 for kind in KINDS}
-    rest = {"vertical.friction.stribeck": BREAKAWAY_AT_REST}
+    rest = {"vertical.friction.stribeck": BREAKAWAY_AT_REST}  # only LuGre has one
     return Machine(friction, {**rest, **off, **(changes or {})}, params).stand(seconds)
+
+
+def penetration_on(legs: int, seconds: float = 1.5) -> float:
+    """How deep the feet sink in while the robot stands on 3 or 6 legs, mean over those [m]."""
+    machine = Machine("LuGre")
+    limits = HEXAPOD.goal_limits(machine.values)
+    middle = np.array([0.5 * sum(limits[item.name]) for item in machine.drivetrain.coordinates])
+    standing = [leg for leg in range(LEGS) if leg % (LEGS // legs) == 0]
+    goals = middle.copy()
+    for leg in range(LEGS):
+        if leg not in standing:
+            goals[3 * leg + 1] -= LIFTED / (machine.values["ratio"] - 1.0)
+    machine.place(goals, legs)
+    mujoco.mj_step(machine.model, machine.data, round(seconds / machine.model.opt.timestep))
+    radius = machine.values["foot_radius"]
+    return float(np.mean([radius - machine.data.geom(foot(leg)).xpos[2] for leg in standing]))

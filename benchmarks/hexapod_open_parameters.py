@@ -1,0 +1,108 @@
+"""What the hexapod's paper leaves open: how much each assumed number matters.
+
+    python -m benchmarks.hexapod_open_parameters
+
+Prints the table of docs/hexapod.md. Every row stands for 2 s with its motors at 0 V (LuGre, dry/viscous), and walks one
+cycle at 3 cm/s with the three joint frictions of Fig. 12, after a quarter of a cycle.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping
+
+import numpy as np
+
+from actuators.errors import SealegsError
+from envs.hexapod.gait import Tripod
+from envs.hexapod.paper import BREAKAWAY_AT_REST, Machine, chains_with, stand_unpowered
+from envs.hexapod.parameters import NUMBERS
+from envs.hexapod.report import motors
+from envs.hexapod.robot import VERTICAL
+
+SPEED = 0.03  # [m/s] the fastest of the paper: its cycle is the shortest
+STOOD = 2.0  # [s]
+WALKED = ("dry/viscous", "LuGre", "dry/viscous 2")
+
+CHAIN = {  # assumed values of the chains and what they are changed by
+    "vertical.friction.coulomb": (0.7, 1.3),
+    "vertical.friction.stribeck": (0.85, 1.15),
+    "vertical.friction.viscous": (0.5, 2.0),
+    "horizontal.friction.coulomb": (0.7, 1.3),
+    "horizontal.friction.load": (0.7, 1.3),
+    "horizontal.friction.load_quadratic": (0.7, 1.3),
+    "rotation.friction.coulomb": (0.7, 1.3),
+    "rotation.friction.viscous": (0.5, 2.0),
+    "vertical.position_pi.gain": (0.5, 2.0),
+    "vertical.position_pi.integral": (0.5, 2.0),
+    "vertical.position_pi.band": (0.5, 2.0),
+    "vertical.dc_motor.resistance": (0.7, 1.3),
+    "vertical.dc_motor.motor_constant": (0.8, 1.25),
+    "vertical.gear.ratio": (0.7, 1.4),
+}
+ROBOT = {  # assumed numbers of the robot
+    "ratio": (0.75, 1.1),
+    "stance_radius": (0.9, 1.1),
+    "stance_height": (0.85, 1.15),
+    "link_centre": (0.8, 1.2),
+    "floor_friction": (0.6, 1.4),
+    "ground_damping": (0.5, 2.0),
+    "slip_speed": (0.3, 3.0),
+}
+GAIT = {"lift": (0.02, 0.06), "double_stance": (1 / 24, 1 / 8), "lifting": (0.2, 0.4)}
+
+
+def cases() -> Iterator[tuple[str, dict[str, float], dict[str, float], Tripod]]:
+    """Label, changes of the chains, changes of the robot, and gait of each row."""
+    yield "as chosen", {}, {}, Tripod(SPEED)
+    for path, factors in CHAIN.items():
+        name = next(k for k in WALKED[::-1] if path_value(k, path) != 0.0)
+        for factor in factors:
+            value = path_value(name, path) * factor
+            yield f"{path} {value:.4g}", {path: value}, {}, Tripod(SPEED)
+    for name, factors in ROBOT.items():
+        for factor in factors:
+            value = NUMBERS[name].value * factor
+            yield f"{name} {value:.4g}", {}, {name: value}, Tripod(SPEED)
+    for name, values in GAIT.items():
+        for value in values:
+            yield f"gait.{name} {value:.3g}", {}, {}, Tripod(SPEED, **{name: value})
+
+
+def path_value(friction: str, path: str) -> float:
+    """An assumed value of the chains, by ``kind.stage.parameter``; 0 where this friction has none."""
+    kind, stage, key = path.split(".")
+    found = chains_with(friction)[f"leg0_{kind}"].find(stage)
+    return float(getattr(found, key)) if found is not None else 0.0
+
+
+def row(label: str, changes: Mapping[str, float], params: Mapping[str, float], gait: Tripod) -> str:
+    """One line of the table."""
+    at_rest = dict(changes)
+    if (key := "vertical.friction.stribeck") in at_rest:  # the same share of the other table's value
+        at_rest[key] *= BREAKAWAY_AT_REST / path_value("LuGre", key)
+    try:
+        sunk = [1e3 * stand_unpowered(name, STOOD, at_rest, params).sinking for name in ("LuGre", "dry/viscous")]
+        walks = {name: Machine(name, changes, params).walk(gait, 1.25) for name in WALKED}
+        dry, lugre, load = (walk.resistance() for walk in walks.values())
+        held = [1e3 * motors(walks[name])[f"{VERTICAL} current"]["support median"] for name in ("LuGre", "dry/viscous")]
+    except SealegsError as error:
+        return f"| {label} | {error} |"
+    return (
+        f"| {label} | {sunk[0]:.2f} | {sunk[1] * 10.0 / STOOD:.1f} | {held[0]:.0f} | {held[1]:.0f} | {dry:.2f} | "
+        f"{lugre / dry - 1.0:+.1%} | {1.0 - dry / load:.0%} |"
+    )
+
+
+def main() -> None:
+    """Print the table."""
+    print(
+        "| | LuGre sinks [mm] | dry sinks [mm in 10 s] | LuGre holds at [mA] | dry at [mA] | xi dry | LuGre | better |"
+    )
+    print("|---|---|---|---|---|---|---|---|", flush=True)
+    for case in cases():
+        print(row(*case), flush=True)
+
+
+if __name__ == "__main__":
+    np.seterr(all="ignore")
+    main()

@@ -1,0 +1,111 @@
+"""The paper's figures 8, 9, 11 and 12, drawn from our recordings."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any
+
+import matplotlib
+import numpy as np
+
+matplotlib.use("Agg")
+from matplotlib import pyplot as plt
+from matplotlib.axes import Axes
+
+from envs.hexapod.paper import Standing, Walk
+
+COLOURS = {"none": "tab:gray", "dry/viscous": "tab:orange", "LuGre": "tab:blue", "dry/viscous 2": "tab:red"}
+STYLE: dict[Any, Any] = {
+    "axes.spines.top": False,
+    "axes.spines.right": False,
+    "axes.grid": True,
+    "grid.alpha": 0.25,
+    "font.size": 9,
+}
+
+
+def plot_standing(cases: Mapping[str, Standing], path: Path) -> None:
+    """Fig. 8: height of the body over time with motors at 0 V."""
+    with plt.rc_context(STYLE):
+        figure, axis = plt.subplots(figsize=(6.0, 3.6))
+        for name, row in cases.items():
+            axis.plot(row.time, 1e3 * row.height, color=COLOURS[name], label=name)
+        axis.set_xlabel("time [s]")
+        axis.set_ylabel("height of the body [mm]")
+        axis.legend(frameon=False, title="joint friction")
+        figure.tight_layout()
+        figure.savefig(path, dpi=130)
+        plt.close(figure)
+
+
+def plot_friction(row: Standing, path: Path) -> None:
+    """Fig. 9: friction force at the vertical joint of leg 0 beside the load that it balances."""
+    with plt.rc_context(STYLE):
+        figure, axis = plt.subplots(figsize=(6.0, 3.6))
+        shown = (row.time > 0.0) & (row.time <= 0.6)
+        axis.plot(
+            row.time[shown], row.load[shown], color="black", linestyle="--", linewidth=1.0, label="load, reversed"
+        )
+        axis.plot(row.time[shown], row.friction[shown], color=COLOURS["LuGre"], label="LuGre friction")
+        axis.set_xlabel("time [s]")
+        axis.set_ylabel("force at the vertical joint of leg 0 [N]")
+        axis.legend(frameon=False)
+        figure.tight_layout()
+        figure.savefig(path, dpi=130)
+        plt.close(figure)
+
+
+def plot_motors(walks: Mapping[str, Walk], kind: str, path: Path) -> None:
+    """One side of Fig. 11: reference, current and voltage of a motor of leg 0 over one cycle, transfer shaded."""
+    with plt.rc_context(STYLE):
+        figure, axes = plt.subplots(3, 1, figsize=(7.0, 7.5), sharex=True)
+        for name, walk in walks.items():
+            cycle = walk.cycle(-1)
+            time = walk.time[cycle]
+            for axis, values, factor in zip(
+                axes, (walk.goal, walk.current, walk.voltage), (1e3, 1.0, 1.0), strict=True
+            ):
+                axis.plot(
+                    time, factor * walk.quantity(values, kind)[cycle], color=COLOURS[name], label=name, linewidth=1.0
+                )
+        walk = next(iter(walks.values()))
+        time = walk.time[walk.cycle(-1)]
+        for axis, label in zip(axes, ("reference [mm]", "current [A]", "voltage [V]"), strict=True):
+            _shade(axis, time, walk.gait.in_transfer(0, time))
+            axis.set_ylabel(label)
+        axes[0].set_title(f"{kind} motor of leg 0 (grey: transfer)")
+        axes[-1].set_xlabel("time [s]")
+        figure.legend(*axes[1].get_legend_handles_labels(), loc="lower center", ncols=len(walks), frameon=False)
+        figure.align_ylabels()
+        figure.tight_layout(rect=(0.0, 0.04, 1.0, 1.0))
+        figure.savefig(path, dpi=130)
+        plt.close(figure)
+
+
+def _shade(axis: Axes, time: np.ndarray, air: np.ndarray) -> None:
+    low, high = axis.get_ylim()
+    axis.fill_between(time, low, high, where=air.tolist(), color="0.85", zorder=0, linewidth=0)
+    axis.set_ylim(low, high)
+
+
+def plot_resistance(cases: Mapping[str, Mapping[float, float]], path: Path) -> None:
+    """Fig. 12: specific resistance over the heading velocity."""
+    with plt.rc_context(STYLE):
+        figure, axis = plt.subplots(figsize=(6.0, 3.6))
+        for name, row in cases.items():
+            axis.plot(
+                [100 * speed for speed in row],
+                list(row.values()),
+                color=COLOURS[name],
+                marker="o",
+                markersize=4,
+                label=name,
+            )
+        axis.set_ylim(bottom=0.0)
+        axis.set_xlabel("heading velocity [cm/s]")
+        axis.set_ylabel("specific resistance")
+        axis.legend(frameon=False, title="joint friction")
+        figure.tight_layout()
+        figure.savefig(path, dpi=130)
+        plt.close(figure)

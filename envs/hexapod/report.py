@@ -1,0 +1,252 @@
+"""The comparison with the paper: runs its experiments, writes numbers and pictures beside the printed statements."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Callable, Mapping
+from dataclasses import asdict, dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from actuators.errors import SealegsError
+from envs.hexapod.gait import SPEED, Tripod
+from envs.hexapod.paper import BREAKAWAY_AT_REST, Machine, Standing, Walk, chains_with, penetration_on, stand_unpowered
+from envs.hexapod.parameters import NUMBERS
+from envs.hexapod.robot import FRICTIONS, HORIZONTAL, VERTICAL
+
+UNPOWERED = ("none", "dry/viscous", "LuGre")  # Fig. 8
+SPEEDS = (0.01, 0.03)  # [m/s] of Fig. 12, beside the gait's own; the printed ones are not at hand
+SETTLING = 0.25  # share of a cycle before the one that is measured
+SETTLED = 0.2  # share of the support at its begin that no figure looks at: the reference has just stopped
+NO_LOAD, LOAD = "dry/viscous", "dry/viscous 2"
+
+
+@dataclass(frozen=True)
+class Statement:
+    """One statement of the paper beside what the simulation says.
+
+    Attributes:
+        printed: in the paper's sense.
+        section: where it stands.
+        ours: the same quantity here.
+        holds: whether it agrees.
+        assumed: whether the outcome rests on assumed numbers.
+    """
+
+    printed: str
+    section: str
+    ours: str
+    holds: bool
+    assumed: bool
+
+
+def compare(out: Path, seconds: float = 10.0, say: Callable[[str], None] = print) -> dict[str, Any]:
+    """Run the paper's experiments; write ``hexapod.json`` and five pictures into ``out``, and tell the result.
+
+    Args:
+        out: folder; made if it is not there.
+        seconds: that the robot stands with its motors at 0 V [s]; the gait takes the cycles that it needs.
+        say: prints a line.
+
+    Raises:
+        SealegsError: the folder has results already, or the time is too short to sink in.
+    """
+    if seconds < 1.0:
+        raise SealegsError(f"seconds is {seconds:g}; at least 1 is needed for a robot to sink visibly.")
+    if (out / "hexapod.json").exists():
+        raise SealegsError(f"{out} holds a comparison already; give another folder as out=.")
+    out.mkdir(parents=True, exist_ok=True)
+    depth = penetration_on(3)
+    standing: dict[str, Standing] = {}
+    for name in UNPOWERED:
+        say(f"standing {seconds:g} s with motors at 0 V, joint friction: {name}")
+        standing[name] = stand_unpowered(name, seconds)
+    walks: dict[str, Walk] = {}
+    for name in FRICTIONS:
+        say(f"walking at {100 * SPEED:g} cm/s, joint friction: {name}")
+        walks[name] = Machine(name).walk(Tripod(), 2.0)
+    resistance = sweep(walks, say)
+    rows = statements(depth, standing, walks, resistance, seconds)
+    result = {
+        "statements": [{**asdict(row), "holds": bool(row.holds)} for row in rows],
+        "sinking_m": {name: row.sinking for name, row in standing.items()},
+        "penetration_m": depth,
+        "motors_of_leg_0": {name: motors(walk) for name, walk in walks.items()},
+        "specific_resistance": {
+            name: {f"{v:g}": value for v, value in row.items()} for name, row in resistance.items()
+        },
+        "gait": asdict(Tripod()),
+        "chains": {
+            name: {joint: chain.to_list() for joint, chain in chains_with(name).items() if joint.startswith("leg0")}
+            for name in FRICTIONS
+        },
+        "breakaway_at_rest_N": BREAKAWAY_AT_REST,
+        "numbers": {name: asdict(number) for name, number in NUMBERS.items()},
+        "seconds": seconds,
+    }
+    (out / "hexapod.json").write_text(json.dumps(result, indent=1) + "\n")
+    from envs.hexapod import paper_plots  # matplotlib is slow to load
+
+    paper_plots.plot_standing(standing, out / "height.png")
+    paper_plots.plot_friction(standing["LuGre"], out / "friction.png")
+    paper_plots.plot_motors(walks, VERTICAL, out / "vertical.png")
+    paper_plots.plot_motors(walks, HORIZONTAL, out / "horizontal.png")
+    paper_plots.plot_resistance(resistance, out / "resistance.png")
+    for line in table(rows, walks, resistance):
+        say(line)
+    names = ("hexapod.json", "height.png", "friction.png", "vertical.png", "horizontal.png", "resistance.png")
+    say("Written: " + ", ".join(f"{out}/{name}" for name in names))
+    return result
+
+
+def sweep(walks: Mapping[str, Walk], say: Callable[[str], None]) -> dict[str, dict[float, float]]:
+    """Specific resistance by joint friction and heading velocity [m/s]; ``walks`` are those at the gait's own."""
+    resistance: dict[str, dict[float, float]] = {}
+    for name, walk in walks.items():
+        say(f"specific resistance, joint friction: {name}")
+        values = {SPEED: walk.resistance()}
+        for speed in SPEEDS:
+            values[speed] = Machine(name).walk(Tripod(speed), 1.0 + SETTLING).resistance()
+        resistance[name] = dict(sorted(values.items()))
+    return resistance
+
+
+def motors(walk: Walk) -> dict[str, dict[str, float]]:
+    """Currents [A] and voltages [V] of leg 0 in transfer and support of the last cycle: root mean square, and median of
+    the size, which does not see the moments of lifting off and of a load beyond the breakaway force.
+    """
+    cycle = walk.cycle(-1)
+    phase, air = walk.gait.phase(0, walk.time[cycle]), walk.gait.transfer
+    parts = {"transfer": phase < air, "support": phase > air + SETTLED * (1.0 - air)}
+    rows: dict[str, dict[str, float]] = {}
+    for kind in (VERTICAL, HORIZONTAL):
+        for quantity, values in (("current", walk.current), ("voltage", walk.voltage)):
+            column = walk.quantity(values, kind)[cycle]
+            rows[f"{kind} {quantity}"] = {
+                f"{part} {label}": float(of(column[chosen]))
+                for part, chosen in parts.items()
+                for label, of in (("rms", _rms), ("median", lambda x: np.median(np.abs(x))))
+            }
+    return rows
+
+
+def _rms(values: np.ndarray) -> float:
+    return float(np.sqrt(np.mean(np.square(values))))
+
+
+def statements(
+    depth: float,
+    standing: Mapping[str, Standing],
+    walks: Mapping[str, Walk],
+    resistance: Mapping[str, Mapping[float, float]],
+    seconds: float,
+) -> list[Statement]:
+    """The paper's statements beside ours."""
+    sinking = {name: 1e3 * row.sinking for name, row in standing.items()}
+    enough = seconds  # [mm] 10 in 10 s, as the robot sinks at a constant speed
+    settled = standing["LuGre"]
+    balance = abs(settled.friction[-1] / settled.load[-1] - 1.0)
+    measured = {name: motors(walk) for name, walk in walks.items()}
+    up = {name: row["vertical current"]["support median"] for name, row in measured.items()}
+    late = {name: row["vertical current"]["support rms"] for name, row in measured.items()}
+    along = {name: row["horizontal current"]["support rms"] for name, row in measured.items()}
+    swing = {name: row["horizontal current"]["transfer rms"] for name, row in measured.items()}
+    at = {name: row[SPEED] for name, row in resistance.items()}
+    alike = max(abs(resistance["LuGre"][v] / resistance[NO_LOAD][v] - 1.0) for v in resistance["LuGre"])
+    better = 1.0 - at[NO_LOAD] / at[LOAD]
+    falling = min(sinking["none"], sinking["dry/viscous"])
+    return [
+        Statement(
+            "feet sink 2.3 mm into the ground on three legs",
+            "4.2.1",
+            f"{1e3 * depth:.2f} mm",
+            abs(1e3 * depth - 2.3) < 0.1,
+            False,
+        ),
+        Statement(
+            "motors at 0 V: altitude constant with LuGre",
+            "6",
+            f"{sinking['LuGre']:.2f} mm in {seconds:g} s",
+            sinking["LuGre"] < 1.0,
+            True,
+        ),
+        Statement(
+            "not with dry/viscous, nor without friction",
+            "6",
+            f"{sinking['dry/viscous']:.1f} and {sinking['none']:.1f} mm",
+            falling > enough,
+            True,
+        ),
+        Statement(
+            "LuGre balances gravity after a small transient",
+            "6",
+            f"{settled.friction[-1]:.0f} N, off by {balance:.1%}",
+            balance < 0.01,
+            True,
+        ),
+        Statement(
+            "no vertical current in support with LuGre",
+            "7.2.1",
+            f"median {1e3 * up['LuGre']:.0f} mA",
+            up["LuGre"] < 0.05,
+            True,
+        ),
+        Statement(
+            "but with dry/viscous, for regulation",
+            "7.2.1",
+            f"median {1e3 * up[NO_LOAD]:.0f} mA",
+            up[NO_LOAD] > 10.0 * up["LuGre"],
+            True,
+        ),
+        Statement(
+            "slight current as the load on leg 0 grows",
+            "7.2.1",
+            f"LuGre rms {1e3 * late['LuGre']:.0f} mA",
+            up["LuGre"] < late["LuGre"] < late[NO_LOAD],
+            True,
+        ),
+        Statement(
+            "load dependence raises the horizontal current in support",
+            "7.2.1",
+            f"{along[LOAD]:.2f} A over {along[NO_LOAD]:.2f} A",
+            along[LOAD] > 1.2 * along[NO_LOAD],
+            True,
+        ),
+        Statement(
+            "transfer alike whatever the joint friction model",
+            "7.2.1",
+            ", ".join(f"{swing[name]:.2f}" for name in (NO_LOAD, "LuGre", LOAD)) + " A",
+            abs(swing[LOAD] / swing[NO_LOAD] - 1.0) < 0.1,
+            True,
+        ),
+        Statement("specific resistance of LuGre as of dry/viscous", "7.3", f"within {alike:.1%}", alike < 0.1, True),
+        Statement(
+            "35 % better without load dependence", "7.3", f"{better:.0%} (fitted)", abs(better - 0.35) < 0.03, True
+        ),
+    ]
+
+
+def table(
+    rows: list[Statement], walks: Mapping[str, Walk], resistance: Mapping[str, Mapping[float, float]]
+) -> list[str]:
+    """The comparison as lines of text."""
+    lines = ["", f"{'':2s}{'seed 001':58s}{'':8s}{'ours':34s}"]
+    for row in rows:
+        mark = " " if row.holds else "!"
+        lines.append(f"{mark} {row.printed:58s}{row.section:8s}{row.ours:34s}{'*' if row.assumed else ''}".rstrip())
+    lines += ["", "! missed   * rests on assumed numbers: docs/hexapod.md says how much", ""]
+    lines.append("motors of leg 0, root mean square    " + "".join(f"{name:>15s}" for name in walks))
+    measured = {name: motors(walk) for name, walk in walks.items()}
+    for quantity in next(iter(measured.values())):
+        unit = "A" if quantity.endswith("current") else "V"
+        for part in ("transfer", "support"):
+            values = "".join(f"{row[quantity][f'{part} rms']:15.2f}" for row in measured.values())
+            lines.append(f"{quantity + ', ' + part:33s} [{unit}] {values}")
+    lines.append("specific resistance")
+    for speed in next(iter(resistance.values())):
+        lines.append(
+            f"  at {100 * speed:4.2f} cm/s{'':23s}" + "".join(f"{row[speed]:15.2f}" for row in resistance.values())
+        )
+    return [*lines, ""]

@@ -1,0 +1,384 @@
+"""The hexapod is AMRU5 as printed, moves as its equations say, and keeps the contract of environments."""
+
+from __future__ import annotations
+
+import re
+import subprocess
+import sys
+import warnings
+from pathlib import Path
+
+import gymnasium as gym
+import mujoco
+import numpy as np
+import pytest
+from gymnasium.utils.env_checker import check_env as check_gymnasium
+from stable_baselines3.common.env_checker import check_env as check_sb3
+
+import envs  # noqa: F401 registers
+from actuators import load_chain, load_chain_set
+from actuators.errors import SealegsError
+from envs.hexapod.env import HexapodEnv
+from envs.hexapod.gait import PERIOD, Tripod
+from envs.hexapod.kinematics import Joints, foot_from_joints, joints_from_foot, leg_angle, link_angles, stance
+from envs.hexapod.parameters import LEGS, NUMBERS
+from envs.hexapod.robot import FRICTIONS, HEXAPOD, KINDS, chains_of, coordinate, foot, loop_joints, total_mass
+from envs.robots import get_robot
+from envs.sb3 import BatchVecEnv
+from envs.single import SingleEnv
+
+REPOSITORY = Path(__file__).resolve().parents[1]
+ENV = "SeaLegs/Hexapod-v0"
+VALUES = HEXAPOD.parameters()
+
+
+@pytest.fixture(scope="module")
+def model() -> mujoco.MjModel:
+    return HEXAPOD.drivetrain().model
+
+
+def at(model: mujoco.MjModel, joints: Joints) -> mujoco.MjData:
+    """The robot with leg 1 at given coordinates, its loops closed by equations (9) and (10)."""
+    data = mujoco.MjData(model)
+    for kind in KINDS:
+        data.joint(coordinate(1, kind)).qpos[:] = getattr(joints, kind)
+    rise, bend = link_angles(VALUES, joints.vertical, joints.horizontal)
+    for name, angle in zip(loop_joints(1), (rise, np.pi - bend, np.pi - bend), strict=True):
+        data.joint(name).qpos[:] = angle
+    mujoco.mj_forward(model, data)
+    return data
+
+
+def test_masses_and_inertias_are_those_of_table_10(model: mujoco.MjModel) -> None:
+    assert total_mass(VALUES) == pytest.approx(34.447, abs=1e-3)  # "a weight of 34 kg"
+    assert model.body_mass.sum() == pytest.approx(total_mass(VALUES), abs=2e-3)
+    assert model.body("body").mass == pytest.approx(8.215)
+    assert model.body("body").inertia == pytest.approx(np.array([1063.0, 1198.0, 843.0]) * 1e-4)
+    rotor = 0.06e-4
+    for kind, gear in (("rotation", "rotation_gear"), ("vertical", "screw_gear"), ("horizontal", "screw_gear")):
+        armature = model.dof_armature[model.joint(coordinate(3, kind)).dofadr[0]]
+        assert armature == pytest.approx(rotor * VALUES[gear] ** 2)
+
+
+@pytest.mark.parametrize(
+    ("rotation", "vertical", "horizontal"), [(0.0, 0.038, 0.045), (0.2, 0.03, 0.05), (-0.25, 0.047, 0.04)]
+)
+def test_the_loops_close_and_the_foot_is_where_the_equations_put_it(
+    model: mujoco.MjModel, rotation: float, vertical: float, horizontal: float
+) -> None:
+    joints = Joints(rotation, vertical, horizontal)
+    data = at(model, joints)
+    gaps = data.efc_pos[: data.ne]
+    assert np.abs(gaps).max() < 1e-12
+    x, y, z = foot_from_joints(VALUES, joints)
+    angle, radius = leg_angle(1), VALUES["leg_radius"]
+    ahead, left = radius + float(x), float(y)
+    wanted = [ahead * np.cos(angle) - left * np.sin(angle), ahead * np.sin(angle) + left * np.cos(angle), float(z)]
+    body = data.body("body").xpos
+    assert data.geom(foot(1)).xpos - body == pytest.approx(wanted, abs=1e-9)
+    back = joints_from_foot(VALUES, x, y, z)
+    assert [float(value) for value in back] == pytest.approx(joints)
+
+
+def test_a_link_that_rides_on_two_others_moves_them_as_it_would_itself() -> None:
+    # kinetic energy of DE, whose mass is spread over D, CF and AC, against that of the rod itself
+    heavy = HEXAPOD.parameters({"de_mass": 0.2, "de_inertia_y": 20e-4, "de_inertia_z": 20e-4})
+    light = HEXAPOD.parameters({"de_mass": 0.1, "de_inertia_y": 7e-4, "de_inertia_z": 7e-4})
+    energies = []
+    step = 1e-6
+    joints = Joints(0.0, 0.035, 0.047)
+    moved = Joints(0.0, 0.035 + 0.4 * step, 0.047 - 0.7 * step)
+    for values in (heavy, light):
+        compiled = HEXAPOD.build(values).compile()
+        first, second = at(compiled, joints), at(compiled, moved)
+        mujoco.mj_differentiatePos(compiled, first.qvel, step, first.qpos, second.qpos)
+        compiled.opt.enableflags |= int(mujoco.mjtEnableBit.mjENBL_ENERGY)
+        mujoco.mj_forward(compiled, first)
+        energies.append(first.energy[1])
+
+    def rod(mass: float, inertia: float) -> float:
+        """Energy of a rod from D parallel to AC, by its middle and its turning."""
+        ends = []
+        for q in (joints, moved):
+            rise, _ = link_angles(VALUES, q.vertical, q.horizontal)
+            length = (VALUES["ratio"] - 1.0) * VALUES["ab_length"]
+            ends.append((q.horizontal + 0.5 * length * np.cos(rise), 0.5 * length * np.sin(rise), rise))
+        speed = (np.array(ends[1]) - np.array(ends[0])) / step
+        return 0.5 * mass * (speed[0] ** 2 + speed[1] ** 2) + 0.5 * inertia * speed[2] ** 2
+
+    assert energies[0] - energies[1] == pytest.approx(rod(0.2, 20e-4) - rod(0.1, 7e-4), rel=1e-3)
+
+
+def test_feet_stand_on_the_ground_as_deep_as_printed(model: mujoco.MjModel) -> None:
+    from envs.hexapod.paper import penetration_on
+
+    assert penetration_on(3, 0.8) == pytest.approx(0.0023, abs=1e-4)
+    assert penetration_on(6, 0.8) == pytest.approx(0.0023 * 0.5 ** (2.0 / 3.0), rel=0.05)  # Hertz
+
+
+def test_the_gait_is_a_tripod_with_double_stance_at_the_printed_speed() -> None:
+    gait = Tripod()
+    time = np.arange(0.0, 2.0 * gait.cycle, PERIOD)
+    air = np.stack([gait.in_transfer(leg, time) for leg in range(LEGS)])
+    assert gait.cycle == 12.0
+    assert (air[0::2] == air[0]).all() and (air[1::2] == air[1]).all()
+    assert not (air[0] & air[1]).any()
+    standing = ~(air[0] | air[1])
+    assert standing.mean() == pytest.approx(2.0 * gait.double_stance, abs=3e-3)
+    ahead, height = gait.foot(0, time)
+    speed = np.gradient(ahead, PERIOD)
+    inside = ~air[0] & ~np.roll(air[0], 2) & ~np.roll(air[0], -2)
+    assert speed[inside] == pytest.approx(-0.015, rel=1e-6)
+    assert (height[~air[0]] == 0.0).all() and height.max() == pytest.approx(gait.lift, rel=1e-3)
+    goals = gait.goals(VALUES, time)
+    limits = np.array([HEXAPOD.limits[item.name] for item in HEXAPOD.coordinates])
+    assert (goals > limits[:, 0]).all() and (goals < limits[:, 1]).all()
+    assert np.abs(np.diff(goals, axis=0)).max(axis=0)[2::3].min() > 0.0  # horizontal joints always move
+
+
+def test_the_joint_friction_is_one_word_and_all_else_is_the_same() -> None:
+    kinds = {name: chains_of(file) for name, file in FRICTIONS.items()}
+    for joint in ("leg0_rotation", "leg5_vertical", "leg2_horizontal"):
+        others = {str(chains[joint].without_stage("friction").to_list()) for chains in kinds.values()}
+        assert len(others) == 1
+        assert kinds["none"][joint].find("friction") is None
+        dry, lugre = kinds["dry/viscous"][joint].find("friction"), kinds["LuGre"][joint].find("friction")
+        assert (dry.coulomb, dry.viscous, dry.slip_speed) == (lugre.coulomb, lugre.viscous, 1e-4)
+        assert (lugre.bristle_stiffness, lugre.bristle_damping, lugre.lugre) == (1e9, 0.02, 1.0)
+    assert kinds["LuGre"]["leg0_vertical"].value("friction.stribeck_velocity") == 1e-4
+    assert kinds["dry/viscous 2"]["leg0_horizontal"].value("friction.load") > 0.0
+    motor = kinds["LuGre"]["leg0_vertical"]
+    assert motor.value("position_pi.period") == PERIOD
+    assert motor.value("gear.ratio") == VALUES["screw_gear"]
+    loss = motor.value("dc_motor.resistance") / motor.value("dc_motor.motor_constant") ** 2
+    assert loss == pytest.approx(VALUES["winding_loss"], rel=1e-3)
+
+
+def test_every_assumed_number_is_marked() -> None:
+    for name, number in NUMBERS.items():
+        assert number.assumed or "seed 001" in number.source, name
+
+
+def test_a_set_of_chains_is_refused_where_one_is_needed() -> None:
+    assert set(load_chain_set("amru5_lugre") or {}) == {f"*_{kind}" for kind in KINDS}
+    assert load_chain_set("sts3215") is None
+    with pytest.raises(SealegsError, match="put it on a robot that has such joints"):
+        load_chain("amru5_lugre")
+
+
+# --- the laws that the hexapod brought along -----------------------------------------------------------------------
+
+SLIDE = """<mujoco><option timestep="{step}" integrator="{integrator}" gravity="0 0 0"/><worldbody><body>
+<joint name="x" type="slide" axis="1 0 0"/><geom size="0.1" mass="7"/></body></worldbody></mujoco>"""
+LUGRE = {"coulomb": 150.0, "stribeck": 100.0, "stribeck_velocity": 1e-4, "stribeck_exponent": 2.0, "lugre": 1}
+BRISTLES = {"bristle_stiffness": 1e9, "bristle_damping": 0.02}
+
+
+def pushed(
+    friction: dict,
+    force: float,
+    seconds: float = 0.5,
+    step: float = 1e-3,
+    integrator: str = "implicitfast",
+    rise: float = 0.0,
+):
+    from actuators import Drivetrain
+
+    spec = mujoco.MjSpec.from_string(SLIDE.format(step=step, integrator=integrator))
+    driven = Drivetrain(spec, {"x": [{"torque_command": {}}, {"friction": friction}]})
+    data = mujoco.MjData(driven.model)
+    for k in range(round(seconds / step)):
+        data.qfrc_applied[0] = force * min(k * step / rise, 1.0) if rise else force
+        mujoco.mj_step(driven.model, data)
+    return data
+
+
+@pytest.mark.parametrize("step", [2e-3, 1e-3, 1e-4])
+@pytest.mark.parametrize("integrator", ["implicitfast", "RK4", "Euler"])
+def test_bristles_of_the_printed_stiffness_hold_slip_and_are_stable_at_any_step(step: float, integrator: str) -> None:
+    held = pushed({**LUGRE, **BRISTLES}, 200.0, 0.3, step, integrator, rise=0.15)  # below breakaway, above Coulomb
+    assert abs(held.qpos[0]) < 2e-6
+    assert abs(held.qvel[0]) < 1e-7
+    assert held.qfrc_constraint[0] == pytest.approx(-200.0, rel=1e-3)
+    slipping = pushed({**LUGRE, **BRISTLES}, 300.0, 0.3, step, integrator, rise=0.15)
+    assert slipping.qvel[0] == pytest.approx((3.125 + 22.5) / 7.0, rel=0.03)  # breaks away at 250 N, after 0.125 s
+
+
+def test_bristles_follow_their_differential_equation() -> None:
+    # soft bristles, so that their transient is slow: equations (26) to (28) integrated on their own in fine steps
+    stiffness, coulomb, mass, force, step = 2e4, 10.0, 7.0, 9.0, 1e-5
+    z = v = q = 0.0
+    for _ in range(round(0.2 / step)):
+        slip = v - abs(v) / (coulomb / stiffness) * z
+        v += step * (force - stiffness * z - 5.0 * slip) / mass
+        z += step * slip
+        q += step * v
+    data = pushed(
+        {"coulomb": coulomb, "lugre": 1, "bristle_stiffness": stiffness, "bristle_damping": 5.0}, force, 0.2, 2e-4
+    )
+    assert data.qpos[0] == pytest.approx(q, rel=0.03)
+
+
+def test_smoothed_dry_friction_creeps_as_its_equation_says() -> None:
+    data = pushed({"coulomb": 150.0, "viscous": 2000.0, "slip_speed": 1e-4}, 100.0)
+    slope = (150.0 + 2000.0 * 1e-4) / 1e-4  # (34) between the slip speeds
+    assert data.qvel[0] == pytest.approx(100.0 / slope, rel=1e-3)
+
+
+def test_a_digital_controller_holds_its_duty_and_its_integral_runs_out_within_the_band() -> None:
+    from actuators.law import begin, torque
+    from actuators.layout import P_STATE_SIZE, S_DUTY
+
+    controller = {"gain": 2.0, "integral": 4.0, "period": 0.01, "band": 0.01, "integral_limit": 0.05}
+    chain = load_chain(
+        [
+            {"position_pi": controller},
+            {"supply": {"volts": 10.0}},
+            {"dc_motor": {"motor_constant": 1.0, "resistance": 1.0}},
+        ]
+    )
+    program = chain.program()
+    state = np.zeros(int(program[P_STATE_SIZE]))
+    begin(program, state, 0.0, 0.1, 0.0, 0.0)
+    duties = []
+    for k in range(200):
+        torque(program, state, 1e-3 * k, 0.1, 0.0 if k < 100 else 0.0995, 0.0, 0.0, True)
+        duties.append(state[S_DUTY])
+    assert all(len(set(duties[k : k + 10])) == 1 for k in range(0, 200, 10))  # (24) every 10 ms
+    assert duties[:30:10] == pytest.approx([0.2 + 0.004 * k for k in (1, 2, 3)])  # (25)
+    assert duties[99] == pytest.approx(0.2 + 0.04)
+    assert duties[199] == pytest.approx(0.04 * (1.0 - 0.02) ** 10)
+
+
+@pytest.mark.parametrize(
+    ("friction", "sentence"),
+    [
+        ({"lugre": 1}, "needs a bristle_stiffness"),
+        ({"bristle_stiffness": 1e3, "slip_speed": 1e-4}, "exclude each other"),
+        ({"bristle_damping": 1.0}, "only LuGre bristles have"),
+    ],
+)
+def test_joint_frictions_that_exclude_each_other_are_refused(friction: dict, sentence: str) -> None:
+    with pytest.raises(SealegsError, match=sentence):
+        load_chain([{"torque_command": {}}, {"friction": friction}])
+
+
+def test_a_band_without_a_period_is_refused() -> None:
+    with pytest.raises(SealegsError, match="add its period"):
+        load_chain(
+            [
+                {"position_pi": {"gain": 1.0, "integral": 1.0, "band": 0.1}},
+                {"supply": {"volts": 1.0}},
+                {"dc_motor": {"motor_constant": 1.0, "resistance": 1.0}},
+            ]
+        )
+
+
+# --- the environment -------------------------------------------------------------------------------------------------
+
+
+def test_the_environment_passes_the_checks_of_gymnasium_and_sb3() -> None:
+    env = gym.make(ENV).unwrapped
+    with warnings.catch_warnings():
+        warnings.simplefilter("error", UserWarning)
+        warnings.filterwarnings("ignore", message=".*Box observation space m.*imum value is.*infinity")
+        check_gymnasium(env, skip_render_check=True)
+        check_sb3(env, skip_render_check=True)
+
+
+def test_the_documented_tables_are_those_of_the_environment() -> None:
+    env = gym.make(ENV).unwrapped
+    assert isinstance(env, SingleEnv)
+    engine, text = env.engine, HexapodEnv.__doc__ or ""
+    actions, observations = text.split("## Observation Space")[:2]
+    rows = re.findall(r"\| ([\d, ]+?) +\| Goal of .*? \| -1 +\| 1 +\| (-?[\d.]+) +\| (-?[\d.]+)", actions)
+    named = {int(k): (float(low), float(high)) for numbers, low, high in rows for k in numbers.split(",")}
+    limits = np.stack([engine.goal_centre - engine.goal_half, engine.goal_centre + engine.goal_half], axis=1)
+    assert np.array([named[k] for k in range(18)]) == pytest.approx(limits, abs=1e-3)
+    last = re.findall(r"^ +\| (?:\d+-)?(\d+) +\|", observations.split("## Rewards")[0], re.MULTILINE)[-1]
+    assert int(last) + 1 == engine.observation_size == len(engine.task.observation_names())
+
+
+def test_three_forms_of_the_environment_move_alike() -> None:
+    single, vector, batch = gym.make(ENV), gym.make_vec(ENV, num_envs=2), BatchVecEnv(ENV, 2, seed=5)
+    seen = [single.reset(seed=5)[0], vector.reset(seed=5)[0][0], batch.reset()[0]]
+    rng = np.random.default_rng(0)
+    for _ in range(4):
+        np.testing.assert_array_equal(seen[0], seen[1])
+        np.testing.assert_array_equal(seen[1], seen[2])
+        action = rng.uniform(-0.5, 0.5, (2, 18)).astype(np.float32)
+        outcomes = [single.step(action[0]), vector.step(action), batch.step(action)]
+        seen = [outcomes[0][0], outcomes[1][0][0], outcomes[2][0][0]]  # type: ignore[index]
+        assert outcomes[0][1] == outcomes[1][1][0]  # type: ignore[index]
+
+
+def test_it_starts_on_its_feet_and_stays_there() -> None:
+    env = gym.make(ENV, start_noise=0.0, actuator="amru5_lugre")
+    observation, _ = env.reset(seed=0)
+    assert observation[49:55] == pytest.approx(np.ones(6))
+    total = 0.0
+    for _ in range(5):
+        observation, reward, terminated, _, info = env.step(np.zeros(18, np.float32))
+        total += sum(value for name, value in info.items() if name.startswith("reward_")) - float(reward)
+        assert not terminated
+    assert total == pytest.approx(0.0)
+    assert observation[1] == pytest.approx(0.28, abs=0.003)
+    assert info["reward_resistance"] > -0.05  # standing costs nothing to speak of
+
+
+@pytest.mark.parametrize("word", ["ideal", "regression", "net", "amru5_dry", "amru5_load", "amru5_frictionless"])
+def test_it_stands_with_every_actuator_by_one_word(word: str) -> None:
+    env = gym.make(ENV, actuator=word, start_noise=0.0)
+    env.reset(seed=0)
+    for _ in range(4):
+        observation, _, terminated, _, info = env.step(np.zeros(18, np.float32))
+    assert not terminated and not info["unstable"]
+    assert observation[1] == pytest.approx(0.28, abs=0.01)
+
+
+def test_every_episode_may_draw_friction_mass_and_floor_anew() -> None:
+    randomization = {
+        "leg0_vertical": {"friction.coulomb": [80.0, 140.0]},
+        "mass": {"body": [0.9, 1.2]},
+        "floor": {"friction": [0.5, 1.0]},
+    }
+    env = gym.make_vec(ENV, num_envs=2, randomization=randomization)
+    env.reset(seed=0)
+    drawn = env.unwrapped.engine.drawn  # type: ignore[attr-defined]
+    assert 80.0 <= drawn["leg0_vertical.friction.coulomb"][0] != drawn["leg0_vertical.friction.coulomb"][1] <= 140.0
+    env.step(np.zeros((2, 18), np.float32))
+
+
+@pytest.mark.parametrize(
+    ("keywords", "sentence"),
+    [
+        ({"actuator": {"leg7_vertical": "ideal"}}, "drives no 'leg7_vertical'"),
+        ({"params": {"ratio": 0.5}}, "ratio is 0.5"),
+        ({"params": {"stance_height": 0.5, "stance_radius": 0.75}}, "cannot reach their stance"),
+        ({"control_rate": 300.0}, "control_rate is 300"),
+        ({"speed": [0.03, 0.01]}, "a range goes from its low to its high end"),
+    ],
+)
+def test_wrong_arguments_are_answered_in_one_sentence(keywords: dict, sentence: str) -> None:
+    with pytest.raises(SealegsError, match=re.escape(sentence)):
+        gym.make(ENV, **keywords)
+
+
+def test_the_robot_is_known_by_name() -> None:
+    assert get_robot("hexapod") is HEXAPOD
+    assert float(stance(VALUES).vertical) == pytest.approx((0.28 - 0.015) / 7.0)
+
+
+def test_a_short_training_runs(tmp_path: Path) -> None:
+    small = [
+        "total_timesteps=64",
+        "n_envs=2",
+        "agent.n_steps=16",
+        "agent.batch_size=16",
+        "evaluate.every=0",
+        "video.seconds=0",
+    ]
+    command = [sys.executable, "train.py", "env=hexapod", "actuator=ideal", *small, f"out={tmp_path}", "name=small"]
+    done = subprocess.run(command, capture_output=True, text=True, cwd=REPOSITORY, check=False)
+    assert done.returncode == 0, done.stderr
+    assert (tmp_path / "small" / "final" / "model.zip").is_file()
