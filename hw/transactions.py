@@ -159,7 +159,7 @@ class Transactions:
             if result != sdk.COMM_SUCCESS:
                 missing = [servo for servo in ids if servo not in replies]
                 if result == sdk.COMM_RX_TIMEOUT:
-                    raise problem or self._no_reply(missing, wait)
+                    raise self._corrupt(missing) if problem else self._no_reply(missing, wait)
                 problem = self._corrupt(missing)
                 if self.port.isPacketTimeout():
                     raise problem
