@@ -12,18 +12,19 @@ import mujoco
 import numpy as np
 from mujoco.batch import Batch
 
-from actuators import Drivetrain
+from actuators import Chain, Drivetrain
 from actuators.law import begin, torque
 from actuators.layout import P_STATE_SIZE
 from envs.bench.robot import BENCH
 from envs.biped.robot import BIPED
+from envs.hexapod.robot import HEXAPOD
 from envs.hopper.robot import HOPPER
 from envs.robot import Robot
 
-ROBOTS = {"bench": BENCH, "hopper": HOPPER, "biped": BIPED}
+ROBOTS = {"bench": BENCH, "hopper": HOPPER, "biped": BIPED, "hexapod": HEXAPOD}
 CHAINS = {"ideal": 0.90, "regression": 0.90, "net": 0.60}  # and the ratio that each must reach
 CASES = [(name, chain, bar) for name in ("bench", "hopper") for chain, bar in CHAINS.items()]
-CASES.append(("biped", "mabel", 0.85))  # its printed chains
+CASES += [("biped", "mabel", 0.85), ("hexapod", "amru5_lugre", 0.85)]  # their printed chains
 SIMULATIONS = (1, 16, 64, 1024)
 PER_CALL = 20  # physics steps between two goals: 50 Hz
 TRAINING_BAR = 5.0
@@ -37,7 +38,7 @@ def bare_model(driven: Drivetrain) -> mujoco.MjModel:
     """
     spec = driven.spec.copy()
     for coordinate in driven.coordinates:
-        stiffness, damping, largest = _linear(driven.chains[coordinate.name].program())
+        stiffness, damping, largest = _linear(driven.chains[coordinate.name])
         actuator = spec.actuator(coordinate.name)
         actuator.biastype = mujoco.mjtBias.mjBIAS_AFFINE
         actuator.gainprm[0] = stiffness
@@ -48,8 +49,11 @@ def bare_model(driven: Drivetrain) -> mujoco.MjModel:
     return spec.compile()
 
 
-def _linear(program: np.ndarray) -> tuple[float, float, float]:
-    """Stiffness [N.m/rad], damping [N.m.s/rad] and largest torque [N.m] of a chain."""
+def _linear(chain: Chain) -> tuple[float, float, float]:
+    """Stiffness [N.m/rad], damping [N.m.s/rad] and largest torque [N.m] of a chain, once its current has followed."""
+    if chain.find("dc_motor") is not None:
+        chain = chain.with_value("dc_motor.inductance", 0.0)
+    program = chain.program()
 
     def settled(goal: float, speed: float) -> float:
         state = np.zeros(int(program[P_STATE_SIZE]))
