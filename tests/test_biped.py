@@ -2,9 +2,11 @@
 
 from __future__ import annotations
 
+import json
 import pickle
 import re
 import warnings
+from pathlib import Path
 
 import gymnasium as gym
 import mujoco
@@ -14,8 +16,11 @@ from gymnasium.utils.env_checker import check_env as check_gymnasium
 from stable_baselines3.common.env_checker import check_env as check_sb3
 
 import envs  # noqa: F401 registers
+import train
 from actuators import Drivetrain, load_chain
 from actuators.errors import SealegsError
+from agents.cross_evaluation import mean_reward
+from configs.script import run as run_script
 from envs.batch import BatchEngine
 from envs.biped.drive import DRIVES, SPRING_RATIO, position_chain, torque_chain
 from envs.biped.kinematics import centre_of_mass, feet, place, robot_mass, segments
@@ -269,3 +274,13 @@ def test_a_pulley_too_light_for_the_step_is_refused() -> None:
     chain = torque_chain("left_leg_shape").with_value("spring.inertia", 1e-4)
     with pytest.raises(SealegsError, match=r"unstable at a step of 0.001 s"):
         BIPED.drivetrain({"left_leg_shape": chain})
+
+
+def test_a_short_training_runs_with_the_printed_drives_and_can_be_read_back(tmp_path: Path) -> None:
+    small = ["n_envs=2", "agent.n_steps=32", "agent.batch_size=64", "agent.n_epochs=1", "total_timesteps=128"]
+    quiet = ["evaluate.every=64", "evaluate.episodes=1", "checkpoint.every=64", "video.seconds=0"]
+    arguments = ["env=biped", "env.hopping=1", *small, *quiet, f"out={tmp_path}", "name=short"]
+    assert run_script(train.main, "train", "", arguments) == 0
+    description = json.loads((tmp_path / "short" / "final" / "policy.json").read_text())
+    assert description["env"]["id"] == BIPED_ID and description["env"]["hopping"] == 1.0
+    assert np.isfinite(mean_reward(tmp_path / "short" / "final", "ideal", episodes=1))

@@ -30,15 +30,14 @@ def _shown(hopping: Hopping) -> Hopping:
     return hopping.rows(np.isin(hopping.hop, SHOWN))
 
 
-def _two_hops(
-    panels: list[tuple[str, Any]], stretched: Hopping, rigid: Hopping, path: Path, title: str, limits: bool = False
-) -> None:
+def _two_hops(panels: list[tuple[str, Any]], stretched: Hopping, rigid: Hopping, path: Path, title: str) -> None:
     """A grid of panels over time; each a label and a function from a recording to values."""
     cases = [(_shown(stretched), *WITH), (_shown(rigid), *WITHOUT)]
     start = cases[0][0].time[0]
     rows = (len(panels) + 1) // 2
     with plt.rc_context(STYLE):
-        figure, axes = plt.subplots(rows, 2, figsize=(9.5, 2.0 * rows + 0.8), sharex=True, squeeze=False)
+        height = 2.0 * rows + 0.8
+        figure, axes = plt.subplots(rows, 2, figsize=(9.5, height), sharex=True, squeeze=False)
         for axis, (label, values) in zip(axes.flat, panels, strict=False):
             for hopping, colour, name in cases:
                 if len(hopping.time):
@@ -51,10 +50,12 @@ def _two_hops(
         for axis in axes[-1]:
             axis.set_xlabel("time after touchdown 31 [s]")
         handles, labels = axes[0, 0].get_legend_handles_labels()
-        figure.legend(handles, labels, loc="upper center", ncols=2, frameon=False, bbox_to_anchor=(0.5, 0.975))
-        figure.suptitle(title, fontsize=10)
+        figure.legend(
+            handles, labels, loc="upper center", ncols=2, frameon=False, bbox_to_anchor=(0.5, 1.0 - 0.22 / height)
+        )
+        figure.suptitle(title, fontsize=10, y=1.0 - 0.08 / height)
         figure.align_ylabels()
-        figure.tight_layout(rect=(0.0, 0.0, 1.0, 0.965))
+        figure.tight_layout(rect=(0.0, 0.0, 1.0, 1.0 - 0.42 / height))
         figure.savefig(path, dpi=130)
         plt.close(figure)
 
