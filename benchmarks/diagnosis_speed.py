@@ -99,8 +99,9 @@ def report(results: Sequence[dict[str, Any]], out: Path) -> None:
     ]
     for row in results:
         lines.append(
-            f"| {row['factor']:g} x 3 x 24 s | {row['samples']:,} | {row['causes_considered']} | {row['seconds']:.0f} | "
-            f"{row['processor_seconds'] / CORES:.0f} | {row['rounds']} | {', '.join(row['causes'])} |"
+            f"| {row['factor']:g} x 3 x 24 s | {row['samples']:,} | {row['causes_considered']} | "
+            f"{row['seconds']:.0f} | {row['processor_seconds'] / CORES:.0f} | {row['rounds']} | "
+            f"{', '.join(row['causes'])} |"
         )
     out.with_suffix(".md").write_text("\n".join(lines) + "\n")
 

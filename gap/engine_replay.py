@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping
 
 import mujoco
@@ -11,8 +12,9 @@ from actuators import Drivetrain
 from actuators.layout import S_CURRENT, S_DUTY
 from envs.robots import get_robot
 from gap.joint_model import GRAVITY, JointModel
-from gap.simulator import CHANNELS
+from gap.simulator import CHANNELS, STOP_DAMPING, STOP_STIFFNESS
 
+FAR = 100.0  # [rad] where a joint is not blocked on one side
 STEP = 1e-3  # [s] largest engine step; each sample interval is divided evenly, so that commands fall on steps
 
 
@@ -39,7 +41,27 @@ def bench_parameters(joint: JointModel, params: Mapping[str, float]) -> dict[str
 def bench(joint: JointModel, params: Mapping[str, float]) -> Drivetrain:
     """A bench in the engine that carries the joint."""
     robot = get_robot("bench")
-    return robot.drivetrain({robot.coordinates[0].name: joint.chain}, bench_parameters(joint, params))
+    name = robot.coordinates[0].name
+    drivetrain = robot.drivetrain({name: joint.chain}, bench_parameters(joint, params))
+    if math.isfinite(joint.load.stop_angle) or math.isfinite(joint.load.lower_stop):
+        _block(drivetrain, name, joint, params)
+    return drivetrain
+
+
+def _block(drivetrain: Drivetrain, name: str, joint: JointModel, params: Mapping[str, float]) -> None:
+    """Put what stops the link into model and specification: a joint limit as stiff as the search has it."""
+    model, limit = drivetrain.model, drivetrain.spec.joint(name)
+    number = model.joint(name).id
+    lower, upper = max(joint.load.lower_stop, -FAR), min(joint.load.stop_angle, FAR)
+    stiff = model.njnt == 1
+    inertia = joint.load.inertia(params) + (joint.chain.armature() if stiff else 0.0)
+    # a negative solref is stiffness and damping per inertia; full impedance makes them exact
+    solref, solimp = (-STOP_STIFFNESS / inertia, -STOP_DAMPING / inertia), (0.9999, 0.9999, 1e-3, 0.5, 2.0)
+    limit.limited, limit.range = True, (lower, upper)
+    limit.solref_limit, limit.solimp_limit = solref, solimp
+    model.jnt_limited[number] = True
+    model.jnt_range[number] = lower, upper
+    model.jnt_solref[number], model.jnt_solimp[number] = solref, solimp
 
 
 def replay_in_engine(

@@ -8,20 +8,10 @@ from typing import Any
 
 from actuators import Chain
 from gap.diagnosis import JointDiagnosis
-from gap.engine_replay import bench
 from gap.joint_model import JointModel
+from gap.native_mjcf import native_mjcf, not_native
 
-NATIVE = {
-    "friction": ("coulomb", "viscous"),
-    "dc_motor": ("armature",),
-    "regression": ("armature",),
-    "ideal": ("armature",),
-    "net": ("armature",),
-    "spring": ("stiffness", "damping"),
-    "compliance": ("stiffness", "damping"),
-    "backlash": ("width",),
-}
-"""What MuJoCo itself simulates of a chain; everything else is the law's, and is listed as such."""
+__all__ = ["changes", "not_native", "write_extension"]
 
 
 def changes(diagnosis: JointDiagnosis) -> list[dict[str, Any]]:
@@ -46,23 +36,8 @@ def changes(diagnosis: JointDiagnosis) -> list[dict[str, Any]]:
     return sorted(rows, key=lambda row: row["why"].startswith("re-tuned"))
 
 
-def not_native(chain: Chain) -> list[str]:
-    """Stages and parameters of a chain that plain MuJoCo does not simulate."""
-    found = []
-    for stage in chain.stages:
-        keys = [
-            key for key, value in stage.parameters().items() if value != 0.0 and key not in NATIVE.get(stage.name, ())
-        ]
-        found += [
-            f"{stage.name}.{key}"
-            for key in keys
-            if not (stage.name == "friction" and key.startswith(("stribeck_", "ripple_")))
-        ]
-    return found
-
-
 def write_extension(diagnosis: JointDiagnosis, folder: Path, prefix: str = "") -> dict[str, Path]:
-    """Write ``extended.yaml`` (the chain) and ``extended.xml`` (the bench with it).
+    """Write ``extended.yaml`` (the chain) and ``extended.xml`` (the bench with what of it plain MuJoCo simulates).
 
     Runs that differ in their nominal chain get a chain file each.
 
@@ -86,10 +61,11 @@ def write_extension(diagnosis: JointDiagnosis, folder: Path, prefix: str = "") -
         ]
         path.write_text("\n".join(lines) + "\n" + _rounded(joint.chain).to_yaml(), encoding="utf-8")
         written[f"chain{suffix.replace('-', '.')}"] = path
-        if len(seen) == 1:
-            drivetrain = bench(joint, params)
+        if len(seen) == 1 and params:  # without a load, there is no bench to write
             mjcf = folder / f"{prefix}extended.xml"
-            mjcf.write_text(drivetrain.spec.to_xml(), encoding="utf-8")
+            missing = ", ".join(not_native(joint.chain)) or "nothing"
+            note = f"<!-- For plain MuJoCo; the control is the position goal [rad]. Left out: {missing}. -->"
+            mjcf.write_text(f"{note}\n{native_mjcf(joint, params)}", encoding="utf-8")
             written["mjcf"] = mjcf
     return written
 

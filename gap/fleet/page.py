@@ -17,13 +17,6 @@ from gap.pictures.style import EXTENDED, NOMINAL, figure, styled
 HERE = Path(__file__).parent
 STYLE_SHEET = HERE.parent / "report" / "report.css"
 MOST_DOTS = 4  # causes whose values are drawn
-SHORT = {
-    FAILED: "–",
-    "explained": "ok",
-    "partly explained": "partly",
-    "nothing to explain": "nothing",
-    "not identifiable": "?",
-}
 
 
 @styled
@@ -56,6 +49,8 @@ def draw_fleet(rows: Sequence[Row], shared: Sequence[Shared]) -> Figure:
     matrix.set_xlim(-0.5, causes - 0.5)
     matrix.set_title("Share of the gap [%]")
     matrix.grid(False)
+    for edge in range(1, count):
+        matrix.axhline(edge - 0.5, color="white", linewidth=2.0)
     matrix.tick_params(length=0)
     for axis, cause in zip(axes[1:], dotted, strict=True):
         at = {row.servo: i for i, row in enumerate(rows)}
@@ -63,7 +58,7 @@ def draw_fleet(rows: Sequence[Row], shared: Sequence[Shared]) -> Figure:
         for servo, (value, low, high) in zip(with_value, cause.values, strict=True):
             axis.plot([low, high], [at[servo]] * 2, color=EXTENDED, linewidth=2.0, solid_capstyle="butt")
             axis.plot([value], [at[servo]], "o", color=EXTENDED, markersize=5)
-        axis.axvline(cause.middle, color=NOMINAL, linewidth=1.2, linestyle="--")
+        axis.axvline(cause.middle, color=NOMINAL, linewidth=1.2, linestyle="--", zorder=1)
         unit = f" [{cause.unit}]" if cause.unit not in ("", "1") else ""
         axis.set_xlabel(f"{cause.parameter}{unit}", fontsize=9)
         axis.set_title(cause.name, fontsize=9)

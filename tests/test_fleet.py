@@ -1,0 +1,229 @@
+"""A fleet: several servos side by side, some of them broken, stopped and resumed, and a table over all of them."""
+
+from __future__ import annotations
+
+import csv
+import json
+import sys
+from collections.abc import Iterator
+from pathlib import Path
+
+import pytest
+
+import diagnose as script
+from actuators.errors import SealegsError
+from configs.script import run
+from gap.fleet import Job, Outcome, diagnose_fleet, find_jobs, rows_of, shared_causes, write_table
+from gap.fleet import jobs as jobs_module
+from gap.fleet.jobs import finished, run_job, source
+from gap.fleet.page import draw_fleet, write_page
+from gap.log import write_run
+from tests.plant import hidden_bench
+
+
+def call(*arguments: str) -> int:
+    return run(script.main, "diagnose", script.__doc__ or "", list(arguments))
+
+
+def document(name: str, cause: str | None, value: float = 0.0) -> dict:
+    parameters = {
+        f"{cause}.x": {"value": value, "low": value - 0.01, "high": value + 0.01, "unit": "1", "nominal": 0.0}
+    }
+    causes = [] if cause is None else [
+        {"name": cause, "joint": "servo", "kind": "effect", "share": 0.9, "confidence": 0.95, "parameters": parameters}
+    ]  # fmt: skip
+    gap = {key: {"rmse": 0.01, "mae": 0.008} for key in ("nominal", "retuned", "extended", "noise_floor")}
+    verdict = "explained" if cause else "nothing to explain"
+    return {"joint": "servo", "verdict": verdict, "sentence": f"{name}: {verdict}.", "gap": gap, "causes": causes}
+
+
+OUTCOMES = [
+    Outcome("left", document("left", "friction.load_dependent", 0.10)),
+    Outcome("right", document("right", "friction.load_dependent", 0.105)),
+    Outcome("hip", document("hip", "friction.load_dependent", 0.30)),
+    Outcome("knee", document("knee", "drive.delay", 0.02)),
+    Outcome("ankle", document("ankle", None)),
+    Outcome("broken", error="logs/broken: the column 'time' is missing."),
+]
+
+
+@pytest.fixture
+def fleet(tmp_path: Path) -> Path:
+    """Folders of three servos; one of them has a broken log, and one folder holds none."""
+    for k, name in enumerate(("a", "b")):
+        data, _ = hidden_bench({}, k, duration=1.0, runs=1)
+        for one in data.runs:
+            write_run(one, tmp_path / "fleet" / name)
+    (tmp_path / "fleet" / "c").mkdir()
+    (tmp_path / "fleet" / "c" / "run.csv").write_text("time,servo.position\n0,1\n")
+    (tmp_path / "fleet" / "notes").mkdir()
+    return tmp_path / "fleet"
+
+
+@pytest.fixture
+def quick(monkeypatch: pytest.MonkeyPatch) -> Iterator[list[str]]:
+    """Diagnoses that take no time, in this process; the list says which folders were diagnosed."""
+    done: list[str] = []
+
+    def diagnosed(log: Path, out: Path, progress: object = None, **settings: object) -> None:
+        if log.name == "c":
+            raise SealegsError(f"{log}: its sidecar is missing.")
+        done.append(log.name)
+        out.mkdir(parents=True)
+        (out / "diagnosis.json").write_text(json.dumps(document(log.name, "drive.delay", 0.01)))
+
+    def here(jobs: list[Job], workers: int, report: object) -> Iterator[Outcome]:
+        yield from map(run_job, jobs)
+
+    monkeypatch.setattr(jobs_module, "diagnose_folder", diagnosed)
+    monkeypatch.setattr("gap.fleet.run._in_processes", here)
+    yield done
+
+
+def test_every_folder_with_logs_is_a_servo(fleet: Path, tmp_path: Path) -> None:
+    assert [job.name for job in find_jobs(fleet, tmp_path / "out")] == ["a", "b", "c"]
+    with pytest.raises(SealegsError, match="a folder of logs for each servo"):
+        find_jobs(fleet / "a", tmp_path / "out")
+
+
+def test_a_broken_folder_does_not_stop_the_others(
+    fleet: Path, tmp_path: Path, quick: list[str], capsys: pytest.CaptureFixture[str]
+) -> None:
+    out = tmp_path / "out"
+    assert call(f"log={fleet}", f"out={out}", "fleet=true") == 0
+    assert quick == ["a", "b"]
+    assert sorted(path.name for path in out.iterdir()) == ["a", "b", "fleet.csv", "fleet.html", "fleet.png"]
+    table = list(csv.DictReader((out / "fleet.csv").open()))
+    assert {row["servo"]: row["verdict"] for row in table} == {"a": "explained", "b": "explained", "c": "not diagnosed"}
+    assert "its sidecar is missing" in table[-1]["sentence"]
+    assert "its sidecar is missing" in (out / "fleet.html").read_text()
+    assert "drive.delay: 2 servos" in capsys.readouterr().out
+
+
+def test_what_is_finished_is_kept_and_the_rest_is_done(fleet: Path, tmp_path: Path, quick: list[str]) -> None:
+    out = tmp_path / "out"
+    first = find_jobs(fleet, out)[0]
+    assert run_job(first).document is not None
+    before = (out / "a" / "diagnosis.json").stat().st_mtime_ns
+    outcomes = {o.name: o for o in diagnose_fleet(find_jobs(fleet, out))}
+    assert quick == ["a", "b"]
+    assert outcomes["a"].kept and not outcomes["b"].kept
+    assert (out / "a" / "diagnosis.json").stat().st_mtime_ns == before
+
+
+def test_a_diagnosis_of_other_logs_or_settings_is_never_overwritten(
+    fleet: Path, tmp_path: Path, quick: list[str]
+) -> None:
+    out = tmp_path / "out"
+    assert run_job(find_jobs(fleet, out)[0]).document is not None
+    other = find_jobs(fleet, out, {"seed": 3})[0]
+    with pytest.raises(SealegsError, match="not overwritten"):
+        finished(other)
+    (fleet / "a" / "further.csv").write_text("time\n")
+    outcomes = {o.name: o for o in diagnose_fleet(find_jobs(fleet, out))}
+    assert "not overwritten" in outcomes["a"].error and outcomes["b"].document is not None
+
+
+def test_nothing_unfinished_stays(fleet: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    def stopped(log: Path, out: Path, progress: object = None, **settings: object) -> None:
+        out.mkdir(parents=True)
+        (out / "half").write_text("")
+        raise KeyboardInterrupt
+
+    monkeypatch.setattr(jobs_module, "diagnose_folder", stopped)
+    with pytest.raises(KeyboardInterrupt):
+        run_job(find_jobs(fleet, tmp_path / "out")[0])
+    assert list((tmp_path / "out").iterdir()) == []
+
+
+def test_ctrl_c_says_how_to_go_on(
+    fleet: Path, tmp_path: Path, quick: list[str], monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    def interrupted(jobs: list[Job], workers: int, report: object) -> Iterator[Outcome]:
+        yield run_job(jobs[0])
+        raise KeyboardInterrupt
+
+    monkeypatch.setattr("gap.fleet.run._in_processes", interrupted)
+    assert call(f"log={fleet}", f"out={tmp_path / 'out'}", "fleet=true") == 130
+    assert "1 of 3 servos are kept" in capsys.readouterr().err
+    assert (tmp_path / "out" / "a" / "diagnosis.json").is_file()
+
+
+def test_processes_of_their_own_diagnose_and_one_that_dies_takes_no_other_along(fleet: Path, tmp_path: Path) -> None:
+    jobs = find_jobs(fleet, tmp_path / "out")
+    lost = Job("lost", fleet / "absent", tmp_path / "out" / "lost")
+    outcomes = {o.name: o for o in diagnose_fleet([lost, jobs[2]], workers=2)}
+    assert "no such file" in outcomes["lost"].error
+    assert "sidecar" in outcomes["c"].error
+
+
+def test_ray_is_named_where_it_is_missing(
+    fleet: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    monkeypatch.setitem(sys.modules, "ray", None)
+    assert call(f"log={fleet}", f"out={tmp_path / 'out'}", "fleet=ray") == 2
+    said = capsys.readouterr().err
+    assert "extra 'fleet'" in said and "fleet=true" in said and len(said.splitlines()) == 1
+
+
+@pytest.mark.parametrize(
+    ("argument", "hint"),
+    [
+        ("fleet=yes please", "fleet="),
+        ("workers=0", "workers="),
+        ("limits=[1,-1]", "limits="),
+        ("speed_limit=-2", "speed"),
+    ],
+)
+def test_wrong_words_get_one_sentence(
+    argument: str, hint: str, fleet: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    assert call(f"log={fleet}", argument) == 2
+    said = capsys.readouterr().err.strip()
+    assert hint in said and len(said.splitlines()) == 1
+
+
+def test_the_table_says_who_shares_a_cause_and_how_its_values_spread() -> None:
+    rows = rows_of(OUTCOMES)
+    assert [row.servo for row in rows] == ["ankle", "broken", "hip", "knee", "left", "right"]
+    load, delay = shared_causes(rows)
+    assert load.name == "friction.load_dependent" and load.servos == ("hip", "left", "right")
+    assert load.middle == pytest.approx(0.105) and load.spread == pytest.approx(0.114, abs=0.002)
+    assert not load.common and "differ by more than their intervals" in load.sentence
+    assert delay.servos == ("knee",) and "knee alone" in delay.sentence
+    alike = shared_causes(rows_of([OUTCOMES[0], OUTCOMES[1]]))[0]
+    assert alike.common and "one value fits all" in alike.sentence
+
+
+def test_the_csv_has_a_line_per_servo_and_parameter(tmp_path: Path) -> None:
+    write_table(rows_of(OUTCOMES), tmp_path / "fleet.csv")
+    lines = list(csv.DictReader((tmp_path / "fleet.csv").open()))
+    assert len(lines) == len(OUTCOMES)
+    assert next(line for line in lines if line["servo"] == "knee")["value"] == "0.02"
+    assert next(line for line in lines if line["servo"] == "broken")["sentence"].endswith("'time' is missing.")
+
+
+def test_the_page_holds_all_it_shows(tmp_path: Path) -> None:
+    rows = rows_of(OUTCOMES)
+    written = write_page(rows, shared_causes(rows), tmp_path, "robot")
+    html = written["page"].read_text()
+    assert 'src="data:image/png;base64,' in html and "http" not in html
+    assert all(row.servo in html for row in rows)
+    assert len(draw_fleet(rows, shared_causes(rows)).axes) == 3
+    empty = rows_of([OUTCOMES[4]])
+    assert "No cause" in write_page(empty, shared_causes(empty), tmp_path, "robot")["page"].read_text()
+
+
+def test_a_fleet_on_ray_gives_the_same(fleet: Path, tmp_path: Path) -> None:
+    from gap.fleet.run import _elsewhere, _received
+
+    job = find_jobs(fleet, tmp_path / "out")[2]
+    error, files = _elsewhere(job.name, {path.name: path.read_bytes() for path in job.log.iterdir()}, {})
+    assert "sidecar" in error and not files
+    content = {
+        "diagnosis.json": json.dumps(document("c", None)).encode(),
+        "source.json": json.dumps(source(job)).encode(),
+    }
+    (tmp_path / "out").mkdir()
+    assert _received(job, {**content, "pictures/budget.png": b"x"}).document is not None
+    assert (tmp_path / "out" / "c" / "pictures" / "budget.png").read_bytes() == b"x"
