@@ -11,6 +11,8 @@ from typing import Any
 
 import numpy as np
 
+from gap.contact.files import write_leg
+from gap.contact.leg_problem import LegProblem
 from gap.diagnosis import JointDiagnosis, NamedCause
 from gap.engine_replay import bench, replay_in_engine
 from gap.experiment import write_experiment
@@ -55,14 +57,17 @@ def write_diagnosis(
         document = to_document(diagnosis)
         if diagnosis.problem is not None:
             progress("confirming in the engine")
-            files = write_extension(diagnosis, folder, prefix)
+            leg = isinstance(diagnosis.problem, LegProblem)
+            files = (write_leg if leg else write_extension)(diagnosis, folder, prefix)
             written |= {key: path for key, path in files.items() if key not in written}
             changed = changes(diagnosis)
             document["extension"] = {
                 "files": {key: path.name for key, path in files.items()},
                 "changes": changed,
-                "not_native": not_native(diagnosis.problem.models[0].with_fitted(diagnosis.values).chain),
-                "engine": confirm(diagnosis),
+                "not_native": []
+                if leg
+                else not_native(diagnosis.problem.models[0].with_fitted(diagnosis.values).chain),
+                "engine": confirm(diagnosis) if all(diagnosis.problem.params) else {},
             }
             differences += changed
         if diagnosis.experiment is not None:

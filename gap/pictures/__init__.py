@@ -9,10 +9,14 @@ from pathlib import Path
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
 
+from gap.contact.leg_problem import LegProblem
 from gap.diagnosis import JointDiagnosis, NamedCause
+from gap.driven import DrivenProblem, is_elastic
 from gap.pictures.drive import duty_against_error, residual_against_temperature, response, voltage_against_current
+from gap.pictures.driven import passed_torque
 from gap.pictures.evidence import Evidence
 from gap.pictures.friction import friction_against_speed, residual_against_load, residual_against_position
+from gap.pictures.ground import stance
 from gap.pictures.summary import budget, experiment, overview, rivals
 from gap.pictures.transmission import error_since_reversal, hysteresis
 
@@ -57,7 +61,17 @@ def cause_pictures(diagnosis: JointDiagnosis) -> Iterator[tuple[str, Figure]]:
     """The pictures of the causes of one joint, by their names; none where nothing was replayed."""
     if diagnosis.problem is None:
         return
+    if isinstance(diagnosis.problem, LegProblem):
+        for cause in diagnosis.causes:
+            yield cause.name, stance(diagnosis, cause)
+        return
     evidence = Evidence(diagnosis)
+    if isinstance(diagnosis.problem, DrivenProblem):
+        for cause in diagnosis.causes:
+            if cause.kind != "data" and not diagnosis.problem.first:  # the pictures show motion, which is given there
+                spring = is_elastic(diagnosis.problem.models[0]) and cause.picture == "hysteresis"
+                yield cause.name, (passed_torque if spring else response)(evidence, cause)
+        return
     drawn: set[str] = set()
     for cause in diagnosis.causes:
         key = picture_of(cause)

@@ -11,6 +11,8 @@ from typing import Any
 import numpy as np
 
 from actuators.stages import STAGES
+from gap.contact.ground import GROUND
+from gap.contact.leg_problem import LegProblem
 from gap.diagnosis import JointDiagnosis, NamedCause
 from gap.experiment import Experiment
 from gap.extension import changes as changes_of
@@ -52,6 +54,10 @@ CAPTIONS = {
         "What happens between motor and link, against the torque that the link takes. A right model follows the black "
         "dots; where errors are drawn, it stays on zero in both directions."
     ),
+    "stance": (
+        "Above: the stance of the test part where the nominal model is most wrong. Below: the errors of all stances of "
+        "it; what the uncertain start state explains is taken off. A right model stays on zero."
+    ),
     "error_since_reversal": (
         "Error of both models, against the way since the joint last turned around. A right model stays on zero."
     ),
@@ -82,8 +88,11 @@ def page(
 def _joint(diagnosis: JointDiagnosis, changes: Sequence[Mapping[str, Any]] | None, joints: int) -> dict[str, Any]:
     plot = figures.signals(diagnosis, joints)
     problem = diagnosis.problem
+    ground = isinstance(problem, LegProblem)
+    chain = None if problem is None or ground else problem.models[0].with_fitted(diagnosis.values).chain
     return {
         "name": diagnosis.joint,
+        "heading": "The ground" if diagnosis.joint == GROUND else f"Joint {diagnosis.joint}",
         "verdict": diagnosis.verdict,
         "sentence": diagnosis.sentence,
         "signal": diagnosis.signal,
@@ -101,8 +110,8 @@ def _joint(diagnosis: JointDiagnosis, changes: Sequence[Mapping[str, Any]] | Non
         "experiment": None if diagnosis.experiment is None else _experiment(diagnosis.experiment, diagnosis.joint),
         "findings": _findings(diagnosis),
         "changes": _changes(diagnosis, changes, joints == 1),
-        "not_native": [] if problem is None else not_native(problem.models[0].with_fitted(diagnosis.values).chain),
-        "chain": "" if problem is None else problem.models[0].with_fitted(diagnosis.values).chain.to_yaml(),
+        "not_native": [] if chain is None else not_native(chain),
+        "chain": "" if chain is None else chain.to_yaml(),
         "numbers": [] if problem is not None else [(key, number(value)) for key, value in diagnosis.retuned.items()],
         "parts": None if problem is None else _parts(problem),
     }  # fmt: skip
@@ -199,7 +208,9 @@ def _cause(cause: NamedCause, picture: bytes | None, problem: Problem | None) ->
 def _before(problem: Problem | None, path: str, value: float) -> str:
     """Nominal value of a parameter; a stage that the nominal chain lacks has none."""
     stage = path.partition(".")[0]
-    if problem is None or stage not in STAGES or problem.models[0].chain.find(stage) is not None:
+    if problem is None or isinstance(problem, LegProblem) or stage not in STAGES:
+        return number(value)
+    if problem.models[0].chain.find(stage) is not None:
         return number(value)
     return ABSENT
 

@@ -1,0 +1,29 @@
+"""A small diagnosis of a hopper that pictures, report and files are tried on: short runs, few causes to choose from."""
+
+from __future__ import annotations
+
+import functools
+
+import pytest
+
+from gap.causes import Cause, catalogue
+from gap.diagnosis import JointDiagnosis, diagnose
+from gap.joint_model import JointModel
+from gap.log_types import MeasuredSet
+from tests.plant.hopper import hidden_hopper
+
+CONSIDERED = ("spring.stiffness", "transmission.backlash", "load.mass")
+
+
+@functools.cache
+def small_hopper() -> tuple[tuple[JointDiagnosis, ...], MeasuredSet]:
+    """A hopper with play in the belt of its knee, on a slope, and what was found: hip, knee and ground."""
+    data, _ = hidden_hopper({"transmission.backlash": "clear", "contact.slope": "clear"}, seed=5, duration=8.0)
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr("gap.driven.catalogue", _few)
+        found = diagnose(data)
+    return tuple(found), data
+
+
+def _few(nominal: JointModel) -> list[Cause]:
+    return [cause for cause in catalogue(nominal) if cause.name in CONSIDERED]

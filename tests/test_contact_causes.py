@@ -1,0 +1,139 @@
+"""What the ground is like is found from the stances of a legged log, and not invented where it is as believed."""
+
+from __future__ import annotations
+
+import functools
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from actuators.chain import load_chain
+from gap.contact.causes import contact_causes, ground_numbers
+from gap.contact.ground import GROUND, diagnose_ground
+from gap.contact.leg_model import RIGID, LegModel
+from gap.contact.leg_problem import LegProblem, leg_problem
+from gap.contact.leg_replay import LegReplay
+from gap.contact.stances import column_noise, columns, find_stances, touchdowns
+from gap.diagnosis import NOT_IDENTIFIABLE
+from gap.diagnosis_files import fresh_folder, write_diagnosis
+from gap.fit import fit
+from gap.log_types import MeasuredSet
+from tests.plant.hopper import JOINTS, hidden_hopper
+from tests.small_hopper import small_hopper
+
+SHORT = 6.0  # [s]
+
+
+@functools.cache
+def recorded(name: str = "", size: str = "clear") -> tuple[MeasuredSet, dict]:
+    return hidden_hopper({name: size} if name else {}, 21, runs=2, duration=SHORT)
+
+
+def leg_of(data: MeasuredSet) -> LegModel:
+    run = data.runs[0]
+    return LegModel.of(run.robot_params, {joint: load_chain(run.actuators[joint]) for joint in JOINTS})
+
+
+def problem_of(data: MeasuredSet) -> LegProblem:
+    leg, noise = leg_of(data), column_noise(data.runs)
+    return leg_problem(data.runs, leg, find_stances(data.runs, leg, noise), noise)
+
+
+def test_touchdowns_are_found_without_knowing_where_the_ground_is() -> None:
+    for name in ("", "contact.slope"):
+        data, truth = recorded(name)
+        run = data.runs[0]
+        pressed = truth["forces"][0][:, 0] > 0.0
+        landed = run.time[np.flatnonzero(pressed[1:] & ~pressed[:-1]) + 1]
+        found = touchdowns(run, leg_of(data))
+        assert len(found) > 6
+        assert np.median([np.abs(landed - time).min() for time in found]) < 0.015
+
+
+def test_a_stance_starts_in_flight_where_the_leg_truly_is() -> None:
+    data, truth = recorded()
+    stances = find_stances(data.runs, leg_of(data), column_noise(data.runs))
+    for stance in stances:
+        assert truth["forces"][stance.run][stance.start, 0] == 0.0
+        measured = columns(data.runs[stance.run])[stance.start]
+        np.testing.assert_array_less(np.abs(stance.state[:4] - measured), [1e-3, 1e-3, 6e-3, 6e-3])
+
+
+def test_the_leg_in_flight_moves_as_the_plant_does() -> None:
+    data, _ = recorded()
+    leg = leg_of(data)
+    stances = find_stances(data.runs, leg, column_noise(data.runs))
+    replayer = LegReplay(leg, data.runs, stances, 1e-3)
+    errors = [
+        (path[0] - columns(data.runs[s.run])[s.start : s.stop])[:9]
+        for path, s in zip(replayer.simulate([leg], range(len(stances))), stances, strict=True)
+    ]
+    assert (np.abs(np.mean(errors, axis=(0, 1))) < [1e-4, 1e-4, 1.5e-3, 1.5e-3]).all()
+
+
+def test_a_ground_as_believed_leaves_no_more_than_the_noise() -> None:
+    problem = problem_of(recorded()[0])
+    found = fit(problem, ground_numbers())
+    assert problem.left_over(found.simulated) < 0.1
+
+
+@pytest.mark.parametrize(
+    ("name", "path", "truth", "near"),
+    [
+        ("contact.friction", "contact.friction*", 0.3, 0.1),
+        ("contact.slope", "contact.slope", 0.07, 0.006),
+        ("contact.stiffness", "contact.stiffness", 1500.0, 500.0),
+    ],
+)
+def test_the_number_of_the_ground_is_recovered(name: str, path: str, truth: float, near: float) -> None:
+    problem = problem_of(recorded(name)[0])
+    cause = next(cause for cause in contact_causes() if cause.name == name)
+    fits = [fit(problem, [*ground_numbers(), *variant], evaluations=8) for variant in cause.variants[:1]]
+    best = min(fits, key=lambda found: found.cost)
+    assert best.values[path] == pytest.approx(truth, abs=near)
+    assert best.cost < 0.6 * fit(problem, ground_numbers()).cost
+
+
+def test_ground_beyond_a_stiffness_counts_as_rigid() -> None:
+    leg = leg_of(recorded()[0])
+    assert leg.compliance()[0] == 0.0
+    assert leg.with_fitted({"contact.stiffness": 0.1 * RIGID}).compliance()[0] == 0.1 * RIGID
+
+
+def test_a_slope_is_named_beside_play_in_the_belt() -> None:
+    (_, _, ground), _ = small_hopper()
+    assert ground.joint == GROUND
+    assert [cause.name for cause in ground.causes] == ["contact.slope"], ground.sentence
+    slope = ground.causes[0].parameters["contact.slope"]
+    assert slope.low <= 0.07 <= slope.high
+
+
+def test_a_log_without_the_height_of_its_base_says_what_to_record() -> None:
+    data, _ = recorded()
+    runs = [replace(run, base={}) for run in data.runs]
+    found = diagnose_ground(runs, [], 0, lambda text: None)
+    assert found.verdict == NOT_IDENTIFIABLE
+    assert "base.z" in found.sentence
+
+
+def test_a_leg_that_never_leaves_the_ground_is_asked_to_hop() -> None:
+    data, _ = recorded()
+    standing = [replace(run, base={**run.base, "z": np.full(len(run.time), 0.17)}) for run in data.runs]
+    found = diagnose_ground(standing, [], 0, lambda text: None)
+    assert found.verdict == NOT_IDENTIFIABLE
+    assert "hop" in found.sentence
+
+
+def test_files_hold_joints_and_ground_and_the_extended_leg_loads(tmp_path: Path) -> None:
+    import mujoco
+
+    found, data = small_hopper()
+    written = write_diagnosis(found, data, fresh_folder(tmp_path / "out"))
+    html = written["report"].read_text(encoding="utf-8")
+    assert "The ground" in html
+    model = mujoco.MjModel.from_xml_path(str(tmp_path / "out" / "ground-extended.xml"))
+    assert model.body("ground").quat[2] != 0.0
+    pictures = {path.name for path in written["pictures"].iterdir()}
+    assert {"ground.contact.slope.png", "knee.transmission.backlash.png"} <= pictures

@@ -1,0 +1,145 @@
+"""A joint whose link moves as measured: only its actuator is judged, whatever holds the link."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from actuators.chain import load_chain
+from gap.diagnosis import NOT_IDENTIFIABLE, diagnose
+from gap.driven import DrivenProblem, driven_problem, limits, shown
+from gap.driven_simulator import replay_driven
+from gap.joint_model import IMMOVABLE, K_INERTIA, JointModel
+from gap.log_types import JointLog, MeasuredRun, MeasuredSet
+from gap.units import cut
+from tests.plant.hopper import JOINTS, Servo, hidden_hopper, nominal_hopper_chain
+from tests.small_hopper import small_hopper
+
+SPRING = [
+    {"position_p": {"gain": 30.0}},
+    {"duty_limit": {"limit": 0.9}},
+    {"supply": {"volts": 7.4, "resistance": 0.0}},
+    {"dc_motor": {"motor_constant": 0.664, "resistance": 2.723, "armature": 0.010}},
+    {"friction": {"coulomb": 0.0, "viscous": 0.35}},
+    {"spring": {"stiffness": 2.0, "damping": 0.0}},
+    {"encoder": {"ticks": 0}},
+]
+RIGID = [stage for stage in SPRING if "spring" not in stage]
+
+
+def drive(chain: list, goal: np.ndarray, link: np.ndarray, time: np.ndarray, step: float = 5e-4) -> np.ndarray:
+    """Channels (n, 4) of a joint whose link stands or moves as given (n, 3)."""
+    joint = JointModel(load_chain(chain))
+    program = joint.chain.program()
+    out = np.empty((len(time), 4))
+    constants = joint.constants({}, program)
+    on, warm = np.ones(len(time), bool), np.full(len(time), 25.0)
+    replay_driven(program, constants, time, goal, on, warm, link, link[0, 0], link[0, 1], step, out)
+    return out
+
+
+def test_a_motor_settles_where_its_torque_holds_the_spring_against_a_held_link() -> None:
+    time = np.arange(0.0, 2.0, 0.005)
+    out = drive(SPRING, np.full(len(time), 0.3), np.zeros((len(time), 3)), time)
+    position, torque, duty, current = out[-1]
+    assert torque == pytest.approx(2.0 * position, rel=1e-3)
+    assert torque == pytest.approx(0.664 * current, rel=1e-3)
+    assert duty == pytest.approx(30.0 * (0.3 - position), rel=1e-6)
+
+
+def test_a_rigid_joint_asks_for_the_duty_that_its_measured_position_asks_for() -> None:
+    time = np.arange(0.0, 2.0, 0.005)
+    angle, speed = 0.2 * np.sin(5.0 * time), np.cos(5.0 * time)
+    link = np.stack([angle, speed, -5.0 * np.sin(5.0 * time)], axis=1)
+    out = drive(RIGID, angle + 0.01, link, time)
+    np.testing.assert_allclose(out[:, 0], angle)
+    np.testing.assert_allclose(out[5:, 2], 0.3, atol=1e-9)
+    current = (0.3 * 7.4 - 0.664 * speed) / 2.723
+    np.testing.assert_allclose(out[5:, 3], current[5:], atol=1e-9)
+    np.testing.assert_allclose(out[5:, 1], (0.664 * current - 0.35 * speed - 0.010 * link[:, 2])[5:], atol=1e-9)
+
+
+def test_halving_the_step_changes_little() -> None:
+    time = np.arange(0.0, 3.0, 0.005)
+    goal = np.where(time % 0.5 < 0.25, 0.3, -0.3)
+    link = np.stack([0.2 * np.sin(20.0 * time), 4.0 * np.cos(20.0 * time), 0.0 * time], axis=1)
+    coarse, fine, exact = (drive(SPRING, goal, link, time, step)[:, 0] for step in (1e-3, 5e-4, 2e-5))
+    assert np.sqrt(np.mean((coarse - exact) ** 2)) < 1e-4
+    assert np.sqrt(np.mean((fine - exact) ** 2)) < 0.5 * np.sqrt(np.mean((coarse - exact) ** 2))
+
+
+def test_no_torque_moves_a_driven_link() -> None:
+    joint = JointModel(load_chain(SPRING))
+    assert joint.constants({}, joint.chain.program())[K_INERTIA] == IMMOVABLE
+
+
+def problem_of(data: MeasuredSet, joint: str) -> DrivenProblem:
+    models = [JointModel(load_chain(run.actuators[joint])) for run in data.runs]
+    return driven_problem(data.runs, joint, models, cut(data.runs, joint), 6e-4)
+
+
+@pytest.mark.parametrize("joint", JOINTS)
+def test_the_true_servo_follows_the_log_of_a_hopping_leg_to_its_noise(joint: str) -> None:
+    data, truth = hidden_hopper({"contact.friction": "clear", "contact.slope": "clear"}, seed=11, duration=8.0)
+    factors, servo = truth["nominal_factors"][joint], Servo()
+    problem = problem_of(data, joint)
+    nominal = {
+        "delay.seconds": servo.delay * factors["delay"],
+        "dc_motor.motor_constant": servo.motor_constant * factors["motor_constant"],
+        "dc_motor.resistance": servo.resistance * factors["resistance"],
+        "dc_motor.armature": servo.armature * factors["armature"],
+        "friction.coulomb": servo.coulomb * factors["coulomb"],
+        "friction.viscous": servo.viscous * factors["viscous"],
+    }
+    error = problem.position_error(problem.simulate([nominal])[0])
+    assert np.sqrt(np.mean(error**2)) < 1.2 * truth["noise_floor"]
+
+
+def test_what_the_link_hides_is_not_sought_and_is_said() -> None:
+    data, _ = hidden_hopper({}, seed=11, duration=8.0, runs=2)
+    problem = problem_of(data, "knee")
+    kept, hidden = shown(problem, problem.models[0])
+    names = {cause.name for cause in kept}
+    assert {"spring.stiffness", "transmission.backlash", "friction.coulomb", "drive.delay"} <= names
+    assert {"load.mass", "load.inertia", "contact.blocked"} <= set(hidden)
+    assert "load.mass" in limits(problem, "knee", hidden).sentence
+
+
+def test_play_in_the_belt_of_a_hopping_leg_is_named() -> None:
+    (hip, knee, _), _ = small_hopper()
+    assert [cause.name for cause in knee.causes] == ["transmission.backlash"], knee.sentence
+    width = knee.causes[0].parameters["backlash.width"]
+    assert width.low <= 0.12 <= width.high
+    assert width.value == pytest.approx(0.12, abs=0.01)
+    assert not hip.causes, hip.sentence
+    assert any(finding.code == "replay.driven" for finding in knee.findings)
+
+
+def bare(data: MeasuredSet, chain: list, keep: tuple[str, ...]) -> MeasuredSet:
+    """The runs with only some columns of each joint."""
+    runs = []
+    for run in data.runs:
+        joints = {
+            name: JointLog(goal=log.goal, position=log.position, **{key: getattr(log, key) for key in keep})
+            for name, log in run.joints.items()
+        }
+        runs.append(
+            MeasuredRun(run.name, run.time, joints, {}, run.robot, run.robot_params, dict.fromkeys(JOINTS, chain))
+        )
+    return MeasuredSet(tuple(runs), data.name)
+
+
+def test_a_log_that_cannot_tell_says_which_column_would() -> None:
+    data, _ = hidden_hopper({}, seed=12, duration=6.0, runs=2)
+    for chain, column in ((nominal_hopper_chain(), "link_position"), (RIGID, "duty")):
+        for found in diagnose(bare(data, chain, ())):
+            assert found.verdict == NOT_IDENTIFIABLE
+        assert column in diagnose(bare(data, chain, ()))[0].sentence
+
+
+def test_a_rigid_joint_is_judged_by_what_it_asks_of_its_drive() -> None:
+    data, _ = hidden_hopper({}, seed=12, duration=6.0, runs=2)
+    problem = problem_of(bare(data, RIGID, ("duty", "current")), "hip")
+    assert problem.signal == ("current", "A")
+    _, hidden = shown(problem, problem.models[0])
+    assert "friction.coulomb" in hidden and "transmission.backlash" in hidden
