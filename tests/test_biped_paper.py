@@ -56,7 +56,7 @@ def test_motor_constant_inertia_factor_friction_and_bias_are_recovered(
     found = []
     for extra, friction in zip(pulleys, frictions, strict=True):
         machine = plant.pulleys(constant, factor * rotor + extra, friction, bias)
-        place = plant.encoder(plant.log(command, machine, np.zeros(1))[:, 0], 2048, rng)
+        place = plant.encoder(plant.log(command, machine, [0.0])[:, 0], 2048, rng)
         found.append(fit_pulleys(recorded(command, place)))
         assert found[-1].bias == pytest.approx(bias, rel=0.05)
         assert found[-1].friction == pytest.approx(constant * friction, rel=0.1)
@@ -74,7 +74,7 @@ def test_friction_and_bias_with_the_leg_on_are_recovered() -> None:
     start = 0.5
     held = MOTOR["constant"] * sine * math.sin(start) / ratio
     command = held + chirp((0.3, 2.5), (0.5, 3.0), 6, 2)
-    motion = plant.log(command, plant.bending_leg(MOTOR, links, ratio), np.array([start * ratio]))[:, 0]
+    motion = plant.log(command, plant.bending_leg(MOTOR, links, ratio), [start * ratio])[:, 0]
     assert 0.1 < np.ptp(motion) / ratio < 1.5
     record = recorded(command, plant.encoder(motion, 2048, rng))
     leg = fit_leg(record, load, ratio, MOTOR["constant"], MOTOR["inertia"])
@@ -88,7 +88,7 @@ def test_cable_stiffness_and_damping_are_recovered_under_load(cable: tuple[float
     command = (
         4.0 * np.sign(np.sin(2.0 * np.pi * 1.3 * 1e-3 * np.arange(8000))) + chirp((3.0, 6.0), (1.0, 8.0), 4, 4)[:1]
     )
-    motion = plant.log(command, plant.stretching_cable(MOTOR, cable, (6e-3, 3.0)), np.zeros(2))
+    motion = plant.log(command, plant.stretching_cable(MOTOR, cable, (6e-3, 3.0)), [0.0, 0.0])
     motor, load = (plant.encoder(motion[:, k], ticks, rng) for k, ticks in ((0, 2048), (1, 4096)))
     found = fit_cable(
         recorded(command, motor),
