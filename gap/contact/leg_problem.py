@@ -86,8 +86,9 @@ class LegProblem(Problem):
         )
 
     def _errors(self, simulated: np.ndarray) -> list[np.ndarray]:
-        """Errors of each unit at its judged samples in parts of the noise (v, samples, 4), zero where not logged."""
-        scaled = np.nan_to_num((simulated - self.measured) * self.weight)
+        """Errors of each unit at its judged samples in parts of the noise (v, samples, logged columns)."""
+        used = self.weight > 0.0
+        scaled = np.nan_to_num((simulated - self.measured)[..., used] * self.weight[used])
         return [scaled[:, a:b][:, self.judged[a:b]] for a, b in zip(self.starts[:-1], self.starts[1:], strict=True)]
 
     def blocks(self) -> tuple[np.ndarray, np.ndarray]:
@@ -102,11 +103,11 @@ class LegProblem(Problem):
     def corrected(self, simulated: np.ndarray) -> np.ndarray:
         """Errors of one variant (n, 4) as :meth:`position_error`, in the columns' units, NaN where not judged."""
         out = np.full(simulated.shape, np.nan)
-        scale = np.where(self.weight > 0.0, 1.0 / np.where(self.weight > 0.0, self.weight, 1.0), np.nan)
+        used = np.flatnonzero(self.weight > 0.0)
         units = zip(self._errors(simulated[None]), self.correction, self.starts[:-1], self.starts[1:], strict=True)
         for errors, matrix, a, b in units:
             rows = np.arange(a, b)[self.judged[a:b]]
-            out[rows] = (matrix @ errors[0].ravel()).reshape(-1, len(COLUMNS)) * scale
+            out[np.ix_(rows, used)] = (matrix @ errors[0].ravel()).reshape(-1, len(used)) / self.weight[used]
         return out
 
 
@@ -167,7 +168,7 @@ def _weigh(
     paths = replayer.simulate([leg] * 9, range(len(stances)), np.stack(moved))
     whitening, correction = [], []
     for path, a, b in zip(paths, starts[:-1], starts[1:], strict=True):
-        change = ((path[1:] - path[0]) * weight)[:, judged[a:b]].reshape(8, -1).T
+        change = ((path[1:] - path[0]) * weight)[..., weight > 0.0][:, judged[a:b]].reshape(8, -1).T
         left, size, _ = np.linalg.svd(change, full_matrices=False)
         one = np.eye(len(change))
         whitening.append(one - (left * (1.0 - 1.0 / np.sqrt(1.0 + size**2))) @ left.T)

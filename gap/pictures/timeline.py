@@ -97,7 +97,8 @@ def timeline(diagnosis: JointDiagnosis) -> Timeline | None:
 
     models = {name: cut(simulated[name][:, 0]) for name in MODELS if name in simulated}
     measured = cut(problem.measured[:, 0])
-    return Timeline(np.concatenate(x), cut(problem.goal), measured, models, tested, runs, quantity, diagnosis.unit)
+    goal = cut(problem.goal) if problem.signal[1] == "rad" else None  # goals are angles
+    return Timeline(np.concatenate(x), goal, measured, models, tested, runs, quantity, diagnosis.unit)
 
 
 def fine(unit: str) -> tuple[float, str]:
