@@ -56,7 +56,7 @@ def test_the_robot_walks_at_its_speed_without_a_fall(walks: dict[str, Walk]) -> 
 
 def test_only_bristles_spare_the_vertical_motor_its_current_in_support(walks: dict[str, Walk]) -> None:
     held = {name: motors(walk)["vertical current"]["support median"] for name, walk in walks.items()}
-    assert held["LuGre"] < 0.05
+    assert held["LuGre"] < 0.15 * held["dry/viscous"]
     assert held["dry/viscous"] > 0.4
     assert held["dry/viscous 2"] > 0.4
 
