@@ -10,13 +10,15 @@ import numpy as np
 from gap.log_checks.clock import check_clock
 from gap.log_checks.columns import check_columns
 from gap.log_checks.context import joint_contexts, position_noise
+from gap.log_checks.correction import mendable, mended, told
+from gap.log_checks.drive import check_drive
 from gap.log_checks.finding import Finding
 from gap.log_checks.motion import check_motion
 from gap.log_checks.signal import quantisation_step
 from gap.log_checks.torque import check_torque
 from gap.log_types import LogError, MeasuredRun, MeasuredSet
 
-__all__ = ["Finding", "check_run", "check_set", "merged", "noise_floor", "unusable"]
+__all__ = ["Finding", "check_run", "check_set", "corrected", "merged", "noise_floor", "unusable"]
 
 
 def check_run(run: MeasuredRun) -> list[Finding]:
@@ -38,6 +40,27 @@ def check_set(data: MeasuredSet) -> list[Finding]:
         same = [joint for joints in contexts for joint in joints if joint.name == name]
         findings += check_torque(same, only)
     return findings + list(_across(data))
+
+
+MENDED_FIRST = ("position.wrap", "unit.degrees", "position.sign")
+"""Errors that make others appear, one after the other."""
+
+
+def corrected(data: MeasuredSet, findings: list[Finding]) -> tuple[MeasuredSet, list[Finding]]:
+    """Return the runs with their mendable columns converted or set aside, and what is to be said about both.
+
+    A run is checked again after it was mended, since a column in degrees makes others look wrong.
+    """
+    faults = [finding for finding in findings if mendable(finding)]
+    if not faults:
+        return data, findings
+    staged = ([finding for finding in faults if finding.code == code] for code in MENDED_FIRST)
+    first = next((stage for stage in staged if stage), [])
+    runs = tuple(mended(run, [f for f in first or faults if f.run in (run.name, None)]) for run in data.runs)
+    data = replace(data, runs=runs)
+    rest = [finding for finding in data.findings if not mendable(finding)]
+    data, others = corrected(data, [*rest, *check_set(data)])
+    return data, [*(told(finding) for finding in first or faults), *others]
 
 
 def noise_floor(run: MeasuredRun, joint: str) -> float:
@@ -94,6 +117,7 @@ def _without_torque(run: MeasuredRun) -> list[Finding]:
         findings += check_motion(joint)
         if not joint.still:
             findings += check_columns(joint)
+            findings += check_drive(joint)
     return [replace(finding, run=run.name) for finding in findings]
 
 

@@ -14,7 +14,7 @@ from actuators.errors import SealegsError
 from envs.hopper.robot import HOPPER
 from gap.causes import Cause, retunable
 from gap.channels import weigh_channels
-from gap.checks import check_set, merged, noise_floor, unusable
+from gap.checks import check_set, corrected, merged, noise_floor, unusable
 from gap.driven import driven_problem, shown
 from gap.driven import limits as limits_of_driven
 from gap.experiment import Experiment, Limits, blind, experiment_for_still, propose
@@ -142,14 +142,17 @@ def diagnose(
         SealegsError: the runs have no joint that can be diagnosed.
     """
     progress("checking the log")
-    every = [*data.findings, *check_set(data)]
+    data, every = corrected(data, [*data.findings, *check_set(data)])
     findings = merged(every)
     if (reason := unusable(every, data)) is not None:
         return [
             _unusable(joint, reason.sentence, findings, _first_experiment(data.runs, joint, reason, limits, seed))
             for joint in data.runs[0].joints
         ]
-    found = [_joint(data.runs, joint, findings, test_group, seed, progress, limits) for joint in data.runs[0].joints]
+    found = [
+        _with_data_errors(_joint(data.runs, joint, findings, test_group, seed, progress, limits))
+        for joint in data.runs[0].joints
+    ]
     if all(run.robot == HOPPER.name for run in data.runs):
         from gap.contact.ground import diagnose_ground  # here, since it concludes as joints do
 
@@ -365,17 +368,29 @@ def _data_causes(findings: Sequence[Finding], joint: str) -> list[NamedCause]:
     """Errors of the log itself. They stand apart from the position gap, so they have no share of it."""
     named = []
     for f in findings:
-        if not f.data_error or f.cause is None:
+        if not f.data_error:
             continue
         values = {}
         if f.value is not None:
             low, high = (float(f.value if bound is None else bound) for bound in (f.low, f.high))
             values[f.column or joint] = Value(
-                float(f.value), low, high, DATA_UNITS.get(f.cause, ""), 1.0 if f.cause == "sensor.scale" else 0.0
+                float(f.value), low, high, DATA_UNITS.get(f.cause or "", ""), 1.0 if f.cause == "sensor.scale" else 0.0
             )
         confidence = 0.95 if f.severity != "note" else 0.5
-        named.append(NamedCause(f.cause, f.sentence, joint, 0.0, confidence, values, 0.0, "data"))
+        named.append(NamedCause(f.cause or f.code, f.sentence, joint, 0.0, confidence, values, 0.0, "data"))
     return named
+
+
+def _with_data_errors(found: JointDiagnosis) -> JointDiagnosis:
+    """The diagnosis, with the errors of the log named before any physics."""
+    faults = [cause for cause in found.causes if cause.kind == "data"]
+    if not faults or found.unit != "rad":  # a log of torques says it itself
+        return found
+    columns = (f"{found.joint}.goal", f"{found.joint}.position")
+    replayed = any(finding.data_error and finding.column in columns for finding in found.findings)
+    verdict = EXPLAINED if found.verdict == NOTHING and replayed else found.verdict
+    sentence = f"The log is wrong: {' '.join(cause.sentence for cause in faults)} Beside that: {found.sentence}"
+    return dataclasses.replace(found, verdict=verdict, sentence=sentence)
 
 
 def _verdict(

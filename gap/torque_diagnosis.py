@@ -1,7 +1,6 @@
-"""Logs without commands: the logged torque against the torque that the motion needs.
+"""Logs without commands: logged torque against the torque that the motion needs.
 
-The equation of motion is tested in its weak form: both sides are averaged with a smooth window, and derivatives are
-moved from the noisy position onto the window by partial integration, so nothing measured is ever differentiated.
+Both come from :mod:`gap.log_checks.torque_balance`.
 """
 
 from __future__ import annotations
@@ -9,20 +8,15 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 import numpy as np
-from scipy.signal import fftconvolve
 
 from actuators.chain import load_chain
 from gap.diagnosis import EXPLAINED, NOTHING, PARTLY, Error, JointDiagnosis, NamedCause, Value
 from gap.joint_model import JointModel, bench_parameters
 from gap.log_checks.finding import Finding
-from gap.log_types import MeasuredRun
+from gap.log_checks.torque_balance import AT_ONCE, STEP, WINDOW, torque_balance, torque_shift
+from gap.log_types import LogError, MeasuredRun
 
-STEP = 1e-3  # [s] grid that logs are brought to
-WINDOW = 0.15  # [s] of the weak form: short against the motion, long against the noise of positions
-SHIFTS = np.arange(-40, 41) * STEP  # [s] tried between torque and motion
-BLOCK = 0.5  # [s]
-SLIP = 0.05  # [rad/s] over which dry friction turns around
-DRAWS = 300
+NUMBERS = ("inertia [kg.m2]", "gravity torque [N.m]", "coulomb [N.m]", "viscous [N.m.s/rad]", "offset [N.m]")
 
 
 def diagnose_torque(runs: Sequence[MeasuredRun], joint: str, findings: tuple[Finding, ...]) -> JointDiagnosis:
@@ -31,35 +25,36 @@ def diagnose_torque(runs: Sequence[MeasuredRun], joint: str, findings: tuple[Fin
     The nominal model gives the torque from sidecar and chain; re-tuning fits inertia, gravity, dry and viscous friction
     and offset; the extension shifts the torque column in time. All are judged on blocks (every other second) that were
     not fitted.
+
+    Raises:
+        LogError: the runs are too short.
     """
     findings = tuple(
         f for f in findings if not (f.cause == "sensor.delay" and f.column and f.column.endswith("torque"))
-    )  # judged here
-    pieces = [_weak_form(run, joint) for run in runs]
-    terms = np.concatenate([piece[0] for piece in pieces])
-    torques = np.concatenate([piece[1] for piece in pieces])  # (n, shifts)
-    block = np.concatenate([piece[2] + 1000 * k for k, piece in enumerate(pieces)])
-    _, block = np.unique(block, return_inverse=True)
-    fitted, test = (block // 2) % 2 == 0, (block // 2) % 2 == 1
-    zero = int(np.argmin(np.abs(SHIFTS)))
-    nominal = _nominal(runs[0], joint)
-    errors = {"nominal": _error(terms[test] @ nominal - torques[test, zero])}
-    retuned = _fit(terms[fitted], torques[fitted, zero])
-    errors["retuned"] = _error(terms[test] @ retuned - torques[test, zero])
-    # The shift is the centre of what resampled data say: one pass over a few seconds hangs on single manoeuvres.
-    rng = np.random.default_rng(0)
-    count = int(block.max()) + 1
-    draws = rng.multinomial(count, np.full(count, 1 / count), DRAWS)
-    drawn = np.array([SHIFTS[_best_shift(terms, torques, weight, block)] for weight in draws])
-    best = int(np.argmin(np.abs(SHIFTS - np.median(drawn))))
-    extended = _fit(terms[fitted], torques[fitted, best])
-    errors["extended"] = _error(terms[test] @ extended - torques[test, best])
+    )  # judged here, by the same balance
+    logs = [(run.time, run.joints[joint].position, run.joints[joint].torque) for run in runs]
+    models = [_nominal(run, joint) for run in runs]
+    balance = torque_balance(
+        [(time, position, torque) for time, position, torque in logs if torque is not None],
+        [(inertia, gravity) for inertia, gravity, *_ in models],
+    )
+    if balance is None:
+        raise LogError(f"joint '{joint}': a torque log of a second or more is needed; these are shorter.")
+    terms, torques = balance.terms, balance.torques
+    fitted, test = (balance.block // 2) % 2 == 0, (balance.block // 2) % 2 == 1
+    nominal = np.array([1.0, 1.0, *models[0][2:]])
+    believed = np.array([*models[0][:2], 1.0, 1.0, 1.0])
+    errors = {"nominal": _error(terms[test] @ nominal - torques[test, AT_ONCE])}
+    retuned = balance.fit(AT_ONCE, fitted)
+    errors["retuned"] = _error(terms[test] @ retuned - torques[test, AT_ONCE])
+    found = torque_shift(balance)
+    extended = balance.fit(found.index, fitted)
+    errors["extended"] = _error(terms[test] @ extended - torques[test, found.index])
     errors["noise_floor"] = Error(_noise(runs, joint), _noise(runs, joint) * 0.8)
 
-    shift = float(SHIFTS[best])
-    low, high = np.percentile(np.abs(drawn), [2.5, 97.5])
+    shift, same_side = found.seconds, found.same_side
+    low, high = sorted((abs(found.low), abs(found.high))) if found.low * found.high > 0.0 else (0.0, found.high)
     gain = 1.0 - errors["extended"].rmse / errors["retuned"].rmse
-    same_side = float(np.mean(np.sign(drawn) == np.sign(shift))) if shift else 0.0
     causes: tuple[NamedCause, ...] = ()
     excess = max(errors["nominal"].rmse ** 2 - errors["noise_floor"].rmse ** 2, 1e-12)
     left = float(np.clip((errors["extended"].rmse ** 2 - errors["noise_floor"].rmse ** 2) / excess, 0.0, 1.0))
@@ -87,8 +82,7 @@ def diagnose_torque(runs: Sequence[MeasuredRun], joint: str, findings: tuple[Fin
         f"sidecar's numbers, {errors['retuned'].rmse:.2f} re-tuned, {errors['extended'].rmse:.2f} N.m with the shift "
         "(held-out blocks)."
     )
-    keys = ("inertia [kg.m2]", "gravity torque [N.m]", "coulomb [N.m]", "viscous [N.m.s/rad]", "offset [N.m]")
-    numbers: dict[str, float] = {key: float(value) for key, value in zip(keys, extended, strict=True)}
+    numbers: dict[str, float] = {key: float(value) for key, value in zip(NUMBERS, believed * extended, strict=True)}
     return JointDiagnosis(
         joint,
         verdict,
@@ -105,65 +99,14 @@ def diagnose_torque(runs: Sequence[MeasuredRun], joint: str, findings: tuple[Fin
     )
 
 
-def _weak_form(run: MeasuredRun, joint: str) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Terms (m, 5), torque at every shift (m, shifts) and block (m,) of one run."""
-    log = run.joints[joint]
-    time = np.arange(run.time[0], run.time[-1], STEP)
-    position = np.interp(time, run.time, log.position)
-    torque = np.interp(time, run.time, log.torque if log.torque is not None else np.zeros(len(run.time)))
-    half = int(WINDOW / STEP / 2)
-    s = np.linspace(-1.0, 1.0, 2 * half + 1)
-    width = half * STEP
-    window = (1 - s**2) ** 4
-    first = -8 * s * (1 - s**2) ** 3 / width
-    second = (-8 * (1 - s**2) ** 3 + 48 * s**2 * (1 - s**2) ** 2) / width**2
-    scale = STEP / (window.sum() * STEP)
-
-    def averaged(values: np.ndarray, kernel: np.ndarray) -> np.ndarray:
-        return fftconvolve(values, kernel[::-1], "same") * scale
-
-    speed = -averaged(position, first)
-    columns = [
-        averaged(position, second),
-        averaged(np.sin(position), window),
-        averaged(np.tanh(speed / SLIP), window),
-        speed,
-        np.ones_like(time),
-    ]
-    shifted = [averaged(np.interp(time - shift, time, torque), window) for shift in SHIFTS]
-    inside = np.arange(half + len(SHIFTS), len(time) - half - len(SHIFTS), 5)
-    block = ((time[inside] - time[0]) / BLOCK).astype(int)
-    return np.stack(columns, axis=1)[inside], np.stack(shifted, axis=1)[inside], block
-
-
-def _fit(terms: np.ndarray, torque: np.ndarray) -> np.ndarray:
-    return np.linalg.lstsq(terms, torque, rcond=None)[0]
-
-
-def _best_shift(terms: np.ndarray, torques: np.ndarray, weight: np.ndarray, block: np.ndarray) -> int:
-    """Index of the shift that explains most of the torque's variance, blocks weighted."""
-    w = np.sqrt(np.asarray(weight, float)[block])[:, None]
-    use = w[:, 0] > 0
-    basis, _ = np.linalg.qr((terms * w)[use])
-    y = (torques * w)[use]
-    rest = (y**2).sum(axis=0) - ((basis.T @ y) ** 2).sum(axis=0)
-    return int(np.argmin(rest / (y**2).sum(axis=0)))
-
-
-def _nominal(run: MeasuredRun, joint: str) -> np.ndarray:
+def _nominal(run: MeasuredRun, joint: str) -> list[float]:
+    """Inertia [kg.m2], gravity torque [N.m], coulomb [N.m], viscous [N.m.s/rad] and offset [N.m]."""
     model = JointModel(load_chain(run.actuators[joint]))
     params = bench_parameters(run.robot_params, run.name)
     friction = model.chain.find("friction")
+    dry, viscous = (friction.coulomb, friction.viscous) if friction else (0.0, 0.0)
     inertia = model.load.inertia(params) + model.chain.armature()
-    return np.array(
-        [
-            inertia,
-            model.load.gravity_torque(params),
-            friction.coulomb if friction else 0.0,
-            friction.viscous if friction else 0.0,
-            0.0,
-        ]
-    )
+    return [inertia, model.load.gravity_torque(params), dry, viscous, 0.0]
 
 
 def _noise(runs: Sequence[MeasuredRun], joint: str) -> float:

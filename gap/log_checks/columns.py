@@ -15,6 +15,8 @@ from gap.log_types import Array
 SCALE_TOLERANCE = 0.03
 LAG_TOLERANCE = 0.003
 """Smallest delay of a column that is worth a word [s]."""
+GEAR_SIDE = 2.5
+"""Ratio beyond which a column is not badly calibrated but of something else."""
 STUCK_SECONDS = 0.5
 KNOWN_RATIOS = {
     "degrees per second": DEGREES,
@@ -102,6 +104,14 @@ def _velocity(joint: JointContext, velocity: Array) -> Iterator[Finding]:
             "velocity.sign", "error", joint.name, name,
             f"{name} has the wrong sign: it is {scale:.3g} times the derivative of the position.",
             value=scale, data_error=True,
+        )  # fmt: skip
+        return
+    if scale > GEAR_SIDE or scale < 1.0 / GEAR_SIDE:
+        yield Finding(
+            "velocity.gear_side", "error", joint.name, name,
+            f"{name} is {scale:.4g} times the derivative of the position: it belongs to the other side of a gear or to "
+            "another unit.",
+            value=scale, low=scale * (1.0 - margin), high=scale * (1.0 + margin), cause="sensor.scale", data_error=True,
         )  # fmt: skip
         return
     if abs(scale - 1.0) > SCALE_TOLERANCE + margin or (late and abs(as_logged - 1.0) > SCALE_TOLERANCE):

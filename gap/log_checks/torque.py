@@ -6,32 +6,19 @@ from collections.abc import Iterator, Sequence
 
 import numpy as np
 
+from gap.joint_model import PendulumLoad
 from gap.log_checks.context import JointContext
 from gap.log_checks.finding import Finding
-from gap.log_checks.signal import Lag, derivatives, lag_grams, solve_lag
-from gap.log_types import Array
+from gap.log_checks.torque_balance import AT_ONCE, Shift, TorqueBalance, torque_balance, torque_shift
 
-GRAVITY = 9.81
-WINDOW = 0.12
-"""Length of the local fits [s], about 8 Hz. Chosen on the AK80-6 recordings, where 0.08 to 0.2 s gives 15 to 8 ms."""
-LAG_TOLERANCE = 0.004
-SYSTEMATIC = 1e-3
-"""What the estimate is off by on perfect data [s] (seen on simulated logs: filters smooth the sign of friction)."""
-SIGN_SPEED = 0.1
-"""Speed over which the sign of dry friction changes in the regression [rad/s]."""
-
-
-def needed_torque(params: dict[str, float], position: Array, acceleration: Array) -> Array:
-    """Return the torque that a bench's load needs for a motion, friction excluded [N.m], shape (n,).
-
-    Args:
-        params: ``mass`` [kg] at ``length`` [m] on a uniform rod of ``arm_mass`` [kg].
-        position: angle from hanging [rad].
-        acceleration: [rad/s2].
-    """
-    mass, length, arm = params["mass"], params["length"], params.get("arm_mass", 0.0)
-    inertia = mass * length**2 + arm * length**2 / 3.0
-    return inertia * acceleration + GRAVITY * length * (mass + 0.5 * arm) * np.sin(position)
+TOLERANCE = 0.004
+"""Least shift between torque and motion that is worth a word [s]."""
+SYSTEMATIC = 2e-3
+"""What the shift is off by on perfect data [s] (simulated logs: smoothing moves the reversals of friction)."""
+EXPLAINED = 0.5
+"""Least share of the torque's variance that motion and load must explain before a column is judged by them."""
+RIGHT = (0.6, 1.67)
+"""Ratio of logged to needed torque that wrong numbers of the load may make."""
 
 
 def has_torque(joint: JointContext) -> bool:
@@ -44,22 +31,26 @@ def has_torque(joint: JointContext) -> bool:
 def check_torque(joints: Sequence[JointContext], run: str | None) -> Iterator[Finding]:
     """Yield what is wrong with the torque column of one joint in one or several runs, judged together."""
     joints = [joint for joint in joints if has_torque(joint)]
-    grams = [part for joint in joints if (part := _grams(joint)) is not None]
-    if not grams:
+    load = PendulumLoad()
+    balance = torque_balance(
+        [(j.time, j.log.position, j.log.torque) for j in joints if j.log.torque is not None],
+        [(load.inertia(j.run.robot_params), load.gravity_torque(j.run.robot_params)) for j in joints],
+    )
+    if balance is None:
         return
-    lag = solve_lag(np.concatenate(grams, axis=1))
-    if lag.r2 < 0.5:
+    shift = torque_shift(balance)
+    if balance.r2(shift.index) < EXPLAINED:
         return
     name, column = joints[0].name, joints[0].column("torque")
-    ratio = float(lag.coefficients[0])
-    if abs(ratio) < 0.6 or abs(ratio) > 1.67:
+    ratio, spread = _ratio(balance, shift)
+    if not RIGHT[0] < abs(ratio) < RIGHT[1]:
         gear = 1.0 / ratio if abs(ratio) < 1.0 else ratio
         relation = f"1/{abs(gear):.3g}" if abs(ratio) < 1.0 else f"{abs(gear):.3g} times"
         yield Finding(
             "torque.gear_side", "error", name, column,
             f"{column} is {relation} of what the motion needs: it belongs to the other side of a gear "
             "or to another unit.",
-            value=ratio, low=ratio - 2 * float(lag.spread[0]), high=ratio + 2 * float(lag.spread[0]),
+            value=ratio, low=ratio - 2.0 * spread, high=ratio + 2.0 * spread,
             cause="sensor.scale", data_error=True, run=run,
         )  # fmt: skip
     elif ratio < 0:
@@ -68,28 +59,31 @@ def check_torque(joints: Sequence[JointContext], run: str | None) -> Iterator[Fi
             f"{column} has the wrong sign: it is {ratio:.3g} times what the motion needs.",
             value=ratio, data_error=True, run=run,
         )  # fmt: skip
-    if abs(lag.seconds) > LAG_TOLERANCE and lag.low * lag.high > 0:
-        yield _lag_finding(name, column, lag, run)
+    if abs(shift.seconds) > TOLERANCE and shift.low * shift.high > 0:
+        yield _shift_finding(name, column, balance, shift, run)
 
 
-def _lag_finding(name: str, column: str, lag: Lag, run: str | None) -> Finding:
-    late = lag.seconds > 0
-    size = abs(lag.seconds)
-    low, high = sorted((abs(lag.low), abs(lag.high)))
+def _ratio(balance: TorqueBalance, shift: Shift) -> tuple[float, float]:
+    """Logged over needed torque of load and motion, and its standard deviation over blocks."""
+    rows = np.column_stack([balance.terms[:, :2].sum(axis=1), balance.terms[:, 2:]])
+    torque = balance.torques[:, shift.index]
+    numbers = np.linalg.lstsq(rows, torque, rcond=None)[0]
+    inverse = np.linalg.pinv(rows.T @ rows)
+    score = rows * (torque - rows @ numbers)[:, None]
+    per_block = np.stack([np.bincount(balance.block, score[:, k]) for k in range(rows.shape[1])], axis=1)
+    variance = inverse @ per_block.T @ per_block @ inverse
+    return float(numbers[0]), float(np.sqrt(variance[0, 0]))
+
+
+def _shift_finding(name: str, column: str, balance: TorqueBalance, shift: Shift, run: str | None) -> Finding:
+    late, size = shift.seconds < 0, abs(shift.seconds)
+    low, high = sorted((abs(shift.low), abs(shift.high)))
     low, high = max(low - SYSTEMATIC, 0.0), high + SYSTEMATIC
     return Finding(
         "torque.lag" if late else "torque.lead", "warning", name, column,
         f"{column} is {size * 1e3:.0f} ms ({low * 1e3:.0f} to {high * 1e3:.0f} ms) "
         + ("late of the motion" if late else "ahead of the motion, as if position and velocity were reported late")
-        + f": shifting it raises the rigid-body fit's R2 from {lag.r2_now:.3f} to {lag.r2:.3f}.",
+        + f": shifting it raises the rigid-body fit's R2 from {balance.r2(AT_ONCE):.3f} to "
+        f"{balance.r2(shift.index):.3f}.",
         value=size, low=low, high=high, cause="sensor.delay", data_error=True, run=run,
     )  # fmt: skip
-
-
-def _grams(joint: JointContext) -> Array | None:
-    position, velocity, acceleration = derivatives(joint.time, joint.log.position, WINDOW)
-    torque = joint.log.torque
-    assert torque is not None
-    smooth = derivatives(joint.time, torque, WINDOW)[0]
-    needed = needed_torque(joint.run.robot_params, position, acceleration)
-    return lag_grams(joint.time, smooth, [needed, np.tanh(velocity / SIGN_SPEED), velocity])

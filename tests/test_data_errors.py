@@ -1,0 +1,146 @@
+"""Errors planted in the logs of a bench that hides nothing: named, and no physics beside them."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import replace
+from functools import cache
+from typing import Any
+
+import numpy as np
+import pytest
+from scipy.interpolate import make_smoothing_spline
+
+from gap.checks import check_set, corrected
+from gap.diagnosis import EXPLAINED, NOTHING, diagnose
+from gap.log_types import MeasuredRun, MeasuredSet
+from tests.plant import hidden_bench
+
+JOINT = "servo"
+SCHEDULES = (("chirp", "steps"), ("multisine", "triangle"), ("lift_and_drop", "chirp"))
+GEAR = 345.0
+
+Plant = Callable[[MeasuredRun, float, np.random.Generator], dict[str, Any]]
+
+
+@cache
+def clean(seed: int) -> tuple[MeasuredSet, tuple[np.ndarray, ...]]:
+    data, truth = hidden_bench({}, seed, ("light", "medium", "heavy"), duration=12.0, schedules=SCHEDULES)
+    return data, tuple(truth["clean_position"])
+
+
+def with_log(run: MeasuredRun, **signals: np.ndarray | None) -> MeasuredRun:
+    return replace(run, joints={JOINT: replace(run.joints[JOINT], **signals)})
+
+
+def signal(run: MeasuredRun, name: str) -> np.ndarray:
+    return run.joints[JOINT].signals()[name]
+
+
+def times(name: str) -> Plant:
+    return lambda run, size, rng: {name: size * signal(run, name)}
+
+
+def degrees(run: MeasuredRun, size: float, rng: np.random.Generator) -> dict[str, Any]:
+    return {name: np.degrees(signal(run, name)) for name in (("position",), ("goal",), ("goal", "position"))[int(size)]}
+
+
+def wrapped(run: MeasuredRun, size: float, rng: np.random.Generator) -> dict[str, Any]:
+    """An encoder whose turn ends at an angle that the motion passes."""
+    return {"position": (signal(run, "position") - size) % (2 * np.pi) + size}
+
+
+def magnitude(run: MeasuredRun, size: float, rng: np.random.Generator) -> dict[str, Any]:
+    return {"current": np.abs(signal(run, "current"))}
+
+
+def aliased(run: MeasuredRun, size: float, rng: np.random.Generator) -> dict[str, Any]:
+    """A supply reading that falls anywhere within the PWM period: it rings up and down while the bridge switches."""
+    ripple = size * np.abs(signal(run, "duty")) * rng.choice([-1.0, 1.0], len(run.time))
+    return {"voltage": np.round(signal(run, "voltage") + ripple, 1)}
+
+
+def late_velocity(run: MeasuredRun, size: float, rng: np.random.Generator) -> dict[str, Any]:
+    return {"velocity": np.interp(run.time - size, run.time, signal(run, "velocity"))}
+
+
+ERRORS: dict[str, tuple[Plant, tuple[float, ...], str, str]] = {
+    "degrees": (degrees, (0, 1, 2), "unit.degrees", "unit.degrees"),
+    "wrap": (wrapped, (-0.2, 0.3), "position.wrap", "position.wrap"),
+    "unsigned current": (magnitude, (1.0,), "current.unsigned", "current.unsigned"),
+    "milliamperes": (times("current"), (1000.0,), "unit.current", "sensor.scale"),
+    "current of the other sign": (times("current"), (-1.0,), "current.sign", "sensor.scale"),
+    "duty in another unit": (times("duty"), (100.0, 885.0), "unit.duty", "sensor.scale"),
+    "velocity in degrees": (times("velocity"), (180.0 / np.pi,), "unit.velocity", "sensor.scale"),
+    "velocity before the gear": (times("velocity"), (6.0, GEAR), "velocity.gear_side", "sensor.scale"),
+    "velocity of a wrong scale": (times("velocity"), (0.93, 1.1), "velocity.scale", "sensor.scale"),
+    "late velocity": (late_velocity, (0.008, 0.015), "velocity.lag", "sensor.delay"),
+    "aliased supply": (aliased, (0.8, 2.5), "voltage.aliased", "voltage.aliased"),
+}
+CASES = [(name, size) for name, (_, sizes, _, _) in ERRORS.items() for size in sizes]
+
+
+def planted(name: str, size: float, seed: int) -> MeasuredSet:
+    plant, rng = ERRORS[name][0], np.random.default_rng(seed)
+    data = clean(seed)[0]
+    return replace(data, runs=tuple(with_log(run, **plant(run, size, rng)) for run in data.runs))
+
+
+def with_torque(seed: int, delay: float = 0.0, factor: float = 1.0) -> MeasuredSet:
+    """Logs with the torque that the true motion needs, and some dry friction."""
+    data, positions = clean(seed)
+    rng, runs = np.random.default_rng(seed), []
+    for run, position in zip(data.runs, positions, strict=True):
+        motion = make_smoothing_spline(run.time, position, lam=1e-9)
+        velocity, acceleration = motion.derivative(1)(run.time), motion.derivative(2)(run.time)
+        mass, length, arm = (run.robot_params[key] for key in ("mass", "length", "arm_mass"))
+        torque = (mass * length**2 + arm * length**2 / 3) * acceleration + 0.05 * np.sign(velocity)
+        torque += 9.81 * length * (mass + arm / 2) * np.sin(position) + rng.normal(0, 0.005, len(position))
+        runs.append(with_log(run, torque=factor * np.interp(run.time - delay, run.time, torque)))
+    return replace(data, runs=tuple(runs))
+
+
+@pytest.mark.parametrize("seed", [1, 2, 3])
+def test_clean_logs_with_every_column_have_no_data_error(seed: int) -> None:
+    assert [f.code for f in check_set(with_torque(seed)) if f.data_error] == []
+
+
+@pytest.mark.parametrize("seed", [1, 2])
+@pytest.mark.parametrize(("name", "size"), CASES)
+def test_a_data_error_is_found_alone_and_mended(name: str, size: float, seed: int) -> None:
+    data = planted(name, size, seed)
+    data, findings = corrected(data, check_set(data))
+    assert {f.code for f in findings if f.data_error} == {ERRORS[name][2]}
+    assert [f.code for f in check_set(data) if f.data_error] == []
+
+
+@pytest.mark.parametrize("seed", [1, 2])
+@pytest.mark.parametrize(("delay", "code"), [(0.010, "torque.lag"), (0.020, "torque.lag"), (-0.012, "torque.lead")])
+def test_a_torque_column_out_of_step_is_measured(delay: float, code: str, seed: int) -> None:
+    faults = [f for f in check_set(with_torque(seed, delay=delay)) if f.data_error]
+    assert [f.code for f in faults] == [code]
+    assert faults[0].low is not None and faults[0].high is not None
+    assert faults[0].low <= abs(delay) <= faults[0].high
+
+
+@pytest.mark.parametrize("seed", [1, 2])
+@pytest.mark.parametrize("factor", [1 / GEAR, 1 / 6, 6.0, 1000.0])
+def test_a_torque_column_of_the_other_side_of_the_gear_is_named(factor: float, seed: int) -> None:
+    faults = [f for f in check_set(with_torque(seed, factor=factor)) if f.data_error]
+    assert [f.code for f in faults] == ["torque.gear_side"]
+    assert faults[0].value == pytest.approx(factor, rel=0.1)
+
+
+@pytest.mark.parametrize(
+    ("name", "size"), [("degrees", 2), ("wrap", 0.3), ("unsigned current", 1.0), ("milliamperes", 1000.0)]
+)
+def test_a_diagnosis_names_the_data_error_and_no_physics(name: str, size: float) -> None:
+    (found,) = diagnose(planted(name, size, seed=2))
+    assert [(cause.name, cause.kind) for cause in found.causes] == [(ERRORS[name][3], "data")], found.sentence
+    assert found.verdict in (EXPLAINED, NOTHING)
+    assert found.sentence.startswith("The log is wrong")
+
+
+def test_a_late_torque_column_is_named_by_the_diagnosis_and_no_physics() -> None:
+    (found,) = diagnose(with_torque(1, delay=0.012))
+    assert [(cause.name, cause.kind) for cause in found.causes] == [("sensor.delay", "data")], found.sentence
