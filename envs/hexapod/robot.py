@@ -75,7 +75,8 @@ def build(values: Mapping[str, float]) -> mujoco.MjSpec:
     add_sun(body, REACH)
     _draw_body(body, values)
     rest = stance(values)
-    angles = link_angles(values, rest.vertical, rest.horizontal)
+    with np.errstate(invalid="ignore"):  # out of reach is answered below
+        angles = link_angles(values, rest.vertical, rest.horizontal)
     if not np.isfinite([float(angle) for angle in angles]).all():
         raise SealegsError("robot 'hexapod': with these lengths its legs cannot reach their stance; change them back.")
     for leg in range(LEGS):
