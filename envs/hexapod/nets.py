@@ -59,7 +59,9 @@ def runs(chain: Chain, inertia: float, reach: float, push: float, seed: int = 0)
             mujoco.mj_forward(driven.model, data)
             rows[k] = data.qpos[0], data.qvel[0], driven.state("joint", data.userdata, S_TORQUE)
             mujoco.mj_step(driven.model, data, every)
-        recorded.append(TrainingRun(f"simulated {number}", np.arange(samples) / RATE, goal, *rows.T))
+        recorded.append(
+            TrainingRun(f"simulated {number}", np.arange(samples) / RATE, goal, rows[:, 0], rows[:, 1], rows[:, 2])
+        )
     return recorded
 
 

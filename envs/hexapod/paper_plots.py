@@ -105,7 +105,7 @@ def plot_resistance(cases: Mapping[str, Mapping[float, float]], path: Path) -> N
         axis.set_ylim(bottom=0.0)
         axis.set_xlabel("heading velocity [cm/s]")
         axis.set_ylabel("specific resistance")
-        axis.legend(frameon=False, title="joint friction")
+        axis.legend(frameon=False, title="joint friction", loc="center left", bbox_to_anchor=(1.0, 0.5))
         figure.tight_layout()
         figure.savefig(path, dpi=130)
         plt.close(figure)
