@@ -230,7 +230,7 @@ def _mount_stiff(
             f"{chain.label}: behind a belt over two joints ('{item.name}'), a 'spring' with an inertia needs a "
             "'compliance' in series."
         )
-    on_tendon = len(terms) > 1 or terms[0][1] != 1.0
+    on_tendon = len(terms) > 1 or any(factor != 1.0 for _, factor in terms)
     own = OwnValues()
     if on_tendon:
         target = _tendon(spec, f"{item.name}_belt", terms)

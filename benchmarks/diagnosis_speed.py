@@ -37,7 +37,9 @@ def measure(factor: float) -> dict[str, Any]:
 
     repeats = max(int(np.ceil(factor)), 1)
     schedules = tuple(schedule * repeats for schedule in DEFAULT_SCHEDULES)
-    data, _ = hidden_bench(EFFECT, SEED, ("light", "medium", "heavy"), duration=24.0 * factor, schedules=schedules)
+    data, _ = hidden_bench(
+        dict(EFFECT), SEED, ("light", "medium", "heavy"), duration=24.0 * factor, schedules=schedules
+    )
     began, cpu = time.perf_counter(), time.process_time()
     (found,) = diagnose(data)
     assert found.problem is not None

@@ -139,7 +139,7 @@ def table(rows: Sequence[dict[str, Any]]) -> str:
         errors = (
             f"{gap['nominal'] / gap['noise_floor']:.1f}, {gap['extended'] / gap['noise_floor']:.2f}" if gap else "-"
         )
-        rest = row.get("structure") or {"noticed": False}
+        rest: dict[str, Any] = row.get("structure") or {"noticed": False}
         said = "-" if not rest["noticed"] else f"{rest['level']:.2f}: {', '.join(rest['depends_on']) or 'no signal'}"
         lines.append(f"| {row['key']} | {result} | {row['verdict']} | {causes} | {errors} | {said} |")
     return "\n".join(lines) + "\n"

@@ -46,7 +46,8 @@ def goals(kind: str, t: np.ndarray, rng: np.random.Generator) -> np.ndarray:
     if kind == "chirp":
         return 0.5 * np.sin(2 * np.pi * (0.1 * t + 0.01 * t**2))
     if kind == "multisine":
-        return sum(0.3 / (1 + f) * np.sin(2 * np.pi * f * t + rng.uniform(0, 6)) for f in (0.2, 0.5, 1.1, 1.9))
+        waves = [0.3 / (1 + f) * np.sin(2 * np.pi * f * t + rng.uniform(0, 6)) for f in (0.2, 0.5, 1.1, 1.9)]
+        return np.sum(waves, axis=0)
     if kind == "rest":
         return np.zeros(len(t))
     return 0.4 * (4 * np.abs((t / 12.0) % 1.0 - 0.5) - 1.0)

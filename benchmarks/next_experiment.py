@@ -81,7 +81,7 @@ def run(effect: str, kind: str, size: str, seed: int) -> dict[str, Any]:
     """One case: the poor set, then experiments until the verdict is closed."""
     from tests.plant import hidden_bench
 
-    hidden = {effect: size} if effect else {}
+    hidden: dict[str, dict[str, float] | str | float] = {effect: size} if effect else {}
     data, truth = hidden_bench(hidden, seed, "medium", runs=2, duration=8.0, schedules=(POOR[kind],))
     rows, began = [], time.perf_counter()
     (found,) = diagnose(data)

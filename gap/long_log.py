@@ -23,7 +23,8 @@ from gap.log_types import LogError, MeasuredRun, MeasuredSet
 
 MOST_ROWS = 120_000  # of a data set that are held: ten minutes at 200 Hz
 WINDOW = 12.0  # [s]
-LEAST_WINDOWS = 24  # that the rows must suffice for; windows of fast logs are shorter
+PARTS = 3  # of the data: two to fit and choose on, one for the test
+LEAST_WINDOWS = 30  # that the rows must suffice for; windows of fast logs are shorter
 PIECE_ROWS = 1 << 17
 GAP = 3.5  # sample periods without a sample after which a window is not used
 SPEED_SPAN = 0.025  # [s] over which speeds are taken, so that they are not noise of the encoder
@@ -197,25 +198,26 @@ def describe(run: MeasuredRun) -> np.ndarray:
 # --- choice --------------------------------------------------------------------------------------------------------
 
 
-def choose(surveys: Sequence[Survey], most_rows: int) -> list[list[int]]:
-    """Windows of each file, as places in ``starts``: clusters one behind the other, three windows of each."""
+def choose(surveys: Sequence[Survey], most_rows: int) -> list[list[tuple[int, int]]]:
+    """Windows of each file, as places in ``starts``, each with the part of the data that it is for."""
     table = np.concatenate([one.features for one in surveys if len(one.starts)] or [np.empty((0, 1))])
     owner = np.concatenate([np.full(len(one.starts), k) for k, one in enumerate(surveys)]).astype(int)
     place = np.concatenate([np.arange(len(one.starts)) for one in surveys]).astype(int)
     sizes = [window_rows(one.period, most_rows) for one in surveys]
     room = max(most_rows // max(sizes), 3)
-    order = spread(table, room)
-    picked: list[list[int]] = [[] for _ in surveys]
-    for k in order:
-        picked[owner[k]].append(int(place[k]))
+    picked: list[list[tuple[int, int]]] = [[] for _ in surveys]
+    for k, part in spread(table, room):
+        picked[owner[k]].append((int(place[k]), part))
     return picked
 
 
-def spread(features: np.ndarray, count: int) -> list[int]:
-    """``count`` rows of a table (w, f), such that no row is far from all chosen ones, in groups of three alike."""
+def spread(features: np.ndarray, count: int) -> list[tuple[int, int]]:
+    """``count`` rows of a table (w, f), such that no row is far from all chosen ones, each with a part of the data:
+    of every three that are alike, one for each part.
+    """
     total = len(features)
     if total <= count:
-        return list(range(total))
+        return [(k, k % PARTS) for k in range(total)]
     scaled = features / np.maximum(np.std(features, axis=0), 0.15)
     liveliest = int(np.argmax(scaled.sum(axis=1)))
     centres, distance = [liveliest], np.linalg.norm(scaled - scaled[liveliest], axis=1)
@@ -226,24 +228,26 @@ def spread(features: np.ndarray, count: int) -> list[int]:
         nearest = np.where(away < distance, len(centres), nearest)
         distance = np.minimum(distance, away)
         centres.append(farthest)
-    chosen: list[int] = []
+    chosen: list[tuple[int, int]] = []
     for k in range(len(centres)):
         members = np.flatnonzero(nearest == k)
         at = np.unique(np.round(np.array([1 / 6, 1 / 2, 5 / 6]) * (len(members) - 1)).astype(int))
-        chosen += [int(members[j]) for j in at]
-    rest = np.setdiff1d(np.arange(total), chosen)
+        chosen += [(int(members[j]), (k + turn) % PARTS) for turn, j in enumerate(at)]
+    rest = np.setdiff1d(np.arange(total), [k for k, _ in chosen])
     missing = min(count - len(chosen), len(rest))
     if missing > 0:  # small clusters leave room: more of the log, evenly
-        chosen += [int(rest[j]) for j in np.linspace(0, len(rest) - 1, missing).astype(int)]
+        further = np.linspace(0, len(rest) - 1, missing).astype(int)
+        chosen += [(int(rest[j]), turn % PARTS) for turn, j in enumerate(further)]
     return chosen
 
 
 # --- second pass ---------------------------------------------------------------------------------------------------
 
 
-def _windows(one: Survey, picked: Sequence[int], size: int) -> list[MeasuredRun]:
+def _windows(one: Survey, picked: Sequence[tuple[int, int]], size: int) -> list[MeasuredRun]:
     """The samples of the chosen windows, in the order in which they were chosen."""
-    wanted = sorted((int(one.starts[k]), k) for k in picked)
+    wanted = sorted((int(one.starts[k]), k) for k, _ in picked)
+    parts = dict(picked)
     found: dict[int, MeasuredRun] = {}
     first, held = 0, None
     for piece in iterate_runs(one.path, PIECE_ROWS):
@@ -262,14 +266,14 @@ def _windows(one: Survey, picked: Sequence[int], size: int) -> list[MeasuredRun]
                 name=f"{one.path.stem}[{start}:{start + size}]",
                 time=run.time.copy(),
                 joints=copied,
-                meta={**run.meta, "excerpt": True},
+                meta={**run.meta, "excerpt": parts[k]},
             )
         keep = max(wanted[0][0] - begin, 0) if wanted else len(joined.time)
         held = _part(joined, keep, len(joined.time)) if keep < len(joined.time) else None
         first = end
         if not wanted:
             break
-    return [found[k] for k in picked if k in found]
+    return [found[k] for k, _ in picked if k in found]
 
 
 def _part(run: MeasuredRun, start: int, stop: int) -> MeasuredRun:

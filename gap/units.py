@@ -70,6 +70,8 @@ def cut(runs: Sequence[MeasuredRun], joint: str, test_group: str | None = None) 
     if len(runs) >= ENOUGH_RUNS:
         if 3 <= len(names) < len(runs):
             return [_unit(runs, k, joint, names.index(g) % 3, 0.0, 1.0) for k, g in enumerate(groups)]
+        if all("excerpt" in run.meta for run in runs):  # windows of long logs were dealt out as they were chosen
+            return [_unit(runs, k, joint, int(run.meta["excerpt"]), 0.0, 1.0) for k, run in enumerate(runs)]
         return [_unit(runs, k, joint, (k + k // 3) % 3, 0.0, 1.0) for k in range(len(runs))]
     pieces = max(PIECES, -(-ENOUGH_RUNS // len(runs)))
     return [
@@ -87,7 +89,7 @@ def _unit(runs: Sequence[MeasuredRun], k: int, joint: str, part: int, begin: flo
         _quiet(time, runs[k].joints[joint].position, first - SEARCH - WARM_UP, first - WARM_UP) if begin > 0.0 else 0
     )
     judged = int(np.searchsorted(time, first if begin > 0.0 else first + START))
-    if begin == 0.0 and runs[k].meta.get("excerpt", False):  # a window of a long log: something came before it
+    if begin == 0.0 and "excerpt" in runs[k].meta:  # a window of a long log: something came before it
         start = _quiet(time, runs[k].joints[joint].position, first, first + SEARCH)
         judged = int(np.searchsorted(time, time[start] + WARM_UP))
     stop = int(np.searchsorted(time, last, side="right")) if end < 1.0 else len(time)

@@ -20,7 +20,7 @@ _LINKS = {  # table VII: mass [kg], centre of mass [m] forward and along the lin
     "shin": (1.5007, 0.0009671, 0.1570, 0.08813),
 }
 
-_UNUSED = dict.fromkeys(
+_UNUSED: dict[str, str] = dict.fromkeys(
     ("spring_carrier", "shin_carrier"), "; without effect: where it turns to is not printed, so it rides on the hip"
 )
 _FITTED = "fitted to the ground law of table VI, see docs/biped.md"

@@ -68,7 +68,9 @@ def _drive(
     data: mujoco.MjData | None = None,
 ) -> np.ndarray:
     """One element of ``qpos`` at each sample of a command, which is held for ``every`` steps."""
-    data = data or mujoco.MjData(model)
+    if data is None:
+        data = mujoco.MjData(model)
+    assert data is not None  # what the engine's stubs leave open
     positions = np.empty(len(command))
     for k, torque in enumerate(command):
         positions[k] = data.qpos[address]

@@ -29,7 +29,8 @@ def passed_torque(evidence: Evidence, cause: NamedCause) -> Figure:
     axes = chart.subplots()
     cloud(axes, 1e3 * twist[use], torque[use])
     draw_measured(axes, bins(1e3 * twist[use], torque[use], equal_counts(1e3 * twist[use], 24)), "measured")
-    grid = np.linspace(*np.quantile(twist[use], (0.002, 0.998)), 200)
+    least, most = np.quantile(twist[use], (0.002, 0.998))
+    grid = np.linspace(least, most, 200)
     for name, values, colour in (("nominal", {}, NOMINAL), ("extended", diagnosis.values, EXTENDED)):
         axes.plot(1e3 * grid, _law(problem.models[0].with_fitted(values), grid), color=colour, label=f"{name} model")
     axes.set_ylim(*limits(torque[use]))

@@ -1,0 +1,134 @@
+"""The next experiment: within the joint's limits, on disk as deploy.py takes it, and telling apart what was open."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from actuators import load_chain
+from actuators.errors import SealegsError
+from benchmarks.next_experiment import POOR, outcome, record_experiment, summary
+from gap.causes import Cause, catalogue
+from gap.diagnosis import NOT_IDENTIFIABLE, UNUSABLE, diagnose
+from gap.experiment import RATE, Experiment, Limits, default_limits, goal_table, read_goals, write_experiment
+from gap.experiment.excitations import excitations, slewed
+from gap.joint_model import JointModel
+from gap.log_sidecar import read_sidecar
+from gap.log_types import LogError
+from tests.plant import hidden_bench
+
+LOAD = {"mass": 0.5, "arm_mass": 0.03, "length": 0.12}
+NOMINAL = JointModel(load_chain("sts3215"))
+
+
+def few(*names: str):
+    """A catalogue of these causes only, so that a test takes seconds."""
+
+    def chosen(nominal: JointModel) -> list[Cause]:
+        return [cause for cause in catalogue(nominal) if cause.name in names]
+
+    return chosen
+
+
+# --- excitations ---------------------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("limits", [Limits(-0.5, 0.8), Limits(0.2, 0.4), Limits(-1.2, 1.2, 2.0)])
+def test_excitations_keep_to_the_limits(limits: Limits) -> None:
+    for name, goal in excitations(limits, NOMINAL, LOAD).items():
+        assert goal.min() >= limits.lower - 1e-9 and goal.max() <= limits.upper + 1e-9, name
+        assert np.abs(np.diff(goal)).max() * RATE <= limits.speed + 1e-6, name
+
+
+def test_nothing_goes_where_the_servo_cannot_hold_its_load() -> None:
+    heavy = {"mass": 4.0, "arm_mass": 0.03, "length": 0.12}
+    stall = 1.2 * 7.4 / 2.7
+    for name, goal in excitations(Limits(-1.2, 1.2), NOMINAL, heavy).items():
+        assert NOMINAL.load.gravity_torque(heavy) * math.sin(np.abs(goal).max()) <= 0.61 * stall, name
+
+
+def test_smooth_motions_are_slow_enough_for_the_motor() -> None:
+    found = excitations(Limits(-3.0, 3.0), NOMINAL, {**LOAD, "mass": 0.05})
+    for name in ("chirp", "fast chirp", "multisine"):
+        assert np.abs(np.diff(found[name])).max() * RATE <= 0.81 * 7.4 / 1.2
+
+
+def test_a_speed_limit_makes_ramps_of_steps() -> None:
+    goal = slewed(np.repeat([0.0, 1.0], 50), 2.0)
+    assert np.abs(np.diff(goal)).max() == pytest.approx(0.02)
+
+
+@pytest.mark.parametrize("limits", [(1.0, -1.0), (0.0, 0.0), (math.nan, 1.0)])
+def test_limits_without_room_are_refused(limits: tuple[float, float]) -> None:
+    with pytest.raises(SealegsError, match="limits="):
+        Limits(*limits)
+
+
+def test_the_range_of_the_log_widens_the_default_limits() -> None:
+    assert default_limits(np.array([-0.1, 0.1])) == Limits(-1.2, 1.2)
+    assert default_limits(np.array([-2.0, 0.1])).lower == -2.0
+
+
+# --- files ---------------------------------------------------------------------------------------------------------
+
+
+def test_the_file_is_read_back_and_its_sidecar_names_the_load(tmp_path: Path) -> None:
+    time = np.arange(0.0, 1.0, 0.01)
+    proposal = Experiment("steps", "Run it.", 2.0, time, np.sin(time), {"steps": 2.0}, {**LOAD, "mass": 1.0})
+    written = write_experiment(proposal, "servo", tmp_path, "sts3215")
+    joint, back, goal = read_goals(written["experiment"])
+    assert joint == "servo"
+    np.testing.assert_allclose(back, time)
+    np.testing.assert_allclose(goal, proposal.goal, atol=1e-6)
+    sidecar = read_sidecar(written["experiment"])
+    assert sidecar.robot_params["mass"] == 1.0 and sidecar.actuators == {"servo": "sts3215"}
+    assert goal_table(proposal, "servo").splitlines()[0] == "time,servo.goal"
+
+
+@pytest.mark.parametrize("text", ["", "time,x\n0,1\n", "time,servo.goal\n0,a\n1,2\n", "time,servo.goal\n1,0\n0,1\n"])
+def test_a_file_that_is_no_experiment_is_refused_with_a_sentence(tmp_path: Path, text: str) -> None:
+    path = tmp_path / "next.csv"
+    path.write_text(text)
+    with pytest.raises(LogError, match="is no experiment"):
+        read_goals(path)
+
+
+# --- on the hidden bench -------------------------------------------------------------------------------------------
+
+
+def test_a_joint_that_never_moved_gets_a_first_experiment() -> None:
+    data, _ = hidden_bench({}, 3, runs=1, duration=3.0, schedules=(POOR["still"],))
+    resting = [replace(run, joints={j: replace(log, position=0 * log.position + 0.3) for j, log in run.joints.items()})
+               for run in data.runs]  # fmt: skip
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr("gap.experiment.proposal.catalogue", few("drive.delay", "friction.viscous"))
+        (found,) = diagnose(replace(data, runs=tuple(resting)))
+    assert found.verdict == UNUSABLE
+    assert found.experiment is not None and np.ptp(found.experiment.goal) > 0.5
+
+
+@pytest.mark.parametrize(
+    ("effect", "motion", "considered", "other_load"),
+    [
+        ("load.mass", "sine", ("load.mass", "load.centre_of_mass"), True),
+        ("load.inertia", "small", ("load.inertia", "friction.viscous"), None),
+    ],
+)
+def test_what_a_poor_log_leaves_open_the_proposed_experiment_names(
+    effect: str, motion: str, considered: tuple[str, ...], other_load: bool | None
+) -> None:
+    data, truth = hidden_bench({effect: "clear"}, 11, "medium", runs=2, duration=8.0, schedules=(POOR[motion],))
+    with pytest.MonkeyPatch.context() as patch:
+        for module in ("gap.search", "gap.experiment.proposal"):
+            patch.setattr(f"{module}.catalogue", few(*considered))
+        (found,) = diagnose(data)
+        assert found.verdict == NOT_IDENTIFIABLE, found.sentence
+        assert found.experiment is not None
+        if other_load is not None:
+            assert (found.experiment.load["mass"] != data.runs[0].robot_params["mass"]) == other_load
+        (found,) = diagnose(record_experiment(data, truth, found.experiment, 5))
+    assert outcome(effect, summary(found)) == "right", found.sentence
