@@ -3,17 +3,18 @@
 from __future__ import annotations
 
 from gap.causes import Cause
-from gap.contact.leg_model import RIGID
-from gap.parameters import Parameter, factor
+from gap.contact.leg_model import RIGID, LegModel
+from gap.contact.leg_replay import STEP
+from gap.parameters import Parameter
 
 HEIGHT = 3e-3  # [m] how well the zero of the height is known
+SHORTEST = 2.0 * STEP  # [s] the engine takes no shorter time constant for a step
 TIME = 3.0  # factor on the time constant of the engine's contact, which stands for no number of the machine
 
 
 def contact_causes() -> list[Cause]:
     """The catalogue of the ground."""
-    friction = [factor("contact.friction", 0.05, 4.0, 0.2) for _ in range(1)]
-    low = Parameter("contact.friction*", "1", 0.05, 4.0, 0.4, 0.2, logarithmic=True)
+    friction = [(Parameter("contact.friction*", "1", 0.05, 4.0, start, 0.2, logarithmic=True),) for start in (0.4, 0.8)]
     soft = [
         (
             Parameter("contact.stiffness", "N/m", 200.0, 0.5 * RIGID, start, 0.3, logarithmic=True),
@@ -25,16 +26,17 @@ def contact_causes() -> list[Cause]:
     return [
         Cause(
             "contact.friction", "The foot slides on less, or holds on more, friction than the model has.", "stance",
-            ((low,), (friction[0],)), error=True,
+            tuple(friction), error=True,
         ),
         Cause("contact.stiffness", "The ground gives way under the foot.", "stance", tuple(soft)),
         Cause("contact.slope", "The ground is not level.", "stance", ((slope,),)),
     ]  # fmt: skip
 
 
-def ground_numbers() -> list[Parameter]:
+def ground_numbers(nominal: LegModel) -> list[Parameter]:
     """What every fit re-tunes: no finding, as long as it stays within these bounds."""
+    shortest = SHORTEST / nominal.value("contact.time")
     return [
-        Parameter("contact.time*", "1", 1.0 / TIME, TIME, 1.0, 0.2, logarithmic=True),
+        Parameter("contact.time*", "1", min(max(1.0 / TIME, shortest), 1.0), TIME, 1.0, 0.2, logarithmic=True),
         Parameter("contact.height", "m", -HEIGHT, HEIGHT, 0.0, 5e-4),
     ]

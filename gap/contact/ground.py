@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
 
 import numpy as np
@@ -61,10 +61,11 @@ def diagnose_ground(
         )
     problem = leg_problem(runs, leg, stances, noise)
     progress(f"replaying {len(stances)} stances")
-    numbers = tuple(ground_numbers())
+    numbers = tuple(ground_numbers(leg))
     search = Searcher(problem, progress, seed, contact_causes(), numbers).run()
     progress("measuring the gain on stances that nothing has seen")
-    found = conclude(problem, search, GROUND, (*_blind(problem, np.isfinite(noise)),), seed, wide=numbers)
+    found = conclude(problem, search, GROUND, (), seed, wide=numbers)
+    found = replace(found, findings=(*_blind(problem, found.values, np.isfinite(noise)),))
     if any(joint.problem is None for joint in joints):
         note = Finding(
             "contact.joints", "warning", GROUND, None,
@@ -82,10 +83,12 @@ def _chain(run: MeasuredRun, joints: Sequence[JointDiagnosis], name: str) -> Cha
     return load_chain(run.actuators[name])
 
 
-def _blind(problem: LegProblem, logged: np.ndarray) -> list[Finding]:
-    """Causes that these stances would hardly show, and columns that were missed."""
-    names = list(PLAUSIBLE)
-    simulated = problem.simulate([{}, *PLAUSIBLE.values()])
+def _blind(problem: LegProblem, values: Mapping[str, float], logged: np.ndarray) -> list[Finding]:
+    """Causes that these stances would hardly show beside what was found, and columns that were missed."""
+    named = {path.rstrip("*") for path in values}
+    sizes = {name: change for name, change in PLAUSIBLE.items() if not named & {path.rstrip("*") for path in change}}
+    names = list(sizes)
+    simulated = problem.simulate([values, *({**values, **change} for change in sizes.values())])
     errors = problem.residual(simulated)
     change = np.mean((errors[1:] - errors[0]) ** 2, axis=1)
     hidden = [name for name, size in zip(names, change, strict=True) if size < VISIBLE]

@@ -14,7 +14,7 @@ from typing import Any, ClassVar
 import numpy as np
 
 from gap.contact.leg_model import LegModel
-from gap.contact.leg_replay import LegReplay
+from gap.contact.leg_replay import STEP, LegReplay
 from gap.contact.stances import COLUMNS, Stance, columns
 from gap.log_types import MeasuredRun
 from gap.problem import FLAT, Problem
@@ -24,7 +24,6 @@ FIRST = 0.015  # [s] of a piece that is not judged: the start state was fitted t
 MODEL = np.array([1.5e-4, 2e-4, 1e-3, 1e-3])
 """What two right models of hard contact differ by over a stance, in the judged columns [m, m, rad, rad]: assumed, from
 replays of an independent leg on rigid ground. Errors this small say nothing about the ground."""
-STEP = 1e-3  # [s]
 
 
 @dataclass(frozen=True, eq=False)

@@ -21,6 +21,7 @@ from gap.contact.stances import LENGTH, Stance
 from gap.joint_model import GRAVITY
 from gap.log_types import MeasuredRun
 
+STEP = 1e-3  # [s] of the engine: halving it moves a stance by less than right models of contact differ
 MOST_SIMULATIONS = 1024  # side by side
 FLYWHEEL = 1e6  # [kg.m2] of a motor that follows its measured motion
 JOINTS = (HIP, KNEE)
