@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 
 from actuators.chain import Chain, load_chain
-from actuators.errors import SealegsError
+from actuators.errors import SealegsError, nearest
 from envs.hopper.robot import HOPPER
 from gap.causes import Cause, retunable
 from gap.channels import weigh_channels
@@ -32,6 +32,8 @@ from gap.unknown import unknown_parameters, with_believed_load
 WIDE = 4.0  # how far re-tuning alone may turn each number the model has: up to five times, down to a fifth
 NEGLIGIBLE = 0.03  # unexplained share of the gap up to which a gap counts as explained if its causes are beyond doubt
 UNSURE = 0.6  # a cause that is the best in a smaller share of draws than this is not named alone
+
+ROBOTS = ("bench", "hopper")  # any other is taken for a machine whose load nobody knows
 
 EXPLAINED, PARTLY, NOTHING, NOT_IDENTIFIABLE, UNUSABLE = (
     "explained",
@@ -141,6 +143,9 @@ def diagnose(
     Raises:
         SealegsError: the runs have no joint that can be diagnosed.
     """
+    robot = data.runs[0].robot
+    if robot not in ROBOTS and (hint := nearest(robot, ROBOTS)):
+        raise LogError(f"{data.runs[0].name}: there is no robot '{robot}'{hint}; correct it in the sidecar.")
     progress("checking the log")
     data, every = corrected(data, [*data.findings, *check_set(data)])
     findings = merged(every)

@@ -203,6 +203,9 @@ class Searcher:
         chosen, promise = self._screen([cause for cause in self.causes if cause.name not in taken], extended, current)
         if self._excess(before) < SMALL and promise < PROMISE:
             return []
+        for cause in dict.fromkeys(cause for cause, _ in chosen):  # the usual form of a cause is never left out
+            if not any(variant == cause.variants[0] for other, variant in chosen if other is cause):
+                chosen.append((cause, cause.variants[0]))
         # A number that is several times wrong is far from what the screen can foresee, and the likeliest error there
         # is.
         screened = {cause.name for cause, _ in chosen}
@@ -222,7 +225,8 @@ class Searcher:
         fitted: dict[str, float] = {}
         for start, cause, variant in rough:
             cost = start.cost * _form(cause, variant)
-            if cause.name not in finalists or cost > 1.3 * fitted.setdefault(cause.name, cost):
+            usual = variant == cause.variants[0]  # which a rough fit may have left far from where it ends
+            if cause.name not in finalists or (cost > 1.3 * fitted.setdefault(cause.name, cost) and not usual):
                 continue
             fits = self._fit_both(merge(extended, variant), (start, start))
             candidate = Candidate(cause, variant, fits, self._judge(fits))

@@ -13,6 +13,7 @@ WARM_UP = 1.5  # [s] replayed but not judged, so that what came before a piece i
 SEARCH = 1.5  # [s] before that in which a quiet start is looked for
 QUIET = 0.05  # [s] either side of a sample over which its motion is judged
 START = 0.1  # [s] not judged at the start of a run
+SWING = 0.125  # of a run that is not judged at its start where the link hangs on a spring, whose state is unknown
 PIECES = 4  # a run is cut into, where there are too few runs to hold whole ones out
 ENOUGH_RUNS = 6
 FIT_A, FIT_B, TEST = 0, 1, 2
@@ -88,7 +89,8 @@ def _unit(runs: Sequence[MeasuredRun], k: int, joint: str, part: int, begin: flo
     start = (
         _quiet(time, runs[k].joints[joint].position, first - SEARCH - WARM_UP, first - WARM_UP) if begin > 0.0 else 0
     )
-    judged = int(np.searchsorted(time, first if begin > 0.0 else first + START))
+    swing = min(SWING * span, WARM_UP) if runs[k].joints[joint].link_position is not None else START
+    judged = int(np.searchsorted(time, first if begin > 0.0 else first + swing))
     if begin == 0.0 and "excerpt" in runs[k].meta:  # a window of a long log: something came before it
         start = _quiet(time, runs[k].joints[joint].position, first, first + SEARCH)
         judged = int(np.searchsorted(time, time[start] + WARM_UP))
