@@ -28,15 +28,18 @@ from hw.supervisor import bring_to_rest
 from hw.virtual import VirtualBus
 from tests.servo_runs import config, gentle_policy
 
-TIMEOUT = 0.3
+TIMEOUT = 1.0
 """For a reply [s]: what shares the processors with this test must not look like a fault."""
+PERIOD = 0.02
 SIGNALS = ("goal", "position", "velocity", "duty", "voltage", "current", "temperature")
 
 
 class Run:
     """A policy on the hopper of a virtual bus, in a thread; what goes wrong is planted meanwhile."""
 
-    def __init__(self, virtual: VirtualBus, policy: Path, folder: Path, rest: Any = "release") -> None:
+    def __init__(
+        self, virtual: VirtualBus, policy: Path, folder: Path, rest: Any = "release", stepped: bool = True
+    ) -> None:
         settings = config("robot=hopper", "robot.safety.range_margin=3.0", "robot.safety.speed=200.0")["robot"]
         self.robot = build_robot(settings)
         loaded = Policy(policy)
@@ -50,27 +53,29 @@ class Run:
         safety = Safety(self.robot, limits, 1.0 / rate)
         commands = PolicyCommands(loaded, self.robot)
         self.stop = Stop()
-        self.loop = ControlLoop(self.bus, self.robot, safety, commands, rate, log=self.log, rest=rest, stop=self.stop)
+        self.loop = ControlLoop(
+            self.bus, self.robot, safety, commands, rate, log=self.log, rest=rest, stop=self.stop, stepped=stepped
+        )
         self.outcome: Outcome | None = None
         self._thread = threading.Thread(target=self._run)
         self._thread.start()
 
     def _run(self) -> None:
         try:
-            self.outcome = self.loop.run(30.0)
+            self.outcome = self.loop.run(3000.0)
         finally:
             self.log.close()
 
     def under_way(self) -> None:
         """Wait until the policy has been in command for some cycles."""
-        end = time.monotonic() + 30.0
+        end = time.monotonic() + 60.0
         while self.log.rows < 10:
             assert self._thread.is_alive() and time.monotonic() < end, read_events(self.log.path)
             time.sleep(0.005)
 
     def ended(self) -> Outcome:
         """Wait for the end."""
-        self._thread.join(30.0)
+        self._thread.join(60.0)
         assert self.outcome is not None, read_events(self.log.path)
         return self.outcome
 
@@ -80,20 +85,30 @@ def policy(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return gentle_policy(tmp_path_factory.mktemp("policy") / "policy.onnx", "SeaLegs/Hopper-v0")
 
 
-@pytest.fixture(scope="module")
-def machine() -> Iterator[VirtualBus]:
+def hopper(**keys: Any) -> VirtualBus:
     robot = build_robot(config("robot=hopper")["robot"])
-    sensors = {sensor.name: sensor.per_radian for sensor in robot.sensors}
-    with VirtualBus(robot="hopper", sensors=sensors) as bus:
+    return VirtualBus(robot="hopper", sensors={sensor.name: sensor.per_radian for sensor in robot.sensors}, **keys)
+
+
+@pytest.fixture(scope="module")
+def stepped_machine() -> Iterator[VirtualBus]:
+    with hopper(time="stepped", cycle=PERIOD) as bus:
+        yield bus
+
+
+@pytest.fixture(scope="module")
+def real_machine() -> Iterator[VirtualBus]:
+    with hopper() as bus:
         yield bus
 
 
 @pytest.fixture
-def virtual(machine: VirtualBus) -> Iterator[VirtualBus]:
-    yield machine
-    machine.clear()
-    time.sleep(1.0)  # servos that a brown-out restarted are silent for 0.8 s
-    with ServoBus(machine.port, timeout=TIMEOUT) as bus:
+def virtual(stepped_machine: VirtualBus) -> Iterator[VirtualBus]:
+    """A machine whose time is the loop's: what is tested does not hang on what else the processors do."""
+    yield stepped_machine
+    stepped_machine.clear()
+    stepped_machine.advance(1.0)  # servos that a brown-out restarted are silent for 0.8 s
+    with ServoBus(stepped_machine.port, timeout=TIMEOUT) as bus:
         bus.torque_off([1, 2])
 
 
@@ -122,30 +137,46 @@ def test_a_fault_is_named_in_two_cycles_and_what_can_be_reached_is_released(
 ) -> None:  # fmt: skip
     run = Run(virtual, policy, tmp_path)
     run.under_way()
-    planted = time.monotonic()
     virtual.fault(kind, **values)
     outcome = run.ended()
     assert outcome.ending == "fault" and outcome.fault is not None and outcome.fault.name in names
     if values.get("servos"):
         assert set(values["servos"]) <= set(outcome.fault.servos)
-
     events = read_events(run.log.path)
-    origin = next(event["monotonic"] for event in events if event["event"] == "started")
     log = read_measured(run.log.path).runs[0]
-    after = int((log.host["read_sent"] + origin > planted).sum())
-    missed = sum(event["event"] == "missed" for event in events)
-    assert missed <= 2 and after + missed <= 3, "named within two cycles of the first that could show it"
+    assert sum(event["event"] == "missed" for event in events) <= 2
+    shown = (log.host["hip_status"] != 0) | (log.host["knee_status"] != 0)
+    assert shown.sum() <= 1, "a fault that a servo reports ends the run in the cycle that shows it"
     assert len(log.time) == run.log.rows, "the log is complete up to the last cycle that had a reading"
     assert any(event["event"] == "fault" and event["name"] == outcome.fault.name for event in events)
-
     status = virtual.status()["servos"]
+    assert not any(status[str(servo)]["torque"] for servo in {1, 2} - unreachable)
+    if kind == "silence":
+        assert set(outcome.not_at_rest) == {2}, "and it is said which servo could not be reached"
+
+
+@pytest.mark.parametrize(("kind", "servo"), [("overheat", 1), ("silence", 2)])
+def test_in_real_time_a_fault_is_named_in_two_cycles_and_servos_are_released_in_100_ms(
+    kind: str, servo: int, real_machine: VirtualBus, policy: Path, tmp_path: Path
+) -> None:
+    if os.getloadavg()[0] > 2.0 * (os.cpu_count() or 1):
+        pytest.skip("the processors are too busy for a test in real time")
+    real_machine.clear()
+    run = Run(real_machine, policy, tmp_path, stepped=False)
+    run.under_way()
+    planted = time.monotonic()
+    real_machine.fault(kind, servos=[servo])
+    outcome = run.ended()
+    assert outcome.fault is not None and outcome.fault.servos == (servo,)
+    events = read_events(run.log.path)
+    origin = next(event["monotonic"] for event in events if event["event"] == "started")
+    after = int((read_measured(run.log.path).runs[0].host["read_sent"] + origin > planted).sum())
+    missed = sum(event["event"] == "missed" for event in events)
+    assert after + missed <= 3, "two cycles, and the one that was under way"
     fault_at = origin + next(event["time"] for event in events if event["event"] == "fault")
-    for servo in {1, 2} - unreachable:
-        assert not status[str(servo)]["torque"]
-        stalls = 4.0 * outcome.timing.late_worst  # of a host that had no time for the loop
-        assert status[str(servo)]["since_monotonic"] - fault_at < 0.1 + stalls, "released within 100 ms"
-    if unreachable and kind != "unplug":
-        assert set(outcome.not_at_rest) == unreachable, "and it is said which servo could not be reached"
+    stalls = 4.0 * outcome.timing.late_worst  # of a host that had no time for the loop
+    reachable = real_machine.status()["servos"]["1"]
+    assert not reachable["torque"] and reachable["since_monotonic"] - fault_at < 0.1 + stalls
 
 
 def test_a_single_lost_reply_is_named_and_does_not_stop_the_robot(
@@ -181,9 +212,9 @@ def test_an_exception_in_the_loop_releases_the_servos(virtual: VirtualBus, tmp_p
 
     commands = Broken("broken", np.array([0.0, 1.0]), np.tile([-0.61, 0.61], (2, 1)))
     bus = ServoBus(virtual.port, timeout=TIMEOUT)
-    safety = Safety(robot, Limits.from_config({**settings, "speed": 200.0}), 0.02)
+    safety = Safety(robot, Limits.from_config({**settings, "speed": 200.0}), PERIOD)
     with pytest.raises(ZeroDivisionError):
-        ControlLoop(bus, robot, safety, commands, 50.0).run(5.0)
+        ControlLoop(bus, robot, safety, commands, 1.0 / PERIOD, stepped=True).run(5.0)
     assert torque(virtual) == {1: False, 2: False}
     with ServoBus(virtual.port, timeout=TIMEOUT) as again:  # the port was closed
         assert again.ping(1) == 777
