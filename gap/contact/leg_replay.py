@@ -59,6 +59,7 @@ class LegReplay:
             if _has_motor(model, name):
                 motor = int(model.joint(f"{name}_motor").dofadr[0])
                 model.dof_armature[motor], model.dof_frictionloss[motor], model.dof_damping[motor] = FLYWHEEL, 0.0, 0.0
+        mujoco.mj_setConst(model, mujoco.MjData(model))
         self.steps = int(np.ceil(LENGTH / step)) + 1
         self.follows = [model.joint(f"{name}_motor").id if _has_motor(model, name) else -1 for name in JOINTS]
         self.drive = self._drive(runs)
@@ -120,6 +121,7 @@ class LegReplay:
         install()
         batch.reset(stage=mujoco.mjtStage.mjSTAGE_NONE.value)
         self._lay_ground(batch, legs, ground)
+        batch.set_const(np.arange(n))  # inertias follow from the ground's mass
         qpos, qvel = batch.bind("qpos"), batch.bind("qvel")
         x, z, hip, knee = (int(self.model.joint(name).qposadr[0]) for name in ("base_x", "base_z", HIP, KNEE))
         order = [z, x, hip, knee]  # every joint has one degree of freedom: qpos and qvel agree in order
