@@ -17,7 +17,7 @@ from gap.channels import weigh_channels
 from gap.checks import check_set, corrected, merged, noise_floor, unusable
 from gap.driven import driven_problem, shown
 from gap.driven import limits as limits_of_driven
-from gap.experiment import Experiment, Limits, blind, experiment_for_still, propose
+from gap.experiment import Experiment, Limits, blind_spots, experiment_for_still, propose
 from gap.fit import Fit, fit, intervals, middle
 from gap.joint_model import JointModel
 from gap.log_checks.finding import Finding
@@ -255,8 +255,9 @@ def conclude(
     signal, unit = problem.signal
     verdict, sentence = _verdict(joint, causes, errors, left, rest)
     experiment = None
-    if verdict == NOTHING and all(problem.params) and blind(problem, search):
-        verdict, sentence = NOT_IDENTIFIABLE, f"{sentence} But the motion would hardly show anything else either."
+    if verdict == NOTHING and all(problem.params) and (hidden := blind_spots(problem, search)):
+        names = ", ".join(hidden)
+        verdict, sentence = NOT_IDENTIFIABLE, f"{sentence} But the motion is so poor that it would hardly show {names}."
         experiment = propose(problem, search, limits, seed, blind=True)
     elif verdict in (NOT_IDENTIFIABLE, PARTLY) or rivals:
         experiment = propose(problem, search, limits, seed)

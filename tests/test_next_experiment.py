@@ -22,6 +22,7 @@ from gap.log_types import LogError
 from tests.plant import hidden_bench
 
 LOAD = {"mass": 0.5, "arm_mass": 0.03, "length": 0.12}
+LIKE_MASS = ("transmission.gear_ratio", "drive.motor_constant")
 NOMINAL = JointModel(load_chain("sts3215"))
 
 
@@ -112,23 +113,22 @@ def test_a_joint_that_never_moved_gets_a_first_experiment() -> None:
 
 
 @pytest.mark.parametrize(
-    ("effect", "motion", "considered", "other_load"),
+    ("effect", "size", "motion", "considered", "other_load"),
     [
-        ("load.mass", "sine", ("load.mass", "load.centre_of_mass"), True),
-        ("load.inertia", "small", ("load.inertia", "friction.viscous"), None),
+        ("load.mass", "moderate", "sine", ("load.mass", "load.centre_of_mass", *LIKE_MASS), True),
+        ("drive.saturation", "clear", "small", ("drive.saturation", "drive.overload", "drive.rate_limit"), False),
     ],
 )
 def test_what_a_poor_log_leaves_open_the_proposed_experiment_names(
-    effect: str, motion: str, considered: tuple[str, ...], other_load: bool | None
+    effect: str, size: str, motion: str, considered: tuple[str, ...], other_load: bool
 ) -> None:
-    data, truth = hidden_bench({effect: "clear"}, 11, "medium", runs=2, duration=8.0, schedules=(POOR[motion],))
+    data, truth = hidden_bench({effect: size}, 12, "medium", runs=2, duration=8.0, schedules=(POOR[motion],))
     with pytest.MonkeyPatch.context() as patch:
         for module in ("gap.search", "gap.experiment.proposal"):
             patch.setattr(f"{module}.catalogue", few(*considered))
         (found,) = diagnose(data)
         assert found.verdict == NOT_IDENTIFIABLE, found.sentence
         assert found.experiment is not None
-        if other_load is not None:
-            assert (found.experiment.load["mass"] != data.runs[0].robot_params["mass"]) == other_load
+        assert (found.experiment.load["mass"] != data.runs[0].robot_params["mass"]) == other_load
         (found,) = diagnose(record_experiment(data, truth, found.experiment, 5))
     assert outcome(effect, summary(found)) == "right", found.sentence

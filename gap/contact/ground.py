@@ -15,11 +15,15 @@ from gap.contact.leg_problem import LegProblem, leg_problem
 from gap.contact.leg_replay import JOINTS
 from gap.contact.stances import column_noise, find_stances
 from gap.diagnosis import NOT_IDENTIFIABLE, JointDiagnosis, conclude
+from gap.fit import fit
 from gap.log_checks.finding import Finding
 from gap.log_types import LogError, MeasuredRun
+from gap.parameters import Parameter
 from gap.search import Searcher
+from gap.units import FIT_A, FIT_B
 
 GROUND = "ground"
+PILOT = 6  # iterations
 FEWEST = 9  # stances, three for each part of the data
 PLAUSIBLE = {  # sizes at which a cause ought to show, or finding none of it means nothing
     "contact.friction": {"contact.friction*": 0.5},
@@ -62,6 +66,7 @@ def diagnose_ground(
     problem = leg_problem(runs, leg, stances, noise)
     progress(f"replaying {len(stances)} stances")
     numbers = tuple(ground_numbers(leg))
+    problem = problem.weighed(_pilot(problem, numbers))
     search = Searcher(problem, progress, seed, contact_causes(), numbers).run()
     progress("measuring the gain on stances that nothing has seen")
     found = conclude(problem, search, GROUND, (), seed, wide=numbers)
@@ -73,6 +78,13 @@ def diagnose_ground(
         )  # fmt: skip
         found = replace(found, findings=(*found.findings, note))
     return found
+
+
+def _pilot(problem: LegProblem, numbers: Sequence[Parameter]) -> dict[str, float]:
+    """A ground with everything fitted at once: it explains nothing, but the stances run on it about as they did."""
+    every = [parameter for cause in contact_causes() for parameter in cause.variants[0]]
+    believed = {p.path: min(1.0 if p.path.endswith("*") else problem.models[0].value(p.path), p.high) for p in every}
+    return fit(problem.part(FIT_A, FIT_B), [*numbers, *every], believed, PILOT).values
 
 
 def _chain(run: MeasuredRun, joints: Sequence[JointDiagnosis], name: str) -> Chain:

@@ -2,7 +2,7 @@
 
 A replay starts from a measured state, which is known only so well, and an error of the start grows over the stance. So
 errors are weighed by their covariance: noise of the columns, and what the start state's uncertainty makes of them (to
-first order, through the nominal leg).
+first order).
 """
 
 from __future__ import annotations
@@ -65,6 +65,16 @@ class LegProblem(Problem):
         chosen = [k for k, unit in enumerate(self.units) if unit.part in parts]
         mine = {key: tuple(getattr(self, key)[k] for k in chosen) for key in ("rows", "whitening", "correction")}
         return replace(super().part(*parts), **mine)  # type: ignore[return-value, arg-type]
+
+    def weighed(self, values: Mapping[str, float]) -> LegProblem:
+        """The problem with the uncertainty of the start states carried through another ground.
+
+        Where the ground is far from what was believed, so is what an error of the start makes of a stance.
+        """
+        assert self.replayer is not None
+        leg: LegModel = self.models[0].with_fitted(values)  # type: ignore[assignment]
+        whitening, correction = _weigh(self.replayer, leg, self.rows, self.weight, self.judged, self.starts)
+        return replace(self, whitening=whitening, correction=correction)
 
     def simulate(self, variants: Sequence[Mapping[str, float]], step: float | None = None) -> np.ndarray:
         """Replay every stance on the ground of every variant: judged columns (v, n, 4)."""
@@ -143,7 +153,7 @@ def leg_problem(runs: Sequence[MeasuredRun], leg: LegModel, stances: Sequence[St
     judged = np.concatenate([np.arange(unit.stop - unit.start) >= unit.judged for unit in units])
     flat: dict[str, Any] = {key: np.concatenate(value) for key, value in table.items()}
     n = starts[-1]
-    whitening, correction = _weigh(replayer, leg, stances, weight, judged, np.array(starts))
+    whitening, correction = _weigh(replayer, leg, range(len(stances)), weight, judged, np.array(starts))
     return LegProblem(
         units=tuple(units), params=({},) * len(runs), on=np.ones(n, bool), temperature=np.full(n, 25.0),
         starts=np.array(starts), states=np.array([unit.state for unit in units]), measured=np.concatenate(columns_),
@@ -156,15 +166,16 @@ def leg_problem(runs: Sequence[MeasuredRun], leg: LegModel, stances: Sequence[St
 def _weigh(
     replayer: LegReplay,
     leg: LegModel,
-    stances: Sequence[Stance],
+    rows: Sequence[int],
     weight: np.ndarray,
     judged: np.ndarray,
     starts: np.ndarray,
 ) -> tuple[tuple[np.ndarray, ...], tuple[np.ndarray, ...]]:
-    """Whitening and correction of every stance, from the nominal leg's answer to its start state."""
+    """Whitening and correction of every stance, from the leg's answer to its start state."""
+    stances = [replayer.stances[row] for row in rows]
     moved = [np.array([stance.state for stance in stances])]
     moved += [np.array([stance.state + stance.spread * (np.arange(8) == k) for stance in stances]) for k in range(8)]
-    paths = replayer.simulate([leg] * 9, range(len(stances)), np.stack(moved))
+    paths = replayer.simulate([leg] * 9, rows, np.stack(moved))
     whitening, correction = [], []
     for path, a, b in zip(paths, starts[:-1], starts[1:], strict=True):
         change = ((path[1:] - path[0]) * weight)[..., weight > 0.0][:, judged[a:b]].reshape(8, -1).T

@@ -1,7 +1,7 @@
 """What to measure next: the motion, out of a library, that best tells apart what the log leaves open."""
 
 from gap.experiment.excitations import DURATION, RATE, Limits, default_limits, library
-from gap.experiment.exposure import blind, experiment_for_still, unseen
+from gap.experiment.exposure import blind_spots, experiment_for_still, unseen
 from gap.experiment.files import goal_table, read_goals, write_experiment
 from gap.experiment.proposal import Experiment, propose
 
@@ -10,7 +10,7 @@ __all__ = [
     "RATE",
     "Experiment",
     "Limits",
-    "blind",
+    "blind_spots",
     "default_limits",
     "experiment_for_still",
     "goal_table",

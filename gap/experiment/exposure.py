@@ -16,7 +16,7 @@ from gap.problem import Problem, lay_out
 from gap.search import Search
 from gap.units import FIT_A, FIT_B, Unit
 
-BLIND = 0.5  # share of the catalogue that a log must be able to show for "nothing to explain" to mean anything
+BLIND = 0.25  # share of the catalogue that a log may be unable to show for "nothing to explain" to mean something
 ASSUMED_NOISE = 5e-4  # [rad] of an encoder whose log never moves: a tick of 4096 a turn, and as much noise
 
 
@@ -33,9 +33,10 @@ def unseen(problem: Problem, search: Search) -> tuple[str, ...]:
     return tuple(hidden)
 
 
-def blind(problem: Problem, search: Search) -> bool:
-    """Whether a log shows so little that finding nothing in it means nothing."""
-    return len(unseen(problem, search)) > BLIND * (len(everything(problem, search)) - 1)
+def blind_spots(problem: Problem, search: Search) -> tuple[str, ...]:
+    """Causes that a log could not show, where they are so many that finding nothing in it means nothing."""
+    hidden = unseen(problem, search)
+    return hidden if len(hidden) > BLIND * (len(everything(problem, search)) - 1) else ()
 
 
 def experiment_for_still(

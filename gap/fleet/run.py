@@ -127,7 +127,7 @@ def _died(job: Job, code: int | None) -> str:
 
 def _ray() -> Any:
     try:
-        import ray
+        import ray  # pyright: ignore[reportMissingImports]  (an extra of its own)
     except ImportError:
         raise SealegsError(
             "fleet=ray needs the package ray, which is the extra 'fleet' in pyproject.toml: "
