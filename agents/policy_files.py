@@ -5,11 +5,16 @@ from __future__ import annotations
 import io
 import json
 import math
+from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
+import numpy as np
 from stable_baselines3.common.base_class import BaseAlgorithm
 from stable_baselines3.common.vec_env import VecNormalize
+
+from actuators.errors import SealegsError
+from agents.algorithms import algorithm
 
 
 def save_policy(folder: Path, model: BaseAlgorithm, description: dict[str, Any]) -> None:
@@ -45,6 +50,29 @@ def describe(model: BaseAlgorithm, normalizer: VecNormalize | None) -> dict[str,
     space: Any = model.action_space
     action = {"shape": list(space.shape), "low": space.low.tolist(), "high": space.high.tolist()}
     return {"step": model.num_timesteps, "observation": observation, "action": action}
+
+
+def load_policy(folder: Path) -> tuple[Callable[[np.ndarray], np.ndarray], dict[str, Any]]:
+    """A saved policy as a function from observations (n, size) to deterministic actions (n, k), and its description.
+
+    Raises:
+        SealegsError: ``folder`` holds no policy that can be read.
+    """
+    try:
+        description = json.loads((folder / "policy.json").read_text())
+        model = algorithm(description["algorithm"]).load(folder / "model.zip", device="cpu")
+        seen = description["observation"]
+    except (OSError, ValueError, LookupError) as error:
+        raise SealegsError(f"{folder} holds no policy that can be read ({error}).") from error
+
+    def act(observation: np.ndarray) -> np.ndarray:
+        if "mean" in seen:
+            scale = np.sqrt(np.asarray(seen["variance"]) + seen["epsilon"])
+            scaled = (observation - np.asarray(seen["mean"])) / scale
+            observation = np.clip(scaled, -seen["clip"], seen["clip"]).astype(np.float32)
+        return model.predict(observation, deterministic=True)[0]
+
+    return act, description
 
 
 def policy_step(folder: Path) -> int | None:

@@ -1,0 +1,260 @@
+"""Five seeds of a learned robot: trained, kept, measured and drawn.
+
+    python -m benchmarks.learning hexapod               train what policies/hexapod lacks, measure, draw
+    python -m benchmarks.learning hexapod --minutes 9   stop after that time; the same command goes on
+    python -m benchmarks.learning hexapod --no-train    only measure and draw what is there
+
+Each seed is a run of ``train.py`` with the arguments in ``benchmarks/learned_<robot>.py``, in
+``runs/learning-<robot>/seed<k>``. Its best policy, config and evaluations go to ``policies/<robot>/seed<k>``; a seed
+that is there is never trained again. ``benchmarks/results/learning_<robot>.{md,json,png}`` hold each seed's figures,
+the curve with its mean and the 95 % interval of that mean, and what was to be reached.
+"""
+
+from __future__ import annotations
+
+import argparse
+import importlib
+import json
+import os
+import shutil
+import signal
+import subprocess
+import sys
+import time
+from collections.abc import Sequence
+from dataclasses import asdict, dataclass
+from pathlib import Path
+from typing import Any, Protocol, cast
+
+import numpy as np
+from scipy import stats
+
+from actuators.errors import SealegsError
+from agents.policy_files import policy_step
+from configs.script import Interrupted, run
+
+REPOSITORY = Path(__file__).resolve().parents[1]
+RESULTS = Path(__file__).parent / "results"
+ROBOTS = ("hexapod", "biped")
+KEPT = ("model.zip", "vecnormalize.pkl", "policy.json", "policy.onnx")  # of the policy
+RECORDS = ("config.yaml", "actuators.yaml", "evaluations.npz")  # of its run
+
+
+@dataclass(frozen=True)
+class Bar:
+    """A figure to be reached: in words, what came out, and whether it is reached."""
+
+    wanted: str
+    found: str
+    holds: bool
+
+
+class Learned(Protocol):
+    """What ``benchmarks/learned_<robot>.py`` holds.
+
+    Attributes:
+        TRAINING: arguments of ``train.py``, without seed, name and out.
+    """
+
+    TRAINING: Sequence[str]
+
+    def reference(self) -> dict[str, float]:
+        """Figures of the reference controller, named with their units; its ``reward``, if any, is drawn."""
+        ...
+
+    def measure(self, policy: Path) -> dict[str, float]:
+        """The same figures of a policy."""
+        ...
+
+    def bars(self, rows: Sequence[dict[str, float]], reference: dict[str, float]) -> list[Bar]:
+        """What is to be reached, given the figures of all seeds."""
+        ...
+
+
+@dataclass(frozen=True)
+class Curve:
+    """Evaluations over training: steps (m,), and the mean reward of each seed (seeds, m)."""
+
+    steps: np.ndarray
+    rewards: np.ndarray
+
+    def interval(self) -> tuple[np.ndarray, np.ndarray]:
+        """Mean over the seeds, and half the width of its 95 % interval by Student (nan for a single seed)."""
+        return interval(self.rewards)
+
+
+def interval(values: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Mean of ``values`` (seeds, ...) over the seeds, and half the width of its 95 % interval by Student."""
+    count = len(values)
+    if count < 2:
+        return values.mean(axis=0), np.full(values.shape[1:], np.nan)
+    error = values.std(axis=0, ddof=1) / np.sqrt(count)
+    return values.mean(axis=0), float(stats.t.ppf(0.975, count - 1)) * error
+
+
+def read_curve(folders: Sequence[Path]) -> Curve:
+    """The curve of the seeds in ``folders``, over the steps at which all of them were evaluated."""
+    read = []
+    for folder in folders:
+        with np.load(folder / "evaluations.npz") as file:
+            read.append(dict(zip(file["timesteps"].tolist(), file["results"].mean(axis=1), strict=True)))
+    steps = sorted(set.intersection(*(set(row) for row in read)))
+    return Curve(np.array(steps), np.array([[row[step] for step in steps] for row in read]))
+
+
+def train(robot: str, training: Sequence[str], seed: int, target: Path, until: float | None) -> None:
+    """Train a seed, or go on with it, and keep its best policy in ``target``.
+
+    Raises:
+        Interrupted: the time was over, or Ctrl-C; a checkpoint is saved.
+        SealegsError: ``train.py`` failed.
+    """
+    runs = REPOSITORY / "runs" / f"learning-{robot}"
+    folder = runs / f"seed{seed}"
+    if policy_step(folder / "final") is None:
+        new = [*training, f"seed={seed}", f"name=seed{seed}", f"out={runs}"]
+        begun = (folder / "config.yaml").is_file()
+        _run([f"resume={folder}"] if begun else new, until)
+    best = folder / "best" if (folder / "best" / "model.zip").is_file() else folder / "final"
+    writing = target.with_name(f".writing-{target.name}")
+    shutil.rmtree(writing, ignore_errors=True)
+    writing.mkdir(parents=True)
+    for path in (*(best / name for name in KEPT), *(folder / name for name in RECORDS)):
+        if path.is_file():
+            shutil.copyfile(path, writing / path.name)
+    os.replace(writing, target)
+
+
+def _run(arguments: Sequence[str], until: float | None) -> None:
+    """``train.py`` in a session of its own, so that it hears of a stop once, from here."""
+    command = [sys.executable, str(REPOSITORY / "train.py"), *arguments]
+    process = subprocess.Popen(command, cwd=REPOSITORY, start_new_session=True)
+    try:
+        status = process.wait(None if until is None else max(until - time.monotonic(), 0.0))
+    except (subprocess.TimeoutExpired, KeyboardInterrupt):
+        process.send_signal(signal.SIGINT)
+        process.wait()
+        raise Interrupted("Stopped; the same command goes on.") from None
+    if status != 0:
+        raise SealegsError(f"train.py {' '.join(arguments)} ended with status {status}; its message stands above.")
+
+
+def picture(robot: str, curve: Curve, reference: dict[str, float], path: Path) -> None:
+    """The curve of each seed, their mean and its interval."""
+    from matplotlib.figure import Figure
+
+    mean, half = curve.interval()
+    figure = Figure(figsize=(7.0, 4.0), layout="constrained")
+    axes = figure.subplots()
+    thousands = curve.steps / 1000.0
+    for row in curve.rewards:
+        axes.plot(thousands, row, color="tab:blue", linewidth=0.7, alpha=0.5)
+    axes.plot(thousands, mean, color="tab:blue", linewidth=2.0, label=f"mean of {len(curve.rewards)} seeds")
+    axes.fill_between(
+        thousands, mean - half, mean + half, color="tab:blue", alpha=0.2, linewidth=0.0, label="its 95 % interval"
+    )
+    if "reward" in reference:
+        axes.axhline(reference["reward"], color="0.3", linestyle="--", label="reference controller")
+    axes.set_xlabel("steps [thousands]")
+    axes.set_ylabel("reward of an evaluation episode")
+    axes.set_title(f"{robot}: learning")
+    axes.legend(loc="lower right")
+    axes.grid(alpha=0.3)
+    figure.savefig(path, dpi=120)
+
+
+def page(
+    robot: str,
+    training: Sequence[str],
+    rows: dict[int, dict[str, float]],
+    reference: dict[str, float],
+    bars: Sequence[Bar],
+) -> str:
+    """The study as markdown."""
+    names = list(next(iter(rows.values())))
+    mean, half = interval(np.array([[row[name] for name in names] for row in rows.values()]))
+    lines = [
+        f"# Learned {robot}",
+        "",
+        f"`python train.py {' '.join(training)} seed=<k>`, the best policy of each seed in `policies/{robot}`; "
+        f"curve in `learning_{robot}.png`. Made by `python -m benchmarks.learning {robot}`.",
+        "",
+        "| | reached | wanted |",
+        "|---|---|---|",
+        *(f"| {'yes' if bar.holds else '**no**'} | {bar.found} | {bar.wanted} |" for bar in bars),
+        "",
+        "| | " + " | ".join(names) + " |",
+        "|---" * (len(names) + 1) + "|",
+    ]
+    if reference:
+        cells = [f"{reference[name]:.4g}" if name in reference else "-" for name in names]
+        lines.append("| reference controller | " + " | ".join(cells) + " |")
+    lines += [f"| seed {k} | " + " | ".join(f"{row[name]:.4g}" for name in names) + " |" for k, row in rows.items()]
+    cells = [f"{m:.4g} ± {h:.2g}" if np.isfinite(h) else f"{m:.4g}" for m, h in zip(mean, half, strict=True)]
+    lines.append("| mean and its 95 % interval | " + " | ".join(cells) + " |")
+    return "\n".join(lines) + "\n"
+
+
+def study(robot: str, seeds: int, minutes: float | None, training: bool, policies: Path, results: Path) -> str:
+    """Train what is missing, measure and draw; the page as text.
+
+    Raises:
+        Interrupted: as :func:`train`.
+        SealegsError: there is no policy to measure, or a training failed.
+    """
+    module = cast(Learned, importlib.import_module(f"benchmarks.learned_{robot}"))
+    until = None if minutes is None else time.monotonic() + 60.0 * minutes
+    folders = {seed: policies / f"seed{seed}" for seed in range(seeds)}
+    for seed, folder in folders.items():
+        if training and not folder.exists():
+            print(f"{robot}, seed {seed}", flush=True)
+            train(robot, module.TRAINING, seed, folder, until)
+    folders = {seed: folder for seed, folder in folders.items() if folder.exists()}
+    if not folders:
+        raise SealegsError(f"{policies} has no policy yet; train some: python -m benchmarks.learning {robot}")
+    reference = module.reference()
+    rows: dict[int, dict[str, float]] = {}
+    for seed, folder in folders.items():
+        print(f"measuring seed {seed}", flush=True)
+        rows[seed] = module.measure(folder)
+    bars = module.bars(list(rows.values()), reference)
+    curve = read_curve(list(folders.values()))
+    results.mkdir(parents=True, exist_ok=True)
+    mean, half = curve.interval()
+    document: dict[str, Any] = {
+        "training": list(module.TRAINING),
+        "reference": reference,
+        "seeds": {str(seed): row for seed, row in rows.items()},
+        "bars": [asdict(bar) for bar in bars],
+        "curve": {
+            "steps": curve.steps.tolist(),
+            "rewards": curve.rewards.tolist(),
+            "mean": mean.tolist(),
+            "half_interval": [value if np.isfinite(value) else None for value in half.tolist()],
+        },
+    }
+    text = page(robot, module.TRAINING, rows, reference, bars)
+    (results / f"learning_{robot}.json").write_text(json.dumps(document, indent=1) + "\n")
+    (results / f"learning_{robot}.md").write_text(text)
+    picture(robot, curve, reference, results / f"learning_{robot}.png")
+    return text
+
+
+def main(arguments: list[str]) -> None:
+    """Do what the command line asks for."""
+    parser = argparse.ArgumentParser(prog="python -m benchmarks.learning")
+    parser.add_argument("robot", choices=ROBOTS)
+    parser.add_argument("--seeds", type=int, default=5)
+    parser.add_argument("--minutes", type=float, help="stop training after this time")
+    parser.add_argument("--no-train", action="store_true", help="only measure and draw")
+    parser.add_argument("--policies", type=Path, help="folder of the seeds; default: policies/<robot>")
+    parser.add_argument("--results", type=Path, default=RESULTS)
+    options = parser.parse_args(arguments)
+    policies = options.policies or REPOSITORY / "policies" / options.robot
+    print(study(options.robot, options.seeds, options.minutes, not options.no_train, policies, options.results))
+
+
+if __name__ == "__main__":
+    if {"-h", "--help"} & set(sys.argv[1:]):
+        sys.exit(print((__doc__ or "").strip()))
+    sys.exit(run(main, "", "", sys.argv[1:]))
