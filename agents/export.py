@@ -30,7 +30,7 @@ from stable_baselines3.sac.policies import SACPolicy
 from actuators.errors import SealegsError
 from agents.algorithms import algorithm
 from configs.script import run
-from envs.contract import KEY, Contract, make_contract
+from envs.contract import KEY, Contract, ContractError, make_contract
 
 FILE = "policy.onnx"
 OPSET, IR_VERSION = 17, 8  # read by every onnxruntime since 1.12
@@ -74,9 +74,12 @@ def write_onnx(out: Path, model: BaseAlgorithm, description: Mapping[str, Any]) 
             normaliser.
 
     Raises:
-        ExportError: the network has parts that are no dense layers, or the file exists.
+        ExportError: the network has parts that are no dense layers, its actions correct a gait, or the file exists.
     """
-    contract = make_contract(description["env"], description["actuators"], description["control_rate"])
+    try:
+        contract = make_contract(description["env"], description["actuators"], description["control_rate"])
+    except ContractError as error:
+        raise ExportError(str(error)) from None
     graph = _Graph(contract, description["observation"])
     graph.network(model)
     document = graph.finished(contract)

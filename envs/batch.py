@@ -120,6 +120,7 @@ class BatchEngine:
         self._motor, self._link = (_Sides(self.drivetrain, names, side) for side in ("motor", "link"))
         limits = np.array([task.robot.goal_limits(self.numbers)[name] for name in names])
         self.goal_centre, self.goal_half = limits.mean(axis=1), 0.5 * (limits[:, 1] - limits[:, 0])
+        self._limits = limits.T
         self.names = names
         self.observation_size = len(task.observation_names())
         shape = (num_envs, len(names))
@@ -165,10 +166,11 @@ class BatchEngine:
         self._command[chosen] = self.task.commands(random[:, :task_draws])
         self._qpos[chosen], self._qvel[chosen], self._ctrl[chosen] = qpos, qvel, goals
         self.batch.forward(chosen)  # the chains' memories start at these goals
-        self._action[chosen] = np.clip((goals - self.goal_centre) / self.goal_half, -1.0, 1.0)
+        self.steps[chosen] = 0
+        zero, per_action = self._scale()
+        self._action[chosen] = np.clip((goals - zero[chosen]) / per_action, -1.0, 1.0)
         self._link_before[chosen] = self._link(self._qpos[chosen])
         self._reading_before[chosen] = self._readings()[chosen]
-        self.steps[chosen] = 0
 
     # --- stepping ----------------------------------------------------------------------------------------------
 
@@ -176,7 +178,8 @@ class BatchEngine:
         """Advance every simulation by one control step.
 
         Args:
-            action: (n, k), finite; -1 and 1 are the limits of the robot's goals.
+            action: (n, k), finite; -1 and 1 are the limits of the robot's goals, or how far the task lets actions
+                correct its reference.
 
         Raises:
             SealegsError: the action has another shape, or is not finite.
@@ -185,7 +188,7 @@ class BatchEngine:
         if action.shape != self._action.shape or not np.isfinite(action).all():
             raise SealegsError(self._refusal(action))
         previous, action = self._action, np.clip(action, -1.0, 1.0)
-        self._ctrl[:] = self.goal_centre + self.goal_half * action
+        self._ctrl[:] = self._goals(action)
         self.batch.step(nstep=self.substeps)
         self._action = action
         self.steps += 1
@@ -208,6 +211,16 @@ class BatchEngine:
             self._start(done)
             observation[done] = self._observation(self._motion(self._action))[done]
         return Step(observation, reward, terminated, truncated, terms, flags, done, final)
+
+    def _goals(self, action: np.ndarray) -> np.ndarray:
+        zero, per_action = self._scale()
+        goals = zero + per_action * action
+        return np.clip(goals, *self._limits)  # a correction may lead beyond
+
+    def _scale(self) -> tuple[np.ndarray, np.ndarray]:
+        """Goals at action 0 (n, k) and their change per unit of action (k,) [rad], at this moment."""
+        corrected = self.task.reference(self.steps * self.dt, self._command, self.numbers)
+        return (np.tile(self.goal_centre, (self.num_envs, 1)), self.goal_half) if corrected is None else corrected
 
     def _refusal(self, action: np.ndarray) -> str:
         if action.shape != self._action.shape:
@@ -236,6 +249,7 @@ class BatchEngine:
             action=self._action,
             previous_action=previous_action,
             command=self._command,
+            time=self.steps * self.dt,
             numbers=self.numbers,
         )
 

@@ -10,6 +10,7 @@ from pathlib import Path
 from typing import Any
 
 import gymnasium as gym
+import numpy as np
 from gymnasium.envs.registration import load_env_creator
 
 import envs
@@ -131,12 +132,19 @@ def make_contract(env: Mapping[str, Any], chains: Mapping[str, list], control_ra
         control_rate: actions per second [Hz].
 
     Raises:
+        ContractError: the task's actions correct goals that change with time, which a contract does not hold.
         SealegsError: as :func:`task_of`, or a chain that is none.
     """
     task, engine = task_of(env)
     params = engine.get("params")
     robot = task.robot
-    limits = robot.goal_limits(robot.parameters(params))
+    numbers = robot.parameters(params)
+    limits = robot.goal_limits(numbers)
+    if task.reference(np.zeros(1), task.commands(np.zeros((1, task.draws))), numbers) is not None:
+        raise ContractError(
+            f"actions of {env['id']} with these arguments correct a gait, and a contract holds no goals that change "
+            "with time."
+        )
     names = tuple(item.name for item in robot.coordinates)
     kept = {key: value for key, value in env.items() if key != "actuator"}
     return Contract(

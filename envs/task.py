@@ -29,6 +29,7 @@ class Motion:
         action: of this step (n, k), within [-1, 1].
         previous_action: of the step before (n, k).
         command: what the episode asks for (n, c), as the task drew it at the start.
+        time: since the episode started (n,) [s].
         numbers: of the robot, by name.
     """
 
@@ -43,6 +44,7 @@ class Motion:
     action: np.ndarray
     previous_action: np.ndarray
     command: np.ndarray
+    time: np.ndarray
     numbers: Mapping[str, float]
 
 
@@ -89,6 +91,22 @@ class Task(ABC):
         Returns:
             The goals that the actuators hold at the start (m, k) [rad].
         """
+
+    def reference(
+        self, time: np.ndarray, command: np.ndarray, numbers: Mapping[str, float]
+    ) -> tuple[np.ndarray, np.ndarray] | None:
+        """Goals that actions correct, and how far they do; None: actions of -1 and 1 are the limits of the goals.
+
+        Args:
+            time: since the episodes started (n,) [s].
+            command: what they ask for (n, c).
+            numbers: of the robot, by name.
+
+        Returns:
+            Goals at action 0 (n, k) [rad], and the change of the goal per unit of action (k,) [rad].
+        """
+        del time, command, numbers
+        return None
 
     @abstractmethod
     def observe(self, motion: Motion) -> tuple[np.ndarray, ...]:

@@ -62,6 +62,7 @@ class Observer:
         self._constants = np.array([_motor_constant(robot, name) for name in robot.names])
         self.action = self._previous_action = np.zeros(len(robot.names))
         self._last: tuple[np.ndarray, np.ndarray] | None = None
+        self._cycles = 0
 
     def acted(self, action: np.ndarray) -> None:
         """Note the action that was just commanded (k,)."""
@@ -87,8 +88,10 @@ class Observer:
             action=self.action[None],
             previous_action=self._previous_action[None],
             command=self.command[None],
+            time=np.array([self._cycles * self._dt]),
             numbers=self.numbers,
         )
+        self._cycles += 1
         parts = [np.atleast_1d(np.asarray(part[0], np.float32)) for part in self.task.observe(motion)]
         rewards = {name: float(term[0]) for name, term in self.task.rewards(motion).items()}
         return Seen(np.concatenate(parts), rewards, bool(self.task.failed(motion)[0]))
