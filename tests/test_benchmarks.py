@@ -6,6 +6,7 @@ import mujoco
 import numpy as np
 import pytest
 
+from benchmarks import bus, control_loop
 from benchmarks.python_hopper import FRAME_SKIP, PythonHopper
 from benchmarks.speed import CHAINS, bare_model, table
 from envs.bench.robot import BENCH
@@ -53,3 +54,53 @@ def test_a_missed_bar_is_said_in_the_table():
     }
     page = table([row], None, {"cores": 2, "mujoco": "4", "python": "3"})
     assert "**missed**" in page and "800,000" in page
+
+
+STOPPED = {
+    "fault": "silence",
+    "named": "NoReplyError",
+    "right_servo": True,
+    "cycles_to_stop": 2,
+    "rows_lacking": 0,
+    "torque_left_on": 0,
+    "released_after_naming": 0.002,
+}
+
+
+def test_a_safety_stop_counts_only_if_it_is_in_time_right_and_whole():
+    assert control_loop.missed_because(STOPPED) is None
+    for key, value in (
+        ("named", "late"),
+        ("named", None),
+        ("right_servo", False),
+        ("cycles_to_stop", 3),
+        ("rows_lacking", 1),
+        ("torque_left_on", 1),
+        ("released_after_naming", 0.2),
+    ):
+        assert control_loop.missed_because({**STOPPED, key: value}) is not None, key
+    early = {key: STOPPED[key] for key in ("fault", "named")}
+    assert "before the fault" in str(control_loop.missed_because(early))
+
+
+def test_a_bus_that_loses_cycles_says_so_in_the_table():
+    row = {
+        "servos": 3,
+        "cycles_per_second": 700.0,
+        "bare_cycles_per_second": 720.0,
+        "wire_cycles_per_second": 1099.0,
+        "ratio": 700 / 720,
+        "ratio_low": 0.9,
+        "ratio_high": 1.0,
+        "cpu_microseconds": 30.0,
+        "bare_cpu_microseconds": 10.0,
+        "ratio_alone": 0.97,
+        "bar": 0.9,
+        "failed_cycles": 7,
+        "bare_failed_cycles": 5,
+    }
+    page = bus.table([row], {"cores": 2, "python": "3", "load": 0.1})
+    assert "| reached | 7, 5 |" in page
+    assert "machine too busy" in bus.table(
+        [{**row, "bare_cycles_per_second": 10.0}], {"cores": 2, "python": "3", "load": 9.0}
+    )

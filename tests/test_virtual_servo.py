@@ -248,6 +248,27 @@ def test_overload_latches_and_limits_until_torque_is_switched_off():
     assert read(wire, "status") == 0
 
 
+def test_torque_that_is_switched_on_after_a_fault_is_over_drives_again():
+    wire = wired()
+    switch_on(wire)
+    wire.faults.append(Fault("overheat", value=80.0, seconds=0.5))
+    wait(wire, 0.1)
+    write(wire, "torque_enable", 0)
+    wait(wire, 0.1)  # still hot, and without torque
+    write(wire, "torque_enable", 1)
+    assert not wire.rig.torque(0), "a hot servo does not drive"
+    write(wire, "torque_enable", 0)
+    wait(wire, 0.5)
+    write(wire, "torque_enable", 1)
+    assert wire.rig.torque(0)
+
+
+def test_a_fault_shows_in_the_status_register_as_soon_as_in_the_reading():
+    wire = wired()
+    wire.faults.append(Fault("overheat", value=80.0))
+    assert read(wire, "status") & Status.OVERHEAT
+
+
 def test_overheat_releases_the_output_and_shows_in_every_reply():
     wire = wired()
     write(wire, "torque_enable", 1)

@@ -135,7 +135,7 @@ class Servo:
         if instruction == protocol.PING:
             return b""
         if instruction == protocol.READ and len(parameters) == 2:
-            return self.read(parameters[0], parameters[1])
+            return self.read(parameters[0], parameters[1], now)
         if instruction == protocol.WRITE and len(parameters) >= 2:
             self.write(parameters[0], parameters[1:], now)
         elif instruction == protocol.REG_WRITE and len(parameters) >= 2:
@@ -157,8 +157,9 @@ class Servo:
             return None
         return None if quiet else b""
 
-    def read(self, start: int, length: int) -> bytes:
+    def read(self, start: int, length: int, now: float) -> bytes:
         """Bytes of the memory; what lies behind its end reads 0."""
+        self.status(now)  # the register says what the error byte of the reply says
         self._refresh()
         return bytes(self.memory[start : start + length]).ljust(length, b"\0")
 
@@ -189,6 +190,7 @@ class Servo:
             self._overload_since = self._overcurrent_since = None
             self.latched = self._released = False
         elif before == OFF:
+            self._released = bool(self.status(now) & self.get("unloading_condition") & RELEASING)
             self.target = float(self.sensors.steps)
             if not self._multi_turn and self.get("operating_mode") != MODE_VELOCITY:
                 self.target %= self.model.resolution

@@ -83,7 +83,7 @@ class Wire:
             if len(data) < 3:
                 return []
             asked = [[servo for servo in hearing if servo.id == number] for number in data[2:]]
-            return [[(servo, servo.read(data[0], data[1])) for servo in found] for found in asked if found]
+            return [[(servo, servo.read(data[0], data[1], now)) for servo in found] for found in asked if found]
         answers: dict[int, list[tuple[Servo, bytes]]] = {}
         for servo in hearing:
             if request.target not in (servo.id, BROADCAST):
