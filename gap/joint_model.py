@@ -185,8 +185,16 @@ class JointModel:
     def constants(self, params: Mapping[str, float], program: np.ndarray) -> np.ndarray:
         """What the simulator needs beside the program, for a run with these bench parameters; without any, for a link
         that moves as it was measured, whatever torque acts on it.
+
+        Raises:
+            ChainError: the chain's spring has an inertia of its own.
         """
         chain, k = self.chain, np.zeros(K_SIZE)
+        if (spring := chain.find("spring")) is not None and spring.has_coordinate:
+            raise ChainError(
+                f"{chain.label}: its 'spring' has an inertia of its own, a third body that the replay of a joint does "
+                "not simulate; give the chain a spring without inertia."
+            )
         k[K_INERTIA] = self.load.inertia(params) if params else IMMOVABLE
         k[K_GRAVITY] = self.load.gravity_torque(params) if params else 0.0
         k[K_MOTOR_INERTIA] = max(chain.armature(), 1e-7)

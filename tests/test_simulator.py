@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 
 from actuators.chain import load_chain
+from actuators.errors import SealegsError
 from gap.diagnosis import NOTHING, diagnose
 from gap.engine_replay import bench, replay_in_engine
 from gap.joint_model import JointModel, PendulumLoad
@@ -73,6 +74,14 @@ def test_the_engine_agrees(name: str) -> None:
     ours = simulate(joint, time, goal, 2.5e-4)
     engine = replay_in_engine(bench(joint, PARAMS), time, goal, (0.0, 0.0), step=2.5e-4)
     assert rms(ours[:, 0] - engine[:, 0]) < 0.2e-3
+
+
+def test_a_spring_with_an_inertia_of_its_own_is_refused() -> None:
+    chain, time = load_chain("mabel_left_leg_shape"), np.arange(0.0, 1.0, 0.005)
+    with pytest.raises(SealegsError, match="'spring' has an inertia of its own"):
+        simulate(JointModel(chain), time, np.zeros_like(time), 1e-3)
+    massless = chain.without_stage("compliance").with_value("spring.unilateral", 0.0).with_value("spring.inertia", 0.0)
+    simulate(JointModel(massless), time, np.zeros_like(time), 1e-3)
 
 
 def test_a_stuck_joint_stays_stuck() -> None:
