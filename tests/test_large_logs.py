@@ -110,9 +110,9 @@ def test_the_findings_of_the_whole_log_reach_the_verdict(monkeypatch: pytest.Mon
     from tests.plant import hidden_bench
 
     data, _ = hidden_bench({}, 1, runs=1, duration=2.0)
-    wrap = Finding("position.wrap", "error", "servo", "servo.position", "The encoder wraps.", data_error=True)
-    (found,) = diagnose(replace(data, findings=(wrap,)))
-    assert found.verdict == UNUSABLE and "wraps" in found.sentence
+    jumps = Finding("position.spikes", "error", "servo", "servo.position", "The position jumps.", data_error=True)
+    (found,) = diagnose(replace(data, findings=(jumps,)))
+    assert found.verdict == UNUSABLE and "jumps" in found.sentence
 
 
 def test_chosen_windows_leave_no_kind_out() -> None:
