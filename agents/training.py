@@ -33,6 +33,7 @@ from agents.tensorboard import tensorboard_logger
 from agents.video import record_video
 from configs.script import Interrupted
 from envs.sb3 import BatchVecEnv
+from envs.task import ModulatedTask
 
 # Each use of randomness has a stream of its own: switching evaluation or film off leaves the training as it is.
 _TRAINING, _EVALUATION, _FILM = 0, 1, 2
@@ -244,10 +245,15 @@ def _unfinished(run: RunFolder, config: TrainConfig, step: int) -> bool:
 def _interface(env: BatchVecEnv) -> dict[str, Any]:
     """What the numbers that go into and come out of a policy mean."""
     engine = env.engine
-    return {
+    meaning = {
         "control_rate": 1.0 / engine.dt,
         "observation_names": list(engine.task.observation_names()),
-        "action_names": list(engine.names),
+        "action_names": list(engine.action_names),
+    }
+    if isinstance(engine.task, ModulatedTask):
+        return meaning
+    return {
+        **meaning,
         "goal_at_zero": engine.goal_centre.tolist(),
         "goal_per_action": engine.goal_half.tolist(),
     }

@@ -22,7 +22,7 @@ from actuators.errors import SealegsError, nearest
 from actuators.layout import S_OUT_OF_RANGE, S_TORQUE
 from envs.randomization import Randomization, Source
 from envs.robot import ChainSource
-from envs.task import Motion, Task
+from envs.task import ModulatedTask, Motion, Task
 
 
 @dataclass(slots=True)
@@ -59,6 +59,8 @@ class BatchEngine:
         chains: those of the robot that were asked for, by coordinate; the drivetrain's may have room for more.
         batch: the simulations.
         numbers: of the robot, by name.
+        names: of the driven coordinates, in the order of goals.
+        action_names: what the elements of an action mean.
         dt: control step [s].
         steps: control steps since reset, (n,).
         drawn: values of the running episodes' randomisation by name, (n,) each.
@@ -121,10 +123,12 @@ class BatchEngine:
         limits = np.array([task.robot.goal_limits(self.numbers)[name] for name in names])
         self.goal_centre, self.goal_half = limits.mean(axis=1), 0.5 * (limits[:, 1] - limits[:, 0])
         self._limits = limits.T
-        self.names = names
+        self.names, self.action_names = names, task.action_names()
         self.observation_size = len(task.observation_names())
         shape = (num_envs, len(names))
-        self._action, self._link_before, self._reading_before = np.zeros(shape), np.zeros(shape), np.zeros(shape)
+        self._action = np.zeros((num_envs, len(self.action_names)))
+        self._link_before, self._reading_before = np.zeros(shape), np.zeros(shape)
+        self._generated = _Generated(task, self) if isinstance(task, ModulatedTask) else None
         self._command = np.zeros((num_envs, task.commands(np.zeros((1, task.draws))).shape[1]))
         self.steps = np.zeros(num_envs, dtype=np.int64)
         self.drawn = {f"{draw.group}.{draw.name}": np.zeros(num_envs) for draw in self.randomization.draws}
@@ -167,8 +171,12 @@ class BatchEngine:
         self._qpos[chosen], self._qvel[chosen], self._ctrl[chosen] = qpos, qvel, goals
         self.batch.forward(chosen)  # the chains' memories start at these goals
         self.steps[chosen] = 0
-        zero, per_action = self._scale()
-        self._action[chosen] = np.clip((goals - zero[chosen]) / per_action, -1.0, 1.0)
+        if self._generated is not None:
+            self._action[chosen] = 0.0
+            self._generated.begin(chosen, random[:, :task_draws], goals)
+        else:
+            zero, per_action = self._scale()
+            self._action[chosen] = np.clip((goals - zero[chosen]) / per_action, -1.0, 1.0)
         self._link_before[chosen] = self._link(self._qpos[chosen])
         self._reading_before[chosen] = self._readings()[chosen]
 
@@ -179,7 +187,7 @@ class BatchEngine:
 
         Args:
             action: (n, k), finite; -1 and 1 are the limits of the robot's goals, or how far the task lets actions
-                correct its reference.
+                correct its reference or modulate its generator.
 
         Raises:
             SealegsError: the action has another shape, or is not finite.
@@ -188,8 +196,11 @@ class BatchEngine:
         if action.shape != self._action.shape or not np.isfinite(action).all():
             raise SealegsError(self._refusal(action))
         previous, action = self._action, np.clip(action, -1.0, 1.0)
-        self._ctrl[:] = self._goals(action)
-        self.batch.step(nstep=self.substeps)
+        if self._generated is not None:
+            self._generated.step(action)
+        else:
+            self._ctrl[:] = self._goals(action)
+            self.batch.step(nstep=self.substeps)
         self._action = action
         self.steps += 1
         motion = self._motion(previous)
@@ -225,12 +236,12 @@ class BatchEngine:
     def _refusal(self, action: np.ndarray) -> str:
         if action.shape != self._action.shape:
             return (
-                f"actions have the shape {action.shape}; {self.num_envs} simulations of {', '.join(self.names)} need "
-                f"{self._action.shape}."
+                f"actions have the shape {action.shape}; {self.num_envs} simulations of {', '.join(self.action_names)} "
+                f"need {self._action.shape}."
             )
         number, column = np.argwhere(~np.isfinite(action))[0]
         return (
-            f"the action of '{self.names[column]}' in simulation {number} is {action[number, column]:g}; "
+            f"the action of '{self.action_names[column]}' in simulation {number} is {action[number, column]:g}; "
             "give finite numbers (a learner that diverged gives none: lower its learning rate)."
         )
 
@@ -251,6 +262,7 @@ class BatchEngine:
             command=self._command,
             time=self.steps * self.dt,
             numbers=self.numbers,
+            **(self._generated.motion() if self._generated is not None else {}),
         )
 
     def _readings(self) -> np.ndarray:
@@ -268,6 +280,46 @@ class BatchEngine:
             observation[:, at : at + width] = part[:, None] if part.ndim == 1 else part
             at += width
         return observation
+
+
+class _Generated:
+    """The generator that actions modulate: its memory, and the power drawn in the latest control step."""
+
+    def __init__(self, task: ModulatedTask, engine: BatchEngine) -> None:
+        self._task, self._engine = task, engine
+        timestep = engine.drivetrain.model.opt.timestep
+        periods = [engine.dt / task.goal_period, task.goal_period / task.sample_period, task.sample_period / timestep]
+        if any(round(count) < 1 or abs(count - round(count)) > 1e-6 * count for count in periods):
+            raise SealegsError(
+                f"a control step of {engine.dt:g} s, goals every {task.goal_period:g} s, samples every "
+                f"{task.sample_period:g} s and steps of {timestep:g} s do not fit into one another a whole number of "
+                "times; change control_rate."
+            )
+        self._goals, self._samples, self._substeps = (round(count) for count in periods)
+        self._memory = np.zeros((engine.num_envs, task.memory))
+        self._power = np.zeros(engine.num_envs)
+        self._qpos_rate = np.zeros_like(engine._qpos)
+
+    def begin(self, chosen: np.ndarray, random: np.ndarray, goals: np.ndarray) -> None:
+        engine = self._engine
+        self._memory[chosen] = self._task.begin(engine.numbers, random, goals, engine._command[chosen])
+        self._power[chosen], self._qpos_rate[chosen] = 0.0, 0.0
+
+    def step(self, action: np.ndarray) -> None:
+        engine, task = self._engine, self._task
+        before, total = engine._qpos.copy(), np.zeros(engine.num_envs)
+        for _ in range(self._goals):
+            goals = task.generate(engine.numbers, action, engine._command, self._memory)
+            engine._ctrl[:] = np.clip(goals, *engine._limits)
+            for _ in range(self._samples):
+                engine.batch.step(nstep=self._substeps)
+                torque, speed = engine._userdata[:, engine._torques], engine._motor.speed(engine._qvel)
+                total += task.power(engine.numbers, torque, speed)
+        self._power = total / (self._goals * self._samples)
+        self._qpos_rate = (engine._qpos - before) / engine.dt
+
+    def motion(self) -> dict[str, np.ndarray]:
+        return {"memory": self._memory, "power": self._power, "qpos_rate": self._qpos_rate}
 
 
 class _Sides:

@@ -14,8 +14,8 @@ from envs.task import Task
 
 
 def action_space(engine: BatchEngine) -> spaces.Box:
-    """Goals scaled to [-1, 1]."""
-    return spaces.Box(-1.0, 1.0, (len(engine.names),), np.float32)
+    """Goals, or what else the task's actions mean, scaled to [-1, 1]."""
+    return spaces.Box(-1.0, 1.0, (len(engine.action_names),), np.float32)
 
 
 def observation_space(engine: BatchEngine) -> spaces.Box:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from abc import ABC, abstractmethod
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import ClassVar
 
 import numpy as np
@@ -31,6 +31,9 @@ class Motion:
         command: what the episode asks for (n, c), as the task drew it at the start.
         time: since the episode started (n,) [s].
         numbers: of the robot, by name.
+        memory: of the generator (n, task.memory), where actions modulate one.
+        power: mean over the control step of :meth:`ModulatedTask.power` (n,) [W], likewise.
+        qpos_rate: mean rate of the true positions over the control step (n, nq), likewise.
     """
 
     qpos: np.ndarray
@@ -46,6 +49,9 @@ class Motion:
     command: np.ndarray
     time: np.ndarray
     numbers: Mapping[str, float]
+    memory: np.ndarray = field(default_factory=lambda: np.empty((0, 0)))
+    power: np.ndarray = field(default_factory=lambda: np.empty(0))
+    qpos_rate: np.ndarray = field(default_factory=lambda: np.empty((0, 0)))
 
 
 class Task(ABC):
@@ -61,6 +67,10 @@ class Task(ABC):
     robot: ClassVar[Robot]
     draws: ClassVar[int]
     ranges: ClassVar[tuple[str, ...]] = ()
+
+    def action_names(self) -> tuple[str, ...]:
+        """What the elements of an action mean: the goals of the robot's coordinates, where nothing else is said."""
+        return tuple(item.name for item in self.robot.coordinates)
 
     @abstractmethod
     def observation_names(self) -> tuple[str, ...]:
@@ -119,3 +129,44 @@ class Task(ABC):
     @abstractmethod
     def failed(self, motion: Motion) -> np.ndarray:
         """Whether the episode ends here for good, (n,)."""
+
+
+class ModulatedTask(Task):
+    """A task whose actions modulate a generator, which gives goals more often than there are actions.
+
+    Such a task has :meth:`action_names` of its own; 0 is the middle of each. The generator's memory is an array that
+    the engine keeps, a row per simulation.
+
+    Attributes:
+        memory: numbers that the generator remembers of a simulation.
+        goal_period: between goals [s]; a control step holds a whole number of them.
+        sample_period: between samples of the power [s]; a goal's period holds a whole number of them.
+    """
+
+    memory: ClassVar[int]
+    goal_period: ClassVar[float]
+    sample_period: ClassVar[float]
+
+    @abstractmethod
+    def begin(
+        self, numbers: Mapping[str, float], random: np.ndarray, goals: np.ndarray, command: np.ndarray
+    ) -> np.ndarray:
+        """The generator's memory at m starts (m, memory).
+
+        Args:
+            numbers: of the robot, by name.
+            random: as in :meth:`place`.
+            goals: that the actuators hold at the start (m, k) [rad].
+            command: what the episodes ask for (m, c).
+        """
+
+    @abstractmethod
+    def generate(
+        self, numbers: Mapping[str, float], action: np.ndarray, command: np.ndarray, memory: np.ndarray
+    ) -> np.ndarray:
+        """Goals of the next :attr:`goal_period` (n, k) [rad], after ``memory`` (n, memory) moved on by it in place."""
+
+    @abstractmethod
+    def power(self, numbers: Mapping[str, float], torque: np.ndarray, motor_speed: np.ndarray) -> np.ndarray:
+        """Electrical power that the motors draw at a moment (n,) [W], from torque and speed (n, k) as in
+        :class:`Motion`."""

@@ -18,9 +18,12 @@ from stable_baselines3.common.env_checker import check_env as check_sb3
 import envs  # noqa: F401 registers
 from actuators import load_chain, load_chain_set
 from actuators.errors import SealegsError
+from actuators.layout import S_CURRENT, S_TORQUE, S_VOLTAGE
+from envs.hexapod import modulated_gait
 from envs.hexapod.env import HexapodEnv
 from envs.hexapod.gait import PERIOD, Tripod
 from envs.hexapod.kinematics import Joints, foot_from_joints, joints_from_foot, leg_angle, link_angles, stance
+from envs.hexapod.modulated_gait import MODULATED
 from envs.hexapod.parameters import LEGS, NUMBERS
 from envs.hexapod.robot import FRICTIONS, HEXAPOD, KINDS, chains_of, coordinate, foot, loop_joints, total_mass
 from envs.robots import get_robot
@@ -291,10 +294,11 @@ def test_the_documented_tables_are_those_of_the_environment() -> None:
     assert isinstance(env, SingleEnv)
     engine, text = env.engine, HexapodEnv.__doc__ or ""
     actions, observations = text.split("## Observation Space")[:2]
-    rows = re.findall(r"\| ([\d, ]+?) +\| Goal of .*? \| -1 +\| 1 +\| (-?[\d.]+) +\| (-?[\d.]+)", actions)
-    named = {int(k): (float(low), float(high)) for numbers, low, high in rows for k in numbers.split(",")}
-    limits = np.stack([engine.goal_centre - engine.goal_half, engine.goal_centre + engine.goal_half], axis=1)
-    assert np.array([named[k] for k in range(18)]) == pytest.approx(limits, abs=1e-3)
+    rows = re.findall(r"^ +\| (\d) +\|.*?\|" + r" (-?[\d.]+) +\|" * 4 + r" (.+?) +\|$", actions, re.MULTILINE)
+    assert [int(row[0]) for row in rows] == list(range(6))
+    for row, (*numbers, unit) in zip(rows, MODULATED.values(), strict=True):
+        assert [float(value) for value in row[1:5]] == pytest.approx(numbers, abs=1e-4)
+        assert row[5] == unit
     last = re.findall(r"^ +\| (?:\d+-)?(\d+) +\|", observations.split("## Rewards")[0], re.MULTILINE)[-1]
     assert int(last) + 1 == engine.observation_size == len(engine.task.observation_names())
 
@@ -306,34 +310,93 @@ def test_three_forms_of_the_environment_move_alike() -> None:
     for _ in range(4):
         np.testing.assert_array_equal(seen[0], seen[1])
         np.testing.assert_array_equal(seen[1], seen[2])
-        action = rng.uniform(-0.5, 0.5, (2, 18)).astype(np.float32)
+        action = rng.uniform(-1.0, 1.0, (2, 6)).astype(np.float32)
         outcomes = [single.step(action[0]), vector.step(action), batch.step(action)]
         seen = [outcomes[0][0], outcomes[1][0][0], outcomes[2][0][0]]  # type: ignore[index]
         assert outcomes[0][1] == outcomes[1][1][0]  # type: ignore[index]
 
 
-def test_it_starts_on_its_feet_and_stays_there() -> None:
+def test_it_starts_on_its_feet_and_walks() -> None:
     env = gym.make(ENV, start_noise=0.0, actuator="amru5_lugre")
     observation, _ = env.reset(seed=0)
     assert observation[49:55] == pytest.approx(np.ones(6))
-    total = 0.0
-    for _ in range(5):
-        observation, reward, terminated, _, info = env.step(np.zeros(18, np.float32))
-        total += sum(value for name, value in info.items() if name.startswith("reward_")) - float(reward)
+    for _ in range(20):
+        observation, reward, terminated, _, info = env.step(np.zeros(6, np.float32))
         assert not terminated
-    assert total == pytest.approx(0.0)
+        assert sum(value for name, value in info.items() if name.startswith("reward_")) == pytest.approx(reward)
     assert observation[1] == pytest.approx(0.28, abs=0.003)
-    assert info["reward_resistance"] > -0.05  # standing costs nothing to speak of
+    assert info["reward_forward"] > 0.9
+    assert -1.5 < info["reward_resistance"] < -0.5  # 0.3 times the specific resistance, about 2.8 over a cycle
+
+
+def test_standing_costs_nothing_to_speak_of() -> None:
+    env = gym.make(ENV, start_noise=0.0, speed=0.0)
+    env.reset(seed=0)
+    for _ in range(4):
+        _, _, terminated, _, info = env.step(np.zeros(6, np.float32))
+    assert not terminated
+    assert info["reward_resistance"] > -0.05
 
 
 @pytest.mark.parametrize("word", ["ideal", "regression", "amru5_dry", "amru5_load", "amru5_frictionless"])
 def test_it_stands_with_every_actuator_by_one_word(word: str) -> None:
-    env = gym.make(ENV, actuator=word, start_noise=0.0)
+    env = gym.make(ENV, actuator=word, start_noise=0.0, speed=0.0)
     env.reset(seed=0)
     for _ in range(4):
-        observation, _, terminated, _, info = env.step(np.zeros(18, np.float32))
+        observation, _, terminated, _, info = env.step(np.zeros(6, np.float32))
     assert not terminated and not info["unstable"]
     assert observation[1] == pytest.approx(0.28, abs=0.01)
+
+
+def test_action_zero_is_the_reference_gait() -> None:
+    gait, speed = Tripod(0.03), np.array([0.03])
+    middle = np.array([0.5 * sum(HEXAPOD.limits[item.name]) for item in HEXAPOD.coordinates])
+    memory = modulated_gait.begin(VALUES, np.zeros(1), middle[None])
+    count = round(2.0 * gait.cycle / PERIOD)
+    goals = [modulated_gait.advance(VALUES, np.zeros((1, 6)), speed, memory)[0] for _ in range(count)]
+    wanted = gait.goals(VALUES, PERIOD * np.arange(1, count + 1))
+    step = np.abs(np.diff(wanted, axis=0)).max(axis=0)  # a foot lifts off from where it stood, up to a period before
+    settled = slice(round(gait.cycle / PERIOD), None)
+    assert (np.abs(np.array(goals) - wanted)[settled].max(axis=0) <= step + 1e-12).all()
+
+
+def test_feet_that_stand_keep_their_distances_whatever_the_action() -> None:
+    rng = np.random.default_rng(0)
+    middle = np.array([0.5 * sum(HEXAPOD.limits[item.name]) for item in HEXAPOD.coordinates])
+    memory = modulated_gait.begin(VALUES, np.zeros(1), middle[None])
+    speed, jumps = np.array([0.03]), []
+    before, action = middle, np.zeros((1, 6))
+    for k in range(1500):
+        if k % 20 == 0:
+            action = rng.uniform(-1.0, 1.0, (1, 6))
+        goals = modulated_gait.advance(VALUES, action, speed, memory)[0]
+        for leg in range(LEGS):
+            x0, y0, z0 = foot_from_joints(VALUES, Joints(*before[3 * leg : 3 * leg + 3]))
+            x1, y1, z1 = foot_from_joints(VALUES, Joints(*goals[3 * leg : 3 * leg + 3]))
+            angle, ground = leg_angle(leg), VALUES["foot_radius"] - VALUES["stance_height"]
+            moved = np.array([x1 - x0, y1 - y0])
+            ahead = moved[0] * np.cos(angle) - moved[1] * np.sin(angle)
+            left = moved[0] * np.sin(angle) + moved[1] * np.cos(angle)
+            if max(abs(z0 - ground), abs(z1 - ground)) < 1e-9:
+                assert ahead == pytest.approx(-0.03 * PERIOD, abs=1e-4)
+                assert left == pytest.approx(0.0, abs=1e-4)
+            jumps.append(np.hypot(ahead, left))
+        before = goals
+    assert max(jumps) < 0.006  # 0.6 m/s: no foot in the air is asked to jump
+
+
+def test_the_power_that_the_task_counts_is_that_of_the_motors() -> None:
+    env = gym.make(ENV, start_noise=0.0).unwrapped
+    assert isinstance(env, SingleEnv)
+    engine = env.engine
+    env.reset(seed=0)
+    addresses = np.array([engine.drivetrain.state_addresses[name] for name in engine.names])
+    data = engine.batch.bind("userdata")
+    for _ in range(12):
+        env.step(np.zeros(6, np.float32))
+        torque, drawn = data[:, addresses + S_TORQUE], data[:, addresses + S_CURRENT] * data[:, addresses + S_VOLTAGE]
+        power = engine.task.power(engine.numbers, torque, engine._motor.speed(engine._qvel))  # type: ignore[attr-defined]
+        assert power == pytest.approx(np.maximum(drawn, 0.0).sum(axis=1), rel=0.03, abs=0.2)
 
 
 def test_every_episode_may_draw_friction_mass_and_floor_anew() -> None:
@@ -346,7 +409,7 @@ def test_every_episode_may_draw_friction_mass_and_floor_anew() -> None:
     env.reset(seed=0)
     drawn = env.unwrapped.engine.drawn  # type: ignore[attr-defined]
     assert 80.0 <= drawn["leg0_vertical.friction.coulomb"][0] != drawn["leg0_vertical.friction.coulomb"][1] <= 140.0
-    env.step(np.zeros((2, 18), np.float32))
+    env.step(np.zeros((2, 6), np.float32))
 
 
 @pytest.mark.parametrize(

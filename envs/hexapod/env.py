@@ -22,21 +22,26 @@ class HexapodEnv(SingleEnv):
     energy over weight and way. Which actuators drive the legs, and with which joint friction, is one word, `actuator`.
 
     ## Action Space
-    The action space is a `Box(-1, 1, (18,), float32)`: position goals for the joints. They go through the actuation
-    chain (digital PI controller, motor, gears, friction) inside the physics engine. Joint k belongs to leg k // 3; leg 0
-    points forward, the others follow counter-clockwise every 60 degrees.
+    The action space is a `Box(-1, 1, (6,), float32)`: parameters of the tripod gait (`envs/hexapod/modulated_gait.py`),
+    which at action 0 is the reference gait (`envs/hexapod/gait.py`). The parameters follow the action with a time
+    constant of 0.5 s; the gait gives the goals of all joints every 10 ms, and they go through the actuation chain
+    (digital PI controller, motor, gears, friction) inside the physics engine.
 
-    | Num                | Action                      | Min | Max | Goal at -1 | Goal at 1 | Type (Unit)  |
-    |--------------------|-----------------------------|-----|-----|------------|-----------|--------------|
-    | 0, 3, 6, 9, 12, 15 | Goal of a leg's rotation    | -1  | 1   | -0.3       | 0.3       | angle (rad)  |
-    | 1, 4, 7, 10, 13, 16 | Goal of a vertical screw   | -1  | 1   | 0.0259     | 0.0499    | position (m) |
-    | 2, 5, 8, 11, 14, 17 | Goal of a horizontal screw | -1  | 1   | 0.032      | 0.058     | position (m) |
+    | Num | Action                                                   | At 0   | Per unit | Lowest | Highest | Unit            |
+    |-----|----------------------------------------------------------|--------|----------|--------|---------|-----------------|
+    | 0   | way of the body in a step cycle                          | 0.18   | 0.08     | 0.1    | 0.26    | m               |
+    | 1   | double stance, twice in a cycle                          | 0.0833 | 0.125    | 0      | 0.2     | of the cycle    |
+    | 2   | lift of a foot in the air                                | 0.04   | 0.05     | 0.005  | 0.08    | m               |
+    | 3   | part in which it rises, and in which it sinks            | 0.3    | 0.2      | 0.1    | 0.5     | of the transfer |
+    | 4   | width: how much farther out the feet at the sides land   | 0      | 0.15     | -0.1   | 0.1     | m               |
+    | 5   | spread: how much farther from each other along the way   | 0      | 0.04     | -0.04  | 0.04    | m               |
 
-    Rotation turns a leg clockwise seen from above. A foot follows its horizontal screw outward 8 times as far, and its
-    vertical screw downward 7 times.
+    Joint k belongs to leg k // 3 and is its rotation, vertical or horizontal screw; leg 0 points forward, the others
+    follow counter-clockwise every 60 degrees. Rotation turns a leg clockwise seen from above. A foot follows its
+    horizontal screw outward 8 times as far, and its vertical screw downward 7 times.
 
     ## Observation Space
-    The observation space is a `Box(-Inf, Inf, (73,), float32)` of what the computer on the robot knows.
+    The observation space is a `Box(-Inf, Inf, (69,), float32)` of what the computer on the robot knows.
 
     | Num   | Observation                        | Source                                                     | Unit        |
     |-------|------------------------------------|------------------------------------------------------------|-------------|
@@ -49,25 +54,27 @@ class HexapodEnv(SingleEnv):
     | 13-30 | joints, from the middle of a stance | motor encoders of the chain: ticks, offset, scale, latency | rad, m     |
     | 31-48 | speed of the joints                | difference of 13-30 over the last control step             | rad/s, m/s  |
     | 49-54 | foot on the floor                  | from the height of the body and 13-30, ideal               | -           |
-    | 55-72 | last action                        | memory                                                     | -           |
+    | 55-56 | clock of the gait, sine and cosine | memory                                                     | -           |
+    | 57-62 | parameters of the gait             | memory                                                     | m, -        |
+    | 63-68 | last action                        | memory                                                     | -           |
 
     ## Rewards
     The reward is ***forward + alive + straight + resistance***; `info` holds each term.
 
-    - *reward_forward*: $w_{forward} \max(1 - |v - v_{cmd}| / s, -1)$ with the forward speed $v$ of the body and
-      $s = \max(|v_{cmd}|, 0.01)$ m/s.
+    - *reward_forward*: $w_{forward} \max(1 - |v - v_{cmd}| / s, -1)$ with the mean forward speed $v$ of the body in the
+      step and $s = \max(|v_{cmd}|, 0.01)$ m/s.
     - *reward_alive*: `alive_weight` in every step.
-    - *reward_straight*: $-w_{straight} (\min(|v_y| / s, 1) + |h_y|)$ with the speed and the heading to the side.
-    - *reward_resistance*: $-w_{resistance} \min(P / (m g s), 20)$ with the electrical power $P$ of the paper's motors,
-      braking not counted: the specific resistance (35) of a robot that travels at the commanded speed.
+    - *reward_straight*: $-w_{straight} (\min(|v_y| / s, 1) + |h_y|)$ with the mean speed and the heading to the side.
+    - *reward_resistance*: $-w_{resistance} \min(P / (m g s), 20)$ with the mean electrical power $P$ of the paper's
+      motors, braking not counted: the specific resistance (35) of a robot that travels at the commanded speed.
 
     `info` also holds `net_out_of_range` (samples in this episode for which an actuator net was asked for motion that it
     never saw in training) and `unstable` (the physics engine gave up; the episode ends).
 
     ## Starting State
-    Standing, sunk into the ground by as much as it carries six legs, each joint off the middle of its range by uniform
-    noise of $\pm$ `start_noise` times the half of that range. The commanded speed is drawn where `speed` is a range.
-    Then `randomization` is drawn.
+    Standing, sunk into the ground by as much as it carries six legs, each rotation and each horizontal screw off the
+    middle of its range by uniform noise of $\pm$ `start_noise` times the half of that range. Which tripod goes first is
+    drawn, and the commanded speed where `speed` is a range. Then `randomization` is drawn.
 
     ## Episode End
     ### Termination
@@ -89,7 +96,7 @@ class HexapodEnv(SingleEnv):
     | `forward_weight`    | float               | `1.0`      | see Rewards |
     | `alive_weight`      | float               | `0.1`      | see Rewards |
     | `straight_weight`   | float               | `0.3`      | see Rewards |
-    | `resistance_weight` | float               | `0.05`     | see Rewards |
+    | `resistance_weight` | float               | `0.3`      | see Rewards |
     | `healthy_height`    | float               | `0.12`     | lowest height of the body [m] |
     | `healthy_upright`   | float               | `0.85`     | lowest cosine of its tilt |
     | `start_noise`       | float               | `0.1`      | see Starting State |
@@ -101,6 +108,9 @@ class HexapodEnv(SingleEnv):
 
     ## Version History
     * v0: initial version.
+
+    ## References
+    The action follows Iscen et al., "Policies Modulating Trajectory Generators" (CoRL 2018).
     """  # noqa: E501
 
     task = HexapodTask

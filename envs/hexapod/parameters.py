@@ -55,5 +55,6 @@ NUMBERS = {
     "slip_speed": Number(1e-3, "m/s", "assumed: v_lim of seed 001, (20), at the load of three legs", 1e-5, 1.0),
 }
 
-# [rad], [m], [m] to both sides of the stance, assumed: twice what the reference gait needs
-GOAL_RANGE = {"rotation": 0.3, "vertical": 0.012, "horizontal": 0.013}
+# [rad], [m], [m] to both sides of the stance, assumed: twice what the reference gait needs; horizontal: as far out as
+# the printed 0.7 m from the middle of the body (seed 001, 2.1)
+GOAL_RANGE = {"rotation": 0.3, "vertical": 0.012, "horizontal": 0.0206}

@@ -8,11 +8,13 @@ from dataclasses import dataclass
 import numpy as np
 
 from actuators import Drivetrain
+from envs.hexapod import modulated_gait
+from envs.hexapod.gait import PERIOD
 from envs.hexapod.ground import penetration
 from envs.hexapod.kinematics import Joints, foot_from_joints, leg_angle, link_angles, stance
 from envs.hexapod.parameters import GOAL_RANGE, GRAVITY, LEGS
-from envs.hexapod.robot import HEXAPOD, KINDS, ROTATION, coordinate, loop_joints, total_mass
-from envs.task import Motion, Task
+from envs.hexapod.robot import HEXAPOD, KINDS, ROTATION, VERTICAL, coordinate, loop_joints, total_mass
+from envs.task import ModulatedTask, Motion
 
 SLOWEST = 0.01  # [m/s] below this, errors of speed count in absolute terms
 TOUCH = 1e-3  # [m] under which the switch of a foot says that it is on the floor
@@ -21,21 +23,25 @@ UP, UPRIGHT = 2, slice(3, 7)  # height and quaternion of the body in qpos
 
 
 @dataclass(frozen=True)
-class HexapodTask(Task):
+class HexapodTask(ModulatedTask):
     """Weights and ranges of the hexapod's task; the table in :class:`envs.hexapod.env.HexapodEnv` explains them."""
 
     speed: float | Sequence[float] = 0.03
     forward_weight: float = 1.0
     alive_weight: float = 0.1
     straight_weight: float = 0.3
-    resistance_weight: float = 0.05
+    resistance_weight: float = 0.3
     healthy_height: float = 0.12
     healthy_upright: float = 0.85
     start_noise: float = 0.1
 
     robot = HEXAPOD
-    draws = 1 + 3 * LEGS
+    draws = 2 + 3 * LEGS  # speed, first tripod, joints
     ranges = ("speed",)
+    memory, goal_period, sample_period = modulated_gait.MEMORY, PERIOD, 0.002
+
+    def action_names(self) -> tuple[str, ...]:
+        return tuple(modulated_gait.MODULATED)
 
     def observation_names(self) -> tuple[str, ...]:
         joints = [item.name for item in HEXAPOD.coordinates]
@@ -50,7 +56,10 @@ class HexapodTask(Task):
             *(f"{name} reading from stance [{unit}]" for name, unit in zip(joints, units, strict=True)),
             *(f"{name} speed [{unit}/s]" for name, unit in zip(joints, units, strict=True)),
             *(f"leg{leg} foot switch" for leg in range(LEGS)),
-            *(f"last {name} action" for name in joints),
+            "clock of the gait, sine",
+            "clock of the gait, cosine",
+            *(f"{name} [{unit}]" for name, (*_, unit) in modulated_gait.MODULATED.items()),
+            *(f"last {name} action" for name in modulated_gait.MODULATED),
         )
 
     def commands(self, random: np.ndarray) -> np.ndarray:
@@ -67,12 +76,13 @@ class HexapodTask(Task):
     ) -> np.ndarray:
         model = drivetrain.model
         rest = stance(numbers)._asdict()
-        noise = self.start_noise * (2.0 * random[:, 1:] - 1.0)
+        noise = self.start_noise * (2.0 * random[:, 2:] - 1.0)
         goals = np.empty((len(qpos), 3 * LEGS))
         lowest = np.full(len(qpos), np.inf)
         for leg in range(LEGS):
             for k, kind in enumerate(KINDS):
-                goals[:, 3 * leg + k] = float(rest[kind]) + GOAL_RANGE[kind] * noise[:, 3 * leg + k]
+                reach = 0.0 if kind == VERTICAL else GOAL_RANGE[kind]  # all feet stand
+                goals[:, 3 * leg + k] = float(rest[kind]) + reach * noise[:, 3 * leg + k]
                 drivetrain.set_position(coordinate(leg, kind), qpos, goals[:, 3 * leg + k])
             joints = Joints(*goals[:, 3 * leg : 3 * leg + 3].T)
             rise, bend = link_angles(numbers, joints.vertical, joints.horizontal)
@@ -83,10 +93,32 @@ class HexapodTask(Task):
         qpos[:, UP] = -lowest - penetration(numbers, weight / LEGS, weight)
         return goals
 
+    def begin(
+        self, numbers: Mapping[str, float], random: np.ndarray, goals: np.ndarray, command: np.ndarray
+    ) -> np.ndarray:
+        del command
+        return modulated_gait.begin(numbers, random[:, 1], goals)
+
+    def generate(
+        self, numbers: Mapping[str, float], action: np.ndarray, command: np.ndarray, memory: np.ndarray
+    ) -> np.ndarray:
+        return modulated_gait.advance(numbers, action, command[:, 0], memory)
+
+    def power(self, numbers: Mapping[str, float], torque: np.ndarray, motor_speed: np.ndarray) -> np.ndarray:
+        """What the motors give, where they do not brake, and what their windings lose: that of the paper's motors,
+        whatever chain there is.
+        """
+        gear = np.array([numbers["rotation_gear" if kind == ROTATION else "screw_gear"] for kind in KINDS] * LEGS)
+        drawn = np.maximum(torque * motor_speed + numbers["winding_loss"] * np.square(torque / gear), 0.0)
+        total = drawn[:, 0].copy()
+        for k in range(1, drawn.shape[1]):  # in one order at any batch size
+            total += drawn[:, k]
+        return total
+
     def observe(self, motion: Motion) -> tuple[np.ndarray, ...]:
         m = motion
         _, upward, heading = _axes(m.qpos)
-        velocity = m.qvel[:, :3]
+        velocity, clock = m.qvel[:, :3], 2.0 * np.pi * m.memory[:, modulated_gait.CLOCK]
         middle = np.array([value for _ in range(LEGS) for value in stance(m.numbers)], dtype=float)
         return (
             m.command,
@@ -98,43 +130,28 @@ class HexapodTask(Task):
             m.reading - middle,
             m.reading_speed,
             (foot_heights(m) < TOUCH).astype(float),
+            np.sin(clock),
+            np.cos(clock),
+            m.memory[:, modulated_gait.PARAMETERS],
             m.action,
         )
 
     def rewards(self, motion: Motion) -> dict[str, np.ndarray]:
-        speed, wanted = motion.qvel[:, 0], motion.command[:, 0]
+        speed, wanted = motion.qpos_rate[:, 0], motion.command[:, 0]
         scale = np.maximum(np.abs(wanted), SLOWEST)
         _, _, heading = _axes(motion.qpos)
-        aside = np.minimum(np.abs(motion.qvel[:, 1]) / scale, 1.0) + np.abs(heading[:, 1])
+        aside = np.minimum(np.abs(motion.qpos_rate[:, 1]) / scale, 1.0) + np.abs(heading[:, 1])
+        resistance = np.minimum(motion.power / (total_mass(motion.numbers) * GRAVITY * scale), MOST)
         return {
             "reward_forward": self.forward_weight * np.maximum(1.0 - np.abs(speed - wanted) / scale, -1.0),
             "reward_alive": np.full(len(speed), self.alive_weight),
             "reward_straight": -self.straight_weight * aside,
-            "reward_resistance": -self.resistance_weight * resistance(motion, scale),
+            "reward_resistance": -self.resistance_weight * resistance,
         }
 
     def failed(self, motion: Motion) -> np.ndarray:
         vertical, _, _ = _axes(motion.qpos)
         return (motion.qpos[:, UP] < self.healthy_height) | (vertical < self.healthy_upright)
-
-
-def resistance(motion: Motion, speed: np.ndarray) -> np.ndarray:
-    """Specific resistance at this moment: (35) with the power of the paper's motors, whatever chain there is, (n,).
-
-    The power is what the motors give, where they do not brake, and what their windings lose.
-
-    Args:
-        motion: of n simulations.
-        speed: at which the robot is to travel (n,) [m/s].
-    """
-    numbers = motion.numbers
-    power = np.zeros(len(speed))
-    for k in range(motion.torque.shape[1]):
-        gear = numbers["rotation_gear"] if k % len(KINDS) == 0 else numbers["screw_gear"]
-        force = motion.torque[:, k]
-        lost = numbers["winding_loss"] * np.square(force / gear)
-        power += np.maximum(force * motion.motor_speed[:, k] + lost, 0.0)
-    return np.minimum(power / (total_mass(numbers) * GRAVITY * speed), MOST)
 
 
 def foot_heights(motion: Motion) -> np.ndarray:
