@@ -1,13 +1,15 @@
 """What the hexapod's paper leaves open: how much each assumed number matters.
 
-    python -m benchmarks.hexapod_open_parameters
+    python -m benchmarks.hexapod_open_parameters        about ten minutes
+    python -m benchmarks.hexapod_open_parameters step   what the physics step does to the same figures
 
-Prints the table of docs/hexapod.md. Every row stands for 2 s with its motors at 0 V (LuGre, dry/viscous), and walks one
+Print the tables of docs/hexapod.md. Every row stands for 2 s with its motors at 0 V (LuGre, dry/viscous), and walks one
 cycle at 3 cm/s with the three joint frictions of Fig. 12, after a quarter of a cycle.
 """
 
 from __future__ import annotations
 
+import sys
 from collections.abc import Iterator, Mapping
 
 import numpy as np
@@ -21,6 +23,7 @@ from envs.hexapod.robot import VERTICAL
 
 SPEED = 0.03  # [m/s] the fastest of the paper: its cycle is the shortest
 STOOD = 2.0  # [s]
+STEPS = (0.00025, 0.0005, 0.001, 0.002)  # [s]
 WALKED = ("dry/viscous", "LuGre", "dry/viscous 2")
 
 CHAIN = {  # assumed values of the chains and what they are changed by
@@ -81,28 +84,47 @@ def row(label: str, changes: Mapping[str, float], params: Mapping[str, float], g
     if (key := "vertical.friction.stribeck") in at_rest:  # the same share of the other table's value
         at_rest[key] *= BREAKAWAY_AT_REST / path_value("LuGre", key)
     try:
-        sunk = [1e3 * stand_unpowered(name, STOOD, at_rest, params).sinking for name in ("LuGre", "dry/viscous")]
-        walks = {name: Machine(name, changes, params).walk(gait, 1.25) for name in WALKED}
-        dry, lugre, load = (walk.resistance() for walk in walks.values())
-        held = [1e3 * motors(walks[name])[f"{VERTICAL} current"]["support median"] for name in ("LuGre", "dry/viscous")]
+        return _cells(label, at_rest, changes, params, gait, None)
     except SealegsError as error:
         return f"| {label} | {error} |"
+
+
+def _cells(
+    label: str,
+    at_rest: Mapping[str, float],
+    changes: Mapping[str, float],
+    params: Mapping[str, float],
+    gait: Tripod,
+    timestep: float | None,
+) -> str:
+    sunk = [1e3 * stand_unpowered(name, STOOD, at_rest, params, timestep).sinking for name in WALKED[1::-1]]
+    walks = {name: Machine(name, changes, params, timestep).walk(gait, 1.25) for name in WALKED}
+    dry, lugre, load = (walk.resistance() for walk in walks.values())
+    held = [1e3 * motors(walks[name])[f"{VERTICAL} current"]["support median"] for name in WALKED[1::-1]]
     return (
         f"| {label} | {sunk[0]:.2f} | {sunk[1] * 10.0 / STOOD:.1f} | {held[0]:.0f} | {held[1]:.0f} | {dry:.2f} | "
         f"{lugre / dry - 1.0:+.1%} | {1.0 - dry / load:.0%} |"
     )
 
 
-def main() -> None:
-    """Print the table."""
+def main(arguments: list[str]) -> int:
+    """Print the table that the command line names."""
+    if arguments not in ([], ["step"]):
+        print("give no argument, or 'step'.", file=sys.stderr)
+        return 2
     print(
         "| | LuGre sinks [mm] | dry sinks [mm in 10 s] | LuGre holds at [mA] | dry at [mA] | xi dry | LuGre | better |"
     )
     print("|---|---|---|---|---|---|---|---|", flush=True)
+    if arguments:
+        for step in STEPS:
+            print(_cells(f"{1e3 * step:g} ms", {}, {}, {}, Tripod(SPEED), step), flush=True)
+        return 0
     for case in cases():
         print(row(*case), flush=True)
+    return 0
 
 
 if __name__ == "__main__":
     np.seterr(all="ignore")
-    main()
+    sys.exit(main(sys.argv[1:]))

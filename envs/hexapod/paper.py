@@ -242,11 +242,12 @@ def stand_unpowered(
     seconds: float = 10.0,
     changes: Mapping[str, float] | None = None,
     params: Mapping[str, float] | None = None,
+    timestep: float | None = None,
 ) -> Standing:
     """Section 6: all motors at 0 V, with the breakaway force of a robot on its six legs."""
     off = {f"{kind}.duty_limit.limit": 0.0 for kind in KINDS}
     rest = {"vertical.friction.stribeck": BREAKAWAY_AT_REST}  # only LuGre has one
-    return Machine(friction, {**rest, **off, **(changes or {})}, params).stand(seconds)
+    return Machine(friction, {**rest, **off, **(changes or {})}, params, timestep).stand(seconds)
 
 
 def penetration_on(legs: int, seconds: float = 1.5) -> float:
