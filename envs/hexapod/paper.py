@@ -73,7 +73,7 @@ class Walk:
         goal, position: (n, 18) [rad, m].
         current: of the motors, mean over the period (n, 18) [A].
         voltage: (n, 18) [V].
-        energy: that all motors have drawn so far (n,) [J]; none flows back.
+        power: that each motor draws, mean over the period (n, 18) [W]; none flows back.
         contact: normal force at each foot (n, 6) [N].
         weight: of the robot [N].
     """
@@ -85,7 +85,7 @@ class Walk:
     position: np.ndarray
     current: np.ndarray
     voltage: np.ndarray
-    energy: np.ndarray
+    power: np.ndarray
     contact: np.ndarray
     weight: float
 
@@ -97,10 +97,18 @@ class Walk:
 
     def resistance(self, number: int = -1) -> float:
         """Specific resistance of a cycle: equation (35)."""
-        cycle = self.cycle(number)
-        last = min(cycle.stop, len(self.time) - 1)
-        travelled = abs(self.place[last, 0] - self.place[cycle.start, 0])
-        return float((self.energy[last] - self.energy[cycle.start]) / (self.weight * travelled))
+        return float(sum(sum(parts) for parts in self.shares(number).values()))
+
+    def shares(self, number: int = -1) -> dict[str, tuple[float, float]]:
+        """What each kind of joint adds to the specific resistance of a cycle, in transfer and in support."""
+        start = self.cycle(number).start
+        last = min(self.cycle(number).stop, len(self.time) - 1)
+        work = self.weight * abs(self.place[last, 0] - self.place[start, 0])
+        spent = PERIOD * self.power[start:last] / work
+        air = np.stack([self.gait.in_transfer(leg, self.time[start:last]) for leg in range(LEGS)], axis=1)
+        return {
+            kind: (float(spent[:, k::3][air].sum()), float(spent[:, k::3][~air].sum())) for k, kind in enumerate(KINDS)
+        }
 
     def speed(self, number: int = -1) -> float:
         """Mean heading velocity of a cycle [m/s]."""
@@ -216,21 +224,21 @@ class Machine:
         self.place(goals[0])
         data, samples = self.data, round(PERIOD / SAMPLE)
         nstep = round(SAMPLE / self.model.opt.timestep)
-        place, contact, energy = np.empty((count, 3)), np.empty((count, LEGS)), np.empty(count)
-        position, current, voltage = (np.empty((count, 3 * LEGS)) for _ in range(3))
-        drawn = 0.0
+        place, contact = np.empty((count, 3)), np.empty((count, LEGS))
+        position, current, voltage, power = (np.empty((count, 3 * LEGS)) for _ in range(4))
         for k in range(count):
-            place[k], position[k], energy[k] = data.qpos[:3], data.qpos[self._qpos], drawn
+            place[k], position[k] = data.qpos[:3], data.qpos[self._qpos]
             data.ctrl[:] = goals[k]
-            mean = np.zeros(3 * LEGS)
+            mean, drawn = np.zeros(3 * LEGS), np.zeros(3 * LEGS)
             for _ in range(samples):
                 mujoco.mj_step(self.model, data, nstep)
                 amperes, volts = data.userdata[self._current], data.userdata[self._voltage]
                 mean += amperes / samples
-                drawn += float(np.maximum(amperes * volts, 0.0).sum()) * SAMPLE
-            current[k], voltage[k], contact[k] = mean, data.userdata[self._voltage], self.contact_forces()
+                drawn += np.maximum(amperes * volts, 0.0) / samples
+            current[k], power[k], contact[k] = mean, drawn, self.contact_forces()
+            voltage[k] = data.userdata[self._voltage]
         self._check()
-        return Walk(gait, times, place, goals, position, current, voltage, energy, contact, self.weight)
+        return Walk(gait, times, place, goals, position, current, voltage, power, contact, self.weight)
 
     def _check(self) -> None:
         if any(warning.number for warning in self.data.warning[int(mujoco.mjtWarning.mjWARN_BADQPOS) :]):

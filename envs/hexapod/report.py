@@ -14,7 +14,7 @@ from actuators.errors import SealegsError
 from envs.hexapod.gait import SPEED, Tripod
 from envs.hexapod.paper import BREAKAWAY_AT_REST, Machine, Standing, Walk, chains_with, penetration_on, stand_unpowered
 from envs.hexapod.parameters import NUMBERS
-from envs.hexapod.robot import FRICTIONS, HORIZONTAL, VERTICAL
+from envs.hexapod.robot import FRICTIONS, HORIZONTAL, KINDS, VERTICAL
 
 UNPOWERED = ("none", "dry/viscous", "LuGre")  # Fig. 8
 SPEEDS = (0.01, 0.03)  # [m/s] of Fig. 12, beside the gait's own; the printed ones are not at hand
@@ -77,6 +77,7 @@ def compare(out: Path, seconds: float = 10.0, say: Callable[[str], None] = print
         "specific_resistance": {
             name: {f"{v:g}": value for v, value in row.items()} for name, row in resistance.items()
         },
+        "shares_in_transfer_and_support": {name: walk.shares() for name, walk in walks.items()},
         "gait": asdict(Tripod()),
         "chains": {
             name: {joint: chain.to_list() for joint, chain in chains_with(name).items() if joint.startswith("leg0")}
@@ -249,4 +250,9 @@ def table(
         lines.append(
             f"  at {100 * speed:4.2f} cm/s{'':23s}" + "".join(f"{row[speed]:15.2f}" for row in resistance.values())
         )
+    lines.append(f"of that, at {100 * SPEED:g} cm/s")
+    shares = [walk.shares() for walk in walks.values()]
+    for kind in KINDS:
+        for k, part in enumerate(("transfer", "support")):
+            lines.append(f"  {f'{kind}, {part}':35s}" + "".join(f"{row[kind][k]:15.2f}" for row in shares))
     return [*lines, ""]
