@@ -102,14 +102,20 @@ def read_curve(folders: Sequence[Path]) -> Curve:
     return Curve(np.array(steps), np.array([[row[step] for step in steps] for row in read]))
 
 
-def train(robot: str, training: Sequence[str], seed: int, target: Path, until: float | None) -> None:
-    """Train a seed, or go on with it, and keep its best policy in ``target``.
+def train(training: Sequence[str], seed: int, runs: Path, target: Path, until: float | None = None) -> None:
+    """Train a seed, or go on with it, and keep its best policy.
+
+    Args:
+        training: arguments of ``train.py``.
+        seed: of the run.
+        runs: folder of the runs.
+        target: folder for the policy, which is not there yet.
+        until: time to stop at, as ``time.monotonic`` counts it [s].
 
     Raises:
         Interrupted: the time was over, or Ctrl-C; a checkpoint is saved.
         SealegsError: ``train.py`` failed.
     """
-    runs = REPOSITORY / "runs" / f"learning-{robot}"
     folder = runs / f"seed{seed}"
     if policy_step(folder / "final") is None:
         new = [*training, f"seed={seed}", f"name=seed{seed}", f"out={runs}"]
@@ -208,7 +214,7 @@ def study(robot: str, seeds: int, minutes: float | None, training: bool, policie
     for seed, folder in folders.items():
         if training and not folder.exists():
             print(f"{robot}, seed {seed}", flush=True)
-            train(robot, module.TRAINING, seed, folder, until)
+            train(module.TRAINING, seed, REPOSITORY / "runs" / f"learning-{robot}", folder, until)
     folders = {seed: folder for seed, folder in folders.items() if folder.exists()}
     if not folders:
         raise SealegsError(f"{policies} has no policy yet; train some: python -m benchmarks.learning {robot}")

@@ -1,0 +1,58 @@
+"""The study of learned robots keeps what was trained, and says what came out."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from actuators.errors import SealegsError
+from agents.policy_files import load_policy
+from benchmarks import learning
+from benchmarks.learning import Bar, interval, page, read_curve
+
+SMALL = ("env=bench", "total_timesteps=64", "n_envs=2", "agent.n_steps=16", "agent.batch_size=16", "evaluate.every=32")
+
+
+def test_the_interval_is_students() -> None:
+    mean, half = interval(np.array([[1.0], [2.0], [3.0], [4.0], [5.0]]))
+    assert mean == pytest.approx([3.0])
+    assert half == pytest.approx([2.776 * np.sqrt(2.5 / 5.0)], rel=1e-3)
+    assert np.isnan(interval(np.array([[1.0]]))[1]).all()
+
+
+def test_the_curve_has_the_steps_at_which_all_seeds_were_evaluated(tmp_path: Path) -> None:
+    for seed, steps in enumerate(([10, 20, 30], [10, 30, 40])):
+        folder = tmp_path / f"seed{seed}"
+        folder.mkdir()
+        results = np.array([[step + seed - 1.0, step + seed + 1.0] for step in steps])
+        np.savez(folder / "evaluations.npz", timesteps=steps, results=results)
+    curve = read_curve([tmp_path / "seed0", tmp_path / "seed1"])
+    assert curve.steps.tolist() == [10, 30]
+    assert curve.rewards.tolist() == [[10.0, 30.0], [11.0, 31.0]]
+
+
+def test_a_missed_bar_is_called_missed() -> None:
+    rows = {0: {"speed": 1.0}, 1: {"speed": 3.0}}
+    text = page("hexapod", ("env=hexapod",), rows, {"speed": 2.5}, [Bar("at least 2", "1 to 3", False)])
+    assert "| **no** | 1 to 3 | at least 2 |" in text
+    assert "| reference controller | 2.5 |" in text
+    assert "2 ± 13" in text
+
+
+def test_a_seed_is_trained_once_and_its_policy_kept(tmp_path: Path) -> None:
+    target = tmp_path / "policies" / "seed3"
+    learning.train((*SMALL, "video.seconds=0"), 3, tmp_path / "runs", target)
+    kept = {path.name for path in target.iterdir()}
+    assert {"model.zip", "vecnormalize.pkl", "policy.json", "config.yaml", "evaluations.npz"} <= kept
+    act, description = load_policy(target)
+    assert act(np.zeros((2, *description["observation"]["shape"]), np.float32)).shape == (2, 1)
+    before = (tmp_path / "runs" / "seed3" / "run.json").read_text()
+    learning.train((*SMALL, "video.seconds=0"), 3, tmp_path / "runs", tmp_path / "again")
+    assert (tmp_path / "runs" / "seed3" / "run.json").read_text() == before
+
+
+def test_a_study_without_policies_says_so(tmp_path: Path) -> None:
+    with pytest.raises(SealegsError, match="has no policy yet"):
+        learning.study("hexapod", 5, None, False, tmp_path, tmp_path)
