@@ -100,10 +100,11 @@ def test_the_documented_tables_are_those_of_the_environment() -> None:
     assert len(observations) == engine.observation_size == len(engine.task.observation_names())
 
 
-def test_walking_pays_for_one_foot_in_the_air_and_hopping_for_both() -> None:
-    def gait(hopping: float, shapes: tuple[float, float], height: float) -> float:
+def test_walking_pays_for_the_foot_in_the_air_whose_turn_it_is_and_hopping_for_both() -> None:
+    def gait(hopping: float, shapes: tuple[float, float], height: float, time: float = 0.6) -> float:
         engine = BatchEngine(BipedTask(hopping=hopping), 1)
         engine.reset()
+        engine.steps[:] = round(time / engine.dt)
         engine.batch.bind("qpos")[:] = 0.0
         qpos = engine.batch.bind("qpos")
         for side, shape in zip(("left", "right"), shapes, strict=True):
@@ -114,7 +115,8 @@ def test_walking_pays_for_one_foot_in_the_air_and_hopping_for_both() -> None:
         return float(engine.task.rewards(motion)["reward_gait"][0])
 
     both_down, one_up, both_up = ((0.1, 0.1), 0.9951), ((0.1, 0.5), 0.9951), ((0.1, 0.1), 1.2)
-    assert gait(0.0, *one_up) > 0.4 and gait(0.0, *both_up) == gait(0.0, *both_down) == pytest.approx(0.0, abs=0.01)
+    assert gait(0.0, *one_up) > 0.4 and gait(0.0, *one_up, time=0.1) < -0.4
+    assert gait(0.0, *both_up) == gait(0.0, *both_down) == pytest.approx(0.0, abs=0.01)
     assert gait(1.0, *both_up) > 0.4 and gait(1.0, *one_up) == pytest.approx(0.0, abs=0.01)
 
 

@@ -34,8 +34,12 @@ class BipedEnv(SingleEnv):
     against the torso, zero where the leg hangs down; a leg shape is half their difference, zero where the leg is
     straight.
 
+    With a `correction`, actions correct a reference gait (`envs/biped/gait.py`), which passes with a clock and knows
+    nothing of the robot's motion: the goal is the gait's plus the action times `correction` times half the range above,
+    within that range. The gait alone falls after a few steps.
+
     ## Observation Space
-    The observation space is a `Box(-Inf, Inf, (28,), float32)` of what the computer on the robot knows.
+    The observation space is a `Box(-Inf, Inf, (30,), float32)` of what the computer on the robot knows.
 
     | Num | Observation                  | Source                                                           | Unit  |
     |-----|------------------------------|------------------------------------------------------------------|-------|
@@ -67,6 +71,8 @@ class BipedEnv(SingleEnv):
     | 25  | last action, left shape      | memory                                                           | -     |
     | 26  | last action, right angle     | memory                                                           | -     |
     | 27  | last action, right shape     | memory                                                           | -     |
+    | 28  | sine of the clock            | time, `cadence` turns per second from the start                  | -     |
+    | 29  | cosine of the clock          | as 28                                                            | -     |
 
     Motors are read in leg coordinates, over their gear ratios. With a chain without springs (`ideal`), motor and link
     are one.
@@ -77,8 +83,9 @@ class BipedEnv(SingleEnv):
     - *reward_forward*: $w_{forward} \max(1 - |v - v_{cmd}| / \max(|v_{cmd}|, 0.2), -1)$ with the forward speed $v$ of
       the hip.
     - *reward_alive*: `alive_weight` in every step.
-    - *reward_gait*: $w_{gait}$ times a height over 0.05 m, between 0 and 1: where `hopping` is 1, that of the lower
-      foot; where it is 0 (walking), how much higher one foot is than the other.
+    - *reward_gait*: $w_{gait}$ times a height over 0.05 m, at most 1: where `hopping` is 1, that of the lower foot;
+      where it is 0 (walking), how much higher than the other that foot is whose turn it is: the left one's in the first
+      half of the clock's turn.
     - *reward_upright*: $w_{upright} \cos 2 p$ with the torso's pitch $p$.
     - *reward_energy*: $-w_{energy} \sum |\tau \omega|$ of the motors [W].
 
@@ -108,6 +115,8 @@ class BipedEnv(SingleEnv):
     | `control_rate`    | float               | `50.0`     | actions per second [Hz] |
     | `speed`           | float or (low, high) | `0.6`     | commanded speed, or the range it is drawn from [m/s] |
     | `hopping`         | float               | `0.0`      | 0: walk; 1: hop with both legs |
+    | `cadence`         | float               | `1.0`      | turns of the clock per second: two steps, or one hop [Hz] |
+    | `correction`      | float               | `0.0`      | 0: actions are goals; else how far they correct the reference gait, as a share of half the range of goals |
     | `forward_weight`  | float               | `1.0`      | see Rewards |
     | `alive_weight`    | float               | `0.5`      | see Rewards |
     | `gait_weight`     | float               | `0.5`      | see Rewards |
@@ -136,6 +145,8 @@ class BipedEnv(SingleEnv):
         control_rate: float = 50.0,
         speed: float | Sequence[float] = BipedTask.speed,
         hopping: float = BipedTask.hopping,
+        cadence: float = BipedTask.cadence,
+        correction: float = BipedTask.correction,
         forward_weight: float = BipedTask.forward_weight,
         alive_weight: float = BipedTask.alive_weight,
         gait_weight: float = BipedTask.gait_weight,
@@ -159,6 +170,8 @@ class BipedEnv(SingleEnv):
             control_rate=control_rate,
             speed=speed,
             hopping=hopping,
+            cadence=cadence,
+            correction=correction,
             forward_weight=forward_weight,
             alive_weight=alive_weight,
             gait_weight=gait_weight,

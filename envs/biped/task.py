@@ -9,15 +9,17 @@ import numpy as np
 
 from actuators import Drivetrain
 from envs.biped.drive import ANGLE, SHAPE
+from envs.biped.gait import HoppingGait, WalkingGait
 from envs.biped.kinematics import feet, place, segments
 from envs.biped.parameters import SIDES
-from envs.biped.robot import BIPED, coordinate
+from envs.biped.robot import BIPED, GOAL_RANGE, coordinate
 from envs.task import Motion, Task
 
 SLOWEST = 0.2  # [m/s] below this, errors of speed count in absolute terms
 HIGH = 0.05  # [m] of a foot over the floor, where the reward for lifting it is full
 TOUCH = 2e-3  # [m] under which the switch of a foot says that it is on the floor
 FORWARD, UP, PITCH = 0, 1, 2  # qpos and qvel of the torso
+REACH = np.array([0.5 * (high - low) for low, high in (GOAL_RANGE[ANGLE], GOAL_RANGE[SHAPE])] * 2)  # of goals [rad]
 
 
 @dataclass(frozen=True)
@@ -26,6 +28,8 @@ class BipedTask(Task):
 
     speed: float | Sequence[float] = 0.6
     hopping: float = 0.0
+    cadence: float = 1.0
+    correction: float = 0.0
     forward_weight: float = 1.0
     alive_weight: float = 0.5
     gait_weight: float = 0.5
@@ -54,6 +58,7 @@ class BipedTask(Task):
             *(f"{name} motor speed [rad/s]" for name in names),
             *(f"{side} foot switch" for side in SIDES),
             *(f"last {name} action" for name in names),
+            *(f"{function} of the clock" for function in ("sine", "cosine")),
         )
 
     def commands(self, random: np.ndarray) -> np.ndarray:
@@ -81,18 +86,34 @@ class BipedTask(Task):
         qvel[:, FORWARD] = noise[:, 6]
         return goals
 
+    def reference(
+        self, time: np.ndarray, command: np.ndarray, numbers: Mapping[str, float]
+    ) -> tuple[np.ndarray, np.ndarray] | None:
+        if self.correction == 0.0:
+            return None
+        phase = self._phase(time)
+        walking = WalkingGait().goals(phase, command[:, 0], self.cadence, numbers)
+        goals = self.hopping * HoppingGait().goals(phase) + (1.0 - self.hopping) * walking
+        return goals, self.correction * REACH
+
+    def _phase(self, time: np.ndarray) -> np.ndarray:
+        """Of the clock (n,) [rad]; the left leg's turn to swing comes first."""
+        return 2.0 * np.pi * (self.cadence * time % 1.0)
+
     def observe(self, motion: Motion) -> tuple[np.ndarray, ...]:
         m = motion
         base, switches = m.qvel[:, : PITCH + 1], (_clearance(m) < TOUCH).astype(float)
         links, readings = (m.link, m.reading), (m.link_speed, m.reading_speed)
-        return m.command, m.qpos[:, UP : PITCH + 1], *links, base, *readings, switches, m.action
+        phase = self._phase(m.time)
+        clock = np.sin(phase), np.cos(phase)
+        return m.command, m.qpos[:, UP : PITCH + 1], *links, base, *readings, switches, m.action, *clock
 
     def rewards(self, motion: Motion) -> dict[str, np.ndarray]:
         speed, wanted = motion.qvel[:, FORWARD], motion.command[:, 0]
         error = np.abs(speed - wanted) / np.maximum(np.abs(wanted), SLOWEST)
-        clearance = np.clip(_clearance(motion) / HIGH, 0.0, 1.0)
-        lower, higher = clearance.min(axis=1), clearance.max(axis=1)
-        gait = self.hopping * lower + (1.0 - self.hopping) * (higher - lower)
+        left, right = np.clip(_clearance(motion) / HIGH, 0.0, 1.0).T
+        swing = np.where(self._phase(motion.time) < np.pi, left - right, right - left)
+        gait = self.hopping * np.minimum(left, right) + (1.0 - self.hopping) * swing
         power = np.abs(motion.torque * motion.motor_speed).sum(axis=1)
         return {
             "reward_forward": self.forward_weight * np.maximum(1.0 - error, -1.0),

@@ -1,0 +1,70 @@
+"""The biped's reference gaits, and what corrects them."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from actuators.errors import SealegsError
+from envs.batch import BatchEngine
+from envs.biped.gait import HoppingGait, WalkingGait
+from envs.biped.robot import BIPED
+from envs.biped.task import BipedTask
+from envs.contract import make_contract
+
+NUMBERS = BIPED.parameters()
+
+
+def walking(phase: np.ndarray, speed: float = 0.6, cadence: float = 1.2) -> np.ndarray:
+    return WalkingGait().goals(phase, np.full(len(phase), speed), cadence, NUMBERS)
+
+
+def test_legs_take_turns_half_a_turn_of_the_clock_apart() -> None:
+    phase = np.linspace(0.0, 2.0 * np.pi, 50, endpoint=False)
+    goals, later = walking(phase), walking(phase + np.pi)
+    np.testing.assert_allclose(goals[:, :2], later[:, 2:], atol=1e-12)
+    assert (goals[1:25, 1] > goals[1:25, 3]).all(), "the left leg bends first"
+
+
+def test_a_standing_leg_goes_back_as_fast_as_the_robot_is_to_go_forward() -> None:
+    speed, cadence = 0.6, 1.2
+    start, end = walking(np.array([0.0, np.pi - 1e-9]), speed, cadence)[:, 2]
+    length = (NUMBERS["thigh_length"] + NUMBERS["shin_length"]) * np.cos(WalkingGait().shape)
+    assert length * (np.sin(start) - np.sin(end)) == pytest.approx(speed / (2.0 * cadence), rel=1e-6)
+
+
+def test_hopping_legs_bend_together() -> None:
+    goals = HoppingGait().goals(np.linspace(0.0, 6.0, 20))
+    np.testing.assert_array_equal(goals[:, 1], goals[:, 3])
+    assert np.ptp(goals[:, 1]) > 0.1 and np.ptp(goals[:, 0]) == 0.0
+
+
+def test_actions_correct_the_gait_by_a_share_of_the_range_and_no_goal_leaves_it() -> None:
+    engine = BatchEngine(BipedTask(correction=0.4, start_noise=0.0), 2, autoreset=False)
+    engine.seed(0)
+    engine.reset()
+    goals = walking(np.zeros(2), engine.task.speed, engine.task.cadence)  # type: ignore[attr-defined]
+    ctrl = engine.batch.bind("ctrl")
+    engine.step(np.array([[0.0] * 4, [0.5] * 4]))
+    np.testing.assert_allclose(ctrl[0], goals[0], atol=1e-12)
+    np.testing.assert_allclose(ctrl[1] - ctrl[0], 0.5 * 0.4 * engine.goal_half, atol=1e-12)
+    wide = BatchEngine(BipedTask(correction=2.0), 1, autoreset=False)
+    wide.reset()
+    wide.step(np.ones((1, 4)))
+    np.testing.assert_allclose(wide.batch.bind("ctrl")[0], wide.goal_centre + wide.goal_half)
+
+
+def test_the_gait_alone_does_not_walk() -> None:
+    engine = BatchEngine(BipedTask(correction=0.4), 8, autoreset=False)
+    engine.seed(0)
+    engine.reset()
+    fallen = np.zeros(8, bool)
+    for _ in range(200):
+        fallen |= engine.step(np.zeros((8, 4))).terminated
+    assert fallen.all()
+
+
+def test_a_policy_that_corrects_a_gait_has_no_contract() -> None:
+    env = {"id": "SeaLegs/Biped-v0", "correction": 0.4}
+    with pytest.raises(SealegsError, match="goals that change with time"):
+        make_contract(env, {name: ["ideal"] for name in BIPED.chains}, 50.0)
