@@ -1,4 +1,4 @@
-"""The learned walk of the biped: how it is trained, and what is measured of a policy. See ``benchmarks/learning.py``."""
+"""The learned walk of the biped: its training, and what is measured of a policy. See ``benchmarks/learning.py``."""
 
 from __future__ import annotations
 

@@ -1,8 +1,8 @@
 """Reference gaits that a learner corrects: leg angles and leg shapes over a clock, without feedback.
 
-Neither keeps the biped up by itself for long: walking, it falls within two steps or three (``tests/test_biped_gait.py``).
 All numbers are assumed. That a leg swings from behind to ahead while the other pushes back, as far as the commanded
-speed and the cadence ask for, is all that a reference says; balance is left to what is learned.
+speed and the cadence ask for, is all that walking is here; without corrections the biped falls after two or three steps.
+Balance is left to what is learned.
 """
 
 from __future__ import annotations
