@@ -1,8 +1,7 @@
 """Reference gaits that a learner corrects: leg angles and leg shapes over a clock, without feedback.
 
 All numbers are assumed. That a leg swings from behind to ahead while the other pushes back, as far as the commanded
-speed and the cadence ask for, is all that walking is here; without corrections the biped falls after two or three steps.
-Balance is left to what is learned.
+speed and the cadence ask for, is all that walking is here; without corrections the biped falls within a few steps.
 """
 
 from __future__ import annotations
