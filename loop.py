@@ -74,7 +74,12 @@ def measure(config: Mapping[str, Any], out: Path, machine: list[str], seed: int)
         todo = [word for word in config["excitations"] if not complete(out, f"load{number}_{word}")]
         if todo and config["hw"]["virtual"] is None:
             said = ", ".join(f"{name} {value:g}" for name, value in load.items())
-            input(f"\nPut on load {number + 1} ({said}) and press Enter. ")
+            try:
+                input(f"\nPut on load {number + 1} ({said}) and press Enter. ")
+            except EOFError:
+                raise SealegsError(
+                    "the load must be changed by a person, and there is no terminal; run loop.py in one."
+                ) from None
         for word in todo:
             excite(config, out, machine, f"load{number}_{word}", word, load, seed + number)
 
@@ -105,7 +110,8 @@ def complete(out: Path, name: str) -> bool:
     aside.mkdir(exist_ok=True)
     stamp = datetime.datetime.now().strftime("%H%M%S")
     for ending in (".csv", ".yaml", ".events.jsonl"):
-        (out / "log" / f"{name}{ending}").rename(aside / f"{name}-{stamp}{ending}")
+        if (part := out / "log" / f"{name}{ending}").exists():
+            part.rename(aside / f"{name}-{stamp}{ending}")
     return False
 
 

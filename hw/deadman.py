@@ -22,10 +22,12 @@ class DeadMan:
     def __init__(self, descriptor: int, clock: Callable[[], float] = time.monotonic) -> None:
         """Watch the keys that arrive on ``descriptor``."""
         self._descriptor, self._clock = descriptor, clock
-        self._until = clock() + START
+        self._until: float | None = None  # nobody has asked yet
 
     def __call__(self) -> str | None:
         """None while the key is pressed; else why the run is to end."""
+        if self._until is None:
+            self._until = self._clock() + START
         while select.select([self._descriptor], [], [], 0.0)[0]:
             keys = os.read(self._descriptor, 64)
             if not keys:

@@ -19,11 +19,12 @@ from hw.calibration import as_row, newest
 from hw.clock import HIGHEST_RATE, LOWEST_RATE
 from hw.commands import Commands, PolicyCommands, Reference, Trajectory, read_excitation, read_replay
 from hw.connection import opened_bus, opened_port
-from hw.deadman import keyboard
+from hw.deadman import PATIENCE, keyboard
 from hw.live import live_view
 from hw.loop import ControlLoop, Outcome, Stop
 from hw.measured_log import MeasuredLog, make_sidecar, read_events
 from hw.policy import Policy
+from hw.registers import ServoModel
 from hw.robot import ServoRobot, build_robot
 from hw.safety import Limits, Safety
 from hw.supervisor import Charge, Supervisor
@@ -32,6 +33,8 @@ RATE = 100.0  # [Hz] of what does not say its own
 DURATION = 10.0  # [s] of what has no end of its own
 DRY_CYCLES = 10
 SIGNALS = ("goal", "position", "velocity", "duty", "voltage", "current", "temperature")
+MOVES = ("p_gain", "i_gain", "d_gain", "startup_force", "cw_dead_zone", "ccw_dead_zone", "torque_limit")
+"""Registers that decide how a servo answers a goal."""
 SOURCES = ("policy", "excitation", "replay", "reference")
 
 
@@ -155,9 +158,12 @@ def dry_run(deployment: Deployment, bus: ServoBus, say: Callable[[str], None]) -
 def _guarded(deployment: Deployment, bus: ServoBus, port: str, stop: Stop, say: Callable[[str], None]) -> Run:
     config, robot = deployment.config, deployment.robot
     hw = config["hw"]
-    log = _log(deployment, bus, port)
-    with contextlib.closing(log), contextlib.ExitStack() as stack:
+    with contextlib.ExitStack() as stack:
         each_cycle = stack.enter_context(keyboard(config["dead_man"]))
+        registers = {joint.name: bus.identity(joint.id) for joint in robot.joints}
+        for line in unlike_the_factory(registers, robot.servo):
+            say(line)
+        log = stack.enter_context(contextlib.closing(_log(deployment, port, registers)))
         charge = Charge(
             port, int(hw["baudrate"]), robot.servo.name, float(hw["timeout"]), robot.ids, config["rest"],
             config["silence"], os.getpid(), str(log.events_path.resolve()),
@@ -179,6 +185,8 @@ def _guarded(deployment: Deployment, bus: ServoBus, port: str, stop: Stop, say: 
             f"Running {deployment.commands.name} at {deployment.rate:g} Hz for {deployment.duration:g} s, "
             f"into {log.path}"
         )
+        if config["dead_man"]:
+            say(f"Hold the space bar down: the run ends {PATIENCE:g} s after it is let go.")
         with live_view(loop, config["live"]):
             outcome = loop.run(deployment.duration)
     return Run(outcome, log.path)
@@ -196,15 +204,15 @@ def report(deployment: Deployment, done: Run, say: Callable[[str], None] = print
         say(f"Safety cut goals: {outcome.cut['step']} cycles by their step, {outcome.cut['range']} by their range.")
     if outcome.bus:
         say("Bus: " + ", ".join(f"{name} {count}" for name, count in outcome.bus.items()) + ".")
-    say(f"Log: {done.log}")
+    say(f"Log: {done.log if done.log.exists() else 'none, since the run ended before its first reading'}")
     rest = "released" if deployment.config["rest"] == "release" else "held"
     lost = _not_at_rest(done)
-    where = f"; the log is {done.log}"
+    where = f"; the log is {done.log}" if done.log.exists() else ""
     if lost:
         servos = ", ".join(map(str, lost))
+        cause = f" ({outcome.fault.sentence.rstrip('.')})" if outcome.fault else ""
         raise SealegsError(
-            f"TORQUE MAY BE ON at servo(s) {servos}, which cannot be reached: cut their power. "
-            f"{outcome.fault.sentence if outcome.fault else ''}{where}."
+            f"TORQUE MAY BE ON at servo(s) {servos}, which cannot be reached: cut their power{cause}{where}."
         )
     if outcome.fault is not None:
         raise SealegsError(
@@ -284,7 +292,25 @@ def library_excitation(word: str, robot: ServoRobot, reach: float, seed: int) ->
     return Trajectory(word, np.arange(len(goals)) / SAMPLES, goals, {"excitation": word, "reach": reach, "seed": seed})
 
 
-def _log(deployment: Deployment, bus: ServoBus, port: str) -> MeasuredLog:
+def unlike_the_factory(registers: Mapping[str, Mapping[str, int]], servo: ServoModel) -> list[str]:
+    """A sentence for each joint whose servo has been set up to move otherwise than it left the factory.
+
+    Args:
+        registers: counts by joint and name.
+        servo: model of the servos.
+    """
+    found = []
+    for joint, row in registers.items():
+        changed = [f"{name} {row[name]} ({servo[name].default})" for name in MOVES if row[name] != servo[name].default]
+        if changed:
+            found.append(
+                f"Joint {joint} moves otherwise than from the factory, which the chains of configs/actuator describe: "
+                f"{', '.join(changed)}."
+            )
+    return found
+
+
+def _log(deployment: Deployment, port: str, registers: Mapping[str, Mapping[str, int]]) -> MeasuredLog:
     config, robot, commands = deployment.config, deployment.robot, deployment.commands
     now = datetime.datetime.now().astimezone()
     name = config["name"] or f"{commands.name}-{now:%Y%m%d-%H%M%S}"
@@ -301,7 +327,7 @@ def _log(deployment: Deployment, bus: ServoBus, port: str) -> MeasuredLog:
             **{joint.name: as_row(joint) for joint in robot.joints},
         },
         "safety": dict(config["robot"]["safety"]),
-        "registers": {joint.name: bus.identity(joint.id) for joint in robot.joints},
+        "registers": registers,
     }
     sidecar = make_sidecar(robot.robot.name, robot.params, robot.belief, meta)
     signals = (*SIGNALS, "link_position") if robot.measures_links else SIGNALS

@@ -116,7 +116,8 @@ class ControlLoop:
             rest: what becomes of the servos at the end.
             stop: a person's wish to stop.
             stepped: the machine's time advances by a period in each cycle, however long that takes; of a virtual bus.
-            each_cycle: called in every cycle; a text that it returns stops the run, such as the dead-man's switch.
+            each_cycle: called in every cycle, and on the way to the start; a text that it returns stops the run, such
+                as the dead-man's switch.
         """
         self.bus, self.robot, self.safety, self.commands = bus, robot, safety, commands
         self._metronome = Metronome(rate, stepped)
@@ -174,6 +175,8 @@ class ControlLoop:
     def _begin(self) -> None:
         ids = self.robot.ids
         self.sent = np.clip(self._read().position, self.robot.low, self.robot.high)
+        if self._stop.reason is not None:  # asked for while the bus and the supervisor were started
+            return
         self._event("torque on", servos=ids)
         self.bus.torque_on(ids)
         if (start := self.commands.start()) is not None:
@@ -205,7 +208,10 @@ class ControlLoop:
                 raise BusError(f"on the way to the start: {fault.sentence}", fault.servos)
             self.sent = first + (start - first) * min(now / max(span, 1e-9), 1.0)
             self.bus.write_goals(self.robot.ids, self.robot.to_servo(self.sent))
-            self._beat()
+            if (fault := self._beat()) is not None:
+                raise BusError(fault.sentence)
+            if (reason := self._each_cycle()) is not None:
+                self._stop.ask(reason)
             if self._stop.reason is not None:
                 return
             if now > span + 0.3 and (np.abs(reading.position - start) < ARRIVED).all():
@@ -226,7 +232,8 @@ class ControlLoop:
             if begun is None:
                 begun = self._zero_time = woke
                 self._event("started", monotonic=time.monotonic())
-            self._beat()
+            if (fault := self._beat()) is not None:
+                return fault
             if (reason := self._each_cycle()) is not None:
                 self._stop.ask(reason)
                 return None
@@ -279,9 +286,10 @@ class ControlLoop:
         status = reading.state.status[: len(self.robot.joints)] if reading.state is not None else ()
         self._log.write(reading.time - zero, np.stack(columns, axis=1), reading.base_position, host, status)
 
-    def _beat(self) -> None:
-        if self._supervisor is not None:
-            self._supervisor.beat()
+    def _beat(self) -> Fault | None:
+        if self._supervisor is None or self._supervisor.beat():
+            return None
+        return Fault("supervisor", "the supervisor that guards the servos has ended; without it no torque stays on.")
 
     def _event(self, kind: str, **details: Any) -> None:
         if self._log is not None:

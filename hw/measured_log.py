@@ -84,7 +84,7 @@ class MeasuredLog:
             + ["%d"] * len(joints)
         )
         self._format += "\n"
-        taken = [folder / f"{name}{end}" for end in (".csv", ".parquet", ".yaml", ".yml", ".events.jsonl")]
+        taken = [folder / f"{name}{end}" for end in (".csv", ".parquet", ".yaml", ".yml")]
         try:
             folder.mkdir(parents=True, exist_ok=True)
             for path in taken:
@@ -94,7 +94,7 @@ class MeasuredLog:
                     )
             _write_new(folder / f"{name}.yaml", sidecar_text(sidecar))
             self._file = os.open(self.path, os.O_WRONLY | os.O_CREAT | os.O_EXCL | os.O_APPEND, 0o644)
-            self._events = os.open(self.events_path, os.O_WRONLY | os.O_CREAT | os.O_EXCL | os.O_APPEND, 0o644)
+            self._events = os.open(self.events_path, os.O_WRONLY | os.O_CREAT | os.O_APPEND, 0o644)
             _write_whole(self._file, (",".join(columns) + "\n").encode())
             os.fsync(self._file)
         except OSError as error:
@@ -133,18 +133,26 @@ class MeasuredLog:
             _write_whole(self._events, (line + "\n").encode())
 
     def close(self) -> None:
-        """Bring everything to the disk and close the files."""
+        """Bring everything to the disk and close the files.
+
+        A table without a row is no recording, and would keep its folder from being diagnosed: it goes, with its
+        sidecar. The events stay.
+        """
         self._closing.set()
         self._thread.join()
         for file in (self._file, self._events):
             with contextlib.suppress(OSError):
                 os.fsync(file)
             os.close(file)
+        if self.rows == 0:
+            for path in (self.path, self.path.with_suffix(".yaml")):
+                path.unlink(missing_ok=True)
 
     def _keep_on_disk(self) -> None:
         while not self._closing.wait(SYNC):
             try:
                 os.fsync(self._file)
+                os.fsync(self._events)
             except OSError as error:  # a full disk may show only here
                 self._failed = error
                 return

@@ -103,9 +103,9 @@ class Supervisor:
             )
         os.set_blocking(self._pipe.fileno(), False)
 
-    def beat(self) -> None:
-        """Say that the loop is alive; never blocks."""
-        self._say(BEAT)
+    def beat(self) -> bool:
+        """Say that the loop is alive; never blocks. False: nobody listens any more."""
+        return self._say(BEAT)
 
     def resting(self) -> None:
         """Say that the loop has ended and brings the servos to rest, which may take longer than a cycle."""
@@ -125,9 +125,13 @@ class Supervisor:
         """Hand the servos over, because bringing them to rest failed; waits for the supervisor's try."""
         self._finish()
 
-    def _say(self, word: bytes) -> None:
-        with contextlib.suppress(BlockingIOError, BrokenPipeError):
-            os.write(self._pipe.fileno(), word)
+    def _say(self, word: bytes) -> bool:
+        with contextlib.suppress(BlockingIOError):  # the pipe is full: it listens, but has not read for long
+            try:
+                os.write(self._pipe.fileno(), word)
+            except BrokenPipeError:
+                return False
+        return True
 
     def _finish(self) -> None:
         with contextlib.suppress(OSError):

@@ -50,7 +50,9 @@ def excitation(path: Path, joint: str = "joint", seconds: float = 30.0, amplitud
     return path
 
 
-def start(*arguments: str) -> subprocess.Popen[str]:
-    """deploy.py in a process of its own."""
+def start(*arguments: str, terminal: bool = False) -> subprocess.Popen[str]:
+    """deploy.py in a process of its own; in a group of its own too, as in a ``terminal``."""
     command = [sys.executable, "deploy.py", *PATIENT, *arguments]
-    return subprocess.Popen(command, cwd=REPOSITORY, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True)
+    return subprocess.Popen(
+        command, cwd=REPOSITORY, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True, start_new_session=terminal
+    )

@@ -21,6 +21,7 @@ from hw.connection import opened_port
 from hw.deadman import DeadMan
 from hw.loop import ControlLoop, Outcome, Stop
 from hw.measured_log import MeasuredLog, make_sidecar, read_events, recover
+from hw.packets import BusError
 from hw.policy import Policy
 from hw.robot import ServoRobot, build_robot
 from hw.safety import Limits, Safety
@@ -137,7 +138,7 @@ def test_a_fault_is_named_in_two_cycles_and_what_can_be_reached_is_released(
 ) -> None:  # fmt: skip
     run = Run(virtual, policy, tmp_path)
     run.under_way()
-    virtual.fault(kind, **values)
+    planted = virtual.fault(kind, **values)
     outcome = run.ended()
     assert outcome.ending == "fault" and outcome.fault is not None and outcome.fault.name in names
     if values.get("servos"):
@@ -150,7 +151,9 @@ def test_a_fault_is_named_in_two_cycles_and_what_can_be_reached_is_released(
     assert len(log.time) == run.log.rows, "the log is complete up to the last cycle that had a reading"
     assert any(event["event"] == "fault" and event["name"] == outcome.fault.name for event in events)
     status = virtual.status()["servos"]
-    assert not any(status[str(servo)]["torque"] for servo in {1, 2} - unreachable)
+    reachable = [status[str(servo)] for servo in {1, 2} - unreachable]
+    assert not any(servo["torque"] for servo in reachable)
+    assert all(servo["since"] - planted < 0.1 for servo in reachable), "on the machine's clock, which no host stalls"
     if kind == "silence":
         assert set(outcome.not_at_rest) == {2}, "and it is said which servo could not be reached"
 
@@ -200,6 +203,60 @@ def test_a_stopped_loop_holds_where_that_is_configured(virtual: VirtualBus, poli
     run.under_way()
     run.stop.ask("enough")
     assert run.ended().ending == "stopped" and torque(virtual) == {1: True, 2: True}
+
+
+class Guard:
+    """A supervisor that died after some beats."""
+
+    def __init__(self, beats: int) -> None:
+        self._left, self.heard = beats, list[str]()
+
+    def beat(self) -> bool:
+        self._left -= 1
+        return self._left >= 0
+
+    def resting(self) -> None:
+        self.heard.append("resting")
+
+    def dismiss(self) -> None:
+        self.heard.append("dismiss")
+
+
+def still(virtual: VirtualBus, **keys: Any) -> Outcome:
+    """Holding the hopper where it begins, without a log."""
+    robot = build_robot(config("robot=hopper", "robot.sensors={}", "robot.safety.range_margin=3.0")["robot"])
+    settings = config("robot=hopper", "robot.safety.range_margin=3.0", "robot.safety.late=1.0")["robot"]["safety"]
+    commands = Trajectory("still", np.array([0.0, 1.0]), np.tile([-0.61, 0.61], (2, 1)))
+    safety = Safety(robot, Limits.from_config({**settings, "speed": 200.0}), PERIOD)
+    bus = ServoBus(virtual.port, timeout=TIMEOUT)
+    return ControlLoop(bus, robot, safety, commands, 1.0 / PERIOD, stepped=True, **keys).run(1.0)
+
+
+def switched_on(virtual: VirtualBus, since: float) -> bool:
+    return any(on and time_ >= since for time_, _, on in virtual.status()["history"])
+
+
+def test_no_torque_stays_on_without_a_supervisor(virtual: VirtualBus) -> None:
+    guard = Guard(beats=40)
+    outcome = still(virtual, supervisor=guard)
+    assert outcome.fault is not None and outcome.fault.name == "supervisor" and outcome.timing.cycles > 0
+    assert torque(virtual) == {1: False, 2: False} and guard.heard == ["resting", "dismiss"]
+    with pytest.raises(BusError, match="supervisor that guards the servos has ended"):
+        still(virtual, supervisor=Guard(beats=2))  # on the way to the start
+    assert torque(virtual) == {1: False, 2: False}
+
+
+def test_a_stop_that_was_asked_for_before_the_start_switches_no_torque_on(virtual: VirtualBus) -> None:
+    stop, before = Stop(), virtual.status()["time"]
+    stop.ask("Ctrl-C")
+    assert still(virtual, stop=stop).ending == "stopped"
+    assert not switched_on(virtual, before)
+
+
+def test_the_dead_mans_switch_counts_on_the_way_to_the_start_too(virtual: VirtualBus) -> None:
+    before = virtual.status()["time"]
+    outcome = still(virtual, each_cycle=lambda: "let go")
+    assert outcome.ending == "stopped" and outcome.timing.cycles == 0 and switched_on(virtual, before)
 
 
 def test_an_exception_in_the_loop_releases_the_servos(virtual: VirtualBus, tmp_path: Path) -> None:
@@ -362,6 +419,18 @@ def test_a_log_never_overwrites(tmp_path: Path) -> None:
     assert (tmp_path / "run.csv").read_bytes() == before
     with pytest.raises(LogError, match="plain file name"):
         small_log(tmp_path, 1, "../run")
+
+
+def test_a_log_without_a_row_leaves_only_its_events(tmp_path: Path) -> None:
+    log = small_log(tmp_path, 0)
+    log.event(0.0, "exception", error="no servo")
+    log.close()
+    assert [path.name for path in tmp_path.iterdir()] == ["run.events.jsonl"]
+    again = small_log(tmp_path, 2)
+    again.event(0.0, "started")
+    again.close()
+    assert [event["event"] for event in read_events(again.path)] == ["exception", "started"]
+    assert len(read_measured(again.path).runs[0].time) == 2
 
 
 def test_a_full_disk_is_told_and_what_was_written_is_safe(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:

@@ -188,6 +188,14 @@ def test_goals_are_held_until_the_next_and_a_log_is_replayed_with_its_own(tmp_pa
         read_replay(write_run(other, tmp_path), robot)
 
 
+def test_servos_that_were_set_up_otherwise_are_named() -> None:
+    servo = build_robot(config()["robot"]).servo
+    factory = {name: servo[name].default for name in deployment.MOVES}
+    assert deployment.unlike_the_factory({"hip": factory}, servo) == []
+    (line,) = deployment.unlike_the_factory({"hip": factory, "knee": {**factory, "p_gain": 16}}, servo)
+    assert "knee" in line and "p_gain 16 (32)" in line
+
+
 # --- the whole loop ------------------------------------------------------------------------------------------------
 
 
@@ -203,6 +211,16 @@ def test_the_loop_goes_on_with_what_is_done_and_puts_unfinished_logs_aside(tmp_p
     assert not loop.complete(tmp_path, "never begun")
     assert {path.suffix for path in (tmp_path / "unfinished").iterdir()} == {".csv", ".yaml", ".jsonl"}
     assert {path.name for path in (tmp_path / "log").glob("*.csv")} == {"whole.csv"}
+
+
+def test_the_loop_needs_a_person_where_loads_change(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    def closed(_: str) -> str:
+        raise EOFError
+
+    monkeypatch.setattr("builtins.input", closed)
+    settings = {"loads": [{"mass": 0.3}], "excitations": ["chirp"], "hw": {"virtual": None}}
+    with pytest.raises(SealegsError, match="there is no terminal"):
+        loop.measure(settings, tmp_path, [], 0)
 
 
 def test_the_loop_refuses_to_go_on_with_other_settings(tmp_path: Path) -> None:

@@ -29,10 +29,13 @@ class VirtualBus:
     def __init__(self, **keys: Any) -> None:
         """Start the process; keys are those of ``configs/virtual.yaml``, such as ``robot="bench"``.
 
+        Files are looked for from the current folder.
+
         Raises:
             SealegsError: what the process said in refusing its arguments.
         """
-        arguments = [f"{key}={_written(value)}" for key, value in {"linger": LINGER, **keys}.items()]
+        keys = {key: _from_here(key, value) for key, value in {"linger": LINGER, **keys}.items()}
+        arguments = [f"{key}={_written(value)}" for key, value in keys.items()]
         self._errors = tempfile.TemporaryFile("w+")  # noqa: SIM115 no pipe, which nobody would empty
         self._process = subprocess.Popen(
             [sys.executable, "-m", "hw.virtual", *arguments],
@@ -41,6 +44,7 @@ class VirtualBus:
             stdout=subprocess.PIPE,
             stderr=self._errors,
             text=True,
+            start_new_session=True,  # a Ctrl-C in the terminal is the loop's: the servos must be there to be released
         )
         assert self._process.stdout is not None
         facts = {}
@@ -61,15 +65,24 @@ class VirtualBus:
         self.close()
 
     def close(self) -> None:
-        """End the process."""
+        """End the process.
+
+        Raises:
+            SealegsError: it had ended before; the sentence is what it said.
+        """
         self._control.close()
+        died = self._process.poll()
         self._process.terminate()
         try:
             self._process.communicate(timeout=5.0)
         except subprocess.TimeoutExpired:
             self._process.kill()
             self._process.communicate()
+        self._errors.seek(0)
+        said = self._errors.read().strip()
         self._errors.close()
+        if died is not None:
+            raise SealegsError(f"the virtual bus ended by itself: {said or f'exit status {died}'}")
 
     @property
     def pid(self) -> int:
@@ -80,9 +93,13 @@ class VirtualBus:
         """What only a simulation can know: see ``docs/virtual-bus.md``."""
         return self._control.order("status")
 
-    def fault(self, kind: str, **values: Any) -> None:
-        """Plant a fault from now on, or ``at`` seconds from now; see :mod:`hw.virtual.faults`."""
-        self._control.order("fault", kind=kind, **values)
+    def fault(self, kind: str, **values: Any) -> float:
+        """Plant a fault from now on, or ``at`` seconds from now; see :mod:`hw.virtual.faults`.
+
+        Returns:
+            Now, on the machine's clock [s].
+        """
+        return float(self._control.order("fault", kind=kind, **values)["time"])
 
     def clear(self) -> None:
         """Take all faults away."""
@@ -91,6 +108,12 @@ class VirtualBus:
     def advance(self, seconds: float) -> None:
         """Let time pass, in stepped time."""
         self._control.order("advance", seconds=seconds)
+
+
+def _from_here(key: str, value: Any) -> Any:
+    """The value; a file's name as it is called from anywhere, since the process runs in the checkout."""
+    named = key in ("hidden", "faults", "link") or str(value).endswith((".yaml", ".yml"))
+    return str(Path(value).absolute()) if named and isinstance(value, str | Path) else value
 
 
 def _written(value: Any) -> str:
