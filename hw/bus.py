@@ -15,7 +15,7 @@ from hw.servo_state import BlockReader, ServoState
 from hw.transactions import SYNC_READ, Transactions
 
 RECOVERY = 0.3  # [s] of torque off that clears an overload, as in huggingface/lerobot
-MULTI_TURN = 16  # bit of register phase
+SPEED_UNIT, SPEED_ZERO, MULTI_TURN = 4, 8, 16  # bits of register phase
 
 
 class ServoBus(ServoMemory):
@@ -104,6 +104,9 @@ class ServoBus(ServoMemory):
                 ("response_level", lambda v: v == 1, "write 1, so that it acknowledges writes"),
                 ("operating_mode", lambda v: v == 0, "write 0, position mode"),
                 ("phase", lambda v: not v & MULTI_TURN, "clear bit 4, so that positions stay within one turn"),
+                ("phase", lambda v: v & SPEED_UNIT, "set bit 2, so that speeds are counted in step/s"),
+                ("phase", lambda v: v & SPEED_ZERO, "set bit 3, so that goal speed 0 is no limit and not a stop"),
+                ("angle_resolution", lambda v: v == 1, "write 1, so that a turn has all its steps"),
             ):
                 if not fits(value := self.read_register(servo, name)):
                     raise ConfigurationError(
@@ -127,8 +130,7 @@ class ServoBus(ServoMemory):
 
         def read() -> ServoState:
             before = time.monotonic()
-            length = self._block.length
-            asked = length + self.line.longer
+            asked = self.line.no_late_length(self._block.length)
             replies = self.line.transact(ids, SYNC_READ, [self._block.start, asked, *ids], asked)
             return self._block.state(ids, [replies[servo] for servo in ids], before, time.monotonic())
 
@@ -220,6 +222,8 @@ class ServoBus(ServoMemory):
     def hold(self, ids: Sequence[int]) -> None:
         """Make each servo's position its goal, and make sure that the goal arrived.
 
+        Goal speed and acceleration become 0, no limit: what another program left there would slow every later goal.
+
         Raises:
             NotWrittenError: a servo has another goal.
             BusError: a servo failed.
@@ -228,7 +232,7 @@ class ServoBus(ServoMemory):
         register = self.model["goal_position"]
 
         def write() -> None:
-            self.write_goal_steps(ids, goals)
+            self.write_goal_steps(ids, goals, velocity=0.0)
             for servo, goal in zip(ids, goals, strict=True):
                 if self.read_register(servo, register.name) != goal:
                     raise NotWrittenError(f"servo {servo} did not take its position as its goal; try again.", [servo])

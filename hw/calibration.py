@@ -111,7 +111,8 @@ def write_calibration(path: Path, robot: Robot, servo: ServoModel, joints: Seque
     try:
         with open(path, "x", encoding="utf-8") as file:
             file.write(
-                "# zero: step of the encoder at 0 rad; direction: 1 where steps grow with the angle; range: rad\n"
+                "# zero: step of the encoder at 0 rad; direction: 1 where steps grow with the angle; range: rad;\n"
+                "# homing_offset: of the servo, with which these steps hold\n"
             )
             yaml.safe_dump(document, file, sort_keys=False)
             file.flush()
@@ -122,12 +123,13 @@ def write_calibration(path: Path, robot: Robot, servo: ServoModel, joints: Seque
 
 def as_row(joint: Joint) -> dict[str, Any]:
     """A joint as its file has it."""
-    return {
+    row = {
         "id": joint.id,
         "zero": joint.zero,
         "direction": joint.direction,
         "range": [round(joint.low, 4), round(joint.high, 4)],
     }
+    return row if joint.homing_offset is None else {**row, "homing_offset": joint.homing_offset}
 
 
 def newest(robot: str, folder: Path = FOLDER) -> Path | None:
@@ -189,7 +191,8 @@ def _joint(
             "servo cannot cross; turn the horn by half a turn and calibrate again."
         )
     ends = sorted(direction * (float(edge) - zero) * step for edge in (steps.min(), steps.max()))
-    joint = Joint(name, number, int(zero), direction, ends[0] + INSIDE, ends[1] - INSIDE)
+    offset = bus.read_register(number, "homing_offset")
+    joint = Joint(name, number, int(zero), direction, ends[0] + INSIDE, ends[1] - INSIDE, offset)
     say(f"{name}: zero at step {zero}, direction {direction:+d}, range {joint.low:.2f} to {joint.high:.2f} rad.")
     return joint
 

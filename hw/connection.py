@@ -3,12 +3,16 @@
 from __future__ import annotations
 
 import contextlib
+import math
 from collections.abc import Iterator, Mapping
 from typing import Any
 
 from actuators.errors import SealegsError
 from hw.bus import ServoBus
-from hw.robot import ServoRobot
+from hw.packets import ConfigurationError
+from hw.robot import Joint, ServoRobot
+
+SHORT = 16  # steps by which a servo may stop short of its joint's range
 
 
 @contextlib.contextmanager
@@ -56,6 +60,36 @@ def opened_port(
         yield bus.port
 
 
+def check_joint(bus: ServoBus, joint: Joint) -> None:
+    """Make sure that a servo is set up as it was when its joint was calibrated, and can reach the joint's range.
+
+    Raises:
+        ConfigurationError: it is not.
+    """
+    calibrated, offset = joint.homing_offset, bus.read_register(joint.id, "homing_offset")
+    if calibrated is not None and calibrated != offset:
+        raise ConfigurationError(
+            f"servo {joint.id} has homing_offset {offset}, and {calibrated} when joint {joint.name} was calibrated: "
+            "another program changed it, so the zero is elsewhere now; calibrate again.",
+            [joint.id],
+        )
+    low, high = (bus.read_register(joint.id, name) for name in ("min_angle", "max_angle"))
+    per_radian = joint.direction * bus.model.resolution / (2.0 * math.pi)
+    first, last = sorted(round(joint.zero + per_radian * angle) for angle in (joint.low, joint.high))
+    if low == high == 0:
+        raise ConfigurationError(
+            f"servo {joint.id} counts turns, since its registers min_angle and max_angle are 0; write 0 and "
+            f"{bus.model.resolution - 1} (bus.write_register).",
+            [joint.id],
+        )
+    if first < low - SHORT or last > high + SHORT:
+        raise ConfigurationError(
+            f"servo {joint.id} keeps its goals between the steps {low} and {high}, but joint {joint.name} goes from "
+            f"{first} to {last}; widen its registers min_angle and max_angle (bus.write_register), or calibrate again.",
+            [joint.id],
+        )
+
+
 def opened_bus(hw: Mapping[str, Any], port: str, robot: ServoRobot) -> ServoBus:
     """The bus, with every servo of the robot there and set up.
 
@@ -65,6 +99,8 @@ def opened_bus(hw: Mapping[str, Any], port: str, robot: ServoRobot) -> ServoBus:
     bus = ServoBus(port, int(hw["baudrate"]), robot.servo.name, float(hw["timeout"]))
     try:
         bus.check(robot.all_ids)
+        for joint in robot.joints:
+            check_joint(bus, joint)
     except BaseException:
         bus.close()
         raise

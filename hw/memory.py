@@ -180,4 +180,10 @@ class ServoMemory:
                 raise
 
     def _read(self, servo: int, address: int, length: int) -> list[int]:
-        return self.line.retry(lambda: self.line.transact([servo], READ, [address, length], length)[servo])
+        def read() -> list[int]:
+            asked = self.line.no_late_length(length)
+            start = max(min(address, self.model.size() - asked), 0)  # more bytes, but none behind the table's end
+            data = self.line.transact([servo], READ, [start, asked], asked)[servo]
+            return data[address - start :][:length]
+
+        return self.line.retry(read)

@@ -33,6 +33,7 @@ class BusPort(PortHandler):
     Attributes:
         reply_timeout: wait for the first byte of a reply beyond the time that its bytes take [s].
         discarded: bytes that the latest ``clearPort`` threw away.
+        received: bytes that were read since.
     """
 
     def __init__(self, path: str, baudrate: int, reply_timeout: float) -> None:
@@ -44,7 +45,7 @@ class BusPort(PortHandler):
         """
         super().__init__(path)
         self.reply_timeout = reply_timeout
-        self.discarded = 0
+        self.discarded = self.received = 0
         self._deadline = 0.0
         self.ser: Any = None
         if self.getCFlagBaud(baudrate) < 0:
@@ -81,9 +82,15 @@ class BusPort(PortHandler):
 
     def clearPort(self) -> None:
         """Discard what has come in; the SDK calls this in front of every request."""
-        self.discarded = self.ser.in_waiting
+        self.received, self.discarded = 0, self.ser.in_waiting
         if self.discarded:
             self.ser.reset_input_buffer()
+
+    def readPort(self, length: int) -> bytes:
+        """Up to ``length`` bytes."""
+        data = self.ser.read(length)
+        self.received += len(data)
+        return data
 
     def writePort(self, packet: list[int]) -> int:
         """Send a packet."""

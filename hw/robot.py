@@ -37,6 +37,7 @@ class Joint:
         zero: step of the encoder at which the joint is at 0 rad.
         direction: 1 where growing steps are the joint's positive direction, -1 where they are its negative one.
         low, high: range of the joint [rad].
+        homing_offset: of the servo as it was calibrated [step], which shifts its steps; None: not known.
     """
 
     name: str
@@ -45,6 +46,7 @@ class Joint:
     direction: int
     low: float
     high: float
+    homing_offset: int | None = None
 
 
 @dataclass(frozen=True)
@@ -341,6 +343,7 @@ def read_joints(path: Path, robot: Robot) -> list[Joint]:
                 int(row["direction"]),
                 float(row["range"][0]),
                 float(row["range"][1]),
+                None if row.get("homing_offset") is None else int(row["homing_offset"]),
             )
             for name, row in document["joints"].items()
         ]

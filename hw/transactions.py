@@ -32,6 +32,7 @@ BROADCAST = 254
 ID, LENGTH, ERROR, DATA = 2, 3, 4, 5  # places in a packet
 PING, READ, WRITE, SYNC_READ, SYNC_WRITE = 0x01, 0x02, 0x03, 0x82, 0x83
 SHORTEST = 6  # bytes of a packet without data: a PING looks like its reply from a servo with a voltage fault
+LATEST, OVERDUE = 1.0, 4  # [s] after which no answer comes any more; failed requests whose answers are still expected
 ECHO_WAIT = 0.005  # [s] within which an adapter's echo would be back
 
 T = TypeVar("T")
@@ -48,8 +49,6 @@ class Transactions:
         counts: failures so far by the name of their class, those that a further try cured included.
         events: the latest failures, oldest first, as (host's monotonic time [s], error).
         status: latest error byte of each servo by id.
-        longer: bytes by which blocks are read longer, so that late answers to older requests do not fit; it changes
-            with every failure.
     """
 
     def __init__(self, path: str, baudrate: int, timeout: float, retries: int) -> None:
@@ -64,7 +63,7 @@ class Transactions:
         self.events: deque[tuple[float, BusError]] = deque(maxlen=256)
         self.status: dict[int, int] = {}
         self.lock = threading.RLock()
-        self.longer = 0
+        self._overdue: deque[tuple[float, int]] = deque(maxlen=OVERDUE)  # (time [s], data bytes) of failed requests
         self._unsettled = False  # a reply failed: more of it may be on its way
         self._gone: UnpluggedError | None = None
         self.port = BusPort(path, baudrate, timeout)
@@ -136,10 +135,24 @@ class Transactions:
                 self.port.setPacketTimeoutMillis(1e3 * (wait + size * self._byte_time))
                 return self._collect(ids, request, length, wait)
             except ReplyError:
-                self._unsettled, self.longer = True, 1 - self.longer
+                self._unsettled = True
+                self._overdue.append((time.monotonic(), length))
                 raise
             except Exception as error:
                 raise self._named(error) from None
+
+    def no_late_length(self, length: int) -> int:
+        """Bytes to read where ``length`` are needed: as many, or the next number that no late answer can have.
+
+        Replies say neither what they answer nor when it was asked. One that comes after its request failed, however
+        late, has another length than what is asked now, and so cannot pass for the answer.
+        """
+        while self._overdue and time.monotonic() - self._overdue[0][0] > LATEST:
+            self._overdue.popleft()
+        taken = {late for _, late in self._overdue}
+        while length in taken:
+            length += 1
+        return length
 
     def _send(self, target: int, instruction: int, parameters: list[int]) -> list[int]:
         request = [0xFF, 0xFF, target, len(parameters) + 2, instruction, *parameters, 0]
@@ -159,7 +172,9 @@ class Transactions:
             if result != sdk.COMM_SUCCESS:
                 missing = [servo for servo in ids if servo not in replies]
                 if result == sdk.COMM_RX_TIMEOUT:
-                    raise self._corrupt(missing) if problem else self._no_reply(missing, wait)
+                    whole = (SHORTEST + length) * len(replies)
+                    broken = problem is not None or self.port.received > whole  # the SDK drops what has no header
+                    raise self._corrupt(missing) if broken else self._no_reply(missing, wait)
                 problem = self._corrupt(missing)
                 if self.port.isPacketTimeout():
                     raise problem

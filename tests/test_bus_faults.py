@@ -141,6 +141,25 @@ def test_a_late_reply_after_the_next_question_has_another_length(rigged: Rigged)
     assert state.position[0] == pytest.approx(position(rigged, 0), abs=1e-3)
 
 
+def test_a_late_register_does_not_pass_for_another_of_its_size(rigged: Rigged):
+    rigged.bus.line.port.reply_timeout = 0.05
+    rigged.fault("late", servos=[1], count=1, delay=0.02)
+    with pytest.raises(NoReplyError):
+        rigged.bus.line.transact([1], 2, [56, 2], 2)  # READ of the position, 2 bytes
+    settle = rigged.bus.line.port.settle
+
+    def late(*arguments: float, **keys: float) -> int:  # it comes after the line was found quiet
+        found = settle(*arguments, **keys)
+        rigged.control.order("advance", seconds=0.1)
+        time.sleep(0.02)
+        return found
+
+    rigged.bus.line.port.settle = late  # type: ignore[method-assign]
+    rigged.bus.line.port.clearPort = lambda: None  # type: ignore[method-assign]
+    assert rigged.bus.read_register(1, "model_number") == 777
+    assert rigged.bus.read_register(1, "model_number") == 777
+
+
 def test_bytes_left_over_are_noted_as_stale(rigged: Rigged):
     rigged.bus.read_state(IDS)
     assert rigged.server._terminal is not None

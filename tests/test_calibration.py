@@ -37,6 +37,8 @@ class Hand:
         return {}
 
     def read_register(self, servo: int, name: str) -> int:
+        if name == "homing_offset":
+            return 17
         assert name == "present_position"
         if self._sweep.get(servo):
             self.steps[servo] = self._sweep[servo].pop(0)
@@ -82,6 +84,7 @@ def test_a_person_is_guided_to_ids_zeros_directions_and_ranges(monkeypatch: pyte
     assert hip.low == pytest.approx(-900 * step + 0.02) and hip.high == pytest.approx(100 * step - 0.02)
     assert knee.high == pytest.approx(852 * step - 0.02)
     assert hand.off == [3, 7], "torque is off before anybody touches a joint"
+    assert hip.homing_offset == 17
 
 
 def test_it_asks_again_when_nothing_moved_or_two_joints_did(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -146,8 +149,9 @@ def test_a_missing_joint_is_refused() -> None:
 
 def test_a_file_is_read_as_written_and_never_overwritten(tmp_path: Path) -> None:
     path = tmp_path / "calibrations" / "hopper-a.yaml"
-    write_calibration(path, HOPPER, SERVO, joints())
-    assert read_joints(path, HOPPER) == joints() and newest("hopper", path.parent) == path
+    written = joints(hip={"homing_offset": -35})
+    write_calibration(path, HOPPER, SERVO, written)
+    assert read_joints(path, HOPPER) == written and newest("hopper", path.parent) == path
     before = path.read_text()
     with pytest.raises(CalibrationError, match="never overwritten"):
         write_calibration(path, HOPPER, SERVO, joints(hip={"id": 9}))

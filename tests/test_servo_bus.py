@@ -15,6 +15,7 @@ import pytest
 
 from benchmarks.bus import bare_cycle
 from hw.bus import ServoBus
+from hw.connection import check_joint
 from hw.packets import (
     ClosedError,
     ConfigurationError,
@@ -27,6 +28,7 @@ from hw.packets import (
     WrongModelError,
 )
 from hw.registers import load_model, model_names
+from hw.robot import Joint
 from hw.virtual.server import Server
 from tests.served_bus import served
 
@@ -111,7 +113,13 @@ def test_another_model_is_refused(server: Server):
 
 @pytest.mark.parametrize(
     ("register", "count", "words"),
-    [("operating_mode", 1, "position mode"), ("phase", 28, "within one turn")],
+    [
+        ("operating_mode", 1, "position mode"),
+        ("phase", 28, "within one turn"),
+        ("phase", 8, "speeds are counted in step/s"),
+        ("phase", 4, "goal speed 0 is no limit"),
+        ("angle_resolution", 2, "all its steps"),
+    ],
 )
 def test_a_servo_set_up_otherwise_is_refused(bus: ServoBus, register, count, words):
     bus.write_register(2, register, count)
@@ -235,6 +243,13 @@ def test_switching_torque_on_moves_nothing(server: Server, bus: ServoBus):
     assert bus.read_state(IDS).target == pytest.approx(before, abs=20 * STEP)  # the hopper falls meanwhile
 
 
+def test_a_speed_limit_that_another_program_left_does_not_outlive_torque_on(server: Server, bus: ServoBus):
+    for name, count in (("goal_velocity", 50), ("acceleration", 3)):
+        bus.write_register(1, name, count)
+    bus.torque_on(IDS)
+    assert [bus.read_register(1, name) for name in ("goal_velocity", "acceleration")] == [0, 0]
+
+
 def test_switching_torque_off_reaches_every_servo(server: Server, bus: ServoBus):
     bus.torque_on(IDS)
     assert bus.torque_off(IDS) == {}
@@ -286,6 +301,24 @@ def test_a_servo_gets_another_id_unless_it_is_taken(server: Server):
         assert list(bus.scan([1, 2, 9])) == [2, 9]
         server.wire.rig.servos[0].boot(server.wire.rig.time, 0.0)
         assert bus.ping(9) == 777
+
+
+def test_a_servo_that_was_calibrated_otherwise_or_stops_short_is_refused(bus: ServoBus):
+    joint = Joint("hip", 1, 2048, 1, -1.2, 0.3, 0)
+    check_joint(bus, joint)
+    for name, count, words in (
+        ("homing_offset", -35, "homing_offset -35, and 0 when joint hip was calibrated"),
+        ("min_angle", 1500, "between the steps 1500 and 4095, but joint hip goes from 1266 to 2244"),
+        ("max_angle", 2000, "between the steps 0 and 2000"),
+    ):
+        before = bus.read_register(1, name)
+        bus.write_register(1, name, count)
+        with pytest.raises(ConfigurationError, match=words):
+            check_joint(bus, joint)
+        bus.write_register(1, name, before)
+    bus.write_register(1, "max_angle", 0)
+    with pytest.raises(ConfigurationError, match="counts turns"):
+        check_joint(bus, joint)
 
 
 # --- ports -------------------------------------------------------------------------------------------------------
