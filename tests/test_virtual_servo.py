@@ -74,6 +74,27 @@ def test_here_is_the_centre_sets_the_homing_offset():
     assert wire.rig.machine.position(0) == pytest.approx(100 * STEP, abs=0.03)
 
 
+@pytest.mark.parametrize("mode", [2, 3])
+def test_a_mode_that_is_not_simulated_is_refused_in_a_sentence(mode: int):
+    wire = wired()
+    write(wire, "operating_mode", mode)
+    assert read(wire, "operating_mode") == 0
+    assert "servo 1 was asked for" in str(wire.rig.servos[0].refused)
+
+
+def test_goal_speed_0_stops_where_the_servo_is_set_up_so():
+    wire = wired()
+    write(wire, "phase", 4)
+    switch_on(wire)
+    write(wire, "goal_position", 2400)
+    wait(wire, 0.5)
+    assert abs(read(wire, "present_position") - 2048) < 30
+    write(wire, "goal_velocity", 1000)
+    write(wire, "goal_position", 2400)
+    wait(wire, 1.0)
+    assert abs(read(wire, "present_position") - 2400) < 60
+
+
 # --- motion ------------------------------------------------------------------------------------------------------
 
 

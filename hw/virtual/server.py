@@ -154,6 +154,10 @@ class Server:
         for at, packet in self.wire.exchange(request, self.now(), baudrate):
             heapq.heappush(self._outgoing, (at + self.latency, self._sequence, packet))
             self._sequence += 1
+        for servo in self.wire.rig.servos:
+            if servo.refused is not None:
+                print(servo.refused, file=sys.stderr, flush=True)
+                servo.refused = None
         if self.stepped:
             self._stepped_now = max(self._stepped_now, self.wire.free_at)
             self._flush(self._stepped_now + self.latency + 1e-9)

@@ -22,6 +22,7 @@ VOLTAGE, OVERHEAT, OVERCURRENT, OVERLOAD = (
 )
 RELEASING = VOLTAGE | int(Status.ENCODER) | OVERHEAT | OVERCURRENT  # an overload limits the torque, the others release
 MODE_POSITION, MODE_VELOCITY = 0, 1
+MODES = (MODE_POSITION, MODE_VELOCITY)  # that are simulated; PWM (2) and step (3) are not
 OFF, ON, DAMPING, HERE_IS_CENTRE = 0, 1, 2, 128
 AMBIENT = 25.0  # [degC]; assumed
 HEAT_CAPACITY, HEAT_RESISTANCE = 40.0, 8.0  # [J/K], [K/W] of motor and case to the air; assumed
@@ -50,6 +51,7 @@ class Servo:
         forced_temperature: that a fault pretends; None: the true one.
         silent_until: time at which it has booted [s].
         target: step that its loop steers to, homing offset included.
+        refused: the latest request that it could not follow because that is not simulated, in a sentence.
     """
 
     def __init__(self, model: ServoModel, servo_id: int, joint: int) -> None:
@@ -73,6 +75,7 @@ class Servo:
         self.temperature = AMBIENT
         self.forced_temperature: float | None = None
         self.silent_until = 0.0
+        self.refused: str | None = None
         self.boot(0.0, 0.0)
 
     # --- registers ---------------------------------------------------------------------------------------------
@@ -167,8 +170,14 @@ class Servo:
         """Write bytes; those of read-only registers are ignored."""
         lock = self.memory[self.model["lock"].address]
         enabled = self.get("torque_enable")
+        mode = self.model["operating_mode"].address
         for at, byte in enumerate(data, start):
-            if at in self._writable:
+            if at == mode and byte not in MODES:
+                self.refused = (
+                    f"virtual servos know the operating modes 0 (position) and 1 (velocity); servo {self.id} was asked "
+                    f"for {byte} and stays in {self.memory[at]}."
+                )
+            elif at in self._writable:
                 self.memory[at] = byte
                 if at < self._first_ram and not lock:
                     self._stored[at] = byte
@@ -230,7 +239,8 @@ class Servo:
         unit = 1 if self.get("phase") & 4 else 50
         speed, ramp = abs(self.get("goal_velocity")) * unit, self.get("acceleration") * 100
         top = self.get("max_velocity") * 50
-        self._move_speed = float(speed or (top if ramp else 0)) or math.inf
+        unlimited = float(top if ramp else 0) or math.inf
+        self._move_speed = float(speed or (unlimited if self.get("phase") & 8 else 0.0))
         self._move_ramp = float(ramp) or math.inf
         if math.isinf(self._move_speed) and self.get("operating_mode") == MODE_POSITION:
             self.target = self._goal
