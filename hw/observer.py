@@ -30,7 +30,7 @@ class Seen:
 class Observer:
     """Observations of a task out of readings, of a robot or of anything that is read like one.
 
-    The arithmetic is the environment's own: speeds are differences over a control step, and the task itself puts the
+    The arithmetic is the environment's own: speeds are differences over control steps, and the task itself puts the
     observation together. Torque is the motor constant times the measured current, 0 for chains without a motor.
 
     Attributes:
@@ -62,7 +62,7 @@ class Observer:
         self._constants = np.array([_motor_constant(robot, name) for name in robot.names])
         self.action = self._previous_action = np.zeros(len(robot.names))
         self._last: tuple[np.ndarray, np.ndarray] | None = None
-        self._cycles = 0
+        self._begun = self._seen = 0.0
 
     def acted(self, action: np.ndarray) -> None:
         """Note the action that was just commanded (k,)."""
@@ -73,9 +73,12 @@ class Observer:
         position, link = reading.position, reading.link
         if self._last is None:  # at rest, holding where it stands, as an episode starts
             self._last = position, link
+            self._begun = self._seen = reading.time
             self.action = self._previous_action = np.clip((position - self._zero) / self._per, -1.0, 1.0)
-        speed, link_speed = (position - self._last[0]) / self._dt, (link - self._last[1]) / self._dt
-        self._last = position, link
+        # whole control steps: more than one where readings were missed or periods left out
+        span = self._dt * max(round((reading.time - self._seen) / self._dt), 1)
+        speed, link_speed = (position - self._last[0]) / span, (link - self._last[1]) / span
+        self._last, self._seen = (position, link), reading.time
         motion = Motion(
             qpos=reading.base_position[None],
             qvel=reading.base_velocity[None],
@@ -88,10 +91,9 @@ class Observer:
             action=self.action[None],
             previous_action=self._previous_action[None],
             command=self.command[None],
-            time=np.array([self._cycles * self._dt]),
+            time=np.array([self._dt * round((reading.time - self._begun) / self._dt)]),
             numbers=self.numbers,
         )
-        self._cycles += 1
         parts = [np.atleast_1d(np.asarray(part[0], np.float32)) for part in self.task.observe(motion)]
         rewards = {name: float(term[0]) for name, term in self.task.rewards(motion).items()}
         return Seen(np.concatenate(parts), rewards, bool(self.task.failed(motion)[0]))

@@ -138,7 +138,8 @@ class Safety:
         took = reading.after - reading.before
         if took > self.limits.late:
             late = f"a reading took {1e3 * took:.1f} ms, and {1e3 * self.limits.late:g} ms are tolerated."
-            return self.missed(BusError(late), "late")
+            if (fault := self.missed(BusError(late), "late")) is not None:
+                return fault
         faults = reading.state.faults() if reading.state is not None else []
         if faults:
             return Fault(type(faults[0]).__name__, str(faults[0]), faults[0].servos)

@@ -109,6 +109,11 @@ def test_readings_that_fail_every_other_cycle_end_the_run_too() -> None:
     assert any(fault is not None for fault in faults)
 
 
+def test_a_late_reading_that_is_tolerated_is_judged_all_the_same() -> None:
+    fault = guard(late=0.008).judge(reading(took=0.009, temperature=(30.0, 71.0)))
+    assert fault is not None and fault.name == "temperature"
+
+
 def test_late_readings_count_as_missing() -> None:
     safety = guard(late=0.008)
     assert safety.judge(reading(took=0.009)) is None

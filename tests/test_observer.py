@@ -1,0 +1,73 @@
+"""On servos a policy sees what it saw in training, also where a reading was missed."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+from envs.sb3 import BatchVecEnv
+from hw.observer import Observer
+from hw.policy import Policy
+from hw.robot import Reading, build_robot
+from tests.servo_runs import config, gentle_policy
+
+PERIOD = 0.02
+
+
+def reading(time: float, position: np.ndarray, link: np.ndarray, base: np.ndarray, base_speed: np.ndarray) -> Reading:
+    nothing = np.zeros(len(position))
+    return Reading(
+        before=time,
+        after=time,
+        position=position.copy(),
+        velocity=nothing,
+        duty=nothing,
+        current=nothing,
+        voltage=nothing,
+        temperature=nothing,
+        link=link.copy(),
+        base_position=base.copy(),
+        base_velocity=base_speed.copy(),
+        state=None,
+    )
+
+
+@pytest.mark.parametrize("name", ["bench", "hopper"])
+def test_on_servos_a_policy_sees_what_it_saw_in_training(
+    name: str, monkeypatch: pytest.MonkeyPatch, tmp_path: Path
+) -> None:
+    env_id = f"SeaLegs/{name.capitalize()}-v0"
+    contract = Policy(gentle_policy(tmp_path / "policy.onnx", env_id)).contract
+    env = BatchVecEnv(env_id, 1, seed=0, control_rate=1.0 / PERIOD)
+    task, motions = type(env.engine.task), list[Any]()
+    observe = task.observe
+    monkeypatch.setattr(task, "observe", lambda self, motion: motions.append(motion) or observe(self, motion))
+    robot = build_robot(config(f"robot={name}")["robot"])
+    seen_in_training: Any = env.reset()
+    observer = Observer(contract, robot, motions[-1].command[0].copy())
+    random, base = np.random.default_rng(0), len(robot.base_names)
+    for cycle in range(40):
+        motion = motions[-1]
+        measured = reading(
+            5.0 + cycle * PERIOD, motion.reading[0], motion.link[0], motion.qpos[0, :base], motion.qvel[0, :base]
+        )
+        seen = observer.see(measured)
+        assert seen.observation == pytest.approx(seen_in_training[0], abs=2e-3 if cycle == 0 else 2e-5)
+        action = random.uniform(-0.4, 0.4, len(robot.joints))
+        observer.acted(action)
+        seen_in_training, _, done, _ = env.step(action[None])
+        assert not done.any()
+
+
+def test_a_missed_reading_makes_no_speed(tmp_path: Path) -> None:
+    robot = build_robot(config()["robot"])
+    observer = Observer(Policy(gentle_policy(tmp_path / "policy.onnx")).contract, robot)
+    nothing = np.zeros(0)
+    for time in (1.0, 1.02, 1.0401, 1.0995, 1.12):  # some jitter, and two readings that never came
+        angle = np.array([0.5 * round(time / PERIOD) * PERIOD])
+        seen = observer.see(reading(time, angle, angle, nothing, nothing))
+        if time > 1.0:
+            assert seen.observation[[3, 4]] == pytest.approx([0.5, 0.5], abs=1e-5), "link and motor speed"
