@@ -122,6 +122,18 @@ def test_an_unstable_machine_ends_in_a_sentence():
         machine.advance(0.1)
 
 
+@pytest.mark.parametrize("actuator", ["mabel_left_leg_angle", "mabel_net_leg_shape"])
+def test_a_machine_that_cannot_stand_is_refused_before_it_has_a_port(actuator: str, capfd: pytest.CaptureFixture[str]):
+    with pytest.raises(SealegsError, match="unstable while it stands still"):
+        Machine(BENCH, actuator)
+    assert capfd.readouterr().err == ""
+
+
+def test_trying_a_machine_leaves_it_as_it_was():
+    machine = Machine(BENCH)
+    assert machine.time == 0.0 and machine.position(0) == pytest.approx(0.0, abs=1e-9)
+
+
 def test_hidden_effects_change_what_is_driven_and_nothing_else(tmp_path: Path):
     changes = tmp_path / "hidden.yaml"
     changes.write_text("delay.seconds: 0.025\nbacklash.width: 0.02\nrobot.mass: 0.3\n")

@@ -53,7 +53,8 @@ class VirtualBus:
             if key != name:
                 self._process.communicate()
                 self._errors.seek(0)
-                raise SealegsError(self._errors.read().strip() or "the virtual bus did not start, and did not say why.")
+                said = self._errors.read().strip().splitlines()
+                raise SealegsError(said[-1] if said else "the virtual bus did not start, and did not say why.")
             facts[key] = value
         self.port, self.control_path = facts["port"], facts["control"]
         self._control = Control(self.control_path)
@@ -79,10 +80,10 @@ class VirtualBus:
             self._process.kill()
             self._process.communicate()
         self._errors.seek(0)
-        said = self._errors.read().strip()
+        said = self._errors.read().strip().splitlines()
         self._errors.close()
         if died is not None:
-            raise SealegsError(f"the virtual bus ended by itself: {said or f'exit status {died}'}")
+            raise SealegsError(f"the virtual bus ended by itself: {said[-1] if said else f'exit status {died}'}")
 
     @property
     def pid(self) -> int:

@@ -23,6 +23,7 @@ UNSTABLE = tuple(
     for kind in (mujoco.mjtWarning.mjWARN_BADQPOS, mujoco.mjtWarning.mjWARN_BADQVEL, mujoco.mjtWarning.mjWARN_BADQACC)
 )
 SHORTEST_STEP = 1e-7  # [s]
+TRIAL = 0.1  # [s] that a machine is tried for before it is shown to anybody
 
 
 @dataclass(frozen=True)
@@ -109,6 +110,26 @@ class Machine:
             self.data.ctrl[self.drivetrain.actuator_ids[name]] = middle
         install()
         mujoco.mj_forward(self.model, self.data)
+        self._check_stands(robot.name)
+
+    def _check_stands(self, robot: str) -> None:
+        """Refuse, before anybody relies on it, a machine that cannot even be simulated where it stands.
+
+        Raises:
+            SealegsError: the simulation becomes unstable.
+        """
+        trial = mujoco.MjData(self.model)
+        mujoco.mj_copyState(self.model, self.data, trial, int(mujoco.mjtState.mjSTATE_INTEGRATION))
+        mujoco.set_mju_user_warning(lambda _: None)  # the sentence below says it
+        try:
+            mujoco.mj_step(self.model, trial, round(TRIAL / self._step))
+        finally:
+            mujoco.set_mju_user_warning(None)
+        if _unstable(trial):
+            raise SealegsError(
+                f"what drives {', '.join(self.names)} cannot be simulated on robot '{robot}': the machine becomes "
+                "unstable while it stands still; give another chain, or other numbers of what it hides."
+            )
 
     @property
     def time(self) -> float:
@@ -129,7 +150,7 @@ class Machine:
             self.model.opt.timestep = rest
             mujoco.mj_step(self.model, self.data)
             self.model.opt.timestep = self._step
-        if any(self.data.warning[kind].number for kind in UNSTABLE):
+        if _unstable(self.data):
             raise SealegsError(
                 f"the virtual machine became unstable at {self.data.time:.3f} s; its chains, or what it hides, do not "
                 "fit the robot."
@@ -204,6 +225,10 @@ class Machine:
             known = [*joints, *(f"{coordinate}.link" for coordinate in self.names)]
             raise SealegsError(f"sensors: there is no '{name}'{nearest(name, known)}; there are {', '.join(known)}.")
         return np.eye(self.model.nq)[self.model.jnt_qposadr[joints.index(name)]]
+
+
+def _unstable(data: mujoco.MjData) -> bool:
+    return any(data.warning[kind].number for kind in UNSTABLE)
 
 
 def _switchable(chain: Chain) -> Chain:
