@@ -17,7 +17,10 @@ import time
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
+
+if TYPE_CHECKING:
+    from gap.search import Search
 
 RESULTS = Path(__file__).parent / "results"
 REPORTED_SEED = 900
@@ -125,6 +128,18 @@ def run(case: Case) -> dict[str, Any]:
             }
             for cause in found.causes
         ],
+        "rounds": [] if found.search is None else [_margins(found.search, k) for k in range(len(found.search.rounds))],
+    }
+
+
+def _margins(search: Search, number: int) -> dict[str, Any]:
+    """Squared error over that of the noise on unseen data, before a round and with each candidate of it."""
+    chosen, count = search.rounds[number], float(search.counts.sum())
+    return {
+        "before": float(chosen.before.sum()) / count,
+        "accepted": chosen.accepted,
+        "after": {c.cause.name: float(c.blocks.sum()) / count for c in chosen.candidates},
+        "best": {c.cause.name: c.best for c in chosen.candidates},
     }
 
 

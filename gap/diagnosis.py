@@ -24,10 +24,12 @@ from gap.log_checks.finding import Finding
 from gap.log_types import LogError, MeasuredRun, MeasuredSet
 from gap.parameters import Parameter
 from gap.problem import Problem, converged, lay_out
+from gap.robust import robust_loss
 from gap.search import RIVAL, Search, Searcher
 from gap.structure import Structure, fine, structure
 from gap.units import FIT_A, FIT_B, TEST, cut
 from gap.unknown import unknown_parameters, with_believed_load
+from gap.windows import in_windows
 
 WIDE = 4.0  # how far re-tuning alone may turn each number the model has: up to five times, down to a fifth
 NEGLIGIBLE = 0.03  # unexplained share of the gap up to which a gap counts as explained if its causes are beyond doubt
@@ -189,6 +191,7 @@ def _joint(
     causes: list[Cause] = []
     if all(run.robot == "bench" for run in runs):
         problem = weigh_channels(converged(lay_out(runs, joint, models, units, {"position": 1.0 / noise})))
+        fitting = in_windows(problem, retunable(models[0], WIDE))
     else:  # what holds the link is not known: it moves as measured
         try:
             driven = driven_problem(runs, joint, models, units, noise)
@@ -197,10 +200,10 @@ def _joint(
         causes, hidden = shown(driven, models[0])
         mine = (*mine, limits_of_driven(driven, joint, hidden))
         progress(f"judging the actuator of {joint} along its measured motion")
-        problem = weigh_channels(converged(driven))
-    search = Searcher(problem, progress, seed, causes).run()
+        problem = fitting = weigh_channels(converged(driven))
+    search = Searcher(fitting, progress, seed, causes).run()
     progress("measuring the gain on runs that nothing has seen")
-    return conclude(problem, search, joint, mine, seed, limits)
+    return conclude(problem, search, joint, mine, seed, limits, fitting=fitting)
 
 
 def _chain(run: MeasuredRun, joint: str) -> Chain:
@@ -223,13 +226,16 @@ def conclude(
     seed: int,
     limits: Limits | None = None,
     wide: Sequence[Parameter] | None = None,
+    fitting: Problem | None = None,
 ) -> JointDiagnosis:
     """What a search says: gain on the test part, causes with shares and intervals, verdict.
 
     Args:
         wide: what re-tuning alone may turn, and how far; default: the numbers of a joint.
+        fitting: the data as the search saw them, if not as ``problem`` has them.
     """
-    fitted, test = problem.part(FIT_A, FIT_B), problem.part(TEST)
+    fitting = fitting or problem
+    fitted, test = fitting.part(FIT_A, FIT_B), problem.part(TEST)
     retuned = fit(fitted, retunable(problem.models[0], WIDE) if wide is None else wide, evaluations=25)
     last = search.accepted[-1].fits if search.accepted else search.base
     parameters = search.parameters()
@@ -246,7 +252,7 @@ def conclude(
     white = min(white, noise**2)
     excess = max(errors["nominal"].rmse ** 2 - white, 1e-12)
     left = float(np.clip((errors["extended"].rmse ** 2 - white) / excess, 0.0, 1.0))
-    causes = _name_causes(problem, search, extended, fitted, joint, 1.0 - left, rest, seed)
+    causes = _name_causes(fitting, search, extended, fitted, joint, 1.0 - left, rest, seed)
     rivals = tuple(
         {"of": named.name, "names": [named.name, *named.rivals], "confidence": named.confidence}
         for named in causes
@@ -316,6 +322,7 @@ def _name_causes(
     bounds = intervals(fitted, parameters, extended, seed, final.fits)
     named = []
     rounds = [r for r in search.rounds if r.accepted]
+    stays = float(robust_loss(np.sqrt(rest.level))) if rest.noticed else 0.0
     for candidate, (loss, without), chosen in zip(search.accepted, losses, rounds, strict=True):
         rivals = tuple(c.cause.name for c in chosen.candidates[1:] if c.best > RIVAL)
         removed = float((chosen.before.sum() - candidate.blocks.sum()) / search.counts.sum())
@@ -330,7 +337,7 @@ def _name_causes(
                 sentence=candidate.cause.sentence,
                 joint=joint,
                 share=explained * loss / total,
-                confidence=candidate.best * removed / (removed + (rest.level if rest.noticed else 0.0)),
+                confidence=candidate.best * removed / (removed + stays),
                 parameters=values,
                 gain=1.0 - float(np.sqrt(final.blocks.sum() / without)),
                 kind="number" if candidate.cause.error else "effect",

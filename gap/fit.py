@@ -13,6 +13,7 @@ from scipy.optimize import lsq_linear
 
 from gap.parameters import Parameter
 from gap.problem import Problem
+from gap.robust import robust_loss, robust_weight
 
 MOST_SAMPLES = 30_000
 CONVERGED = 2e-4  # relative improvement of the cost below which a fit ends
@@ -21,7 +22,6 @@ UNLIKELY = 3.84  # rise of the cost, in squared noise floors, that a true value 
 CALIBRATION = 0.01  # relative error that columns and simulation share in all data
 CLOCK = 0.03  # of a sample period: what all time stamps are late or early by
 LONGEST = 10.0  # step of a parameter in one iteration, in units of its scale
-ROBUST = 6.0  # errors beyond this many noise floors count linearly, so that one jam does not steer a fit
 
 
 @dataclass(frozen=True, eq=False)
@@ -90,7 +90,7 @@ def fit(
         return problem.residual(problem.simulate([values(row) for row in rows]), every)
 
     here = errors(u[None])[0]
-    cost, damping = robust_cost(here), 1e-3
+    cost, damping = float(robust_loss(here).sum()), 1e-3
     for _ in range(evaluations):
         steps = np.where(u + reach <= high, reach, -reach)
         jacobian = (errors(u[None] + np.diag(steps)) - here) / steps[:, None]
@@ -105,7 +105,7 @@ def fit(
             # ripple in the Jacobian looks like curvature and shortens steps along a valley: also try further
             trials = np.concatenate([trials, np.clip(u + 3.0 * (trials[:1] - u), low, high)])
             tried = errors(trials)
-            costs = np.array([robust_cost(row) for row in tried])
+            costs = np.array([float(robust_loss(row).sum()) for row in tried])
             best = int(costs.argmin())
             if costs[best] < cost:
                 improved = (cost - costs[best]) / cost
@@ -120,16 +120,6 @@ def fit(
     edge = 1e-3 * (high - low)
     at_bound = tuple(p.path for k, p in enumerate(parameters) if min(u[k] - low[k], high[k] - u[k]) < edge[k])
     return Fit(best_values, simulated, float(np.mean(problem.residual(simulated[None]) ** 2)), at_bound)
-
-
-def robust_weight(residual: np.ndarray) -> np.ndarray:
-    """Weight of each error in a robust fit: 1 for small ones, falling beyond :data:`ROBUST`."""
-    return 1.0 / np.sqrt(1.0 + (residual / ROBUST) ** 2)
-
-
-def robust_cost(residual: np.ndarray) -> float:
-    """Sum of squares, for errors beyond :data:`ROBUST` rather of sizes."""
-    return float(2.0 * ROBUST**2 * (np.sqrt(1.0 + (residual / ROBUST) ** 2) - 1.0).sum())
 
 
 def _step(

@@ -12,6 +12,7 @@ import numpy as np
 from actuators.stages.base import ChainError
 from gap.joint_model import K_COUPLED, JointModel, bench_parameters
 from gap.log_types import LogError, MeasuredRun
+from gap.robust import robust_loss
 from gap.simulator import CHANNELS, ELASTIC_STEP, SWITCHING, SWITCHING_STEP, replay_many
 from gap.units import Unit
 
@@ -221,8 +222,8 @@ class Problem:
         return self._blocks
 
     def block_errors(self, simulated: np.ndarray) -> np.ndarray:
-        """Sum of squared weighted errors per block (b,), of one variant (n, 4)."""
-        return np.bincount(self.blocks()[0], self.residual(simulated[None])[0] ** 2)
+        """Sum of the losses of weighted errors per block (b,), of one variant (n, 4); see :mod:`gap.robust`."""
+        return np.bincount(self.blocks()[0], robust_loss(self.residual(simulated[None])[0]))
 
     def position_error(self, simulated: np.ndarray) -> np.ndarray:
         """Position errors [rad] of one variant (n, 4) at the judged samples."""

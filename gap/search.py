@@ -38,7 +38,7 @@ RIVAL = 0.05  # causes that are better than the winner in more than this share o
 DRAWS = 2000
 CHARGE = 0.02  # share of the error that a further parameter of a variant must remove
 # how many times smaller the squared error of another form of a cause must be than that of its usual, first form
-FORM = 2.0
+FORM = 1.4
 
 
 @dataclass(frozen=True, eq=False)

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from gap.log_types import JointLog, LogError, MeasuredRun
+from gap.log_types import LogError, MeasuredRun
 
 WARM_UP = 1.5  # [s] replayed but not judged, so that what came before a piece is forgotten
 SEARCH = 1.5  # [s] before that in which a quiet start is looked for
@@ -95,7 +95,7 @@ def _unit(runs: Sequence[MeasuredRun], k: int, joint: str, part: int, begin: flo
         start = _quiet(time, runs[k].joints[joint].position, first, first + SEARCH)
         judged = int(np.searchsorted(time, time[start] + WARM_UP))
     stop = int(np.searchsorted(time, last, side="right")) if end < 1.0 else len(time)
-    return Unit(k, part, start, stop, max(judged - start, 1), state_at(time, runs[k].joints[joint], start))
+    return Unit(k, part, start, stop, max(judged - start, 1), state_at(time, runs[k].joints[joint].position, start))
 
 
 def _quiet(time: np.ndarray, position: np.ndarray, earliest: float, latest: float) -> int:
@@ -107,10 +107,10 @@ def _quiet(time: np.ndarray, position: np.ndarray, earliest: float, latest: floa
     return int(samples[np.argmin(np.abs(position[after] - position[before]))])
 
 
-def state_at(time: np.ndarray, log: JointLog, sample: int, width: float = 0.03) -> tuple[float, float]:
+def state_at(time: np.ndarray, position: np.ndarray, sample: int, width: float = 0.03) -> tuple[float, float]:
     """Position [rad] and speed [rad/s] at a sample, from a parabola through the positions around it."""
     near = np.flatnonzero(np.abs(time - time[sample]) <= width)
-    if len(near) < 4 or np.ptp(log.position[near]) == 0.0:
-        return float(log.position[sample]), 0.0
-    fit = np.polynomial.polynomial.polyfit(time[near] - time[sample], log.position[near], 2 if len(near) > 5 else 1)
+    if len(near) < 4 or np.ptp(position[near]) == 0.0:
+        return float(position[sample]), 0.0
+    fit = np.polynomial.polynomial.polyfit(time[near] - time[sample], position[near], 2 if len(near) > 5 else 1)
     return float(fit[0]), float(fit[1])

@@ -1,0 +1,63 @@
+"""Where a model is far off, pieces of a second are fitted in place of whole runs."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from actuators import load_chain
+from gap.diagnosis import EXPLAINED, diagnose
+from gap.joint_model import JointModel
+from gap.problem import Problem, lay_out
+from gap.units import START, cut
+from gap.windows import SHORTEST, WINDOW, in_windows, split
+from tests.plant import hidden_bench
+
+CHAIN = load_chain("sts3215")
+
+
+def problem(chain: object = CHAIN) -> Problem:
+    data, _ = hidden_bench({}, 5, runs=1, duration=6.3)
+    units = cut(data.runs, "servo")
+    return lay_out(data.runs, "servo", [JointModel(chain)], units, {"position": 1.0 / 6e-4})  # type: ignore[arg-type]
+
+
+def test_windows_hold_every_sample_once_and_start_where_the_joint_was() -> None:
+    whole = problem()
+    cut_up = split(whole)
+    assert len(cut_up.units) > len(whole.units)
+    np.testing.assert_array_equal(cut_up.time, whole.time)
+    assert set(whole.starts) <= set(cut_up.starts)
+    lengths = [cut_up.time[b - 1] - cut_up.time[a] for a, b in zip(cut_up.starts[:-1], cut_up.starts[1:], strict=True)]
+    assert max(lengths) < WINDOW + SHORTEST
+    np.testing.assert_allclose(cut_up.states[:, 0], cut_up.measured[cut_up.starts[:-1], 0], atol=3e-3)
+
+
+def test_the_first_moments_of_a_window_are_not_judged() -> None:
+    cut_up = split(problem())
+    for a, b in zip(cut_up.starts[:-1], cut_up.starts[1:], strict=True):
+        early = cut_up.time[a:b] < cut_up.time[a] + START
+        assert not cut_up.judged[a:b][early].any()
+    assert not (cut_up.judged & ~problem().judged).any()
+
+
+def test_a_model_that_is_near_keeps_its_whole_runs() -> None:
+    whole = problem()
+    assert in_windows(whole, []) is whole
+
+
+def test_a_joint_with_a_state_that_nobody_measured_keeps_its_whole_runs(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("gap.windows.FAR", 0.0)
+    assert len(in_windows(problem(), []).units) > len(problem().units)
+    springy = problem(JointModel(CHAIN).with_values({"compliance.stiffness": 20.0}).chain)
+    assert in_windows(springy, []) is springy
+
+
+def test_an_effect_found_in_windows_is_judged_on_whole_runs(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("gap.windows.FAR", 0.5)
+    data, _ = hidden_bench({"friction.load_dependent": "clear"}, 11, ("light", "medium", "heavy"), duration=9.0)
+    (found,) = diagnose(data)
+    assert found.verdict == EXPLAINED and found.causes[0].name == "friction.load_dependent", found.sentence
+    assert found.causes[0].parameters["friction.load"].value == pytest.approx(0.133, rel=0.1)
+    assert found.problem is not None and len(found.problem.units) < 20
+    assert found.gap["extended"].rmse < 1.2 * found.gap["noise_floor"].rmse
