@@ -4,7 +4,7 @@ Effects that it must name, nulls where it must name nothing, strangers that it m
 
 ``python -m benchmarks.hidden`` runs everything and writes ``benchmarks/results/hidden.{json,md,png}``. Finished cases
 are kept in ``hidden.jsonl`` beside them while it runs, so that it can be stopped and resumed. Seeds below 900 are for
-development; the reported run uses seeds from 900 on, which were not looked at before.
+development; the reported run uses seeds from 950 on, which were not looked at before (those from 900 on were, once).
 """
 
 from __future__ import annotations
@@ -23,7 +23,8 @@ if TYPE_CHECKING:
     from gap.search import Search
 
 RESULTS = Path(__file__).parent / "results"
-REPORTED_SEED = 900
+REPORTED_SEED = 950
+TOLERANCE = 0.05  # up to which the nominal numbers may be wrong without that being a finding
 NULLS = 20
 LOADS = ("light", "medium", "heavy")
 PAIRS = (
@@ -217,6 +218,24 @@ def coverage(row: dict[str, Any]) -> tuple[bool, float] | None:
         truth = true(effect["value"], lambda key, nominal: row["factors"][key] * nominal)
         return low <= truth <= high, abs(value - truth) / abs(truth)
     return None
+
+
+NOMINAL = {"drive.motor_constant": 1.2, "friction.coulomb": 0.052, "friction.viscous": 0.059}
+"""Numbers of the finder's nominal model that are hidden effects too."""
+
+
+def within_tolerance(row: dict[str, Any]) -> bool:
+    """Whether the hidden effect and the hidden error of the same nominal number cancel.
+
+    What is left of it then is no more than any number may be wrong by, as in a null, so that nothing is there to find.
+    """
+    for name, effect in row["effects"].items():
+        if name not in NOMINAL:
+            return False
+        truth = TRUE_VALUES[name][1](effect["value"], lambda key, nominal: row["factors"][key] * nominal)
+        if abs(truth / NOMINAL[name] - 1.0) > TOLERANCE:
+            return False
+    return bool(row["effects"])
 
 
 def main(arguments: Sequence[str] | None = None) -> int:

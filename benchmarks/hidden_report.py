@@ -10,7 +10,7 @@ from typing import Any
 
 import numpy as np
 
-from benchmarks.hidden import SURE, all_names, coverage, outcome
+from benchmarks.hidden import SURE, all_names, coverage, outcome, within_tolerance
 
 OUTCOMES = ("right", "rival", "not identifiable", "nothing", "unsure", "wrong")
 MEANING = {
@@ -83,6 +83,11 @@ def summary(rows: Sequence[dict[str, Any]]) -> str:
             count = Counter(outcome(row) for row in mine)
             lines.append(f"| {size} | {len(mine)} | " + " | ".join(str(count[o]) for o in OUTCOMES) + " |")
     lines.append("")
+    if hollow := [row for row in rows if kind(row) in ("clear", "moderate", "faint") and within_tolerance(row)]:
+        lines.append(
+            f"- of these, {len(hollow)} hide no more than a nominal number may be wrong by (effect and error of the "
+            f"number cancel), and count as missed all the same: {', '.join(row['key'] for row in hollow)}"
+        )
     if nulls := [row for row in rows if kind(row) == "null"]:
         false = sum(len(named(row)) for row in nulls)
         quiet = sum(row["verdict"] == "nothing to explain" for row in nulls)

@@ -302,7 +302,9 @@ def overload(nominal: JointModel) -> Cause | None:
 def integer_gain(nominal: JointModel) -> Cause | None:
     if nominal.chain.find("duty_step") is not None or nominal.chain.find("supply") is None:
         return None
-    down = [Parameter("duty_step.size", "1", 0.0, 0.4, start, 0.02) for start in (0.02, 0.06)]
+    down = [
+        Parameter("duty_step.size", "1", 0.0, 0.4, start, 0.02) for start in (0.005, 0.0085, 0.0145, 0.025, 0.042, 0.07)
+    ]
     mode = Parameter("duty_step.towards_zero", "1", 0.9, 1.0, 1.0, 1.0)
     variants = (*((number,) for number in down), *((number, mode) for number in down))
     return Cause(

@@ -431,12 +431,19 @@ def _verdict(
         )
     sure = all(cause.confidence >= UNSURE for cause in causes)
     if not rest.noticed or (left <= NEGLIGIBLE and sure):
-        return EXPLAINED, f"The gap of '{joint}' is explained by {names}: the error falls {change}."
+        close = f" {_also(causes)}" if any(cause.rivals for cause in causes) else ""
+        return EXPLAINED, f"The gap of '{joint}' is explained by {names}: the error falls {change}.{close}"
     doubt = "" if sure else ", if that is the cause at all"
     return PARTLY, (
         f"The gap of '{joint}' is partly explained by {names}{doubt}: the error falls {change}; {100 * left:.0f} % of "
         f"it stays. {rest.sentence}"
     )
+
+
+def _also(causes: Sequence[NamedCause]) -> str:
+    """What else the data would allow."""
+    pairs = [f"{' or '.join(cause.rivals)} in place of {cause.name}" for cause in causes if cause.rivals]
+    return f"Less likely, but not excluded: {', '.join(pairs)}."
 
 
 def _first_experiment(

@@ -36,6 +36,9 @@ SURE = 0.975  # least probability, over resampled blocks, that it removes any
 TOLD_APART = 0.5
 RIVAL = 0.05  # causes that are better than the winner in more than this share of draws cannot be told from it
 DRAWS = 2000
+# relative error of each candidate's total that all data share, such as ripple of steps and of ticks, so that no
+# resampling shows it: causes that are closer than this are not told apart by any amount of data
+SHARED = 0.02
 CHARGE = 0.02  # share of the error that a further parameter of a variant must remove
 # how many times smaller the squared error of another form of a cause must be than that of its usual, first form
 FORM = 1.4
@@ -244,6 +247,7 @@ class Searcher:
         weights = rng.multinomial(len(before), np.full(len(before), 1.0 / len(before)), DRAWS)
         totals = weights @ table.T
         better = (totals < (weights @ before)[:, None]).mean(axis=0)
+        totals = totals + SHARED * table.sum(axis=1).min() * rng.normal(size=totals.shape)
         best = np.bincount(totals.argmin(axis=1), minlength=len(candidates)) / DRAWS
         excess = max(before.sum() - FLOOR * self.counts.sum(), 1e-9)
         ranked = [
