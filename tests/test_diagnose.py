@@ -239,7 +239,6 @@ def test_ak80_torque_column_is_not_read_with_the_motion() -> None:
     assert 0.006 <= found.causes[0].parameters["torque.delay"].value <= 0.014
 
 
-@pytest.mark.xfail(reason="missed since friction with the square of the load is chosen on gains 100 and 200: 85 mrad")
 @pytest.mark.skipif(not (DATA / "xl330_pendulum").is_dir(), reason="the XL330 logs (../shared/data) are not here")
 def test_xl330_loses_torque_under_load(tmp_path: Path) -> None:
     from gap.converters.xl330 import convert_xl330
@@ -248,5 +247,6 @@ def test_xl330_loses_torque_under_load(tmp_path: Path) -> None:
     (found,) = diagnose(read_measured(tmp_path), test_group="kp400")
     assert found.causes[0].name == "friction.load_dependent"
     assert found.gap["extended"].mae < 0.67 * found.gap["retuned"].mae
+    assert found.gap["extended"].mae < 0.05  # [rad]; the published models M1 to M6 reach 34 to 71 mrad
     joint = found.problem.models[0].with_fitted(found.values)  # type: ignore[union-attr]
-    assert joint.chain.value("friction.load") > 0.0
+    assert max(joint.chain.value(f"friction.{form}") for form in ("load", "load_quadratic")) > 0.0
