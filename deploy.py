@@ -42,7 +42,9 @@ def main(arguments: list[str]) -> None:
         return
     deployment.report(prepared, done)
     if done.outcome.ending == "stopped":
-        raise Interrupted(f"Stopped; the servos are {'released' if prepared.config['rest'] == 'release' else 'held'}.")
+        why = "" if done.outcome.reason == "Ctrl-C" else f", since {done.outcome.reason}"
+        rest = "released" if prepared.config["rest"] == "release" else "held"
+        raise Interrupted(f"Stopped{why}; the servos are {rest}.")
 
 
 if __name__ == "__main__":

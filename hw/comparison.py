@@ -166,7 +166,7 @@ def command_schedule(policy: Policy, seconds: float, seed: int, segment: float =
 
 
 def from_log(path: Path, commands: PolicyCommands) -> Recording:
-    """The machine's run out of its log."""
+    """The machine's run out of its log; speeds as the models have them, differences over a cycle."""
     run = read_measured(path).runs[0]
     joints = list(run.joints.values())
 
@@ -176,7 +176,9 @@ def from_log(path: Path, commands: PolicyCommands) -> Recording:
     rewards = rewards_of(commands)
     count = min(len(run.time), *(len(term) for term in rewards.values())) if rewards else len(run.time)
     base = np.stack(list(run.base.values()), axis=1) if run.base else np.zeros((len(run.time), 0))
-    columns = {name: column(name) for name in ("goal", "position", "velocity", "duty", "current", "voltage")}
+    columns = {name: column(name) for name in ("goal", "position", "duty", "current", "voltage")}
+    period = (run.time[-1] - run.time[0]) / max(len(run.time) - 1, 1) or 1.0
+    columns["velocity"] = np.diff(columns["position"], axis=0, prepend=columns["position"][:1]) / period
     return Recording(time=run.time - run.time[0], **columns, base=base, rewards=rewards).cut(count)
 
 

@@ -90,7 +90,13 @@ def _signals(comparison: Comparison) -> str:
     return _dressed(chart, 90 + 150 * len(panels))
 
 
-_FIELDS = (("goal [rad]", "goal"), ("position [rad]", "position"), ("duty", "duty"), ("current [A]", "current"))
+_FIELDS = (
+    ("goal [rad]", "goal"),
+    ("position [rad]", "position"),
+    ("speed [rad/s]", "velocity"),
+    ("duty", "duty"),
+    ("current [A]", "current"),
+)  # all that may be named as the first to depart
 
 
 def _rewards(comparison: Comparison) -> str:

@@ -32,6 +32,7 @@ class Outcome:
 
     Attributes:
         ending: ``finished``, ``stopped`` (by a person) or ``fault``.
+        reason: why a person stopped it.
         fault: where there was one.
         timing: of the loop.
         cut: goals that safety cut, by reason.
@@ -41,6 +42,7 @@ class Outcome:
     """
 
     ending: str
+    reason: str | None
     fault: Fault | None
     timing: Timing
     cut: dict[str, int]
@@ -166,7 +168,8 @@ class ControlLoop:
             if fault is not None:
                 self._event("fault", name=fault.name, sentence=fault.sentence, servos=list(fault.servos))
             seconds, failed = self._to_rest()
-        outcome = Outcome(ending, fault, timing, dict(self.safety.cut), dict(self.bus.counts), failed, seconds)
+        cut, bus = dict(self.safety.cut), dict(self.bus.counts)
+        outcome = Outcome(ending, self._stop.reason, fault, timing, cut, bus, failed, seconds)
         self._event("end", ending=ending, reason=self._stop.reason, cycles=timing.cycles, overruns=timing.overruns)
         return outcome
 

@@ -34,6 +34,8 @@ class Policy:
             beside = ""
             if (self.path.parent / "model.zip").is_file():
                 beside = f"; make it with: .venv/bin/python -m agents.export {self.path.parent}"
+            elif (final := self.path.parent / "final").is_dir():
+                beside = f"; a run's policies are in its folders: {final}, or best beside it"
             raise ContractError(f"there is no policy {self.path}{beside}.")
         options = onnxruntime.SessionOptions()
         options.intra_op_num_threads = options.inter_op_num_threads = 1  # microseconds of work: threads only add jitter

@@ -352,7 +352,7 @@ def read_joints(path: Path, robot: Robot) -> list[Joint]:
     except OSError as error:
         raise CalibrationError(f"the calibration {path} cannot be read: {error.strerror}.") from None
     except (yaml.YAMLError, UnicodeDecodeError, LookupError, TypeError, ValueError, AttributeError) as error:
-        raise CalibrationError(f"{path} is no calibration ({error}); calibrate again.") from None
+        raise CalibrationError(f"{path} is no calibration ({' '.join(str(error).split())}); calibrate again.") from None
 
 
 def build_robot(config: Mapping[str, Any], actuator: Any = None, calibration: Path | None = None) -> ServoRobot:

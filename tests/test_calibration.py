@@ -164,8 +164,9 @@ def test_a_file_is_read_as_written_and_never_overwritten(tmp_path: Path) -> None
 def test_a_damaged_file_is_refused(text: str, tmp_path: Path) -> None:
     path = tmp_path / "bad.yaml"
     path.write_text(text)
-    with pytest.raises(CalibrationError, match="calibrat"):
+    with pytest.raises(CalibrationError, match="calibrat") as refusal:
         read_joints(path, HOPPER)
+    assert "\n" not in str(refusal.value)
 
 
 def test_angles_turn_with_zero_and_direction() -> None:

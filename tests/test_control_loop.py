@@ -256,7 +256,11 @@ def test_a_stop_that_was_asked_for_before_the_start_switches_no_torque_on(virtua
 def test_the_dead_mans_switch_counts_on_the_way_to_the_start_too(virtual: VirtualBus) -> None:
     before = virtual.status()["time"]
     outcome = still(virtual, each_cycle=lambda: "let go")
-    assert outcome.ending == "stopped" and outcome.timing.cycles == 0 and switched_on(virtual, before)
+    assert (
+        (outcome.ending, outcome.reason) == ("stopped", "let go")
+        and outcome.timing.cycles == 0
+        and switched_on(virtual, before)
+    )
 
 
 def test_an_exception_in_the_loop_releases_the_servos(virtual: VirtualBus, tmp_path: Path) -> None:

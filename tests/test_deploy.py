@@ -91,6 +91,7 @@ def test_a_dry_run_prints_goals_and_leaves_no_log(
         (["excitation=chirp", "reach=4"], "reach is 4 rad; joint joint has"),
         (["excitation=missing.csv"], "missing.csv cannot be read"),
         (["policy=missing.onnx"], "there is no policy missing.onnx"),
+        (["policy=run"], "a run's policies are in its folders: run/final"),
         (["reference=true"], "has no reference controller"),
         (["excitation=chirp", "rest=relax"], "it may be release or hold"),
         (["excitation=chirp", "rate=0"], "rate"),
@@ -110,6 +111,7 @@ def test_wrong_input_is_one_sentence(
     arguments: list[str], says: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
     monkeypatch.chdir(tmp_path)  # where no calibration is
+    (tmp_path / "run" / "final").mkdir(parents=True)
     assert run_script(deploy.main, "deploy", "", [*arguments, f"out={tmp_path}"]) == 2
     error = capsys.readouterr().err.strip()
     assert says in error and len(error.splitlines()) == 1 and not list(tmp_path.glob("*.csv"))

@@ -11,6 +11,7 @@ import pytest
 import yaml
 
 from actuators import load_chain
+from gap.log import read_measured
 from hw.comparison import (
     MACHINE,
     Comparison,
@@ -57,6 +58,9 @@ def test_the_model_with_the_hidden_effect_is_nearer_to_the_machine(comparison: t
         "reward_tracking",
         "reward_energy",
     }
+    log = read_measured(comparison[0].log).runs[0]
+    moved = np.diff(log.joints["joint"].position) / np.diff(log.time).mean()
+    assert comparison[0].runs[MACHINE].velocity[1 : len(moved) + 1, 0] == pytest.approx(moved), "as the models have it"
     assert math.isfinite(figures[MACHINE].energy) and math.isnan(figures[MACHINE].height), "the bench has no base"
 
 
@@ -67,6 +71,7 @@ def test_table_and_page_are_written_once_and_ask_no_network(comparison: tuple[Co
     document = json.loads(written["json"].read_text())
     assert document["figures"]["nominal"]["height"] is None, "JSON knows no NaN"
     page = written["page"].read_text()
+    assert "joint: speed" in page, "whatever may be named as first to depart is drawn"
     assert "Signals over time" in page and 'src="http' not in page and "same goals" in page
     header, rows = table(result)
     assert header == ["", "nominal", "extended", "machine"]

@@ -161,8 +161,9 @@ def test_hidden_effects_change_what_is_driven_and_nothing_else(tmp_path: Path):
 )
 def test_a_wrong_file_of_hidden_effects_is_refused_in_a_sentence(tmp_path: Path, text, words):
     (tmp_path / "hidden.yaml").write_text(text)
-    with pytest.raises(SealegsError, match=words):
+    with pytest.raises(SealegsError, match=words) as refusal:
         wired("bench", hidden=str(tmp_path / "hidden.yaml"))
+    assert "\n" not in str(refusal.value)
 
 
 # --- process -----------------------------------------------------------------------------------------------------

@@ -115,8 +115,10 @@ def read_faults(path: str | Path) -> list[Fault]:
     """
     try:
         rows = yaml.safe_load(Path(path).read_text())
-    except (OSError, UnicodeDecodeError, yaml.YAMLError) as error:
-        raise FaultError(f"the fault file {path} cannot be read: {error}.") from None
+    except OSError as error:
+        raise FaultError(f"the fault file {path} cannot be read: {error.strerror}.") from None
+    except (UnicodeDecodeError, yaml.YAMLError) as error:
+        raise FaultError(f"the fault file {path} cannot be read: {' '.join(str(error).split())}.") from None
     if not isinstance(rows, list):
         raise FaultError(f"the fault file {path} must hold a list of faults such as '- {{kind: drop, at: 2.0}}'.")
     return [fault_from(row) for row in rows]

@@ -41,8 +41,12 @@ def hide(
         return believed, params
     try:
         content = yaml.safe_load(Path(path).read_text())
-    except (OSError, UnicodeDecodeError, yaml.YAMLError) as error:
-        raise SealegsError(f"the file of hidden effects {path} cannot be read: {error}.") from None
+    except OSError as error:
+        raise SealegsError(f"the file of hidden effects {path} cannot be read: {error.strerror}.") from None
+    except (UnicodeDecodeError, yaml.YAMLError) as error:
+        raise SealegsError(
+            f"the file of hidden effects {path} cannot be read: {' '.join(str(error).split())}."
+        ) from None
     if isinstance(content, list):
         return {name: load_chain(path) for name in believed}, params
     if not isinstance(content, dict):
