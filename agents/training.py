@@ -66,6 +66,7 @@ class Session:
     def __init__(self, run: RunFolder, config: TrainConfig, model: BaseAlgorithm, env: BatchVecEnv) -> None:
         self.run, self.config, self.model = run, config, model
         self.from_step = model.num_timesteps
+        self._not_exported = ""
         self.chains = chains(env)
         algorithm = config.agent["algorithm"]
         self.description = {"algorithm": algorithm, "env": config.env, "actuators": self.chains, **_interface(env)}
@@ -188,7 +189,9 @@ class Session:
         try:
             write_onnx(folder / FILE, self.model, description)
         except ExportError as error:
-            print(f"No {FILE}: {error}", file=sys.stderr)
+            if str(error) != self._not_exported:  # not again with each best policy
+                print(f"No {FILE}: {error}", file=sys.stderr)
+            self._not_exported = str(error)
 
     def _film(self) -> None:
         video = self.config.video
