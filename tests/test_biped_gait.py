@@ -2,10 +2,14 @@
 
 from __future__ import annotations
 
+from pathlib import Path
+
 import numpy as np
 import pytest
 
 from actuators.errors import SealegsError
+from agents.policy_files import load_policy
+from benchmarks.learned_biped import at_own_step, walk
 from envs.batch import BatchEngine
 from envs.biped.gait import HoppingGait, WalkingGait
 from envs.biped.robot import BIPED
@@ -13,6 +17,7 @@ from envs.biped.task import BipedTask
 from envs.contract import make_contract
 
 NUMBERS = BIPED.parameters()
+POLICIES = sorted((Path(__file__).resolve().parents[1] / "policies" / "biped").glob("seed*"))
 
 
 def walking(phase: np.ndarray, speed: float = 0.6, cadence: float = 1.2) -> np.ndarray:
@@ -68,3 +73,12 @@ def test_a_policy_that_corrects_a_gait_has_no_contract() -> None:
     env = {"id": "SeaLegs/Biped-v0", "correction": 0.4}
     with pytest.raises(SealegsError, match="goals that change with time"):
         make_contract(env, {name: ["ideal"] for name in BIPED.chains}, 50.0)
+
+
+@pytest.mark.parametrize("folder", POLICIES, ids=lambda folder: folder.name)
+def test_a_learned_policy_walks_from_a_standing_start(folder: Path) -> None:
+    act, description = load_policy(folder)
+    figures = walk(at_own_step(description["env"]), description["actuators"], act, starts=2, seconds=8.0)
+    assert figures["falls"] == 0.0
+    assert figures["slowest walk [m/s]"] > 0.4
+    assert figures["share on one foot"] > 0.5

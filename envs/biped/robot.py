@@ -13,7 +13,6 @@ from envs.robot import Robot
 from envs.scene import CAMERA, FLOOR, add_scene, add_sun
 
 BOOM, TORSO = "boom", "torso"
-TIMESTEP = 0.001  # [s], the period of the paper's controller
 REACH = 1.5  # [m] rough size, for light and shadows
 AXIS = (0.0, -1.0, 0.0)  # counter-clockwise for a viewer who has x to the right (Fig. 2)
 SOFT = 1e-3  # [N/m]
@@ -57,7 +56,7 @@ def build(values: Mapping[str, float]) -> mujoco.MjSpec:
     spec = mujoco.MjSpec()
     spec.modelname = "biped"
     spec.compiler.degree = False
-    spec.option.timestep = TIMESTEP
+    spec.option.timestep = values["timestep"]
     spec.option.integrator = mujoco.mjtIntegrator.mjINT_IMPLICITFAST
     spec.option.disableflags |= int(mujoco.mjtDisableBit.mjDSBL_MIDPHASE)
     floor = add_scene(spec, friction=values["floor_friction"], tile=0.25, reach=REACH)
