@@ -25,7 +25,7 @@ from configs.script import Interrupted, run
 if TYPE_CHECKING:
     from rich.console import Console
 
-    from gap.diagnosis import JointDiagnosis
+    from gap.verdict import JointDiagnosis
 
 
 def main(arguments: list[str]) -> None:
@@ -85,8 +85,8 @@ def diagnose_one(log: Path, out: Path, settings: dict[str, Any]) -> None:
     """Diagnose one data set and print what was found."""
     from rich.console import Console
 
-    from gap.diagnosis import UNUSABLE
     from gap.fleet.jobs import diagnose_folder
+    from gap.verdict import UNUSABLE
 
     console = Console()
     with console.status("reading") as status:

@@ -20,9 +20,10 @@ from typing import Any
 
 import numpy as np
 
-from gap.diagnosis import JointDiagnosis, diagnose
+from gap.diagnosis import diagnose
 from gap.experiment import RATE, Experiment
 from gap.log_types import MeasuredSet
+from gap.verdict import JointDiagnosis
 
 RESULTS = Path(__file__).parent / "results" / "next_experiment"
 EXPERIMENTS = 2

@@ -19,10 +19,11 @@ import numpy as np
 
 from actuators.errors import SealegsError
 from gap.converters import CONVERTERS
-from gap.diagnosis import JointDiagnosis, diagnose
+from gap.diagnosis import diagnose
 from gap.log import read_measured
 from gap.log_types import MeasuredSet
 from gap.units import TEST
+from gap.verdict import JointDiagnosis
 
 RESULTS = Path(__file__).resolve().parent / "results"
 DATA = Path(__file__).resolve().parents[2] / "shared" / "data"

@@ -4,8 +4,6 @@ from __future__ import annotations
 
 import dataclasses
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, field
-from typing import Any
 
 import numpy as np
 
@@ -26,101 +24,27 @@ from gap.parameters import Parameter
 from gap.problem import Problem, converged, lay_out
 from gap.robust import robust_loss
 from gap.search import RIVAL, Search, Searcher
-from gap.structure import Structure, fine, structure
+from gap.structure import Structure, structure
 from gap.units import FIT_A, FIT_B, TEST, cut
 from gap.unknown import unknown_parameters, with_believed_load
+from gap.verdict import (
+    NOT_IDENTIFIABLE,
+    NOTHING,
+    PARTLY,
+    UNUSABLE,
+    Error,
+    JointDiagnosis,
+    NamedCause,
+    Value,
+    data_causes,
+    verdict_of,
+    with_data_errors,
+)
 from gap.windows import in_windows
 
 WIDE = 4.0  # how far re-tuning alone may turn each number the model has: up to five times, down to a fifth
-NEGLIGIBLE = 0.03  # unexplained share of the gap up to which a gap counts as explained if its causes are beyond doubt
-UNSURE = 0.6  # a cause that is the best in a smaller share of draws than this is not named alone
 
 ROBOTS = ("bench", "hopper")  # any other is taken for a machine whose load nobody knows
-
-EXPLAINED, PARTLY, NOTHING, NOT_IDENTIFIABLE, UNUSABLE = (
-    "explained",
-    "partly explained",
-    "nothing to explain",
-    "not identifiable",
-    "unusable log",
-)
-
-
-@dataclass(frozen=True)
-class Error:
-    """Error of one model on the test part: root mean square and mean absolute."""
-
-    rmse: float
-    mae: float
-
-
-@dataclass(frozen=True)
-class Value:
-    """A parameter that was found: value, 95 % interval, unit, and what the nominal model has."""
-
-    value: float
-    low: float
-    high: float
-    unit: str
-    nominal: float
-
-
-@dataclass(frozen=True)
-class NamedCause:
-    """A cause in the verdict.
-
-    Attributes:
-        name, sentence, joint: what it is and where.
-        share: of the nominal gap's excess over the noise.
-        confidence: how often, over resampled data, it was the best of all causes; less by what stays unexplained
-            beside what it removes, since an unknown cause that leaves that much may also be what made it look good.
-        parameters: by path.
-        gain: held-out error that it removes, as a share of the error without it.
-        kind: ``effect`` that the model lacks, wrong ``number`` of the model, or error of the ``data``.
-        picture: which picture shows it.
-    """
-
-    name: str
-    sentence: str
-    joint: str
-    share: float
-    confidence: float
-    parameters: dict[str, Value]
-    gain: float
-    kind: str
-    picture: str = ""
-    rivals: tuple[str, ...] = ()
-
-
-@dataclass(frozen=True, eq=False)
-class JointDiagnosis:
-    """What was found about one joint.
-
-    Attributes:
-        gap: error of each model on the test part, by ``nominal``, ``retuned``, ``extended``, ``noise_floor``.
-        values: of all parameters of the extended model, by path; a ``*`` marks a factor.
-        simulated: channels of the models over the whole problem, by model name (n, 4).
-        structure: what is left of the position error that is not noise.
-        retuned: numbers of the nominal model that moved within their tolerance, as factors.
-    """
-
-    joint: str
-    verdict: str
-    sentence: str
-    signal: str
-    unit: str
-    gap: dict[str, Error]
-    causes: tuple[NamedCause, ...]
-    unexplained: float
-    rivals: tuple[dict[str, Any], ...]
-    experiment: Experiment | None
-    findings: tuple[Finding, ...]
-    values: dict[str, float] = field(default_factory=dict)
-    retuned: dict[str, float] = field(default_factory=dict)
-    problem: Problem | None = None
-    search: Search | None = None
-    simulated: dict[str, np.ndarray] = field(default_factory=dict)
-    structure: Structure | None = None
 
 
 Progress = Callable[[str], None]
@@ -157,7 +81,7 @@ def diagnose(
             for joint in data.runs[0].joints
         ]
     found = [
-        _with_data_errors(_joint(data.runs, joint, findings, test_group, seed, progress, limits))
+        with_data_errors(_joint(data.runs, joint, findings, test_group, seed, progress, limits))
         for joint in data.runs[0].joints
     ]
     if all(run.robot == HOPPER.name for run in data.runs):
@@ -259,7 +183,7 @@ def conclude(
         if named.rivals
     )
     signal, unit = problem.signal
-    verdict, sentence = _verdict(joint, causes, errors, left, rest)
+    verdict, sentence = verdict_of(joint, causes, errors, left, rest)
     experiment = None
     if verdict == NOTHING and all(problem.params) and (hidden := blind_spots(problem, search)):
         names = ", ".join(hidden)
@@ -275,7 +199,7 @@ def conclude(
         signal=signal if "." in signal else f"{joint}.{signal}",
         unit=unit,
         gap=errors,
-        causes=(*causes, *_data_causes(findings, joint)),
+        causes=(*causes, *data_causes(findings, joint)),
         unexplained=left,
         rivals=rivals,
         experiment=experiment,
@@ -372,78 +296,6 @@ def _unit(nominal: JointModel, path: str) -> str:
         if stage
         else "1"
     )
-
-
-DATA_UNITS = {"sensor.delay": "s", "sensor.scale": "1", "sensor.offset": "rad"}
-
-
-def _data_causes(findings: Sequence[Finding], joint: str) -> list[NamedCause]:
-    """Errors of the log itself. They stand apart from the position gap, so they have no share of it."""
-    named = []
-    for f in findings:
-        if not f.data_error:
-            continue
-        values = {}
-        if f.value is not None:
-            low, high = (float(f.value if bound is None else bound) for bound in (f.low, f.high))
-            values[f.column or joint] = Value(
-                float(f.value), low, high, DATA_UNITS.get(f.cause or "", ""), 1.0 if f.cause == "sensor.scale" else 0.0
-            )
-        confidence = 0.95 if f.severity != "note" else 0.5
-        named.append(NamedCause(f.cause or f.code, f.sentence, joint, 0.0, confidence, values, 0.0, "data"))
-    return named
-
-
-def _with_data_errors(found: JointDiagnosis) -> JointDiagnosis:
-    """The diagnosis, with the errors of the log named before any physics."""
-    faults = [cause for cause in found.causes if cause.kind == "data"]
-    if not faults or found.unit != "rad":  # a log of torques says it itself
-        return found
-    columns = (f"{found.joint}.goal", f"{found.joint}.position")
-    replayed = any(finding.data_error and finding.column in columns for finding in found.findings)
-    verdict = EXPLAINED if found.verdict == NOTHING and replayed else found.verdict
-    sentence = f"The log is wrong: {' '.join(cause.sentence for cause in faults)} Beside that: {found.sentence}"
-    return dataclasses.replace(found, verdict=verdict, sentence=sentence)
-
-
-def _verdict(
-    joint: str, causes: Sequence[NamedCause], errors: Mapping[str, Error], left: float, rest: Structure
-) -> tuple[str, str]:
-    before, after = (fine(errors[key].rmse, rest.unit) for key in ("nominal", "extended"))
-    floor = fine(errors["noise_floor"].rmse, rest.unit, 2)
-    if not causes and not rest.noticed:
-        return NOTHING, (
-            f"Nothing to explain: the simulation of '{joint}' is within {after} of the measurement, whose "
-            f"noise is {floor} ({before} before its numbers were re-tuned within their tolerance)."
-        )
-    if not causes:
-        return NOT_IDENTIFIABLE, (
-            f"The simulation of '{joint}' is {before} off and {after} after re-tuning, and no known "
-            f"cause explains that on runs it was not fitted to. {rest.sentence}"
-        )
-    names = " and ".join(cause.name for cause in causes[:3])
-    change = f"from {before} to {after} on runs that nothing was fitted to (noise {floor})"
-    if causes[0].rivals and causes[0].confidence < UNSURE:
-        others = ", ".join(causes[0].rivals)
-        return NOT_IDENTIFIABLE, (
-            f"The gap of '{joint}' may be {causes[0].name}, but the data fit {others} about as well: the error falls "
-            f"{change}."
-        )
-    sure = all(cause.confidence >= UNSURE for cause in causes)
-    if not rest.noticed or (left <= NEGLIGIBLE and sure):
-        close = f" {_also(causes)}" if any(cause.rivals for cause in causes) else ""
-        return EXPLAINED, f"The gap of '{joint}' is explained by {names}: the error falls {change}.{close}"
-    doubt = "" if sure else ", if that is the cause at all"
-    return PARTLY, (
-        f"The gap of '{joint}' is partly explained by {names}{doubt}: the error falls {change}; {100 * left:.0f} % of "
-        f"it stays. {rest.sentence}"
-    )
-
-
-def _also(causes: Sequence[NamedCause]) -> str:
-    """What else the data would allow."""
-    pairs = [f"{' or '.join(cause.rivals)} in place of {cause.name}" for cause in causes if cause.rivals]
-    return f"Less likely, but not excluded: {', '.join(pairs)}."
 
 
 def _first_experiment(

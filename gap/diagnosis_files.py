@@ -13,12 +13,12 @@ import numpy as np
 
 from gap.contact.files import write_leg
 from gap.contact.leg_problem import LegProblem
-from gap.diagnosis import JointDiagnosis, NamedCause
 from gap.engine_replay import bench, replay_in_engine
 from gap.experiment import write_experiment
 from gap.extension import changes, not_native, write_extension
 from gap.log_types import LogError, MeasuredSet
 from gap.units import TEST
+from gap.verdict import JointDiagnosis, NamedCause
 
 VERSION = 1
 

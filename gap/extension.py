@@ -7,9 +7,9 @@ from pathlib import Path
 from typing import Any
 
 from actuators import Chain
-from gap.diagnosis import JointDiagnosis
 from gap.joint_model import JointModel
 from gap.native_mjcf import native_mjcf, not_native
+from gap.verdict import JointDiagnosis
 
 __all__ = ["changes", "not_native", "write_extension"]
 

@@ -10,11 +10,11 @@ from collections.abc import Sequence
 import numpy as np
 
 from actuators.chain import load_chain
-from gap.diagnosis import EXPLAINED, NOTHING, PARTLY, Error, JointDiagnosis, NamedCause, Value
 from gap.joint_model import JointModel, bench_parameters
 from gap.log_checks.finding import Finding
 from gap.log_checks.torque_balance import AT_ONCE, STEP, WINDOW, torque_balance, torque_shift
 from gap.log_types import LogError, MeasuredRun
+from gap.verdict import EXPLAINED, NOTHING, PARTLY, Error, JointDiagnosis, NamedCause, Value
 
 NUMBERS = ("inertia [kg.m2]", "gravity torque [N.m]", "coulomb [N.m]", "viscous [N.m.s/rad]", "offset [N.m]")
 

@@ -7,9 +7,10 @@ import functools
 import pytest
 
 from gap.causes import Cause, catalogue
-from gap.diagnosis import JointDiagnosis, diagnose
+from gap.diagnosis import diagnose
 from gap.joint_model import JointModel
 from gap.log_types import MeasuredSet
+from gap.verdict import JointDiagnosis
 from tests.plant.hopper import hidden_hopper
 
 CONSIDERED = ("spring.stiffness", "transmission.backlash", "load.mass")

@@ -16,10 +16,10 @@ from gap.contact.leg_model import RIGID, LegModel
 from gap.contact.leg_problem import LegProblem, leg_problem
 from gap.contact.leg_replay import LegReplay
 from gap.contact.stances import column_noise, columns, find_stances, touchdowns
-from gap.diagnosis import NOT_IDENTIFIABLE
 from gap.diagnosis_files import fresh_folder, write_diagnosis
 from gap.fit import fit
 from gap.log_types import MeasuredSet
+from gap.verdict import NOT_IDENTIFIABLE
 from tests.plant.hopper import JOINTS, hidden_hopper
 from tests.small_hopper import small_hopper
 

@@ -12,8 +12,9 @@ import pytest
 from scipy.interpolate import make_smoothing_spline
 
 from gap.checks import check_set, corrected
-from gap.diagnosis import EXPLAINED, NOTHING, diagnose
+from gap.diagnosis import diagnose
 from gap.log_types import MeasuredRun, MeasuredSet
+from gap.verdict import EXPLAINED, NOTHING
 from tests.plant import hidden_bench
 
 JOINT = "servo"

@@ -6,12 +6,13 @@ import numpy as np
 import pytest
 
 from actuators.chain import load_chain
-from gap.diagnosis import NOT_IDENTIFIABLE, diagnose
+from gap.diagnosis import diagnose
 from gap.driven import DrivenProblem, driven_problem, limits, shown
 from gap.driven_simulator import replay_driven
 from gap.joint_model import IMMOVABLE, K_INERTIA, JointModel
 from gap.log_types import JointLog, MeasuredRun, MeasuredSet
 from gap.units import cut
+from gap.verdict import NOT_IDENTIFIABLE
 from tests.plant.hopper import JOINTS, Servo, hidden_hopper, nominal_hopper_chain
 from tests.small_hopper import small_hopper
 

@@ -106,7 +106,8 @@ def test_memory_does_not_grow_with_the_log(long_log: Path, tmp_path: Path) -> No
 def test_the_findings_of_the_whole_log_reach_the_verdict(monkeypatch: pytest.MonkeyPatch) -> None:
     from dataclasses import replace
 
-    from gap.diagnosis import UNUSABLE, diagnose
+    from gap.diagnosis import diagnose
+    from gap.verdict import UNUSABLE
     from tests.plant import hidden_bench
 
     data, _ = hidden_bench({}, 1, runs=1, duration=2.0)

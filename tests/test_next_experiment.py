@@ -13,12 +13,13 @@ from actuators import load_chain
 from actuators.errors import SealegsError
 from benchmarks.next_experiment import POOR, outcome, record_experiment, summary
 from gap.causes import Cause, catalogue
-from gap.diagnosis import NOT_IDENTIFIABLE, UNUSABLE, diagnose
+from gap.diagnosis import diagnose
 from gap.experiment import RATE, Experiment, Limits, default_limits, goal_table, read_goals, write_experiment
 from gap.experiment.excitations import excitations, slewed
 from gap.joint_model import JointModel
 from gap.log_sidecar import read_sidecar
 from gap.log_types import LogError
+from gap.verdict import NOT_IDENTIFIABLE, UNUSABLE
 from tests.plant import hidden_bench
 
 LOAD = {"mass": 0.5, "arm_mass": 0.03, "length": 0.12}

@@ -11,12 +11,12 @@ from matplotlib import rcParams
 from matplotlib.image import imread
 
 from gap.causes import catalogue
-from gap.diagnosis import Error, JointDiagnosis, NamedCause
 from gap.pictures import CAUSES, draw_all, picture_of, pictures, png
 from gap.pictures.evidence import Evidence
 from gap.pictures.summary import budget_slices
 from gap.pictures.timeline import timeline, worst_window
 from gap.pictures.transmission import _way
+from gap.verdict import Error, JointDiagnosis, NamedCause
 from tests.small_diagnosis import small_diagnosis
 
 

@@ -14,12 +14,12 @@ from typing import Any
 import numpy as np
 import pytest
 
-from gap.diagnosis import UNUSABLE, Error, JointDiagnosis, NamedCause, Value
 from gap.experiment import Experiment
 from gap.log_checks.finding import Finding
 from gap.log_types import MeasuredSet
 from gap.report import write_report
 from gap.report.view import number
+from gap.verdict import UNUSABLE, Error, JointDiagnosis, NamedCause, Value
 from tests.small_diagnosis import small_diagnosis
 
 CHROMIUM = next(

@@ -6,7 +6,8 @@ from typing import Any
 
 import pytest
 
-from gap.diagnosis import EXPLAINED, NOT_IDENTIFIABLE, NOTHING, PARTLY, JointDiagnosis, diagnose
+from gap.diagnosis import diagnose
+from gap.verdict import EXPLAINED, NOT_IDENTIFIABLE, NOTHING, PARTLY, JointDiagnosis
 from tests.plant import hidden_bench
 
 LOADS = ("light", "medium", "heavy")

@@ -7,11 +7,12 @@ import pytest
 
 from actuators.chain import load_chain
 from actuators.errors import SealegsError
-from gap.diagnosis import NOTHING, diagnose
+from gap.diagnosis import diagnose
 from gap.engine_replay import bench, replay_in_engine
 from gap.joint_model import JointModel, PendulumLoad
 from gap.log_types import JointLog, MeasuredRun, MeasuredSet
 from gap.simulator import replay
+from gap.verdict import NOTHING
 
 PARAMS = {"mass": 0.5, "arm_mass": 0.03, "length": 0.12}
 CHAIN = [

@@ -6,10 +6,11 @@ import numpy as np
 import pytest
 
 from actuators import load_chain
-from gap.diagnosis import EXPLAINED, diagnose
+from gap.diagnosis import diagnose
 from gap.joint_model import JointModel
 from gap.problem import Problem, lay_out
 from gap.units import START, cut
+from gap.verdict import EXPLAINED
 from gap.windows import SHORTEST, WINDOW, in_windows, split
 from tests.plant import hidden_bench
 

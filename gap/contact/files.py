@@ -5,7 +5,7 @@ from __future__ import annotations
 from pathlib import Path
 
 from gap.contact.leg_model import LegModel
-from gap.diagnosis import JointDiagnosis
+from gap.verdict import JointDiagnosis
 
 
 def write_leg(diagnosis: JointDiagnosis, folder: Path, prefix: str = "") -> dict[str, Path]:

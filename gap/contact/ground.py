@@ -14,13 +14,14 @@ from gap.contact.leg_model import LegModel
 from gap.contact.leg_problem import LegProblem, leg_problem
 from gap.contact.leg_replay import JOINTS
 from gap.contact.stances import column_noise, find_stances
-from gap.diagnosis import NOT_IDENTIFIABLE, JointDiagnosis, conclude
+from gap.diagnosis import conclude
 from gap.fit import fit
 from gap.log_checks.finding import Finding
 from gap.log_types import LogError, MeasuredRun
 from gap.parameters import Parameter
 from gap.search import Searcher
 from gap.units import FIT_A, FIT_B
+from gap.verdict import NOT_IDENTIFIABLE, JointDiagnosis
 
 GROUND = "ground"
 PILOT = 6  # iterations

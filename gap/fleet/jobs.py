@@ -18,7 +18,7 @@ from gap.log_table import ENDINGS
 from gap.log_types import LogError
 
 if TYPE_CHECKING:
-    from gap.diagnosis import JointDiagnosis
+    from gap.verdict import JointDiagnosis
 
 SOURCE = "source.json"
 """What a diagnosis was made from: settings, and size and name of each log."""

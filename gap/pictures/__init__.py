@@ -10,7 +10,6 @@ from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
 
 from gap.contact.leg_problem import LegProblem
-from gap.diagnosis import JointDiagnosis, NamedCause
 from gap.driven import DrivenProblem, is_elastic
 from gap.pictures.drive import duty_against_error, residual_against_temperature, response, voltage_against_current
 from gap.pictures.driven import passed_torque
@@ -19,6 +18,7 @@ from gap.pictures.friction import friction_against_speed, residual_against_load,
 from gap.pictures.ground import stance
 from gap.pictures.summary import budget, experiment, overview, rivals
 from gap.pictures.transmission import error_since_reversal, hysteresis
+from gap.verdict import JointDiagnosis, NamedCause
 
 SUMMARIES: dict[str, Callable[[JointDiagnosis], Figure | None]] = {
     "overview": overview,

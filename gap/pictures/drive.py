@@ -5,11 +5,11 @@ from __future__ import annotations
 import numpy as np
 from matplotlib.figure import Figure
 
-from gap.diagnosis import NamedCause
 from gap.pictures.binned import bins, cloud, draw_measured, draw_model, equal_counts, equal_widths, limits
 from gap.pictures.evidence import Evidence
 from gap.pictures.style import EXTENDED, MEASURED, NOMINAL, figure, legend_above, styled
 from gap.pictures.timeline import fine, timeline, worst_window
+from gap.verdict import NamedCause
 
 RESPONSE = 0.4  # [s] shown of a response
 AGAINST = {

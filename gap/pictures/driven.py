@@ -5,12 +5,12 @@ from __future__ import annotations
 import numpy as np
 from matplotlib.figure import Figure
 
-from gap.diagnosis import NamedCause
 from gap.joint_model import K_DAMPING, K_HALF_PLAY, K_STIFFNESS, JointModel
 from gap.log_checks.signal import derivatives
 from gap.pictures.binned import bins, cloud, draw_measured, equal_counts, limits
 from gap.pictures.evidence import Evidence
 from gap.pictures.style import EXTENDED, NOMINAL, figure, legend_above, styled
+from gap.verdict import NamedCause
 
 
 @styled

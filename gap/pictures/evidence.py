@@ -18,7 +18,6 @@ from scipy.signal import savgol_filter
 from actuators.law import advance, begin, torque
 from actuators.layout import P_STATE_SIZE, S_CURRENT, S_DUTY, S_LIMIT, S_VOLTAGE
 from actuators.stages.transmission import friction_limit
-from gap.diagnosis import JointDiagnosis
 from gap.joint_model import (
     K_FRICTION,
     K_GRAVITY,
@@ -32,6 +31,7 @@ from gap.joint_model import (
 )
 from gap.problem import Problem
 from gap.simulator import CHANNELS
+from gap.verdict import JointDiagnosis
 
 WINDOW = 0.08  # [s] of the parabolas that give speed and acceleration: long against the noise, short against the motion
 LEAST_SAMPLES = 7

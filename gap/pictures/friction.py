@@ -6,10 +6,10 @@ import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
-from gap.diagnosis import NamedCause
 from gap.pictures.binned import bins, cloud, draw_measured, draw_model, equal_counts, equal_widths, limits
 from gap.pictures.evidence import Balance, Evidence
 from gap.pictures.style import EXTENDED, NOMINAL, figure, legend_above, styled
+from gap.verdict import NamedCause
 
 SOURCES = {
     "current": "motor torque from the logged current",

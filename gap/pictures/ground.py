@@ -5,9 +5,9 @@ from __future__ import annotations
 import numpy as np
 from matplotlib.figure import Figure
 
-from gap.diagnosis import JointDiagnosis, NamedCause
 from gap.pictures.style import EXTENDED, MEASURED, NOMINAL, figure, legend_above, styled
 from gap.units import TEST
+from gap.verdict import JointDiagnosis, NamedCause
 
 SHOWN = {  # column that shows a cause best: its number among the judged ones, its name, factor and unit
     "contact.friction": (1, "way of the hip along the ground", 1e3, "mm"),

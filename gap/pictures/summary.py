@@ -9,7 +9,6 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.patches import Patch
 
-from gap.diagnosis import JointDiagnosis
 from gap.pictures.style import (
     CAUSES,
     COLOURS,
@@ -25,6 +24,7 @@ from gap.pictures.style import (
 )
 from gap.pictures.timeline import Timeline, fine, timeline, worst_window
 from gap.search import RIVAL
+from gap.verdict import JointDiagnosis
 
 MOMENT = 1.2  # [s] shown large
 MOST_ROUNDS, MOST_CANDIDATES = 3, 7

@@ -6,8 +6,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from gap.diagnosis import JointDiagnosis
 from gap.units import TEST
+from gap.verdict import JointDiagnosis
 
 MODELS = ("nominal", "retuned", "extended")
 PAUSE = 0.5  # [s] drawn between runs

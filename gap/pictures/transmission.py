@@ -5,10 +5,10 @@ from __future__ import annotations
 import numpy as np
 from matplotlib.figure import Figure
 
-from gap.diagnosis import NamedCause
 from gap.pictures.binned import bins, cloud, draw_measured, draw_model, equal_counts, limits
 from gap.pictures.evidence import Evidence
 from gap.pictures.style import EXTENDED, NOMINAL, figure, legend_above, styled
+from gap.verdict import NamedCause
 
 FORWARD, BACKWARD = ">", "<"
 

@@ -9,9 +9,9 @@ from typing import Any
 from jinja2 import Environment, FileSystemLoader, StrictUndefined
 from plotly.offline import get_plotlyjs
 
-from gap.diagnosis import JointDiagnosis
 from gap.log_types import MeasuredSet
 from gap.report.view import page
+from gap.verdict import JointDiagnosis
 
 HERE = Path(__file__).parent
 

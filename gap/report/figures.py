@@ -6,10 +6,10 @@ import numpy as np
 import plotly.graph_objects as go
 from plotly.subplots import make_subplots
 
-from gap.diagnosis import JointDiagnosis
 from gap.experiment import Experiment
 from gap.pictures.style import COLOURS, EXTENDED, NAMES, TEST_SHADE
 from gap.pictures.timeline import fine, timeline, worst_window
+from gap.verdict import JointDiagnosis
 
 MOST_SAMPLES = 16_000  # over all joints; keeps the page small enough to send
 LEAST_SAMPLES = 2_000

@@ -13,7 +13,6 @@ import numpy as np
 from actuators.stages import STAGES
 from gap.contact.ground import GROUND
 from gap.contact.leg_problem import LegProblem
-from gap.diagnosis import JointDiagnosis, NamedCause
 from gap.experiment import Experiment
 from gap.extension import changes as changes_of
 from gap.extension import not_native
@@ -25,6 +24,7 @@ from gap.problem import Problem
 from gap.report import figures
 from gap.search import RIVAL, Search
 from gap.units import FIT_A, FIT_B, TEST
+from gap.verdict import JointDiagnosis, NamedCause
 
 MODELS = {
     "nominal": ("nominal model", "as it was believed to be"),
