@@ -11,7 +11,7 @@ import gymnasium as gym
 _ENVIRONMENTS = {
     "SeaLegs/Hopper-v0": ("envs.hopper.env:Hopper", 500),
     "SeaLegs/Bench-v0": ("envs.bench.env:Bench", 250),
-    "SeaLegs/Hexapod-v0": ("envs.hexapod.env:Hexapod", 100),
+    "SeaLegs/Hexapod-v0": ("envs.hexapod.env:Hexapod", 30),
     "SeaLegs/Biped-v0": ("envs.biped.env:Biped", 1000),
 }
 

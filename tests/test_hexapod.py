@@ -320,7 +320,7 @@ def test_it_starts_on_its_feet_and_walks() -> None:
     env = gym.make(ENV, start_noise=0.0, actuator="amru5_lugre")
     observation, _ = env.reset(seed=0)
     assert observation[49:55] == pytest.approx(np.ones(6))
-    for _ in range(20):
+    for _ in range(5):
         observation, reward, terminated, _, info = env.step(np.zeros(6, np.float32))
         assert not terminated
         assert sum(value for name, value in info.items() if name.startswith("reward_")) == pytest.approx(reward)
@@ -332,7 +332,7 @@ def test_it_starts_on_its_feet_and_walks() -> None:
 def test_standing_costs_nothing_to_speak_of() -> None:
     env = gym.make(ENV, start_noise=0.0, speed=0.0)
     env.reset(seed=0)
-    for _ in range(4):
+    for _ in range(2):
         _, _, terminated, _, info = env.step(np.zeros(6, np.float32))
     assert not terminated
     assert info["reward_resistance"] > -0.05
@@ -342,7 +342,7 @@ def test_standing_costs_nothing_to_speak_of() -> None:
 def test_it_stands_with_every_actuator_by_one_word(word: str) -> None:
     env = gym.make(ENV, actuator=word, start_noise=0.0, speed=0.0)
     env.reset(seed=0)
-    for _ in range(4):
+    for _ in range(2):
         observation, _, terminated, _, info = env.step(np.zeros(6, np.float32))
     assert not terminated and not info["unstable"]
     assert observation[1] == pytest.approx(0.28, abs=0.01)
@@ -392,7 +392,7 @@ def test_the_power_that_the_task_counts_is_that_of_the_motors() -> None:
     env.reset(seed=0)
     addresses = np.array([engine.drivetrain.state_addresses[name] for name in engine.names])
     data = engine.batch.bind("userdata")
-    for _ in range(12):
+    for _ in range(5):
         env.step(np.zeros(6, np.float32))
         torque, drawn = data[:, addresses + S_TORQUE], data[:, addresses + S_CURRENT] * data[:, addresses + S_VOLTAGE]
         power = engine.task.power(engine.numbers, torque, engine._motor.speed(engine._qvel))  # type: ignore[attr-defined]
@@ -434,11 +434,12 @@ def test_the_robot_is_known_by_name() -> None:
 
 def test_a_short_training_runs(tmp_path: Path) -> None:
     small = [
-        "total_timesteps=64",
+        "total_timesteps=8",
         "n_envs=2",
-        "agent.n_steps=16",
-        "agent.batch_size=16",
+        "agent.n_steps=4",
+        "agent.batch_size=8",
         "evaluate.every=0",
+        "evaluate.episodes=1",
         "video.seconds=0",
     ]
     command = [sys.executable, "train.py", "env=hexapod", "actuator=ideal", *small, f"out={tmp_path}", "name=small"]

@@ -10,7 +10,7 @@ from envs.robot import ChainSource
 from envs.single import SingleEnv
 from envs.vector import BatchVectorEnv
 
-CONTROL_RATE = 5.0  # [Hz] a step cycle of the reference gait takes 6 to 12 s
+CONTROL_RATE = 1.0  # [Hz] a step cycle of the reference gait takes 6 to 12 s
 
 
 class HexapodEnv(SingleEnv):
@@ -24,7 +24,7 @@ class HexapodEnv(SingleEnv):
     ## Action Space
     The action space is a `Box(-1, 1, (6,), float32)`: parameters of the tripod gait (`envs/hexapod/modulated_gait.py`),
     which at action 0 is the reference gait (`envs/hexapod/gait.py`). The parameters follow the action with a time
-    constant of 0.5 s; the gait gives the goals of all joints every 10 ms, and they go through the actuation chain
+    constant of 1 s; the gait gives the goals of all joints every 10 ms, and they go through the actuation chain
     (digital PI controller, motor, gears, friction) inside the physics engine.
 
     | Num | Action                                                   | At 0   | Per unit | Lowest | Highest | Unit            |
@@ -82,7 +82,7 @@ class HexapodEnv(SingleEnv):
     is unstable.
 
     ### Truncation
-    After 100 steps (20 s).
+    After 30 steps (30 s).
 
     ## Arguments
 
@@ -91,7 +91,7 @@ class HexapodEnv(SingleEnv):
     | `actuator`          | str, list or dict   | `None`     | chains: a word (`amru5_lugre`, `amru5_dry`, `amru5_load`, `amru5_frictionless`, `ideal`, `regression`), a path, stages, or one of these by joint; `None`: `amru5_lugre` |
     | `randomization`     | dict or path        | `None`     | what every episode draws anew, see `envs/randomization.py` |
     | `params`            | dict                | `None`     | numbers of the robot, see `envs/hexapod/parameters.py` |
-    | `control_rate`      | float               | `5.0`      | actions per second [Hz] |
+    | `control_rate`      | float               | `1.0`      | actions per second [Hz] |
     | `speed`             | float or (low, high) | `0.03`    | commanded speed, or the range it is drawn from [m/s] |
     | `forward_weight`    | float               | `1.0`      | see Rewards |
     | `alive_weight`      | float               | `0.1`      | see Rewards |

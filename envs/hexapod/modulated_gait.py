@@ -31,7 +31,7 @@ MODULATED = {
 land, and ``spread`` how much farther ahead those of 1 and 5 and farther back those of 2 and 4. Ranges are assumed: what
 the legs reach, and what leaves the actions in between some room.
 """
-LAG = 0.5  # [s] time constant with which parameters follow the action: a foot in the air must not jump
+LAG = 1.0  # [s] time constant with which parameters follow the action: a foot in the air must not jump
 
 CLOCK, PARAMETERS = 0, slice(1, 1 + len(MODULATED))
 _PLACE = slice(PARAMETERS.stop, PARAMETERS.stop + 2 * LEGS)  # of the feet, from their stance (LEGS, 2) [m]

@@ -1,4 +1,5 @@
-"""Makes the actuator nets of the hexapod, from simulated runs of its printed chain, not from the machine.
+"""Makes the actuator nets of the hexapod, from simulated runs of its printed chain, not from the machine: walks, and
+joints on their own.
 
     python -m envs.hexapod.nets
 
@@ -13,74 +14,101 @@ from pathlib import Path
 import mujoco
 import numpy as np
 
-from actuators import Chain, Drivetrain
+from actuators import Drivetrain
 from actuators.chain import LIBRARY
 from actuators.errors import SealegsError
 from actuators.layout import S_TORQUE
-from actuators.net_data import commands, smooth_noise
+from actuators.net_data import smooth_noise
 from actuators.net_file import write_net
 from actuators.net_training import Settings, TrainedNet, TrainingRun, train
-from envs.hexapod.robot import HEXAPOD, chains_of
+from envs.hexapod.gait import PERIOD, Tripod
+from envs.hexapod.paper import Machine
+from envs.hexapod.robot import HORIZONTAL, KINDS, ROTATION, VERTICAL, coordinate
 
 RATE = 500.0  # [Hz] five samples in a period of the controller: held longer, the back-EMF would swing
-STEP = 0.001  # [s]
-RUNS, SECONDS = 10, 6.0
-# a free joint of the rotor's inertia; goals and pushes of about the size that the gait gives
-KINDS = {
-    "rotation": ("leg0_rotation", "rotation_gear", 0.08, 60.0),
-    "screw": ("leg0_vertical", "screw_gear", 0.003, 800.0),
-}
-JOINT = """<mujoco><option timestep="{step}" gravity="0 0 0"/><worldbody><body><joint name="joint" type="slide"
-armature="{inertia}"/><inertial pos="0 0 0" mass="0.1" diaginertia="1e-4 1e-4 1e-4"/></body></worldbody></mujoco>"""
-SETTINGS = Settings(rate=RATE, history=3, hidden=(16,), epochs=40, patience=10)
+SECONDS = 6.0
+GAITS = tuple(Tripod(speed, lift=lift) for speed in (0.015, 0.03) for lift in (0.01, 0.04))
+NOISE = {ROTATION: 0.02, VERTICAL: 5e-4, HORIZONTAL: 5e-4}  # [rad], [m] on the goals, so that nets see more than gaits
+FREE = 6  # runs of each joint on its own, where goals jump so far that the drive gives all that it has
+JUMPS, PUSH = (
+    {ROTATION: 0.05, VERTICAL: 1.5e-3, HORIZONTAL: 1.5e-3},
+    {ROTATION: 40.0, VERTICAL: 500.0, HORIZONTAL: 500.0},
+)
+JOINT = """<mujoco><option timestep="{step}" gravity="0 0 0"/><worldbody><body><joint name="joint" type="slide"/>
+<inertial pos="0 0 0" mass="{inertia}" diaginertia="1e-4 1e-4 1e-4"/></body></worldbody></mujoco>"""
+LEGS = (0, 1, 5)  # by symmetry, the others move alike
+JOINTS = {"rotation": (ROTATION,), "screw": (VERTICAL, HORIZONTAL)}
+SETTINGS = Settings(rate=RATE, history=3, hidden=(16, 16), epochs=60, patience=10)
 
 
-def runs(chain: Chain, inertia: float, reach: float, push: float, seed: int = 0) -> list[TrainingRun]:
-    """Runs of a chain on a free joint under random goals and pushes, with the motor's torque as target.
+def walks(seed: int = 0) -> dict[str, list[TrainingRun]]:
+    """Runs of all kinds of joints in gaits whose goals are disturbed, with the motor's torque as target.
 
-    Args:
-        chain: to learn; its friction is not part of the target, and stays a stage of its own.
-        inertia: of the rotor at the joint.
-        reach: size of the goals' motion.
-        push: size of the loads.
-        seed: of both.
+    Joint friction is dry and viscous; it is not part of the target, and stays a stage of its own.
     """
-    rng = np.random.default_rng(seed)
-    driven = Drivetrain(mujoco.MjSpec.from_string(JOINT.format(step=STEP, inertia=inertia)), {"joint": chain})
-    samples, every = round(SECONDS * RATE), round(1.0 / (RATE * STEP))
-    recorded = []
-    for number in range(RUNS):
-        data = mujoco.MjData(driven.model)
-        goal = reach * commands(rng, samples, RATE)
-        load = rng.uniform(0.0, 1.0) * push * smooth_noise(rng, samples, RATE, rng.uniform(0.5, 4.0))
-        rows = np.empty((samples, 3))
+    rng, machine = np.random.default_rng(seed), Machine("dry/viscous")
+    data, samples, held = machine.data, round(SECONDS * RATE), round(PERIOD * RATE)
+    every = round(1.0 / (RATE * machine.model.opt.timestep))
+    names = {kind: [coordinate(leg, kind) for leg in LEGS] for kind in KINDS}
+    columns = [item.name for item in machine.drivetrain.coordinates]
+    time, found = np.arange(samples) / RATE, {kind: list[TrainingRun]() for kind in KINDS}
+    for number, gait in enumerate(GAITS):
+        goals = np.repeat(gait.goals(machine.values, PERIOD * np.arange(samples // held)), held, axis=0)
+        machine.place(goals[0])
+        for k in range(len(columns)):
+            disturbance = smooth_noise(rng, samples, RATE, rng.uniform(0.5, 4.0))
+            goals[:, k] += NOISE[KINDS[k % len(KINDS)]] * rng.uniform(0.0, 1.0) * (disturbance - disturbance[0])
+        rows = {name: np.empty((samples, 3)) for kind in KINDS for name in names[kind]}
         for k in range(samples):
-            data.ctrl[0], data.qfrc_applied[0] = goal[k], load[k]
-            mujoco.mj_forward(driven.model, data)
+            data.ctrl[:] = goals[k]
+            for name, row in rows.items():
+                torque = machine.drivetrain.state(name, data.userdata, S_TORQUE)
+                row[k] = data.joint(name).qpos[0], data.joint(name).qvel[0], torque
+            mujoco.mj_step(machine.model, data, every)
+        for kind in KINDS:
+            for name in names[kind]:
+                goal, (position, velocity, torque) = goals[:, columns.index(name)], rows[name].T
+                found[kind].append(TrainingRun(f"walk {number}, {name}", time, goal, position, velocity, torque))
+    return found
+
+
+def free_runs(kind: str, seed: int = 0) -> list[TrainingRun]:
+    """Runs of one kind of drive that turns nothing but its rotor, under jumping goals and pushes."""
+    rng, machine = np.random.default_rng(seed), Machine("dry/viscous")
+    name = coordinate(LEGS[0], kind)
+    step, inertia = machine.model.opt.timestep, float(machine.model.dof_armature[machine.model.joint(name).dofadr[0]])
+    spec = mujoco.MjSpec.from_string(JOINT.format(step=step, inertia=inertia))
+    driven = Drivetrain(spec, {"joint": machine.drivetrain.chains[name]})
+    samples, every, recorded = round(SECONDS * RATE), round(1.0 / (RATE * step)), []
+    for number in range(FREE):
+        data, rows = mujoco.MjData(driven.model), np.empty((samples, 3))
+        held = round(rng.uniform(0.05, 0.6) * RATE)
+        goal = np.repeat(JUMPS[kind] * rng.uniform(-1.0, 1.0, samples // held + 1), held)[:samples]
+        push = rng.uniform(0.0, 1.0) * PUSH[kind] * smooth_noise(rng, samples, RATE, rng.uniform(0.5, 4.0))
+        for k in range(samples):
+            data.ctrl[0], data.qfrc_applied[0] = goal[k], push[k]
             rows[k] = data.qpos[0], data.qvel[0], driven.state("joint", data.userdata, S_TORQUE)
             mujoco.mj_step(driven.model, data, every)
-        recorded.append(
-            TrainingRun(f"simulated {number}", np.arange(samples) / RATE, goal, rows[:, 0], rows[:, 1], rows[:, 2])
-        )
+        time, (position, velocity, torque) = np.arange(samples) / RATE, rows.T
+        recorded.append(TrainingRun(f"free {number}, {kind}", time, goal, position, velocity, torque))
     return recorded
 
 
-def make(kind: str) -> TrainedNet:
-    """Train the net of one kind of joint."""
-    joint, gear, reach, push = KINDS[kind]
-    numbers = HEXAPOD.parameters()
-    inertia = numbers["rotor_inertia"] * numbers[gear] ** 2
-    return train(runs(chains_of("amru5_dry")[joint], inertia, reach, push), SETTINGS)
+def make(kinds: tuple[str, ...], recorded: dict[str, list[TrainingRun]]) -> TrainedNet:
+    """Train the net of these kinds of joints."""
+    return train([run for kind in kinds for run in (*recorded[kind], *free_runs(kind))], SETTINGS)
 
 
 def main() -> int:
     """Make what is missing."""
-    for kind in KINDS:
-        path = Path(LIBRARY) / f"amru5_{kind}_net.npz"
-        if path.exists():
+    paths = {name: Path(LIBRARY) / f"amru5_{name}_net.npz" for name in JOINTS}
+    missing = [name for name, path in paths.items() if not path.exists()]
+    recorded = walks() if missing else {}
+    for name, path in paths.items():
+        if name not in missing:
             print(f"{path.name} is there already.")
             continue
-        trained = make(kind)
+        trained = make(JOINTS[name], recorded)
         write_net(trained.arrays, path)
         print(f"{path.name}: rms {trained.rms:.3g}, {trained.r2:.1%} of the variance on unseen runs", flush=True)
     return 0
