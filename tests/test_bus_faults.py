@@ -113,6 +113,22 @@ def test_a_silent_servo_is_named_within_the_timeout_and_the_others_are_released(
     assert rigged.torque() == [False, False]
 
 
+def test_no_servo_waits_for_its_release_until_a_silent_one_has_been_given_up(rigged: Rigged):
+    rigged.bus.torque_on(IDS)
+    rigged.fault("silence", servos=[1])
+    states: list[list[bool]] = []
+    exchange = rigged.server.wire.exchange
+
+    def listening(request, now, baudrate):
+        answers = exchange(request, now, baudrate)
+        states.append([rigged.server.wire.rig.torque(joint) for joint in (0, 1)])
+        return answers
+
+    rigged.server.wire.exchange = listening
+    assert set(rigged.bus.torque_off(IDS)) == {1}
+    assert states[0] == [True, False], "the first packet releases all that hear it"
+
+
 def test_a_reply_that_is_lost_at_torque_off_keeps_no_torque_on(rigged: Rigged):
     rigged.bus.torque_on(IDS)
     rigged.fault("drop", probability=0.3)
