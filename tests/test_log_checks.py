@@ -168,6 +168,14 @@ def test_single_wrong_readings_are_not_called_a_wrap() -> None:
     assert found(with_log(run, position=position), "position.spikes").severity == "error"
 
 
+@pytest.mark.filterwarnings("error")
+def test_a_duty_that_never_rests_is_no_trouble_for_the_supply() -> None:
+    run = clean().runs[0]
+    duty = signal(run, "duty")
+    pushed = np.where(duty < 0.0, -1.0, 1.0) * np.maximum(np.abs(duty), 0.2)
+    assert not [f for f in check_run(with_log(run, duty=pushed)) if f.code == "voltage.aliased"]
+
+
 def test_a_supply_reading_that_aliases_the_pwm_is_named() -> None:
     run = clean().runs[0]
     ripple = np.random.default_rng(0).normal(0, 1, len(run.time)) * np.abs(signal(run, "duty"))

@@ -157,7 +157,7 @@ def _voltage(joint: JointContext, voltage: Array, duty: Array) -> Iterator[Findi
     if known.sum() < 100:
         return
     volts, size = voltage[known], np.abs(duty[known])
-    quiet = size < max(0.05, float(np.quantile(size, 0.1)))
+    quiet = size <= max(0.05, float(np.quantile(size, 0.1)))
     rest = float(np.median(volts[quiet]))
     busy = size > 0.1
     if busy.sum() < 50:
