@@ -19,14 +19,6 @@ from envs.contract import task_of
 
 TRAINING = (
     "env=biped",
-    "env.correction=0.4",
-    "env.cadence=1.2",
-    "env.speed=0.7",
-    "env.gait_weight=1.0",
-    "env.upright_weight=0.3",
-    "env.healthy_height=0.78",
-    "env.healthy_pitch=0.5",
-    "env.params={timestep: 0.002}",  # twice as fast; measured at 1 ms
     "total_timesteps=400_000",
     "agent.learning_rate=lin_1e-3",
     "agent.policy_kwargs.log_std_init=-1",
@@ -98,7 +90,7 @@ def walk(
 
 
 def draw(policy: Path, file: Path) -> None:
-    """Pictures of one turn of the clock, two steps, in the middle of a walk."""
+    """Pictures of one turn of the clock, two steps or a hop, in the middle of a walk."""
     act, description = load_policy(policy)
     env = make_single_env(at_own_step(description["env"]), description["actuators"], *PICTURE)
     observation, _ = env.reset(seed=SEED)

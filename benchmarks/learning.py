@@ -35,7 +35,7 @@ from configs.script import Interrupted, run
 
 REPOSITORY = Path(__file__).resolve().parents[1]
 RESULTS = Path(__file__).parent / "results"
-ROBOTS = ("hexapod", "biped")
+ROBOTS = ("hexapod", "biped", "biped_hopping")
 KEPT = ("model.zip", "vecnormalize.pkl", "policy.json", "policy.onnx")  # of the policy
 RECORDS = ("config.yaml", "actuators.yaml", "evaluations.npz")  # of its run
 
@@ -243,6 +243,8 @@ def study(robot: str, seeds: int, minutes: float | None, training: bool, policie
     (results / f"learning_{robot}.json").write_text(json.dumps(document, indent=1) + "\n")
     (results / f"learning_{robot}.md").write_text(text)
     picture(robot, curve, reference, results / f"learning_{robot}.png")
+    if (draw := getattr(module, "draw", None)) is not None:  # the motion itself, where a robot has it drawn
+        draw(next(iter(folders.values())), results / f"learning_{robot}_motion.png")
     return text
 
 
