@@ -82,6 +82,17 @@ def test_a_spoilt_reply_without_another_try_is_an_error(rigged: Rigged, kind, er
     assert rigged.bus.read_state(IDS, retries=0).ids == (1, 2)
 
 
+def test_a_reply_without_its_header_is_named_corrupt_and_not_missing(rigged: Rigged):
+    exchange = rigged.server.wire.exchange
+
+    def headless(request, now, baudrate):
+        return [(at, b"\x7f" + packet[1:]) for at, packet in exchange(request, now, baudrate)]
+
+    rigged.server.wire.exchange = headless
+    with pytest.raises(CorruptReplyError, match="servo 1 on"):
+        rigged.bus.read_state([1], retries=0)
+
+
 def test_no_flipped_bit_is_ever_taken_for_a_reading(rigged: Rigged):
     rigged.bus.line.port.reply_timeout = 0.02
     rigged.fault("corrupt", probability=0.5)

@@ -20,7 +20,7 @@ from hw.commands import PolicyCommands, Trajectory
 from hw.connection import opened_port
 from hw.deadman import DeadMan
 from hw.loop import ControlLoop, Outcome, Stop
-from hw.measured_log import MeasuredLog, make_sidecar, read_events, recover
+from hw.measured_log import SYNC, MeasuredLog, make_sidecar, read_events, recover
 from hw.packets import BusError
 from hw.policy import Policy
 from hw.robot import ServoRobot, build_robot
@@ -402,6 +402,26 @@ def test_a_log_is_readable_while_it_is_written(tmp_path: Path) -> None:
     assert len(run.time) == 40 and run.robot_params == {"mass": 0.3} and run.meta["rate"] == 10
     assert set(run.host) == {"read_sent", "read_done", "goal_sent", "a_status"}
     log.close()
+
+
+def test_rows_and_events_are_brought_to_the_disk_while_the_robot_moves(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    synced, fsync = list[str](), os.fsync
+
+    def noted(file: int) -> None:
+        synced.append(os.readlink(f"/proc/self/fd/{file}") if os.path.isdir("/proc/self/fd") else "run.csv")
+        fsync(file)
+
+    log = small_log(tmp_path, 3)
+    monkeypatch.setattr("hw.measured_log.os.fsync", noted)
+    end = time.monotonic() + 30.0
+    while sum(path.endswith("run.csv") for path in synced) < 3:
+        assert time.monotonic() < end
+        time.sleep(0.01)
+    monkeypatch.undo()
+    log.close()
+    assert SYNC <= 0.1 and (any(path.endswith("events.jsonl") for path in synced) or not os.path.isdir("/proc/self/fd"))
 
 
 @pytest.mark.parametrize("torn", [1, 30, 55])
