@@ -338,7 +338,7 @@ def test_standing_costs_nothing_to_speak_of() -> None:
     assert info["reward_resistance"] > -0.05
 
 
-@pytest.mark.parametrize("word", ["ideal", "regression", "amru5_dry", "amru5_load", "amru5_frictionless"])
+@pytest.mark.parametrize("word", ["ideal", "regression", "net", "amru5_dry", "amru5_load", "amru5_frictionless"])
 def test_it_stands_with_every_actuator_by_one_word(word: str) -> None:
     env = gym.make(ENV, actuator=word, start_noise=0.0, speed=0.0)
     env.reset(seed=0)

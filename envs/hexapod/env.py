@@ -88,7 +88,7 @@ class HexapodEnv(SingleEnv):
 
     | Parameter           | Type                | Default    | Description |
     |---------------------|---------------------|------------|-----------------------------------------------------------|
-    | `actuator`          | str, list or dict   | `None`     | chains: a word (`amru5_lugre`, `amru5_dry`, `amru5_load`, `amru5_frictionless`, `ideal`, `regression`), a path, stages, or one of these by joint; `None`: `amru5_lugre` |
+    | `actuator`          | str, list or dict   | `None`     | chains: a word (`amru5_lugre`, `amru5_dry`, `amru5_load`, `amru5_frictionless`, `ideal`, `regression`, `net`), a path, stages, or one of these by joint; `None`: `amru5_lugre` |
     | `randomization`     | dict or path        | `None`     | what every episode draws anew, see `envs/randomization.py` |
     | `params`            | dict                | `None`     | numbers of the robot, see `envs/hexapod/parameters.py` |
     | `control_rate`      | float               | `1.0`      | actions per second [Hz] |

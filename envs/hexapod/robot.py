@@ -29,7 +29,8 @@ FRICTIONS = {
     "dry/viscous 2": "amru5_load",
 }
 """Files of ``configs/actuator`` with the four models of joint friction that the paper compares."""
-WORDS = {**{name: name for name in FRICTIONS.values()}, "ideal": "amru5_ideal", "regression": "amru5_regression"}
+_COMMON = {"ideal": "amru5_ideal", "regression": "amru5_regression", "net": "amru5_net"}
+WORDS = {**{name: name for name in FRICTIONS.values()}, **_COMMON}
 MASSLESS = 1e-4  # [kg] of the slides: table 10 has none, and their inertia is the armature of their motors
 
 _DARK, _METAL, _BLUE = (0.16, 0.18, 0.22, 1), (0.76, 0.78, 0.81, 1), (0.20, 0.42, 0.68, 1)
