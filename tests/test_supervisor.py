@@ -68,7 +68,7 @@ def wait_until(done: Any, process: subprocess.Popen[str] | None = None, seconds:
 
 
 def test_after_a_kill_the_servos_are_released_and_the_log_is_whole(virtual: VirtualBus, tmp_path: Path) -> None:
-    process = running(virtual, tmp_path)
+    process = running(virtual, tmp_path, "silence=20.0")
     rows, requests = stopped_at(process, virtual, tmp_path)
     os.kill(process.pid, signal.SIGCONT)
     time.sleep(0.5)
