@@ -65,7 +65,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
     options = parser.parse_args(arguments)
     import numba
 
-    numba.set_num_threads(min(CORES, os.cpu_count() or 1))
+    numba.set_num_threads(min(CORES, numba.config.NUMBA_NUM_THREADS))  # type: ignore[attr-defined]
     results = []
     try:
         measure(0.1)

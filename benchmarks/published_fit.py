@@ -1,8 +1,8 @@
 """The published tool's fit of M6 against ours: ``python -m benchmarks.published_fit``.
 
 The published friction models (Duclusaud et al., ICRA 2025) are fitted with CMA-ES: 10,000 trials of 57 ms, one core,
-for M6 and the 12 runs of the XL330 pendulum. Here the same model on the same runs is fitted by least squares from
-several starts until it reaches the training error that CMA-ES reaches with that many trials. Both use our simulator,
+for M6 and the 12 runs of the XL330 pendulum. Here the same model on the same runs is fitted by least squares, first
+on windows of a second and then on the runs, from several starts until it reaches the training error that CMA-ES reaches with that many trials. Both use our simulator,
 so three times are told apart: the published tool's (its measured time per trial), CMA-ES with our trial, and ours, all
 in seconds of one core, since a busy machine says nothing by its clock.
 Writes ``results/published_fit.{json,md}``.
@@ -15,7 +15,7 @@ import json
 import math
 import sys
 import time
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
@@ -27,10 +27,12 @@ from actuators.errors import SealegsError
 from benchmarks.real_data import recorded
 from gap.converters.source import BENCH_JOINT
 from gap.log_types import MeasuredSet
+from gap.units import state_at
 
 RESULTS = Path(__file__).resolve().parent / "results"
 TRIALS, PUBLISHED_TRIAL = 10_000, 0.057  # of the published tool: how many, and how long one takes [s] on one core
 STEP = 2.5e-3  # [s] largest step of a replay; halving it changes the error by well under a milliradian
+WINDOW = 1.0  # [s] that our fit begins with; errors grow along whole runs, which have many minima
 SOFT = 0.01  # [rad] errors beyond this count linearly in our fit: the training error is a mean absolute one
 LOAD, GRAVITY = (0.49, 0.10), 9.81  # mass [kg] at length [m], [m/s2]
 
@@ -59,7 +61,10 @@ Vector = np.ndarray
 
 @dataclass(frozen=True, eq=False)
 class Runs:
-    """The runs one behind the other: samples (n,), starts of the runs (r + 1,), gain of each [1/rad] (r,)."""
+    """The runs one behind the other.
+
+    Samples (n,), starts of the runs (r + 1,), gain of each [1/rad] and its first speed [rad/s] (r,).
+    """
 
     time: Vector
     goal: Vector
@@ -67,6 +72,7 @@ class Runs:
     on: Vector
     starts: Vector
     gain: Vector
+    speed: Vector
 
 
 def flat(data: MeasuredSet) -> Runs:
@@ -80,7 +86,20 @@ def flat(data: MeasuredSet) -> Runs:
         on=np.concatenate([np.ones(len(log.position)) if log.enabled is None else log.enabled for log in logs]),
         starts=np.cumsum([0, *(len(run.time) for run in data.runs)]),
         gain=np.array([chain[0]["position_p"]["gain"] for chain in chains if not isinstance(chain, str)]),
+        speed=np.zeros(len(chains)),
     )
+
+
+def in_windows(runs: Runs, length: float = WINDOW) -> Runs:
+    """The same samples as runs of ``length`` [s], each from the measured state, as in :mod:`gap.windows`."""
+    starts, gains, speeds = [], [], []
+    for run, (a, b) in enumerate(zip(runs.starts[:-1], runs.starts[1:], strict=True)):
+        time_, position = runs.time[a:b], runs.position[a:b]
+        for k in np.searchsorted(time_, np.arange(0.0, time_[-1] - 0.5 * length, length)):
+            starts.append(int(a + k))
+            gains.append(runs.gain[run])
+            speeds.append(state_at(time_, position, int(k))[1] if k else 0.0)
+    return replace(runs, starts=np.array([*starts, runs.starts[-1]]), gain=np.array(gains), speed=np.array(speeds))
 
 
 @numba.njit(cache=True)
@@ -104,13 +123,13 @@ def net(p, gain, goal, q, w, on, gravity):
 
 
 @numba.njit(cache=True)
-def trial(p, time_, goal, position, on, starts, gain, out):
+def trial(p, time_, goal, position, on, starts, gain, speed, out):
     """Replay all runs freely with one vector of parameters; ``out`` (n,) takes the position errors [rad]."""
     gravity = LOAD[0] * LOAD[1] * GRAVITY
     inertia = LOAD[0] * LOAD[1] ** 2 + p[2]
     for run in range(len(gain)):
         a, b = starts[run], starts[run + 1]
-        q, w, command = position[a] - p[15], 0.0, a
+        q, w, command = position[a] - p[15], speed[run], a
         for j in range(a, b):
             out[j] = q + p[15] - position[j]
             if j + 1 == b:
@@ -140,7 +159,7 @@ def trial(p, time_, goal, position, on, starts, gain, out):
 def errors(runs: Runs, p: Vector) -> Vector:
     """Position errors [rad] of all samples (n,)."""
     out = np.empty(len(runs.time))
-    trial(p, runs.time, runs.goal, runs.position, runs.on, runs.starts, runs.gain, out)
+    trial(p, runs.time, runs.goal, runs.position, runs.on, runs.starts, runs.gain, runs.speed, out)
     return np.clip(np.nan_to_num(out, nan=10.0), -10.0, 10.0)
 
 
@@ -173,27 +192,33 @@ def cma_es(runs: Runs, seed: int, trials: int) -> list[tuple[int, float, float]]
 
 
 def least_squares_fit(runs: Runs, seed: int, target: float, most: int = 40) -> list[tuple[int, float, float]]:
-    """Least squares from one start after the other until the target [mrad] is reached; history as :func:`cma_es`."""
+    """Least squares from one start after the other until the target [mrad] is reached; history as :func:`cma_es`.
+
+    First on windows, then on the runs.
+    """
     started, rng, used, best = time.process_time(), np.random.default_rng(seed), 0, math.inf
     history: list[tuple[int, float, float]] = []
+    short = in_windows(runs)
 
-    def residual(x: Vector) -> Vector:
-        nonlocal used
-        used += 1
-        return errors(runs, from_unit(x)) / SOFT
+    def descend(data: Runs, x: Vector) -> Vector:
+        def residual(x: Vector) -> Vector:
+            nonlocal used
+            used += 1
+            return errors(data, from_unit(x)) / SOFT
 
-    def slope(x: Vector) -> Vector:
-        here, width = residual(x), 3e-3  # wide enough to see over the ripple of sticking and slipping
-        steps = np.where(x + width <= 1.0, width, -width)
-        rows = [(residual(x + step * axis) - here) / step for step, axis in zip(steps, np.eye(len(x)), strict=True)]
-        return np.stack(rows, axis=1)
+        def slope(x: Vector) -> Vector:
+            here, width = residual(x), 3e-3  # wide enough to see over the ripple of sticking and slipping
+            steps = np.where(x + width <= 1.0, width, -width)
+            rows = [(residual(x + step * axis) - here) / step for step, axis in zip(steps, np.eye(len(x)), strict=True)]
+            return np.stack(rows, axis=1)
 
-    for start in range(most):
-        x = (START - LOW) / (HIGH - LOW)
-        if start:
-            x = np.clip(x * rng.lognormal(0.0, 0.7, len(x)), 1e-3, 0.95)
-        found = least_squares(residual, x, jac=slope, bounds=(0.0, 1.0), loss="soft_l1", max_nfev=40)  # type: ignore[arg-type]
-        error = training_error(runs, from_unit(found.x))
+        return least_squares(residual, x, jac=slope, bounds=(0.0, 1.0), loss="soft_l1", max_nfev=40).x  # type: ignore[arg-type]
+
+    for _ in range(most):
+        # every seed starts elsewhere
+        x = np.clip((START - LOW) / (HIGH - LOW) * rng.lognormal(0.0, 0.7, len(START)), 1e-3, 0.95)
+        x = descend(runs, np.clip(descend(short, x), 1e-6, 1.0 - 1e-6))
+        error = training_error(runs, from_unit(x))
         if error < best:
             best = error
             history.append((used, time.process_time() - started, best))
@@ -213,7 +238,8 @@ def measure(trials: int = TRIALS, seeds: int = 3) -> dict[str, Any]:
     published = [cma_es(runs, seed, trials) for seed in range(1, seeds + 1)]
     target = min(history[-1][2] for history in published)
     ours = [least_squares_fit(runs, seed, target) for seed in range(seeds)]
-    seconds = float(np.median([history[-1][1] for history in ours]))
+    taken = [history[-1][1] if history[-1][2] <= target else math.inf for history in ours]
+    seconds = float(np.median(taken))
     return {
         "parameters": len(BOUNDS),
         "runs": 12,
@@ -225,6 +251,7 @@ def measure(trials: int = TRIALS, seeds: int = 3) -> dict[str, Any]:
         "target_mrad": target,
         "reached": [h[-1][2] <= target for h in ours],
         "times_faster_than_published": trials * PUBLISHED_TRIAL / seconds,
+        "least_times_faster_than_published": trials * PUBLISHED_TRIAL / max(taken),
         "times_faster_than_cma_es_here": float(np.median([h[-1][1] for h in published])) / seconds,
         "times_fewer_trials": trials / float(np.median([h[-1][0] for h in ours])),
     }
@@ -234,7 +261,7 @@ def page(result: dict[str, Any]) -> str:
     """The result as Markdown."""
     rows = [
         f"| {name} | {k + 1} | {row['trials']} | {row['seconds']:.1f} | {row['mae_mrad']:.2f} |"
-        for name, key in (("CMA-ES, our trial", "cma_es"), ("least squares, several starts", "least_squares"))
+        for name, key in (("CMA-ES, our trial", "cma_es"), ("least squares: windows, then runs", "least_squares"))
         for k, row in enumerate(result[key])
     ]
     reached = "all" if all(result["reached"]) else f"{sum(result['reached'])} of {len(result['reached'])}"
@@ -252,8 +279,9 @@ def page(result: dict[str, Any]) -> str:
             f"One trial takes {1e3 * result['trial_seconds']:.1f} ms here; {1e3 * PUBLISHED_TRIAL:.0f} ms is given for "
             f"the published tool, so its fit takes {result['published_seconds']:.0f} s.",
             f"Ours reaches the best error of CMA-ES ({result['target_mrad']:.2f} mrad) from {reached} seeds, and "
-            "measured until then takes",
-            f"1/{result['times_faster_than_published']:.0f} of the published tool's time, "
+            "measured until then takes (median)",
+            f"1/{result['times_faster_than_published']:.0f} of the published tool's time (the slowest seed "
+            f"1/{result['least_times_faster_than_published']:.0f}), "
             f"1/{result['times_faster_than_cma_es_here']:.1f} of that of CMA-ES with our trial, and "
             f"1/{result['times_fewer_trials']:.1f} of its trials.",
             "",
