@@ -2,9 +2,10 @@
 
 The published friction models (Duclusaud et al., ICRA 2025) are fitted with CMA-ES: 10,000 trials of 57 ms, one core,
 for M6 and the 12 runs of the XL330 pendulum. Here the same model on the same runs is fitted by least squares, first
-on windows of a second and then on the runs, from several starts until it reaches the training error that CMA-ES reaches with that many trials. Both use our simulator,
-so three times are told apart: the published tool's (its measured time per trial), CMA-ES with our trial, and ours, all
-in seconds of one core, since a busy machine says nothing by its clock.
+on windows of a second and then on the runs, from several starts until it reaches the training error that CMA-ES
+reaches with that many trials. Both use our simulator, so three times are told apart: the published tool's (its measured
+time per trial), CMA-ES with our trial, and ours, all in seconds of one core, since a busy machine says nothing by its
+clock.
 Writes ``results/published_fit.{json,md}``.
 """
 
