@@ -25,6 +25,7 @@ class Timing:
         read_mean, read_p99: from the request for the readings to the last reply [s].
         command_mean, command_p99: from the middle of the reading to the goals on the wire [s].
         cpu_share: processor time of the loop's process over wall time.
+        stepped: whether time was the machine's, which waited for the loop: nothing then says how fast that was.
     """
 
     cycles: int
@@ -38,6 +39,7 @@ class Timing:
     command_mean: float
     command_p99: float
     cpu_share: float
+    stepped: bool = False
 
     @property
     def overrun_share(self) -> float:
@@ -46,6 +48,8 @@ class Timing:
 
     def sentence(self) -> str:
         """For people."""
+        if self.stepped:
+            return f"{self.cycles} cycles, {self.overruns} overruns; in stepped time, which waits for the loop."
         return (
             f"{self.cycles} cycles, {self.overruns} overruns ({100 * self.overrun_share:.2f} %), began late by "
             f"{1e3 * self.late_p99:.2f} ms (99 %) and {1e3 * self.late_worst:.2f} ms (worst), reading "
@@ -145,4 +149,5 @@ class Metronome:
             command_mean=float(np.nanmean(command)) if np.isfinite(command).any() else 0.0,
             command_p99=float(np.nanquantile(command, 0.99)) if np.isfinite(command).any() else 0.0,
             cpu_share=(time.process_time() - self._cpu) / wall if self._began else 0.0,
+            stepped=self.stepped,
         )
