@@ -93,7 +93,7 @@ def _signals(comparison: Comparison) -> str:
 _FIELDS = (
     ("goal [rad]", "goal"),
     ("position [rad]", "position"),
-    ("speed [rad/s]", "velocity"),
+    ("velocity [rad/s]", "velocity"),
     ("duty", "duty"),
     ("current [A]", "current"),
 )  # all that may be named as the first to depart

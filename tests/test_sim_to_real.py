@@ -71,7 +71,7 @@ def test_table_and_page_are_written_once_and_ask_no_network(comparison: tuple[Co
     document = json.loads(written["json"].read_text())
     assert document["figures"]["nominal"]["height"] is None, "JSON knows no NaN"
     page = written["page"].read_text()
-    assert "joint: speed" in page, "whatever may be named as first to depart is drawn"
+    assert "joint: velocity" in page, "whatever may be named as first to depart is drawn"
     assert "Signals over time" in page and 'src="http' not in page and "same goals" in page
     header, rows = table(result)
     assert header == ["", "nominal", "extended", "machine"]
