@@ -11,7 +11,7 @@ from typing import Any
 
 import mujoco
 
-from benchmarks.speed import RESULTS, physics, table, training
+from benchmarks.speed import RESULTS, ROBOTS, physics, table, training
 
 
 def main() -> int:
@@ -19,6 +19,7 @@ def main() -> int:
     parser = argparse.ArgumentParser(prog="python -m benchmarks", description=__doc__)
     parser.add_argument("what", nargs="?", choices=("physics", "training", "all"), default="all")
     parser.add_argument("--quick", action="store_true", help="short repeats; prints, writes nothing")
+    parser.add_argument("--robots", nargs="+", choices=ROBOTS, default=list(ROBOTS), help="others keep their rows")
     arguments = parser.parse_args()
     machine = {
         "cores": os.cpu_count(),
@@ -29,7 +30,9 @@ def main() -> int:
     results: dict[str, Any] = {name: _read(name) for name in ("physics", "training")}
     try:
         if arguments.what != "training":
-            results["physics"] = physics(*((0.03, 9) if arguments.quick else (0.03, 61)), _print_physics)
+            old = [row for row in results["physics"] or [] if row["robot"] not in arguments.robots]
+            new = physics(*((0.03, 9) if arguments.quick else (0.03, 61)), _print_physics, arguments.robots)
+            results["physics"] = sorted([*old, *new], key=lambda row: list(ROBOTS).index(row["robot"]))
         if arguments.what != "physics":
             results["training"] = training(*((2, 1) if arguments.quick else (3, 5)), print)
     except KeyboardInterrupt:

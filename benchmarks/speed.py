@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import os
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -104,10 +104,14 @@ def interleaved(sides: dict[str, Callable[[], int]], seconds: float, repeats: in
     return rates
 
 
-def physics(seconds: float, repeats: int, report: Callable[[dict[str, Any]], None]) -> list[dict[str, Any]]:
+def physics(
+    seconds: float, repeats: int, report: Callable[[dict[str, Any]], None], robots: Sequence[str] = tuple(ROBOTS)
+) -> list[dict[str, Any]]:
     """Physics steps/s with each chain over bare MuJoCo on the same model."""
     rows = []
     for name, chain, bar in CASES:
+        if name not in robots:
+            continue
         robot = ROBOTS[name]
         driven = robot.drivetrain(chain)
         bare = bare_model(driven)
