@@ -27,6 +27,7 @@ CASES = [(name, chain, bar) for name in ("bench", "hopper") for chain, bar in CH
 CASES += [("biped", "mabel", 0.85), ("hexapod", "amru5_lugre", 0.85)]  # their printed chains
 SIMULATIONS = (1, 16, 64, 1024)
 PER_CALL = 20  # physics steps between two goals: 50 Hz
+FEWEST_TURNS, LONGEST_ROW = 9, 20.0  # [s] where one call takes long, there are fewer turns
 TRAINING_BAR = 5.0
 TRAINING_SIMULATIONS = 256  # of the batch engine; the other side has 8 processes, and both the same steps per update
 
@@ -116,17 +117,21 @@ def physics(
         driven = robot.drivetrain(chain)
         bare = bare_model(driven)
         for count in SIMULATIONS:
-            sides = {}
+            sides, lasts = {}, seconds
             for side, model in (("chain", driven.model), ("bare", bare)):
                 stepper = Stepper(robot, model, count)
                 stepper()
+                began = time.perf_counter()
+                stepper()
+                lasts = max(lasts, time.perf_counter() - began)
 
                 def work(stepper: Stepper = stepper, count: int = count) -> int:
                     stepper()
                     return count * PER_CALL
 
                 sides[side] = work
-            rates = interleaved(sides, seconds, repeats)
+            turns = min(repeats, max(FEWEST_TURNS, int(LONGEST_ROW / (2.0 * lasts))))
+            rates = interleaved(sides, seconds, turns)
             ratios = np.array(rates["chain"]) / np.array(rates["bare"])
             rows.append(
                 {
