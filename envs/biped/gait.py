@@ -63,7 +63,7 @@ class HoppingGait:
     spread: float = np.pi / 6.0
     lean: float = -0.09
     shape: float = 0.24
-    bend: float = 0.15
+    bend: float = 0.12
 
     def goals(self, phase: np.ndarray) -> np.ndarray:
         """As :meth:`WalkingGait.goals`, for the phases of the clock (n,) [rad]."""
