@@ -3,10 +3,11 @@
     python -m benchmarks.learning hexapod               train what policies/hexapod lacks, measure, draw
     python -m benchmarks.learning hexapod --minutes 9   stop after that time; the same command goes on
     python -m benchmarks.learning hexapod --no-train    only measure and draw what is there
+    python -m benchmarks.learning hexapod --longer      train shorter runs on, after more steps were asked for
 
 Each seed is a run of ``train.py`` with the arguments in ``benchmarks/learned_<robot>.py``, in
 ``runs/learning-<robot>/seed<k>``. Its best policy, config and evaluations go to ``policies/<robot>/seed<k>``; a seed
-that is there is never trained again. ``benchmarks/results/learning_<robot>.{md,json,png}`` hold each seed's figures,
+that is there stays as it is, but for ``--longer``. ``benchmarks/results/learning_<robot>.{md,json,png}`` hold figures,
 the curve with its mean and the 95 % interval of that mean, and what was to be reached.
 """
 
@@ -93,13 +94,18 @@ def interval(values: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
 
 
 def read_curve(folders: Sequence[Path]) -> Curve:
-    """The curve of the seeds in ``folders``, over the steps at which all of them were evaluated."""
+    """The curve of the seeds in ``folders`` over the range that all of them were evaluated in.
+
+    A run that was stopped goes on with evaluations at other steps; between its own, its reward is taken as a line.
+    """
     read = []
     for folder in folders:
         with np.load(folder / "evaluations.npz") as file:
-            read.append(dict(zip(file["timesteps"].tolist(), file["results"].mean(axis=1), strict=True)))
-    steps = sorted(set.intersection(*(set(row) for row in read)))
-    return Curve(np.array(steps), np.array([[row[step] for step in steps] for row in read]))
+            read.append((file["timesteps"], file["results"].mean(axis=1)))
+    low, high = max(steps[0] for steps, _ in read), min(steps[-1] for steps, _ in read)
+    steps = np.unique(np.concatenate([steps for steps, _ in read]))
+    steps = steps[(low <= steps) & (steps <= high)]
+    return Curve(steps, np.array([np.interp(steps, *row) for row in read]))
 
 
 def train(training: Sequence[str], seed: int, runs: Path, target: Path, until: float | None = None) -> None:
@@ -117,10 +123,11 @@ def train(training: Sequence[str], seed: int, runs: Path, target: Path, until: f
         SealegsError: ``train.py`` failed.
     """
     folder = runs / f"seed{seed}"
-    if policy_step(folder / "final") is None:
+    length = [argument for argument in training if argument.startswith("total_timesteps=")]
+    if (policy_step(folder / "final") or 0) < steps_of(training):
         new = [*training, f"seed={seed}", f"name=seed{seed}", f"out={runs}"]
         begun = (folder / "config.yaml").is_file()
-        _run([f"resume={folder}"] if begun else new, until)
+        _run([f"resume={folder}", *length] if begun else new, until)
     best = folder / "best" if (folder / "best" / "model.zip").is_file() else folder / "final"
     writing = target.with_name(f".writing-{target.name}")
     shutil.rmtree(writing, ignore_errors=True)
@@ -128,7 +135,21 @@ def train(training: Sequence[str], seed: int, runs: Path, target: Path, until: f
     for path in (*(best / name for name in KEPT), *(folder / name for name in RECORDS)):
         if path.is_file():
             shutil.copyfile(path, writing / path.name)
+    if target.exists():  # of the same run, when it was shorter
+        shutil.rmtree(target)
     os.replace(writing, target)
+
+
+def steps_of(training: Sequence[str]) -> int:
+    """Steps that arguments of ``train.py`` ask for; 1 where they leave it to the config."""
+    texts = [argument.partition("=")[2] for argument in training if argument.startswith("total_timesteps=")]
+    return int(float(texts[-1].replace("_", ""))) if texts else 1
+
+
+def longer(training: Sequence[str], seed: int, runs: Path) -> bool:
+    """Whether the run of a seed is here and shorter than ``training`` asks for by now."""
+    done = policy_step(runs / f"seed{seed}" / "final")
+    return done is not None and done < steps_of(training)
 
 
 def _run(arguments: Sequence[str], until: float | None) -> None:
@@ -153,17 +174,19 @@ def picture(robot: str, curve: Curve, reference: dict[str, float], path: Path) -
     figure = Figure(figsize=(7.0, 4.0), layout="constrained")
     axes = figure.subplots()
     thousands = curve.steps / 1000.0
+    count = len(curve.rewards)
     for row in curve.rewards:
         axes.plot(thousands, row, color="tab:blue", linewidth=0.7, alpha=0.5)
-    axes.plot(thousands, mean, color="tab:blue", linewidth=2.0, label=f"mean of {len(curve.rewards)} seeds")
-    axes.fill_between(
-        thousands, mean - half, mean + half, color="tab:blue", alpha=0.2, linewidth=0.0, label="its 95 % interval"
-    )
+    label = f"mean of {count} seeds" if count > 1 else "one seed"
+    axes.plot(thousands, mean, color="tab:blue", linewidth=2.0, label=label)
+    if count > 1:
+        low, high = mean - half, mean + half
+        axes.fill_between(thousands, low, high, color="tab:blue", alpha=0.2, linewidth=0.0, label="its 95 % interval")
     if "reward" in reference:
         axes.axhline(reference["reward"], color="0.3", linestyle="--", label="reference controller")
     axes.set_xlabel("steps [thousands]")
     axes.set_ylabel("reward of an evaluation episode")
-    axes.set_title(f"{robot}: learning")
+    axes.set_title(f"{robot.replace('_', ', ')}: learning")
     axes.legend(loc="lower right")
     axes.grid(alpha=0.3)
     figure.savefig(path, dpi=120)
@@ -201,8 +224,25 @@ def page(
     return "\n".join(lines) + "\n"
 
 
-def study(robot: str, seeds: int, minutes: float | None, training: bool, policies: Path, results: Path) -> str:
+def study(
+    robot: str,
+    seeds: int,
+    minutes: float | None,
+    training: bool,
+    policies: Path,
+    results: Path,
+    go_on: bool = False,
+) -> str:
     """Train what is missing, measure and draw; the page as text.
+
+    Args:
+        robot: of :data:`ROBOTS`.
+        seeds: how many.
+        minutes: after which training stops; None: at its end.
+        training: whether to train.
+        policies: folder of the seeds.
+        results: folder for the figures.
+        go_on: train seeds further whose runs are shorter than is asked for by now.
 
     Raises:
         Interrupted: as :func:`train`.
@@ -211,10 +251,11 @@ def study(robot: str, seeds: int, minutes: float | None, training: bool, policie
     module = cast(Learned, importlib.import_module(f"benchmarks.learned_{robot}"))
     until = None if minutes is None else time.monotonic() + 60.0 * minutes
     folders = {seed: policies / f"seed{seed}" for seed in range(seeds)}
+    runs = REPOSITORY / "runs" / f"learning-{robot}"
     for seed, folder in folders.items():
-        if training and not folder.exists():
+        if training and (not folder.exists() or (go_on and longer(module.TRAINING, seed, runs))):
             print(f"{robot}, seed {seed}", flush=True)
-            train(module.TRAINING, seed, REPOSITORY / "runs" / f"learning-{robot}", folder, until)
+            train(module.TRAINING, seed, runs, folder, until)
     folders = {seed: folder for seed, folder in folders.items() if folder.exists()}
     if not folders:
         raise SealegsError(f"{policies} has no policy yet; train some: python -m benchmarks.learning {robot}")
@@ -255,11 +296,13 @@ def main(arguments: list[str]) -> None:
     parser.add_argument("--seeds", type=int, default=5)
     parser.add_argument("--minutes", type=float, help="stop training after this time")
     parser.add_argument("--no-train", action="store_true", help="only measure and draw")
+    parser.add_argument("--longer", action="store_true", help="train shorter runs on to what is asked for by now")
     parser.add_argument("--policies", type=Path, help="folder of the seeds; default: policies/<robot>")
     parser.add_argument("--results", type=Path, default=RESULTS)
     options = parser.parse_args(arguments)
     policies = options.policies or REPOSITORY / "policies" / options.robot
-    print(study(options.robot, options.seeds, options.minutes, not options.no_train, policies, options.results))
+    training = not options.no_train
+    print(study(options.robot, options.seeds, options.minutes, training, policies, options.results, options.longer))
 
 
 if __name__ == "__main__":
