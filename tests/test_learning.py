@@ -22,15 +22,15 @@ def test_the_interval_is_students() -> None:
     assert np.isnan(interval(np.array([[1.0]]))[1]).all()
 
 
-def test_the_curve_has_the_steps_at_which_all_seeds_were_evaluated(tmp_path: Path) -> None:
+def test_the_curve_covers_the_steps_in_which_all_seeds_were_evaluated(tmp_path: Path) -> None:
     for seed, steps in enumerate(([10, 20, 30], [10, 30, 40])):
         folder = tmp_path / f"seed{seed}"
         folder.mkdir()
         results = np.array([[step + seed - 1.0, step + seed + 1.0] for step in steps])
         np.savez(folder / "evaluations.npz", timesteps=steps, results=results)
     curve = read_curve([tmp_path / "seed0", tmp_path / "seed1"])
-    assert curve.steps.tolist() == [10, 30]
-    assert curve.rewards.tolist() == [[10.0, 30.0], [11.0, 31.0]]
+    assert curve.steps.tolist() == [10, 20, 30]
+    assert curve.rewards.tolist() == [[10.0, 20.0, 30.0], [11.0, 21.0, 31.0]]
 
 
 def test_a_missed_bar_is_called_missed() -> None:
