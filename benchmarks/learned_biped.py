@@ -19,7 +19,7 @@ from envs.contract import task_of
 
 TRAINING = (
     "env=biped",
-    "total_timesteps=400_000",
+    "total_timesteps=550_000",
     "agent.learning_rate=lin_1e-3",
     "agent.policy_kwargs.log_std_init=-1",
     "evaluate.every=40_000",
