@@ -22,6 +22,7 @@ import signal
 import subprocess
 import sys
 import time
+import zipfile
 from collections.abc import Sequence
 from dataclasses import asdict, dataclass
 from pathlib import Path
@@ -133,7 +134,9 @@ def train(training: Sequence[str], seed: int, runs: Path, target: Path, until: f
     shutil.rmtree(writing, ignore_errors=True)
     writing.mkdir(parents=True)
     for path in (*(best / name for name in KEPT), *(folder / name for name in RECORDS)):
-        if path.is_file():
+        if path.name == "model.zip":
+            without_machine(path, writing / path.name)
+        elif path.is_file():
             shutil.copyfile(path, writing / path.name)
     if target.exists():  # of the same run, when it was shorter
         shutil.rmtree(target)
@@ -150,6 +153,16 @@ def longer(training: Sequence[str], seed: int, runs: Path) -> bool:
     """Whether the run of a seed is here and shorter than ``training`` asks for by now."""
     done = policy_step(runs / f"seed{seed}" / "final")
     return done is not None and done < steps_of(training)
+
+
+def without_machine(source: Path, target: Path) -> None:
+    """Copy a model of Stable-Baselines3 without the line that names the operating system it was trained on."""
+    with zipfile.ZipFile(source) as old, zipfile.ZipFile(target, "w") as new:
+        for item in old.infolist():
+            content = old.read(item)
+            if item.filename == "system_info.txt":
+                content = b"".join(line for line in content.splitlines(keepends=True) if not line.startswith(b"- OS:"))
+            new.writestr(item, content)
 
 
 def _run(arguments: Sequence[str], until: float | None) -> None:

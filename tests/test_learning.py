@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import zipfile
 from pathlib import Path
 
 import numpy as np
@@ -46,6 +47,8 @@ def test_a_seed_is_trained_once_and_its_policy_kept(tmp_path: Path) -> None:
     learning.train((*SMALL, "video.seconds=0"), 3, tmp_path / "runs", target)
     kept = {path.name for path in target.iterdir()}
     assert {"model.zip", "vecnormalize.pkl", "policy.json", "config.yaml", "evaluations.npz"} <= kept
+    with zipfile.ZipFile(target / "model.zip") as file:
+        assert b"OS:" not in file.read("system_info.txt")  # where it was trained is nobody's business
     act, description = load_policy(target)
     assert act(np.zeros((2, *description["observation"]["shape"]), np.float32)).shape == (2, 1)
     before = (tmp_path / "runs" / "seed3" / "run.json").read_text()
