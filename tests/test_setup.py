@@ -56,7 +56,7 @@ def test_every_package_is_pinned() -> None:
 
 
 def test_the_pins_are_what_the_tests_run_with() -> None:
-    here = {canonicalize_name(item.name): item.version for item in importlib.metadata.distributions()}
+    here: dict[str, str] = {canonicalize_name(item.name): item.version for item in importlib.metadata.distributions()}
     wrong = {
         name: (version, here[name])
         for name, version in constraints().items()
