@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import time
 from collections.abc import Callable, Iterable, Sequence
 from pathlib import Path
 
@@ -200,10 +201,22 @@ def test_servos_of_a_bus_are_calibrated(monkeypatch: pytest.MonkeyPatch) -> None
 
             return push
 
+        readings: list[int] = []
+        read = bus.read_register
+
+        def counted(number: int, name: str) -> int:
+            value = read(number, name)
+            readings.append(value)
+            return value
+
         def swing() -> None:
             for angle in (-0.8, 0.8):
                 pushed(angle)()
+                seen, until = len(readings), time.monotonic() + 30.0
+                while len(readings) < seen + 2 and time.monotonic() < until:  # whoever watches has seen it there
+                    time.sleep(0.01)
 
+        monkeypatch.setattr(bus, "read_register", counted)
         scan = bus.scan
         monkeypatch.setattr(bus, "scan", lambda: scan(range(4)))  # the others are known to be absent, and cost time
         answers = [pushed(0.0), pushed(0.5), swing]
