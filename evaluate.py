@@ -1,6 +1,7 @@
 """Compare: a robot with its published figures, or a policy in its models and on the machine.
 
     python evaluate.py paper=hopper                 hopping with and without actuator, beside the paper's figures
+    python evaluate.py paper=hexapod                also biped: what their papers print, repeated
     python evaluate.py paper=hopper out=comparison  the same, into that folder
 
     python evaluate.py policy=runs/first/final robot=bench extended=diagnosis/extended.yaml hw=virtual
