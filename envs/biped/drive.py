@@ -100,7 +100,7 @@ PULLEYS = {  # of the three combinations of Fig. 9 and 10
 are the same. The paper took it from CAD, with radii that it does not print."""
 
 ENCODER = 2048  # steps per turn of a motor, assumed
-TORQUE_LIMIT = {ANGLE: 8.0, SHAPE: 16.0}  # [N.m] of the motors, assumed: section IV-C bounds them by 2 and 8 N.m while walking
+TORQUE_LIMIT = {ANGLE: 8.0, SHAPE: 16.0}  # [N.m] of the motors, assumed: walking needs 2 and 8 (section IV-C)
 STIFFNESS = {ANGLE: 850.0, SHAPE: 7100.0}  # [N.m/rad] at the leg, assumed: gains of the hopping controller
 DAMPING = {ANGLE: 60.0, SHAPE: 250.0}  # [N.m.s/rad] at the leg, likewise
 
