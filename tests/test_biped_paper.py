@@ -34,6 +34,8 @@ from envs.biped.identification import (
     fit_pulleys,
     fit_spring,
 )
+from envs.biped.rig import leg_load, leg_record
+from envs.biped.robot import BIPED
 from tests.plant import biped_drive as plant
 
 REPOSITORY = Path(__file__).resolve().parents[1]
@@ -145,6 +147,15 @@ def test_the_virtual_machine_is_recovered_from_its_own_logs(hopping: Hopping) ->
     assert found.leg.friction == pytest.approx(drive.leg_friction, rel=0.1)
     assert found.cable.stiffness == pytest.approx(drive.cable_stiffness, rel=0.1)
     assert found.cable.damping == pytest.approx(drive.cable_damping, rel=0.1)
+
+
+@pytest.mark.parametrize("name", DRIVES)
+def test_friction_of_every_leg_is_recovered_where_cables_stretch(name: str) -> None:
+    drive, rng = DRIVES[name], np.random.default_rng(5)
+    inertia = drive.inertia_factor * drive.rotor_inertia + PULLEYS[drive.kind][2]
+    load = leg_load(BIPED.parameters(), drive.kind)
+    leg = fit_leg(leg_record(name, rng), load, drive.ratio, drive.motor_constant, inertia)
+    assert leg.friction == pytest.approx(drive.leg_friction, rel=0.02)
 
 
 def test_pulley_inertias_follow_from_the_printed_tables_and_grow() -> None:

@@ -18,7 +18,8 @@ from envs.biped.identification import Load, Record, chirp
 from envs.biped.parameters import GRAVITY, SIDES
 from envs.biped.robot import BIPED, coordinate, foot
 
-STEP = 0.001  # [s]
+STEP = 0.001  # [s] between samples
+SUBSTEPS = 4  # of the engine in a sample; convergence in docs/biped.md
 NOISE = 0.3  # of an encoder step, rms, assumed
 LOCKED = 1e7  # [kg.m2] of what is held fast
 HELD_SHAPE = 0.3  # [rad] at which the shape is locked while the angle moves
@@ -49,13 +50,13 @@ def pulleys_record(name: str, combination: int, rng: np.random.Generator) -> Rec
     )
     spec = mujoco.MjSpec()
     spec.compiler.degree = False
-    spec.option.timestep, spec.option.gravity = STEP / 4.0, (0.0, 0.0, 0.0)
+    spec.option.timestep, spec.option.gravity = STEP / SUBSTEPS, (0.0, 0.0, 0.0)
     spec.option.integrator = mujoco.mjtIntegrator.mjINT_IMPLICITFAST
     shaft = spec.worldbody.add_body(mass=1e-6, ipos=(0, 0, 0), inertia=(1e-9,) * 3, explicitinertial=True)
     shaft.add_joint(name="motor", type=mujoco.mjtJoint.mjJNT_HINGE, axis=(0.0, 1.0, 0.0))
     command = chirp(MAGNITUDES[drive.kind][0], cycles=4)
     model = Drivetrain(spec, {"motor": chain}).model
-    positions = _drive(model, lambda data, torque: data.ctrl.__setitem__(0, torque), command, 4, 0)
+    positions = _drive(model, lambda data, torque: data.ctrl.__setitem__(0, torque), command, SUBSTEPS, 0)
     return Record(STEP * np.arange(len(command)), command, _read(positions, ENCODER, rng))
 
 
@@ -84,9 +85,11 @@ def _on_stand(
     held: tuple[str, ...],
     shapes: Mapping[str, float],
     free_height: bool = False,
+    substeps: int = 1,
 ) -> tuple[Drivetrain, mujoco.MjData]:
     """The biped with its torso held; some motors locked; legs down, at the given shapes by side."""
-    drivetrain = BIPED.drivetrain({name: chains(name) for name in NAMES}, TOE)
+    params = {**TOE, "timestep": STEP / substeps}
+    drivetrain = BIPED.drivetrain({name: chains(name) for name in NAMES}, params)
     model, data = drivetrain.model, mujoco.MjData(drivetrain.model)
     data.qpos[1] = 2.0
     for side in SIDES:
@@ -107,7 +110,8 @@ def leg_record(name: str, rng: np.random.Generator) -> Record:
     def chains(which: str) -> Chain:
         return torque_chain(which).without_stage("spring")
 
-    drivetrain, data = _on_stand(chains, others, dict.fromkeys(SIDES, shape))
+    # at 1 ms the engine itself damps the stretching cables as much as 7 % of the legs' friction
+    drivetrain, data = _on_stand(chains, others, dict.fromkeys(SIDES, shape), substeps=SUBSTEPS)
     load = leg_load(BIPED.parameters(), drive.kind)
     weight = load.sine * np.sin(shape) + load.cosine * np.cos(shape) if drive.kind == SHAPE else 0.0
     offset = drive.motor_constant * weight / drive.ratio
@@ -118,7 +122,7 @@ def leg_record(name: str, rng: np.random.Generator) -> Record:
         drivetrain.model,
         lambda data, torque: data.ctrl.__setitem__(number, torque * drive.ratio),
         command,
-        1,
+        SUBSTEPS,
         address,
         data,
     )
