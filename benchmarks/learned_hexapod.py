@@ -21,7 +21,7 @@ from envs.hexapod.task import HexapodTask
 
 TRAINING = (
     "env=hexapod",
-    "total_timesteps=1280",  # of 1 s each
+    "total_timesteps=2560",  # of 1 s each
     "n_envs=16",
     "agent.n_steps=4",
     "agent.batch_size=64",
