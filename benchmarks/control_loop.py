@@ -74,10 +74,10 @@ def serve(connection: Connection) -> None:
     signal.signal(signal.SIGINT, signal.SIG_IGN)  # a Ctrl-C in the terminal is the parent's business
     model = load_model("sts3215")
     machine = Machine(servo_row(SERVOS))
-    server = Server(Wire(Rig(machine, model, mounts(machine.names, None, model))))
-    connection.send((server.port, server.control))
-    end_with_parent(server)
-    server.run()
+    with Server(Wire(Rig(machine, model, mounts(machine.names, None, model)))) as server:
+        connection.send((server.port, server.control))
+        end_with_parent(server)
+        server.run()
 
 
 def sines(seconds: float) -> Trajectory:

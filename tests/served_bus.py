@@ -62,11 +62,11 @@ def served(robot: str = "hopper", servos: dict[str, Any] | None = None, model: s
     """A server in stepped time, every SYNC_READ 10 ms after the other."""
     table = load_model(model)
     machine = Machine(get_robot(robot))
-    server = Server(Wire(Rig(machine, table, mounts(machine.names, servos, table))), stepped=True)
-    thread = threading.Thread(target=server.run, daemon=True)
-    thread.start()
-    try:
-        yield server
-    finally:
-        server.stop()
-        thread.join(5.0)
+    with Server(Wire(Rig(machine, table, mounts(machine.names, servos, table))), stepped=True) as server:
+        thread = threading.Thread(target=server.run, daemon=True)
+        thread.start()
+        try:
+            yield server
+        finally:
+            server.stop()
+            thread.join(5.0)

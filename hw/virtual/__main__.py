@@ -66,10 +66,10 @@ def build(config: dict[str, Any]) -> Server:
 
 def main(arguments: list[str]) -> None:
     """Serve one port."""
-    server = build(compose("virtual", split(arguments, PLAIN)))
-    signal.signal(signal.SIGTERM, lambda *_: server.stop())
-    announce(server)
-    server.run()
+    with build(compose("virtual", split(arguments, PLAIN))) as server:
+        signal.signal(signal.SIGTERM, lambda *_: server.stop())
+        announce(server)
+        server.run()
 
 
 if __name__ == "__main__":

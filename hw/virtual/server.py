@@ -22,7 +22,7 @@ IDLE = 0.005  # [s] after which the machine moves on though nobody asks
 
 
 class Server:
-    """Serves one port until it is told to stop."""
+    """Serves one port until it is told to stop; leaving its ``with`` removes port and control socket."""
 
     def __init__(
         self,
@@ -74,15 +74,18 @@ class Server:
 
     # --- loop --------------------------------------------------------------------------------------------------
 
+    def __enter__(self) -> Server:
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        self._control.close()
+        if self._terminal is not None:
+            self._terminal.close()
+
     def run(self) -> None:
         """Serve until told to stop."""
-        try:
-            while self._running:
-                self._wait()
-        finally:
-            self._control.close()
-            if self._terminal is not None:
-                self._terminal.close()
+        while self._running:
+            self._wait()
 
     def stop(self) -> None:
         """End :meth:`run`."""
