@@ -30,11 +30,11 @@ from benchmarks.real_data import recorded
 from gap.converters.source import BENCH_JOINT
 from gap.log_types import MeasuredSet
 from gap.units import state_at
+from gap.windows import window_starts
 
 RESULTS = Path(__file__).resolve().parent / "results"
 TRIALS, PUBLISHED_TRIAL = 10_000, 0.057  # of the published tool: how many, and how long one takes [s] on one core
 STEP = 2.5e-3  # [s] largest step of a replay; halving it changes the error by well under a milliradian
-WINDOW = 1.0  # [s] that our fit begins with; errors grow along whole runs, which have many minima
 SOFT = 0.01  # [rad] errors beyond this count linearly in our fit: the training error is a mean absolute one
 LOAD, GRAVITY = (0.49, 0.10), 9.81  # mass [kg] at length [m], [m/s2]
 
@@ -92,12 +92,12 @@ def flat(data: MeasuredSet) -> Runs:
     )
 
 
-def in_windows(runs: Runs, length: float = WINDOW) -> Runs:
-    """The same samples as runs of ``length`` [s], each from the measured state, as in :mod:`gap.windows`."""
+def in_windows(runs: Runs) -> Runs:
+    """The same samples in windows, each from the measured state, as in :mod:`gap.windows`."""
     starts, gains, speeds = [], [], []
     for run, (a, b) in enumerate(zip(runs.starts[:-1], runs.starts[1:], strict=True)):
         time_, position = runs.time[a:b], runs.position[a:b]
-        for k in np.searchsorted(time_, np.arange(0.0, time_[-1] - 0.5 * length, length)):
+        for k in window_starts(time_):
             starts.append(int(a + k))
             gains.append(runs.gain[run])
             speeds.append(state_at(time_, position, int(k))[1] if k else 0.0)

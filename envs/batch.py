@@ -123,6 +123,7 @@ class BatchEngine:
         limits = np.array([task.robot.goal_limits(self.numbers)[name] for name in names])
         self.goal_centre, self.goal_half = limits.mean(axis=1), 0.5 * (limits[:, 1] - limits[:, 0])
         self._limits = limits.T
+        self._middle = np.broadcast_to(self.goal_centre, (num_envs, len(names)))
         self.names, self.action_names = names, task.action_names()
         self.observation_size = len(task.observation_names())
         shape = (num_envs, len(names))
@@ -231,7 +232,7 @@ class BatchEngine:
     def _scale(self) -> tuple[np.ndarray, np.ndarray]:
         """Goals at action 0 (n, k) and their change per unit of action (k,) [rad], at this moment."""
         corrected = self.task.reference(self.steps * self.dt, self._command, self.numbers)
-        return (np.tile(self.goal_centre, (self.num_envs, 1)), self.goal_half) if corrected is None else corrected
+        return (self._middle, self.goal_half) if corrected is None else corrected
 
     def _refusal(self, action: np.ndarray) -> str:
         if action.shape != self._action.shape:

@@ -112,10 +112,11 @@ def _joint(
     models = [JointModel(_chain(run, joint), unknown=unknown_parameters(run)) for run in runs]
     noise = float(np.median([noise_floor(run, joint) for run in runs]))
     units = cut(runs, joint, test_group)
+    wide = retunable(models[0], WIDE)
     causes: list[Cause] = []
     if all(run.robot == "bench" for run in runs):
         problem = weigh_channels(converged(lay_out(runs, joint, models, units, {"position": 1.0 / noise})))
-        fitting = in_windows(problem, retunable(models[0], WIDE))
+        fitting = in_windows(problem, wide)
     else:  # what holds the link is not known: it moves as measured
         try:
             driven = driven_problem(runs, joint, models, units, noise)
@@ -127,7 +128,7 @@ def _joint(
         problem = fitting = weigh_channels(converged(driven))
     search = Searcher(fitting, progress, seed, causes).run()
     progress("measuring the gain on runs that nothing has seen")
-    return conclude(problem, search, joint, mine, seed, limits, fitting=fitting)
+    return conclude(problem, search, joint, mine, seed, wide, limits, fitting)
 
 
 def _chain(run: MeasuredRun, joint: str) -> Chain:
@@ -148,19 +149,19 @@ def conclude(
     joint: str,
     findings: tuple[Finding, ...],
     seed: int,
+    wide: Sequence[Parameter],
     limits: Limits | None = None,
-    wide: Sequence[Parameter] | None = None,
     fitting: Problem | None = None,
 ) -> JointDiagnosis:
     """What a search says: gain on the test part, causes with shares and intervals, verdict.
 
     Args:
-        wide: what re-tuning alone may turn, and how far; default: the numbers of a joint.
+        wide: what re-tuning alone may turn, and how far.
         fitting: the data as the search saw them, if not as ``problem`` has them.
     """
     fitting = fitting or problem
     fitted, test = fitting.part(FIT_A, FIT_B), problem.part(TEST)
-    retuned = fit(fitted, retunable(problem.models[0], WIDE) if wide is None else wide, evaluations=25)
+    retuned = fit(fitted, wide, evaluations=25)
     last = search.accepted[-1].fits if search.accepted else search.base
     parameters = search.parameters()
     extended = fit(fitted, parameters, middle(*last), evaluations=25)

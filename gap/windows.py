@@ -46,6 +46,11 @@ def _far(part: Problem, simulated: np.ndarray) -> bool:
     return float(np.sqrt(np.mean(part.position_error(simulated) ** 2))) > FAR * part.noise
 
 
+def window_starts(time: np.ndarray, window: float = WINDOW) -> np.ndarray:
+    """First sample of each window of a run, from its times (n,) [s]."""
+    return np.searchsorted(time, np.arange(time[0], time[-1] - SHORTEST, window))
+
+
 def split(problem: Problem, window: float = WINDOW) -> Problem:
     """Cut every unit into windows; each is judged from :data:`gap.units.START` after its start on."""
     units: list[Unit] = []
@@ -54,8 +59,7 @@ def split(problem: Problem, window: float = WINDOW) -> Problem:
     group = problem.group.copy()
     for unit, first, end in zip(problem.units, problem.starts[:-1], problem.starts[1:], strict=True):
         time, position = problem.time[first:end], problem.measured[first:end, 0]
-        edges = np.arange(time[0], time[-1] - SHORTEST, window)
-        cuts = [*(int(k) for k in np.searchsorted(time, edges)), end - first]
+        cuts = [*(int(k) for k in window_starts(time, window)), end - first]
         for a, b in itertools.pairwise(cuts):
             lead = int(np.searchsorted(time, time[a] + START)) if a > 0 else unit.judged
             judged[first + a : first + lead] = False

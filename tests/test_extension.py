@@ -15,17 +15,8 @@ from gap.causes import Cause, catalogue
 from gap.engine_replay import bench, replay_in_engine
 from gap.joint_model import JointModel
 from gap.native_mjcf import native_mjcf, not_native
+from tests.smooth_bench import CHAIN, PARAMS
 
-PARAMS = {"mass": 0.5, "arm_mass": 0.03, "length": 0.12}
-CHAIN = [
-    {"delay": {"seconds": 0.005}},
-    {"position_p": {"gain": 5.3}},
-    {"duty_limit": {"limit": 0.97}},
-    {"supply": {"volts": 7.4, "resistance": 0.0}},
-    {"dc_motor": {"motor_constant": 1.2, "resistance": 2.7, "armature": 0.026}},
-    {"friction": {"coulomb": 0.052, "viscous": 0.059}},
-    {"encoder": {"ticks": 0}},
-]
 NOMINAL = JointModel(load_chain(CHAIN))
 CAUSES = {cause.name: cause for cause in catalogue(NOMINAL)}
 PLAIN = """

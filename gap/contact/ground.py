@@ -70,7 +70,7 @@ def diagnose_ground(
     problem = problem.weighed(_pilot(problem, numbers))
     search = Searcher(problem, progress, seed, contact_causes(), numbers).run()
     progress("measuring the gain on stances that nothing has seen")
-    found = conclude(problem, search, GROUND, (), seed, wide=numbers)
+    found = conclude(problem, search, GROUND, (), seed, numbers)
     found = replace(found, findings=(*_blind(problem, found.values, np.isfinite(noise)),))
     if any(joint.problem is None for joint in joints):
         note = Finding(
