@@ -75,6 +75,17 @@ def load_policy(folder: Path) -> tuple[Callable[[np.ndarray], np.ndarray], dict[
     return act, description
 
 
+def policy_of(model: BaseAlgorithm) -> Callable[[np.ndarray], np.ndarray]:
+    """A model in memory as the function that :func:`load_policy` returns."""
+    normalizer = model.get_vec_normalize_env()
+
+    def act(observation: np.ndarray) -> np.ndarray:
+        seen = np.asarray(normalizer.normalize_obs(observation) if normalizer else observation)
+        return model.predict(seen, deterministic=True)[0]
+
+    return act
+
+
 def policy_step(folder: Path) -> int | None:
     """Step at which the policy in ``folder`` was saved; None where there is none that can be read."""
     return _described(folder, "step")

@@ -25,7 +25,7 @@ from agents.checkpoint import checkpoints, load_newest, save_checkpoint, save_ev
 from agents.config import Request, TrainConfig, with_overrides
 from agents.export import FILE, ExportError, write_onnx
 from agents.make_env import Actuator, make_single_env, make_vec_env, stream_seed
-from agents.policy_files import policy_reward, policy_step, save_policy
+from agents.policy_files import policy_of, policy_reward, policy_step, save_policy
 from agents.run_chains import chains, read_chains, write_chains
 from agents.run_folder import RunFolder
 from agents.stop import StopSignals
@@ -202,7 +202,9 @@ class Session:
         try:
             env = make_single_env(self.config.env, self.chains, video.width, video.height)
             try:
-                record_video(unfinished, self.model, env, video.seconds, stream_seed(self.config.seed, _FILM))
+                record_video(
+                    unfinished, policy_of(self.model), env, video.seconds, stream_seed(self.config.seed, _FILM)
+                )
             finally:
                 env.close()
             os.replace(unfinished, file)

@@ -1,0 +1,62 @@
+"""Films of trained policies."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import imageio.v2 as imageio
+import pytest
+
+import train
+import watch
+from configs.script import run
+
+SMALL = ("env=bench", "total_timesteps=64", "n_envs=2", "agent.n_steps=16", "agent.batch_size=16", "evaluate.every=0")
+SIZE = ("width=64", "height=48", "seconds=0.5")
+
+
+@pytest.fixture(scope="module")
+def policy(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    out = tmp_path_factory.mktemp("runs")
+    assert run(train.main, "train", "", [*SMALL, f"out={out}", "name=small", "video.seconds=0"]) == 0
+    return out / "small" / "final"
+
+
+def test_a_policy_is_filmed_and_its_episodes_are_told(policy: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    film = policy.parent / "film.mp4"
+    assert run(watch.main, "watch", "", [f"policy={policy}", f"out={film}", *SIZE]) == 0
+    assert "Episode 1: 0.5 s, reward" in capsys.readouterr().out
+    pictures = imageio.mimread(film)
+    assert pictures[0].shape == (48, 64, 3) and len(pictures) >= 10
+    size = film.stat().st_size
+    assert run(watch.main, "watch", "", [f"policy={policy}", f"out={film}", *SIZE]) == 2
+    assert "nothing is overwritten" in capsys.readouterr().err and film.stat().st_size == size
+
+
+def test_other_actuators_and_arguments_change_what_it_earns(policy: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    said = []
+    for k, change in enumerate(([], ["actuator=ideal"], ["env.params.mass=0.3"])):
+        assert (
+            run(watch.main, "watch", "", [f"policy={policy}", f"out={policy.parent / str(k)}.mp4", *SIZE, *change]) == 0
+        )
+        said.append(capsys.readouterr().out.splitlines()[0])
+    assert len(set(said)) == 3
+
+
+@pytest.mark.parametrize(
+    ("arguments", "words"),
+    [
+        ([], "say which policy"),
+        (["policy=nowhere"], "holds no policy"),
+        (["policy={policy}", "env.sped=1"], "env.sped is not an argument"),
+        (["policy={policy}", "actuator=idael"], "did you mean 'ideal'"),
+        (["policy={policy}", "seconds=0"], "seconds must be more than 0"),
+        (["policy={policy}", "second=1"], "no key 'second'"),
+    ],
+)
+def test_wrong_arguments_are_answered_in_one_sentence(
+    arguments: list[str], words: str, policy: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    assert run(watch.main, "watch", "", [argument.format(policy=policy) for argument in arguments]) == 2
+    errors = capsys.readouterr().err
+    assert words in errors and errors.count("\n") == 1
