@@ -191,6 +191,16 @@ def test_a_column_that_stops_updating_is_named() -> None:
     assert finding.value == pytest.approx(2.5, abs=0.1)
 
 
+def test_a_duty_that_stops_updating_is_named_and_one_that_a_drive_holds_is_not() -> None:
+    run = clean().runs[0]
+    duty = signal(run, "duty").copy()
+    duty[200:700] = duty[200]
+    assert found(with_log(run, duty=duty), "column.stuck").value == pytest.approx(2.5, abs=0.1)
+    for size in ("clear", "moderate"):  # in slow motion, such a drive gives its least duty for half a second
+        data = hidden_bench({"drive.minimum_duty": size}, 5, load=("light", "medium", "heavy"))[0]
+        assert [finding for finding in check_set(data) if finding.data_error] == []
+
+
 def test_a_joint_at_rest_makes_a_log_unusable() -> None:
     run = clean().runs[0]
     still = with_log(run, position=np.full_like(run.time, 0.3), velocity=np.zeros_like(run.time))

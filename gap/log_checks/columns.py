@@ -55,10 +55,10 @@ def _stuck(joint: JointContext) -> Iterator[Finding]:
         ends = np.concatenate([starts[1:], [len(values)]]) - 1
         length = joint.time[ends] - joint.time[starts]
         moved = travel[ends] - travel[starts]
-        at_limit = np.abs(values[starts]) >= 0.98 * np.nanmax(np.abs(values)) if signal == "duty" else False
+        held = _at_an_end(np.abs(values[starts])) if signal == "duty" else False
         off = ~(np.broadcast_to(enabled, values.shape)[starts])
         # Dry friction holds a torque, so only motion well beyond noise shows that a column no longer follows.
-        stuck = (length > STUCK_SECONDS) & (moved > 0.1 * joint.span + 20 * joint.noise) & ~at_limit & ~off
+        stuck = (length > STUCK_SECONDS) & (moved > 0.1 * joint.span + 20 * joint.noise) & ~np.asarray(held) & ~off
         if signal in ("duty", "current", "torque") and values[starts][stuck].size:
             stuck &= (values[starts] != 0.0) | (length > 0.5 * (joint.time[-1] - joint.time[0]))
         if stuck.any():
@@ -69,6 +69,19 @@ def _stuck(joint: JointContext) -> Iterator[Finding]:
                 f"{joint.time[starts[worst]]:.4g} s while the joint moves: the reading was not updated.",
                 value=float(length[worst]), data_error=True,
             )  # fmt: skip
+
+
+def _at_an_end(duty: Array) -> Array:
+    """Which of the sizes of the duty, one per stretch in which it stays, are its limit or its least one.
+
+    A drive holds its limit, and one that starts with a least duty holds that one in slow motion, time and again. That
+    it comes back to it tells it from a reading that was not updated.
+    """
+    moving = duty[duty > 0.0]
+    if moving.size == 0:
+        return np.zeros(duty.shape, bool)
+    least = duty == moving.min()
+    return (duty >= 0.98 * np.nanmax(duty)) | (least & (least.sum() >= 3))
 
 
 def _velocity(joint: JointContext, velocity: Array) -> Iterator[Finding]:
