@@ -56,11 +56,19 @@ def corrected(data: MeasuredSet, findings: list[Finding]) -> tuple[MeasuredSet, 
         return data, findings
     staged = ([finding for finding in faults if finding.code == code] for code in MENDED_FIRST)
     first = next((stage for stage in staged if stage), [])
-    runs = tuple(mended(run, [f for f in first or faults if f.run in (run.name, None)]) for run in data.runs)
+    runs = tuple(mended(run, _once([f for f in first or faults if f.run in (run.name, None)])) for run in data.runs)
     data = replace(data, runs=runs)
     rest = [finding for finding in data.findings if not mendable(finding)]
     data, others = corrected(data, [*rest, *check_set(data)])
     return data, [*(told(finding) for finding in first or faults), *others]
+
+
+def _once(findings: list[Finding]) -> list[Finding]:
+    """One finding of each kind and column: what was found in a whole log and again in a piece of it is mended once."""
+    kept: dict[tuple[str, str | None, str | None], Finding] = {}
+    for finding in findings:
+        kept.setdefault((finding.code, finding.joint, finding.column), finding)
+    return list(kept.values())
 
 
 def noise_floor(run: MeasuredRun, joint: str) -> float:

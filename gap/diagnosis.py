@@ -162,6 +162,7 @@ def conclude(
     fitting = fitting or problem
     fitted, test = fitting.part(FIT_A, FIT_B), problem.part(TEST)
     retuned = fit(fitted, wide, evaluations=25)
+    tight = fit(fitted, search.tuned, middle(*search.base), evaluations=25)
     last = search.accepted[-1].fits if search.accepted else search.base
     parameters = search.parameters()
     extended = fit(fitted, parameters, middle(*last), evaluations=25)
@@ -177,14 +178,17 @@ def conclude(
     white = min(white, noise**2)
     excess = max(errors["nominal"].rmse ** 2 - white, 1e-12)
     left = float(np.clip((errors["extended"].rmse ** 2 - white) / excess, 0.0, 1.0))
-    causes = _name_causes(fitting, search, extended, fitted, joint, 1.0 - left, rest, seed)
+    # what numbers within their tolerance can do is no merit of the causes
+    base = _error(test.position_error(test.simulate([tight.values])[0]))
+    explained = float(np.clip((base.rmse**2 - errors["extended"].rmse ** 2) / excess, 0.0, 1.0 - left))
+    causes = _name_causes(fitting, search, extended, fitted, joint, explained, rest, seed)
     rivals = tuple(
         {"of": named.name, "names": [named.name, *named.rivals], "confidence": named.confidence}
         for named in causes
         if named.rivals
     )
     signal, unit = problem.signal
-    verdict, sentence = verdict_of(joint, causes, errors, left, rest)
+    verdict, sentence = verdict_of(joint, causes, errors, base, left, rest, _whole_runs(problem))
     experiment = None
     if verdict == NOTHING and all(problem.params) and (hidden := blind_spots(problem, search)):
         names = ", ".join(hidden)
@@ -212,6 +216,12 @@ def conclude(
         simulated=simulated,
         structure=rest,
     )
+
+
+def _whole_runs(problem: Problem) -> bool:
+    """Whether the runs of the test part are in no other part."""
+    runs = [{unit.run for unit in problem.units if (unit.part == TEST) is test} for test in (True, False)]
+    return not runs[0] & runs[1]
 
 
 def _error(error: np.ndarray) -> Error:

@@ -161,7 +161,7 @@ class Searcher:
         first = candidate.variant[0]
         neutral = 1.0 if first.path.endswith("*") else self.nominal.value(first.path)
         least = first.low if not first.logarithmic else max(first.low, 1e-12)
-        none = first.to_fit(max(neutral, least))
+        none = first.to_fit(min(max(neutral, least), first.high))  # a joint without a stop has it infinitely far off
         a, b = (first.to_fit(found.values[first.path]) - none for found in candidate.fits)
         if first.logarithmic and max(abs(a), abs(b)) * first.scale < MATERIAL:
             return False

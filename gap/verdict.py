@@ -52,11 +52,11 @@ class NamedCause:
 
     Attributes:
         name, sentence, joint: what it is and where.
-        share: of the nominal gap's excess over the noise.
+        share: of the nominal gap's excess over the noise, beyond what re-tuning within the tolerance closes.
         confidence: how often, over resampled data, it was the best of all causes; less by what stays unexplained
             beside what it removes, since an unknown cause that leaves that much may also be what made it look good.
         parameters: by path.
-        gain: held-out error that it removes, as a share of the error without it.
+        gain: error that it removes, as a share of the error without it; cross-validated on the data that chose it.
         kind: ``effect`` that the model lacks, wrong ``number`` of the model, or error of the ``data``.
         picture: which picture shows it.
     """
@@ -105,8 +105,25 @@ class JointDiagnosis:
 
 
 def verdict_of(
-    joint: str, causes: Sequence[NamedCause], errors: Mapping[str, Error], left: float, rest: Structure
+    joint: str,
+    causes: Sequence[NamedCause],
+    errors: Mapping[str, Error],
+    base: Error,
+    left: float,
+    rest: Structure,
+    whole: bool,
 ) -> tuple[str, str]:
+    """Verdict and sentence.
+
+    Args:
+        joint: its name.
+        causes: largest share first.
+        errors: of the models on the test part.
+        base: error of the nominal model there, re-tuned within its tolerance.
+        left: share of the gap that stays.
+        rest: what is left that is not noise.
+        whole: whether the test part is whole runs, not pieces of runs that were fitted elsewhere.
+    """
     before, after = (fine(errors[key].rmse, rest.unit) for key in ("nominal", "extended"))
     floor = fine(errors["noise_floor"].rmse, rest.unit, 2)
     if not causes and not rest.noticed:
@@ -119,12 +136,16 @@ def verdict_of(
             f"The simulation of '{joint}' is {before} off and {after} after re-tuning, and no known "
             f"cause explains that on runs it was not fitted to. {rest.sentence}"
         )
-    names = " and ".join(cause.name for cause in causes[:3])
-    change = f"from {before} to {after} on runs that nothing was fitted to (noise {floor})"
-    if causes[0].rivals and causes[0].confidence < UNSURE:
-        others = ", ".join(causes[0].rivals)
+    names = " and ".join(cause.name for cause in causes)
+    seen = "runs" if whole else "pieces of the runs"
+    tuned = f" ({fine(base.rmse, rest.unit)} with its numbers re-tuned within their tolerance)"
+    change = f"from {before}{tuned} to {after} on {seen} that nothing was fitted to (noise {floor})"
+    doubtful = [cause for cause in causes if cause.rivals and cause.confidence < UNSURE]
+    if doubtful and (doubtful[0] is causes[0] or not rest.noticed):
+        others = ", ".join(doubtful[0].rivals)
+        place = f" in place of {doubtful[0].name}" if len(causes) > 1 else ""
         return NOT_IDENTIFIABLE, (
-            f"The gap of '{joint}' may be {causes[0].name}, but the data fit {others} about as well: the error falls "
+            f"The gap of '{joint}' may be {names}, but the data fit {others}{place} about as well: the error falls "
             f"{change}."
         )
     sure = all(cause.confidence >= UNSURE for cause in causes)

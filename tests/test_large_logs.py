@@ -10,6 +10,7 @@ import numpy as np
 import pytest
 
 from benchmarks.large_log import write
+from gap.checks import check_set, corrected
 from gap.log import LogError
 from gap.log_checks.finding import Finding
 from gap.long_log import MOST_ROWS, count_rows, read_bounded, spread
@@ -89,6 +90,24 @@ def test_a_fault_anywhere_in_a_long_log_is_found(long_log: Path, tmp_path: Path)
     backwards.with_suffix(".yaml").write_text(long_log.with_suffix(".yaml").read_text())
     with pytest.raises(LogError, match="backwards in row 262145"):
         read_bounded(backwards, HELD)
+
+
+@pytest.mark.parametrize(("unit", "code"), [(180.0 / np.pi, "unit.degrees"), (-1.0, "position.sign")])
+def test_a_fault_of_a_whole_long_log_is_mended_once(unit: float, code: str, long_log: Path, tmp_path: Path) -> None:
+    from pyarrow import Table, parquet
+
+    table = parquet.read_table(long_log).to_pandas()
+    table["servo.position"] *= unit
+    wrong = tmp_path / "wrong.parquet"
+    parquet.write_table(Table.from_pandas(table, preserve_index=False), wrong)
+    wrong.with_suffix(".yaml").write_text(long_log.with_suffix(".yaml").read_text())
+    data = read_bounded(wrong, HELD)
+    mended, findings = corrected(data, [*data.findings, *check_set(data)])
+    assert code in {finding.code for finding in findings}
+    for run in mended.runs:
+        start, stop = (int(x) for x in run.name.split("[")[1].rstrip("]").split(":"))
+        right = table["servo.position"][start:stop] / unit
+        np.testing.assert_allclose(run.joints["servo"].position, right, atol=1e-9)
 
 
 def test_memory_does_not_grow_with_the_log(long_log: Path, tmp_path: Path) -> None:

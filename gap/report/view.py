@@ -196,7 +196,7 @@ def _cause(cause: NamedCause, picture: bytes | None, problem: Problem | None) ->
             {
                 "path": path,
                 "value": number(v.value),
-                "interval": f"{number(v.low)} to {number(v.high)}",
+                "interval": f"{number(v.low)} to {number(v.high)}" if v.low < v.high else "",
                 "nominal": _before(problem, path, v.nominal),
                 "unit": "" if v.unit in ("1", "-") else v.unit,
             }
