@@ -36,18 +36,28 @@ def unknown_parameters(run: MeasuredRun) -> tuple[Parameter, ...]:
     Raises:
         LogError: the sidecar uses a word that is not in :data:`UNKNOWN`.
     """
-    words = run.meta.get("unknown") or []
-    for word in words if isinstance(words, list) else [words]:
-        if word not in UNKNOWN:
+    return tuple({p.path: p for word in _words(run) for p in UNKNOWN[word]}.values())
+
+
+def with_believed_load(run: MeasuredRun) -> MeasuredRun:
+    """The run as one of a bench, with a load to start from, where the sidecar says that its load is not known.
+
+    Raises:
+        LogError: as :func:`unknown_parameters`.
+    """
+    if "load" not in _words(run):
+        return run
+    return dataclasses.replace(run, robot="bench", robot_params={**BELIEVED, **run.robot_params})
+
+
+def _words(run: MeasuredRun) -> list[str]:
+    """``meta.unknown`` of a sidecar; a single word is a list of one."""
+    said = run.meta.get("unknown") or []
+    words = said if isinstance(said, list) else [said]
+    for word in words:
+        if not isinstance(word, str) or word not in UNKNOWN:
             raise LogError(
                 f"{run.name}: meta.unknown holds {word!r}{nearest(str(word), UNKNOWN)}; it is a list of "
                 f"{', '.join(UNKNOWN)}."
             )
-    return tuple({p.path: p for word in words for p in UNKNOWN[word]}.values())
-
-
-def with_believed_load(run: MeasuredRun) -> MeasuredRun:
-    """The run as one of a bench, with a load to start from, where the sidecar says that its load is not known."""
-    if "load" not in (run.meta.get("unknown") or []):
-        return run
-    return dataclasses.replace(run, robot="bench", robot_params={**BELIEVED, **run.robot_params})
+    return words
