@@ -195,6 +195,12 @@ def test_the_table_says_who_shares_a_cause_and_how_its_values_spread() -> None:
     assert alike.common and "one value fits all" in alike.sentence
 
 
+@pytest.mark.parametrize("value", [0.21, 0.1, 11.0])
+def test_a_number_without_a_unit_keeps_its_digits(value: float) -> None:
+    (cause,) = shared_causes(rows_of([Outcome("knee", document("knee", "drive.delay", value))]))
+    assert cause.sentence == f"drive.delay: knee alone, drive.delay.x = {value:g}."
+
+
 def test_the_csv_has_a_line_per_servo_and_parameter(tmp_path: Path) -> None:
     write_table(rows_of(OUTCOMES), tmp_path / "fleet.csv")
     lines = list(csv.DictReader((tmp_path / "fleet.csv").open()))

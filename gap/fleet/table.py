@@ -75,7 +75,7 @@ class Shared:
         values = [value for value, _, _ in self.values]
         if not values:
             return f"{self.name}: {len(self.servos)} servos."
-        size = f"{self.parameter} = {self.middle:.4g} {self.unit}".rstrip(" 1").rstrip()
+        size = f"{self.parameter} = {self.middle:.4g} {self.unit}".removesuffix(" 1").rstrip()
         if len(values) == 1:
             return f"{self.name}: {self.servos[0]} alone, {size}."
         range_ = f"{min(values):.4g} to {max(values):.4g}, standard deviation {self.spread:.2g}"
