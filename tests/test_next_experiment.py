@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from dataclasses import replace
 from pathlib import Path
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -14,8 +15,18 @@ from actuators.errors import SealegsError
 from benchmarks.next_experiment import POOR, outcome, record_experiment, summary
 from gap.causes import Cause, catalogue
 from gap.diagnosis import diagnose
-from gap.experiment import RATE, Experiment, Limits, default_limits, goal_table, read_goals, write_experiment
-from gap.experiment.excitations import excitations, slewed
+from gap.experiment import (
+    RATE,
+    Experiment,
+    Limits,
+    default_limits,
+    experiment_for_still,
+    goal_table,
+    read_goals,
+    write_experiment,
+)
+from gap.experiment.excitations import HOLDS, abilities, excitations, slewed
+from gap.experiment.proposal import Hypothesis, _kept_within
 from gap.joint_model import JointModel
 from gap.log_sidecar import read_sidecar
 from gap.log_types import LogError
@@ -53,6 +64,41 @@ def test_nothing_goes_where_the_servo_cannot_hold_its_load() -> None:
         assert NOMINAL.load.gravity_torque(heavy) * math.sin(np.abs(goal).max()) <= 0.61 * stall, name
 
 
+TOO_HEAVY = {"mass": 5.0, "arm_mass": 0.0, "length": 0.2}
+
+
+def test_a_load_that_the_servo_cannot_hold_within_the_limits_gets_no_motion() -> None:
+    assert excitations(Limits(1.0, 1.5), NOMINAL, TOO_HEAVY) == {}
+    assert excitations(Limits(0.15, 1.5), NOMINAL, TOO_HEAVY) == {}
+    assert excitations(Limits(0.0, 1.5), NOMINAL, TOO_HEAVY)
+
+
+def test_no_experiment_is_proposed_where_the_servo_holds_no_load_within_the_limits() -> None:
+    data, _ = hidden_bench({}, 3, runs=1, duration=3.0, schedules=(POOR["still"],))
+    runs = [replace(run, robot_params=TOO_HEAVY) for run in data.runs]
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr("gap.experiment.proposal.catalogue", few("drive.delay"))
+        assert experiment_for_still(runs, "servo", [NOMINAL], Limits(1.0, 1.5)) is None
+
+
+def test_a_motion_made_smaller_stays_within_the_limits_and_where_its_load_is_held(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    limits, heavy = Limits(0.0, 1.5), {"mass": 4.0, "arm_mass": 0.0, "length": 0.12}
+    held = math.asin(HOLDS * abilities(NOMINAL)[0] / NOMINAL.load.gravity_torque(heavy))
+    overshoot = 6.0
+
+    def measurement(problem: object, load: object, goal: np.ndarray) -> SimpleNamespace:
+        middle = 0.5 * (goal.min() + goal.max())
+        return SimpleNamespace(simulate=lambda variants: (middle + overshoot * (goal - middle))[None, :, None])
+
+    monkeypatch.setattr("gap.experiment.proposal._measurement", measurement)
+    for name, goal in excitations(limits, NOMINAL, heavy).items():
+        kept = _kept_within(None, heavy, goal, [Hypothesis("any", {}, ())], limits)  # type: ignore[arg-type]
+        assert kept.min() >= limits.lower and kept.max() <= held + 1e-9, name
+        assert measurement(None, heavy, kept).simulate([]).min() >= limits.lower - 0.05 * limits.reach - 1e-9, name
+
+
 def test_smooth_motions_are_slow_enough_for_the_motor() -> None:
     found = excitations(Limits(-3.0, 3.0), NOMINAL, {**LOAD, "mass": 0.05})
     for name in ("chirp", "fast chirp", "multisine"):
@@ -68,6 +114,11 @@ def test_a_speed_limit_makes_ramps_of_steps() -> None:
 def test_limits_without_room_are_refused(limits: tuple[float, float]) -> None:
     with pytest.raises(SealegsError, match="limits="):
         Limits(*limits)
+
+
+def test_a_speed_that_is_none_is_refused_by_the_name_of_its_setting() -> None:
+    with pytest.raises(SealegsError, match="speed_limit=0 "):
+        Limits(-1.0, 1.0, 0.0)
 
 
 def test_the_range_of_the_log_widens_the_default_limits() -> None:

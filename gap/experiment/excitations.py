@@ -16,6 +16,7 @@ RATE = 100.0  # [Hz] goals of an excitation
 REACH = 1.2  # [rad] either side of hanging, unless the log went further or limits are given
 HOLDS = 0.6  # share of the stall torque that gravity may take at the ends of an excitation
 FOLLOWS = 0.8  # share of the no-load speed that a smooth goal may have
+LEAST = 0.1  # [rad] range that gravity must leave: in less, backlash and friction hide what a motion would show
 SMOOTH = ("chirp", "fast chirp", "multisine", "slow triangle", "slow small triangle")
 
 
@@ -41,7 +42,7 @@ class Limits:
         if not (math.isfinite(self.lower) and math.isfinite(self.upper) and self.lower < self.upper):
             raise SealegsError(f"limits=[{self.lower:g},{self.upper:g}] must be two angles [rad], the lower one first.")
         if not self.speed > 0.0:
-            raise SealegsError(f"limit_speed={self.speed:g} must be a speed above zero [rad/s].")
+            raise SealegsError(f"speed_limit={self.speed:g} must be a speed above zero [rad/s].")
 
     @property
     def centre(self) -> float:
@@ -103,23 +104,26 @@ def excitations(
 
     Smooth motions that the motor could not follow are made smaller; nothing goes where gravity takes more than
     :data:`HOLDS` of the stall torque.
+
+    Returns:
+        By name; none where that leaves less than :data:`LEAST` of the limits.
     """
-    reach = limits.reach
     stall, no_load = abilities(nominal)
     gravity = nominal.load.gravity_torque(params)
     lower, upper = limits.lower, limits.upper
     if HOLDS * stall < gravity:
         most = math.asin(HOLDS * stall / gravity)
         lower, upper = max(lower, -most), min(upper, most)
-        reach = 0.5 * (upper - lower) if lower < upper else 0.05
-    centre = 0.5 * (lower + upper)
+        if upper - lower < min(LEAST, 2.0 * limits.reach):
+            return {}
+    centre, reach = 0.5 * (lower + upper), 0.5 * (upper - lower)
     fastest = min(limits.speed, FOLLOWS * no_load)
     found = {}
     for name, goal in library(centre, reach, seed).items():
         speed = float(np.abs(np.diff(goal)).max() * RATE)
         if name in SMOOTH and speed > fastest:
             goal = centre + (goal - centre) * (fastest / speed)
-        found[name] = slewed(goal, limits.speed)
+        found[name] = np.clip(slewed(goal, limits.speed), lower, upper)  # whatever the library does: this moves metal
     return found
 
 

@@ -113,7 +113,7 @@ def propose(
         blind: the log shows too little: tell all causes of the catalogue apart, not only rivals.
 
     Returns:
-        None where the search left nothing open.
+        None where the search left nothing open, or where the servo can hold no load within the limits.
     """
     if any(not params for params in problem.params):
         return None  # a driven link has no load to choose and no motion of its own
@@ -145,7 +145,8 @@ def propose(
                 best = Experiment(
                     name, "", score, time, goal, table, dict(load), rivals=tuple(h.name for h in hypotheses)
                 )
-    assert best is not None
+    if best is None:
+        return None
     return dataclasses.replace(best, sentence=_sentence(best, loads, blind))
 
 
@@ -248,14 +249,21 @@ def _measurement(problem: Problem, load: Mapping[str, float], goal: np.ndarray) 
 def _kept_within(
     problem: Problem, load: Mapping[str, float], goal: np.ndarray, hypotheses: Sequence[Hypothesis], limits: Limits
 ) -> np.ndarray:
-    """The goals (n,), smaller where a hypothesis predicts that the joint shoots beyond its limits."""
-    room = 1.05 * limits.reach
+    """The goals (n,), smaller where a hypothesis predicts that the joint shoots beyond its limits.
+
+    They shrink about their own middle: that of the limits may lie where the servo cannot hold its load.
+    """
+    spare = 0.05 * limits.reach
+    centre = 0.5 * (goal.min() + goal.max())
     for _ in range(3):
         out = _measurement(problem, load, goal).simulate([h.values for h in hypotheses])[:, :, 0]
-        beyond = float(np.abs(np.clip(out, -1e2, 1e2) - limits.centre).max()) / room
+        out = np.clip(out, -1e2, 1e2) - centre
+        beyond = max(
+            float(out.max()) / (limits.upper + spare - centre), float(-out.min()) / (centre - limits.lower + spare)
+        )
         if beyond <= 1.0:
             break
-        goal = limits.centre + (goal - limits.centre) / min(beyond, 2.0)
+        goal = centre + (goal - centre) / min(beyond, 2.0)
     return goal
 
 
