@@ -36,9 +36,8 @@ def main(arguments: list[str]) -> None:
         raise SealegsError("seconds must be more than 0, and width and height at least 16.")
     act, description = load_policy(folder)
     stored, changed = description["env"], checked("env", config["env"], dict)
-    env_config = checked_env(
-        {**stored, **changed, "params": {**(stored.get("params") or {}), **changed.get("params", {})}}
-    )
+    numbers = [checked("env.params", env.get("params") or {}, dict) for env in (stored, changed)]
+    env_config = checked_env({**stored, **changed, "params": numbers[0] | numbers[1]})
     actuator = description["actuators"] if config["actuator"] == "keep" else config["actuator"]
     now = datetime.datetime.now().strftime("%Y%m%d-%H%M%S")
     name = "-".join(folder.resolve().parts[-2:])

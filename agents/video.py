@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import itertools
 import math
 from collections.abc import Callable
 from dataclasses import dataclass
@@ -10,6 +11,8 @@ from pathlib import Path
 import gymnasium
 import imageio.v2 as imageio
 import numpy as np
+
+from envs.batch import BatchEngine
 
 FASTEST = 30  # pictures a second; drawing in software takes longer than the physics
 
@@ -38,19 +41,24 @@ def record_video(
     Returns:
         The episodes in the film, in order.
     """
-    rate = int(env.metadata["render_fps"])
-    stride = math.ceil(rate / FASTEST)
+    engine: BatchEngine = env.unwrapped.engine  # type: ignore[attr-defined]
+    between = engine.dt / engine.goals_per_step
+    stride = math.ceil(1.0 / (FASTEST * between) - 1e-9)
     episodes: list[Episode] = []
+    goals, steps, total = itertools.count(), 0, 0.0
     observation, _ = env.reset(seed=seed)
-    count, total = 0, 0.0
-    with imageio.get_writer(file, fps=rate / stride, macro_block_size=2) as film:
-        for step in range(max(1, round(seconds * rate))):
-            if step % stride == 0:
+    with imageio.get_writer(file, fps=1.0 / (stride * between), macro_block_size=2) as film:
+
+        def watch() -> None:
+            if next(goals) % stride == 0:
                 film.append_data(np.asarray(env.render(), dtype=np.uint8))  # type: ignore[attr-defined]
+
+        engine.watch = watch
+        for _ in range(max(1, round(seconds / engine.dt))):
             observation, reward, terminated, truncated, _ = env.step(act(observation[None])[0])
-            count, total = count + 1, total + float(reward)
+            steps, total = steps + 1, total + float(reward)
             if terminated or truncated:
-                episodes.append(Episode(count / rate, total, "failed" if terminated else "whole"))
+                episodes.append(Episode(steps * engine.dt, total, "failed" if terminated else "whole"))
                 observation, _ = env.reset()
-                count, total = 0, 0.0
-    return [*episodes, Episode(count / rate, total, "cut by the film's end")] if count else episodes
+                steps, total = 0, 0.0
+    return [*episodes, Episode(steps * engine.dt, total, "cut by the film's end")] if steps else episodes

@@ -8,50 +8,41 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
+from agents.config import read_config
 from agents.policy_files import load_policy
 from benchmarks.learning import Bar
 from envs.batch import BatchEngine
+from envs.contract import task_of
 from envs.hexapod.env import CONTROL_RATE
 from envs.hexapod.parameters import GRAVITY
 from envs.hexapod.robot import total_mass
 from envs.hexapod.task import HexapodTask
 
-TRAINING = (
-    "env=hexapod",
-    "total_timesteps=2560",  # of 1 s each
-    "n_envs=16",
-    "agent.n_steps=4",
-    "agent.batch_size=64",
-    "agent.n_epochs=10",
-    "agent.gamma=0.9",
-    "agent.learning_rate=lin_5e-3",
-    "agent.ent_coef=0.0",
-    "agent.policy_kwargs.log_std_init=-0.7",
-    "agent.policy_kwargs.net_arch=[32,32]",
-    "agent.normalize.norm_obs=false",  # what hardly changes is no reason to act
-    "evaluate.every=160",
-    "evaluate.episodes=1",
-    "checkpoint.every=320",
-    "video.seconds=0",
-)
+TRAINING = ("env=hexapod", "video.seconds=0")
 SPEED = 0.03  # [m/s] of the reference gait
 COMMANDED = 1.01 * SPEED  # [m/s] of policies, so that none is slower than the reference gait is when it slips a little
 EPISODES, START, WINDOW = 4, 12.0, 36.0  # [s] two cycles of the reference gait, then six
+Act = Callable[[np.ndarray], np.ndarray]
 MOST = 0.8
 """Of the reference gait's specific resistance."""
 
 
 def reference() -> dict[str, float]:
     """Figures of the reference gait, and the reward of an episode as in training."""
-    return _figures(_reference, SPEED) | {"reward": _reward(_reference)}
+    config = read_config(TRAINING).config
+    assert config is not None
+    walk = config.env, config.actuator, _reference
+    return _figures(*walk, SPEED) | {"reward": _reward(*walk)}
 
 
 def measure(policy: Path) -> dict[str, float]:
-    """Figures of a policy, means over the episodes."""
-    return _figures(load_policy(policy)[0], COMMANDED)
+    """Figures of a policy with the drives that it was trained with, means over the episodes."""
+    act, description = load_policy(policy)
+    return _figures(description["env"], description["actuators"], act, COMMANDED)
 
 
 def bars(rows: Sequence[dict[str, float]], reference: dict[str, float]) -> list[Bar]:
@@ -87,11 +78,17 @@ def _reference(observation: np.ndarray) -> np.ndarray:
     return np.zeros((len(observation), len(HexapodTask().action_names())))
 
 
-def _figures(act: Callable[[np.ndarray], np.ndarray], speed: float) -> dict[str, float]:
+def _engine(env: dict[str, Any], actuator: Any, seed: int, **task: float) -> BatchEngine:
+    kind, options = task_of({**env, **task})
+    options |= {"actuator": actuator, "control_rate": options.get("control_rate", CONTROL_RATE)}
+    engine = BatchEngine(kind, EPISODES, **options, autoreset=False, threads=1)
+    engine.seed(seed)
+    return engine
+
+
+def _figures(env: dict[str, Any], actuator: Any, act: Act, speed: float) -> dict[str, float]:
     """Walk; specific resistance by (35), the energy from the mean power of each control step."""
-    task = HexapodTask(speed=speed, resistance_weight=1.0)
-    engine = BatchEngine(task, EPISODES, control_rate=CONTROL_RATE, autoreset=False, threads=1)
-    engine.seed(1000)
+    engine = _engine(env, actuator, 1000, speed=speed, resistance_weight=1.0)
     weight = total_mass(engine.numbers) * GRAVITY
     places = engine.batch.bind("qpos")[:, :2]
     observation, start = engine.reset(), round(START * CONTROL_RATE)
@@ -115,9 +112,8 @@ def _figures(act: Callable[[np.ndarray], np.ndarray], speed: float) -> dict[str,
     }
 
 
-def _reward(act: Callable[[np.ndarray], np.ndarray], steps: int = 30) -> float:
-    engine = BatchEngine(HexapodTask(speed=SPEED), EPISODES, control_rate=CONTROL_RATE, autoreset=False, threads=1)
-    engine.seed(2000)
+def _reward(env: dict[str, Any], actuator: Any, act: Act, steps: int = 30) -> float:
+    engine = _engine(env, actuator, 2000, speed=SPEED)
     observation, total = engine.reset(), np.zeros(EPISODES)
     for _ in range(steps):
         result = engine.step(act(observation))

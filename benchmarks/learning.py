@@ -3,12 +3,11 @@
     python -m benchmarks.learning hexapod               train what policies/hexapod lacks, measure, draw
     python -m benchmarks.learning hexapod --minutes 9   stop after that time; the same command goes on
     python -m benchmarks.learning hexapod --no-train    only measure and draw what is there
-    python -m benchmarks.learning hexapod --longer      train shorter runs on, after more steps were asked for
 
 Each seed is a run of ``train.py`` with the arguments in ``benchmarks/learned_<robot>.py``, in
 ``runs/learning-<robot>/seed<k>``. Its best policy, config and evaluations go to ``policies/<robot>/seed<k>``; a seed
-that is there stays as it is, but for ``--longer``. ``benchmarks/results/learning_<robot>.{md,json,png}`` hold figures,
-the curve with its mean and the 95 % interval of that mean, and what was to be reached.
+that is there stays as it is, and is measured. ``benchmarks/results/learning_<robot>.{md,json,png}`` hold figures, the
+curve with its mean and the 95 % interval of that mean, and what was to be reached.
 """
 
 from __future__ import annotations
@@ -29,9 +28,11 @@ from pathlib import Path
 from typing import Any, Protocol, cast
 
 import numpy as np
+import yaml
 from scipy import stats
 
 from actuators.errors import SealegsError
+from agents.config import TrainConfig, read_config
 from agents.policy_files import policy_step
 from configs.script import Interrupted, run
 
@@ -124,11 +125,12 @@ def train(training: Sequence[str], seed: int, runs: Path, target: Path, until: f
         SealegsError: ``train.py`` failed.
     """
     folder = runs / f"seed{seed}"
-    length = [argument for argument in training if argument.startswith("total_timesteps=")]
-    if (policy_step(folder / "final") or 0) < steps_of(training):
+    if (folder / "config.yaml").is_file():
+        same_config(folder, training)
+    if (policy_step(folder / "final") or 0) < asked(training).total_timesteps:
         new = [*training, f"seed={seed}", f"name=seed{seed}", f"out={runs}"]
         begun = (folder / "config.yaml").is_file()
-        _run([f"resume={folder}", *length] if begun else new, until)
+        _run([f"resume={folder}"] if begun else new, until)
     best = folder / "best" if (folder / "best" / "model.zip").is_file() else folder / "final"
     writing = target.with_name(f".writing-{target.name}")
     shutil.rmtree(writing, ignore_errors=True)
@@ -138,21 +140,30 @@ def train(training: Sequence[str], seed: int, runs: Path, target: Path, until: f
             without_machine(path, writing / path.name)
         elif path.is_file():
             shutil.copyfile(path, writing / path.name)
-    if target.exists():  # of the same run, when it was shorter
-        shutil.rmtree(target)
     os.replace(writing, target)
 
 
-def steps_of(training: Sequence[str]) -> int:
-    """Steps that arguments of ``train.py`` ask for; 1 where they leave it to the config."""
-    texts = [argument.partition("=")[2] for argument in training if argument.startswith("total_timesteps=")]
-    return int(float(texts[-1].replace("_", ""))) if texts else 1
+def asked(training: Sequence[str]) -> TrainConfig:
+    """The config that arguments of ``train.py`` make."""
+    config = read_config(training).config
+    assert config is not None
+    return config
 
 
-def longer(training: Sequence[str], seed: int, runs: Path) -> bool:
-    """Whether the run of a seed is here and shorter than ``training`` asks for by now."""
-    done = policy_step(runs / f"seed{seed}" / "final")
-    return done is not None and done < steps_of(training)
+def same_config(folder: Path, training: Sequence[str]) -> None:
+    """Check that a run or a kept policy comes from these arguments, whatever its seed.
+
+    Raises:
+        SealegsError: it does not; the sentence names the first key that differs.
+    """
+    stored = yaml.safe_load((folder / "config.yaml").read_text())
+    wanted = asked(training).as_dict()
+    for key in sorted((stored.keys() | wanted.keys()) - {"seed", "video"}):
+        if stored.get(key) != wanted.get(key):
+            raise SealegsError(
+                f"{folder} was trained with {key}: {stored.get(key)}, but train.py {' '.join(training)} now means "
+                f"{wanted.get(key)}; move the folder away, and train again."
+            )
 
 
 def without_machine(source: Path, target: Path) -> None:
@@ -232,7 +243,7 @@ def page(
         cells = [f"{reference[name]:.4g}" if name in reference else "-" for name in names]
         lines.append("| reference controller | " + " | ".join(cells) + " |")
     lines += [f"| seed {k} | " + " | ".join(f"{row[name]:.4g}" for name in names) + " |" for k, row in rows.items()]
-    cells = [f"{m:.4g} ± {h:.2g}" if np.isfinite(h) else f"{m:.4g}" for m, h in zip(mean, half, strict=True)]
+    cells = [f"{m:.4g} ± {h:.2g}" if h > 1e-9 else f"{m:.4g}" for m, h in zip(mean, half, strict=True)]
     lines.append("| mean and its 95 % interval | " + " | ".join(cells) + " |")
     return "\n".join(lines) + "\n"
 
@@ -244,18 +255,16 @@ def study(
     training: bool,
     policies: Path,
     results: Path,
-    go_on: bool = False,
 ) -> str:
     """Train what is missing, measure and draw; the page as text.
 
     Args:
         robot: of :data:`ROBOTS`.
-        seeds: how many.
+        seeds: how many to have trained; others that are there are measured too.
         minutes: after which training stops; None: at its end.
         training: whether to train.
         policies: folder of the seeds.
         results: folder for the figures.
-        go_on: train seeds further whose runs are shorter than is asked for by now.
 
     Raises:
         Interrupted: as :func:`train`.
@@ -266,10 +275,13 @@ def study(
     folders = {seed: policies / f"seed{seed}" for seed in range(seeds)}
     runs = REPOSITORY / "runs" / f"learning-{robot}"
     for seed, folder in folders.items():
-        if training and (not folder.exists() or (go_on and longer(module.TRAINING, seed, runs))):
+        if training and not folder.exists():
             print(f"{robot}, seed {seed}", flush=True)
             train(module.TRAINING, seed, runs, folder, until)
-    folders = {seed: folder for seed, folder in folders.items() if folder.exists()}
+    there = sorted((int(path.name[4:]), path) for path in policies.glob("seed*") if path.name[4:].isdecimal())
+    folders = dict(there)
+    for folder in folders.values():
+        same_config(folder, module.TRAINING)
     if not folders:
         raise SealegsError(f"{policies} has no policy yet; train some: python -m benchmarks.learning {robot}")
     reference = module.reference()
@@ -309,13 +321,12 @@ def main(arguments: list[str]) -> None:
     parser.add_argument("--seeds", type=int, default=5)
     parser.add_argument("--minutes", type=float, help="stop training after this time")
     parser.add_argument("--no-train", action="store_true", help="only measure and draw")
-    parser.add_argument("--longer", action="store_true", help="train shorter runs on to what is asked for by now")
     parser.add_argument("--policies", type=Path, help="folder of the seeds; default: policies/<robot>")
     parser.add_argument("--results", type=Path, default=RESULTS)
     options = parser.parse_args(arguments)
     policies = options.policies or REPOSITORY / "policies" / options.robot
     training = not options.no_train
-    print(study(options.robot, options.seeds, options.minutes, training, policies, options.results, options.longer))
+    print(study(options.robot, options.seeds, options.minutes, training, policies, options.results))
 
 
 if __name__ == "__main__":

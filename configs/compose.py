@@ -35,7 +35,8 @@ def groups(script: str) -> list[str]:
     """Choices that the config of ``script`` makes from a folder, in the order of its defaults."""
     config = OmegaConf.load(FOLDER / f"{script}.yaml")
     defaults = config.get("defaults", []) if isinstance(config, DictConfig) else []
-    return [str(key) for entry in defaults if isinstance(entry, DictConfig) for key in entry]
+    chosen = [str(key) for entry in defaults if isinstance(entry, DictConfig) for key in entry]
+    return [key for key in chosen if not key.startswith("optional ")]  # those follow from the others
 
 
 def split(arguments: Sequence[str], plain: Iterable[str] = ()) -> dict[str, str]:

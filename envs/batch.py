@@ -8,7 +8,7 @@ s + i.
 from __future__ import annotations
 
 import dataclasses
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -130,6 +130,8 @@ class BatchEngine:
         self._action = np.zeros((num_envs, len(self.action_names)))
         self._link_before, self._reading_before = np.zeros(shape), np.zeros(shape)
         self._generated = _Generated(task, self) if isinstance(task, ModulatedTask) else None
+        self.goals_per_step = self._generated.goals_per_step if self._generated is not None else 1
+        self.watch: Callable[[], None] = _nobody  # called at each new goal, for films
         self._command = np.zeros((num_envs, task.commands(np.zeros((1, task.draws))).shape[1]))
         self.steps = np.zeros(num_envs, dtype=np.int64)
         self.drawn = {f"{draw.group}.{draw.name}": np.zeros(num_envs) for draw in self.randomization.draws}
@@ -201,6 +203,7 @@ class BatchEngine:
             self._generated.step(action)
         else:
             self._ctrl[:] = self._goals(action)
+            self.watch()
             self.batch.step(nstep=self.substeps)
         self._action = action
         self.steps += 1
@@ -283,6 +286,10 @@ class BatchEngine:
         return observation
 
 
+def _nobody() -> None:
+    """Nobody watches."""
+
+
 class _Generated:
     """The generator that actions modulate: its memory, and the power drawn in the latest control step."""
 
@@ -296,7 +303,7 @@ class _Generated:
                 f"{task.sample_period:g} s and steps of {timestep:g} s do not fit into one another a whole number of "
                 "times; change control_rate."
             )
-        self._goals, self._samples, self._substeps = (round(count) for count in periods)
+        self.goals_per_step, self._samples, self._substeps = (round(count) for count in periods)
         self._memory = np.zeros((engine.num_envs, task.memory))
         self._power = np.zeros(engine.num_envs)
         self._qpos_rate = np.zeros_like(engine._qpos)
@@ -309,14 +316,15 @@ class _Generated:
     def step(self, action: np.ndarray) -> None:
         engine, task = self._engine, self._task
         before, total = engine._qpos.copy(), np.zeros(engine.num_envs)
-        for _ in range(self._goals):
+        for _ in range(self.goals_per_step):
             goals = task.generate(engine.numbers, action, engine._command, self._memory)
             engine._ctrl[:] = np.clip(goals, *engine._limits)
+            engine.watch()
             for _ in range(self._samples):
                 engine.batch.step(nstep=self._substeps)
                 torque, speed = engine._userdata[:, engine._torques], engine._motor.speed(engine._qvel)
                 total += task.power(engine.numbers, torque, speed)
-        self._power = total / (self._goals * self._samples)
+        self._power = total / (self.goals_per_step * self._samples)
         self._qpos_rate = (engine._qpos - before) / engine.dt
 
     def motion(self) -> dict[str, np.ndarray]:

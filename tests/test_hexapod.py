@@ -24,7 +24,7 @@ from envs.hexapod.env import HexapodEnv
 from envs.hexapod.gait import PERIOD, Tripod
 from envs.hexapod.kinematics import Joints, foot_from_joints, joints_from_foot, leg_angle, link_angles, stance
 from envs.hexapod.modulated_gait import MODULATED
-from envs.hexapod.parameters import LEGS, NUMBERS
+from envs.hexapod.parameters import GOAL_RANGE, LEGS, NUMBERS
 from envs.hexapod.robot import FRICTIONS, HEXAPOD, KINDS, chains_of, coordinate, foot, loop_joints, total_mass
 from envs.robots import get_robot
 from envs.sb3 import BatchVecEnv
@@ -383,6 +383,22 @@ def test_feet_that_stand_keep_their_distances_whatever_the_action() -> None:
             jumps.append(np.hypot(ahead, left))
         before = goals
     assert max(jumps) < 0.006  # 0.6 m/s: no foot in the air is asked to jump
+
+
+def test_feet_that_stand_stay_within_the_ranges_of_their_joints_whatever_the_action() -> None:
+    middle, count = np.array([value for _ in range(6) for value in stance(VALUES)]), 200
+    reach = np.array([GOAL_RANGE[kind] for kind in KINDS])
+    random = np.random.default_rng(0)
+    memory = modulated_gait.begin(VALUES, random.random(count), np.tile(middle, (count, 1)))
+    speed, worst = np.where(np.arange(count) % 2, 0.03, -0.02), np.zeros(3)
+    for step in range(2000):
+        if step % 400 == 0:
+            action = random.uniform(-1.6, 1.6, (count, 6)).clip(-1.0, 1.0)  # many at an end of their range
+        goals = modulated_gait.advance(VALUES, action, speed, memory).reshape(count, 6, 3)
+        over = np.abs(goals - middle.reshape(6, 3)) - reach
+        standing = goals[..., 1] > middle[1] - 1e-6
+        worst = np.maximum(worst, np.where(standing[..., None], over, -np.inf).max(axis=(0, 1)))
+    assert worst[0] < 0.01 and worst[2] < 1e-4, "a little in a support in which the action changes"
 
 
 def test_the_power_that_the_task_counts_is_that_of_the_motors() -> None:

@@ -2,16 +2,19 @@
 
 from __future__ import annotations
 
+import importlib
 import zipfile
 from pathlib import Path
 
 import numpy as np
 import pytest
+import yaml
 
 from actuators.errors import SealegsError
 from agents.policy_files import load_policy
 from benchmarks import learning
 from benchmarks.learning import Bar, interval, page, read_curve
+from configs.compose import choices
 
 SMALL = ("env=bench", "total_timesteps=64", "n_envs=2", "agent.n_steps=16", "agent.batch_size=16", "evaluate.every=32")
 
@@ -54,6 +57,30 @@ def test_a_seed_is_trained_once_and_its_policy_kept(tmp_path: Path) -> None:
     before = (tmp_path / "runs" / "seed3" / "run.json").read_text()
     learning.train((*SMALL, "video.seconds=0"), 3, tmp_path / "runs", tmp_path / "again")
     assert (tmp_path / "runs" / "seed3" / "run.json").read_text() == before
+
+
+def test_a_policy_of_another_config_is_not_taken_for_this_one(tmp_path: Path) -> None:
+    (tmp_path / "config.yaml").write_text(yaml.safe_dump(learning.asked(SMALL).as_dict() | {"seed": 7}))
+    learning.same_config(tmp_path, SMALL)
+    with pytest.raises(SealegsError, match="was trained with total_timesteps: 64"):
+        learning.same_config(tmp_path, (*SMALL, "total_timesteps=128"))
+
+
+def test_kept_policies_are_those_of_the_tuned_settings() -> None:
+    for robot in learning.ROBOTS:
+        training = importlib.import_module(f"benchmarks.learned_{robot}").TRAINING
+        folders = sorted((learning.REPOSITORY / "policies" / robot).glob("seed*"))
+        assert len(folders) == 5
+        for folder in folders:
+            learning.same_config(folder, training)
+
+
+def test_tuned_settings_belong_to_an_environment_and_an_algorithm() -> None:
+    for path in (learning.REPOSITORY / "configs" / "tuned").glob("*.yaml"):
+        env, _, agent = path.stem.rpartition("_")
+        assert env in choices("env") and agent in choices("agent")
+        wanted = yaml.safe_load(path.read_text())["total_timesteps"]
+        assert learning.asked([f"env={env}", f"agent={agent}"]).total_timesteps == wanted
 
 
 def test_a_study_without_policies_says_so(tmp_path: Path) -> None:

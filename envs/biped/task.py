@@ -81,7 +81,7 @@ class BipedTask(Task):
             drivetrain.set_position(coordinate(side, SHAPE), qpos, goals[:, column + 1])
             drivetrain.set_position(coordinate(side, ANGLE), qpos, goals[:, column])
         qpos[:, PITCH] = noise[:, 4]
-        lowest = _soles(numbers, np.zeros(len(qpos)), qpos[:, PITCH], goals).min(axis=1)
+        lowest = soles(numbers, np.zeros(len(qpos)), qpos[:, PITCH], goals).min(axis=1)
         qpos[:, UP] = np.abs(noise[:, 5]) - lowest  # dropped from a little above the floor
         qvel[:, FORWARD] = noise[:, 6]
         return goals
@@ -128,12 +128,18 @@ class BipedTask(Task):
         return fallen | (np.abs(motion.qpos[:, PITCH]) > self.healthy_pitch)
 
 
-def _soles(numbers: Mapping[str, float], height: np.ndarray, pitch: np.ndarray, link: np.ndarray) -> np.ndarray:
-    """Heights of both soles over the floor (n, 2) [m]."""
+def soles(numbers: Mapping[str, float], height: np.ndarray, pitch: np.ndarray, link: np.ndarray) -> np.ndarray:
+    """Heights of both soles over the floor (n, 2) [m].
+
+    Args:
+        numbers: of the robot.
+        height, pitch: of the torso (n,) [m, rad].
+        link: angle and shape of the left, then of the right leg (n, 4) [rad].
+    """
     angles = segments(pitch, link)
     ends = [place(end, angles)[:, 1] for end in feet(numbers)]
     return np.stack(ends, axis=1) + (height - numbers["foot_radius"])[:, None]
 
 
 def _clearance(motion: Motion) -> np.ndarray:
-    return _soles(motion.numbers, motion.qpos[:, UP], motion.qpos[:, PITCH], motion.link)
+    return soles(motion.numbers, motion.qpos[:, UP], motion.qpos[:, PITCH], motion.link)

@@ -43,20 +43,20 @@ class HexapodEnv(SingleEnv):
     ## Observation Space
     The observation space is a `Box(-Inf, Inf, (69,), float32)` of what the computer on the robot knows.
 
-    | Num   | Observation                        | Source                                                     | Unit        |
-    |-------|------------------------------------|------------------------------------------------------------|-------------|
-    | 0     | commanded speed                    | command                                                    | m/s         |
-    | 1     | height of the body                 | odometry over the standing legs, ideal                     | m           |
-    | 2-4   | upward direction in the body       | inertial unit, ideal                                       | -           |
-    | 5-6   | heading of the body on the floor   | inertial unit, ideal                                       | -           |
-    | 7-9   | velocity of the body               | odometry, ideal                                            | m/s         |
-    | 10-12 | turn rate of the body              | inertial unit, ideal                                       | rad/s       |
-    | 13-30 | joints, from the middle of a stance | motor encoders of the chain: ticks, offset, scale, latency | rad, m     |
-    | 31-48 | speed of the joints                | difference of 13-30 over the last control step             | rad/s, m/s  |
-    | 49-54 | foot on the floor                  | from the height of the body and 13-30, ideal               | -           |
-    | 55-56 | clock of the gait, sine and cosine | memory                                                     | -           |
-    | 57-62 | parameters of the gait             | memory                                                     | m, -        |
-    | 63-68 | last action                        | memory                                                     | -           |
+    | Num   | Observation                                  | Source                                                     | Unit       |
+    | ----- | -------------------------------------------- | ---------------------------------------------------------- | ---------- |
+    | 0     | commanded speed                              | command                                                    | m/s        |
+    | 1     | height of the body                           | odometry over the standing legs, ideal                     | m          |
+    | 2-4   | upward direction in the body                 | inertial unit, ideal                                       | -          |
+    | 5-6   | heading of the body on the floor             | inertial unit, ideal                                       | -          |
+    | 7-9   | velocity of the body, along the floor's axes | odometry, ideal                                            | m/s        |
+    | 10-12 | turn rate of the body, about its own axes    | inertial unit, ideal                                       | rad/s      |
+    | 13-30 | joints, from the middle of a stance          | motor encoders of the chain: ticks, offset, scale, latency | rad, m     |
+    | 31-48 | speed of the joints                          | difference of 13-30 over the last control step             | rad/s, m/s |
+    | 49-54 | foot on the floor                            | from the height of the body and 13-30, ideal               | -          |
+    | 55-56 | clock of the gait, sine and cosine           | memory                                                     | -          |
+    | 57-62 | parameters of the gait                       | memory                                                     | m, -       |
+    | 63-68 | last action                                  | memory                                                     | -          |
 
     ## Rewards
     The reward is ***forward + alive + straight + resistance***; `info` holds each term.

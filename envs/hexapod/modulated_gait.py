@@ -12,8 +12,8 @@ from collections.abc import Mapping
 import numpy as np
 
 from envs.hexapod.gait import CYCLE, PERIOD, SPEED, Tripod
-from envs.hexapod.kinematics import Joints, foot_from_joints, joints_from_foot, leg_angle
-from envs.hexapod.parameters import LEGS
+from envs.hexapod.kinematics import Joints, foot_from_joints, joints_from_foot, leg_angle, stance
+from envs.hexapod.parameters import GOAL_RANGE, LEGS
 
 _REFERENCE = Tripod()
 MODULATED = {
@@ -31,6 +31,7 @@ MODULATED = {
 land, and ``spread`` how much farther ahead those of 1 and 5 and farther back those of 2 and 4. Ranges are assumed: what
 the legs reach, and what leaves the actions in between some room.
 """
+SHORTEST = 0.04  # [m] of a cycle, however little room a foot has; assumed
 LAG = 1.0  # [s] time constant with which parameters follow the action: a foot in the air must not jump
 
 CLOCK, PARAMETERS = 0, slice(1, 1 + len(MODULATED))
@@ -45,6 +46,8 @@ _COSINE, _SINE = np.cos(_ANGLE), np.sin(_ANGLE)
 _SIDE = np.array([0.0 if leg % 3 == 0 else 1.0 for leg in range(LEGS)])
 _AHEAD = _SIDE * np.sign(_COSINE)
 _OFFSET = 0.5 * (np.arange(LEGS) % 2)
+_EDGES = np.stack([_ANGLE - GOAL_RANGE["rotation"], _ANGLE + GOAL_RANGE["rotation"]])  # of the legs' sectors
+_INWARD = np.stack([[-np.sin(_EDGES[0]), np.cos(_EDGES[0])], [np.sin(_EDGES[1]), -np.cos(_EDGES[1])]])
 
 
 def begin(values: Mapping[str, float], start: np.ndarray, goals: np.ndarray) -> np.ndarray:
@@ -65,6 +68,26 @@ def begin(values: Mapping[str, float], start: np.ndarray, goals: np.ndarray) -> 
     return memory
 
 
+def room(values: Mapping[str, float], place: np.ndarray, way: float) -> np.ndarray:
+    """How far feet can move ahead (``way`` 1) or back (-1) within the ranges of their joints (..., LEGS) [m].
+
+    Args:
+        values: numbers of the robot.
+        place: of the feet, from their stance (..., LEGS, 2) [m].
+        way: 1 or -1.
+    """
+    middle, reach = stance(values).horizontal, values["stance_radius"] - values["leg_radius"]
+    x, y = place[..., 0] + reach * _COSINE, place[..., 1] + reach * _SINE  # from the leg's upright axis
+    free = np.full(x.shape, np.inf)
+    for normal in _INWARD:
+        inside, closer = x * normal[0] + y * normal[1], -way * normal[0]
+        free = np.minimum(free, np.where(closer > 0.0, inside / np.where(closer > 0.0, closer, 1.0), np.inf))
+    low, high = (values["ratio"] * (float(middle) + sign * GOAL_RANGE["horizontal"]) for sign in (-1.0, 1.0))
+    free = np.minimum(free, np.sqrt(np.maximum(high**2 - y**2, 0.0)) - way * x)
+    blocked = (np.abs(y) < low) & (way * x < 0.0)
+    return np.where(blocked, np.minimum(free, np.abs(x) - np.sqrt(np.maximum(low**2 - y**2, 0.0))), free)
+
+
 def advance(values: Mapping[str, float], action: np.ndarray, speed: np.ndarray, memory: np.ndarray) -> np.ndarray:
     """Goals :data:`~envs.hexapod.gait.PERIOD` later (n, 18) [rad, m]; ``memory`` (n, MEMORY) moves on in place.
 
@@ -77,18 +100,26 @@ def advance(values: Mapping[str, float], action: np.ndarray, speed: np.ndarray, 
     parameters = memory[:, PARAMETERS]
     parameters += _FOLLOWED * (np.clip(_MIDDLE + _PER_ACTION * action, _LOW, _HIGH) - parameters)
     length, double_stance, lift, lifting, width, spread = (column[:, None] for column in parameters.T)
-    memory[:, CLOCK] = (memory[:, CLOCK] + PERIOD * np.abs(speed) / length[:, 0]) % 1.0
-    phase = (memory[:, CLOCK, None] - 0.5 * double_stance + _OFFSET) % 1.0
     air = 0.5 - double_stance
-    moving, s = phase < air, np.minimum(phase / air, 1.0)
-
     place = memory[:, _PLACE].reshape(-1, LEGS, 2)
     left = memory[:, _LEFT].reshape(-1, LEGS, 2)
+    phase = (memory[:, CLOCK, None] - 0.5 * double_stance + _OFFSET) % 1.0
+    free = np.where(speed[:, None] > 0.0, room(values, place, -1.0), room(values, place, 1.0))
+    fits = np.where(phase < air, np.inf, free / np.maximum(1.0 - phase, 1e-9)).min(axis=1)
+    cycle = np.minimum(length[:, 0], np.maximum(fits, SHORTEST))
+    # the clock runs faster where a foot would be at the end of its range before it lifts off
+    memory[:, CLOCK] = (memory[:, CLOCK] + PERIOD * np.abs(speed) / cycle) % 1.0
+    phase = (memory[:, CLOCK, None] - 0.5 * double_stance + _OFFSET) % 1.0
+    moving, s = phase < air, np.minimum(phase / air, 1.0)
+
     way = np.sign(speed)[:, None] * length  # of the body in a cycle
     x, y = place[..., 0] - PERIOD * speed[:, None], place[..., 1]
-    land_x = 0.5 * (1.0 - air) * way + width * _SIDE * _COSINE + spread * _AHEAD
     land_y = width * _SIDE * _SINE
-    blend = s**2 * (3.0 - 2.0 * s)  # over the ground, which the foot leaves and meets without slip
+    middle = np.stack([np.zeros_like(land_y), land_y], axis=2)
+    land_x = 0.5 * (1.0 - air) * way + width * _SIDE * _COSINE + spread * _AHEAD
+    land_x = np.clip(land_x, -room(values, middle, -1.0), room(values, middle, 1.0))
+    # over the ground, which the foot leaves and meets without slip where the clock runs as the length of a cycle asks
+    blend = s**2 * (3.0 - 2.0 * s)
     over_x = left[..., 0] - air * way * s + (land_x - left[..., 0] + air * way) * blend
     over_y = left[..., 1] + (land_y - left[..., 1]) * blend
     x, y = np.where(moving, over_x, x), np.where(moving, over_y, y)
