@@ -87,7 +87,7 @@ def diagnose(
     if all(run.robot == HOPPER.name for run in data.runs):
         from gap.contact.ground import diagnose_ground  # here, since it concludes as joints do
 
-        found.append(diagnose_ground(data.runs, found, seed, progress))
+        found.append(diagnose_ground(data.runs, found, seed, progress, test_group))
     return found
 
 
@@ -105,7 +105,7 @@ def _joint(
     if all(run.joints[joint].goal is None for run in runs):
         from gap.torque_diagnosis import diagnose_torque  # a log without commands: only its torque can be judged
 
-        return diagnose_torque(runs, joint, mine)
+        return diagnose_torque(runs, joint, mine, test_group)
     missing = [run.name for run in runs if joint not in run.actuators]
     if missing:
         raise LogError(f"{missing[0]}: the sidecar names no actuator for joint '{joint}'; add it under 'actuators'.")

@@ -10,50 +10,65 @@ from collections.abc import Sequence
 import numpy as np
 
 from actuators.chain import load_chain
-from gap.joint_model import JointModel, bench_parameters
+from gap.joint_model import PendulumLoad, bench_parameters
 from gap.log_checks.finding import Finding
 from gap.log_checks.torque_balance import AT_ONCE, STEP, WINDOW, torque_balance, torque_shift
 from gap.log_types import LogError, MeasuredRun
+from gap.units import held_out
 from gap.verdict import EXPLAINED, NOTHING, PARTLY, Error, JointDiagnosis, NamedCause, Value
 
 NUMBERS = ("inertia [kg.m2]", "gravity torque [N.m]", "coulomb [N.m]", "viscous [N.m.s/rad]", "offset [N.m]")
 
 
-def diagnose_torque(runs: Sequence[MeasuredRun], joint: str, findings: tuple[Finding, ...]) -> JointDiagnosis:
+def diagnose_torque(
+    runs: Sequence[MeasuredRun], joint: str, findings: tuple[Finding, ...], test_group: str | None = None
+) -> JointDiagnosis:
     """Diagnose a torque-driven log of a bench.
 
     The nominal model gives the torque from sidecar and chain; re-tuning fits inertia, gravity, dry and viscous friction
-    and offset; the extension shifts the torque column in time. All are judged on blocks (every other second) that were
-    not fitted.
+    and offset; the extension shifts the torque column in time. All are judged on blocks that neither a fit nor the
+    choice of the shift has seen: those of the test group, or every other second. Runs without torque are left out.
+
+    Args:
+        runs: of one machine.
+        joint: that is judged.
+        findings: about its log.
+        test_group: group of runs to keep for the test.
 
     Raises:
-        LogError: the runs are too short.
+        LogError: the runs are too short or have no torque, or the test group does not exist.
     """
     findings = tuple(
         f for f in findings if not (f.cause == "sensor.delay" and f.column and f.column.endswith("torque"))
     )  # judged here, by the same balance
-    logs = [(run.time, run.joints[joint].position, run.joints[joint].torque) for run in runs]
-    models = [_nominal(run, joint) for run in runs]
-    balance = torque_balance(
-        [(time, position, torque) for time, position, torque in logs if torque is not None],
-        [(inertia, gravity) for inertia, gravity, *_ in models],
-    )
+    held = held_out(runs, test_group)
+    logs = {k: (run.time, run.joints[joint].position, run.joints[joint].torque) for k, run in enumerate(runs)}
+    logs = {k: (time, position, torque) for k, (time, position, torque) in logs.items() if torque is not None}
+    if not logs:
+        raise LogError(f"joint '{joint}': no run has a goal or a torque that can be used; record one of them.")
+    models = {k: _nominal(runs[k], joint) for k in logs}
+    balance = torque_balance(list(logs.values()), [(inertia, gravity) for inertia, gravity, *_ in models.values()])
     if balance is None:
         raise LogError(f"joint '{joint}': a torque log of a second or more is needed; these are shorter.")
+    test = np.isin(balance.run, [n for n, k in enumerate(logs) if k in held]) if held else (balance.block // 2) % 2 == 1
+    if test.all() or not test.any():
+        use = "fit" if test.all() else "test"
+        group = f" with the group '{test_group}' held out" if held else ""
+        raise LogError(f"joint '{joint}': no torque is left to {use} on{group}; record more runs or longer ones.")
     terms, torques = balance.terms, balance.torques
-    fitted, test = (balance.block // 2) % 2 == 0, (balance.block // 2) % 2 == 1
-    nominal = np.array([1.0, 1.0, *models[0][2:]])
-    believed = np.array([*models[0][:2], 1.0, 1.0, 1.0])
+    fitted = balance.only(~test)
+    first = next(iter(models.values()))
+    nominal = np.array([1.0, 1.0, *first[2:]])
+    believed = np.array([*first[:2], 1.0, 1.0, 1.0])
     errors = {"nominal": _error(terms[test] @ nominal - torques[test, AT_ONCE])}
-    retuned = balance.fit(AT_ONCE, fitted)
-    errors["retuned"] = _error(terms[test] @ retuned - torques[test, AT_ONCE])
-    found = torque_shift(balance)
-    extended = balance.fit(found.index, fitted)
+    errors["retuned"] = _error(terms[test] @ fitted.fit(AT_ONCE) - torques[test, AT_ONCE])
+    found = torque_shift(fitted)
+    extended = fitted.fit(found.index)
     errors["extended"] = _error(terms[test] @ extended - torques[test, found.index])
     errors["noise_floor"] = Error(_noise(runs, joint), _noise(runs, joint) * 0.8)
 
     shift, same_side = found.seconds, found.same_side
-    low, high = sorted((abs(found.low), abs(found.high))) if found.low * found.high > 0.0 else (0.0, found.high)
+    low, high = found.size
     gain = 1.0 - errors["extended"].rmse / errors["retuned"].rmse
     causes: tuple[NamedCause, ...] = ()
     excess = max(errors["nominal"].rmse ** 2 - errors["noise_floor"].rmse ** 2, 1e-12)
@@ -64,7 +79,7 @@ def diagnose_torque(runs: Sequence[MeasuredRun], joint: str, findings: tuple[Fin
             f"The torque column {way} the motion columns by {1e3 * abs(shift):.0f} ms: torque and motion were not read "
             "at the same time."
         )
-        value = Value(abs(shift), float(low), float(high), "s", 0.0)
+        value = Value(abs(shift), low, high, "s", 0.0)
         share = max((errors["retuned"].rmse ** 2 - errors["extended"].rmse ** 2) / excess, 0.0)
         causes = (
             NamedCause(
@@ -100,13 +115,16 @@ def diagnose_torque(runs: Sequence[MeasuredRun], joint: str, findings: tuple[Fin
 
 
 def _nominal(run: MeasuredRun, joint: str) -> list[float]:
-    """Inertia [kg.m2], gravity torque [N.m], coulomb [N.m], viscous [N.m.s/rad] and offset [N.m]."""
-    model = JointModel(load_chain(run.actuators[joint]))
-    params = bench_parameters(run.robot_params, run.name)
-    friction = model.chain.find("friction")
+    """Inertia [kg.m2], gravity torque [N.m], coulomb [N.m], viscous [N.m.s/rad] and offset [N.m].
+
+    A torque-driven log need not name an actuator; without one, nothing is believed of friction and armature.
+    """
+    load, params = PendulumLoad(), bench_parameters(run.robot_params, run.name)
+    chain = load_chain(run.actuators[joint]) if joint in run.actuators else None
+    friction = chain.find("friction") if chain else None
     dry, viscous = (friction.coulomb, friction.viscous) if friction else (0.0, 0.0)
-    inertia = model.load.inertia(params) + model.chain.armature()
-    return [inertia, model.load.gravity_torque(params), dry, viscous, 0.0]
+    inertia = load.inertia(params) + (chain.armature() if chain else 0.0)
+    return [inertia, load.gravity_torque(params), dry, viscous, 0.0]
 
 
 def _noise(runs: Sequence[MeasuredRun], joint: str) -> float:
@@ -116,9 +134,11 @@ def _noise(runs: Sequence[MeasuredRun], joint: str) -> float:
         torque = run.joints[joint].torque
         if torque is not None and len(torque) > 3:
             jumps = np.diff(torque, 2)
-            values.append(
-                np.median(np.abs(jumps)) / 0.6745 / np.sqrt(6.0) / np.sqrt(max(WINDOW / run.period / 2.0, 1.0))
-            )
+            jumps = jumps[np.isfinite(jumps)]
+            if len(jumps):
+                values.append(
+                    np.median(np.abs(jumps)) / 0.6745 / np.sqrt(6.0) / np.sqrt(max(WINDOW / run.period / 2.0, 1.0))
+                )
     return float(np.median(values)) if values else 0.0
 
 

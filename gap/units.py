@@ -53,14 +53,11 @@ def cut(runs: Sequence[MeasuredRun], joint: str, test_group: str | None = None) 
     Raises:
         LogError: the test group does not exist, or nothing is left to fit on.
     """
-    groups = [str(run.meta.get("group", run.name)) for run in runs]
+    groups = _groups(runs)
     names = sorted(set(groups), key=groups.index)
-    if test_group is not None and test_group not in names:
-        raise LogError(f"there is no group '{test_group}' to test on; the logs have {', '.join(names)}.")
     if test_group is not None:
+        held_out(runs, test_group)
         rest = [name for name in names if name != test_group]
-        if not rest:
-            raise LogError(f"all runs are in the group '{test_group}'; nothing is left to fit on.")
         if len(rest) > 1:
             parts = {name: k % 2 for k, name in enumerate(rest)}
             return [
@@ -80,6 +77,26 @@ def cut(runs: Sequence[MeasuredRun], joint: str, test_group: str | None = None) 
         for k in range(len(runs))
         for piece in range(pieces)
     ]
+
+
+def held_out(runs: Sequence[MeasuredRun], group: str | None) -> frozenset[int]:
+    """Indices of the runs of a group that is kept for the test; none without a group.
+
+    Raises:
+        LogError: the group does not exist, or nothing is left to fit on.
+    """
+    if group is None:
+        return frozenset()
+    groups = _groups(runs)
+    if group not in groups:
+        raise LogError(f"there is no group '{group}' to test on; the logs have {', '.join(dict.fromkeys(groups))}.")
+    if set(groups) == {group}:
+        raise LogError(f"all runs are in the group '{group}'; nothing is left to fit on.")
+    return frozenset(k for k, name in enumerate(groups) if name == group)
+
+
+def _groups(runs: Sequence[MeasuredRun]) -> list[str]:
+    return [str(run.meta.get("group", run.name)) for run in runs]
 
 
 def _unit(runs: Sequence[MeasuredRun], k: int, joint: str, part: int, begin: float, end: float) -> Unit:

@@ -16,10 +16,12 @@ from gap.contact.leg_model import RIGID, LegModel
 from gap.contact.leg_problem import LegProblem, leg_problem
 from gap.contact.leg_replay import LegReplay
 from gap.contact.stances import column_noise, columns, find_stances, touchdowns
+from gap.diagnosis import diagnose
 from gap.diagnosis_files import fresh_folder, write_diagnosis
 from gap.fit import fit
-from gap.log_types import MeasuredSet
-from gap.verdict import NOT_IDENTIFIABLE
+from gap.log_types import LogError, MeasuredSet
+from gap.units import FIT_A, FIT_B, TEST
+from gap.verdict import NOT_IDENTIFIABLE, JointDiagnosis
 from tests.plant.hopper import JOINTS, hidden_hopper
 from tests.small_hopper import small_hopper
 
@@ -111,6 +113,42 @@ def test_a_slope_is_named_beside_play_in_the_belt() -> None:
     assert [cause.name for cause in ground.causes] == ["contact.slope"], ground.sentence
     slope = ground.causes[0].parameters["contact.slope"]
     assert slope.low <= 0.07 <= slope.high
+
+
+def test_stances_of_a_test_group_are_the_test_part_and_no_others() -> None:
+    data, _ = recorded()
+    leg, noise = leg_of(data), column_noise(data.runs)
+    stances = find_stances(data.runs, leg, noise)
+    kept = data.runs[1]
+    problem = leg_problem(data.runs, leg, stances, noise, kept.name)
+    assert {unit.run for unit in problem.units if unit.part == TEST} == {1}
+    assert {unit.part for unit in problem.units if unit.run == 0} == {FIT_A, FIT_B}
+    with pytest.raises(LogError, match="there is no group 'other' to test on"):
+        leg_problem(data.runs, leg, stances, noise, "other")
+
+
+def test_a_diagnosis_tells_the_ground_which_group_to_keep(monkeypatch: pytest.MonkeyPatch) -> None:
+    data, _ = recorded()
+    nothing = diagnose_ground([replace(run, base={}) for run in data.runs], [], 0, lambda text: None)
+    told: list[object] = []
+
+    def ground(*arguments: object) -> JointDiagnosis:
+        told.extend(arguments)
+        return nothing
+
+    monkeypatch.setattr("gap.contact.ground.diagnose_ground", ground)
+    monkeypatch.setattr("gap.diagnosis._joint", lambda *arguments: nothing)
+    diagnose(data, data.runs[1].name)
+    assert told[-1] == data.runs[1].name
+
+
+def test_a_group_with_too_few_stances_to_test_on_is_named() -> None:
+    data, _ = recorded()
+    short = data.runs[1]
+    still = replace(short, base={**short.base, "z": np.full(len(short.time), 0.17)})
+    found = diagnose_ground([data.runs[0], still], [], 0, lambda text: None, short.name)
+    assert found.verdict == NOT_IDENTIFIABLE
+    assert f"0 are in the group '{short.name}'" in found.sentence
 
 
 def test_a_log_without_the_height_of_its_base_says_what_to_record() -> None:

@@ -20,7 +20,7 @@ from gap.log_checks.finding import Finding
 from gap.log_types import LogError, MeasuredRun
 from gap.parameters import Parameter
 from gap.search import Searcher
-from gap.units import FIT_A, FIT_B
+from gap.units import FIT_A, FIT_B, held_out
 from gap.verdict import NOT_IDENTIFIABLE, JointDiagnosis
 
 GROUND = "ground"
@@ -35,7 +35,11 @@ VISIBLE = 0.1  # mean squared change of the errors, in parts of the noise, from 
 
 
 def diagnose_ground(
-    runs: Sequence[MeasuredRun], joints: Sequence[JointDiagnosis], seed: int, progress: Callable[[str], None]
+    runs: Sequence[MeasuredRun],
+    joints: Sequence[JointDiagnosis],
+    seed: int,
+    progress: Callable[[str], None],
+    test_group: str | None = None,
 ) -> JointDiagnosis:
     """Diagnose the ground under a leg whose joints have been diagnosed.
 
@@ -44,10 +48,12 @@ def diagnose_ground(
         joints: their diagnoses; the ground is sought with the actuators as these found them.
         seed: of all resampling.
         progress: is told what goes on.
+        test_group: group of runs that no fit and no choice may see.
 
     Raises:
-        SealegsError: the sidecar's numbers are none of the robot's.
+        SealegsError: the sidecar's numbers are none of the robot's, or the test group does not exist.
     """
+    held = held_out(runs, test_group)
     if any("z" not in run.base for run in runs):
         return _unknown("the height of the base was not logged; record it as base.z (a boom encoder or a camera).")
     if any(dict(run.robot_params) != dict(runs[0].robot_params) for run in runs):
@@ -64,7 +70,13 @@ def diagnose_ground(
             f"the leg left the ground {len(stances)} times for long enough, and {FEWEST} stances are needed; "
             "let it hop for longer."
         )
-    problem = leg_problem(runs, leg, stances, noise)
+    tested = sum(stance.run in held for stance in stances)
+    if held and (tested < FEWEST // 3 or len(stances) - tested < FEWEST - FEWEST // 3):
+        return _unknown(
+            f"of {len(stances)} stances {tested} are in the group '{test_group}'; {FEWEST // 3} are needed there to "
+            f"test on and {FEWEST - FEWEST // 3} in the others to fit on."
+        )
+    problem = leg_problem(runs, leg, stances, noise, test_group)
     progress(f"replaying {len(stances)} stances")
     numbers = tuple(ground_numbers(leg))
     problem = problem.weighed(_pilot(problem, numbers))

@@ -18,7 +18,7 @@ from gap.contact.leg_replay import STEP, LegReplay
 from gap.contact.stances import COLUMNS, Stance, columns
 from gap.log_types import MeasuredRun
 from gap.problem import FLAT, Problem
-from gap.units import Unit
+from gap.units import ENOUGH_RUNS, TEST, Unit, held_out
 
 FIRST = 0.015  # [s] of a piece that is not judged: the start state was fitted to it
 MODEL = np.array([1.5e-4, 2e-4, 1e-3, 1e-3])
@@ -120,18 +120,29 @@ class LegProblem(Problem):
         return out
 
 
-def leg_problem(runs: Sequence[MeasuredRun], leg: LegModel, stances: Sequence[Stance], noise: np.ndarray) -> LegProblem:
+def leg_problem(
+    runs: Sequence[MeasuredRun],
+    leg: LegModel,
+    stances: Sequence[Stance],
+    noise: np.ndarray,
+    test_group: str | None = None,
+) -> LegProblem:
     """Lay stances out; they are dealt to the parts in turn, by runs where there are enough of them.
+
+    With a test group, its stances are the test part, and the others are dealt to the two parts that are fitted.
 
     Args:
         runs: of one machine.
         leg: nominal, with its joints as diagnosed.
         stances: of :func:`gap.contact.stances.find_stances`.
         noise: rms error of a sample of each judged column (4,), NaN where it was not logged.
+        test_group: group of runs to keep for the test.
+
+    Raises:
+        LogError: the test group does not exist, or nothing is left to fit on.
     """
+    parts = _dealt(stances, held_out(runs, test_group))
     replayer = LegReplay(leg, runs, stances, STEP)
-    used = sorted({stance.run for stance in stances})
-    by_run = len(used) >= 6
     units, columns_, blocks, starts = [], [], [], [0]
     table: dict[str, list[np.ndarray]] = {"time": [], "goal": []}
     for k, stance in enumerate(stances):
@@ -139,7 +150,7 @@ def leg_problem(runs: Sequence[MeasuredRun], leg: LegModel, stances: Sequence[St
         time = run.time[part]
         first = int(np.searchsorted(time, time[0] + FIRST))
         units.append(
-            Unit(stance.run, (used.index(stance.run) if by_run else k) % 3, stance.start, stance.stop, first,
+            Unit(stance.run, parts[k], stance.start, stance.stop, first,
                  (float(stance.state[0]), float(stance.state[4])))
         )  # fmt: skip
         table["time"].append(time - run.time[0])
@@ -161,6 +172,18 @@ def leg_problem(runs: Sequence[MeasuredRun], leg: LegModel, stances: Sequence[St
         trust=np.ones((n, len(COLUMNS))), models=(leg,), step=STEP, replayer=replayer,  # type: ignore[arg-type]
         rows=tuple(range(len(stances))), whitening=whitening, correction=correction, **flat,
     )  # fmt: skip
+
+
+def _dealt(stances: Sequence[Stance], held: frozenset[int]) -> list[int]:
+    """The part of each stance: test for those of the runs held out, the others in turn or by runs."""
+    others = [k for k, stance in enumerate(stances) if stance.run not in held]
+    used = sorted({stances[k].run for k in others})
+    by_run = len(used) >= ENOUGH_RUNS
+    count = 2 if held else 3  # FIT_A and FIT_B, and TEST where no group is held out for it
+    parts = [TEST] * len(stances)
+    for n, k in enumerate(others):
+        parts[k] = (used.index(stances[k].run) if by_run else n) % count
+    return parts
 
 
 def _weigh(

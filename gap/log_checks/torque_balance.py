@@ -19,6 +19,9 @@ SHIFTS = np.arange(-40, 41) * STEP  # [s] tried: the motion of now against the t
 BLOCK = 0.5  # [s] errors closer than this are taken as one observation
 SLIP = 0.05  # [rad/s] over which dry friction turns around
 DRAWS = 300
+SYSTEMATIC = 2e-3
+"""What the shift is off by on perfect data [s] (simulated logs: smoothing moves the reversals of friction)."""
+GAP = 0.03  # [s] without torque that a straight line bridges: a quarter of the window
 EVERY = 5  # grid points between two rows: neighbours within the window say the same
 TERMS = ("inertia [believed]", "gravity torque [believed]", "coulomb [N.m]", "viscous [N.m.s/rad]", "offset [N.m]")
 
@@ -31,17 +34,23 @@ class TorqueBalance:
         terms: torque of the believed inertia and of the believed gravity [N.m], direction, speed and one, averaged
             (m, 5).
         torques: logged torque, averaged, at every one of :data:`SHIFTS` (m, shifts).
-        block: number of the block of each row (m,).
+        block: number of the block of each row (m,), counted from zero.
+        run: index of the run of each row (m,).
     """
 
     terms: Array
     torques: Array
     block: np.ndarray
+    run: np.ndarray
 
-    def fit(self, shift: int, rows: np.ndarray | None = None) -> Array:
-        """Numbers of :data:`TERMS` that explain the torque at a shift best, on some rows (5,)."""
-        use = slice(None) if rows is None else rows
-        return np.asarray(np.linalg.lstsq(self.terms[use], self.torques[use, shift], rcond=None)[0], dtype=np.float64)
+    def only(self, rows: np.ndarray) -> TorqueBalance:
+        """The balance of some rows: what is not in it cannot be seen by accident."""
+        _, block = np.unique(self.block[rows], return_inverse=True)
+        return TorqueBalance(self.terms[rows], self.torques[rows], block, self.run[rows])
+
+    def fit(self, shift: int) -> Array:
+        """Numbers of :data:`TERMS` that explain the torque at a shift best (5,)."""
+        return np.asarray(np.linalg.lstsq(self.terms, self.torques[:, shift], rcond=None)[0], dtype=np.float64)
 
     def r2(self, shift: int) -> float:
         """Share of the torque's variance that the best numbers explain at a shift."""
@@ -56,7 +65,7 @@ class Shift:
 
     Attributes:
         seconds: positive where the column is ahead of the motion, negative where it is late [s].
-        low, high: 95 % interval from resampled blocks [s]. It does not cover the choice of :data:`WINDOW`.
+        low, high: 95 % interval from resampled blocks [s].
         index: of the nearest of :data:`SHIFTS`.
         same_side: share of the resamplings with this sign.
     """
@@ -66,6 +75,15 @@ class Shift:
     high: float
     index: int
     same_side: float
+
+    @property
+    def size(self) -> tuple[float, float]:
+        """95 % interval of the absolute value, widened by :data:`SYSTEMATIC` [s].
+
+        It does not cover the choice of :data:`WINDOW`.
+        """
+        low, high = sorted((abs(self.low), abs(self.high)))
+        return (max(low - SYSTEMATIC, 0.0) if self.low * self.high > 0.0 else 0.0), high + SYSTEMATIC
 
 
 AT_ONCE = int(np.argmin(np.abs(SHIFTS)))
@@ -78,21 +96,24 @@ def torque_balance(
     """Return the balance of all runs together.
 
     Args:
-        runs: time [s], position [rad] and torque [N.m] of each, all (n,).
+        runs: time [s], position [rad] and torque [N.m] of each, all (n,); torque is NaN where none was logged, and no
+            row reaches into more than :data:`GAP` of that.
         loads: believed inertia [kg.m2] and gravity torque at a quarter turn [N.m] of each.
 
     Returns:
         None where all runs are too short.
     """
     shortest = 4.0 * (WINDOW + len(SHIFTS) * STEP)
-    pieces = [
-        _weak_form(*run, *load) for run, load in zip(runs, loads, strict=True) if run[0][-1] - run[0][0] > shortest
-    ]
-    if not pieces:
+    pieces = {
+        k: _weak_form(*run, *load)
+        for k, (run, load) in enumerate(zip(runs, loads, strict=True))
+        if run[0][-1] - run[0][0] > shortest
+    }
+    if not any(len(piece[2]) for piece in pieces.values()):
         return None
-    terms, torques = (np.concatenate([piece[k] for piece in pieces]) for k in (0, 1))
-    _, block = np.unique(np.concatenate([p[2] + 100_000 * k for k, p in enumerate(pieces)]), return_inverse=True)
-    return TorqueBalance(terms, torques, block)
+    terms, torques = (np.concatenate([piece[k] for piece in pieces.values()]) for k in (0, 1))
+    _, block = np.unique(np.concatenate([p[2] + 100_000 * k for k, p in pieces.items()]), return_inverse=True)
+    return TorqueBalance(terms, torques, block, np.repeat(list(pieces), [len(piece[2]) for piece in pieces.values()]))
 
 
 def torque_shift(balance: TorqueBalance) -> Shift:
@@ -128,6 +149,7 @@ def _weak_form(
     time: Array, position: Array, torque: Array, inertia: float, gravity: float
 ) -> tuple[Array, Array, np.ndarray]:
     """Terms (m, 5), torque at every shift (m, shifts) and block (m,) of one run."""
+    torque = _bridged(time, torque)
     grid = np.arange(time[0], time[-1], STEP)
     angle = np.interp(grid, time, position)
     half = int(WINDOW / STEP / 2)
@@ -148,7 +170,25 @@ def _weak_form(
         speed,
         np.ones_like(grid),
     ]
-    shifted = [averaged(np.interp(grid - shift, time, torque), window) for shift in SHIFTS]
+    shifted = np.stack([averaged(np.interp(grid - shift, time, torque), window) for shift in SHIFTS], axis=1)
     inside = np.arange(half + len(SHIFTS), len(grid) - half - len(SHIFTS), EVERY)
+    inside = inside[np.isfinite(shifted[inside]).all(axis=1)]  # a missing torque makes all that it touches NaN
     block = ((grid[inside] - grid[0]) / BLOCK).astype(int)
-    return np.stack(columns, axis=1)[inside], np.stack(shifted, axis=1)[inside], block
+    return np.stack(columns, axis=1)[inside], shifted[inside], block
+
+
+def _bridged(time: Array, torque: Array) -> Array:
+    """The torque (n,) with straight lines over missing values, NaN where they last longer than :data:`GAP`."""
+    known = np.flatnonzero(np.isfinite(torque))
+    if len(known) == len(torque):
+        return torque
+    before = np.searchsorted(known, np.arange(len(torque)), side="right") - 1
+    after = np.searchsorted(known, np.arange(len(torque)))
+    near = (before >= 0) & (after < len(known))
+    length = np.full(len(torque), np.inf)
+    length[near] = time[known[after[near]]] - time[known[before[near]]]
+    bridge = near & (length <= GAP)  # a known value lies between itself and itself
+    out = np.full(len(torque), np.nan)
+    if bridge.any():
+        out[bridge] = np.interp(time[bridge], time[known], torque[known])
+    return out
