@@ -57,6 +57,10 @@ class DrivenProblem(Problem):
         """The channel that is judged sample by sample, and its unit."""
         return CHANNELS[self.first], UNITS[CHANNELS[self.first]]
 
+    def motion(self, simulated: np.ndarray) -> np.ndarray:
+        """Position, speed and acceleration (n, 3): of the link as measured where the motor is rigid with it."""
+        return self.link if self.first else super().motion(simulated)
+
     def _replay(
         self,
         rows: slice,

@@ -86,6 +86,15 @@ class Problem:
         """The first channel, which is judged sample by sample, and its unit."""
         return "position", "rad"
 
+    def motion(self, simulated: np.ndarray) -> np.ndarray:
+        """Position, speed and acceleration (n, 3) [rad, rad/s, rad/s2] of the joint in a model (n, 4)."""
+        out = np.empty((len(self.time), 3))
+        for a, b in zip(self.starts[:-1], self.starts[1:], strict=True):
+            time, position = self.time[a:b], simulated[a:b, 0]
+            speed = np.gradient(position, time)
+            out[a:b] = np.stack([position, speed, np.gradient(speed, time)], axis=1)
+        return out
+
     def left_over(self, simulated: np.ndarray) -> float | None:
         """Mean squared error of a model (n, 4) beyond the noise, in parts of it, where the problem itself can tell."""
         del simulated

@@ -111,17 +111,17 @@ def _features(problem: Problem, simulated: np.ndarray) -> dict[str, np.ndarray]:
     """Signals that the learner sees, by the name that a person reads, each (n, columns)."""
     table: dict[str, list[np.ndarray]] = {}
     runs = np.array([unit.run for unit in problem.units])
+    motion, drive = problem.motion(simulated), simulated[:, problem.channels.index("duty")]
     for k, (a, b) in enumerate(zip(problem.starts[:-1], problem.starts[1:], strict=True)):
-        time, position = problem.time[a:b], simulated[a:b, 0]
-        speed = np.gradient(position, time)
+        time, (position, speed, acceleration), duty = problem.time[a:b], motion[a:b].T, drive[a:b]
         command = problem.goal[a:b] - position
         past = [np.maximum(np.searchsorted(time, time - ago), 0) for ago in PASTS]
         rows = {
             "position": [position],
             "speed": [speed, *(speed[p] for p in past)],
-            "acceleration": [np.gradient(speed, time)],
+            "acceleration": [acceleration],
             "position error": [command, *(command[p] for p in past)],
-            "duty": [simulated[a:b, 2], simulated[a:b, 2][past[1]]],
+            "duty": [duty, duty[past[1]]],
             "time since the start": [time],
             "temperature": [problem.temperature[a:b]],
             "which run": [np.full(b - a, float(runs[k]))],

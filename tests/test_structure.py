@@ -7,9 +7,12 @@ from typing import Any
 
 import numpy as np
 import pytest
+from scipy.ndimage import gaussian_filter1d
 
 from actuators.chain import load_chain
+from gap.driven import driven_problem
 from gap.joint_model import JointModel
+from gap.log_types import JointLog, MeasuredRun
 from gap.problem import Problem, lay_out
 from gap.structure import Structure, structure
 from gap.units import cut
@@ -73,3 +76,32 @@ def test_ticks_of_a_coarse_encoder_are_no_structure() -> None:
     coarse = np.round(problem.measured / tick) * tick
     weight = np.where(problem.weight > 0.0, np.sqrt(12.0) / tick, 0.0)
     assert not structure(replace(problem, measured=coarse, weight=weight), simulated).noticed
+
+
+@pytest.mark.parametrize("judged", ["torque", "current", "duty"])
+def test_a_rigid_driven_joint_is_told_by_its_link_and_by_its_own_duty(judged: str) -> None:
+    """Whichever column is judged, an error that follows the link's speed (or the duty) is traced to just that."""
+    rng = np.random.default_rng(0)
+    time = np.arange(0.0, 12.0, 0.005)
+    signals = dict.fromkeys(("torque", "current", "duty"), np.zeros(len(time)))
+    runs = []
+    for name in "abcdef":
+        phase = rng.uniform(0.0, 6.3, 2)
+        position = 0.6 * np.sin(1.9 * time + phase[0]) + 0.3 * np.sin(5.3 * time + phase[1])
+        log = JointLog(goal=position + 0.1, position=position, **{judged: signals[judged]})
+        runs.append(MeasuredRun(name, time, {"knee": log}, robot="dog", actuators={"knee": "sts3215"}))
+    models = [JointModel(load_chain("sts3215"))] * len(runs)
+    laid = driven_problem(runs, "knee", models, cut(runs, "knee"), 1e-3)
+    assert laid.channels[0] == judged
+    noise = 0.01
+    laid = replace(laid, weight=np.array([1.0 / noise, 0.0, 0.0, 0.0]))
+    # channels that have nothing to do with the motion: smooth, and each its own
+    simulated = np.stack([gaussian_filter1d(rng.standard_normal(len(laid.time)), 20.0) for _ in range(4)], axis=1)
+    measured = simulated.copy()
+    measured[:, 0] += noise * rng.standard_normal(len(laid.time))
+    speed, duty = laid.link[:, 1], simulated[:, laid.channels.index("duty")]
+    for cause, name in ((speed, "speed"), (duty, "duty")):
+        wrong = measured[:, :1] + 2.0 * noise * np.tanh(3.0 * cause / cause.std())[:, None]
+        found = structure(replace(laid, measured=np.concatenate([wrong, measured[:, 1:]], axis=1)), simulated)
+        assert found.depends_on and found.depends_on[0][0] == name
+        assert found.predicted > 0.8
