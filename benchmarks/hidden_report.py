@@ -88,6 +88,17 @@ def summary(rows: Sequence[dict[str, Any]]) -> str:
             f"- of these, {len(hollow)} hide no more than a nominal number may be wrong by (effect and error of the "
             f"number cancel), and count as missed all the same: {', '.join(row['key'] for row in hollow)}"
         )
+    alone = [row for row in rows if kind(row) in ("clear", "moderate", "faint")]
+    if absorbed := [row for row in alone if outcome(row) == "nothing"]:
+        most = max(row["gap"]["extended"] / row["gap"]["noise_floor"] for row in absorbed)
+        lines.append(
+            f"- where there was nothing to explain ({len(absorbed)}), the nominal model, its numbers re-tuned within "
+            f"their tolerance, is at most {most:.2f} noise floors from data that nothing was fitted to"
+        )
+    plain = [row for row in alone if kind(row) != "faint"]
+    if plain:
+        first = sum(set(row["effects"]) & set(named(row)[:1]) != set() for row in plain)
+        lines.append(f"- clear and moderate, right name first, with or without a rival: {first} of {len(plain)}")
     if nulls := [row for row in rows if kind(row) == "null"]:
         false = sum(len(named(row)) for row in nulls)
         quiet = sum(row["verdict"] == "nothing to explain" for row in nulls)
