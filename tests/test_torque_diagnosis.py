@@ -1,0 +1,145 @@
+"""Logs without commands: what the logged torque says, and what no fit of it may see."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from gap.diagnosis import diagnose
+from gap.log_checks.torque_balance import SYSTEMATIC, Shift
+from gap.log_types import JointLog, LogError, MeasuredRun, MeasuredSet
+from gap.torque_diagnosis import diagnose_torque
+from gap.verdict import JointDiagnosis
+
+MASS, LENGTH = 0.5, 0.12  # [kg], [m]
+TONES = np.array([[0.7, 0.31], [0.4, 0.83], [0.15, 1.9]])  # [rad], [Hz]
+
+
+def swung(name: str, delay: float = 0.0, seed: int = 0, group: str = "") -> MeasuredRun:
+    """A pendulum moved by hand for 12 s; the torque that it needs is logged late by a delay [s]."""
+    rng = np.random.default_rng(seed)
+    time = np.arange(0.0, 12.0, 0.005)
+    phase = rng.uniform(0.0, 2.0 * np.pi, len(TONES))
+
+    def motion(t: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        rate = 2.0 * np.pi * TONES[:, 1]
+        angle = rate * t[:, None] + phase
+        size = TONES[:, 0]
+        return (
+            (size * np.sin(angle)).sum(1),
+            (size * rate * np.cos(angle)).sum(1),
+            -(size * rate**2 * np.sin(angle)).sum(1),
+        )
+
+    q, speed, acceleration = motion(time - delay)
+    torque = MASS * LENGTH**2 * acceleration + MASS * 9.81 * LENGTH * np.sin(q) + 0.05 * np.tanh(speed / 0.1)
+    log = JointLog(
+        None,
+        motion(time)[0] + rng.normal(0.0, 3e-4, len(time)),
+        torque=torque + rng.normal(0.0, 0.005, len(time)),
+    )
+    return MeasuredRun(
+        name,
+        time,
+        {"servo": log},
+        robot_params={"mass": MASS, "length": LENGTH},
+        actuators={"servo": "sts3215"},
+        meta={"group": group or name},
+    )
+
+
+def with_torque(run: MeasuredRun, torque: np.ndarray | None) -> MeasuredRun:
+    return replace(run, joints={"servo": replace(run.joints["servo"], torque=torque)})
+
+
+def torque_of(run: MeasuredRun) -> np.ndarray:
+    torque = run.joints["servo"].torque
+    assert torque is not None
+    return torque.copy()
+
+
+def delay_of(found: JointDiagnosis) -> tuple[float, float, float]:
+    value = found.causes[0].parameters["torque.delay"]
+    return value.value, value.low, value.high
+
+
+RUNS = (swung("a", 0.010, 1), swung("b", 0.010, 2))
+
+
+@pytest.mark.parametrize("delay", [0.010, -0.010])
+def test_a_torque_out_of_step_is_found_with_an_interval_that_allows_for_the_method(delay: float) -> None:
+    value, low, high = delay_of(diagnose_torque([swung("a", delay, 1), swung("b", delay, 2)], "servo", ()))
+    assert value == pytest.approx(0.010, abs=SYSTEMATIC)
+    assert low <= value - SYSTEMATIC and high >= value + SYSTEMATIC
+    assert low <= 0.010 <= high
+
+
+def test_a_torque_log_needs_no_actuator() -> None:
+    found = diagnose_torque([replace(run, actuators={}) for run in RUNS], "servo", ())
+    assert delay_of(found)[0] == pytest.approx(0.010, abs=SYSTEMATIC)
+
+
+@pytest.mark.parametrize(("low", "high"), [(-0.012, 0.001), (-0.001, 0.012), (-0.012, 0.0)])
+def test_an_interval_across_zero_holds_the_size_of_its_own_value(low: float, high: float) -> None:
+    least, most = Shift(0.009 * np.sign(low + high), low, high, 0, 0.95).size
+    assert least == 0.0 and most == pytest.approx(0.012 + SYSTEMATIC)
+
+
+def test_empty_torque_cells_change_little() -> None:
+    whole = delay_of(diagnose_torque(RUNS, "servo", ()))
+    torque = torque_of(RUNS[0])
+    torque[[0, 500, 1500]] = np.nan
+    torque[900:1100] = np.nan
+    found = diagnose_torque([with_torque(RUNS[0], torque), RUNS[1]], "servo", ())
+    assert all(np.isfinite([error.rmse, error.mae]).all() for error in found.gap.values())
+    assert np.isfinite(found.unexplained) and "nan" not in found.sentence
+    assert delay_of(found)[0] == pytest.approx(whole[0], abs=SYSTEMATIC)
+
+
+def test_a_torque_logged_with_every_second_position_is_used() -> None:
+    runs = []
+    for run in RUNS:
+        torque = torque_of(run)
+        torque[1::2] = np.nan
+        runs.append(with_torque(run, torque))
+    assert delay_of(diagnose_torque(runs, "servo", ()))[0] == pytest.approx(0.010, abs=SYSTEMATIC)
+
+
+def test_a_run_whose_torque_is_stuck_is_left_out() -> None:
+    stuck = with_torque(RUNS[0], np.full(len(RUNS[0].time), 0.3))
+    (found,) = diagnose(MeasuredSet((stuck, RUNS[1]), "two"))
+    assert any(finding.code == "column.stuck" for finding in found.findings)
+    assert delay_of(found)[0] == pytest.approx(0.010, abs=SYSTEMATIC)
+    with pytest.raises(LogError, match="no run has a goal or a torque"):
+        diagnose_torque([with_torque(run, None) for run in RUNS], "servo", ())
+
+
+def test_nothing_that_is_found_depends_on_a_group_kept_for_the_test() -> None:
+    last = (swung("c", 0.010, 3), swung("c", 0.025, 3))
+    one, two = (diagnose(MeasuredSet((*RUNS, kept), "three"), "c")[0] for kept in last)
+    assert one.causes[0].parameters == two.causes[0].parameters
+    assert one.retuned == two.retuned
+    assert one.gap["extended"] != two.gap["extended"]
+
+
+def test_the_seconds_kept_for_the_test_choose_no_shift() -> None:
+    spoilt = []
+    for run in RUNS:
+        torque = torque_of(run)
+        inside = np.abs(run.time % 2.0 - 1.5) < 0.35
+        spoilt.append(with_torque(run, np.where(inside, np.roll(torque, 4), torque)))
+    one, two = (diagnose_torque(runs, "servo", ()) for runs in (RUNS, spoilt))
+    assert one.causes[0].parameters == two.causes[0].parameters
+    assert two.gap["extended"].rmse > one.gap["extended"].rmse
+
+
+def test_an_unknown_test_group_is_refused() -> None:
+    with pytest.raises(LogError, match="there is no group 'd' to test on; the logs have a, b"):
+        diagnose(MeasuredSet(RUNS, "two"), "d")
+    with pytest.raises(LogError, match="all runs are in the group 'a'"):
+        diagnose_torque(RUNS[:1], "servo", (), "a")
+    untold = [RUNS[0], with_torque(RUNS[1], None)]
+    with pytest.raises(LogError, match="no torque is left to test on with the group 'b' held out"):
+        diagnose_torque(untold, "servo", (), "b")
