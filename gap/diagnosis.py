@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import dataclasses
 from collections.abc import Callable, Mapping, Sequence
 
 import numpy as np
@@ -294,18 +293,8 @@ def _value(
         float(value * before),
         float(low * before),
         float(high * before),
-        _unit(nominal, parameter.path.rstrip("*")),
+        nominal.unit(parameter.path.rstrip("*")),
         float(before),
-    )
-
-
-def _unit(nominal: JointModel, path: str) -> str:
-    name, key = path.split(".")
-    stage = nominal.chain.find(name)
-    return (
-        next((item.metadata.get("unit", "1") for item in dataclasses.fields(stage) if item.name == key), "1")
-        if stage
-        else "1"
     )
 
 

@@ -128,6 +128,13 @@ class JointModel:
             return float(getattr(_neutral(name), key))
         return getattr(stage, key)
 
+    def unit(self, path: str) -> str:
+        """Unit of a parameter of a stage by path; 1 where it has none."""
+        name, key = path.split(".")
+        stage = self.chain.find(name)
+        fields = dataclasses.fields(stage) if stage is not None else ()
+        return next((item.metadata.get("unit", "1") for item in fields if item.name == key), "1")
+
     def with_values(self, values: Mapping[str, float]) -> JointModel:
         """The joint with parameters set by path; stages that are missing are added where they belong.
 

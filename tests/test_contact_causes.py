@@ -101,6 +101,16 @@ def test_the_number_of_the_ground_is_recovered(name: str, path: str, truth: floa
     assert best.cost < 0.6 * fit(problem, ground_numbers(leg_of(recorded()[0]))).cost
 
 
+def test_every_number_of_the_ground_that_a_fit_may_turn_has_value_and_unit() -> None:
+    nominal = leg_of(small_hopper())
+    parameters = [p for cause in contact_causes() for variant in cause.variants for p in variant]
+    for parameter in [*parameters, *ground_numbers(nominal)]:
+        path = parameter.path.rstrip("*")
+        assert np.isfinite(nominal.value(path))
+        assert parameter.path.endswith("*") or nominal.unit(path) == parameter.unit
+    assert nominal.unit("contact.friction") == "1"
+
+
 def test_ground_beyond_a_stiffness_counts_as_rigid() -> None:
     leg = leg_of(recorded()[0])
     assert leg.compliance()[0] == 0.0

@@ -201,6 +201,18 @@ def test_a_duty_that_stops_updating_is_named_and_one_that_a_drive_holds_is_not()
         assert [finding for finding in check_set(data) if finding.data_error] == []
 
 
+def test_a_joint_at_rest_under_a_steady_duty_is_no_stuck_column() -> None:
+    run = clean().runs[0]
+    position, duty = signal(run, "position").copy(), signal(run, "duty").copy()
+    rest = slice(600, len(duty))
+    noise = np.random.default_rng(0).normal(0.0, 3.9e-4, len(duty))
+    position[rest], duty[rest] = TICK * np.round((position[600] + noise[rest]) / TICK), -0.016
+    time_ = run.time.copy()
+    time_[rest] = time_[600] + 4.0 * (time_[rest] - time_[600])  # a minute and a half
+    still = replace(with_log(run, position=position, duty=duty), time=time_)
+    assert "column.stuck" not in {finding.code for finding in check_run(still)}
+
+
 def test_a_joint_at_rest_makes_a_log_unusable() -> None:
     run = clean().runs[0]
     still = with_log(run, position=np.full_like(run.time, 0.3), velocity=np.zeros_like(run.time))

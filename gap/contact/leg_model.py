@@ -25,6 +25,7 @@ GROUND = {
     "contact.height": 0.0,  # [m] of the ground where x is zero
 }
 """Numbers of the ground by path, as they are unless the sidecar says otherwise."""
+UNITS = dict(zip(GROUND, ("1", "s", "N/m", "N.s/m", "rad", "m"), strict=True))
 NUMBERS = {"contact.friction": "floor_friction", "contact.time": "contact_time"}
 """Of these, the ones that are numbers of the robot's model."""
 
@@ -56,6 +57,10 @@ class LegModel:
     def value(self, path: str) -> float:
         """A number of the ground by path."""
         return float(self.ground[path])
+
+    def unit(self, path: str) -> str:
+        """Its unit."""
+        return UNITS[path]
 
     def with_fitted(self, values: Mapping[str, float]) -> LegModel:
         """The leg on another ground; a path that ends in ``*`` is a factor on this one's own value."""

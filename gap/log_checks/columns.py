@@ -39,7 +39,7 @@ def check_columns(joint: JointContext) -> Iterator[Finding]:
 
 
 def _stuck(joint: JointContext) -> Iterator[Finding]:
-    travel = np.concatenate([[0.0], np.cumsum(np.abs(np.diff(joint.motion[0])))])
+    position = joint.motion[0]
     enabled = joint.log.enabled is None or joint.log.enabled >= 0.5
     for signal in ("velocity", "link_position", "duty", "current", "torque"):
         values = getattr(joint.log, signal)
@@ -54,7 +54,8 @@ def _stuck(joint: JointContext) -> Iterator[Finding]:
         starts = np.flatnonzero(np.concatenate([[True], values[1:] != values[:-1]]))
         ends = np.concatenate([starts[1:], [len(values)]]) - 1
         length = joint.time[ends] - joint.time[starts]
-        moved = travel[ends] - travel[starts]
+        # from end to end: along its way, the noise of a joint at rest adds up
+        moved = np.maximum.reduceat(position, starts) - np.minimum.reduceat(position, starts)
         held = _at_an_end(np.abs(values[starts])) if signal == "duty" else False
         off = ~(np.broadcast_to(enabled, values.shape)[starts])
         # Dry friction holds a torque, so only motion well beyond noise shows that a column no longer follows.
