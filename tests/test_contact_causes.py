@@ -102,7 +102,7 @@ def test_the_number_of_the_ground_is_recovered(name: str, path: str, truth: floa
 
 
 def test_every_number_of_the_ground_that_a_fit_may_turn_has_value_and_unit() -> None:
-    nominal = leg_of(small_hopper())
+    nominal = leg_of(recorded()[0])
     parameters = [p for cause in contact_causes() for variant in cause.variants for p in variant]
     for parameter in [*parameters, *ground_numbers(nominal)]:
         path = parameter.path.rstrip("*")
