@@ -83,7 +83,7 @@ def test_a_rigid_driven_joint_is_told_by_its_link_and_by_its_own_duty(judged: st
     """Whichever column is judged, an error that follows the link's speed (or the duty) is traced to just that."""
     rng = np.random.default_rng(0)
     time = np.arange(0.0, 12.0, 0.005)
-    signals = dict.fromkeys(("torque", "current", "duty"), np.zeros(len(time)))
+    signals: dict[str, np.ndarray] = dict.fromkeys(("torque", "current", "duty"), np.zeros(len(time)))
     runs = []
     for name in "abcdef":
         phase = rng.uniform(0.0, 6.3, 2)
