@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 from scipy.interpolate import make_smoothing_spline
 
+from actuators import load_chain
 from gap.checks import Finding, check_run, check_set, merged, noise_floor, unusable
 from gap.log_types import JointLog, MeasuredRun, MeasuredSet
 from tests.plant import NOISE_FLOOR, hidden_bench
@@ -199,6 +200,15 @@ def test_a_duty_that_stops_updating_is_named_and_one_that_a_drive_holds_is_not()
     for size in ("clear", "moderate"):  # in slow motion, such a drive gives its least duty for half a second
         data = hidden_bench({"drive.minimum_duty": size}, 5, load=("light", "medium", "heavy"))[0]
         assert [finding for finding in check_set(data) if finding.data_error] == []
+
+
+def test_a_duty_that_should_be_at_its_limit_throughout_tells_no_unit() -> None:
+    """With a stiff controller and a late command the chain expects its limit at every moment, the servo does not."""
+    run = clean().runs[0]
+    stiff = load_chain("sts3215").with_value("position_p.gain", 3000.0).to_list()
+    error = signal(run, "goal") - signal(run, "position")
+    run = replace(with_log(run, duty=np.round(0.2 * np.tanh(50.0 * error), 3)), actuators={JOINT: stiff})
+    assert [finding.code for finding in check_run(run) if finding.code == "unit.duty"] == []
 
 
 def test_a_joint_at_rest_under_a_steady_duty_is_no_stuck_column() -> None:

@@ -37,9 +37,15 @@ def check_drive(joint: JointContext) -> Iterator[Finding]:
         )  # fmt: skip
     if (chain := _chain(joint)) is None:
         return
-    for signal, expected in (("duty", _duty(joint, chain)), ("current", _current(joint, chain))):
+    duty = _duty(joint, chain)
+    for signal, expected in (("duty", duty), ("current", _current(joint, chain))):
         values = getattr(joint.log, signal)
-        if values is not None and expected is not None and (ratio := _ratio(values, expected)) is not None:
+        if duty is None or values is None or expected is None or (ratio := _ratio(values, expected)) is None:
+            continue
+        if not _named(signal, ratio):  # a duty at its limit has no scale: a late command may hold it there throughout
+            free = np.abs(duty) < 0.98 * np.max(np.abs(duty))
+            ratio = _ratio(values[free], expected[free])
+        if ratio is not None:
             yield from _finding(joint, signal, ratio)
     supply, voltage = chain.find("supply"), joint.log.voltage
     if supply is not None and voltage is not None and np.isfinite(voltage).any():
@@ -77,6 +83,12 @@ def _ratio(values: Array, expected: Array) -> float | None:
     if len(a) < 100 or np.ptp(a) == 0.0 or np.ptp(b) == 0.0 or np.corrcoef(a, b)[0, 1] ** 2 < ALIKE:
         return None
     return float(a @ b / (b @ b))
+
+
+def _named(signal: str, ratio: float) -> bool:
+    """Whether a ratio is that of a right column, of the other sign, or of a unit that is known."""
+    sizes = [abs(ratio), *(ratio / size for size in UNITS[signal].values())]
+    return any(RIGHT[0] < size < RIGHT[1] for size in sizes)
 
 
 def _finding(joint: JointContext, signal: str, ratio: float) -> Iterator[Finding]:
