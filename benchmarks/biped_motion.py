@@ -10,9 +10,9 @@ from typing import Any
 import imageio.v2 as imageio
 import numpy as np
 
-from agents.config import read_config
 from agents.make_env import make_single_env
 from agents.policy_files import load_policy
+from benchmarks.learning import asked
 from envs.batch import BatchEngine
 from envs.biped.task import TOUCH, BipedTask, soles
 from envs.contract import task_of
@@ -53,8 +53,7 @@ def load(policy: Path) -> tuple[dict[str, Any], Any, Act]:
 
 def reference_gait(training: Sequence[str]) -> tuple[dict[str, Any], Any, Act]:
     """The same of the gait that is corrected, with nobody to correct it."""
-    config = read_config(training).config
-    assert config is not None
+    config = asked(training)
     return at_own_step(config.env), config.actuator, lambda observation: np.zeros((len(observation), 4))
 
 

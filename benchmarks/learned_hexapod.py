@@ -12,9 +12,8 @@ from typing import Any
 
 import numpy as np
 
-from agents.config import read_config
 from agents.policy_files import load_policy
-from benchmarks.learning import Bar
+from benchmarks.learning import Bar, asked
 from envs.batch import BatchEngine
 from envs.contract import task_of
 from envs.hexapod.env import CONTROL_RATE
@@ -33,8 +32,7 @@ MOST = 0.8
 
 def reference() -> dict[str, float]:
     """Figures of the reference gait, and the reward of an episode as in training."""
-    config = read_config(TRAINING).config
-    assert config is not None
+    config = asked(TRAINING)
     walk = config.env, config.actuator, _reference
     return _figures(*walk, SPEED) | {"reward": _reward(*walk)}
 

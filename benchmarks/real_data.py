@@ -12,6 +12,7 @@ import json
 import sys
 import tempfile
 import time
+from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
@@ -36,15 +37,15 @@ PUBLISHED = {
 """Mean absolute error [mrad] on the gain that was held out; CMA-ES on free runs of 6 s, best of three starts."""
 
 
-def recorded(machine: str, folder: str) -> MeasuredSet:
-    """The recordings of a machine as measured logs.
+def recorded(machine: str, folder: str, read: Callable[[Path], MeasuredSet] = read_measured) -> MeasuredSet:
+    """The recordings of a machine as measured logs, or what else ``read`` makes of their folder.
 
     Raises:
         SealegsError: the recordings are not there.
     """
     with tempfile.TemporaryDirectory() as target:
         CONVERTERS[machine](DATA / folder, Path(target))
-        return read_measured(Path(target))
+        return read(Path(target))
 
 
 def held_out(data: MeasuredSet, gain: int) -> tuple[dict[str, Any], JointDiagnosis]:

@@ -10,15 +10,13 @@ from __future__ import annotations
 import argparse
 import json
 import sys
-import tempfile
 import time
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
-from benchmarks.real_data import DATA, RESULTS
+from benchmarks.real_data import RESULTS, recorded
 from configs.script import run
-from gap.converters import CONVERTERS
 from gap.diagnosis import diagnose
 from gap.diagnosis_files import to_document
 from gap.log_types import MeasuredSet
@@ -26,17 +24,6 @@ from gap.long_log import read_bounded
 
 ROWS = 12_000  # that are replayed: 240 s
 COLUMNS = {"velocity.scale": "velocity over the derivative", "current.unsigned": "unsigned current"}
-
-
-def windows() -> MeasuredSet:
-    """Windows of every kind of motion.
-
-    Raises:
-        SealegsError: the recordings are not there.
-    """
-    with tempfile.TemporaryDirectory() as logs:
-        CONVERTERS["so101"](DATA / "so101_arm", Path(logs))
-        return read_bounded(Path(logs), ROWS)
 
 
 def only(data: MeasuredSet, joint: str) -> MeasuredSet:
@@ -97,7 +84,7 @@ def main(arguments: list[str]) -> None:
     parser.add_argument("--out", type=Path, default=RESULTS / "so101.jsonl", help="finished joints; the page beside it")
     kept = parser.parse_args(arguments).out
     rows = [json.loads(line) for line in kept.read_text().splitlines()] if kept.is_file() else []
-    data = windows()
+    data = recorded("so101", "so101_arm", lambda logs: read_bounded(logs, ROWS))
     for joint in data.runs[0].joints:
         if joint not in {item["joint"] for item in rows}:
             rows.append(row(data, joint))

@@ -161,10 +161,10 @@ def conclude(
     fitting = fitting or problem
     fitted, test = fitting.part(FIT_A, FIT_B), problem.part(TEST)
     retuned = fit(fitted, wide, evaluations=25)
-    tight = fit(fitted, search.tuned, middle(*search.base), evaluations=25)
     last = search.accepted[-1].fits if search.accepted else search.base
     parameters = search.parameters()
     extended = fit(fitted, parameters, middle(*last), evaluations=25)
+    tight = fit(fitted, search.tuned, middle(*search.base), evaluations=25) if search.accepted else extended
     models = {"nominal": {}, "retuned": retuned.values, "extended": extended.values}
     errors = {name: _error(test.position_error(test.simulate([values])[0])) for name, values in models.items()}
     noise = problem.noise
