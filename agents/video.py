@@ -4,7 +4,8 @@ from __future__ import annotations
 
 import itertools
 import math
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -12,6 +13,7 @@ import gymnasium
 import imageio.v2 as imageio
 import numpy as np
 
+from actuators.errors import SealegsError
 from envs.batch import BatchEngine
 
 FASTEST = 30  # pictures a second; drawing in software takes longer than the physics
@@ -40,6 +42,9 @@ def record_video(
 
     Returns:
         The episodes in the film, in order.
+
+    Raises:
+        SealegsError: pictures cannot be drawn or written here.
     """
     engine: BatchEngine = env.unwrapped.engine  # type: ignore[attr-defined]
     between = engine.dt / engine.goals_per_step
@@ -47,11 +52,14 @@ def record_video(
     episodes: list[Episode] = []
     goals, steps, total = itertools.count(), 0, 0.0
     observation, _ = env.reset(seed=seed)
-    with imageio.get_writer(file, fps=1.0 / (stride * between), macro_block_size=2) as film:
+    with _drawing():
+        film = imageio.get_writer(file, fps=1.0 / (stride * between), macro_block_size=2)
+    with film:
 
         def watch() -> None:
             if next(goals) % stride == 0:
-                film.append_data(np.asarray(env.render(), dtype=np.uint8))  # type: ignore[attr-defined]
+                with _drawing():
+                    film.append_data(np.asarray(env.render(), dtype=np.uint8))  # type: ignore[attr-defined]
 
         engine.watch = watch
         for _ in range(max(1, round(seconds / engine.dt))):
@@ -62,3 +70,17 @@ def record_video(
                 observation, _ = env.reset()
                 steps, total = 0, 0.0
     return [*episodes, Episode(steps * engine.dt, total, "cut by the film's end")] if steps else episodes
+
+
+@contextmanager
+def _drawing() -> Iterator[None]:
+    """OpenGL and ffmpeg fail in ways of their own; a full disk is no fault of theirs."""
+    try:
+        yield
+    except OSError:
+        raise
+    except Exception as error:
+        reason = str(error).strip().partition("\n")[0].rstrip(".") or type(error).__name__
+        raise SealegsError(
+            f"{reason}. Films need OpenGL (without a screen: MUJOCO_GL=egl or osmesa) and the ffmpeg of imageio-ffmpeg."
+        ) from error

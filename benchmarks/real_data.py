@@ -21,6 +21,7 @@ import numpy as np
 from actuators.errors import SealegsError
 from gap.converters import CONVERTERS
 from gap.diagnosis import diagnose
+from gap.diagnosis_files import to_document
 from gap.log import read_measured
 from gap.log_types import MeasuredSet
 from gap.units import TEST
@@ -57,17 +58,7 @@ def held_out(data: MeasuredSet, gain: int) -> tuple[dict[str, Any], JointDiagnos
         "verdict": found.verdict,
         "sentence": found.sentence,
         "mae": {name: 1e3 * error.mae for name, error in found.gap.items()},
-        "causes": [
-            {
-                "name": cause.name,
-                "share": cause.share,
-                "confidence": cause.confidence,
-                "rivals": list(cause.rivals),
-                "parameters": {path: [v.value, v.low, v.high, v.unit] for path, v in cause.parameters.items()},
-            }
-            for cause in found.causes
-            if cause.kind != "data"
-        ],
+        "causes": [cause for cause in to_document(found)["causes"] if cause["kind"] != "data"],
         "published": PUBLISHED[gain],
         "target": min(PUBLISHED[gain].values()),
         "runs": _per_run(found),
@@ -114,12 +105,21 @@ def page(rows: list[dict[str, Any]]) -> str:
     lines += [""]
     for row in rows:
         lines += [f"Gain {row['gain']}: {row['verdict']}. {row['sentence']}", ""]
-        for cause in row["causes"]:
-            values = ", ".join(f"{p} {v:.3g} [{a:.3g}, {b:.3g}] {u}" for p, (v, a, b, u) in cause["parameters"].items())
-            rivals = f"; rivals: {', '.join(cause['rivals'])}" if cause["rivals"] else ""
-            lines.append(f"- `{cause['name']}`: {values}; confidence {cause['confidence']:.2f}{rivals}")
-        lines.append("")
+        lines += [*cause_lines(row["causes"]), ""]
     return "\n".join(lines)
+
+
+def cause_lines(causes: list[dict[str, Any]]) -> list[str]:
+    """Causes of a ``diagnosis.json`` with their numbers and rivals, one item of Markdown each."""
+    lines = []
+    for cause in causes:
+        values = ", ".join(
+            f"{path} {v['value']:.3g} [{v['low']:.3g}, {v['high']:.3g}] {v['unit']}"
+            for path, v in cause["parameters"].items()
+        )
+        rivals = f"; rivals: {', '.join(cause['rivals'])}" if cause["rivals"] else ""
+        lines.append(f"- `{cause['name']}`: {values}; confidence {cause['confidence']:.2f}{rivals}")
+    return lines
 
 
 def draw(found: dict[int, JointDiagnosis], data: MeasuredSet, path: Path) -> None:
@@ -173,7 +173,7 @@ def main(arguments: list[str] | None = None) -> int:
     print("\n" + page(rows))
     if not options.gains:
         RESULTS.mkdir(parents=True, exist_ok=True)
-        (RESULTS / "real_data.json").write_text(json.dumps(rows, indent=1) + "\n", encoding="utf-8")
+        (RESULTS / "real_data.json").write_text(json.dumps(rows, indent=1, default=float) + "\n", encoding="utf-8")
         (RESULTS / "real_data.md").write_text(page(rows), encoding="utf-8")
         draw({row["gain"]: found for row, found in results}, data, RESULTS / "real_data.png")
     return 0

@@ -15,7 +15,7 @@ from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
-from benchmarks.real_data import RESULTS, recorded
+from benchmarks.real_data import RESULTS, cause_lines, recorded
 from configs.script import run
 from gap.diagnosis import diagnose
 from gap.diagnosis_files import to_document
@@ -67,14 +67,7 @@ def page(rows: list[dict[str, Any]]) -> str:
         errors = [f"{item['error'][name]:.1f}" if item["error"] else "-" for name in ("nominal", "retuned", "extended")]
         lines.append(f"| {item['joint']} | {item['verdict']} | {' | '.join(errors)} | {causes} | {columns or '-'} |")
     for item in rows:
-        lines += ["", f"**{item['joint']}**: {item['sentence']}", ""]
-        for cause in item["causes"]:
-            values = ", ".join(
-                f"{path} {v['value']:.3g} [{v['low']:.3g}, {v['high']:.3g}] {v['unit']}"
-                for path, v in cause["parameters"].items()
-            )
-            rivals = f"; rivals: {', '.join(cause['rivals'])}" if cause["rivals"] else ""
-            lines.append(f"- `{cause['name']}`: {values}{rivals}")
+        lines += ["", f"**{item['joint']}**: {item['sentence']}", "", *cause_lines(item["causes"])]
     return "\n".join(lines) + "\n"
 
 

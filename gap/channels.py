@@ -11,6 +11,7 @@ calibration allow.
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import replace
 
 import numpy as np
@@ -23,6 +24,7 @@ from gap.units import FIT_A, FIT_B
 
 AGREES = 0.8  # least correlation of a channel with what the re-tuned model predicts
 SLOPE = (0.5, 2.0)  # measured over predicted size: beyond it the column has another unit or another meaning
+LAG = 0.05  # of a sample period: by which a column may be later than the time stamp of its row
 DOUBT = 0.02  # calibration error of a column, as a share of its rms
 
 
@@ -35,7 +37,9 @@ def weigh_channels(problem: Problem) -> Problem:
     logged = [c for c in range(1, len(problem.channels)) if np.isfinite(fitted.measured[:, c]).mean() > 0.5]
     if not logged:
         return problem
-    simulated = fit(fitted, retunable(problem.models[0])).simulated
+    tuned = fit(fitted, retunable(problem.models[0]))
+    simulated = tuned.simulated
+    late = _late_or_early(problem, tuned.values)
     weight, trust = problem.weight.copy(), problem.trust.copy()
     for c in logged:
         if problem.channels[c] == "link_position":
@@ -48,11 +52,27 @@ def weigh_channels(problem: Problem) -> Problem:
         noise, timing = _noise(measured, predicted)
         weight[c] = 1.0 / noise
         change = _change(problem.means(problem.measured[:, c]))
-        share = noise / np.sqrt(noise**2 + (timing * np.nan_to_num(change)) ** 2)
+        doubt = np.hypot(timing * np.nan_to_num(change), problem.means(late[:, c]))
+        share = noise / np.hypot(noise, doubt)
         rows = np.flatnonzero(problem.group >= 0)
         _, number = np.unique(problem.group[rows], return_inverse=True)
         trust[rows, c] = share[number]
     return replace(problem, weight=weight, trust=trust)
+
+
+def _late_or_early(problem: Problem, values: Mapping[str, float]) -> np.ndarray:
+    """How much the channels (n, 4) would differ at each sample if commands took effect a little sooner or later.
+
+    A drive reports what it set last. Where a command takes effect just as a sample is taken, that may be either.
+    """
+    nominal = problem.models[0].value("delay.seconds")
+    path = "delay.seconds*" if "delay.seconds*" in values else "delay.seconds"
+    here = values.get(path, nominal) * (nominal if path.endswith("*") else 1.0)
+    shift = LAG * float(np.median(np.diff(problem.time[: problem.starts[1]])))
+    around = [here + shift, max(here - shift, 0.0)]
+    rows = [{**values, path: seconds / nominal if path.endswith("*") else seconds} for seconds in around]
+    later, sooner = problem.simulate(rows)
+    return 0.5 * (later - sooner)
 
 
 def _agrees(measured: np.ndarray, predicted: np.ndarray) -> bool:

@@ -19,7 +19,6 @@ MOST_SAMPLES = 30_000
 CONVERGED = 2e-4  # relative improvement of the cost below which a fit ends
 TRIED = (0.1, 1.0, 20.0)  # dampings that each iteration tries, relative to the last one
 UNLIKELY = 3.84  # rise of the cost, in squared noise floors, that a true value exceeds in 5 % of cases
-CALIBRATION = 0.01  # relative error that columns and simulation share in all data
 CLOCK = 0.03  # of a sample period: what all time stamps are late or early by
 LONGEST = 10.0  # step of a parameter in one iteration, in units of its scale
 
@@ -31,7 +30,7 @@ class Fit:
     Attributes:
         values: parameters by path.
         simulated: channels of the problem it was fitted on (n, 4).
-        cost: mean squared weighted error on the fitted samples.
+        cost: mean loss (:mod:`gap.robust`) of the judged samples.
         at_bound: paths that ended at a bound.
     """
 
@@ -75,7 +74,7 @@ def fit(
     start = dict(start or {})
     if not parameters:
         simulated = problem.simulate([{}])[0]
-        return Fit({}, simulated, float(np.mean(problem.residual(simulated[None]) ** 2)))
+        return Fit({}, simulated, float(robust_loss(problem.residual(simulated[None])).mean()))
     low = np.array([p.to_fit(p.low) for p in parameters])
     high = np.array([p.to_fit(p.high) for p in parameters])
     u = np.array([p.to_fit(min(max(start.get(p.path, p.start), p.low), p.high)) for p in parameters])
@@ -91,16 +90,22 @@ def fit(
 
     here = errors(u[None])[0]
     cost, damping = float(robust_loss(here).sum()), 1e-3
+    both_sides = False  # differences to one side are cheaper and carry a fit most of its way
+    ahead: np.ndarray | None = None
     for _ in range(evaluations):
-        steps = np.where(u + reach <= high, reach, -reach)
-        jacobian = (errors(u[None] + np.diag(steps)) - here) / steps[:, None]
+        up = np.where(u + reach <= high, reach, -reach)
+        if ahead is None:
+            ahead = errors(u[None] + np.diag(up))
+        if both_sides:
+            back = np.where((u - up >= low) & (u - up <= high), up, 0.0)
+            jacobian = (ahead - errors(u[None] - np.diag(back))) / (up + back)[:, None]
+        else:
+            jacobian = (ahead - here) / up[:, None]
         weighted = jacobian * robust_weight(here)
         slope, curvature = weighted @ here, weighted @ jacobian.T
         free = ~(((u <= low + 1e-9) & (slope > 0.0)) | ((u >= high - 1e-9) & (slope < 0.0)))
-        if not free.any():
-            break
         improved = 0.0
-        for _ in range(2):
+        for _ in range(1 + both_sides if free.any() else 0):
             trials = np.stack([_step(u, slope, curvature, free, damping * more, low, high) for more in TRIED])
             # ripple in the Jacobian looks like curvature and shortens steps along a valley: also try further
             trials = np.concatenate([trials, np.clip(u + 3.0 * (trials[:1] - u), low, high)])
@@ -109,17 +114,19 @@ def fit(
             best = int(costs.argmin())
             if costs[best] < cost:
                 improved = (cost - costs[best]) / cost
-                u, here, cost = trials[best], tried[best], float(costs[best])
+                u, here, cost, ahead = trials[best], tried[best], float(costs[best]), None
                 damping = min(max(damping * (*TRIED, 0.1)[best], 1e-7), 1e6)
                 break
             damping *= 400.0
         if improved < CONVERGED:
-            break
+            if both_sides:
+                break
+            both_sides, damping = True, 1e-3
     best_values = values(u)
     simulated = problem.simulate([best_values])[0]
     edge = 1e-3 * (high - low)
     at_bound = tuple(p.path for k, p in enumerate(parameters) if min(u[k] - low[k], high[k] - u[k]) < edge[k])
-    return Fit(best_values, simulated, float(np.mean(problem.residual(simulated[None]) ** 2)), at_bound)
+    return Fit(best_values, simulated, float(robust_loss(problem.residual(simulated[None])).mean()), at_bound)
 
 
 def _step(
@@ -208,7 +215,7 @@ def intervals(
     for k, p in enumerate(parameters):
         value, least, most = (p.from_fit(x) for x in (u[k], lows[k], highs[k]))
         values = [fit.values[p.path] for fit in halves if p.path in fit.values]
-        shared = CLOCK * period if p.unit == "s" else CALIBRATION * abs(value)
+        shared = CLOCK * period if p.unit == "s" else problem.doubt(p.path) * abs(value)
         wide = float(np.linalg.norm([0.5 * (most - least), max(values) - min(values) if values else 0.0, shared]))
         found_intervals[p.path] = (max(min(least, value - wide), p.low), min(max(most, value + wide), p.high))
     return found_intervals

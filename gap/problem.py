@@ -20,6 +20,7 @@ BLOCK = 1.0  # [s] errors closer than this are taken as one observation, since t
 GROUP = (
     0.025  # [s] duty and current are compared as means over this long: a command that arrives a sample early is no gap
 )
+CALIBRATION = 0.01  # relative error that columns and simulation share in all data
 ROOM = 25.0  # [degC] of a motor whose temperature was not logged
 FLAT = (
     "time",
@@ -99,6 +100,16 @@ class Problem:
         """Mean squared error of a model (n, 4) beyond the noise, in parts of it, where the problem itself can tell."""
         del simulated
         return None
+
+    def beyond_noise(self, simulated: np.ndarray) -> float | None:
+        """Loss per judged value of a model (n, 4) beyond that of noise, where the problem itself can tell."""
+        del simulated
+        return None
+
+    def doubt(self, path: str) -> float:
+        """Relative error of a number that columns and simulation share in all data."""
+        del path
+        return CALIBRATION
 
     @property
     def noise(self) -> float:
@@ -190,6 +201,11 @@ class Problem:
         rows = np.flatnonzero(self.group >= 0)
         starts = np.flatnonzero(np.diff(self.group[rows], prepend=-1))
         return rows, starts, np.diff(np.append(starts, len(rows)))
+
+    @property
+    def groups(self) -> int:
+        """How many groups of samples are averaged."""
+        return len(self._groups[1])
 
     def means(self, signal: np.ndarray) -> np.ndarray:
         """Means (..., g) of a signal (..., n) over the groups of samples; NaN where one of them is missing."""

@@ -2,12 +2,13 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 
 import numpy as np
 
 from gap.causes import Cause, catalogue, retunable
+from gap.correlated import excess
 from gap.fit import Fit, fit, merge, middle
 from gap.parameters import Parameter
 from gap.problem import Problem
@@ -16,11 +17,13 @@ from gap.units import FIT_A, FIT_B
 
 KEEP = 10  # causes that are fitted roughly after the screen
 FINALISTS = 5  # causes that are fitted fully after that
-ROUGH = 3  # iterations of a rough fit
+ROUGH, FULL, APART = 3, 8, 4  # iterations of a rough fit, of the fit that follows it, and of those to each part
 MOST_CAUSES = 6
-FLOOR = 0.8  # squared error over that of the noise which the best model reaches: the noise is estimated with a margin
+HOPELESS = 1.5  # times the least error after one iteration: not tried further
+OUTRUN = 1.15  # times the error of a cause's better variant: not fitted fully
 # least squared error that a cause must remove, in parts of that of the noise: ripple of ticks and steps can do less
-SEEN = 0.06
+SEEN = 0.04
+LEFT = 0.04  # loss per value beyond that of the noise from which another cause is looked for
 SMALL, PROMISE = (
     0.3,
     0.015,
@@ -127,11 +130,11 @@ class Searcher:
         accepted: list[Candidate] = []
         rounds: list[Round] = []
         current, before = base, blocks
-        while len(accepted) < MOST_CAUSES and self._excess(before) > SEEN:
-            candidates = self._round(accepted, current, before)
+        while len(accepted) < MOST_CAUSES and (left := self._excess(current)) > LEFT:
+            candidates = self._round(accepted, current, before, left)
             if candidates:
                 current, before = self._challenged(accepted, candidates[0], current, before)
-                candidates = self._rank(candidates, before)
+                candidates = self._rank(candidates, before, self._excess(current))
             winner = candidates[0] if candidates else None
             pays = winner is not None and self._pays(winner, before) and (not accepted or winner.best > TOLD_APART)
             rounds.append(Round(before, tuple(candidates), bool(pays)))
@@ -150,7 +153,7 @@ class Searcher:
         What a better start of all else does is not its merit.
         """
         extended = merge(self.tuned, *(candidate.variant for candidate in accepted))
-        again = self._fit_both(extended, winner.fits)
+        again = self._fit_both(extended, middle(*winner.fits))
         blocks = self._judge(again)
         return (again, blocks) if blocks.sum() < before.sum() else (current, before)
 
@@ -167,9 +170,13 @@ class Searcher:
             return False
         return a * b > 0.0 and ALIKE < a / b < 1.0 / ALIKE
 
-    def _excess(self, blocks: np.ndarray) -> float:
-        """Squared error beyond that of the noise, in its parts."""
-        return float(blocks.sum() / self.counts.sum()) - FLOOR
+    def _excess(self, fits: tuple[Fit, Fit]) -> float:
+        """Loss per value beyond that of the noise, each part under the fit that did not see it."""
+        parts = [
+            (float(part.blocks()[1].sum()), excess(part, part.simulate([found.values])[0], self.seed))
+            for part, found in zip(reversed(self.parts), fits, strict=True)
+        ]
+        return sum(count * level for count, level in parts) / sum(count for count, _ in parts)
 
     def _pays(self, winner: Candidate, before: np.ndarray) -> bool:
         removed = float((before.sum() - winner.blocks.sum()) / self.counts.sum())
@@ -187,8 +194,12 @@ class Searcher:
             limit *= self.nominal.value(candidate.variant[0].path[:-1])
         return float(np.mean(np.abs(self.both.measured[:, duty]) > limit * 1.004)) > EXCEPTIONS
 
-    def _fit_both(self, parameters: Sequence[Parameter], start: tuple[Fit, Fit] | None) -> tuple[Fit, Fit]:
-        a, b = (fit(part, parameters, None if start is None else start[k].values) for k, part in enumerate(self.parts))
+    def _fit_both(
+        self, parameters: Sequence[Parameter], start: Mapping[str, float] | None, iterations: int = FULL
+    ) -> tuple[Fit, Fit]:
+        """Fits to the two parts, both from where a fit to all of it ends: less data hold more false minima."""
+        joint = fit(self.both, parameters, start, iterations)
+        a, b = (fit(part, parameters, joint.values, APART) for part in self.parts)
         return a, b
 
     def _judge(self, fits: tuple[Fit, Fit]) -> np.ndarray:
@@ -200,11 +211,13 @@ class Searcher:
             ]
         )
 
-    def _round(self, accepted: list[Candidate], current: tuple[Fit, Fit], before: np.ndarray) -> list[Candidate]:
+    def _round(
+        self, accepted: list[Candidate], current: tuple[Fit, Fit], before: np.ndarray, left: float
+    ) -> list[Candidate]:
         taken = {candidate.cause.name for candidate in accepted}
         extended = merge(self.tuned, *(candidate.variant for candidate in accepted))
         chosen, promise = self._screen([cause for cause in self.causes if cause.name not in taken], extended, current)
-        if self._excess(before) < SMALL and promise < PROMISE:
+        if left < SMALL and promise < PROMISE:
             return []
         for cause in dict.fromkeys(cause for cause, _ in chosen):  # the usual form of a cause is never left out
             if not any(variant == cause.variants[0] for other, variant in chosen if other is cause):
@@ -221,7 +234,14 @@ class Searcher:
                 chosen.append((cause, cause.variants[0]))
         self.progress(f"trying {', '.join(dict.fromkeys(cause.name for cause, _ in chosen))}")
         start = middle(*current)
-        rough = [(fit(self.both, merge(extended, variant), start, ROUGH), cause, variant) for cause, variant in chosen]
+        rough = [(fit(self.both, merge(extended, variant), start, 1), cause, variant) for cause, variant in chosen]
+        least = min(found.cost for found, _, _ in rough)
+        rough = [
+            (fit(self.both, merge(extended, variant), first.values, ROUGH - 1), cause, variant)
+            if first.cost < HOPELESS * least
+            else (first, cause, variant)
+            for first, cause, variant in rough
+        ]
         rough.sort(key=lambda row: row[0].cost * _form(row[1], row[2]))
         finalists = list(dict.fromkeys(cause.name for _, cause, _ in rough))[:FINALISTS]
         found: dict[str, Candidate] = {}
@@ -229,17 +249,17 @@ class Searcher:
         for start, cause, variant in rough:
             cost = start.cost * _form(cause, variant)
             usual = variant == cause.variants[0]  # which a rough fit may have left far from where it ends
-            if cause.name not in finalists or (cost > 1.3 * fitted.setdefault(cause.name, cost) and not usual):
+            if cause.name not in finalists or (cost > OUTRUN * fitted.setdefault(cause.name, cost) and not usual):
                 continue
-            fits = self._fit_both(merge(extended, variant), (start, start))
+            fits = self._fit_both(merge(extended, variant), start.values)
             candidate = Candidate(cause, variant, fits, self._judge(fits))
             if self._contradicted(candidate):
                 continue
             if cause.name not in found or _charge(candidate) < _charge(found[cause.name]):
                 found[cause.name] = candidate
-        return self._rank(list(found.values()), before)
+        return self._rank(list(found.values()), before, left)
 
-    def _rank(self, candidates: list[Candidate], before: np.ndarray) -> list[Candidate]:
+    def _rank(self, candidates: list[Candidate], before: np.ndarray, left: float) -> list[Candidate]:
         if not candidates:
             return []
         table = np.stack([candidate.blocks for candidate in candidates])
@@ -249,10 +269,10 @@ class Searcher:
         better = (totals < (weights @ before)[:, None]).mean(axis=0)
         totals = totals + SHARED * table.sum(axis=1).min() * rng.normal(size=totals.shape)
         best = np.bincount(totals.argmin(axis=1), minlength=len(candidates)) / DRAWS
-        excess = max(before.sum() - FLOOR * self.counts.sum(), 1e-9)
+        beyond = max(left * self.counts.sum(), 1e-9)
         ranked = [
             replace(
-                c, better=float(better[k]), best=float(best[k]), gain=float((before.sum() - c.blocks.sum()) / excess)
+                c, better=float(better[k]), best=float(best[k]), gain=float((before.sum() - c.blocks.sum()) / beyond)
             )
             for k, c in enumerate(candidates)
         ]

@@ -12,11 +12,10 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from gap.log_checks.signal import quantisation_step
+from gap.correlated import reading_error, shared
 from gap.problem import Problem
 
-MEMORY = 0.025  # [s] errors up to this far apart share what the model gets wrong
-NOTICED = 0.08  # structure over the noise's mean square from which it is reported; right models leave up to 0.06
+NOTICED = 0.05  # structure over the noise's mean square from which it is reported; right models leave up to 0.03
 FOLDS = 3  # parts of the pieces, each predicted from the others
 PASTS = (0.02, 0.06, 0.12)  # [s] how long ago the past values lie that the learner sees
 MOST_SAMPLES = 30_000  # for training; more teach it nothing
@@ -73,35 +72,12 @@ def structure(problem: Problem, simulated: np.ndarray, seed: int = 0) -> Structu
         return Structure(known, float(np.sqrt(known)) * problem.noise, unit=problem.signal[1])
     error = (simulated[:, 0] - problem.measured[:, 0]) / problem.noise
     error = np.where(problem.judged & np.isfinite(error), error, np.nan)
-    level = max(_shared(problem, error) - _shared(problem, _reading_error(problem, simulated, error, seed)), 0.0)
+    level = max(shared(problem, error) - shared(problem, reading_error(problem, simulated, error, seed)), 0.0)
     rms = float(np.sqrt(level)) * problem.noise
     if level <= NOTICED:
         return Structure(level, rms, unit=problem.signal[1])
     predicted, depends_on = _learn(problem, simulated, error, level, seed)
     return Structure(level, rms, predicted, depends_on, problem.signal[1])
-
-
-def _shared(problem: Problem, error: np.ndarray) -> float:
-    """What errors of one piece up to :data:`MEMORY` apart have in common: their mean product."""
-    period = float(np.median(np.diff(problem.time[: problem.starts[1]])))
-    total, count = 0.0, 0
-    for lag in range(1, max(round(MEMORY / period), 1) + 1):
-        for a, b in zip(problem.starts[:-1], problem.starts[1:], strict=True):
-            product = error[a + lag : b] * error[a : b - lag]
-            good = np.isfinite(product)
-            total, count = total + float(product[good].sum()), count + int(good.sum())
-    return total / count if count else 0.0
-
-
-def _reading_error(problem: Problem, simulated: np.ndarray, error: np.ndarray, seed: int) -> np.ndarray:
-    """Errors that a right model would leave (n,); a coarse encoder errs alike at each sample while little moves."""
-    step = quantisation_step(problem.measured[:, 0][problem.judged]) / problem.noise
-    if step <= 0.0:
-        return np.zeros(len(error))
-    spread = np.nanmean(error**2) - _shared(problem, error) - step**2 / 12.0
-    noise = np.sqrt(max(float(spread), 0.0)) * np.random.default_rng(seed).standard_normal(len(error))
-    position = simulated[:, 0] / problem.noise
-    return np.where(np.isfinite(error), np.round((position + noise) / step) * step - position, np.nan)
 
 
 # --- what it depends on --------------------------------------------------------------------------------------------

@@ -6,13 +6,14 @@ import functools
 from dataclasses import replace
 from pathlib import Path
 
+import mujoco
 import numpy as np
 import pytest
 
 from actuators.chain import load_chain
 from gap.contact.causes import contact_causes, ground_numbers
 from gap.contact.ground import GROUND, diagnose_ground
-from gap.contact.leg_model import RIGID, LegModel
+from gap.contact.leg_model import DEPTH, LegModel
 from gap.contact.leg_problem import LegProblem, leg_problem
 from gap.contact.leg_replay import LegReplay
 from gap.contact.stances import column_noise, columns, find_stances, touchdowns
@@ -85,14 +86,14 @@ def test_a_ground_as_believed_leaves_no_more_than_the_noise() -> None:
 @pytest.mark.parametrize(
     ("name", "path", "truth", "near"),
     [
-        ("contact.friction", "contact.friction*", 0.3, 0.1),
+        ("contact.friction", "contact.friction*", 0.3, 0.03),
         ("contact.slope", "contact.slope", 0.07, 0.006),
-        ("contact.stiffness", "contact.stiffness", 1500.0, 500.0),
+        ("contact.stiffness", "contact.stiffness", 1500.0, 100.0),
     ],
 )
 def test_the_number_of_the_ground_is_recovered(name: str, path: str, truth: float, near: float) -> None:
     problem = problem_of(recorded(name)[0])
-    cause = next(cause for cause in contact_causes() if cause.name == name)
+    cause = next(cause for cause in contact_causes(leg_of(recorded()[0])) if cause.name == name)
     fits = [
         fit(problem, [*ground_numbers(leg_of(recorded()[0])), *variant], evaluations=8) for variant in cause.variants
     ]
@@ -103,7 +104,7 @@ def test_the_number_of_the_ground_is_recovered(name: str, path: str, truth: floa
 
 def test_every_number_of_the_ground_that_a_fit_may_turn_has_value_and_unit() -> None:
     nominal = leg_of(recorded()[0])
-    parameters = [p for cause in contact_causes() for variant in cause.variants for p in variant]
+    parameters = [p for cause in contact_causes(nominal) for variant in cause.variants for p in variant]
     for parameter in [*parameters, *ground_numbers(nominal)]:
         path = parameter.path.rstrip("*")
         assert np.isfinite(nominal.value(path))
@@ -114,7 +115,25 @@ def test_every_number_of_the_ground_that_a_fit_may_turn_has_value_and_unit() -> 
 def test_ground_beyond_a_stiffness_counts_as_rigid() -> None:
     leg = leg_of(recorded()[0])
     assert leg.compliance()[0] == 0.0
-    assert leg.with_fitted({"contact.stiffness": 0.1 * RIGID}).compliance()[0] == 0.1 * RIGID
+    stiffness, _, _ = leg.with_fitted({"contact.stiffness": 4000.0}).compliance()
+    assert 1.0 / stiffness + 1.0 / leg.engine_stiffness() == pytest.approx(1.0 / 4000.0)
+
+
+def test_the_engines_own_contact_is_as_stiff_as_the_leg_says() -> None:
+    leg = leg_of(recorded()[0])
+    model = leg.drivetrain().model
+    data = mujoco.MjData(model)
+    height = int(model.joint("base_z").qposadr[0])
+    data.qpos[height] = leg.params["upper_length"] + leg.params["lower_length"] + leg.params["foot_radius"] - DEPTH
+    for name in ("hip", "knee"):
+        data.qpos[model.joint(name).qposadr[0]] = 0.0
+    mujoco.mj_forward(model, data)
+    assert data.contact.dist[0] == pytest.approx(-DEPTH)
+    row = int(data.contact.efc_address[0])
+    rows = 1 if model.opt.cone == mujoco.mjtCone.mjCONE_ELLIPTIC else 4  # a pyramid shares the load among its edges
+    stiffness, _, impedance, _ = data.efc_KBIP[row]
+    force = rows * stiffness * impedance / data.efc_R[row]
+    assert leg.engine_stiffness() == pytest.approx(force, rel=0.02)
 
 
 def test_a_slope_is_named_beside_play_in_the_belt() -> None:

@@ -54,6 +54,20 @@ def test_a_gait_that_is_told_once_a_second_is_filmed_in_between(tmp_path: Path) 
     assert len(imageio.mimread(tmp_path / "film.mp4")) > 40
 
 
+def test_a_machine_that_cannot_draw_is_told_what_films_need(
+    policy: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    def fail(*arguments: object, **options: object) -> None:
+        raise RuntimeError("no display\nand a long story")
+
+    monkeypatch.setattr("mujoco.Renderer", fail)
+    film = policy.parent / "blind.mp4"
+    assert run(watch.main, "watch", "", [f"policy={policy}", f"out={film}", *SIZE]) == 2
+    errors = capsys.readouterr().err
+    assert "no display. Films need OpenGL" in errors and errors.count("\n") == 1
+    assert not list(policy.parent.glob("*blind*"))
+
+
 @pytest.mark.parametrize(
     ("arguments", "words"),
     [

@@ -7,18 +7,18 @@ from gap.contact.leg_model import LegModel
 from gap.contact.leg_replay import STEP
 from gap.parameters import Parameter
 
-STIFFEST = 1.5e4  # [N/m] that the engine's step resolves; under a leg of half a kilogram it gives way by a millimetre
 HEIGHT = 3e-3  # [m] how well the zero of the height is known
 SHORTEST = 2.0 * STEP  # [s] the engine takes no shorter time constant for a step
 TIME = 3.0  # factor on the time constant of the engine's contact, which stands for no number of the machine
 
 
-def contact_causes() -> list[Cause]:
-    """The catalogue of the ground."""
+def contact_causes(nominal: LegModel) -> list[Cause]:
+    """The catalogue of the ground under a leg."""
+    stiffest = nominal.softest_rigid()
     friction = [(Parameter("contact.friction*", "1", 0.05, 4.0, start, 0.2, logarithmic=True),) for start in (0.4, 0.8)]
     soft = [
         (
-            Parameter("contact.stiffness", "N/m", 200.0, STIFFEST, start, 0.3, logarithmic=True),
+            Parameter("contact.stiffness", "N/m", 200.0, stiffest, start, 0.3, logarithmic=True),
             Parameter("contact.damping", "N.s/m", 1.0, 300.0, 20.0, 0.4, logarithmic=True),
         )
         for start in (1500.0, 5000.0)

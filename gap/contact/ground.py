@@ -79,8 +79,8 @@ def diagnose_ground(
     problem = leg_problem(runs, leg, stances, noise, test_group)
     progress(f"replaying {len(stances)} stances")
     numbers = tuple(ground_numbers(leg))
-    problem = problem.weighed(_pilot(problem, numbers))
-    search = Searcher(problem, progress, seed, contact_causes(), numbers).run()
+    problem = problem.weighed(_pilot(problem, leg, numbers))
+    search = Searcher(problem, progress, seed, contact_causes(leg), numbers).run()
     progress("measuring the gain on stances that nothing has seen")
     found = conclude(problem, search, GROUND, (), seed, numbers)
     found = replace(found, findings=(*_blind(problem, found.values, np.isfinite(noise)),))
@@ -93,10 +93,10 @@ def diagnose_ground(
     return found
 
 
-def _pilot(problem: LegProblem, numbers: Sequence[Parameter]) -> dict[str, float]:
+def _pilot(problem: LegProblem, leg: LegModel, numbers: Sequence[Parameter]) -> dict[str, float]:
     """A ground with everything fitted at once: it explains nothing, but the stances run on it about as they did."""
-    every = [parameter for cause in contact_causes() for parameter in cause.variants[0]]
-    believed = {p.path: min(1.0 if p.path.endswith("*") else problem.models[0].value(p.path), p.high) for p in every}
+    every = [parameter for cause in contact_causes(leg) for parameter in cause.variants[0]]
+    believed = {p.path: min(1.0 if p.path.endswith("*") else leg.value(p.path), p.high) for p in every}
     return fit(problem.part(FIT_A, FIT_B), [*numbers, *every], believed, PILOT).values
 
 

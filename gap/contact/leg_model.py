@@ -9,17 +9,18 @@ import mujoco
 import numpy as np
 
 from actuators import Chain, Drivetrain
-from envs.hopper.robot import HOPPER
+from envs.hopper.robot import HOPPER, LOWER
 from envs.scene import FLOOR
 
-RIGID = 1e5  # [N/m] from which ground counts as rigid
+STIFFEST = 1.5e4  # [N/m] of a ground that the engine's step resolves; half a kilogram sinks a millimetre into it
 GROUND_MASS = 0.01  # [kg] of the ground that moves with the foot where it is soft: assumed
+DEPTH = 3e-4  # [m] of a foot in the engine's own contact, whose stiffness grows with it: a leg at rest, about
 GROUND_BODY, GROUND_JOINT = "ground", "ground_normal"
 SIZE = (20.0, 2.0, 0.05)  # [m] half sizes of the ground
 GROUND = {
     "contact.friction": 1.0,  # coefficient of the foot on the ground
     "contact.time": 0.006,  # [s] time constant of the engine's contact itself
-    "contact.stiffness": RIGID,  # [N/m] of the ground along its normal, beneath that contact
+    "contact.stiffness": np.inf,  # [N/m] under the foot along the normal, that contact included
     "contact.damping": 20.0,  # [N.s/m] of ground that is not rigid
     "contact.slope": 0.0,  # [rad] positive where the ground rises along x
     "contact.height": 0.0,  # [m] of the ground where x is zero
@@ -38,11 +39,13 @@ class LegModel:
         params: numbers of the robot, complete.
         chains: of its joints, as the diagnosis of each left them.
         ground: values by path (:data:`GROUND`).
+        hardness: stiffness of the engine's own contact times its time constant squared [N.s2/m].
     """
 
     params: Mapping[str, float]
     chains: Mapping[str, Chain]
     ground: Mapping[str, float] = field(default_factory=dict)
+    hardness: float = np.inf
 
     @staticmethod
     def of(params: Mapping[str, float], chains: Mapping[str, Chain]) -> LegModel:
@@ -52,7 +55,10 @@ class LegModel:
             SealegsError: a number that the robot does not have or cannot take.
         """
         complete = HOPPER.parameters(params)
-        return LegModel(complete, chains, GROUND | {path: complete[name] for path, name in NUMBERS.items()})
+        leg = LegModel(complete, chains, GROUND | {path: complete[name] for path, name in NUMBERS.items()})
+        hardness = _engine_stiffness(leg.drivetrain().model) * complete["contact_time"] ** 2
+        leg = replace(leg, hardness=hardness)
+        return leg.with_fitted({"contact.stiffness": leg.engine_stiffness()})
 
     def value(self, path: str) -> float:
         """A number of the ground by path."""
@@ -94,10 +100,23 @@ class LegModel:
         )  # fmt: skip
         return Drivetrain(spec, dict(self.chains), HOPPER.coordinates)
 
+    def engine_stiffness(self) -> float:
+        """Stiffness of the engine's own contact [N/m], which lies on top of any ground that gives way."""
+        return self.hardness / self.value("contact.time") ** 2
+
+    def softest_rigid(self) -> float:
+        """Stiffness under the foot [N/m] from which the engine's step does not resolve a ground beneath its contact."""
+        return 1.0 / (1.0 / STIFFEST + 1.0 / self.engine_stiffness())
+
     def compliance(self) -> tuple[float, float, float]:
-        """Stiffness [N/m], damping [N.s/m] and added mass [kg] of the ground; a rigid one is too heavy to move."""
-        stiffness = self.value("contact.stiffness")
-        return (0.0, 0.0, 1e6) if stiffness >= RIGID else (stiffness, self.value("contact.damping"), 0.0)
+        """Stiffness [N/m], damping [N.s/m] and added mass [kg] of what lies beneath the engine's contact.
+
+        Both give way one after the other. A rigid ground is too heavy to move.
+        """
+        whole = self.value("contact.stiffness")
+        if whole > self.softest_rigid():
+            return 0.0, 0.0, 1e6
+        return 1.0 / (1.0 / whole - 1.0 / self.engine_stiffness()), self.value("contact.damping"), 0.0
 
     def mass_centre(self, hip: np.ndarray | float, knee: np.ndarray | float, split: bool = False) -> np.ndarray:
         """Height of the centre of mass over the hip [m] at link angles against the vertical [rad].
@@ -117,3 +136,20 @@ class LegModel:
         p = self.params
         upper = (p["upper_mass"] * p["upper_centre"] + p["lower_mass"]) * p["upper_length"]
         return upper / p["total_mass"], p["lower_mass"] * p["lower_centre"] * p["lower_length"] / p["total_mass"]
+
+
+def _engine_stiffness(model: mujoco.MjModel) -> float:
+    """Force per depth [N/m] of the engine's contact between foot and ground at rest, at :data:`DEPTH`.
+
+    Source: MuJoCo's documentation, "Computation", on the parameters of constraints.
+    """
+    floor = model.geom(FLOOR)
+    time, ratio = floor.solref
+    least, most, width, middle, power = floor.solimp
+    x = min(DEPTH / width, 1.0)
+    part = (
+        x**power / middle ** (power - 1.0) if x < middle else 1.0 - (1.0 - x) ** power / (1.0 - middle) ** (power - 1)
+    )
+    impedance = least + part * (most - least)
+    inverse_mass = sum(model.body_invweight0[model.body(name).id, 0] for name in (LOWER, GROUND_BODY))
+    return impedance**2 / ((1.0 - impedance) * inverse_mass * (most * time * ratio) ** 2)

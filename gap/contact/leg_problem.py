@@ -18,8 +18,11 @@ from gap.contact.leg_replay import STEP, LegReplay
 from gap.contact.stances import COLUMNS, Stance, columns
 from gap.log_types import MeasuredRun
 from gap.problem import FLAT, Problem
+from gap.robust import robust_loss
 from gap.units import ENOUGH_RUNS, TEST, Unit, held_out
 
+FLOOR = 0.8  # loss per judged value that the best model reaches
+CONTACT_DOUBT = 0.1  # relative, of friction, stiffness and damping: assumed, about what an independent leg showed
 FIRST = 0.015  # [s] of a piece that is not judged: the start state was fitted to it
 MODEL = np.array([1.5e-4, 2e-4, 1e-3, 1e-3])
 """What two right models of hard contact differ by over a stance, in the judged columns [m, m, rad, rad]: assumed, from
@@ -59,6 +62,14 @@ class LegProblem(Problem):
     def left_over(self, simulated: np.ndarray) -> float | None:
         """Mean squared error beyond the noise, in parts of it; errors are independent here, so it needs no learner."""
         return max(float(np.mean(self.residual(simulated[None])[0] ** 2)) - 1.0, 0.0)
+
+    def beyond_noise(self, simulated: np.ndarray) -> float | None:
+        """Loss per judged value beyond that of noise, whose size is known with a margin."""
+        return float(robust_loss(self.residual(simulated[None])[0]).mean()) - FLOOR
+
+    def doubt(self, path: str) -> float:
+        """Two right models of contact agree on the slope, and only roughly on what the ground does with a force."""
+        return super().doubt(path) if path == "contact.slope" else CONTACT_DOUBT
 
     def part(self, *parts: int) -> LegProblem:
         """The problem that has only the stances of these parts."""
