@@ -84,9 +84,10 @@ def summary(rows: Sequence[dict[str, Any]]) -> str:
             lines.append(f"| {size} | {len(mine)} | " + " | ".join(str(count[o]) for o in OUTCOMES) + " |")
     lines.append("")
     if hollow := [row for row in rows if kind(row) in ("clear", "moderate", "faint") and within_tolerance(row)]:
+        keys = ", ".join(f"{row['key']} ({outcome(row)})" for row in hollow)
         lines.append(
-            f"- of these, {len(hollow)} hide no more than a nominal number may be wrong by (effect and error of the "
-            f"number cancel), and count as missed all the same: {', '.join(row['key'] for row in hollow)}"
+            f"- {len(hollow)} of these hide only that numbers of the nominal model are wrong by no more than any may "
+            f"be, as in a null. They count as missed all the same, where they are: {keys}"
         )
     alone = [row for row in rows if kind(row) in ("clear", "moderate", "faint")]
     if absorbed := [row for row in alone if outcome(row) == "nothing"]:
@@ -98,7 +99,12 @@ def summary(rows: Sequence[dict[str, Any]]) -> str:
     plain = [row for row in alone if kind(row) != "faint"]
     if plain:
         first = sum(set(row["effects"]) & set(named(row)[:1]) != set() for row in plain)
-        lines.append(f"- clear and moderate, right name first, with or without a rival: {first} of {len(plain)}")
+        real = [row for row in plain if not within_tolerance(row)]
+        there = sum(set(row["effects"]) & set(named(row)[:1]) != set() for row in real)
+        lines.append(
+            f"- clear and moderate, right name first, with or without a rival: {first} of {len(plain)}; without those "
+            f"within the tolerance of a number {there} of {len(real)}"
+        )
     if nulls := [row for row in rows if kind(row) == "null"]:
         false = sum(len(named(row)) for row in nulls)
         quiet = sum(row["verdict"] == "nothing to explain" for row in nulls)

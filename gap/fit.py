@@ -16,10 +16,11 @@ from gap.problem import Problem
 from gap.robust import robust_loss, robust_weight
 
 MOST_SAMPLES = 30_000
-CONVERGED = 2e-4  # relative improvement of the cost below which a fit ends
+CONVERGED = 5e-4  # relative improvement of the cost below which a fit ends
 TRIED = (0.1, 1.0, 20.0)  # dampings that each iteration tries, relative to the last one
 UNLIKELY = 3.84  # rise of the cost, in squared noise floors, that a true value exceeds in 5 % of cases
 CLOCK = 0.03  # of a sample period: what all time stamps are late or early by
+STEPS, WORTH = 3, 0.02  # with one Jacobian, as long as a step improves the cost by so much
 LONGEST = 10.0  # step of a parameter in one iteration, in units of its scale
 
 
@@ -101,11 +102,13 @@ def fit(
             jacobian = (ahead - errors(u[None] - np.diag(back))) / (up + back)[:, None]
         else:
             jacobian = (ahead - here) / up[:, None]
-        weighted = jacobian * robust_weight(here)
-        slope, curvature = weighted @ here, weighted @ jacobian.T
-        free = ~(((u <= low + 1e-9) & (slope > 0.0)) | ((u >= high - 1e-9) & (slope < 0.0)))
-        improved = 0.0
-        for _ in range(1 + both_sides if free.any() else 0):
+        before, failed = cost, False
+        for _ in range(STEPS):
+            weighted = jacobian * robust_weight(here)
+            slope, curvature = weighted @ here, weighted @ jacobian.T
+            free = ~(((u <= low + 1e-9) & (slope > 0.0)) | ((u >= high - 1e-9) & (slope < 0.0)))
+            if not free.any():
+                break
             trials = np.stack([_step(u, slope, curvature, free, damping * more, low, high) for more in TRIED])
             # ripple in the Jacobian looks like curvature and shortens steps along a valley: also try further
             trials = np.concatenate([trials, np.clip(u + 3.0 * (trials[:1] - u), low, high)])
@@ -113,11 +116,18 @@ def fit(
             costs = np.array([float(robust_loss(row).sum()) for row in tried])
             best = int(costs.argmin())
             if costs[best] < cost:
-                improved = (cost - costs[best]) / cost
+                improved, move, change = (cost - costs[best]) / cost, trials[best] - u, tried[best] - here
                 u, here, cost, ahead = trials[best], tried[best], float(costs[best]), None
                 damping = min(max(damping * (*TRIED, 0.1)[best], 1e-7), 1e6)
+                if improved < WORTH:
+                    break
+                # what the step showed of the slopes is cheaper than to look at each again (Broyden)
+                jacobian = jacobian + np.outer(move, change - move @ jacobian) / (move @ move)
+            elif failed or not both_sides:
                 break
-            damping *= 400.0
+            else:
+                failed, damping = True, damping * 400.0
+        improved = (before - cost) / before
         if improved < CONVERGED:
             if both_sides:
                 break

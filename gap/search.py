@@ -19,6 +19,7 @@ KEEP = 10  # causes that are fitted roughly after the screen
 FINALISTS = 5  # causes that are fitted fully after that
 ROUGH, FULL, APART = 3, 8, 4  # iterations of a rough fit, of the fit that follows it, and of those to each part
 MOST_CAUSES = 6
+FEWEST, FAR_OFF = 2, 2.0  # of them are fitted however far off; others only below so many times the least error
 HOPELESS = 1.5  # times the least error after one iteration: not tried further
 OUTRUN = 1.15  # times the error of a cause's better variant: not fitted fully
 # least squared error that a cause must remove, in parts of that of the noise: ripple of ticks and steps can do less
@@ -243,7 +244,9 @@ class Searcher:
             for first, cause, variant in rough
         ]
         rough.sort(key=lambda row: row[0].cost * _form(row[1], row[2]))
-        finalists = list(dict.fromkeys(cause.name for _, cause, _ in rough))[:FINALISTS]
+        order = list(dict.fromkeys(cause.name for _, cause, _ in rough))
+        near = {cause.name for found, cause, _ in rough if found.cost < FAR_OFF * rough[0][0].cost}
+        finalists = [name for k, name in enumerate(order[:FINALISTS]) if k < FEWEST or name in near]
         found: dict[str, Candidate] = {}
         fitted: dict[str, float] = {}
         for start, cause, variant in rough:

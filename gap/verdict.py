@@ -16,6 +16,7 @@ from gap.search import Search
 from gap.structure import Structure, fine
 
 NEGLIGIBLE = 0.03  # unexplained share of the gap up to which a gap counts as explained if its causes are beyond doubt
+FEEBLE = 0.3  # confidence of all causes below which they are no explanation, where something else stays
 UNSURE = 0.6  # a cause that is the best in a smaller share of draws than this is not named alone
 
 EXPLAINED, PARTLY, NOTHING, NOT_IDENTIFIABLE, UNUSABLE = (
@@ -140,6 +141,11 @@ def verdict_of(
     seen = "runs" if whole else "pieces of the runs"
     tuned = f" ({fine(base.rmse, rest.unit)} with its numbers re-tuned within their tolerance)"
     change = f"from {before}{tuned} to {after} on {seen} that nothing was fitted to (noise {floor})"
+    if rest.noticed and all(cause.confidence < FEEBLE for cause in causes):
+        return NOT_IDENTIFIABLE, (
+            f"What the simulation of '{joint}' gets wrong is no cause of the catalogue: {names} comes closest, but the "
+            f"error falls only {change}. {rest.sentence}"
+        )
     doubtful = [cause for cause in causes if cause.rivals and cause.confidence < UNSURE]
     if doubtful and (doubtful[0] is causes[0] or not rest.noticed):
         others = ", ".join(doubtful[0].rivals)

@@ -7,6 +7,7 @@ import time
 import numpy as np
 import pytest
 
+from benchmarks.hidden import NUMBERS
 from tests.plant import EFFECTS, LOADS, MAGNITUDES, NOISE_FLOOR, STRANGERS, Machine, hidden_bench, simulate
 from tests.plant.effects import GAP_IN_NOISE_FLOORS
 from tests.plant.physics import GRAVITY
@@ -128,3 +129,15 @@ def test_a_run_of_24_seconds_takes_a_fraction_of_a_second() -> None:
     start = time.perf_counter()
     hidden_bench({}, 0, runs=1)
     assert time.perf_counter() - start < 0.3
+
+
+@pytest.mark.parametrize("name", NUMBERS)
+def test_an_effect_that_only_changes_numbers_is_a_machine_with_other_numbers(name: str) -> None:
+    machine, value = Machine(), EFFECTS[name].sizes[1]
+    hidden = EFFECTS[name].apply(machine, value)
+    other = machine._replace(
+        **{number: getattr(machine, number) * factor(value, 1.0) for number, factor in NUMBERS[name].items()}
+    )
+    goal_time, goal = np.arange(0.0, 1.0, 0.01), 0.5 * np.sin(7.0 * np.arange(0.0, 1.0, 0.01))
+    a, b, bare = (simulate(m, goal_time, goal, NO_JAMS, NO_JAMS, 1.0, 25.0)[:, 1] for m in (hidden, other, machine))
+    assert np.abs(a - b).max() < 0.02 * np.abs(a - bare).max()
