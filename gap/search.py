@@ -12,6 +12,7 @@ from gap.correlated import excess
 from gap.fit import Fit, fit, merge, middle
 from gap.parameters import Parameter
 from gap.problem import Problem
+from gap.robust import robust_loss
 from gap.simulator import CHANNELS
 from gap.units import FIT_A, FIT_B
 
@@ -137,7 +138,11 @@ class Searcher:
                 current, before = self._challenged(accepted, candidates[0], current, before)
                 candidates = self._rank(candidates, before, self._excess(current))
             winner = candidates[0] if candidates else None
-            pays = winner is not None and self._pays(winner, before) and (not accepted or winner.best > TOLD_APART)
+            pays = (
+                winner is not None
+                and self._pays(winner, before, current)
+                and (not accepted or winner.best > TOLD_APART)
+            )
             rounds.append(Round(before, tuple(candidates), bool(pays)))
             if winner is None or not pays:
                 break
@@ -179,11 +184,23 @@ class Searcher:
         ]
         return sum(count * level for count, level in parts) / sum(count for count, _ in parts)
 
-    def _pays(self, winner: Candidate, before: np.ndarray) -> bool:
+    def _pays(self, winner: Candidate, before: np.ndarray, current: tuple[Fit, Fit]) -> bool:
         removed = float((before.sum() - winner.blocks.sum()) / self.counts.sum())
         pays = winner.gain > PAYS and winner.better > SURE and removed > SEEN and self._consistent(winner)
-        # little beyond the noise also means little to tell causes apart by
-        return pays and (removed > SMALL or winner.best > CLEAR)
+        if not pays or removed > SMALL:
+            return pays
+        # little beyond the noise also means little to tell causes apart by; and as little as that may come from when
+        # and how a drive reports its duty and current, so the joint itself must show it
+        return winner.best > CLEAR and self._sampled(current) - self._sampled(winner.fits) > SEEN
+
+    def _sampled(self, fits: tuple[Fit, Fit]) -> float:
+        """Loss per value of what is judged sample by sample, each part under the fit that did not see it."""
+        total, count = 0.0, 0
+        for part, found in zip(reversed(self.parts), fits, strict=True):
+            channels = sum(part.weight[c] > 0.0 for c in part.sampled)
+            errors = part.residual(part.simulate([found.values]))[0][: channels * int(part.judged.sum())]
+            total, count = total + float(robust_loss(errors).sum()), count + len(errors)
+        return total / count
 
     def _contradicted(self, candidate: Candidate) -> bool:
         """Whether the log itself shows that the cause is not there: duties above a limit that was fitted."""
