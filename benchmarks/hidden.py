@@ -238,7 +238,7 @@ def within_tolerance(row: dict[str, Any]) -> bool:
 
     Such a case is one of the nulls, by another name: nothing is there to find.
     """
-    return bool(row["effects"]) and all(
+    return len(row["effects"]) == 1 and all(
         name in NUMBERS
         and all(
             abs(factor(effect["value"], row["factors"][number]) - 1.0) <= TOLERANCE

@@ -134,6 +134,7 @@ def summary(rows: Sequence[dict[str, Any]]) -> str:
             for row in single
             if outcome(row) == "right" and row["gap"]
         ]
+    if single and over:
         lines.append(
             f"- extended model on unseen data, clear effects named right: median {np.median(over):.2f}, "
             f"largest {max(over):.2f} noise floors"

@@ -24,7 +24,8 @@ from gap.units import FIT_A, FIT_B
 
 AGREES = 0.8  # least correlation of a channel with what the re-tuned model predicts
 SLOPE = (0.5, 2.0)  # measured over predicted size: beyond it the column has another unit or another meaning
-LAG = 0.05  # of a sample period: by which a column may be later than the time stamp of its row
+FEWEST = 50  # groups of samples from which a channel can be judged
+LAG = 2.5e-4  # [s] by which a column may be later than the time stamp of its row: a period of a drive's loop, assumed
 DOUBT = 0.02  # calibration error of a column, as a share of its rms
 
 
@@ -47,9 +48,11 @@ def weigh_channels(problem: Problem) -> Problem:
             continue
         measured, predicted = fitted.means(fitted.measured[:, c]), fitted.means(simulated[:, c])
         good = np.isfinite(measured)
-        if good.sum() < 50 or not _agrees(measured[good], predicted[good]):
+        if good.sum() < FEWEST or not _agrees(measured[good], predicted[good]):
             continue
         noise, timing = _noise(measured, predicted)
+        if not np.isfinite(noise):
+            continue
         weight[c] = 1.0 / noise
         change = _change(problem.means(problem.measured[:, c]))
         doubt = np.hypot(timing * np.nan_to_num(change), problem.means(late[:, c]))
@@ -68,11 +71,10 @@ def _late_or_early(problem: Problem, values: Mapping[str, float]) -> np.ndarray:
     nominal = problem.models[0].value("delay.seconds")
     path = "delay.seconds*" if "delay.seconds*" in values else "delay.seconds"
     here = values.get(path, nominal) * (nominal if path.endswith("*") else 1.0)
-    shift = LAG * float(np.median(np.diff(problem.time[: problem.starts[1]])))
-    around = [here + shift, max(here - shift, 0.0)]
+    around = [here + LAG, max(here - LAG, 0.0)]
     rows = [{**values, path: seconds / nominal if path.endswith("*") else seconds} for seconds in around]
     later, sooner = problem.simulate(rows)
-    return 0.5 * (later - sooner)
+    return (later - sooner) * LAG / (around[0] - around[1])
 
 
 def _agrees(measured: np.ndarray, predicted: np.ndarray) -> bool:
@@ -92,12 +94,15 @@ def _change(means: np.ndarray) -> np.ndarray:
 def _noise(measured: np.ndarray, predicted: np.ndarray) -> tuple[float, float]:
     """Noise of the means of a channel at rest, and the timing error where it changes, in groups.
 
-    Both from second differences of the error, which a slow error of the model hardly enters.
+    Both from second differences of the error, which a slow error of the model hardly enters. Infinite where gaps leave
+    too few of them.
     """
     error = measured - predicted
     jump = np.abs(error[:-2] - 2.0 * error[1:-1] + error[2:]) / np.sqrt(6.0)
     change = _change(measured)[1:-1]
     good = np.isfinite(jump) & np.isfinite(change)
+    if good.sum() < FEWEST:
+        return np.inf, 0.0
     jump, change = jump[good], change[good]
     slow = change <= np.median(change)
     noise = max(float(np.sqrt(np.mean(_trimmed(jump[slow]) ** 2))), DOUBT * float(np.nanstd(measured)), 1e-9)

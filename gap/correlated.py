@@ -26,9 +26,9 @@ def excess(problem: Problem, simulated: np.ndarray, seed: int = 0) -> float:
     for c in problem.sampled:
         if problem.weight[c] > 0.0:
             error = np.where(problem.judged, (simulated[:, c] - problem.measured[:, c]) * problem.weight[c], np.nan)
-            level = shared(problem, _loss_root(error))
-            if c == 0:
-                level -= shared(problem, reading_error(problem, simulated, error, seed))
+            level = shared(problem, _loss_root(error)) - shared(
+                problem, reading_error(problem, simulated, error, seed, c)
+            )
             judged = int(problem.judged.sum())
             total, count = total + judged * max(level, 0.0), count + judged
     errors = problem.residual(simulated[None])[0][count:]
@@ -55,12 +55,13 @@ def shared(problem: Problem, error: np.ndarray) -> float:
     return total / count if count else 0.0
 
 
-def reading_error(problem: Problem, simulated: np.ndarray, error: np.ndarray, seed: int) -> np.ndarray:
-    """Errors that a right model would leave (n,); a coarse encoder errs alike at each sample while little moves."""
-    step = quantisation_step(problem.measured[:, 0][problem.judged]) / problem.noise
+def reading_error(problem: Problem, simulated: np.ndarray, error: np.ndarray, seed: int, c: int = 0) -> np.ndarray:
+    """Errors of channel ``c`` that a right model would leave (n,): a coarse encoder errs alike while little moves."""
+    values = problem.measured[:, c][problem.judged]
+    step = quantisation_step(values[np.isfinite(values)]) * problem.weight[c]
     if step <= 0.0:
         return np.zeros(len(error))
     spread = np.nanmean(error**2) - shared(problem, error) - step**2 / 12.0
     noise = np.sqrt(max(float(spread), 0.0)) * np.random.default_rng(seed).standard_normal(len(error))
-    position = simulated[:, 0] / problem.noise
-    return np.where(np.isfinite(error), np.round((position + noise) / step) * step - position, np.nan)
+    value = simulated[:, c] * problem.weight[c]
+    return np.where(np.isfinite(error), np.round((value + noise) / step) * step - value, np.nan)

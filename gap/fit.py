@@ -102,6 +102,8 @@ def fit(
             jacobian = (ahead - errors(u[None] - np.diag(back))) / (up + back)[:, None]
         else:
             jacobian = (ahead - here) / up[:, None]
+        if cost == 0.0:
+            break
         before, failed = cost, False
         for _ in range(STEPS):
             weighted = jacobian * robust_weight(here)

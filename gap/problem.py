@@ -215,7 +215,7 @@ class Problem:
     def residual(self, simulated: np.ndarray, every: int = 1) -> np.ndarray:
         """Weighted errors (v, m) of simulated channels (v, n, 4).
 
-        Of (every so many of) the judged samples, then of the groups.
+        Of (every so many of) the judged samples, then of the groups of samples.
 
         What was not logged is zero.
         """
@@ -227,7 +227,7 @@ class Problem:
         ]
         first = self._groups[0][self._groups[1]]
         errors += [
-            self.means(simulated[:, :, c] - self.measured[:, c]) * (self.weight[c] * self.trust[first, c])
+            (self.means(simulated[:, :, c] - self.measured[:, c]) * (self.weight[c] * self.trust[first, c]))[:, ::every]
             for c in self.averaged
             if self.weight[c] > 0.0
         ]

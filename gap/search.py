@@ -13,15 +13,14 @@ from gap.fit import Fit, fit, merge, middle
 from gap.parameters import Parameter
 from gap.problem import Problem
 from gap.robust import robust_loss
-from gap.simulator import CHANNELS
 from gap.units import FIT_A, FIT_B
 
 KEEP = 10  # causes that are fitted roughly after the screen
 FINALISTS = 5  # causes that are fitted fully after that
 ROUGH, FULL, APART = 3, 8, 4  # iterations of a rough fit, of the fit that follows it, and of those to each part
 MOST_CAUSES = 6
-FEWEST, FAR_OFF = 2, 2.0  # of them are fitted however far off; others only below so many times the least error
-HOPELESS = 1.5  # times the least error after one iteration: not tried further
+FEWEST, FAR_OFF = 2, 2.0  # of them are fitted however far off; others only below so many times the error of the first
+HOPELESS = 1.5  # times the least error after one iteration: no further ones
 OUTRUN = 1.15  # times the error of a cause's better variant: not fitted fully
 # least squared error that a cause must remove, in parts of that of the noise: ripple of ticks and steps can do less
 SEEN = 0.04
@@ -60,7 +59,7 @@ class Candidate:
         blocks: squared error of each block under the fit that did not see it (b,).
         better: probability that it lowers the error at all.
         best: probability that it is the best of the round.
-        gain: share of the excess error that it removes.
+        gain: share of the excess error that it removes, at most 1: the excess is an estimate.
     """
 
     cause: Cause
@@ -204,19 +203,22 @@ class Searcher:
 
     def _contradicted(self, candidate: Candidate) -> bool:
         """Whether the log itself shows that the cause is not there: duties above a limit that was fitted."""
-        duty = CHANNELS.index("duty")
-        if candidate.cause.name != "drive.saturation" or self.both.weight[duty] == 0.0:
+        if candidate.cause.name != "drive.saturation" or "duty" not in self.both.channels:
+            return False
+        duty = self.both.channels.index("duty")
+        if self.both.weight[duty] == 0.0:
             return False
         limit = min(found.values[candidate.variant[0].path] for found in candidate.fits)
         if candidate.variant[0].path.endswith("*"):
             limit *= self.nominal.value(candidate.variant[0].path[:-1])
         return float(np.mean(np.abs(self.both.measured[:, duty]) > limit * 1.004)) > EXCEPTIONS
 
-    def _fit_both(
-        self, parameters: Sequence[Parameter], start: Mapping[str, float] | None, iterations: int = FULL
-    ) -> tuple[Fit, Fit]:
-        """Fits to the two parts, both from where a fit to all of it ends: less data hold more false minima."""
-        joint = fit(self.both, parameters, start, iterations)
+    def _fit_both(self, parameters: Sequence[Parameter], start: Mapping[str, float] | None) -> tuple[Fit, Fit]:
+        """Fits to the two parts, both from where a fit to all of it ends: less data hold more false minima.
+
+        So what a part does not show at all stays as the other part has it.
+        """
+        joint = fit(self.both, parameters, start, FULL)
         a, b = (fit(part, parameters, joint.values, APART) for part in self.parts)
         return a, b
 
@@ -292,7 +294,10 @@ class Searcher:
         beyond = max(left * self.counts.sum(), 1e-9)
         ranked = [
             replace(
-                c, better=float(better[k]), best=float(best[k]), gain=float((before.sum() - c.blocks.sum()) / beyond)
+                c,
+                better=float(better[k]),
+                best=float(best[k]),
+                gain=min(float((before.sum() - c.blocks.sum()) / beyond), 1.0),
             )
             for k, c in enumerate(candidates)
         ]

@@ -73,7 +73,11 @@ def diagnose_torque(
     causes: tuple[NamedCause, ...] = ()
     excess = max(errors["nominal"].rmse ** 2 - errors["noise_floor"].rmse ** 2, 1e-12)
     left = float(np.clip((errors["extended"].rmse ** 2 - errors["noise_floor"].rmse ** 2) / excess, 0.0, 1.0))
-    if same_side > 0.9 and gain > 0.005 and abs(shift) >= 2 * STEP:
+    seen = [
+        _error(terms[~test] @ values - torques[~test, at]).rmse
+        for values, at in ((fitted.fit(AT_ONCE), AT_ONCE), (extended, found.index))
+    ]  # the test part measures the gain and has no say in what is named
+    if same_side > 0.9 and seen[1] < 0.995 * seen[0] and abs(shift) >= 2 * STEP:
         way = "leads" if shift > 0 else "lags behind"
         sentence = (
             f"The torque column {way} the motion columns by {1e3 * abs(shift):.0f} ms: torque and motion were not read "

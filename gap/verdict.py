@@ -15,8 +15,9 @@ from gap.problem import Problem
 from gap.search import Search
 from gap.structure import Structure, fine
 
-NEGLIGIBLE = 0.03  # unexplained share of the gap up to which a gap counts as explained if its causes are beyond doubt
-FEEBLE = 0.3  # confidence of all causes below which they are no explanation, where something else stays
+NEGLIGIBLE = 0.03  # unexplained share of the gap up to which it counts as explained, its causes beyond doubt and the
+# structure that stays no larger than the noise
+FEEBLE = 0.3  # squared error that causes remove, in parts of what re-tuning leaves, below which they explain nothing
 UNSURE = 0.6  # a cause that is the best in a smaller share of draws than this is not named alone
 
 EXPLAINED, PARTLY, NOTHING, NOT_IDENTIFIABLE, UNUSABLE = (
@@ -141,11 +142,6 @@ def verdict_of(
     seen = "runs" if whole else "pieces of the runs"
     tuned = f" ({fine(base.rmse, rest.unit)} with its numbers re-tuned within their tolerance)"
     change = f"from {before}{tuned} to {after} on {seen} that nothing was fitted to (noise {floor})"
-    if rest.noticed and all(cause.confidence < FEEBLE for cause in causes):
-        return NOT_IDENTIFIABLE, (
-            f"What the simulation of '{joint}' gets wrong is no cause of the catalogue: {names} comes closest, but the "
-            f"error falls only {change}. {rest.sentence}"
-        )
     doubtful = [cause for cause in causes if cause.rivals and cause.confidence < UNSURE]
     if doubtful and (doubtful[0] is causes[0] or not rest.noticed):
         others = ", ".join(doubtful[0].rivals)
@@ -154,8 +150,14 @@ def verdict_of(
             f"The gap of '{joint}' may be {names}, but the data fit {others}{place} about as well: the error falls "
             f"{change}."
         )
+    removed = (base.rmse**2 - errors["extended"].rmse ** 2) / max(base.rmse**2, 1e-24)
+    if rest.noticed and removed < FEEBLE:
+        return NOT_IDENTIFIABLE, (
+            f"What the simulation of '{joint}' gets wrong is hardly in the catalogue. With {names} the error "
+            f"falls only {change}. {rest.sentence}"
+        )
     sure = all(cause.confidence >= UNSURE for cause in causes)
-    if not rest.noticed or (left <= NEGLIGIBLE and sure):
+    if not rest.noticed or (left <= NEGLIGIBLE and sure and rest.level <= 1.0):
         close = f" {_also(causes)}" if any(cause.rivals for cause in causes) else ""
         return EXPLAINED, f"The gap of '{joint}' is explained by {names}: the error falls {change}.{close}"
     doubt = "" if sure else ", if that is the cause at all"

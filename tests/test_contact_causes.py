@@ -10,10 +10,12 @@ import mujoco
 import numpy as np
 import pytest
 
+from actuators import Drivetrain
 from actuators.chain import load_chain
+from envs.hopper.robot import FOOT, HOPPER
 from gap.contact.causes import contact_causes, ground_numbers
 from gap.contact.ground import GROUND, diagnose_ground
-from gap.contact.leg_model import DEPTH, LegModel
+from gap.contact.leg_model import DEPTH, GROUND_MASS, IMMOBILE, LegModel
 from gap.contact.leg_problem import LegProblem, leg_problem
 from gap.contact.leg_replay import LegReplay
 from gap.contact.stances import column_noise, columns, find_stances, touchdowns
@@ -112,28 +114,34 @@ def test_every_number_of_the_ground_that_a_fit_may_turn_has_value_and_unit() -> 
     assert nominal.unit("contact.friction") == "1"
 
 
-def test_ground_beyond_a_stiffness_counts_as_rigid() -> None:
-    leg = leg_of(recorded()[0])
-    assert leg.compliance()[0] == 0.0
-    stiffness, _, _ = leg.with_fitted({"contact.stiffness": 4000.0}).compliance()
-    assert 1.0 / stiffness + 1.0 / leg.engine_stiffness() == pytest.approx(1.0 / 4000.0)
+@pytest.mark.parametrize("time", [0.002, 0.006])
+def test_ground_beyond_a_stiffness_counts_as_rigid(time: float) -> None:
+    leg = leg_of(recorded()[0]).with_fitted({"contact.time": time})
+    assert leg.compliance()[2] == IMMOBILE
+    most = leg.softest_rigid()
+    assert leg.with_fitted({"contact.stiffness": 1.01 * most}).compliance()[2] == IMMOBILE
+    stiffness, damping, mass = leg.with_fitted({"contact.stiffness": 0.99 * most, "contact.damping": 7.0}).compliance()
+    assert (damping, mass) == (7.0, GROUND_MASS)
+    assert 1.0 / stiffness + 1.0 / leg.engine_stiffness() == pytest.approx(1.0 / (0.99 * most))
 
 
-def test_the_engines_own_contact_is_as_stiff_as_the_leg_says() -> None:
-    leg = leg_of(recorded()[0])
-    model = leg.drivetrain().model
-    data = mujoco.MjData(model)
-    height = int(model.joint("base_z").qposadr[0])
-    data.qpos[height] = leg.params["upper_length"] + leg.params["lower_length"] + leg.params["foot_radius"] - DEPTH
-    for name in ("hip", "knee"):
-        data.qpos[model.joint(name).qposadr[0]] = 0.0
-    mujoco.mj_forward(model, data)
-    assert data.contact.dist[0] == pytest.approx(-DEPTH)
-    row = int(data.contact.efc_address[0])
-    rows = 1 if model.opt.cone == mujoco.mjtCone.mjCONE_ELLIPTIC else 4  # a pyramid shares the load among its edges
-    stiffness, _, impedance, _ = data.efc_KBIP[row]
-    force = rows * stiffness * impedance / data.efc_R[row]
-    assert leg.engine_stiffness() == pytest.approx(force, rel=0.02)
+@pytest.mark.parametrize("time", [0.002, 0.006])
+def test_rigid_ground_is_as_hard_as_the_floor_of_the_robot(time: float) -> None:
+    """Force over depth of the contact, as the engine has it, on the robot's own floor and on the ground of a log."""
+    leg = LegModel.of({"contact_time": time}, leg_of(recorded()[0]).chains)
+    floor = Drivetrain(HOPPER.build_spec(leg.params), dict(leg.chains), HOPPER.coordinates)
+    for model in (leg.drivetrain().model, floor.model):
+        data = mujoco.MjData(model)
+        mujoco.mj_forward(model, data)
+        height = data.geom_xpos[model.geom(FOOT).id, 2] - leg.params["foot_radius"]
+        data.qpos[model.joint("base_z").qposadr[0]] -= height + DEPTH
+        mujoco.mj_forward(model, data)
+        assert data.contact.dist[0] == pytest.approx(-DEPTH, rel=1e-3)
+        row = int(data.contact.efc_address[0])
+        stiffness, _, impedance, _ = data.efc_KBIP[row]
+        # a pyramid's four edges share the load; each is regularised for the friction beside it
+        share = 1.0 if model.opt.cone == mujoco.mjtCone.mjCONE_ELLIPTIC else 4.0
+        assert share * stiffness * impedance / data.efc_R[row] == pytest.approx(leg.engine_stiffness(), rel=0.05)
 
 
 def test_a_slope_is_named_beside_play_in_the_belt() -> None:

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import math
+
 from gap.causes import Cause
 from gap.contact.leg_model import LegModel
 from gap.contact.leg_replay import STEP
@@ -10,6 +12,7 @@ from gap.parameters import Parameter
 HEIGHT = 3e-3  # [m] how well the zero of the height is known
 SHORTEST = 2.0 * STEP  # [s] the engine takes no shorter time constant for a step
 TIME = 3.0  # factor on the time constant of the engine's contact, which stands for no number of the machine
+HARD = 2e4  # [N/m] below which that contact is not made by re-tuning: it would do a soft ground's work unnamed
 
 
 def contact_causes(nominal: LegModel) -> list[Cause]:
@@ -37,7 +40,8 @@ def contact_causes(nominal: LegModel) -> list[Cause]:
 def ground_numbers(nominal: LegModel) -> list[Parameter]:
     """What every fit re-tunes: no finding, as long as it stays within these bounds."""
     shortest = SHORTEST / nominal.value("contact.time")
+    longest = min(max(math.sqrt(nominal.engine_stiffness() / HARD), 1.0), TIME)
     return [
-        Parameter("contact.time*", "1", min(max(1.0 / TIME, shortest), 1.0), TIME, 1.0, 0.2, logarithmic=True),
+        Parameter("contact.time*", "1", min(max(1.0 / TIME, shortest), 1.0), longest, 1.0, 0.2, logarithmic=True),
         Parameter("contact.height", "m", -HEIGHT, HEIGHT, 0.0, 5e-4),
     ]

@@ -21,7 +21,7 @@ from gap.problem import FLAT, Problem
 from gap.robust import robust_loss
 from gap.units import ENOUGH_RUNS, TEST, Unit, held_out
 
-FLOOR = 0.8  # loss per judged value that the best model reaches
+FLOOR = 0.8  # squared error over that of the noise that a right model reaches: the noise is known with a margin
 CONTACT_DOUBT = 0.1  # relative, of friction, stiffness and damping: assumed, about what an independent leg showed
 FIRST = 0.015  # [s] of a piece that is not judged: the start state was fitted to it
 MODEL = np.array([1.5e-4, 2e-4, 1e-3, 1e-3])
@@ -61,7 +61,7 @@ class LegProblem(Problem):
 
     def left_over(self, simulated: np.ndarray) -> float | None:
         """Mean squared error beyond the noise, in parts of it; errors are independent here, so it needs no learner."""
-        return max(float(np.mean(self.residual(simulated[None])[0] ** 2)) - 1.0, 0.0)
+        return max(float(np.mean(self.residual(simulated[None])[0] ** 2)) - FLOOR, 0.0)
 
     def beyond_noise(self, simulated: np.ndarray) -> float | None:
         """Loss per judged value beyond that of noise, whose size is known with a margin."""

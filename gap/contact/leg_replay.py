@@ -122,6 +122,8 @@ class LegReplay:
         batch.reset(stage=mujoco.mjtStage.mjSTAGE_NONE.value)
         self._lay_ground(batch, legs, ground)
         batch.set_const(np.arange(n))  # inertias follow from the ground's mass
+        # which is to make no contact softer
+        batch.expand("body_invweight0")[:n, self.model.body(GROUND_BODY).id] = 0.0
         qpos, qvel = batch.bind("qpos"), batch.bind("qvel")
         x, z, hip, knee = (int(self.model.joint(name).qposadr[0]) for name in ("base_x", "base_z", HIP, KNEE))
         order = [z, x, hip, knee]  # every joint has one degree of freedom: qpos and qvel agree in order
@@ -160,7 +162,7 @@ class LegReplay:
         stiffness, damping, mass = np.array([leg.compliance() for leg in legs])[ground].T
         batch.expand("jnt_stiffness")[:n, joint.id] = stiffness
         batch.expand("dof_damping")[:n, joint.dofadr[0]] = damping
-        batch.expand("dof_armature")[:n, joint.dofadr[0]] = mass
+        batch.expand("body_mass")[:n, body] = mass
 
 
 def _has_motor(model: mujoco.MjModel, name: str) -> bool:
