@@ -13,7 +13,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from actuators.chain import Chain
-from actuators.errors import SealegsError
+from actuators.errors import SealegsError, nearest
 from actuators.layout import P_HEADER, P_VISCOUS
 from actuators.stages import STAGES, Stage
 from actuators.stages.base import ChainError
@@ -243,12 +243,19 @@ def _record(program: np.ndarray, opcode: int) -> int:
     return 0
 
 
+BENCH_PARAMETERS = ("mass", "length", "arm_mass")
+
+
 def bench_parameters(params: Mapping[str, float], where: str) -> dict[str, float]:
     """Bench parameters of a run, checked.
 
     Raises:
-        SealegsError: mass or length is missing or not positive.
+        SealegsError: mass or length is missing or not positive, or there is a number that no bench has.
     """
+    for key in params:
+        if key not in BENCH_PARAMETERS:
+            hint = nearest(key, BENCH_PARAMETERS) or f"; it has {', '.join(BENCH_PARAMETERS)}"
+            raise SealegsError(f"{where}: robot_params has '{key}', which a bench has not{hint}.")
     for key in ("mass", "length"):
         if not params.get(key, 0.0) > 0.0:
             raise SealegsError(f"{where}: robot_params needs '{key}' above zero for a bench; add it to the sidecar.")

@@ -160,7 +160,27 @@ def read_excitation(path: Path, robot: ServoRobot) -> Trajectory:
         raise SealegsError(
             f"the excitation {path} needs the columns time and <joint>.goal; it has {', '.join(header)}."
         )
+    _check_load(path, robot)
     return _trajectory("excitation", path, columns["time"], goals, robot)
+
+
+def _check_load(path: Path, robot: ServoRobot) -> None:
+    """An experiment may be meant for another load, which its sidecar names; with the wrong one it tells nothing.
+
+    Raises:
+        SealegsError: the robot is said to carry another.
+    """
+    beside = path.with_suffix(".yaml")
+    if not beside.is_file():
+        return
+    from gap.log_sidecar import read_sidecar
+
+    meant, believed = read_sidecar(path).robot_params, robot.robot.parameters(robot.params)
+    other = {name: value for name, value in meant.items() if not math.isclose(value, believed.get(name, value))}
+    if other:
+        load = ", ".join(f"{name} {value:g}" for name, value in other.items())
+        words = " ".join(f"robot.params.{name}={value:g}" for name, value in other.items())
+        raise SealegsError(f"{beside} asks for another load ({load}): mount it and say so, with {words}.")
 
 
 def read_replay(path: Path, robot: ServoRobot) -> Trajectory:

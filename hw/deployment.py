@@ -35,6 +35,7 @@ DRY_CYCLES = 10
 SIGNALS = ("goal", "position", "velocity", "duty", "voltage", "current", "temperature")
 MOVES = ("p_gain", "i_gain", "d_gain", "startup_force", "cw_dead_zone", "ccw_dead_zone", "torque_limit")
 """Registers that decide how a servo answers a goal."""
+BENCH = "bench"
 SOURCES = ("policy", "excitation", "replay", "reference")
 
 
@@ -164,6 +165,11 @@ def _guarded(deployment: Deployment, bus: ServoBus, port: str, stop: Stop, say: 
         for line in unlike_the_factory(registers, robot.servo):
             say(line)
         log = stack.enter_context(contextlib.closing(_log(deployment, port, registers)))
+        if robot.robot.name == BENCH and hw["virtual"] is None and not {"mass", "length"} <= robot.params.keys():
+            say(
+                "A diagnosis needs to know what hangs on the servo: give robot.params.mass [kg] and "
+                "robot.params.length [m], or write them under robot_params in the log's sidecar."
+            )
         charge = Charge(
             port, int(hw["baudrate"]), robot.servo.name, float(hw["timeout"]), robot.ids, config["rest"],
             config["silence"], os.getpid(), str(log.events_path.resolve()),
@@ -329,6 +335,9 @@ def _log(deployment: Deployment, port: str, registers: Mapping[str, Mapping[str,
         "safety": dict(config["robot"]["safety"]),
         "registers": registers,
     }
-    sidecar = make_sidecar(robot.robot.name, robot.params, robot.belief, meta)
+    # the load of a virtual bench is known; of a real one, only what somebody says
+    simulated = config["hw"]["virtual"] is not None and robot.robot.name == BENCH
+    params = robot.robot.parameters(robot.params) if simulated else robot.params
+    sidecar = make_sidecar(robot.robot.name, params, robot.belief, meta)
     signals = (*SIGNALS, "link_position") if robot.measures_links else SIGNALS
     return MeasuredLog(folder, str(name), sidecar, robot.names, signals, robot.base_names)

@@ -188,6 +188,17 @@ def test_a_group_with_too_few_stances_to_test_on_is_named() -> None:
     assert f"0 are in the group '{short.name}'" in found.sentence
 
 
+def test_a_log_without_the_links_behind_the_springs_says_what_to_record() -> None:
+    data = recorded()[0]
+    runs = tuple(
+        replace(run, joints={name: replace(log, link_position=None) for name, log in run.joints.items()})
+        for run in data.runs
+    )
+    found = diagnose_ground(runs, [], 0, lambda text: None)
+    assert found.verdict == NOT_IDENTIFIABLE
+    assert "record hip.link_position and knee.link_position" in found.sentence
+
+
 def test_a_log_without_the_height_of_its_base_says_what_to_record() -> None:
     data, _ = recorded()
     runs = [replace(run, base={}) for run in data.runs]

@@ -64,10 +64,22 @@ def test_what_a_diagnosis_proposes_is_run_and_can_be_diagnosed(tmp_path: Path) -
     assert run(f"excitation={proposal}", f"out={tmp_path / 'log'}", "name=next", "robot.params={mass:0.3}") == 0
     data = read_measured(tmp_path / "log")
     log = data.runs[0]
-    assert log.robot_params == {"mass": 0.3} and unusable(check_set(data), data) is None
+    assert (
+        log.robot_params == {"mass": 0.3, "arm_mass": 0.03, "length": 0.12} and unusable(check_set(data), data) is None
+    )
     assert log.joints["joint"].goal == pytest.approx(goal[: len(log.time)], abs=1e-5)
     assert len(log.time) == 100
     assert abs(log.joints["joint"].position[0] - 0.2) < 0.15, "it was brought to the start slowly before"
+
+
+def test_an_experiment_for_another_load_says_which_to_mount(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    proposal = tmp_path / "next_experiment.csv"
+    proposal.write_text("time,servo.goal\n0,0\n0.1,0.1\n")
+    proposal.with_suffix(".yaml").write_text("robot: bench\nrobot_params: {mass: 0.8, length: 0.12}\n")
+    assert run(f"excitation={proposal}", f"out={tmp_path / 'log'}", "name=next") == 2
+    said = capsys.readouterr().err
+    assert "another load (mass 0.8)" in said and "robot.params.mass=0.8" in said and said.count("\n") == 1
+    assert run(f"excitation={proposal}", f"out={tmp_path / 'log'}", "name=next", "robot.params={mass: 0.8}") == 0
 
 
 def test_a_dry_run_prints_goals_and_leaves_no_log(

@@ -62,6 +62,12 @@ def diagnose_ground(
         leg = LegModel.of(runs[0].robot_params, {name: _chain(runs[0], joints, name) for name in JOINTS})
     except SealegsError as error:
         raise LogError(f"{runs[0].name}: {error}") from None
+    hidden = [
+        name for name in JOINTS if leg.gives_way(name) and any(r.joints[name].link_position is None for r in runs)
+    ]
+    if hidden:
+        columns = " and ".join(f"{name}.link_position" for name in hidden)
+        return _unknown(f"the links behind the springs were not logged; record {columns}.")
     progress("looking for stances")
     noise = column_noise(runs)
     stances = find_stances(runs, leg, noise)

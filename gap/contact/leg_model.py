@@ -76,6 +76,10 @@ class LegModel:
         change = {p.rstrip("*"): v * self.value(p[:-1]) if p.endswith("*") else v for p, v in values.items()}
         return replace(self, ground={**self.ground, **change})
 
+    def gives_way(self, joint: str) -> bool:
+        """Whether motor and link of a joint move apart."""
+        return any(self.chains[joint].find(stage) is not None for stage in ("spring", "compliance", "backlash"))
+
     def drivetrain(self) -> Drivetrain:
         """The leg in the engine, on ground that may slope and give way along its normal."""
         numbers = {name: self.value(path) for path, name in NUMBERS.items()}
