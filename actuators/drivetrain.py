@@ -203,11 +203,19 @@ class Drivetrain:
         return userdata[..., self.state_addresses[name] + slot]
 
     def reading(
-        self, name: str, qpos: np.ndarray, userdata: np.ndarray, time: np.ndarray, programs: np.ndarray | None = None
+        self,
+        name: str,
+        qpos: np.ndarray,
+        userdata: np.ndarray,
+        time: np.ndarray,
+        programs: np.ndarray | None = None,
+        *,
+        ticks: bool = True,
     ) -> np.ndarray:
         """Position as the host receives it [rad], shape (n,), from batch arrays (n, nq), (n, nuserdata), (n,).
 
-        ``programs`` is the batch's ``actuator_user`` (n, nu, nuser), where encoders differ between simulations.
+        ``programs`` is the batch's ``actuator_user`` (n, nu, nuser), where encoders differ between simulations; without
+        ``ticks`` it is what an encoder rounds, to which its noise is added first.
         """
         program = self._programs[name][None] if programs is None else programs[:, self.actuator_ids[name]]
         position = self.position(name, qpos)
@@ -216,10 +224,10 @@ class Drivetrain:
             states = userdata[:, start : start + int(self._programs[name][P_STATE_SIZE])]
             position = late_positions(np.broadcast_to(program, (len(qpos), program.shape[1])), states, time, position)
         value = program[:, P_SCALE] * position + program[:, P_OFFSET]
-        if program[:, P_TICKS].any():
-            ticks = program[:, P_TICKS]
-            step = 2.0 * np.pi / np.where(ticks > 0.0, ticks, 1.0)
-            value = np.where(ticks > 0.0, np.floor(value / step + 0.5) * step, value)
+        count = program[:, P_TICKS]
+        if ticks and count.any():
+            step = 2.0 * np.pi / np.where(count > 0.0, count, 1.0)
+            value = np.where(count > 0.0, np.floor(value / step + 0.5) * step, value)
         return value
 
     # --- changing ----------------------------------------------------------------------------------------------

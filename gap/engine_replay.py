@@ -76,7 +76,7 @@ def replay_in_engine(
         step: largest engine step [s].
 
     Returns:
-        Channels (n, 4): reading, link position [rad], duty, current [A].
+        Channels (n, 4): reading before it is rounded to ticks, link position [rad], duty, current [A].
     """
     model, name = drivetrain.model, drivetrain.coordinates[0].name
     original = model.opt.timestep
@@ -91,7 +91,8 @@ def replay_in_engine(
     for k in range(len(time)):
         data.ctrl[drivetrain.actuator_ids[name]] = goal[k]
         mujoco.mj_forward(model, data)
-        reading = drivetrain.reading(name, data.qpos[None], data.userdata[None], np.array([data.time]))[0]
+        now = np.array([data.time])
+        reading = drivetrain.reading(name, data.qpos[None], data.userdata[None], now, ticks=False)[0]
         link = float(drivetrain.position(name, data.qpos, "link"))
         out[k] = (
             reading,

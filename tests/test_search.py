@@ -2,12 +2,16 @@
 
 from __future__ import annotations
 
+from pathlib import Path
 from typing import Any
 
 import pytest
 
 from gap.diagnosis import diagnose
+from gap.log import read_measured
 from gap.verdict import EXPLAINED, NOT_IDENTIFIABLE, NOTHING, PARTLY, JointDiagnosis
+from gap.virtual_bench import LOADS as BENCH
+from gap.virtual_bench import record
 from tests.plant import hidden_bench
 
 LOADS = ("light", "medium", "heavy")
@@ -39,6 +43,12 @@ def test_nothing_hidden_is_nothing_to_explain() -> None:
     found = diagnosed({}, seed=12)
     assert found.verdict == NOTHING, found.sentence
     assert not found.causes
+
+
+def test_a_machine_in_the_engine_that_is_as_believed_is_nothing_to_explain(tmp_path: Path) -> None:
+    record(tmp_path, "sts3215", {}, loads=BENCH[1:], excitations=("chirp", "steps", "slow triangle"))
+    (found,) = diagnose(read_measured(tmp_path))
+    assert found.verdict == NOTHING, found.sentence
 
 
 def test_a_stranger_is_not_explained_by_a_known_cause() -> None:
