@@ -162,7 +162,8 @@ def outcome(row: dict[str, Any]) -> str:
         return "nothing" if row["verdict"] == "nothing to explain" else "not identifiable"
     first = found[0]
     if row["verdict"] == "not identifiable":
-        return "rival" if wanted & {first["name"], *first["rivals"]} else "not identifiable"
+        reported = {first["name"], *first["rivals"]} if first["rivals"] else set()
+        return "rival" if wanted & reported else "not identifiable"
     if first["name"] in wanted:
         return "right"
     if wanted & set(first["rivals"]):
