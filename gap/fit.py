@@ -20,7 +20,6 @@ CONVERGED = 5e-4  # relative improvement of the cost below which a fit ends
 TRIED = (0.1, 1.0, 20.0)  # dampings that each iteration tries, relative to the last one
 UNLIKELY = 3.84  # rise of the cost, in squared noise floors, that a true value exceeds in 5 % of cases
 CLOCK = 0.03  # of a sample period: what all time stamps are late or early by
-STEPS, WORTH = 3, 0.02  # with one Jacobian, as long as a step improves the cost by so much
 LONGEST = 10.0  # step of a parameter in one iteration, in units of its scale
 
 
@@ -104,13 +103,11 @@ def fit(
             jacobian = (ahead - here) / up[:, None]
         if cost == 0.0:
             break
-        before, failed = cost, False
-        for _ in range(STEPS):
-            weighted = jacobian * robust_weight(here)
-            slope, curvature = weighted @ here, weighted @ jacobian.T
-            free = ~(((u <= low + 1e-9) & (slope > 0.0)) | ((u >= high - 1e-9) & (slope < 0.0)))
-            if not free.any():
-                break
+        weighted = jacobian * robust_weight(here)
+        slope, curvature = weighted @ here, weighted @ jacobian.T
+        free = ~(((u <= low + 1e-9) & (slope > 0.0)) | ((u >= high - 1e-9) & (slope < 0.0)))
+        improved = 0.0
+        for _ in range(1 + both_sides if free.any() else 0):
             trials = np.stack([_step(u, slope, curvature, free, damping * more, low, high) for more in TRIED])
             # ripple in the Jacobian looks like curvature and shortens steps along a valley: also try further
             trials = np.concatenate([trials, np.clip(u + 3.0 * (trials[:1] - u), low, high)])
@@ -118,18 +115,11 @@ def fit(
             costs = np.array([float(robust_loss(row).sum()) for row in tried])
             best = int(costs.argmin())
             if costs[best] < cost:
-                improved, move, change = (cost - costs[best]) / cost, trials[best] - u, tried[best] - here
+                improved = (cost - costs[best]) / cost
                 u, here, cost, ahead = trials[best], tried[best], float(costs[best]), None
                 damping = min(max(damping * (*TRIED, 0.1)[best], 1e-7), 1e6)
-                if improved < WORTH:
-                    break
-                # what the step showed of the slopes is cheaper than to look at each again (Broyden)
-                jacobian = jacobian + np.outer(move, change - move @ jacobian) / (move @ move)
-            elif failed or not both_sides:
                 break
-            else:
-                failed, damping = True, damping * 400.0
-        improved = (before - cost) / before
+            damping *= 400.0
         if improved < CONVERGED:
             if both_sides:
                 break

@@ -17,7 +17,7 @@ from gap.units import FIT_A, FIT_B
 
 KEEP = 10  # causes that are fitted roughly after the screen
 FINALISTS = 5  # causes that are fitted fully after that
-ROUGH, FULL, APART = 3, 8, 4  # iterations of a rough fit, of the fit that follows it, and of those to each part
+ROUGH, FULL = 3, 25  # iterations of a rough fit, and at most of those that follow it
 MOST_CAUSES = 6
 FEWEST, FAR_OFF = 2, 2.0  # of them are fitted however far off; others only below so many times the error of the first
 HOPELESS = 1.5  # times the least error after one iteration: no further ones
@@ -219,7 +219,7 @@ class Searcher:
         So what a part does not show at all stays as the other part has it.
         """
         joint = fit(self.both, parameters, start, FULL)
-        a, b = (fit(part, parameters, joint.values, APART) for part in self.parts)
+        a, b = (fit(part, parameters, joint.values, FULL) for part in self.parts)
         return a, b
 
     def _judge(self, fits: tuple[Fit, Fit]) -> np.ndarray:

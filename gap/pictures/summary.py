@@ -115,8 +115,10 @@ def budget_slices(diagnosis: JointDiagnosis) -> list[Slice]:
     slices.append(Slice("re-tuned numbers", max(tuned, 0.0) * (1.0 - noise), TUNED, ".."))
     slices.append(Slice("unexplained structure", diagnosis.unexplained * (1.0 - noise), UNEXPLAINED, "//"))
     slices.append(Slice("noise", noise, NOISE))
-    total = sum(piece.share for piece in slices) or 1.0
-    return [Slice(s.label, s.share / total, s.colour, s.hatch) for s in slices if s.share > 5e-4 * total]
+    least = 5e-4 * sum(piece.share for piece in slices)
+    shown = [piece for piece in slices if piece.share > least]
+    total = sum(piece.share for piece in shown)
+    return [Slice(s.label, s.share / total, s.colour, s.hatch) for s in shown]
 
 
 @styled
