@@ -29,7 +29,7 @@ from actuators.layout import (
     P_TERMS,
     P_TICKS,
 )
-from actuators.mounting import DrivenCoordinate, Mounted, mount
+from actuators.mounting import SPRING_SOLIMP, DrivenCoordinate, Mounted, coupling_element, mount
 from actuators.stability import check_step
 from actuators.stages.sensor import late_positions
 
@@ -89,6 +89,7 @@ class Drivetrain:
         except ValueError as error:
             raise SealegsError(f"the model does not compile with its actuators: {error}.") from None
         self._check_steps()
+        self._set_teeth()
         self._address()
         if self.model.ntree == 1:  # one tree is one island: looking for others costs 5 % of a step
             flag = int(mujoco.mjtDisableBit.mjDSBL_ISLAND)
@@ -116,6 +117,24 @@ class Drivetrain:
             if mobility > 0.0:
                 coupled = side.coupling is not None or side.deflection is not None
                 check_step(item.name, self.chains[item.name], 1.0 / mobility, coupled, model.opt)
+
+    def _set_teeth(self) -> None:
+        """Stiffness and damping of teeth: the engine takes them per inertia, which is known only after compiling.
+
+        Both at most as large as a step resolves, as the engine does with those that it is given as a time constant.
+        """
+        rate = 1.0 / self.model.opt.timestep
+        for item in self.coordinates:
+            chain, side = self.chains[item.name], self._sides[item.name]
+            play = chain.find("backlash")
+            if play is None or play.tooth_stiffness == 0.0 or coupling_element(chain) is not None:
+                continue
+            number = self.model.tendon(side.coupling).id
+            mobility = float(self.model.tendon_invweight0[number])
+            solref = -min(play.tooth_stiffness * mobility, rate**2), -min(play.tooth_damping * mobility, rate)
+            tendon = self.spec.tendon(side.coupling)
+            tendon.solref_limit, tendon.solimp_limit = solref, SPRING_SOLIMP
+            self.model.tendon_solref_lim[number], self.model.tendon_solimp_lim[number] = solref, SPRING_SOLIMP
 
     def _add_actuator(self, name: str) -> None:
         side = self._sides[name]

@@ -18,6 +18,9 @@ from actuators.stages import ChainError
 # The engine raises the time constant to twice the step (refsafe): a short one means as stiff as the step allows.
 FRICTION_SOLREF = (0.001, 1.0)
 FRICTION_SOLIMP = (0.9999, 0.9999, 0.001, 0.5, 2.0)
+# Beside stiffness and damping per inertia (a negative solref) a low impedance makes a spring, which adds to all other
+# torques; a high one would replace them.
+SPRING_SOLIMP = (0.001, 0.001, 0.001, 0.5, 2.0)
 # Stops of a play as stiff as gear teeth; the defaults let them overlap by more than the play is wide.
 TOOTH_SOLREF = (0.004, 1.0)
 TOOTH_SOLIMP = (0.99, 0.999, 0.0001, 0.5, 2.0)

@@ -239,14 +239,11 @@ def within_tolerance(row: dict[str, Any]) -> bool:
 
     Such a case is one of the nulls, by another name: nothing is there to find.
     """
-    return len(row["effects"]) == 1 and all(
-        name in NUMBERS
-        and all(
-            abs(factor(effect["value"], row["factors"][number]) - 1.0) <= TOLERANCE
-            for number, factor in NUMBERS[name].items()
-        )
-        for name, effect in row["effects"].items()
-    )
+    if len(row["effects"]) != 1:
+        return False
+    ((name, effect),) = row["effects"].items()
+    factors = [factor(effect["value"], row["factors"][number]) for number, factor in NUMBERS.get(name, {}).items()]
+    return bool(factors) and all(abs(factor - 1.0) <= TOLERANCE for factor in factors)
 
 
 def main(arguments: Sequence[str] | None = None) -> int:

@@ -98,12 +98,11 @@ def summary(rows: Sequence[dict[str, Any]]) -> str:
         )
     plain = [row for row in alone if kind(row) != "faint"]
     if plain:
-        first = sum(set(row["effects"]) & set(named(row)[:1]) != set() for row in plain)
+        first = [row for row in plain if set(row["effects"]) & set(named(row)[:1])]
         real = [row for row in plain if not within_tolerance(row)]
-        there = sum(set(row["effects"]) & set(named(row)[:1]) != set() for row in real)
         lines.append(
-            f"- clear and moderate, right name first, with or without a rival: {first} of {len(plain)}; without those "
-            f"within the tolerance of a number {there} of {len(real)}"
+            f"- clear and moderate, right name first, with or without a rival: {len(first)} of {len(plain)}; without "
+            f"those within the tolerance of a number {sum(row in real for row in first)} of {len(real)}"
         )
     if nulls := [row for row in rows if kind(row) == "null"]:
         false = sum(len(named(row)) for row in nulls)

@@ -6,6 +6,7 @@ import math
 from collections.abc import Callable
 from dataclasses import dataclass
 
+from actuators.mounting import coupling_element
 from gap.joint_model import JointModel
 from gap.parameters import TIGHT, Parameter, factor
 
@@ -337,10 +338,18 @@ def motor_constant(nominal: JointModel) -> Cause | None:
 
 @entry
 def backlash(nominal: JointModel) -> Cause:
-    numbers = [Parameter("backlash.width", "rad", 0.0, 0.5, start, 0.01) for start in (0.02, 0.08)]
-    return Cause(
-        "transmission.backlash", "There is play between motor and link.", "hysteresis", tuple((n,) for n in numbers)
-    )
+    small, large = (Parameter("backlash.width", "rad", 0.0, 0.5, start, 0.01) for start in (0.02, 0.08))
+    variants: list[tuple[Parameter, ...]] = [(small,), (large,)]
+    if (top := _torque(nominal)) > 0.0 and coupling_element(nominal.chain) is None:
+        # how teeth bounce shows in a play that is wide enough for them to leave each other
+        stiffness = Parameter(
+            "backlash.tooth_stiffness", "N.m/rad", 30.0 * top, 3e3 * top, 300.0 * top, 0.3, logarithmic=True
+        )
+        damping = Parameter(
+            "backlash.tooth_damping", "N.m.s/rad", 0.01 * top, 3.0 * top, 0.3 * top, 0.3, logarithmic=True
+        )
+        variants.append((large, stiffness, damping))
+    return Cause("transmission.backlash", "There is play between motor and link.", "hysteresis", tuple(variants))
 
 
 @entry

@@ -10,6 +10,7 @@ import numpy as np
 
 from actuators import Drivetrain
 from actuators.layout import S_CURRENT, S_DUTY
+from actuators.mounting import SPRING_SOLIMP
 from envs.robots import get_robot
 from gap.joint_model import GRAVITY, JointModel
 from gap.simulator import CHANNELS, STOP_DAMPING, STOP_STIFFNESS
@@ -55,13 +56,12 @@ def _block(drivetrain: Drivetrain, name: str, joint: JointModel, params: Mapping
     lower, upper = max(joint.load.lower_stop, -FAR), min(joint.load.stop_angle, FAR)
     stiff = model.njnt == 1
     inertia = joint.load.inertia(params) + (joint.chain.armature() if stiff else 0.0)
-    # a negative solref is stiffness and damping per inertia; full impedance makes them exact
-    solref, solimp = (-STOP_STIFFNESS / inertia, -STOP_DAMPING / inertia), (0.9999, 0.9999, 1e-3, 0.5, 2.0)
+    solref = -STOP_STIFFNESS / inertia, -STOP_DAMPING / inertia
     limit.limited, limit.range = True, (lower, upper)
-    limit.solref_limit, limit.solimp_limit = solref, solimp
+    limit.solref_limit, limit.solimp_limit = solref, SPRING_SOLIMP
     model.jnt_limited[number] = True
     model.jnt_range[number] = lower, upper
-    model.jnt_solref[number], model.jnt_solimp[number] = solref, solimp
+    model.jnt_solref[number], model.jnt_solimp[number] = solref, SPRING_SOLIMP
 
 
 def replay_in_engine(

@@ -92,7 +92,7 @@ def fit(
     cost, damping = float(robust_loss(here).sum()), 1e-3
     both_sides = False  # differences to one side are cheaper and carry a fit most of its way
     ahead: np.ndarray | None = None
-    for _ in range(evaluations):
+    for _ in range(evaluations if cost > 0.0 else 0):
         up = np.where(u + reach <= high, reach, -reach)
         if ahead is None:
             ahead = errors(u[None] + np.diag(up))
@@ -101,8 +101,6 @@ def fit(
             jacobian = (ahead - errors(u[None] - np.diag(back))) / (up + back)[:, None]
         else:
             jacobian = (ahead - here) / up[:, None]
-        if cost == 0.0:
-            break
         weighted = jacobian * robust_weight(here)
         slope, curvature = weighted @ here, weighted @ jacobian.T
         free = ~(((u <= low + 1e-9) & (slope > 0.0)) | ((u >= high - 1e-9) & (slope < 0.0)))

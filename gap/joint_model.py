@@ -17,6 +17,7 @@ from actuators.errors import SealegsError, nearest
 from actuators.layout import P_HEADER, P_VISCOUS
 from actuators.stages import STAGES, Stage
 from actuators.stages.base import ChainError
+from envs.bench.robot import NUMBERS
 from gap.parameters import Parameter
 
 GRAVITY = 9.81  # [m/s2]
@@ -219,6 +220,8 @@ class JointModel:
             k[K_HALF_PLAY] = play.width / 2.0 if play is not None else 0.0
             if element is not None:
                 k[K_STIFFNESS], k[K_DAMPING] = element.stiffness, element.damping
+            elif play is not None and play.tooth_stiffness > 0.0:
+                k[K_STIFFNESS], k[K_DAMPING] = play.tooth_stiffness, play.tooth_damping
             else:
                 inertia = 1.0 / (1.0 / k[K_MOTOR_INERTIA] + 1.0 / k[K_INERTIA])
                 k[K_STIFFNESS] = inertia * TOOTH_FREQUENCY**2
@@ -243,9 +246,6 @@ def _record(program: np.ndarray, opcode: int) -> int:
     return 0
 
 
-BENCH_PARAMETERS = ("mass", "length", "arm_mass")
-
-
 def bench_parameters(params: Mapping[str, float], where: str) -> dict[str, float]:
     """Bench parameters of a run, checked.
 
@@ -253,8 +253,8 @@ def bench_parameters(params: Mapping[str, float], where: str) -> dict[str, float
         SealegsError: mass or length is missing or not positive, or there is a number that no bench has.
     """
     for key in params:
-        if key not in BENCH_PARAMETERS:
-            hint = nearest(key, BENCH_PARAMETERS) or f"; it has {', '.join(BENCH_PARAMETERS)}"
+        if key not in NUMBERS:
+            hint = nearest(key, NUMBERS) or f"; it has {', '.join(NUMBERS)}"
             raise SealegsError(f"{where}: robot_params has '{key}', which a bench has not{hint}.")
     for key in ("mass", "length"):
         if not params.get(key, 0.0) > 0.0:

@@ -27,7 +27,7 @@ MODEL = {
     "gear": ("ratio",),
     "spring": ("stiffness", "damping"),
     "compliance": ("stiffness", "damping"),
-    "backlash": ("width",),
+    "backlash": ("width", "tooth_stiffness", "tooth_damping"),
 }
 """Parameters that become parts of the model, whatever drives it."""
 ACTUATOR = {

@@ -10,10 +10,10 @@ from typing import Any, ClassVar
 import numpy as np
 
 from actuators.stages.base import ChainError
-from gap.joint_model import K_COUPLED, JointModel, bench_parameters
+from gap.joint_model import K_COUPLED, K_HALF_PLAY, JointModel, bench_parameters
 from gap.log_types import LogError, MeasuredRun
 from gap.robust import robust_loss
-from gap.simulator import CHANNELS, ELASTIC_STEP, SWITCHING, SWITCHING_STEP, replay_many
+from gap.simulator import CHANNELS, ELASTIC_STEP, SWITCHING, SWITCHING_STEP, TEETH_STEP, replay_many
 from gap.units import Unit
 
 BLOCK = 1.0  # [s] errors closer than this are taken as one observation, since they are not independent
@@ -159,7 +159,9 @@ class Problem:
                 for joint, params, program in zip(joints, self.params, per_run, strict=True)
             ]
             constants.append(rows)
-            most = ELASTIC_STEP if rows[0][K_COUPLED] > 0.0 else np.inf
+            most = np.inf
+            if rows[0][K_COUPLED] > 0.0:
+                most = TEETH_STEP if rows[0][K_HALF_PLAY] > 0.0 else ELASTIC_STEP
             if any(joints[0].chain.find(stage) is not None for stage in SWITCHING):
                 most = min(most, SWITCHING_STEP)
             steps.append(min(step or self.step, most))

@@ -25,10 +25,9 @@ OUTRUN = 1.15  # times the error of a cause's better variant: not fitted fully
 # least squared error that a cause must remove, in parts of that of the noise: ripple of ticks and steps can do less
 SEEN = 0.04
 LEFT = 0.04  # loss per value beyond that of the noise from which another cause is looked for
-SMALL, PROMISE = (
-    0.3,
-    0.015,
-)  # squared error left, and what of it the screen must promise for a round to be worth its time
+# squared error left, and what of it the screen must promise for a round to be worth its time
+SMALL, PROMISE = 0.3, 0.015
+SHOWN = 0.01  # of what removes little, least part in what is judged sample by sample, the joint's own motion
 PAYS = 0.08  # least share of the excess error that a further cause must remove
 ALIKE = 0.4  # least ratio of a parameter's distance from doing nothing in one part to that in the other
 MATERIAL = 0.01  # relative change of a number below which it is no finding: none is known better, nor is the simulation
@@ -190,7 +189,7 @@ class Searcher:
             return pays
         # little beyond the noise also means little to tell causes apart by; and as little as that may come from when
         # and how a drive reports its duty and current, so the joint itself must show it
-        return winner.best > CLEAR and self._sampled(current) - self._sampled(winner.fits) > SEEN
+        return winner.best > CLEAR and self._sampled(current) - self._sampled(winner.fits) > SHOWN
 
     def _sampled(self, fits: tuple[Fit, Fit]) -> float:
         """Loss per value of what is judged sample by sample, each part under the fit that did not see it."""

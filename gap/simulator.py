@@ -13,6 +13,7 @@ import math
 import numba
 import numpy as np
 
+from actuators.compiled import compiled
 from actuators.law import advance, begin, host_reading, torque
 from actuators.layout import P_LATENCY, P_OFFSET, P_SCALE, P_STATE_SIZE, P_TICKS, S_CURRENT, S_DUTY, S_LIMIT, S_TIME
 from actuators.stages.transmission import friction_limit
@@ -37,14 +38,15 @@ from gap.joint_model import (
     K_VISCOUS,
 )
 
-ELASTIC_STEP = 1e-3  # [s] largest step with a spring or play between motor and link, whose frequency bounds it
-SWITCHING_STEP = 5e-4  # [s] largest step with firmware that switches: it must switch when the machine does
+ELASTIC_STEP = 1e-3  # [s] largest step with a spring between motor and link, whose frequency bounds it
+TEETH_STEP = 2.5e-4  # [s] with play, whose teeth meet for a few milliseconds
+SWITCHING_STEP = 2.5e-4  # [s] with firmware that switches: it must switch when the machine does
 SWITCHING = ("rate_limit", "dead_band", "minimum_duty", "duty_step")
 STOP_STIFFNESS, STOP_DAMPING = 500.0, 1.0  # [N.m/rad], [N.m.s/rad] of whatever blocks a link: assumed
 CHANNELS = ("position", "link_position", "duty", "current")
 
 
-@numba.njit(cache=True, error_model="numpy")
+@compiled()
 def load_torque(k, q, w):
     """Torque of gravity and stop on the link [N.m]."""
     value = -k[K_GRAVITY] * math.sin(q)
@@ -55,7 +57,7 @@ def load_torque(k, q, w):
     return value
 
 
-@numba.njit(cache=True, error_model="numpy")
+@compiled()
 def coupling_torque(k, twist, rate):
     """Torque that spring or teeth pass from motor to link [N.m]."""
     play = k[K_HALF_PLAY]
@@ -68,7 +70,7 @@ def coupling_torque(k, twist, rate):
     return k[K_DAMPING] * rate if play == 0.0 else 0.0
 
 
-@numba.njit(cache=True, error_model="numpy")
+@compiled()
 def drive(p, k, s, time, goal, on, q, w, external, first):
     """Torque on the motor side without dry friction, which is left in ``S_LIMIT`` [N.m]."""
     value = torque(p, s, time, goal, q, w, external, first)
@@ -79,7 +81,7 @@ def drive(p, k, s, time, goal, on, q, w, external, first):
     return value - k[K_VISCOUS] * w
 
 
-@numba.njit(cache=True, error_model="numpy")
+@compiled()
 def slide(p, k, s, x, time, span, goal, on, first):
     """Advance motor and link ``x = [q, w, link q, link w]`` by ``span`` seconds.
 
@@ -137,7 +139,7 @@ def slide(p, k, s, x, time, span, goal, on, first):
             return
 
 
-@numba.njit(cache=True, error_model="numpy")
+@compiled()
 def replay(p, k, time, goal, on, temperature, q0, w0, step, out):
     """Replay the commands of one run from the state ``(q0, w0)`` at its first sample.
 
@@ -197,7 +199,7 @@ def replay(p, k, time, goal, on, temperature, q0, w0, step, out):
     s[S_TIME] = time[n - 1]
 
 
-@numba.njit(cache=True, error_model="numpy")
+@compiled()
 def host_reading_smooth(p, s, time, q):
     """What the host reads, before rounding to ticks.
 
@@ -212,7 +214,7 @@ def host_reading_smooth(p, s, time, q):
     return p[P_SCALE] * q + p[P_OFFSET]
 
 
-@numba.njit(cache=True, error_model="numpy", parallel=True)
+@compiled(parallel=True)
 def replay_many(programs, constants, time, goal, on, temperature, starts, states, steps, out):
     """Replay many units with many variants of the model, on all cores.
 

@@ -12,7 +12,9 @@ from gap.log_types import LogError, MeasuredRun
 WARM_UP = 1.5  # [s] replayed but not judged, so that what came before a piece is forgotten
 SEARCH = 1.5  # [s] before that in which a quiet start is looked for
 QUIET = 0.05  # [s] either side of a sample over which its motion is judged
-START = 0.1  # [s] not judged at the start of a run
+# of a run that is not judged at its start, where what came before is unknown: commands under way, on which side of a
+# play the link lies
+START, LEAST_START, MOST_START = 0.04, 0.1, 1.0  # share of it, and [s] between which that lies
 SWING = 0.125  # of a run that is not judged at its start where the link hangs on a spring, whose state is unknown
 PIECES = 4  # a run is cut into, where there are too few runs to hold whole ones out
 ENOUGH_RUNS = 6
@@ -106,7 +108,9 @@ def _unit(runs: Sequence[MeasuredRun], k: int, joint: str, part: int, begin: flo
     start = (
         _quiet(time, runs[k].joints[joint].position, first - SEARCH - WARM_UP, first - WARM_UP) if begin > 0.0 else 0
     )
-    swing = min(SWING * span, WARM_UP) if runs[k].joints[joint].link_position is not None else START
+    swing = min(max(START * span, LEAST_START), MOST_START)
+    if runs[k].joints[joint].link_position is not None:
+        swing = min(SWING * span, WARM_UP)
     judged = int(np.searchsorted(time, first if begin > 0.0 else first + swing))
     if begin == 0.0 and "excerpt" in runs[k].meta:  # a window of a long log: something came before it
         start = _quiet(time, runs[k].joints[joint].position, first, first + SEARCH)

@@ -17,7 +17,7 @@ from gap.fit import fit
 from gap.joint_model import K_COUPLED
 from gap.parameters import Parameter
 from gap.problem import Problem
-from gap.units import FIT_A, FIT_B, START, Unit, state_at
+from gap.units import FIT_A, FIT_B, LEAST_START, Unit, state_at
 
 WINDOW = 1.0  # [s]
 SHORTEST = 0.5  # [s] what is left at the end of a run, if shorter, belongs to the window before
@@ -52,7 +52,7 @@ def window_starts(time: np.ndarray, window: float = WINDOW) -> np.ndarray:
 
 
 def split(problem: Problem, window: float = WINDOW) -> Problem:
-    """Cut every unit into windows; each is judged from :data:`gap.units.START` after its start on."""
+    """Cut every unit into windows; each is judged from :data:`gap.units.LEAST_START` after its start on."""
     units: list[Unit] = []
     starts: list[int] = []
     judged = problem.judged.copy()
@@ -61,7 +61,7 @@ def split(problem: Problem, window: float = WINDOW) -> Problem:
         time, position = problem.time[first:end], problem.measured[first:end, 0]
         cuts = [*(int(k) for k in window_starts(time, window)), end - first]
         for a, b in itertools.pairwise(cuts):
-            lead = int(np.searchsorted(time, time[a] + START)) if a > 0 else unit.judged
+            lead = int(np.searchsorted(time, time[a] + LEAST_START)) if a > 0 else unit.judged
             judged[first + a : first + lead] = False
             group[first + a : first + lead] = -1
             state = state_at(time, position, a) if a > 0 else unit.state

@@ -53,6 +53,10 @@ NATIVE = {
     "overload": ({"torque_limit.limit": 0.6}, 0.02),
     "compliance": ({"compliance.stiffness": 15.0, "compliance.damping": 0.02}, 0.02),
     "backlash": ({"backlash.width": 0.05}, 0.02),
+    "bouncing teeth": (
+        {"backlash.width": 0.1, "backlash.tooth_stiffness": 900.0, "backlash.tooth_damping": 0.5},
+        0.1,  # every bounce enlarges what differs before it
+    ),
     "mass": ({"load.mass_factor": 1.3}, 0.02),
     "inertia": ({"load.extra_inertia": 0.003}, 0.02),
     "centre of mass": ({"load.centre_shift": 0.02}, 0.02),

@@ -22,6 +22,7 @@ EXTENSIONS = {
     "duty step": {"duty_step.size": 0.03},
     "thermal": {"thermal.loss": 0.01, "thermal.temperature": 40.0},
     "compliance": {"compliance.stiffness": 15.0, "compliance.damping": 0.02},
+    "blocked": {"load.stop_angle": 0.4, "load.lower_stop": -0.4},
 }
 
 

@@ -12,7 +12,7 @@ from gap.diagnosis import diagnose
 from gap.joint_model import JointModel
 from gap.problem import Problem, lay_out
 from gap.search import Searcher
-from gap.units import START, cut
+from gap.units import LEAST_START, cut
 from gap.verdict import EXPLAINED
 from gap.windows import SHORTEST, WINDOW, in_windows, split
 from tests.plant import hidden_bench
@@ -40,7 +40,7 @@ def test_windows_hold_every_sample_once_and_start_where_the_joint_was() -> None:
 def test_the_first_moments_of_a_window_are_not_judged() -> None:
     cut_up = split(problem())
     for a, b in zip(cut_up.starts[:-1], cut_up.starts[1:], strict=True):
-        early = cut_up.time[a:b] < cut_up.time[a] + START
+        early = cut_up.time[a:b] < cut_up.time[a] + LEAST_START
         assert not cut_up.judged[a:b][early].any()
     assert not (cut_up.judged & ~problem().judged).any()
 
