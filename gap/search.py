@@ -28,6 +28,7 @@ LEFT = 0.04  # loss per value beyond that of the noise from which another cause 
 # squared error left, and what of it the screen must promise for a round to be worth its time
 SMALL, PROMISE = 0.3, 0.015
 SHOWN = 0.01  # of what removes little, least part in what is judged sample by sample, the joint's own motion
+DRIVEN = 0.12  # or else least that it must remove in all: less may come from when a drive reports duty and current
 PAYS = 0.08  # least share of the excess error that a further cause must remove
 ALIKE = 0.4  # least ratio of a parameter's distance from doing nothing in one part to that in the other
 MATERIAL = 0.01  # relative change of a number below which it is no finding: none is known better, nor is the simulation
@@ -110,6 +111,7 @@ class Searcher:
     seed: int = 0
     causes: list[Cause] = field(default_factory=list)
     tuned: tuple[Parameter, ...] = ()
+    replaced: set[str] = field(default_factory=set)
 
     def __post_init__(self) -> None:
         self.nominal = self.problem.models[0]
@@ -129,6 +131,7 @@ class Searcher:
         blocks = self._judge(base)
         accepted: list[Candidate] = []
         rounds: list[Round] = []
+        self.replaced = set()
         current, before = base, blocks
         while len(accepted) < MOST_CAUSES and (left := self._excess(current)) > LEFT:
             candidates = self._round(accepted, current, before, left)
@@ -147,7 +150,30 @@ class Searcher:
             accepted.append(winner)
             current, before = winner.fits, winner.blocks
             self.progress(f"found {winner.cause.name} (removes {100 * winner.gain:.0f} % of what was left)")
+            if len(accepted) > 1 and (alone := self._instead(accepted, rounds, base)) is not None:
+                self.progress(f"which leaves nothing to explain for {accepted[-2].cause.name}")
+                self.replaced.add(accepted[-2].cause.name)
+                accepted[-2:], rounds[-2:] = [alone.candidates[0]], [alone]
+                current, before = alone.candidates[0].fits, alone.candidates[0].blocks
         return Search(self.tuned, tuple(accepted), tuple(rounds), self.counts, base)
+
+    def _instead(self, accepted: list[Candidate], rounds: list[Round], base: tuple[Fit, Fit]) -> Round | None:
+        """The round of the last cause but one with the last one in its place, if on top of that it would not pay.
+
+        The one that came first may only have stood in for the other.
+        """
+        *others, earlier, last = accepted
+        fits = self._fit_both(merge(self.tuned, *(c.variant for c in others), last.variant), middle(*last.fits))
+        blocks = self._judge(fits)
+        if (left := self._excess(fits)) > LEFT:
+            (again,) = self._rank([replace(earlier, fits=last.fits, blocks=last.blocks)], blocks, left)
+            if self._pays(again, blocks, fits):
+                return None
+        step = rounds[-2]
+        candidates = [replace(last, fits=fits, blocks=blocks)]
+        candidates += [candidate for candidate in step.candidates if candidate.cause.name != last.cause.name]
+        ranked = self._rank(candidates, step.before, self._excess(others[-1].fits if others else base))
+        return Round(step.before, tuple(ranked), True) if ranked[0].cause.name == last.cause.name else None
 
     def _challenged(
         self, accepted: list[Candidate], winner: Candidate, current: tuple[Fit, Fit], before: np.ndarray
@@ -187,9 +213,10 @@ class Searcher:
         pays = winner.gain > PAYS and winner.better > SURE and removed > SEEN and self._consistent(winner)
         if not pays or removed > SMALL:
             return pays
-        # little beyond the noise also means little to tell causes apart by; and as little as that may come from when
-        # and how a drive reports its duty and current, so the joint itself must show it
-        return winner.best > CLEAR and self._sampled(current) - self._sampled(winner.fits) > SHOWN
+        # little beyond the noise also means little to tell causes apart by
+        if winner.best < CLEAR:
+            return False
+        return removed > DRIVEN or self._sampled(current) - self._sampled(winner.fits) > SHOWN
 
     def _sampled(self, fits: tuple[Fit, Fit]) -> float:
         """Loss per value of what is judged sample by sample, each part under the fit that did not see it."""
@@ -233,7 +260,7 @@ class Searcher:
     def _round(
         self, accepted: list[Candidate], current: tuple[Fit, Fit], before: np.ndarray, left: float
     ) -> list[Candidate]:
-        taken = {candidate.cause.name for candidate in accepted}
+        taken = {candidate.cause.name for candidate in accepted} | self.replaced
         extended = merge(self.tuned, *(candidate.variant for candidate in accepted))
         chosen, promise = self._screen([cause for cause in self.causes if cause.name not in taken], extended, current)
         if left < SMALL and promise < PROMISE:

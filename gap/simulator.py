@@ -160,6 +160,8 @@ def replay(p, k, time, goal, on, temperature, q0, w0, step, out):
     if k[K_COUPLED] > 0.0 and k[K_STIFFNESS] > 0.0:  # start with the load held by spring or tooth, not with a jerk
         load = load_torque(k, q0, 0.0)
         x[2] = q0 + load / k[K_STIFFNESS] + math.copysign(k[K_HALF_PLAY], load)
+        if load * load_torque(k, x[2], 0.0) <= 0.0:  # it hangs between the teeth
+            x[2] = 0.0
     begin(p, s, time[0], goal[0], q0, w0)
     n = len(time)
     arrival = 0

@@ -17,6 +17,7 @@ UNKNOWN: dict[str, tuple[Parameter, ...]] = {
     "zero": (Parameter("encoder.offset", "rad", -0.1, 0.1, 0.0, 0.01),),
     "friction": (factor("friction.coulomb", 0.02, 20.0, 0.2), factor("friction.viscous", 0.02, 20.0, 0.2)),
     "armature": (factor("dc_motor.armature", 0.2, 5.0, 0.1),),
+    "motor": (factor("dc_motor.motor_constant", 0.4, 2.5, 0.1), factor("dc_motor.resistance", 0.4, 2.5, 0.1)),
     "load": (
         Parameter("load.mass_factor", "1", 0.005, 20.0, 1.0, 0.3, logarithmic=True),
         Parameter("load.extra_inertia", "kg.m2", 0.0, 0.1, 0.002, 0.002),

@@ -52,7 +52,10 @@ def window_starts(time: np.ndarray, window: float = WINDOW) -> np.ndarray:
 
 
 def split(problem: Problem, window: float = WINDOW) -> Problem:
-    """Cut every unit into windows; each is judged from :data:`gap.units.LEAST_START` after its start on."""
+    """Cut every unit into windows, each judged from :data:`gap.units.LEAST_START` after its start on.
+
+    The first one is judged from where the unit was.
+    """
     units: list[Unit] = []
     starts: list[int] = []
     judged = problem.judged.copy()
