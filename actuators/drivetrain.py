@@ -29,7 +29,7 @@ from actuators.layout import (
     P_TERMS,
     P_TICKS,
 )
-from actuators.mounting import SPRING_SOLIMP, DrivenCoordinate, Mounted, coupling_element, mount
+from actuators.mounting import DrivenCoordinate, Mounted, mount
 from actuators.stability import check_step
 from actuators.stages.sensor import late_positions
 
@@ -119,22 +119,17 @@ class Drivetrain:
                 check_step(item.name, self.chains[item.name], 1.0 / mobility, coupled, model.opt)
 
     def _set_teeth(self) -> None:
-        """Stiffness and damping of teeth: the engine takes them per inertia, which is known only after compiling.
-
-        Both at most as large as a step resolves, as the engine does with those that it is given as a time constant.
-        """
-        rate = 1.0 / self.model.opt.timestep
+        """How hard teeth are goes into model and specification: the engine takes it per inertia, known now."""
         for item in self.coordinates:
-            chain, side = self.chains[item.name], self._sides[item.name]
-            play = chain.find("backlash")
-            if play is None or play.tooth_stiffness == 0.0 or coupling_element(chain) is not None:
+            side = self._sides[item.name]
+            if side.coupling is None:
                 continue
-            number = self.model.tendon(side.coupling).id
-            mobility = float(self.model.tendon_invweight0[number])
-            solref = -min(play.tooth_stiffness * mobility, rate**2), -min(play.tooth_damping * mobility, rate)
             tendon = self.spec.tendon(side.coupling)
-            tendon.solref_limit, tendon.solimp_limit = solref, SPRING_SOLIMP
-            self.model.tendon_solref_lim[number], self.model.tendon_solimp_lim[number] = solref, SPRING_SOLIMP
+            for field, number, value in side.native(self.model, self.chains[item.name]):
+                if field == "tendon_solref_lim":
+                    self.model.tendon_solref_lim[number] = tendon.solref_limit = value
+                elif field == "tendon_solimp_lim":
+                    self.model.tendon_solimp_lim[number] = tendon.solimp_limit = value
 
     def _add_actuator(self, name: str) -> None:
         side = self._sides[name]

@@ -118,8 +118,29 @@ class Mounted:
             rows += [("tendon_stiffness", number, element.stiffness), ("tendon_damping", number, element.damping)]
             rows += [("tendon_lengthspring", number, (-half, half))]
         else:
+            solref, solimp = TOOTH_SOLREF, TOOTH_SOLIMP
+            if play is not None and play.tooth_stiffness > 0.0:
+                mobility, step = float(model.tendon_invweight0[number]), model.opt.timestep
+                solref, solimp = spring_constraint(play.tooth_stiffness, play.tooth_damping, mobility, step)
             rows += [("tendon_range", number, (-half, half))]
+            rows += [("tendon_solref_lim", number, solref), ("tendon_solimp_lim", number, solimp)]
         return rows
+
+
+def spring_constraint(
+    stiffness: float, damping: float, mobility: float, step: float
+) -> tuple[tuple[float, float], tuple[float, ...]]:
+    """``solref`` and ``solimp`` that make a limit of the engine a spring with a damper.
+
+    The engine takes both per inertia. They are at most what is stable at the step.
+
+    Args:
+        stiffness: [N.m/rad].
+        damping: [N.m.s/rad].
+        mobility: one over the inertia that the engine sees (``invweight0``) [1/(kg.m2)].
+        step: of the simulation [s].
+    """
+    return (-min(stiffness * mobility, 1.0 / step**2), -min(damping * mobility, 1.0 / step)), SPRING_SOLIMP
 
 
 def coupling_element(chain: Chain) -> Any:
@@ -183,6 +204,10 @@ def mount(spec: mujoco.MjSpec, item: DrivenCoordinate, chain: Chain) -> Mounted:
         tendon.damping = _polynomial(tendon.damping, element.damping)
         tendon.springlength = [-half, half]
     else:
+        if play is not None and play.tooth_damping > 0.0 and play.tooth_stiffness == 0.0:
+            raise ChainError(
+                f"{chain.label}: 'backlash' has a tooth_damping but no tooth_stiffness; give both or neither."
+            )
         tendon.limited = True
         tendon.range = [-half, half]
         tendon.solref_limit, tendon.solimp_limit = TOOTH_SOLREF, TOOTH_SOLIMP

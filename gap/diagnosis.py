@@ -100,9 +100,6 @@ def _joint(
     limits: Limits | None,
 ) -> JointDiagnosis:
     mine = tuple(f for f in findings if f.joint in (joint, None, ""))
-    without = [run.name for run in runs if joint not in run.joints]
-    if without:
-        raise LogError(f"{without[0]} has no joint '{joint}', as {runs[0].name} has; keep one machine per data set.")
     runs = [with_believed_load(run) for run in runs]
     if all(run.joints[joint].goal is None for run in runs):
         from gap.torque_diagnosis import diagnose_torque  # a log without commands: only its torque can be judged

@@ -11,13 +11,14 @@ from typing import Any
 
 import numpy as np
 
+from actuators.layout import P_OFFSET, P_SCALE
 from gap.contact.files import write_leg
 from gap.contact.leg_problem import LegProblem
 from gap.engine_replay import STEP, bench, replay_in_engine
 from gap.experiment import write_experiment
 from gap.extension import changes, not_native, write_extension
 from gap.log_types import LogError, MeasuredSet
-from gap.simulator import TEETH_STEP
+from gap.problem import largest_step
 from gap.units import TEST
 from gap.verdict import JointDiagnosis, NamedCause
 
@@ -145,8 +146,10 @@ def confirm(diagnosis: JointDiagnosis) -> dict[str, float]:
     unit = problem.units[k]
     joint = problem.models[unit.run].with_fitted(diagnosis.values)
     drivetrain = bench(joint, problem.params[unit.run])
-    step = STEP if joint.chain.find("backlash") is None else TEETH_STEP
-    out = replay_in_engine(drivetrain, problem.time[rows], problem.goal[rows], unit.state, step)
+    program = joint.chain.program()
+    angle = ((unit.state[0] - joint.host_offset) / joint.host_scale - program[P_OFFSET]) / program[P_SCALE]
+    step = min(STEP, largest_step(joint.chain))
+    out = replay_in_engine(drivetrain, problem.time[rows], problem.goal[rows], (angle, unit.state[1]), step)
     judged = problem.judged[rows]
     reading = joint.host_scale * out[judged, 0] + joint.host_offset
     measured = problem.measured[rows][judged, 0]

@@ -10,7 +10,7 @@ import numpy as np
 
 from actuators import Drivetrain
 from actuators.layout import S_CURRENT, S_DUTY
-from actuators.mounting import SPRING_SOLIMP
+from actuators.mounting import spring_constraint
 from envs.robots import get_robot
 from gap.joint_model import GRAVITY, JointModel
 from gap.simulator import CHANNELS, STOP_DAMPING, STOP_STIFFNESS
@@ -56,12 +56,12 @@ def _block(drivetrain: Drivetrain, name: str, joint: JointModel, params: Mapping
     lower, upper = max(joint.load.lower_stop, -FAR), min(joint.load.stop_angle, FAR)
     stiff = model.njnt == 1
     inertia = joint.load.inertia(params) + (joint.chain.armature() if stiff else 0.0)
-    solref = -STOP_STIFFNESS / inertia, -STOP_DAMPING / inertia
+    solref, solimp = spring_constraint(STOP_STIFFNESS, STOP_DAMPING, 1.0 / inertia, model.opt.timestep)
     limit.limited, limit.range = True, (lower, upper)
-    limit.solref_limit, limit.solimp_limit = solref, SPRING_SOLIMP
+    limit.solref_limit, limit.solimp_limit = solref, solimp
     model.jnt_limited[number] = True
     model.jnt_range[number] = lower, upper
-    model.jnt_solref[number], model.jnt_solimp[number] = solref, SPRING_SOLIMP
+    model.jnt_solref[number], model.jnt_solimp[number] = solref, solimp
 
 
 def replay_in_engine(
@@ -80,6 +80,8 @@ def replay_in_engine(
     """
     model, name = drivetrain.model, drivetrain.coordinates[0].name
     original = model.opt.timestep
+    model.opt.timestep = step
+    drivetrain.set_chain(model, name, drivetrain.chains[name])  # teeth as hard as this step allows
     data = mujoco.MjData(model)
     drivetrain.set_position(name, data.qpos, np.asarray(state[0]))
     data.ctrl[drivetrain.actuator_ids[name]] = goal[0]
@@ -107,4 +109,5 @@ def replay_in_engine(
             mujoco.mj_step(model, data, count)
             data.time = time[k + 1] - time[0]
     model.opt.timestep = original
+    drivetrain.set_chain(model, name, drivetrain.chains[name])
     return out

@@ -15,6 +15,7 @@ from collections.abc import Mapping
 from xml.etree import ElementTree
 
 from actuators import Chain
+from actuators.mounting import coupling_element
 from gap.engine_replay import bench
 from gap.joint_model import JointModel
 
@@ -27,7 +28,7 @@ MODEL = {
     "gear": ("ratio",),
     "spring": ("stiffness", "damping"),
     "compliance": ("stiffness", "damping"),
-    "backlash": ("width", "tooth_stiffness", "tooth_damping"),
+    "backlash": ("width",),
 }
 """Parameters that become parts of the model, whatever drives it."""
 ACTUATOR = {
@@ -67,6 +68,8 @@ def not_native(chain: Chain) -> list[str]:
             if value == neutral.get(path, 0.0) or key in known or (stage.name == "friction" and key.startswith(SHAPES)):
                 continue
             if stage.name == "thermal" and key != "loss":
+                continue
+            if stage.name == "backlash" and key != "width" and coupling_element(chain) is None:
                 continue
             found.append(path)
     return found

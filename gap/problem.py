@@ -9,11 +9,21 @@ from typing import Any, ClassVar
 
 import numpy as np
 
+from actuators import Chain
 from actuators.stages.base import ChainError
-from gap.joint_model import K_COUPLED, K_HALF_PLAY, JointModel, bench_parameters
+from gap.joint_model import JointModel, bench_parameters
 from gap.log_types import LogError, MeasuredRun
 from gap.robust import robust_loss
-from gap.simulator import CHANNELS, ELASTIC_STEP, SWITCHING, SWITCHING_STEP, TEETH_STEP, replay_many
+from gap.simulator import (
+    CHANNELS,
+    ELASTIC_STEP,
+    ROUGH_SWITCHING_STEP,
+    ROUGH_TEETH_STEP,
+    SWITCHING,
+    SWITCHING_STEP,
+    TEETH_STEP,
+    replay_many,
+)
 from gap.units import Unit
 
 BLOCK = 1.0  # [s] errors closer than this are taken as one observation, since they are not independent
@@ -54,6 +64,7 @@ class Problem:
         (:mod:`gap.channels`).
         models: nominal joint of each run (they may differ, for example in their gain).
         step: largest step of the simulator [s], see :func:`converged`.
+        rough: whether play and switching firmware are replayed with a longer step, to sort causes out.
     """
 
     units: tuple[Unit, ...]
@@ -72,6 +83,7 @@ class Problem:
     trust: np.ndarray
     models: tuple[JointModel, ...]
     step: float = 1e-3
+    rough: bool = False
 
     sampled: ClassVar[tuple[int, ...]] = (0, 1)  # channels compared sample by sample
     averaged: ClassVar[tuple[int, ...]] = (2, 3)  # and as means over groups of samples
@@ -139,10 +151,10 @@ class Problem:
 
         Args:
             variants: parameters by path, each set on the nominal joint of every run.
-            step: largest step [s]; default: by what the model contains.
+            step: largest step [s], where :func:`largest_step` allows it; default: the problem's.
 
         Returns:
-            Channels (v, n, 4). A variant whose values make no chain gives infinities.
+            Channels (v, n, 4). A variant whose values make no chain is far from anything measured.
         """
         programs, constants, steps, valid = [], [], [], []
         for values in variants:
@@ -159,12 +171,7 @@ class Problem:
                 for joint, params, program in zip(joints, self.params, per_run, strict=True)
             ]
             constants.append(rows)
-            most = np.inf
-            if rows[0][K_COUPLED] > 0.0:
-                most = TEETH_STEP if rows[0][K_HALF_PLAY] > 0.0 else ELASTIC_STEP
-            if any(joints[0].chain.find(stage) is not None for stage in SWITCHING):
-                most = min(most, SWITCHING_STEP)
-            steps.append(min(step or self.step, most))
+            steps.append(min(step or self.step, largest_step(joints[0].chain, self.rough)))
         out = np.empty((len(variants), len(self.time), len(CHANNELS)))
         # The chain may differ between runs (a gain per run), so each run of a variant is a variant of its own for the
         # simulator.
@@ -257,13 +264,25 @@ class Problem:
         return (simulated[:, 0] - self.measured[:, 0])[self.judged]
 
 
+def largest_step(chain: Chain, rough: bool = False) -> float:
+    """The largest step that resolves what lies between motor and link, and firmware that switches [s]."""
+    play, most = chain.find("backlash"), np.inf
+    if play is not None and play.width > 0.0:
+        most = ROUGH_TEETH_STEP if rough else TEETH_STEP
+    elif chain.find("spring") is not None or chain.find("compliance") is not None:
+        most = ELASTIC_STEP
+    if any(chain.find(stage) is not None for stage in SWITCHING):
+        most = min(most, ROUGH_SWITCHING_STEP if rough else SWITCHING_STEP)
+    return most
+
+
 STEPS = (2.5e-3, 1.7e-3, 1e-3, 5e-4, 2.5e-4, 1e-4)  # [s]
 
 
 def converged(problem: Problem) -> Problem:
     """The problem with the largest step that is not a gap of its own.
 
-    Halving it changes the replay by less than a tenth of the noise.
+    Halving it changes the replay by less than a tenth of the noise; :func:`largest_step` bounds it where that is less.
 
     A quarter would be invisible in the error, but not to a search that looks for structure in it.
     """

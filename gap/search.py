@@ -122,6 +122,7 @@ class Searcher:
         self.numbers = {parameter.path.rstrip("*") for parameter in self.tuned}
         self.parts = (self.problem.part(FIT_A), self.problem.part(FIT_B))
         self.both = self.problem.part(FIT_A, FIT_B)
+        self.rough = replace(self.both, rough=True)
         self.counts = np.concatenate([part.blocks()[1] for part in reversed(self.parts)])
 
     def run(self) -> Search:
@@ -280,10 +281,10 @@ class Searcher:
                 chosen.append((cause, cause.variants[0]))
         self.progress(f"trying {', '.join(dict.fromkeys(cause.name for cause, _ in chosen))}")
         start = middle(*current)
-        rough = [(fit(self.both, merge(extended, variant), start, 1), cause, variant) for cause, variant in chosen]
+        rough = [(fit(self.rough, merge(extended, variant), start, 1), cause, variant) for cause, variant in chosen]
         least = min(found.cost for found, _, _ in rough)
         rough = [
-            (fit(self.both, merge(extended, variant), first.values, ROUGH - 1), cause, variant)
+            (fit(self.rough, merge(extended, variant), first.values, ROUGH - 1), cause, variant)
             if first.cost < HOPELESS * least
             else (first, cause, variant)
             for first, cause, variant in rough
@@ -339,7 +340,7 @@ class Searcher:
         once or twice at a plausible size; the residual is projected on what that changes, beside what re-tuning can
         change anyway.
         """
-        problem = self.both
+        problem = self.rough
         here = middle(*current)
         directions = [{p.path: p.from_fit(p.to_fit(here[p.path]) + _inward(p, here[p.path]))} for p in extended]
         variants = [(cause, variant) for cause in causes for variant in cause.variants]

@@ -13,11 +13,13 @@ from gap.experiment import library
 from gap.joint_model import JointModel
 from gap.log_types import JointLog, MeasuredRun
 from gap.log_writer import write_run
+from gap.problem import largest_step
 
 RATE = 200.0  # [Hz] samples
 JITTER = 3e-4  # [s]
 TICKS = 4096
 NOISE = 4e-4  # [rad] of the encoder
+STEP = 5e-4  # [s]
 CURRENT_STEP = 0.0065  # [A] of the current register
 LOADS = ({"mass": 0.25, "arm_mass": 0.03, "length": 0.10}, {"mass": 0.5, "arm_mass": 0.03, "length": 0.12})
 
@@ -43,7 +45,7 @@ def record(
     chain = load_chain(nominal)
     truth = JointModel(chain).with_values(hidden)
     rng = np.random.default_rng(seed)
-    written = []
+    written, step = [], min(STEP, largest_step(truth.chain))
     for number, params in enumerate(loads):
         drivetrain = bench(truth, params)
         shapes = library(0.0, 0.9, seed + number)
@@ -51,7 +53,7 @@ def record(
             grid = np.arange(0.0, len(shapes[name]) / 100.0 - 1.0 / RATE, 1.0 / RATE)
             time = grid + np.clip(rng.normal(0.0, JITTER, len(grid)), -3 * JITTER, 3 * JITTER)
             goal = np.interp(time, np.arange(len(shapes[name])) / 100.0, shapes[name])
-            out = replay_in_engine(drivetrain, time, goal, (float(goal[0]), 0.0), 5e-4)
+            out = replay_in_engine(drivetrain, time, goal, (float(goal[0]), 0.0), step)
             position, link = (_ticks(out[:, k] + rng.normal(0.0, NOISE, len(time))) for k in (0, 1))
             coupled = truth.chain.find("spring") is not None
             log = JointLog(

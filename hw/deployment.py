@@ -14,6 +14,7 @@ import numpy as np
 
 from actuators.errors import SealegsError, nearest
 from configs.check import checked, checked_seed
+from envs.bench.robot import BENCH
 from hw.bus import ServoBus
 from hw.calibration import as_row, newest
 from hw.clock import HIGHEST_RATE, LOWEST_RATE
@@ -35,7 +36,6 @@ DRY_CYCLES = 10
 SIGNALS = ("goal", "position", "velocity", "duty", "voltage", "current", "temperature")
 MOVES = ("p_gain", "i_gain", "d_gain", "startup_force", "cw_dead_zone", "ccw_dead_zone", "torque_limit")
 """Registers that decide how a servo answers a goal."""
-BENCH = "bench"
 SOURCES = ("policy", "excitation", "replay", "reference")
 
 
@@ -165,7 +165,7 @@ def _guarded(deployment: Deployment, bus: ServoBus, port: str, stop: Stop, say: 
         for line in unlike_the_factory(registers, robot.servo):
             say(line)
         log = stack.enter_context(contextlib.closing(_log(deployment, port, registers)))
-        if robot.robot.name == BENCH and hw["virtual"] is None and not {"mass", "length"} <= robot.params.keys():
+        if robot.robot.name == BENCH.name and hw["virtual"] is None and not {"mass", "length"} <= robot.params.keys():
             say(
                 "A diagnosis needs to know what hangs on the servo: give robot.params.mass [kg] and "
                 "robot.params.length [m], or write them under robot_params in the log's sidecar."
@@ -336,7 +336,7 @@ def _log(deployment: Deployment, port: str, registers: Mapping[str, Mapping[str,
         "registers": registers,
     }
     # the load of a virtual bench is known; of a real one, only what somebody says
-    simulated = config["hw"]["virtual"] is not None and robot.robot.name == BENCH
+    simulated = config["hw"]["virtual"] is not None and robot.robot.name == BENCH.name
     params = robot.robot.parameters(robot.params) if simulated else robot.params
     sidecar = make_sidecar(robot.robot.name, params, robot.belief, meta)
     signals = (*SIGNALS, "link_position") if robot.measures_links else SIGNALS

@@ -224,18 +224,13 @@ class Backlash(Stage):
 
     With the damping of a spring or compliance, that damping acts inside the play too: the engine's springs know a gap,
     its dampers do not. Where that matters, leave the damping at zero. The teeth of a play alone have their own: by
-    default stiff ones, else with a stiffness and a damping that say how much they bounce when they meet (in the engine
-    as far as a time step resolves).
+    default stiff ones that hardly bounce, else with a contact stiffness and a damping that say how much they bounce
+    when they meet (as far as a time step resolves). Beside a spring or compliance these are not used.
     """
 
     name: ClassVar[str] = "backlash"
     takes: ClassVar[tuple[Quantity, ...]] = (Quantity.TORQUE,)
 
     width: float = parameter(None, "rad", 0.0, 1.0, "whole play of the link with the motor held")
-    tooth_stiffness: float = parameter(0.0, "N.m/rad", 0.0, 1e6, "of teeth that meet; 0: stiff, without much bounce")
+    tooth_stiffness: float = parameter(0.0, "N.m/rad", 0.0, 1e6, "of teeth that meet; 0: stiff, hardly bouncing")
     tooth_damping: float = parameter(0.0, "N.m.s/rad", 0.0, 1e4, "of teeth that meet, beside a tooth_stiffness")
-
-    def __post_init__(self) -> None:
-        super().__post_init__()
-        if self.tooth_damping > 0.0 and self.tooth_stiffness == 0.0:
-            raise ChainError("'backlash' has a tooth_damping but no tooth_stiffness; give both or neither.")

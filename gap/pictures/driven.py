@@ -55,6 +55,9 @@ def _torque(evidence: Evidence) -> np.ndarray:
     for a, b in zip(problem.starts[:-1], problem.starts[1:], strict=True):
         _, speed, acceleration = derivatives(problem.time[a:b], problem.measured[a:b, 0])
         rate = speed - problem.link[a:b, 1]  # type: ignore[attr-defined]
+        if k[K_HALF_PLAY] > 0.0:  # teeth damp where they touch
+            twist = problem.measured[a:b, 0] - problem.link[a:b, 0]  # type: ignore[attr-defined]
+            rate = np.where(np.abs(twist) > k[K_HALF_PLAY], rate, 0.0)
         friction = np.sign(speed) * extended.limit[a:b] + extended.viscous[a:b]
         taken = joint.chain.armature() * acceleration + friction + k[K_DAMPING] * rate
         out[a:b] = extended.motor[a:b] - taken
