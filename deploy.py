@@ -3,8 +3,8 @@
     python deploy.py policy=runs/first/final robot=hopper                on a virtual machine
     python deploy.py excitation=chirp                                    an excitation of the library, on the bench
     python deploy.py excitation=diagnosis/next_experiment.csv out=logs/today
-    python deploy.py policy=runs/first/final hw=feetech port=/dev/ttyUSB0
-    python deploy.py policy=runs/first/final dry_run=true                print the first goals, no torque
+    python deploy.py policy=runs/first/final robot=hopper hw=feetech port=/dev/ttyUSB0
+    python deploy.py policy=runs/first/final robot=hopper dry_run=true   print the first goals, no torque
 
 Limits on joints, speed, current, temperature, voltage and late data hold whatever runs (configs/robot), and however a
 run ends, a process of its own sees to it that the servos are released or held. The log is a measured log

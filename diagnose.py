@@ -121,6 +121,9 @@ def _print(diagnoses: Sequence[JointDiagnosis], written: dict[str, Path], consol
     console.print()
     for name, path in written.items():
         console.print(f"  {name:12s} {path}", highlight=False, markup=False)
+    others = set(written["json"].parent.glob("*extended*.yaml")) - set(written.values())  # chains of further joints
+    for path in sorted(others):
+        console.print(f"  {'chain':12s} {path}", highlight=False, markup=False)
 
 
 # --- a fleet -------------------------------------------------------------------------------------------------------

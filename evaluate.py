@@ -4,7 +4,7 @@
     python evaluate.py paper=hexapod                also biped: what their papers print, repeated
     python evaluate.py paper=hopper out=comparison  the same, into that folder
 
-    python evaluate.py policy=runs/first/final robot=bench extended=diagnosis/extended.yaml hw=virtual
+    python evaluate.py policy=runs/first/final robot=hopper extended=diagnosis/extended.yaml hw=virtual
                                                     one policy in the nominal model, the extended one and on the machine
 
 The first writes the numbers (JSON), the motor positions over time (PNG), and positions and speeds over the hopping

@@ -73,15 +73,24 @@ def measure(config: Mapping[str, Any], out: Path, machine: list[str], seed: int)
     for number, load in enumerate(config["loads"]):
         todo = [word for word in config["excitations"] if not complete(out, f"load{number}_{word}")]
         if todo and config["hw"]["virtual"] is None:
-            said = ", ".join(f"{name} {value:g}" for name, value in load.items())
-            try:
-                input(f"\nPut on load {number + 1} ({said}) and press Enter. ")
-            except EOFError:
-                raise SealegsError(
-                    "the load must be changed by a person, and there is no terminal; run loop.py in one."
-                ) from None
+            put_on(f"load {number + 1}", load)
         for word in todo:
             excite(config, out, machine, f"load{number}_{word}", word, load, seed + number)
+
+
+def put_on(name: str, load: Mapping[str, float]) -> None:
+    """Ask for a load and wait for it.
+
+    Raises:
+        SealegsError: nobody can answer.
+    """
+    said = ", ".join(f"{key} {value:g}" for key, value in load.items())
+    try:
+        input(f"\nPut on {name} ({said}) and press Enter. ")
+    except EOFError:
+        raise SealegsError(
+            "the load must be changed by a person, and there is no terminal; run loop.py in one."
+        ) from None
 
 
 def excite(
@@ -118,6 +127,7 @@ def complete(out: Path, name: str) -> bool:
 def diagnose(config: Mapping[str, Any], out: Path, machine: list[str], seed: int) -> Path | None:
     """Explain the log, measuring further where that is proposed; the extended chain, None where there is none."""
     import diagnose as script
+    from gap.log_sidecar import read_sidecar
 
     folder = out / "diagnosis"
     for further in range(int(config["further"]) + 1):
@@ -128,11 +138,12 @@ def diagnose(config: Mapping[str, Any], out: Path, machine: list[str], seed: int
             heading(f"python diagnose.py {' '.join(arguments)}")
             script.main(arguments)
         proposal = folder / "next_experiment.csv"
-        document = json.loads((folder / "diagnosis.json").read_text())
-        if document["verdict"] != "not identifiable" or not proposal.exists() or further == int(config["further"]):
+        if not proposal.exists() or further == int(config["further"]):
             break
         if not complete(out, f"further{further}"):
-            load = config["loads"][-1]
+            load = read_sidecar(proposal).robot_params
+            if config["hw"]["virtual"] is None:
+                put_on("the load of the proposed experiment", load)
             excite(config, out, machine, f"further{further}", str(proposal), load, seed)
     extended = folder / "extended.yaml"
     return extended if extended.exists() else None

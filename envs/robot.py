@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import fnmatch
 import math
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
@@ -9,7 +10,7 @@ from pathlib import Path
 
 import mujoco
 
-from actuators import Chain, DrivenCoordinate, Drivetrain
+from actuators import Chain, DrivenCoordinate, Drivetrain, load_chain_set
 from actuators.errors import SealegsError, nearest
 
 ChainSource = str | Path | list | Chain
@@ -107,8 +108,8 @@ class Robot:
         """A chain for every coordinate.
 
         Args:
-            actuator: one chain for all, a word of the robot's own, or chains by coordinate, the others keeping the
-                robot's own; None: the robot's own for all.
+            actuator: one chain for all, a word of the robot's own, chains by coordinate or a YAML file of them, the
+                others keeping the robot's own; None: the robot's own for all.
 
         Raises:
             RobotError: a coordinate that the robot does not have.
@@ -116,6 +117,8 @@ class Robot:
         names = [item.name for item in self.coordinates]
         if actuator is None:
             actuator = dict(self.chains)
+        if isinstance(actuator, str | Path) and actuator not in self.words and (several := load_chain_set(actuator)):
+            actuator = self._spread(several)
         if not isinstance(actuator, Mapping):
             return {name: self._meant(actuator, name) for name in names}
         for name in actuator:
@@ -123,6 +126,15 @@ class Robot:
                 hint = nearest(name, names)
                 raise RobotError(f"robot '{self.name}' drives no '{name}'{hint}; it drives {', '.join(names)}.")
         return {name: self._meant(actuator.get(name, self.chains[name]), name) for name in names}
+
+    def _spread(self, chains: Mapping[str, Chain]) -> dict[str, ChainSource]:
+        """Chains by coordinate from those by pattern; a pattern that fits none stays, to be told of."""
+        found: dict[str, ChainSource] = {}
+        for pattern, chain in chains.items():
+            found |= dict.fromkeys(
+                fnmatch.filter([item.name for item in self.coordinates], pattern) or [pattern], chain
+            )
+        return found
 
     def _meant(self, actuator: ChainSource, coordinate: str) -> ChainSource:
         """What stands for ``actuator`` on this robot, where it is one of its words."""

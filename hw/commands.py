@@ -176,7 +176,12 @@ def _check_load(path: Path, robot: ServoRobot) -> None:
     from gap.log_sidecar import read_sidecar
 
     meant, believed = read_sidecar(path).robot_params, robot.robot.parameters(robot.params)
-    other = {name: value for name, value in meant.items() if not math.isclose(value, believed.get(name, value))}
+    other = {
+        name: value
+        for name, value in meant.items()
+        if not math.isclose(value, believed.get(name, value))
+        and (value != 0.0 or name in robot.params)  # zero is also what a log says of an arm that nobody weighed
+    }
     if other:
         load = ", ".join(f"{name} {value:g}" for name, value in other.items())
         words = " ".join(f"robot.params.{name}={value:g}" for name, value in other.items())

@@ -82,6 +82,13 @@ def test_an_experiment_for_another_load_says_which_to_mount(tmp_path: Path, caps
     assert run(f"excitation={proposal}", f"out={tmp_path / 'log'}", "name=next", "robot.params={mass: 0.8}") == 0
 
 
+def test_an_arm_that_nobody_weighed_is_no_other_load(tmp_path: Path) -> None:
+    proposal = tmp_path / "next_experiment.csv"
+    proposal.write_text("time,servo.goal\n0,0\n0.1,0.1\n")
+    proposal.with_suffix(".yaml").write_text("robot: bench\nrobot_params: {mass: 0.5, length: 0.12, arm_mass: 0.0}\n")
+    assert run(f"excitation={proposal}", f"out={tmp_path / 'log'}", "name=next") == 0
+
+
 def test_a_dry_run_prints_goals_and_leaves_no_log(
     policy: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
 ) -> None:

@@ -211,6 +211,8 @@ def test_wrong_input_gets_one_sentence(
     assert hint.lower() in said.lower()
     assert "Traceback" not in said and len(said.splitlines()) == 1
     assert before == {path.name: path.read_bytes() for path in log.parent.iterdir()}
+    out = tmp_path / "out"
+    assert not out.exists() or any(out.iterdir()), "a folder without a finding is left behind"
 
 
 def test_a_mistyped_key_names_the_nearest(capsys: pytest.CaptureFixture[str]) -> None:

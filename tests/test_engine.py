@@ -298,6 +298,36 @@ def test_play_lets_the_link_move_freely_by_its_width():
     assert gap == pytest.approx(-0.05, abs=1e-3)
 
 
+def test_teeth_that_are_set_later_are_those_of_a_model_built_with_them():
+    play = {"width": 0.1, "tooth_stiffness": 300.0, "tooth_damping": 0.2}
+    hold = [{"ideal": {"stiffness": 500.0, "damping": 5.0, "armature": 0.01}}]
+    hanging = PENDULUM.replace('gravity="0 0 0"', "")
+    built = drivetrain([*hold, {"backlash": play}], hanging)
+    stiff = drivetrain([*hold, {"backlash": {**play, "tooth_damping": 0.0}}], hanging)
+    assert not np.array_equal(run(built, 0.5, 1.0).qpos, run(stiff, 0.5, 1.0).qpos)
+    stiff.set_value(stiff.model, "shaft", "backlash.tooth_damping", 0.2)
+    assert np.array_equal(run(built, 0.5, 1.0).qpos, run(stiff, 0.5, 1.0).qpos)
+    batch = Batch(built.model, 2, 0)
+    built.set_value(batch, "shaft", "backlash.tooth_stiffness", np.array([300.0, 100.0]))
+    batch.bind("ctrl")[:] = 1.0
+    batch.step(nstep=500)
+    assert batch.bind("qpos")[0] == pytest.approx(run(built, 0.5, 1.0).qpos, abs=1e-12)
+    assert batch.bind("qpos")[1] != pytest.approx(run(built, 0.5, 1.0).qpos, abs=1e-6)
+
+
+def test_teeth_are_no_harder_than_a_step_can_bear():
+    hold = [{"ideal": {"stiffness": 500.0, "damping": 5.0, "armature": 0.01}}]
+    hard = {"width": 0.1, "tooth_stiffness": 1e6, "tooth_damping": 1e3}
+    data = run(drivetrain([*hold, {"backlash": hard}], PENDULUM.replace('gravity="0 0 0"', "")), 2.0, 1.0)
+    assert np.isfinite(data.qpos).all() and np.abs(data.qvel).max() < 50.0
+
+
+def test_damping_of_teeth_without_a_stiffness_is_refused():
+    hold = [{"ideal": {"stiffness": 500.0, "damping": 5.0, "armature": 0.01}}]
+    with pytest.raises(ChainError, match="give both or neither"):
+        drivetrain([*hold, {"backlash": {"width": 0.1, "tooth_damping": 1.0}}])
+
+
 # --- models of others ----------------------------------------------------------------------------------------------
 
 FOREIGN = """<mujoco><worldbody><body><joint name="j" axis="0 1 0"/><geom size=".1"/></body></worldbody><actuator>

@@ -5,15 +5,18 @@ from __future__ import annotations
 import pickle
 import re
 import warnings
+from pathlib import Path
 
 import gymnasium as gym
 import mujoco
 import numpy as np
 import pytest
+import yaml
 from gymnasium.utils.env_checker import check_env as check_gymnasium
 from stable_baselines3.common.env_checker import check_env as check_sb3
 
 import envs  # noqa: F401 registers
+from actuators import load_chain
 from actuators.errors import SealegsError
 from envs.hopper.robot import HOPPER
 from envs.robots import get_robot
@@ -158,6 +161,17 @@ def test_the_encoder_that_the_host_sees_is_that_of_the_chain() -> None:
 def test_a_wrong_argument_is_answered_in_one_sentence(keywords: dict, sentence: str) -> None:
     with pytest.raises(SealegsError, match=sentence):
         gym.make("SeaLegs/Hopper-v0", disable_env_checker=True, **keywords).reset()
+
+
+def test_a_file_of_chains_by_joint_drives_these_joints(tmp_path: Path) -> None:
+    stiff = [{"ideal": {"stiffness": 50.0, "damping": 1.0, "armature": 0.01}}]
+    path = tmp_path / "legs.yaml"
+    path.write_text(yaml.safe_dump({"kn*": stiff}))
+    chains = get_robot("hopper").drivetrain(str(path)).chains
+    assert "ideal" in str(chains["knee"]) and chains["hip"] == load_chain("sv1270tg")
+    path.write_text(yaml.safe_dump({"ankle": stiff}))
+    with pytest.raises(SealegsError, match="drives no 'ankle'"):
+        get_robot("hopper").drivetrain(str(path))
 
 
 def test_an_unknown_robot_is_answered_with_the_nearest_name() -> None:

@@ -99,6 +99,22 @@ def test_plain_mujoco_reproduces_a_native_effect(name: str, plain: dict[str, lis
     assert not_native(joint.chain) == []
 
 
+def test_teeth_beside_a_compliance_are_listed_as_left_out() -> None:
+    play = {"backlash.width": 0.1, "backlash.tooth_stiffness": 900.0}
+    assert not_native(NOMINAL.with_values(play).chain) == []
+    both = NOMINAL.with_values({**play, "compliance.stiffness": 15.0})
+    assert not_native(both.chain) == ["backlash.tooth_stiffness"]
+
+
+def test_only_teeth_that_carry_the_load_can_bounce() -> None:
+    def numbers(joint: JointModel) -> set[str]:
+        (cause,) = [cause for cause in catalogue(joint) if cause.name == "transmission.backlash"]
+        return {parameter.path for variant in cause.variants for parameter in variant}
+
+    assert "backlash.tooth_damping" in numbers(NOMINAL)
+    assert numbers(NOMINAL.with_values({"compliance.stiffness": 15.0})) == {"backlash.width"}
+
+
 def chosen(cause: Cause) -> dict[str, float]:
     """A size of a cause, by path, that differs from doing nothing."""
     values = {p.path: p.start for p in cause.variants[0]}

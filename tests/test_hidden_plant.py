@@ -3,11 +3,12 @@
 from __future__ import annotations
 
 import time
+from typing import Any
 
 import numpy as np
 import pytest
 
-from benchmarks.hidden import NUMBERS
+from benchmarks.hidden import NUMBERS, within_tolerance
 from tests.plant import EFFECTS, LOADS, MAGNITUDES, NOISE_FLOOR, STRANGERS, Machine, hidden_bench, simulate
 from tests.plant.effects import GAP_IN_NOISE_FLOORS
 from tests.plant.physics import GRAVITY
@@ -143,3 +144,14 @@ def test_an_effect_that_only_changes_numbers_is_a_machine_with_other_numbers(nam
     goal_time, goal = np.arange(0.0, 1.0, 0.01), 0.5 * np.sin(7.0 * np.arange(0.0, 1.0, 0.01))
     a, b, bare = (simulate(m, goal_time, goal, NO_JAMS, NO_JAMS, 1.0, 25.0)[:, 1] for m in (hidden, other, machine))
     assert np.abs(a - b).max() < 1e-6 * np.abs(a - bare).max()
+
+
+def test_a_number_within_its_tolerance_is_told_from_an_effect() -> None:
+    def row(value: float, **factors: float) -> dict[str, Any]:
+        return {"effects": {"friction.coulomb": {"value": value}}, "factors": {"coulomb": 1.0, **factors}}
+
+    assert within_tolerance(row(0.002)) and not within_tolerance(row(0.02))
+    assert not within_tolerance(row(0.002, coulomb=1.04))
+    pair = {**row(0.002)["effects"], "drive.delay": {"value": 1e-5}}
+    assert not within_tolerance({"effects": pair, "factors": {"coulomb": 1.0, "command_delay": 1.0}})
+    assert not within_tolerance({"effects": {"drive.offset": {"value": 0.0}}, "factors": {}})

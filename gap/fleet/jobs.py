@@ -140,7 +140,11 @@ def diagnose_folder(
     elif speed_limit is not None:
         kept = default_limits(np.concatenate([run.joints[j].position for run in data.runs for j in run.joints]), speed)
     fresh_folder(out)
-    diagnoses = diagnose(data, test, seed, progress, kept)
+    try:
+        diagnoses = diagnose(data, test, seed, progress, kept)
+    except BaseException:
+        out.rmdir()  # still empty: what is refused or stopped leaves nothing behind
+        raise
     return diagnoses, write_diagnosis(diagnoses, data, out, progress)
 
 

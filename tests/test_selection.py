@@ -1,0 +1,89 @@
+"""Which of two causes stays, on a small bench and with no others to choose from."""
+
+from __future__ import annotations
+
+from functools import cache
+
+import numpy as np
+import pytest
+
+from actuators import load_chain
+from gap.causes import catalogue
+from gap.fit import fit, merge
+from gap.joint_model import JointModel
+from gap.problem import Problem, converged, lay_out
+from gap.search import Candidate, Round, Searcher
+from gap.units import cut
+from tests.plant import hidden_bench
+from tests.plant.bench import JOINT, NOISE_FLOOR
+
+NEAR = {"friction.coulomb": {"friction.coulomb*": 2.7}, "friction.load_dependent": {"friction.load": 0.1}}
+
+
+@cache
+def bench(*effects: str) -> Problem:
+    data, _ = hidden_bench(dict.fromkeys(effects, "clear"), 5, ("light", "medium", "heavy"), duration=8.0)
+    runs = list(data.runs)
+    models = [JointModel(load_chain(run.actuators[JOINT])) for run in runs]
+    return converged(lay_out(runs, JOINT, models, cut(runs, JOINT), {"position": 1.0 / NOISE_FLOOR}))
+
+
+def searched(problem: Problem, *names: str) -> tuple[Searcher, list[Candidate], list[Round]]:
+    """A search that has accepted these causes one after the other."""
+    causes = {cause.name: cause for cause in catalogue(problem.models[0])}
+    searcher = Searcher(problem, causes=[causes[name] for name in names])
+    accepted: list[Candidate] = []
+    rounds: list[Round] = []
+    base = searcher._fit_both(searcher.tuned, None)
+    before, start = searcher._judge(base), {}
+    for name in names:
+        variant = causes[name].variants[0]
+        start |= NEAR[name]
+        fits = searcher._fit_both(merge(searcher.tuned, *(c.variant for c in accepted), variant), start)
+        candidate = Candidate(causes[name], variant, fits, searcher._judge(fits))
+        rounds.append(Round(before, (candidate,), True))
+        accepted.append(candidate)
+        before, start = candidate.blocks, start | fits[0].values
+    searcher.base = base  # type: ignore[attr-defined]
+    return searcher, accepted, rounds
+
+
+def test_a_cause_that_stood_in_for_the_real_one_leaves_once_that_is_found() -> None:
+    searcher, accepted, rounds = searched(bench("friction.coulomb"), "friction.load_dependent", "friction.coulomb")
+    alone = searcher._instead(accepted, rounds, searcher.base)  # type: ignore[attr-defined]
+    assert alone is not None and alone.accepted
+    assert [candidate.cause.name for candidate in alone.candidates] == ["friction.coulomb", "friction.load_dependent"]
+    assert alone.before is rounds[0].before
+    assert alone.candidates[0].blocks.sum() < 1.2 * accepted[-1].blocks.sum()
+
+
+def test_of_two_causes_that_are_both_there_both_stay() -> None:
+    problem = bench("friction.coulomb", "friction.load_dependent")
+    searcher, accepted, rounds = searched(problem, "friction.load_dependent", "friction.coulomb")
+    assert searcher._instead(accepted, rounds, searcher.base) is None  # type: ignore[attr-defined]
+
+
+def test_little_that_only_duty_and_current_show_is_not_enough(monkeypatch: pytest.MonkeyPatch) -> None:
+    searcher, accepted, _ = searched(bench("friction.coulomb"), "friction.coulomb")
+    found = accepted[0]
+    won = Candidate(found.cause, found.variant, found.fits, found.blocks, better=1.0, best=1.0, gain=1.0)
+    monkeypatch.setattr(searcher, "_sampled", lambda fits: 0.7)  # the joint's own motion is as it was
+
+    def pays(removed: float) -> bool:
+        before = found.blocks + removed * searcher.counts
+        return searcher._pays(won, before, found.fits)
+
+    assert not pays(0.1) and pays(0.15)
+    monkeypatch.setattr(searcher, "_sampled", lambda fits: 0.7 if fits is found.fits else 0.75)
+    other = fit(searcher.both, [])
+    assert searcher._pays(won, found.blocks + 0.1 * searcher.counts, (other, other))
+
+
+def test_causes_are_sorted_out_on_the_same_data_with_longer_steps() -> None:
+    problem = bench("friction.coulomb")
+    searcher = Searcher(problem)
+    play = {"backlash.width": 0.05}
+    rough, fine = (part.simulate([play])[0] for part in (searcher.rough, searcher.both))
+    assert not np.array_equal(rough, fine)
+    assert np.sqrt(np.mean((rough - fine)[:, 0] ** 2)) < 10.0 * NOISE_FLOOR
+    assert np.array_equal(searcher.rough.simulate([{}]), searcher.both.simulate([{}]))
