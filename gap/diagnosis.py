@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
+from dataclasses import replace
 
 import numpy as np
 
@@ -22,7 +23,7 @@ from gap.log_types import LogError, MeasuredRun, MeasuredSet
 from gap.parameters import Parameter
 from gap.problem import Problem, converged, lay_out
 from gap.robust import robust_loss
-from gap.search import RIVAL, Search, Searcher
+from gap.search import COARSE, RIVAL, Search, Searcher
 from gap.structure import Structure, structure
 from gap.units import FIT_A, FIT_B, TEST, cut
 from gap.unknown import unknown_parameters, with_believed_load
@@ -180,7 +181,7 @@ def conclude(
     # what numbers within their tolerance can do is no merit of the causes
     base = _error(test.position_error(test.simulate([tight.values])[0]))
     explained = float(np.clip((base.rmse**2 - errors["extended"].rmse ** 2) / excess, 0.0, 1.0 - left))
-    causes = _name_causes(fitting, search, extended, fitted, joint, explained, rest, seed)
+    causes = _name_causes(replace(fitting, coarse=COARSE), search, extended, fitted, joint, explained, rest, seed)
     rivals = tuple(
         {"of": named.name, "names": [named.name, *named.rivals], "confidence": named.confidence}
         for named in causes

@@ -14,16 +14,7 @@ from actuators.stages.base import ChainError
 from gap.joint_model import JointModel, bench_parameters
 from gap.log_types import LogError, MeasuredRun
 from gap.robust import robust_loss
-from gap.simulator import (
-    CHANNELS,
-    ELASTIC_STEP,
-    ROUGH_SWITCHING_STEP,
-    ROUGH_TEETH_STEP,
-    SWITCHING,
-    SWITCHING_STEP,
-    TEETH_STEP,
-    replay_many,
-)
+from gap.simulator import CHANNELS, ELASTIC_STEP, EVENT_STEP, SWITCHING, replay_many
 from gap.units import Unit
 
 BLOCK = 1.0  # [s] errors closer than this are taken as one observation, since they are not independent
@@ -64,7 +55,7 @@ class Problem:
         (:mod:`gap.channels`).
         models: nominal joint of each run (they may differ, for example in their gain).
         step: largest step of the simulator [s], see :func:`converged`.
-        rough: whether play and switching firmware are replayed with a longer step, to sort causes out.
+        coarse: how many times longer the step of play and of firmware that switches is than :func:`largest_step`.
     """
 
     units: tuple[Unit, ...]
@@ -83,7 +74,7 @@ class Problem:
     trust: np.ndarray
     models: tuple[JointModel, ...]
     step: float = 1e-3
-    rough: bool = False
+    coarse: float = 1.0
 
     sampled: ClassVar[tuple[int, ...]] = (0, 1)  # channels compared sample by sample
     averaged: ClassVar[tuple[int, ...]] = (2, 3)  # and as means over groups of samples
@@ -171,7 +162,7 @@ class Problem:
                 for joint, params, program in zip(joints, self.params, per_run, strict=True)
             ]
             constants.append(rows)
-            steps.append(min(step or self.step, largest_step(joints[0].chain, self.rough)))
+            steps.append(min(step or self.step, largest_step(joints[0].chain, self.coarse)))
         out = np.empty((len(variants), len(self.time), len(CHANNELS)))
         # The chain may differ between runs (a gain per run), so each run of a variant is a variant of its own for the
         # simulator.
@@ -264,16 +255,15 @@ class Problem:
         return (simulated[:, 0] - self.measured[:, 0])[self.judged]
 
 
-def largest_step(chain: Chain, rough: bool = False) -> float:
-    """The largest step that resolves what lies between motor and link, and firmware that switches [s]."""
-    play, most = chain.find("backlash"), np.inf
-    if play is not None and play.width > 0.0:
-        most = ROUGH_TEETH_STEP if rough else TEETH_STEP
-    elif chain.find("spring") is not None or chain.find("compliance") is not None:
-        most = ELASTIC_STEP
-    if any(chain.find(stage) is not None for stage in SWITCHING):
-        most = min(most, ROUGH_SWITCHING_STEP if rough else SWITCHING_STEP)
-    return most
+def largest_step(chain: Chain, coarse: float = 1.0) -> float:
+    """The largest step that resolves what lies between motor and link, and firmware that switches [s].
+
+    ``coarse`` is how many times longer that of teeth and switches may be.
+    """
+    play = chain.find("backlash")
+    if (play is not None and play.width > 0.0) or any(chain.find(stage) is not None for stage in SWITCHING):
+        return EVENT_STEP * coarse
+    return ELASTIC_STEP if chain.find("spring") is not None or chain.find("compliance") is not None else np.inf
 
 
 STEPS = (2.5e-3, 1.7e-3, 1e-3, 5e-4, 2.5e-4, 1e-4)  # [s]

@@ -17,6 +17,7 @@ from gap.units import FIT_A, FIT_B
 
 KEEP = 10  # causes that are fitted roughly after the screen
 FINALISTS = 5  # causes that are fitted fully after that
+COARSE = 2.0  # times the step of play and of switching firmware, while causes are sought
 ROUGH, FULL = 3, 25  # iterations of a rough fit, and at most of those that follow it
 MOST_CAUSES = 6
 FEWEST, FAR_OFF = 2, 2.0  # of them are fitted however far off; others only below so many times the error of the first
@@ -114,6 +115,7 @@ class Searcher:
     replaced: set[str] = field(default_factory=set)
 
     def __post_init__(self) -> None:
+        self.problem = replace(self.problem, coarse=COARSE)
         self.nominal = self.problem.models[0]
         self.causes = self.causes or catalogue(self.nominal)
         if np.ptp(self.problem.temperature) < WARMED:
@@ -122,7 +124,6 @@ class Searcher:
         self.numbers = {parameter.path.rstrip("*") for parameter in self.tuned}
         self.parts = (self.problem.part(FIT_A), self.problem.part(FIT_B))
         self.both = self.problem.part(FIT_A, FIT_B)
-        self.rough = replace(self.both, rough=True)
         self.counts = np.concatenate([part.blocks()[1] for part in reversed(self.parts)])
 
     def run(self) -> Search:
@@ -281,10 +282,10 @@ class Searcher:
                 chosen.append((cause, cause.variants[0]))
         self.progress(f"trying {', '.join(dict.fromkeys(cause.name for cause, _ in chosen))}")
         start = middle(*current)
-        rough = [(fit(self.rough, merge(extended, variant), start, 1), cause, variant) for cause, variant in chosen]
+        rough = [(fit(self.both, merge(extended, variant), start, 1), cause, variant) for cause, variant in chosen]
         least = min(found.cost for found, _, _ in rough)
         rough = [
-            (fit(self.rough, merge(extended, variant), first.values, ROUGH - 1), cause, variant)
+            (fit(self.both, merge(extended, variant), first.values, ROUGH - 1), cause, variant)
             if first.cost < HOPELESS * least
             else (first, cause, variant)
             for first, cause, variant in rough
@@ -340,7 +341,7 @@ class Searcher:
         once or twice at a plausible size; the residual is projected on what that changes, beside what re-tuning can
         change anyway.
         """
-        problem = self.rough
+        problem = self.both
         here = middle(*current)
         directions = [{p.path: p.from_fit(p.to_fit(here[p.path]) + _inward(p, here[p.path]))} for p in extended]
         variants = [(cause, variant) for cause in causes for variant in cause.variants]

@@ -39,10 +39,8 @@ from gap.joint_model import (
 )
 
 ELASTIC_STEP = 1e-3  # [s] largest step with a spring between motor and link, whose frequency bounds it
-# [s] with play, whose teeth meet for a few milliseconds, and with firmware that switches: when the machine does.
-# The second is for sorting causes out.
-TEETH_STEP, ROUGH_TEETH_STEP = 2.5e-4, 1e-3
-SWITCHING_STEP, ROUGH_SWITCHING_STEP = 2.5e-4, 5e-4
+# [s] with play, whose teeth meet for a few milliseconds, and with firmware that switches: it must when the machine does
+EVENT_STEP = 2.5e-4
 SWITCHING = ("rate_limit", "dead_band", "minimum_duty", "duty_step")
 STOP_STIFFNESS, STOP_DAMPING = 500.0, 1.0  # [N.m/rad], [N.m.s/rad] of whatever blocks a link: assumed
 CHANNELS = ("position", "link_position", "duty", "current")
