@@ -1,7 +1,8 @@
 """How the laws are compiled: by numba, once per version of their sources.
 
 numba keeps compiled functions on disk, but looks only at the file that a function stands in: a law that calls a changed
-stage would silently stay the old one. So the folder of compiled code carries a digest of this whole package.
+stage would silently stay the old one. So the folder of compiled code carries a digest of this whole package, and of the
+replays without an engine that call it.
 """
 
 from __future__ import annotations
@@ -14,11 +15,12 @@ from pathlib import Path
 import numba
 
 PACKAGE = Path(__file__).resolve().parent
+REPLAYS = ("joint_model.py", "simulator.py", "driven_simulator.py")  # of the package gap: constants are compiled in
 
 
 def _sources_digest() -> str:
     digest = hashlib.sha256(numba.__version__.encode())
-    for path in sorted(PACKAGE.rglob("*.py")):
+    for path in [*sorted(PACKAGE.rglob("*.py")), *(PACKAGE.parent / "gap" / name for name in REPLAYS)]:
         digest.update(path.name.encode() + path.read_bytes())
     return digest.hexdigest()[:12]
 

@@ -89,7 +89,7 @@ class Drivetrain:
         except ValueError as error:
             raise SealegsError(f"the model does not compile with its actuators: {error}.") from None
         self._check_steps()
-        self._set_teeth()
+        self.set_teeth()
         self._address()
         if self.model.ntree == 1:  # one tree is one island: looking for others costs 5 % of a step
             flag = int(mujoco.mjtDisableBit.mjDSBL_ISLAND)
@@ -118,8 +118,11 @@ class Drivetrain:
                 coupled = side.coupling is not None or side.deflection is not None
                 check_step(item.name, self.chains[item.name], 1.0 / mobility, coupled, model.opt)
 
-    def _set_teeth(self) -> None:
-        """How hard teeth are goes into model and specification: the engine takes it per inertia, known now."""
+    def set_teeth(self) -> None:
+        """How hard teeth are goes into model and specification: again where step or inertias have changed.
+
+        The engine takes it per inertia.
+        """
         for item in self.coordinates:
             side = self._sides[item.name]
             if side.coupling is None:

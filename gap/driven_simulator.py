@@ -12,6 +12,7 @@ import math
 import numba
 import numpy as np
 
+from actuators.compiled import compiled
 from actuators.law import advance, begin, torque
 from actuators.layout import P_STATE_SIZE, S_CURRENT, S_DUTY, S_LIMIT, S_TIME
 from gap.joint_model import (
@@ -30,7 +31,7 @@ from gap.simulator import coupling_torque, drive, host_reading_smooth, slide
 CHANNELS = ("position", "torque", "duty", "current")
 
 
-@numba.njit(cache=True)
+@compiled()
 def replay_driven(p, k, time, goal, on, temperature, link, q0, w0, step, out):
     """Replay the commands of one run while its link moves as measured.
 
@@ -103,7 +104,7 @@ def replay_driven(p, k, time, goal, on, temperature, link, q0, w0, step, out):
     s[S_TIME] = time[n - 1]
 
 
-@numba.njit(cache=True, parallel=True)
+@compiled(parallel=True)
 def replay_driven_many(programs, constants, time, goal, on, temperature, link, starts, states, steps, out):
     """Replay many units with many variants of the model, on all cores; as :func:`gap.simulator.replay_many`."""
     variants, units = constants.shape[0], constants.shape[1]

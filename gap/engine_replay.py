@@ -81,7 +81,7 @@ def replay_in_engine(
     model, name = drivetrain.model, drivetrain.coordinates[0].name
     original = model.opt.timestep
     model.opt.timestep = step
-    drivetrain.set_chain(model, name, drivetrain.chains[name])  # teeth as hard as this step allows
+    drivetrain.set_teeth()  # as hard as this step allows
     data = mujoco.MjData(model)
     drivetrain.set_position(name, data.qpos, np.asarray(state[0]))
     data.ctrl[drivetrain.actuator_ids[name]] = goal[0]
@@ -109,5 +109,5 @@ def replay_in_engine(
             mujoco.mj_step(model, data, count)
             data.time = time[k + 1] - time[0]
     model.opt.timestep = original
-    drivetrain.set_chain(model, name, drivetrain.chains[name])
+    drivetrain.set_teeth()
     return out

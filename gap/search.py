@@ -33,11 +33,11 @@ DRIVEN = 0.12  # or else least that it must remove in all: less may come from wh
 PAYS = 0.08  # least share of the excess error that a further cause must remove
 ALIKE = 0.4  # least ratio of a parameter's distance from doing nothing in one part to that in the other
 MATERIAL = 0.01  # relative change of a number below which it is no finding: none is known better, nor is the simulation
-CLEAR = 0.95  # share of draws in which a cause must be the best where it removes less than SMALL
 EXCEPTIONS = 2e-3  # share of samples that may contradict a cause
 WARMED = 2.0  # [K] least change of the temperature that can show a thermal effect
 SURE = 0.975  # least probability, over resampled blocks, that it removes any
-# a further cause that is the best in fewer draws is left to the next experiment: the data cannot tell it from others
+# a cause that removes little, or a further one, that is the best in fewer draws is left to the next experiment: the data
+# cannot tell it from others
 TOLD_APART = 0.5
 RIVAL = 0.05  # causes that are better than the winner in more than this share of draws cannot be told from it
 DRAWS = 2000
@@ -215,8 +215,8 @@ class Searcher:
         pays = winner.gain > PAYS and winner.better > SURE and removed > SEEN and self._consistent(winner)
         if not pays or removed > SMALL:
             return pays
-        # little beyond the noise also means little to tell causes apart by
-        if winner.best < CLEAR:
+        # little beyond the noise also means little to tell causes apart by; those that are close are named as rivals
+        if winner.best < TOLD_APART:
             return False
         return removed > DRIVEN or self._sampled(current) - self._sampled(winner.fits) > SHOWN
 

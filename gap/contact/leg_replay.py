@@ -60,6 +60,7 @@ class LegReplay:
                 motor = int(model.joint(f"{name}_motor").dofadr[0])
                 model.dof_armature[motor], model.dof_frictionloss[motor], model.dof_damping[motor] = FLYWHEEL, 0.0, 0.0
         mujoco.mj_setConst(model, mujoco.MjData(model))
+        self.drivetrain.set_teeth()  # they are told per inertia
         self.steps = int(np.ceil(LENGTH / step)) + 1
         self.follows = [model.joint(f"{name}_motor").id if _has_motor(model, name) else -1 for name in JOINTS]
         self.drive = self._drive(runs)

@@ -11,10 +11,10 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from functools import cached_property
 
-import numba
 import numpy as np
 from scipy.signal import savgol_filter
 
+from actuators.compiled import compiled
 from actuators.law import advance, begin, torque
 from actuators.layout import P_STATE_SIZE, S_CURRENT, S_DUTY, S_LIMIT, S_VOLTAGE
 from actuators.stages.transmission import friction_limit
@@ -234,7 +234,7 @@ def _agrees(logged: np.ndarray | None, at: slice, law: np.ndarray) -> bool:
     return same > AGREES and 0.5 < same * float(np.std(logged[at]) / np.std(law)) < 2.0
 
 
-@numba.njit(cache=True)
+@compiled()
 def _drive(p, k, warm, time, goal, on, q, w, external, out):
     """Run a chain's law along a given motion; ``out`` (n, 5): torque, dry limit, duty, current, voltage."""
     s = np.zeros(int(p[P_STATE_SIZE]))
