@@ -4,7 +4,8 @@ Effects that it must name, nulls where it must name nothing, strangers that it m
 
 ``python -m benchmarks.hidden`` runs everything and writes ``benchmarks/results/hidden.{json,md,png}``. Finished cases
 are kept in ``hidden.jsonl`` beside them while it runs, so that it can be stopped and resumed. Seeds below 900 are for
-development; reported runs used seeds from 900, 950, 970 and 995 on, which were not looked at before.
+development; reported runs use seeds that were not looked at before: from 900, 950 and 970 on, a part of those from 995
+on, and next from 1020 on.
 """
 
 from __future__ import annotations
@@ -23,7 +24,7 @@ if TYPE_CHECKING:
     from gap.search import Search
 
 RESULTS = Path(__file__).parent / "results"
-REPORTED_SEED = 995
+REPORTED_SEED = 1020
 TOLERANCE = 0.05  # up to which the nominal numbers may be wrong without that being a finding
 NULLS = 20
 LOADS = ("light", "medium", "heavy")

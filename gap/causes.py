@@ -211,13 +211,14 @@ def gain(nominal: JointModel) -> Cause | None:
 
 @entry
 def delay(nominal: JointModel) -> Cause:
-    start = nominal.value("delay.seconds") + 0.008
-    number = Parameter("delay.seconds", "s", 0.0, 0.2, start, 0.004)
+    believed = nominal.value("delay.seconds")
+    # the response has steps of its own, a sample each, so that a fit from afar may end between them
+    numbers = [Parameter("delay.seconds", "s", 0.0, 0.2, believed + more, 0.004) for more in (0.008, 0.002)]
     return Cause(
         "drive.delay",
         "Commands take effect later than the model believes.",
         "response",
-        ((number,),),
+        tuple((n,) for n in numbers),
         error=nominal.chain.find("delay") is not None,
     )
 

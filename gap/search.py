@@ -36,8 +36,8 @@ MATERIAL = 0.01  # relative change of a number below which it is no finding: non
 EXCEPTIONS = 2e-3  # share of samples that may contradict a cause
 WARMED = 2.0  # [K] least change of the temperature that can show a thermal effect
 SURE = 0.975  # least probability, over resampled blocks, that it removes any
-# a cause that removes little, or a further one, that is the best in fewer draws is left to the next experiment: the data
-# cannot tell it from others
+# a cause that removes little, or a further one, that is the best in fewer draws is left to the next experiment: the
+# data cannot tell it from others
 TOLD_APART = 0.5
 RIVAL = 0.05  # causes that are better than the winner in more than this share of draws cannot be told from it
 DRAWS = 2000

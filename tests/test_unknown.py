@@ -22,5 +22,5 @@ def test_a_single_word_is_a_list_of_one() -> None:
 @pytest.mark.parametrize("unknown", ["payload", ["zero", "payload"], {"load": True}, [["load"]], 3])
 def test_anything_else_is_refused_with_the_words_that_are_known(unknown: object) -> None:
     for ask in (unknown_parameters, with_believed_load):
-        with pytest.raises(LogError, match=r"swing: meta\.unknown holds .* zero, friction, armature, load"):
+        with pytest.raises(LogError, match=r"swing: meta\.unknown holds .* zero, friction, armature, motor, load"):
             ask(run_with(unknown))

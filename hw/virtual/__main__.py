@@ -67,9 +67,19 @@ def build(config: dict[str, Any]) -> Server:
 def main(arguments: list[str]) -> None:
     """Serve one port."""
     with build(compose("virtual", split(arguments, PLAIN))) as server:
-        signal.signal(signal.SIGTERM, lambda *_: server.stop())
+        received: list[int] = []
+
+        def end(number: int, _: object) -> None:
+            received.append(number)
+            server.stop()
+
+        # an exception that a signal raises is lost where it meets a callback or a finaliser
+        for number in (signal.SIGINT, signal.SIGTERM):
+            signal.signal(number, end)
         announce(server)
         server.run()
+        if signal.SIGINT in received:
+            raise KeyboardInterrupt
 
 
 if __name__ == "__main__":
