@@ -14,6 +14,7 @@ import yaml
 import diagnose as script
 from actuators import load_chain
 from configs.script import run
+from gap.causes import catalogue
 from gap.diagnosis import diagnose
 from gap.log import read_measured
 from gap.virtual_bench import record
@@ -243,9 +244,12 @@ def test_ak80_torque_column_is_not_read_with_the_motion() -> None:
 
 
 @pytest.mark.skipif(not (DATA / "xl330_pendulum").is_dir(), reason="the XL330 logs (../shared/data) are not here")
-def test_xl330_loses_torque_under_load(tmp_path: Path) -> None:
+def test_xl330_loses_torque_under_load(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     from gap.converters.xl330 import convert_xl330
 
+    # those that come nearest; `python -m benchmarks.real_data` takes all of the catalogue, and four times as long
+    near = ("friction.load_dependent", "friction.stribeck", "drive.supply_sag", "drive.overload", "drive.saturation")
+    monkeypatch.setattr("gap.search.catalogue", lambda joint: [c for c in catalogue(joint) if c.name in near])
     convert_xl330(DATA / "xl330_pendulum", tmp_path)
     (found,) = diagnose(read_measured(tmp_path), test_group="kp400")
     assert found.causes[0].name == "friction.load_dependent"
