@@ -29,7 +29,7 @@ LEFT = 0.04  # loss per value beyond that of the noise from which another cause 
 # squared error left, and what of it the screen must promise for a round to be worth its time
 SMALL, PROMISE = 0.3, 0.015
 SHOWN = 0.01  # of what removes little, least part in what is judged sample by sample, the joint's own motion
-DRIVEN = 0.12  # or else least that it must remove in all: less may come from when a drive reports duty and current
+COLUMNS_ALONE = 0.12  # or else least that it must remove in all: when a drive reports duty and current may do less
 PAYS = 0.08  # least share of the excess error that a further cause must remove
 ALIKE = 0.4  # least ratio of a parameter's distance from doing nothing in one part to that in the other
 MATERIAL = 0.01  # relative change of a number below which it is no finding: none is known better, nor is the simulation
@@ -112,7 +112,7 @@ class Searcher:
     seed: int = 0
     causes: list[Cause] = field(default_factory=list)
     tuned: tuple[Parameter, ...] = ()
-    replaced: set[str] = field(default_factory=set)
+    replaced: set[str] = field(default_factory=set, init=False)  # causes that a later one made redundant
 
     def __post_init__(self) -> None:
         self.problem = replace(self.problem, coarse=COARSE)
@@ -133,7 +133,6 @@ class Searcher:
         blocks = self._judge(base)
         accepted: list[Candidate] = []
         rounds: list[Round] = []
-        self.replaced = set()
         current, before = base, blocks
         while len(accepted) < MOST_CAUSES and (left := self._excess(current)) > LEFT:
             candidates = self._round(accepted, current, before, left)
@@ -218,7 +217,7 @@ class Searcher:
         # little beyond the noise also means little to tell causes apart by; those that are close are named as rivals
         if winner.best < TOLD_APART:
             return False
-        return removed > DRIVEN or self._sampled(current) - self._sampled(winner.fits) > SHOWN
+        return removed > COLUMNS_ALONE or self._sampled(current) - self._sampled(winner.fits) > SHOWN
 
     def _sampled(self, fits: tuple[Fit, Fit]) -> float:
         """Loss per value of what is judged sample by sample, each part under the fit that did not see it."""

@@ -286,9 +286,12 @@ def test_a_belt_drives_the_sum_of_two_joints():
         assert driven.position("knee", data.qpos) == pytest.approx(-0.2, abs=5e-3)
 
 
+STIFF_SERVO = [{"ideal": {"stiffness": 500.0, "damping": 5.0, "armature": 0.01}}]
+HANGING = PENDULUM.replace('gravity="0 0 0"', "")
+
+
 def test_play_lets_the_link_move_freely_by_its_width():
-    hold = [{"ideal": {"stiffness": 500.0, "damping": 5.0, "armature": 0.01}}, {"backlash": {"width": 0.1}}]
-    driven = drivetrain(hold, PENDULUM.replace('gravity="0 0 0"', ""))
+    driven = drivetrain([*STIFF_SERVO, {"backlash": {"width": 0.1}}], HANGING)
     data = run(driven, 3.0, goal=1.0, start=1.0)
     gap = driven.position("shaft", data.qpos, "motor") - driven.position("shaft", data.qpos, "link")
     assert gap == pytest.approx(0.05, abs=1e-3)  # the load hangs on one flank
@@ -300,10 +303,8 @@ def test_play_lets_the_link_move_freely_by_its_width():
 
 def test_teeth_that_are_set_later_are_those_of_a_model_built_with_them():
     play = {"width": 0.1, "tooth_stiffness": 300.0, "tooth_damping": 0.2}
-    hold = [{"ideal": {"stiffness": 500.0, "damping": 5.0, "armature": 0.01}}]
-    hanging = PENDULUM.replace('gravity="0 0 0"', "")
-    built = drivetrain([*hold, {"backlash": play}], hanging)
-    stiff = drivetrain([*hold, {"backlash": {**play, "tooth_damping": 0.0}}], hanging)
+    built = drivetrain([*STIFF_SERVO, {"backlash": play}], HANGING)
+    stiff = drivetrain([*STIFF_SERVO, {"backlash": {**play, "tooth_damping": 0.0}}], HANGING)
     assert not np.array_equal(run(built, 0.5, 1.0).qpos, run(stiff, 0.5, 1.0).qpos)
     stiff.set_value(stiff.model, "shaft", "backlash.tooth_damping", 0.2)
     assert np.array_equal(run(built, 0.5, 1.0).qpos, run(stiff, 0.5, 1.0).qpos)
@@ -316,16 +317,14 @@ def test_teeth_that_are_set_later_are_those_of_a_model_built_with_them():
 
 
 def test_teeth_are_no_harder_than_a_step_can_bear():
-    hold = [{"ideal": {"stiffness": 500.0, "damping": 5.0, "armature": 0.01}}]
     hard = {"width": 0.1, "tooth_stiffness": 1e6, "tooth_damping": 1e3}
-    data = run(drivetrain([*hold, {"backlash": hard}], PENDULUM.replace('gravity="0 0 0"', "")), 2.0, 1.0)
+    data = run(drivetrain([*STIFF_SERVO, {"backlash": hard}], HANGING), 2.0, 1.0)
     assert np.isfinite(data.qpos).all() and np.abs(data.qvel).max() < 50.0
 
 
 def test_damping_of_teeth_without_a_stiffness_is_refused():
-    hold = [{"ideal": {"stiffness": 500.0, "damping": 5.0, "armature": 0.01}}]
     with pytest.raises(ChainError, match="give both or neither"):
-        drivetrain([*hold, {"backlash": {"width": 0.1, "tooth_damping": 1.0}}])
+        drivetrain([*STIFF_SERVO, {"backlash": {"width": 0.1, "tooth_damping": 1.0}}])
 
 
 # --- models of others ----------------------------------------------------------------------------------------------

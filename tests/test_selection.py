@@ -9,7 +9,7 @@ import pytest
 
 from actuators import load_chain
 from gap.causes import catalogue
-from gap.fit import fit, merge
+from gap.fit import Fit, fit, merge
 from gap.joint_model import JointModel
 from gap.problem import Problem, converged, lay_out
 from gap.search import Candidate, Round, Searcher
@@ -28,8 +28,8 @@ def bench(*effects: str) -> Problem:
     return converged(lay_out(runs, JOINT, models, cut(runs, JOINT), {"position": 1.0 / NOISE_FLOOR}))
 
 
-def searched(problem: Problem, *names: str) -> tuple[Searcher, list[Candidate], list[Round]]:
-    """A search that has accepted these causes one after the other."""
+def searched(problem: Problem, *names: str) -> tuple[Searcher, list[Candidate], list[Round], tuple[Fit, Fit]]:
+    """A search that has accepted these causes one after the other, and the fits that it began with."""
     causes = {cause.name: cause for cause in catalogue(problem.models[0])}
     searcher = Searcher(problem, causes=[causes[name] for name in names])
     accepted: list[Candidate] = []
@@ -44,13 +44,13 @@ def searched(problem: Problem, *names: str) -> tuple[Searcher, list[Candidate], 
         rounds.append(Round(before, (candidate,), True))
         accepted.append(candidate)
         before, start = candidate.blocks, start | fits[0].values
-    searcher.base = base  # type: ignore[attr-defined]
-    return searcher, accepted, rounds
+    return searcher, accepted, rounds, base
 
 
 def test_a_cause_that_stood_in_for_the_real_one_leaves_once_that_is_found() -> None:
-    searcher, accepted, rounds = searched(bench("friction.coulomb"), "friction.load_dependent", "friction.coulomb")
-    alone = searcher._instead(accepted, rounds, searcher.base)  # type: ignore[attr-defined]
+    search = searched(bench("friction.coulomb"), "friction.load_dependent", "friction.coulomb")
+    searcher, accepted, rounds, base = search
+    alone = searcher._instead(accepted, rounds, base)
     assert alone is not None and alone.accepted
     assert [candidate.cause.name for candidate in alone.candidates] == ["friction.coulomb", "friction.load_dependent"]
     assert alone.before is rounds[0].before
@@ -59,12 +59,12 @@ def test_a_cause_that_stood_in_for_the_real_one_leaves_once_that_is_found() -> N
 
 def test_of_two_causes_that_are_both_there_both_stay() -> None:
     problem = bench("friction.coulomb", "friction.load_dependent")
-    searcher, accepted, rounds = searched(problem, "friction.load_dependent", "friction.coulomb")
-    assert searcher._instead(accepted, rounds, searcher.base) is None  # type: ignore[attr-defined]
+    searcher, accepted, rounds, base = searched(problem, "friction.load_dependent", "friction.coulomb")
+    assert searcher._instead(accepted, rounds, base) is None
 
 
 def test_little_that_only_duty_and_current_show_is_not_enough(monkeypatch: pytest.MonkeyPatch) -> None:
-    searcher, accepted, _ = searched(bench("friction.coulomb"), "friction.coulomb")
+    searcher, accepted, _, _ = searched(bench("friction.coulomb"), "friction.coulomb")
     found = accepted[0]
     won = Candidate(found.cause, found.variant, found.fits, found.blocks, better=1.0, best=1.0, gain=1.0)
     monkeypatch.setattr(searcher, "_sampled", lambda fits: 0.7)  # the joint's own motion is as it was
