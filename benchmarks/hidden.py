@@ -5,7 +5,7 @@ Effects that it must name, nulls where it must name nothing, strangers that it m
 ``python -m benchmarks.hidden`` runs everything and writes ``benchmarks/results/hidden.{json,md,png}``. Finished cases
 are kept in ``hidden.jsonl`` beside them while it runs, so that it can be stopped and resumed. Seeds below 900 are for
 development; reported runs use seeds that were not looked at before: from 900, 950 and 970 on, a part of those from 995
-on, and next from 1020 on.
+on, and from 1020 on. Their effects have the sizes of a table; ``--drawn`` draws size and sign of each anew.
 """
 
 from __future__ import annotations
@@ -13,12 +13,15 @@ from __future__ import annotations
 import argparse
 import json
 import multiprocessing
+import subprocess
 import sys
 import time
 from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
+
+import numpy as np
 
 if TYPE_CHECKING:
     from gap.search import Search
@@ -50,14 +53,25 @@ class Case:
 
     effects: tuple[tuple[str, str], ...]
     seed: int
+    drawn: bool = False
 
     @property
     def key(self) -> str:
         """Name in the results."""
-        return " + ".join(f"{name}:{size}" for name, size in self.effects) + f" #{self.seed}"
+        names = " + ".join(f"{name}:{size}" for name, size in self.effects)
+        return f"{names}{' drawn' if self.drawn else ''} #{self.seed}"
+
+    def values(self) -> dict[str, dict[str, float] | str | float]:
+        """Magnitude of each effect, or the value that is drawn for it."""
+        from tests.plant import drawn
+
+        rng = np.random.default_rng([self.seed, 1])
+        return {name: drawn(name, size, rng) if self.drawn else size for name, size in self.effects}
 
 
-def cases(names: Sequence[str], magnitudes: Sequence[str], seeds: int, first: int) -> list[Case]:
+def cases(
+    names: Sequence[str], magnitudes: Sequence[str], seeds: int, first: int, *, drawn: bool = False
+) -> list[Case]:
     """Cases in a fixed order; each has a seed of its own.
 
     Args:
@@ -65,12 +79,13 @@ def cases(names: Sequence[str], magnitudes: Sequence[str], seeds: int, first: in
         magnitudes: of effects and strangers; pairs are ``clear``.
         seeds: cases per effect and magnitude.
         first: seed of the first case.
+        drawn: with effects of random size and sign.
     """
     from tests.plant import MAGNITUDES
 
     plain = [name for name in names if name not in ("null", "pairs")]
     found = [
-        Case(((name, size),), first + 1000 * k + 100 * MAGNITUDES.index(size) + repeat)
+        Case(((name, size),), first + 1000 * k + 100 * MAGNITUDES.index(size) + repeat, drawn)
         for size in magnitudes
         for k, name in enumerate(all_names())
         if name in plain
@@ -80,7 +95,7 @@ def cases(names: Sequence[str], magnitudes: Sequence[str], seeds: int, first: in
         found += [Case((), first + 50_000 + k) for k in range(NULLS)]
     if "pairs" in names:
         found += [
-            Case(((a, "clear"), (b, "clear")), first + 60_000 + 100 * k + repeat)
+            Case(((a, "clear"), (b, "clear")), first + 60_000 + 100 * k + repeat, drawn)
             for k, (a, b) in enumerate(PAIRS)
             for repeat in range(seeds)
         ]
@@ -99,13 +114,15 @@ def run(case: Case) -> dict[str, Any]:
     from gap.diagnosis import diagnose
     from tests.plant import hidden_bench
 
-    data, truth = hidden_bench(dict(case.effects), case.seed, LOADS)
+    data, truth = hidden_bench(case.values(), case.seed, LOADS)
     began = time.perf_counter()
     (found,) = diagnose(data)
     seconds = time.perf_counter() - began
     return {
         "key": case.key,
-        "effects": {name: dict(what) for name, what in truth["effects"].items()},
+        "revision": revision(),
+        "effects": {name: {**truth["effects"][name], "magnitude": size} for name, size in case.effects},
+        "true_noise": truth["noise_floor"],
         "factors": truth["nominal_factors"],
         "seconds": seconds,
         "verdict": found.verdict,
@@ -132,6 +149,23 @@ def run(case: Case) -> dict[str, Any]:
         ],
         "rounds": [] if found.search is None else [_margins(found.search, k) for k in range(len(found.search.rounds))],
     }
+
+
+def revision() -> str:
+    """The last commit to what is judged and what judges it, with a ``+`` where files differ; ``?`` without git."""
+    root = Path(__file__).parents[1]
+    asked = (("log", "-1", "--format=%h"), ("status", "--porcelain"))
+    try:
+        commit, changed = (
+            subprocess.run(
+                ["git", *words, "--", "gap", "actuators", "tests/plant"],
+                cwd=root, capture_output=True, text=True, check=True,
+            ).stdout.strip()
+            for words in asked
+        )  # fmt: skip
+    except (OSError, subprocess.CalledProcessError):
+        return "?"
+    return commit + "+" * bool(changed)
 
 
 def _margins(search: Search, number: int) -> dict[str, Any]:
@@ -255,6 +289,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
     parser.add_argument(
         "--first", type=int, default=REPORTED_SEED, help="seed of the first case; below 900 for development"
     )
+    parser.add_argument("--drawn", action="store_true", help="draw the size and the sign of each effect")
     parser.add_argument("--jobs", type=int, default=1, help="cases at a time")
     parser.add_argument(
         "--out", type=Path, default=RESULTS / "hidden.jsonl", help="kept cases; the summary goes beside it"
@@ -264,7 +299,13 @@ def main(arguments: Sequence[str] | None = None) -> int:
     options.out.parent.mkdir(parents=True, exist_ok=True)
     kept = [json.loads(line) for line in options.out.read_text().splitlines()] if options.out.exists() else []
     have = {row["key"] for row in kept}
-    todo = [case for case in cases(wanted, options.magnitudes, options.seeds, options.first) if case.key not in have]
+    every = cases(wanted, options.magnitudes, options.seeds, options.first, drawn=options.drawn)
+    todo = [case for case in every if case.key not in have]
+    if (old := {row.get("revision", "?") for row in kept} - {revision()}) and todo:
+        print(
+            f"{options.out} holds cases of revision {', '.join(sorted(old))}, this is {revision()}: name another file."
+        )
+        return 2
     try:
         for number, row in enumerate(_results(todo, options.jobs), 1):
             kept.append(row)

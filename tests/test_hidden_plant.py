@@ -8,9 +8,9 @@ from typing import Any
 import numpy as np
 import pytest
 
-from benchmarks.hidden import NUMBERS, within_tolerance
-from tests.plant import EFFECTS, LOADS, MAGNITUDES, NOISE_FLOOR, STRANGERS, Machine, hidden_bench, simulate
-from tests.plant.effects import GAP_IN_NOISE_FLOORS
+from benchmarks.hidden import NUMBERS, Case, within_tolerance
+from tests.plant import EFFECTS, LOADS, MAGNITUDES, NOISE_FLOOR, STRANGERS, Machine, drawn, hidden_bench, simulate
+from tests.plant.effects import BOTH_SIGNS, BY_HAND, GAP_IN_NOISE_FLOORS, SPREAD
 from tests.plant.physics import GRAVITY
 
 HARD_TO_SHOW = ("friction.presliding", "transmission.backlash", "contact.blocked", "drive.overload")
@@ -155,3 +155,21 @@ def test_a_number_within_its_tolerance_is_told_from_an_effect() -> None:
     pair = {**row(0.002)["effects"], "drive.delay": {"value": 1e-5}}
     assert not within_tolerance({"effects": pair, "factors": {"coulomb": 1.0, "command_delay": 1.0}})
     assert not within_tolerance({"effects": {"drive.offset": {"value": 0.0}}, "factors": {}})
+
+
+@pytest.mark.parametrize("name", [*EFFECTS, *STRANGERS])
+def test_a_drawn_effect_has_its_size_within_a_factor_and_either_sign_where_that_makes_sense(name: str) -> None:
+    effect = (EFFECTS | STRANGERS)[name]
+    for magnitude, size in zip(MAGNITUDES, effect.sizes, strict=True):
+        values = [drawn(name, magnitude, np.random.default_rng(seed)) for seed in range(40)]
+        none = 0.0 if effect.span[0] >= 400.0 or name in BY_HAND else effect.span[0]
+        ratio = (np.array(values) - none) / (size - none)
+        assert np.abs(ratio).max() <= SPREAD + 1e-9 and np.abs(ratio).min() >= 1.0 / SPREAD - 1e-9
+        assert (ratio.min() < 0.0) == (name in BOTH_SIGNS)
+        assert len(set(values)) == 40
+
+
+def test_a_drawn_case_says_so_and_is_the_same_again() -> None:
+    case, plain = (Case((("load.mass", "clear"),), 7, drawn) for drawn in (True, False))
+    assert case.key == "load.mass:clear drawn #7" and plain.values() == {"load.mass": "clear"}
+    assert case.values() == case.values() != plain.values()

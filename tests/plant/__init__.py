@@ -4,7 +4,7 @@ Shares no code with ``actuators/`` or ``gap/`` except the container of the measu
 """
 
 from .bench import LOADS, NOISE_FLOOR, hidden_bench, nominal_chain, run_again, run_machine
-from .effects import EFFECTS, MAGNITUDES, STRANGERS
+from .effects import EFFECTS, MAGNITUDES, STRANGERS, drawn
 from .physics import Machine, simulate
 
 __all__ = [
@@ -14,6 +14,7 @@ __all__ = [
     "NOISE_FLOOR",
     "STRANGERS",
     "Machine",
+    "drawn",
     "hidden_bench",
     "nominal_chain",
     "run_again",

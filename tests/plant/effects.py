@@ -12,6 +12,8 @@ from __future__ import annotations
 from collections.abc import Callable
 from dataclasses import dataclass
 
+import numpy as np
+
 from .physics import Machine
 
 MAGNITUDES = ("clear", "moderate", "faint")
@@ -108,3 +110,27 @@ STRANGERS: dict[str, Effect] = {
     "stranger.jams": Effect("jam_torque", "N.m", _jams, (0.374, 0.146, 0.0482), (0.0, 2.0)),
 }
 """Effects that no catalogue of causes holds; nothing may be named for them with confidence."""
+
+BOTH_SIGNS = {
+    "friction.asymmetric", "drive.gain", "drive.offset", "drive.motor_constant", "transmission.gear_ratio",
+    "load.mass", "load.centre_of_mass", "sensor.offset", "sensor.scale", "spring.stiffness",
+}  # fmt: skip
+"""Effects that may as well be of the other sign."""
+SPREAD = 1.4
+"""A drawn effect is up to this factor larger or smaller than the size that its magnitude stands for."""
+BY_HAND = {"drive.overload", "contact.blocked"}
+"""Limits that the motion only just reaches; theirs are drawn from a tenth of that spread."""
+
+
+def drawn(name: str, magnitude: str, rng: np.random.Generator) -> float:
+    """A value of ``magnitude`` of an effect, of random size and sign.
+
+    So that nothing which was set while looking at the sizes in the table, such as where a fit starts, fits by chance.
+    """
+    effect = (EFFECTS | STRANGERS)[name]
+    value, none = effect.sizes[MAGNITUDES.index(magnitude)], effect.span[0]
+    power = rng.uniform(-1.0, 1.0) * (0.1 if name in BY_HAND else 1.0)
+    sign = rng.choice((-1.0, 1.0)) if name in BOTH_SIGNS else 1.0
+    if none >= 400.0 or name in BY_HAND:  # the larger the value the smaller the effect, without a size for none
+        return value * SPREAD**-power
+    return none + (value - none) * sign * SPREAD**power
