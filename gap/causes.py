@@ -293,6 +293,7 @@ def supply_sag(nominal: JointModel) -> Cause | None:
 def overload(nominal: JointModel) -> Cause | None:
     if nominal.chain.find("torque_limit") is not None or (top := _torque(nominal)) <= 0.0:
         return None
+    top /= nominal.chain.gear_ratio()  # the limit goes before a gear
     numbers = [
         Parameter("torque_limit.limit", "N.m", 0.02 * top, 1.2 * top, start * top, 0.1, logarithmic=True)
         for start in (0.8, 0.5, 0.25)

@@ -42,16 +42,19 @@ def check_set(data: MeasuredSet) -> list[Finding]:
     return findings + list(_across(data))
 
 
-MENDED_FIRST = ("position.wrap", "unit.degrees", "position.sign")
+MENDED_FIRST = ("position.wrap", "link_position.wrap", "unit.degrees", "position.sign")
 """Errors that make others appear, one after the other."""
 
 
-def corrected(data: MeasuredSet, findings: list[Finding]) -> tuple[MeasuredSet, list[Finding]]:
+def corrected(
+    data: MeasuredSet, findings: list[Finding], done: frozenset[tuple[str | None, ...]] = frozenset()
+) -> tuple[MeasuredSet, list[Finding]]:
     """Return the runs with their mendable columns converted or set aside, and what is to be said about both.
 
-    A run is checked again after it was mended, since a column in degrees makes others look wrong.
+    A run is checked again after it was mended, since a column in degrees makes others look wrong. What mending did not
+    cure (``done``) is told and left.
     """
-    faults = [finding for finding in findings if mendable(finding)]
+    faults = [finding for finding in findings if mendable(finding) and _where(finding) not in done]
     if not faults:
         return data, findings
     staged = ([finding for finding in faults if finding.code == code] for code in MENDED_FIRST)
@@ -59,8 +62,12 @@ def corrected(data: MeasuredSet, findings: list[Finding]) -> tuple[MeasuredSet, 
     runs = tuple(mended(run, _once([f for f in first or faults if f.run in (run.name, None)])) for run in data.runs)
     data = replace(data, runs=runs)
     rest = [finding for finding in data.findings if not mendable(finding)]
-    data, others = corrected(data, [*rest, *check_set(data)])
+    data, others = corrected(data, [*rest, *check_set(data)], done | {_where(finding) for finding in first or faults})
     return data, [*(told(finding) for finding in first or faults), *others]
+
+
+def _where(finding: Finding) -> tuple[str | None, ...]:
+    return finding.code, finding.joint, finding.column, finding.run
 
 
 def _once(findings: list[Finding]) -> list[Finding]:

@@ -109,7 +109,10 @@ def _joint(
     missing = [run.name for run in runs if joint not in run.actuators]
     if missing:
         raise LogError(f"{missing[0]}: the sidecar names no actuator for joint '{joint}'; add it under 'actuators'.")
-    models = [JointModel(_chain(run, joint), unknown=unknown_parameters(run)) for run in runs]
+    chains = [_chain(run, joint) for run in runs]
+    models = [
+        JointModel(chain, unknown=unknown_parameters(run, chain)) for run, chain in zip(runs, chains, strict=True)
+    ]
     noise = float(np.median([noise_floor(run, joint) for run in runs]))
     units = cut(runs, joint, test_group)
     wide = retunable(models[0], WIDE)

@@ -148,8 +148,9 @@ def confirm(diagnosis: JointDiagnosis) -> dict[str, float]:
     drivetrain = bench(joint, problem.params[unit.run])
     program = joint.chain.program()
     angle = ((unit.state[0] - joint.host_offset) / joint.host_scale - program[P_OFFSET]) / program[P_SCALE]
+    speed = unit.state[1] / (joint.host_scale * program[P_SCALE])
     step = min(STEP, largest_step(joint.chain))
-    out = replay_in_engine(drivetrain, problem.time[rows], problem.goal[rows], (angle, unit.state[1]), step)
+    out = replay_in_engine(drivetrain, problem.time[rows], problem.goal[rows], (angle, speed), step)
     judged = problem.judged[rows]
     reading = joint.host_scale * out[judged, 0] + joint.host_offset
     measured = problem.measured[rows][judged, 0]

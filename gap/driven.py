@@ -129,7 +129,9 @@ def driven_problem(
         weight = np.zeros(len(CHANNELS))
         weight[0] = 1.0 / _noise(plain, measured[:, 0])
     fields = {f.name: getattr(plain, f.name) for f in dataclasses.fields(Problem)}
-    return DrivenProblem(**{**fields, "measured": measured, "weight": weight}, link=link, first=first)
+    judged = plain.judged & np.isfinite(measured[:, 0])  # torque, current and duty may have empty cells
+    changed = {"measured": measured, "weight": weight, "judged": judged}
+    return DrivenProblem(**{**fields, **changed}, link=link, first=first)
 
 
 def is_elastic(model: JointModel) -> bool:

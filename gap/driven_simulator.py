@@ -14,7 +14,8 @@ import numpy as np
 
 from actuators.compiled import compiled
 from actuators.law import advance, begin, torque
-from actuators.layout import P_STATE_SIZE, S_CURRENT, S_DUTY, S_LIMIT, S_TIME
+from actuators.layout import P_OFFSET, P_SCALE, P_STATE_SIZE, S_CURRENT, S_DUTY, S_LIMIT, S_TIME
+from actuators.stages.transmission import REST_SPEED
 from gap.joint_model import (
     K_CONSTANT,
     K_COUPLED,
@@ -42,13 +43,15 @@ def replay_driven(p, k, time, goal, on, temperature, link, q0, w0, step, out):
         on: whether the drive was on, per sample (n,).
         temperature: of the motor (n,) [degC].
         link: its position, speed and acceleration at the samples (n, 3) [rad, rad/s, rad/s2].
-        q0, w0: state of a motor that is not rigid with the link at the first sample [rad, rad/s].
+        q0, w0: reading and speed of a motor that is not rigid with the link at the first sample [rad, rad/s].
         step: largest step [s].
         out: (n, 4) filled with reading [rad], torque on the link [N.m], duty and current [A] at the samples.
     """
     s = np.zeros(int(p[P_STATE_SIZE]))
     x = np.empty(4)
     coupled = k[K_COUPLED] > 0.0
+    q0 = ((q0 - k[K_HOST_OFFSET]) / k[K_HOST_SCALE] - p[P_OFFSET]) / p[P_SCALE]
+    w0 = w0 / (k[K_HOST_SCALE] * p[P_SCALE])
     x[0], x[1], x[2], x[3] = q0, w0, link[0, 0], link[0, 1]
     if not coupled:
         x[0], x[1] = x[2], x[3]
@@ -67,7 +70,10 @@ def replay_driven(p, k, time, goal, on, temperature, link, q0, w0, step, out):
         else:
             x[0], x[1] = x[2], x[3]
             passed = drive(p, k, s, time[j], goal[j], on[j], x[0], x[1], 0.0, True) - k[K_MOTOR_INERTIA] * link[j, 2]
-            passed -= math.copysign(min(s[S_LIMIT], abs(passed)) if x[1] == 0.0 else s[S_LIMIT], x[1])
+            if abs(x[1]) > REST_SPEED:
+                passed -= math.copysign(s[S_LIMIT], x[1])
+            else:  # dry friction takes what it can hold
+                passed -= math.copysign(min(s[S_LIMIT], abs(passed)), passed)
         out[j, 0] = k[K_HOST_SCALE] * host_reading_smooth(p, s, time[j], x[0]) + k[K_HOST_OFFSET]
         out[j, 1] = passed
         out[j, 2] = s[S_DUTY]

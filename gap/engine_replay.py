@@ -22,21 +22,23 @@ STEP = 1e-3  # [s] largest engine step; each sample interval is divided evenly, 
 def bench_parameters(joint: JointModel, params: Mapping[str, float]) -> dict[str, float]:
     """Bench parameters with the load's changes written into them, as far as mass, arm and length can express them.
 
-    A point mass ``m`` at ``l`` on a rod is matched in gravity torque and inertia; the rod stays as it is.
+    A point mass ``m`` at ``l`` on a rod is matched in gravity torque and inertia; the rod stays as it is, or is left
+    out where it is too heavy for that.
     """
     load, arm = joint.load, params.get("arm_mass", 0.0)
     if load == type(load)():
         return {"mass": params["mass"], "arm_mass": arm, "length": params["length"]}
     moment = load.gravity_torque(params) / GRAVITY
     inertia = load.inertia(params)
+    without_rod = {"mass": moment**2 / inertia, "arm_mass": 0.0, "length": inertia / moment}
     if arm == 0.0:
-        length = inertia / moment
-        return {"mass": moment / length, "arm_mass": 0.0, "length": length}
+        return without_rod
     # mass l + arm l / 2 = moment and mass l^2 + arm l^2 / 3 = inertia, solved for mass and length, the rod as believed:
     # mass = moment / l - arm / 2, hence l moment - l^2 arm / 6 = inertia
     root = np.sqrt(max(moment**2 - 4.0 * (arm / 6.0) * inertia, 0.0))
     length = float(2.0 * inertia / (moment + root))
-    return {"mass": moment / length - arm / 2.0, "arm_mass": arm, "length": length}
+    mass = moment / length - arm / 2.0
+    return {"mass": mass, "arm_mass": arm, "length": length} if mass > 0.0 else without_rod
 
 
 def bench(joint: JointModel, params: Mapping[str, float]) -> Drivetrain:

@@ -134,6 +134,8 @@ def check_columns(names: list[str], path: Path) -> None:
     if not joints:
         raise LogError(f"{path}: has no joint; add the columns <joint>.goal and <joint>.position [rad]")
     for joint in joints:
+        if "/" in joint or "\\" in joint:  # files of a diagnosis are named for the joint
+            raise LogError(f"{path}: the joint '{joint}' has a slash in its name; rename its columns")
         if f"{joint}.position" not in seen:
             raise LogError(f"{path}: the column '{joint}.position' [rad] is missing")
         if f"{joint}.goal" not in seen and f"{joint}.torque" not in seen:

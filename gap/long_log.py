@@ -25,6 +25,7 @@ MOST_ROWS = 120_000  # of a data set that are held: ten minutes at 200 Hz
 WINDOW = 12.0  # [s]
 PARTS = 3  # of the data: two to fit and choose on, one for the test
 LEAST_WINDOWS = 30  # that the rows must suffice for; windows of fast logs are shorter
+SHORTEST = 6.0  # [s], but not shorter than this: up to half of it finds a quiet start and warms up
 PIECE_ROWS = 1 << 17
 GAP = 3.5  # sample periods without a sample after which a window is not used
 SPEED_SPAN = 0.025  # [s] over which speeds are taken, so that they are not noise of the encoder
@@ -44,6 +45,7 @@ class Survey:
         starts: first row of each window that may be used (w,).
         features: description of each (w, f).
         findings: of the checks of every piece.
+        joints: in the order of their columns.
     """
 
     path: Path
@@ -52,6 +54,7 @@ class Survey:
     starts: np.ndarray
     features: np.ndarray
     findings: tuple[Finding, ...]
+    joints: tuple[str, ...] = ()
 
 
 def read_bounded(path: str | Path, most_rows: int = MOST_ROWS, progress: Progress = lambda text: None) -> MeasuredSet:
@@ -74,6 +77,12 @@ def read_bounded(path: str | Path, most_rows: int = MOST_ROWS, progress: Progres
     if sum(counts) <= most_rows:
         return read_measured(path)
     surveys = [survey(file, count, most_rows, progress) for file, count in zip(files, counts, strict=True)]
+    for one in surveys:
+        if one.joints != surveys[0].joints:
+            raise LogError(
+                f"{path}: {one.path.name} has the joints {', '.join(one.joints)}, {surveys[0].path.name} has "
+                f"{', '.join(surveys[0].joints)}; keep one machine per folder"
+            )
     chosen = choose(surveys, most_rows)
     runs: list[MeasuredRun] = []
     for one, picked in zip(surveys, chosen, strict=True):
@@ -110,8 +119,8 @@ def count_rows(path: Path) -> int:
 
 
 def window_rows(period: float, most_rows: int) -> int:
-    """Samples of one window."""
-    return max(min(round(WINDOW / period), most_rows // LEAST_WINDOWS), 50)
+    """Samples of one window; a set has three at least, whatever their rows."""
+    return max(min(round(WINDOW / period), max(most_rows // LEAST_WINDOWS, round(SHORTEST / period))), 50)
 
 
 # --- first pass ----------------------------------------------------------------------------------------------------
@@ -128,6 +137,7 @@ def survey(path: Path, rows: int, most_rows: int, progress: Progress = lambda te
     starts: list[int] = []
     size, first, period, last = 0, 0, 0.0, -np.inf
     carried: MeasuredRun | None = None
+    joints: tuple[str, ...] = ()
     for piece in iterate_runs(path, PIECE_ROWS):
         progress(f"checking {path.name}: {100 * first / max(rows, 1):.0f} %")
         if piece.time[0] <= last:
@@ -137,6 +147,7 @@ def survey(path: Path, rows: int, most_rows: int, progress: Progress = lambda te
             )
         last = float(piece.time[-1])
         if not size:
+            joints = tuple(piece.joints)
             period = piece.period
             size = window_rows(period, most_rows)
         new = [finding for finding in check_run(piece) if finding.code not in JUDGED_IN_WHOLE]
@@ -154,7 +165,7 @@ def survey(path: Path, rows: int, most_rows: int, progress: Progress = lambda te
         carried = _part(joined, used, len(joined.time)) if used < len(joined.time) else None
         first += len(piece.time)
     table = np.stack(features) if features else np.empty((0, 1))
-    return Survey(path, first, period, np.array(starts, int), table, tuple(findings))
+    return Survey(path, first, period, np.array(starts, int), table, tuple(findings), joints)
 
 
 def _reduced(findings: list[Finding], new: list[Finding]) -> list[Finding]:

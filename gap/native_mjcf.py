@@ -45,6 +45,8 @@ ACTUATOR = {
     "ideal": ("stiffness", "damping", "torque_limit"),
 }
 """Parameters that MuJoCo's own actuators have."""
+POSITION_ACTUATOR = ("delay", "ideal", "torque_limit")
+"""Stages of them that act with an ideal servo, whose actuator is simpler."""
 SHAPES = ("stribeck_", "ripple_", "load_stribeck_")
 """Friction parameters that say where another one acts and are nothing alone."""
 
@@ -60,8 +62,10 @@ def drives_natively(chain: Chain) -> bool:
 def not_native(chain: Chain) -> list[str]:
     """Parameters of a chain, as ``stage.parameter``, that :func:`native_mjcf` leaves out."""
     driven, found = drives_natively(chain), []
+    position = chain.find("ideal") is not None
     for stage in chain.stages:
-        known = MODEL.get(stage.name, ()) + (ACTUATOR.get(stage.name, ()) if driven else ())
+        native = driven and (stage.name in POSITION_ACTUATOR or not position)
+        known = MODEL.get(stage.name, ()) + (ACTUATOR.get(stage.name, ()) if native else ())
         neutral = {"encoder.scale": 1.0, "scale.factor": 1.0}
         for key, value in stage.parameters().items():
             path = f"{stage.name}.{key}"
@@ -104,7 +108,7 @@ def _actuator(chain: Chain, law: ElementTree.Element, timestep: float) -> Elemen
         # a hair less: a command that is due exactly now counts, whatever the rounding of its time
         attributes["delay"] = _text(delay.seconds - min(1e-6, 0.5 * delay.seconds))
         attributes["nsample"] = str(math.ceil(delay.seconds / timestep) + 2)
-    torques = [stage.limit for stage in chain.stages if stage.name == "torque_limit"]  # type: ignore[attr-defined]
+    torques = [stage.law_parameters(chain)[0] for stage in chain.stages if stage.name == "torque_limit"]  # at the joint
     if (ideal := chain.find("ideal")) is not None:
         torques.append(ideal.torque_limit)
         attributes |= {"kp": _text(ideal.stiffness), "kv": _text(ideal.damping)}

@@ -313,7 +313,7 @@ def lay_out(
         columns["goal"].append(log.goal[part])
         columns["on"].append(np.ones(count, bool) if log.enabled is None else log.enabled[part] > 0.5)
         warm = np.full(count, ROOM) if log.temperature is None else log.temperature[part]
-        columns["temperature"].append(between_steps(time[part], np.where(np.isfinite(warm), warm, ROOM)))
+        columns["temperature"].append(_without_gaps(time[part], warm))
         columns["judged"].append(np.arange(count) >= unit.judged)
         block = ((time[part] - time[unit.start]) / BLOCK).astype(int)
         columns["block"].append(block + blocks)
@@ -338,6 +338,14 @@ def lay_out(
         models=tuple(models),
         **flat,
     )
+
+
+def _without_gaps(time: np.ndarray, temperature: np.ndarray) -> np.ndarray:
+    """A temperature (n,) without the steps of its resolution; what was polled less often than the rest lies between."""
+    read = np.isfinite(temperature)
+    if not read.any():
+        return np.full(len(time), ROOM)
+    return between_steps(time, np.interp(time, time[read], temperature[read]))
 
 
 def between_steps(time: np.ndarray, values: np.ndarray) -> np.ndarray:

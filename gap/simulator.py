@@ -156,6 +156,7 @@ def replay(p, k, time, goal, on, temperature, q0, w0, step, out):
     s = np.zeros(int(p[P_STATE_SIZE]))
     x = np.empty(4)
     q0 = ((q0 - k[K_HOST_OFFSET]) / k[K_HOST_SCALE] - p[P_OFFSET]) / p[P_SCALE]
+    w0 = w0 / (k[K_HOST_SCALE] * p[P_SCALE])
     x[0], x[1], x[2], x[3] = q0, w0, q0, w0
     if k[K_COUPLED] > 0.0 and k[K_STIFFNESS] > 0.0:  # start with the load held by spring or tooth, not with a jerk
         load = load_torque(k, q0, 0.0)

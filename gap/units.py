@@ -67,10 +67,11 @@ def cut(runs: Sequence[MeasuredRun], joint: str, test_group: str | None = None) 
             ]
         order = {k: n for n, k in enumerate(k for k, g in enumerate(groups) if g != test_group)}
         return [_unit(runs, k, joint, order[k] % 2 if k in order else TEST, 0.0, 1.0) for k in range(len(runs))]
-    if len(runs) >= ENOUGH_RUNS:
+    windows = all("excerpt" in run.meta for run in runs)
+    if len(runs) >= (3 if windows else ENOUGH_RUNS):
         if 3 <= len(names) < len(runs):
             return [_unit(runs, k, joint, names.index(g) % 3, 0.0, 1.0) for k, g in enumerate(groups)]
-        if all("excerpt" in run.meta for run in runs):  # windows of long logs were dealt out as they were chosen
+        if windows:  # of long logs were dealt out as they were chosen
             return [_unit(runs, k, joint, int(run.meta["excerpt"]), 0.0, 1.0) for k, run in enumerate(runs)]
         return [_unit(runs, k, joint, (k + k // 3) % 3, 0.0, 1.0) for k in range(len(runs))]
     pieces = max(PIECES, -(-ENOUGH_RUNS // len(runs)))

@@ -9,6 +9,7 @@ from __future__ import annotations
 import dataclasses
 import math
 
+from actuators import Chain
 from actuators.errors import nearest
 from gap.log_types import LogError, MeasuredRun
 from gap.parameters import Parameter, factor
@@ -31,13 +32,28 @@ BELIEVED = {"mass": 0.2, "length": 0.1, "arm_mass": 0.0}
 """Where the fit of an unknown load starts: a point mass [kg] at a distance [m]; assumed."""
 
 
-def unknown_parameters(run: MeasuredRun) -> tuple[Parameter, ...]:
-    """What was not measured in a run.
+def unknown_parameters(run: MeasuredRun, chain: Chain) -> tuple[Parameter, ...]:
+    """What was not measured in a run of a joint with that chain.
 
     Raises:
-        LogError: the sidecar uses a word that is not in :data:`UNKNOWN`.
+        LogError: the sidecar uses a word that is not in :data:`UNKNOWN`, or one for a number that the chain lacks.
     """
-    return tuple({p.path: p for word in _words(run) for p in UNKNOWN[word]}.values())
+    for word in _words(run):
+        factors = [p.path.rstrip("*") for p in UNKNOWN[word] if p.path.endswith("*")]
+        missing = [path for path in factors if not _has(chain, path)]
+        if factors and len(missing) == len(factors):
+            raise LogError(
+                f"{run.name}: meta.unknown holds {word!r}, and the chain has no {' and no '.join(missing)} to start "
+                "from; give the chain a guess of it, or take the word out."
+            )
+    known = {p.path: p for word in _words(run) for p in UNKNOWN[word]}
+    return tuple(p for path, p in known.items() if not path.endswith("*") or _has(chain, path.rstrip("*")))
+
+
+def _has(chain: Chain, path: str) -> bool:
+    name, key = path.split(".")
+    stage = chain.find(name)
+    return stage is not None and getattr(stage, key) > 0.0
 
 
 def with_believed_load(run: MeasuredRun) -> MeasuredRun:

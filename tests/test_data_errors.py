@@ -13,6 +13,7 @@ from scipy.interpolate import make_smoothing_spline
 
 from gap.checks import check_set, corrected
 from gap.diagnosis import diagnose
+from gap.log_checks.correction import CONVERTED
 from gap.log_types import MeasuredRun, MeasuredSet
 from gap.verdict import EXPLAINED, NOTHING
 from tests.plant import hidden_bench
@@ -61,6 +62,15 @@ def aliased(run: MeasuredRun, size: float, rng: np.random.Generator) -> dict[str
     return {"voltage": np.round(signal(run, "voltage") + ripple, 1)}
 
 
+def never_read(run: MeasuredRun, size: float, rng: np.random.Generator) -> dict[str, Any]:
+    return {"voltage": np.full(len(run.time), size)}
+
+
+def link(mistake: Callable[[np.ndarray], np.ndarray]) -> Plant:
+    """A link behind a stiff spring, with a mistake of its own encoder."""
+    return lambda run, size, rng: {"link_position": mistake(0.95 * signal(run, "position"))}
+
+
 def late_velocity(run: MeasuredRun, size: float, rng: np.random.Generator) -> dict[str, Any]:
     return {"velocity": np.interp(run.time - size, run.time, signal(run, "velocity"))}
 
@@ -76,6 +86,10 @@ ERRORS: dict[str, tuple[Plant, tuple[float, ...], str, str]] = {
     "velocity before the gear": (times("velocity"), (6.0, GEAR), "velocity.gear_side", "sensor.scale"),
     "velocity of a wrong scale": (times("velocity"), (0.93, 1.1), "velocity.scale", "sensor.scale"),
     "late velocity": (late_velocity, (0.008, 0.015), "velocity.lag", "sensor.delay"),
+    "supply never read": (never_read, (0.0,), "column.stuck", "column.stuck"),
+    "link in degrees": (link(np.degrees), (0,), "unit.degrees", "unit.degrees"),
+    "link of the other sign": (link(np.negative), (0,), "link_position.sign", "link_position.sign"),
+    "link wraps": (link(lambda angle: (angle - 0.3) % (2 * np.pi) + 0.3), (0,), "link_position.wrap", "link_position.wrap"),
     "aliased supply": (aliased, (0.8, 2.5), "voltage.aliased", "voltage.aliased"),
 }
 CASES = [(name, size) for name, (_, sizes, _, _) in ERRORS.items() for size in sizes]
@@ -146,3 +160,22 @@ def test_a_diagnosis_names_the_data_error_and_no_physics(name: str, size: float)
 def test_a_late_torque_column_is_named_by_the_diagnosis_and_no_physics() -> None:
     (found,) = diagnose(with_torque(1, delay=0.012))
     assert [(cause.name, cause.kind) for cause in found.causes] == [("sensor.delay", "data")], found.sentence
+
+
+def test_a_machine_whose_both_encoders_are_in_degrees_and_backwards_is_mended() -> None:
+    data = clean(1)[0]
+    both = [-np.degrees(signal(run, "position")) for run in data.runs]
+    runs = [with_log(run, position=wrong, link_position=wrong) for run, wrong in zip(data.runs, both, strict=True)]
+    wrong = replace(data, runs=tuple(runs))
+    mended, _ = corrected(wrong, check_set(wrong))
+    for run, right in zip(mended.runs, data.runs, strict=True):
+        for name in ("position", "link_position"):
+            np.testing.assert_allclose(signal(run, name), signal(right, "position"), atol=1e-12)
+
+
+def test_what_mending_does_not_cure_is_told_once(monkeypatch: pytest.MonkeyPatch) -> None:
+    data = planted("milliamperes", 1000.0, 1)
+    monkeypatch.setitem(CONVERTED, "unit.current", lambda values, size: values)
+    same, findings = corrected(data, check_set(data))
+    np.testing.assert_array_equal(signal(same.runs[0], "current"), signal(data.runs[0], "current"))
+    assert {f.code for f in findings if f.data_error} == {"unit.current"}

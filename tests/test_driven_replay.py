@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
@@ -144,3 +146,36 @@ def test_a_rigid_joint_is_judged_by_what_it_asks_of_its_drive() -> None:
     assert problem.signal == ("current", "A")
     _, hidden = shown(problem, problem.models[0])
     assert "friction.coulomb" in hidden and "transmission.backlash" in hidden
+
+
+def test_samples_without_the_judged_column_do_not_count() -> None:
+    data, _ = hidden_hopper({}, seed=12, duration=6.0, runs=2)
+    gaps = []
+    for run in bare(data, RIGID, ("duty", "current")).runs:
+        current = run.joints["hip"].current
+        assert current is not None
+        current = np.where(np.arange(len(run.time)) % 7 == 0, np.nan, current)
+        gaps.append(replace(run, joints={"hip": replace(run.joints["hip"], current=current)}))
+    whole = problem_of(bare(data, RIGID, ("duty", "current")), "hip")
+    problem = problem_of(MeasuredSet(tuple(gaps), "gaps"), "hip")
+    assert problem.judged.sum() == pytest.approx(6 / 7 * whole.judged.sum(), rel=0.01)
+    assert np.isfinite(problem.position_error(problem.simulate([{}])[0])).all()
+
+
+@pytest.mark.parametrize("push", [-0.05, 0.05])
+def test_dry_friction_holds_a_rigid_joint_at_rest_whichever_way_it_is_pushed(push: float) -> None:
+    chain = [stage if "friction" not in stage else {"friction": {"coulomb": 0.03}} for stage in RIGID]
+    time = np.arange(0.0, 1.0, 0.005)
+    rest = np.zeros((len(time), 3))
+    free = drive(
+        [s if "friction" not in s else {"friction": {"coulomb": 0.0}} for s in chain], time * 0 + push, rest, time
+    )
+    held = drive(chain, time * 0 + push, rest, time)
+    np.testing.assert_allclose(held[5:, 1], free[5:, 1] - np.copysign(0.03, push), atol=1e-9)
+
+
+def test_a_motor_behind_a_spring_starts_where_its_reading_says() -> None:
+    time = np.arange(0.0, 1.0, 0.005)
+    chain = [{"position_p": {"gain": 0.0}}, *SPRING[1:-1], {"encoder": {"ticks": 0, "scale": 2.0, "offset": 0.1}}]
+    out = drive(chain, np.zeros(len(time)), np.stack([0.2 + 0.0 * time, 0 * time, 0 * time], axis=1), time)
+    assert out[0, 0] == pytest.approx(0.2, abs=1e-9)

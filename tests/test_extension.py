@@ -12,8 +12,8 @@ import pytest
 
 from actuators import load_chain
 from gap.causes import Cause, catalogue
-from gap.engine_replay import bench, replay_in_engine
-from gap.joint_model import JointModel
+from gap.engine_replay import bench, bench_parameters, replay_in_engine
+from gap.joint_model import GRAVITY, JointModel
 from gap.native_mjcf import native_mjcf, not_native
 from tests.smooth_bench import CHAIN, PARAMS
 
@@ -181,3 +181,31 @@ def test_a_chain_without_a_native_actuator_lists_all_of_it_and_still_loads(tmp_p
     path.write_text(native_mjcf(JointModel(chain), PARAMS))
     assert mujoco.MjModel.from_xml_path(str(path)).nu == 0
     assert any(name.startswith("regression.") for name in not_native(chain))
+
+
+def test_a_rate_limit_of_an_ideal_servo_is_listed() -> None:
+    chain = load_chain([{"rate_limit": {"speed": 2.0}}, {"ideal": {"stiffness": 10.0, "damping": 0.1}}])
+    assert not_native(chain) == ["rate_limit.speed"]
+
+
+def test_a_torque_limit_before_a_gear_is_that_of_the_joint_in_the_mjcf() -> None:
+    joint = JointModel(load_chain("ak80_6"))
+    ratio = joint.chain.gear_ratio()
+    assert ratio > 1.0
+    (cause,) = [cause for cause in catalogue(joint) if cause.name == "drive.overload"]
+    (number,) = cause.variants[0]
+    limited = joint.with_values({"torque_limit.limit": 1.0})
+    assert f'saturation="{ratio:.9g} 0 0"' in native_mjcf(limited, PARAMS)
+    stall = ratio * joint.value("dc_motor.motor_constant") * joint.value("supply.volts")
+    assert ratio * number.low < 0.05 * stall / joint.value("dc_motor.resistance")
+
+
+def test_a_load_that_its_rod_is_too_heavy_for_is_a_point_mass() -> None:
+    params = {"mass": 0.1, "arm_mass": 0.1, "length": 0.12}
+    joint = NOMINAL.with_values({"load.extra_inertia": 0.0026})
+    found = bench_parameters(joint, params)
+    assert min(found["mass"], found["length"]) > 0.0
+    weight = found["mass"] * found["length"] + found["arm_mass"] * found["length"] / 2.0
+    inertia = found["mass"] * found["length"] ** 2 + found["arm_mass"] * found["length"] ** 2 / 3.0
+    assert GRAVITY * weight == pytest.approx(joint.load.gravity_torque(params))
+    assert inertia == pytest.approx(joint.load.inertia(params))

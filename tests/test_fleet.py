@@ -233,3 +233,41 @@ def test_a_fleet_on_ray_gives_the_same(fleet: Path, tmp_path: Path) -> None:
     (tmp_path / "out").mkdir()
     assert _received(job, {**content, "pictures/budget.png": b"x"}).document is not None
     assert (tmp_path / "out" / "c" / "pictures" / "budget.png").read_bytes() == b"x"
+
+
+def test_a_corrected_sidecar_is_not_taken_for_what_was_diagnosed(fleet: Path, tmp_path: Path, quick: list[str]) -> None:
+    out = tmp_path / "out"
+    out.mkdir()
+    list(diagnose_fleet(find_jobs(fleet, out)))
+    sidecar = next((fleet / "a").glob("*.yaml"))
+    text = sidecar.read_text()
+    sidecar.write_text(text.replace("mass: 0.5", "mass: 0.6"))
+    assert len(sidecar.read_text()) == len(text) and sidecar.read_text() != text
+    again = {outcome.name: outcome for outcome in diagnose_fleet(find_jobs(fleet, out))}
+    assert "not what" in again["a"].error and again["b"].kept
+
+
+def test_values_belong_to_the_servos_that_have_them() -> None:
+    def with_causes(name: str, *parameters: str) -> Outcome:
+        whole = document(name, "sensor.scale", 0.5)
+        (cause,) = whole["causes"]
+        value = next(iter(cause["parameters"].values()))
+        whole["causes"] = [{**cause, "parameters": {path: value}} for path in parameters]
+        return Outcome(name, whole)
+
+    outcomes = [
+        with_causes("b", "host.scale"),
+        with_causes("c", "encoder.scale", "current"),
+        with_causes("d", "encoder.scale"),
+    ]
+    (cause,) = shared_causes(rows_of(outcomes))
+    assert cause.servos == ("b", "c", "d")
+    assert cause.parameter == "encoder.scale" and set(cause.values) == {"c", "d"}
+
+
+@pytest.mark.parametrize(("unit", "text"), [("rad", "10 → 10 mrad"), ("N.m", "0.01 → 0.01 N.m"), ("1", "0.01 → 0.01")])
+def test_errors_have_their_unit(unit: str, text: str) -> None:
+    whole = document("knee", None)
+    whole["gap"]["unit"] = unit
+    (row,) = rows_of([Outcome("knee", whole)])
+    assert row.errors == text

@@ -13,8 +13,9 @@ from benchmarks.large_log import write
 from gap.checks import check_set, corrected
 from gap.log import LogError
 from gap.log_checks.finding import Finding
-from gap.long_log import MOST_ROWS, count_rows, read_bounded, spread
-from gap.units import WARM_UP, cut
+from gap.log_types import JointLog, MeasuredRun
+from gap.long_log import MOST_ROWS, count_rows, read_bounded, spread, window_rows
+from gap.units import SEARCH, WARM_UP, cut
 
 ROWS, HELD = 300_000, 48_000
 PEAK = """
@@ -144,3 +145,29 @@ def test_chosen_windows_leave_no_kind_out() -> None:
     assert {part for k, part in chosen if k >= 500} == {0, 1, 2}
     assert [k for k, _ in spread(table[:10], 30)] == list(range(10))
     assert MOST_ROWS >= 30
+
+
+@pytest.mark.parametrize("rate", [200.0, 1000.0, 4000.0, 20_000.0])
+def test_a_window_is_long_enough_to_warm_up_whatever_the_rate(rate: float) -> None:
+    rows = window_rows(1.0 / rate, MOST_ROWS)
+    assert 2.0 * (WARM_UP + SEARCH) <= rows / rate <= 12.0
+    time = np.arange(rows) / rate
+    runs = [
+        MeasuredRun("log", time, {"servo": JointLog(np.sin(time), np.sin(time))}, robot="bench", meta={"excerpt": part})
+        for part in range(3)
+    ]
+    units = cut(runs, "servo")
+    assert sorted(unit.part for unit in units) == [0, 1, 2]
+    assert all(unit.judged < 0.6 * rows for unit in units)
+
+
+def test_logs_of_machines_with_other_joints_are_refused(long_log: Path, tmp_path: Path) -> None:
+    for name, joint in (("a", "servo"), ("b", "elbow")):
+        lines = long_log.with_suffix(".yaml").read_text().replace("servo", joint)
+        (tmp_path / f"{name}.yaml").write_text(lines)
+        write(tmp_path / f"{name}.csv", 30_000)
+        (tmp_path / f"{name}.yaml").write_text(lines)
+        text = (tmp_path / f"{name}.csv").read_text()
+        (tmp_path / f"{name}.csv").write_text(text.replace("servo.", f"{joint}."))
+    with pytest.raises(LogError, match=r"b\.csv has the joints elbow, a\.csv has servo; keep one machine per folder"):
+        read_bounded(tmp_path, 40_000)

@@ -88,6 +88,7 @@ BAD_TABLES = {
     "missing goal": (table("time,servo.position"), "'servo.goal'"),
     "missing time": (table("t,servo.goal,servo.position"), "'t'"),
     "unknown column": (table("time,servo.goal,servo.position,servo.velocty"), "did you mean 'servo.velocity'"),
+    "slash in a joint": (table("time,/arm/j1.goal,/arm/j1.position"), "'/arm/j1' has a slash in its name"),
     "column twice": (table("time,servo.goal,servo.position,servo.goal"), "twice"),
     "time backwards": (swapped(table(), 9, "0.001,0,0"), "backwards in row 9"),
     "time repeated": (swapped(table(), 9, "0.035,0,0"), "repeats in row 9"),

@@ -11,7 +11,9 @@ from gap.diagnosis import diagnose
 from gap.engine_replay import bench, replay_in_engine
 from gap.joint_model import JointModel, PendulumLoad
 from gap.log_types import JointLog, MeasuredRun, MeasuredSet
+from gap.problem import lay_out
 from gap.simulator import replay
+from gap.units import cut
 from gap.verdict import NOTHING
 from tests.smooth_bench import CHAIN, PARAMS
 
@@ -117,3 +119,21 @@ def test_a_log_of_the_nominal_model_at_a_fine_step_has_nothing_to_explain() -> N
     (found,) = diagnose(MeasuredSet(tuple(runs), "null"))
     assert found.verdict == NOTHING, found.sentence
     assert not found.causes
+
+
+def test_a_start_is_told_in_readings() -> None:
+    joint = JointModel(load_chain(CHAIN)).with_values({"encoder.scale": 0.5, "position_p.gain": 0.0})
+    time = np.arange(0.0, 0.02, 0.001)
+    out = simulate(joint, time, np.zeros(len(time)), 1e-4, (0.1, 2.0))
+    assert out[0, 0] == pytest.approx(0.1, abs=1e-9)
+    assert (out[1, 0] - out[0, 0]) / 1e-3 == pytest.approx(2.0, rel=0.1)
+
+
+def test_a_temperature_that_is_polled_slowly_lies_on_a_line_between_its_readings() -> None:
+    time = np.arange(0.0, 60.0, 0.005)
+    read = np.where(np.arange(len(time)) % 200 == 0, np.round(30.0 + 0.5 * time), np.nan)
+    log = JointLog(np.sin(time), np.sin(time), temperature=read)
+    run = MeasuredRun("warm", time, {"servo": log}, robot="bench", robot_params=PARAMS)
+    units = cut([run] * 6, "servo")
+    problem = lay_out([run] * 6, "servo", [JointModel(load_chain(CHAIN))] * 6, units, {"position": 1.0})
+    np.testing.assert_allclose(problem.temperature, np.tile(30.0 + 0.5 * time, 6), atol=1.1)

@@ -5,6 +5,9 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
+from actuators import load_chain
+from gap.causes import catalogue
+from gap.joint_model import JointModel
 from gap.log_types import JointLog, LogError, MeasuredRun
 from gap.unknown import UNKNOWN, unknown_parameters, with_believed_load
 
@@ -15,12 +18,31 @@ def run_with(unknown: object) -> MeasuredRun:
 
 
 def test_a_single_word_is_a_list_of_one() -> None:
-    assert unknown_parameters(run_with("load")) == unknown_parameters(run_with(["load"])) == UNKNOWN["load"]
+    chain = load_chain("sts3215")
+    one, several = (unknown_parameters(run_with(said), chain) for said in ("load", ["load"]))
+    assert one == several == UNKNOWN["load"]
     assert with_believed_load(run_with("load")).robot == "bench"
 
 
 @pytest.mark.parametrize("unknown", ["payload", ["zero", "payload"], {"load": True}, [["load"]], 3])
 def test_anything_else_is_refused_with_the_words_that_are_known(unknown: object) -> None:
-    for ask in (unknown_parameters, with_believed_load):
+    for ask in (lambda run: unknown_parameters(run, load_chain("sts3215")), with_believed_load):
         with pytest.raises(LogError, match=r"swing: meta\.unknown holds .* zero, friction, armature, motor, load"):
             ask(run_with(unknown))
+
+
+@pytest.mark.parametrize("word", ["friction", "armature", "motor"])
+def test_what_the_chain_lacks_cannot_be_unknown(word: str) -> None:
+    bare = load_chain([{"ideal": {"stiffness": 10.0, "damping": 0.1}}])
+    with pytest.raises(
+        LogError, match=rf"swing: meta\.unknown holds '{word}', and the chain has no .*; give the chain"
+    ):
+        unknown_parameters(run_with([word]), bare)
+
+
+def test_a_number_that_the_chain_has_at_zero_stays_in_the_catalogue() -> None:
+    chain = load_chain("sts3215").with_value("friction.viscous", 0.0)
+    joint = JointModel(chain, unknown=unknown_parameters(run_with("friction"), chain))
+    assert [p.path for p in joint.unknown] == ["friction.coulomb*"]
+    names = [cause.name for cause in catalogue(joint)]
+    assert "friction.viscous" in names and "friction.coulomb" not in names

@@ -54,7 +54,7 @@ def diagnose_ground(
         SealegsError: the sidecar's numbers are none of the robot's, or the test group does not exist.
     """
     held = held_out(runs, test_group)
-    if any("z" not in run.base for run in runs):
+    if not all(np.isfinite(run.base.get("z", np.nan)).any() for run in runs):
         return _unknown("the height of the base was not logged; record it as base.z (a boom encoder or a camera).")
     if any(dict(run.robot_params) != dict(runs[0].robot_params) for run in runs):
         return _unknown("the runs are of legs with different robot_params; diagnose them apart.")

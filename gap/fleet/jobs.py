@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import hashlib
 import json
 import math
 import os
@@ -21,7 +22,7 @@ if TYPE_CHECKING:
     from gap.verdict import JointDiagnosis
 
 SOURCE = "source.json"
-"""What a diagnosis was made from: settings, and size and name of each log."""
+"""What a diagnosis was made from: settings, and name and checksum of each log and sidecar."""
 UNFINISHED = ".unfinished-"
 
 
@@ -89,8 +90,13 @@ def finished(job: Job) -> Outcome | None:
 
 def source(job: Job) -> dict[str, Any]:
     """What the diagnosis of a job depends on, as plain data."""
-    files = {path.name: path.stat().st_size for path in sorted(job.log.iterdir()) if path.is_file()}
+    files = {path.name: _checksum(path) for path in sorted(job.log.iterdir()) if path.is_file()}
     return {"settings": json.loads(json.dumps(dict(job.settings))), "files": files}
+
+
+def _checksum(path: Path) -> str:
+    with path.open("rb") as file:
+        return hashlib.file_digest(file, "sha256").hexdigest()
 
 
 def staging(job: Job) -> Path:

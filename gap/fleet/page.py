@@ -32,7 +32,7 @@ def draw_fleet(rows: Sequence[Row], shared: Sequence[Shared]) -> Figure:
     table = np.full((count, causes), np.nan)
     for i, row in enumerate(rows):
         for cause in row.causes:
-            table[i, [s.name for s in shared].index(cause["name"])] = max(cause["share"], 0.0)
+            table[i, [s.name for s in shared].index(cause["name"])] = max(cause["share"] or 0.0, 0.0)
     matrix.imshow(table, aspect="auto", cmap="Blues", vmin=-0.15, vmax=1.1, interpolation="nearest")
     for i, j in zip(*np.nonzero(np.isfinite(table)), strict=True):
         data = next(c for c in rows[i].causes if c["name"] == shared[j].name)["kind"] == "data"
@@ -54,8 +54,7 @@ def draw_fleet(rows: Sequence[Row], shared: Sequence[Shared]) -> Figure:
     matrix.tick_params(length=0)
     for axis, cause in zip(axes[1:], dotted, strict=True):
         at = {row.servo: i for i, row in enumerate(rows)}
-        with_value = [servo for servo in cause.servos if servo in at][: len(cause.values)]
-        for servo, (value, low, high) in zip(with_value, cause.values, strict=True):
+        for servo, (value, low, high) in cause.values.items():
             axis.plot([low, high], [at[servo]] * 2, color=EXTENDED, linewidth=2.0, solid_capstyle="butt")
             axis.plot([value], [at[servo]], "o", color=EXTENDED, markersize=5)
         axis.axvline(cause.middle, color=NOMINAL, linewidth=1.2, linestyle="--", zorder=1)

@@ -83,7 +83,7 @@ def _in_processes(jobs: Sequence[Job], workers: int, report: Report) -> Iterator
                 process, job = running[connection]
                 try:
                     message = connection.recv()
-                except EOFError:
+                except (EOFError, OSError):  # OSError: killed while it sent something
                     process.join()
                     message = Outcome(job.name, error=_died(job, process.exitcode))
                 if isinstance(message, str):
@@ -183,6 +183,7 @@ def _elsewhere(name: str, files: dict[str, bytes], settings: dict[str, Any]) -> 
 def _received(job: Job, files: dict[str, bytes]) -> Outcome:
     """Write what a worker sent back."""
     staged = staging(job)
+    remove_unfinished(job)  # of a session that was killed
     try:
         for name, content in files.items():
             (staged / name).parent.mkdir(parents=True, exist_ok=True)

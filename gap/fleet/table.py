@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import csv
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from statistics import median
@@ -41,6 +41,16 @@ class Row:
     causes: tuple[dict[str, Any], ...]
 
     @property
+    def errors(self) -> str:
+        """Error of the nominal and of the extended model, with their unit; empty where one is missing."""
+        nominal, extended = ((self.gap.get(name) or {}).get("rmse") for name in ("nominal", "extended"))
+        if nominal is None or extended is None:
+            return ""
+        unit = self.gap.get("unit", "rad")
+        size, unit = (1e3, f"m{unit}") if unit in ("rad", "m") else (1.0, unit)
+        return f"{size * nominal:.3g} → {size * extended:.3g} {unit}".removesuffix(" 1")
+
+    @property
     def failed(self) -> bool:
         """Whether there is no diagnosis."""
         return self.verdict == FAILED
@@ -54,7 +64,7 @@ class Shared:
         name: of the cause.
         servos: that have it.
         parameter, unit: its first parameter.
-        values: (value, low, high) by servo.
+        values: (value, low, high) of its first parameter, by servo; one that has the cause in another form has none.
         middle: median value.
         spread: standard deviation of the values over servos; 0 for one.
         common: whether one value lies within the interval of every servo, widened to what so many intervals need.
@@ -64,7 +74,7 @@ class Shared:
     servos: tuple[str, ...]
     parameter: str
     unit: str
-    values: tuple[tuple[float, float, float], ...]
+    values: Mapping[str, tuple[float, float, float]]
     middle: float
     spread: float
     common: bool
@@ -72,12 +82,14 @@ class Shared:
     @property
     def sentence(self) -> str:
         """For people."""
-        values = [value for value, _, _ in self.values]
+        values = [value for value, _, _ in self.values.values()]
         if not values:
             return f"{self.name}: {len(self.servos)} servos."
         size = f"{self.parameter} = {self.middle:.4g} {self.unit}".removesuffix(" 1").rstrip()
-        if len(values) == 1:
+        if len(self.servos) == 1:
             return f"{self.name}: {self.servos[0]} alone, {size}."
+        if len(values) == 1:
+            return f"{self.name}: {len(self.servos)} servos, {next(iter(self.values))} with {size}."
         range_ = f"{min(values):.4g} to {max(values):.4g}, standard deviation {self.spread:.2g}"
         same = "one value fits all of them" if self.common else "they differ by more than their intervals"
         return f"{self.name}: {len(self.servos)} servos, median {size} ({range_}); {same}."
@@ -110,23 +122,24 @@ def shared_causes(rows: Sequence[Row]) -> list[Shared]:
         first = [next(iter(cause["parameters"].items()), None) for _, cause in having]
         parameters = [item[0] for item in first if item is not None]
         parameter = max(set(parameters), key=parameters.count) if parameters else ""
-        values, unit = [], ""
-        for _, cause in having:
+        values: dict[str, tuple[float, float, float]] = {}
+        unit = ""
+        for servo, cause in having:
             value = cause["parameters"].get(parameter)
-            if value is not None:
-                values.append((float(value["value"]), float(value["low"]), float(value["high"])))
+            if value is not None:  # two wrong columns of a servo are one cause of it: the first one's value
+                values.setdefault(servo, (float(value["value"]), float(value["low"]), float(value["high"])))
                 unit = value["unit"]
-        numbers = [value for value, _, _ in values]
+        numbers = [value for value, _, _ in values.values()]
         found.append(
             Shared(
                 name,
-                tuple(servo for servo, _ in having),
+                tuple(dict.fromkeys(servo for servo, _ in having)),
                 parameter,
                 unit,
-                tuple(values),
+                values,
                 median(numbers) if numbers else float("nan"),
                 float(np.std(numbers, ddof=1)) if len(numbers) > 1 else 0.0,
-                _common(values),
+                _common(list(values.values())),
             )
         )
     return sorted(found, key=lambda cause: (-len(cause.servos), cause.name))

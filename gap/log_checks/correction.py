@@ -15,6 +15,7 @@ Mend = Callable[[Array, float], Array]
 CONVERTED: dict[str, Mend] = {
     "unit.degrees": lambda values, size: values * np.pi / 180.0,
     "position.sign": lambda values, size: -values,
+    "link_position.sign": lambda values, size: -values,
     "unit.duty": lambda values, size: values / size,
     "unit.current": lambda values, size: values / size,
     "unit.voltage": lambda values, size: values / size,
@@ -26,6 +27,7 @@ CONVERTED: dict[str, Mend] = {
     "velocity.sign": lambda values, size: -values,
 }
 """Column and the finding's value to the column as it should have been, by code."""
+WRAPS = ("position.wrap", "link_position.wrap")
 TURN = 2.0 * np.pi
 
 SET_ASIDE = (
@@ -41,7 +43,7 @@ SET_ASIDE = (
 
 def mendable(finding: Finding) -> bool:
     """Whether a log can be diagnosed in spite of a finding, with its column converted or set aside."""
-    return finding.code in CONVERTED or finding.code in SET_ASIDE or finding.code == "position.wrap"
+    return finding.code in CONVERTED or finding.code in SET_ASIDE or finding.code in WRAPS
 
 
 def mended(run: MeasuredRun, findings: Iterable[Finding]) -> MeasuredRun:
@@ -61,18 +63,19 @@ def _mended(log: JointLog, signal: str, finding: Finding) -> JointLog:
         return log
     if finding.code in SET_ASIDE:
         return replace(log, **{signal: None})
-    if finding.code == "position.wrap":
-        return replace(log, position=_unwrapped(log, float(finding.value or TURN)))
+    if finding.code in WRAPS:
+        other = log.goal if signal == "position" else log.position
+        return replace(log, **{signal: _unwrapped(values, other, float(finding.value or TURN))})
     return replace(log, **{signal: CONVERTED[finding.code](values, float(finding.value or 1.0))})
 
 
-def _unwrapped(log: JointLog, jump: float) -> Array:
-    """The position without its jumps, on the turn of its goal."""
+def _unwrapped(values: Array, other: Array | None, jump: float) -> Array:
+    """An angle without its jumps, on the turn of another one that goes with it: the goal, or the motor's position."""
     period = TURN if abs(jump / TURN - 1.0) < 0.1 else jump
-    position = np.unwrap(log.position, period=period)
-    if log.goal is None:
-        return position
-    return position - period * np.round(np.median(position - log.goal) / period)
+    angle = np.unwrap(values, period=period)
+    if other is None:
+        return angle
+    return angle - period * np.round(np.median(angle - other) / period)
 
 
 def told(finding: Finding) -> Finding:

@@ -48,8 +48,15 @@ def check_drive(joint: JointContext) -> Iterator[Finding]:
         if ratio is not None:
             yield from _finding(joint, signal, ratio)
     supply, voltage = chain.find("supply"), joint.log.voltage
-    if supply is not None and voltage is not None and np.isfinite(voltage).any():
-        yield from _finding(joint, "voltage", float(np.nanmedian(voltage)) / supply.volts)
+    if voltage is not None and np.isfinite(voltage).any():
+        if (usual := float(np.nanmedian(voltage))) <= 0.0:
+            yield Finding(
+                "column.stuck", "warning", joint.name, joint.column("voltage"),
+                f"{joint.column('voltage')} is {usual:.3g} V although the joint moves: it was not read.",
+                value=usual, data_error=True,
+            )  # fmt: skip
+        elif supply is not None:
+            yield from _finding(joint, "voltage", usual / supply.volts)
 
 
 def _chain(joint: JointContext) -> Chain | None:

@@ -34,6 +34,7 @@ def check_motion(joint: JointContext) -> Iterator[Finding]:
         yield from _degrees(joint)
     if goal is not None:
         yield from _goal(joint, goal)
+    yield from _link_sign(joint)
     yield from _excitation(joint)
     yield from _saturation(joint)
     if joint.log.enabled is not None and (joint.log.enabled < 0.5).any():
@@ -109,6 +110,13 @@ def _degrees(joint: JointContext) -> Iterator[Finding]:
             wrong["goal"] = "it moves as far as the position"
         elif np.abs(goal).max() > LARGEST_ANGLE and _slope_speed(joint, goal) > FASTEST_SERVO:
             wrong["goal"] = f"it reaches {np.abs(goal).max():.3g}"
+    link = joint.log.link_position
+    if link is not None and np.isfinite(link).any():
+        ratio = float((np.nanmax(link) - np.nanmin(link)) / np.ptp(position))
+        if "position" in wrong and 0.3 < ratio < 2.0:
+            wrong["link_position"] = "it moves as far as the position"
+        elif "position" not in wrong and 0.3 * DEGREES < ratio < 2.0 * DEGREES:
+            wrong["link_position"] = f"it moves {ratio:.3g} times as far as the position"
     for signal, reason in wrong.items():
         yield Finding(
             "unit.degrees", "error", joint.name, joint.column(signal),
@@ -137,6 +145,24 @@ def _goal(joint: JointContext, goal: np.ndarray) -> Iterator[Finding]:
             "position.sign", "error", joint.name, joint.column("position"),
             f"{joint.column('position')} moves against its goal (correlation {correlation:.2f}): one of the two has "
             "the wrong sign.",
+            value=correlation, data_error=True,
+        )  # fmt: skip
+
+
+def _link_sign(joint: JointContext) -> Iterator[Finding]:
+    link, position = joint.log.link_position, joint.log.position
+    if link is None:
+        return
+    good = np.isfinite(link)
+    if good.sum() < 100 or np.ptp(link[good]) == 0.0:
+        return
+    # a jump of an encoder that wraps is another fault
+    correlation = float(np.corrcoef(np.unwrap(link[good]), np.unwrap(position[good]))[0, 1])
+    if correlation < -0.5:
+        yield Finding(
+            "link_position.sign", "warning", joint.name, joint.column("link_position"),
+            f"{joint.column('link_position')} moves against the position (correlation {correlation:.2f}): one of the "
+            "two has the wrong sign.",
             value=correlation, data_error=True,
         )  # fmt: skip
 
