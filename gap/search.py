@@ -151,7 +151,7 @@ class Searcher:
             accepted.append(winner)
             current, before = winner.fits, winner.blocks
             self.progress(f"found {winner.cause.name} (removes {100 * winner.gain:.0f} % of what was left)")
-            if len(accepted) > 1 and (alone := self._instead(accepted, rounds, base)) is not None:
+            while len(accepted) > 1 and (alone := self._instead(accepted, rounds, base)) is not None:
                 self.progress(f"which leaves nothing to explain for {accepted[-2].cause.name}")
                 self.replaced.add(accepted[-2].cause.name)
                 accepted[-2:], rounds[-2:] = [alone.candidates[0]], [alone]
@@ -285,7 +285,7 @@ class Searcher:
         least = min(found.cost for found, _, _ in rough)
         rough = [
             (fit(self.both, merge(extended, variant), first.values, ROUGH - 1), cause, variant)
-            if first.cost < HOPELESS * least
+            if first.cost < HOPELESS * least or cause.error  # a number several times wrong needs more than one step
             else (first, cause, variant)
             for first, cause, variant in rough
         ]

@@ -66,6 +66,10 @@ def never_read(run: MeasuredRun, size: float, rng: np.random.Generator) -> dict[
     return {"voltage": np.full(len(run.time), size)}
 
 
+def turned(angle: np.ndarray) -> np.ndarray:
+    return (angle - 0.3) % (2 * np.pi) + 0.3
+
+
 def link(mistake: Callable[[np.ndarray], np.ndarray]) -> Plant:
     """A link behind a stiff spring, with a mistake of its own encoder."""
     return lambda run, size, rng: {"link_position": mistake(0.95 * signal(run, "position"))}
@@ -89,7 +93,7 @@ ERRORS: dict[str, tuple[Plant, tuple[float, ...], str, str]] = {
     "supply never read": (never_read, (0.0,), "column.stuck", "column.stuck"),
     "link in degrees": (link(np.degrees), (0,), "unit.degrees", "unit.degrees"),
     "link of the other sign": (link(np.negative), (0,), "link_position.sign", "link_position.sign"),
-    "link wraps": (link(lambda angle: (angle - 0.3) % (2 * np.pi) + 0.3), (0,), "link_position.wrap", "link_position.wrap"),
+    "link wraps": (link(turned), (0,), "link_position.wrap", "link_position.wrap"),
     "aliased supply": (aliased, (0.8, 2.5), "voltage.aliased", "voltage.aliased"),
 }
 CASES = [(name, size) for name, (_, sizes, _, _) in ERRORS.items() for size in sizes]

@@ -17,7 +17,11 @@ from gap.units import FIT_A, FIT_B, cut
 from tests.plant import hidden_bench
 from tests.plant.bench import JOINT, NOISE_FLOOR
 
-NEAR = {"friction.coulomb": {"friction.coulomb*": 2.7}, "friction.load_dependent": {"friction.load": 0.1}}
+NEAR = {
+    "friction.coulomb": {"friction.coulomb*": 2.7},
+    "friction.viscous": {"friction.viscous*": 1.2},
+    "friction.load_dependent": {"friction.load": 0.1},
+}
 
 
 @cache
@@ -61,6 +65,27 @@ def test_of_two_causes_that_are_both_there_both_stay() -> None:
     problem = bench("friction.coulomb", "friction.load_dependent")
     searcher, accepted, rounds, base = searched(problem, "friction.load_dependent", "friction.coulomb")
     assert searcher._instead(accepted, rounds, base) is None
+
+
+def test_one_found_late_takes_the_place_of_all_that_stood_in_for_it(monkeypatch: pytest.MonkeyPatch) -> None:
+    searcher = searched(bench("friction.coulomb"), "friction.load_dependent", "friction.viscous", "friction.coulomb")[0]
+    order = list(searcher.causes)
+
+    def one_by_one(
+        accepted: list[Candidate], current: tuple[Fit, Fit], before: np.ndarray, left: float
+    ) -> list[Candidate]:
+        if not order:
+            return []
+        cause = order.pop(0)
+        variant = cause.variants[0]
+        fits = searcher._fit_both(merge(searcher.tuned, *(c.variant for c in accepted), variant), NEAR[cause.name])
+        return searcher._rank([Candidate(cause, variant, fits, searcher._judge(fits))], before, left)
+
+    monkeypatch.setattr(searcher, "_round", one_by_one)
+    monkeypatch.setattr(searcher, "_pays", lambda winner, before, current: winner.blocks.sum() < before.sum() - 5.0)
+    found = searcher.run()
+    assert [candidate.cause.name for candidate in found.accepted] == ["friction.coulomb"]
+    assert searcher.replaced == {"friction.load_dependent", "friction.viscous"}
 
 
 def test_little_that_only_duty_and_current_show_is_not_enough(monkeypatch: pytest.MonkeyPatch) -> None:
