@@ -124,7 +124,7 @@ def measure(path: Path) -> dict[str, Any]:
         "windows": len(data.runs),
         "held_rows": sum(len(run.time) for run in data.runs),
         "verdict": found.verdict,
-        "causes": [cause.name for cause in found.causes],
+        "causes": {cause.name: [cause.kind, cause.confidence] for cause in found.causes},
         "friction.load": None if value is None else [value.value, value.low, value.high],
     }
 
@@ -167,14 +167,15 @@ def report(results: Sequence[dict[str, Any]], out: Path) -> None:
         "# Diagnosing long logs (`python -m benchmarks.large_log`)",
         "",
         "Peak memory of a process that reads and diagnoses one log of a virtual bench (hidden: friction.load = "
-        f"{HIDDEN['friction.load']}). `held` are the rows that were replayed.",
+        f"{HIDDEN['friction.load']}). `held` are the rows that were replayed; causes with their confidence.",
         "",
         "| rows | file [MiB] | held | peak, reading [MiB] | peak [MiB] | reading [s] | processor time [s] | named |",
         "|---|---|---|---|---|---|---|---|",
     ]
     for row in results:
         value = row["friction.load"]
-        named = ", ".join(row["causes"]) + (f" {value[0]:.3f} [{value[1]:.3f}, {value[2]:.3f}]" if value else "")
+        causes = [f"{name} ({confidence:.2f})" for name, (_, confidence) in row["causes"].items()]
+        named = ", ".join(causes) + (f" {value[0]:.3f} [{value[1]:.3f}, {value[2]:.3f}]" if value else "")
         lines.append(
             f"| {row['rows']:,} | {row['file_mib']:.0f} | {row['held_rows']:,} | {row['reading_mib']:.0f} | "
             f"{row['peak_mib']:.0f} | {row['reading_s']:.0f} | {row['cpu_s']:.0f} | {named} |"

@@ -21,8 +21,10 @@ from gap.diagnosis import diagnose
 from gap.diagnosis_files import to_document
 from gap.log_types import MeasuredSet
 from gap.long_log import read_bounded
+from gap.verdict import JointDiagnosis
 
 ROWS = 12_000  # that are replayed: 240 s
+LATE, FRICTION = ("drive.delay", "sensor.delay"), "friction."
 COLUMNS = {"velocity.scale": "velocity over the derivative", "current.unsigned": "unsigned current"}
 
 
@@ -32,6 +34,34 @@ def only(data: MeasuredSet, joint: str) -> MeasuredSet:
         replace(run, joints={joint: run.joints[joint]}, actuators={joint: run.actuators[joint]}) for run in data.runs
     )
     return replace(data, runs=runs, findings=tuple(f for f in data.findings if f.joint in (joint, None)))
+
+
+def drive(found: JointDiagnosis) -> dict[str, float]:
+    """Delays and friction of the extended joint."""
+    if found.problem is None:
+        return {}
+    joint = found.problem.models[0].with_fitted(found.values)
+    paths = ("delay.seconds", "encoder.latency", "friction.coulomb", "friction.viscous", "friction.stribeck",
+             "friction.load", "friction.load_quadratic", "friction.load_stribeck")  # fmt: skip
+    return {path: float(joint.value(path)) for path in paths}
+
+
+def told_apart(causes: list[dict[str, Any]]) -> str:
+    """Whether lateness and friction are told apart: nothing that is named has a rival of the other kind."""
+    mixed = [
+        f"{cause['name']} or {rival}"
+        for cause in causes
+        for rival in cause["rivals"]
+        if (cause["name"] in LATE and rival.startswith(FRICTION))
+        or (cause["name"].startswith(FRICTION) and rival in LATE)
+    ]
+    if mixed:
+        return f"no: {', '.join(mixed)}"
+    kinds = [kind for kind, has in (
+        ("delay", any(c["name"] in LATE for c in causes)),
+        ("friction", any(c["name"].startswith(FRICTION) for c in causes)),
+    ) if has]  # fmt: skip
+    return f"yes: {' and '.join(kinds)} named" if kinds else "neither is named"
 
 
 def row(data: MeasuredSet, joint: str) -> dict[str, Any]:
@@ -44,6 +74,7 @@ def row(data: MeasuredSet, joint: str) -> dict[str, Any]:
         "verdict": document["verdict"],
         "error": {name: 1e3 * error.mae for name, error in found.gap.items()},
         "causes": [cause for cause in document["causes"] if cause["kind"] != "data"],
+        "drive": drive(found),
         "columns": {COLUMNS[f.code]: f.value for f in found.findings if f.data_error and f.code in COLUMNS},
         "sentence": document["sentence"],
         "seconds": time.perf_counter() - began,
@@ -58,16 +89,24 @@ def page(rows: list[dict[str, Any]]) -> str:
         "Written by `python -m benchmarks.so101`; do not edit. Mean absolute position error [mrad; gripper: 1/1000 of",
         f"its opening] on windows that nothing was fitted to, of {ROWS:,} samples in all.",
         "",
-        "| joint | verdict | nominal | re-tuned | extended | causes (share of the gap, confidence) | wrong columns |",
-        "|---|---|---|---|---|---|---|",
+        "| joint | verdict | nominal | re-tuned | extended | causes (share of the gap, confidence) "
+        "| delay told from friction | wrong columns |",
+        "|---|---|---|---|---|---|---|---|",
     ]
     for item in rows:
         causes = "; ".join(f"{c['name']} ({c['share']:.0%}, {c['confidence']:.2f})" for c in item["causes"]) or "-"
         columns = "; ".join(f"{words} {value:.3g}" if value else words for words, value in item["columns"].items())
         errors = [f"{item['error'][name]:.1f}" if item["error"] else "-" for name in ("nominal", "retuned", "extended")]
-        lines.append(f"| {item['joint']} | {item['verdict']} | {' | '.join(errors)} | {causes} | {columns or '-'} |")
+        lines.append(
+            f"| {item['joint']} | {item['verdict']} | {' | '.join(errors)} | {causes} | "
+            f"{told_apart(item['causes'])} | {columns or '-'} |"
+        )
     for item in rows:
         lines += ["", f"**{item['joint']}**: {item['sentence']}", "", *cause_lines(item["causes"])]
+        if item["drive"]:
+            late = 1e3 * (item["drive"]["delay.seconds"] + item["drive"]["encoder.latency"])
+            rest = ", ".join(f"{path} {value:.3g}" for path, value in item["drive"].items() if value and "fric" in path)
+            lines += ["", f"Extended: commands and readings {late:.1f} ms late; {rest}."]
     return "\n".join(lines) + "\n"
 
 
