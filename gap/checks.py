@@ -59,11 +59,16 @@ def corrected(
         return data, findings
     staged = ([finding for finding in faults if finding.code == code] for code in MENDED_FIRST)
     first = next((stage for stage in staged if stage), [])
-    runs = tuple(mended(run, _once([f for f in first or faults if f.run in (run.name, None)])) for run in data.runs)
+    runs = tuple(mended(run, _once([f for f in first or faults if _concerns(f, run)])) for run in data.runs)
     data = replace(data, runs=runs)
     rest = [finding for finding in data.findings if not mendable(finding)]
     data, others = corrected(data, [*rest, *check_set(data)], done | {_where(finding) for finding in first or faults})
     return data, [*(told(finding) for finding in first or faults), *others]
+
+
+def _concerns(finding: Finding, run: MeasuredRun) -> bool:
+    """Whether a finding is of a run, of the file that it is a window of (``file[from:to]``), or of all."""
+    return finding.run in (run.name, run.name.partition("[")[0], None)
 
 
 def _where(finding: Finding) -> tuple[str | None, ...]:

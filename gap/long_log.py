@@ -93,7 +93,7 @@ def read_bounded(path: str | Path, most_rows: int = MOST_ROWS, progress: Progres
     for run in runs:
         if run.robot != runs[0].robot:
             raise LogError(f"{path}: holds logs of {runs[0].robot!r} and {run.robot!r}; keep one machine per folder")
-    findings = merged([finding for one in surveys for finding in one.findings])
+    findings = [replace(finding, run=one.path.stem) for one in surveys for finding in merged(list(one.findings))]
     total, held = sum(one.rows for one in surveys), sum(len(run.time) for run in runs)
     seconds = sum(run.duration for run in runs)
     sentence = (

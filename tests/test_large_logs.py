@@ -8,6 +8,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from pyarrow import Table, parquet
 
 from benchmarks.large_log import write
 from gap.checks import check_set, corrected
@@ -66,8 +67,6 @@ def test_each_part_of_the_data_gets_lively_motion_after_a_warm_up(long_log: Path
 
 
 def test_the_samples_of_a_window_are_those_of_the_log(long_log: Path) -> None:
-    from pyarrow import parquet
-
     table = parquet.read_table(long_log).to_pandas()
     for run in read_bounded(long_log, HELD).runs[::5]:
         start, stop = (int(x) for x in run.name.split("[")[1].rstrip("]").split(":"))
@@ -76,8 +75,6 @@ def test_the_samples_of_a_window_are_those_of_the_log(long_log: Path) -> None:
 
 
 def test_a_fault_anywhere_in_a_long_log_is_found(long_log: Path, tmp_path: Path) -> None:
-    from pyarrow import Table, parquet
-
     table = parquet.read_table(long_log).to_pandas()
     table.loc[250_000:, "servo.position"] += 2 * np.pi
     wrapped = tmp_path / "wrapped.parquet"
@@ -95,8 +92,6 @@ def test_a_fault_anywhere_in_a_long_log_is_found(long_log: Path, tmp_path: Path)
 
 @pytest.mark.parametrize(("unit", "code"), [(180.0 / np.pi, "unit.degrees"), (-1.0, "position.sign")])
 def test_a_fault_of_a_whole_long_log_is_mended_once(unit: float, code: str, long_log: Path, tmp_path: Path) -> None:
-    from pyarrow import Table, parquet
-
     table = parquet.read_table(long_log).to_pandas()
     table["servo.position"] *= unit
     wrong = tmp_path / "wrong.parquet"
@@ -159,6 +154,19 @@ def test_a_window_is_long_enough_to_warm_up_whatever_the_rate(rate: float) -> No
     units = cut(runs, "servo")
     assert sorted(unit.part for unit in units) == [0, 1, 2]
     assert all(unit.judged < 0.6 * rows for unit in units)
+
+
+def test_a_fault_of_one_long_log_is_mended_in_that_one_alone(tmp_path: Path) -> None:
+    for name, unit in (("a", 1.0), ("b", 180.0 / np.pi)):
+        write(tmp_path / f"{name}.parquet", 30_000)
+        table = parquet.read_table(tmp_path / f"{name}.parquet").to_pandas()
+        table[["servo.position", "servo.goal"]] *= unit
+        parquet.write_table(Table.from_pandas(table, preserve_index=False), tmp_path / f"{name}.parquet")
+    data = read_bounded(tmp_path, 40_000)
+    mended, findings = corrected(data, [*data.findings, *check_set(data)])
+    assert "unit.degrees" in {finding.code for finding in findings}
+    sizes = {name: max(np.ptp(r.joints["servo"].position) for r in mended.runs if r.name[0] == name) for name in "ab"}
+    assert sizes["a"] == pytest.approx(sizes["b"], rel=0.3) and sizes["a"] > 0.5
 
 
 def test_logs_of_machines_with_other_joints_are_refused(long_log: Path, tmp_path: Path) -> None:
