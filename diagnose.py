@@ -119,11 +119,9 @@ def _print(diagnoses: Sequence[JointDiagnosis], written: dict[str, Path], consol
         if diagnosis.experiment is not None:
             console.print(f"  next: {diagnosis.experiment.sentence}", highlight=False, markup=False)
     console.print()
+    width = max(len(name) for name in written)
     for name, path in written.items():
-        console.print(f"  {name:12s} {path}", highlight=False, markup=False)
-    others = set(written["json"].parent.glob("*extended*.yaml")) - set(written.values())  # chains of further joints
-    for path in sorted(others):
-        console.print(f"  {'chain':12s} {path}", highlight=False, markup=False)
+        console.print(f"  {name:{width}s}  {path}", highlight=False, markup=False)
 
 
 # --- a fleet -------------------------------------------------------------------------------------------------------

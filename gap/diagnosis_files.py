@@ -46,7 +46,8 @@ def write_diagnosis(
     """Write everything into a fresh folder.
 
     Returns:
-        Paths by what they hold: ``json``, ``report``, ``pictures``; with an extension also ``chain`` and ``mjcf``.
+        Paths by what they hold: ``json``, ``report``, ``pictures``; with an extension also ``chain`` and ``mjcf``, with
+        a proposal ``experiment``; of several joints ``<joint> chain`` and so on.
     """
     from gap.pictures import draw_all
     from gap.report import write_report
@@ -55,13 +56,14 @@ def write_diagnosis(
     documents = []
     differences: list[dict[str, Any]] = []
     for diagnosis in diagnoses:
-        prefix = f"{diagnosis.joint}-" if len(diagnoses) > 1 else ""
+        several = len(diagnoses) > 1
+        prefix, owner = (f"{diagnosis.joint}-", f"{diagnosis.joint} ") if several else ("", "")
         document = to_document(diagnosis)
         if diagnosis.problem is not None:
             progress("confirming in the engine")
             leg = isinstance(diagnosis.problem, LegProblem)
             files = (write_leg if leg else write_extension)(diagnosis, folder, prefix)
-            written |= {key: path for key, path in files.items() if key not in written}
+            written |= {f"{owner}{key}": path for key, path in files.items()}
             changed = changes(diagnosis)
             document["extension"] = {
                 "files": {key: path.name for key, path in files.items()},
@@ -76,7 +78,7 @@ def write_diagnosis(
             actuator = data.runs[0].actuators[diagnosis.joint]
             files = write_experiment(diagnosis.experiment, diagnosis.joint, folder, actuator, prefix)
             document["next_experiment"]["file"] = files["experiment"].name
-            written |= files
+            written |= {f"{owner}{key}": path for key, path in files.items()}
         documents.append(document)
     first = documents[0]
     whole = first if len(documents) == 1 else {**_overall(documents), "joints": documents}

@@ -224,5 +224,7 @@ def test_files_hold_joints_and_ground_and_the_extended_leg_loads(tmp_path: Path)
     assert "The ground" in html
     model = mujoco.MjModel.from_xml_path(str(tmp_path / "out" / "ground-extended.xml"))
     assert model.body("ground").quat[2] != 0.0
+    assert {"hip chain", "knee chain", "ground leg", "json", "report", "pictures"} <= written.keys()
+    assert all(path.exists() for path in written.values())
     pictures = {path.name for path in written["pictures"].iterdir()}
     assert {"ground.contact.slope.png", "knee.transmission.backlash.png"} <= pictures
