@@ -5,7 +5,8 @@ Effects that it must name, nulls where it must name nothing, strangers that it m
 ``python -m benchmarks.hidden`` runs everything and writes ``benchmarks/results/hidden.{json,md,png}``. Finished cases
 are kept in ``hidden.jsonl`` beside them while it runs, so that it can be stopped and resumed. Seeds below 900 are for
 development; reported runs use seeds that were not looked at before: from 900, 950 and 970 on, a part of those from 995
-on, and from 1020 on. Their effects have the sizes of a table; ``--drawn`` draws size and sign of each anew.
+on, and from 1020 on. Their effects have the sizes of a table; ``--drawn`` draws size and sign of each anew, and what
+else an effect has (ripple count, stiffness of teeth), and writes ``hidden_drawn``.
 """
 
 from __future__ import annotations
@@ -29,7 +30,7 @@ if TYPE_CHECKING:
 RESULTS = Path(__file__).parent / "results"
 REPORTED_SEED = 1020
 TOLERANCE = 0.05  # up to which the nominal numbers may be wrong without that being a finding
-NULLS = 20
+NULLS = 40
 LOADS = ("light", "medium", "heavy")
 PAIRS = (
     ("friction.load_dependent", "drive.delay"),
@@ -112,9 +113,10 @@ def all_names() -> list[str]:
 def run(case: Case) -> dict[str, Any]:
     """Record and diagnose one case."""
     from gap.diagnosis import diagnose
-    from tests.plant import hidden_bench
+    from tests.plant import drawn_constants, hidden_bench
 
-    data, truth = hidden_bench(case.values(), case.seed, LOADS)
+    constants = drawn_constants(np.random.default_rng([case.seed, 2])) if case.drawn else {}
+    data, truth = hidden_bench(case.values(), case.seed, LOADS, constants=constants)
     began = time.perf_counter()
     (found,) = diagnose(data)
     seconds = time.perf_counter() - began
@@ -292,10 +294,11 @@ def main(arguments: Sequence[str] | None = None) -> int:
     parser.add_argument("--drawn", action="store_true", help="draw the size and the sign of each effect")
     parser.add_argument("--jobs", type=int, default=1, help="cases at a time")
     parser.add_argument(
-        "--out", type=Path, default=RESULTS / "hidden.jsonl", help="kept cases; the summary goes beside it"
+        "--out", type=Path, help="kept cases, the summary beside it; default: hidden.jsonl or hidden_drawn.jsonl"
     )
     options = parser.parse_args(arguments)
     wanted = options.effects or [*all_names(), "null", "pairs"]
+    options.out = options.out or RESULTS / ("hidden_drawn.jsonl" if options.drawn else "hidden.jsonl")
     options.out.parent.mkdir(parents=True, exist_ok=True)
     kept = [json.loads(line) for line in options.out.read_text().splitlines()] if options.out.exists() else []
     have = {row["key"] for row in kept}

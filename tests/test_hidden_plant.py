@@ -9,7 +9,18 @@ import numpy as np
 import pytest
 
 from benchmarks.hidden import NUMBERS, Case, within_tolerance
-from tests.plant import EFFECTS, LOADS, MAGNITUDES, NOISE_FLOOR, STRANGERS, Machine, drawn, hidden_bench, simulate
+from tests.plant import (
+    EFFECTS,
+    LOADS,
+    MAGNITUDES,
+    NOISE_FLOOR,
+    STRANGERS,
+    Machine,
+    drawn,
+    drawn_constants,
+    hidden_bench,
+    simulate,
+)
 from tests.plant.effects import BOTH_SIGNS, BY_HAND, GAP_IN_NOISE_FLOORS, SPREAD
 from tests.plant.physics import GRAVITY
 
@@ -167,6 +178,19 @@ def test_a_drawn_effect_has_its_size_within_a_factor_and_either_sign_where_that_
         assert np.abs(ratio).max() <= SPREAD + 1e-9 and np.abs(ratio).min() >= 1.0 / SPREAD - 1e-9
         assert (ratio.min() < 0.0) == (name in BOTH_SIGNS)
         assert len(set(values)) == 40
+
+
+def test_numbers_beside_an_effect_change_nothing_until_it_is_there() -> None:
+    constants = drawn_constants(np.random.default_rng(3))
+    assert constants == drawn_constants(np.random.default_rng(3)) != drawn_constants(np.random.default_rng(4))
+
+    def recorded(effects: dict[str, Any], constants: dict[str, float]) -> np.ndarray:
+        data, _ = hidden_bench(effects, 3, duration=4.0, runs=1, constants=constants)
+        return data.runs[0].joints["servo"].position
+
+    np.testing.assert_array_equal(recorded({}, constants), recorded({}, {}))
+    for name in ("friction.stribeck", "friction.position_dependent", "transmission.backlash"):
+        assert not np.array_equal(recorded({name: "clear"}, constants), recorded({name: "clear"}, {})), name
 
 
 def test_a_drawn_case_says_so_and_is_the_same_again() -> None:

@@ -4,7 +4,7 @@ Shares no code with ``actuators/`` or ``gap/`` except the container of the measu
 """
 
 from .bench import LOADS, NOISE_FLOOR, hidden_bench, nominal_chain, run_again, run_machine
-from .effects import EFFECTS, MAGNITUDES, STRANGERS, drawn
+from .effects import EFFECTS, MAGNITUDES, STRANGERS, drawn, drawn_constants
 from .physics import Machine, simulate
 
 __all__ = [
@@ -15,6 +15,7 @@ __all__ = [
     "STRANGERS",
     "Machine",
     "drawn",
+    "drawn_constants",
     "hidden_bench",
     "nominal_chain",
     "run_again",

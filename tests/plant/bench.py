@@ -76,6 +76,7 @@ def hidden_bench(
     nominal_error: float = 0.05,
     schedules: tuple[Schedule, ...] = DEFAULT_SCHEDULES,
     link_encoder: bool = False,
+    constants: Mapping[str, float] | None = None,
 ) -> tuple[MeasuredSet, dict[str, Any]]:
     """Record runs of a bench that hides ``effects``.
 
@@ -89,6 +90,7 @@ def hidden_bench(
         nominal_error: largest relative error of the sidecar's servo parameters.
         schedules: excitation names, or goals over time, per run, in turn.
         link_encoder: also log the link side.
+        constants: further numbers of the machine, by name.
 
     Returns:
         The logs, and the truth: ``effects`` (name to parameter, value, unit, magnitude), ``machines`` (one per run),
@@ -100,6 +102,7 @@ def hidden_bench(
     factors = {name: 1.0 + nominal_error * rng.uniform(-1.0, 1.0) for name in UNCERTAIN}
     base = Machine()
     base = base._replace(**{name: getattr(base, name) * factor for name, factor in factors.items()})
+    base = base._replace(**(constants or {}))
     if "spring.stiffness" in effects:
         base = base._replace(joint_stiffness=SPRING[0], joint_damping=SPRING[1])
         link_encoder = True

@@ -65,6 +65,8 @@ class Machine(NamedTuple):
     joint_stiffness: float = math.inf  # inf: rigid
     joint_damping: float = 0.0
     backlash: float = 0.0
+    tooth_stiffness: float = TOOTH_STIFFNESS
+    tooth_damping: float = TOOTH_DAMPING
     # load
     mass: float = 0.5
     length: float = 0.12
@@ -72,6 +74,8 @@ class Machine(NamedTuple):
     extra_inertia: float = 0.0
     centre_shift: float = 0.0
     stop_angle: float = math.inf
+    stop_stiffness: float = STOP_STIFFNESS
+    stop_damping: float = STOP_DAMPING
     # encoder, as firmware and host read it
     encoder_ticks: float = 4096.0
     encoder_offset: float = 0.0
@@ -106,7 +110,7 @@ def load_torque(m, q, v):
     torque = -GRAVITY * moment * math.sin(q) - m.air_drag * v * abs(v)
     if abs(q) > m.stop_angle:
         side = 1.0 if q > 0.0 else -1.0
-        torque -= side * max(STOP_STIFFNESS * (side * q - m.stop_angle) + STOP_DAMPING * side * v, 0.0)
+        torque -= side * max(m.stop_stiffness * (side * q - m.stop_angle) + m.stop_damping * side * v, 0.0)
     return torque
 
 
@@ -116,7 +120,7 @@ def transmitted(m, twist, rate):
     play = 0.5 * m.backlash
     stiffness, damping = m.joint_stiffness, m.joint_damping
     if not math.isfinite(stiffness):
-        stiffness, damping = TOOTH_STIFFNESS, TOOTH_DAMPING
+        stiffness, damping = m.tooth_stiffness, m.tooth_damping
     if abs(twist) <= play:
         return 0.0
     side = 1.0 if twist > 0.0 else -1.0
