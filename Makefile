@@ -29,7 +29,7 @@ lint: $(INSTALLED) ## ruff and pyright
 	$(PY) -m pyright
 
 pytest: $(INSTALLED) ## only the tests
-	$(PY) -m pytest -n 2 --durations=10
+	$(PY) -m pytest -n 2 --dist loadgroup --durations=10
 
 bench: $(INSTALLED) ## measure the speed, write benchmarks/results
 	$(PY) -m benchmarks

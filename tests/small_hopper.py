@@ -13,6 +13,8 @@ from gap.log_types import MeasuredSet
 from gap.verdict import JointDiagnosis
 from tests.plant.hopper import hidden_hopper
 
+together = pytest.mark.xdist_group("small hopper")
+"""Of tests that use it: it takes minutes, and is kept in the process of one worker."""
 CONSIDERED = ("spring.stiffness", "transmission.backlash", "load.mass")
 
 

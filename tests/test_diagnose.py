@@ -27,6 +27,9 @@ def call(*arguments: str) -> int:
     return run(script.main, "diagnose", script.__doc__ or "", list(arguments))
 
 
+together = pytest.mark.xdist_group("one diagnosis")  # whose fixture takes minutes, on one worker
+
+
 @pytest.fixture(scope="module")
 def hidden(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """Logs of a virtual bench of the hopper's servo whose gearbox loses torque under load."""
@@ -42,6 +45,7 @@ def diagnosis(hidden: Path, tmp_path_factory: pytest.TempPathFactory) -> Path:
     return out
 
 
+@together
 def test_names_the_hidden_effect_with_its_size(diagnosis: Path) -> None:
     found = json.loads((diagnosis / "diagnosis.json").read_text())
     assert found["verdict"] == "explained"
@@ -61,11 +65,13 @@ def test_names_the_hidden_effect_with_its_size(diagnosis: Path) -> None:
     assert 0.4 < explained < 1.0 - found["unexplained"], "the rest is what re-tuned numbers close"
 
 
+@together
 def test_the_engine_confirms_what_the_search_found(diagnosis: Path) -> None:
     engine = json.loads((diagnosis / "diagnosis.json").read_text())["extension"]["engine"]
     assert engine["distance"] < 2e-4
 
 
+@together
 def test_the_extended_chain_differs_by_the_listed_numbers_only(diagnosis: Path) -> None:
     listed = json.loads((diagnosis / "diagnosis.json").read_text())["extension"]["changes"]
     nominal, extended = load_chain("sv1270tg"), load_chain(diagnosis / "extended.yaml")
@@ -77,16 +83,19 @@ def test_the_extended_chain_differs_by_the_listed_numbers_only(diagnosis: Path) 
                 assert before is not None and value == pytest.approx(before.parameters()[key])
 
 
+@together
 def test_the_extended_mjcf_loads_in_plain_mujoco(diagnosis: Path) -> None:
     model = mujoco.MjModel.from_xml_path(str(diagnosis / "extended.xml"))
     assert {model.joint(k).name for k in range(model.njnt)} == {"joint", "joint_motor"}  # of the chain's spring
 
 
+@together
 def test_pictures_and_report_are_written(diagnosis: Path) -> None:
     assert (diagnosis / "report.html").stat().st_size > 10_000
     assert list((diagnosis / "pictures").glob("*.png"))
 
 
+@together
 def test_training_takes_the_extended_chain_as_it_is(diagnosis: Path) -> None:
     from envs.robots import get_robot
 
@@ -100,6 +109,7 @@ def test_nothing_hidden_is_nothing_to_explain(tmp_path: Path) -> None:
     assert not found.causes
 
 
+@together
 def test_an_existing_diagnosis_is_never_overwritten(
     hidden: Path, diagnosis: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:

@@ -16,7 +16,7 @@ from gap.log_types import JointLog, MeasuredRun, MeasuredSet
 from gap.units import cut
 from gap.verdict import NOT_IDENTIFIABLE
 from tests.plant.hopper import JOINTS, Servo, hidden_hopper, nominal_hopper_chain
-from tests.small_hopper import small_hopper
+from tests.small_hopper import small_hopper, together
 
 SPRING = [
     {"position_p": {"gain": 30.0}},
@@ -108,6 +108,7 @@ def test_what_the_link_hides_is_not_sought_and_is_said() -> None:
     assert "load.mass" in limits(problem, "knee", hidden).sentence
 
 
+@together
 def test_play_in_the_belt_of_a_hopping_leg_is_named() -> None:
     (hip, knee, _), _ = small_hopper()
     assert [cause.name for cause in knee.causes] == ["transmission.backlash"], knee.sentence

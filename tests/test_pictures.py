@@ -19,6 +19,8 @@ from gap.pictures.transmission import _way
 from gap.verdict import Error, JointDiagnosis, NamedCause
 from tests.small_diagnosis import small_diagnosis
 
+pytestmark = pytest.mark.xdist_group("small diagnosis")  # made once, on one worker
+
 
 @pytest.fixture(scope="module")
 def found() -> JointDiagnosis:
