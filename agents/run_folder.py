@@ -208,14 +208,15 @@ class RunFolder:
                     unfinished.unlink()
 
 
-def git_revision() -> dict[str, Any]:
-    """Commit that the code is at, and whether it differs from it; both None outside a git checkout."""
+def git_revision(*paths: str) -> dict[str, Any]:
+    """Commit that the code (of these paths) is at, and whether it differs from it; both None outside a git checkout."""
 
     def git(*arguments: str) -> str:
         command = ["git", "-C", str(REPOSITORY), *arguments]
         return subprocess.run(command, capture_output=True, text=True, check=True, timeout=20).stdout.strip()
 
     try:
-        return {"revision": git("rev-parse", "HEAD"), "changed": bool(git("status", "--porcelain"))}
+        commit, changed = git("log", "-1", "--format=%H", "--", *paths), git("status", "--porcelain", "--", *paths)
+        return {"revision": commit, "changed": bool(changed)}
     except (OSError, subprocess.SubprocessError):
         return {"revision": None, "changed": None}

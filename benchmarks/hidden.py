@@ -14,7 +14,6 @@ from __future__ import annotations
 import argparse
 import json
 import multiprocessing
-import subprocess
 import sys
 import time
 from collections.abc import Callable, Iterable, Sequence
@@ -155,19 +154,10 @@ def run(case: Case) -> dict[str, Any]:
 
 def revision() -> str:
     """The last commit to what is judged and what judges it, with a ``+`` where files differ; ``?`` without git."""
-    root = Path(__file__).parents[1]
-    asked = (("log", "-1", "--format=%h"), ("status", "--porcelain"))
-    try:
-        commit, changed = (
-            subprocess.run(
-                ["git", *words, "--", "gap", "actuators", "tests/plant"],
-                cwd=root, capture_output=True, text=True, check=True,
-            ).stdout.strip()
-            for words in asked
-        )  # fmt: skip
-    except (OSError, subprocess.CalledProcessError):
-        return "?"
-    return commit + "+" * bool(changed)
+    from agents.run_folder import git_revision
+
+    found = git_revision("gap", "actuators", "tests/plant")
+    return "?" if found["revision"] is None else found["revision"][:7] + "+" * found["changed"]
 
 
 def _margins(search: Search, number: int) -> dict[str, Any]:
@@ -304,10 +294,9 @@ def main(arguments: Sequence[str] | None = None) -> int:
     have = {row["key"] for row in kept}
     every = cases(wanted, options.magnitudes, options.seeds, options.first, drawn=options.drawn)
     todo = [case for case in every if case.key not in have]
-    if (old := {row.get("revision", "?") for row in kept} - {revision()}) and todo:
-        print(
-            f"{options.out} holds cases of revision {', '.join(sorted(old))}, this is {revision()}: name another file."
-        )
+    now = revision()
+    if (old := {row.get("revision", "?") for row in kept} - {now}) and todo:
+        print(f"{options.out} holds cases of revision {', '.join(sorted(old))}, this is {now}: name another file.")
         return 2
     try:
         for number, row in enumerate(_results(todo, options.jobs), 1):

@@ -64,7 +64,7 @@ def flagged(row: dict[str, Any]) -> bool:
 
 def confident(row: dict[str, Any]) -> bool:
     """Whether any physical cause is named with confidence."""
-    return any(cause["confidence"] >= SURE for cause in row["causes"] if cause["kind"] != "data")
+    return bool(sure(row))
 
 
 def named(row: dict[str, Any]) -> list[str]:
@@ -72,13 +72,14 @@ def named(row: dict[str, Any]) -> list[str]:
     return [cause["name"] for cause in row["causes"] if cause["kind"] != "data"]
 
 
+def sure(row: dict[str, Any]) -> list[str]:
+    """Physical causes that are named with confidence, at whatever rank and with whatever verdict."""
+    return [cause["name"] for cause in row["causes"] if cause["kind"] != "data" and cause["confidence"] >= SURE]
+
+
 def unwanted(row: dict[str, Any]) -> list[str]:
-    """Physical causes that are named with confidence and not hidden, at whatever rank and with whatever verdict."""
-    return [
-        c["name"]
-        for c in row["causes"]
-        if c["kind"] != "data" and c["confidence"] >= SURE and c["name"] not in row["effects"]
-    ]
+    """Those of them that are not hidden."""
+    return [name for name in sure(row) if name not in row["effects"]]
 
 
 def share(count: int, of: int) -> str:
@@ -122,7 +123,7 @@ def summary(rows: Sequence[dict[str, Any]]) -> str:
         )
     if faint := [row for row in alone if kind(row) == "faint"]:
         good = sum(outcome(row) in ("right", "not identifiable") for row in faint)
-        wrong = sum(outcome(row) == "wrong" or bool(unwanted(row)) for row in faint)
+        wrong = sum(bool(unwanted(row)) for row in faint)
         lines.append(
             f"- faint, right or 'not identifiable': {share(good, len(faint))}; a cause that is not hidden named with "
             f"confidence {SURE:g} or more: {share(wrong, len(faint))}"

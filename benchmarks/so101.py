@@ -48,19 +48,19 @@ def drive(found: JointDiagnosis) -> dict[str, float]:
 
 def told_apart(causes: list[dict[str, Any]]) -> str:
     """Whether lateness and friction are told apart: nothing that is named has a rival of the other kind."""
+
+    def kind(name: str) -> str:
+        return "delay" if name in LATE else "friction" if name.startswith(FRICTION) else ""
+
     mixed = [
         f"{cause['name']} or {rival}"
         for cause in causes
         for rival in cause["rivals"]
-        if (cause["name"] in LATE and rival.startswith(FRICTION))
-        or (cause["name"].startswith(FRICTION) and rival in LATE)
+        if {kind(cause["name"]), kind(rival)} == {"delay", "friction"}
     ]
     if mixed:
         return f"no: {', '.join(mixed)}"
-    kinds = [kind for kind, has in (
-        ("delay", any(c["name"] in LATE for c in causes)),
-        ("friction", any(c["name"].startswith(FRICTION) for c in causes)),
-    ) if has]  # fmt: skip
+    kinds = sorted({kind(cause["name"]) for cause in causes} - {""})
     return f"yes: {' and '.join(kinds)} named" if kinds else "neither is named"
 
 

@@ -58,12 +58,12 @@ def corrected(
     if not faults:
         return data, findings
     staged = ([finding for finding in faults if finding.code == code] for code in MENDED_FIRST)
-    first = next((stage for stage in staged if stage), [])
-    runs = tuple(mended(run, _once([f for f in first or faults if _concerns(f, run)])) for run in data.runs)
+    now = next((stage for stage in staged if stage), faults)
+    runs = tuple(mended(run, _once([f for f in now if _concerns(f, run)])) for run in data.runs)
     data = replace(data, runs=runs)
     rest = [finding for finding in data.findings if not mendable(finding)]
-    data, others = corrected(data, [*rest, *check_set(data)], done | {_where(finding) for finding in first or faults})
-    return data, [*(told(finding) for finding in first or faults), *others]
+    data, others = corrected(data, [*rest, *check_set(data)], done | {_where(finding) for finding in now})
+    return data, [*(told(finding) for finding in now), *others]
 
 
 def _concerns(finding: Finding, run: MeasuredRun) -> bool:

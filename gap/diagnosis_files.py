@@ -11,7 +11,6 @@ from typing import Any
 
 import numpy as np
 
-from actuators.layout import P_OFFSET, P_SCALE
 from gap.contact.files import write_leg
 from gap.contact.leg_problem import LegProblem
 from gap.engine_replay import STEP, bench, replay_in_engine
@@ -19,6 +18,7 @@ from gap.experiment import write_experiment
 from gap.extension import changes, not_native, write_extension
 from gap.log_types import LogError, MeasuredSet
 from gap.problem import largest_step
+from gap.simulator import joint_state
 from gap.units import TEST
 from gap.verdict import JointDiagnosis, NamedCause
 
@@ -149,10 +149,9 @@ def confirm(diagnosis: JointDiagnosis) -> dict[str, float]:
     joint = problem.models[unit.run].with_fitted(diagnosis.values)
     drivetrain = bench(joint, problem.params[unit.run])
     program = joint.chain.program()
-    angle = ((unit.state[0] - joint.host_offset) / joint.host_scale - program[P_OFFSET]) / program[P_SCALE]
-    speed = unit.state[1] / (joint.host_scale * program[P_SCALE])
+    state = joint_state(program, joint.constants(problem.params[unit.run], program), *unit.state)
     step = min(STEP, largest_step(joint.chain))
-    out = replay_in_engine(drivetrain, problem.time[rows], problem.goal[rows], (angle, speed), step)
+    out = replay_in_engine(drivetrain, problem.time[rows], problem.goal[rows], state, step)
     judged = problem.judged[rows]
     reading = joint.host_scale * out[judged, 0] + joint.host_offset
     measured = problem.measured[rows][judged, 0]

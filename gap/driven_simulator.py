@@ -14,7 +14,7 @@ import numpy as np
 
 from actuators.compiled import compiled
 from actuators.law import advance, begin, torque
-from actuators.layout import P_OFFSET, P_SCALE, P_STATE_SIZE, S_CURRENT, S_DUTY, S_LIMIT, S_TIME
+from actuators.layout import P_STATE_SIZE, S_CURRENT, S_DUTY, S_LIMIT, S_TIME
 from actuators.stages.transmission import REST_SPEED
 from gap.joint_model import (
     K_CONSTANT,
@@ -27,7 +27,7 @@ from gap.joint_model import (
     K_MOTOR_INERTIA,
     K_REFERENCE,
 )
-from gap.simulator import coupling_torque, drive, host_reading_smooth, slide
+from gap.simulator import coupling_torque, drive, host_reading_smooth, joint_state, slide
 
 CHANNELS = ("position", "torque", "duty", "current")
 
@@ -50,8 +50,7 @@ def replay_driven(p, k, time, goal, on, temperature, link, q0, w0, step, out):
     s = np.zeros(int(p[P_STATE_SIZE]))
     x = np.empty(4)
     coupled = k[K_COUPLED] > 0.0
-    q0 = ((q0 - k[K_HOST_OFFSET]) / k[K_HOST_SCALE] - p[P_OFFSET]) / p[P_SCALE]
-    w0 = w0 / (k[K_HOST_SCALE] * p[P_SCALE])
+    q0, w0 = joint_state(p, k, q0, w0)
     x[0], x[1], x[2], x[3] = q0, w0, link[0, 0], link[0, 1]
     if not coupled:
         x[0], x[1] = x[2], x[3]

@@ -140,6 +140,13 @@ def slide(p, k, s, x, time, span, goal, on, first):
 
 
 @compiled()
+def joint_state(p, k, reading, speed):
+    """Angle and speed of the joint at what the host reads: :func:`host_reading_smooth` and the host's scale undone."""
+    angle = ((reading - k[K_HOST_OFFSET]) / k[K_HOST_SCALE] - p[P_OFFSET]) / p[P_SCALE]
+    return angle, speed / (k[K_HOST_SCALE] * p[P_SCALE])
+
+
+@compiled()
 def replay(p, k, time, goal, on, temperature, q0, w0, step, out):
     """Replay the commands of one run from the state ``(q0, w0)`` at its first sample.
 
@@ -155,8 +162,7 @@ def replay(p, k, time, goal, on, temperature, q0, w0, step, out):
     """
     s = np.zeros(int(p[P_STATE_SIZE]))
     x = np.empty(4)
-    q0 = ((q0 - k[K_HOST_OFFSET]) / k[K_HOST_SCALE] - p[P_OFFSET]) / p[P_SCALE]
-    w0 = w0 / (k[K_HOST_SCALE] * p[P_SCALE])
+    q0, w0 = joint_state(p, k, q0, w0)
     x[0], x[1], x[2], x[3] = q0, w0, q0, w0
     if k[K_COUPLED] > 0.0 and k[K_STIFFNESS] > 0.0:  # start with the load held by spring or tooth, not with a jerk
         load = load_torque(k, q0, 0.0)

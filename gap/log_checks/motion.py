@@ -7,7 +7,7 @@ from collections.abc import Iterator
 import numpy as np
 
 from gap.log_checks.context import JointContext
-from gap.log_checks.finding import Finding
+from gap.log_checks.finding import Finding, Severity
 
 DEGREES = 180.0 / np.pi
 FASTEST_SERVO = 60.0
@@ -138,15 +138,7 @@ def _goal(joint: JointContext, goal: np.ndarray) -> Iterator[Finding]:
             value=0.0,
         )  # fmt: skip
         return
-    slow_goal = np.interp(joint.time, joint.time, goal)
-    correlation = float(np.corrcoef(slow_goal, joint.log.position)[0, 1])
-    if correlation < -0.5:
-        yield Finding(
-            "position.sign", "error", joint.name, joint.column("position"),
-            f"{joint.column('position')} moves against its goal (correlation {correlation:.2f}): one of the two has "
-            "the wrong sign.",
-            value=correlation, data_error=True,
-        )  # fmt: skip
+    yield from _sign(joint, "position", "error", joint.log.position, "its goal", goal)
 
 
 def _link_sign(joint: JointContext) -> Iterator[Finding]:
@@ -157,12 +149,19 @@ def _link_sign(joint: JointContext) -> Iterator[Finding]:
     if good.sum() < 100 or np.ptp(link[good]) == 0.0:
         return
     # a jump of an encoder that wraps is another fault
-    correlation = float(np.corrcoef(np.unwrap(link[good]), np.unwrap(position[good]))[0, 1])
+    angles = np.unwrap(link[good]), np.unwrap(position[good])
+    yield from _sign(joint, "link_position", "warning", angles[0], "the position", angles[1])
+
+
+def _sign(
+    joint: JointContext, signal: str, severity: Severity, values: np.ndarray, of_what: str, other: np.ndarray
+) -> Iterator[Finding]:
+    correlation = float(np.corrcoef(other, values)[0, 1])
     if correlation < -0.5:
         yield Finding(
-            "link_position.sign", "warning", joint.name, joint.column("link_position"),
-            f"{joint.column('link_position')} moves against the position (correlation {correlation:.2f}): one of the "
-            "two has the wrong sign.",
+            f"{signal}.sign", severity, joint.name, joint.column(signal),
+            f"{joint.column(signal)} moves against {of_what} (correlation {correlation:.2f}): one of the two has the "
+            "wrong sign.",
             value=correlation, data_error=True,
         )  # fmt: skip
 

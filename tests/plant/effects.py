@@ -125,9 +125,7 @@ BY_HAND = {"drive.overload", "contact.blocked"}
 def drawn_constants(rng: np.random.Generator) -> dict[str, float]:
     """What an effect has beside its size, drawn as well: by name of the machine's number."""
     plain = Machine()
-    names = (
-        "stribeck_velocity", "tooth_stiffness", "tooth_damping", "stop_stiffness", "stop_damping"
-    )  # fmt: skip
+    names = ("stribeck_velocity", "tooth_stiffness", "tooth_damping", "stop_stiffness", "stop_damping")
     numbers = {name: getattr(plain, name) * SPREAD ** rng.uniform(-1.0, 1.0) for name in names}
     turns = {"ripple_count": float(rng.integers(5, 15)), "ripple_phase": rng.uniform(-np.pi, np.pi)}
     return {**numbers, **turns}
