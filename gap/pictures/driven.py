@@ -5,11 +5,12 @@ from __future__ import annotations
 import numpy as np
 from matplotlib.figure import Figure
 
-from gap.joint_model import K_DAMPING, K_HALF_PLAY, K_STIFFNESS, JointModel
+from gap.joint_model import K_DAMPING, K_HALF_PLAY, JointModel
 from gap.log_checks.signal import derivatives
 from gap.pictures.binned import bins, cloud, draw_measured, equal_counts, limits
 from gap.pictures.evidence import Evidence
 from gap.pictures.style import EXTENDED, NOMINAL, figure, legend_above, styled
+from gap.simulator import coupling_torque
 from gap.verdict import NamedCause
 
 
@@ -43,7 +44,7 @@ def passed_torque(evidence: Evidence, cause: NamedCause) -> Figure:
 def _law(joint: JointModel, twist: np.ndarray) -> np.ndarray:
     """Torque of spring and play over a twist at rest [N.m]."""
     k = joint.constants({}, joint.chain.program())
-    return k[K_STIFFNESS] * np.sign(twist) * np.maximum(np.abs(twist) - k[K_HALF_PLAY], 0.0)
+    return np.array([coupling_torque(k, one, 0.0) for one in twist])
 
 
 def _torque(evidence: Evidence) -> np.ndarray:
