@@ -27,6 +27,7 @@ from gap.search import COARSE, RIVAL, Search, Searcher
 from gap.structure import Structure, structure
 from gap.units import FIT_A, FIT_B, TEST, cut
 from gap.unknown import unknown_parameters, with_believed_load
+from gap.unseen_range import unseen_range
 from gap.verdict import (
     NOT_IDENTIFIABLE,
     NOTHING,
@@ -192,6 +193,9 @@ def conclude(
     )
     signal, unit = problem.signal
     verdict, sentence = verdict_of(joint, causes, errors, base, left, rest, _whole_runs(problem))
+    if (note := unseen_range(problem, simulated["extended"], joint)) is not None:
+        findings = (*findings, note)
+        sentence = f"{sentence} {note.sentence}" if verdict in (PARTLY, NOT_IDENTIFIABLE) else sentence
     experiment = None
     if verdict == NOTHING and all(problem.params) and (hidden := blind_spots(problem, search)):
         names = ", ".join(hidden)
