@@ -119,7 +119,8 @@ def summary(rows: Sequence[dict[str, Any]]) -> str:
         real = [row for row in plain if not within_tolerance(row)]
         lines.append(
             f"- clear and moderate, right name first, with or without a rival: {share(len(first), len(plain))}; "
-            f"without those within the tolerance of a number {share(sum(row in real for row in first), len(real))}"
+            f"without those within the tolerance of a number {share(sum(row in real for row in first), len(real))}; "
+            f"with a verdict that trusts it {share(sum(outcome(row) == 'right' for row in first), len(plain))}"
         )
     if faint := [row for row in alone if kind(row) == "faint"]:
         good = sum(outcome(row) in ("right", "not identifiable") for row in faint)
