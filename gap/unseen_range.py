@@ -30,8 +30,8 @@ def unseen_range(problem: Problem, simulated: np.ndarray, joint: str) -> Finding
     sizes = np.diff(problem.starts)
     test = np.repeat([unit.part == TEST for unit in problem.units], sizes)
     low, high = position[good & ~test].min(), position[good & ~test].max()
-    margin = FURTHER * (high - low)
-    out = good & test & ((position < low - margin) | (position > high + margin))
+    further = np.maximum(low - position, position - high)
+    out = good & test & (further > FURTHER * (high - low))
     piece = np.repeat(np.arange(len(sizes)), sizes)
     beyond = np.isin(piece, piece[out])
     if not out.any() or not (good & ~beyond).any():
@@ -39,7 +39,7 @@ def unseen_range(problem: Problem, simulated: np.ndarray, joint: str) -> Finding
     there, elsewhere = (float(np.sqrt(np.mean(error[rows] ** 2))) for rows in (good & beyond, good & ~beyond))
     if there <= WORSE * elsewhere:
         return None
-    furthest = float(max(position[out], key=lambda angle: max(low - angle, angle - high)))
+    furthest = float(position[out][np.argmax(further[out])])
     return Finding(
         "test.beyond", "note", joint, None,
         f"Only in the part kept for the test does '{joint}' go as far as {furthest:.2f} rad (what was fitted lies "
