@@ -5,7 +5,7 @@ from __future__ import annotations
 import os
 import threading
 import time
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import Any
 
@@ -206,14 +206,10 @@ def test_a_stopped_loop_holds_where_that_is_configured(virtual: VirtualBus, poli
 
 
 class Guard:
-    """A supervisor that died after some beats."""
+    """A supervisor that lives as long as it is told to."""
 
-    def __init__(self, beats: int) -> None:
-        self._left, self.heard = beats, list[str]()
-
-    def beat(self) -> bool:
-        self._left -= 1
-        return self._left >= 0
+    def __init__(self, lives: Callable[[], bool]) -> None:
+        self.beat, self.heard = lives, list[str]()
 
     def resting(self) -> None:
         self.heard.append("resting")
@@ -222,11 +218,11 @@ class Guard:
         self.heard.append("dismiss")
 
 
-def still(virtual: VirtualBus, **keys: Any) -> Outcome:
+def still(virtual: VirtualBus, trajectory: type[Trajectory] = Trajectory, **keys: Any) -> Outcome:
     """Holding the hopper where it begins, without a log."""
     robot = build_robot(config("robot=hopper", "robot.sensors={}", "robot.safety.range_margin=3.0")["robot"])
     settings = config("robot=hopper", "robot.safety.range_margin=3.0", "robot.safety.late=1.0")["robot"]["safety"]
-    commands = Trajectory("still", np.array([0.0, 1.0]), np.tile([-0.61, 0.61], (2, 1)))
+    commands = trajectory("still", np.array([0.0, 1.0]), np.tile([-0.61, 0.61], (2, 1)))
     safety = Safety(robot, Limits.from_config({**settings, "speed": 200.0}), PERIOD)
     bus = ServoBus(virtual.port, timeout=TIMEOUT)
     return ControlLoop(bus, robot, safety, commands, 1.0 / PERIOD, stepped=True, **keys).run(1.0)
@@ -237,12 +233,19 @@ def switched_on(virtual: VirtualBus, since: float) -> bool:
 
 
 def test_no_torque_stays_on_without_a_supervisor(virtual: VirtualBus) -> None:
-    guard = Guard(beats=40)
-    outcome = still(virtual, supervisor=guard)
+    asked = list[float]()
+
+    class Counted(Trajectory):
+        def goals(self, time: float, reading: Any) -> np.ndarray:
+            asked.append(time)
+            return super().goals(time, reading)
+
+    guard = Guard(lambda: len(asked) < 5)  # however many cycles the way to the start takes
+    outcome = still(virtual, Counted, supervisor=guard)
     assert outcome.fault is not None and outcome.fault.name == "supervisor" and outcome.timing.cycles > 0
     assert torque(virtual) == {1: False, 2: False} and guard.heard == ["resting", "dismiss"]
     with pytest.raises(BusError, match="supervisor that guards the servos has ended"):
-        still(virtual, supervisor=Guard(beats=2))  # on the way to the start
+        still(virtual, supervisor=Guard(lambda: False))  # on the way to the start
     assert torque(virtual) == {1: False, 2: False}
 
 

@@ -18,8 +18,8 @@ LOADS = ("light", "medium", "heavy")
 SCHEDULES = (("chirp", "steps"), ("multisine", "triangle"), ("lift_and_drop", "chirp"))
 
 
-def diagnosed(effects: dict[str, Any], seed: int) -> JointDiagnosis:
-    data, _ = hidden_bench(effects, seed, LOADS, duration=12.0, schedules=SCHEDULES)
+def diagnosed(effects: dict[str, Any], seed: int, duration: float = 9.0) -> JointDiagnosis:
+    data, _ = hidden_bench(effects, seed, LOADS, duration=duration, schedules=SCHEDULES)
     (found,) = diagnose(data)
     return found
 
@@ -52,6 +52,6 @@ def test_a_machine_in_the_engine_that_is_as_believed_is_nothing_to_explain(tmp_p
 
 
 def test_a_stranger_is_not_explained_by_a_known_cause() -> None:
-    found = diagnosed({"stranger.jams": "clear"}, seed=13)
+    found = diagnosed({"stranger.jams": "clear"}, seed=13, duration=12.0)
     assert found.verdict in (NOT_IDENTIFIABLE, PARTLY), found.sentence
     assert found.unexplained > 0.5

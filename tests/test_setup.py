@@ -101,6 +101,13 @@ def test_continuous_integration_runs_make_test() -> None:
     assert script.read_text().rstrip().endswith("exec make test")
 
 
+@pytest.mark.xdist_group("grouped")
+def test_tests_that_share_what_takes_minutes_run_on_one_worker(request: pytest.FixtureRequest) -> None:
+    if not hasattr(request.config, "workerinput"):
+        pytest.skip("needs pytest-xdist's workers, as `make test` has them")
+    assert request.node.nodeid.endswith("@grouped"), "grouping by xdist_group does nothing with these versions"
+
+
 def test_the_demo_never_writes_into_an_existing_folder(tmp_path: Path) -> None:
     (tmp_path / "kept").touch()
     command = [sys.executable, "demo.py", f"out={tmp_path}"]
