@@ -27,7 +27,7 @@ Plant = Callable[[MeasuredRun, float, np.random.Generator], dict[str, Any]]
 
 @cache
 def clean(seed: int) -> tuple[MeasuredSet, tuple[np.ndarray, ...]]:
-    data, truth = hidden_bench({}, seed, ("light", "medium", "heavy"), duration=12.0, schedules=SCHEDULES)
+    data, truth = hidden_bench({}, seed, ("light", "medium", "heavy"), duration=8.0, schedules=SCHEDULES)
     return data, tuple(truth["clean_position"])
 
 

@@ -11,6 +11,7 @@ from scipy.interpolate import make_smoothing_spline
 
 from actuators import load_chain
 from gap.checks import Finding, check_run, check_set, merged, noise_floor, unusable
+from gap.log_checks.correction import mended
 from gap.log_types import JointLog, MeasuredRun, MeasuredSet
 from tests.plant import NOISE_FLOOR, hidden_bench
 
@@ -160,6 +161,22 @@ def test_an_encoder_that_wraps_is_named_with_its_range() -> None:
     wrapped = (turned + np.pi) % (2 * np.pi) - np.pi
     finding = found(with_log(run, position=wrapped), "position.wrap")
     assert finding.value == pytest.approx(2 * np.pi, rel=0.01)
+
+
+def test_an_encoder_that_wraps_on_every_swing_is_named() -> None:
+    run = clean().runs[0]
+    goal = 0.8 * np.sin(2 * np.pi * 2.0 * run.time)  # four times a second, in 2 % of the samples
+    wrapped = (goal - 0.1) % (2 * np.pi) + 0.1
+    assert found(with_log(run, goal=goal, position=wrapped), "position.wrap").value == pytest.approx(2 * np.pi, rel=0.1)
+
+
+def test_a_log_that_lies_on_another_turn_than_its_goals_is_named_and_put_back() -> None:
+    run = clean().runs[0]
+    turned = with_log(run, position=signal(run, "position") - 4 * np.pi)
+    finding = found(turned, "position.wrap")
+    assert "2 whole turns from servo.goal" in finding.sentence
+    back = mended(turned, [finding])
+    np.testing.assert_allclose(signal(back, "position"), signal(run, "position"), atol=1e-12)
 
 
 def test_single_wrong_readings_are_not_called_a_wrap() -> None:

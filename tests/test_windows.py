@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 
 from actuators import load_chain
+from gap.causes import catalogue
 from gap.diagnosis import diagnose
 from gap.joint_model import JointModel
 from gap.problem import Problem, lay_out
@@ -66,6 +67,8 @@ def test_an_effect_found_in_windows_is_judged_on_whole_runs(monkeypatch: pytest.
 
     monkeypatch.setattr("gap.windows.FAR", 0.5)
     monkeypatch.setattr("gap.diagnosis.Searcher", searcher)
+    near = ("friction.load_dependent", "friction.stribeck", "friction.coulomb", "drive.delay")
+    monkeypatch.setattr("gap.search.catalogue", lambda joint: [c for c in catalogue(joint) if c.name in near])
     data, _ = hidden_bench({"friction.load_dependent": "clear"}, 11, ("light", "medium", "heavy"), duration=9.0)
     (found,) = diagnose(data)
     assert found.verdict == EXPLAINED and found.causes[0].name == "friction.load_dependent", found.sentence

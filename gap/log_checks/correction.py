@@ -8,6 +8,7 @@ from dataclasses import replace
 import numpy as np
 
 from gap.log_checks.finding import Finding
+from gap.log_checks.motion import TURN
 from gap.log_types import Array, JointLog, MeasuredRun
 
 Mend = Callable[[Array, float], Array]
@@ -28,7 +29,6 @@ CONVERTED: dict[str, Mend] = {
 }
 """Column and the finding's value to the column as it should have been, by code."""
 WRAPS = ("position.wrap", "link_position.wrap")
-TURN = 2.0 * np.pi
 
 SET_ASIDE = (
     "current.unsigned",

@@ -12,6 +12,9 @@ from gap.log_checks.finding import Finding, Severity
 DEGREES = 180.0 / np.pi
 FASTEST_SERVO = 60.0
 """Speed [rad/s] that no geared joint reaches."""
+TURN = 2.0 * np.pi
+NEAR = 0.5
+"""Angle [rad] around whole turns within which a joint is where it was sent, on another turn."""
 LARGEST_ANGLE = 10.0
 """Angle [rad] that a joint with end stops does not reach."""
 
@@ -53,9 +56,12 @@ def _wraps(joint: JointContext) -> Iterator[Finding]:
         if values is None or not np.isfinite(values).all():
             continue
         change = np.diff(values)
-        usual = float(np.quantile(np.abs(change), 0.99))
-        jumps = np.flatnonzero((np.abs(change) > 1.0) & (np.abs(change) > 12.0 * usual))
+        usual, slow = (float(np.quantile(np.abs(change), part)) for part in (0.99, 0.9))
+        whole = (np.abs(np.abs(change) / TURN - 1.0) < 0.2) & (np.abs(change) > 12.0 * slow)  # however often
+        one_turn = np.ptp(values) < 1.1 * TURN  # in degrees it would be a lot more
+        jumps = np.flatnonzero(((np.abs(change) > 1.0) & (np.abs(change) > 12.0 * usual)) | (whole & one_turn))
         if not len(jumps):
+            yield from _other_turn(joint, signal)
             continue
         size = float(np.median(np.abs(change[jumps])))
         back = np.isin(jumps + 1, jumps) & (
@@ -71,13 +77,30 @@ def _wraps(joint: JointContext) -> Iterator[Finding]:
                 value=size, data_error=True,
             )  # fmt: skip
         else:
-            turns = " (one turn)" if abs(size / (2 * np.pi) - 1) < 0.05 else ""
+            turns = " (one turn)" if abs(size / TURN - 1) < 0.05 else ""
             yield Finding(
                 f"{signal}.wrap", "error", joint.name, joint.column(signal),
                 f"{joint.column(signal)} jumps by {size:.4g} rad{turns} between neighbouring samples {len(jumps)} "
                 f"time{'s' * (len(jumps) > 1)}, {where}: the encoder wraps around; unwrap the column.",
                 value=size, data_error=True,
             )  # fmt: skip
+
+
+def _other_turn(joint: JointContext, signal: str) -> Iterator[Finding]:
+    """An encoder that wrapped before the run began: all of it lies whole turns from what it follows."""
+    followed = "goal" if signal == "position" else "position"
+    values, other = getattr(joint.log, signal), getattr(joint.log, followed)
+    if other is None or not joint.radians or not np.isfinite(other).all():
+        return
+    turns = round(float(np.median(values - other)) / TURN)
+    alike = np.ptp(values) < np.ptp(other) + 2.0 * NEAR  # neither is in degrees
+    if turns and alike and float(np.median(np.abs(values - other - turns * TURN))) < NEAR:
+        yield Finding(
+            f"{signal}.wrap", "error", joint.name, joint.column(signal),
+            f"{joint.column(signal)} lies {abs(turns)} whole turn{'s' * (abs(turns) > 1)} from "
+            f"{joint.column(followed)}: the encoder wrapped around before the log began; subtract the turns.",
+            value=TURN, data_error=True,
+        )  # fmt: skip
 
 
 def _degrees(joint: JointContext) -> Iterator[Finding]:
