@@ -190,7 +190,8 @@ def test_a_machine_built_as_drawn_has_ids_from_one_and_the_robots_range() -> Non
 def test_servos_of_a_bus_are_calibrated(monkeypatch: pytest.MonkeyPatch) -> None:
     """The whole way over the SDK and a virtual bus whose pendulum stands in for a hand."""
     monkeypatch.setattr("hw.calibration.MOVED", 20)
-    with VirtualBus(time="stepped", cycle=0.0) as virtual, ServoBus(virtual.port) as bus:
+    patient = 1.0  # [s] other programs may hold the machine for longer than a servo would take
+    with VirtualBus(time="stepped", cycle=0.0) as virtual, ServoBus(virtual.port, timeout=patient) as bus:
         answers: list[Callable[[], None]] = []
 
         def pushed(angle: float) -> Callable[[], None]:

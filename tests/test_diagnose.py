@@ -129,7 +129,7 @@ def test_an_existing_diagnosis_is_never_overwritten(
 def test_a_number_several_times_wrong_is_named_as_that_number(
     cause: str, extra: dict[str, float], path: str, true: float
 ) -> None:
-    data, _ = hidden_bench({cause: extra}, 7, ("light", "medium", "heavy"), duration=12.0, nominal_error=0.0)
+    data, _ = hidden_bench({cause: extra}, 7, ("light", "medium", "heavy"), duration=9.0, nominal_error=0.0)
     (found,) = diagnose(data)
     assert [named.name for named in found.causes] == [cause]
     assert found.causes[0].parameters[path].value == pytest.approx(true, rel=0.03)
