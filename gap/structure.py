@@ -8,6 +8,7 @@ the logs that it was not trained on; what it manages bounds from below what a be
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -59,8 +60,13 @@ class Structure:
         size = f"What is left holds {rms} (rms) of structure that no cause of the catalogue explains"
         if not self.depends_on:
             return f"{size}; it follows none of the logged signals, as events at random times would."
-        names = " and ".join(name for name, _ in self.depends_on)
+        names = listed([name for name, _ in self.depends_on])
         return f"{size}; a flexible learner predicts {100 * self.predicted:.0f} % of it, from {names}."
+
+
+def listed(names: Sequence[str]) -> str:
+    """Names in a sentence: ``a``, ``a and b``, ``a, b and c``."""
+    return " and ".join(part for part in (", ".join(names[:-1]), *names[-1:]) if part)
 
 
 def fine(value: float, unit: str, digits: int = 1) -> str:

@@ -13,7 +13,7 @@ from gap.experiment import Experiment
 from gap.log_checks.finding import Finding
 from gap.problem import Problem
 from gap.search import Search
-from gap.structure import Structure, fine
+from gap.structure import Structure, fine, listed
 
 NEGLIGIBLE = 0.03  # unexplained share of the gap up to which it counts as explained, its causes beyond doubt and the
 # structure that stays no larger than the noise
@@ -138,7 +138,7 @@ def verdict_of(
             f"The simulation of '{joint}' is {before} off and {after} after re-tuning, and no known "
             f"cause explains that on runs it was not fitted to. {rest.sentence}"
         )
-    names = " and ".join(cause.name for cause in causes)
+    names = listed([cause.name for cause in causes])
     seen = "runs" if whole else "pieces of the runs"
     tuned = f" ({fine(base.rmse, rest.unit)} with its numbers re-tuned within their tolerance)"
     change = f"from {before}{tuned} to {after} on {seen} that nothing was fitted to (noise {floor})"

@@ -23,6 +23,7 @@ from gap.parameters import Parameter
 from gap.problem import Problem, lay_out
 from gap.search import RIVAL, Search
 from gap.simulator import CHANNELS
+from gap.structure import listed
 from gap.units import FIT_A, FIT_B, Unit
 
 ENOUGH = 1.0  # noise floors (rms) by which rivals must differ; below that another load is proposed
@@ -163,7 +164,7 @@ def _sentence(best: Experiment, loads: Sequence[Mapping[str, float]], blind: boo
     what += " and diagnose these logs together with the old ones"
     if blind:
         return f"{what}: the causes of the catalogue differ there by {best.separation:.1f} times the noise on average."
-    names = " and ".join([", ".join(best.rivals[:-1]), best.rivals[-1]])
+    names = listed(best.rivals)
     if best.separation < SHOWS:
         return (
             f"No motion and no load of the library tells {names} apart (at most {best.separation:.2f} times the "
