@@ -6,11 +6,10 @@ import functools
 
 import pytest
 
-from gap.causes import Cause, catalogue
 from gap.diagnosis import diagnose
-from gap.joint_model import JointModel
 from gap.log_types import MeasuredSet
 from gap.verdict import JointDiagnosis
+from tests.few_causes import few
 from tests.plant import hidden_bench
 
 CONSIDERED = ("friction.load_dependent", "friction.viscous", "drive.delay")
@@ -23,10 +22,6 @@ def small_diagnosis() -> tuple[JointDiagnosis, MeasuredSet]:
         {"friction.load_dependent": "clear"}, seed=1, load=("medium", "heavy", "light"), duration=6.0
     )
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr("gap.search.catalogue", _few)
+        patch.setattr("gap.search.catalogue", few(*CONSIDERED))
         (found,) = diagnose(data)
     return found, data
-
-
-def _few(nominal: JointModel) -> list[Cause]:
-    return [cause for cause in catalogue(nominal) if cause.name in CONSIDERED]

@@ -6,16 +6,17 @@ import functools
 
 import pytest
 
-from gap.causes import Cause, catalogue
 from gap.contact.causes import contact_causes
 from gap.diagnosis import diagnose
 from gap.log_types import MeasuredSet
 from gap.verdict import JointDiagnosis
+from tests.few_causes import few
 from tests.plant.hopper import hidden_hopper
 
 together = pytest.mark.xdist_group("small hopper")
 """Of tests that use it: it takes minutes, and is kept in the process of one worker."""
-CONSIDERED = ("spring.stiffness", "transmission.backlash", "load.mass", "contact.slope", "contact.friction")
+CONSIDERED = ("spring.stiffness", "transmission.backlash", "load.mass")
+GROUND = ("contact.slope", "contact.friction")
 
 
 @functools.cache
@@ -23,11 +24,7 @@ def small_hopper() -> tuple[tuple[JointDiagnosis, ...], MeasuredSet]:
     """A hopper with play in the belt of its knee, on a slope, and what was found: hip, knee and ground."""
     data, _ = hidden_hopper({"transmission.backlash": "clear", "contact.slope": "clear"}, seed=5, duration=6.0)
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr("gap.driven.catalogue", lambda nominal: _few(catalogue(nominal)))
-        patch.setattr("gap.contact.ground.contact_causes", lambda leg: _few(contact_causes(leg)))
+        patch.setattr("gap.driven.catalogue", few(*CONSIDERED))
+        patch.setattr("gap.contact.ground.contact_causes", few(*GROUND, of=contact_causes))
         found = diagnose(data)
     return tuple(found), data
-
-
-def _few(causes: list[Cause]) -> list[Cause]:
-    return [cause for cause in causes if cause.name in CONSIDERED]

@@ -14,10 +14,10 @@ import yaml
 import diagnose as script
 from actuators import load_chain
 from configs.script import run
-from gap.causes import catalogue
 from gap.diagnosis import diagnose
 from gap.log import read_measured
 from gap.virtual_bench import record
+from tests.few_causes import few
 from tests.plant import hidden_bench
 
 DATA = Path(__file__).resolve().parent.parent.parent / "shared" / "data"
@@ -259,7 +259,7 @@ def test_xl330_loses_torque_under_load(tmp_path: Path, monkeypatch: pytest.Monke
 
     # those that come nearest; `python -m benchmarks.real_data` takes all of the catalogue, and four times as long
     near = ("friction.load_dependent", "friction.stribeck", "drive.supply_sag")
-    monkeypatch.setattr("gap.search.catalogue", lambda joint: [c for c in catalogue(joint) if c.name in near])
+    monkeypatch.setattr("gap.search.catalogue", few(*near))
     convert_xl330(DATA / "xl330_pendulum", tmp_path)
     (found,) = diagnose(read_measured(tmp_path), test_group="kp400")
     assert found.causes[0].name == "friction.load_dependent"

@@ -13,7 +13,6 @@ import pytest
 from actuators import load_chain
 from actuators.errors import SealegsError
 from benchmarks.next_experiment import POOR, outcome, record_experiment, summary
-from gap.causes import Cause, catalogue
 from gap.diagnosis import diagnose
 from gap.experiment import (
     RATE,
@@ -31,19 +30,11 @@ from gap.joint_model import JointModel
 from gap.log_sidecar import read_sidecar
 from gap.log_types import LogError
 from gap.verdict import NOT_IDENTIFIABLE, UNUSABLE
+from tests.few_causes import few
 from tests.plant import hidden_bench
 
 LOAD = {"mass": 0.5, "arm_mass": 0.03, "length": 0.12}
 NOMINAL = JointModel(load_chain("sts3215"))
-
-
-def few(*names: str):
-    """A catalogue of these causes only, so that a test takes seconds."""
-
-    def chosen(nominal: JointModel) -> list[Cause]:
-        return [cause for cause in catalogue(nominal) if cause.name in names]
-
-    return chosen
 
 
 # --- excitations ---------------------------------------------------------------------------------------------------

@@ -8,7 +8,6 @@ import numpy as np
 import pytest
 
 from actuators import load_chain
-from gap.causes import catalogue
 from gap.diagnosis import diagnose
 from gap.joint_model import JointModel
 from gap.problem import Problem, lay_out
@@ -16,6 +15,7 @@ from gap.search import Searcher
 from gap.units import LEAST_START, cut
 from gap.verdict import EXPLAINED
 from gap.windows import SHORTEST, WINDOW, in_windows, split
+from tests.few_causes import few
 from tests.plant import hidden_bench
 
 CHAIN = load_chain("sts3215")
@@ -68,7 +68,7 @@ def test_an_effect_found_in_windows_is_judged_on_whole_runs(monkeypatch: pytest.
     monkeypatch.setattr("gap.windows.FAR", 0.5)
     monkeypatch.setattr("gap.diagnosis.Searcher", searcher)
     near = ("friction.load_dependent", "friction.stribeck", "friction.coulomb", "drive.delay")
-    monkeypatch.setattr("gap.search.catalogue", lambda joint: [c for c in catalogue(joint) if c.name in near])
+    monkeypatch.setattr("gap.search.catalogue", few(*near))
     data, _ = hidden_bench({"friction.load_dependent": "clear"}, 11, ("light", "medium", "heavy"), duration=9.0)
     (found,) = diagnose(data)
     assert found.verdict == EXPLAINED and found.causes[0].name == "friction.load_dependent", found.sentence

@@ -56,33 +56,32 @@ def _wraps(joint: JointContext) -> Iterator[Finding]:
         if values is None or not np.isfinite(values).all():
             continue
         change = np.diff(values)
-        usual, slow = (float(np.quantile(np.abs(change), part)) for part in (0.99, 0.9))
-        whole = (np.abs(np.abs(change) / TURN - 1.0) < 0.2) & (np.abs(change) > 12.0 * slow)  # however often
+        length = np.abs(change)
+        usual, slow = np.quantile(length, (0.99, 0.9))
+        whole = (np.abs(length / TURN - 1.0) < 0.2) & (length > 12.0 * slow)  # however often
         one_turn = np.ptp(values) < 1.1 * TURN  # in degrees it would be a lot more
-        jumps = np.flatnonzero(((np.abs(change) > 1.0) & (np.abs(change) > 12.0 * usual)) | (whole & one_turn))
+        jumps = np.flatnonzero(((length > 1.0) & (length > 12.0 * usual)) | (whole & one_turn))
         if not len(jumps):
             yield from _other_turn(joint, signal)
             continue
-        size = float(np.median(np.abs(change[jumps])))
+        size = float(np.median(length[jumps]))
         back = np.isin(jumps + 1, jumps) & (
             np.sign(change[jumps]) != np.sign(change[np.minimum(jumps + 1, len(change) - 1)])
         )
         spikes = int(back.sum())
         where = f"first at {joint.time[jumps[0] + 1]:.4g} s"
         if spikes * 2 >= len(jumps):
-            yield Finding(
-                f"{signal}.spikes", "error", joint.name, joint.column(signal),
-                f"{joint.column(signal)} has {max(spikes, 1)} isolated wrong reading{'s' * (spikes > 1)} of about "
-                f"{size:.3g} rad, {where}; remove these samples.",
-                value=size, data_error=True,
+            yield _misread(
+                joint, signal, "spikes", size,
+                f"has {max(spikes, 1)} isolated wrong reading{'s' * (spikes > 1)} of about {size:.3g} rad, {where}; "
+                "remove these samples.",
             )  # fmt: skip
         else:
             turns = " (one turn)" if abs(size / TURN - 1) < 0.05 else ""
-            yield Finding(
-                f"{signal}.wrap", "error", joint.name, joint.column(signal),
-                f"{joint.column(signal)} jumps by {size:.4g} rad{turns} between neighbouring samples {len(jumps)} "
+            yield _misread(
+                joint, signal, "wrap", size,
+                f"jumps by {size:.4g} rad{turns} between neighbouring samples {len(jumps)} "
                 f"time{'s' * (len(jumps) > 1)}, {where}: the encoder wraps around; unwrap the column.",
-                value=size, data_error=True,
             )  # fmt: skip
 
 
@@ -95,12 +94,17 @@ def _other_turn(joint: JointContext, signal: str) -> Iterator[Finding]:
     turns = round(float(np.median(values - other)) / TURN)
     alike = np.ptp(values) < np.ptp(other) + 2.0 * NEAR  # neither is in degrees
     if turns and alike and float(np.median(np.abs(values - other - turns * TURN))) < NEAR:
-        yield Finding(
-            f"{signal}.wrap", "error", joint.name, joint.column(signal),
-            f"{joint.column(signal)} lies {abs(turns)} whole turn{'s' * (abs(turns) > 1)} from "
-            f"{joint.column(followed)}: the encoder wrapped around before the log began; subtract the turns.",
-            value=TURN, data_error=True,
+        yield _misread(
+            joint, signal, "wrap", TURN,
+            f"lies {abs(turns)} whole turn{'s' * (abs(turns) > 1)} from {joint.column(followed)}: the encoder wrapped "
+            "around before the log began; subtract the turns.",
         )  # fmt: skip
+
+
+def _misread(joint: JointContext, signal: str, kind: str, size: float, what: str) -> Finding:
+    """An encoder whose angles are not those of the joint; ``what`` goes on after the column's name."""
+    column = joint.column(signal)
+    return Finding(f"{signal}.{kind}", "error", joint.name, column, f"{column} {what}", value=size, data_error=True)
 
 
 def _degrees(joint: JointContext) -> Iterator[Finding]:
