@@ -105,8 +105,9 @@ def merged(findings: list[Finding]) -> list[Finding]:
         group.sort(key=lambda finding: finding.value if finding.value is not None else 0.0)
         middle = group[len(group) // 2]
         if len(group) > 1:
-            runs = f"{middle.sentence} (run {middle.run}; found in {len(group)} runs)"
-            middle = replace(middle, sentence=runs, run=None)
+            names = {(finding.run or "").partition("[")[0] for finding in group}  # a window is of its file
+            where = f"run {middle.run}; found in {len(names)} runs" if len(names) > 1 else f"run {middle.run}"
+            middle = replace(middle, sentence=f"{middle.sentence} ({where})", run=None)
         out.append(middle)
     return sorted(out, key=lambda finding: ("error", "warning", "note").index(finding.severity))
 
@@ -137,7 +138,7 @@ def _without_torque(run: MeasuredRun) -> list[Finding]:
     findings = list(check_clock(run))
     for joint in joint_contexts(run):
         findings += check_motion(joint)
-        if not joint.still:
+        if not joint.still and not any(f.code == "unit.ticks" and f.joint == joint.name for f in findings):
             findings += check_columns(joint)
             findings += check_drive(joint)
     return [replace(finding, run=run.name) for finding in findings]

@@ -76,8 +76,9 @@ def _csv_header(path: Path) -> list[str]:
     names = next(csv.reader([line]), []) if line.strip() and "\0" not in line else []
     if not names:
         raise LogError(f"{path}: has no header line; its first line must name the columns, starting with time")
-    if len(names) == 1 and (";" in line or "\t" in line):
-        raise LogError(f"{path}: separates columns by {';' if ';' in line else 'tabs'}; use commas and decimal points")
+    if ";" in line or "\t" in line:  # also beside commas, as where a locale exported some of them
+        separator = "semicolons" if ";" in line else "tabs"
+        raise LogError(f"{path}: separates columns by {separator}; use commas and decimal points")
     check_columns(names, path)
     return names
 

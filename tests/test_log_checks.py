@@ -87,6 +87,37 @@ def test_a_wheel_that_turns_far_is_not_in_degrees() -> None:
     assert "unit.degrees" not in {finding.code for finding in check_run(run)}
 
 
+def ticks(values: np.ndarray) -> np.ndarray:
+    return np.round(2048 + values / TICK)
+
+
+@pytest.mark.parametrize("columns", [("position",), ("goal",), ("goal", "position")])
+def test_raw_ticks_are_named_and_refused_and_nothing_else_is_said(columns: tuple[str, ...]) -> None:
+    for run in clean().runs:
+        raw = with_log(run, **{name: ticks(signal(run, name)) for name in columns})
+        findings = [finding for finding in check_run(raw) if finding.severity != "note"]
+        assert {(finding.code, finding.column) for finding in findings} == {
+            ("unit.ticks", f"servo.{name}") for name in columns
+        }
+        assert unusable(findings, MeasuredSet((raw,), "x")) is not None
+
+
+def test_whole_degrees_are_no_ticks() -> None:
+    run = clean().runs[1]
+    whole = with_log(run, position=np.round(np.degrees(signal(run, "position")) * 4))  # far beyond a turn
+    whole = replace(whole, joints={JOINT: replace(whole.joints[JOINT], goal=signal(run, "goal") * 4)})
+    assert found(whole, "unit.degrees").column == "servo.position"
+
+
+def test_a_fault_of_several_windows_of_a_run_is_counted_once() -> None:
+    runs = clean().runs[:2]
+    findings = [found(with_log(run, position=ticks(signal(run, "position"))), "unit.ticks") for run in runs]
+    one, two = (replace(finding, run=run.name) for finding, run in zip(findings, runs, strict=True))
+    window = replace(one, run=f"{one.run}[0:500]")
+    assert "found in 2 runs" in merged([one, window, two])[0].sentence
+    assert "found in" not in merged([one, window])[0].sentence
+
+
 @pytest.mark.parametrize(("ratio", "name"), [(180 / np.pi, "degrees per second"), (9.549, "revolutions per minute")])
 def test_a_velocity_in_another_unit_is_named(ratio: float, name: str) -> None:
     run = clean().runs[0]

@@ -100,7 +100,8 @@ BAD_TABLES = {
     "one sample": (table(rows=1), "has 1 sample"),
     "no sample": (table(rows=0), "has no samples"),
     "empty": ([], "is empty"),
-    "semicolons": ([row.replace(",", ";") for row in table()], "separates columns by ;"),
+    "semicolons": ([row.replace(",", ";") for row in table()], "separates columns by semicolons"),
+    "some semicolons": ([row.replace(",", ";", 1) for row in table()], "separates columns by semicolons"),
     "milliseconds": (
         ["time,servo.goal,servo.position"] + [f"{5 * i},{i},{i}" for i in range(20)],
         "convert it to seconds",

@@ -32,6 +32,9 @@ def check_motion(joint: JointContext) -> Iterator[Finding]:
             value=joint.span, data_error=bool(asked),
         )  # fmt: skip
         return
+    if joint.radians and (ticks := list(_ticks(joint))):
+        yield from ticks  # of raw counts, every other check would say something wrong
+        return
     yield from _wraps(joint)
     if joint.radians:
         yield from _degrees(joint)
@@ -48,6 +51,26 @@ def check_motion(joint: JointContext) -> Iterator[Finding]:
             f"{joint.time[off.argmax()]:.3g} s: the joint moves freely there.",
             value=float(off.mean()),
         )  # fmt: skip
+
+
+def _ticks(joint: JointContext) -> Iterator[Finding]:
+    """Raw counts of an encoder: whole numbers, farther than degrees reach or than degrees could move."""
+    for signal, followed in (("position", "goal"), ("goal", "position"), ("link_position", "position")):
+        values, other = getattr(joint.log, signal), getattr(joint.log, followed)
+        if values is None or not np.isfinite(values).all() or (values != np.round(values)).any():
+            continue
+        span, reach = float(np.ptp(values)), float(np.abs(values).max())
+        moved = float(np.ptp(other)) if other is not None and np.isfinite(other).all() else 0.0
+        ratio = span / moved if moved > 0.0 else 1.0
+        if ratio > 2.0 * DEGREES or (reach > 360.0 and ratio < 0.3 * DEGREES):
+            column = joint.column(signal)
+            yield Finding(
+                "unit.ticks", "error", joint.name, column,
+                f"{column} is in encoder ticks, not in radians: whole numbers from {values.min():.0f} to "
+                f"{values.max():.0f}; subtract the ticks of its zero and multiply by 2 pi over the ticks of a turn "
+                "(4096 of a Feetech STS servo).",
+                value=reach, data_error=True,
+            )  # fmt: skip
 
 
 def _wraps(joint: JointContext) -> Iterator[Finding]:
