@@ -267,7 +267,7 @@ class Transactions:
     def _no_reply(self, missing: Sequence[int], wait: float) -> NoReplyError:
         return NoReplyError(
             f"{in_words(missing)} on {self.path} did not answer within {1e3 * wait:g} ms; check power, wiring, "
-            "ids and baud rate.",
+            "ids and baud rate, and that nothing else keeps the computer busy.",
             missing,
         )
 
