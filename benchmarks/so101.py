@@ -97,9 +97,9 @@ def page(rows: list[dict[str, Any]]) -> str:
         causes = "; ".join(f"{c['name']} ({c['share']:.0%}, {c['confidence']:.2f})" for c in item["causes"]) or "-"
         columns = "; ".join(f"{words} {value:.3g}" if value else words for words, value in item["columns"].items())
         errors = [f"{item['error'][name]:.1f}" if item["error"] else "-" for name in ("nominal", "retuned", "extended")]
+        apart = "-" if item["verdict"] == "not identifiable" else told_apart(item["causes"])
         lines.append(
-            f"| {item['joint']} | {item['verdict']} | {' | '.join(errors)} | {causes} | "
-            f"{told_apart(item['causes'])} | {columns or '-'} |"
+            f"| {item['joint']} | {item['verdict']} | {' | '.join(errors)} | {causes} | {apart} | {columns or '-'} |"
         )
     for item in rows:
         lines += ["", f"**{item['joint']}**: {item['sentence']}", "", *cause_lines(item["causes"])]

@@ -39,11 +39,26 @@ def check_set(data: MeasuredSet) -> list[Finding]:
     for name in names:
         same = [joint for joints in contexts for joint in joints if joint.name == name]
         findings += check_torque(same, only)
-    return findings + list(_across(data))
+    return without_unit_of_magnitudes(findings) + list(_across(data))
+
+
+def without_unit_of_magnitudes(findings: list[Finding]) -> list[Finding]:
+    """Findings less the unit and sign of a current that is unsigned in any run: a magnitude has neither.
+
+    Where a run pushes one way only, a magnitude looks like a current of another scale.
+    """
+    unsigned = {(finding.joint, finding.column) for finding in findings if finding.code in UNSIGNED}
+    return [
+        finding
+        for finding in findings
+        if finding.code not in ("unit.current", "current.sign") or (finding.joint, finding.column) not in unsigned
+    ]
 
 
 MENDED_FIRST = ("position.wrap", "link_position.wrap", "unit.degrees", "position.sign")
 """Errors that make others appear, one after the other."""
+UNSIGNED = ("current.unsigned",)
+"""Findings of one run that hold for all of a machine: its register has no sign."""
 
 
 def corrected(
@@ -54,6 +69,7 @@ def corrected(
     A run is checked again after it was mended, since a column in degrees makes others look wrong. What mending did not
     cure (``done``) is told and left.
     """
+    findings = without_unit_of_magnitudes(findings)
     faults = [finding for finding in findings if mendable(finding) and _where(finding) not in done]
     if not faults:
         return data, findings
@@ -67,8 +83,8 @@ def corrected(
 
 
 def _concerns(finding: Finding, run: MeasuredRun) -> bool:
-    """Whether a finding is of a run, of the file that it is a window of (``file[from:to]``), or of all."""
-    return finding.run in (run.name, run.name.partition("[")[0], None)
+    """Whether a finding holds for a run: it is of the run, of the file that the run is a window of, or of all."""
+    return finding.code in UNSIGNED or finding.run in (run.name, run.name.partition("[")[0], None)
 
 
 def _where(finding: Finding) -> tuple[str | None, ...]:
@@ -97,19 +113,26 @@ def noise_floor(run: MeasuredRun, joint: str) -> float:
 
 def merged(findings: list[Finding]) -> list[Finding]:
     """Return one finding per code and column: the one in the middle, which says in how many runs it was found."""
+    out = []
+    for finding, runs in middle_ones(findings):
+        if len(runs) > 1:
+            sentence = f"{finding.sentence} (run {finding.run or runs[0]}; found in {len(runs)} runs)"
+            finding = replace(finding, sentence=sentence, run=None)
+        out.append(finding)
+    return sorted(out, key=lambda finding: ("error", "warning", "note").index(finding.severity))
+
+
+def middle_ones(findings: list[Finding]) -> list[tuple[Finding, list[str]]]:
+    """One finding per code and column, the one in the middle, and the files that it was found in."""
     groups: dict[tuple[str, str | None, str | None], list[Finding]] = {}
     for finding in findings:
         groups.setdefault((finding.code, finding.joint, finding.column), []).append(finding)
     out = []
     for group in groups.values():
         group.sort(key=lambda finding: finding.value if finding.value is not None else 0.0)
-        middle = group[len(group) // 2]
-        if len(group) > 1:
-            names = {(finding.run or "").partition("[")[0] for finding in group}  # a window is of its file
-            where = f"run {middle.run}; found in {len(names)} runs" if len(names) > 1 else f"run {middle.run}"
-            middle = replace(middle, sentence=f"{middle.sentence} ({where})", run=None)
-        out.append(middle)
-    return sorted(out, key=lambda finding: ("error", "warning", "note").index(finding.severity))
+        files = {finding.run.partition("[")[0]: None for finding in group if finding.run}  # a window is of its file
+        out.append((group[len(group) // 2], list(files)))
+    return out
 
 
 def unusable(findings: list[Finding], data: MeasuredSet) -> Finding | None:
@@ -159,7 +182,7 @@ def _across(data: MeasuredSet) -> Iterator[Finding]:
                 name in other.joints and np.array_equal(log.position, other.joints[name].position)
                 for name, log in run.joints.items()
             )
-            if same:
+            if same and any(np.ptp(log.position) > 0.0 for log in run.joints.values()):  # rest looks alike
                 yield Finding(
                     "set.duplicate", "warning", None, None,
                     f"{run.name} is the same recording as {other.name}: a test on one after a fit on the other proves "

@@ -16,7 +16,7 @@ from pathlib import Path
 import numpy as np
 from pyarrow import parquet
 
-from gap.checks import check_run, merged
+from gap.checks import check_run, middle_ones
 from gap.log_checks.finding import Finding
 from gap.log_reader import iterate_runs, log_files, read_measured
 from gap.log_types import LogError, MeasuredRun, MeasuredSet
@@ -93,7 +93,9 @@ def read_bounded(path: str | Path, most_rows: int = MOST_ROWS, progress: Progres
     for run in runs:
         if run.robot != runs[0].robot:
             raise LogError(f"{path}: holds logs of {runs[0].robot!r} and {run.robot!r}; keep one machine per folder")
-    findings = [replace(finding, run=one.path.stem) for one in surveys for finding in merged(list(one.findings))]
+    findings = [
+        replace(finding, run=one.path.stem) for one in surveys for finding, _ in middle_ones(list(one.findings))
+    ]
     total, held = sum(one.rows for one in surveys), sum(len(run.time) for run in runs)
     seconds = sum(run.duration for run in runs)
     sentence = (

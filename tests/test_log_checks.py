@@ -10,7 +10,7 @@ import pytest
 from scipy.interpolate import make_smoothing_spline
 
 from actuators import load_chain
-from gap.checks import Finding, check_run, check_set, merged, noise_floor, unusable
+from gap.checks import Finding, check_run, check_set, corrected, merged, noise_floor, unusable
 from gap.log_checks.correction import mended
 from gap.log_types import JointLog, MeasuredRun, MeasuredSet
 from tests.plant import NOISE_FLOOR, hidden_bench
@@ -314,6 +314,26 @@ def test_the_same_recording_twice_is_found() -> None:
     run = clean().runs[0]
     findings = check_set(MeasuredSet((run, replace(run, name="copy")), "twice"))
     assert "set.duplicate" in {finding.code for finding in findings}
+
+
+def test_two_stretches_of_rest_are_not_the_same_recording() -> None:
+    rest = MeasuredRun("rest", np.arange(0.0, 4.0, 0.005), {JOINT: JointLog(np.zeros(800), np.full(800, 0.3))})
+    findings = check_set(MeasuredSet((rest, replace(rest, name="more")), "still"))
+    assert "set.duplicate" not in {finding.code for finding in findings}
+
+
+def test_a_current_without_sign_in_one_run_has_none_in_any() -> None:
+    """Where a run pushes one way only, a magnitude looks like a current of another scale."""
+    both, scaled = (with_log(run, current=size * np.abs(signal(run, "current"))) for run, size in zip(
+        clean().runs, (1.0, 0.1), strict=False))  # fmt: skip
+    pushes = np.sign(signal(scaled, "duty"))
+    one_way = with_log(scaled, current=-0.1 * np.abs(signal(scaled, "current")) * pushes)
+    data = MeasuredSet((both, one_way), "x")
+    assert "unit.current" in {finding.code for finding in check_run(one_way)}
+    assert {finding.code for finding in check_set(data) if "current" in finding.code} == {"current.unsigned"}
+    mended, said = corrected(data, check_set(data))
+    assert [run.joints[JOINT].current for run in mended.runs] == [None, None]
+    assert "converted" not in " ".join(finding.sentence for finding in said)
 
 
 def test_findings_of_many_runs_merge_to_one_per_column() -> None:
