@@ -87,8 +87,8 @@ def page(rows: list[dict[str, Any]]) -> str:
         "# SO-101 arm, joint by joint",
         "",
         "Written by `python -m benchmarks.so101`; do not edit. Mean absolute position error [mrad; gripper: 1/1000 of",
-        f"its opening] on windows that nothing was fitted to, of {ROWS:,} samples in all. Re-tuned: every number of the",
-        "nominal model may move up to fivefold, and no cause is added.",
+        f"its opening] on windows that nothing was fitted to, of {ROWS:,} samples in all. Re-tuned: every number of",
+        "the nominal model may move up to fivefold, and no cause is added.",
         "",
         "| joint | verdict | nominal | re-tuned | extended | causes (share of the gap, confidence) "
         "| delay told from friction | wrong columns |",
