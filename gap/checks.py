@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from dataclasses import replace
 
 import numpy as np
@@ -13,12 +13,12 @@ from gap.log_checks.context import joint_contexts, position_noise
 from gap.log_checks.correction import mendable, mended, told
 from gap.log_checks.drive import check_drive
 from gap.log_checks.finding import Finding
-from gap.log_checks.motion import check_motion
+from gap.log_checks.motion import check_motion, hardly_moves
 from gap.log_checks.signal import quantisation_step
 from gap.log_checks.torque import check_torque
 from gap.log_types import LogError, MeasuredRun, MeasuredSet
 
-__all__ = ["Finding", "check_run", "check_set", "corrected", "merged", "noise_floor", "unusable"]
+__all__ = ["Finding", "check_run", "check_set", "corrected", "merged", "noise_floor", "shows_little", "unusable"]
 
 
 def check_run(run: MeasuredRun) -> list[Finding]:
@@ -97,6 +97,12 @@ def _once(findings: list[Finding]) -> list[Finding]:
     for finding in findings:
         kept.setdefault((finding.code, finding.joint, finding.column), finding)
     return list(kept.values())
+
+
+def shows_little(runs: Sequence[MeasuredRun], joint: str) -> bool:
+    """Whether a joint hardly moves in any of the runs: what explains them best may then not be what it is."""
+    contexts = (context for run in runs for context in joint_contexts(run) if context.name == joint)
+    return all(hardly_moves(context) for context in contexts)
 
 
 def noise_floor(run: MeasuredRun, joint: str) -> float:

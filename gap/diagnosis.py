@@ -12,7 +12,7 @@ from actuators.errors import SealegsError, nearest
 from envs.hopper.robot import HOPPER
 from gap.causes import Cause, retunable
 from gap.channels import weigh_channels
-from gap.checks import check_set, corrected, merged, noise_floor, unusable
+from gap.checks import check_set, corrected, merged, noise_floor, shows_little, unusable
 from gap.driven import driven_problem, shown
 from gap.driven import limits as limits_of_driven
 from gap.experiment import Experiment, Limits, blind_spots, experiment_for_still, propose
@@ -29,6 +29,7 @@ from gap.units import FIT_A, FIT_B, TEST, cut
 from gap.unknown import unknown_parameters, with_believed_load
 from gap.unseen_range import unseen_range
 from gap.verdict import (
+    EXPLAINED,
     NOT_IDENTIFIABLE,
     NOTHING,
     PARTLY,
@@ -132,7 +133,8 @@ def _joint(
         problem = fitting = weigh_channels(converged(driven))
     search = Searcher(fitting, progress, seed, causes).run()
     progress("measuring the gain on runs that nothing has seen")
-    return conclude(problem, search, joint, mine, seed, wide, limits, fitting)
+    still = shows_little(runs, joint)
+    return conclude(problem, search, joint, mine, seed, wide, limits, fitting, still)
 
 
 def _chain(run: MeasuredRun, joint: str) -> Chain:
@@ -156,12 +158,14 @@ def conclude(
     wide: Sequence[Parameter],
     limits: Limits | None = None,
     fitting: Problem | None = None,
+    still: bool = False,
 ) -> JointDiagnosis:
     """What a search says: gain on the test part, causes with shares and intervals, verdict.
 
     Args:
         wide: what re-tuning alone may turn, and how far.
         fitting: the data as the search saw them, if not as ``problem`` has them.
+        still: whether the joint hardly moves in any run: what fits that best may not be what it is.
     """
     fitting = fitting or problem
     fitted, test = fitting.part(FIT_A, FIT_B), problem.part(TEST)
@@ -197,7 +201,10 @@ def conclude(
         findings = (*findings, note)
         sentence = f"{sentence} {note.sentence}" if verdict in (PARTLY, NOT_IDENTIFIABLE) else sentence
     experiment = None
-    if verdict == NOTHING and all(problem.params) and (hidden := blind_spots(problem, search)):
+    if still and verdict in (EXPLAINED, PARTLY):
+        verdict, sentence = NOT_IDENTIFIABLE, f"{sentence} But the joint hardly moves, so other causes may do as well."
+        experiment = propose(problem, search, limits, seed, blind=True)
+    elif verdict == NOTHING and all(problem.params) and (hidden := blind_spots(problem, search)):
         names = ", ".join(hidden)
         verdict, sentence = NOT_IDENTIFIABLE, f"{sentence} But the motion is so poor that it would hardly show {names}."
         experiment = propose(problem, search, limits, seed, blind=True)
