@@ -21,7 +21,7 @@ from gap.diagnosis import diagnose
 from gap.diagnosis_files import to_document
 from gap.log_types import MeasuredSet
 from gap.long_log import read_bounded
-from gap.verdict import JointDiagnosis
+from gap.verdict import NOT_IDENTIFIABLE, JointDiagnosis
 
 ROWS = 12_000  # that are replayed: 240 s
 LATE, FRICTION = ("drive.delay", "sensor.delay"), "friction."
@@ -98,7 +98,7 @@ def page(rows: list[dict[str, Any]]) -> str:
         causes = "; ".join(f"{c['name']} ({c['share']:.0%}, {c['confidence']:.2f})" for c in item["causes"]) or "-"
         columns = "; ".join(f"{words} {value:.3g}" if value else words for words, value in item["columns"].items())
         errors = [f"{item['error'][name]:.1f}" if item["error"] else "-" for name in ("nominal", "retuned", "extended")]
-        apart = "-" if item["verdict"] == "not identifiable" else told_apart(item["causes"])
+        apart = "-" if item["verdict"] == NOT_IDENTIFIABLE else told_apart(item["causes"])
         lines.append(
             f"| {item['joint']} | {item['verdict']} | {' | '.join(errors)} | {causes} | {apart} | {columns or '-'} |"
         )

@@ -9,11 +9,11 @@ import numpy as np
 
 from gap.log_checks.clock import check_clock
 from gap.log_checks.columns import check_columns
-from gap.log_checks.context import joint_contexts, position_noise
+from gap.log_checks.context import JointContext, joint_contexts, position_noise
 from gap.log_checks.correction import mendable, mended, told
 from gap.log_checks.drive import check_drive
 from gap.log_checks.finding import Finding
-from gap.log_checks.motion import check_motion, hardly_moves
+from gap.log_checks.motion import check_motion
 from gap.log_checks.signal import quantisation_step
 from gap.log_checks.torque import check_torque
 from gap.log_types import LogError, MeasuredRun, MeasuredSet
@@ -39,10 +39,10 @@ def check_set(data: MeasuredSet) -> list[Finding]:
     for name in names:
         same = [joint for joints in contexts for joint in joints if joint.name == name]
         findings += check_torque(same, only)
-    return without_unit_of_magnitudes(findings) + list(_across(data))
+    return _without_unit_of_magnitudes(findings) + list(_across(data))
 
 
-def without_unit_of_magnitudes(findings: list[Finding]) -> list[Finding]:
+def _without_unit_of_magnitudes(findings: list[Finding]) -> list[Finding]:
     """Findings less the unit and sign of a current that is unsigned in any run: a magnitude has neither.
 
     Where a run pushes one way only, a magnitude looks like a current of another scale.
@@ -69,7 +69,7 @@ def corrected(
     A run is checked again after it was mended, since a column in degrees makes others look wrong. What mending did not
     cure (``done``) is told and left.
     """
-    findings = without_unit_of_magnitudes(findings)
+    findings = _without_unit_of_magnitudes(findings)
     faults = [finding for finding in findings if mendable(finding) and _where(finding) not in done]
     if not faults:
         return data, findings
@@ -84,25 +84,30 @@ def corrected(
 
 def _concerns(finding: Finding, run: MeasuredRun) -> bool:
     """Whether a finding holds for a run: it is of the run, of the file that the run is a window of, or of all."""
-    return finding.code in UNSIGNED or finding.run in (run.name, run.name.partition("[")[0], None)
+    return finding.code in UNSIGNED or finding.run in (run.name, _file(run.name), None)
+
+
+def _file(run: str) -> str:
+    """Name of the file that a run is, or that it is a window of (``file[from:to]``)."""
+    return run.partition("[")[0]
 
 
 def _where(finding: Finding) -> tuple[str | None, ...]:
-    return finding.code, finding.joint, finding.column, finding.run
+    return *finding.fault, finding.run
 
 
 def _once(findings: list[Finding]) -> list[Finding]:
     """One finding of each kind and column: what was found in a whole log and again in a piece of it is mended once."""
     kept: dict[tuple[str, str | None, str | None], Finding] = {}
     for finding in findings:
-        kept.setdefault((finding.code, finding.joint, finding.column), finding)
+        kept.setdefault(finding.fault, finding)
     return list(kept.values())
 
 
 def shows_little(runs: Sequence[MeasuredRun], joint: str) -> bool:
     """Whether a joint hardly moves in any of the runs: what explains them best may then not be what it is."""
-    contexts = (context for run in runs for context in joint_contexts(run) if context.name == joint)
-    return all(hardly_moves(context) for context in contexts)
+    contexts = (_context(run, joint) for run in runs)
+    return all(context.still or context.short or context.seldom for context in contexts)
 
 
 def noise_floor(run: MeasuredRun, joint: str) -> float:
@@ -113,8 +118,12 @@ def noise_floor(run: MeasuredRun, joint: str) -> float:
     """
     if joint not in run.joints:
         raise LogError(f"{run.name}: has no joint '{joint}', only {', '.join(run.joints)}")
-    context = next(context for context in joint_contexts(run) if context.name == joint)
+    context = _context(run, joint)
     return position_noise(context.time, context.log.position, quantisation_step(context.log.position))
+
+
+def _context(run: MeasuredRun, joint: str) -> JointContext:
+    return next(context for context in joint_contexts(run) if context.name == joint)
 
 
 def merged(findings: list[Finding]) -> list[Finding]:
@@ -132,11 +141,11 @@ def middle_ones(findings: list[Finding]) -> list[tuple[Finding, list[str]]]:
     """One finding per code and column, the one in the middle, and the files that it was found in."""
     groups: dict[tuple[str, str | None, str | None], list[Finding]] = {}
     for finding in findings:
-        groups.setdefault((finding.code, finding.joint, finding.column), []).append(finding)
+        groups.setdefault(finding.fault, []).append(finding)
     out = []
     for group in groups.values():
         group.sort(key=lambda finding: finding.value if finding.value is not None else 0.0)
-        files = {finding.run.partition("[")[0]: None for finding in group if finding.run}  # a window is of its file
+        files = {_file(finding.run): None for finding in group if finding.run}
         out.append((group[len(group) // 2], list(files)))
     return out
 
@@ -166,8 +175,9 @@ def unusable(findings: list[Finding], data: MeasuredSet) -> Finding | None:
 def _without_torque(run: MeasuredRun) -> list[Finding]:
     findings = list(check_clock(run))
     for joint in joint_contexts(run):
-        findings += check_motion(joint)
-        if not joint.still and not any(f.code == "unit.ticks" and f.joint == joint.name for f in findings):
+        of_motion = list(check_motion(joint))
+        findings += of_motion
+        if not joint.still and "unit.ticks" not in {finding.code for finding in of_motion}:
             findings += check_columns(joint)
             findings += check_drive(joint)
     return [replace(finding, run=run.name) for finding in findings]

@@ -200,16 +200,15 @@ def conclude(
     if (note := unseen_range(problem, simulated["extended"], joint)) is not None:
         findings = (*findings, note)
         sentence = f"{sentence} {note.sentence}" if verdict in (PARTLY, NOT_IDENTIFIABLE) else sentence
-    experiment = None
+    poor = ""
     if still and verdict in (EXPLAINED, PARTLY):
-        verdict, sentence = NOT_IDENTIFIABLE, f"{sentence} But the joint hardly moves, so other causes may do as well."
-        experiment = propose(problem, search, limits, seed, blind=True)
+        poor = "But the joint hardly moves, so other causes may do as well."
     elif verdict == NOTHING and all(problem.params) and (hidden := blind_spots(problem, search)):
-        names = ", ".join(hidden)
-        verdict, sentence = NOT_IDENTIFIABLE, f"{sentence} But the motion is so poor that it would hardly show {names}."
-        experiment = propose(problem, search, limits, seed, blind=True)
-    elif verdict in (NOT_IDENTIFIABLE, PARTLY) or rivals:
-        experiment = propose(problem, search, limits, seed)
+        poor = f"But the motion is so poor that it would hardly show {', '.join(hidden)}."
+    if poor:
+        verdict, sentence = NOT_IDENTIFIABLE, f"{sentence} {poor}"
+    undecided = verdict in (NOT_IDENTIFIABLE, PARTLY) or rivals
+    experiment = propose(problem, search, limits, seed, blind=bool(poor)) if undecided else None
     tuned = {p.path.rstrip("*"): extended.values[p.path] for p in search.tuned if p.path in extended.values}
     return JointDiagnosis(
         joint=joint,

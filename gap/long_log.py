@@ -174,7 +174,7 @@ def _reduced(findings: list[Finding], new: list[Finding]) -> list[Finding]:
     """At most a few findings of each kind, the first ones: a fault in every piece must not fill the memory."""
     kept = list(findings)
     for finding in new:
-        same = [f for f in kept if (f.code, f.joint, f.column) == (finding.code, finding.joint, finding.column)]
+        same = [f for f in kept if f.fault == finding.fault]
         if len(same) < 20:
             kept.append(finding)
     return kept

@@ -12,6 +12,10 @@ from gap.log_types import Array, JointLog, MeasuredRun
 
 LONGEST_EXCERPT = 200_000
 """Samples that the checks of motion look at; of a longer log they take its middle."""
+LEAST_SPAN = 30.0
+"""Range of motion, in rms errors of a sample, below which causes look alike."""
+LEAST_SHARE = 0.01
+"""Share of the samples with motion below which causes look alike."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -77,6 +81,16 @@ class JointContext:
     def moving(self) -> np.ndarray:
         """Samples where the joint certainly moves, (n,) bool."""
         return np.abs(self.velocity) > self.moving_speed
+
+    @cached_property
+    def short(self) -> bool:
+        """Whether the joint moves over so little that causes look alike."""
+        return self.span < LEAST_SPAN * max(self.noise, self.step / 4)
+
+    @cached_property
+    def seldom(self) -> bool:
+        """Whether the joint moves so seldom that causes look alike."""
+        return float(self.moving.mean()) < LEAST_SHARE
 
 
 def joint_contexts(run: MeasuredRun) -> list[JointContext]:

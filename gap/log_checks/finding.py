@@ -37,3 +37,8 @@ class Finding:
     cause: str | None = None
     data_error: bool = False
     run: str | None = None
+
+    @property
+    def fault(self) -> tuple[str, str | None, str | None]:
+        """Code, joint and column: what it is that is wrong, whichever run shows it."""
+        return self.code, self.joint, self.column

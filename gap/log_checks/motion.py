@@ -17,10 +17,6 @@ NEAR = 0.5
 """Angle [rad] around whole turns within which a joint is where it was sent, on another turn."""
 LARGEST_ANGLE = 10.0
 """Angle [rad] that a joint with end stops does not reach."""
-LEAST_SPAN = 30.0
-"""Range of motion, in rms errors of a sample, below which causes look alike."""
-LEAST_SHARE = 0.01
-"""Share of the samples with motion below which causes look alike."""
 
 
 def check_motion(joint: JointContext) -> Iterator[Finding]:
@@ -220,26 +216,19 @@ def _sign(
         )  # fmt: skip
 
 
-def hardly_moves(joint: JointContext) -> bool:
-    """Whether a joint moves too little for any causes to be told apart, whichever they are."""
-    little = joint.span < LEAST_SPAN * max(joint.noise, joint.step / 4)
-    return joint.still or little or float(joint.moving.mean()) < LEAST_SHARE
-
-
 def _excitation(joint: JointContext) -> Iterator[Finding]:
     speed = joint.velocity[joint.moving]
     reversals = int(np.count_nonzero(np.diff(np.sign(speed)))) if len(speed) else 0
-    share = float(joint.moving.mean())
     top = float(np.quantile(np.abs(joint.velocity), 0.99))
     reasons = []
-    if joint.span < LEAST_SPAN * max(joint.noise, joint.step / 4):
+    if joint.short:
         reasons.append(
             f"moves over {joint.span:.2g} rad only, {joint.span / max(joint.noise, 1e-12):.0f} times its noise"
         )
     if reversals < 2:
         reasons.append(f"reverses {reversals} time{'s' * (reversals != 1)}")
-    if share < LEAST_SHARE:
-        reasons.append(f"moves in {share:.1%} of the samples")
+    if joint.seldom:
+        reasons.append(f"moves in {joint.moving.mean():.1%} of the samples")
     if reasons:
         yield Finding(
             "excitation.little", "warning", joint.name, joint.column("position"),
