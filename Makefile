@@ -3,6 +3,7 @@
 VENV := .venv
 PY := $(VENV)/bin/python
 INSTALLED := $(VENV)/.installed
+LINKS := $(VENV)/types/sealegs
 EXTRAS := train report hw dev
 
 # Headless drawing. MuJoCo on macOS has one way to draw and takes no choice.
@@ -23,7 +24,7 @@ demo: $(INSTALLED) ## the main job: log, diagnosis, training; under 10 minutes
 
 test: lint pytest ## lint, format and type check, then the tests
 
-lint: $(INSTALLED) ## ruff and pyright
+lint: $(INSTALLED) $(LINKS) ## ruff and pyright
 	$(PY) -m ruff check .
 	$(PY) -m ruff format --check .
 	$(PY) -m pyright
@@ -46,7 +47,7 @@ clean: ## remove .venv and caches; never what you recorded (runs, logs)
 	find . -name __pycache__ -not -path './runs/*' -prune -exec rm -rf {} +
 
 # The first Python of at least 3.11 that starts. Read from pyproject.toml: one list of what is needed.
-$(INSTALLED): pyproject.toml constraints.txt
+$(INSTALLED): pyproject.toml setup.py constraints.txt
 	@for python in python3.11 python3 python3.12 python3.13; do \
 	    if $$python -c 'import sys; sys.exit(sys.version_info < (3, 11))' 2>/dev/null; then \
 	        echo "Setting up $(VENV) with $$($$python --version); the first time takes some minutes."; \
@@ -59,4 +60,12 @@ $(INSTALLED): pyproject.toml constraints.txt
 	print(*p["dependencies"], *(r for e in "$(EXTRAS)".split() for r in p["optional-dependencies"][e]), sep="\n")' \
 	    > $(VENV)/requirements.txt
 	$(PY) -m pip install --disable-pip-version-check -c constraints.txt -r $(VENV)/requirements.txt
+	$(PY) -m pip install --disable-pip-version-check --no-deps --no-build-isolation -e .
 	@touch $@
+
+# The type checker reads files, not import hooks: a package of links shows it what an installed `sealegs` looks like.
+$(LINKS): $(INSTALLED) FORCE
+	@mkdir -p $@
+	@for part in envs actuators agents gap hw configs; do ln -sfn $(CURDIR)/$$part $@/$$part; done
+	@for file in $(CURDIR)/library/*; do ln -sfn $$file $@/; done
+FORCE:

@@ -1,69 +1,11 @@
-"""Characterise a servo on a brake bench: torque as a linear map of duty and speed.
+"""Fit a servo's torque from a brake bench: ``sealegs characterize`` from a checkout."""
 
-    python characterize.py actuator=sts3215         the printed protocol on a virtual bench
-    python characterize.py table=measured.csv       the measurements of a real bench
-    python train.py actuator=runs/<folder>/chain.yaml
-
-Follows "Practical Approach to Characterize Realistic Motor Dynamics" (III-B and C): PWM -0.9 to 0.9 by 0.05, load 0 to
-1.2 N.m by 0.05, 40, 55 and 70 degC, three times each in random order; stalls are invalid, measurements beyond two
-standard deviations of the line of their PWM are dropped. Writes table.csv, fit.json, chain.yaml and fit.png.
-"""
-
-from __future__ import annotations
-
-import datetime
 import sys
-from pathlib import Path
-from typing import Any
 
-from configs.script import run
-
-
-def main(arguments: list[str]) -> None:
-    """Measure or read, fit, write."""
-    from actuators.brake_bench import Noise, Protocol, measure  # here, so that --help does not wait
-    from actuators.brake_report import chain_from, report
-    from actuators.chain import load_chain
-    from actuators.regression_fit import fit_regression, read_table
-    from configs.check import checked
-    from configs.compose import compose, split
-
-    config = compose("characterize", split(arguments, plain=("actuator", "table", "out")))
-    table_path = config["table"]
-    if table_path is not None:
-        chain, label = None, Path(str(table_path)).stem
-        table = read_table(Path(str(table_path)))
-    else:
-        chain = load_chain(config["actuator"])
-        label = chain.label
-        numbers = {key: _number(f"noise.{key}", value) for key, value in config["noise"].items()}
-        repeats = checked("repeats", config["repeats"], int)
-        if repeats < 1:
-            _refuse(f"repeats is {repeats}; each point must be measured at least once.")
-        seed = checked("seed", config["seed"], int)
-        if seed < 0:
-            _refuse(f"seed is {seed}; it must not be negative.")
-        table = measure(chain, Protocol(repeats=repeats), Noise(**numbers), seed)
-    fit = fit_regression(table)
-    new = chain_from(fit, table, chain, _number("gain", config["gain"]), _number("armature", config["armature"]))
-    now = datetime.datetime.now().strftime("%Y%m%d-%H%M%S")
-    report(Path(str(config["out"] or f"runs/characterize-{label}-{now}")), table, fit, new, label)
-
-
-def _number(key: str, value: Any) -> float:
-    from configs.check import checked
-
-    number = checked(key, value, float)
-    if number < 0.0:
-        _refuse(f"{key} is {number:g}; it must not be negative.")
-    return number
-
-
-def _refuse(sentence: str) -> None:
-    from actuators.errors import SealegsError
-
-    raise SealegsError(sentence)
-
+try:
+    from sealegs.cli import main
+except ModuleNotFoundError as missing:
+    sys.exit(f"This Python has no {missing.name}: run `make setup` once, then .venv/bin/python characterize.py.")
 
 if __name__ == "__main__":
-    sys.exit(run(main, "characterize", __doc__ or "", sys.argv[1:]))
+    sys.exit(main(["characterize", *sys.argv[1:]]))

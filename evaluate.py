@@ -1,62 +1,11 @@
-"""Compare: a robot with its published figures, or a policy in its models and on the machine.
+"""Compare a policy or a robot with models, machine and paper: ``sealegs evaluate`` from a checkout."""
 
-    python evaluate.py paper=hopper                 hopping with and without actuator, beside the paper's figures
-    python evaluate.py paper=hexapod                also biped: what their papers print, repeated
-    python evaluate.py paper=hopper out=comparison  the same, into that folder
-
-    python evaluate.py policy=runs/first/final robot=hopper extended=diagnosis/extended.yaml hw=virtual
-                                                    one policy in the nominal model, the extended one and on the machine
-
-The first writes the numbers (JSON), the motor positions over time (PNG), and positions and speeds over the hopping
-period (PNG); the second a table, comparison.json, comparison.html (one page to send) and the machine's log.
-"""
-
-from __future__ import annotations
-
-import datetime
-import importlib
 import sys
-from pathlib import Path
-from typing import Any
 
-from configs.script import run
-
-PAPERS = {"hopper": "envs.hopper.report", "biped": "envs.biped.report", "hexapod": "envs.hexapod.report"}
-"""Modules with a function ``compare(folder, seconds)``, by the word that the command line takes."""
-
-PLAIN = ("paper", "out", "policy", "nominal", "extended", "port", "calibration", "hw.virtual.hidden")
-
-
-def main(arguments: list[str]) -> None:
-    """Make the comparison that the command line names."""
-    from actuators.errors import SealegsError, nearest
-    from configs.check import checked
-    from configs.compose import compose, split
-
-    config = compose("evaluate", split(arguments, plain=PLAIN))
-    if config["policy"] is not None:
-        compare_policy(config)
-        return
-    paper = config["paper"]
-    if paper is None:
-        raise SealegsError(f"say what to compare: paper={'|'.join(PAPERS)}, or policy=<file>; --help lists the keys.")
-    if paper not in PAPERS:
-        raise SealegsError(f"there is no paper '{paper}'{nearest(str(paper), PAPERS)}; there are {', '.join(PAPERS)}.")
-    seconds = checked("seconds", config["seconds"], float)
-    now = datetime.datetime.now().strftime("%Y%m%d-%H%M%S")
-    out = Path(str(config["out"] or f"runs/paper-{paper}-{now}"))
-    importlib.import_module(PAPERS[paper]).compare(out, seconds)  # only now, so that --help does not wait
-
-
-def compare_policy(config: dict[str, Any]) -> None:
-    """Compare a policy in its models and on the machine."""
-    from gap.diagnosis_files import fresh_folder
-    from hw.comparison import compare, write_comparison
-
-    now = datetime.datetime.now().strftime("%Y%m%d-%H%M%S")
-    out = fresh_folder(Path(str(config["out"] or f"runs/comparison-{now}")))
-    write_comparison(compare(config, out), out)
-
+try:
+    from sealegs.cli import main
+except ModuleNotFoundError as missing:
+    sys.exit(f"This Python has no {missing.name}: run `make setup` once, then .venv/bin/python evaluate.py.")
 
 if __name__ == "__main__":
-    sys.exit(run(main, "evaluate", __doc__ or "", sys.argv[1:]))
+    sys.exit(main(["evaluate", *sys.argv[1:]]))

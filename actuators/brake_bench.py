@@ -13,13 +13,13 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from actuators.chain import Chain
-from actuators.compiled import compiled
-from actuators.errors import SealegsError
-from actuators.law import begin, torque
-from actuators.layout import P_STATE_SIZE, P_VISCOUS, S_LIMIT
-from actuators.stages import Quantity
-from actuators.stages.controller import PositionP
+from .chain import Chain
+from .compiled import compiled
+from .errors import SealegsError
+from .law import begin, torque
+from .layout import P_STATE_SIZE, P_VISCOUS, S_LIMIT
+from .stages import Quantity
+from .stages.controller import PositionP
 
 COPPER = 0.00393  # [1/K] growth of a copper winding's resistance, from its data sheet value at:
 REFERENCE_TEMPERATURE = 25.0  # [degC]

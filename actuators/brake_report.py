@@ -7,14 +7,14 @@ from pathlib import Path
 
 import numpy as np
 
-from actuators.brake_bench import BenchTable
-from actuators.chain import Chain
-from actuators.errors import SealegsError
-from actuators.regression_fit import EQUATION_3, RPM, RegressionFit, usable, write_table
-from actuators.stages import Quantity
-from actuators.stages.controller import PositionP
-from actuators.stages.motor import Regression
-from actuators.stages.power import DutyLimit
+from .brake_bench import BenchTable
+from .chain import Chain
+from .errors import SealegsError
+from .regression_fit import EQUATION_3, RPM, RegressionFit, usable, write_table
+from .stages import Quantity
+from .stages.controller import PositionP
+from .stages.motor import Regression
+from .stages.power import DutyLimit
 
 BEHIND = ("spring", "compliance", "backlash", "encoder")
 

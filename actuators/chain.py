@@ -11,8 +11,8 @@ from typing import Any
 import numpy as np
 import yaml
 
-from actuators.errors import nearest
-from actuators.layout import (
+from .errors import nearest
+from .layout import (
     MAGIC,
     P_COEFFICIENT,
     P_FRICTION_KIND,
@@ -29,9 +29,9 @@ from actuators.layout import (
     P_VISCOUS,
     S_HEADER,
 )
-from actuators.stages import ChainError, Quantity, Stage, build_stage
-from actuators.stages.net import Net
-from actuators.stages.transmission import Friction
+from .stages import ChainError, Quantity, Stage, build_stage
+from .stages.net import Net
+from .stages.transmission import Friction
 
 CHECKOUT = Path(__file__).resolve().parent.parent
 LIBRARY = CHECKOUT / "configs" / "actuator"

@@ -20,7 +20,7 @@ REPLAYS = ("joint_model.py", "simulator.py", "driven_simulator.py")  # of the pa
 
 def _sources_digest() -> str:
     digest = hashlib.sha256(numba.__version__.encode())
-    for path in [*sorted(PACKAGE.rglob("*.py")), *(PACKAGE.parent / "gap" / name for name in REPLAYS)]:
+    for path in [*sorted(PACKAGE.rglob("*.py")), *(PACKAGE.parent / "gap" / "replay" / name for name in REPLAYS)]:
         digest.update(path.name.encode() + path.read_bytes())
     return digest.hexdigest()[:12]
 

@@ -1,4 +1,4 @@
-"""Writes docs/actuators.md from the stages themselves: ``python -m actuators.documentation``; a test compares."""
+"""Writes docs/actuators.md from the stages themselves: ``python -m sealegs.actuators.documentation``."""
 
 from __future__ import annotations
 
@@ -7,8 +7,8 @@ import inspect
 from pathlib import Path
 from types import ModuleType
 
-from actuators.chain import CHECKOUT, LIBRARY, ORDER, load_chain, load_chain_set, names, set_names
-from actuators.stages import STAGES, Stage, command, controller, motor, net, power, sensor, transmission
+from .chain import CHECKOUT, LIBRARY, ORDER, load_chain, load_chain_set, names, set_names
+from .stages import STAGES, Stage, command, controller, motor, net, power, sensor, transmission
 
 PAGE = CHECKOUT / "docs" / "actuators.md"
 SECTIONS: tuple[tuple[str, ModuleType], ...] = (
@@ -22,7 +22,7 @@ SECTIONS: tuple[tuple[str, ModuleType], ...] = (
 )
 HEAD = """# Actuation chains
 
-Written by `python -m actuators.documentation` from `actuators/stages/`; do not edit.
+Written by `python -m sealegs.actuators.documentation` from `actuators/stages/`; do not edit.
 
 A chain is a YAML list of stages, in the order in which a command passes through them:
 

@@ -9,10 +9,10 @@ from typing import Any
 import mujoco
 import numpy as np
 
-from actuators.chain import Chain, ChainError, load_chain
-from actuators.engine import install
-from actuators.errors import SealegsError, nearest
-from actuators.layout import (
+from .chain import Chain, ChainError, load_chain
+from .engine import install
+from .errors import SealegsError, nearest
+from .layout import (
     P_COEFFICIENT,
     P_DOF,
     P_FRICTION_ID,
@@ -29,9 +29,9 @@ from actuators.layout import (
     P_TERMS,
     P_TICKS,
 )
-from actuators.mounting import DrivenCoordinate, Mounted, mount
-from actuators.stability import check_step
-from actuators.stages.sensor import late_positions
+from .mounting import DrivenCoordinate, Mounted, mount
+from .stability import check_step
+from .stages.sensor import late_positions
 
 
 class Drivetrain:
@@ -216,7 +216,7 @@ class Drivetrain:
             qpos[..., self._qpos_address(joint)] = (value - rest) / coefficient
 
     def state(self, name: str, userdata: np.ndarray, slot: int) -> np.ndarray:
-        """One slot (``actuators.layout.S_*``) of a coordinate's law, from ``userdata`` (..., nuserdata)."""
+        """One slot (``sealegs.actuators.layout.S_*``) of a coordinate's law, from ``userdata`` (..., nuserdata)."""
         return userdata[..., self.state_addresses[name] + slot]
 
     def reading(

@@ -21,11 +21,11 @@ from llvmlite import ir
 from numba import carray, types  # pyright: ignore[reportPrivateImportUsage]
 from numba.extending import intrinsic
 
-from actuators.compiled import compiled
-from actuators.errors import SealegsError
-from actuators.law import FIRST, LATER, RESTART, advance, begin, torque
-from actuators.law import runge_kutta_stage as stage_of
-from actuators.layout import (
+from .compiled import compiled
+from .errors import SealegsError
+from .law import FIRST, LATER, RESTART, advance, begin, torque
+from .law import runge_kutta_stage as stage_of
+from .layout import (
     MAGIC,
     P_COEFFICIENT,
     P_DOF,
@@ -51,7 +51,7 @@ from actuators.layout import (
     S_STEP,
     S_TORQUE,
 )
-from actuators.structs import check_layout, offset
+from .structs import check_layout, offset
 
 SIGNATURE = types.float64(types.intp, types.intp, types.intc)
 

@@ -1,13 +1,13 @@
 """The law of a chain: its stages' laws in order, as one compiled scalar function.
 
 It is the same function for the engine (:mod:`actuators.engine`), for replays without an engine (``gap/``) and for
-tests. A chain is data to it (see :mod:`actuators.layout`), so no chain has to be compiled for itself.
+tests. A chain is data to it (see :mod:`sealegs.actuators.layout`), so no chain has to be compiled for itself.
 """
 
 from __future__ import annotations
 
-from actuators.compiled import compiled
-from actuators.layout import (
+from .compiled import compiled
+from .layout import (
     P_HEADER,
     P_LATENCY,
     P_LOAD_FACTOR,
@@ -27,13 +27,13 @@ from actuators.layout import (
     S_TORQUE,
     S_VOLTAGE,
 )
-from actuators.stages.command import dead_banded, delayed, rate_limited, record_delay, start_delay
-from actuators.stages.controller import advance_integral, ideal_torque, position_duty, sampled_duty
-from actuators.stages.motor import advance_current, motor_torque, regression_torque
-from actuators.stages.net import sample_net, start_net
-from actuators.stages.power import at_least, current_limited_voltage, stepped, supplied_voltage
-from actuators.stages.sensor import encoder_reading, late_position, record_latency, start_latency
-from actuators.stages.transmission import (
+from .stages.command import dead_banded, delayed, rate_limited, record_delay, start_delay
+from .stages.controller import advance_integral, ideal_torque, position_duty, sampled_duty
+from .stages.motor import advance_current, motor_torque, regression_torque
+from .stages.net import sample_net, start_net
+from .stages.power import at_least, current_limited_voltage, stepped, supplied_voltage
+from .stages.sensor import encoder_reading, late_position, record_latency, start_latency
+from .stages.transmission import (
     advance_bristle,
     bristle_torque,
     friction_limit,

@@ -9,9 +9,9 @@ from typing import Any
 import mujoco
 import numpy as np
 
-from actuators.chain import Chain
-from actuators.errors import SealegsError, nearest
-from actuators.stages import ChainError
+from .chain import Chain
+from .errors import SealegsError, nearest
+from .stages import ChainError
 
 # Chosen by measurement: docs/numerics.md, reproduced by `python -m benchmarks.numerics`.
 # Dry friction must creep no faster than an encoder can see; the default lets a held pendulum sink visibly.

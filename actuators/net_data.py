@@ -8,11 +8,11 @@ from __future__ import annotations
 import mujoco
 import numpy as np
 
-from actuators.chain import Chain
-from actuators.drivetrain import Drivetrain
-from actuators.errors import SealegsError
-from actuators.layout import S_TORQUE
-from actuators.net_training import TrainingRun
+from .chain import Chain
+from .drivetrain import Drivetrain
+from .errors import SealegsError
+from .layout import S_TORQUE
+from .net_training import TrainingRun
 
 STEP = 0.001  # [s]
 LOADS = ((0.05, 0.05), (0.3, 0.08), (0.5, 0.12), (1.0, 0.15))  # mass [kg] and length [m] (assumed)

@@ -10,10 +10,10 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
-from actuators.errors import SealegsError
+from .errors import SealegsError
 
 if TYPE_CHECKING:
-    from actuators.net_training import Prepared
+    from .net_training import Prepared
 
 Array = NDArray[np.float64]
 

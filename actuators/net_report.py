@@ -7,12 +7,12 @@ from pathlib import Path
 
 import numpy as np
 
-from actuators.chain import Chain
-from actuators.errors import SealegsError
-from actuators.net_file import predict, write_net
-from actuators.net_training import TrainedNet
-from actuators.stages import Stage
-from actuators.stages.net import Net
+from .chain import Chain
+from .errors import SealegsError
+from .net_file import predict, write_net
+from .net_training import TrainedNet
+from .stages import Stage
+from .stages.net import Net
 
 SHOWN = 10.0  # [s] of an unseen run in the picture
 

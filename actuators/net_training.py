@@ -18,9 +18,9 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from actuators.errors import SealegsError
-from actuators.net_file import build, flat_weights, predict, require_torch
-from actuators.stages.net import FORMAT
+from .errors import SealegsError
+from .net_file import build, flat_weights, predict, require_torch
+from .stages.net import FORMAT
 
 Array = NDArray[np.float64]
 MARGIN = 0.05  # share of the training range that inputs may exceed it by without a flag (assumed)

@@ -9,8 +9,8 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from actuators.brake_bench import BenchTable
-from actuators.errors import SealegsError, nearest
+from .brake_bench import BenchTable
+from .errors import SealegsError, nearest
 
 RPM = np.pi / 30.0  # [rad/s]
 COLUMNS = ("duty", "speed", "torque", "temperature", "valid")

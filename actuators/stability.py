@@ -12,8 +12,8 @@ import math
 
 import mujoco
 
-from actuators.chain import Chain
-from actuators.stages import ChainError
+from .chain import Chain
+from .stages import ChainError
 
 # of h d / J and h sqrt(k / J); the bounds of stability are 2 and 2, and 2.79 and 2.83, less what a wild motion needs
 ONE_STAGE = (1.5, 1.9)

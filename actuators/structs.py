@@ -14,7 +14,7 @@ from typing import Any
 import mujoco
 from mujoco.introspect import ast_nodes, structs
 
-from actuators.errors import SealegsError
+from .errors import SealegsError
 
 _SCALARS = {
     "int": ctypes.c_int,

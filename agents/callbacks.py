@@ -14,7 +14,7 @@ from stable_baselines3.common.base_class import BaseAlgorithm
 from stable_baselines3.common.callbacks import BaseCallback, EvalCallback
 from stable_baselines3.common.vec_env import VecEnv
 
-from agents.stop import StopSignals
+from .stop import StopSignals
 
 
 class StopOnSignal(BaseCallback):

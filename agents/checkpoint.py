@@ -15,10 +15,10 @@ from stable_baselines3.common.base_class import BaseAlgorithm
 from stable_baselines3.common.off_policy_algorithm import OffPolicyAlgorithm
 from stable_baselines3.common.vec_env import VecEnv, VecNormalize
 
-from actuators.errors import SealegsError
-from agents.algorithms import algorithm
-from agents.policy_files import save_policy
-from agents.run_folder import RunFolder
+from ..actuators.errors import SealegsError
+from .algorithms import algorithm
+from .policy_files import save_policy
+from .run_folder import RunFolder
 
 _BUFFERS_KEPT = 2  # a buffer is large, and the older ones are needed only where the newest checkpoint is damaged
 _BUFFER, _STATE = "replay_buffer.pkl", "state.json"

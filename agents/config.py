@@ -9,9 +9,9 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, get_type_hints
 
-from actuators.errors import SealegsError
-from configs.check import checked, checked_seed
-from configs.compose import compose, override, split
+from ..actuators.errors import SealegsError
+from ..configs.check import checked, checked_seed
+from ..configs.compose import compose, override, split
 
 # A resumed run stays the same experiment: only its length and its bookkeeping may change.
 _RESUMABLE = ("total_timesteps", "threads", "evaluate", "checkpoint", "video")
@@ -122,8 +122,8 @@ def train_config(plain: Mapping[str, Any]) -> TrainConfig:
     Raises:
         SealegsError: a value of the wrong type or size.
     """
-    from agents.algorithms import checked_agent
-    from agents.make_env import checked_env
+    from .algorithms import checked_agent
+    from .make_env import checked_env
 
     values = _typed(TrainConfig, plain, "")
     config = TrainConfig(**values)
@@ -145,8 +145,8 @@ def _typed(kind: Any, plain: Mapping[str, Any], prefix: str) -> dict[str, Any]:
 
 
 def _extra_keys(base: Mapping[str, Any]) -> list[str]:
-    from agents.algorithms import agent_keys
-    from agents.make_env import env_keys
+    from .algorithms import agent_keys
+    from .make_env import env_keys
 
     agent = [f"agent.{key}" for key in agent_keys(base["agent"])]
     return agent + [f"env.{key}" for key in env_keys(base["env"])]

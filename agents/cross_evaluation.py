@@ -9,8 +9,8 @@ import numpy as np
 from stable_baselines3.common.evaluation import evaluate_policy
 from stable_baselines3.common.vec_env import VecEnv, VecNormalize
 
-from agents.algorithms import algorithm
-from agents.make_env import Actuator, make_vec_env
+from .algorithms import algorithm
+from .make_env import Actuator, make_vec_env
 
 
 def mean_reward(policy: Path, actuator: Actuator, episodes: int = 16, seed: int = 0) -> float:

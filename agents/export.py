@@ -1,7 +1,7 @@
 """A policy as one ONNX file that needs neither torch nor Stable-Baselines3 to run.
 
-    python -m agents.export runs/first/final            writes runs/first/final/policy.onnx
-    python -m agents.export runs/first/best leg.onnx
+    python -m sealegs.agents.export runs/first/final            writes runs/first/final/policy.onnx
+    python -m sealegs.agents.export runs/first/best leg.onnx
 
 The graph is the normaliser, the network and the scaling of actions to goals; its metadata holds the contract with the
 robot (:mod:`envs.contract`). It is written node by node: a network of dense layers is a dozen of them, and a file
@@ -27,10 +27,10 @@ from stable_baselines3.common.policies import ActorCriticPolicy
 from stable_baselines3.common.torch_layers import FlattenExtractor
 from stable_baselines3.sac.policies import SACPolicy
 
-from actuators.errors import SealegsError
-from agents.algorithms import algorithm
-from configs.script import run
-from envs.contract import KEY, Contract, ContractError, make_contract
+from ..actuators.errors import SealegsError
+from ..configs.script import run
+from ..envs.contract import KEY, Contract, ContractError, make_contract
+from .algorithms import algorithm
 
 FILE = "policy.onnx"
 OPSET, IR_VERSION = 17, 8  # read by every onnxruntime since 1.12

@@ -9,11 +9,11 @@ import gymnasium
 import numpy as np
 from gymnasium.envs.registration import load_env_creator
 
-import envs
-from actuators.errors import SealegsError, nearest
-from configs.check import arguments, checked
-from envs.randomization import read_randomization
-from envs.sb3 import BatchVecEnv
+from ..actuators.errors import SealegsError, nearest
+from ..configs.check import arguments, checked
+from ..envs import register_environments
+from ..envs.randomization import read_randomization
+from ..envs.sb3 import BatchVecEnv
 
 Actuator = str | list[Any] | dict[str, Any] | None
 """Chain of all coordinates (name, path or stages), or chains by coordinate; None: the robot's own."""
@@ -67,7 +67,7 @@ def _keywords(env: Mapping[str, Any]) -> dict[str, Any]:
 
 
 def _env_arguments(env: Mapping[str, Any]) -> dict[str, Any]:
-    envs.register_environments()
+    register_environments()
     if env["id"] not in gymnasium.registry:
         known = [name for name in gymnasium.registry if name.startswith("SeaLegs/")]
         hint = nearest(str(env["id"]), known)

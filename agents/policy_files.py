@@ -13,8 +13,8 @@ import numpy as np
 from stable_baselines3.common.base_class import BaseAlgorithm
 from stable_baselines3.common.vec_env import VecNormalize
 
-from actuators.errors import SealegsError
-from agents.algorithms import algorithm
+from ..actuators.errors import SealegsError
+from .algorithms import algorithm
 
 
 def save_policy(folder: Path, model: BaseAlgorithm, description: dict[str, Any]) -> None:

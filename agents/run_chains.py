@@ -8,8 +8,8 @@ from typing import Any
 
 import yaml
 
-from agents.run_folder import RunFolder
-from envs.sb3 import BatchVecEnv
+from ..envs.sb3 import BatchVecEnv
+from .run_folder import RunFolder
 
 _FILE = "actuators.yaml"
 

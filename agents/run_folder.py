@@ -28,7 +28,7 @@ from typing import Any
 
 import yaml
 
-from actuators.errors import SealegsError
+from ..actuators.errors import SealegsError
 
 try:
     import fcntl

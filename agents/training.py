@@ -18,22 +18,22 @@ import yaml
 from stable_baselines3.common.base_class import BaseAlgorithm
 from stable_baselines3.common.callbacks import CallbackList
 
-from actuators.errors import SealegsError
-from agents.algorithms import build, normalized
-from agents.callbacks import Checkpoints, EpisodeTerms, Evaluation, ProgressReport, StopOnSignal
-from agents.checkpoint import checkpoints, load_newest, save_checkpoint, save_evaluations
-from agents.config import Request, TrainConfig, with_overrides
-from agents.export import FILE, ExportError, write_onnx
-from agents.make_env import Actuator, make_single_env, make_vec_env, stream_seed
-from agents.policy_files import policy_of, policy_reward, policy_step, save_policy
-from agents.run_chains import chains, read_chains, write_chains
-from agents.run_folder import RunFolder
-from agents.stop import StopSignals
-from agents.tensorboard import tensorboard_logger
-from agents.video import record_video
-from configs.script import Interrupted
-from envs.sb3 import BatchVecEnv
-from envs.task import ModulatedTask
+from ..actuators.errors import SealegsError
+from ..configs.script import Interrupted
+from ..envs.sb3 import BatchVecEnv
+from ..envs.task import ModulatedTask
+from .algorithms import build, normalized
+from .callbacks import Checkpoints, EpisodeTerms, Evaluation, ProgressReport, StopOnSignal
+from .checkpoint import checkpoints, load_newest, save_checkpoint, save_evaluations
+from .config import Request, TrainConfig, with_overrides
+from .export import FILE, ExportError, write_onnx
+from .make_env import Actuator, make_single_env, make_vec_env, stream_seed
+from .policy_files import policy_of, policy_reward, policy_step, save_policy
+from .run_chains import chains, read_chains, write_chains
+from .run_folder import RunFolder
+from .stop import StopSignals
+from .tensorboard import tensorboard_logger
+from .video import record_video
 
 # Each use of randomness has a stream of its own: switching evaluation or film off leaves the training as it is.
 _TRAINING, _EVALUATION, _FILM = 0, 1, 2

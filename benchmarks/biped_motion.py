@@ -9,13 +9,13 @@ from typing import Any
 
 import imageio.v2 as imageio
 import numpy as np
+from sealegs.agents.make_env import make_single_env
+from sealegs.agents.policy_files import load_policy
+from sealegs.envs.batch import BatchEngine
+from sealegs.envs.biped.task import TOUCH, BipedTask, soles
+from sealegs.envs.contract import task_of
 
-from agents.make_env import make_single_env
-from agents.policy_files import load_policy
 from benchmarks.learning import asked
-from envs.batch import BatchEngine
-from envs.biped.task import TOUCH, BipedTask, soles
-from envs.contract import task_of
 
 Act = Callable[[np.ndarray], np.ndarray]
 STARTS, SECONDS = 16, 60.0  # attempts, and how long each is to last [s]

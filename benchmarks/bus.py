@@ -31,22 +31,22 @@ from typing import Any
 import mujoco
 import numpy as np
 import scservo_sdk as sdk
+from sealegs.actuators import DrivenCoordinate
+from sealegs.envs.robot import Robot
+from sealegs.hw.bus import ServoBus
+from sealegs.hw.packets import ReplyError
+from sealegs.hw.registers import load_model
+from sealegs.hw.virtual.machine import Machine
+from sealegs.hw.virtual.protocol import SYNC_READ, status_packet
+from sealegs.hw.virtual.rig import Rig, mounts
+from sealegs.hw.virtual.server import Server
+from sealegs.hw.virtual.wire import Wire
 
-from actuators import DrivenCoordinate
 from benchmarks.speed import RESULTS
-from envs.robot import Robot
-from hw.bus import ServoBus
-from hw.packets import ReplyError
-from hw.registers import load_model
-from hw.virtual.machine import Machine
-from hw.virtual.protocol import SYNC_READ, status_packet
-from hw.virtual.rig import Rig, mounts
-from hw.virtual.server import Server
-from hw.virtual.wire import Wire
 
 COUNTS = (1, 3, 6, 12)
 BAR = 0.9
-QUIET, LONGEST = 0.004, 0.05  # [s] without a byte, after a failure; as in hw.port
+QUIET, LONGEST = 0.004, 0.05  # [s] without a byte, after a failure; as in sealegs.hw.port
 FAIR = 0.3  # share of what the bytes allow that bare SDK calls must reach for a ratio to mean something
 BAUDRATE = 1_000_000
 GOAL, GOAL_BYTES, BLOCK, BLOCK_BYTES = 42, 2, 56, 15

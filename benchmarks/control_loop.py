@@ -28,25 +28,25 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+from sealegs.actuators.errors import SealegsError
+from sealegs.gap.log import read_measured
+from sealegs.hw.bus import ServoBus
+from sealegs.hw.commands import Trajectory
+from sealegs.hw.deployment import SIGNALS
+from sealegs.hw.loop import ControlLoop, Outcome, Stop
+from sealegs.hw.measured_log import MeasuredLog, make_sidecar, read_events
+from sealegs.hw.registers import load_model
+from sealegs.hw.robot import ServoRobot, nominal_joints
+from sealegs.hw.safety import Limits, Safety
+from sealegs.hw.supervisor import Charge, Supervisor
+from sealegs.hw.virtual.control import Control
+from sealegs.hw.virtual.machine import Machine
+from sealegs.hw.virtual.rig import Rig, mounts
+from sealegs.hw.virtual.server import Server
+from sealegs.hw.virtual.wire import Wire
 
-from actuators.errors import SealegsError
 from benchmarks.bus import end_with_parent, servo_row
 from benchmarks.speed import RESULTS
-from gap.log import read_measured
-from hw.bus import ServoBus
-from hw.commands import Trajectory
-from hw.deployment import SIGNALS
-from hw.loop import ControlLoop, Outcome, Stop
-from hw.measured_log import MeasuredLog, make_sidecar, read_events
-from hw.registers import load_model
-from hw.robot import ServoRobot, nominal_joints
-from hw.safety import Limits, Safety
-from hw.supervisor import Charge, Supervisor
-from hw.virtual.control import Control
-from hw.virtual.machine import Machine
-from hw.virtual.rig import Rig, mounts
-from hw.virtual.server import Server
-from hw.virtual.wire import Wire
 
 SERVOS, RATE, PARTS = 6, 100.0, 10
 SILENCE = 2.0  # [s] of the loop until the supervisor kills it; longer than in deploy.py, so that a stall is counted

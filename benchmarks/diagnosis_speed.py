@@ -2,7 +2,7 @@
 
     python -m benchmarks.diagnosis_speed              writes benchmarks/results/diagnosis_speed.{json,md,png}
 
-The bench is a hidden one (:mod:`tests.plant`, seed below 900) with friction that grows with load. Every length is
+The bench is a hidden one (:mod:`testbed`, seed below 900) with friction that grows with load. Every length is
 diagnosed in this process after a short one that compiles. Time on the clock depends on what else the machine does;
 processor time of all threads is given beside it, and half of that is what two idle cores need at least.
 """
@@ -30,10 +30,11 @@ EFFECT = {"friction.load_dependent": "clear"}
 
 def measure(factor: float) -> dict[str, Any]:
     """Diagnose runs ``factor`` times 24 s long."""
-    from gap.diagnosis import diagnose
-    from gap.search import Searcher
-    from tests.plant import hidden_bench
-    from tests.plant.excitation import DEFAULT_SCHEDULES
+    from sealegs.gap.search.forward import Searcher
+    from sealegs.gap.verdict.diagnosis import diagnose
+
+    from testbed import hidden_bench
+    from testbed.excitation import DEFAULT_SCHEDULES
 
     repeats = max(int(np.ceil(factor)), 1)
     schedules = tuple(schedule * repeats for schedule in DEFAULT_SCHEDULES)
@@ -81,7 +82,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
 
 def report(results: Sequence[dict[str, Any]], out: Path) -> None:
     """Write numbers, table and picture."""
-    from gap.pictures.style import EXTENDED, NOMINAL, figure, styled
+    from sealegs.gap.output.pictures.style import EXTENDED, NOMINAL, figure, styled
 
     load = os.getloadavg()[0]
     samples = np.array([row["samples"] for row in results], float)

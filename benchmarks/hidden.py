@@ -24,7 +24,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 if TYPE_CHECKING:
-    from gap.search import Search
+    from sealegs.gap.search.forward import Search
 
 RESULTS = Path(__file__).parent / "results"
 REPORTED_SEED = 1020
@@ -63,7 +63,7 @@ class Case:
 
     def values(self) -> dict[str, dict[str, float] | str | float]:
         """Magnitude of each effect, or the value that is drawn for it."""
-        from tests.plant import drawn
+        from testbed import drawn
 
         rng = np.random.default_rng([self.seed, 1])
         return {name: drawn(name, size, rng) if self.drawn else size for name, size in self.effects}
@@ -81,7 +81,7 @@ def cases(
         first: seed of the first case.
         drawn: with effects of random size and sign.
     """
-    from tests.plant import MAGNITUDES
+    from testbed import MAGNITUDES
 
     plain = [name for name in names if name not in ("null", "pairs")]
     found = [
@@ -104,15 +104,16 @@ def cases(
 
 def all_names() -> list[str]:
     """Effects and strangers of the hidden bench, in its order."""
-    from tests.plant import EFFECTS, STRANGERS
+    from testbed import EFFECTS, STRANGERS
 
     return [*EFFECTS, *STRANGERS]
 
 
 def run(case: Case) -> dict[str, Any]:
     """Record and diagnose one case."""
-    from gap.diagnosis import diagnose
-    from tests.plant import drawn_constants, hidden_bench
+    from sealegs.gap.verdict.diagnosis import diagnose
+
+    from testbed import drawn_constants, hidden_bench
 
     constants = drawn_constants(np.random.default_rng([case.seed, 2])) if case.drawn else {}
     data, truth = hidden_bench(case.values(), case.seed, LOADS, constants=constants)
@@ -154,9 +155,9 @@ def run(case: Case) -> dict[str, Any]:
 
 def revision() -> str:
     """The last commit to what is judged and what judges it, with a ``+`` where files differ; ``?`` without git."""
-    from agents.run_folder import git_revision
+    from sealegs.agents.run_folder import git_revision
 
-    found = git_revision("gap", "actuators", "tests/plant")
+    found = git_revision("gap", "actuators", "testbed")
     return "?" if found["revision"] is None else found["revision"][:7] + "+" * found["changed"]
 
 

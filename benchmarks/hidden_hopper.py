@@ -17,7 +17,7 @@ from pathlib import Path
 from typing import Any
 
 from benchmarks.hidden import REPORTED_SEED, RESULTS, Case, outcome
-from tests.plant.hopper import HOPPER_EFFECTS, HOPPER_STRANGERS, MAGNITUDES, Servo, hidden_hopper
+from testbed.hopper import HOPPER_EFFECTS, HOPPER_STRANGERS, MAGNITUDES, Servo, hidden_hopper
 
 NULLS = 6
 WORST_FIRST = ("unusable log", "not identifiable", "partly explained", "explained", "nothing to explain")
@@ -46,7 +46,7 @@ def cases(names: Sequence[str], magnitudes: Sequence[str], seeds: int, first: in
 
 def run(case: Case) -> dict[str, Any]:
     """Record and diagnose one case; causes of all joints and of the ground, the one that removes most error first."""
-    from gap.diagnosis import diagnose
+    from sealegs.gap.verdict.diagnosis import diagnose
 
     data, truth = hidden_hopper(dict(case.effects), case.seed)
     began = time.perf_counter()

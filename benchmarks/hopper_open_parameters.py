@@ -13,11 +13,10 @@ from typing import Any
 
 import mujoco
 import numpy as np
-
-from actuators import Chain, load_chain
-from actuators.errors import SealegsError
-from envs.hopper.paper import CHAINS, PRINTED, Legs, measure
-from envs.hopper.parameters import NUMBERS
+from sealegs.actuators import Chain, load_chain
+from sealegs.actuators.errors import SealegsError
+from sealegs.envs.hopper.paper import CHAINS, PRINTED, Legs, measure
+from sealegs.envs.hopper.parameters import NUMBERS
 
 SECONDS = 8.0
 UPPER = (0.088, 0.092, 0.096, 0.100, 0.104, 0.108, 0.112, 0.116)

@@ -25,8 +25,7 @@ import pyarrow as pa
 import yaml
 from pyarrow import csv as arrow_csv
 from pyarrow import parquet
-
-from gap.joint_model import JointModel
+from sealegs.gap.replay.joint_model import JointModel
 
 RESULTS = Path(__file__).parent / "results"
 ROWS = (120_000, 1_000_000, 10_000_000)
@@ -56,8 +55,8 @@ def goals(kind: str, t: np.ndarray, rng: np.random.Generator) -> np.ndarray:
 
 def stretches(rows: int, seed: int = 0) -> Iterator[dict[str, np.ndarray]]:
     """Columns of the log, a stretch of motion at a time."""
-    from actuators import load_chain
-    from gap.simulator import replay
+    from sealegs.actuators import load_chain
+    from sealegs.gap.replay.simulator import replay
 
     joint = JointModel(load_chain(CHAIN)).with_values(HIDDEN)
     program = joint.chain.program()
@@ -104,8 +103,8 @@ def write(path: Path, rows: int) -> None:
 
 def measure(path: Path) -> dict[str, Any]:
     """Read and diagnose a log in this process; peak memory [MiB] before, after reading and at the end, times [s]."""
-    from gap.diagnosis import diagnose
-    from gap.long_log import read_bounded
+    from sealegs.gap.log.long import read_bounded
+    from sealegs.gap.verdict.diagnosis import diagnose
 
     def peak() -> float:
         return resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1024.0
@@ -161,7 +160,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
 
 def report(results: Sequence[dict[str, Any]], out: Path) -> None:
     """Write the table and the picture."""
-    from gap.pictures.style import EXTENDED, figure, styled
+    from sealegs.gap.output.pictures.style import EXTENDED, figure, styled
 
     out.with_suffix(".json").write_text(json.dumps(list(results), indent=1) + "\n")
     lines = [

@@ -11,15 +11,15 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+from sealegs.agents.policy_files import load_policy
+from sealegs.envs.batch import BatchEngine
+from sealegs.envs.contract import task_of
+from sealegs.envs.hexapod.env import CONTROL_RATE
+from sealegs.envs.hexapod.parameters import GRAVITY
+from sealegs.envs.hexapod.robot import total_mass
+from sealegs.envs.hexapod.task import HexapodTask
 
-from agents.policy_files import load_policy
 from benchmarks.learning import Bar, asked
-from envs.batch import BatchEngine
-from envs.contract import task_of
-from envs.hexapod.env import CONTROL_RATE
-from envs.hexapod.parameters import GRAVITY
-from envs.hexapod.robot import total_mass
-from envs.hexapod.task import HexapodTask
 
 TRAINING = ("env=hexapod", "video.seconds=0")
 SPEED = 0.03  # [m/s] of the reference gait

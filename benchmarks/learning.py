@@ -30,11 +30,10 @@ from typing import Any, Protocol, cast
 import numpy as np
 import yaml
 from scipy import stats
-
-from actuators.errors import SealegsError
-from agents.config import TrainConfig, read_config
-from agents.policy_files import policy_step
-from configs.script import Interrupted, run
+from sealegs.actuators.errors import SealegsError
+from sealegs.agents.config import TrainConfig, read_config
+from sealegs.agents.policy_files import policy_step
+from sealegs.configs.script import Interrupted, run
 
 REPOSITORY = Path(__file__).resolve().parents[1]
 RESULTS = Path(__file__).parent / "results"

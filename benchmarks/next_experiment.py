@@ -2,7 +2,7 @@
 
     python -m benchmarks.next_experiment              writes benchmarks/results/next_experiment.{jsonl,md}
 
-A hidden bench (:mod:`tests.plant`) records a poor set: two runs of eight seconds with one load and little motion. It is
+A hidden bench (:mod:`testbed`) records a poor set: two runs of eight seconds with one load and little motion. It is
 diagnosed; what is then proposed is run on the same hidden machine, with the goals and the load that the proposal names;
 old and new logs are diagnosed together. Where the verdict is still open, the next proposal is run as well. Poor
 sets of seed 11 were used for development, those of the page were first run for it. Finished cases are kept, so that it
@@ -20,11 +20,10 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-
-from gap.diagnosis import diagnose
-from gap.experiment import RATE, Experiment
-from gap.log_types import MeasuredSet
-from gap.verdict import JointDiagnosis
+from sealegs.gap.experiment import RATE, Experiment
+from sealegs.gap.log.types import MeasuredSet
+from sealegs.gap.verdict.diagnosis import diagnose
+from sealegs.gap.verdict.verdict import JointDiagnosis
 
 RESULTS = Path(__file__).parent / "results" / "next_experiment"
 EXPERIMENTS = 2
@@ -54,7 +53,7 @@ CASES = (
 
 def record_experiment(data: MeasuredSet, truth: dict[str, Any], experiment: Experiment, seed: int) -> MeasuredSet:
     """The old logs and those of the experiment, run on the same hidden machine."""
-    from tests.plant import run_again
+    from testbed import run_again
 
     def goals(time: np.ndarray) -> np.ndarray:
         at = np.floor((time - time[0]) * RATE + 1e-6).astype(int)
@@ -81,7 +80,7 @@ def summary(found: JointDiagnosis) -> dict[str, Any]:
 
 def run(effect: str, kind: str, size: str, seed: int) -> dict[str, Any]:
     """One case: the poor set, then experiments until the verdict is closed."""
-    from tests.plant import hidden_bench
+    from testbed import hidden_bench
 
     hidden: dict[str, dict[str, float] | str | float] = {effect: size} if effect else {}
     data, truth = hidden_bench(hidden, seed, "medium", runs=2, duration=8.0, schedules=(POOR[kind],))

@@ -15,10 +15,9 @@ from typing import Any
 
 import mujoco
 import numpy as np
+from sealegs.actuators import Drivetrain, mounting
+from sealegs.actuators.chain import names as chains
 
-import actuators.mounting
-from actuators import Drivetrain
-from actuators.chain import names as chains
 from benchmarks.exact_joint import ExactJoint, excitation
 
 HOLD = 0.01  # [s] between commands and samples
@@ -81,7 +80,7 @@ of its goal, with a light link (20 g at 5 cm) and with the heavy pendulum:
 
 @dataclass(frozen=True)
 class Constants:
-    """Solver constants of dry friction rows and of gear teeth; None: those of :mod:`actuators.mounting`."""
+    """Solver constants of dry friction rows and of gear teeth; None: those of :mod:`mounting`."""
 
     friction_solref: tuple[float, ...] | None = None
     friction_solimp: tuple[float, ...] | None = None
@@ -117,13 +116,13 @@ def _constants(chosen: Constants) -> Iterator[None]:
     kept = {}
     for name, value in asdict(chosen).items():
         if value is not None:
-            kept[name.upper()] = getattr(actuators.mounting, name.upper())
-            setattr(actuators.mounting, name.upper(), value)
+            kept[name.upper()] = getattr(mounting, name.upper())
+            setattr(mounting, name.upper(), value)
     try:
         yield
     finally:
         for name, value in kept.items():
-            setattr(actuators.mounting, name, value)
+            setattr(mounting, name, value)
 
 
 def engine(joint: ExactJoint, goal: np.ndarray, step: float, integrator: str, constants: Constants) -> np.ndarray:
@@ -256,10 +255,10 @@ def page(figures: dict[str, Any]) -> str:
         stable=stable,
         stable_head=" | ".join(columns),
         stable_rule="|---" * (len(columns) + 1) + "|",
-        friction_solref=actuators.mounting.FRICTION_SOLREF,
-        friction_solimp=actuators.mounting.FRICTION_SOLIMP,
-        tooth_solref=actuators.mounting.TOOTH_SOLREF,
-        tooth_solimp=actuators.mounting.TOOTH_SOLIMP,
+        friction_solref=mounting.FRICTION_SOLREF,
+        friction_solimp=mounting.FRICTION_SOLIMP,
+        tooth_solref=mounting.TOOTH_SOLREF,
+        tooth_solimp=mounting.TOOTH_SOLIMP,
         largest=1e3 * max(STEPS),
         **{key: figures[key] for key in ("noise_floor", "exact_20us", "compliance", "play_effect")},
         play_ours=figures["play"]["ours"],

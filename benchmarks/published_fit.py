@@ -23,14 +23,14 @@ from typing import Any
 import numba
 import numpy as np
 from scipy.optimize import least_squares
+from sealegs.actuators.errors import SealegsError
+from sealegs.gap.log.importers.source import BENCH_JOINT
+from sealegs.gap.log.parts import state_at
+from sealegs.gap.log.types import MeasuredSet
+from sealegs.gap.search.windows import window_starts
 from threadpoolctl import threadpool_limits
 
-from actuators.errors import SealegsError
 from benchmarks.real_data import recorded
-from gap.converters.source import BENCH_JOINT
-from gap.log_types import MeasuredSet
-from gap.units import state_at
-from gap.windows import window_starts
 
 RESULTS = Path(__file__).resolve().parent / "results"
 TRIALS, PUBLISHED_TRIAL = 10_000, 0.057  # of the published tool: how many, and how long one takes [s] on one core
@@ -93,7 +93,7 @@ def flat(data: MeasuredSet) -> Runs:
 
 
 def in_windows(runs: Runs) -> Runs:
-    """The same samples in windows, each from the measured state, as in :mod:`gap.windows`."""
+    """The same samples in windows, each from the measured state, as in :mod:`sealegs.gap.search.windows`."""
     starts, gains, speeds = [], [], []
     for run, (a, b) in enumerate(zip(runs.starts[:-1], runs.starts[1:], strict=True)):
         time_, position = runs.time[a:b], runs.position[a:b]

@@ -1,6 +1,6 @@
 """Real machines with one part held out: ``python -m benchmarks.real_data``. Writes ``results/real_data.{json,md,png}``.
 
-XL330 pendulum: each gain is held out in turn. No fit and no choice sees it (:func:`gap.units.cut`): causes are chosen
+XL330 pendulum: each gain is held out in turn. No fit and no choice sees it (``log.parts.cut``): causes are chosen
 by fitting one of the two other gains and predicting the other. Beside the result stand the published friction models
 M1 to M6 (Duclusaud et al., ICRA 2025), fitted to the same two gains with CMA-ES.
 """
@@ -17,15 +17,14 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-
-from actuators.errors import SealegsError
-from gap.converters import CONVERTERS
-from gap.diagnosis import diagnose
-from gap.diagnosis_files import to_document
-from gap.log import read_measured
-from gap.log_types import MeasuredSet
-from gap.units import TEST
-from gap.verdict import JointDiagnosis
+from sealegs.actuators.errors import SealegsError
+from sealegs.gap.log import read_measured
+from sealegs.gap.log.importers import CONVERTERS
+from sealegs.gap.log.parts import TEST
+from sealegs.gap.log.types import MeasuredSet
+from sealegs.gap.output.files import to_document
+from sealegs.gap.verdict.diagnosis import diagnose
+from sealegs.gap.verdict.verdict import JointDiagnosis
 
 RESULTS = Path(__file__).resolve().parent / "results"
 DATA = Path(__file__).resolve().parents[2] / "shared" / "data"

@@ -15,13 +15,14 @@ from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
+from sealegs.configs.script import run
+from sealegs.gap.log.long import read_bounded
+from sealegs.gap.log.types import MeasuredSet
+from sealegs.gap.output.files import to_document
+from sealegs.gap.verdict.diagnosis import diagnose
+from sealegs.gap.verdict.verdict import NOT_IDENTIFIABLE, JointDiagnosis
+
 from benchmarks.real_data import RESULTS, cause_lines, recorded
-from configs.script import run
-from gap.diagnosis import diagnose
-from gap.diagnosis_files import to_document
-from gap.log_types import MeasuredSet
-from gap.long_log import read_bounded
-from gap.verdict import NOT_IDENTIFIABLE, JointDiagnosis
 
 ROWS = 12_000  # that are replayed: 240 s
 LATE, FRICTION = ("drive.delay", "sensor.delay"), "friction."

@@ -11,15 +11,14 @@ from typing import Any
 import mujoco
 import numpy as np
 from mujoco.batch import Batch
-
-from actuators import Chain, Drivetrain
-from actuators.law import begin, torque
-from actuators.layout import P_STATE_SIZE
-from envs.bench.robot import BENCH
-from envs.biped.robot import BIPED
-from envs.hexapod.robot import HEXAPOD
-from envs.hopper.robot import HOPPER
-from envs.robot import Robot
+from sealegs.actuators import Chain, Drivetrain
+from sealegs.actuators.law import begin, torque
+from sealegs.actuators.layout import P_STATE_SIZE
+from sealegs.envs.bench.robot import BENCH
+from sealegs.envs.biped.robot import BIPED
+from sealegs.envs.hexapod.robot import HEXAPOD
+from sealegs.envs.hopper.robot import HOPPER
+from sealegs.envs.robot import Robot
 
 ROBOTS = {"bench": BENCH, "hopper": HOPPER, "biped": BIPED, "hexapod": HEXAPOD}
 CHAINS = {"ideal": 0.90, "regression": 0.90, "net": 0.60}  # and the ratio that each must reach
@@ -153,12 +152,12 @@ def physics(
 def training(rollouts: int, repeats: int, report: Callable[[str], None]) -> dict[str, Any]:
     """PPO steps/s on the hopper: the batch engine against :class:`PythonHopper` under 8 ``SubprocVecEnv``."""
     import torch
+    from sealegs.agents.algorithms import build, checked_agent, normalized
+    from sealegs.configs.compose import compose
+    from sealegs.envs.sb3 import BatchVecEnv
     from stable_baselines3.common.vec_env import SubprocVecEnv, VecMonitor
 
-    from agents.algorithms import build, checked_agent, normalized
     from benchmarks.python_hopper import PythonHopper
-    from configs.compose import compose
-    from envs.sb3 import BatchVecEnv
 
     torch.set_num_threads(1)
     config = compose("train", {"env": "hopper", "agent": "ppo"})

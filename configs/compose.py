@@ -18,7 +18,7 @@ from hydra.errors import HydraException
 from omegaconf import DictConfig, OmegaConf
 from omegaconf.errors import OmegaConfBaseException
 
-from actuators.errors import SealegsError, nearest
+from ..actuators.errors import SealegsError, nearest
 
 FOLDER = Path(__file__).resolve().parent
 

@@ -8,8 +8,8 @@ import re
 import sys
 from collections.abc import Callable, Sequence
 
-from actuators.errors import SealegsError
-from configs.compose import FOLDER, choices, groups
+from ..actuators.errors import SealegsError
+from .compose import FOLDER, choices, groups
 
 BAD_INPUT = 2
 INTERRUPTED = 130

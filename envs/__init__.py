@@ -1,6 +1,6 @@
 """What moves: robots, their tasks, and the batch engine that steps them.
 
-Importing this package registers ``SeaLegs/Hopper-v0`` and the other robots' environments with Gymnasium.
+``import sealegs`` registers ``SeaLegs/Hopper-v0`` and the other robots' environments with Gymnasium.
 """
 
 from __future__ import annotations
@@ -9,10 +9,10 @@ import gymnasium as gym
 
 # name: (folder and class, steps of an episode); a robot's task is one entry
 _ENVIRONMENTS = {
-    "SeaLegs/Hopper-v0": ("envs.hopper.env:Hopper", 500),
-    "SeaLegs/Bench-v0": ("envs.bench.env:Bench", 250),
-    "SeaLegs/Hexapod-v0": ("envs.hexapod.env:Hexapod", 30),
-    "SeaLegs/Biped-v0": ("envs.biped.env:Biped", 1000),
+    "SeaLegs/Hopper-v0": ("sealegs.envs.hopper.env:Hopper", 500),
+    "SeaLegs/Bench-v0": ("sealegs.envs.bench.env:Bench", 250),
+    "SeaLegs/Hexapod-v0": ("sealegs.envs.hexapod.env:Hexapod", 30),
+    "SeaLegs/Biped-v0": ("sealegs.envs.biped.env:Biped", 1000),
 }
 
 
@@ -26,6 +26,3 @@ def register_environments() -> None:
                 vector_entry_point=f"{entry}VectorEnv",
                 max_episode_steps=steps,
             )
-
-
-register_environments()

@@ -16,13 +16,13 @@ import mujoco
 import numpy as np
 from mujoco.batch import Batch
 
-from actuators import Drivetrain
-from actuators.engine import install
-from actuators.errors import SealegsError, nearest
-from actuators.layout import S_OUT_OF_RANGE, S_TORQUE
-from envs.randomization import Randomization, Source
-from envs.robot import ChainSource
-from envs.task import ModulatedTask, Motion, Task
+from ..actuators import Drivetrain
+from ..actuators.engine import install
+from ..actuators.errors import SealegsError, nearest
+from ..actuators.layout import S_OUT_OF_RANGE, S_TORQUE
+from .randomization import Randomization, Source
+from .robot import ChainSource
+from .task import ModulatedTask, Motion, Task
 
 
 @dataclass(slots=True)
@@ -85,7 +85,7 @@ class BatchEngine:
             task: what is asked of the robot.
             num_envs: simulations side by side.
             actuator: chain of all coordinates, or chains by coordinate; None: the robot's own.
-            randomization: see :mod:`envs.randomization`.
+            randomization: see :mod:`sealegs.envs.randomization`.
             params: numbers of the robot other than its own.
             control_rate: actions per second [Hz]; the physics step must fit into their distance a whole number of
                 times.

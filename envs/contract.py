@@ -13,12 +13,12 @@ import gymnasium as gym
 import numpy as np
 from gymnasium.envs.registration import load_env_creator
 
-import envs
-from actuators import Chain, load_chain
-from actuators.errors import SealegsError, nearest
-from envs.batch import task_arguments
-from envs.robot import Robot
-from envs.task import ModulatedTask, Task
+from ..actuators import Chain, load_chain
+from ..actuators.errors import SealegsError, nearest
+from . import register_environments
+from .batch import task_arguments
+from .robot import Robot
+from .task import ModulatedTask, Task
 
 VERSION = 1
 KEY = "sealegs.contract"
@@ -102,7 +102,7 @@ def task_of(env: Mapping[str, Any]) -> tuple[Task, dict[str, Any]]:
     Raises:
         SealegsError: there is no such environment, or an argument is wrong.
     """
-    envs.register_environments()
+    register_environments()
     name = str(env["id"])
     if name not in gym.registry:
         known = [key for key in gym.registry if key.startswith("SeaLegs/")]

@@ -17,10 +17,10 @@ import numpy as np
 import yaml
 from mujoco.batch import Batch
 
-from actuators import Chain, Drivetrain
-from actuators.errors import SealegsError, nearest
-from actuators.layout import P_STATE_SIZE
-from envs.scene import FLOOR
+from ..actuators import Chain, Drivetrain
+from ..actuators.errors import SealegsError, nearest
+from ..actuators.layout import P_STATE_SIZE
+from .scene import FLOOR
 
 
 class RandomizationError(SealegsError):

@@ -10,9 +10,9 @@ from typing import Any
 import mujoco
 import numpy as np
 
-from actuators.errors import SealegsError, nearest
-from envs.batch import BatchEngine
-from envs.scene import CAMERA
+from ..actuators.errors import SealegsError, nearest
+from .batch import BatchEngine
+from .scene import CAMERA
 
 FOLLOW = 0.15  # share of the way to the robot that the camera goes in each picture: a hop is seen, a walk is followed
 

@@ -10,8 +10,8 @@ from pathlib import Path
 
 import mujoco
 
-from actuators import Chain, DrivenCoordinate, Drivetrain, load_chain_set
-from actuators.errors import SealegsError, nearest
+from ..actuators import Chain, DrivenCoordinate, Drivetrain, load_chain_set
+from ..actuators.errors import SealegsError, nearest
 
 ChainSource = str | Path | list | Chain
 """What :func:`actuators.load_chain` reads: a name, a path, a list of stages, or a chain."""

@@ -2,12 +2,12 @@
 
 from __future__ import annotations
 
-from actuators.errors import nearest
-from envs.bench.robot import BENCH
-from envs.biped.robot import BIPED
-from envs.hexapod.robot import HEXAPOD
-from envs.hopper.robot import HOPPER
-from envs.robot import Robot, RobotError
+from ..actuators.errors import nearest
+from .bench.robot import BENCH
+from .biped.robot import BIPED
+from .hexapod.robot import HEXAPOD
+from .hopper.robot import HOPPER
+from .robot import Robot, RobotError
 
 ROBOTS: dict[str, Robot] = {robot.name: robot for robot in (BENCH, HOPPER, BIPED, HEXAPOD)}
 

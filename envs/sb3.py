@@ -11,9 +11,9 @@ import numpy as np
 from gymnasium.envs.registration import load_env_creator
 from stable_baselines3.common.vec_env.base_vec_env import VecEnv, VecEnvIndices, VecEnvStepReturn
 
-import envs  # registers the environments
-from actuators.errors import SealegsError, nearest
-from envs.vector import BatchVectorEnv
+from ..actuators.errors import SealegsError, nearest
+from . import register_environments
+from .vector import BatchVectorEnv
 
 __all__ = ["BatchVecEnv"]
 
@@ -132,7 +132,7 @@ class BatchVecEnv(VecEnv):
 
 
 def _build(env_id: str, num_envs: int, env_kwargs: dict[str, Any]) -> BatchVectorEnv:
-    envs.register_environments()
+    register_environments()
     if env_id not in gym.registry:
         known = [name for name, spec in gym.registry.items() if spec.vector_entry_point]
         raise SealegsError(f"there is no environment '{env_id}'{nearest(env_id, known)}.")

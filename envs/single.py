@@ -8,9 +8,9 @@ import gymnasium as gym
 import numpy as np
 from gymnasium import spaces
 
-from envs.batch import BatchEngine, task_arguments
-from envs.render import Scene, check_render_mode
-from envs.task import Task
+from .batch import BatchEngine, task_arguments
+from .render import Scene, check_render_mode
+from .task import Task
 
 
 def action_space(engine: BatchEngine) -> spaces.Box:

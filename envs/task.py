@@ -9,8 +9,8 @@ from typing import ClassVar
 
 import numpy as np
 
-from actuators import Drivetrain
-from envs.robot import Robot
+from ..actuators import Drivetrain
+from .robot import Robot
 
 
 @dataclass(slots=True)

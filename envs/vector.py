@@ -9,10 +9,10 @@ import gymnasium as gym
 import numpy as np
 from gymnasium.vector.utils import batch_space
 
-from envs.batch import BatchEngine, Step, task_arguments
-from envs.render import Scene, check_render_mode
-from envs.single import action_space, observation_space
-from envs.task import Task
+from .batch import BatchEngine, Step, task_arguments
+from .render import Scene, check_render_mode
+from .single import action_space, observation_space
+from .task import Task
 
 
 class BatchVectorEnv(gym.vector.VectorEnv):

@@ -8,11 +8,11 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from hw.memory import ServoMemory
-from hw.packets import BusError, ConfigurationError, NotWrittenError, RegisterError, WrongModelError
-from hw.registers import load_model
-from hw.servo_state import BlockReader, ServoState
-from hw.transactions import SYNC_READ, Transactions
+from .memory import ServoMemory
+from .packets import BusError, ConfigurationError, NotWrittenError, RegisterError, WrongModelError
+from .registers import load_model
+from .servo_state import BlockReader, ServoState
+from .transactions import SYNC_READ, Transactions
 
 RECOVERY = 0.3  # [s] of torque off that clears an overload, as in huggingface/lerobot
 SPEED_UNIT, SPEED_ZERO, MULTI_TURN = 4, 8, 16  # bits of register phase

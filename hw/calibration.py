@@ -1,7 +1,7 @@
 """Zero, direction and range of each joint, found with a person's help and kept as a file with the robot.
 
-    python -m hw.calibration robot=bench port=/dev/ttyUSB0
-    python -m hw.calibration robot=hopper port=/dev/ttyUSB0 out=calibrations/hopper-left.yaml
+    python -m sealegs.hw.calibration robot=bench port=/dev/ttyUSB0
+    python -m sealegs.hw.calibration robot=hopper port=/dev/ttyUSB0 out=calibrations/hopper-left.yaml
 
 Torque stays off throughout: the person moves each joint by hand. Nothing is written to the servos, and no file is
 overwritten.
@@ -22,11 +22,11 @@ from typing import Any, Protocol
 import numpy as np
 import yaml
 
-from actuators.errors import SealegsError
-from configs.script import run
-from envs.robot import Robot
-from hw.registers import ServoModel
-from hw.robot import CalibrationError, Joint, check_joints
+from ..actuators.errors import SealegsError
+from ..configs.script import run
+from ..envs.robot import Robot
+from .registers import ServoModel
+from .robot import CalibrationError, Joint, check_joints
 
 FOLDER = Path("calibrations")
 STILL = 8  # steps that a joint at rest may wander
@@ -247,10 +247,10 @@ def _shortest(steps: int, resolution: int = 4096) -> int:
 
 def main(arguments: list[str]) -> None:
     """Calibrate the robot that the command line names."""
-    from configs.compose import compose, split
-    from envs.robots import get_robot
-    from hw.bus import ServoBus
-    from hw.registers import load_model
+    from ..configs.compose import compose, split
+    from ..envs.robots import get_robot
+    from .bus import ServoBus
+    from .registers import load_model
 
     config = compose("calibrate", split(arguments, plain=("port", "out")))
     if config["port"] is None:

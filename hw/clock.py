@@ -7,7 +7,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from actuators.errors import SealegsError
+from ..actuators.errors import SealegsError
 
 LOWEST_RATE, HIGHEST_RATE = 0.5, 1000.0  # [Hz]
 

@@ -10,11 +10,11 @@ from typing import Protocol
 
 import numpy as np
 
-from actuators.errors import SealegsError, nearest
-from envs.hopper.controller import BangBang, spring_stiffness
-from hw.observer import Observer, Seen
-from hw.policy import Policy
-from hw.robot import Reading, ServoRobot
+from ..actuators.errors import SealegsError, nearest
+from ..envs.hopper.controller import BangBang, spring_stiffness
+from .observer import Observer, Seen
+from .policy import Policy
+from .robot import Reading, ServoRobot
 
 
 class Commands(Protocol):
@@ -127,7 +127,7 @@ class Reference:
         stiffness = spring_stiffness(robot.chains[robot.names[0]])
         self._law = BangBang(rest=(numbers["hip_rest"], numbers["knee_rest"]), stiffness=stiffness)
         self.name, self.rate, self.duration = "reference", None, math.inf
-        self.description = {"controller": "envs.hopper.controller.BangBang"}
+        self.description = {"controller": "sealegs.envs.hopper.controller.BangBang"}
 
     def start(self) -> np.ndarray:
         return np.asarray(self._law.rest)
@@ -173,7 +173,7 @@ def _check_load(path: Path, robot: ServoRobot) -> None:
     beside = path.with_suffix(".yaml")
     if not beside.is_file():
         return
-    from gap.log_sidecar import read_sidecar
+    from ..gap.log.sidecar import read_sidecar
 
     meant, believed = read_sidecar(path).robot_params, robot.robot.parameters(robot.params)
     other = {
@@ -194,7 +194,7 @@ def read_replay(path: Path, robot: ServoRobot) -> Trajectory:
     Raises:
         SealegsError: as :func:`read_excitation`, or the log is of another robot.
     """
-    from gap.log import read_measured
+    from ..gap.log import read_measured
 
     run = read_measured(path).runs[0]
     if run.robot != robot.robot.name:

@@ -11,14 +11,14 @@ from typing import Any
 
 import numpy as np
 
-from actuators.errors import SealegsError
-from envs.robot import ChainSource
-from gap.log import read_measured
-from hw import deployment
-from hw.commands import PolicyCommands
-from hw.policy import Policy
-from hw.robot import ServoRobot, build_robot
-from hw.simulated import Recording, rewards_of, simulate
+from ..actuators.errors import SealegsError
+from ..envs.robot import ChainSource
+from ..gap.log import read_measured
+from . import deployment
+from .commands import PolicyCommands
+from .policy import Policy
+from .robot import ServoRobot, build_robot
+from .simulated import Recording, rewards_of, simulate
 
 MACHINE = "machine"
 DEPARTS = 0.25  # of the spread of a signal on the machine: a model further off than this has departed
@@ -158,7 +158,7 @@ def on_machine(
 
 def command_schedule(policy: Policy, seconds: float, seed: int, segment: float = 2.5) -> tuple[np.ndarray, float]:
     """What the policy is asked for, one command after the other (m, c), as its task draws them; time of each [s]."""
-    from envs.contract import task_of
+    from ..envs.contract import task_of
 
     task = task_of(policy.contract.env)[0]
     count = max(math.ceil(seconds / segment), 1)
@@ -290,7 +290,7 @@ def write_comparison(comparison: Comparison, folder: Path, say: Callable[[str], 
     Raises:
         FileExistsError: they are there already.
     """
-    from hw.comparison_page import write_page
+    from .comparison_page import write_page
 
     document = {
         "policy": comparison.policy,

@@ -10,8 +10,8 @@ import plotly.graph_objects as go
 from plotly.offline import get_plotlyjs
 from plotly.subplots import make_subplots
 
-from gap.pictures.style import COLOURS
-from hw.comparison import MACHINE, Comparison, table
+from ..gap.output.pictures.style import COLOURS
+from .comparison import MACHINE, Comparison, table
 
 PEN = {"nominal": COLOURS["nominal"], "extended": COLOURS["extended"], MACHINE: COLOURS["measured"]}
 STYLE = """

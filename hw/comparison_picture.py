@@ -6,7 +6,7 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
-from gap.pictures.style import COLOURS, MEASURED, NAMES, figure, styled
+from ..gap.output.pictures.style import COLOURS, MEASURED, NAMES, figure, styled
 
 
 @styled

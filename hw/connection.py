@@ -7,10 +7,10 @@ import math
 from collections.abc import Iterator, Mapping
 from typing import Any
 
-from actuators.errors import SealegsError
-from hw.bus import ServoBus
-from hw.packets import ConfigurationError
-from hw.robot import Joint, ServoRobot
+from ..actuators.errors import SealegsError
+from .bus import ServoBus
+from .packets import ConfigurationError
+from .robot import Joint, ServoRobot
 
 SHORT = 16  # steps by which a servo may stop short of its joint's range
 
@@ -40,7 +40,7 @@ def opened_port(
         raise SealegsError(
             "hw=virtual starts a bus of its own; to use one that runs already, give hw=feetech port=<path>."
         )
-    from hw.virtual import VirtualBus
+    from .virtual import VirtualBus
 
     mounts = {j.name: {"id": j.id, "zero": j.zero, "direction": j.direction} for j in robot.joints}
     mounts |= {s.name: {"id": s.id, "zero": s.zero, "direction": 1 if s.per_radian > 0 else -1} for s in robot.sensors}

@@ -9,7 +9,7 @@ import sys
 import time
 from collections.abc import Callable, Iterator
 
-from actuators.errors import SealegsError
+from ..actuators.errors import SealegsError
 
 KEY = b" "
 PATIENCE = 0.7  # [s] without the key; a held key repeats after at most half a second

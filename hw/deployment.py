@@ -12,23 +12,23 @@ from typing import Any
 
 import numpy as np
 
-from actuators.errors import SealegsError, nearest
-from configs.check import checked, checked_seed
-from envs.bench.robot import BENCH
-from hw.bus import ServoBus
-from hw.calibration import as_row, newest
-from hw.clock import HIGHEST_RATE, LOWEST_RATE
-from hw.commands import Commands, PolicyCommands, Reference, Trajectory, read_excitation, read_replay
-from hw.connection import opened_bus, opened_port
-from hw.deadman import PATIENCE, keyboard
-from hw.live import live_view
-from hw.loop import ControlLoop, Outcome, Stop
-from hw.measured_log import MeasuredLog, make_sidecar, read_events
-from hw.policy import Policy
-from hw.registers import ServoModel
-from hw.robot import ServoRobot, build_robot
-from hw.safety import Limits, Safety
-from hw.supervisor import Charge, Supervisor
+from ..actuators.errors import SealegsError, nearest
+from ..configs.check import checked, checked_seed
+from ..envs.bench.robot import BENCH
+from .bus import ServoBus
+from .calibration import as_row, newest
+from .clock import HIGHEST_RATE, LOWEST_RATE
+from .commands import Commands, PolicyCommands, Reference, Trajectory, read_excitation, read_replay
+from .connection import opened_bus, opened_port
+from .deadman import PATIENCE, keyboard
+from .live import live_view
+from .loop import ControlLoop, Outcome, Stop
+from .measured_log import MeasuredLog, make_sidecar, read_events
+from .policy import Policy
+from .registers import ServoModel
+from .robot import ServoRobot, build_robot
+from .safety import Limits, Safety
+from .supervisor import Charge, Supervisor
 
 RATE = 100.0  # [Hz] of what does not say its own
 DURATION = 10.0  # [s] of what has no end of its own
@@ -249,7 +249,7 @@ def calibration_of(config: Mapping[str, Any]) -> Path | None:
     name = config["robot"]["name"]
     if (found := newest(name)) is None:
         raise SealegsError(
-            f"robot '{name}' has no calibration yet: make one with .venv/bin/python -m hw.calibration robot={name} "
+            f"robot '{name}' has no calibration yet: make one with sealegs calibrate robot={name} "
             f"port={config['port'] or '<path>'}, or give calibration=<file>."
         )
     return found
@@ -279,8 +279,8 @@ def library_excitation(word: str, robot: ServoRobot, reach: float, seed: int) ->
     Raises:
         SealegsError: there is none of that name, or ``reach`` is more than a joint has.
     """
-    from gap.experiment import RATE as SAMPLES
-    from gap.experiment import library
+    from ..gap.experiment import RATE as SAMPLES
+    from ..gap.experiment import library
 
     columns = []
     for k, joint in enumerate(robot.joints):

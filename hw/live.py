@@ -11,7 +11,7 @@ from rich.console import Console
 from rich.live import Live
 from rich.table import Table
 
-from hw.loop import ControlLoop
+from .loop import ControlLoop
 
 PERIOD = 0.25  # [s] between two pictures
 SWITCH = 5e-4  # [s] that the drawing thread may keep the interpreter from the loop; Python's default is 5 ms

@@ -11,14 +11,14 @@ from typing import Any
 
 import numpy as np
 
-from hw.bus import ServoBus
-from hw.clock import Metronome, Timing
-from hw.commands import Commands
-from hw.measured_log import MeasuredLog
-from hw.packets import BusError, PortError
-from hw.robot import Reading, ServoRobot
-from hw.safety import Fault, Safety
-from hw.supervisor import Rest, Supervisor, bring_to_rest
+from .bus import ServoBus
+from .clock import Metronome, Timing
+from .commands import Commands
+from .measured_log import MeasuredLog
+from .packets import BusError, PortError
+from .robot import Reading, ServoRobot
+from .safety import Fault, Safety
+from .supervisor import Rest, Supervisor, bring_to_rest
 
 APPROACH_SPEED = 1.0  # [rad/s] on the way to where a trajectory begins
 ARRIVED = 0.15  # [rad] from it that counts as there: friction and load leave a position servo short of its goal

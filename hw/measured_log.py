@@ -1,8 +1,8 @@
 """A measured log that is written while the robot moves, and is complete up to the last cycle whatever happens.
 
 Each cycle is one line and one ``write`` to the file, so that a ``kill -9`` leaves whole lines; a thread brings them to
-the disk every 50 ms, so that a power cut costs no more than that. ``gap.log.read_measured`` reads the file as it is;
-only a power cut can leave a torn line, which ``python -m hw.measured_log <file>`` leaves out of a copy.
+the disk every 50 ms, so that a power cut costs no more than that. ``read_measured`` reads the file as it is;
+only a power cut can leave a torn line, which ``python -m sealegs.hw.measured_log <file>`` leaves out of a copy.
 """
 
 from __future__ import annotations
@@ -18,10 +18,10 @@ from typing import Any
 
 import numpy as np
 
-from actuators.errors import SealegsError
-from configs.script import run
-from gap.log_sidecar import Sidecar, read_sidecar, sidecar_text
-from gap.log_types import LogError
+from ..actuators.errors import SealegsError
+from ..configs.script import run
+from ..gap.log.sidecar import Sidecar, read_sidecar, sidecar_text
+from ..gap.log.types import LogError
 
 SYNC = 0.05  # [s] between two times that the file is brought to the disk
 FORMATS = {

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable, Iterable
 from contextlib import suppress
 
-from hw.packets import (
+from .packets import (
     ConfigurationError,
     CorruptReplyError,
     NoReplyError,
@@ -13,8 +13,8 @@ from hw.packets import (
     RegisterError,
     ReplyError,
 )
-from hw.registers import Register, ServoModel
-from hw.transactions import PING, READ, WRITE, Transactions
+from .registers import Register, ServoModel
+from .transactions import PING, READ, WRITE, Transactions
 
 
 class ServoMemory:

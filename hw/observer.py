@@ -6,10 +6,10 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from actuators.errors import SealegsError
-from envs.contract import Contract, task_of
-from envs.task import Motion, Task
-from hw.robot import Reading, ServoRobot
+from ..actuators.errors import SealegsError
+from ..envs.contract import Contract, task_of
+from ..envs.task import Motion, Task
+from .robot import Reading, ServoRobot
 
 
 @dataclass(frozen=True)

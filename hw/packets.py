@@ -8,7 +8,7 @@ from __future__ import annotations
 from collections.abc import Iterable, Sequence
 from enum import IntFlag
 
-from actuators.errors import SealegsError
+from ..actuators.errors import SealegsError
 
 
 class BusError(SealegsError):

@@ -7,7 +7,7 @@ from pathlib import Path
 import numpy as np
 import onnxruntime
 
-from envs.contract import KEY, Contract, ContractError
+from ..envs.contract import KEY, Contract, ContractError
 
 FILE = "policy.onnx"
 
@@ -33,7 +33,7 @@ class Policy:
         if not self.path.is_file():
             beside = ""
             if (self.path.parent / "model.zip").is_file():
-                beside = f"; make it with: .venv/bin/python -m agents.export {self.path.parent}"
+                beside = f"; make it with: .venv/bin/python -m sealegs.agents.export {self.path.parent}"
             elif (final := self.path.parent / "final").is_dir():
                 beside = f"; a run's policies are in its folders: {final}, or best beside it"
             raise ContractError(f"there is no policy {self.path}{beside}.")
@@ -49,7 +49,7 @@ class Policy:
         if KEY not in metadata:
             raise ContractError(
                 f"{self.path} has no contract, so nothing says which robot it is for; export it with "
-                "python -m agents.export."
+                "python -m sealegs.agents.export."
             )
         self.contract = Contract.from_json(metadata[KEY], str(self.path))
 

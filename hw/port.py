@@ -11,7 +11,7 @@ from typing import Any
 import serial
 from scservo_sdk import PortHandler
 
-from hw.packets import PortBusyError, PortError, StalledError, UnpluggedError
+from .packets import PortBusyError, PortError, StalledError, UnpluggedError
 
 GONE: tuple[type[Exception], ...] = (OSError, serial.SerialException)
 if sys.platform != "win32":

@@ -11,13 +11,13 @@ from typing import Any
 import numpy as np
 import yaml
 
-from actuators import Chain, load_chain
-from actuators.errors import SealegsError, nearest
-from envs.contract import Contract, ContractError, chain_hash, robot_hash
-from envs.robot import Robot
-from envs.robots import get_robot
-from hw.registers import ServoModel, load_model
-from hw.servo_state import ServoState
+from ..actuators import Chain, load_chain
+from ..actuators.errors import SealegsError, nearest
+from ..envs.contract import Contract, ContractError, chain_hash, robot_hash
+from ..envs.robot import Robot
+from ..envs.robots import get_robot
+from .registers import ServoModel, load_model
+from .servo_state import ServoState
 
 ENCODER_TURN = math.pi  # [rad] to either side of the centre that a one-turn encoder reaches
 HIGHEST_ID = 252  # that the SDK addresses
@@ -206,7 +206,7 @@ class ServoRobot:
         Raises:
             ContractError: it is not; the message names the field.
         """
-        from envs.contract import task_of
+        from ..envs.contract import task_of
 
         def refuse(field: str, policy: object, here: object, remedy: str) -> None:
             raise ContractError(

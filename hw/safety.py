@@ -12,10 +12,10 @@ from typing import Any
 
 import numpy as np
 
-from actuators.errors import SealegsError, nearest
-from configs.check import checked
-from hw.packets import BusError
-from hw.robot import Reading, ServoRobot
+from ..actuators.errors import SealegsError, nearest
+from ..configs.check import checked
+from .packets import BusError
+from .robot import Reading, ServoRobot
 
 FORGIVEN = 10  # good cycles that make up for a missing one
 

@@ -1,7 +1,7 @@
 """Which servos are on a bus, how they are, and whether they are set up to be worked with; or give one another id.
 
-    python -m hw.scan port=/dev/ttyUSB0
-    python -m hw.scan port=/dev/ttyUSB0 id=1 new_id=7     with one servo connected, when several have the id 1
+    python -m sealegs.hw.scan port=/dev/ttyUSB0
+    python -m sealegs.hw.scan port=/dev/ttyUSB0 id=1 new_id=7     with one servo connected, when several have the id 1
 
 No torque is switched on, and a plain scan writes nothing.
 """
@@ -13,12 +13,12 @@ from collections.abc import Callable, Iterable
 
 from rich.progress import track
 
-from actuators.errors import SealegsError
-from configs.script import run
-from hw.bus import ServoBus
-from hw.packets import ConfigurationError, WrongModelError, faults
-from hw.registers import load_model, model_names
-from hw.robot import HIGHEST_ID
+from ..actuators.errors import SealegsError
+from ..configs.script import run
+from .bus import ServoBus
+from .packets import ConfigurationError, WrongModelError, faults
+from .registers import load_model, model_names
+from .robot import HIGHEST_ID
 
 
 def rows(bus: ServoBus, ids: Iterable[int], say: Callable[[str], None] = print) -> int:
@@ -52,8 +52,8 @@ def rows(bus: ServoBus, ids: Iterable[int], say: Callable[[str], None] = print) 
 
 def main(arguments: list[str]) -> None:
     """Scan the bus that the command line names, or give a servo another id."""
-    from configs.check import checked
-    from configs.compose import compose, split
+    from ..configs.check import checked
+    from ..configs.compose import compose, split
 
     config = compose("scan", split(arguments, plain=("port",)))
     if config["port"] is None:

@@ -7,8 +7,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from hw.packets import ServoFaultError, faults
-from hw.registers import ServoModel
+from .packets import ServoFaultError, faults
+from .registers import ServoModel
 
 FIRST, LAST = "present_position", "present_current"
 FIELDS = (
@@ -39,7 +39,7 @@ class ServoState:
         temperature: (n,) [degC].
         current: (n,) [A].
         target: position that the firmware steers to at the moment (n,) [rad].
-        status: fault bits, see :class:`hw.packets.Status` (n,).
+        status: fault bits, see :class:`sealegs.hw.packets.Status` (n,).
         moving: (n,) bool.
         raw: counts by register name (n,), signs applied.
     """

@@ -8,10 +8,10 @@ from typing import Any
 
 import numpy as np
 
-from hw.commands import Commands
-from hw.robot import Reading, ServoRobot
-from hw.safety import Limits, Safety
-from hw.virtual.machine import Machine
+from .commands import Commands
+from .robot import Reading, ServoRobot
+from .safety import Limits, Safety
+from .virtual.machine import Machine
 
 SETTLING = 1.0  # [s] that the robot holds the start before the run, as on servos
 

@@ -18,11 +18,10 @@ import sys
 import time
 from collections.abc import Callable, Sequence
 from dataclasses import asdict, dataclass
-from pathlib import Path
 from typing import Literal
 
-from hw.bus import ServoBus
-from hw.packets import BusError, PortError
+from .bus import ServoBus
+from .packets import BusError, PortError
 
 BEAT, RESTING, DONE = b".", b"r", b"d"
 READY = b"ready\n"
@@ -85,8 +84,7 @@ class Supervisor:
             PortError: it does not start.
         """
         self._process = subprocess.Popen(
-            [sys.executable, "-m", "hw.supervisor"],
-            cwd=Path(__file__).resolve().parents[1],
+            [sys.executable, "-P", "-m", "sealegs.hw.supervisor"],
             stdin=subprocess.PIPE,
             stdout=subprocess.PIPE,
             start_new_session=True,  # a Ctrl-C in the terminal is the loop's business

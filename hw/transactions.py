@@ -14,7 +14,7 @@ from typing import TypeVar
 
 import scservo_sdk as sdk
 
-from hw.packets import (
+from .packets import (
     BusError,
     ClosedError,
     CorruptReplyError,
@@ -26,7 +26,7 @@ from hw.packets import (
     StaleReplyError,
     UnpluggedError,
 )
-from hw.port import BusPort
+from .port import BusPort
 
 BROADCAST = 254
 ID, LENGTH, ERROR, DATA = 2, 3, 4, 5  # places in a packet
@@ -55,7 +55,7 @@ class Transactions:
         """Open the port.
 
         Raises:
-            PortError: as :class:`~hw.port.BusPort`.
+            PortError: as :class:`~sealegs.hw.port.BusPort`.
             EchoError: the adapter returns what is sent.
         """
         self.path, self.retries = path, retries

@@ -5,7 +5,7 @@ from __future__ import annotations
 import functools
 from pathlib import Path
 
-import actuators  # isort: skip  # noqa: F401 chooses how MuJoCo draws, before that is imported
+import sealegs  # isort: skip  # noqa: F401 chooses how MuJoCo draws, before that is imported
 import mujoco
 import pytest
 

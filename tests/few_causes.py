@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable
 from typing import Any
 
-from gap.causes import Cause, catalogue
+from sealegs.gap.causes.catalogue import Cause, catalogue
 
 
 def few(*names: str, of: Callable[[Any], list[Cause]] = catalogue) -> Callable[[Any], list[Cause]]:

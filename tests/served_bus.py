@@ -8,14 +8,14 @@ import threading
 from collections.abc import Iterator
 from typing import Any
 
-from envs.robots import get_robot
-from hw.registers import load_model
-from hw.virtual import protocol
-from hw.virtual.machine import Machine
-from hw.virtual.protocol import Request
-from hw.virtual.rig import Rig, mounts
-from hw.virtual.server import Server
-from hw.virtual.wire import Wire
+from sealegs.envs.robots import get_robot
+from sealegs.hw.registers import load_model
+from sealegs.hw.virtual import protocol
+from sealegs.hw.virtual.machine import Machine
+from sealegs.hw.virtual.protocol import Request
+from sealegs.hw.virtual.rig import Rig, mounts
+from sealegs.hw.virtual.server import Server
+from sealegs.hw.virtual.wire import Wire
 
 STS = load_model("sts3215")
 STEP = 2.0 * math.pi / STS.resolution  # [rad]

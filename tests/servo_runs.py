@@ -9,12 +9,11 @@ from typing import Any
 
 import numpy as np
 import torch
+from sealegs.agents.export import write_onnx
+from sealegs.agents.policy_files import describe
+from sealegs.configs.compose import compose, split
+from sealegs.envs.sb3 import BatchVecEnv
 from stable_baselines3 import PPO
-
-from agents.export import write_onnx
-from agents.policy_files import describe
-from configs.compose import compose, split
-from envs.sb3 import BatchVecEnv
 
 REPOSITORY = Path(__file__).resolve().parents[1]
 PATIENT = ["robot.safety.late=1.0", "silence=3.0", "hw.timeout=0.5", "live=false"]

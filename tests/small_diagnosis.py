@@ -5,12 +5,12 @@ from __future__ import annotations
 import functools
 
 import pytest
+from sealegs.gap.log.types import MeasuredSet
+from sealegs.gap.verdict.diagnosis import diagnose
+from sealegs.gap.verdict.verdict import JointDiagnosis
 
-from gap.diagnosis import diagnose
-from gap.log_types import MeasuredSet
-from gap.verdict import JointDiagnosis
+from testbed import hidden_bench
 from tests.few_causes import few
-from tests.plant import hidden_bench
 
 CONSIDERED = ("friction.load_dependent", "friction.viscous", "drive.delay")
 
@@ -22,6 +22,6 @@ def small_diagnosis() -> tuple[JointDiagnosis, MeasuredSet]:
         {"friction.load_dependent": "clear"}, seed=1, load=("medium", "heavy", "light"), duration=6.0
     )
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr("gap.search.catalogue", few(*CONSIDERED))
+        patch.setattr("sealegs.gap.search.forward.catalogue", few(*CONSIDERED))
         (found,) = diagnose(data)
     return found, data

@@ -12,15 +12,14 @@ from pathlib import Path
 import mujoco
 import numpy as np
 import pytest
-
-from actuators import ChainError, Drivetrain, SealegsError, load_chain
-from actuators.chain import LIBRARY
-from actuators.law import advance, begin, torque
-from actuators.layout import P_STATE_SIZE
-from actuators.net_data import PENDULUM, commands, simulated_runs
-from actuators.net_file import build, evaluate, flat_weights, require_torch, write_net
-from actuators.net_training import Settings, TrainingRun, prepare, train
-from actuators.stages.net import Net, read_net
+from sealegs.actuators import ChainError, Drivetrain, SealegsError, load_chain
+from sealegs.actuators.chain import LIBRARY
+from sealegs.actuators.law import advance, begin, torque
+from sealegs.actuators.layout import P_STATE_SIZE
+from sealegs.actuators.net_data import PENDULUM, commands, simulated_runs
+from sealegs.actuators.net_file import build, evaluate, flat_weights, require_torch, write_net
+from sealegs.actuators.net_training import Settings, TrainingRun, prepare, train
+from sealegs.actuators.stages.net import Net, read_net
 
 REPOSITORY = Path(__file__).resolve().parents[1]
 SHORT = Settings(epochs=40, patience=40, hidden=(16,), history=3)
@@ -265,7 +264,7 @@ def train_net(*arguments: str) -> subprocess.CompletedProcess[str]:
 
 
 def test_the_script_learns_from_a_measured_log(tmp_path):
-    from gap.log import JointLog, MeasuredRun, write_run
+    from sealegs.gap.log import JointLog, MeasuredRun, write_run
 
     for run in bench_runs(3):
         log = JointLog(goal=run.goal, position=run.position, velocity=run.velocity, torque=run.torque)
@@ -283,7 +282,7 @@ def test_the_script_learns_from_a_measured_log(tmp_path):
 
 
 def test_a_refused_run_leaves_its_folder_free_and_runs_of_different_motors_are_refused(tmp_path):
-    from gap.log import JointLog, MeasuredRun, write_run
+    from sealegs.gap.log import JointLog, MeasuredRun, write_run
 
     for number, run in enumerate(bench_runs(2)):
         log = JointLog(goal=run.goal, position=run.position, velocity=run.velocity, torque=0.0 * run.position)

@@ -8,13 +8,12 @@ import gymnasium as gym
 import mujoco
 import numpy as np
 import pytest
-
-import envs  # noqa: F401 registers
-from actuators.errors import SealegsError
-from envs.batch import BatchEngine
-from envs.hopper.task import HopperTask
-from envs.sb3 import BatchVecEnv
-from envs.vector import BatchVectorEnv
+import sealegs  # noqa: F401 registers
+from sealegs.actuators.errors import SealegsError
+from sealegs.envs.batch import BatchEngine
+from sealegs.envs.hopper.task import HopperTask
+from sealegs.envs.sb3 import BatchVecEnv
+from sealegs.envs.vector import BatchVectorEnv
 
 HOPPER = "SeaLegs/Hopper-v0"
 RANDOM = {

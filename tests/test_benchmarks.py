@@ -5,12 +5,12 @@ from __future__ import annotations
 import mujoco
 import numpy as np
 import pytest
+from sealegs.envs.bench.robot import BENCH
+from sealegs.envs.hopper.robot import HOPPER
 
 from benchmarks import bus, control_loop
 from benchmarks.python_hopper import FRAME_SKIP, PythonHopper
 from benchmarks.speed import CHAINS, bare_model, table
-from envs.bench.robot import BENCH
-from envs.hopper.robot import HOPPER
 
 
 def test_the_python_hopper_moves_as_the_compiled_one():

@@ -12,23 +12,22 @@ import gymnasium as gym
 import mujoco
 import numpy as np
 import pytest
+import sealegs  # noqa: F401 registers
 from gymnasium.utils.env_checker import check_env as check_gymnasium
+from sealegs.actuators import Drivetrain, load_chain
+from sealegs.actuators.errors import SealegsError
+from sealegs.agents.cross_evaluation import mean_reward
+from sealegs.commands import train
+from sealegs.configs.script import run as run_script
+from sealegs.envs.batch import BatchEngine
+from sealegs.envs.biped.drive import DRIVES, SPRING_RATIO, position_chain, torque_chain
+from sealegs.envs.biped.kinematics import centre_of_mass, feet, place, robot_mass, segments
+from sealegs.envs.biped.robot import BIPED, TORSO, coordinate, foot
+from sealegs.envs.biped.task import BipedTask
+from sealegs.envs.robots import get_robot
+from sealegs.envs.sb3 import BatchVecEnv
+from sealegs.envs.single import SingleEnv
 from stable_baselines3.common.env_checker import check_env as check_sb3
-
-import envs  # noqa: F401 registers
-import train
-from actuators import Drivetrain, load_chain
-from actuators.errors import SealegsError
-from agents.cross_evaluation import mean_reward
-from configs.script import run as run_script
-from envs.batch import BatchEngine
-from envs.biped.drive import DRIVES, SPRING_RATIO, position_chain, torque_chain
-from envs.biped.kinematics import centre_of_mass, feet, place, robot_mass, segments
-from envs.biped.robot import BIPED, TORSO, coordinate, foot
-from envs.biped.task import BipedTask
-from envs.robots import get_robot
-from envs.sb3 import BatchVecEnv
-from envs.single import SingleEnv
 
 BIPED_ID = "SeaLegs/Biped-v0"
 WORDS = ("ideal", "regression", "net", "mabel")

@@ -6,15 +6,15 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from sealegs.actuators.errors import SealegsError
+from sealegs.envs.batch import BatchEngine
+from sealegs.envs.biped.gait import HoppingGait, WalkingGait
+from sealegs.envs.biped.robot import BIPED
+from sealegs.envs.biped.task import BipedTask
+from sealegs.envs.contract import make_contract
 
-from actuators.errors import SealegsError
 from benchmarks.biped_motion import load
 from benchmarks.learned_biped import JUDGED, walk
-from envs.batch import BatchEngine
-from envs.biped.gait import HoppingGait, WalkingGait
-from envs.biped.robot import BIPED
-from envs.biped.task import BipedTask
-from envs.contract import make_contract
 
 NUMBERS = BIPED.parameters()
 POLICIES = sorted((Path(__file__).resolve().parents[1] / "policies" / "biped").glob("seed*"))

@@ -11,14 +11,13 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-
-from actuators.errors import SealegsError
-from envs.biped import balance, paper, paper_plots, report
-from envs.biped.controller import PERIOD, Gait, HoppingController, Phase
-from envs.biped.drive import DRIVES, PULLEYS, RATIO, SHAPE
-from envs.biped.ground import land
-from envs.biped.hopping import Hopping, HoppingExperiment, hop_times, rigid_cables
-from envs.biped.identification import (
+from sealegs.actuators.errors import SealegsError
+from sealegs.envs.biped import balance, paper, paper_plots, report
+from sealegs.envs.biped.controller import PERIOD, Gait, HoppingController, Phase
+from sealegs.envs.biped.drive import DRIVES, PULLEYS, RATIO, SHAPE
+from sealegs.envs.biped.ground import land
+from sealegs.envs.biped.hopping import Hopping, HoppingExperiment, hop_times, rigid_cables
+from sealegs.envs.biped.identification import (
     Cable,
     IdentificationError,
     Leg,
@@ -34,9 +33,10 @@ from envs.biped.identification import (
     fit_pulleys,
     fit_spring,
 )
-from envs.biped.rig import leg_load, leg_record
-from envs.biped.robot import BIPED
-from tests.plant import biped_drive as plant
+from sealegs.envs.biped.rig import leg_load, leg_record
+from sealegs.envs.biped.robot import BIPED
+
+from testbed import biped_drive as plant
 
 REPOSITORY = Path(__file__).resolve().parents[1]
 MOTOR = {"constant": 1.21, "inertia": 1.05e-3, "friction": 8e-3, "bias": -0.06}

@@ -9,11 +9,10 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-
-from actuators import SealegsError, load_chain
-from actuators.brake_bench import COPPER, BenchTable, Noise, Protocol, measure
-from actuators.brake_report import chain_from
-from actuators.gear_train import (
+from sealegs.actuators import SealegsError, load_chain
+from sealegs.actuators.brake_bench import COPPER, BenchTable, Noise, Protocol, measure
+from sealegs.actuators.brake_report import chain_from
+from sealegs.actuators.gear_train import (
     G_MM2,
     SV1270TG_ROTOR,
     SV1270TG_STAGES,
@@ -22,7 +21,7 @@ from actuators.gear_train import (
     output_inertia,
     total_ratio,
 )
-from actuators.regression_fit import EQUATION_3, RPM, fit_regression, read_table, usable, write_table
+from sealegs.actuators.regression_fit import EQUATION_3, RPM, fit_regression, read_table, usable, write_table
 
 REPOSITORY = Path(__file__).resolve().parents[1]
 SILENT = Noise(0.0, 0.0, 0.0)

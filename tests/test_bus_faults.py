@@ -8,9 +8,8 @@ from pathlib import Path
 from typing import Any
 
 import pytest
-
-from hw.bus import ServoBus
-from hw.packets import (
+from sealegs.hw.bus import ServoBus
+from sealegs.hw.packets import (
     CorruptReplyError,
     EchoError,
     NoReplyError,
@@ -21,9 +20,10 @@ from hw.packets import (
     UnpluggedError,
     VoltageFault,
 )
-from hw.virtual.control import Control
-from hw.virtual.faults import FaultError, fault_from, read_faults
-from hw.virtual.server import Server
+from sealegs.hw.virtual.control import Control
+from sealegs.hw.virtual.faults import FaultError, fault_from, read_faults
+from sealegs.hw.virtual.server import Server
+
 from tests.served_bus import served
 
 IDS = [1, 2]

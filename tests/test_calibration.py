@@ -9,14 +9,13 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-
-from envs.robots import get_robot
-from hw.bus import ServoBus
-from hw.calibration import guide, newest, write_calibration
-from hw.registers import load_model
-from hw.robot import CalibrationError, Joint, ServoRobot, check_joints, nominal_joints, read_joints
-from hw.servo_state import ServoState
-from hw.virtual import VirtualBus
+from sealegs.envs.robots import get_robot
+from sealegs.hw.bus import ServoBus
+from sealegs.hw.calibration import guide, newest, write_calibration
+from sealegs.hw.registers import load_model
+from sealegs.hw.robot import CalibrationError, Joint, ServoRobot, check_joints, nominal_joints, read_joints
+from sealegs.hw.servo_state import ServoState
+from sealegs.hw.virtual import VirtualBus
 
 SERVO = load_model("sts3215")
 HOPPER, BENCH = get_robot("hopper"), get_robot("bench")
@@ -66,7 +65,7 @@ def calibrated(hand: Hand, robot=HOPPER) -> list[Joint]:
 
 
 def test_a_person_is_guided_to_ids_zeros_directions_and_ranges(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr("hw.calibration.PERIOD", 0.0)
+    monkeypatch.setattr("sealegs.hw.calibration.PERIOD", 0.0)
     hand = Hand(
         [
             {7: 2500},  # the hip's servo is the one that moves
@@ -89,7 +88,7 @@ def test_a_person_is_guided_to_ids_zeros_directions_and_ranges(monkeypatch: pyte
 
 
 def test_it_asks_again_when_nothing_moved_or_two_joints_did(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr("hw.calibration.PERIOD", 0.0)
+    monkeypatch.setattr("sealegs.hw.calibration.PERIOD", 0.0)
     script: list[dict[int, int | list[int]]] = [
         {7: 2050},
         {7: 2500, 3: 2500},
@@ -106,7 +105,7 @@ def test_it_asks_again_when_nothing_moved_or_two_joints_did(monkeypatch: pytest.
 
 
 def test_a_range_over_the_encoders_seam_is_refused(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr("hw.calibration.PERIOD", 0.0)
+    monkeypatch.setattr("sealegs.hw.calibration.PERIOD", 0.0)
     hand = Hand([{1: 3900}, {1: 4000}, {1: [3900, 4000, 4090, 5, 90, 200]}], {1: 3900})
     with pytest.raises(CalibrationError, match="seam"):
         calibrated(hand, BENCH)
@@ -189,7 +188,7 @@ def test_a_machine_built_as_drawn_has_ids_from_one_and_the_robots_range() -> Non
 
 def test_servos_of_a_bus_are_calibrated(monkeypatch: pytest.MonkeyPatch) -> None:
     """The whole way over the SDK and a virtual bus whose pendulum stands in for a hand."""
-    monkeypatch.setattr("hw.calibration.MOVED", 20)
+    monkeypatch.setattr("sealegs.hw.calibration.MOVED", 20)
     patient = 1.0  # [s] other programs may hold the machine for longer than a servo would take
     with VirtualBus(time="stepped", cycle=0.0) as virtual, ServoBus(virtual.port, timeout=patient) as bus:
         answers: list[Callable[[], None]] = []

@@ -6,12 +6,11 @@ import dataclasses
 import re
 
 import pytest
-
-from actuators import ChainError, load_chain
-from actuators.chain import ORDER, names
-from actuators.documentation import PAGE, page
-from actuators.stages import STAGES, build_stage
-from actuators.stages.transmission import Friction
+from sealegs.actuators import ChainError, load_chain
+from sealegs.actuators.chain import ORDER, names
+from sealegs.actuators.documentation import PAGE, page
+from sealegs.actuators.stages import STAGES, build_stage
+from sealegs.actuators.stages.transmission import Friction
 
 MOTOR = [{"supply": {"volts": 7.4}}, {"dc_motor": {"motor_constant": 1.2, "resistance": 2.7}}]
 SERVO = [{"position_p": {"gain": 5.0}}, *MOTOR]
@@ -35,7 +34,7 @@ def test_every_stage_has_its_place_in_the_order():
 
 
 def test_the_documentation_is_that_of_the_stages():
-    assert PAGE.read_text(encoding="utf-8") == page(), "run python -m actuators.documentation"
+    assert PAGE.read_text(encoding="utf-8") == page(), "run python -m sealegs.actuators.documentation"
 
 
 def refusal(stages) -> str:

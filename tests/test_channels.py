@@ -6,18 +6,18 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from sealegs.actuators.chain import load_chain
+from sealegs.gap.causes.catalogue import retunable
+from sealegs.gap.log.parts import cut
+from sealegs.gap.replay.joint_model import JointModel
+from sealegs.gap.replay.problem import Problem, converged, lay_out
+from sealegs.gap.search.channels import weigh_channels
+from sealegs.gap.search.correlated import excess
+from sealegs.gap.search.fit import fit
+from sealegs.gap.search.forward import LEFT
+from sealegs.gap.search.structure import NOTICED, structure
 
-from actuators.chain import load_chain
-from gap.causes import retunable
-from gap.channels import weigh_channels
-from gap.correlated import excess
-from gap.fit import fit
-from gap.joint_model import JointModel
-from gap.problem import Problem, converged, lay_out
-from gap.search import LEFT
-from gap.structure import NOTICED, structure
-from gap.units import cut
-from tests.plant import NOISE_FLOOR, hidden_bench
+from testbed import NOISE_FLOOR, hidden_bench
 
 SEED = 402
 POSITION = {"position": 1.0 / NOISE_FLOOR}

@@ -9,23 +9,23 @@ from pathlib import Path
 import mujoco
 import numpy as np
 import pytest
+from sealegs.actuators import Drivetrain
+from sealegs.actuators.chain import load_chain
+from sealegs.envs.hopper.robot import FOOT, HOPPER
+from sealegs.gap.ground.causes import contact_causes, ground_numbers
+from sealegs.gap.ground.ground import GROUND, diagnose_ground
+from sealegs.gap.ground.leg_model import DEPTH, GROUND_MASS, IMMOBILE, LegModel
+from sealegs.gap.ground.leg_problem import LegProblem, leg_problem
+from sealegs.gap.ground.leg_replay import LegReplay
+from sealegs.gap.ground.stances import column_noise, columns, find_stances, touchdowns
+from sealegs.gap.log.parts import FIT_A, FIT_B, TEST
+from sealegs.gap.log.types import LogError, MeasuredSet
+from sealegs.gap.output.files import fresh_folder, write_diagnosis
+from sealegs.gap.search.fit import fit
+from sealegs.gap.verdict.diagnosis import diagnose
+from sealegs.gap.verdict.verdict import NOT_IDENTIFIABLE, JointDiagnosis
 
-from actuators import Drivetrain
-from actuators.chain import load_chain
-from envs.hopper.robot import FOOT, HOPPER
-from gap.contact.causes import contact_causes, ground_numbers
-from gap.contact.ground import GROUND, diagnose_ground
-from gap.contact.leg_model import DEPTH, GROUND_MASS, IMMOBILE, LegModel
-from gap.contact.leg_problem import LegProblem, leg_problem
-from gap.contact.leg_replay import LegReplay
-from gap.contact.stances import column_noise, columns, find_stances, touchdowns
-from gap.diagnosis import diagnose
-from gap.diagnosis_files import fresh_folder, write_diagnosis
-from gap.fit import fit
-from gap.log_types import LogError, MeasuredSet
-from gap.units import FIT_A, FIT_B, TEST
-from gap.verdict import NOT_IDENTIFIABLE, JointDiagnosis
-from tests.plant.hopper import JOINTS, hidden_hopper
+from testbed.hopper import JOINTS, hidden_hopper
 from tests.small_hopper import small_hopper, together
 
 SHORT = 6.0  # [s]
@@ -174,8 +174,8 @@ def test_a_diagnosis_tells_the_ground_which_group_to_keep(monkeypatch: pytest.Mo
         told.extend(arguments)
         return nothing
 
-    monkeypatch.setattr("gap.contact.ground.diagnose_ground", ground)
-    monkeypatch.setattr("gap.diagnosis._joint", lambda *arguments: nothing)
+    monkeypatch.setattr("sealegs.gap.ground.ground.diagnose_ground", ground)
+    monkeypatch.setattr("sealegs.gap.verdict.diagnosis._joint", lambda *arguments: nothing)
     diagnose(data, data.runs[1].name)
     assert told[-1] == data.runs[1].name
 

@@ -11,22 +11,22 @@ from typing import Any
 
 import numpy as np
 import pytest
+from sealegs.actuators.errors import SealegsError
+from sealegs.gap.log import LogError, read_measured
+from sealegs.hw.bus import ServoBus
+from sealegs.hw.clock import Metronome
+from sealegs.hw.commands import PolicyCommands, Trajectory
+from sealegs.hw.connection import opened_port
+from sealegs.hw.deadman import DeadMan
+from sealegs.hw.loop import ControlLoop, Outcome, Stop
+from sealegs.hw.measured_log import SYNC, MeasuredLog, make_sidecar, read_events, recover
+from sealegs.hw.packets import BusError
+from sealegs.hw.policy import Policy
+from sealegs.hw.robot import ServoRobot, build_robot
+from sealegs.hw.safety import Limits, Safety
+from sealegs.hw.supervisor import bring_to_rest
+from sealegs.hw.virtual import VirtualBus
 
-from actuators.errors import SealegsError
-from gap.log import LogError, read_measured
-from hw.bus import ServoBus
-from hw.clock import Metronome
-from hw.commands import PolicyCommands, Trajectory
-from hw.connection import opened_port
-from hw.deadman import DeadMan
-from hw.loop import ControlLoop, Outcome, Stop
-from hw.measured_log import SYNC, MeasuredLog, make_sidecar, read_events, recover
-from hw.packets import BusError
-from hw.policy import Policy
-from hw.robot import ServoRobot, build_robot
-from hw.safety import Limits, Safety
-from hw.supervisor import bring_to_rest
-from hw.virtual import VirtualBus
 from tests.servo_runs import config, gentle_policy
 
 TIMEOUT = 1.0
@@ -319,7 +319,7 @@ class Clock:
 @pytest.fixture
 def clock(monkeypatch: pytest.MonkeyPatch) -> Clock:
     fake = Clock()
-    monkeypatch.setattr("hw.clock.time", fake)
+    monkeypatch.setattr("sealegs.hw.clock.time", fake)
     return fake
 
 
@@ -419,7 +419,7 @@ def test_rows_and_events_are_brought_to_the_disk_while_the_robot_moves(
         fsync(file)
 
     log = small_log(tmp_path, 3)
-    monkeypatch.setattr("hw.measured_log.os.fsync", noted)
+    monkeypatch.setattr("sealegs.hw.measured_log.os.fsync", noted)
     end = time.monotonic() + 30.0
     while sum(path.endswith("run.csv") for path in synced) < 3:
         assert time.monotonic() < end
@@ -469,7 +469,7 @@ def test_a_full_disk_is_told_and_what_was_written_is_safe(tmp_path: Path, monkey
         raise OSError(28, "No space left on device")
 
     with monkeypatch.context() as patched:
-        patched.setattr("hw.measured_log.os.write", full)
+        patched.setattr("sealegs.hw.measured_log.os.write", full)
         with pytest.raises(LogError, match="No space left"):
             log.write(1.0, np.zeros((1, 7)), (), (0.0, 0.0, 0.0), [0])
         log.event(1.0, "end")

@@ -6,11 +6,10 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-
-from gap.checks import check_set, merged
-from gap.converters import convert_ak80, convert_so101, convert_xl330
-from gap.converters.__main__ import main
-from gap.log import LogError, MeasuredSet, read_measured
+from sealegs.gap.checks.data_set import check_set, merged
+from sealegs.gap.log import LogError, MeasuredSet, read_measured
+from sealegs.gap.log.importers import convert_ak80, convert_so101, convert_xl330
+from sealegs.gap.log.importers.__main__ import main
 
 DATA = Path(__file__).resolve().parents[1] / "../shared/data"
 needs_data = pytest.mark.skipif(not DATA.is_dir(), reason=f"no measured data in {DATA}")

@@ -10,13 +10,13 @@ from typing import Any
 import numpy as np
 import pytest
 from scipy.interpolate import make_smoothing_spline
+from sealegs.gap.checks.correction import CONVERTED
+from sealegs.gap.checks.data_set import check_set, corrected
+from sealegs.gap.log.types import MeasuredRun, MeasuredSet
+from sealegs.gap.verdict.diagnosis import diagnose
+from sealegs.gap.verdict.verdict import EXPLAINED, NOTHING
 
-from gap.checks import check_set, corrected
-from gap.diagnosis import diagnose
-from gap.log_checks.correction import CONVERTED
-from gap.log_types import MeasuredRun, MeasuredSet
-from gap.verdict import EXPLAINED, NOTHING
-from tests.plant import hidden_bench
+from testbed import hidden_bench
 
 JOINT = "servo"
 SCHEDULES = (("chirp", "steps"), ("multisine", "triangle"), ("lift_and_drop", "chirp"))

@@ -9,19 +9,18 @@ from typing import Any
 import numpy as np
 import pytest
 import yaml
+from sealegs.actuators.errors import SealegsError
+from sealegs.commands import deploy, loop
+from sealegs.configs.script import run as run_script
+from sealegs.envs.contract import Contract, ContractError
+from sealegs.gap.checks.data_set import check_set, unusable
+from sealegs.gap.log import JointLog, MeasuredRun, read_measured, write_run
+from sealegs.hw import deployment
+from sealegs.hw.commands import read_excitation, read_replay
+from sealegs.hw.measured_log import MeasuredLog, make_sidecar, read_events
+from sealegs.hw.policy import Policy
+from sealegs.hw.robot import build_robot
 
-import deploy
-import loop
-from actuators.errors import SealegsError
-from configs.script import run as run_script
-from envs.contract import Contract, ContractError
-from gap.checks import check_set, unusable
-from gap.log import JointLog, MeasuredRun, read_measured, write_run
-from hw import deployment
-from hw.commands import read_excitation, read_replay
-from hw.measured_log import MeasuredLog, make_sidecar, read_events
-from hw.policy import Policy
-from hw.robot import build_robot
 from tests.servo_runs import PATIENT, config, excitation, gentle_policy
 
 STEPPED = ["hw.virtual.time=stepped", *PATIENT, "silence=20"]
@@ -93,8 +92,8 @@ def test_a_dry_run_prints_goals_and_leaves_no_log(
     policy: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
 ) -> None:
     told: list[Any] = []
-    monkeypatch.setattr("hw.bus.ServoBus.torque_on", lambda *a: told.append(a))
-    monkeypatch.setattr("hw.bus.ServoBus.write_goals", lambda *a: told.append(a))
+    monkeypatch.setattr("sealegs.hw.bus.ServoBus.torque_on", lambda *a: told.append(a))
+    monkeypatch.setattr("sealegs.hw.bus.ServoBus.write_goals", lambda *a: told.append(a))
     assert run(f"policy={policy}", f"out={tmp_path / 'none'}", "dry_run=true") == 0
     shown = capsys.readouterr().out.splitlines()
     assert "no torque" in shown[0] and len(shown) == 2 + deployment.DRY_CYCLES

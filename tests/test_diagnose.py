@@ -10,15 +10,15 @@ import numpy as np
 import pandas as pd
 import pytest
 import yaml
+from sealegs.actuators import load_chain
+from sealegs.commands import diagnose as script
+from sealegs.configs.script import run
+from sealegs.gap.log import read_measured
+from sealegs.gap.verdict.diagnosis import diagnose
+from sealegs.gap.virtual.bench import record
 
-import diagnose as script
-from actuators import load_chain
-from configs.script import run
-from gap.diagnosis import diagnose
-from gap.log import read_measured
-from gap.virtual_bench import record
+from testbed import hidden_bench
 from tests.few_causes import few
-from tests.plant import hidden_bench
 
 DATA = Path(__file__).resolve().parent.parent.parent / "shared" / "data"
 
@@ -97,7 +97,7 @@ def test_pictures_and_report_are_written(diagnosis: Path) -> None:
 
 @together
 def test_training_takes_the_extended_chain_as_it_is(diagnosis: Path) -> None:
-    from envs.robots import get_robot
+    from sealegs.envs.robots import get_robot
 
     assert get_robot("hopper").drivetrain(str(diagnosis / "extended.yaml")).model.nu == 2
 
@@ -241,7 +241,7 @@ def test_a_missing_log_says_so(tmp_path: Path, capsys: pytest.CaptureFixture[str
 
 @pytest.mark.skipif(not (DATA / "ak80_pendulum").is_dir(), reason="the AK80 logs (../shared/data) are not here")
 def test_ak80_torque_column_is_not_read_with_the_motion() -> None:
-    from gap.converters.ak80 import convert_ak80
+    from sealegs.gap.log.importers.ak80 import convert_ak80
 
     pytest.importorskip("pandas")
     import tempfile
@@ -255,11 +255,11 @@ def test_ak80_torque_column_is_not_read_with_the_motion() -> None:
 
 @pytest.mark.skipif(not (DATA / "xl330_pendulum").is_dir(), reason="the XL330 logs (../shared/data) are not here")
 def test_xl330_loses_torque_under_load(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    from gap.converters.xl330 import convert_xl330
+    from sealegs.gap.log.importers.xl330 import convert_xl330
 
     # those that come nearest; `python -m benchmarks.real_data` takes all of the catalogue, and four times as long
     near = ("friction.load_dependent", "friction.stribeck", "drive.supply_sag")
-    monkeypatch.setattr("gap.search.catalogue", few(*near))
+    monkeypatch.setattr("sealegs.gap.search.forward.catalogue", few(*near))
     convert_xl330(DATA / "xl330_pendulum", tmp_path)
     (found,) = diagnose(read_measured(tmp_path), test_group="kp400")
     assert found.causes[0].name == "friction.load_dependent"

@@ -6,16 +6,16 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from sealegs.actuators.chain import load_chain
+from sealegs.gap.log.parts import cut
+from sealegs.gap.log.types import JointLog, MeasuredRun, MeasuredSet
+from sealegs.gap.replay.driven import DrivenProblem, driven_problem, limits, shown
+from sealegs.gap.replay.driven_simulator import replay_driven
+from sealegs.gap.replay.joint_model import IMMOVABLE, K_INERTIA, JointModel
+from sealegs.gap.verdict.diagnosis import diagnose
+from sealegs.gap.verdict.verdict import NOT_IDENTIFIABLE
 
-from actuators.chain import load_chain
-from gap.diagnosis import diagnose
-from gap.driven import DrivenProblem, driven_problem, limits, shown
-from gap.driven_simulator import replay_driven
-from gap.joint_model import IMMOVABLE, K_INERTIA, JointModel
-from gap.log_types import JointLog, MeasuredRun, MeasuredSet
-from gap.units import cut
-from gap.verdict import NOT_IDENTIFIABLE
-from tests.plant.hopper import JOINTS, Servo, hidden_hopper, nominal_hopper_chain
+from testbed.hopper import JOINTS, Servo, hidden_hopper, nominal_hopper_chain
 from tests.small_hopper import small_hopper, together
 
 SPRING = [

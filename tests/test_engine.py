@@ -11,10 +11,10 @@ import mujoco
 import numpy as np
 import pytest
 from mujoco.batch import Batch
+from sealegs.actuators import ChainError, DrivenCoordinate, Drivetrain, SealegsError, load_chain
+from sealegs.actuators.engine import install, installed
+from sealegs.actuators.layout import S_LIMIT, S_LOAD, S_OUT_OF_RANGE, S_STAGE, S_TIME, S_TORQUE
 
-from actuators import ChainError, DrivenCoordinate, Drivetrain, SealegsError, load_chain
-from actuators.engine import install, installed
-from actuators.layout import S_LIMIT, S_LOAD, S_OUT_OF_RANGE, S_STAGE, S_TIME, S_TORQUE
 from benchmarks.exact_joint import ExactJoint, excitation
 from benchmarks.numerics import HOLD, Constants, engine
 
@@ -337,7 +337,7 @@ def foreign_script(setup: str, expected: str) -> None:
     """Run a check in a process of its own: callbacks belong to a process."""
     code = f"""
 import ctypes, mujoco, numpy as np
-from actuators import Drivetrain
+from sealegs.actuators import Drivetrain
 FOREIGN, PENDULUM = {FOREIGN!r}, {PENDULUM!r}
 models = [mujoco.MjModel.from_xml_string(FOREIGN.format(user=user)) for user in ('', 'user="3 4"')]
 {setup}

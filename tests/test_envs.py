@@ -11,16 +11,15 @@ import gymnasium as gym
 import mujoco
 import numpy as np
 import pytest
+import sealegs  # noqa: F401 registers
 import yaml
 from gymnasium.utils.env_checker import check_env as check_gymnasium
+from sealegs.actuators import load_chain
+from sealegs.actuators.errors import SealegsError
+from sealegs.envs.hopper.robot import HOPPER
+from sealegs.envs.robots import get_robot
+from sealegs.envs.single import SingleEnv
 from stable_baselines3.common.env_checker import check_env as check_sb3
-
-import envs  # noqa: F401 registers
-from actuators import load_chain
-from actuators.errors import SealegsError
-from envs.hopper.robot import HOPPER
-from envs.robots import get_robot
-from envs.single import SingleEnv
 
 
 def single(env: gym.Env) -> SingleEnv:

@@ -12,16 +12,15 @@ import numpy as np
 import onnx
 import pytest
 import torch
+from sealegs.actuators import load_chain
+from sealegs.actuators.errors import SealegsError
+from sealegs.agents.export import export_policy, write_onnx
+from sealegs.agents.policy_files import describe
+from sealegs.envs.contract import KEY, Contract, ContractError, chain_hash, make_contract
+from sealegs.envs.sb3 import BatchVecEnv
+from sealegs.hw.policy import Policy
 from stable_baselines3 import PPO, SAC
 from stable_baselines3.common.vec_env import VecNormalize
-
-from actuators import load_chain
-from actuators.errors import SealegsError
-from agents.export import export_policy, write_onnx
-from agents.policy_files import describe
-from envs.contract import KEY, Contract, ContractError, chain_hash, make_contract
-from envs.sb3 import BatchVecEnv
-from hw.policy import Policy
 
 REPOSITORY = Path(__file__).resolve().parents[1]
 ENV = {"id": "SeaLegs/Hopper-v0", "randomization": None}

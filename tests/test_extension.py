@@ -9,12 +9,12 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from sealegs.actuators import load_chain
+from sealegs.gap.causes.catalogue import Cause, catalogue
+from sealegs.gap.output.mjcf import native_mjcf, not_native
+from sealegs.gap.replay.engine import bench, bench_parameters, replay_in_engine
+from sealegs.gap.replay.joint_model import GRAVITY, JointModel
 
-from actuators import load_chain
-from gap.causes import Cause, catalogue
-from gap.engine_replay import bench, bench_parameters, replay_in_engine
-from gap.joint_model import GRAVITY, JointModel
-from gap.native_mjcf import native_mjcf, not_native
 from tests.smooth_bench import CHAIN, PARAMS
 
 NOMINAL = JointModel(load_chain(CHAIN))

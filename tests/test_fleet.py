@@ -9,16 +9,16 @@ from collections.abc import Iterator
 from pathlib import Path
 
 import pytest
+from sealegs.actuators.errors import SealegsError
+from sealegs.commands import diagnose as script
+from sealegs.configs.script import run
+from sealegs.gap.fleet import Job, Outcome, diagnose_fleet, find_jobs, rows_of, shared_causes, write_table
+from sealegs.gap.fleet import jobs as jobs_module
+from sealegs.gap.fleet.jobs import finished, run_job, source
+from sealegs.gap.fleet.page import draw_fleet, write_page
+from sealegs.gap.log import write_run
 
-import diagnose as script
-from actuators.errors import SealegsError
-from configs.script import run
-from gap.fleet import Job, Outcome, diagnose_fleet, find_jobs, rows_of, shared_causes, write_table
-from gap.fleet import jobs as jobs_module
-from gap.fleet.jobs import finished, run_job, source
-from gap.fleet.page import draw_fleet, write_page
-from gap.log import write_run
-from tests.plant import hidden_bench
+from testbed import hidden_bench
 
 
 def call(*arguments: str) -> int:
@@ -76,7 +76,7 @@ def quick(monkeypatch: pytest.MonkeyPatch) -> Iterator[list[str]]:
         yield from map(run_job, jobs)
 
     monkeypatch.setattr(jobs_module, "diagnose_folder", diagnosed)
-    monkeypatch.setattr("gap.fleet.run._in_processes", here)
+    monkeypatch.setattr("sealegs.gap.fleet.run._in_processes", here)
     yield done
 
 
@@ -143,7 +143,7 @@ def test_ctrl_c_says_how_to_go_on(
         yield run_job(jobs[0])
         raise KeyboardInterrupt
 
-    monkeypatch.setattr("gap.fleet.run._in_processes", interrupted)
+    monkeypatch.setattr("sealegs.gap.fleet.run._in_processes", interrupted)
     assert call(f"log={fleet}", f"out={tmp_path / 'out'}", "fleet=true") == 130
     assert "1 of 3 servos are kept" in capsys.readouterr().err
     assert (tmp_path / "out" / "a" / "diagnosis.json").is_file()
@@ -221,7 +221,7 @@ def test_the_page_holds_all_it_shows(tmp_path: Path) -> None:
 
 
 def test_a_fleet_on_ray_gives_the_same(fleet: Path, tmp_path: Path) -> None:
-    from gap.fleet.run import _elsewhere, _received
+    from sealegs.gap.fleet.run import _elsewhere, _received
 
     job = find_jobs(fleet, tmp_path / "out")[2]
     error, files = _elsewhere(job.name, {path.name: path.read_bytes() for path in job.log.iterdir()}, {})

@@ -12,23 +12,22 @@ import gymnasium as gym
 import mujoco
 import numpy as np
 import pytest
+import sealegs  # noqa: F401 registers
 from gymnasium.utils.env_checker import check_env as check_gymnasium
+from sealegs.actuators import load_chain, load_chain_set
+from sealegs.actuators.errors import SealegsError
+from sealegs.actuators.layout import S_CURRENT, S_TORQUE, S_VOLTAGE
+from sealegs.envs.hexapod import modulated_gait
+from sealegs.envs.hexapod.env import HexapodEnv
+from sealegs.envs.hexapod.gait import PERIOD, Tripod
+from sealegs.envs.hexapod.kinematics import Joints, foot_from_joints, joints_from_foot, leg_angle, link_angles, stance
+from sealegs.envs.hexapod.modulated_gait import MODULATED
+from sealegs.envs.hexapod.parameters import GOAL_RANGE, LEGS, NUMBERS
+from sealegs.envs.hexapod.robot import FRICTIONS, HEXAPOD, KINDS, chains_of, coordinate, foot, loop_joints, total_mass
+from sealegs.envs.robots import get_robot
+from sealegs.envs.sb3 import BatchVecEnv
+from sealegs.envs.single import SingleEnv
 from stable_baselines3.common.env_checker import check_env as check_sb3
-
-import envs  # noqa: F401 registers
-from actuators import load_chain, load_chain_set
-from actuators.errors import SealegsError
-from actuators.layout import S_CURRENT, S_TORQUE, S_VOLTAGE
-from envs.hexapod import modulated_gait
-from envs.hexapod.env import HexapodEnv
-from envs.hexapod.gait import PERIOD, Tripod
-from envs.hexapod.kinematics import Joints, foot_from_joints, joints_from_foot, leg_angle, link_angles, stance
-from envs.hexapod.modulated_gait import MODULATED
-from envs.hexapod.parameters import GOAL_RANGE, LEGS, NUMBERS
-from envs.hexapod.robot import FRICTIONS, HEXAPOD, KINDS, chains_of, coordinate, foot, loop_joints, total_mass
-from envs.robots import get_robot
-from envs.sb3 import BatchVecEnv
-from envs.single import SingleEnv
 
 REPOSITORY = Path(__file__).resolve().parents[1]
 ENV = "SeaLegs/Hexapod-v0"
@@ -113,7 +112,7 @@ def test_a_link_that_rides_on_two_others_moves_them_as_it_would_itself() -> None
 
 
 def test_feet_stand_on_the_ground_as_deep_as_printed(model: mujoco.MjModel) -> None:
-    from envs.hexapod.paper import penetration_on
+    from sealegs.envs.hexapod.paper import penetration_on
 
     assert penetration_on(3, 0.8) == pytest.approx(0.0023, abs=1e-4)
     assert penetration_on(6, 0.8) == pytest.approx(0.0023 * 0.5 ** (2.0 / 3.0), rel=0.05)  # Hertz
@@ -185,7 +184,7 @@ def pushed(
     integrator: str = "implicitfast",
     rise: float = 0.0,
 ):
-    from actuators import Drivetrain
+    from sealegs.actuators import Drivetrain
 
     spec = mujoco.MjSpec.from_string(SLIDE.format(step=step, integrator=integrator))
     driven = Drivetrain(spec, {"x": [{"torque_command": {}}, {"friction": friction}]})
@@ -229,8 +228,8 @@ def test_smoothed_dry_friction_creeps_as_its_equation_says() -> None:
 
 
 def test_a_digital_controller_holds_its_duty_and_its_integral_runs_out_within_the_band() -> None:
-    from actuators.law import begin, torque
-    from actuators.layout import P_STATE_SIZE, S_DUTY
+    from sealegs.actuators.law import begin, torque
+    from sealegs.actuators.layout import P_STATE_SIZE, S_DUTY
 
     controller = {"gain": 2.0, "integral": 4.0, "period": 0.01, "band": 0.01, "integral_limit": 0.05}
     chain = load_chain(

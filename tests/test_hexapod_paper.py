@@ -9,11 +9,10 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-
-from actuators.errors import SealegsError
-from envs.hexapod.gait import Tripod
-from envs.hexapod.paper import Machine, Standing, Walk, stand_unpowered
-from envs.hexapod.report import motors
+from sealegs.actuators.errors import SealegsError
+from sealegs.envs.hexapod.gait import Tripod
+from sealegs.envs.hexapod.paper import Machine, Standing, Walk, stand_unpowered
+from sealegs.envs.hexapod.report import motors
 
 REPOSITORY = Path(__file__).resolve().parents[1]
 FAST = 0.03  # [m/s] a cycle takes 6 s

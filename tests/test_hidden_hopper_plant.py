@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from tests.plant.hopper import (
+from testbed.hopper import (
     BOOM_STEP,
     GRAVITY,
     HOPPER_EFFECTS,

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from benchmarks.hidden import NUMBERS, Case, within_tolerance
-from tests.plant import (
+from testbed import (
     EFFECTS,
     LOADS,
     MAGNITUDES,
@@ -21,8 +21,8 @@ from tests.plant import (
     hidden_bench,
     simulate,
 )
-from tests.plant.effects import BOTH_SIGNS, BY_HAND, GAP_IN_NOISE_FLOORS, SPREAD
-from tests.plant.physics import GRAVITY
+from testbed.effects import BOTH_SIGNS, BY_HAND, GAP_IN_NOISE_FLOORS, SPREAD
+from testbed.physics import GRAVITY
 
 HARD_TO_SHOW = ("friction.presliding", "transmission.backlash", "contact.blocked", "drive.overload")
 NO_JAMS = np.zeros(0)
@@ -112,7 +112,7 @@ def test_loads_and_nominal_errors_are_what_they_say() -> None:
 
 @pytest.mark.parametrize("name", [name for name in EFFECTS if name not in HARD_TO_SHOW])
 def test_effects_have_the_promised_size(name: str) -> None:
-    from tests.plant.calibrate import gap
+    from testbed.calibrate import gap
 
     effect = EFFECTS[name]
     clear, moderate, faint = (gap(name, size, seeds=(0,)) for size in effect.sizes)
@@ -121,7 +121,7 @@ def test_effects_have_the_promised_size(name: str) -> None:
 
 
 def test_effects_that_a_servo_can_hardly_show_still_order_by_size() -> None:
-    from tests.plant.calibrate import gap
+    from testbed.calibrate import gap
 
     for name in (*HARD_TO_SHOW, *STRANGERS):
         clear, moderate, faint = (gap(name, size, seeds=(0,)) for size in (EFFECTS | STRANGERS)[name].sizes)

@@ -9,11 +9,10 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-
-from actuators import load_chain
-from actuators.errors import SealegsError
-from envs.hopper.controller import BangBang, spring_stiffness
-from envs.hopper.paper import CHAINS, PRINTED, Figures, Hops, Legs, by_period, flexions, measure
+from sealegs.actuators import load_chain
+from sealegs.actuators.errors import SealegsError
+from sealegs.envs.hopper.controller import BangBang, spring_stiffness
+from sealegs.envs.hopper.paper import CHAINS, PRINTED, Figures, Hops, Legs, by_period, flexions, measure
 
 REPOSITORY = Path(__file__).resolve().parents[1]
 

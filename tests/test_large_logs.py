@@ -9,19 +9,19 @@ from pathlib import Path
 import numpy as np
 import pytest
 from pyarrow import Table, parquet
+from sealegs.gap.checks.data_set import check_set, corrected
+from sealegs.gap.log import LogError
+from sealegs.gap.log.finding import Finding
+from sealegs.gap.log.long import MOST_ROWS, count_rows, read_bounded, spread, window_rows
+from sealegs.gap.log.parts import SEARCH, WARM_UP, cut
+from sealegs.gap.log.types import JointLog, MeasuredRun
 
 from benchmarks.large_log import write
-from gap.checks import check_set, corrected
-from gap.log import LogError
-from gap.log_checks.finding import Finding
-from gap.log_types import JointLog, MeasuredRun
-from gap.long_log import MOST_ROWS, count_rows, read_bounded, spread, window_rows
-from gap.units import SEARCH, WARM_UP, cut
 
 ROWS, HELD = 300_000, 48_000
 PEAK = """
 import resource, sys
-from gap.long_log import read_bounded
+from sealegs.gap.log.long import read_bounded
 before = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss
 data = read_bounded(sys.argv[1], int(sys.argv[2]))
 print((resource.getrusage(resource.RUSAGE_SELF).ru_maxrss - before) / 1024.0)
@@ -121,9 +121,10 @@ def test_memory_does_not_grow_with_the_log(long_log: Path, tmp_path: Path) -> No
 def test_the_findings_of_the_whole_log_reach_the_verdict(monkeypatch: pytest.MonkeyPatch) -> None:
     from dataclasses import replace
 
-    from gap.diagnosis import diagnose
-    from gap.verdict import UNUSABLE
-    from tests.plant import hidden_bench
+    from sealegs.gap.verdict.diagnosis import diagnose
+    from sealegs.gap.verdict.verdict import UNUSABLE
+
+    from testbed import hidden_bench
 
     data, _ = hidden_bench({}, 1, runs=1, duration=2.0)
     jumps = Finding("position.spikes", "error", "servo", "servo.position", "The position jumps.", data_error=True)

@@ -6,10 +6,9 @@ import math
 
 import numpy as np
 import pytest
-
-from actuators import Chain, load_chain
-from actuators.law import advance, begin, host_reading, torque
-from actuators.layout import (
+from sealegs.actuators import Chain, load_chain
+from sealegs.actuators.law import advance, begin, host_reading, torque
+from sealegs.actuators.layout import (
     DELAY_EVENTS,
     P_STATE_SIZE,
     S_CURRENT,

@@ -9,12 +9,12 @@ from pathlib import Path
 import numpy as np
 import pytest
 import yaml
+from sealegs.actuators.errors import SealegsError
+from sealegs.agents.policy_files import load_policy
+from sealegs.configs.compose import choices
 
-from actuators.errors import SealegsError
-from agents.policy_files import load_policy
 from benchmarks import learning
 from benchmarks.learning import Bar, interval, page, read_curve
-from configs.compose import choices
 
 SMALL = ("env=bench", "total_timesteps=64", "n_envs=2", "agent.n_steps=16", "agent.batch_size=16", "evaluate.every=32")
 

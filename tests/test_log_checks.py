@@ -8,12 +8,12 @@ from functools import cache
 import numpy as np
 import pytest
 from scipy.interpolate import make_smoothing_spline
+from sealegs.actuators import load_chain
+from sealegs.gap.checks.correction import mended
+from sealegs.gap.checks.data_set import Finding, check_run, check_set, corrected, merged, noise_floor, unusable
+from sealegs.gap.log.types import JointLog, MeasuredRun, MeasuredSet
 
-from actuators import load_chain
-from gap.checks import Finding, check_run, check_set, corrected, merged, noise_floor, unusable
-from gap.log_checks.correction import mended
-from gap.log_types import JointLog, MeasuredRun, MeasuredSet
-from tests.plant import NOISE_FLOOR, hidden_bench
+from testbed import NOISE_FLOOR, hidden_bench
 
 JOINT = "servo"
 TICK = 2 * np.pi / 4096

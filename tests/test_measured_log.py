@@ -8,9 +8,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 import yaml
-
-from gap import log_writer
-from gap.log import JointLog, LogError, MeasuredRun, iterate_runs, read_measured, write_run
+from sealegs.gap.log import JointLog, LogError, MeasuredRun, iterate_runs, read_measured, write_run
+from sealegs.gap.log import writer as log_writer
 
 SIDECAR = {"robot": "bench", "robot_params": {"mass": 0.5, "length": 0.12}, "actuators": {"servo": "sts3215"}}
 

@@ -9,12 +9,9 @@ from types import SimpleNamespace
 
 import numpy as np
 import pytest
-
-from actuators import load_chain
-from actuators.errors import SealegsError
-from benchmarks.next_experiment import POOR, outcome, record_experiment, summary
-from gap.diagnosis import diagnose
-from gap.experiment import (
+from sealegs.actuators import load_chain
+from sealegs.actuators.errors import SealegsError
+from sealegs.gap.experiment import (
     RATE,
     Experiment,
     Limits,
@@ -24,14 +21,17 @@ from gap.experiment import (
     read_goals,
     write_experiment,
 )
-from gap.experiment.excitations import HOLDS, abilities, excitations, slewed
-from gap.experiment.proposal import Hypothesis, _kept_within
-from gap.joint_model import JointModel
-from gap.log_sidecar import read_sidecar
-from gap.log_types import LogError
-from gap.verdict import NOT_IDENTIFIABLE, UNUSABLE
+from sealegs.gap.experiment.excitations import HOLDS, abilities, excitations, slewed
+from sealegs.gap.experiment.proposal import Hypothesis, _kept_within
+from sealegs.gap.log.sidecar import read_sidecar
+from sealegs.gap.log.types import LogError
+from sealegs.gap.replay.joint_model import JointModel
+from sealegs.gap.verdict.diagnosis import diagnose
+from sealegs.gap.verdict.verdict import NOT_IDENTIFIABLE, UNUSABLE
+
+from benchmarks.next_experiment import POOR, outcome, record_experiment, summary
+from testbed import hidden_bench
 from tests.few_causes import few
-from tests.plant import hidden_bench
 
 LOAD = {"mass": 0.5, "arm_mass": 0.03, "length": 0.12}
 NOMINAL = JointModel(load_chain("sts3215"))
@@ -67,7 +67,7 @@ def test_no_experiment_is_proposed_where_the_servo_holds_no_load_within_the_limi
     data, _ = hidden_bench({}, 3, runs=1, duration=3.0, schedules=(POOR["still"],))
     runs = [replace(run, robot_params=TOO_HEAVY) for run in data.runs]
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr("gap.experiment.proposal.catalogue", few("drive.delay"))
+        patch.setattr("sealegs.gap.experiment.proposal.catalogue", few("drive.delay"))
         assert experiment_for_still(runs, "servo", [NOMINAL], Limits(1.0, 1.5)) is None
 
 
@@ -82,7 +82,7 @@ def test_a_motion_made_smaller_stays_within_the_limits_and_where_its_load_is_hel
         middle = 0.5 * (goal.min() + goal.max())
         return SimpleNamespace(simulate=lambda variants: (middle + overshoot * (goal - middle))[None, :, None])
 
-    monkeypatch.setattr("gap.experiment.proposal._measurement", measurement)
+    monkeypatch.setattr("sealegs.gap.experiment.proposal._measurement", measurement)
     for name, goal in excitations(limits, NOMINAL, heavy).items():
         kept = _kept_within(None, heavy, goal, [Hypothesis("any", {}, ())], limits)  # type: ignore[arg-type]
         assert kept.min() >= limits.lower and kept.max() <= held + 1e-9, name
@@ -148,7 +148,7 @@ def test_a_joint_that_never_moved_gets_a_first_experiment() -> None:
     resting = [replace(run, joints={j: replace(log, position=0 * log.position + 0.3) for j, log in run.joints.items()})
                for run in data.runs]  # fmt: skip
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr("gap.experiment.proposal.catalogue", few("drive.delay", "friction.viscous"))
+        patch.setattr("sealegs.gap.experiment.proposal.catalogue", few("drive.delay", "friction.viscous"))
         (found,) = diagnose(replace(data, runs=tuple(resting)))
     assert found.verdict == UNUSABLE
     assert found.experiment is not None and np.ptp(found.experiment.goal) > 0.5
@@ -168,7 +168,7 @@ def test_what_a_poor_log_leaves_open_the_proposed_experiment_names(
 ) -> None:
     data, truth = hidden_bench({effect: size}, seed, "medium", runs=2, duration=8.0, schedules=(POOR[motion],))
     with pytest.MonkeyPatch.context() as patch:
-        for module in ("gap.search", "gap.experiment.proposal"):
+        for module in ("sealegs.gap.search.forward", "sealegs.gap.experiment.proposal"):
             patch.setattr(f"{module}.catalogue", few(*considered))
         (found,) = diagnose(data)
         assert found.verdict == NOT_IDENTIFIABLE or found.rivals, found.sentence

@@ -7,11 +7,11 @@ from typing import Any
 
 import numpy as np
 import pytest
+from sealegs.envs.sb3 import BatchVecEnv
+from sealegs.hw.observer import Observer
+from sealegs.hw.policy import Policy
+from sealegs.hw.robot import Reading, build_robot
 
-from envs.sb3 import BatchVecEnv
-from hw.observer import Observer
-from hw.policy import Policy
-from hw.robot import Reading, build_robot
 from tests.servo_runs import config, gentle_policy
 
 PERIOD = 0.02

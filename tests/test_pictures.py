@@ -9,14 +9,14 @@ import numpy as np
 import pytest
 from matplotlib import rcParams
 from matplotlib.image import imread
+from sealegs.gap.causes.catalogue import catalogue
+from sealegs.gap.output.pictures import CAUSES, draw_all, picture_of, pictures, png
+from sealegs.gap.output.pictures.evidence import Evidence
+from sealegs.gap.output.pictures.summary import budget_slices
+from sealegs.gap.output.pictures.timeline import timeline, worst_window
+from sealegs.gap.output.pictures.transmission import _way
+from sealegs.gap.verdict.verdict import Error, JointDiagnosis, NamedCause
 
-from gap.causes import catalogue
-from gap.pictures import CAUSES, draw_all, picture_of, pictures, png
-from gap.pictures.evidence import Evidence
-from gap.pictures.summary import budget_slices
-from gap.pictures.timeline import timeline, worst_window
-from gap.pictures.transmission import _way
-from gap.verdict import Error, JointDiagnosis, NamedCause
 from tests.small_diagnosis import small_diagnosis
 
 pytestmark = pytest.mark.xdist_group("small diagnosis")  # made once, on one worker

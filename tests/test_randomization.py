@@ -6,11 +6,10 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-
-from actuators.errors import SealegsError
-from envs.batch import BatchEngine
-from envs.bench.task import BenchTask
-from envs.hopper.task import HopperTask
+from sealegs.actuators.errors import SealegsError
+from sealegs.envs.batch import BatchEngine
+from sealegs.envs.bench.task import BenchTask
+from sealegs.envs.hopper.task import HopperTask
 
 
 def hopper(randomization: object, count: int = 6, **keywords: object) -> BatchEngine:

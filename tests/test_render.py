@@ -5,11 +5,10 @@ from __future__ import annotations
 import gymnasium as gym
 import numpy as np
 import pytest
-
-import envs  # noqa: F401 registers
-from actuators.errors import SealegsError
-from envs.sb3 import BatchVecEnv
-from envs.single import SingleEnv
+import sealegs  # noqa: F401 registers
+from sealegs.actuators.errors import SealegsError
+from sealegs.envs.sb3 import BatchVecEnv
+from sealegs.envs.single import SingleEnv
 
 
 @pytest.mark.rendering

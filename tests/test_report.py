@@ -13,13 +13,13 @@ from typing import Any
 
 import numpy as np
 import pytest
+from sealegs.gap.experiment import Experiment
+from sealegs.gap.log.finding import Finding
+from sealegs.gap.log.types import MeasuredSet
+from sealegs.gap.output.report import write_report
+from sealegs.gap.output.report.view import number
+from sealegs.gap.verdict.verdict import UNUSABLE, Error, JointDiagnosis, NamedCause, Value
 
-from gap.experiment import Experiment
-from gap.log_checks.finding import Finding
-from gap.log_types import MeasuredSet
-from gap.report import write_report
-from gap.report.view import number
-from gap.verdict import UNUSABLE, Error, JointDiagnosis, NamedCause, Value
 from tests.small_diagnosis import small_diagnosis
 
 CHROMIUM = next(

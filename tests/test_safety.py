@@ -7,13 +7,12 @@ from typing import Any
 
 import numpy as np
 import pytest
-
-from actuators.errors import SealegsError
-from configs.compose import compose
-from hw.packets import NoReplyError
-from hw.robot import Reading, build_robot
-from hw.safety import Fault, Limits, Safety
-from hw.servo_state import ServoState
+from sealegs.actuators.errors import SealegsError
+from sealegs.configs.compose import compose
+from sealegs.hw.packets import NoReplyError
+from sealegs.hw.robot import Reading, build_robot
+from sealegs.hw.safety import Fault, Limits, Safety
+from sealegs.hw.servo_state import ServoState
 
 CONFIG: dict[str, Any] = compose("deploy", {"robot": "hopper"})["robot"]
 PERIOD = 0.01

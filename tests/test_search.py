@@ -6,13 +6,13 @@ from pathlib import Path
 from typing import Any
 
 import pytest
+from sealegs.gap.log import read_measured
+from sealegs.gap.verdict.diagnosis import diagnose
+from sealegs.gap.verdict.verdict import EXPLAINED, NOT_IDENTIFIABLE, NOTHING, PARTLY, JointDiagnosis
+from sealegs.gap.virtual.bench import LOADS as BENCH
+from sealegs.gap.virtual.bench import record
 
-from gap.diagnosis import diagnose
-from gap.log import read_measured
-from gap.verdict import EXPLAINED, NOT_IDENTIFIABLE, NOTHING, PARTLY, JointDiagnosis
-from gap.virtual_bench import LOADS as BENCH
-from gap.virtual_bench import record
-from tests.plant import hidden_bench
+from testbed import hidden_bench
 
 LOADS = ("light", "medium", "heavy")
 SCHEDULES = (("chirp", "steps"), ("multisine", "triangle"), ("lift_and_drop", "chirp"))

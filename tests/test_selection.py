@@ -6,16 +6,16 @@ from functools import cache
 
 import numpy as np
 import pytest
+from sealegs.actuators import load_chain
+from sealegs.gap.causes.catalogue import catalogue
+from sealegs.gap.log.parts import FIT_A, FIT_B, cut
+from sealegs.gap.replay.joint_model import JointModel
+from sealegs.gap.replay.problem import Problem, converged, lay_out
+from sealegs.gap.search.fit import Fit, fit, merge
+from sealegs.gap.search.forward import Candidate, Round, Searcher
 
-from actuators import load_chain
-from gap.causes import catalogue
-from gap.fit import Fit, fit, merge
-from gap.joint_model import JointModel
-from gap.problem import Problem, converged, lay_out
-from gap.search import Candidate, Round, Searcher
-from gap.units import FIT_A, FIT_B, cut
-from tests.plant import hidden_bench
-from tests.plant.bench import JOINT, NOISE_FLOOR
+from testbed import hidden_bench
+from testbed.bench import JOINT, NOISE_FLOOR
 
 NEAR = {
     "friction.coulomb": {"friction.coulomb*": 2.7},

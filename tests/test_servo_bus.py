@@ -12,11 +12,9 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-
-from benchmarks.bus import bare_cycle
-from hw.bus import ServoBus
-from hw.connection import check_joint
-from hw.packets import (
+from sealegs.hw.bus import ServoBus
+from sealegs.hw.connection import check_joint
+from sealegs.hw.packets import (
     ClosedError,
     ConfigurationError,
     CorruptReplyError,
@@ -27,9 +25,11 @@ from hw.packets import (
     StalledError,
     WrongModelError,
 )
-from hw.registers import load_model, model_names
-from hw.robot import Joint
-from hw.virtual.server import Server
+from sealegs.hw.registers import load_model, model_names
+from sealegs.hw.robot import Joint
+from sealegs.hw.virtual.server import Server
+
+from benchmarks.bus import bare_cycle
 from tests.served_bus import served
 
 STEP = 2.0 * math.pi / 4096

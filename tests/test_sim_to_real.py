@@ -9,10 +9,9 @@ from pathlib import Path
 import numpy as np
 import pytest
 import yaml
-
-from actuators import load_chain
-from gap.log import read_measured
-from hw.comparison import (
+from sealegs.actuators import load_chain
+from sealegs.gap.log import read_measured
+from sealegs.hw.comparison import (
     MACHINE,
     Comparison,
     compare,
@@ -23,8 +22,9 @@ from hw.comparison import (
     table,
     write_comparison,
 )
-from hw.robot import build_robot
-from hw.simulated import Recording
+from sealegs.hw.robot import build_robot
+from sealegs.hw.simulated import Recording
+
 from tests.servo_runs import config, gentle_policy
 
 HIDDEN = {"friction.coulomb": 0.25, "delay.seconds": 0.04}

@@ -4,17 +4,17 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
+from sealegs.actuators.chain import load_chain
+from sealegs.actuators.errors import SealegsError
+from sealegs.gap.log.parts import cut
+from sealegs.gap.log.types import JointLog, MeasuredRun, MeasuredSet
+from sealegs.gap.replay.engine import bench, replay_in_engine
+from sealegs.gap.replay.joint_model import JointModel, PendulumLoad
+from sealegs.gap.replay.problem import lay_out
+from sealegs.gap.replay.simulator import replay
+from sealegs.gap.verdict.diagnosis import diagnose
+from sealegs.gap.verdict.verdict import NOTHING
 
-from actuators.chain import load_chain
-from actuators.errors import SealegsError
-from gap.diagnosis import diagnose
-from gap.engine_replay import bench, replay_in_engine
-from gap.joint_model import JointModel, PendulumLoad
-from gap.log_types import JointLog, MeasuredRun, MeasuredSet
-from gap.problem import lay_out
-from gap.simulator import replay
-from gap.units import cut
-from gap.verdict import NOTHING
 from tests.smooth_bench import CHAIN, PARAMS
 
 EXTENSIONS = {

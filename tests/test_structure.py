@@ -8,15 +8,15 @@ from typing import Any
 import numpy as np
 import pytest
 from scipy.ndimage import gaussian_filter1d
+from sealegs.actuators.chain import load_chain
+from sealegs.gap.log.parts import cut
+from sealegs.gap.log.types import JointLog, MeasuredRun
+from sealegs.gap.replay.driven import driven_problem
+from sealegs.gap.replay.joint_model import JointModel
+from sealegs.gap.replay.problem import Problem, lay_out
+from sealegs.gap.search.structure import Structure, structure
 
-from actuators.chain import load_chain
-from gap.driven import driven_problem
-from gap.joint_model import JointModel
-from gap.log_types import JointLog, MeasuredRun
-from gap.problem import Problem, lay_out
-from gap.structure import Structure, structure
-from gap.units import cut
-from tests.plant import NOISE_FLOOR, hidden_bench
+from testbed import NOISE_FLOOR, hidden_bench
 
 FACTORS = {
     "motor_constant": "dc_motor.motor_constant*",

@@ -6,12 +6,11 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-
-from gap.diagnosis import diagnose
-from gap.log_checks.torque_balance import SYSTEMATIC, Shift
-from gap.log_types import JointLog, LogError, MeasuredRun, MeasuredSet
-from gap.torque_diagnosis import diagnose_torque
-from gap.verdict import JointDiagnosis
+from sealegs.gap.checks.torque_balance import SYSTEMATIC, Shift
+from sealegs.gap.log.types import JointLog, LogError, MeasuredRun, MeasuredSet
+from sealegs.gap.verdict.diagnosis import diagnose
+from sealegs.gap.verdict.torque import diagnose_torque
+from sealegs.gap.verdict.verdict import JointDiagnosis
 
 MASS, LENGTH = 0.5, 0.12  # [kg], [m]
 TONES = np.array([[0.7, 0.31], [0.4, 0.83], [0.15, 1.9]])  # [rad], [Hz]

@@ -19,14 +19,13 @@ import imageio.v2 as imageio
 import numpy as np
 import pytest
 import yaml
+from sealegs.agents.cross_evaluation import mean_reward
+from sealegs.agents.make_env import stream_seed
+from sealegs.commands import train
+from sealegs.configs.script import run as run_script
 from stable_baselines3 import PPO
 from stable_baselines3.common.vec_env import VecNormalize
 from tensorboard.backend.event_processing.event_accumulator import EventAccumulator
-
-import train
-from agents.cross_evaluation import mean_reward
-from agents.make_env import stream_seed
-from configs.script import run as run_script
 
 REPOSITORY = Path(__file__).resolve().parents[1]
 SMALL = [
@@ -154,7 +153,7 @@ def test_a_film_that_cannot_be_drawn_fails_no_run(
     def fail(*arguments: object) -> None:
         raise RuntimeError("no OpenGL")
 
-    monkeypatch.setattr("agents.training.record_video", fail)
+    monkeypatch.setattr("sealegs.agents.training.record_video", fail)
     small = [argument for argument in SMALL if not argument.startswith("video")]
     assert run(*small, f"out={tmp_path}", "name=blind", "total_timesteps=128") == 0
     assert capsys.readouterr().err.strip().endswith("No film: no OpenGL.")
@@ -262,7 +261,7 @@ def test_a_damaged_checkpoint_gives_way_to_the_one_before(tmp_path: Path, capsys
 def test_a_full_disk_ends_in_one_sentence_and_keeps_the_checkpoints(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    from agents import checkpoint
+    from sealegs.agents import checkpoint
 
     save = checkpoint.save_policy
 
@@ -283,7 +282,7 @@ def test_ctrl_c_in_the_final_evaluation_costs_none_of_the_training(
 ) -> None:
     folder = tmp_path / "late"
     with monkeypatch.context() as patch:
-        patch.setattr("agents.training.Evaluation.evaluate", lambda *_: os.kill(os.getpid(), signal.SIGINT))
+        patch.setattr("sealegs.agents.training.Evaluation.evaluate", lambda *_: os.kill(os.getpid(), signal.SIGINT))
         assert run(*SMALL, f"out={tmp_path}", "name=late", "total_timesteps=384") == 130
     error = capsys.readouterr().err.strip()
     assert "checkpoint at step 384" in error and "Traceback" not in error
@@ -297,7 +296,7 @@ def test_ctrl_c_in_the_final_evaluation_costs_none_of_the_training(
 def test_a_disk_that_is_full_at_the_final_policy_is_made_up_for_by_a_resume(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    from agents import training
+    from sealegs.agents import training
 
     save, folder = training.save_policy, tmp_path / "full"
 
@@ -318,8 +317,8 @@ def test_a_film_that_is_missing_is_made_by_a_resume(tmp_path: Path, monkeypatch:
     def film(file: Path, *_: object) -> None:
         file.write_bytes(b"film")
 
-    monkeypatch.setattr("agents.training.record_video", film)
-    monkeypatch.setattr("agents.training.make_single_env", lambda *_: SimpleNamespace(close=lambda: None))
+    monkeypatch.setattr("sealegs.agents.training.record_video", film)
+    monkeypatch.setattr("sealegs.agents.training.make_single_env", lambda *_: SimpleNamespace(close=lambda: None))
     folder = tmp_path / "film"
     assert run(*SMALL, f"out={tmp_path}", "name=film", "total_timesteps=128") == 0
     assert run(f"resume={folder}", "video.seconds=1") == 0
@@ -351,7 +350,7 @@ def test_a_best_policy_saved_after_the_last_checkpoint_stays(tmp_path: Path) -> 
 
 
 def test_two_processes_cannot_train_in_one_folder(finished: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    from agents.run_folder import RunFolder
+    from sealegs.agents.run_folder import RunFolder
 
     held = RunFolder.open(finished)
     assert run(f"resume={finished}", "total_timesteps=4096") == 2

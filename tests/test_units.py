@@ -4,9 +4,8 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-
-from gap.log_types import JointLog, MeasuredRun
-from gap.units import cut
+from sealegs.gap.log.parts import cut
+from sealegs.gap.log.types import JointLog, MeasuredRun
 
 
 def recorded(seconds: float, link: bool = False) -> MeasuredRun:

@@ -4,12 +4,11 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-
-from actuators import load_chain
-from gap.causes import catalogue
-from gap.joint_model import JointModel
-from gap.log_types import JointLog, LogError, MeasuredRun
-from gap.unknown import UNKNOWN, unknown_parameters, with_believed_load
+from sealegs.actuators import load_chain
+from sealegs.gap.causes.catalogue import catalogue
+from sealegs.gap.load.unknown import UNKNOWN, unknown_parameters, with_believed_load
+from sealegs.gap.log.types import JointLog, LogError, MeasuredRun
+from sealegs.gap.replay.joint_model import JointModel
 
 
 def run_with(unknown: object) -> MeasuredRun:

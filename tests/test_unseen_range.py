@@ -4,14 +4,14 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
+from sealegs.actuators import load_chain
+from sealegs.gap.log.parts import TEST, cut
+from sealegs.gap.replay.joint_model import JointModel
+from sealegs.gap.replay.problem import Problem, lay_out
+from sealegs.gap.verdict.unseen_range import unseen_range
 
-from actuators import load_chain
 from benchmarks.hidden import LOADS
-from gap.joint_model import JointModel
-from gap.problem import Problem, lay_out
-from gap.units import TEST, cut
-from gap.unseen_range import unseen_range
-from tests.plant import hidden_bench
+from testbed import hidden_bench
 
 STOP = 0.985  # [rad] either side; with this seed the lower one is met in the test part alone
 SEED = 30050

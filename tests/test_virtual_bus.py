@@ -12,17 +12,17 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from sealegs.actuators import load_chain
+from sealegs.actuators.errors import SealegsError
+from sealegs.configs.compose import FOLDER
+from sealegs.configs.script import run
+from sealegs.envs.bench.robot import BENCH
+from sealegs.envs.robots import ROBOTS
+from sealegs.hw.virtual import VirtualBus, protocol
+from sealegs.hw.virtual.__main__ import main
+from sealegs.hw.virtual.machine import Drive, Machine
+from sealegs.hw.virtual.protocol import Request, status_packet, take_requests
 
-from actuators import load_chain
-from actuators.errors import SealegsError
-from configs.compose import FOLDER
-from configs.script import run
-from envs.bench.robot import BENCH
-from envs.robots import ROBOTS
-from hw.virtual import VirtualBus, protocol
-from hw.virtual.__main__ import main
-from hw.virtual.machine import Drive, Machine
-from hw.virtual.protocol import Request, status_packet, take_requests
 from tests.served_bus import RATE, STEP, STS, ask, wired, write
 
 # --- packets -----------------------------------------------------------------------------------------------------
@@ -171,7 +171,7 @@ def test_a_wrong_file_of_hidden_effects_is_refused_in_a_sentence(tmp_path: Path,
 
 def start(*arguments: str, **keywords) -> subprocess.Popen:
     return subprocess.Popen(
-        [sys.executable, "-m", "hw.virtual", *arguments],
+        [sys.executable, "-m", "sealegs.hw.virtual", *arguments],
         cwd=FOLDER.parent,
         text=True,
         stdout=subprocess.PIPE,
@@ -212,7 +212,8 @@ def test_ctrl_c_ends_it_with_one_sentence_and_no_trace(tmp_path: Path):
 
 
 def test_the_servos_outlive_a_killed_parent_for_a_while():
-    code = "import os\nfrom hw.virtual import VirtualBus\nbus = VirtualBus(linger=0.5)\nprint(bus.pid, flush=True)\n"
+    code = "import os\nfrom sealegs.hw.virtual import VirtualBus\nbus = VirtualBus(linger=0.5)\n"
+    code += "print(bus.pid, flush=True)\n"
     code += "os.kill(os.getpid(), 9)"
     parent = subprocess.run(
         [sys.executable, "-c", code], cwd=FOLDER.parent, capture_output=True, text=True, timeout=300

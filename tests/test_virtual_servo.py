@@ -6,12 +6,12 @@ from pathlib import Path
 
 import mujoco
 import pytest
+from sealegs.envs.bench.robot import BENCH
+from sealegs.hw.packets import Status
+from sealegs.hw.virtual import protocol
+from sealegs.hw.virtual.faults import Fault
+from sealegs.hw.virtual.wire import Wire
 
-from envs.bench.robot import BENCH
-from hw.packets import Status
-from hw.virtual import protocol
-from hw.virtual.faults import Fault
-from hw.virtual.wire import Wire
 from tests.served_bus import STEP, STS, ask, read, switch_on, wait, wired, write
 
 # --- registers ---------------------------------------------------------------------------------------------------

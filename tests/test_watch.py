@@ -7,12 +7,10 @@ from pathlib import Path
 import imageio.v2 as imageio
 import numpy as np
 import pytest
-
-import train
-import watch
-from agents.make_env import make_single_env
-from agents.video import record_video
-from configs.script import run
+from sealegs.agents.make_env import make_single_env
+from sealegs.agents.video import record_video
+from sealegs.commands import train, watch
+from sealegs.configs.script import run
 
 SMALL = ("env=bench", "total_timesteps=64", "n_envs=2", "agent.n_steps=16", "agent.batch_size=16", "evaluate.every=0")
 SIZE = ("width=64", "height=48", "seconds=0.5")

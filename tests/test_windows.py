@@ -6,17 +6,17 @@ from typing import Any
 
 import numpy as np
 import pytest
+from sealegs.actuators import load_chain
+from sealegs.gap.log.parts import LEAST_START, cut
+from sealegs.gap.replay.joint_model import JointModel
+from sealegs.gap.replay.problem import Problem, lay_out
+from sealegs.gap.search.forward import Searcher
+from sealegs.gap.search.windows import SHORTEST, WINDOW, in_windows, split
+from sealegs.gap.verdict.diagnosis import diagnose
+from sealegs.gap.verdict.verdict import EXPLAINED
 
-from actuators import load_chain
-from gap.diagnosis import diagnose
-from gap.joint_model import JointModel
-from gap.problem import Problem, lay_out
-from gap.search import Searcher
-from gap.units import LEAST_START, cut
-from gap.verdict import EXPLAINED
-from gap.windows import SHORTEST, WINDOW, in_windows, split
+from testbed import hidden_bench
 from tests.few_causes import few
-from tests.plant import hidden_bench
 
 CHAIN = load_chain("sts3215")
 
@@ -52,7 +52,7 @@ def test_a_model_that_is_near_keeps_its_whole_runs() -> None:
 
 
 def test_a_joint_with_a_state_that_nobody_measured_keeps_its_whole_runs(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr("gap.windows.FAR", 0.0)
+    monkeypatch.setattr("sealegs.gap.search.windows.FAR", 0.0)
     assert len(in_windows(problem(), []).units) > len(problem().units)
     springy = problem(JointModel(CHAIN).with_values({"compliance.stiffness": 20.0}).chain)
     assert in_windows(springy, []) is springy
@@ -65,10 +65,10 @@ def test_an_effect_found_in_windows_is_judged_on_whole_runs(monkeypatch: pytest.
         searched.append(len(problem.units))
         return Searcher(problem, *rest)
 
-    monkeypatch.setattr("gap.windows.FAR", 0.5)
-    monkeypatch.setattr("gap.diagnosis.Searcher", searcher)
+    monkeypatch.setattr("sealegs.gap.search.windows.FAR", 0.5)
+    monkeypatch.setattr("sealegs.gap.verdict.diagnosis.Searcher", searcher)
     near = ("friction.load_dependent", "friction.stribeck", "friction.coulomb", "drive.delay")
-    monkeypatch.setattr("gap.search.catalogue", few(*near))
+    monkeypatch.setattr("sealegs.gap.search.forward.catalogue", few(*near))
     data, _ = hidden_bench({"friction.load_dependent": "clear"}, 11, ("light", "medium", "heavy"), duration=9.0)
     (found,) = diagnose(data)
     assert found.verdict == EXPLAINED and found.causes[0].name == "friction.load_dependent", found.sentence

@@ -1,7 +1,7 @@
 """The stages of an actuation chain, one file per link, in the order a command passes through them."""
 
-from actuators.stages import command, controller, motor, net, power, sensor, transmission
-from actuators.stages.base import STAGES, ChainError, Quantity, Stage, build_stage
+from . import command, controller, motor, net, power, sensor, transmission
+from .base import STAGES, ChainError, Quantity, Stage, build_stage
 
 __all__ = [
     "STAGES",

@@ -11,7 +11,7 @@ from dataclasses import dataclass, field
 from enum import StrEnum
 from typing import Any, ClassVar, TypeVar
 
-from actuators.errors import SealegsError, nearest
+from ..errors import SealegsError, nearest
 
 
 class ChainError(SealegsError):

@@ -6,9 +6,9 @@ import math
 from dataclasses import dataclass
 from typing import Any, ClassVar
 
-from actuators.compiled import compiled
-from actuators.layout import DELAY_EVENTS, S_READING, S_TIME
-from actuators.stages.base import Quantity, Stage, parameter, register
+from ..compiled import compiled
+from ..layout import DELAY_EVENTS, S_READING, S_TIME
+from .base import Quantity, Stage, parameter, register
 
 EVENT = 3  # doubles of a remembered command: when it came, its value, changes since the event before it
 SIGNALS = (Quantity.POSITION_GOAL, Quantity.DUTY, Quantity.TORQUE)

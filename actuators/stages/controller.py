@@ -5,9 +5,9 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import Any, ClassVar
 
-from actuators.compiled import compiled
-from actuators.layout import S_GOAL, S_READING, S_SPEED, S_TIME
-from actuators.stages.base import ChainError, Quantity, Stage, parameter, register
+from ..compiled import compiled
+from ..layout import S_GOAL, S_READING, S_SPEED, S_TIME
+from .base import ChainError, Quantity, Stage, parameter, register
 
 
 class PositionController(Stage):

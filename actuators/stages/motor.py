@@ -6,9 +6,9 @@ import math
 from dataclasses import dataclass
 from typing import Any, ClassVar
 
-from actuators.compiled import compiled
-from actuators.layout import S_CURRENT, S_TIME
-from actuators.stages.base import Quantity, Stage, parameter, register
+from ..compiled import compiled
+from ..layout import S_CURRENT, S_TIME
+from .base import Quantity, Stage, parameter, register
 
 
 @register

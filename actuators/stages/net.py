@@ -15,9 +15,9 @@ from typing import Any, ClassVar
 
 import numpy as np
 
-from actuators.compiled import compiled
-from actuators.layout import S_OUT_OF_RANGE, S_READING, S_SPEED
-from actuators.stages.base import ChainError, Quantity, Stage, parameter, register
+from ..compiled import compiled
+from ..layout import S_OUT_OF_RANGE, S_READING, S_SPEED
+from .base import ChainError, Quantity, Stage, parameter, register
 
 FORMAT = "sealegs actuator net 1"
 REQUIRED = (

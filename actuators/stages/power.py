@@ -6,8 +6,8 @@ import math
 from dataclasses import dataclass
 from typing import Any, ClassVar
 
-from actuators.compiled import compiled
-from actuators.stages.base import ChainError, Quantity, Stage, parameter, register
+from ..compiled import compiled
+from .base import ChainError, Quantity, Stage, parameter, register
 
 
 def motor_behind(chain: Any, stage: Stage) -> list[float]:

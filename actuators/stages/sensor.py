@@ -6,9 +6,9 @@ import math
 from dataclasses import dataclass
 from typing import ClassVar
 
-from actuators.compiled import compiled
-from actuators.layout import LATENCY_SAMPLES, P_LATENCY, P_LATENCY_MEMORY, P_OFFSET, P_SCALE, P_TICKS
-from actuators.stages.base import Quantity, Stage, parameter, register
+from ..compiled import compiled
+from ..layout import LATENCY_SAMPLES, P_LATENCY, P_LATENCY_MEMORY, P_OFFSET, P_SCALE, P_TICKS
+from .base import Quantity, Stage, parameter, register
 
 
 @register

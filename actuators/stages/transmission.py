@@ -6,9 +6,9 @@ import math
 from dataclasses import dataclass
 from typing import Any, ClassVar
 
-from actuators.compiled import compiled
-from actuators.layout import S_LIMIT, S_ROW_ACCELERATION, S_ROW_INERTIA, S_STEP, S_TIME
-from actuators.stages.base import ChainError, Quantity, Stage, parameter, register
+from ..compiled import compiled
+from ..layout import S_LIMIT, S_ROW_ACCELERATION, S_ROW_INERTIA, S_STEP, S_TIME
+from .base import ChainError, Quantity, Stage, parameter, register
 
 REST_SPEED = 1e-3  # [rad/s] below this a joint counts as at rest and friction opposes the torque, not the motion
 

@@ -5,10 +5,10 @@ from __future__ import annotations
 from collections.abc import Mapping
 from typing import Any
 
-from envs.bench.task import BenchTask
-from envs.robot import ChainSource
-from envs.single import SingleEnv
-from envs.vector import BatchVectorEnv
+from ..robot import ChainSource
+from ..single import SingleEnv
+from ..vector import BatchVectorEnv
+from .task import BenchTask
 
 
 class BenchEnv(SingleEnv):

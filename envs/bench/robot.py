@@ -7,9 +7,9 @@ from collections.abc import Mapping
 
 import mujoco
 
-from actuators import DrivenCoordinate
-from envs.robot import Number, Robot
-from envs.scene import CAMERA, add_scene, add_sun
+from ...actuators import DrivenCoordinate
+from ..robot import Number, Robot
+from ..scene import CAMERA, add_scene, add_sun
 
 JOINT = "joint"
 TIMESTEP = 0.001  # [s] with RK4: 0.1 mrad rms from an exact stick-slip integration (docs/numerics.md)

@@ -7,14 +7,14 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from actuators import Drivetrain
-from envs.bench.robot import BENCH, JOINT
-from envs.task import Motion, Task
+from ...actuators import Drivetrain
+from ..task import Motion, Task
+from .robot import BENCH, JOINT
 
 
 @dataclass(frozen=True)
 class BenchTask(Task):
-    """Weights and ranges of the bench's task; the table in :class:`envs.bench.env.BenchEnv` explains them."""
+    """Weights and ranges of the bench's task; the table in :class:`sealegs.envs.bench.env.BenchEnv` explains them."""
 
     target_range: float = 1.2
     tracking_weight: float = 1.0

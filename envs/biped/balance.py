@@ -5,11 +5,11 @@ from __future__ import annotations
 import mujoco
 import numpy as np
 
-from envs.biped.hopping import JOINT_TICKS, quantised
-from envs.biped.kinematics import centre_of_mass, feet, place, segments
-from envs.biped.parameters import GRAVITY, SIDES
-from envs.biped.rig import FINGERTIP
-from envs.biped.robot import BIPED, TORSO, coordinate
+from .hopping import JOINT_TICKS, quantised
+from .kinematics import centre_of_mass, feet, place, segments
+from .parameters import GRAVITY, SIDES
+from .rig import FINGERTIP
+from .robot import BIPED, TORSO, coordinate
 
 ON_FOOT, HANGING = 10, 7
 """Postures of the two experiments."""

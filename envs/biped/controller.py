@@ -26,7 +26,7 @@ from enum import IntEnum
 
 import numpy as np
 
-from envs.biped.drive import ANGLE, RATIO, SHAPE
+from .drive import ANGLE, RATIO, SHAPE
 
 PERIOD = 0.001  # [s], VIII-C
 RETRACTION = 0.050  # [s], (43)

@@ -16,7 +16,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import Any
 
-from actuators import Chain, load_chain
+from ...actuators import Chain, load_chain
 
 ANGLE, SHAPE = "leg_angle", "leg_shape"
 RATIO = {ANGLE: 23.53, SHAPE: 31.42}

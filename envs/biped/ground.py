@@ -18,9 +18,9 @@ from dataclasses import dataclass
 import mujoco
 import numpy as np
 
-from envs.biped.drive import ANGLE, SHAPE
-from envs.biped.parameters import SIDES
-from envs.biped.robot import BIPED, coordinate, foot
+from .drive import ANGLE, SHAPE
+from .parameters import SIDES
+from .robot import BIPED, coordinate, foot
 
 LAMBDA_A = 3.0e6  # [N.s/m2.5], table VI
 LAMBDA_B = 4.5e6  # [N/m1.5], table VI

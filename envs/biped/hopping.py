@@ -9,13 +9,13 @@ from dataclasses import dataclass, fields
 import mujoco
 import numpy as np
 
-from actuators import Chain, Drivetrain
-from actuators.errors import SealegsError
-from envs.biped.controller import PERIOD, RATIOS, Gait, HoppingController, Phase
-from envs.biped.drive import ANGLE, ENCODER, SHAPE, SPRING_RATIO, torque_chain
-from envs.biped.kinematics import TURNED, centre_of_mass, feet, place, segments
-from envs.biped.parameters import SIDES
-from envs.biped.robot import BIPED, coordinate, foot
+from ...actuators import Chain, Drivetrain
+from ...actuators.errors import SealegsError
+from .controller import PERIOD, RATIOS, Gait, HoppingController, Phase
+from .drive import ANGLE, ENCODER, SHAPE, SPRING_RATIO, torque_chain
+from .kinematics import TURNED, centre_of_mass, feet, place, segments
+from .parameters import SIDES
+from .robot import BIPED, coordinate, foot
 
 JOINT_TICKS = 2**17  # steps per turn of the encoders on joints, torso and boom, assumed
 SPEED_WINDOW = 10  # periods over which the computer differentiates the centre of mass, assumed

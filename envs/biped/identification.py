@@ -22,7 +22,7 @@ import numpy as np
 from scipy.optimize import least_squares
 from scipy.signal import lfilter
 
-from actuators.errors import SealegsError
+from ...actuators.errors import SealegsError
 
 
 class IdentificationError(SealegsError):

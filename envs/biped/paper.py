@@ -9,10 +9,10 @@ from typing import Any
 
 import numpy as np
 
-from envs.biped.controller import Gait
-from envs.biped.drive import DRIVES, PULLEYS, SPRING_RATIO, torque_chain
-from envs.biped.hopping import Hopping, HoppingExperiment, flight_share, hop_times, rigid_cables
-from envs.biped.identification import (
+from .controller import Gait
+from .drive import DRIVES, PULLEYS, SPRING_RATIO, torque_chain
+from .hopping import Hopping, HoppingExperiment, flight_share, hop_times, rigid_cables
+from .identification import (
     Cable,
     Leg,
     Motor,
@@ -24,8 +24,8 @@ from envs.biped.identification import (
     fit_pulleys,
     fit_spring,
 )
-from envs.biped.rig import cable_record, leg_load, leg_record, pulleys_record, spring_postures
-from envs.biped.robot import BIPED
+from .rig import cable_record, leg_load, leg_record, pulleys_record, spring_postures
+from .robot import BIPED
 
 HOPS = 92  # VIII-D
 SHOWN = (31, 32)  # hops of Fig. 21 to 23

@@ -12,9 +12,9 @@ import numpy as np
 matplotlib.use("Agg")
 from matplotlib import pyplot as plt
 
-from envs.biped.drive import DRIVES
-from envs.biped.hopping import NAMES, Hopping
-from envs.biped.paper import SHOWN, SpringTest
+from .drive import DRIVES
+from .hopping import NAMES, Hopping
+from .paper import SHOWN, SpringTest
 
 WITH, WITHOUT = ("tab:red", "with cable stretch"), ("tab:blue", "rigid cables, from the same touchdown")
 STYLE: dict[Any, Any] = {

@@ -1,12 +1,12 @@
 """Every number of the biped, with the place where it was printed; what the paper leaves open is marked assumed.
 
 The paper is seed 003, "Identification of a bipedal robot with a compliant drivetrain" (MABEL). Numbers of a motor are
-printed at the motor; :mod:`envs.biped.drive` carries them to the leg coordinates that the chains act on.
+printed at the motor; :mod:`sealegs.envs.biped.drive` carries them to the leg coordinates that the chains act on.
 """
 
 from __future__ import annotations
 
-from envs.robot import Number
+from ..robot import Number
 
 LEFT, RIGHT = "left", "right"
 SIDES = (LEFT, RIGHT)

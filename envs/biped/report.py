@@ -11,11 +11,11 @@ from typing import Any
 
 import numpy as np
 
-from actuators.errors import SealegsError
-from envs.biped import balance, paper
-from envs.biped.controller import Gait
-from envs.biped.drive import DRIVES
-from envs.biped.parameters import NUMBERS, SIDES
+from ...actuators.errors import SealegsError
+from . import balance, paper
+from .controller import Gait
+from .drive import DRIVES
+from .parameters import NUMBERS, SIDES
 
 SEED = 3
 SHORTEST = 30.0  # [s] of a run that shows what an assumed number does: 40 hops
@@ -63,7 +63,7 @@ def compare(out: Path, seconds: float = SHORTEST, say: Callable[[str], None] = p
         "seed": SEED,
     }
     (out / "biped.json").write_text(json.dumps(_plain(result), indent=1, allow_nan=False) + "\n")
-    from envs.biped import paper_plots  # matplotlib is slow to load
+    from . import paper_plots  # matplotlib is slow to load
 
     paper_plots.plot_positions(stretched, rigid, out / "positions.png")
     paper_plots.plot_torques(stretched, rigid, out / "torques.png")

@@ -11,12 +11,12 @@ from collections.abc import Callable, Mapping
 import mujoco
 import numpy as np
 
-from actuators import Chain, Drivetrain, load_chain
-from envs.biped.drive import ANGLE, DRIVES, ENCODER, PULLEYS, SHAPE, SPRING_RATIO, torque_chain
-from envs.biped.hopping import JOINT_TICKS, NAMES, Hopping, quantised
-from envs.biped.identification import Load, Record, chirp
-from envs.biped.parameters import GRAVITY, SIDES
-from envs.biped.robot import BIPED, coordinate, foot
+from ...actuators import Chain, Drivetrain, load_chain
+from .drive import ANGLE, DRIVES, ENCODER, PULLEYS, SHAPE, SPRING_RATIO, torque_chain
+from .hopping import JOINT_TICKS, NAMES, Hopping, quantised
+from .identification import Load, Record, chirp
+from .parameters import GRAVITY, SIDES
+from .robot import BIPED, coordinate, foot
 
 STEP = 0.001  # [s] between samples
 SUBSTEPS = 4  # of the engine in a sample; convergence in docs/biped.md

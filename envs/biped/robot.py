@@ -6,11 +6,11 @@ from collections.abc import Mapping
 
 import mujoco
 
-from actuators import DrivenCoordinate
-from envs.biped.drive import ANGLE, SHAPE
-from envs.biped.parameters import GRAVITY, NUMBERS, SIDES
-from envs.robot import Robot
-from envs.scene import CAMERA, FLOOR, add_scene, add_sun
+from ...actuators import DrivenCoordinate
+from ..robot import Robot
+from ..scene import CAMERA, FLOOR, add_scene, add_sun
+from .drive import ANGLE, SHAPE
+from .parameters import GRAVITY, NUMBERS, SIDES
 
 BOOM, TORSO = "boom", "torso"
 REACH = 1.5  # [m] rough size, for light and shadows

@@ -7,13 +7,13 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from actuators import Drivetrain
-from envs.biped.drive import ANGLE, SHAPE
-from envs.biped.gait import HoppingGait, WalkingGait
-from envs.biped.kinematics import feet, place, segments
-from envs.biped.parameters import SIDES
-from envs.biped.robot import BIPED, GOAL_RANGE, coordinate
-from envs.task import Motion, Task
+from ...actuators import Drivetrain
+from ..task import Motion, Task
+from .drive import ANGLE, SHAPE
+from .gait import HoppingGait, WalkingGait
+from .kinematics import feet, place, segments
+from .parameters import SIDES
+from .robot import BIPED, GOAL_RANGE, coordinate
 
 SLOWEST = 0.2  # [m/s] below this, errors of speed count in absolute terms
 HIGH = 0.05  # [m] of a foot over the floor, where the reward for lifting it is full
@@ -24,7 +24,7 @@ REACH = np.array([0.5 * (high - low) for low, high in (GOAL_RANGE[ANGLE], GOAL_R
 
 @dataclass(frozen=True)
 class BipedTask(Task):
-    """Weights and ranges of the biped's task; the table in :class:`envs.biped.env.BipedEnv` explains them."""
+    """Weights and ranges of the biped's task; the table in :class:`sealegs.envs.biped.env.BipedEnv` explains them."""
 
     speed: float | Sequence[float] = 0.6
     hopping: float = 0.0

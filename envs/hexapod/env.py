@@ -5,10 +5,10 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from typing import Any
 
-from envs.hexapod.task import HexapodTask
-from envs.robot import ChainSource
-from envs.single import SingleEnv
-from envs.vector import BatchVectorEnv
+from ..robot import ChainSource
+from ..single import SingleEnv
+from ..vector import BatchVectorEnv
+from .task import HexapodTask
 
 CONTROL_RATE = 1.0  # [Hz] a step cycle of the reference gait takes 6 to 12 s
 
@@ -103,7 +103,7 @@ class HexapodEnv(SingleEnv):
     | `width`, `height`   | int                 | `640, 480` | of the picture [px] |
 
     `gymnasium.make_vec("SeaLegs/Hexapod-v0", num_envs=64)` steps the simulations on all cores and starts new episodes in
-    the same step; `envs.sb3.BatchVecEnv` does so for Stable-Baselines3. All three move bit for bit alike for equal
+    the same step; `sealegs.envs.sb3.BatchVecEnv` does so for Stable-Baselines3. All three move bit for bit alike for equal
     seeds.
 
     ## Version History

@@ -13,8 +13,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from envs.hexapod.kinematics import joints_from_foot, leg_angle
-from envs.hexapod.parameters import LEGS
+from .kinematics import joints_from_foot, leg_angle
+from .parameters import LEGS
 
 PERIOD = 0.01  # [s] between references, 2.2
 SPEED = 0.015  # [m/s], 7.1

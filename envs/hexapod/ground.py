@@ -13,7 +13,7 @@ from collections.abc import Mapping
 import mujoco
 import numpy as np
 
-from envs.hexapod.parameters import GRAVITY
+from .parameters import GRAVITY
 
 SOLIMP = (0.358, 0.527, 0.024, 0.025, 12.0)
 """Impedance at touch and at full depth, that depth [m], and shape."""

@@ -14,7 +14,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from envs.hexapod.parameters import LEGS
+from .parameters import LEGS
 
 Array = np.ndarray | float
 

@@ -1,4 +1,4 @@
-"""The tripod gait of :mod:`envs.hexapod.gait` with parameters that a policy changes while it walks.
+"""The tripod gait of :mod:`sealegs.envs.hexapod.gait` with parameters that a policy changes while it walks.
 
 Feet that stand move back with the commanded speed, whatever the action, so that none drags another; an action changes
 how the clock runs and where and how feet in the air land. All zero is the reference gait. This is what Iscen et al.,
@@ -11,9 +11,9 @@ from collections.abc import Mapping
 
 import numpy as np
 
-from envs.hexapod.gait import CYCLE, PERIOD, SPEED, Tripod
-from envs.hexapod.kinematics import Joints, foot_from_joints, joints_from_foot, leg_angle, stance
-from envs.hexapod.parameters import GOAL_RANGE, LEGS
+from .gait import CYCLE, PERIOD, SPEED, Tripod
+from .kinematics import Joints, foot_from_joints, joints_from_foot, leg_angle, stance
+from .parameters import GOAL_RANGE, LEGS
 
 _REFERENCE = Tripod()
 MODULATED = {
@@ -89,7 +89,7 @@ def room(values: Mapping[str, float], place: np.ndarray, way: float) -> np.ndarr
 
 
 def advance(values: Mapping[str, float], action: np.ndarray, speed: np.ndarray, memory: np.ndarray) -> np.ndarray:
-    """Goals :data:`~envs.hexapod.gait.PERIOD` later (n, 18) [rad, m]; ``memory`` (n, MEMORY) moves on in place.
+    """Goals :data:`~sealegs.envs.hexapod.gait.PERIOD` later (n, 18) [rad, m]; ``memory`` (n, MEMORY) moves on in place.
 
     Args:
         values: numbers of the robot.

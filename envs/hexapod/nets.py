@@ -1,7 +1,7 @@
 """Makes the actuator nets of the hexapod, from simulated runs of its printed chain, not from the machine: walks, and
 joints on their own.
 
-    python -m envs.hexapod.nets
+    python -m sealegs.envs.hexapod.nets
 
 Writes ``configs/actuator/amru5_rotation_net.npz`` and ``amru5_screw_net.npz``; a net that is there already stays.
 """
@@ -14,16 +14,16 @@ from pathlib import Path
 import mujoco
 import numpy as np
 
-from actuators import Drivetrain
-from actuators.chain import LIBRARY
-from actuators.errors import SealegsError
-from actuators.layout import S_TORQUE
-from actuators.net_data import smooth_noise
-from actuators.net_file import write_net
-from actuators.net_training import Settings, TrainedNet, TrainingRun, train
-from envs.hexapod.gait import PERIOD, Tripod
-from envs.hexapod.paper import Machine
-from envs.hexapod.robot import HORIZONTAL, KINDS, ROTATION, VERTICAL, coordinate
+from ...actuators import Drivetrain
+from ...actuators.chain import LIBRARY
+from ...actuators.errors import SealegsError
+from ...actuators.layout import S_TORQUE
+from ...actuators.net_data import smooth_noise
+from ...actuators.net_file import write_net
+from ...actuators.net_training import Settings, TrainedNet, TrainingRun, train
+from .gait import PERIOD, Tripod
+from .paper import Machine
+from .robot import HORIZONTAL, KINDS, ROTATION, VERTICAL, coordinate
 
 RATE = 500.0  # [Hz] five samples in a period of the controller: held longer, the back-EMF would swing
 SECONDS = 6.0

@@ -8,14 +8,14 @@ from dataclasses import dataclass
 import mujoco
 import numpy as np
 
-from actuators import Chain, Drivetrain
-from actuators.errors import SealegsError
-from actuators.layout import S_CURRENT, S_LOAD, S_TORQUE, S_VOLTAGE
-from envs.hexapod.gait import PERIOD, Tripod
-from envs.hexapod.ground import penetration
-from envs.hexapod.kinematics import link_angles
-from envs.hexapod.parameters import GRAVITY, LEGS
-from envs.hexapod.robot import FRICTIONS, HEXAPOD, KINDS, VERTICAL, chains_of, coordinate, foot, loop_joints
+from ...actuators import Chain, Drivetrain
+from ...actuators.errors import SealegsError
+from ...actuators.layout import S_CURRENT, S_LOAD, S_TORQUE, S_VOLTAGE
+from .gait import PERIOD, Tripod
+from .ground import penetration
+from .kinematics import link_angles
+from .parameters import GRAVITY, LEGS
+from .robot import FRICTIONS, HEXAPOD, KINDS, VERTICAL, chains_of, coordinate, foot, loop_joints
 
 LIFTED = 0.04  # [m] of the feet that do not stand
 SAMPLE = 0.002  # [s] between samples of the power, five in a period of the controllers

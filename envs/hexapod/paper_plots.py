@@ -13,7 +13,7 @@ matplotlib.use("Agg")
 from matplotlib import pyplot as plt
 from matplotlib.axes import Axes
 
-from envs.hexapod.paper import Standing, Walk
+from .paper import Standing, Walk
 
 COLOURS = {"none": "tab:gray", "dry/viscous": "tab:orange", "LuGre": "tab:blue", "dry/viscous 2": "tab:red"}
 STYLE: dict[Any, Any] = {

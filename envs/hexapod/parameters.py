@@ -2,12 +2,12 @@
 
 The paper is seed 001, "Dynamic simulation of six-legged robots with a focus on joint friction" (AMRU5). Of its tables
 only table 10 is at hand. Numbers of motors, gears, controllers and joint friction stand in
-``configs/actuator/amru5_*.yaml``, those of the gait in :mod:`envs.hexapod.gait`.
+``configs/actuator/amru5_*.yaml``, those of the gait in :mod:`sealegs.envs.hexapod.gait`.
 """
 
 from __future__ import annotations
 
-from envs.robot import Number
+from ..robot import Number
 
 GRAVITY = 9.81  # [m/s2]
 LEGS = 6

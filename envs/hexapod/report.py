@@ -10,11 +10,11 @@ from typing import Any, Literal
 
 import numpy as np
 
-from actuators.errors import SealegsError
-from envs.hexapod.gait import SPEED, Tripod
-from envs.hexapod.paper import BREAKAWAY_AT_REST, Machine, Standing, Walk, chains_with, penetration_on, stand_unpowered
-from envs.hexapod.parameters import NUMBERS
-from envs.hexapod.robot import FRICTIONS, HORIZONTAL, KINDS, VERTICAL
+from ...actuators.errors import SealegsError
+from .gait import SPEED, Tripod
+from .paper import BREAKAWAY_AT_REST, Machine, Standing, Walk, chains_with, penetration_on, stand_unpowered
+from .parameters import NUMBERS
+from .robot import FRICTIONS, HORIZONTAL, KINDS, VERTICAL
 
 UNPOWERED = ("none", "dry/viscous", "LuGre")  # Fig. 8
 SPEEDS = (0.01, 0.03)  # [m/s] of Fig. 12, beside the gait's own; the printed ones are not at hand
@@ -90,7 +90,7 @@ def compare(out: Path, seconds: float = 10.0, say: Callable[[str], None] = print
         "seconds": seconds,
     }
     (out / "hexapod.json").write_text(json.dumps(result, indent=1) + "\n")
-    from envs.hexapod import paper_plots  # matplotlib is slow to load
+    from . import paper_plots  # matplotlib is slow to load
 
     paper_plots.plot_standing(standing, out / "height.png")
     paper_plots.plot_friction(standing["LuGre"], out / "friction.png")

@@ -8,13 +8,13 @@ from collections.abc import Mapping, Sequence
 import mujoco
 import numpy as np
 
-from actuators import Chain, DrivenCoordinate, load_chain_set
-from actuators.errors import SealegsError
-from envs.hexapod import ground
-from envs.hexapod.kinematics import foot_load, leg_angle, link_angles, stance
-from envs.hexapod.parameters import GOAL_RANGE, LEGS, NUMBERS
-from envs.robot import Robot
-from envs.scene import CAMERA, FLOOR, add_scene, add_sun
+from ...actuators import Chain, DrivenCoordinate, load_chain_set
+from ...actuators.errors import SealegsError
+from ..robot import Robot
+from ..scene import CAMERA, FLOOR, add_scene, add_sun
+from . import ground
+from .kinematics import foot_load, leg_angle, link_angles, stance
+from .parameters import GOAL_RANGE, LEGS, NUMBERS
 
 BODY = "body"
 TIMESTEP = 0.001  # [s]; convergence in docs/hexapod.md

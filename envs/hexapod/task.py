@@ -7,14 +7,14 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from actuators import Drivetrain
-from envs.hexapod import modulated_gait
-from envs.hexapod.gait import PERIOD
-from envs.hexapod.ground import penetration
-from envs.hexapod.kinematics import Joints, foot_from_joints, leg_angle, link_angles, stance
-from envs.hexapod.parameters import GOAL_RANGE, GRAVITY, LEGS
-from envs.hexapod.robot import HEXAPOD, KINDS, ROTATION, VERTICAL, coordinate, loop_joints, total_mass
-from envs.task import ModulatedTask, Motion
+from ...actuators import Drivetrain
+from ..task import ModulatedTask, Motion
+from . import modulated_gait
+from .gait import PERIOD
+from .ground import penetration
+from .kinematics import Joints, foot_from_joints, leg_angle, link_angles, stance
+from .parameters import GOAL_RANGE, GRAVITY, LEGS
+from .robot import HEXAPOD, KINDS, ROTATION, VERTICAL, coordinate, loop_joints, total_mass
 
 SLOWEST = 0.01  # [m/s] below this, errors of speed count in absolute terms
 TOUCH = 1e-3  # [m] under which the switch of a foot says that it is on the floor

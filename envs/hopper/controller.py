@@ -22,8 +22,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from actuators import Chain
-from actuators.errors import SealegsError
+from ...actuators import Chain
+from ...actuators.errors import SealegsError
 
 
 @dataclass(frozen=True)

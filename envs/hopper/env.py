@@ -5,10 +5,10 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from typing import Any
 
-from envs.hopper.task import HopperTask
-from envs.robot import ChainSource
-from envs.single import SingleEnv
-from envs.vector import BatchVectorEnv
+from ..robot import ChainSource
+from ..single import SingleEnv
+from ..vector import BatchVectorEnv
+from .task import HopperTask
 
 
 class HopperEnv(SingleEnv):
@@ -98,7 +98,7 @@ class HopperEnv(SingleEnv):
     | `width`, `height` | int                 | `640, 480` | of the picture [px] |
 
     `gymnasium.make_vec("SeaLegs/Hopper-v0", num_envs=64)` steps the simulations on all cores and starts new episodes in
-    the same step; `envs.sb3.BatchVecEnv` does so for Stable-Baselines3. All three move bit for bit alike for equal
+    the same step; `sealegs.envs.sb3.BatchVecEnv` does so for Stable-Baselines3. All three move bit for bit alike for equal
     seeds.
 
     ## Version History

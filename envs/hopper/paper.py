@@ -10,12 +10,12 @@ from itertools import pairwise
 import mujoco
 import numpy as np
 
-from actuators import Drivetrain
-from actuators.errors import SealegsError
-from actuators.layout import S_TORQUE
-from envs.hopper.controller import BangBang, spring_stiffness
-from envs.hopper.robot import BASE, FOOT, HIP, HOPPER, KNEE
-from envs.robot import ChainSource
+from ...actuators import Drivetrain
+from ...actuators.errors import SealegsError
+from ...actuators.layout import S_TORQUE
+from ..robot import ChainSource
+from .controller import BangBang, spring_stiffness
+from .robot import BASE, FOOT, HIP, HOPPER, KNEE
 
 CONTROL_STEP = 0.001  # [s], IV-D: sensors and controllers at 1 kHz
 SETTLING = 2.0  # [s] of the start that no figure looks at, assumed

@@ -12,7 +12,7 @@ import numpy as np
 matplotlib.use("Agg")
 from matplotlib import pyplot as plt
 
-from envs.hopper.paper import SETTLING, Hops, by_period, flexions
+from .paper import SETTLING, Hops, by_period, flexions
 
 COLOURS = {"with actuator": "tab:blue", "without actuator": "tab:red"}
 SHOWN = 2.0  # [s], as in Fig. 6

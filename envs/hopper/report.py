@@ -8,9 +8,9 @@ from dataclasses import asdict
 from pathlib import Path
 from typing import Any
 
-from actuators.errors import SealegsError
-from envs.hopper.paper import CHAINS, PRINTED, Figures, Hops, Legs, measure
-from envs.hopper.parameters import NUMBERS
+from ...actuators.errors import SealegsError
+from .paper import CHAINS, PRINTED, Figures, Hops, Legs, measure
+from .parameters import NUMBERS
 
 TIMED = 2.0  # [s] simulated for each real-time factor
 LEGS = (1, 4)
@@ -51,7 +51,7 @@ def compare(out: Path, seconds: float = 10.0, say: Callable[[str], None] = print
         "seconds": seconds,
     }
     (out / "hopper.json").write_text(json.dumps(result, indent=1) + "\n")
-    from envs.hopper.paper_plots import plot_periods, plot_time  # matplotlib is slow to load
+    from .paper_plots import plot_periods, plot_time  # matplotlib is slow to load
 
     plot_time(cases, out / "time.png")
     plot_periods(cases, out / "periods.png")

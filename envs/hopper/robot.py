@@ -7,10 +7,10 @@ from collections.abc import Mapping
 import mujoco
 import numpy as np
 
-from actuators import DrivenCoordinate
-from envs.hopper.parameters import GOAL_RANGE, NUMBERS
-from envs.robot import Robot
-from envs.scene import CAMERA, FLOOR, add_scene, add_sun
+from ...actuators import DrivenCoordinate
+from ..robot import Robot
+from ..scene import CAMERA, FLOOR, add_scene, add_sun
+from .parameters import GOAL_RANGE, NUMBERS
 
 BASE, UPPER, LOWER, FOOT = "base", "upper", "lower", "foot"
 HIP, KNEE = "hip", "knee"

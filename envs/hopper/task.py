@@ -7,9 +7,9 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from actuators import Drivetrain
-from envs.hopper.robot import FOOT, HIP, HOPPER, KNEE, LOWER, leg_length
-from envs.task import Motion, Task
+from ...actuators import Drivetrain
+from ..task import Motion, Task
+from .robot import FOOT, HIP, HOPPER, KNEE, LOWER, leg_length
 
 SLOWEST = 0.1  # [m/s] below this, errors of speed count in absolute terms
 HIGH = 0.04  # [m] of the foot over the floor, where the reward for height is full

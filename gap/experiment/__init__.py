@@ -1,9 +1,9 @@
 """What to measure next: the motion, out of a library, that best tells apart what the log leaves open."""
 
-from gap.experiment.excitations import DURATION, RATE, Limits, default_limits, library
-from gap.experiment.exposure import blind_spots, experiment_for_still, unseen
-from gap.experiment.files import goal_table, read_goals, write_experiment
-from gap.experiment.proposal import Experiment, propose
+from .excitations import DURATION, RATE, Limits, default_limits, library
+from .exposure import blind_spots, experiment_for_still, unseen
+from .files import goal_table, read_goals, write_experiment
+from .proposal import Experiment, propose
 
 __all__ = [
     "DURATION",

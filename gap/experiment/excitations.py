@@ -8,8 +8,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from actuators.errors import SealegsError
-from gap.joint_model import JointModel
+from ...actuators.errors import SealegsError
+from ..replay.joint_model import JointModel
 
 DURATION = 12.0  # [s]
 RATE = 100.0  # [Hz] goals of an excitation

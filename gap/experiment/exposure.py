@@ -6,15 +6,15 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from gap.causes import retunable
-from gap.experiment.excitations import Limits
-from gap.experiment.proposal import SHOWS, Experiment, everything, predict, propose, thinned, unlike
-from gap.fit import Fit
-from gap.joint_model import JointModel
-from gap.log_types import MeasuredRun
-from gap.problem import Problem, lay_out
-from gap.search import Search
-from gap.units import FIT_A, FIT_B, Unit
+from ..causes.catalogue import retunable
+from ..log.parts import FIT_A, FIT_B, Unit
+from ..log.types import MeasuredRun
+from ..replay.joint_model import JointModel
+from ..replay.problem import Problem, lay_out
+from ..search.fit import Fit
+from ..search.forward import Search
+from .excitations import Limits
+from .proposal import SHOWS, Experiment, everything, predict, propose, thinned, unlike
 
 BLIND = 0.25  # share of the catalogue that a log may be unable to show for "nothing to explain" to mean something
 ASSUMED_NOISE = 5e-4  # [rad] of an encoder whose log never moves: a tick of 4096 a turn, and as much noise

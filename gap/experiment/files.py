@@ -12,9 +12,9 @@ from pathlib import Path
 
 import numpy as np
 
-from gap.experiment.proposal import Experiment
-from gap.log_sidecar import Sidecar, sidecar_text
-from gap.log_types import LogError
+from ..log.sidecar import Sidecar, sidecar_text
+from ..log.types import LogError
+from .proposal import Experiment
 
 
 def goal_table(experiment: Experiment, joint: str) -> str:

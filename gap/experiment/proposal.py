@@ -14,17 +14,17 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from gap.causes import catalogue
-from gap.experiment.excitations import HOLDS, RATE, Limits, abilities, default_limits, excitations
-from gap.fit import merge, middle
-from gap.joint_model import JointModel
-from gap.log_types import JointLog, MeasuredRun
-from gap.parameters import Parameter
-from gap.problem import Problem, lay_out
-from gap.search import RIVAL, Search
-from gap.simulator import CHANNELS
-from gap.structure import listed
-from gap.units import FIT_A, FIT_B, Unit
+from ..causes.catalogue import catalogue
+from ..log.parts import FIT_A, FIT_B, Unit
+from ..log.types import JointLog, MeasuredRun
+from ..replay.joint_model import JointModel
+from ..replay.parameters import Parameter
+from ..replay.problem import Problem, lay_out
+from ..replay.simulator import CHANNELS
+from ..search.fit import merge, middle
+from ..search.forward import RIVAL, Search
+from ..search.structure import listed
+from .excitations import HOLDS, RATE, Limits, abilities, default_limits, excitations
 
 ENOUGH = 1.0  # noise floors (rms) by which rivals must differ; below that another load is proposed
 SHOWS = 0.3  # noise floors (rms) that a search can still see: below that nothing is told apart
@@ -109,7 +109,7 @@ def propose(
     Args:
         problem: of the log.
         search: what was found in it.
-        limits: of the joint; default: :func:`gap.experiment.excitations.default_limits`.
+        limits: of the joint; default: :func:`sealegs.gap.experiment.excitations.default_limits`.
         seed: of the excitations.
         blind: the log shows too little: tell all causes of the catalogue apart, not only rivals.
 

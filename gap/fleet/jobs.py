@@ -14,12 +14,12 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from actuators.errors import SealegsError
-from gap.log_table import ENDINGS
-from gap.log_types import LogError
+from ...actuators.errors import SealegsError
+from ..log.table import ENDINGS
+from ..log.types import LogError
 
 if TYPE_CHECKING:
-    from gap.verdict import JointDiagnosis
+    from ..verdict.verdict import JointDiagnosis
 
 SOURCE = "source.json"
 """What a diagnosis was made from: settings, and name and checksum of each log and sidecar."""
@@ -133,10 +133,10 @@ def diagnose_folder(
     Raises:
         SealegsError: the logs cannot be read or diagnosed, or the folder is not empty.
     """
-    from gap.diagnosis import diagnose
-    from gap.diagnosis_files import fresh_folder, write_diagnosis
-    from gap.experiment import Limits, default_limits
-    from gap.long_log import read_bounded
+    from ..experiment import Limits, default_limits
+    from ..log.long import read_bounded
+    from ..output.files import fresh_folder, write_diagnosis
+    from ..verdict.diagnosis import diagnose
 
     data = read_bounded(log, progress=progress)
     speed = math.inf if speed_limit is None else speed_limit

@@ -11,8 +11,8 @@ import numpy as np
 from jinja2 import Environment, FileSystemLoader, StrictUndefined
 from matplotlib.figure import Figure
 
-from gap.fleet.table import FAILED, Row, Shared
-from gap.pictures.style import EXTENDED, NOMINAL, figure, styled
+from ..output.pictures.style import EXTENDED, NOMINAL, figure, styled
+from .table import FAILED, Row, Shared
 
 HERE = Path(__file__).parent
 STYLE_SHEET = HERE.parent / "report" / "report.css"
@@ -70,7 +70,7 @@ def write_page(rows: Sequence[Row], shared: Sequence[Shared], folder: Path, name
     """Write ``fleet.html`` and ``fleet.png``, in place of those of an earlier, stopped session.
 
     Args:
-        rows, shared: of :mod:`gap.fleet.table`.
+        rows, shared: of :mod:`sealegs.gap.fleet.table`.
         folder: of the fleet; reports of servos are linked relative to it.
         name: of the fleet.
     """

@@ -12,8 +12,8 @@ from multiprocessing.connection import Connection, wait
 from pathlib import Path
 from typing import Any
 
-from actuators.errors import SealegsError
-from gap.fleet.jobs import Job, Outcome, finished, remove_unfinished, run_job, staging
+from ...actuators.errors import SealegsError
+from .jobs import Job, Outcome, finished, remove_unfinished, run_job, staging
 
 REPOSITORY = Path(__file__).resolve().parents[2]
 PACKAGES = ("actuators", "configs", "envs", "gap")  # what a worker of a cluster needs of the project

@@ -11,7 +11,7 @@ from typing import Any
 
 import numpy as np
 
-from gap.fleet.jobs import Outcome
+from .jobs import Outcome
 
 COLUMNS: tuple[str, ...] = (
     "servo", "verdict", "nominal_rmse", "extended_rmse", "noise_floor", "cause", "kind", "share", "confidence",

@@ -10,8 +10,8 @@ from typing import Any
 
 import yaml
 
-from actuators.errors import nearest
-from hw.packets import RegisterError
+from ...actuators.errors import nearest
+from ..packets import RegisterError
 
 FOLDER = Path(__file__).resolve().parent
 

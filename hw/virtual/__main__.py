@@ -1,8 +1,8 @@
 """A virtual bus of Feetech servos, with a robot of this project behind it.
 
-    python -m hw.virtual                                       # the bench
-    python -m hw.virtual robot=hopper hidden=extended.yaml     # a hopper that is not what it seems
-    python -m hw.virtual faults=faults.yaml link=/tmp/servos   # what goes wrong when; a port of a fixed name
+    python -m sealegs.hw.virtual                                       # the bench
+    python -m sealegs.hw.virtual robot=hopper hidden=extended.yaml     # a hopper that is not what it seems
+    python -m sealegs.hw.virtual faults=faults.yaml link=/tmp/servos   # what goes wrong when; a port of a fixed name
 
 Prints the port that any client of such a bus can open, and runs until Ctrl-C.
 """
@@ -14,18 +14,18 @@ import sys
 from pathlib import Path
 from typing import Any
 
-from actuators import load_chain
-from actuators.errors import SealegsError
-from configs.check import checked, checked_seed
-from configs.compose import compose, split
-from configs.script import run
-from envs.robots import get_robot
-from hw.registers import load_model
-from hw.virtual.faults import read_faults
-from hw.virtual.machine import Machine
-from hw.virtual.rig import Rig, mounts
-from hw.virtual.server import Server, announce
-from hw.virtual.wire import Wire
+from ...actuators import load_chain
+from ...actuators.errors import SealegsError
+from ...configs.check import checked, checked_seed
+from ...configs.compose import compose, split
+from ...configs.script import run
+from ...envs.robots import get_robot
+from ..registers import load_model
+from .faults import read_faults
+from .machine import Machine
+from .rig import Rig, mounts
+from .server import Server, announce
+from .wire import Wire
 
 PLAIN = ("actuator", "hidden", "faults", "link")
 

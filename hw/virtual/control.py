@@ -11,7 +11,7 @@ from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import Any
 
-from actuators.errors import SealegsError
+from ...actuators.errors import SealegsError
 
 Handler = Callable[[dict[str, Any]], dict[str, Any]]
 

@@ -10,7 +10,7 @@ from typing import Any
 
 import yaml
 
-from actuators.errors import SealegsError, nearest
+from ...actuators.errors import SealegsError, nearest
 
 KINDS = {
     "drop": "replies are lost",

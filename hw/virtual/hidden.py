@@ -16,10 +16,10 @@ from typing import Any
 
 import yaml
 
-from actuators import Chain, load_chain
-from actuators.errors import SealegsError, nearest
-from actuators.stages import build_stage
-from envs.robot import Robot
+from ...actuators import Chain, load_chain
+from ...actuators.errors import SealegsError, nearest
+from ...actuators.stages import build_stage
+from ...envs.robot import Robot
 
 
 def hide(

@@ -8,11 +8,10 @@ import tempfile
 from pathlib import Path
 from typing import Any
 
-from actuators.errors import SealegsError
-from hw.virtual.control import Control
+from ...actuators.errors import SealegsError
+from .control import Control
 
 LINGER = 5.0  # [s] that the servos outlive a killed parent
-CHECKOUT = Path(__file__).resolve().parents[2]
 
 
 class VirtualBus:
@@ -22,7 +21,7 @@ class VirtualBus:
     another process can still reach them, and then end too.
 
     Attributes:
-        port: path to give to :class:`hw.bus.ServoBus` or to any other client.
+        port: path to give to :class:`sealegs.hw.bus.ServoBus` or to any other client.
         control_path: of the control socket, for another process.
     """
 
@@ -38,8 +37,7 @@ class VirtualBus:
         arguments = [f"{key}={_written(value)}" for key, value in keys.items()]
         self._errors = tempfile.TemporaryFile("w+")  # noqa: SIM115 no pipe, which nobody would empty
         self._process = subprocess.Popen(
-            [sys.executable, "-m", "hw.virtual", *arguments],
-            cwd=CHECKOUT,
+            [sys.executable, "-P", "-m", "sealegs.hw.virtual", *arguments],
             stdin=subprocess.PIPE,
             stdout=subprocess.PIPE,
             stderr=self._errors,

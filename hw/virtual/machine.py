@@ -8,14 +8,14 @@ from dataclasses import dataclass
 import mujoco
 import numpy as np
 
-from actuators import Chain
-from actuators.engine import install
-from actuators.errors import SealegsError, nearest
-from actuators.law import host_reading
-from actuators.layout import S_CURRENT, S_DUTY, S_READY
-from actuators.stages import build_stage
-from envs.robot import Robot
-from hw.virtual.hidden import hide
+from ...actuators import Chain
+from ...actuators.engine import install
+from ...actuators.errors import SealegsError, nearest
+from ...actuators.law import host_reading
+from ...actuators.layout import S_CURRENT, S_DUTY, S_READY
+from ...actuators.stages import build_stage
+from ...envs.robot import Robot
+from .hidden import hide
 
 NOMINAL_VOLTAGE = 7.4  # [V] that a chain without a supply stage is taken to run on; assumed
 UNSTABLE = tuple(
@@ -70,7 +70,7 @@ class Machine:
         """Build the robot and place it at the middle of its goals' ranges.
 
         Args:
-            robot: of ``envs.robots``.
+            robot: of ``sealegs.envs.robots``.
             actuator: chain of all coordinates, or chains by coordinate; None: the robot's own.
             hidden: file of what the machine really is, see :mod:`hw.virtual.hidden`.
             params: numbers of the robot other than its own.

@@ -7,10 +7,10 @@ from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from typing import Any
 
-from actuators.errors import SealegsError, nearest
-from hw.registers import ServoModel
-from hw.virtual.machine import SHORTEST_STEP, Machine
-from hw.virtual.servo import OFF, TICK, Servo
+from ...actuators.errors import SealegsError, nearest
+from ..registers import ServoModel
+from .machine import SHORTEST_STEP, Machine
+from .servo import OFF, TICK, Servo
 
 PROFILE_STEP = 0.001  # [s] between two moves of a set-point that is on its way; assumed
 

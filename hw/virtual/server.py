@@ -11,12 +11,12 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
-from hw.virtual import protocol
-from hw.virtual.control import ControlSocket
-from hw.virtual.faults import fault_from, first
-from hw.virtual.protocol import Request, take_requests
-from hw.virtual.terminal import Terminal
-from hw.virtual.wire import Wire
+from . import protocol
+from .control import ControlSocket
+from .faults import fault_from, first
+from .protocol import Request, take_requests
+from .terminal import Terminal
+from .wire import Wire
 
 IDLE = 0.005  # [s] after which the machine moves on though nobody asks
 

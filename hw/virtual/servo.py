@@ -8,10 +8,10 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass
 
-from hw.packets import Status
-from hw.registers import ServoModel
-from hw.virtual import protocol
-from hw.virtual.machine import Drive
+from ..packets import Status
+from ..registers import ServoModel
+from . import protocol
+from .machine import Drive
 
 TICK = 0.005  # [s] between two looks at protection, velocity and temperature; assumed
 VELOCITY_TICKS = 4  # velocity is the encoder's difference over so many; assumed

@@ -5,11 +5,11 @@ from __future__ import annotations
 import random
 from collections.abc import Sequence
 
-from hw.virtual import protocol
-from hw.virtual.faults import Fault, first
-from hw.virtual.protocol import BROADCAST, Request
-from hw.virtual.rig import Rig
-from hw.virtual.servo import Servo
+from . import protocol
+from .faults import Fault, first
+from .protocol import BROADCAST, Request
+from .rig import Rig
+from .servo import Servo
 
 BITS = 10  # on the line per byte: start, eight, stop
 PROCESSING = 20e-6  # [s] from a request's end to the reply's start, beside the return delay register; assumed

@@ -1,0 +1,188 @@
+"""Checks of columns that must agree with the motion: velocity, current, voltage, and columns that are stuck."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+
+import numpy as np
+
+from ..log.finding import Finding
+from ..log.types import Array
+from .context import JointContext
+from .motion import DEGREES
+from .signal import derivatives, fit_lag
+
+SCALE_TOLERANCE = 0.03
+LAG_TOLERANCE = 0.003
+"""Smallest delay of a column that is worth a word [s]."""
+GEAR_SIDE = 2.5
+"""Ratio beyond which a column is not badly calibrated but of something else."""
+STUCK_SECONDS = 0.5
+KNOWN_RATIOS = {
+    "degrees per second": DEGREES,
+    "revolutions per minute": 60.0 / (2 * np.pi),
+    "revolutions per second": 1.0 / (2 * np.pi),
+}
+
+
+def check_columns(joint: JointContext) -> Iterator[Finding]:
+    """Yield what is wrong with the columns beside goal and position."""
+    yield from _stuck(joint)
+    if joint.log.velocity is not None and joint.radians:
+        yield from _velocity(joint, joint.log.velocity)
+    for signal in ("current", "torque"):
+        values = getattr(joint.log, signal)
+        if values is not None:
+            yield from _unsigned(joint, signal, values)
+    if joint.log.voltage is not None and joint.log.duty is not None:
+        yield from _voltage(joint, joint.log.voltage, joint.log.duty)
+
+
+def _stuck(joint: JointContext) -> Iterator[Finding]:
+    position = joint.motion[0]
+    enabled = joint.log.enabled is None or joint.log.enabled >= 0.5
+    for signal in ("velocity", "link_position", "duty", "current", "torque"):
+        values = getattr(joint.log, signal)
+        if values is None:
+            continue
+        if not np.isfinite(values).any():
+            yield Finding(
+                "column.empty", "warning", joint.name, joint.column(signal),
+                f"{joint.column(signal)} holds no value; leave the column out.", data_error=True,
+            )  # fmt: skip
+            continue
+        starts = np.flatnonzero(np.concatenate([[True], values[1:] != values[:-1]]))
+        ends = np.concatenate([starts[1:], [len(values)]]) - 1
+        length = joint.time[ends] - joint.time[starts]
+        # from end to end: along its way, the noise of a joint at rest adds up
+        moved = np.maximum.reduceat(position, starts) - np.minimum.reduceat(position, starts)
+        held = _at_an_end(np.abs(values[starts])) if signal == "duty" else False
+        off = ~(np.broadcast_to(enabled, values.shape)[starts])
+        # Dry friction holds a torque, so only motion well beyond noise shows that a column no longer follows.
+        stuck = (length > STUCK_SECONDS) & (moved > 0.1 * joint.span + 20 * joint.noise) & ~np.asarray(held) & ~off
+        if signal in ("duty", "current", "torque") and values[starts][stuck].size:
+            stuck &= (values[starts] != 0.0) | (length > 0.5 * (joint.time[-1] - joint.time[0]))
+        if stuck.any():
+            worst = int(np.argmax(np.where(stuck, length, 0.0)))
+            yield Finding(
+                "column.stuck", "warning", joint.name, joint.column(signal),
+                f"{joint.column(signal)} stays at {values[starts[worst]]:.4g} for {length[worst]:.3g} s from "
+                f"{joint.time[starts[worst]]:.4g} s while the joint moves: the reading was not updated.",
+                value=float(length[worst]), data_error=True,
+            )  # fmt: skip
+
+
+def _at_an_end(duty: Array) -> Array:
+    """Which of the sizes of the duty, one per stretch in which it stays, are its limit or its least one.
+
+    A drive holds its limit, and one that starts with a least duty holds that one in slow motion, time and again. That
+    it comes back to it tells it from a reading that was not updated.
+    """
+    moving = duty[duty > 0.0]
+    if moving.size == 0:
+        return np.zeros(duty.shape, bool)
+    least = duty == moving.min()
+    return (duty >= 0.98 * np.nanmax(duty)) | (least & (least.sum() >= 3))
+
+
+def _velocity(joint: JointContext, velocity: Array) -> Iterator[Finding]:
+    known = np.isfinite(velocity)
+    if known.mean() < 0.5 or joint.moving.sum() < 100 or joint.span < 20 * joint.noise or np.ptp(velocity[known]) == 0:
+        return
+    filled = velocity if known.all() else np.interp(joint.time, joint.time[known], velocity[known])
+    steps = np.diff(joint.time)
+    travelled = np.concatenate([[0.0], np.cumsum(0.5 * (filled[1:] + filled[:-1]) * steps)])
+    # The same filter on both sides: the derivative of the integrated column against that of the position.
+    window = max(0.1, 9 * joint.period)
+    column = derivatives(joint.time, travelled, window)[1]
+    derivative = derivatives(joint.time, joint.log.position, window)[1]
+    lag = fit_lag(joint.time, column, [derivative])
+    if lag is None or lag.r2 < 0.9:
+        return
+    # Noise in the position shrinks the slope by 1 - r2 of its own share: the middle of both regressions.
+    scale = float(lag.coefficients[0]) / np.sqrt(lag.r2)
+    margin = 2.0 * float(lag.spread[0]) + 0.5 * (1.0 / np.sqrt(lag.r2) - 1.0)
+    as_logged = float(lag.coefficients_now[0]) / np.sqrt(lag.r2)
+    name = joint.column("velocity")
+    late = abs(lag.seconds) > LAG_TOLERANCE and lag.low * lag.high > 0 and (1 - lag.r2_now) > 1.3 * (1 - lag.r2)
+    unit = next((unit for unit, ratio in KNOWN_RATIOS.items() if abs(abs(scale) / ratio - 1.0) < 0.05), None)
+    if unit is not None:
+        yield Finding(
+            "unit.velocity", "error", joint.name, name,
+            f"{name} is in {unit}, not in rad/s: it is {scale:.4g} times the derivative of the position.",
+            value=scale, cause="sensor.scale", data_error=True,
+        )  # fmt: skip
+        return
+    if scale < -0.3:
+        yield Finding(
+            "velocity.sign", "error", joint.name, name,
+            f"{name} has the wrong sign: it is {scale:.3g} times the derivative of the position.",
+            value=scale, data_error=True,
+        )  # fmt: skip
+        return
+    if scale > GEAR_SIDE or scale < 1.0 / GEAR_SIDE:
+        yield Finding(
+            "velocity.gear_side", "error", joint.name, name,
+            f"{name} is {scale:.4g} times the derivative of the position: it belongs to the other side of a gear or to "
+            "another unit.",
+            value=scale, low=scale * (1.0 - margin), high=scale * (1.0 + margin), cause="sensor.scale", data_error=True,
+        )  # fmt: skip
+        return
+    if abs(scale - 1.0) > SCALE_TOLERANCE + margin or (late and abs(as_logged - 1.0) > SCALE_TOLERANCE):
+        aligned = f"; {scale:.3f} once its delay of {lag.seconds * 1e3:.0f} ms is taken out" if late else ""
+        value = as_logged if late else scale
+        yield Finding(
+            "velocity.scale", "warning", joint.name, name,
+            f"{name} is {value:.3f} times the derivative of the position{aligned}; use the position instead.",
+            value=value, low=value - margin, high=value + margin, cause="sensor.scale", data_error=True,
+        )  # fmt: skip
+    if late:
+        side = "late" if lag.seconds > 0 else "early"
+        yield Finding(
+            "velocity.lag", "warning", joint.name, name,
+            f"{name} is {abs(lag.seconds) * 1e3:.1f} ms {side} of the position's derivative "
+            f"({abs(lag.low) * 1e3:.1f} to {abs(lag.high) * 1e3:.1f} ms); use the position instead.",
+            value=lag.seconds, low=lag.low, high=lag.high, cause="sensor.delay", data_error=True,
+        )  # fmt: skip
+
+
+def _unsigned(joint: JointContext, signal: str, values: Array) -> Iterator[Finding]:
+    known = values[np.isfinite(values)]
+    if len(known) < 100 or np.ptp(known) == 0.0 or known.min() < 0.0:
+        return
+    drive = joint.log.duty
+    if drive is None:
+        drive = joint.velocity if joint.log.goal is None else joint.log.goal - joint.log.position
+    if _goes_both_ways(drive[joint.moving]) and _goes_both_ways(joint.velocity[joint.moving]):
+        yield Finding(
+            f"{signal}.unsigned", "warning", joint.name, joint.column(signal),
+            f"{joint.column(signal)} is never negative although the drive pushes both ways: it is a magnitude without "
+            "its sign.",
+            value=float(known.min()), data_error=True,
+        )  # fmt: skip
+
+
+def _goes_both_ways(values: Array) -> bool:
+    return len(values) > 0 and min((values > 0).mean(), (values < 0).mean()) > 0.1
+
+
+def _voltage(joint: JointContext, voltage: Array, duty: Array) -> Iterator[Finding]:
+    known = np.isfinite(voltage) & np.isfinite(duty)
+    if known.sum() < 100:
+        return
+    volts, size = voltage[known], np.abs(duty[known])
+    quiet = size <= max(0.05, float(np.quantile(size, 0.1)))
+    rest = float(np.median(volts[quiet]))
+    busy = size > 0.1
+    if busy.sum() < 50:
+        return
+    margin = max(3.0 * float(np.std(volts[quiet])) * 0.5, 0.03 * rest)
+    above = float((volts[busy] > rest + margin).mean())
+    below = float((volts[busy] < rest - margin).mean())
+    if above > 0.02 and above + below > 0.05:
+        yield Finding(
+            "voltage.aliased", "warning", joint.name, joint.column("voltage"),
+            f"{joint.column('voltage')} reads {volts.min():.3g} to {volts.max():.3g} V around {rest:.3g} V at rest, "
+            "above it as well as below while the duty is on: it aliases the PWM ripple and shows no sag of the supply.",
+            value=float(np.ptp(volts)), data_error=True,
+        )  # fmt: skip

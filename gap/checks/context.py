@@ -1,0 +1,109 @@
+"""What every check of a run needs once: the motion of each joint, smoothed, and its noise."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from functools import cached_property
+
+import numpy as np
+
+from ..log.types import Array, JointLog, MeasuredRun
+from .signal import DERIVATIVE_WINDOW, derivatives, high_frequency_noise, quantisation_step
+
+LONGEST_EXCERPT = 200_000
+"""Samples that the checks of motion look at; of a longer log they take its middle."""
+LEAST_SPAN = 30.0
+"""Range of motion, in rms errors of a sample, below which causes look alike."""
+LEAST_SHARE = 0.01
+"""Share of the samples with motion below which causes look alike."""
+
+
+@dataclass(frozen=True, eq=False)
+class JointContext:
+    """One joint of one run with what the checks share; arrays are (n,)."""
+
+    run: MeasuredRun
+    name: str
+    log: JointLog
+    time: Array
+
+    def column(self, signal: str) -> str:
+        """Return a column's name in the file."""
+        return f"{self.name}.{signal}"
+
+    @cached_property
+    def period(self) -> float:
+        """Median sample period [s]."""
+        return float(np.median(np.diff(self.time)))
+
+    @cached_property
+    def step(self) -> float:
+        """Quantisation step of the position [rad], 0 where none shows."""
+        return quantisation_step(self.log.position)
+
+    @cached_property
+    def noise(self) -> float:
+        """Rms error of a position sample [rad]."""
+        return position_noise(self.time, self.log.position, self.step)
+
+    @cached_property
+    def span(self) -> float:
+        """Range of the position [rad]."""
+        return float(np.ptp(self.log.position))
+
+    @cached_property
+    def still(self) -> bool:
+        """Whether the joint shows no motion beyond noise and a few encoder steps."""
+        return self.span <= max(6.0 * self.noise, 5.0 * self.step, 1e-9)
+
+    @cached_property
+    def radians(self) -> bool:
+        """Whether the sidecar leaves position and goal in radians."""
+        units = self.run.meta.get("units") or {}
+        return units.get(self.column("position"), units.get("position", "rad")) == "rad"
+
+    @cached_property
+    def motion(self) -> tuple[Array, Array, Array]:
+        """Smoothed position [rad], velocity [rad/s] and acceleration [rad/s2]."""
+        return derivatives(self.time, self.log.position, DERIVATIVE_WINDOW)
+
+    @property
+    def velocity(self) -> Array:
+        """Smoothed derivative of the position [rad/s]."""
+        return self.motion[1]
+
+    @cached_property
+    def moving_speed(self) -> float:
+        """Speed above which the joint certainly moves [rad/s]."""
+        return max(5.0 * self.noise / DERIVATIVE_WINDOW, 0.05 * float(np.quantile(np.abs(self.velocity), 0.99)))
+
+    @cached_property
+    def moving(self) -> np.ndarray:
+        """Samples where the joint certainly moves, (n,) bool."""
+        return np.abs(self.velocity) > self.moving_speed
+
+    @cached_property
+    def short(self) -> bool:
+        """Whether the joint moves over so little that causes look alike."""
+        return self.span < LEAST_SPAN * max(self.noise, self.step / 4)
+
+    @cached_property
+    def seldom(self) -> bool:
+        """Whether the joint moves so seldom that causes look alike."""
+        return float(self.moving.mean()) < LEAST_SHARE
+
+
+def joint_contexts(run: MeasuredRun) -> list[JointContext]:
+    """Return the context of every joint; of a very long run, of its middle."""
+    excess = max(len(run.time) - LONGEST_EXCERPT, 0)
+    part = slice(excess // 2, len(run.time) - (excess - excess // 2))
+    contexts = []
+    for name, log in run.joints.items():
+        cut = replace(log, **{signal: values[part] for signal, values in log.signals().items()}) if excess else log
+        contexts.append(JointContext(run, name, cut, run.time[part]))
+    return contexts
+
+
+def position_noise(time: Array, position: Array, step: float) -> float:
+    """Return the rms error of a position sample [rad]: quantisation, or the faster noise where that is larger."""
+    return max(step / np.sqrt(12.0), high_frequency_noise(time, position))

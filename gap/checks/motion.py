@@ -1,0 +1,258 @@
+"""Checks of goal and position: motion at all, units, wrap-around, excitation, saturation."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+
+import numpy as np
+
+from ..log.finding import Finding, Severity
+from .context import JointContext
+
+DEGREES = 180.0 / np.pi
+FASTEST_SERVO = 60.0
+"""Speed [rad/s] that no geared joint reaches."""
+TURN = 2.0 * np.pi
+NEAR = 0.5
+"""Angle [rad] around whole turns within which a joint is where it was sent, on another turn."""
+LARGEST_ANGLE = 10.0
+"""Angle [rad] that a joint with end stops does not reach."""
+
+
+def check_motion(joint: JointContext) -> Iterator[Finding]:
+    """Yield what is wrong with the motion of a joint."""
+    goal = joint.log.goal
+    if joint.still:
+        asked = goal is not None and np.ptp(goal) > max(10.0 * joint.noise, 5.0 * joint.step, 1e-6)
+        yield Finding(
+            "motion.none", "error", joint.name, joint.column("position"),
+            f"Joint {joint.name} does not move ({joint.span:.2g} rad in all)"
+            + (" although its goal does: check power, torque enable and the position column." if asked else
+               ": nothing can be learnt from it; record a motion."),
+            value=joint.span, data_error=bool(asked),
+        )  # fmt: skip
+        return
+    if joint.radians and (ticks := list(_ticks(joint))):
+        yield from ticks  # of raw counts, every other check would say something wrong
+        return
+    yield from _wraps(joint)
+    if joint.radians:
+        yield from _degrees(joint)
+    if goal is not None:
+        yield from _goal(joint, goal)
+    yield from _link_sign(joint)
+    yield from _excitation(joint)
+    yield from _saturation(joint)
+    if joint.log.enabled is not None and (joint.log.enabled < 0.5).any():
+        off = joint.log.enabled < 0.5
+        yield Finding(
+            "drive.off", "note", joint.name, joint.column("enabled"),
+            f"The drive of {joint.name} is off in {off.mean():.0%} of the samples, from "
+            f"{joint.time[off.argmax()]:.3g} s: the joint moves freely there.",
+            value=float(off.mean()),
+        )  # fmt: skip
+
+
+def _ticks(joint: JointContext) -> Iterator[Finding]:
+    """Raw counts of an encoder: whole numbers, farther than degrees reach or than degrees could move."""
+    for signal, followed in (("position", "goal"), ("goal", "position"), ("link_position", "position")):
+        values, other = getattr(joint.log, signal), getattr(joint.log, followed)
+        if values is None or not np.isfinite(values).all() or (values != np.round(values)).any():
+            continue
+        span, reach = float(np.ptp(values)), float(np.abs(values).max())
+        moved = float(np.ptp(other)) if other is not None and np.isfinite(other).all() else 0.0
+        ratio = span / moved if moved > 0.0 else 1.0
+        if ratio > 2.0 * DEGREES or (reach > 360.0 and ratio < 0.3 * DEGREES):
+            column = joint.column(signal)
+            yield Finding(
+                "unit.ticks", "error", joint.name, column,
+                f"{column} is in encoder ticks, not in radians: whole numbers from {values.min():.0f} to "
+                f"{values.max():.0f}; subtract the ticks of its zero and multiply by 2 pi over the ticks of a turn "
+                "(4096 of a Feetech STS servo).",
+                value=reach, data_error=True,
+            )  # fmt: skip
+
+
+def _wraps(joint: JointContext) -> Iterator[Finding]:
+    for signal in ("position", "link_position"):
+        values = getattr(joint.log, signal)
+        if values is None or not np.isfinite(values).all():
+            continue
+        change = np.diff(values)
+        length = np.abs(change)
+        usual, slow = np.quantile(length, (0.99, 0.9))
+        whole = (np.abs(length / TURN - 1.0) < 0.2) & (length > 12.0 * slow)  # however often
+        one_turn = np.ptp(values) < 1.1 * TURN  # in degrees it would be a lot more
+        jumps = np.flatnonzero(((length > 1.0) & (length > 12.0 * usual)) | (whole & one_turn))
+        if not len(jumps):
+            yield from _other_turn(joint, signal)
+            continue
+        size = float(np.median(length[jumps]))
+        back = np.isin(jumps + 1, jumps) & (
+            np.sign(change[jumps]) != np.sign(change[np.minimum(jumps + 1, len(change) - 1)])
+        )
+        spikes = int(back.sum())
+        where = f"first at {joint.time[jumps[0] + 1]:.4g} s"
+        if spikes * 2 >= len(jumps):
+            yield _misread(
+                joint, signal, "spikes", size,
+                f"has {max(spikes, 1)} isolated wrong reading{'s' * (spikes > 1)} of about {size:.3g} rad, {where}; "
+                "remove these samples.",
+            )  # fmt: skip
+        else:
+            turns = " (one turn)" if abs(size / TURN - 1) < 0.05 else ""
+            yield _misread(
+                joint, signal, "wrap", size,
+                f"jumps by {size:.4g} rad{turns} between neighbouring samples {len(jumps)} "
+                f"time{'s' * (len(jumps) > 1)}, {where}: the encoder wraps around; unwrap the column.",
+            )  # fmt: skip
+
+
+def _other_turn(joint: JointContext, signal: str) -> Iterator[Finding]:
+    """An encoder that wrapped before the run began: all of it lies whole turns from what it follows."""
+    followed = "goal" if signal == "position" else "position"
+    values, other = getattr(joint.log, signal), getattr(joint.log, followed)
+    if other is None or not joint.radians or not np.isfinite(other).all():
+        return
+    turns = round(float(np.median(values - other)) / TURN)
+    alike = np.ptp(values) < np.ptp(other) + 2.0 * NEAR  # neither is in degrees
+    if turns and alike and float(np.median(np.abs(values - other - turns * TURN))) < NEAR:
+        yield _misread(
+            joint, signal, "wrap", TURN,
+            f"lies {abs(turns)} whole turn{'s' * (abs(turns) > 1)} from {joint.column(followed)}: the encoder wrapped "
+            "around before the log began; subtract the turns.",
+        )  # fmt: skip
+
+
+def _misread(joint: JointContext, signal: str, kind: str, size: float, what: str) -> Finding:
+    """An encoder whose angles are not those of the joint; ``what`` goes on after the column's name."""
+    column = joint.column(signal)
+    return Finding(f"{signal}.{kind}", "error", joint.name, column, f"{column} {what}", value=size, data_error=True)
+
+
+def _degrees(joint: JointContext) -> Iterator[Finding]:
+    position, goal = joint.log.position, joint.log.goal
+    wrong: dict[str, str] = {}
+    # An encoder has a power of two of steps per turn, so its step betrays the unit whatever the motion.
+    for signal, values in (("position", position), ("goal", goal)):
+        if values is None:
+            continue
+        step = joint.step if signal == "position" else 0.0
+        per_turn = 360.0 / step if step > 0 else 0.0
+        bits = np.log2(per_turn) if per_turn > 0 else 0.5
+        speed = float(np.quantile(np.abs(np.diff(values)) / np.diff(joint.time), 0.95))
+        if 8 <= bits <= 24 and abs(bits - round(bits)) < 1e-3:
+            wrong[signal] = f"its step of {step:.4g} is a whole turn of 360 divided by {round(per_turn)}"
+        elif signal == "position" and np.abs(values).max() > LARGEST_ANGLE and speed > FASTEST_SERVO / 3.0:
+            top = float(np.quantile(np.abs(joint.velocity), 0.995))
+            if top > FASTEST_SERVO:
+                wrong[signal] = f"it reaches {np.abs(values).max():.3g} at {top:.3g} per second"
+    if goal is not None and np.ptp(goal) > 0:
+        ratio = float(np.ptp(position) / np.ptp(goal))
+        size = float(np.quantile(np.abs(goal), 0.98)), float(np.quantile(np.abs(position), 0.98))
+        if 0.3 * DEGREES < ratio < 2.0 * DEGREES:
+            wrong["position"] = f"it moves {ratio:.3g} times as far as the goal"
+            wrong.pop("goal", None)
+        elif 0.5 / DEGREES < ratio < 2.0 / DEGREES and size[0] > LARGEST_ANGLE * 0.5:
+            wrong["goal"] = f"it moves {1 / ratio:.3g} times as far as the position"
+            wrong.pop("position", None)
+        elif "position" in wrong:
+            wrong["goal"] = "it moves as far as the position"
+        elif np.abs(goal).max() > LARGEST_ANGLE and _slope_speed(joint, goal) > FASTEST_SERVO:
+            wrong["goal"] = f"it reaches {np.abs(goal).max():.3g}"
+    link = joint.log.link_position
+    if link is not None and np.isfinite(link).any():
+        ratio = float((np.nanmax(link) - np.nanmin(link)) / np.ptp(position))
+        if "position" in wrong and 0.3 < ratio < 2.0:
+            wrong["link_position"] = "it moves as far as the position"
+        elif "position" not in wrong and 0.3 * DEGREES < ratio < 2.0 * DEGREES:
+            wrong["link_position"] = f"it moves {ratio:.3g} times as far as the position"
+    for signal, reason in wrong.items():
+        yield Finding(
+            "unit.degrees", "error", joint.name, joint.column(signal),
+            f"{joint.column(signal)} is in degrees, not in radians: {reason}; multiply it by pi/180.",
+            value=DEGREES, data_error=True,
+        )  # fmt: skip
+
+
+def _slope_speed(joint: JointContext, goal: np.ndarray) -> float:
+    # Steps have any speed; the smooth part of a goal shows its unit.
+    return float(np.quantile(np.abs(np.diff(goal)) / np.diff(joint.time), 0.9))
+
+
+def _goal(joint: JointContext, goal: np.ndarray) -> Iterator[Finding]:
+    if np.ptp(goal) <= 1e-9:
+        yield Finding(
+            "goal.still", "warning", joint.name, joint.column("goal"),
+            f"The goal of {joint.name} never moves, so what the drive does with a command cannot be seen.",
+            value=0.0,
+        )  # fmt: skip
+        return
+    yield from _sign(joint, "position", "error", joint.log.position, "its goal", goal)
+
+
+def _link_sign(joint: JointContext) -> Iterator[Finding]:
+    link, position = joint.log.link_position, joint.log.position
+    if link is None:
+        return
+    good = np.isfinite(link)
+    if good.sum() < 100 or np.ptp(link[good]) == 0.0:
+        return
+    # a jump of an encoder that wraps is another fault
+    angles = np.unwrap(link[good]), np.unwrap(position[good])
+    yield from _sign(joint, "link_position", "warning", angles[0], "the position", angles[1])
+
+
+def _sign(
+    joint: JointContext, signal: str, severity: Severity, values: np.ndarray, of_what: str, other: np.ndarray
+) -> Iterator[Finding]:
+    correlation = float(np.corrcoef(other, values)[0, 1])
+    if correlation < -0.5:
+        yield Finding(
+            f"{signal}.sign", severity, joint.name, joint.column(signal),
+            f"{joint.column(signal)} moves against {of_what} (correlation {correlation:.2f}): one of the two has the "
+            "wrong sign.",
+            value=correlation, data_error=True,
+        )  # fmt: skip
+
+
+def _excitation(joint: JointContext) -> Iterator[Finding]:
+    speed = joint.velocity[joint.moving]
+    reversals = int(np.count_nonzero(np.diff(np.sign(speed)))) if len(speed) else 0
+    top = float(np.quantile(np.abs(joint.velocity), 0.99))
+    reasons = []
+    if joint.short:
+        reasons.append(
+            f"moves over {joint.span:.2g} rad only, {joint.span / max(joint.noise, 1e-12):.0f} times its noise"
+        )
+    if reversals < 2:
+        reasons.append(f"reverses {reversals} time{'s' * (reversals != 1)}")
+    if joint.seldom:
+        reasons.append(f"moves in {joint.moving.mean():.1%} of the samples")
+    if reasons:
+        yield Finding(
+            "excitation.little", "warning", joint.name, joint.column("position"),
+            f"Joint {joint.name} {' and '.join(reasons)}: friction, delay and backlash cannot be told apart from it.",
+            value=top,
+        )  # fmt: skip
+
+
+def _saturation(joint: JointContext) -> Iterator[Finding]:
+    duty = joint.log.duty
+    if duty is None:
+        return
+    size = np.abs(duty[np.isfinite(duty)])
+    if not len(size) or size.max() < 0.3:
+        return
+    limit = float(size.max())
+    at_limit = size >= 0.999 * limit
+    share = float(at_limit.mean())
+    both = min(float((duty >= 0.999 * limit).mean()), float((duty <= -0.999 * limit).mean()))
+    # A pose held by a constant duty looks like a limit, but on one side only.
+    if share > 0.01 and (limit > 0.9 or both > 0.003):
+        yield Finding(
+            "duty.saturated", "note", joint.name, joint.column("duty"),
+            f"The duty of {joint.name} is at its limit of {limit:.3g} in {share:.1%} of the samples: motor and supply "
+            "show there, gains do not.",
+            value=share,
+        )  # fmt: skip

@@ -1,0 +1,86 @@
+"""Checks of the torque column of a bench against what the measured motion needs."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+
+import numpy as np
+
+from ..log.finding import Finding
+from ..replay.joint_model import PendulumLoad
+from .context import JointContext
+from .torque_balance import AT_ONCE, Shift, TorqueBalance, torque_balance, torque_shift
+
+TOLERANCE = 0.004
+"""Least shift between torque and motion that is worth a word [s]."""
+EXPLAINED = 0.5
+"""Least share of the torque's variance that motion and load must explain before a column is judged by them."""
+RIGHT = (0.6, 1.67)
+"""Ratio of logged to needed torque that wrong numbers of the load may make."""
+
+
+def has_torque(joint: JointContext) -> bool:
+    """Whether a torque column can be judged: a bench of known load that moves."""
+    known = joint.run.robot == "bench" and {"mass", "length"} <= joint.run.robot_params.keys()
+    torque = joint.log.torque
+    return known and torque is not None and not joint.still and bool(np.isfinite(torque).any())
+
+
+def check_torque(joints: Sequence[JointContext], run: str | None) -> Iterator[Finding]:
+    """Yield what is wrong with the torque column of one joint in one or several runs, judged together."""
+    joints = [joint for joint in joints if has_torque(joint)]
+    load = PendulumLoad()
+    balance = torque_balance(
+        [(j.time, j.log.position, j.log.torque) for j in joints if j.log.torque is not None],
+        [(load.inertia(j.run.robot_params), load.gravity_torque(j.run.robot_params)) for j in joints],
+    )
+    if balance is None:
+        return
+    shift = torque_shift(balance)
+    if balance.r2(shift.index) < EXPLAINED:
+        return
+    name, column = joints[0].name, joints[0].column("torque")
+    ratio, spread = _ratio(balance, shift)
+    if not RIGHT[0] < abs(ratio) < RIGHT[1]:
+        gear = 1.0 / ratio if abs(ratio) < 1.0 else ratio
+        relation = f"1/{abs(gear):.3g}" if abs(ratio) < 1.0 else f"{abs(gear):.3g} times"
+        yield Finding(
+            "torque.gear_side", "error", name, column,
+            f"{column} is {relation} of what the motion needs: it belongs to the other side of a gear "
+            "or to another unit.",
+            value=ratio, low=ratio - 2.0 * spread, high=ratio + 2.0 * spread,
+            cause="sensor.scale", data_error=True, run=run,
+        )  # fmt: skip
+    elif ratio < 0:
+        yield Finding(
+            "torque.sign", "error", name, column,
+            f"{column} has the wrong sign: it is {ratio:.3g} times what the motion needs.",
+            value=ratio, data_error=True, run=run,
+        )  # fmt: skip
+    if abs(shift.seconds) > TOLERANCE and shift.low * shift.high > 0:
+        yield _shift_finding(name, column, balance, shift, run)
+
+
+def _ratio(balance: TorqueBalance, shift: Shift) -> tuple[float, float]:
+    """Logged over needed torque of load and motion, and its standard deviation over blocks."""
+    rows = np.column_stack([balance.terms[:, :2].sum(axis=1), balance.terms[:, 2:]])
+    torque = balance.torques[:, shift.index]
+    numbers = np.linalg.lstsq(rows, torque, rcond=None)[0]
+    inverse = np.linalg.pinv(rows.T @ rows)
+    score = rows * (torque - rows @ numbers)[:, None]
+    per_block = np.stack([np.bincount(balance.block, score[:, k]) for k in range(rows.shape[1])], axis=1)
+    variance = inverse @ per_block.T @ per_block @ inverse
+    return float(numbers[0]), float(np.sqrt(variance[0, 0]))
+
+
+def _shift_finding(name: str, column: str, balance: TorqueBalance, shift: Shift, run: str | None) -> Finding:
+    late, size = shift.seconds < 0, abs(shift.seconds)
+    low, high = shift.size
+    return Finding(
+        "torque.lag" if late else "torque.lead", "warning", name, column,
+        f"{column} is {size * 1e3:.0f} ms ({low * 1e3:.0f} to {high * 1e3:.0f} ms) "
+        + ("late of the motion" if late else "ahead of the motion, as if position and velocity were reported late")
+        + f": shifting it raises the rigid-body fit's R2 from {balance.r2(AT_ONCE):.3f} to "
+        f"{balance.r2(shift.index):.3f}.",
+        value=size, low=low, high=high, cause="sensor.delay", data_error=True, run=run,
+    )  # fmt: skip

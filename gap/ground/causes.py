@@ -1,0 +1,47 @@
+"""Contact causes of a legged log, and the numbers of the ground that nobody knows exactly."""
+
+from __future__ import annotations
+
+import math
+
+from ..causes.catalogue import Cause
+from ..replay.parameters import Parameter
+from .leg_model import LegModel
+from .leg_replay import STEP
+
+HEIGHT = 3e-3  # [m] how well the zero of the height is known
+SHORTEST = 2.0 * STEP  # [s] the engine takes no shorter time constant for a step
+TIME = 3.0  # factor on the time constant of the engine's contact, which stands for no number of the machine
+HARD = 2e4  # [N/m] below which that contact is not made by re-tuning: it would do a soft ground's work unnamed
+
+
+def contact_causes(nominal: LegModel) -> list[Cause]:
+    """The catalogue of the ground under a leg."""
+    stiffest = nominal.softest_rigid()
+    friction = [(Parameter("contact.friction*", "1", 0.05, 4.0, start, 0.2, logarithmic=True),) for start in (0.4, 0.8)]
+    soft = [
+        (
+            Parameter("contact.stiffness", "N/m", 200.0, stiffest, start, 0.3, logarithmic=True),
+            Parameter("contact.damping", "N.s/m", 1.0, 300.0, 20.0, 0.4, logarithmic=True),
+        )
+        for start in (1500.0, 5000.0)
+    ]
+    slope = Parameter("contact.slope", "rad", -0.4, 0.4, 0.0, 0.01)
+    return [
+        Cause(
+            "contact.friction", "The foot slides on less, or holds on more, friction than the model has.", "stance",
+            tuple(friction), error=True,
+        ),
+        Cause("contact.stiffness", "The ground gives way under the foot.", "stance", tuple(soft)),
+        Cause("contact.slope", "The ground is not level.", "stance", ((slope,),)),
+    ]  # fmt: skip
+
+
+def ground_numbers(nominal: LegModel) -> list[Parameter]:
+    """What every fit re-tunes: no finding, as long as it stays within these bounds."""
+    shortest = SHORTEST / nominal.value("contact.time")
+    longest = min(max(math.sqrt(nominal.engine_stiffness() / HARD), 1.0), TIME)
+    return [
+        Parameter("contact.time*", "1", min(max(1.0 / TIME, shortest), 1.0), longest, 1.0, 0.2, logarithmic=True),
+        Parameter("contact.height", "m", -HEIGHT, HEIGHT, 0.0, 5e-4),
+    ]

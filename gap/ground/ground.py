@@ -1,0 +1,147 @@
+"""The ground's share of a legged gap: contact causes, sought on top of what the joints were found to be."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import replace
+
+import numpy as np
+
+from ...actuators import Chain, load_chain
+from ...actuators.errors import SealegsError
+from ..log.finding import Finding
+from ..log.parts import FIT_A, FIT_B, held_out
+from ..log.types import LogError, MeasuredRun
+from ..replay.parameters import Parameter
+from ..search.fit import fit
+from ..search.forward import Searcher
+from ..verdict.diagnosis import conclude
+from ..verdict.verdict import NOT_IDENTIFIABLE, JointDiagnosis
+from .causes import contact_causes, ground_numbers
+from .leg_model import LegModel
+from .leg_problem import LegProblem, leg_problem
+from .leg_replay import JOINTS
+from .stances import column_noise, find_stances
+
+GROUND = "ground"
+PILOT = 6  # iterations
+FEWEST = 9  # stances, three for each part of the data
+PLAUSIBLE = {  # sizes at which a cause ought to show, or finding none of it means nothing
+    "contact.friction": {"contact.friction*": 0.5},
+    "contact.stiffness": {"contact.stiffness": 4000.0},
+    "contact.slope": {"contact.slope": 0.02},
+}
+VISIBLE = 0.1  # mean squared change of the errors, in parts of the noise, from which an effect shows
+
+
+def diagnose_ground(
+    runs: Sequence[MeasuredRun],
+    joints: Sequence[JointDiagnosis],
+    seed: int,
+    progress: Callable[[str], None],
+    test_group: str | None = None,
+) -> JointDiagnosis:
+    """Diagnose the ground under a leg whose joints have been diagnosed.
+
+    Args:
+        runs: of one machine.
+        joints: their diagnoses; the ground is sought with the actuators as these found them.
+        seed: of all resampling.
+        progress: is told what goes on.
+        test_group: group of runs that no fit and no choice may see.
+
+    Raises:
+        SealegsError: the sidecar's numbers are none of the robot's, or the test group does not exist.
+    """
+    held = held_out(runs, test_group)
+    if not all(np.isfinite(run.base.get("z", np.nan)).any() for run in runs):
+        return _unknown("the height of the base was not logged; record it as base.z (a boom encoder or a camera).")
+    if any(dict(run.robot_params) != dict(runs[0].robot_params) for run in runs):
+        return _unknown("the runs are of legs with different robot_params; diagnose them apart.")
+    try:
+        leg = LegModel.of(runs[0].robot_params, {name: _chain(runs[0], joints, name) for name in JOINTS})
+    except SealegsError as error:
+        raise LogError(f"{runs[0].name}: {error}") from None
+    hidden = [
+        name for name in JOINTS if leg.gives_way(name) and any(r.joints[name].link_position is None for r in runs)
+    ]
+    if hidden:
+        columns = " and ".join(f"{name}.link_position" for name in hidden)
+        return _unknown(f"the links behind the springs were not logged; record {columns}.")
+    progress("looking for stances")
+    noise = column_noise(runs)
+    stances = find_stances(runs, leg, noise)
+    if len(stances) < FEWEST:
+        return _unknown(
+            f"the leg left the ground {len(stances)} times for long enough, and {FEWEST} stances are needed; "
+            "let it hop for longer."
+        )
+    tested = sum(stance.run in held for stance in stances)
+    if held and (tested < FEWEST // 3 or len(stances) - tested < FEWEST - FEWEST // 3):
+        return _unknown(
+            f"of {len(stances)} stances {tested} are in the group '{test_group}'; {FEWEST // 3} are needed there to "
+            f"test on and {FEWEST - FEWEST // 3} in the others to fit on."
+        )
+    problem = leg_problem(runs, leg, stances, noise, test_group)
+    progress(f"replaying {len(stances)} stances")
+    numbers = tuple(ground_numbers(leg))
+    problem = problem.weighed(_pilot(problem, leg, numbers))
+    search = Searcher(problem, progress, seed, contact_causes(leg), numbers).run()
+    progress("measuring the gain on stances that nothing has seen")
+    found = conclude(problem, search, GROUND, (), seed, numbers)
+    found = replace(found, findings=(*_blind(problem, found.values, np.isfinite(noise)),))
+    if any(joint.problem is None for joint in joints):
+        note = Finding(
+            "contact.joints", "warning", GROUND, None,
+            "Not every joint could be diagnosed, so errors of its actuator may look like the ground.",
+        )  # fmt: skip
+        found = replace(found, findings=(*found.findings, note))
+    return found
+
+
+def _pilot(problem: LegProblem, leg: LegModel, numbers: Sequence[Parameter]) -> dict[str, float]:
+    """A ground with everything fitted at once: it explains nothing, but the stances run on it about as they did."""
+    every = [parameter for cause in contact_causes(leg) for parameter in cause.variants[0]]
+    believed = {p.path: min(1.0 if p.path.endswith("*") else leg.value(p.path), p.high) for p in every}
+    return fit(problem.part(FIT_A, FIT_B), [*numbers, *every], believed, PILOT).values
+
+
+def _chain(run: MeasuredRun, joints: Sequence[JointDiagnosis], name: str) -> Chain:
+    """The chain of a joint as its diagnosis left it, or as the sidecar believes it to be."""
+    found = next((joint for joint in joints if joint.joint == name), None)
+    if found is not None and found.problem is not None:
+        return found.problem.models[0].with_fitted(found.values).chain
+    return load_chain(run.actuators[name])
+
+
+def _blind(problem: LegProblem, values: Mapping[str, float], logged: np.ndarray) -> list[Finding]:
+    """Causes that these stances would hardly show beside what was found, and columns that were missed."""
+    named = {path.rstrip("*") for path in values}
+    sizes = {name: change for name, change in PLAUSIBLE.items() if not named & {path.rstrip("*") for path in change}}
+    names = list(sizes)
+    simulated = problem.simulate([values, *({**values, **change} for change in sizes.values())])
+    errors = problem.residual(simulated)
+    change = np.mean((errors[1:] - errors[0]) ** 2, axis=1)
+    hidden = [name for name, size in zip(names, change, strict=True) if size < VISIBLE]
+    found = []
+    if hidden:
+        found.append(
+            Finding(
+                "contact.unseen", "note", GROUND, None,
+                f"These stances would hardly show {' or '.join(hidden)}: the foot stays far from its limits. Hop "
+                "higher, or push harder forward and back.",
+            )
+        )  # fmt: skip
+    if not logged[1]:
+        found.append(
+            Finding(
+                "contact.columns", "note", GROUND, "base.x",
+                "base.x was not logged: friction and slope show through the links alone, and are less certain.",
+            )
+        )  # fmt: skip
+    return found
+
+
+def _unknown(reason: str) -> JointDiagnosis:
+    sentence = f"Nothing can be said about the ground: {reason}"
+    return JointDiagnosis(GROUND, NOT_IDENTIFIABLE, sentence, "base.z", "m", {}, (), 0.0, (), None, ())

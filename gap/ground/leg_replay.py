@@ -1,0 +1,170 @@
+"""Many stances on many grounds at once, in the engine.
+
+The motors follow their measured motion and push the leg through its springs, so what is judged is body and ground; a
+joint without a spring between motor and link is driven by its commands.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import mujoco
+import numpy as np
+from mujoco.batch import Batch
+
+from ...actuators.engine import install
+from ...envs.hopper.robot import HIP, KNEE
+from ...envs.scene import FLOOR
+from ..log.types import MeasuredRun
+from ..replay.joint_model import GRAVITY
+from .leg_model import GROUND_BODY, GROUND_JOINT, LegModel
+from .stances import LENGTH, Stance
+
+STEP = 1e-3  # [s] of the engine: halving it moves a stance by less than right models of contact differ
+MOST_SIMULATIONS = 1024  # side by side
+FLYWHEEL = 1e6  # [kg.m2] of a motor that follows its measured motion
+JOINTS = (HIP, KNEE)
+
+
+@dataclass(frozen=True, eq=False)
+class Drive:
+    """What drives the stances, at every engine step (steps, stances, 2): positions and speeds of the motors
+    [rad, rad/s], the accelerations that lead from each to the next, and goals [rad].
+    """
+
+    position: np.ndarray
+    speed: np.ndarray
+    acceleration: np.ndarray
+    goal: np.ndarray
+
+
+class LegReplay:
+    """The engine with a leg in it.
+
+    Attributes:
+        step: of the engine [s].
+    """
+
+    def __init__(self, leg: LegModel, runs: Sequence[MeasuredRun], stances: Sequence[Stance], step: float) -> None:
+        """Build the leg; ``leg`` gives body and chains, the ground may differ from replay to replay."""
+        self.step, self.stances = step, list(stances)
+        self.drivetrain = leg.drivetrain()
+        model = self.drivetrain.model
+        model.opt.timestep = step
+        # friction holds a foot that does not slide; with the default it creeps by tenths of a millimetre per stance
+        model.opt.cone, model.opt.impratio = mujoco.mjtCone.mjCONE_ELLIPTIC, 10.0
+        self.model = model
+        for name in JOINTS:  # a motor so heavy that only the force which makes it follow its path can move it
+            if _has_motor(model, name):
+                motor = int(model.joint(f"{name}_motor").dofadr[0])
+                model.dof_armature[motor], model.dof_frictionloss[motor], model.dof_damping[motor] = FLYWHEEL, 0.0, 0.0
+        mujoco.mj_setConst(model, mujoco.MjData(model))
+        self.drivetrain.set_teeth()  # they are told per inertia
+        self.steps = int(np.ceil(LENGTH / step)) + 1
+        self.follows = [model.joint(f"{name}_motor").id if _has_motor(model, name) else -1 for name in JOINTS]
+        self.drive = self._drive(runs)
+        self.time = [runs[s.run].time[s.start : s.stop] - runs[s.run].time[s.start] for s in self.stances]
+        self._batch: Batch | None = None
+
+    def _drive(self, runs: Sequence[MeasuredRun]) -> Drive:
+        shape = (self.steps + 1, len(self.stances), len(JOINTS))
+        position, goal = np.empty(shape), np.empty(shape)
+        ticks = np.arange(self.steps + 1) * self.step
+        for k, stance in enumerate(self.stances):
+            run = runs[stance.run]
+            at = run.time[stance.start] + ticks
+            held = np.clip(np.searchsorted(run.time, at + 1e-9, side="right") - 1, 0, len(run.time) - 1)
+            for j, name in enumerate(JOINTS):
+                log = run.joints[name]
+                position[:, k, j] = np.interp(at, run.time, log.position)
+                goal[:, k, j] = position[:, k, j] if log.goal is None else log.goal[held]
+        # as the engine integrates: a speed first, with which it then moves
+        speed = np.concatenate([position[1:2] - position[:1], np.diff(position, axis=0)]) / self.step
+        return Drive(position, speed, np.diff(speed, axis=0) / self.step, goal)
+
+    def simulate(
+        self, legs: Sequence[LegModel], rows: Sequence[int], states: np.ndarray | None = None
+    ) -> list[np.ndarray]:
+        """Replay stances on every ground.
+
+        Args:
+            legs: differ in their ground only (v).
+            rows: numbers of the stances (s).
+            states: start of each stance, one per ground (v, s, 8); default: as measured.
+
+        Returns:
+            Per stance the judged columns at its samples (v, samples, 4).
+        """
+        chosen, count = np.asarray(rows), len(rows)
+        if states is None:
+            states = np.array([self.stances[row].state for row in rows])
+        states = np.broadcast_to(states, (len(legs), count, 8)).reshape(-1, 8)
+        ground, stance = np.repeat(np.arange(len(legs)), count), np.tile(chosen, len(legs))
+        recorded = np.empty((self.steps + 1, len(ground), 4))
+        for first in range(0, len(ground), MOST_SIMULATIONS):
+            part = slice(first, first + MOST_SIMULATIONS)
+            recorded[:, part] = self._run(legs, ground[part], stance[part], states[part])
+        out = []
+        for k, row in enumerate(chosen):
+            at = self.time[row] / self.step
+            low = np.minimum(at.astype(int), self.steps - 1)
+            share = (at - low)[:, None, None]
+            path = recorded[:, k::count]
+            out.append(((1.0 - share) * path[low] + share * path[low + 1]).transpose(1, 0, 2))
+        return out
+
+    def _run(self, legs: Sequence[LegModel], ground: np.ndarray, stance: np.ndarray, states: np.ndarray) -> np.ndarray:
+        n = len(ground)
+        if self._batch is None or self._batch.nsim < n:
+            self._batch = Batch(self.model, n, 0)
+        batch = self._batch
+        install()
+        batch.reset(stage=mujoco.mjtStage.mjSTAGE_NONE.value)
+        self._lay_ground(batch, legs, ground)
+        batch.set_const(np.arange(n))  # inertias follow from the ground's mass
+        # which is to make no contact softer
+        batch.expand("body_invweight0")[:n, self.model.body(GROUND_BODY).id] = 0.0
+        qpos, qvel = batch.bind("qpos"), batch.bind("qvel")
+        x, z, hip, knee = (int(self.model.joint(name).qposadr[0]) for name in ("base_x", "base_z", HIP, KNEE))
+        order = [z, x, hip, knee]  # every joint has one degree of freedom: qpos and qvel agree in order
+        leg = states.copy()
+        leg[:, 3] -= leg[:, 2]  # the knee joint turns relative to the upper link
+        leg[:, 7] -= leg[:, 6]
+        # the engine moves with the speed at the end of a step: half a step makes free fall exact
+        leg[:, 4] += 0.5 * GRAVITY * self.step
+        qpos[:n, order], qvel[:n, order] = leg[:, :4], leg[:, 4:]
+        model = self.model
+        control = np.zeros((n, self.steps, model.nu + model.nv))
+        for j, name in enumerate(JOINTS):
+            control[:, :, self.drivetrain.actuator_ids[name]] = self.drive.goal[:-1, stance, j].T
+            if (number := self.follows[j]) >= 0:
+                motor = int(model.jnt_dofadr[number])
+                qpos[:n, motor], qvel[:n, motor] = self.drive.position[0, stance, j], self.drive.speed[0, stance, j]
+                control[:, :, model.nu + motor] = FLYWHEEL * self.drive.acceleration[:, stance, j].T
+        recorded = np.empty((self.steps + 1, n, 4))
+        recorded[0] = leg[:, :4]
+        spec = int(mujoco.mjtState.mjSTATE_CTRL) | int(mujoco.mjtState.mjSTATE_QFRC_APPLIED)
+        path = batch.rollout(self.steps, control, spec, ("qpos",), np.arange(n))["qpos"]
+        recorded[1:] = path[:, :, order].transpose(1, 0, 2)
+        recorded[:, :, 3] += recorded[:, :, 2]
+        return np.clip(np.nan_to_num(recorded, nan=1e3), -1e3, 1e3)
+
+    def _lay_ground(self, batch: Batch, legs: Sequence[LegModel], ground: np.ndarray) -> None:
+        n, floor, body = len(ground), self.model.geom(FLOOR).id, self.model.body(GROUND_BODY).id
+        joint = self.model.joint(GROUND_JOINT)
+        value = {path: np.array([leg.value(path) for leg in legs])[ground] for path in legs[0].ground}
+        batch.expand("geom_friction")[:n, floor, 0] = value["contact.friction"]
+        batch.expand("geom_solref")[:n, floor, 0] = value["contact.time"]
+        half = -0.5 * value["contact.slope"]
+        quaternion = batch.expand("body_quat")
+        quaternion[:n, body, 0], quaternion[:n, body, 2] = np.cos(half), np.sin(half)
+        batch.expand("body_pos")[:n, body, 2] = value["contact.height"]
+        stiffness, damping, mass = np.array([leg.compliance() for leg in legs])[ground].T
+        batch.expand("jnt_stiffness")[:n, joint.id] = stiffness
+        batch.expand("dof_damping")[:n, joint.dofadr[0]] = damping
+        batch.expand("body_mass")[:n, body] = mass
+
+
+def _has_motor(model: mujoco.MjModel, name: str) -> bool:
+    return any(model.joint(k).name == f"{name}_motor" for k in range(model.njnt))

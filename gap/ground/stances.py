@@ -1,0 +1,136 @@
+"""Pieces of a legged log to replay: each starts in flight, where the state is well known, and runs through a stance."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from ..checks.signal import derivatives, quantisation_step
+from ..log.types import MeasuredRun
+from ..replay.joint_model import GRAVITY
+from .leg_model import LegModel
+
+COLUMNS = ("base.z", "base.x", "hip.link_position", "knee.link_position")
+"""What is judged, the height of the hip first."""
+BEFORE = 0.06  # [s] from the start of a piece to its touchdown
+LENGTH = 0.3  # [s]
+BASE_FIT, LINK_FIT = 0.03, 0.013  # [s] to both sides of the start, from which its state is fitted
+FLIGHT = 0.08  # [s] shortest flight after which a stance counts
+FREE_FALL = 0.6  # of gravity: downward acceleration of the centre of mass from which the leg counts as flying
+NOISE_WINDOW = 7  # samples
+MARGIN = 1.5  # standard deviations of a start state, over those of the parabola: it is no parabola exactly
+UNKNOWN_SPEED = 0.5  # [m/s] standard deviation of a speed that no column tells
+MOST = 48  # stances of a data set; more cost time and teach little
+
+
+@dataclass(frozen=True, eq=False)
+class Stance:
+    """One piece of a run.
+
+    Attributes:
+        run: index of its run.
+        start, stop: samples.
+        state: height, x, hip and knee angle, then their speeds, at the first sample (8,).
+        spread: standard deviations of it (8,).
+    """
+
+    run: int
+    start: int
+    stop: int
+    state: np.ndarray
+    spread: np.ndarray
+
+
+def columns(run: MeasuredRun) -> np.ndarray:
+    """The judged columns of a run (n, 4), NaN where one was not logged."""
+    missing = np.full(len(run.time), np.nan)
+    links = [run.joints[name].link_position for name in ("hip", "knee")]
+    links = [
+        run.joints[name].position if link is None else link for name, link in zip(("hip", "knee"), links, strict=True)
+    ]
+    return np.stack([run.base.get("z", missing), run.base.get("x", missing), *links], axis=1)
+
+
+def column_noise(runs: Sequence[MeasuredRun]) -> np.ndarray:
+    """Rms error of a sample of each judged column (4,), NaN where it was not logged."""
+    rows = []
+    for run in runs:
+        values = columns(run)
+        rows.append([_noise(run.time, values[:, c]) for c in range(len(COLUMNS))])
+    return np.median(np.array(rows), axis=0)
+
+
+def _noise(time: np.ndarray, values: np.ndarray) -> float:
+    good = np.isfinite(values)
+    if good.sum() < 20:
+        return np.nan
+    time, values = time[good], values[good]
+    smooth, _, _ = derivatives(time, values, NOISE_WINDOW * float(np.median(np.diff(time))))
+    # the median, since impacts are no noise; the fit follows part of it: its centre weight is 0.567
+    rest = 1.48 * float(np.median(np.abs(values - smooth))) / np.sqrt(1.0 - 0.567)
+    return max(quantisation_step(values) / np.sqrt(12.0), rest)
+
+
+def touchdowns(run: MeasuredRun, leg: LegModel) -> np.ndarray:
+    """Times at which a flight ends [s], from the acceleration of the centre of mass."""
+    values = columns(run)
+    height = values[:, 0] + leg.mass_centre(values[:, 2], values[:, 3])
+    good = np.isfinite(height)
+    _, _, acceleration = derivatives(run.time, np.interp(run.time, run.time[good], height[good]))
+    flying = np.concatenate([[False], acceleration < -FREE_FALL * GRAVITY, [False]]).astype(int)
+    edges = np.diff(flying)
+    up, down = np.flatnonzero(edges == 1), np.flatnonzero(edges == -1) - 1
+    long = run.time[down] - run.time[up] > FLIGHT
+    return run.time[down[long]]
+
+
+def find_stances(runs: Sequence[MeasuredRun], leg: LegModel, noise: np.ndarray) -> list[Stance]:
+    """The stances of all runs, thinned evenly to :data:`MOST`."""
+    found = []
+    for k, run in enumerate(runs):
+        values = columns(run)
+        for touchdown in touchdowns(run, leg):
+            start = int(np.searchsorted(run.time, touchdown - BEFORE))
+            stop = int(np.searchsorted(run.time, run.time[start] + LENGTH))
+            if start < 1 or stop >= len(run.time):
+                continue
+            if (stance := _stance(run, leg, values, k, start, stop, noise)) is not None:
+                found.append(stance)
+    if len(found) > MOST:
+        found = [found[i] for i in np.linspace(0, len(found) - 1, MOST).round().astype(int)]
+    return found
+
+
+def _stance(
+    run: MeasuredRun, leg: LegModel, values: np.ndarray, k: int, start: int, stop: int, noise: np.ndarray
+) -> Stance | None:
+    """A piece with its start state: links from parabolas, the base from a centre of mass that falls freely."""
+    state, spread = np.zeros(8), np.zeros(8)
+    time = run.time - run.time[start]
+    for c in (2, 3):
+        near = np.flatnonzero((np.abs(time) <= LINK_FIT) & np.isfinite(values[:, c]))
+        if len(near) < 5:
+            return None
+        state[[c, c + 4]], spread[[c, c + 4]] = _polynomial(time[near], values[near, c], 2, noise[c])
+    over = np.stack([leg.mass_centre(values[:, 2], values[:, 3]), leg.mass_centre_ahead(values[:, 2], values[:, 3])])
+    slope = np.stack([leg.mass_centre_ahead(*state[2:4], split=True), -leg.mass_centre(*state[2:4], split=True)])
+    for c, fall in ((0, -0.5 * GRAVITY * time**2), (1, 0.0 * time)):
+        near = np.flatnonzero((np.abs(time) <= BASE_FIT) & np.isfinite(values[:, c]))
+        if len(near) < 5:
+            if c == 0:
+                return None
+            spread[c + 4] = UNKNOWN_SPEED  # where x is does not matter on a ground that is alike everywhere
+            continue
+        centre = values[near, c] + over[c, near] - fall[near]
+        (height, rise), (own, moving) = _polynomial(time[near], centre, 1, noise[c])
+        state[c], state[c + 4] = height - over[c, start], rise - float(slope[c] @ state[6:8])
+        spread[c], spread[c + 4] = own, float(np.hypot(moving, np.linalg.norm(slope[c] * spread[6:8])))
+    return Stance(k, start, stop, state, spread)
+
+
+def _polynomial(t: np.ndarray, x: np.ndarray, order: int, noise: float) -> tuple[np.ndarray, np.ndarray]:
+    """Value and slope at zero of a polynomial through samples, and their standard deviations."""
+    inverse = np.linalg.pinv(np.stack([t**power for power in range(order + 1)], axis=1))
+    return (inverse @ x)[:2], MARGIN * noise * np.linalg.norm(inverse[:2], axis=1)

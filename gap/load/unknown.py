@@ -1,0 +1,80 @@
+"""What a sidecar says was not measured, so that every fit may turn it: a number that nobody claimed cannot be wrong.
+
+A bench whose encoder's zero was not aligned and whose chain has an assumed friction says ``unknown: [zero, friction]``
+under ``meta``; an arm, where the load of each joint is the rest of the arm, ``unknown: [load]``.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+import math
+
+from ...actuators import Chain
+from ...actuators.errors import nearest
+from ..log.types import LogError, MeasuredRun
+from ..replay.parameters import Parameter, factor
+
+UNKNOWN: dict[str, tuple[Parameter, ...]] = {
+    "zero": (Parameter("encoder.offset", "rad", -0.1, 0.1, 0.0, 0.01),),
+    "friction": (factor("friction.coulomb", 0.02, 20.0, 0.2), factor("friction.viscous", 0.02, 20.0, 0.2)),
+    "armature": (factor("dc_motor.armature", 0.2, 5.0, 0.1),),
+    "motor": (factor("dc_motor.motor_constant", 0.4, 2.5, 0.1), factor("dc_motor.resistance", 0.4, 2.5, 0.1)),
+    "load": (
+        Parameter("load.mass_factor", "1", 0.005, 20.0, 1.0, 0.3, logarithmic=True),
+        Parameter("load.extra_inertia", "kg.m2", 0.0, 0.1, 0.002, 0.002),
+        # where gravity pulls to; the zero of the encoder is a pose of the arm
+        Parameter("encoder.offset", "rad", -math.pi, math.pi, 0.0, 0.2),
+    ),
+}
+"""Parameters per word of the sidecar."""
+
+BELIEVED = {"mass": 0.2, "length": 0.1, "arm_mass": 0.0}
+"""Where the fit of an unknown load starts: a point mass [kg] at a distance [m]; assumed."""
+
+
+def unknown_parameters(run: MeasuredRun, chain: Chain) -> tuple[Parameter, ...]:
+    """What was not measured in a run of a joint with that chain.
+
+    Raises:
+        LogError: the sidecar uses a word that is not in :data:`UNKNOWN`, or one for a number that the chain lacks.
+    """
+    for word in _words(run):
+        factors = [p.path.rstrip("*") for p in UNKNOWN[word] if p.path.endswith("*")]
+        missing = [path for path in factors if not _has(chain, path)]
+        if factors and len(missing) == len(factors):
+            raise LogError(
+                f"{run.name}: meta.unknown holds {word!r}, and the chain has no {' and no '.join(missing)} to start "
+                "from; give the chain a guess of it, or take the word out."
+            )
+    known = {p.path: p for word in _words(run) for p in UNKNOWN[word]}
+    return tuple(p for path, p in known.items() if not path.endswith("*") or _has(chain, path.rstrip("*")))
+
+
+def _has(chain: Chain, path: str) -> bool:
+    name, key = path.split(".")
+    stage = chain.find(name)
+    return stage is not None and getattr(stage, key) > 0.0
+
+
+def with_believed_load(run: MeasuredRun) -> MeasuredRun:
+    """The run as one of a bench, with a load to start from, where the sidecar says that its load is not known.
+
+    Raises:
+        LogError: as :func:`unknown_parameters`.
+    """
+    if "load" not in _words(run):
+        return run
+    return dataclasses.replace(run, robot="bench", robot_params={**BELIEVED, **run.robot_params})
+
+
+def _words(run: MeasuredRun) -> list[str]:
+    """``meta.unknown`` of a sidecar; a single word is a list of one."""
+    said = run.meta.get("unknown") or []
+    words = said if isinstance(said, list) else [said]
+    for word in words:
+        if not isinstance(word, str) or word not in UNKNOWN:
+            raise LogError(
+                f"{run.name}: meta.unknown holds {word!r}{nearest(str(word), UNKNOWN)}; it is a list of "
+                f"{', '.join(UNKNOWN)}."
+            )
+    return words

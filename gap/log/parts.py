@@ -1,0 +1,138 @@
+"""Which part of the data is for what: pieces of runs to fit on, to choose on, and to measure the gain on."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from .types import LogError, MeasuredRun
+
+WARM_UP = 1.5  # [s] replayed but not judged, so that what came before a piece is forgotten
+SEARCH = 1.5  # [s] before that in which a quiet start is looked for
+QUIET = 0.05  # [s] either side of a sample over which its motion is judged
+# of a run that is not judged at its start, where what came before is unknown: commands under way, on which side of a
+# play the link lies
+START, LEAST_START, MOST_START = 0.04, 0.1, 1.0  # share of it, and [s] between which that lies
+SWING = 0.125  # of a run that is not judged at its start where the link hangs on a spring, whose state is unknown
+PIECES = 4  # a run is cut into, where there are too few runs to hold whole ones out
+ENOUGH_RUNS = 6
+FIT_A, FIT_B, TEST = 0, 1, 2
+
+
+@dataclass(frozen=True, eq=False)
+class Unit:
+    """A piece of a run that is replayed on its own.
+
+    Attributes:
+        run: index of its run.
+        part: FIT_A or FIT_B (each chooses what the other fitted), or TEST, which no fit and no choice sees.
+        start, stop: samples of the run, warm-up included.
+        judged: first sample, counted from ``start``, whose error counts.
+        state: position [rad] and speed [rad/s] at ``start``.
+    """
+
+    run: int
+    part: int
+    start: int
+    stop: int
+    judged: int
+    state: tuple[float, float]
+
+
+def cut(runs: Sequence[MeasuredRun], joint: str, test_group: str | None = None) -> list[Unit]:
+    """Cut runs into units and deal them out.
+
+    Whole runs (or groups of runs, where the sidecars name them and there are at least three) are dealt out if there
+    are enough; else pieces of runs, shifted from run to run so that each part gets every excitation.
+
+    Args:
+        runs: of one machine.
+        joint: that is judged.
+        test_group: group of runs to keep for the test.
+
+    Raises:
+        LogError: the test group does not exist, or nothing is left to fit on.
+    """
+    groups = _groups(runs)
+    names = sorted(set(groups), key=groups.index)
+    if test_group is not None:
+        held_out(runs, test_group)
+        rest = [name for name in names if name != test_group]
+        if len(rest) > 1:
+            parts = {name: k % 2 for k, name in enumerate(rest)}
+            return [
+                _unit(runs, k, joint, TEST if g == test_group else parts[g], 0.0, 1.0) for k, g in enumerate(groups)
+            ]
+        order = {k: n for n, k in enumerate(k for k, g in enumerate(groups) if g != test_group)}
+        return [_unit(runs, k, joint, order[k] % 2 if k in order else TEST, 0.0, 1.0) for k in range(len(runs))]
+    windows = all("excerpt" in run.meta for run in runs)
+    if len(runs) >= (3 if windows else ENOUGH_RUNS):
+        if 3 <= len(names) < len(runs):
+            return [_unit(runs, k, joint, names.index(g) % 3, 0.0, 1.0) for k, g in enumerate(groups)]
+        if windows:  # of long logs were dealt out as they were chosen
+            return [_unit(runs, k, joint, int(run.meta["excerpt"]), 0.0, 1.0) for k, run in enumerate(runs)]
+        return [_unit(runs, k, joint, (k + k // 3) % 3, 0.0, 1.0) for k in range(len(runs))]
+    pieces = max(PIECES, -(-ENOUGH_RUNS // len(runs)))
+    return [
+        _unit(runs, k, joint, (piece + k) % 3, piece / pieces, (piece + 1) / pieces)
+        for k in range(len(runs))
+        for piece in range(pieces)
+    ]
+
+
+def held_out(runs: Sequence[MeasuredRun], group: str | None) -> frozenset[int]:
+    """Indices of the runs of a group that is kept for the test; none without a group.
+
+    Raises:
+        LogError: the group does not exist, or nothing is left to fit on.
+    """
+    if group is None:
+        return frozenset()
+    groups = _groups(runs)
+    if group not in groups:
+        raise LogError(f"there is no group '{group}' to test on; the logs have {', '.join(dict.fromkeys(groups))}.")
+    if set(groups) == {group}:
+        raise LogError(f"all runs are in the group '{group}'; nothing is left to fit on.")
+    return frozenset(k for k, name in enumerate(groups) if name == group)
+
+
+def _groups(runs: Sequence[MeasuredRun]) -> list[str]:
+    return [str(run.meta.get("group", run.name)) for run in runs]
+
+
+def _unit(runs: Sequence[MeasuredRun], k: int, joint: str, part: int, begin: float, end: float) -> Unit:
+    time = runs[k].time
+    span = time[-1] - time[0]
+    first, last = time[0] + begin * span, time[0] + end * span
+    start = (
+        _quiet(time, runs[k].joints[joint].position, first - SEARCH - WARM_UP, first - WARM_UP) if begin > 0.0 else 0
+    )
+    swing = min(max(START * span, LEAST_START), MOST_START)
+    if runs[k].joints[joint].link_position is not None:
+        swing = min(SWING * span, WARM_UP)
+    judged = int(np.searchsorted(time, first if begin > 0.0 else first + swing))
+    if begin == 0.0 and "excerpt" in runs[k].meta:  # a window of a long log: something came before it
+        start = _quiet(time, runs[k].joints[joint].position, first, first + SEARCH)
+        judged = int(np.searchsorted(time, time[start] + WARM_UP))
+    stop = int(np.searchsorted(time, last, side="right")) if end < 1.0 else len(time)
+    return Unit(k, part, start, stop, max(judged - start, 1), state_at(time, runs[k].joints[joint].position, start))
+
+
+def _quiet(time: np.ndarray, position: np.ndarray, earliest: float, latest: float) -> int:
+    """Sample between two times at which the joint moves least: there both sides of a play or spring likely rest."""
+    a, b = np.searchsorted(time, [earliest, latest])
+    samples = np.arange(a, max(b, a + 1))
+    reach = max(round(QUIET / float(np.median(np.diff(time)))), 1)
+    before, after = np.maximum(samples - reach, 0), np.minimum(samples + reach, len(time) - 1)
+    return int(samples[np.argmin(np.abs(position[after] - position[before]))])
+
+
+def state_at(time: np.ndarray, position: np.ndarray, sample: int, width: float = 0.03) -> tuple[float, float]:
+    """Position [rad] and speed [rad/s] at a sample, from a parabola through the positions around it."""
+    near = np.flatnonzero(np.abs(time - time[sample]) <= width)
+    if len(near) < 4 or np.ptp(position[near]) == 0.0:
+        return float(position[sample]), 0.0
+    fit = np.polynomial.polynomial.polyfit(time[near] - time[sample], position[near], 2 if len(near) > 5 else 1)
+    return float(fit[0]), float(fit[1])

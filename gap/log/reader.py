@@ -1,0 +1,176 @@
+"""Read measured logs: a file or a folder of files, each with the sidecar that says what was recorded."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from pathlib import Path
+
+import numpy as np
+
+from ...actuators.errors import nearest
+from .sidecar import Sidecar, read_sidecar
+from .table import ENDINGS, check_columns, read_batches
+from .types import OTHER, REQUIRED_EVERYWHERE, Array, JointLog, LogError, MeasuredRun, MeasuredSet
+
+MINIMUM_SAMPLES = 2
+SLOWEST_PERIOD = 0.5
+"""A median sample period above this [s] is taken for a clock in another unit: no servo motion shows at 2 Hz."""
+FASTEST_PERIOD = 1e-6
+MIXED_RATE_RATIO = 8.0
+"""Quarters of one run whose median periods differ by more than this were not recorded at one rate."""
+
+
+def read_measured(path: str | Path) -> MeasuredSet:
+    """Read a measured log, or every log of a folder, as one data set.
+
+    Args:
+        path: a ``.csv`` or ``.parquet`` file with its sidecar, or a folder of them.
+
+    Raises:
+        LogError: one sentence naming file, column and row of what is wrong.
+    """
+    path = Path(path)
+    files = log_files(path)
+    runs = tuple(_read_run(file) for file in files)
+    for run in runs:
+        if run.robot != runs[0].robot:
+            raise LogError(
+                f"{path}: {files[0].name} is a log of robot {runs[0].robot!r}, {run.name} one of {run.robot!r}; "
+                "keep one machine per folder"
+            )
+    return MeasuredSet(runs, path.stem if path.is_file() else path.resolve().name)
+
+
+def log_files(path: Path) -> list[Path]:
+    """The files of a measured log: itself, or those in a folder.
+
+    Raises:
+        LogError: there is none, or two share a sidecar.
+    """
+    files = [path]
+    if path.is_dir():
+        files = sorted(file for file in path.iterdir() if file.suffix in ENDINGS and not file.name.startswith("."))
+        if not files:
+            raise LogError(f"{path}: holds no measured log (no file ending in {' or '.join(ENDINGS)})")
+    elif not path.is_file():
+        raise LogError(f"{path}: no such file or folder")
+    stems: dict[str, Path] = {}
+    for file in files:
+        if file.stem in stems:
+            raise LogError(f"{file}: {stems[file.stem].name} has the same name and sidecar; keep one of the two")
+        stems[file.stem] = file
+    return files
+
+
+def iterate_runs(path: str | Path, rows: int = 1 << 18) -> Iterator[MeasuredRun]:
+    """Read one log file in consecutive pieces of ``rows`` samples, in memory bounded by ``rows``.
+
+    Each piece is a `MeasuredRun` named ``<name>[<first row>]``; the last one may be shorter, and a last single
+    sample is joined to the piece before it.
+
+    Raises:
+        LogError: as `read_measured`, when the piece with the fault is reached.
+    """
+    path = Path(path)
+    if rows < MINIMUM_SAMPLES:
+        raise LogError(f"a piece of a log has at least {MINIMUM_SAMPLES} samples, not {rows}")
+    sidecar = read_sidecar(path)
+    first = 0
+    parts: list[dict[str, Array]] = []
+    held = 0
+    for batch in read_batches(path):
+        parts.append(batch)
+        held += len(batch["time"])
+        while held >= rows + MINIMUM_SAMPLES:
+            table = _joined(parts)
+            piece = {name: values[:rows] for name, values in table.items()}
+            parts, held = [{name: values[rows:] for name, values in table.items()}], held - rows
+            yield _build_run(f"{path.stem}[{first}]", piece, sidecar, path, first)
+            first += rows
+    if held:
+        yield _build_run(f"{path.stem}[{first}]", _joined(parts), sidecar, path, first)
+
+
+def _read_run(path: Path) -> MeasuredRun:
+    sidecar = read_sidecar(path)
+    return _build_run(path.stem, _joined(list(read_batches(path))), sidecar, path, 0)
+
+
+def _joined(parts: list[dict[str, Array]]) -> dict[str, Array]:
+    if len(parts) == 1:
+        return parts[0]
+    return {name: np.concatenate([part[name] for part in parts]) for name in (parts[0] if parts else ())}
+
+
+def _build_run(name: str, table: dict[str, Array], sidecar: Sidecar, path: Path, first_row: int) -> MeasuredRun:
+    if len(table.get("time", ())) < MINIMUM_SAMPLES:
+        count = len(table.get("time", ()))
+        raise LogError(f"{path}: has {count or 'no'} sample{'s' if count != 1 else ''}; a run needs at least two")
+    check_columns(list(table), path)
+    _check_values(table, path, first_row)
+    signals: dict[str, dict[str, Array]] = {}
+    other: dict[str, dict[str, Array]] = {group: {} for group in OTHER}
+    for column, values in table.items():
+        joint, _, signal = column.rpartition(".")
+        if joint in OTHER:
+            other[joint][signal] = values
+        elif joint:
+            signals.setdefault(joint, {})[signal] = values
+    for joint in sidecar.actuators:
+        if joint not in signals:
+            raise LogError(
+                f"{path}: the sidecar gives an actuator for joint '{joint}', which the log does not have"
+                f"{nearest(joint, signals)}"
+            )
+    for joint, recorded in signals.items():
+        if joint not in sidecar.actuators and "goal" in recorded:
+            raise LogError(
+                f"{path}: joint '{joint}' has no entry under actuators in the sidecar"
+                f"{nearest(joint, sidecar.actuators)}; name the chain that drives it"
+            )
+    joints = {
+        joint: JointLog(goal=recorded.pop("goal", None), position=recorded.pop("position"), **recorded)
+        for joint, recorded in signals.items()
+    }
+    return MeasuredRun(
+        name, table["time"], joints, other["base"], sidecar.robot, dict(sidecar.robot_params), dict(sidecar.actuators),
+        path, dict(sidecar.meta), other["host"],
+    )  # fmt: skip
+
+
+def _check_values(table: dict[str, Array], path: Path, first_row: int) -> None:
+    for column, values in table.items():
+        signal = column.rpartition(".")[2]
+        needed = signal in REQUIRED_EVERYWHERE or column == "time"
+        bad = ~np.isfinite(values) if needed and column.partition(".")[0] not in OTHER else np.isinf(values)
+        if bad.any():
+            row = first_row + int(np.argmax(bad)) + 1
+            value = "has no value (NaN)" if np.isnan(values[row - first_row - 1]) else "is infinite"
+            raise LogError(
+                f"{path}: column '{column}' {value} in row {row}; remove the {bad.sum()} row{'s' * int(bad.sum() > 1)} "
+                "concerned or record again"
+            )
+    _check_clock(table["time"], path, first_row)
+
+
+def _check_clock(time: Array, path: Path, first_row: int) -> None:
+    steps = np.diff(time)
+    if (steps <= 0).any():
+        at = int(np.argmax(steps <= 0))
+        row, what = first_row + at + 2, "repeats" if steps[at] == 0 else "runs backwards"
+        raise LogError(
+            f"{path}: column 'time' {what} in row {row} ({time[at]:.9g} s, then {time[at + 1]:.9g} s); "
+            "every sample needs a later time than the one before"
+        )
+    period = float(np.median(steps))
+    if not FASTEST_PERIOD <= period <= SLOWEST_PERIOD:
+        raise LogError(
+            f"{path}: column 'time' advances by {period:g} per sample, which is no sample period in seconds; "
+            "convert it to seconds"
+        )
+    quarters = [float(np.median(part)) for part in np.array_split(steps, 4)] if len(steps) >= 40 else [period]
+    if max(quarters) > MIXED_RATE_RATIO * min(quarters):
+        raise LogError(
+            f"{path}: is sampled at {1 / max(quarters):.4g} Hz in one part and {1 / min(quarters):.4g} Hz in another; "
+            "split it into one file per rate"
+        )

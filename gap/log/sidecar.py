@@ -1,0 +1,115 @@
+"""The YAML beside a measured log: which robot, with which parameters, driven by which actuation chains."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
+
+import yaml
+
+from ...actuators.errors import nearest
+from .types import LogError
+
+FOLDER_DEFAULTS = "log.yaml"
+"""Sidecar whose keys hold for every log of its folder that does not say otherwise."""
+
+DESCRIPTIVE_KEYS = ("group", "units", "sample_clock", "machine", "source", "licence", "date", "notes")
+KEYS = ("robot", "robot_params", "actuators", "meta", *DESCRIPTIVE_KEYS)
+
+
+@dataclass(frozen=True)
+class Sidecar:
+    """What a sidecar says; see `MeasuredRun` for the meaning of each field."""
+
+    robot: str
+    robot_params: dict[str, float] = field(default_factory=dict)
+    actuators: dict[str, str | list] = field(default_factory=dict)
+    meta: dict[str, Any] = field(default_factory=dict)
+
+
+def read_sidecar(log: Path) -> Sidecar:
+    """Read the sidecar of the log file ``log``, on top of its folder's ``log.yaml`` where there is one.
+
+    Raises:
+        LogError: no sidecar, bad YAML, an unknown key or a value of the wrong kind.
+    """
+    own = next((path for path in (log.with_suffix(".yaml"), log.with_suffix(".yml")) if path.is_file()), None)
+    folder = log.parent / FOLDER_DEFAULTS
+    sources = [path for path in dict.fromkeys((folder, own)) if path is not None and path.is_file()]
+    if not sources:
+        raise LogError(
+            f"{log}: its sidecar {log.with_suffix('.yaml').name} is missing; write one with robot, robot_params "
+            f"and actuators (or one {FOLDER_DEFAULTS} for the whole folder)"
+        )
+    merged: dict[str, Any] = {}
+    for path in sources:
+        for key, value in _load_mapping(path).items():
+            both = isinstance(value, dict) and isinstance(merged.get(key), dict)
+            merged[key] = merged[key] | value if both else value
+    return _checked(merged, sources[-1])
+
+
+def sidecar_text(sidecar: Sidecar) -> str:
+    """Return the YAML that `read_sidecar` reads back as ``sidecar``."""
+    content: dict[str, Any] = {"robot": sidecar.robot}
+    content["robot_params"] = dict(sidecar.robot_params)
+    content["actuators"] = dict(sidecar.actuators)
+    content |= {key: sidecar.meta[key] for key in DESCRIPTIVE_KEYS if key in sidecar.meta}
+    other = {key: value for key, value in sidecar.meta.items() if key not in DESCRIPTIVE_KEYS}
+    if other:
+        content["meta"] = other
+    return yaml.safe_dump(content, sort_keys=False, allow_unicode=True)
+
+
+def _load_mapping(path: Path) -> dict[str, Any]:
+    try:
+        content = yaml.safe_load(path.read_text(encoding="utf-8"))
+    except yaml.MarkedYAMLError as error:
+        mark = error.problem_mark or error.context_mark
+        where = f" at line {mark.line + 1}" if mark else ""
+        raise LogError(f"{path}: is not valid YAML{where}: {error.problem or error.context}; correct it") from None
+    except (yaml.YAMLError, UnicodeDecodeError):
+        raise LogError(f"{path}: is not a YAML text file; write it as plain UTF-8 text") from None
+    except OSError as error:
+        raise LogError(f"{path}: cannot be read: {error.strerror}") from None
+    if not isinstance(content, dict):
+        raise LogError(f"{path}: must be a mapping with the keys robot, robot_params and actuators")
+    for key in content:
+        if key not in KEYS:
+            raise LogError(
+                f"{path}: unknown key '{key}'{nearest(str(key), KEYS)}; put descriptions of your own under the key meta"
+            )
+    return content
+
+
+def _checked(content: dict[str, Any], path: Path) -> Sidecar:
+    robot = content.get("robot")
+    if not isinstance(robot, str) or not robot:
+        raise LogError(f"{path}: the key robot must name the robot, for example robot: bench, not {robot!r}")
+    for key in ("robot_params", "actuators", "meta", "units"):
+        if not isinstance(content.get(key) or {}, dict):
+            raise LogError(f"{path}: the key {key} must be a mapping, not {content[key]!r}")
+    params = {
+        str(name): _number(value, f"{path}: robot_params.{name}")
+        for name, value in (content.get("robot_params") or {}).items()
+    }
+    actuators: dict[str, str | list] = {}
+    for joint, chain in (content.get("actuators") or {}).items():
+        if not isinstance(chain, str | list) or not chain:
+            raise LogError(f"{path}: actuators.{joint} must be a chain name or a list of stages, not {chain!r}")
+        actuators[str(joint)] = chain
+    meta = {key: content[key] for key in DESCRIPTIVE_KEYS if content.get(key) is not None}
+    return Sidecar(robot, params, actuators, meta | (content.get("meta") or {}))
+
+
+def _number(value: Any, where: str) -> float:
+    # PyYAML reads 1e-3 (no dot) as text, so text that spells a number is taken as one.
+    try:
+        number = math.nan if isinstance(value, bool) else float(value)
+    except (TypeError, ValueError):
+        number = math.nan
+    if not math.isfinite(number):
+        raise LogError(f"{where} must be a finite number, not {value!r}")
+    return number

@@ -1,0 +1,139 @@
+"""The measured log in memory: what one run of a machine recorded, in SI units, plus what its sidecar says.
+
+Format: ``docs/log-format.md``.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ...actuators.errors import SealegsError
+from .finding import Finding
+
+Array = NDArray[np.float64]
+
+
+class LogError(SealegsError):
+    """A measured log that cannot be read or written; the message names file, column and row."""
+
+
+SIGNAL_UNITS: dict[str, str] = {
+    "goal": "rad",
+    "position": "rad",
+    "velocity": "rad/s",
+    "link_position": "rad",
+    "duty": "1",
+    "voltage": "V",
+    "current": "A",
+    "torque": "N.m",
+    "temperature": "degC",
+    "enabled": "1",
+}
+"""Every signal a joint may log, with its unit."""
+
+OTHER = ("base", "host")
+"""Groups of columns that belong to no joint: of the floating base, and of the computer that ran the loop."""
+
+REQUIRED_EVERYWHERE = ("goal", "position", "enabled")
+"""Signals that may not miss a value in any sample where their column exists."""
+
+
+@dataclass(frozen=True, eq=False)
+class JointLog:
+    """The signals of one joint, each of shape (n,), float64, NaN where a sample lacks a value.
+
+    Attributes:
+        goal: commanded position [rad]; None in a torque-driven log.
+        position: measured position on the motor side of any spring [rad].
+        velocity: measured velocity [rad/s].
+        link_position: measured position on the link side of the spring [rad].
+        duty: signed PWM duty, 1 = full.
+        voltage: supply voltage [V].
+        current: motor current [A].
+        torque: torque at the output shaft [N.m].
+        temperature: motor temperature [degC].
+        enabled: 1 while the drive is on, 0 while the motor is left without torque; None where it was on throughout.
+    """
+
+    goal: Array | None
+    position: Array
+    velocity: Array | None = None
+    link_position: Array | None = None
+    duty: Array | None = None
+    voltage: Array | None = None
+    current: Array | None = None
+    torque: Array | None = None
+    temperature: Array | None = None
+    enabled: Array | None = None
+
+    def signals(self) -> dict[str, Array]:
+        """Return the recorded signals by name, in the order of the format."""
+        recorded = {name: getattr(self, name) for name in SIGNAL_UNITS}
+        return {name: values for name, values in recorded.items() if values is not None}
+
+
+@dataclass(frozen=True, eq=False)
+class MeasuredRun:
+    """One recording of one machine.
+
+    Attributes:
+        name: file name without its ending.
+        time: sample times, strictly increasing, shape (n,) [s].
+        joints: one log per joint.
+        base: ``base.*`` columns by the name after the dot, each of shape (n,).
+        robot: robot name.
+        robot_params: what differs from the robot's default (bench: ``mass`` [kg], ``arm_mass`` [kg], ``length`` [m]).
+        actuators: chain name or inline chain per joint.
+        source: file the run was read from, None for a run made in memory.
+        meta: everything else the sidecar says (``group``, ``units``, ``sample_clock``, ...).
+        host: ``host.*`` columns by the name after the dot, each of shape (n,).
+    """
+
+    name: str
+    time: Array
+    joints: dict[str, JointLog]
+    base: dict[str, Array] = field(default_factory=dict)
+    robot: str = "bench"
+    robot_params: dict[str, float] = field(default_factory=dict)
+    actuators: dict[str, str | list] = field(default_factory=dict)
+    source: Path | None = None
+    meta: dict[str, Any] = field(default_factory=dict)
+    host: dict[str, Array] = field(default_factory=dict)
+
+    @property
+    def duration(self) -> float:
+        """Time between first and last sample [s]."""
+        return float(self.time[-1] - self.time[0])
+
+    @property
+    def period(self) -> float:
+        """Median sample period [s]."""
+        return float(np.median(np.diff(self.time)))
+
+    def columns(self) -> dict[str, Array]:
+        """Return all columns of the run by their name in the file."""
+        table: dict[str, Array] = {"time": self.time}
+        for joint, log in self.joints.items():
+            table |= {f"{joint}.{signal}": values for signal, values in log.signals().items()}
+        table |= {f"base.{name}": values for name, values in self.base.items()}
+        return table | {f"host.{name}": values for name, values in self.host.items()}
+
+
+@dataclass(frozen=True, eq=False)
+class MeasuredSet:
+    """Runs of one machine, recorded under one configuration.
+
+    Attributes:
+        runs: at least one run.
+        name: folder or file name without its ending.
+        findings: of the log as it is on disk, where the runs are only parts of it.
+    """
+
+    runs: tuple[MeasuredRun, ...]
+    name: str
+    findings: tuple[Finding, ...] = ()

@@ -1,1 +1,0 @@
-"""What is wrong with a measured log itself, found before any physics is blamed. Entry: `gap.checks`."""

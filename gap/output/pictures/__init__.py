@@ -1,0 +1,113 @@
+"""Pictures of a diagnosis: of the whole, and one per cause that shows it to a person who doubts it."""
+
+from __future__ import annotations
+
+import io
+from collections.abc import Callable, Iterator, Sequence
+from pathlib import Path
+
+from matplotlib.backends.backend_agg import FigureCanvasAgg
+from matplotlib.figure import Figure
+
+from ...ground.leg_problem import LegProblem
+from ...replay.driven import DrivenProblem, is_elastic
+from ...verdict.verdict import JointDiagnosis, NamedCause
+from .drive import duty_against_error, residual_against_temperature, response, voltage_against_current
+from .driven import passed_torque
+from .evidence import Evidence
+from .friction import friction_against_speed, residual_against_load, residual_against_position
+from .ground import stance
+from .summary import budget, experiment, overview, rivals
+from .transmission import error_since_reversal, hysteresis
+
+SUMMARIES: dict[str, Callable[[JointDiagnosis], Figure | None]] = {
+    "overview": overview,
+    "budget": budget,
+    "rivals": rivals,
+    "experiment": experiment,
+}
+CAUSES: dict[str, Callable[[Evidence, NamedCause], Figure]] = {
+    "friction_against_speed": friction_against_speed,
+    "residual_against_load": residual_against_load,
+    "residual_against_position": residual_against_position,
+    "residual_against_temperature": residual_against_temperature,
+    "response": response,
+    "duty_against_error": duty_against_error,
+    "voltage_against_current": voltage_against_current,
+    "hysteresis": hysteresis,
+    "error_since_reversal": error_since_reversal,
+}
+"""Pictures by the key that a cause of the catalogue names."""
+SHARED = frozenset({"friction_against_speed", "residual_against_load", "voltage_against_current", "hysteresis"})
+"""Of these, the ones that look the same for every cause: drawn once, for the largest cause that names them."""
+
+
+def picture_of(cause: NamedCause) -> str:
+    """Which picture shows a cause; empty where none does."""
+    if cause.kind == "data":
+        return ""
+    return "error_since_reversal" if cause.name == "friction.presliding" else cause.picture
+
+
+def pictures(diagnosis: JointDiagnosis) -> Iterator[tuple[str, Figure]]:
+    """The pictures of one joint, one at a time: summaries by their name, causes by theirs."""
+    for name, draw in SUMMARIES.items():
+        if (chart := draw(diagnosis)) is not None:
+            yield name, chart
+    yield from cause_pictures(diagnosis)
+
+
+def cause_pictures(diagnosis: JointDiagnosis) -> Iterator[tuple[str, Figure]]:
+    """The pictures of the causes of one joint, by their names; none where nothing was replayed."""
+    if diagnosis.problem is None:
+        return
+    if isinstance(diagnosis.problem, LegProblem):
+        for cause in diagnosis.causes:
+            yield cause.name, stance(diagnosis, cause)
+        return
+    evidence = Evidence(diagnosis)
+    if isinstance(diagnosis.problem, DrivenProblem):
+        for cause in diagnosis.causes:
+            if cause.kind != "data" and not diagnosis.problem.first:  # the pictures show motion, which is given there
+                spring = is_elastic(diagnosis.problem.models[0]) and cause.picture == "hysteresis"
+                yield cause.name, (passed_torque if spring else response)(evidence, cause)
+        return
+    drawn: set[str] = set()
+    for cause in diagnosis.causes:
+        key = picture_of(cause)
+        if key in CAUSES and key not in drawn & SHARED:
+            drawn.add(key)
+            yield cause.name, CAUSES[key](evidence, cause)
+
+
+def png(chart: Figure) -> bytes:
+    """A picture as a PNG file."""
+    FigureCanvasAgg(chart)
+    buffer = io.BytesIO()
+    chart.savefig(buffer, format="png")
+    return buffer.getvalue()
+
+
+def draw_all(diagnoses: Sequence[JointDiagnosis], folder: Path) -> dict[str, Path]:
+    """Draw every picture of a diagnosis into a folder that has none yet.
+
+    Returns:
+        Paths by name of the picture (``overview``, ``budget``, ..., name of a cause); with several joints
+        ``<joint>.<name>``.
+
+    Raises:
+        FileExistsError: a picture of that name is there already; nothing is overwritten.
+    """
+    folder.mkdir(parents=True, exist_ok=True)
+    drawn: dict[str, Path] = {}
+    for diagnosis in diagnoses:
+        prefix = f"{diagnosis.joint}." if len(diagnoses) > 1 else ""
+        for name, chart in pictures(diagnosis):
+            path = folder / f"{prefix}{name}.png"
+            with path.open("xb") as file:
+                file.write(png(chart))
+            drawn[f"{prefix}{name}"] = path
+    return drawn
+
+
+__all__ = ["CAUSES", "SUMMARIES", "cause_pictures", "draw_all", "picture_of", "pictures", "png"]

@@ -1,0 +1,253 @@
+"""What the measured motion says about torques, and what each model says along that same motion.
+
+The measured joint is followed, not simulated: speed and acceleration come from its positions, gravity and inertia from
+the load, the motor torque from the logged current or duty. What is left over is friction, read off the machine. Each
+model is asked for its own torques at the very same samples, so that nothing but the law differs.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+from scipy.signal import savgol_filter
+
+from ....actuators.compiled import compiled
+from ....actuators.law import advance, begin, torque
+from ....actuators.layout import P_STATE_SIZE, S_CURRENT, S_DUTY, S_LIMIT, S_VOLTAGE
+from ....actuators.stages.transmission import friction_limit
+from ...replay.joint_model import (
+    K_FRICTION,
+    K_GRAVITY,
+    K_INERTIA,
+    K_LOSS,
+    K_MOTOR,
+    K_MOTOR_INERTIA,
+    K_REFERENCE,
+    K_VISCOUS,
+    JointModel,
+)
+from ...replay.problem import Problem
+from ...replay.simulator import CHANNELS
+from ...verdict.verdict import JointDiagnosis
+
+WINDOW = 0.08  # [s] of the parabolas that give speed and acceleration: long against the noise, short against the motion
+LEAST_SAMPLES = 7
+MOVING = 0.03  # [rad/s] above this, and with one sign over the whole window, a joint counts as moving
+AGREES = 0.8  # least correlation of a logged current or duty with the model's, for it to be taken as it is
+BRISTLE = "friction.bristle_stiffness"
+DUTY, CURRENT = CHANNELS.index("duty"), CHANNELS.index("current")
+
+
+@dataclass(frozen=True, eq=False)
+class Motion:
+    """Smoothed log of one joint, per sample of the problem (n,).
+
+    Attributes:
+        position, speed, acceleration: from parabolas over :data:`WINDOW` [rad, rad/s, rad/s2].
+        duty, current: logged ones, smoothed alike; None where they were not logged throughout.
+        judged: samples that count.
+        moving: of these, where the joint moves one way over the whole window.
+    """
+
+    position: np.ndarray
+    speed: np.ndarray
+    acceleration: np.ndarray
+    duty: np.ndarray | None
+    current: np.ndarray | None
+    judged: np.ndarray
+    moving: np.ndarray
+
+
+@dataclass(frozen=True, eq=False)
+class Balance:
+    """Torques [N.m] of one model along the measured motion (n,).
+
+    Attributes:
+        angle, speed: of the joint, as this model reads the log [rad, rad/s].
+        inertial, gravity: what the load takes: inertia times acceleration, and weight.
+        motor: by the logged current or duty, by the model's own law where neither was logged.
+        source: which of them: ``current``, ``duty`` or ``law``.
+        law: motor torque of the model's own law.
+        limit, viscous: friction of the model: dry limit, and what grows with speed.
+        duty, current, voltage: of the law [1, A, V].
+    """
+
+    angle: np.ndarray
+    speed: np.ndarray
+    inertial: np.ndarray
+    gravity: np.ndarray
+    motor: np.ndarray
+    source: str
+    law: np.ndarray
+    limit: np.ndarray
+    viscous: np.ndarray
+    duty: np.ndarray
+    current: np.ndarray
+    voltage: np.ndarray
+
+    @property
+    def observed_friction(self) -> np.ndarray:
+        """Torque that the motor gives and the load does not get, positive against positive motion (n,)."""
+        return self.motor - self.inertial - self.gravity
+
+    @property
+    def modelled_friction(self) -> np.ndarray:
+        """Friction torque of the model while moving (n,)."""
+        return np.sign(self.speed) * self.limit + self.viscous
+
+    @property
+    def load(self) -> np.ndarray:
+        """Torque through the gearbox: motor torque minus (external) gravity torque (n,)."""
+        return np.abs(self.motor + self.gravity)
+
+
+class Evidence:
+    """Motion and balances of one diagnosis, each computed once and only when a picture asks for it."""
+
+    def __init__(self, diagnosis: JointDiagnosis) -> None:
+        if diagnosis.problem is None:
+            raise ValueError("a diagnosis without a replayed problem has no motion to draw")
+        self.diagnosis, self.problem = diagnosis, diagnosis.problem
+
+    @cached_property
+    def motion(self) -> Motion:
+        """The smoothed log."""
+        return smooth(self.problem)
+
+    @cached_property
+    def quarter_turn_torque(self) -> np.ndarray:
+        """Nominal gravity torque of each sample's load at a quarter turn (n,) [N.m]."""
+        problem = self.problem
+        torques = [problem.models[u.run].load.gravity_torque(problem.params[u.run]) for u in problem.units]
+        return np.repeat(torques, np.diff(problem.starts))
+
+    @cached_property
+    def nominal(self) -> Balance:
+        """Torques of the nominal model."""
+        return balance(self.problem, self.motion, {})
+
+    @cached_property
+    def extended(self) -> Balance:
+        """Torques of the extended model."""
+        return balance(self.problem, self.motion, self.diagnosis.values)
+
+
+def smooth(problem: Problem) -> Motion:
+    """Local parabolas through the positions of each unit, and averages of duty and current over the same windows."""
+    n = len(problem.time)
+    out = np.zeros((3, n))
+    extra = {c: np.full(n, np.nan) for c in (DUTY, CURRENT) if np.isfinite(problem.measured[:, c]).mean() > 0.95}
+    moving = np.zeros(n, bool)
+    for a, b in zip(problem.starts[:-1], problem.starts[1:], strict=True):
+        time = problem.time[a:b]
+        step = float(np.median(np.diff(time))) if b - a > 1 else 1.0
+        width = max(round(WINDOW / step), LEAST_SAMPLES) // 2 * 2 + 1
+        if b - a <= width:
+            continue
+        grid = np.arange(time[0], time[-1] + 0.5 * step, step)
+        position = np.interp(grid, time, np.asarray(problem.measured[a:b, 0]))
+        for order in range(3):
+            filtered = np.asarray(savgol_filter(position, width, 2, deriv=order, delta=step))
+            out[order, a:b] = np.interp(time, grid, filtered)
+        for c, values in extra.items():
+            held = np.interp(grid, time, problem.measured[a:b, c])
+            values[a:b] = np.interp(time, grid, np.asarray(savgol_filter(held, width, 2)))
+        fast = np.sign(out[1, a:b]) * (np.abs(out[1, a:b]) > MOVING)
+        run = np.convolve(fast, np.ones(width), "same")
+        moving[a:b] = np.abs(run) == width
+    judged = problem.judged & np.isfinite(problem.measured[:, 0])
+    return Motion(out[0], out[1], out[2], extra.get(DUTY), extra.get(CURRENT), judged, judged & moving)
+
+
+def balance(problem: Problem, motion: Motion, values: Mapping[str, float]) -> Balance:
+    """Torques of the nominal joints with ``values`` along the measured motion.
+
+    Sticking counts as rigid: the bristles of presliding pass the same torque once a joint slides.
+    """
+    n = len(problem.time)
+    values = {path: value for path, value in values.items() if path.rstrip("*") != BRISTLE}
+    angle, speed, inertial, gravity, motor, viscous = np.zeros((6, n))
+    law = np.zeros((n, 5))
+    sources = []
+    for k, unit in enumerate(problem.units):
+        at = slice(problem.starts[k], problem.starts[k + 1])
+        joint = problem.models[unit.run].with_fitted(values)
+        program = joint.chain.program()
+        constants = joint.constants(problem.params[unit.run], program)
+        encoder = joint.chain.find("encoder")
+        scale = joint.host_scale * (encoder.scale if encoder else 1.0)
+        zero = joint.host_offset + joint.host_scale * (encoder.offset if encoder else 0.0)
+        angle[at], speed[at] = (motion.position[at] - zero) / scale, motion.speed[at] / scale
+        gravity[at] = constants[K_GRAVITY] * np.sin(angle[at])
+        inertial[at] = (constants[K_INERTIA] + constants[K_MOTOR_INERTIA]) * motion.acceleration[at] / scale
+        viscous[at] = constants[K_VISCOUS] * speed[at]
+        warm = np.maximum(1.0 - constants[K_LOSS] * (problem.temperature[at] - constants[K_REFERENCE]), 0.05)
+        motion_given = (problem.time[at], problem.goal[at], problem.on[at], angle[at], speed[at], -gravity[at])
+        _drive(program, constants, warm, *motion_given, law[at])
+        motor[at], source = _motor_torque(joint, motion, at, speed[at], warm, law[at], problem.on[at])
+        sources.append(source)
+    source = max(set(sources), key=sources.count)
+    torques, limit, duty, current, voltage = law.T
+    return Balance(angle, speed, inertial, gravity, motor, source, torques, limit, viscous, duty, current, voltage)
+
+
+def _motor_torque(
+    joint: JointModel,
+    motion: Motion,
+    at: slice,
+    speed: np.ndarray,
+    warm: np.ndarray,
+    law: np.ndarray,
+    on: np.ndarray,
+) -> tuple[np.ndarray, str]:
+    """Motor torque [N.m] by the best of what was logged, and what that was."""
+    chain = joint.chain
+    dc_motor, supply, regression = chain.find("dc_motor"), chain.find("supply"), chain.find("regression")
+    ratio = chain.gear_ratio()
+    if dc_motor is not None and _agrees(motion.current, at, law[:, 3]):
+        assert motion.current is not None
+        return dc_motor.motor_constant * ratio * warm * motion.current[at] * on, "current"
+    if not _agrees(motion.duty, at, law[:, 2]):
+        return law[:, 0], "law"
+    assert motion.duty is not None
+    duty = motion.duty[at]
+    if dc_motor is not None and supply is not None:
+        constant = dc_motor.motor_constant * ratio * warm
+        sag = duty**2 * supply.resistance
+        return on * constant * (duty * supply.volts - constant * speed) / (dc_motor.resistance + sag), "duty"
+    if regression is not None:
+        torques = (
+            ratio * (regression.duty_torque * duty + regression.constant) + ratio**2 * regression.speed_torque * speed
+        )
+        return on * torques, "duty"
+    return law[:, 0], "law"
+
+
+def _agrees(logged: np.ndarray | None, at: slice, law: np.ndarray) -> bool:
+    """Whether a logged column means what the model means: signed, in its unit."""
+    if logged is None or not np.all(np.isfinite(logged[at])) or np.std(logged[at]) == 0.0 or np.std(law) == 0.0:
+        return False
+    same = float(np.corrcoef(logged[at], law)[0, 1])
+    return same > AGREES and 0.5 < same * float(np.std(logged[at]) / np.std(law)) < 2.0
+
+
+@compiled()
+def _drive(p, k, warm, time, goal, on, q, w, external, out):
+    """Run a chain's law along a given motion; ``out`` (n, 5): torque, dry limit, duty, current, voltage."""
+    s = np.zeros(int(p[P_STATE_SIZE]))
+    motor = int(k[K_MOTOR])
+    constant = p[motor]
+    begin(p, s, time[0], goal[0], q[0], w[0])
+    for j in range(len(time)):
+        if motor > 0:
+            p[motor] = constant * warm[j]
+        advance(p, s, time[j])
+        value = torque(p, s, time[j], goal[j], q[j], w[j], external[j], True)
+        if not on[j]:
+            value = 0.0
+            if k[K_FRICTION] > 0.0:
+                s[S_LIMIT] = friction_limit(p, int(k[K_FRICTION]), q[j], w[j], 0.0, external[j])
+        out[j, 0], out[j, 1], out[j, 2], out[j, 3], out[j, 4] = value, s[S_LIMIT], s[S_DUTY], s[S_CURRENT], s[S_VOLTAGE]

@@ -1,0 +1,121 @@
+"""Pictures of friction and load: what the motor gives and the load does not get, against what it depends on."""
+
+from __future__ import annotations
+
+import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
+
+from ...verdict.verdict import NamedCause
+from .binned import bins, cloud, draw_measured, draw_model, equal_counts, equal_widths, limits
+from .evidence import Balance, Evidence
+from .style import EXTENDED, NOMINAL, figure, legend_above, styled
+
+SOURCES = {
+    "current": "motor torque from the logged current",
+    "duty": "motor torque from the logged duty",
+    "law": "motor torque from the extended model, as neither current nor duty was logged",
+}
+
+
+@styled
+def friction_against_speed(evidence: Evidence, cause: NamedCause) -> Figure:
+    """Friction torque over speed, both directions."""
+    measured, nominal = evidence.extended, evidence.nominal
+    use = evidence.motion.moving
+    chart, axes = _axes()
+    speed = measured.speed[use]
+    friction = measured.observed_friction[use]
+    cloud(axes, speed, friction)
+    for side in (-1.0, 1.0):
+        half = side * speed > 0.0
+        edges = equal_counts(speed[half], 16)
+        first = side < 0.0
+        draw_model(
+            axes, bins(speed[half], nominal.modelled_friction[use][half], edges), _once("nominal model", first), NOMINAL
+        )
+        draw_model(
+            axes,
+            bins(speed[half], measured.modelled_friction[use][half], edges),
+            _once("extended model", first),
+            EXTENDED,
+        )
+        draw_measured(axes, bins(speed[half], friction[half], edges), _once("measured", first))
+    axes.axhline(0.0, color="#777777", lw=0.7)
+    axes.axvline(0.0, color="#777777", lw=0.7)
+    if len(speed):
+        axes.set_xlim(*np.quantile(speed, (0.004, 0.996)))
+    axes.set_ylim(*limits(friction))
+    axes.set_xlabel("speed [rad/s]")
+    axes.set_ylabel("friction torque [N.m]")
+    return _finish(chart, axes, measured)
+
+
+@styled
+def residual_against_load(evidence: Evidence, cause: NamedCause) -> Figure:
+    """Dry friction over the torque that passes through the gearbox."""
+    measured, nominal = evidence.extended, evidence.nominal
+    use = evidence.motion.moving
+    chart, axes = _axes()
+    load, dry = measured.load[use], _dry(measured)[use]
+    cloud(axes, load, dry)
+    edges = equal_counts(load, 16)
+    draw_model(axes, bins(load, nominal.limit[use], edges), "nominal model", NOMINAL)
+    draw_model(axes, bins(load, measured.limit[use], edges), "extended model", EXTENDED)
+    draw_measured(axes, bins(load, dry, edges), "measured")
+    axes.set_xlim(0.0, float(np.quantile(load, 0.998)) if len(load) else 1.0)
+    low, high = limits(dry)
+    axes.set_ylim(min(low, 0.0), high)
+    axes.set_xlabel("torque through the gearbox [N.m]")
+    axes.set_ylabel("dry friction torque [N.m]")
+    return _finish(chart, axes, measured)
+
+
+@styled
+def residual_against_position(evidence: Evidence, cause: NamedCause) -> Figure:
+    """Over the angle: dry friction for a friction cause, else the torque that holds the load against its weight.
+
+    The latter as a share of the nominal weight at a quarter turn, so that runs with different loads lie on one curve.
+    """
+    measured, nominal, motion = evidence.extended, evidence.nominal, evidence.motion
+    use = motion.moving
+    reading = motion.position[use]
+    edges = equal_widths(reading, 32)
+    chart, axes = _axes()
+    if cause.name.startswith("friction."):
+        seen, models = _dry(measured), (nominal.limit, measured.limit)
+        axes.set_ylabel("dry friction torque [N.m]")
+    else:
+        quarter_turn = evidence.quarter_turn_torque
+        seen = (measured.motor - measured.inertial - measured.modelled_friction) / quarter_turn
+        models = (nominal.gravity / quarter_turn, measured.gravity / quarter_turn)
+        axes.set_ylabel("torque of the weight / nominal at a quarter turn")
+    cloud(axes, reading, seen[use])
+    for values, label, colour in zip(models, ("nominal model", "extended model"), (NOMINAL, EXTENDED), strict=True):
+        draw_model(axes, bins(reading, values[use], edges), label, colour)
+    draw_measured(axes, bins(reading, seen[use], edges), "measured")
+    axes.set_ylim(*limits(seen[use]))
+    axes.set_xlabel("position reading [rad]")
+    return _finish(chart, axes, measured)
+
+
+def _axes() -> tuple[Figure, Axes]:
+    chart = figure()
+    return chart, chart.subplots()
+
+
+def _once(label: str, first: bool) -> str | None:
+    return label if first else None
+
+
+def _dry(measured: Balance) -> np.ndarray:
+    """Measured friction without its viscous part, counted against the motion (n,)."""
+    return np.sign(measured.speed) * (measured.observed_friction - measured.viscous)
+
+
+def _finish(chart: Figure, axes: Axes, measured: Balance) -> Figure:
+    legend_above(axes)
+    chart.supxlabel(
+        f"Dots: medians with quartiles over moving samples; {SOURCES[measured.source]}.", fontsize=7.5, color="#555555"
+    )
+    return chart

@@ -1,0 +1,54 @@
+"""Pictures of the ground: a stance as measured and as simulated, and the errors of many."""
+
+from __future__ import annotations
+
+import numpy as np
+from matplotlib.figure import Figure
+
+from ...log.parts import TEST
+from ...verdict.verdict import JointDiagnosis, NamedCause
+from .style import EXTENDED, MEASURED, NOMINAL, figure, legend_above, styled
+
+SHOWN = {  # column that shows a cause best: its number among the judged ones, its name, factor and unit
+    "contact.friction": (1, "way of the hip along the ground", 1e3, "mm"),
+    "contact.slope": (1, "way of the hip along the ground", 1e3, "mm"),
+    "contact.stiffness": (0, "height of the hip", 1e3, "mm"),
+}
+
+
+@styled
+def stance(diagnosis: JointDiagnosis, cause: NamedCause) -> Figure:
+    """The stance of the test part where the nominal model is most wrong, and the errors of all stances of it."""
+    problem = diagnosis.problem
+    assert problem is not None
+    column, name, factor, unit = SHOWN.get(cause.name, SHOWN["contact.stiffness"])
+    if not np.isfinite(problem.measured[:, column]).any():
+        column, name, factor, unit = SHOWN["contact.stiffness"]
+    errors = {
+        model: problem.corrected(diagnosis.simulated[model])[:, column]  # type: ignore[attr-defined]
+        for model in ("nominal", "extended")
+    }
+    units = [k for k, one in enumerate(problem.units) if one.part == TEST] or list(range(len(problem.units)))
+    rows = [np.arange(problem.starts[k], problem.starts[k + 1]) for k in units]
+    rows = [row[problem.judged[row]] for row in rows]
+    worst = max(rows, key=lambda row: float(np.nanmean(errors["nominal"][row] ** 2)))
+    chart = figure(5.8, 5.8)
+    one, all_ = chart.subplots(2, 1)
+    zero = problem.measured[worst[0], column] if column == 1 else 0.0
+    time = 1e3 * (problem.time[worst] - problem.time[worst[0]])
+    for model, colour in (("nominal", NOMINAL), ("extended", EXTENDED)):
+        path = problem.measured[worst, column] + errors[model][worst] - zero
+        one.plot(time, factor * path, color=colour, label=f"{model} model")
+    one.plot(time, factor * (problem.measured[worst, column] - zero), ".", color=MEASURED, ms=4, label="measured")
+    one.set_ylabel(f"{name} [{unit}]")
+    legend_above(one)
+    for model, colour in (("nominal", NOMINAL), ("extended", EXTENDED)):
+        for k, row in enumerate(rows):
+            at = 1e3 * (problem.time[row] - problem.time[row[0]])
+            label = f"{model} model, every stance" if k == 0 else None
+            all_.plot(at, -factor * errors[model][row], color=colour, lw=0.7, alpha=0.6, label=label)
+    all_.axhline(0.0, color=MEASURED, lw=0.9)
+    all_.set_ylabel(f"measured minus model [{unit}]")
+    all_.set_xlabel("time in the stance [ms]")
+    legend_above(all_, 2)
+    return chart

@@ -1,0 +1,219 @@
+"""Pictures of a whole diagnosis: over time, as a budget, the candidates side by side, and the next experiment."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
+from matplotlib.patches import Patch
+
+from ...search.forward import RIVAL
+from ...verdict.verdict import JointDiagnosis
+from .style import (
+    CAUSES,
+    COLOURS,
+    DASHES,
+    NAMES,
+    NOISE,
+    TEST_SHADE,
+    TUNED,
+    UNEXPLAINED,
+    figure,
+    legend_above,
+    styled,
+)
+from .timeline import Timeline, fine, timeline, worst_window
+
+MOMENT = 1.2  # [s] shown large
+MOST_ROUNDS, MOST_CANDIDATES = 3, 7
+
+
+@styled
+def overview(diagnosis: JointDiagnosis) -> Figure | None:
+    """The whole log, the error of each model, and a moment of the test part; None where nothing was replayed."""
+    line = timeline(diagnosis)
+    if line is None:
+        return None
+    chart = figure(9.0, 8.4)
+    whole, error, moment = chart.subplots(3, 1, height_ratios=(1.0, 1.0, 1.2))
+    thin = line.thinned(12_000)
+    _signals(whole, thin, 0.9)
+    whole.set_ylabel(f"{line.quantity} [{line.unit}]")
+    whole.set_xlabel("time, runs one behind the other [s]")
+    _shade(whole, line)
+    handles, labels = whole.get_legend_handles_labels()
+    handles.append(Patch(color=TEST_SHADE))
+    whole.legend(
+        handles, [*labels, "test part: nothing was fitted to it"], loc="lower left", bbox_to_anchor=(0.0, 1.0), ncols=6,
+        borderaxespad=0.2, handlelength=1.6, columnspacing=1.2,
+    )  # fmt: skip
+
+    factor, unit = fine(line.unit)
+    noise = factor * diagnosis.gap["noise_floor"].rmse if "noise_floor" in diagnosis.gap else 0.0
+    for name, values in thin.models.items():
+        error.plot(
+            thin.x, factor * (thin.measured - values), color=COLOURS[name], ls=DASHES[name], lw=0.9, label=NAMES[name]
+        )
+    error.axhspan(
+        -2.0 * noise, 2.0 * noise, color="#000000", alpha=0.13, lw=0.0, label="noise (two deviations)", zorder=5
+    )
+    error.set_ylabel(f"measured minus model [{unit}]")
+    error.set_xlabel("time, runs one behind the other [s]")
+    _shade(error, line)
+    error.legend(loc="lower left", bbox_to_anchor=(0.0, 1.0), ncols=4, borderaxespad=0.2, handlelength=1.6)
+
+    start, stop = worst_window(line, min(MOMENT, float(line.x[-1] - line.x[0])))
+    inside = (line.x >= start) & (line.x <= stop)
+    _signals(moment, line.thinned(10**9), 1.6, inside)
+    moment.set_xlim(start, stop)
+    moment.set_ylabel(f"{line.quantity} [{line.unit}]")
+    moment.set_xlabel("time [s]: where the nominal model is most wrong in the test part")
+    for axes in (whole, error):
+        axes.set_xlim(line.x[0], line.x[-1])
+    return chart
+
+
+def _signals(axes: Axes, line: Timeline, width: float, rows: np.ndarray | None = None) -> None:
+    at = slice(None) if rows is None else rows
+    if line.goal is not None:
+        axes.plot(line.x[at], line.goal[at], color="#9a9a9a", lw=0.8, ls="--", label="goal")
+    axes.plot(line.x[at], line.measured[at], color=COLOURS["measured"], lw=width + 0.8, label="measured")
+    for name in ("nominal", "extended"):
+        if name in line.models:
+            axes.plot(line.x[at], line.models[name][at], color=COLOURS[name], lw=width, label=NAMES[name])
+
+
+def _shade(axes: Axes, line: Timeline) -> None:
+    for start, stop in line.tested:
+        axes.axvspan(start, stop, color=TEST_SHADE, lw=0.0, zorder=0)
+
+
+# --- budget --------------------------------------------------------------------------------------------------------
+
+
+@dataclass(frozen=True)
+class Slice:
+    """A share of the nominal model's mean squared error, 0 to 1."""
+
+    label: str
+    share: float
+    colour: str
+    hatch: str = ""
+
+
+def budget_slices(diagnosis: JointDiagnosis) -> list[Slice]:
+    """The gap budget: causes, re-tuned numbers, unexplained structure and noise, which add up to one."""
+    if "nominal" not in diagnosis.gap or "noise_floor" not in diagnosis.gap:
+        return []
+    nominal, floor = diagnosis.gap["nominal"].rmse, diagnosis.gap["noise_floor"].rmse
+    noise = min(floor**2 / max(nominal**2, 1e-30), 1.0)
+    causes = [cause for cause in diagnosis.causes if cause.share > 0.0]
+    slices = [Slice(cause.name, cause.share * (1.0 - noise), CAUSES[k % len(CAUSES)]) for k, cause in enumerate(causes)]
+    tuned = 1.0 - diagnosis.unexplained - sum(cause.share for cause in causes)
+    slices.append(Slice("re-tuned numbers", max(tuned, 0.0) * (1.0 - noise), TUNED, ".."))
+    slices.append(Slice("unexplained structure", diagnosis.unexplained * (1.0 - noise), UNEXPLAINED, "//"))
+    slices.append(Slice("noise", noise, NOISE))
+    least = 5e-4 * sum(piece.share for piece in slices)
+    shown = [piece for piece in slices if piece.share > least]
+    total = sum(piece.share for piece in shown)
+    return [Slice(s.label, s.share / total, s.colour, s.hatch) for s in shown]
+
+
+@styled
+def budget(diagnosis: JointDiagnosis) -> Figure | None:
+    """The gap as one bar; None where there is no gap to split."""
+    slices = budget_slices(diagnosis)
+    if not slices:
+        return None
+    chart = figure(8.0, 2.1)
+    axes = chart.subplots()
+    left = 0.0
+    for piece in slices:
+        look = {"color": piece.colour, "hatch": piece.hatch, "edgecolor": "white", "lw": 1.2, "height": 0.7}
+        axes.barh(0.0, 100.0 * piece.share, left=left, label=f"{piece.label}  {percent(piece.share)}", **look)
+        if piece.share > 0.06:
+            ink = "black" if piece.colour in (NOISE, TUNED) else "white"
+            middle = left + 50.0 * piece.share
+            axes.text(middle, 0.0, percent(piece.share), ha="center", va="center", weight="bold", color=ink)
+        left += 100.0 * piece.share
+    axes.set_xlim(0.0, 100.0)
+    axes.set_ylim(-0.45, 0.45)
+    axes.set_yticks([])
+    axes.grid(False)
+    axes.spines["left"].set_visible(False)
+    axes.set_xlabel("share of the nominal model's mean squared error [%]")
+    legend_above(axes, 3)
+    return chart
+
+
+def percent(share: float) -> str:
+    """A share for people: whole percent, tenths below ten."""
+    return f"{100.0 * share:.0f} %" if share >= 0.0995 or share == 0.0 else f"{100.0 * share:.1f} %"
+
+
+# --- candidates and experiment -------------------------------------------------------------------------------------
+
+
+@styled
+def rivals(diagnosis: JointDiagnosis) -> Figure | None:
+    """Held-out error of the candidates of each round of the search; None where nothing was searched."""
+    search = diagnosis.search
+    rounds = [r for r in search.rounds if r.candidates][:MOST_ROUNDS] if search is not None else []
+    if search is None or not rounds:
+        return None
+    total = float(search.counts.sum())
+    shown = [r.candidates[:MOST_CANDIDATES] for r in rounds]
+    chart = figure(7.6, 1.0 + 0.34 * sum(len(s) + 2.2 for s in shown))
+    panels = chart.subplots(len(rounds), 1, height_ratios=[len(s) + 1.2 for s in shown], squeeze=False)[:, 0]
+    for number, (axes, step, candidates) in enumerate(zip(panels, rounds, shown, strict=True), start=1):
+        levels = [float(np.sqrt(c.blocks.sum() / total)) for c in candidates]
+        before = float(np.sqrt(step.before.sum() / total))
+        for k, (c, level) in enumerate(zip(candidates, levels, strict=True)):
+            chosen = step.accepted and k == 0
+            rival = k > 0 and c.best > RIVAL
+            colour = CAUSES[(number - 1) % len(CAUSES)] if chosen else UNEXPLAINED if rival else "#c4c4c4"
+            axes.barh(k, level, color=colour, height=0.72)
+            note = f"{level:.2f}   best in {100.0 * c.best:.0f} % of draws" if c.best > 0.005 else f"{level:.2f}"
+            axes.text(
+                level, k, f"  {note}", va="center", fontsize=8.5, zorder=6,
+                bbox={"facecolor": "white", "edgecolor": "none", "pad": 0.5, "alpha": 0.85},
+            )  # fmt: skip
+        axes.axvline(1.0, color="black", lw=1.0)
+        axes.axvline(before, color="#555555", lw=1.0, ls="--")
+        axes.text(
+            before, -0.85, f"without any of them {before:.2f} ", ha="right", va="center", fontsize=8, color="#555555"
+        )
+        axes.set_yticks(range(len(candidates)), [c.cause.name for c in candidates], fontsize=9)
+        axes.set_ylim(len(candidates) - 0.4, -1.3)
+        axes.set_xlim(0.0, 1.35 * max(before, *levels))
+        axes.grid(axis="y", visible=False)
+        end = "accepted" if step.accepted else "none pays: the search ends"
+        axes.set_title(f"Round {number}: {end}")
+    panels[-1].set_xlabel("error on data that the fit did not see, in noise floors (line: noise)")
+    return chart
+
+
+@styled
+def experiment(diagnosis: JointDiagnosis) -> Figure | None:
+    """The proposed excitation, and how far each of the library separates the rivals; None where none is proposed."""
+    proposal = diagnosis.experiment
+    if proposal is None:
+        return None
+    chart = figure(7.6, 5.0)
+    over_time, table = chart.subplots(2, 1, height_ratios=(1.3, 1.0))
+    over_time.plot(proposal.time, proposal.goal, color=COLOURS["extended"])
+    over_time.set_xlabel("time [s]")
+    over_time.set_ylabel("goal [rad]")
+    over_time.set_title(f"Next experiment: {proposal.name}")
+    names = sorted(proposal.table, key=lambda name: -proposal.table[name])
+    values = [proposal.table[name] for name in names]
+    table.barh(names, values, color=[COLOURS["extended"] if name == proposal.name else "#c4c4c4" for name in names])
+    for k, value in enumerate(values):
+        table.text(value, k, f"  {value:.1f}", va="center", fontsize=8.5)
+    table.invert_yaxis()
+    table.grid(axis="y", visible=False)
+    table.set_xlim(0.0, 1.12 * max(*values, 1e-9))
+    table.set_xlabel("difference of the rivals, in noise floors")
+    return chart

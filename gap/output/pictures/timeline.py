@@ -1,0 +1,121 @@
+"""A diagnosis over time: all runs one behind the other, with the pieces that were only for the test marked."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from ...log.parts import TEST
+from ...verdict.verdict import JointDiagnosis
+
+MODELS = ("nominal", "retuned", "extended")
+PAUSE = 0.5  # [s] drawn between runs
+
+
+@dataclass(frozen=True, eq=False)
+class Timeline:
+    """Signals over time (n,), with NaN where one piece ends and the next begins.
+
+    Attributes:
+        x: time [s], runs one behind the other.
+        goal: command, None in a log without.
+        measured: what was logged.
+        models: simulated signal by model name, as far as there is one.
+        tested: spans of the test part in ``x``.
+        runs: where each run starts in ``x``; empty where they have no names.
+        quantity, unit: of the signal.
+    """
+
+    x: np.ndarray
+    goal: np.ndarray | None
+    measured: np.ndarray
+    models: dict[str, np.ndarray]
+    tested: list[tuple[float, float]]
+    runs: list[float]
+    quantity: str
+    unit: str
+
+    def thinned(self, most: int) -> Timeline:
+        """About ``most`` samples that keep every peak of the measured signal and of the nominal error."""
+        n = len(self.x)
+        if n <= most:
+            return self
+        size = int(np.ceil(5 * n / most))
+        error = np.abs(self.models.get("nominal", self.measured) - self.measured)
+        keep = []
+        for a in range(0, n, size):
+            part, wrong = self.measured[a : a + size], error[a : a + size]
+            good = np.flatnonzero(np.isfinite(part))
+            keep += [a, *(a + np.flatnonzero(~np.isfinite(part))[:1])]
+            if len(good):
+                keep += [a + good[k] for k in (part[good].argmin(), part[good].argmax(), wrong[good].argmax(), -1)]
+        at = np.unique(keep)
+        return Timeline(
+            self.x[at],
+            None if self.goal is None else self.goal[at],
+            self.measured[at],
+            {name: values[at] for name, values in self.models.items()},
+            self.tested,
+            self.runs,
+            self.quantity,
+            self.unit,
+        )
+
+
+def timeline(diagnosis: JointDiagnosis) -> Timeline | None:
+    """Signals of a diagnosis over time; None where nothing was replayed."""
+    quantity = diagnosis.signal.rpartition(".")[2]
+    simulated = diagnosis.simulated
+    if diagnosis.problem is None:
+        if "time" not in simulated or "measured" not in simulated:
+            return None
+        models = {name: simulated[name] for name in MODELS if name in simulated}
+        return Timeline(simulated["time"], None, simulated["measured"], models, [], [], quantity, diagnosis.unit)
+    problem = diagnosis.problem
+    rows, x, tested, runs = [], [], [], []
+    offset, end, last = 0.0, 0.0, -1
+    for k, unit in enumerate(problem.units):
+        at = np.arange(problem.starts[k], problem.starts[k + 1])
+        at = at[problem.judged[at]]
+        if not len(at):
+            continue
+        if unit.run != last:
+            offset = end + (PAUSE if last >= 0 else 0.0) - problem.time[at[0]]
+            runs.append(offset + problem.time[at[0]])
+            last = unit.run
+        time = offset + problem.time[at]
+        end = float(time[-1])
+        if unit.part == TEST:
+            tested.append((float(time[0]), end))
+        rows += [at, [-1]]
+        x += [time, [end]]
+    index = np.concatenate(rows).astype(int) if rows else np.zeros(0, int)
+
+    def cut(values: np.ndarray) -> np.ndarray:
+        return np.append(values, np.nan)[index]
+
+    models = {name: cut(simulated[name][:, 0]) for name in MODELS if name in simulated}
+    measured = cut(problem.measured[:, 0])
+    goal = cut(problem.goal) if problem.signal[1] == "rad" else None  # goals are angles
+    return Timeline(np.concatenate(x), goal, measured, models, tested, runs, quantity, diagnosis.unit)
+
+
+def fine(unit: str) -> tuple[float, str]:
+    """Factor and unit in which errors are told: thousandths of radians and metres, anything else as it is."""
+    return (1e3, f"m{unit}") if unit in ("rad", "m") else (1.0, unit)
+
+
+def worst_window(line: Timeline, width: float) -> tuple[float, float]:
+    """Span of the test part, at most ``width`` seconds long, where the nominal model is most wrong."""
+    error = line.models.get("nominal", line.measured) - line.measured
+    total = np.concatenate([[0.0], np.cumsum(np.where(np.isfinite(error), error**2, 0.0))])
+    best, window = -1.0, (float(line.x[0]), float(line.x[0]) + width)
+    for start, stop in line.tested or [(float(line.x[0]), float(line.x[-1]))]:
+        first = np.flatnonzero((line.x >= start) & (line.x <= max(start, stop - width)))
+        last = np.searchsorted(line.x, np.minimum(line.x[first] + width, stop), side="right")
+        sums = total[last] - total[first]
+        if len(first) and sums.max() > best:
+            best, begin = float(sums.max()), float(line.x[first[sums.argmax()]])
+            window = (begin, min(begin + width, stop))
+    return window

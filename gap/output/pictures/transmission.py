@@ -1,0 +1,118 @@
+"""Pictures of what lies between motor and link: how far it gives way under torque, forth and back."""
+
+from __future__ import annotations
+
+import numpy as np
+from matplotlib.figure import Figure
+
+from ...verdict.verdict import NamedCause
+from .binned import bins, cloud, draw_measured, draw_model, equal_counts, limits
+from .evidence import Evidence
+from .style import EXTENDED, NOMINAL, figure, legend_above, styled
+
+FORWARD, BACKWARD = ">", "<"
+
+
+@styled
+def hysteresis(evidence: Evidence, cause: NamedCause) -> Figure:
+    """What gives way, and what that does to the models' errors.
+
+    Twist over torque where the link was logged, else error over the torque of the link by direction of motion.
+    """
+    measured = evidence.problem.measured
+    if np.isfinite(measured[:, 1]).mean() > 0.95:
+        return _twist(evidence)
+    return _error_loop(evidence)
+
+
+def _twist(evidence: Evidence) -> Figure:
+    measured, simulated = evidence.problem.measured, evidence.diagnosis.simulated
+    torque = evidence.extended.gravity + _link_share(evidence) * evidence.extended.inertial
+    use = evidence.motion.judged
+    twist = 1e3 * (measured[:, 0] - measured[:, 1])
+    edges = equal_counts(torque[use], 24)
+    chart = figure()
+    axes = chart.subplots()
+    cloud(axes, torque[use], twist[use])
+    for name, colour in (("nominal", NOMINAL), ("extended", EXTENDED)):
+        model = 1e3 * (simulated[name][:, 0] - simulated[name][:, 1])
+        draw_model(axes, bins(torque[use], model[use], edges), f"{name} model", colour)
+    draw_measured(axes, bins(torque[use], twist[use], edges), "measured")
+    axes.set_ylim(*limits(twist[use]))
+    axes.set_xlabel("torque that the link takes [N.m]")
+    axes.set_ylabel("motor minus link position [mrad]")
+    legend_above(axes)
+    return chart
+
+
+def _link_share(evidence: Evidence) -> float:
+    """Inertia of the link as a share of the joint's."""
+    model, params = evidence.problem.models[0], evidence.problem.params[0]
+    link = model.load.inertia(params)
+    return link / (link + model.chain.armature())
+
+
+def _error_loop(evidence: Evidence) -> Figure:
+    simulated, measured = evidence.diagnosis.simulated, evidence.problem.measured[:, 0]
+    torque = evidence.extended.gravity + _link_share(evidence) * evidence.extended.inertial
+    chart = figure(5.8, 4.4)
+    panels = chart.subplots(1, 2, sharey=True)
+    errors = []
+    for axes, (name, colour) in zip(panels, (("nominal", NOMINAL), ("extended", EXTENDED)), strict=True):
+        error = 1e3 * (measured - simulated[name][:, 0])
+        for way, marker, dash in ((1.0, FORWARD, "-"), (-1.0, BACKWARD, "--")):
+            use = evidence.motion.moving & (way * evidence.motion.speed > 0.0)
+            b = bins(torque[use], error[use], equal_counts(torque[use], 18))
+            axes.plot(
+                b.x, b.median, color=colour, ls=dash, marker=marker, ms=5, label=f"moving {'up' if way > 0 else 'down'}"
+            )
+            axes.fill_between(b.x, b.low, b.high, color=colour, alpha=0.15, lw=0.0)
+            errors.append(np.concatenate([b.low, b.high]))
+        axes.axhline(0.0, color="#777777", lw=0.7)
+        axes.set_xlabel("torque that the link takes [N.m]")
+        legend_above(axes, 2)
+        axes.set_title(f"{name} model", y=1.09)
+    panels[0].set_ylabel("measured minus model [mrad]")
+    panels[0].set_ylim(*limits(np.concatenate(errors), 0.1))
+    return chart
+
+
+@styled
+def error_since_reversal(evidence: Evidence, cause: NamedCause) -> Figure:
+    """Error over the way since the joint last turned around: where it sticks, and gives way while it does."""
+    problem, motion = evidence.problem, evidence.motion
+    way, direction = np.zeros(len(problem.time)), np.zeros(len(problem.time))
+    for a, b in zip(problem.starts[:-1], problem.starts[1:], strict=True):
+        way[a:b], direction[a:b] = _way(motion.position[a:b], 3.0 * problem.noise)
+    use = motion.judged & (direction != 0.0)
+    edges = equal_counts(1e3 * way[use], 24)
+    chart = figure()
+    axes = chart.subplots()
+    for name, colour in (("nominal", NOMINAL), ("extended", EXTENDED)):
+        error = 1e3 * direction * (problem.measured[:, 0] - evidence.diagnosis.simulated[name][:, 0])
+        draw_model(axes, bins(1e3 * way[use], error[use], edges), f"{name} model", colour)
+    axes.axhline(0.0, color="#000000", lw=0.9)
+    axes.set_xlabel("way since the last reversal [mrad]")
+    axes.set_ylabel("measured minus model, along the way [mrad]")
+    axes.set_xscale("symlog", linthresh=10.0)
+    axes.set_xlim(0.0)
+    legend_above(axes)
+    return chart
+
+
+def _way(position: np.ndarray, least: float) -> tuple[np.ndarray, np.ndarray]:
+    """Way since the last reversal of more than ``least`` [rad] (n,), and direction, 0 before any motion (n,)."""
+    way, direction = np.zeros(len(position)), np.zeros(len(position))
+    if not len(position):
+        return way, direction
+    turn = extreme = float(position[0])
+    sign = 0.0
+    for k, x in enumerate(position):
+        if sign == 0.0 and abs(x - turn) > least:
+            sign, extreme = float(np.sign(x - turn)), float(x)
+        elif sign * (x - extreme) > 0.0:
+            extreme = float(x)
+        elif sign * (extreme - x) > least:
+            turn, extreme, sign = extreme, float(x), -sign
+        way[k], direction[k] = abs(x - turn), sign
+    return way, direction

@@ -1,0 +1,310 @@
+"""What the report says, as plain values ready to print: the template decides only where they stand."""
+
+from __future__ import annotations
+
+import base64
+import csv
+import io
+from collections.abc import Mapping, Sequence
+from typing import Any
+
+import numpy as np
+
+from ....actuators.stages import STAGES
+from ...experiment import Experiment
+from ...ground.ground import GROUND
+from ...ground.leg_problem import LegProblem
+from ...log.parts import FIT_A, FIT_B, TEST
+from ...log.types import MeasuredRun, MeasuredSet
+from ...replay.problem import Problem
+from ...search.forward import RIVAL, Search
+from ...verdict.verdict import JointDiagnosis, NamedCause
+from ..extension import changes as changes_of
+from ..extension import not_native
+from ..pictures import cause_pictures, picture_of, png
+from ..pictures.summary import budget_slices, percent
+from ..pictures.timeline import fine
+from . import figures
+
+MODELS = {
+    "nominal": ("nominal model", "as it was believed to be"),
+    "retuned": ("re-tuned", "its own numbers fitted freely, nothing added"),
+    "extended": ("extended model", "with the causes below"),
+    "noise_floor": ("noise of the measurement", "estimated from the log itself"),
+}
+KINDS = {"effect": "effect that the model lacks", "number": "wrong number in the model", "data": "error in the log"}
+SEVERITIES = {"error": "Error", "warning": "Warning", "note": "Note"}
+THROUGH = "A right model runs through the black dots."
+CAPTIONS = {
+    "friction_against_speed": f"What the motor gives and the moving load does not get, against speed. {THROUGH}",
+    "residual_against_load": f"Dry friction while moving, against the torque through the gearbox. {THROUGH}",
+    "residual_against_position": f"What the measured motion demands, against the position reading. {THROUGH}",
+    "residual_against_temperature": (
+        f"Torque that the motion needs, over what the nominal motor would give, against its temperature. {THROUGH}"
+    ),
+    "response": (
+        "Above: the moment of the test part where the nominal model is most wrong. Below: the error of both models "
+        "over the whole log, against the quantity that this cause makes it follow; a right model stays on zero."
+    ),
+    "duty_against_error": f"What the controller makes of its error. {THROUGH}",
+    "voltage_against_current": (
+        f"Supply voltage, as measured current and speed imply it, against the current drawn. {THROUGH}"
+    ),
+    "hysteresis": (
+        "What happens between motor and link, against the torque that the link takes. A right model follows the black "
+        "dots; where errors are drawn, it stays on zero in both directions."
+    ),
+    "stance": (
+        "Above: the stance of the test part where the nominal model is most wrong. Below: the errors of all stances of "
+        "it; what the uncertain start state explains is taken off. A right model stays on zero."
+    ),
+    "error_since_reversal": (
+        "Error of both models, against the way since the joint last turned around. A right model stays on zero."
+    ),
+}
+PARAMETER_UNITS = {"mass": "kg", "arm_mass": "kg", "length": "m"}
+ABSENT = "not in it"
+MOST_CANDIDATES = 7
+MINUS = "\N{MINUS SIGN}"
+
+
+def number(value: float, digits: int = 4) -> str:
+    """A number for people, with a real minus sign."""
+    if not np.isfinite(value):
+        return "none"
+    return f"{value:.{digits}g}".replace("-", MINUS)
+
+
+def page(
+    diagnoses: Sequence[JointDiagnosis], data: MeasuredSet, changes: Sequence[Mapping[str, Any]] | None
+) -> dict[str, Any]:
+    """Everything the template prints."""
+    joints = [_joint(diagnosis, changes, len(diagnoses)) for diagnosis in diagnoses]
+    for position, joint in enumerate(joints, start=1):
+        joint["id"] = f"joint-{position}"
+    return {"title": data.name, "joints": joints, "runs": [_run(run) for run in data.runs]}
+
+
+def _joint(diagnosis: JointDiagnosis, changes: Sequence[Mapping[str, Any]] | None, joints: int) -> dict[str, Any]:
+    plot = figures.signals(diagnosis, joints)
+    problem = diagnosis.problem
+    ground = isinstance(problem, LegProblem)
+    chain = None if problem is None or ground else problem.models[0].with_fitted(diagnosis.values).chain
+    return {
+        "name": diagnosis.joint,
+        "heading": "The ground" if diagnosis.joint == GROUND else f"Joint {diagnosis.joint}",
+        "verdict": diagnosis.verdict,
+        "sentence": diagnosis.sentence,
+        "signal": diagnosis.signal,
+        "gap": _gap(diagnosis),
+        "plot": None if plot is None else {"html": plot[0], "moment": [round(t, 4) for t in plot[1]]},
+        "budget": _budget(diagnosis),
+        "causes": _causes(diagnosis),
+        "unexplained": percent(diagnosis.unexplained),
+        "structure": "" if diagnosis.structure is None else diagnosis.structure.sentence,
+        "rounds": [] if diagnosis.search is None else _rounds(diagnosis.search),
+        "rivals": [
+            {"of": rival["of"], "others": [name for name in rival["names"] if name != rival["of"]]}
+            for rival in diagnosis.rivals
+        ],
+        "experiment": None if diagnosis.experiment is None else _experiment(diagnosis.experiment, diagnosis.joint),
+        "findings": _findings(diagnosis),
+        "changes": _changes(diagnosis, changes, joints == 1),
+        "not_native": [] if chain is None else not_native(chain),
+        "chain": "" if chain is None else chain.to_yaml(),
+        "numbers": [] if problem is not None else [(key, number(value)) for key, value in diagnosis.retuned.items()],
+        "parts": None if problem is None else _parts(problem),
+    }  # fmt: skip
+
+
+def _gap(diagnosis: JointDiagnosis) -> dict[str, Any]:
+    factor, unit = fine(diagnosis.unit)
+    nominal, floor = diagnosis.gap.get("nominal"), diagnosis.gap.get("noise_floor")
+    rows = []
+    for key, (name, about) in MODELS.items():
+        if (error := diagnosis.gap.get(key)) is None:
+            continue
+        change = ""
+        if nominal is not None and key in ("retuned", "extended") and nominal.rmse > 0.0:
+            change = f"{100.0 * (error.rmse / nominal.rmse - 1.0):+.0f} %".replace("-", MINUS)
+        rows.append(
+            {
+                "key": key,
+                "name": name,
+                "about": about,
+                "rmse": number(factor * error.rmse, 3),
+                "mae": number(factor * error.mae, 3),
+                "noises": "" if floor is None or floor.rmse <= 0.0 else f"{error.rmse / floor.rmse:.1f}",
+                "change": change,
+            }
+        )
+    return {"unit": unit, "rows": rows}
+
+
+def _budget(diagnosis: JointDiagnosis) -> list[dict[str, Any]]:
+    return [
+        {
+            "label": piece.label,
+            "share": percent(piece.share),
+            "width": f"{100.0 * piece.share:.3f}",
+            "colour": piece.colour,
+            "hatch": bool(piece.hatch),
+        }
+        for piece in budget_slices(diagnosis)
+    ]
+
+
+def _findings(diagnosis: JointDiagnosis) -> list[dict[str, str]]:
+    return [
+        {
+            "severity": SEVERITIES[finding.severity],
+            "level": finding.severity,
+            "column": finding.column or "",
+            "run": finding.run or "",
+            "sentence": finding.sentence,
+        }
+        for finding in diagnosis.findings
+    ]
+
+
+def _causes(diagnosis: JointDiagnosis) -> list[dict[str, Any]]:
+    drawn = {name: png(chart) for name, chart in cause_pictures(diagnosis)}
+    by_key = {picture_of(cause): cause.name for cause in reversed(diagnosis.causes) if cause.name in drawn}
+    rows = [
+        _cause(cause, drawn.get(cause.name) if picture_of(cause) else None, diagnosis.problem)
+        for cause in diagnosis.causes
+    ]
+    for cause, row in zip(diagnosis.causes, rows, strict=True):
+        row["shown_by"] = by_key.get(picture_of(cause), "") if row["picture"] is None and not row["data"] else ""
+    return rows
+
+
+def _cause(cause: NamedCause, picture: bytes | None, problem: Problem | None) -> dict[str, Any]:
+    image = None if picture is None else f"data:image/png;base64,{base64.b64encode(picture).decode()}"
+    return {
+        "name": cause.name,
+        "kind": KINDS.get(cause.kind, cause.kind),
+        "data": cause.kind == "data",
+        "sentence": cause.sentence,
+        "share": percent(cause.share),
+        "gain": percent(cause.gain),
+        "confidence": percent(cause.confidence),
+        "rivals": list(cause.rivals),
+        "picture": image,
+        "caption": CAPTIONS.get(picture_of(cause), ""),
+        "parameters": [
+            {
+                "path": path,
+                "value": number(v.value),
+                "interval": f"{number(v.low)} to {number(v.high)}" if v.low < v.high else "",
+                "nominal": _before(problem, path, v.nominal),
+                "unit": "" if v.unit in ("1", "-") else v.unit,
+            }
+            for path, v in cause.parameters.items()
+        ],
+    }
+
+
+def _before(problem: Problem | None, path: str, value: float) -> str:
+    """Nominal value of a parameter; a stage that the nominal chain lacks has none."""
+    stage = path.partition(".")[0]
+    if problem is None or isinstance(problem, LegProblem) or stage not in STAGES:
+        return number(value)
+    if problem.models[0].chain.find(stage) is not None:
+        return number(value)
+    return ABSENT
+
+
+def _rounds(search: Search) -> list[dict[str, Any]]:
+    total = float(search.counts.sum())
+    rounds = []
+    for step in search.rounds:
+        if not step.candidates:
+            continue
+        shown = step.candidates[:MOST_CANDIDATES]
+        levels = [float(np.sqrt(c.blocks.sum() / total)) for c in shown]
+        before = float(np.sqrt(step.before.sum() / total))
+        top = max(before, *levels)
+        rows = [
+            {
+                "name": c.cause.name,
+                "level": f"{level:.2f}",
+                "width": f"{100.0 * level / top:.2f}",
+                "best": percent(c.best) if c.best > 0.005 else "",
+                "role": "chosen" if step.accepted and k == 0 else "rival" if k > 0 and c.best > RIVAL else "other",
+            }
+            for k, (c, level) in enumerate(zip(shown, levels, strict=True))
+        ]
+        hidden = len(step.candidates) - len(shown)
+        floor = f"{100.0 / top:.2f}"
+        rounds.append(
+            {"before": f"{before:.2f}", "floor": floor, "accepted": step.accepted, "rows": rows, "more": hidden}
+        )
+    return rounds
+
+
+def _experiment(proposal: Experiment, joint: str) -> dict[str, Any]:
+    text = io.StringIO()
+    rows = csv.writer(text, lineterminator="\n")
+    rows.writerow(["time", f"{joint}.goal"])
+    rows.writerows(zip(np.round(proposal.time, 6), np.round(proposal.goal, 6), strict=True))
+    table = sorted(proposal.table.items(), key=lambda item: -item[1])
+    top = max([value for _, value in table], default=0.0) or 1.0
+    return {
+        "name": proposal.name,
+        "sentence": proposal.sentence,
+        "plot": figures.excitation(proposal),
+        "file": f"data:text/csv;base64,{base64.b64encode(text.getvalue().encode()).decode()}",
+        "table": [
+            {
+                "name": name,
+                "value": f"{value:.1f}",
+                "width": f"{100.0 * value / top:.2f}",
+                "chosen": name == proposal.name,
+            }
+            for name, value in table
+        ],
+    }
+
+
+def _changes(diagnosis: JointDiagnosis, given: Sequence[Mapping[str, Any]] | None, alone: bool) -> list[dict[str, str]]:
+    """Rows of the given changes that are of this joint; where they do not say, all of a single joint's."""
+    mine = [row for row in given or () if row.get("joint", diagnosis.joint if alone else None) == diagnosis.joint]
+    return [
+        {
+            "path": row["path"],
+            "from": _before(diagnosis.problem, row["path"], row["from"]),
+            "to": number(row["to"]),
+            "why": row["why"],
+        }
+        for row in mine or changes_of(diagnosis)
+    ]
+
+
+def _parts(problem: Problem) -> dict[str, str]:
+    """Seconds of data that each part of the method saw, and what the simulator used."""
+    seconds: dict[int, float] = dict.fromkeys((FIT_A, FIT_B, TEST), 0.0)
+    for unit, a, b in zip(problem.units, problem.starts[:-1], problem.starts[1:], strict=True):
+        use = problem.time[a:b][problem.judged[a:b]]
+        seconds[unit.part] = seconds.get(unit.part, 0.0) + (float(use[-1] - use[0]) if len(use) else 0.0)
+    return {
+        "fit": f"{seconds[FIT_A]:.0f} + {seconds[FIT_B]:.0f} s",
+        "test": f"{seconds[TEST]:.0f} s",
+        "step": f"{1e3 * problem.step:g} ms",
+    }
+
+
+def _run(run: MeasuredRun) -> dict[str, Any]:
+    params = ", ".join(
+        f"{key} {number(value)}\N{NO-BREAK SPACE}{PARAMETER_UNITS.get(key, '')}".strip()
+        for key, value in run.robot_params.items()
+    )
+    signals = dict.fromkeys(signal for log in run.joints.values() for signal in log.signals())
+    return {
+        "name": run.name,
+        "duration": f"{run.duration:.1f}",
+        "rate": f"{1.0 / run.period:.0f}",
+        "samples": f"{len(run.time)}",
+        "params": params,
+        "signals": ", ".join(signals),
+    }

@@ -1,0 +1,190 @@
+"""Driven replay of one joint: its link moves as measured, whatever holds it, and only its actuator is judged.
+
+So a leg that touches the ground is diagnosed joint by joint, without a model of the ground. What it cannot show is
+listed in a finding: everything about the load, and what needs a column that the log lacks.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+from collections.abc import Sequence
+from dataclasses import dataclass, field
+from typing import ClassVar
+
+import numpy as np
+
+from ..causes.catalogue import Cause, catalogue
+from ..checks.signal import derivatives, high_frequency_noise, quantisation_step
+from ..log.finding import Finding
+from ..log.parts import Unit
+from ..log.types import LogError, MeasuredRun
+from .driven_simulator import CHANNELS, replay_driven_many
+from .joint_model import JointModel
+from .problem import FLAT, Problem, lay_out
+
+UNITS = {"position": "rad", "torque": "N.m", "duty": "1", "current": "A"}
+RIGID_SIGNALS = ("torque", "current", "duty")  # what judges a motor that is rigid with its link, the best first
+LOAD = ("load.", "contact.")  # causes of whatever is behind the link
+BEHIND = ("transmission.backlash", "transmission.compliance")  # between a motor and a link that was not logged
+READING = ("sensor.delay",)  # of a position that is prescribed as it was read
+FRICTION = "friction."  # of a motor whose motion is prescribed: only a measured torque shows it
+
+
+@dataclass(frozen=True, eq=False)
+class DrivenProblem(Problem):
+    """Units of one joint whose link moves as measured.
+
+    Attributes:
+        link: position, speed and acceleration of the link (n, 3) [rad, rad/s, rad/s2].
+        first: which of :data:`gap.replay.driven_simulator.CHANNELS` is judged sample by sample; it comes first in
+            ``measured`` and in what is simulated, in exchange with the position.
+    """
+
+    link: np.ndarray = field(default_factory=lambda: np.zeros((0, 3)))
+    first: int = 0
+
+    sampled: ClassVar[tuple[int, ...]] = (0,)
+    averaged: ClassVar[tuple[int, ...]] = (1, 2, 3)
+    flat: ClassVar[tuple[str, ...]] = (*FLAT, "link")
+
+    @property
+    def channels(self) -> tuple[str, ...]:
+        """Names of the channels, the judged one first."""
+        return tuple(CHANNELS[c] for c in _exchanged(self.first))
+
+    @property
+    def signal(self) -> tuple[str, str]:
+        """The channel that is judged sample by sample, and its unit."""
+        return CHANNELS[self.first], UNITS[CHANNELS[self.first]]
+
+    def motion(self, simulated: np.ndarray) -> np.ndarray:
+        """Position, speed and acceleration (n, 3): of the link as measured where the motor is rigid with it."""
+        return self.link if self.first else super().motion(simulated)
+
+    def _replay(
+        self,
+        rows: slice,
+        programs: np.ndarray,
+        constants: np.ndarray,
+        starts: np.ndarray,
+        states: np.ndarray,
+        steps: np.ndarray,
+        out: np.ndarray,
+    ) -> None:
+        time, goal, on, temperature = self.time[rows], self.goal[rows], self.on[rows], self.temperature[rows]
+        replay_driven_many(
+            programs, constants, time, goal, on, temperature, self.link[rows], starts, states, steps, out
+        )
+        if self.first:
+            out[...] = out[..., _exchanged(self.first)]
+
+
+def _exchanged(first: int) -> list[int]:
+    order = list(range(len(CHANNELS)))
+    order[0], order[first] = order[first], order[0]
+    return order
+
+
+def driven_problem(
+    runs: Sequence[MeasuredRun], joint: str, models: Sequence[JointModel], units: Sequence[Unit], noise: float
+) -> DrivenProblem:
+    """Lay the runs of one joint out for driven replay.
+
+    Args:
+        runs, units: of :func:`sealegs.gap.log.parts.cut`.
+        models: nominal joint of each run.
+        noise: of a position sample [rad].
+
+    Raises:
+        LogError: the log lacks what would be judged: the link behind a spring, or, where motor and link are one, any
+            of torque, current and duty.
+    """
+    plain = lay_out(runs, joint, models, units, {"position": 1.0 / noise})
+    logs = [run.joints[joint] for run in runs]
+    elastic = any(is_elastic(model) for model in models)
+    if elastic and any(log.link_position is None for log in logs):
+        raise LogError(
+            f"joint '{joint}' has a spring or play between motor and link, and '{joint}.link_position' was not logged: "
+            "without it nothing says what the actuator works against; record it."
+        )
+    link = np.concatenate([_link(runs[unit.run], joint)[unit.start : unit.stop] for unit in plain.units])
+    measured = plain.measured.copy()
+    measured[:, 1] = np.concatenate(
+        [
+            np.full(unit.stop - unit.start, np.nan) if (torque := logs[unit.run].torque) is None
+            else torque[unit.start : unit.stop]
+            for unit in plain.units
+        ]
+    )  # fmt: skip
+    first, weight = 0, plain.weight
+    if not elastic and logs[0].link_position is None:
+        signal = next((s for s in RIGID_SIGNALS if all(getattr(log, s) is not None for log in logs)), None)
+        if signal is None:
+            raise LogError(
+                f"joint '{joint}': motor and link are one, so its position says nothing about its actuator unless the "
+                f"load is known; log '{joint}.duty', '{joint}.current' or '{joint}.torque' as well."
+            )
+        first = CHANNELS.index(signal)
+        measured = measured[:, _exchanged(first)]
+        weight = np.zeros(len(CHANNELS))
+        weight[0] = 1.0 / _noise(plain, measured[:, 0])
+    fields = {f.name: getattr(plain, f.name) for f in dataclasses.fields(Problem)}
+    judged = plain.judged & np.isfinite(measured[:, 0])  # torque, current and duty may have empty cells
+    changed = {"measured": measured, "weight": weight, "judged": judged}
+    return DrivenProblem(**{**fields, **changed}, link=link, first=first)
+
+
+def is_elastic(model: JointModel) -> bool:
+    """Whether motor and link of a joint move apart."""
+    return any(model.chain.find(stage) is not None for stage in ("spring", "compliance", "backlash"))
+
+
+def shown(problem: DrivenProblem, nominal: JointModel) -> tuple[list[Cause], list[str]]:
+    """Causes that the driven replay can show, and names of those that it cannot."""
+    hidden = LOAD
+    if not is_elastic(nominal) and problem.first:
+        torque = problem.channels.index("torque")
+        hidden += BEHIND + READING + (() if np.isfinite(problem.measured[:, torque]).any() else (FRICTION,))
+    causes = catalogue(nominal)
+    kept = [cause for cause in causes if not cause.name.startswith(hidden)]
+    return kept, [cause.name for cause in causes if cause.name.startswith(hidden)]
+
+
+def limits(problem: DrivenProblem, joint: str, hidden: Sequence[str]) -> Finding:
+    """What the driven replay of a joint cannot show, for people."""
+    what = {
+        "position": "the motor's position against the measured link",
+        "torque": "its torque along the measured motion",
+        "current": "its current along the measured motion",
+        "duty": "its duty along the measured motion",
+    }[problem.signal[0]]
+    return Finding(
+        "replay.driven", "note", joint, None,
+        f"The link of '{joint}' was moved as measured, and {what} was judged, so no model of load and contact was "
+        f"needed; this cannot show {', '.join(hidden)}.",
+    )  # fmt: skip
+
+
+def _link(run: MeasuredRun, joint: str) -> np.ndarray:
+    """Motion of the link (n, 3): as logged, and its derivatives from local parabolas."""
+    log = run.joints[joint]
+    position = log.position if log.link_position is None else log.link_position
+    good = np.isfinite(position)
+    position = np.interp(run.time, run.time[good], position[good])
+    _, speed, acceleration = derivatives(run.time, position)
+    return np.stack([position, speed, acceleration], axis=1)
+
+
+def _noise(problem: Problem, values: np.ndarray) -> float:
+    """Noise of a channel, over all units: quantisation, or the faster noise where that is larger."""
+    noises = []
+    for a, b in zip(problem.starts[:-1], problem.starts[1:], strict=True):
+        good = np.isfinite(values[a:b])
+        if good.sum() > 20:
+            noises.append(
+                max(
+                    quantisation_step(values[a:b][good]) / np.sqrt(12.0),
+                    high_frequency_noise(problem.time[a:b][good], values[a:b][good]),
+                )
+            )
+    return float(max(np.median(noises), 1e-9))

@@ -1,0 +1,131 @@
+"""A joint whose link follows its measured motion, so that only the actuator is judged: no load and no contact needed.
+
+The same laws and the same sliding and sticking as in :mod:`.simulator`. A motor behind a spring, compliance or play
+moves on its own against the measured link; one that is rigid with the link moves as the link does, and shows what it
+asks of its drive and gives to its load.
+"""
+
+from __future__ import annotations
+
+import math
+
+import numba
+import numpy as np
+
+from ...actuators.compiled import compiled
+from ...actuators.law import advance, begin, torque
+from ...actuators.layout import P_STATE_SIZE, S_CURRENT, S_DUTY, S_LIMIT, S_TIME
+from ...actuators.stages.transmission import REST_SPEED
+from .joint_model import (
+    K_CONSTANT,
+    K_COUPLED,
+    K_DELAY,
+    K_HOST_OFFSET,
+    K_HOST_SCALE,
+    K_LOSS,
+    K_MOTOR,
+    K_MOTOR_INERTIA,
+    K_REFERENCE,
+)
+from .simulator import coupling_torque, drive, host_reading_smooth, joint_state, slide
+
+CHANNELS = ("position", "torque", "duty", "current")
+
+
+@compiled()
+def replay_driven(p, k, time, goal, on, temperature, link, q0, w0, step, out):
+    """Replay the commands of one run while its link moves as measured.
+
+    Args:
+        p: program of the chain (L,).
+        k: constants of the joint (K_SIZE,), of a link that no torque moves.
+        time, goal: of the samples (n,) [s], [rad].
+        on: whether the drive was on, per sample (n,).
+        temperature: of the motor (n,) [degC].
+        link: its position, speed and acceleration at the samples (n, 3) [rad, rad/s, rad/s2].
+        q0, w0: reading and speed of a motor that is not rigid with the link at the first sample [rad, rad/s].
+        step: largest step [s].
+        out: (n, 4) filled with reading [rad], torque on the link [N.m], duty and current [A] at the samples.
+    """
+    s = np.zeros(int(p[P_STATE_SIZE]))
+    x = np.empty(4)
+    coupled = k[K_COUPLED] > 0.0
+    q0, w0 = joint_state(p, k, q0, w0)
+    x[0], x[1], x[2], x[3] = q0, w0, link[0, 0], link[0, 1]
+    if not coupled:
+        x[0], x[1] = x[2], x[3]
+    begin(p, s, time[0], goal[0], x[0], x[1])
+    n = len(time)
+    arrival = 0
+    motor = int(k[K_MOTOR])
+    for j in range(n):
+        if motor > 0:
+            p[motor] = k[K_CONSTANT] * max(1.0 - k[K_LOSS] * (temperature[j] - k[K_REFERENCE]), 0.05)
+        x[2], x[3] = link[j, 0], link[j, 1]
+        advance(p, s, time[j])
+        if coupled:
+            passed = coupling_torque(k, x[0] - x[2], x[1] - x[3])
+            torque(p, s, time[j], goal[j], x[0], x[1], -passed, True)
+        else:
+            x[0], x[1] = x[2], x[3]
+            passed = drive(p, k, s, time[j], goal[j], on[j], x[0], x[1], 0.0, True) - k[K_MOTOR_INERTIA] * link[j, 2]
+            if abs(x[1]) > REST_SPEED:
+                passed -= math.copysign(s[S_LIMIT], x[1])
+            else:  # dry friction takes what it can hold
+                passed -= math.copysign(min(s[S_LIMIT], abs(passed)), passed)
+        out[j, 0] = k[K_HOST_SCALE] * host_reading_smooth(p, s, time[j], x[0]) + k[K_HOST_OFFSET]
+        out[j, 1] = passed
+        out[j, 2] = s[S_DUTY]
+        out[j, 3] = s[S_CURRENT]
+        if j + 1 == n:
+            break
+        between = time[j + 1] - time[j]
+        speed = (link[j + 1, 0] - link[j, 0]) / between
+        now = time[j]
+        while now < time[j + 1] - 1e-9:
+            # up to the next sample, or to where a delayed command arrives
+            while arrival < n and time[arrival] + k[K_DELAY] <= now + 1e-9:
+                arrival += 1
+            end = time[j + 1]
+            if arrival < n and time[arrival] + k[K_DELAY] < end - 1e-9:
+                end = time[arrival] + k[K_DELAY]
+            count = max(math.ceil((end - now) / step - 1e-9), 1)
+            span = (end - now) / count
+            for i in range(count):
+                at = now + i * span
+                x[2], x[3] = link[j, 0] + speed * (at - time[j]), speed
+                if not coupled:
+                    x[0], x[1] = x[2], x[3]
+                if at > time[j]:
+                    advance(p, s, at)
+                if coupled:
+                    slide(p, k, s, x, at, span, goal[j], on[j], at > time[j])
+                elif at > time[j]:
+                    drive(p, k, s, at, goal[j], on[j], x[0], x[1], 0.0, True)
+            now = end
+        if not (abs(x[0]) < 1e4 and abs(x[1]) < 1e6):
+            out[j:, :] = 1e3
+            return
+    s[S_TIME] = time[n - 1]
+
+
+@compiled(parallel=True)
+def replay_driven_many(programs, constants, time, goal, on, temperature, link, starts, states, steps, out):
+    """Replay many units with many variants of the model, on all cores; as :func:`gap.replay.simulator.replay_many`."""
+    variants, units = constants.shape[0], constants.shape[1]
+    for task in numba.prange(variants * units):
+        v, u = task // units, task % units
+        a, b = starts[u], starts[u + 1]
+        replay_driven(
+            programs[v].copy(),
+            constants[v, u],
+            time[a:b],
+            goal[a:b],
+            on[a:b],
+            temperature[a:b],
+            link[a:b],
+            states[u, 0],
+            states[u, 1],
+            steps[v],
+            out[v, a:b],
+        )

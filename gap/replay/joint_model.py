@@ -1,0 +1,262 @@
+"""One joint as the search sees it.
+
+Its chain, what hangs on it, and how its host reads it. Everything that a cause may change.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+import math
+from collections.abc import Mapping
+from dataclasses import dataclass
+
+import numpy as np
+
+from ...actuators.chain import Chain
+from ...actuators.errors import SealegsError, nearest
+from ...actuators.layout import P_HEADER, P_VISCOUS
+from ...actuators.stages import STAGES, Stage
+from ...actuators.stages.base import ChainError
+from ...envs.bench.robot import NUMBERS
+from .parameters import Parameter
+
+GRAVITY = 9.81  # [m/s2]
+
+# Constants of one joint and run that the simulator reads beside the program of the chain.
+(
+    K_INERTIA,  # of the link [kg.m2]
+    K_GRAVITY,  # torque at a quarter turn [N.m]
+    K_MOTOR_INERTIA,  # armature [kg.m2]
+    K_VISCOUS,  # [N.m.s/rad]
+    K_FRICTION,  # where the friction stage's parameters start in the program; 0: none
+    K_COUPLED,  # 1: motor and link move apart
+    K_STIFFNESS,  # between them [N.m/rad]
+    K_DAMPING,  # [N.m.s/rad]
+    K_HALF_PLAY,  # [rad]
+    K_HOST_OFFSET,  # [rad]
+    K_HOST_SCALE,
+    K_STOP,  # angle beyond which something stops the link [rad]
+    K_LOWER_STOP,  # and below which [rad]
+    K_DELAY,  # of commands [s]: where steps must end for a change of the goal to arrive at its time
+    K_LOSS,  # share of the motor constant lost per kelvin [1/K]
+    K_REFERENCE,  # temperature at which nothing is lost [degC]
+    K_MOTOR,  # where the motor constant stands in the program; 0: there is none
+    K_CONSTANT,  # motor constant at that temperature [N.m/A]
+    K_SIZE,
+) = range(19)
+
+FRICTION_OPCODE, MOTOR_OPCODE = 41, 30
+TOOTH_FREQUENCY = 400.0  # [rad/s] of the motor against stiff teeth: far above any motion, far below the step
+TOOTH_DAMPING_RATIO = 0.2
+IMMOVABLE = 1e12  # [kg.m2] of a link that moves as measured
+
+NEUTRAL: dict[str, dict[str, float]] = {
+    "delay": {"seconds": 0.0},
+    "rate_limit": {"speed": 100.0},
+    "dead_band": {"width": 0.0},
+    "offset": {"value": 0.0},
+    "scale": {"factor": 1.0},
+    "minimum_duty": {"value": 0.0},
+    "duty_limit": {"limit": 1.0},
+    "duty_step": {"size": 0.0},
+    "thermal": {"loss": 0.0},
+    "torque_limit": {"limit": 1e3},
+    "current_limit": {"limit": 1e3},
+    "friction": {},
+    "compliance": {"stiffness": 1e5},
+    "backlash": {"width": 0.0},
+    "encoder": {},
+}
+"""Stages as they do nothing: what a cause adds to a chain before it sets its parameter."""
+
+
+@dataclass(frozen=True)
+class PendulumLoad:
+    """What a bench carries, as a change of what its sidecar says.
+
+    Attributes:
+        mass_factor: true over believed mass.
+        extra_inertia: beyond that of mass and arm [kg.m2].
+        centre_shift: of the mass along the arm [m].
+        stop_angle, lower_stop: beyond and below which something blocks the link [rad].
+    """
+
+    mass_factor: float = 1.0
+    extra_inertia: float = 0.0
+    centre_shift: float = 0.0
+    stop_angle: float = math.inf
+    lower_stop: float = -math.inf
+
+    def inertia(self, params: Mapping[str, float]) -> float:
+        """Inertia about the shaft [kg.m2]: point mass on a uniform rod."""
+        length, arm = params["length"], params.get("arm_mass", 0.0)
+        mass = params["mass"] * self.mass_factor
+        return mass * (length + self.centre_shift) ** 2 + arm * length**2 / 3.0 + self.extra_inertia
+
+    def gravity_torque(self, params: Mapping[str, float]) -> float:
+        """Torque of gravity at a quarter turn [N.m]."""
+        length, arm = params["length"], params.get("arm_mass", 0.0)
+        moment = params["mass"] * self.mass_factor * (length + self.centre_shift) + arm * length / 2.0
+        return GRAVITY * moment
+
+
+@dataclass(frozen=True)
+class JointModel:
+    """A joint: chain, load, and what the host's log does to the reading.
+
+    ``unknown`` are numbers that nobody measured (:mod:`gap.load.unknown`): every fit turns them, and none is a finding.
+    """
+
+    chain: Chain
+    load: PendulumLoad = PendulumLoad()
+    host_offset: float = 0.0
+    host_scale: float = 1.0
+    unknown: tuple[Parameter, ...] = ()
+
+    def value(self, path: str) -> float:
+        """A parameter by path: ``stage.parameter``, ``load.*``, ``host.*`` or ``gear_ratio.factor`` (1 by
+        definition).
+        """
+        name, key = path.split(".")
+        if name == "load":
+            return getattr(self.load, key)
+        if name == "host":
+            return getattr(self, f"host_{key}")
+        if name == "gear_ratio":
+            return 1.0
+        stage = self.chain.find(name)
+        if stage is None:
+            return float(getattr(_neutral(name), key))
+        return getattr(stage, key)
+
+    def unit(self, path: str) -> str:
+        """Unit of a parameter of a stage by path; 1 where it has none."""
+        name, key = path.split(".")
+        stage = self.chain.find(name)
+        fields = dataclasses.fields(stage) if stage is not None else ()
+        return next((item.metadata.get("unit", "1") for item in fields if item.name == key), "1")
+
+    def with_values(self, values: Mapping[str, float]) -> JointModel:
+        """The joint with parameters set by path; stages that are missing are added where they belong.
+
+        Raises:
+            ChainError: the values do not make a chain.
+        """
+        chain, load, host = self.chain, {}, {}
+        by_stage: dict[str, dict[str, float]] = {}
+        for path, value in values.items():
+            name, key = path.split(".")
+            if name == "load":
+                load[key] = value
+            elif name == "host":
+                host[f"host_{key}"] = value
+            elif name != "gear_ratio":
+                by_stage.setdefault(name, {})[key] = value
+        stages = list(chain.stages)
+        added: list[Stage] = []
+        for name, change in by_stage.items():
+            at = next((k for k, stage in enumerate(stages) if stage.name == name), None)
+            if at is None:
+                added.append(dataclasses.replace(_neutral(name), **change))
+            else:
+                stages[at] = dataclasses.replace(stages[at], **change)
+        if (factor := values.get("gear_ratio.factor")) is not None:
+            at = next(k for k, stage in enumerate(stages) if stage.name == "dc_motor")
+            motor = stages[at]
+            stages[at] = dataclasses.replace(
+                motor,
+                motor_constant=motor.motor_constant * factor,  # type: ignore[attr-defined]
+                armature=motor.armature * factor**2,  # type: ignore[attr-defined]
+            )
+        if by_stage or "gear_ratio.factor" in values:
+            chain = dataclasses.replace(chain, stages=tuple(stages))
+            for stage in added:
+                chain = chain.with_stage(stage)
+        return JointModel(
+            chain,
+            dataclasses.replace(self.load, **load) if load else self.load,
+            host.get("host_offset", self.host_offset),
+            host.get("host_scale", self.host_scale),
+            self.unknown,
+        )
+
+    def with_fitted(self, values: Mapping[str, float]) -> JointModel:
+        """The joint with values of a fit: a path that ends in ``*`` is a factor on this joint's own value.
+
+        Raises:
+            ChainError: as :meth:`with_values`.
+        """
+        return self.with_values(
+            {p.rstrip("*"): v * self.value(p[:-1]) if p.endswith("*") else v for p, v in values.items()}
+        )
+
+    def constants(self, params: Mapping[str, float], program: np.ndarray) -> np.ndarray:
+        """What the simulator needs beside the program, for a run with these bench parameters; without any, for a link
+        that moves as it was measured, whatever torque acts on it.
+
+        Raises:
+            ChainError: the chain's spring has an inertia of its own.
+        """
+        chain, k = self.chain, np.zeros(K_SIZE)
+        if (spring := chain.find("spring")) is not None and spring.has_coordinate:
+            raise ChainError(
+                f"{chain.label}: its 'spring' has an inertia of its own, a third body that the replay of a joint does "
+                "not simulate; give the chain a spring without inertia."
+            )
+        k[K_INERTIA] = self.load.inertia(params) if params else IMMOVABLE
+        k[K_GRAVITY] = self.load.gravity_torque(params) if params else 0.0
+        k[K_MOTOR_INERTIA] = max(chain.armature(), 1e-7)
+        k[K_VISCOUS] = program[P_VISCOUS]
+        k[K_FRICTION] = _record(program, FRICTION_OPCODE)
+        k[K_HOST_OFFSET], k[K_HOST_SCALE], k[K_STOP] = self.host_offset, self.host_scale, self.load.stop_angle
+        if (thermal := chain.find("thermal")) is not None:
+            k[K_LOSS], k[K_REFERENCE], k[K_MOTOR] = thermal.loss, thermal.reference, _record(program, MOTOR_OPCODE)
+            k[K_CONSTANT] = program[int(k[K_MOTOR])] / chain.magnetisation()
+        k[K_LOWER_STOP] = self.load.lower_stop
+        k[K_DELAY] = delay.seconds if (delay := chain.find("delay")) is not None else 0.0
+        element, play = chain.find("spring") or chain.find("compliance"), chain.find("backlash")
+        if element is not None or (play is not None and play.width > 0.0):
+            k[K_COUPLED] = 1.0
+            k[K_HALF_PLAY] = play.width / 2.0 if play is not None else 0.0
+            if element is not None:
+                k[K_STIFFNESS], k[K_DAMPING] = element.stiffness, element.damping
+            elif play is not None and play.tooth_stiffness > 0.0:
+                k[K_STIFFNESS], k[K_DAMPING] = play.tooth_stiffness, play.tooth_damping
+            else:
+                inertia = 1.0 / (1.0 / k[K_MOTOR_INERTIA] + 1.0 / k[K_INERTIA])
+                k[K_STIFFNESS] = inertia * TOOTH_FREQUENCY**2
+                k[K_DAMPING] = 2.0 * TOOTH_DAMPING_RATIO * inertia * TOOTH_FREQUENCY
+        return k
+
+
+def _neutral(name: str) -> Stage:
+    try:
+        return STAGES[name](**NEUTRAL[name])  # type: ignore[arg-type]
+    except KeyError:
+        raise ChainError(f"the chain has no stage '{name}', and there is no neutral one to add.") from None
+
+
+def _record(program: np.ndarray, opcode: int) -> int:
+    """Where the parameters of a stage stand in a program; 0 where it has none."""
+    at = P_HEADER
+    while program[at] > 0.0:
+        if int(program[at]) == opcode:
+            return at + 3
+        at += int(program[at + 1])
+    return 0
+
+
+def bench_parameters(params: Mapping[str, float], where: str) -> dict[str, float]:
+    """Bench parameters of a run, checked.
+
+    Raises:
+        SealegsError: mass or length is missing or not positive, or there is a number that no bench has.
+    """
+    for key in params:
+        if key not in NUMBERS:
+            hint = nearest(key, NUMBERS) or f"; it has {', '.join(NUMBERS)}"
+            raise SealegsError(f"{where}: robot_params has '{key}', which a bench has not{hint}.")
+    for key in ("mass", "length"):
+        if not params.get(key, 0.0) > 0.0:
+            raise SealegsError(f"{where}: robot_params needs '{key}' above zero for a bench; add it to the sidecar.")
+    return {"arm_mass": 0.0, **params}

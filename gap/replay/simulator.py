@@ -1,0 +1,255 @@
+"""A joint on a bench, simulated in a plain compiled loop with the very laws that run in the engine.
+
+It exists for speed: a search replays a log thousands of times, and this costs tens of nanoseconds a step. Dry
+friction is resolved
+exactly: a moving joint slides until its speed reaches zero inside a step, a resting one holds until the torque
+exceeds the limit. What the search finds is confirmed in the engine (:mod:`sealegs.gap.replay.engine`).
+"""
+
+from __future__ import annotations
+
+import math
+
+import numba
+import numpy as np
+
+from ...actuators.compiled import compiled
+from ...actuators.law import advance, begin, host_reading, torque
+from ...actuators.layout import P_LATENCY, P_OFFSET, P_SCALE, P_STATE_SIZE, P_TICKS, S_CURRENT, S_DUTY, S_LIMIT, S_TIME
+from ...actuators.stages.transmission import friction_limit
+from .joint_model import (
+    K_CONSTANT,
+    K_COUPLED,
+    K_DAMPING,
+    K_DELAY,
+    K_FRICTION,
+    K_GRAVITY,
+    K_HALF_PLAY,
+    K_HOST_OFFSET,
+    K_HOST_SCALE,
+    K_INERTIA,
+    K_LOSS,
+    K_LOWER_STOP,
+    K_MOTOR,
+    K_MOTOR_INERTIA,
+    K_REFERENCE,
+    K_STIFFNESS,
+    K_STOP,
+    K_VISCOUS,
+)
+
+ELASTIC_STEP = 1e-3  # [s] largest step with a spring between motor and link, whose frequency bounds it
+# [s] with play, whose teeth meet for a few milliseconds, and with firmware that switches: it must when the machine does
+EVENT_STEP = 2.5e-4
+SWITCHING = ("rate_limit", "dead_band", "minimum_duty", "duty_step")
+STOP_STIFFNESS, STOP_DAMPING = 500.0, 1.0  # [N.m/rad], [N.m.s/rad] of whatever blocks a link: assumed
+CHANNELS = ("position", "link_position", "duty", "current")
+
+
+@compiled()
+def load_torque(k, q, w):
+    """Torque of gravity and stop on the link [N.m]."""
+    value = -k[K_GRAVITY] * math.sin(q)
+    if q > k[K_STOP]:
+        value -= max(STOP_STIFFNESS * (q - k[K_STOP]) + STOP_DAMPING * w, 0.0)
+    elif q < k[K_LOWER_STOP]:
+        value -= min(STOP_STIFFNESS * (q - k[K_LOWER_STOP]) + STOP_DAMPING * w, 0.0)
+    return value
+
+
+@compiled()
+def coupling_torque(k, twist, rate):
+    """Torque that spring or teeth pass from motor to link [N.m]."""
+    play = k[K_HALF_PLAY]
+    if twist > play:
+        value = k[K_STIFFNESS] * (twist - play) + k[K_DAMPING] * rate
+        return value if play == 0.0 else max(value, 0.0)
+    if twist < -play:
+        value = k[K_STIFFNESS] * (twist + play) + k[K_DAMPING] * rate
+        return value if play == 0.0 else min(value, 0.0)
+    return k[K_DAMPING] * rate if play == 0.0 else 0.0
+
+
+@compiled()
+def drive(p, k, s, time, goal, on, q, w, external, first):
+    """Torque on the motor side without dry friction, which is left in ``S_LIMIT`` [N.m]."""
+    value = torque(p, s, time, goal, q, w, external, first)
+    if not on:  # an open bridge: no current, so no torque and no braking
+        value = 0.0
+        if k[K_FRICTION] > 0.0:
+            s[S_LIMIT] = friction_limit(p, int(k[K_FRICTION]), q, w, 0.0, external)
+    return value - k[K_VISCOUS] * w
+
+
+@compiled()
+def slide(p, k, s, x, time, span, goal, on, first):
+    """Advance motor and link ``x = [q, w, link q, link w]`` by ``span`` seconds.
+
+    Midpoint rule, split where the motor stops.
+    """
+    coupled = k[K_COUPLED] > 0.0
+    inertia = k[K_MOTOR_INERTIA] if coupled else k[K_MOTOR_INERTIA] + k[K_INERTIA]
+    left = span
+    for _ in range(6):
+        q, w, lq, lw = x[0], x[1], x[2], x[3]
+        external = -coupling_torque(k, q - lq, w - lw) if coupled else load_torque(k, q, w)
+        total = drive(p, k, s, time, goal, on, q, w, external, first) + external
+        first = False
+        limit = s[S_LIMIT]
+        la = (load_torque(k, lq, lw) - external) / k[K_INERTIA] if coupled else 0.0
+        if w == 0.0 and abs(total) <= limit:
+            if not coupled:
+                return
+            # the motor holds while the link swings on its spring
+            mid, mid_w = lq + 0.5 * left * lw, lw + 0.5 * left * la
+            la = (load_torque(k, mid, mid_w) + coupling_torque(k, q - mid, -mid_w)) / k[K_INERTIA]
+            x[2], x[3] = lq + left * mid_w, lw + left * la
+            return
+        way = 1.0 if (w > 0.0 or (w == 0.0 and total > 0.0)) else -1.0
+        a = (total - way * limit) / inertia
+        half = 0.5 * left
+        q_mid, w_mid = q + half * w, w + half * a
+        if limit > 0.0 and w_mid * way < 0.0:
+            w_mid = 0.0
+        if coupled:
+            lq_mid, lw_mid = lq + half * lw, lw + half * la
+            external = -coupling_torque(k, q_mid - lq_mid, w_mid - lw_mid)
+            la = (load_torque(k, lq_mid, lw_mid) - external) / k[K_INERTIA]
+        else:
+            lq_mid, lw_mid = 0.0, 0.0
+            external = load_torque(k, q_mid, w_mid)
+        total = drive(p, k, s, time + half, goal, on, q_mid, w_mid, external, False) + external
+        a = (total - way * s[S_LIMIT]) / inertia
+        w_new = w + left * a
+        share = 1.0
+        if limit > 0.0 and w * way > 0.0 and w_new * way < 0.0:
+            share = w / (w - w_new)
+        part = share * left
+        if share < 1.0:
+            x[0], x[1] = q + 0.5 * part * w, 0.0
+        else:
+            if limit > 0.0 and w_new * way < 0.0:
+                w_new = 0.0
+            x[0], x[1] = q + 0.5 * left * (w + w_new), w_new
+        if coupled:
+            x[2], x[3] = lq + part * (lw + 0.5 * part * la), lw + part * la
+        left -= part
+        time += part
+        if left <= 1e-9 * span:
+            return
+
+
+@compiled()
+def joint_state(p, k, reading, speed):
+    """Angle and speed of the joint at what the host reads: :func:`host_reading_smooth` and the host's scale undone."""
+    angle = ((reading - k[K_HOST_OFFSET]) / k[K_HOST_SCALE] - p[P_OFFSET]) / p[P_SCALE]
+    return angle, speed / (k[K_HOST_SCALE] * p[P_SCALE])
+
+
+@compiled()
+def replay(p, k, time, goal, on, temperature, q0, w0, step, out):
+    """Replay the commands of one run from the state ``(q0, w0)`` at its first sample.
+
+    Args:
+        p: program of the chain (L,).
+        k: constants of the joint (K_SIZE,).
+        time, goal: of the samples (n,) [s], [rad].
+        on: whether the drive was on, per sample (n,).
+        temperature: of the motor (n,) [degC].
+        q0, w0: reading and speed at the first sample [rad, rad/s].
+        step: largest step [s].
+        out: (n, 4) filled with reading, link position [rad], duty and current [A] at the samples.
+    """
+    s = np.zeros(int(p[P_STATE_SIZE]))
+    x = np.empty(4)
+    q0, w0 = joint_state(p, k, q0, w0)
+    x[0], x[1], x[2], x[3] = q0, w0, q0, w0
+    if k[K_COUPLED] > 0.0 and k[K_STIFFNESS] > 0.0:  # start with the load held by spring or tooth, not with a jerk
+        load = load_torque(k, q0, 0.0)
+        x[2] = q0 + load / k[K_STIFFNESS] + math.copysign(k[K_HALF_PLAY], load)
+        if load * load_torque(k, x[2], 0.0) <= 0.0:  # it hangs between the teeth
+            x[2] = 0.0
+    begin(p, s, time[0], goal[0], q0, w0)
+    n = len(time)
+    arrival = 0
+    motor = int(k[K_MOTOR])
+    for j in range(n):
+        if motor > 0:
+            p[motor] = k[K_CONSTANT] * max(1.0 - k[K_LOSS] * (temperature[j] - k[K_REFERENCE]), 0.05)
+        external = -coupling_torque(k, x[0] - x[2], x[1] - x[3]) if k[K_COUPLED] > 0.0 else load_torque(k, x[0], x[1])
+        advance(p, s, time[j])
+        torque(p, s, time[j], goal[j], x[0], x[1], external, True)
+        reading = host_reading_smooth(p, s, time[j], x[0])
+        out[j, 0] = k[K_HOST_SCALE] * reading + k[K_HOST_OFFSET]
+        out[j, 1] = x[2] if k[K_COUPLED] > 0.0 else x[0]
+        out[j, 2] = s[S_DUTY]
+        out[j, 3] = s[S_CURRENT]
+        if j + 1 == n:
+            break
+        now = time[j]
+        while now < time[j + 1] - 1e-9:
+            # up to the next sample, or to where a delayed command arrives
+            while arrival < n and time[arrival] + k[K_DELAY] <= now + 1e-9:
+                arrival += 1
+            end = time[j + 1]
+            if arrival < n and time[arrival] + k[K_DELAY] < end - 1e-9:
+                end = time[arrival] + k[K_DELAY]
+            count = max(math.ceil((end - now) / step - 1e-9), 1)
+            span = (end - now) / count
+            for i in range(count):
+                at = now + i * span
+                if at > time[j]:
+                    advance(p, s, at)
+                slide(p, k, s, x, at, span, goal[j], on[j], at > time[j])
+            now = end
+        if not (abs(x[0]) < 1e4 and abs(x[1]) < 1e6):
+            out[j:, :] = 1e3
+            return
+    s[S_TIME] = time[n - 1]
+
+
+@compiled()
+def host_reading_smooth(p, s, time, q):
+    """What the host reads, before rounding to ticks.
+
+    A fit wants the expected reading, the ticks are in the noise floor.
+    """
+    if p[P_LATENCY] > 0.0:
+        ticks = p[P_TICKS]
+        p[P_TICKS] = 0.0
+        value = host_reading(p, s, time, q)
+        p[P_TICKS] = ticks
+        return value
+    return p[P_SCALE] * q + p[P_OFFSET]
+
+
+@compiled(parallel=True)
+def replay_many(programs, constants, time, goal, on, temperature, starts, states, steps, out):
+    """Replay many units with many variants of the model, on all cores.
+
+    Args:
+        programs: (v, L), each padded with zeros.
+        constants: (v, u, K_SIZE).
+        time, goal, on, temperature: samples of all units one behind the other (n,).
+        starts: first sample of each unit, and the end of the last (u + 1,).
+        states: start of each unit (u, 2) [rad, rad/s].
+        steps: largest step of each variant (v,) [s].
+        out: (v, n, 4), filled as in :func:`replay`.
+    """
+    variants, units = constants.shape[0], constants.shape[1]
+    for task in numba.prange(variants * units):
+        v, u = task // units, task % units
+        a, b = starts[u], starts[u + 1]
+        program = programs[v].copy()
+        replay(
+            program,
+            constants[v, u],
+            time[a:b],
+            goal[a:b],
+            on[a:b],
+            temperature[a:b],
+            states[u, 0],
+            states[u, 1],
+            steps[v],
+            out[v, a:b],
+        )

@@ -1,0 +1,125 @@
+"""What the further columns of a log are worth beside the position.
+
+Duty, current and link position, each weighted by its own noise.
+
+Position alone cannot tell a late command from a late reading, or a weak motor from a heavy load; the duty and the
+current can. But a column may be in a wrong unit, unsigned or of another joint, and the model is never perfect: a
+channel counts only if
+the re-tuned nominal model roughly predicts it, and no more than its unpredictable part and a general doubt about
+calibration allow.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import replace
+
+import numpy as np
+
+from ..causes.catalogue import retunable
+from ..checks.signal import high_frequency_noise, quantisation_step
+from ..log.parts import FIT_A, FIT_B
+from ..replay.problem import Problem
+from .fit import fit
+
+AGREES = 0.8  # least correlation of a channel with what the re-tuned model predicts
+SLOPE = (0.5, 2.0)  # measured over predicted size: beyond it the column has another unit or another meaning
+FEWEST = 50  # groups of samples from which a channel can be judged
+LAG = 2.5e-4  # [s] by which a column may be later than the time stamp of its row: a period of a drive's loop, assumed
+DOUBT = 0.02  # calibration error of a column, as a share of its rms
+
+
+def weigh_channels(problem: Problem) -> Problem:
+    """The problem with a weight for each further channel that the model understands; others stay without.
+
+    Only the parts to fit on are looked at.
+    """
+    fitted = problem.part(FIT_A, FIT_B)
+    logged = [c for c in range(1, len(problem.channels)) if np.isfinite(fitted.measured[:, c]).mean() > 0.5]
+    if not logged:
+        return problem
+    tuned = fit(fitted, retunable(problem.models[0]))
+    simulated = tuned.simulated
+    late = _late_or_early(problem, tuned.values)
+    weight, trust = problem.weight.copy(), problem.trust.copy()
+    for c in logged:
+        if problem.channels[c] == "link_position":
+            weight[c] = 1.0 / _link_noise(fitted, c)
+            continue
+        measured, predicted = fitted.means(fitted.measured[:, c]), fitted.means(simulated[:, c])
+        good = np.isfinite(measured)
+        if good.sum() < FEWEST or not _agrees(measured[good], predicted[good]):
+            continue
+        noise, timing = _noise(measured, predicted)
+        if not np.isfinite(noise):
+            continue
+        weight[c] = 1.0 / noise
+        change = _change(problem.means(problem.measured[:, c]))
+        doubt = np.hypot(timing * np.nan_to_num(change), problem.means(late[:, c]))
+        share = noise / np.hypot(noise, doubt)
+        rows = np.flatnonzero(problem.group >= 0)
+        _, number = np.unique(problem.group[rows], return_inverse=True)
+        trust[rows, c] = share[number]
+    return replace(problem, weight=weight, trust=trust)
+
+
+def _late_or_early(problem: Problem, values: Mapping[str, float]) -> np.ndarray:
+    """How much the channels (n, 4) would differ at each sample if commands took effect a little sooner or later.
+
+    A drive reports what it set last. Where a command takes effect just as a sample is taken, that may be either.
+    """
+    nominal = problem.models[0].value("delay.seconds")
+    path = "delay.seconds*" if "delay.seconds*" in values else "delay.seconds"
+    here = values.get(path, nominal) * (nominal if path.endswith("*") else 1.0)
+    around = [here + LAG, max(here - LAG, 0.0)]
+    rows = [{**values, path: seconds / nominal if path.endswith("*") else seconds} for seconds in around]
+    later, sooner = problem.simulate(rows)
+    return (later - sooner) * LAG / (around[0] - around[1])
+
+
+def _agrees(measured: np.ndarray, predicted: np.ndarray) -> bool:
+    spread = measured.std() * predicted.std()
+    if spread == 0.0:
+        return False
+    correlation = float(np.mean((measured - measured.mean()) * (predicted - predicted.mean())) / spread)
+    return correlation > AGREES and SLOPE[0] < correlation * measured.std() / predicted.std() < SLOPE[1]
+
+
+def _change(means: np.ndarray) -> np.ndarray:
+    """Change of a channel per group, from its neighbours (g,)."""
+    step = np.abs(np.diff(means))
+    return np.maximum(np.append(step, 0.0), np.append(0.0, step))
+
+
+def _noise(measured: np.ndarray, predicted: np.ndarray) -> tuple[float, float]:
+    """Noise of the means of a channel at rest, and the timing error where it changes, in groups.
+
+    Both from second differences of the error, which a slow error of the model hardly enters. Infinite where gaps leave
+    too few of them.
+    """
+    error = measured - predicted
+    jump = np.abs(error[:-2] - 2.0 * error[1:-1] + error[2:]) / np.sqrt(6.0)
+    change = _change(measured)[1:-1]
+    good = np.isfinite(jump) & np.isfinite(change)
+    if good.sum() < FEWEST:
+        return np.inf, 0.0
+    jump, change = jump[good], change[good]
+    slow = change <= np.median(change)
+    noise = max(float(np.sqrt(np.mean(_trimmed(jump[slow]) ** 2))), DOUBT * float(np.nanstd(measured)), 1e-9)
+    fast = change >= np.quantile(change, 0.75)
+    timing = float(np.sqrt(np.mean(_trimmed(jump[fast]) ** 2) / max(np.mean(change[fast] ** 2), 1e-18)))
+    return noise, min(timing, 1.0)
+
+
+def _trimmed(values: np.ndarray) -> np.ndarray:
+    return values[values <= np.quantile(values, 0.98)]
+
+
+def _link_noise(problem: Problem, c: int) -> float:
+    noises = []
+    for a, b in zip(problem.starts[:-1], problem.starts[1:], strict=True):
+        time, values = problem.time[a:b], problem.measured[a:b, c]
+        good = np.isfinite(values)
+        step = quantisation_step(values[good])
+        noises.append(max(step / np.sqrt(12.0), high_frequency_noise(time[good], values[good])))
+    return float(max(np.median(noises), 1e-9))

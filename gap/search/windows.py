@@ -1,0 +1,87 @@
+"""Pieces of a second in place of whole runs, where a model is so far off that errors grow along a run.
+
+A joint that should have slipped and stuck instead runs the rest of a free replay elsewhere. The squared error of such a
+replay has many minima, and where a fit ends says more about its start than about the joint. Replays that begin anew
+from the measured state every second have few (multiple shooting). What is found so is still judged on whole runs.
+"""
+
+from __future__ import annotations
+
+import itertools
+from collections.abc import Sequence
+from dataclasses import replace
+
+import numpy as np
+
+from ..log.parts import FIT_A, FIT_B, LEAST_START, Unit, state_at
+from ..replay.joint_model import K_COUPLED
+from ..replay.parameters import Parameter
+from ..replay.problem import Problem
+from .fit import fit
+
+WINDOW = 1.0  # [s]
+SHORTEST = 0.5  # [s] what is left at the end of a run, if shorter, belongs to the window before
+FAR = 20.0  # noise floors of rms error that re-tuning leaves, from which errors grow along a run
+
+
+def in_windows(problem: Problem, tuned: Sequence[Parameter]) -> Problem:
+    """The same data in windows, where that serves better than whole runs.
+
+    It does not where the model comes near the data with its numbers ``tuned``, nor where the first state of a window
+    is not measured: with something that gives way between motor and encoder, or with an integrator.
+
+    Args:
+        problem: of a free joint.
+        tuned: what re-tuning may turn.
+    """
+    if any(_hidden_state(problem, run) for run in range(len(problem.models))):
+        return problem
+    part = problem.part(FIT_A, FIT_B)
+    if not _far(part, part.simulate([{}])[0]) or not _far(part, fit(part, tuned).simulated):
+        return problem
+    return split(problem)
+
+
+def _far(part: Problem, simulated: np.ndarray) -> bool:
+    return float(np.sqrt(np.mean(part.position_error(simulated) ** 2))) > FAR * part.noise
+
+
+def window_starts(time: np.ndarray, window: float = WINDOW) -> np.ndarray:
+    """First sample of each window of a run, from its times (n,) [s]."""
+    return np.searchsorted(time, np.arange(time[0], time[-1] - SHORTEST, window))
+
+
+def split(problem: Problem, window: float = WINDOW) -> Problem:
+    """Cut every unit into windows, each judged from :data:`sealegs.gap.log.parts.LEAST_START` after its start on.
+
+    The first one is judged from where the unit was.
+    """
+    units: list[Unit] = []
+    starts: list[int] = []
+    judged = problem.judged.copy()
+    group = problem.group.copy()
+    for unit, first, end in zip(problem.units, problem.starts[:-1], problem.starts[1:], strict=True):
+        time, position = problem.time[first:end], problem.measured[first:end, 0]
+        cuts = [*(int(k) for k in window_starts(time, window)), end - first]
+        for a, b in itertools.pairwise(cuts):
+            lead = int(np.searchsorted(time, time[a] + LEAST_START)) if a > 0 else unit.judged
+            judged[first + a : first + lead] = False
+            group[first + a : first + lead] = -1
+            state = state_at(time, position, a) if a > 0 else unit.state
+            units.append(Unit(unit.run, unit.part, unit.start + a, unit.start + b, max(lead - a, 1), state))
+            starts.append(int(first) + a)
+    return replace(
+        problem,
+        units=tuple(units),
+        starts=np.array([*starts, problem.starts[-1]]),
+        states=np.array([unit.state for unit in units]),
+        judged=judged,
+        group=group,
+    )
+
+
+def _hidden_state(problem: Problem, run: int) -> bool:
+    model = problem.models[run]
+    constants = model.constants(problem.params[run], model.chain.program())
+    integral = model.chain.find("position_pi")
+    return bool(constants[K_COUPLED] > 0.0 or (integral is not None and integral.parameters()["integral"] > 0.0))

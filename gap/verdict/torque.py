@@ -1,0 +1,150 @@
+"""Logs without commands: logged torque against the torque that the motion needs.
+
+Both come from :mod:`sealegs.gap.checks.torque_balance`.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+
+from ...actuators.chain import load_chain
+from ..checks.torque_balance import AT_ONCE, STEP, WINDOW, torque_balance, torque_shift
+from ..log.finding import Finding
+from ..log.parts import held_out
+from ..log.types import LogError, MeasuredRun
+from ..replay.joint_model import PendulumLoad, bench_parameters
+from .verdict import EXPLAINED, NOTHING, PARTLY, Error, JointDiagnosis, NamedCause, Value
+
+NUMBERS = ("inertia [kg.m2]", "gravity torque [N.m]", "coulomb [N.m]", "viscous [N.m.s/rad]", "offset [N.m]")
+
+
+def diagnose_torque(
+    runs: Sequence[MeasuredRun], joint: str, findings: tuple[Finding, ...], test_group: str | None = None
+) -> JointDiagnosis:
+    """Diagnose a torque-driven log of a bench.
+
+    The nominal model gives the torque from sidecar and chain; re-tuning fits inertia, gravity, dry and viscous friction
+    and offset; the extension shifts the torque column in time. All are judged on blocks that neither a fit nor the
+    choice of the shift has seen: those of the test group, or every other second. Runs without torque are left out.
+
+    Args:
+        runs: of one machine.
+        joint: that is judged.
+        findings: about its log.
+        test_group: group of runs to keep for the test.
+
+    Raises:
+        LogError: the runs are too short or have no torque, or the test group does not exist.
+    """
+    findings = tuple(
+        f for f in findings if not (f.cause == "sensor.delay" and f.column and f.column.endswith("torque"))
+    )  # judged here, by the same balance
+    held = held_out(runs, test_group)
+    logs = {k: (run.time, run.joints[joint].position, run.joints[joint].torque) for k, run in enumerate(runs)}
+    logs = {k: (time, position, torque) for k, (time, position, torque) in logs.items() if torque is not None}
+    if not logs:
+        raise LogError(f"joint '{joint}': no run has a goal or a torque that can be used; record one of them.")
+    models = {k: _nominal(runs[k], joint) for k in logs}
+    balance = torque_balance(list(logs.values()), [(inertia, gravity) for inertia, gravity, *_ in models.values()])
+    if balance is None:
+        raise LogError(f"joint '{joint}': a torque log of a second or more is needed; these are shorter.")
+    test = np.isin(balance.run, [n for n, k in enumerate(logs) if k in held]) if held else (balance.block // 2) % 2 == 1
+    if test.all() or not test.any():
+        use = "fit" if test.all() else "test"
+        group = f" with the group '{test_group}' held out" if held else ""
+        raise LogError(f"joint '{joint}': no torque is left to {use} on{group}; record more runs or longer ones.")
+    terms, torques = balance.terms, balance.torques
+    fitted = balance.only(~test)
+    first = next(iter(models.values()))
+    nominal = np.array([1.0, 1.0, *first[2:]])
+    believed = np.array([*first[:2], 1.0, 1.0, 1.0])
+    errors = {"nominal": _error(terms[test] @ nominal - torques[test, AT_ONCE])}
+    errors["retuned"] = _error(terms[test] @ fitted.fit(AT_ONCE) - torques[test, AT_ONCE])
+    found = torque_shift(fitted)
+    extended = fitted.fit(found.index)
+    errors["extended"] = _error(terms[test] @ extended - torques[test, found.index])
+    errors["noise_floor"] = Error(_noise(runs, joint), _noise(runs, joint) * 0.8)
+
+    shift, same_side = found.seconds, found.same_side
+    low, high = found.size
+    gain = 1.0 - errors["extended"].rmse / errors["retuned"].rmse
+    causes: tuple[NamedCause, ...] = ()
+    excess = max(errors["nominal"].rmse ** 2 - errors["noise_floor"].rmse ** 2, 1e-12)
+    left = float(np.clip((errors["extended"].rmse ** 2 - errors["noise_floor"].rmse ** 2) / excess, 0.0, 1.0))
+    seen = [
+        _error(terms[~test] @ values - torques[~test, at]).rmse
+        for values, at in ((fitted.fit(AT_ONCE), AT_ONCE), (extended, found.index))
+    ]  # the test part measures the gain and has no say in what is named
+    if same_side > 0.9 and seen[1] < 0.995 * seen[0] and abs(shift) >= 2 * STEP:
+        way = "leads" if shift > 0 else "lags behind"
+        sentence = (
+            f"The torque column {way} the motion columns by {1e3 * abs(shift):.0f} ms: torque and motion were not read "
+            "at the same time."
+        )
+        value = Value(abs(shift), low, high, "s", 0.0)
+        share = max((errors["retuned"].rmse ** 2 - errors["extended"].rmse ** 2) / excess, 0.0)
+        causes = (
+            NamedCause(
+                "sensor.delay", sentence, joint, share, same_side, {"torque.delay": value}, gain, "data", "response"
+            ),
+        )
+    verdict = (EXPLAINED if left < 0.15 else PARTLY) if causes else NOTHING if left < 0.05 else PARTLY
+    names = (
+        causes[0].sentence
+        if causes
+        else "Re-tuned inertia, gravity and friction leave no shift between torque and motion."
+    )
+    change = (
+        f"The torque that the motion needs differs from the logged one by {errors['nominal'].rmse:.2f} N.m with the "
+        f"sidecar's numbers, {errors['retuned'].rmse:.2f} re-tuned, {errors['extended'].rmse:.2f} N.m with the shift "
+        "(held-out blocks)."
+    )
+    numbers: dict[str, float] = {key: float(value) for key, value in zip(NUMBERS, believed * extended, strict=True)}
+    return JointDiagnosis(
+        joint,
+        verdict,
+        f"{names} {change}",
+        f"{joint}.torque",
+        "N.m",
+        errors,
+        causes,
+        left,
+        (),
+        None,
+        findings,
+        retuned=numbers,
+    )
+
+
+def _nominal(run: MeasuredRun, joint: str) -> list[float]:
+    """Inertia [kg.m2], gravity torque [N.m], coulomb [N.m], viscous [N.m.s/rad] and offset [N.m].
+
+    A torque-driven log need not name an actuator; without one, nothing is believed of friction and armature.
+    """
+    load, params = PendulumLoad(), bench_parameters(run.robot_params, run.name)
+    chain = load_chain(run.actuators[joint]) if joint in run.actuators else None
+    friction = chain.find("friction") if chain else None
+    dry, viscous = (friction.coulomb, friction.viscous) if friction else (0.0, 0.0)
+    inertia = load.inertia(params) + (chain.armature() if chain else 0.0)
+    return [inertia, load.gravity_torque(params), dry, viscous, 0.0]
+
+
+def _noise(runs: Sequence[MeasuredRun], joint: str) -> float:
+    """Noise of the torque column after averaging [N.m], from differences of neighbouring samples."""
+    values = []
+    for run in runs:
+        torque = run.joints[joint].torque
+        if torque is not None and len(torque) > 3:
+            jumps = np.diff(torque, 2)
+            jumps = jumps[np.isfinite(jumps)]
+            if len(jumps):
+                values.append(
+                    np.median(np.abs(jumps)) / 0.6745 / np.sqrt(6.0) / np.sqrt(max(WINDOW / run.period / 2.0, 1.0))
+                )
+    return float(np.median(values)) if values else 0.0
+
+
+def _error(error: np.ndarray) -> Error:
+    return Error(float(np.sqrt(np.mean(error**2))), float(np.mean(np.abs(error))))

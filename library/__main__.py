@@ -1,0 +1,8 @@
+"""``python -m sealegs``: the same as the command ``sealegs``."""
+
+import sys
+
+from sealegs.cli import main
+
+if __name__ == "__main__":
+    sys.exit(main())

@@ -1,0 +1,44 @@
+"""The command ``sealegs``: one word for each job, the same that the scripts of a checkout do."""
+
+from __future__ import annotations
+
+import importlib
+import sys
+from collections.abc import Sequence
+
+from sealegs.actuators.errors import nearest
+from sealegs.configs.script import BAD_INPUT, run
+
+COMMANDS = {
+    "train": ("sealegs.commands.train", "train", "learn a policy"),
+    "diagnose": ("sealegs.commands.diagnose", "diagnose", "explain a gap from measured logs"),
+    "deploy": ("sealegs.commands.deploy", "deploy", "run a policy or an excitation on servos, real or virtual"),
+    "evaluate": ("sealegs.commands.evaluate", "evaluate", "compare models, machine and published figures"),
+    "loop": ("sealegs.commands.loop", "loop", "measure, diagnose, extend, train, deploy and compare"),
+    "watch": ("sealegs.commands.watch", "watch", "film a policy"),
+    "characterize": ("sealegs.commands.characterize", "characterize", "fit a servo's torque from a brake bench"),
+    "train-net": ("sealegs.commands.train_net", "train_net", "train an actuator net from logs"),
+    "scan": ("sealegs.hw.scan", "scan", "which servos are on a bus"),
+    "calibrate": ("sealegs.hw.calibration", "calibrate", "zero, direction and range of each joint"),
+    "virtual": ("sealegs.hw.virtual.__main__", "virtual", "serve a virtual bus of servos"),
+    "demo": ("sealegs.commands.demo", "demo", "the main job once, without hardware"),
+}
+"""By word: module with ``main(arguments)``, name of its config file, what it does."""
+
+
+def main(arguments: Sequence[str] | None = None) -> int:
+    """Run one command; returns the exit status: 0, 2 for wrong input, 130 for Ctrl-C."""
+    words = list(sys.argv[1:] if arguments is None else arguments)
+    if not words or words[0] in ("-h", "--help"):
+        width = max(map(len, COMMANDS))
+        print("Usage: sealegs <command> key=value ...    sealegs <command> --help\n")
+        print("\n".join(f"  {word:{width}s}  {text}" for word, (_, _, text) in COMMANDS.items()))
+        return 0 if words else BAD_INPUT
+    word, *rest = words
+    if word not in COMMANDS:
+        known = ", ".join(COMMANDS)
+        print(f"There is no command '{word}'{nearest(word, COMMANDS)}; there are {known}.", file=sys.stderr)
+        return BAD_INPUT
+    module_name, config, _ = COMMANDS[word]
+    module = importlib.import_module(module_name)
+    return run(module.main, config, module.__doc__ or "", rest)

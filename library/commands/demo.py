@@ -1,0 +1,111 @@
+"""The main job, once: from a measured log to a hopper that is trained on what was found in it.
+
+    python demo.py            under 10 minutes on two cores
+    python demo.py seed=1     another hidden effect
+
+A virtual bench stands in for hardware: it measures the hopper's servo, which hides an effect that its model lacks. The
+log is diagnosed; the hopper learns once on the servo as it was believed to be and once on the extended one; and both
+policies are tried on the extended one.
+"""
+
+from __future__ import annotations
+
+import datetime
+import json
+import time
+from pathlib import Path
+
+import numpy as np
+from sealegs.actuators.errors import SealegsError
+
+SERVO = "sv1270tg"
+# What the bench may hide, by the parameter that shows it: name of the cause, and range that the size is drawn from.
+HIDDEN = {
+    "delay.seconds": ("drive.delay", 0.015, 0.030),
+    "friction.load": ("friction.load_dependent", 0.06, 0.12),
+    "friction.coulomb": ("friction.coulomb", 0.05, 0.12),
+}
+
+
+def main(arguments: list[str]) -> None:
+    """Run the whole loop into one folder."""
+    from sealegs.agents.cross_evaluation import mean_reward  # here, so that --help does not wait for torch
+    from sealegs.configs.check import checked
+    from sealegs.configs.compose import compose, split
+
+    config = compose("demo", split(arguments, plain=("out",)))
+    seed = checked("seed", config["seed"], int)
+    steps = checked("total_timesteps", config["total_timesteps"], int)
+    out = Path(checked("out", config["out"] or f"runs/demo-{datetime.datetime.now():%Y%m%d-%H%M%S}", str))
+    if seed < 0 or steps < 1:
+        raise SealegsError("seed must be at least 0, and total_timesteps at least 1.")
+    if out.exists():
+        raise SealegsError(f"{out} exists, and nothing is overwritten: give another folder, out=<folder>.")
+    started = time.monotonic()
+
+    path, (cause, low, high) = list(HIDDEN.items())[seed % len(HIDDEN)]
+    size = float(np.random.default_rng(seed).uniform(low, high))
+    measure(out / "log", {path: size}, seed)
+    extended = diagnose(out / "log", out / "diagnosis", seed)
+    runs = {}
+    for name, actuator in (("nominal", SERVO), ("extended", str(extended))):
+        runs[name] = train(actuator, out, name, steps, seed)
+
+    heading("What came of it")
+    print(f"  Hidden in the servo: {cause}, {path} = {size:.4g}")
+    print(f"  Found              : {found(out / 'diagnosis' / 'diagnosis.json')}")
+    print("  Mean episode reward on the extended servo, of the policy that was trained on the")
+    for name, folder in runs.items():
+        print(f"    {name} one: {mean_reward(folder / 'final', str(extended)):.0f}")
+    print(f"\n  Report       {out / 'diagnosis' / 'report.html'}")
+    print(f"  Pictures     {out / 'diagnosis' / 'pictures'}")
+    for name, folder in runs.items():
+        print(f"  Film         {folder / 'video.mp4'}  ({name})")
+    print(f"  TensorBoard  .venv/bin/tensorboard --logdir {out}")
+    print(f"  {time.monotonic() - started:.0f} s in all.")
+
+
+def heading(text: str) -> None:
+    """Title of a step."""
+    print(f"\n== {text}", flush=True)
+
+
+def measure(log: Path, hidden: dict[str, float], seed: int) -> None:
+    """Record the servo on the virtual bench."""
+    from sealegs.gap.virtual.bench import record
+
+    heading(f"Measuring a {SERVO} on the virtual bench")
+    files = record(log, SERVO, hidden, seed)
+    print(f"  {len(files)} runs in {log}")
+
+
+def diagnose(log: Path, out: Path, seed: int) -> Path:
+    """Explain the log; returns the chain to train on, the nominal one's name where nothing was found."""
+    from sealegs.commands import diagnose as script
+
+    arguments = [f"log={log}", f"out={out}", f"seed={seed}"]
+    heading(f"python diagnose.py {' '.join(arguments)}")
+    script.main(arguments)
+    extended = out / "extended.yaml"
+    return extended if extended.is_file() else Path(SERVO)
+
+
+def found(file: Path) -> str:
+    """Causes that a diagnosis names, with their parameters."""
+    diagnosis = json.loads(file.read_text())
+    causes = [
+        ", ".join([cause["name"], *(f"{path} = {number['value']:.4g}" for path, number in cause["parameters"].items())])
+        for cause in diagnosis["causes"]
+    ]
+    return "; ".join(causes) or diagnosis["verdict"]
+
+
+def train(actuator: str, out: Path, name: str, steps: int, seed: int) -> Path:
+    """Train the hopper; returns the run folder."""
+    from sealegs.commands import train as script
+
+    arguments = ["env=hopper", f"actuator={actuator}", f"out={out}", f"name={name}", f"seed={seed}"]
+    arguments += [f"total_timesteps={steps}", "video.seconds=6"]
+    heading(f"python train.py {' '.join(arguments)}")
+    script.main(arguments)
+    return out / name

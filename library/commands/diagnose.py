@@ -1,0 +1,176 @@
+"""Explain a gap: from measured logs to what the simulation gets wrong, why, and a model that has it right.
+
+    python diagnose.py log=logs/today out=diagnosis
+    python diagnose.py log=logs/xl330 test=kp400          keep the runs of that group for the final measurement
+    python diagnose.py log=logs/fleet fleet=true          a folder of logs for each servo, and a table over all of them
+    python train.py actuator=diagnosis/extended.yaml      train on the extended model
+
+A log is a CSV or Parquet file with a YAML beside it (docs/log-format.md); a folder of them is one data set. Written
+are diagnosis.json, report.html (one page to send), pictures, the extended chain and MJCF, and the next experiment
+where one helps. A fleet gets a folder like that for each servo, fleet.html and fleet.csv; stopped, it goes on with the
+same command.
+"""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Sequence
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from sealegs.actuators.errors import SealegsError
+from sealegs.configs.script import Interrupted
+
+if TYPE_CHECKING:
+    from rich.console import Console
+    from sealegs.gap.verdict.verdict import JointDiagnosis
+
+
+def main(arguments: list[str]) -> None:
+    """Diagnose the log that the command line names."""
+    from sealegs.configs.compose import compose, split  # here, so that --help does not wait for the compiled laws
+
+    config = compose("diagnose", split(arguments, plain=("log", "out", "test")))
+    if config["log"] is None:
+        raise SealegsError(
+            "log=<file or folder> is missing: name the measured log (docs/log-format.md), or try make demo."
+        )
+    if isinstance(config["seed"], bool) or not isinstance(config["seed"], int) or config["seed"] < 0:
+        raise SealegsError(f"seed={config['seed']} must be a whole number from 0.")
+    if config["fleet"] not in (True, False, "ray"):
+        raise SealegsError(f"fleet={config['fleet']} must be true (this machine), ray (a Ray cluster) or false.")
+    workers = config["workers"]
+    if workers is not None and (isinstance(workers, bool) or not isinstance(workers, int) or workers < 1):
+        raise SealegsError(f"workers={workers} must be a whole number from 1.")
+    log = Path(str(config["log"]))
+    stamp = time.strftime("%Y%m%d-%H%M%S")
+    out = Path(str(config["out"])) if config["out"] is not None else Path("diagnoses") / f"{log.stem}-{stamp}"
+    settings = {
+        "test": None if config["test"] is None else str(config["test"]),
+        "seed": int(config["seed"]),
+        "limits": _limits(config["limits"]),
+        "speed_limit": _speed(config["speed_limit"]),
+    }
+    if config["fleet"]:
+        diagnose_fleet(log, out, settings, workers, config["fleet"] == "ray")
+    else:
+        diagnose_one(log, out, settings)
+
+
+def _limits(value: Any) -> list[float] | None:
+    if value is None:
+        return None
+    numbers = (
+        [x for x in value if isinstance(x, int | float) and not isinstance(x, bool)] if list is type(value) else []
+    )
+    if len(numbers) != 2 or not numbers[0] < numbers[1]:
+        raise SealegsError(f"limits={value} must be two angles [rad], the lower one first, such as limits=[-1.2,1.2].")
+    return [float(x) for x in numbers]
+
+
+def _speed(value: Any) -> float | None:
+    if value is None:
+        return None
+    if isinstance(value, bool) or not isinstance(value, int | float) or not value > 0.0:
+        raise SealegsError(f"speed_limit={value} must be a speed above zero [rad/s].")
+    return float(value)
+
+
+# --- one data set --------------------------------------------------------------------------------------------------
+
+
+def diagnose_one(log: Path, out: Path, settings: dict[str, Any]) -> None:
+    """Diagnose one data set and print what was found."""
+    from rich.console import Console
+    from sealegs.gap.fleet.jobs import diagnose_folder
+    from sealegs.gap.verdict.verdict import UNUSABLE
+
+    console = Console()
+    with console.status("reading") as status:
+        started = time.perf_counter()
+
+        def progress(text: str) -> None:
+            status.update(f"{text}  ({time.perf_counter() - started:.0f} s)")
+            if text.startswith("found") or not console.is_terminal:  # a file or a pipe shows no status line
+                console.print(f"  {time.perf_counter() - started:5.0f} s  {text}", highlight=False)
+
+        diagnoses, written = diagnose_folder(log, out, progress, **settings)
+    unusable = [diagnosis for diagnosis in diagnoses if diagnosis.verdict == UNUSABLE]
+    if unusable:
+        raise SealegsError(f"{unusable[0].sentence} The findings are in {out}; give another out= for the next try.")
+    _print(diagnoses, written, console)
+
+
+def _print(diagnoses: Sequence[JointDiagnosis], written: dict[str, Path], console: Console) -> None:
+    for diagnosis in diagnoses:
+        console.print(f"\n[bold]{diagnosis.verdict}[/bold]  {diagnosis.sentence}", highlight=False)
+        for cause in diagnosis.causes:
+            values = ", ".join(
+                f"{path} = {v.value:.4g} [{v.low:.4g}, {v.high:.4g}] {v.unit}" for path, v in cause.parameters.items()
+            )
+            console.print(
+                f"  {cause.name:32s} share {100 * cause.share:3.0f} %  confidence {cause.confidence:.2f}  {values}",
+                highlight=False,
+                markup=False,
+            )
+        if diagnosis.experiment is not None:
+            console.print(f"  next: {diagnosis.experiment.sentence}", highlight=False, markup=False)
+    console.print()
+    width = max(len(name) for name in written)
+    for name, path in written.items():
+        console.print(f"  {name:{width}s}  {path}", highlight=False, markup=False)
+
+
+# --- a fleet -------------------------------------------------------------------------------------------------------
+
+
+def diagnose_fleet(log: Path, out: Path, settings: dict[str, Any], workers: int | None, cluster: bool) -> None:
+    """Diagnose every folder in a folder, and print which servos share a cause."""
+    from rich.console import Console
+    from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeElapsedColumn
+    from rich.table import Table
+    from sealegs.gap.fleet import diagnose_fleet, find_jobs, rows_of, shared_causes, write_table
+
+    jobs = find_jobs(log, out, settings)
+    out.mkdir(parents=True, exist_ok=True)
+    console = Console()
+    outcomes = []
+    columns = (TextColumn("{task.description}"), BarColumn(), MofNCompleteColumn(), TimeElapsedColumn())
+    doing: dict[str, str] = {}
+    try:
+        with Progress(*columns, console=console, transient=True) as bar:
+            task = bar.add_task("diagnosing", total=len(jobs))
+
+            def report(name: str, text: str) -> None:
+                doing[name] = text
+                bar.update(task, description="  ".join(f"{name}: {text[:40]}" for name, text in doing.items()))
+
+            for outcome in diagnose_fleet(jobs, workers, cluster, report):
+                outcomes.append(outcome)
+                doing.pop(outcome.name, None)
+                said = outcome.error or ("kept" if outcome.kept else outcome.document["verdict"])  # type: ignore[index]
+                bar.console.print(f"  {outcome.name}: {said}", highlight=False, markup=False, soft_wrap=True)
+                bar.advance(task)
+    except KeyboardInterrupt:
+        kept = sum(outcome.document is not None for outcome in outcomes)
+        raise Interrupted(
+            f"Stopped; {kept} of {len(jobs)} servos are kept in {out}. Go on with the same command and out={out}."
+        ) from None
+    rows = rows_of(outcomes)
+    shared = shared_causes(rows)
+    write_table(rows, out / "fleet.csv")
+    from sealegs.gap.fleet.page import write_page
+
+    written = write_page(rows, shared, out, log.resolve().name)
+    table = Table("servo", "verdict", "causes (share of the gap)", box=None, pad_edge=False)
+    for row in rows:
+        causes = ", ".join(f"{cause['name']} {100 * cause['share']:.0f} %" for cause in row.causes)
+        table.add_row(row.servo, row.verdict, causes or row.sentence)
+    console.print(table, highlight=False, markup=False)
+    console.print()
+    for cause in shared:
+        console.print(f"  {cause.sentence}", highlight=False, markup=False, soft_wrap=True)
+    for path in (written["page"], out / "fleet.csv"):
+        console.print(f"  {path}", highlight=False, markup=False)
+    if all(row.failed for row in rows):
+        raise SealegsError(f"None of the {len(rows)} servos could be diagnosed: {rows[0].sentence}")

@@ -1,0 +1,228 @@
+"""The whole loop in one command: excite, log, diagnose, extend, train, deploy, compare.
+
+    python loop.py                                a virtual machine that hides an effect
+    python loop.py out=runs/loop-1                go on with it after a stop, a crash or a kill
+    python loop.py hw=feetech port=/dev/ttyUSB0   the same on real servos
+
+The machine is measured; the log is diagnosed; a policy learns on the servos as they were believed to be and one on the
+extended model; both run on the machine and in both models. What came of it is the gap before and after, printed, and
+drawn into gap.png. Each step is one of the other scripts, and its command is printed.
+"""
+
+from __future__ import annotations
+
+import datetime
+import json
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any
+
+import yaml
+from sealegs.actuators.errors import SealegsError
+from sealegs.configs.script import Interrupted
+
+
+def main(arguments: list[str]) -> None:
+    """Run every step that is not done yet."""
+    from sealegs.configs.check import checked, checked_seed
+    from sealegs.configs.compose import compose, split
+
+    config = compose("loop", split(arguments, plain=("out", "port", "calibration")))
+    seed = checked_seed(config["seed"])
+    steps = checked("total_timesteps", config["total_timesteps"], int)
+    out = Path(str(config["out"] or f"runs/loop-{datetime.datetime.now():%Y%m%d-%H%M%S}"))
+    out.mkdir(parents=True, exist_ok=True)
+    keep(out / "loop.yaml", {key: value for key, value in config.items() if key != "out"})
+    machine = machine_arguments(config, out)
+
+    try:
+        measure(config, out, machine, seed)
+        extended = diagnose(config, out, machine, seed)
+        models = {"nominal": str(config["robot"]["actuator"])} | ({"extended": str(extended)} if extended else {})
+        pages = {}
+        for name, chain in models.items():
+            train(config, out, name, chain, steps, seed)
+            pages[name] = compare(config, out, name, extended, machine, seed)
+    except (Interrupted, KeyboardInterrupt) as stop:
+        others = [argument for argument in arguments if not argument.startswith("out=")]
+        command = " ".join([".venv/bin/python loop.py", f"out={out}", *others])
+        raise Interrupted(f"{str(stop) or 'Stopped.'} The loop goes on with: {command}") from stop
+    tell(out, pages)
+
+
+def machine_arguments(config: Mapping[str, Any], out: Path) -> list[str]:
+    """Arguments by which the other scripts reach the machine."""
+    shared = [f"robot={config['robot']['name']}", "live=false"]
+    if config["calibration"] is not None:
+        shared.append(f"calibration={config['calibration']}")
+    shared += [f"robot.safety.{key}={value}" for key, value in config["robot"]["safety"].items()]
+    shared += [f"hw.timeout={config['hw']['timeout']}", f"silence={config['silence']}"]
+    if config["hw"]["virtual"] is None:
+        return [*shared, "hw=feetech", f"port={config['port']}"]
+    hidden = out / "hidden.yaml"
+    if not hidden.exists():
+        hidden.write_text(yaml.safe_dump(dict(config["hidden"] or {})))
+    clock = "stepped" if config["stepped"] else "real"
+    return [*shared, "hw=virtual", f"hw.virtual.hidden={hidden.resolve()}", f"hw.virtual.time={clock}"]
+
+
+def measure(config: Mapping[str, Any], out: Path, machine: list[str], seed: int) -> None:
+    """Run each excitation with each load that has no complete log yet."""
+    for number, load in enumerate(config["loads"]):
+        todo = [word for word in config["excitations"] if not complete(out, f"load{number}_{word}")]
+        if todo and config["hw"]["virtual"] is None:
+            put_on(f"load {number + 1}", load)
+        for word in todo:
+            excite(config, out, machine, f"load{number}_{word}", word, load, seed + number)
+
+
+def put_on(name: str, load: Mapping[str, float]) -> None:
+    """Ask for a load and wait for it.
+
+    Raises:
+        SealegsError: nobody can answer.
+    """
+    said = ", ".join(f"{key} {value:g}" for key, value in load.items())
+    try:
+        input(f"\nPut on {name} ({said}) and press Enter. ")
+    except EOFError:
+        raise SealegsError(
+            "the load must be changed by a person, and there is no terminal; run loop.py in one."
+        ) from None
+
+
+def excite(
+    config: Mapping[str, Any], out: Path, machine: list[str], name: str, word: str, load: Mapping[str, float], seed: int
+) -> None:
+    """One excitation; its log is ``out/log/<name>.csv``."""
+    from sealegs.commands import deploy as script
+
+    params = ",".join(f"{key}:{value}" for key, value in load.items())
+    arguments = [f"excitation={word}", f"out={out / 'log'}", f"name={name}", f"robot.params={{{params}}}"]
+    arguments += [f"rate={config['rate']}", f"reach={config['reach']}", f"seed={seed}", *machine]
+    heading(f"python deploy.py {' '.join(arguments)}")
+    script.main(arguments)
+
+
+def complete(out: Path, name: str) -> bool:
+    """Whether a log is there and whole; one that a stop cut short is put aside."""
+    from sealegs.hw.measured_log import read_events
+
+    log = out / "log" / f"{name}.csv"
+    if not log.exists():
+        return False
+    if any(event["event"] == "end" and event["ending"] == "finished" for event in read_events(log)):
+        return True
+    aside = out / "unfinished"
+    aside.mkdir(exist_ok=True)
+    stamp = datetime.datetime.now().strftime("%H%M%S")
+    for ending in (".csv", ".yaml", ".events.jsonl"):
+        if (part := out / "log" / f"{name}{ending}").exists():
+            part.rename(aside / f"{name}-{stamp}{ending}")
+    return False
+
+
+def diagnose(config: Mapping[str, Any], out: Path, machine: list[str], seed: int) -> Path | None:
+    """Explain the log, measuring further where that is proposed; the extended chain, None where there is none."""
+    from sealegs.commands import diagnose as script
+    from sealegs.gap.log.sidecar import read_sidecar
+
+    folder = out / "diagnosis"
+    for further in range(int(config["further"]) + 1):
+        folder = out / ("diagnosis" if further == 0 else f"diagnosis-{further + 1}")
+        if not (folder / "diagnosis.json").exists():
+            put_aside(folder, out)
+            arguments = [f"log={out / 'log'}", f"out={folder}", f"seed={seed}"]
+            heading(f"python diagnose.py {' '.join(arguments)}")
+            script.main(arguments)
+        proposal = folder / "next_experiment.csv"
+        if not proposal.exists() or further == int(config["further"]):
+            break
+        if not complete(out, f"further{further}"):
+            load = read_sidecar(proposal).robot_params
+            if config["hw"]["virtual"] is None:
+                put_on("the load of the proposed experiment", load)
+            excite(config, out, machine, f"further{further}", str(proposal), load, seed)
+    extended = folder / "extended.yaml"
+    return extended if extended.exists() else None
+
+
+def train(config: Mapping[str, Any], out: Path, name: str, actuator: str, steps: int, seed: int) -> None:
+    """Train on a model, or go on with it."""
+    from sealegs.commands import train as script
+
+    folder = out / f"policy-{name}"
+    if (folder / "final" / "policy.onnx").exists():
+        return
+    if (folder / "config.yaml").exists():
+        arguments = [f"resume={folder}"]
+    else:
+        put_aside(folder, out)
+        arguments = [f"env={config['robot']['name']}", f"actuator={actuator}", f"out={out}", f"name={folder.name}"]
+        arguments += [f"seed={seed}", f"total_timesteps={steps}", "video.seconds=0"]
+        arguments.append(f"env.energy_weight={config['energy_weight']}")
+    heading(f"python train.py {' '.join(arguments)}")
+    script.main(arguments)
+
+
+def compare(
+    config: Mapping[str, Any], out: Path, name: str, extended: Path | None, machine: list[str], seed: int
+) -> Path:
+    """Run a policy in all models and on the machine; the folder of the comparison."""
+    from sealegs.commands import evaluate as script
+
+    folder = out / f"comparison-{name}"
+    if not (folder / "comparison.json").exists():
+        put_aside(folder, out)
+        arguments = [f"policy={out / f'policy-{name}' / 'final'}", f"out={folder}", f"seconds={config['seconds']}"]
+        arguments += [f"seed={seed}", *machine] + ([f"extended={extended}"] if extended else [])
+        heading(f"python evaluate.py {' '.join(arguments)}")
+        script.main(arguments)
+    return folder
+
+
+def put_aside(folder: Path, out: Path) -> None:
+    """Move what a stop left unfinished out of the way."""
+    if folder.exists():
+        aside = out / "unfinished"
+        aside.mkdir(exist_ok=True)
+        folder.rename(aside / f"{folder.name}-{datetime.datetime.now():%H%M%S}")
+
+
+def keep(file: Path, config: Mapping[str, Any]) -> None:
+    """Write down what the loop runs with; going on with other values is refused."""
+    if not file.exists():
+        file.write_text(yaml.safe_dump(dict(config), sort_keys=False))
+        return
+    kept = yaml.safe_load(file.read_text())
+    for key, value in config.items():
+        if kept.get(key) != value:
+            raise SealegsError(
+                f"{file.parent} was begun with {key}={kept.get(key)}, and now it is {value}; give another out=<folder>."
+            )
+
+
+def tell(out: Path, folders: Mapping[str, Path]) -> None:
+    """Print and draw the gap before and after."""
+    from sealegs.hw.comparison_picture import draw_gap
+
+    documents = {name: json.loads((folder / "comparison.json").read_text()) for name, folder in folders.items()}
+    heading("What came of it")
+    for name, document in documents.items():
+        figures = document["figures"]
+        gaps = [f"{1e3 * figures[m]['same_goals']:.1f} mrad in the {m} model" for m in figures if m != "machine"]
+        print(f"  Policy trained on the {name} model: {figures['machine']['reward']:.1f} of reward a second there;")
+        print(f"    the machine is off by {', by '.join(gaps)}.")
+    if "extended" not in folders:
+        print("  The diagnosis found nothing to extend the model by.")
+    picture = out / "gap.png"
+    if not picture.exists():
+        draw_gap(documents, picture)
+    print(f"  Picture      {picture}")
+    for name, folder in folders.items():
+        print(f"  Page         {folder / 'comparison.html'}  (policy of the {name} model)")
+
+
+def heading(text: str) -> None:
+    """Title of a step."""
+    print(f"\n== {text}", flush=True)
