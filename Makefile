@@ -4,7 +4,7 @@ VENV := .venv
 PY := $(VENV)/bin/python
 INSTALLED := $(VENV)/.installed
 LINKS := $(VENV)/types/sealegs
-EXTRAS := train report hw dev
+EXTRAS := train report hw docs dev
 
 # Headless drawing. MuJoCo on macOS has one way to draw and takes no choice.
 ifeq ($(shell uname),Linux)
@@ -12,7 +12,7 @@ export MUJOCO_GL ?= egl
 endif
 
 .DEFAULT_GOAL := help
-.PHONY: help setup demo test lint pytest bench hidden format clean
+.PHONY: help setup demo test lint pytest bench hidden docs format clean
 
 help: ## list the commands
 	@awk -F ':.*## ' '/^[a-z]+:.*## /{printf "  make %-8s %s\n", $$1, $$2}' $(MAKEFILE_LIST)
@@ -37,6 +37,10 @@ bench: $(INSTALLED) ## measure the speed, write benchmarks/results
 
 hidden: $(INSTALLED) ## the finder against every hidden effect, hours; can be stopped and goes on, writes benchmarks/results
 	$(PY) -m benchmarks.hidden
+
+docs: $(INSTALLED) $(LINKS) ## the documentation as a site in build/site, readable offline
+	NO_MKDOCS_2_WARNING=1 $(PY) -m mkdocs build --strict --quiet
+	@echo "Written: build/site/index.html. To search in it: $(PY) -m http.server -d build/site 8000"
 
 format: $(INSTALLED) ## put the code into the house format
 	$(PY) -m ruff check --fix .
