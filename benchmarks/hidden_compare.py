@@ -1,0 +1,103 @@
+"""Whether the finder still says what it said: cases of an earlier run again, name by name and value by value.
+
+``python -m benchmarks.hidden_compare`` takes a sample of the committed cases, evenly spaced over all effects, runs them
+with the present code and writes ``benchmarks/results/hidden_compare.md``. A case is the same where its verdict, its
+causes and their order are, and where each value lies within the other's interval. Can be stopped and goes on.
+"""
+
+from __future__ import annotations
+
+import argparse
+import json
+import multiprocessing
+import sys
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Any
+
+from benchmarks.hidden import Case, all_names, revision, run
+
+RESULTS = Path(__file__).parent / "results"
+
+
+def case_of(row: dict[str, Any]) -> Case:
+    """The case that a recorded row is of."""
+    effects = tuple((name, effect["magnitude"]) for name, effect in row["effects"].items())
+    return Case(effects, int(row["key"].rpartition("#")[2]), " drawn #" in row["key"])
+
+
+def sample(rows: Sequence[dict[str, Any]], count: int) -> list[dict[str, Any]]:
+    """``count`` of the rows, evenly spaced in the order of their names; effects that the testbed lost are left out."""
+    known = set(all_names())
+    rows = sorted((row for row in rows if set(row["effects"]) <= known), key=lambda row: row["key"])
+    return [rows[k * len(rows) // count] for k in range(min(count, len(rows)))]
+
+
+def differences(before: dict[str, Any], after: dict[str, Any]) -> list[str]:
+    """What is not the same in two rows of one case."""
+    found = []
+    if before["verdict"] != after["verdict"]:
+        found.append(f"verdict: {before['verdict']} → {after['verdict']}")
+    old, new = ([c for c in row["causes"] if c["kind"] != "data"] for row in (before, after))
+    names = [[c["name"] for c in causes] for causes in (old, new)]
+    if names[0] != names[1]:
+        found.append(f"causes: {', '.join(names[0]) or '-'} → {', '.join(names[1]) or '-'}")
+        return found
+    for a, b in zip(old, new, strict=True):
+        for path, (value, low, high, _) in a["parameters"].items():
+            other, other_low, other_high, _ = b["parameters"].get(path, (float("nan"),) * 4)
+            if not (low <= other <= high and other_low <= value <= other_high):
+                found.append(
+                    f"{path}: {value:.4g} [{low:.4g}, {high:.4g}] → {other:.4g} [{other_low:.4g}, {other_high:.4g}]"
+                )
+    return found
+
+
+def main(arguments: Sequence[str] | None = None) -> int:
+    """Command line; the status is 1 where a case differs."""
+    parser = argparse.ArgumentParser(
+        prog="python -m benchmarks.hidden_compare", description=(__doc__ or "").split("\n")[0]
+    )
+    parser.add_argument("--like", type=Path, default=RESULTS / "hidden_drawn.json", help="the earlier run")
+    parser.add_argument("--sample", type=int, default=42, help="how many of its cases")
+    parser.add_argument("--jobs", type=int, default=1, help="cases at a time")
+    parser.add_argument(
+        "--out", type=Path, default=RESULTS / "hidden_compare.jsonl", help="kept cases, the page beside it"
+    )
+    options = parser.parse_args(arguments)
+    rows = sample(json.loads(options.like.read_text())["cases"], options.sample)
+    kept = [json.loads(line) for line in options.out.read_text().splitlines()] if options.out.exists() else []
+    have = {row["key"] for row in kept}
+    todo = [case_of(row) for row in rows if row["key"] not in have]
+    by_key = {row["key"]: row for row in rows}
+    with multiprocessing.get_context("spawn").Pool(options.jobs) as pool:
+        for row in pool.imap_unordered(run, todo):
+            kept.append(row)
+            with options.out.open("a") as file:
+                file.write(json.dumps(row) + "\n")
+            said = "; ".join(differences(by_key[row["key"]], row)) or "same"
+            print(f"{len(kept)}/{len(rows)} {row['key']}: {said} ({row['seconds']:.0f} s)", flush=True)
+    kept = [row for row in kept if row["key"] in by_key]
+    table = [(row["key"], differences(by_key[row["key"]], row)) for row in sorted(kept, key=lambda row: row["key"])]
+    same = sum(not found for _, found in table)
+    ratio = sum(row["seconds"] for row in kept) / sum(by_key[row["key"]]["seconds"] for row in kept)
+    earlier = ", ".join(sorted({row["revision"] for row in rows}))
+    page = [
+        "# The finder before and after a change of the code",
+        "",
+        f"{same} of {len(table)} cases of revision {earlier} are the same in {revision()}: verdict, causes in order, "
+        f"each value within the other's interval. Time {ratio:.2f} of what it was (on machines that may differ).",
+        "",
+        f"Made by `python -m benchmarks.hidden_compare --sample {options.sample}`.",
+        "",
+        "| case | difference |",
+        "|---|---|",
+        *(f"| {key} | {'; '.join(found) or 'none'} |" for key, found in table),
+    ]
+    options.out.with_suffix(".md").write_text("\n".join(page) + "\n")
+    print(f"{same} of {len(table)} are the same; {options.out.with_suffix('.md')}")
+    return 0 if same == len(table) else 1
+
+
+if __name__ == "__main__":
+    sys.exit(main())
