@@ -1,4 +1,4 @@
-"""A virtual brake bench: the measurement of seed 004, section III-B, on any chain that works with a duty.
+"""A virtual brake bench: the measurement of paper 004, section III-B, on any chain that works with a duty.
 
 The servo runs at a set duty (PWM) against a hysteresis brake, which can only oppose its motion. Torque and speed are
 recorded once they are steady, so the bench solves for the speed at which chain, friction and brake balance.

@@ -20,39 +20,37 @@ SECTIONS: tuple[tuple[str, ModuleType], ...] = (
     ("Transmission", transmission),
     ("Sensor", sensor),
 )
-HEAD = """# Actuation chains
+HEAD = """# Stages and chains
 
-Written by `python -m sealegs.actuators.documentation` from `actuators/stages/`; do not edit.
-
-A chain is a YAML list of stages, in the order in which a command passes through them:
+Written by `python -m sealegs.actuators.documentation` from `actuators/stages/`; do not edit. What a chain is:
+[actuation-chain.md](actuation-chain.md). A chain is a YAML list of stages, in the order in which a command passes
+through them:
 
 ```yaml
 {example}```
 
-`load_chain("sts3215")` reads one from `configs/actuator`, `load_chain("path/to/chain.yaml")` any other; every
-script takes either as `actuator=`. A chain that does not fit together is refused with one sentence. Numbers are in
-the units of the tables, without the unit written behind them; angles are radians.
-
-The order is
-
-    {order}
-
-A stage takes one quantity and gives one (or passes on what it takes): a position goal [rad] becomes a duty in a
-position controller, a duty a voltage in `supply`, a voltage a torque in `dc_motor`; `regression`, `ideal` and `net`
-take shorter ways. Numbers of the motor are those at the joint, unless a `gear` stands directly behind it.
-
-What MuJoCo knows itself is written into the model: armature, viscous friction, dry friction, series spring, play.
-Everything else is a law that runs inside the engine, in every Runge-Kutta stage and on every thread of a
-`mujoco.batch.Batch`:
+`load_chain("sts3215")` reads a chain from `configs/actuator`, `load_chain("path/to/chain.yaml")` any other; every
+command takes either as `actuator=`. Numbers have the units of the tables, without the unit written behind them.
+Angles are in radians.
 
 ```python
-drivetrain = Drivetrain(mujoco.MjSpec.from_file("leg.xml"), {{"knee": "sts3215"}})
+import mujoco
+from sealegs.actuators import Drivetrain
+
+leg = mujoco.MjSpec.from_string(
+    "<mujoco><worldbody><body><joint name='knee'/><geom size='0.1' mass='0.2' pos='0.1 0 0'/></body></worldbody></mujoco>"
+)
+drivetrain = Drivetrain(leg, {{"knee": "sts3215"}})
 data = mujoco.MjData(drivetrain.model)
 data.ctrl[drivetrain.actuator_ids["knee"]] = 0.5  # position goal [rad]
 mujoco.mj_step(drivetrain.model, data)
 ```
 
-How accurate that is, and how long a step may be: [numerics.md](numerics.md).
+The order of the stages is
+
+```text
+{order}
+```
 
 """
 
@@ -81,7 +79,7 @@ def _wrapped(order: tuple[str, ...]) -> str:
             lines.append(line.rstrip())
             line = ""
         line += f"{name} > "
-    return "\n    ".join([*lines, line.removesuffix(" > ")])
+    return "\n".join([*lines, line.removesuffix(" > ")])
 
 
 def _comment(path: Path) -> str:

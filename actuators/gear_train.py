@@ -1,4 +1,4 @@
-"""Inertia of a servo from its dismantled parts: seed 004, section III-D and table I."""
+"""Inertia of a servo from its dismantled parts: paper 004, section III-D and table I."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""From brake bench measurements to the regression stage: seed 004, section III-C."""
+"""From brake bench measurements to the regression stage: paper 004, section III-C."""
 
 from __future__ import annotations
 
@@ -48,7 +48,7 @@ class RegressionFit:
 
 
 EQUATION_3 = RegressionFit(1.80438, -16.96e-3 / RPM, -0.13978, points=4419)
-"""Seed 004, equation (3): torque [N.mm] = 1804.38 PWM - 16.96 n [rpm] - 139.78."""
+"""Paper 004, equation (3): torque [N.mm] = 1804.38 PWM - 16.96 n [rpm] - 139.78."""
 
 
 def usable(table: BenchTable) -> NDArray[np.bool_]:

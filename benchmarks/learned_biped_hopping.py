@@ -14,7 +14,7 @@ from benchmarks.learning import Bar
 
 TRAINING = ("env=biped_hopping", "video.seconds=0")
 HIGH = 0.005  # [m] that both soles must leave the floor by in a hop; lower, they may have bounced
-HOPS, SPEED = 92, 0.3  # what the paper's controller did (seed 003, VIII-C); commanded speed of the pictures [m/s]
+HOPS, SPEED = 92, 0.3  # what the paper's controller did (paper 003, VIII-C); commanded speed of the pictures [m/s]
 
 
 def reference() -> dict[str, float]:

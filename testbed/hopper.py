@@ -59,7 +59,7 @@ class Servo(NamedTuple):
 
 
 class Body(NamedTuple):
-    """The leg of seed 004 as its sidecar believes it to be."""
+    """The leg of paper 004 as its sidecar believes it to be."""
 
     total_mass: float = 0.587
     upper_mass: float = 0.059

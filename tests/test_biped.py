@@ -138,7 +138,7 @@ def test_a_wrong_argument_is_answered_in_one_sentence(keywords: dict, sentence: 
 
 def test_every_number_has_a_source_and_lies_within_its_bounds() -> None:
     for name, number in get_robot("biped").numbers.items():
-        assert number.assumed or number.source.startswith("seed 003"), name
+        assert number.assumed or number.source.startswith("paper 003"), name
         assert number.low <= number.value <= number.high, name
 
 

@@ -1,4 +1,4 @@
-"""The biped's paper (seed 003): identification recovers what is planted, and the controller hops."""
+"""The biped's paper (paper 003): identification recovers what is planted, and the controller hops."""
 
 from __future__ import annotations
 

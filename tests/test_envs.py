@@ -183,7 +183,7 @@ def test_every_number_of_a_robot_has_a_source() -> None:
         for name, number in robot.numbers.items():
             assert number.source, name
             assert number.low <= number.value <= number.high
-            assert number.assumed or number.source.startswith("seed 004"), name
+            assert number.assumed or number.source.startswith("paper 004"), name
 
 
 def test_the_bench_is_a_point_mass_on_a_uniform_rod() -> None:

@@ -158,7 +158,7 @@ def test_the_joint_friction_is_one_word_and_all_else_is_the_same() -> None:
 
 def test_every_assumed_number_is_marked() -> None:
     for name, number in NUMBERS.items():
-        assert number.assumed or "seed 001" in number.source, name
+        assert number.assumed or "paper 001" in number.source, name
 
 
 def test_a_set_of_chains_is_refused_where_one_is_needed() -> None:

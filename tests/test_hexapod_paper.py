@@ -1,4 +1,4 @@
-"""The hexapod behaves as its paper (seed 001) says, as far as assumed numbers allow."""
+"""The hexapod behaves as its paper (paper 001) says, as far as assumed numbers allow."""
 
 from __future__ import annotations
 

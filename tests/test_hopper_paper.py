@@ -1,4 +1,4 @@
-"""The hopper reaches the figures of its paper (seed 004) with one controller for both cases."""
+"""The hopper reaches the figures of its paper (paper 004) with one controller for both cases."""
 
 from __future__ import annotations
 

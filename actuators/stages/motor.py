@@ -96,7 +96,7 @@ def motor_torque(p, i, s, m, time, voltage, w, first):
 @register
 @dataclass(frozen=True, kw_only=True)
 class Regression(Stage):
-    """Torque as a linear map of duty and speed, fitted on a brake bench (seed 004, equation (3))."""
+    """Torque as a linear map of duty and speed, fitted on a brake bench (paper 004, equation (3))."""
 
     name: ClassVar[str] = "regression"
     takes: ClassVar[tuple[Quantity, ...]] = (Quantity.DUTY,)

@@ -42,12 +42,12 @@ class Friction(Stage):
         S = exp(-|w / stribeck_velocity|^stribeck_exponent)
 
     with the motor torque ``m`` and the external torque ``e`` on the gearbox (Duclusaud et al., ICRA 2025, M1 to M6;
-    ripple: gear meshing, seed 000 equation (16)). Where another coordinate's load presses on the transmission, it
+    ripple: gear meshing, paper 000 equation (16)). Where another coordinate's load presses on the transmission, it
     stands in place of ``|m - e|``.
 
     What the limit does near rest is one of four: sticking is rigid; it is elastic (``bristle_stiffness``); bristles
-    yield gradually and are stable at any stiffness (``lugre``: seed 001, equations (26) to (28)); or nothing sticks,
-    and the dry friction grows in a line up to ``slip_speed`` (seed 001, equation (34)).
+    yield gradually and are stable at any stiffness (``lugre``: paper 001, equations (26) to (28)); or nothing sticks,
+    and the dry friction grows in a line up to ``slip_speed`` (paper 001, equation (34)).
     """
 
     name: ClassVar[str] = "friction"
@@ -140,7 +140,7 @@ def advance_bristle(p, i, s, m, time):
 
 @compiled()
 def lugre_row(p, i, s, m, time, w, first):
-    """Make the engine's friction row LuGre bristles (seed 001, equations (26) to (28)).
+    """Make the engine's friction row LuGre bristles (paper 001, equations (26) to (28)).
 
     ``dz/dt = w - |w| z / g`` is solved exactly over a step ``h`` of constant ``|w|``, with the speed ``w + h a`` that
     the step ends with: ``z' = E z + h F (w + h a)``, ``E = exp(-x)``, ``F = (1 - E) / x``, ``x = |w| h / g``. The
@@ -168,7 +168,7 @@ def lugre_row(p, i, s, m, time, w, first):
 
 @compiled()
 def smooth_row(p, i, s, w):
-    """Make the engine's friction row grow in a line up to ``slip_speed`` (seed 001, equation (34)).
+    """Make the engine's friction row grow in a line up to ``slip_speed`` (paper 001, equation (34)).
 
     It takes the speed that the step ends with, so no slope is too steep for the step.
     """

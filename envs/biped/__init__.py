@@ -1,1 +1,1 @@
-"""The planar biped MABEL (seed 003)."""
+"""The planar biped MABEL (paper 003)."""

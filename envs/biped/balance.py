@@ -1,4 +1,4 @@
-"""Static balance of seed 003, VI: does the centre of mass that the drawings give lie over what the robot stands on?"""
+"""Static balance of paper 003, VI: does the centre of mass that the drawings give lie over what the robot stands on?"""
 
 from __future__ import annotations
 

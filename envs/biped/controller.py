@@ -1,4 +1,4 @@
-"""The paper's reference controller: two-legged hopping in five phases (seed 003, VIII-B and appendix C).
+"""The paper's reference controller: two-legged hopping in five phases (paper 003, VIII-B and appendix C).
 
 Its formulas reached us damaged; they are read as follows. The controlled variables are leg angle and motor position of
 both sides, h = (qLA left, qmLS left, qLA right, qmLS right), and in every phase (34)

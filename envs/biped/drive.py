@@ -20,8 +20,8 @@ from ...actuators import Chain, load_chain
 
 ANGLE, SHAPE = "leg_angle", "leg_shape"
 RATIO = {ANGLE: 23.53, SHAPE: 31.42}
-"""Motor turns per turn of the leg coordinate: seed 003, (6)."""
-SPRING_RATIO = 5.18  # turns of the pulley Bspring per turn of the leg shape: seed 003, (6)
+"""Motor turns per turn of the leg coordinate: paper 003, (6)."""
+SPRING_RATIO = 5.18  # turns of the pulley Bspring per turn of the leg shape: paper 003, (6)
 SPRING_PULLEY = 1.8686e-3  # [kg.m2] of Bspring, table VIII
 SPRING_DAMPING = 1.5  # [N.m.s/rad] at the pulley, K_dB of table VI
 
@@ -82,7 +82,7 @@ DRIVES = {
         0.930, 1.332, 0.02995, 9.027e-3, -1.446e-2, 3.8094, 0.3556, 111.7,
     ),
 }  # fmt: skip
-"""Tables III to VI and VIII of seed 003. Table III prints 1.112e-04 for mLS left, i = 3; the power is a misprint."""
+"""Tables III to VI and VIII of paper 003. Table III prints 1.112e-04 for mLS left, i = 3; the power is a misprint."""
 
 PULLEYS = {  # of the three combinations of Fig. 9 and 10
     kind: tuple(

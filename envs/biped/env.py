@@ -14,7 +14,7 @@ from .task import BipedTask
 class BipedEnv(SingleEnv):
     r"""
     ## Description
-    MABEL, the planar biped of seed 003 ("Identification of a Bipedal Robot with a Compliant Drivetrain"): 1 m tall at
+    MABEL, the planar biped of paper 003 ("Identification of a Bipedal Robot with a Compliant Drivetrain"): 1 m tall at
     the hip, 58 kg, held upright sideways by a boom. Cable differentials let one motor of each leg drive its angle and
     one its shape (half the bend of the knee); the shape acts through a unilateral spring, and all four cables stretch.
     The task is to walk or to hop forward at a commanded speed. What drives the legs is one word, `actuator`.

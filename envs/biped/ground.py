@@ -1,4 +1,4 @@
-"""The ground of seed 003, table VI, and how close the engine's contact comes to it.
+"""The ground of paper 003, table VI, and how close the engine's contact comes to it.
 
 The printed law is that of the reference [26] of the paper (Plestan and others, on stable walking of a biped), with
 depth z and its speed z':

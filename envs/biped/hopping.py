@@ -1,4 +1,4 @@
-"""The hopping experiment of seed 003, section VIII: the reference controller sees what the biped's computer sees."""
+"""The hopping experiment of paper 003, section VIII: the reference controller sees what the biped's computer sees."""
 
 from __future__ import annotations
 

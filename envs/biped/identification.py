@@ -1,4 +1,4 @@
-"""Staged identification of a drivetrain from its own encoders and commanded torques, after seed 003, III to VII.
+"""Staged identification of a drivetrain from its own encoders and commanded torques, after paper 003, III to VII.
 
 No stage differentiates a position twice, and each takes what the stages before it found:
 

@@ -19,7 +19,7 @@ TURNED = np.array(
         [1.0, 0.0, 0.0, 1.0, -1.0],
     ]
 )
-"""Absolute angles of the segments from pitch, and leg angle and leg shape of left and right: seed 003, (1)."""
+"""Absolute angles of the segments from pitch, and leg angle and leg shape of left and right: paper 003, (1)."""
 
 
 def segments(pitch: np.ndarray | float, link: np.ndarray) -> np.ndarray:

@@ -1,4 +1,4 @@
-"""Figures 17, 19 and 21 to 23 of seed 003, drawn from our recordings."""
+"""Figures 17, 19 and 21 to 23 of paper 003, drawn from our recordings."""
 
 from __future__ import annotations
 

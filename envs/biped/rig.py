@@ -1,4 +1,4 @@
-"""The experiments of seed 003, IV to VII, on a virtual MABEL: logs with the noise and quantisation of its encoders.
+"""The experiments of paper 003, IV to VII, on a virtual MABEL: logs with the noise and quantisation of its encoders.
 
 What the identification of :mod:`envs.biped.identification` is tried on; on a real machine these are the experiments to
 do. The rig is the engine's model with the drives' true numbers, cables that stretch included.

@@ -149,7 +149,7 @@ def goal_limits(values: Mapping[str, float]) -> dict[str, tuple[float, float]]:
 def _coordinates() -> tuple[DrivenCoordinate, ...]:
     rows = []
     for side in SIDES:
-        # the leg angle is the mean of thigh and shin, the leg shape half their difference: seed 003, (1)
+        # the leg angle is the mean of thigh and shin, the leg shape half their difference: paper 003, (1)
         angle, shape = ((knee(side), 0.5), (hip(side), 1.0)), ((knee(side), -0.5),)
         rows.append(DrivenCoordinate(coordinate(side, ANGLE), angle, motor_body=TORSO))
         rows.append(DrivenCoordinate(coordinate(side, SHAPE), shape, motor_body=TORSO))

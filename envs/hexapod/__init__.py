@@ -1,1 +1,1 @@
-"""The hexapod AMRU5 of seed 001."""
+"""The hexapod AMRU5 of paper 001."""

@@ -16,7 +16,7 @@ CONTROL_RATE = 1.0  # [Hz] a step cycle of the reference gait takes 6 to 12 s
 class HexapodEnv(SingleEnv):
     r"""
     ## Description
-    The six-legged robot AMRU5 of seed 001 ("Dynamic simulation of six-legged robots with a focus on joint friction"):
+    The six-legged robot AMRU5 of paper 001 ("Dynamic simulation of six-legged robots with a focus on joint friction"):
     34 kg on six pantograph legs, each turned about its upright axis and moved by a vertical and a horizontal ball screw,
     18 Maxon RE35 motors in all. The task is to walk forward at a commanded speed with little specific resistance, the
     energy over weight and way. Which actuators drive the legs, and with which joint friction, is one word, `actuator`.

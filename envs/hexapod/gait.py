@@ -1,4 +1,4 @@
-"""The reference controller: a tripod gait with double stance (seed 001, 7.1).
+"""The reference controller: a tripod gait with double stance (paper 001, 7.1).
 
 Legs 0, 2, 4 and legs 1, 3, 5 take turns. Printed: the gait, a heading velocity of 1.5 cm/s, a cycle of 12 s, a double
 stance, new references every 10 ms; vertical references stand still in support and move quickly in the transfer, while

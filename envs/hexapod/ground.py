@@ -1,4 +1,4 @@
-"""The ground of seed 001, equations (19) and (20), as the engine's own contact.
+"""The ground of paper 001, equations (19) and (20), as the engine's own contact.
 
 Hunt and Crossley's normal force is ``K d^1.5`` at a penetration ``d`` (Hertz, 4.2.1). At rest the engine's contact
 pushes with ``S D^2 d / (w^2 (1 - D) A)``, where ``D(d)`` is its impedance between ``D_0`` and ``w``, ``S`` its

@@ -1,4 +1,4 @@
-"""Kinematics of a pantograph leg: seed 001, equations (9) and (10), and what follows from them for the foot.
+"""Kinematics of a pantograph leg: paper 001, equations (9) and (10), and what follows from them for the foot.
 
 The leg lies in a vertical plane through the axis that it turns about. Point A moves up and down by ``q_v``, D to and
 fro by ``q_h``; AB and BD join them, AC is AB drawn longer by ``ratio``, CF is parallel to BD and longer by the same

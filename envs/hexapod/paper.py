@@ -1,4 +1,4 @@
-"""The paper's experiments: motors at 0 V (seed 001, section 6), and the tripod gait (section 7)."""
+"""The paper's experiments: motors at 0 V (paper 001, section 6), and the tripod gait (section 7)."""
 
 from __future__ import annotations
 

@@ -252,7 +252,7 @@ def table(
     rows: list[Statement], walks: Mapping[str, Walk], resistance: Mapping[str, Mapping[float, float]]
 ) -> list[str]:
     """The comparison as lines of text."""
-    lines = ["", f"{'':2s}{'seed 001':58s}{'':8s}{'ours':42s}"]
+    lines = ["", f"{'':2s}{'paper 001':58s}{'':8s}{'ours':42s}"]
     for row in rows:
         mark = " " if row.holds else "!"
         lines.append(f"{mark} {row.printed:58s}{row.section:8s}{row.ours:42s}{MARKS[row.rests_on]}")

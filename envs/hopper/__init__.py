@@ -1,1 +1,1 @@
-"""The series elastic hopper of the paper (seed 004)."""
+"""The series elastic hopper of the paper (paper 004)."""

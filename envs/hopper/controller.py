@@ -1,6 +1,6 @@
 """The paper's reference controller: a bang-bang law on the springs that makes the leg hop without a model or a clock.
 
-Seed 004, section IV-B: "Whenever a defined torque threshold (epsilon = 0.3) was crossed, a 1D-control signal theta_z =
+Paper 004, section IV-B: "Whenever a defined torque threshold (epsilon = 0.3) was crossed, a 1D-control signal theta_z =
 0.23 was triggered. This signal was then transformed to position commands for each servo by a weighting vector (w =
 [-0.5, 1])". The paper leaves the rest to its references; read here as in Lakatos' work on switching control of
 compliant robots: the torque is that of the springs along w, and the signal has its sign, so that the springs are always
@@ -28,7 +28,7 @@ from ...actuators.errors import SealegsError
 
 @dataclass(frozen=True)
 class BangBang:
-    """Parameters of the controller, as printed in seed 004, IV-A and IV-B; order of coordinates: hip, knee.
+    """Parameters of the controller, as printed in paper 004, IV-A and IV-B; order of coordinates: hip, knee.
 
     Attributes:
         threshold: epsilon [N.m].

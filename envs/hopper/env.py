@@ -14,7 +14,7 @@ from .task import HopperTask
 class HopperEnv(SingleEnv):
     r"""
     ## Description
-    A one-legged robot of 0.587 kg with two series elastic actuators, the leg of seed 004 ("Practical Approach to
+    A one-legged robot of 0.587 kg with two series elastic actuators, the leg of paper 004 ("Practical Approach to
     Characterize Realistic Motor Dynamics for Robotic Simulation Independent of the Use Case"). Its base translates in
     the plane and does not rotate. Both motors sit in the base; a spring of 2 N.m/rad drives the upper link, another one
     the lower link through a belt. The task is to hop forward at a commanded speed. Which servo drives the leg is one

@@ -1,4 +1,4 @@
-"""The paper's experiment: ten seconds of hopping with and without actuator (seed 004, IV-D and IV-E)."""
+"""The paper's experiment: ten seconds of hopping with and without actuator (paper 004, IV-D and IV-E)."""
 
 from __future__ import annotations
 

@@ -1,6 +1,6 @@
 """Every number of the hopper, with the place where it was printed; what the paper leaves open is marked assumed.
 
-The paper is seed 004, "Practical Approach to Characterize Realistic Motor Dynamics for Robotic Simulation Independent
+The paper is paper 004, "Practical Approach to Characterize Realistic Motor Dynamics for Robotic Simulation Independent
 of the Use Case". Numbers of its servo and its spring stand in ``configs/actuator/sv1270tg.yaml``.
 """
 
@@ -9,12 +9,12 @@ from __future__ import annotations
 from ..robot import Number
 
 NUMBERS = {
-    "total_mass": Number(0.587, "kg", "seed 004, IV-A: 0.562 kg and 4.5 % for the boom", 0.01),
-    "upper_mass": Number(0.059, "kg", "seed 004, IV-A", 1e-4),
-    "lower_mass": Number(0.038, "kg", "seed 004, IV-A", 1e-4),
-    "hip_rest": Number(-0.61, "rad", "seed 004, IV-A: q0", -1.5, 1.5),
-    "knee_rest": Number(0.61, "rad", "seed 004, IV-A: q0", -1.5, 1.5),
-    "floor_friction": Number(1.0, "-", "seed 004, IV-C: mu"),
+    "total_mass": Number(0.587, "kg", "paper 004, IV-A: 0.562 kg and 4.5 % for the boom", 0.01),
+    "upper_mass": Number(0.059, "kg", "paper 004, IV-A", 1e-4),
+    "lower_mass": Number(0.038, "kg", "paper 004, IV-A", 1e-4),
+    "hip_rest": Number(-0.61, "rad", "paper 004, IV-A: q0", -1.5, 1.5),
+    "knee_rest": Number(0.61, "rad", "paper 004, IV-A: q0", -1.5, 1.5),
+    "floor_friction": Number(1.0, "-", "paper 004, IV-C: mu"),
     "upper_length": Number(0.108, "m", "assumed: chosen by the search in docs/hopper.md", 0.01),
     "lower_length": Number(0.092, "m", "assumed: chosen by the search in docs/hopper.md", 0.01),
     "upper_centre": Number(

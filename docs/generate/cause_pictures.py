@@ -1,0 +1,68 @@
+"""Draws each cause of the catalogue as a report does: ``python -m docs.generate.cause_pictures [name ...]``.
+
+A hidden bench (:mod:`testbed`) hides the effect, clearly; the log is diagnosed with that cause alone in the catalogue;
+its picture goes into ``docs/pictures/causes``. Takes a quarter of a minute a cause; pictures that are there are kept,
+unless they are named.
+"""
+
+from __future__ import annotations
+
+import io
+import sys
+from pathlib import Path
+
+from PIL import Image
+from sealegs.gap.causes.catalogue import Cause, catalogue
+from sealegs.gap.output.pictures import cause_pictures, png
+from sealegs.gap.verdict import diagnosis as finder
+
+from testbed import EFFECTS, hidden_bench
+
+FOLDER = Path(__file__).resolve().parents[1] / "pictures" / "causes"
+LOADS = ("light", "medium", "heavy")
+WIDTH = 640  # [px]
+COLOURS = 48
+SEED = 7
+
+
+def picture(name: str) -> Image.Image | None:
+    """The picture of a cause from a bench that hides it; None where the finder did not name it."""
+    data, _ = hidden_bench({name: "clear"}, SEED, LOADS)
+    (found,) = _diagnose(data, name)
+    for drawn, chart in cause_pictures(found):
+        if drawn == name:
+            image = Image.open(io.BytesIO(png(chart))).convert("RGB")
+            small = image.resize((WIDTH, round(image.height * WIDTH / image.width)), Image.Resampling.LANCZOS)
+            return small.quantize(COLOURS)
+    return None
+
+
+def _diagnose(data, name: str):
+    from sealegs.gap.search import forward
+
+    def alone(nominal) -> list[Cause]:
+        return [cause for cause in catalogue(nominal) if cause.name == name]
+
+    whole, forward.catalogue = forward.catalogue, alone
+    try:
+        return finder.diagnose(data)
+    finally:
+        forward.catalogue = whole
+
+
+def main(names: list[str]) -> None:
+    """Draw the pictures that are missing, or those of the causes that are named."""
+    FOLDER.mkdir(parents=True, exist_ok=True)
+    for name in names or EFFECTS:
+        path = FOLDER / f"{name}.png"
+        if path.exists() and not names:
+            continue
+        if (image := picture(name)) is None:
+            print(f"{name}: not named, no picture")
+            continue
+        image.save(path, optimize=True)
+        print(f"{name}: {path.stat().st_size / 1024:.0f} KiB", flush=True)
+
+
+if __name__ == "__main__":
+    main(sys.argv[1:])

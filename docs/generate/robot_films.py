@@ -1,0 +1,107 @@
+"""Draws and films each robot: ``python -m docs.generate.robot_films [bench|hopper|hexapod|biped ...]``.
+
+Writes ``docs/pictures/<robot>.png`` and ``docs/pictures/<robot>.mp4``. Needs OpenGL (without a screen, EGL).
+"""
+
+from __future__ import annotations
+
+import subprocess
+import sys
+import tempfile
+from collections.abc import Callable
+from pathlib import Path
+
+import sealegs  # isort: skip  # noqa: F401 chooses how MuJoCo draws, before that is imported
+import imageio.v2 as imageio
+import imageio_ffmpeg
+import mujoco
+import numpy as np
+from PIL import Image
+from sealegs.agents.make_env import checked_env, make_single_env
+from sealegs.agents.policy_files import load_policy
+from sealegs.agents.video import record_video
+from sealegs.envs.hopper.paper import CONTROL_STEP, Legs
+from sealegs.envs.scene import CAMERA
+
+CHECKOUT = Path(__file__).resolve().parents[2]
+FOLDER = CHECKOUT / "docs" / "pictures"
+WIDTH, HEIGHT, SECONDS = 640, 480, 8.0
+
+
+def bench(film: Path) -> None:
+    """The servo turns its pendulum to targets, commanded directly."""
+    env = make_single_env(checked_env({"id": "SeaLegs/Bench-v0"}), None, WIDTH, HEIGHT)
+    count = 0
+
+    def act(observation: np.ndarray) -> np.ndarray:
+        nonlocal count
+        count += 1
+        return np.full((1, 1), np.sin(2.0 * np.pi * 0.4 * count / 50.0) * 1.0 / np.pi, np.float32)
+
+    record_video(film, act, env, SECONDS, 0)
+    env.close()
+
+
+def hopper(film: Path) -> None:
+    """The leg hops under the controller of its paper."""
+    legs = Legs("sv1270tg")
+    model, data = legs.model, legs.data
+    model.vis.global_.fovy = float(model.camera(CAMERA).fovy[0])
+    with mujoco.Renderer(model, HEIGHT, WIDTH) as renderer, imageio.get_writer(film, fps=30) as writer:
+        for k in range(round(SECONDS / CONTROL_STEP)):
+            legs.step()
+            if k % round(1.0 / 30.0 / CONTROL_STEP) == 0:
+                renderer.update_scene(data, CAMERA)
+                writer.append_data(renderer.render())
+
+
+def _policy(folder: str, **changes: float) -> Callable[[Path], None]:
+    def film_it(film: Path) -> None:
+        act, description = load_policy(CHECKOUT / "policies" / folder)
+        env = make_single_env(checked_env({**description["env"], **changes}), description["actuators"], WIDTH, HEIGHT)
+        record_video(film, act, env, SECONDS, 0)
+        env.close()
+
+    return film_it
+
+
+ROBOTS: dict[str, Callable[[Path], None]] = {
+    "bench": bench,
+    "hopper": hopper,
+    "hexapod": _policy("hexapod/seed4"),
+    "biped": _policy("biped/seed0", speed=0.8),
+}
+
+
+def main(names: list[str]) -> None:
+    """Film the robots that are named, or all."""
+    FOLDER.mkdir(parents=True, exist_ok=True)
+    for name in names or ROBOTS:
+        with tempfile.TemporaryDirectory() as folder:
+            whole = Path(folder) / "film.mp4"
+            ROBOTS[name](whole)
+            film = FOLDER / f"{name}.mp4"
+            command = [
+                imageio_ffmpeg.get_ffmpeg_exe(),
+                "-y",
+                "-loglevel",
+                "error",
+                "-i",
+                str(whole),
+                "-an",
+                "-crf",
+                "30",
+            ]
+            subprocess.run(
+                [*command, "-preset", "slow", "-pix_fmt", "yuv420p", "-movflags", "+faststart", str(film)], check=True
+            )
+            pictures = list(imageio.get_reader(whole))
+        picture = FOLDER / f"{name}.png"
+        Image.fromarray(pictures[len(pictures) // 2]).quantize(128).save(picture, optimize=True)
+        print(
+            f"{name}: {film.stat().st_size / 1024:.0f} KiB, picture {picture.stat().st_size / 1024:.0f} KiB", flush=True
+        )
+
+
+if __name__ == "__main__":
+    main(sys.argv[1:])
