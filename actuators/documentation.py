@@ -38,7 +38,7 @@ import mujoco
 from sealegs.actuators import Drivetrain
 
 leg = mujoco.MjSpec.from_string(
-    "<mujoco><worldbody><body><joint name='knee'/><geom size='0.1' mass='0.2' pos='0.1 0 0'/></body></worldbody></mujoco>"
+    "<mujoco><worldbody><body><joint name='knee'/><geom size='.1' mass='.2' pos='.1 0 0'/></body></worldbody></mujoco>"
 )
 drivetrain = Drivetrain(leg, {{"knee": "sts3215"}})
 data = mujoco.MjData(drivetrain.model)

@@ -95,9 +95,10 @@ def main(names: list[str]) -> None:
             subprocess.run(
                 [*command, "-preset", "slow", "-pix_fmt", "yuv420p", "-movflags", "+faststart", str(film)], check=True
             )
-            pictures = list(imageio.get_reader(whole))
+            with imageio.get_reader(whole) as reader:
+                middle = reader.get_data(round(SECONDS / 2.0 * reader.get_meta_data()["fps"]))
         picture = FOLDER / f"{name}.png"
-        Image.fromarray(pictures[len(pictures) // 2]).quantize(128).save(picture, optimize=True)
+        Image.fromarray(middle).quantize(128).save(picture, optimize=True)
         print(
             f"{name}: {film.stat().st_size / 1024:.0f} KiB, picture {picture.stat().st_size / 1024:.0f} KiB", flush=True
         )
