@@ -4,7 +4,7 @@ VENV := .venv
 PY := $(VENV)/bin/python
 INSTALLED := $(VENV)/.installed
 LINKS := $(VENV)/types/sealegs
-EXTRAS := train report hw docs dev
+EXTRAS := train report video hw docs dev
 
 # Headless drawing. MuJoCo on macOS has one way to draw and takes no choice.
 ifeq ($(shell uname),Linux)

@@ -12,6 +12,7 @@ import numpy as np
 from rich.progress import BarColumn, Progress, TextColumn, TimeRemainingColumn
 from stable_baselines3.common.base_class import BaseAlgorithm
 from stable_baselines3.common.callbacks import BaseCallback, EvalCallback
+from stable_baselines3.common.on_policy_algorithm import OnPolicyAlgorithm
 from stable_baselines3.common.vec_env import VecEnv
 
 from .stop import StopSignals
@@ -152,20 +153,28 @@ class ProgressReport(BaseCallback):
 
     def _on_training_start(self) -> None:
         self._from, self._started = self.num_timesteps, time.monotonic()
+        if isinstance(self.model, OnPolicyAlgorithm):  # it learns from whole rollouts, so it ends at the end of one
+            rollout = self.model.n_steps * self.model.n_envs
+            self.total = self._from + -(-(self.total - self._from) // rollout) * rollout
         if sys.stderr.isatty():
             columns = (BarColumn(), TextColumn("{task.description}"), TimeRemainingColumn())
             self._bar = Progress(*columns, refresh_per_second=4, transient=True)
             self._bar.add_task("", total=self.total, completed=self.num_timesteps)
             self._bar.start()
-        self._next_line = self.num_timesteps + self.total // 10
+        self._next_line = self._line_after(self.num_timesteps)
 
     def _on_step(self) -> bool:
         if self._bar is not None:
             self._bar.update(self._bar.task_ids[0], completed=self.num_timesteps)
         elif self.num_timesteps >= self._next_line:
-            self._next_line += self.total // 10 or 1
-            print(f"{100 * self.num_timesteps // self.total:3d} %  {self._text()}", flush=True)
+            self._next_line = self._line_after(self.num_timesteps)
+            print(f"{min(100 * self.num_timesteps // self.total, 100):3d} %  {self._text()}", flush=True)
         return True
+
+    def _line_after(self, step: int) -> int:
+        """Step of the next tenth of the run, the last one being its end."""
+        tenth = max(self.total // 10, 1)
+        return (step // tenth + 1) * tenth if step + tenth <= self.total else max(self.total, step + 1)
 
     def _on_rollout_end(self) -> None:
         if self._bar is not None:

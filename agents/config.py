@@ -10,7 +10,7 @@ from pathlib import Path
 from typing import Any, get_type_hints
 
 from ..actuators.errors import SealegsError
-from ..configs.check import checked, checked_seed
+from ..configs.check import Count, Natural, NotNegative, Pixels, checked
 from ..configs.compose import compose, override, split
 
 # A resumed run stays the same experiment: only its length and its bookkeeping may change.
@@ -21,24 +21,24 @@ _RESUMABLE = ("total_timesteps", "threads", "evaluate", "checkpoint", "video")
 class EvaluateConfig:
     """When the policy is evaluated: each ``every`` steps (0: never), over ``episodes`` episodes."""
 
-    every: int
-    episodes: int
+    every: Natural
+    episodes: Count
 
 
 @dataclass(frozen=True)
 class CheckpointConfig:
     """When a checkpoint is written: each ``every`` steps."""
 
-    every: int
+    every: Count
 
 
 @dataclass(frozen=True)
 class VideoConfig:
     """Film of the trained policy: ``seconds`` [s] (0: none), size in pixels."""
 
-    seconds: float
-    width: int
-    height: int
+    seconds: NotNegative
+    width: Pixels
+    height: Pixels
 
 
 @dataclass(frozen=True)
@@ -52,20 +52,13 @@ class TrainConfig:
     env: dict[str, Any]
     actuator: str | list[Any] | dict[str, Any] | None
     agent: dict[str, Any]
-    seed: int
-    n_envs: int
-    total_timesteps: int
-    threads: int
+    seed: Natural
+    n_envs: Count
+    total_timesteps: Count
+    threads: Count
     evaluate: EvaluateConfig
     checkpoint: CheckpointConfig
     video: VideoConfig
-
-    def __post_init__(self) -> None:
-        _at_least(1, n_envs=self.n_envs, total_timesteps=self.total_timesteps, threads=self.threads)
-        checked_seed(self.seed)
-        _at_least(0, evaluate__every=self.evaluate.every, video__seconds=self.video.seconds)
-        _at_least(1, evaluate__episodes=self.evaluate.episodes, checkpoint__every=self.checkpoint.every)
-        _at_least(16, video__width=self.video.width, video__height=self.video.height)
 
     def as_dict(self) -> dict[str, Any]:
         """Plain form, as it is written to ``config.yaml``."""
@@ -133,7 +126,7 @@ def train_config(plain: Mapping[str, Any]) -> TrainConfig:
 def _typed(kind: Any, plain: Mapping[str, Any], prefix: str) -> dict[str, Any]:
     """Arguments of the dataclass ``kind`` from plain values; nested dataclasses are built."""
     values: dict[str, Any] = {}
-    for name, annotation in get_type_hints(kind).items():
+    for name, annotation in get_type_hints(kind, include_extras=True).items():
         if name not in plain:
             raise SealegsError(f"The key {prefix}{name} is missing.")
         if dataclasses.is_dataclass(annotation) and isinstance(annotation, type):
@@ -150,9 +143,3 @@ def _extra_keys(base: Mapping[str, Any]) -> list[str]:
 
     agent = [f"agent.{key}" for key in agent_keys(base["agent"])]
     return agent + [f"env.{key}" for key in env_keys(base["env"])]
-
-
-def _at_least(low: float, **values: float) -> None:
-    for name, value in values.items():
-        if value < low:
-            raise SealegsError(f"{name.replace('__', '.')} must be at least {low}, not {value}.")

@@ -209,13 +209,18 @@ class RunFolder:
 
 
 def git_revision(*paths: str) -> dict[str, Any]:
-    """Commit that the code (of these paths) is at, and whether it differs from it; both None outside a git checkout."""
+    """Commit that the code (of these paths) is at, and whether it differs from it; both None outside a git checkout.
+
+    A repository that holds the environment in which sealegs is installed is not its checkout.
+    """
 
     def git(*arguments: str) -> str:
         command = ["git", "-C", str(REPOSITORY), *arguments]
         return subprocess.run(command, capture_output=True, text=True, check=True, timeout=20).stdout.strip()
 
     try:
+        if Path(git("rev-parse", "--show-toplevel")).resolve() != REPOSITORY:
+            return {"revision": None, "changed": None}
         commit, changed = git("log", "-1", "--format=%H", "--", *paths), git("status", "--porcelain", "--", *paths)
         return {"revision": commit, "changed": bool(changed)}
     except (OSError, subprocess.SubprocessError):

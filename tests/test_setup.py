@@ -15,7 +15,7 @@ from packaging.requirements import Requirement
 from packaging.utils import canonicalize_name
 
 REPOSITORY = Path(__file__).resolve().parents[1]
-SCRIPTS = sorted(path.name for path in REPOSITORY.glob("*.py"))
+SCRIPTS = sorted(path.name for path in REPOSITORY.glob("*.py") if path.name != "setup.py")
 
 
 def constraints() -> dict[str, str]:

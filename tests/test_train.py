@@ -6,6 +6,7 @@ import errno
 import json
 import os
 import pickle
+import re
 import shutil
 import signal
 import subprocess
@@ -19,6 +20,7 @@ import imageio.v2 as imageio
 import numpy as np
 import pytest
 import yaml
+from sealegs.agents import run_folder
 from sealegs.agents.cross_evaluation import mean_reward
 from sealegs.agents.make_env import stream_seed
 from sealegs.commands import train
@@ -470,6 +472,26 @@ def test_wrong_input_is_one_sentence_and_leaves_no_folder(
     error = capsys.readouterr().err.strip()
     assert says in error and len(error.splitlines()) == 1
     assert not (tmp_path / "runs").exists()
+
+
+def test_progress_never_tells_more_than_the_whole_run(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    assert run(*SMALL, f"out={tmp_path}", "name=short", "total_timesteps=200") == 0
+    told = re.findall(r"^ *(\d+) %  step (\d+) of (\d+)", capsys.readouterr().out, re.MULTILINE)
+    assert told[-1] == ("100", "256", "256"), "two simulations of 64 steps a rollout"
+    assert all(int(step) <= int(total) for _, step, total in told)
+
+
+def test_the_repository_around_an_environment_is_not_that_of_the_code(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    installed = tmp_path / "venv" / "site-packages" / "sealegs"
+    installed.mkdir(parents=True)
+    (tmp_path / "file").touch()
+    commands = ["init -q", "add file", "-c user.name=A -c user.email=a@b.c commit -q -m strange"]
+    for command in commands:
+        subprocess.run(["git", "-C", str(tmp_path), *command.split()], check=True)
+    monkeypatch.setattr(run_folder, "REPOSITORY", installed)
+    assert run_folder.git_revision() == {"revision": None, "changed": None}
 
 
 def test_a_resumed_run_refuses_another_experiment(finished: Path, capsys: pytest.CaptureFixture[str]) -> None:

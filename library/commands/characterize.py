@@ -22,7 +22,7 @@ def main(arguments: list[str]) -> None:
     from sealegs.actuators.brake_report import chain_from, report
     from sealegs.actuators.chain import load_chain
     from sealegs.actuators.regression_fit import fit_regression, read_table
-    from sealegs.configs.check import checked
+    from sealegs.configs.check import Count, Natural, checked
     from sealegs.configs.compose import compose, split
 
     config = compose("characterize", split(arguments, plain=("actuator", "table", "out")))
@@ -34,12 +34,9 @@ def main(arguments: list[str]) -> None:
         chain = load_chain(config["actuator"])
         label = chain.label
         numbers = {key: _number(f"noise.{key}", value) for key, value in config["noise"].items()}
-        repeats = checked("repeats", config["repeats"], int)
-        if repeats < 1:
-            _refuse(f"repeats is {repeats}; each point must be measured at least once.")
-        seed = checked("seed", config["seed"], int)
-        if seed < 0:
-            _refuse(f"seed is {seed}; it must not be negative.")
+        count = config["repeats"]
+        repeats = checked("repeats", count, Count, f"repeats is {count}; each point must be measured at least once.")
+        seed = checked("seed", config["seed"], Natural, f"seed is {config['seed']}; it must not be negative.")
         table = measure(chain, Protocol(repeats=repeats), Noise(**numbers), seed)
     fit = fit_regression(table)
     new = chain_from(fit, table, chain, _number("gain", config["gain"]), _number("armature", config["armature"]))
@@ -48,15 +45,6 @@ def main(arguments: list[str]) -> None:
 
 
 def _number(key: str, value: Any) -> float:
-    from sealegs.configs.check import checked
+    from sealegs.configs.check import NotNegative, checked
 
-    number = checked(key, value, float)
-    if number < 0.0:
-        _refuse(f"{key} is {number:g}; it must not be negative.")
-    return number
-
-
-def _refuse(sentence: str) -> None:
-    from sealegs.actuators.errors import SealegsError
-
-    raise SealegsError(sentence)
+    return checked(key, value, NotNegative, f"{key} is {value}; it must not be negative.")

@@ -30,15 +30,13 @@ HIDDEN = {
 def main(arguments: list[str]) -> None:
     """Run the whole loop into one folder."""
     from sealegs.agents.cross_evaluation import mean_reward  # here, so that --help does not wait for torch
-    from sealegs.configs.check import checked
+    from sealegs.configs.check import Count, checked, checked_seed
     from sealegs.configs.compose import compose, split
 
     config = compose("demo", split(arguments, plain=("out",)))
-    seed = checked("seed", config["seed"], int)
-    steps = checked("total_timesteps", config["total_timesteps"], int)
+    seed = checked_seed(config["seed"])
+    steps = checked("total_timesteps", config["total_timesteps"], Count)
     out = Path(checked("out", config["out"] or f"runs/demo-{datetime.datetime.now():%Y%m%d-%H%M%S}", str))
-    if seed < 0 or steps < 1:
-        raise SealegsError("seed must be at least 0, and total_timesteps at least 1.")
     if out.exists():
         raise SealegsError(f"{out} exists, and nothing is overwritten: give another folder, out=<folder>.")
     started = time.monotonic()

@@ -14,9 +14,9 @@ same command.
 from __future__ import annotations
 
 import time
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Annotated, Any, Literal
 
 from sealegs.actuators.errors import SealegsError
 from sealegs.configs.script import Interrupted
@@ -35,45 +35,39 @@ def main(arguments: list[str]) -> None:
         raise SealegsError(
             "log=<file or folder> is missing: name the measured log (docs/log-format.md), or try make demo."
         )
-    if isinstance(config["seed"], bool) or not isinstance(config["seed"], int) or config["seed"] < 0:
-        raise SealegsError(f"seed={config['seed']} must be a whole number from 0.")
-    if config["fleet"] not in (True, False, "ray"):
-        raise SealegsError(f"fleet={config['fleet']} must be true (this machine), ray (a Ray cluster) or false.")
-    workers = config["workers"]
-    if workers is not None and (isinstance(workers, bool) or not isinstance(workers, int) or workers < 1):
-        raise SealegsError(f"workers={workers} must be a whole number from 1.")
+    values = _checked(config)
     log = Path(str(config["log"]))
     stamp = time.strftime("%Y%m%d-%H%M%S")
     out = Path(str(config["out"])) if config["out"] is not None else Path("diagnoses") / f"{log.stem}-{stamp}"
     settings = {
         "test": None if config["test"] is None else str(config["test"]),
-        "seed": int(config["seed"]),
-        "limits": _limits(config["limits"]),
-        "speed_limit": _speed(config["speed_limit"]),
+        **{key: values[key] for key in ("seed", "limits", "speed_limit")},
     }
-    if config["fleet"]:
-        diagnose_fleet(log, out, settings, workers, config["fleet"] == "ray")
+    if values["fleet"]:
+        diagnose_fleet(log, out, settings, values["workers"], values["fleet"] == "ray")
     else:
         diagnose_one(log, out, settings)
 
 
-def _limits(value: Any) -> list[float] | None:
-    if value is None:
-        return None
-    numbers = (
-        [x for x in value if isinstance(x, int | float) and not isinstance(x, bool)] if list is type(value) else []
-    )
-    if len(numbers) != 2 or not numbers[0] < numbers[1]:
-        raise SealegsError(f"limits={value} must be two angles [rad], the lower one first, such as limits=[-1.2,1.2].")
-    return [float(x) for x in numbers]
+def _checked(config: Mapping[str, Any]) -> dict[str, Any]:
+    """The values that are no file names, in their types."""
+    from annotated_types import Predicate
+    from sealegs.configs.check import Count, Natural, Positive, checked, or_null
 
-
-def _speed(value: Any) -> float | None:
-    if value is None:
-        return None
-    if isinstance(value, bool) or not isinstance(value, int | float) or not value > 0.0:
-        raise SealegsError(f"speed_limit={value} must be a speed above zero [rad/s].")
-    return float(value)
+    types: dict[str, tuple[Any, str]] = {
+        "seed": (Natural, "a whole number from 0"),
+        "fleet": (Literal[True, False, "ray"], "true (this machine), ray (a Ray cluster) or false"),
+        "workers": (or_null(Count), "a whole number from 1"),
+        "limits": (
+            or_null(Annotated[tuple[float, float], Predicate(lambda pair: pair[0] < pair[1])]),
+            "two angles [rad], the lower one first, such as limits=[-1.2,1.2]",
+        ),
+        "speed_limit": (or_null(Positive), "a speed above zero [rad/s]"),
+    }
+    return {
+        key: checked(key, config[key], kind, f"{key}={config[key]} must be {words}.")
+        for key, (kind, words) in types.items()
+    }
 
 
 # --- one data set --------------------------------------------------------------------------------------------------

@@ -24,12 +24,19 @@ from sealegs.configs.script import Interrupted
 
 def main(arguments: list[str]) -> None:
     """Run every step that is not done yet."""
-    from sealegs.configs.check import checked, checked_seed
+    from sealegs.configs.check import Count, checked, checked_seed
     from sealegs.configs.compose import compose, split
+    from sealegs.envs.robots import get_robot
 
     config = compose("loop", split(arguments, plain=("out", "port", "calibration")))
     seed = checked_seed(config["seed"])
-    steps = checked("total_timesteps", config["total_timesteps"], int)
+    steps = checked("total_timesteps", config["total_timesteps"], Count)
+    joints = [item.name for item in get_robot(config["robot"]["name"]).coordinates]
+    if len(joints) > 1:
+        raise SealegsError(
+            f"robot={config['robot']['name']} has the joints {', '.join(joints)}, and the loop is for one servo on a "
+            "bench: give robot=bench, or run deploy, diagnose, train and evaluate one after the other."
+        )
     out = Path(str(config["out"] or f"runs/loop-{datetime.datetime.now():%Y%m%d-%H%M%S}"))
     out.mkdir(parents=True, exist_ok=True)
     keep(out / "loop.yaml", {key: value for key, value in config.items() if key != "out"})

@@ -13,7 +13,7 @@ from __future__ import annotations
 
 import datetime
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Annotated, Any
 
 from sealegs.actuators.errors import SealegsError, nearest
 from sealegs.configs.script import Interrupted
@@ -60,31 +60,26 @@ def main(arguments: list[str]) -> None:
 
 
 def _settings(config: dict[str, Any]) -> Settings:
+    from annotated_types import MinLen
     from sealegs.actuators.net_training import Settings
-    from sealegs.configs.check import checked
+    from sealegs.configs.check import Count, Natural, NotNegative, Positive, Share, checked, or_null
 
-    bounds = {"seed": 0, "history": 1, "epochs": 1, "patience": 1, "window": 0.0, "learning_rate": 0.0}
-    for key, low in bounds.items():
-        if checked(key, config[key], float) < low:
-            raise SealegsError(f"{key} is {config[key]}; it must be at least {low:g}.")
-    if not 0.0 < checked("validation", config["validation"], float) < 1.0:
-        raise SealegsError(f"validation is {config['validation']}; it is a share of the runs between 0 and 1.")
-    hidden = checked("hidden", config["hidden"], list[int])
-    if not hidden or min(hidden) < 1:
-        raise SealegsError(f"hidden is {hidden}; it is a list of layer sizes, such as [32,32].")
-    rate = config["rate"] if config["rate"] is None else checked("rate", config["rate"], float)
-    if rate is not None and rate <= 0.0:
-        raise SealegsError(f"rate is {rate:g}; it must be positive.")
+    types: dict[str, tuple[Any, str]] = {
+        **dict.fromkeys(("history", "epochs", "patience"), (Count, "it must be at least 1")),
+        **dict.fromkeys(("window", "learning_rate"), (NotNegative, "it must be at least 0")),
+        "seed": (Natural, "it must be at least 0"),
+        "validation": (Share, "it is a share of the runs between 0 and 1"),
+        "hidden": (
+            Annotated[tuple[Count, ...], MinLen(1)],
+            "it is a list of layer sizes, such as [32,32]",
+        ),
+        "rate": (or_null(Positive), "it must be positive"),
+    }
     return Settings(
-        rate=rate,
-        history=checked("history", config["history"], int),
-        hidden=tuple(hidden),
-        window=checked("window", config["window"], float),
-        validation=config["validation"],
-        epochs=checked("epochs", config["epochs"], int),
-        patience=checked("patience", config["patience"], int),
-        learning_rate=config["learning_rate"],
-        seed=checked("seed", config["seed"], int),
+        **{
+            key: checked(key, config[key], kind, f"{key} is {config[key]}; {words}.")
+            for key, (kind, words) in types.items()
+        }
     )
 
 
@@ -92,12 +87,13 @@ def _simulated(config: dict[str, Any]) -> tuple[list[TrainingRun], tuple, str, f
     """Simulated runs of a chain, the stages that stay behind the net, its name and its armature [kg.m2]."""
     from sealegs.actuators.chain import load_chain
     from sealegs.actuators.net_data import BEHIND, simulated_runs
-    from sealegs.configs.check import checked
+    from sealegs.configs.check import Positive, checked
 
     chain = load_chain(config["actuator"])
-    numbers = {key: checked(f"simulated.{key}", value, float) for key, value in config["simulated"].items()}
-    if min(numbers.values()) <= 0.0:
-        raise SealegsError("simulated.runs, simulated.seconds and simulated.rate must be positive.")
+    sentence = "simulated.runs, simulated.seconds and simulated.rate must be positive."
+    numbers = {
+        key: checked(f"simulated.{key}", value, Positive, sentence) for key, value in config["simulated"].items()
+    }
     print(f"Simulating {numbers['runs']:g} runs of {numbers['seconds']:g} s with the chain '{chain.label}'.")
     runs = simulated_runs(chain, int(numbers["runs"]), numbers["seconds"], numbers["rate"], config["seed"])
     behind = tuple(stage for stage in chain.stages if stage.name in BEHIND)

@@ -21,17 +21,15 @@ def main(arguments: list[str]) -> None:
     from sealegs.agents.make_env import checked_env, make_single_env  # here, so that --help does not wait for torch
     from sealegs.agents.policy_files import load_policy
     from sealegs.agents.video import record_video
-    from sealegs.configs.check import checked, checked_seed
+    from sealegs.configs.check import Pixels, Positive, checked, checked_seed
     from sealegs.configs.compose import compose, split
 
     config = compose("watch", split(arguments, plain=("policy", "actuator", "out")))
     if config["policy"] is None:
         raise SealegsError("say which policy to watch: policy=<folder>, such as policies/biped/seed0.")
     folder = Path(checked("policy", config["policy"], str))
-    seconds, seed = checked("seconds", config["seconds"], float), checked_seed(config["seed"])
-    width, height = (checked(key, config[key], int) for key in ("width", "height"))
-    if seconds <= 0.0 or min(width, height) < 16:
-        raise SealegsError("seconds must be more than 0, and width and height at least 16.")
+    seconds, seed = checked("seconds", config["seconds"], Positive), checked_seed(config["seed"])
+    width, height = (checked(key, config[key], Pixels) for key in ("width", "height"))
     act, description = load_policy(folder)
     stored, changed = description["env"], checked("env", config["env"], dict)
     numbers = [checked("env.params", env.get("params") or {}, dict) for env in (stored, changed)]
