@@ -2,20 +2,23 @@
 
 from __future__ import annotations
 
-import time
 from collections import Counter, deque
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 
 import numpy as np
 
 from .memory import ServoMemory
 from .packets import BusError, ConfigurationError, NotWrittenError, RegisterError, WrongModelError
+from .port import BusPort
 from .registers import load_model
 from .servo_state import BlockReader, ServoState
 from .transactions import SYNC_READ, Transactions
 
 RECOVERY = 0.3  # [s] of torque off that clears an overload, as in huggingface/lerobot
 SPEED_UNIT, SPEED_ZERO, MULTI_TURN = 4, 8, 16  # bits of register phase
+
+Failing = Callable[[Sequence[int], BusError], None]
+"""Told which servos could not be brought to rest, and why."""
 
 
 class ServoBus(ServoMemory):
@@ -40,6 +43,7 @@ class ServoBus(ServoMemory):
         model: str = "sts3215",
         timeout: float = 0.02,
         retries: int = 2,
+        opened: BusPort | None = None,
     ) -> None:
         """Open the port; close it with :meth:`close`, or use the bus in a ``with``.
 
@@ -49,6 +53,7 @@ class ServoBus(ServoMemory):
             model: name of a table in ``hw/registers``.
             timeout: how long a reply may take beyond the time of its bytes [s]; some USB adapters hold bytes for 16 ms.
             retries: further tries of a transaction whose reply was missing or unusable.
+            opened: port that is open already, such as a simulated one.
 
         Raises:
             PortError: the port is missing, not a serial port, or (:class:`PortBusyError`) in use.
@@ -56,7 +61,7 @@ class ServoBus(ServoMemory):
             RegisterError: there is no table of that name.
         """
         table = load_model(model)
-        super().__init__(Transactions(port, baudrate, timeout, retries), table)
+        super().__init__(Transactions(port, baudrate, timeout, retries, opened), table)
         self.port = port
         self._block = BlockReader(table)
         self.counts: Counter[str] = self.line.counts
@@ -129,10 +134,10 @@ class ServoBus(ServoMemory):
         """
 
         def read() -> ServoState:
-            before = time.monotonic()
+            before = self.line.port.now()
             asked = self.line.no_late_length(self._block.length)
             replies = self.line.transact(ids, SYNC_READ, [self._block.start, asked, *ids], asked)
-            return self._block.state(ids, [replies[servo] for servo in ids], before, time.monotonic())
+            return self._block.state(ids, [replies[servo] for servo in ids], before, self.line.port.now())
 
         return self.line.retry(read, retries)
 
@@ -239,10 +244,14 @@ class ServoBus(ServoMemory):
 
         self._repeat_unwritten(write)
 
-    def torque_off(self, ids: Sequence[int]) -> dict[int, BusError]:
+    def torque_off(self, ids: Sequence[int], failing: Failing | None = None) -> dict[int, BusError]:
         """Switch torque off on every servo that can be reached; never raises.
 
         All are told in one packet, twice. Then each is asked on its own, and told again where needed.
+
+        Args:
+            ids: of the servos.
+            failing: called with servos and reason as soon as their release has failed, before the others are tried.
 
         Returns:
             Why, for each servo of which it is not sure that its torque is off.
@@ -255,6 +264,8 @@ class ServoBus(ServoMemory):
                 except BusError as error:
                     failed = dict.fromkeys(ids, error)
             if failed:
+                if failing is not None:
+                    failing(ids, next(iter(failed.values())))
                 return failed
             for servo in ids:
                 try:
@@ -262,6 +273,8 @@ class ServoBus(ServoMemory):
                         self.write_register(servo, register.name, 0)
                 except BusError as error:
                     failed[servo] = error
+                    if failing is not None:
+                        failing([servo], error)
         return failed
 
     def recover(self, ids: Sequence[int]) -> None:
@@ -272,5 +285,5 @@ class ServoBus(ServoMemory):
         """
         for error in self.torque_off(ids).values():
             raise error
-        time.sleep(RECOVERY)
+        self.line.port.sleep(RECOVERY)
         self.torque_on(ids)

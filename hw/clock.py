@@ -4,12 +4,37 @@ from __future__ import annotations
 
 import time
 from dataclasses import dataclass
+from typing import Protocol
 
 import numpy as np
 
 from ..actuators.errors import SealegsError
 
 LOWEST_RATE, HIGHEST_RATE = 0.5, 1000.0  # [Hz]
+
+
+class Clock(Protocol):
+    """What tells the time, and lets it pass."""
+
+    def now(self) -> float:
+        """Monotonic [s]."""
+        ...
+
+    def sleep(self, seconds: float) -> None:
+        """Let time pass."""
+        ...
+
+
+class HostClock:
+    """The host's monotonic clock."""
+
+    def now(self) -> float:
+        """[s]."""
+        return time.monotonic()
+
+    def sleep(self, seconds: float) -> None:
+        """Leave the processor to others."""
+        time.sleep(seconds)
 
 
 @dataclass(frozen=True)
@@ -68,7 +93,7 @@ class Metronome:
         overruns: of them.
     """
 
-    def __init__(self, rate: float, stepped: bool = False, expected: int = 1 << 16) -> None:
+    def __init__(self, rate: float, stepped: bool = False, expected: int = 1 << 16, clock: Clock | None = None) -> None:
         """Begin to count with the first :meth:`wait`.
 
         Args:
@@ -76,6 +101,7 @@ class Metronome:
             stepped: the machine's time advances by a period in each cycle, however long that takes: nothing is waited
                 for, and :meth:`now` is that time.
             expected: cycles to make room for.
+            clock: other than the host's, such as a simulated port's.
 
         Raises:
             SealegsError: the rate is no rate.
@@ -84,6 +110,7 @@ class Metronome:
             raise SealegsError(f"the rate is {rate:g} Hz; it must be between {LOWEST_RATE:g} and {HIGHEST_RATE:g} Hz.")
         self.period = 1.0 / rate
         self.stepped = stepped
+        self._clock: Clock = clock or HostClock()
         self._due: float | None = None
         self._times = np.zeros((4, max(expected, 16)))  # late, work, read, command; grown when full
         self.cycles, self.overruns, self._skipped = 0, 0, 0
@@ -91,14 +118,14 @@ class Metronome:
 
     def now(self) -> float:
         """The host's monotonic clock, or in stepped time the machine's [s]."""
-        return self._woke if self.stepped else time.monotonic()
+        return self._woke if self.stepped else self._clock.now()
 
     def wait(self) -> float:
         """Sleep until the next cycle is due; :meth:`now` at its beginning [s]."""
         if self.stepped:
             self._due = self._woke = self._woke + self.period
             return self._woke
-        now = time.monotonic()
+        now = self._clock.now()
         if self._due is None:
             self._due = self._began = now
             self._cpu = time.process_time()
@@ -111,8 +138,8 @@ class Metronome:
                 self._skipped += whole
                 self._due += whole * self.period
             else:
-                time.sleep(-behind)
-        self._woke = time.monotonic()
+                self._clock.sleep(-behind)
+        self._woke = self._clock.now()
         return self._woke
 
     def restart(self) -> None:

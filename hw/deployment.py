@@ -82,7 +82,14 @@ def prepare(config: Mapping[str, Any]) -> Deployment:
         SealegsError: something in it is wrong, or policy and robot do not fit.
     """
     config = dict(config)
-    for key, kind in (("silence", float), ("reach", float), ("dead_man", bool), ("dry_run", bool), ("live", bool)):
+    for key, kind in (
+        ("silence", float),
+        ("patience", float),
+        ("reach", float),
+        ("dead_man", bool),
+        ("dry_run", bool),
+        ("live", bool),
+    ):
         config[key] = checked(key, config[key], kind)
     for key in ("rate", "duration"):
         config[key] = checked(key, config[key], float | None)
@@ -172,7 +179,7 @@ def _guarded(deployment: Deployment, bus: ServoBus, port: str, stop: Stop, say: 
             )
         charge = Charge(
             port, int(hw["baudrate"]), robot.servo.name, float(hw["timeout"]), robot.ids, config["rest"],
-            config["silence"], os.getpid(), str(log.events_path.resolve()),
+            config["silence"], os.getpid(), str(log.events_path.resolve()), config["patience"],
         )  # fmt: skip
         loop = ControlLoop(
             bus,
@@ -194,7 +201,12 @@ def _guarded(deployment: Deployment, bus: ServoBus, port: str, stop: Stop, say: 
         if config["dead_man"]:
             say(f"Hold the space bar down: the run ends {PATIENCE:g} s after it is let go.")
         with live_view(loop, config["live"]):
-            outcome = loop.run(deployment.duration)
+            try:
+                outcome = loop.run(deployment.duration)
+            except Exception:
+                if loop.outcome is not None:
+                    say(at_rest_sentence(Run(loop.outcome, log.path), config["rest"]))
+                raise
     return Run(outcome, log.path)
 
 
@@ -211,19 +223,20 @@ def report(deployment: Deployment, done: Run, say: Callable[[str], None] = print
     if outcome.bus:
         say("Bus: " + ", ".join(f"{name} {count}" for name, count in outcome.bus.items()) + ".")
     say(f"Log: {done.log if done.log.exists() else 'none, since the run ended before its first reading'}")
-    rest = "released" if deployment.config["rest"] == "release" else "held"
-    lost = _not_at_rest(done)
     where = f"; the log is {done.log}" if done.log.exists() else ""
-    if lost:
-        servos = ", ".join(map(str, lost))
+    ended = at_rest_sentence(done, deployment.config["rest"])
+    if _not_at_rest(done):
         cause = f" ({outcome.fault.sentence.rstrip('.')})" if outcome.fault else ""
-        raise SealegsError(
-            f"TORQUE MAY BE ON at servo(s) {servos}, which cannot be reached: cut their power{cause}{where}."
-        )
+        raise SealegsError(f"{ended.rstrip('.')}{cause}{where}.")
     if outcome.fault is not None:
-        raise SealegsError(
-            f"safety stopped the run: {outcome.fault.sentence.rstrip('.')}; the servos are {rest}{where}."
-        )
+        raise SealegsError(f"safety stopped the run: {outcome.fault.sentence.rstrip('.')}; {ended.rstrip('.')}{where}.")
+
+
+def at_rest_sentence(done: Run, rest: str) -> str:
+    """What became of the servos."""
+    if lost := _not_at_rest(done):
+        return f"TORQUE MAY BE ON at servo(s) {', '.join(map(str, lost))}, which cannot be reached: cut their power."
+    return f"the servos are {'released' if rest == 'release' else 'held'}."
 
 
 def _not_at_rest(done: Run) -> list[int]:

@@ -14,6 +14,7 @@ from rich.table import Table
 from .loop import ControlLoop
 
 PERIOD = 0.25  # [s] between two pictures
+STALE = 0.5  # [s] after which a reading is no longer how the robot is
 SWITCH = 5e-4  # [s] that the drawing thread may keep the interpreter from the loop; Python's default is 5 ms
 
 
@@ -23,7 +24,15 @@ def picture(loop: ControlLoop) -> Table:
     failures = ", ".join(f"{name} {count}" for name, count in loop.bus.counts.items()) or "none"
     title = f"{loop.elapsed:6.1f} s   {cycles} cycles, {overruns} overruns   goals cut: {sum(cut.values())}"
     title += f"   bus: {failures}"
-    table = Table(title=title, title_justify="left", caption="Ctrl-C stops", caption_justify="left")
+    stale = loop.state not in ("start", "running") or loop.reading_age > STALE
+    caption = "Ctrl-C stops"
+    if loop.state == "NOT AT REST":
+        caption = "TORQUE MAY BE ON: CUT THE POWER. Ctrl-C ends the wait"
+    if stale:
+        title = f"STALE ({loop.state}), last reading {loop.reading_age:.1f} s ago   " + title
+    table = Table(
+        title=title, title_justify="left", caption=caption, caption_justify="left", style="dim" if stale else ""
+    )
     for name in ("joint", "goal [rad]", "position [rad]", "speed [rad/s]", "duty", "current [A]", "[V]", "[°C]"):
         table.add_column(name, justify="left" if name == "joint" else "right")
     reading = loop.reading

@@ -2,15 +2,15 @@
 
 from __future__ import annotations
 
-import contextlib
-import signal
+import sys
 import time
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from typing import Any
 
 import numpy as np
 
+from ..actuators.errors import SealegsError
 from .bus import ServoBus
 from .clock import Metronome, Timing
 from .commands import Commands
@@ -18,6 +18,7 @@ from .measured_log import MeasuredLog
 from .packets import BusError, PortError
 from .robot import Reading, ServoRobot
 from .safety import Fault, Safety
+from .stop import Stop
 from .supervisor import Rest, Supervisor, bring_to_rest
 
 APPROACH_SPEED = 1.0  # [rad/s] on the way to where a trajectory begins
@@ -51,34 +52,9 @@ class Outcome:
     rest_seconds: float = 0.0
 
 
-class Stop:
-    """A person's wish to stop: Ctrl-C, a closed terminal, a polite kill, or the dead-man's switch let go.
-
-    Attributes:
-        reason: None while nobody wants to stop.
-    """
-
-    def __init__(self) -> None:
-        self.reason: str | None = None
-
-    def ask(self, reason: str) -> None:
-        """Stop at the end of the cycle."""
-        self.reason = self.reason or reason
-
-    @contextlib.contextmanager
-    def on_signals(self) -> Iterator[None]:
-        """Turn signals into a wish to stop; a second Ctrl-C cannot break off the way to a safe end."""
-        names = {"SIGINT": "Ctrl-C", "SIGTERM": "SIGTERM", "SIGHUP": "the terminal was closed"}
-        previous: dict[int, Any] = {}
-        for name, reason in names.items():
-            if (number := getattr(signal, name, None)) is not None:
-                with contextlib.suppress(ValueError):  # not in the main thread: whoever runs it there stops it himself
-                    previous[number] = signal.signal(number, lambda *_, reason=reason: self.ask(reason))
-        try:
-            yield
-        finally:
-            for number, handler in previous.items():
-                signal.signal(number, handler)
+def to_stderr(line: str) -> None:
+    """Print what must not wait for the end of a run."""
+    print(line, file=sys.stderr, flush=True)
 
 
 class ControlLoop:
@@ -88,6 +64,8 @@ class ControlLoop:
         reading: the latest.
         sent: goals of the latest cycle (k,) [rad].
         elapsed: since the start of the run [s].
+        state: ``start``, ``running``, ``to rest``, ``at rest``, or ``NOT AT REST`` while torque may be on.
+        outcome: of the run once the servos are at rest, after an exception too; None before.
     """
 
     def __init__(
@@ -104,6 +82,7 @@ class ControlLoop:
         stop: Stop | None = None,
         stepped: bool = False,
         each_cycle: Callable[[], str | None] = lambda: None,
+        alarm: Callable[[str], None] = to_stderr,
     ) -> None:
         """Prepare; nothing moves.
 
@@ -120,14 +99,18 @@ class ControlLoop:
             stepped: the machine's time advances by a period in each cycle, however long that takes; of a virtual bus.
             each_cycle: called in every cycle, and on the way to the start; a text that it returns stops the run, such
                 as the dead-man's switch.
+            alarm: says at once what a person must know.
         """
         self.bus, self.robot, self.safety, self.commands = bus, robot, safety, commands
-        self._metronome = Metronome(rate, stepped)
+        self._metronome = Metronome(rate, stepped, clock=bus.line.port)
         self._log, self._supervisor = log, supervisor
         self._rest: Rest = rest
-        self._stop, self._each_cycle = stop or Stop(), each_cycle
+        self._stop, self._each_cycle, self._alarm = stop or Stop(), each_cycle, alarm
         self._zero_time = self._metronome.now()
         self.reading: Reading | None = None
+        self.outcome: Outcome | None = None
+        self.state = "start"
+        self._read_at = self._zero_time
         self.sent = np.zeros(len(robot.joints))
         self._events_seen = 0
 
@@ -137,53 +120,68 @@ class ControlLoop:
         return self._metronome.now() - self._zero_time
 
     @property
+    def reading_age(self) -> float:
+        """Since the latest reading [s], on the host's clock."""
+        return self.bus.line.port.now() - self._read_at
+
+    @property
     def counts(self) -> tuple[int, int]:
         """Cycles and overruns so far."""
         return self._metronome.cycles, self._metronome.overruns
 
     def run(self, duration: float) -> Outcome:
-        """Switch torque on, run, and bring the servos to rest.
+        """Switch torque on, run, and bring the servos to rest, however the run ends.
+
+        What can be named ends the run as a fault. An exception that nobody foresaw is raised again once the servos are
+        at rest; ``outcome`` tells what became of them.
 
         Args:
             duration: longest time [s].
-
-        Raises:
-            BusError: the servos cannot be reached at the start.
-            SealegsError: the log cannot be written on; the servos are at rest then too.
         """
         fault: Fault | None = None
         ending = "finished"
         try:
-            self._begin()
-            fault = self._cycles(min(duration, self.commands.duration))
-            if fault is not None:
-                ending = "fault"
-            elif self._stop.reason is not None:
-                ending = "stopped"
+            fault = self._begin()
+            if fault is None and self._stop.reason is None:
+                fault = self._cycles(min(duration, self.commands.duration))
+        except SealegsError as error:
+            fault = fault_of(error)
         except BaseException as error:
             self._event("exception", error=repr(error))
+            ending = "exception"
             raise
         finally:
-            timing = self._metronome.timing()
             if fault is not None:
+                ending = "fault"
                 self._event("fault", name=fault.name, sentence=fault.sentence, servos=list(fault.servos))
-            seconds, failed = self._to_rest()
+            elif self._stop.reason is not None and ending == "finished":
+                ending = "stopped"
+            self.outcome = self._ended(ending, fault)
+        return self.outcome
+
+    def _ended(self, ending: str, fault: Fault | None) -> Outcome:
+        timing = self._metronome.timing()
+        seconds, failed = self._to_rest()
         cut, bus = dict(self.safety.cut), dict(self.bus.counts)
-        outcome = Outcome(ending, self._stop.reason, fault, timing, cut, bus, failed, seconds)
         self._event("end", ending=ending, reason=self._stop.reason, cycles=timing.cycles, overruns=timing.overruns)
-        return outcome
+        return Outcome(ending, self._stop.reason, fault, timing, cut, bus, failed, seconds)
 
     # --- start -------------------------------------------------------------------------------------------------
 
-    def _begin(self) -> None:
+    def _begin(self) -> Fault | None:
         ids = self.robot.ids
         self.sent = np.clip(self._read().position, self.robot.low, self.robot.high)
         if self._stop.reason is not None:  # asked for while the bus and the supervisor were started
-            return
+            return None
         self._event("torque on", servos=ids)
         self.bus.torque_on(ids)
-        if (start := self.commands.start()) is not None:
-            self._approach(np.clip(start, self.robot.low, self.robot.high))
+        if (start := self.commands.start()) is None:
+            return None
+        try:
+            fault = self._approach(np.clip(start, self.robot.low, self.robot.high))
+        except SealegsError as error:
+            fault = fault_of(error)
+        return None if fault is None else replace(fault, sentence=f"on the way to the start: {fault.sentence}")
 
     def _read(self) -> Reading:
         self.reading = self._read_once(None)
@@ -191,15 +189,19 @@ class ControlLoop:
 
     def _read_once(self, retries: int | None) -> Reading:
         state = self.bus.read_state(self.robot.all_ids, retries=retries)
+        self._read_at = state.after
         if self._metronome.stepped:
             state = replace(state, before=self._metronome.now(), after=self._metronome.now())
         return self.robot.reading(state, self.reading)
 
-    def _approach(self, start: np.ndarray) -> None:
+    def _approach(self, start: np.ndarray) -> Fault | None:
         """Move slowly to where a trajectory begins; under the same limits as all else.
 
+        Returns:
+            What kept the robot from it; None: it is there, or a person stopped it.
+
         Raises:
-            BusError: it cannot be reached, or a limit was passed on the way.
+            BusError: a servo cannot be reached.
         """
         first = self.sent
         span = float(np.abs(start - first).max()) / APPROACH_SPEED
@@ -208,20 +210,20 @@ class ControlLoop:
             now = self._metronome.now() - begun
             reading = self._read()
             if (fault := self.safety.judge(reading)) is not None:
-                raise BusError(f"on the way to the start: {fault.sentence}", fault.servos)
+                return fault
             self.sent = first + (start - first) * min(now / max(span, 1e-9), 1.0)
             self.bus.write_goals(self.robot.ids, self.robot.to_servo(self.sent))
             if (fault := self._beat()) is not None:
-                raise BusError(fault.sentence)
+                return fault
             if (reason := self._each_cycle()) is not None:
                 self._stop.ask(reason)
             if self._stop.reason is not None:
-                return
+                return None
             if now > span + 0.3 and (np.abs(reading.position - start) < ARRIVED).all():
-                return
+                return None
             if now > span + SETTLING:
                 off = {n: f"{e:+.2f}" for n, e in zip(self.robot.names, reading.position - start, strict=True)}
-                raise BusError(f"the robot does not reach the start of the trajectory; it is off by {off} rad.")
+                return Fault("start", f"the robot does not reach the start of the trajectory; it is off by {off} rad.")
             self._metronome.wait()
 
     # --- cycles ------------------------------------------------------------------------------------------------
@@ -229,6 +231,7 @@ class ControlLoop:
     def _cycles(self, duration: float) -> Fault | None:
         begun: float | None = None
         self._metronome.restart()
+        self.state = "running"
         period = self._metronome.period
         while self._stop.reason is None:
             woke = self._metronome.wait()
@@ -257,7 +260,7 @@ class ControlLoop:
             self._metronome.done(NOWHERE, NOWHERE)
             self._event("missed", error=type(error).__name__, sentence=str(error), servos=list(error.servos))
             if isinstance(error, PortError):  # no other try helps
-                return Fault(type(error).__name__, str(error), tuple(error.servos))
+                return fault_of(error)
             return self.safety.missed(error)
         self.reading = reading
         fault = self.safety.judge(reading)
@@ -273,7 +276,7 @@ class ControlLoop:
             sent = self._metronome.now() if self._metronome.stepped else sent
         except BusError as error:
             self._write(reading, NOWHERE)
-            return Fault(type(error).__name__, str(error), tuple(error.servos))
+            return fault_of(error)
         self.sent = admitted
         self._write(reading, sent)
         self._metronome.done(reading.after - reading.before, sent - reading.time)
@@ -302,11 +305,18 @@ class ControlLoop:
 
     def _to_rest(self) -> tuple[float, dict[int, str]]:
         """Bring every servo to rest; what cannot be done here is left to the supervisor."""
-        started = time.monotonic()
+        clock = self.bus.line.port
+        started = clock.now()
+        self.state = "to rest"
         if self._supervisor is not None:
             self._supervisor.resting()
-        failed = bring_to_rest(self.bus, self.robot.ids, self._rest)
-        seconds = time.monotonic() - started
+        failed: Mapping[int, Exception]
+        try:
+            failed = bring_to_rest(self.bus, self.robot.ids, self._rest, self._failing)
+        except Exception as error:  # whatever it is, it must not hide that torque may be on
+            failed = dict.fromkeys(self.robot.ids, error)
+            self._failing(self.robot.ids, error)
+        seconds = clock.now() - started
         self.bus.close()
         reasons = {servo: str(error) for servo, error in failed.items()}
         self._event(
@@ -316,6 +326,24 @@ class ControlLoop:
             seconds=round(seconds, 4),
             failed=reasons,
         )
-        if self._supervisor is not None:
-            (self._supervisor.call if failed else self._supervisor.dismiss)()
+        if self._supervisor is not None and failed:
+            asked = self._stop.asked
+            self._alarm("The supervisor goes on trying to reach them; Ctrl-C ends the wait.")
+            self._supervisor.call(lambda: self._stop.asked > asked)
+        elif self._supervisor is not None:
+            self._supervisor.dismiss()
+        self.state = self.state if failed else "at rest"
         return seconds, reasons
+
+    def _failing(self, servos: Sequence[int], error: Exception) -> None:
+        """Say at once that servos could not be brought to rest; others may still be."""
+        self.state = "NOT AT REST"
+        self._alarm(f"TORQUE MAY BE ON at servo(s) {', '.join(map(str, servos))}: CUT THE POWER. {error}")
+        if self._supervisor is not None:
+            self._supervisor.resting()  # each servo may take its time
+
+
+def fault_of(error: SealegsError) -> Fault:
+    """An error of bus, log or robot as the end of a run."""
+    servos = error.servos if isinstance(error, BusError) else ()
+    return Fault(type(error).__name__, str(error), tuple(servos))

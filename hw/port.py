@@ -56,6 +56,14 @@ class BusPort(PortHandler):
         except GONE as error:
             raise _cannot_open(path, error) from None
 
+    def now(self) -> float:
+        """The clock that replies are waited for by: the host's monotonic one [s]."""
+        return time.monotonic()
+
+    def sleep(self, seconds: float) -> None:
+        """Let time pass."""
+        time.sleep(seconds)
+
     def setupPort(self, cflag_baud: int) -> bool:
         """Open the device; called by the SDK too, when the baud rate changes."""
         if self.is_open:

@@ -20,7 +20,7 @@ from collections.abc import Callable, Sequence
 from dataclasses import asdict, dataclass
 from typing import Literal
 
-from .bus import ServoBus
+from .bus import Failing, ServoBus
 from .packets import BusError, PortError
 
 BEAT, RESTING, DONE = b".", b"r", b"d"
@@ -28,6 +28,7 @@ READY = b"ready\n"
 PATIENCE = 10.0  # [s] that it goes on trying to reach port and servos
 AT_REST = 2.0  # [s] that the loop may take to bring the servos to rest itself
 PAUSE = 0.002  # [s] between two tries to get the port: the dead loop's lock goes with its last file
+ASKING = 0.05  # [s] between two looks whether a person still waits
 STARTING = 60.0  # [s] that the process may take to start
 
 Rest = Literal["release", "hold"]
@@ -44,6 +45,7 @@ class Charge:
         silence: time without a beat at which the loop counts as hanging [s].
         loop: process id of the loop, which is killed before the port is taken from it.
         events: file for events, of the run's log; None: nowhere.
+        patience: time that it goes on trying to reach port and servos [s].
     """
 
     port: str
@@ -55,22 +57,31 @@ class Charge:
     silence: float
     loop: int
     events: str | None = None
+    patience: float = PATIENCE
 
 
-def bring_to_rest(bus: ServoBus, ids: Sequence[int], rest: Rest) -> dict[int, BusError]:
+def bring_to_rest(bus: ServoBus, ids: Sequence[int], rest: Rest, failing: Failing | None = None) -> dict[int, BusError]:
     """Release or hold every servo that can be reached, whatever fails on the others.
+
+    Args:
+        bus: open.
+        ids: of the servos.
+        rest: what becomes of them.
+        failing: called with servos and reason as soon as one has failed, before the others are tried.
 
     Returns:
         Why, for each servo of which it is not sure.
     """
     if rest == "release":
-        return bus.torque_off(ids)
+        return bus.torque_off(ids, failing)
     failed: dict[int, BusError] = {}
     for servo in ids:
         try:
             bus.hold([servo])
         except BusError as error:
             failed[servo] = error
+            if failing is not None:
+                failing([servo], error)
     return failed
 
 
@@ -83,6 +94,7 @@ class Supervisor:
         Raises:
             PortError: it does not start.
         """
+        self._patience = charge.patience
         self._process = subprocess.Popen(
             [sys.executable, "-P", "-m", "sealegs.hw.supervisor"],
             stdin=subprocess.PIPE,
@@ -117,11 +129,15 @@ class Supervisor:
     def dismiss(self) -> None:
         """Say that the servos are at rest and the port is closed; the process ends."""
         self._say(DONE)
-        self._finish()
+        self._finish(lambda: False)
 
-    def call(self) -> None:
-        """Hand the servos over, because bringing them to rest failed; waits for the supervisor's try."""
-        self._finish()
+    def call(self, give_up: Callable[[], bool] = lambda: False) -> None:
+        """Hand the servos over, because bringing them to rest failed; waits for the supervisor's tries.
+
+        Args:
+            give_up: asked meanwhile: whether a person ends the wait. The supervisor goes on alone then.
+        """
+        self._finish(give_up)
 
     def _say(self, word: bytes) -> bool:
         with contextlib.suppress(BlockingIOError):  # the pipe is full: it listens, but has not read for long
@@ -131,11 +147,14 @@ class Supervisor:
                 return False
         return True
 
-    def _finish(self) -> None:
+    def _finish(self, give_up: Callable[[], bool]) -> None:
         with contextlib.suppress(OSError):
             self._pipe.close()
-        with contextlib.suppress(subprocess.TimeoutExpired):
-            self._process.wait(PATIENCE + 2.0)
+        end = time.monotonic() + self._patience + 2.0
+        while time.monotonic() < end and not give_up():
+            with contextlib.suppress(subprocess.TimeoutExpired):
+                self._process.wait(ASKING)
+                break
         if self._process.stdout is not None:
             self._process.stdout.close()
 
@@ -167,7 +186,7 @@ def take_over(charge: Charge, why: str, hangs: bool) -> None:
         with contextlib.suppress(ProcessLookupError):
             os.kill(charge.loop, signal.SIGKILL)
     failed: dict[int, BusError] | None = None
-    while time.monotonic() < started + PATIENCE:
+    while time.monotonic() < started + charge.patience:
         try:
             bus = ServoBus(charge.port, charge.baudrate, charge.servo, charge.timeout)
         except PortError as error:

@@ -7,7 +7,6 @@ accepts a reply only if servo, length and order fit, can be repeated, and every 
 from __future__ import annotations
 
 import threading
-import time
 from collections import Counter, deque
 from collections.abc import Callable, Sequence
 from typing import TypeVar
@@ -51,8 +50,15 @@ class Transactions:
         status: latest error byte of each servo by id.
     """
 
-    def __init__(self, path: str, baudrate: int, timeout: float, retries: int) -> None:
+    def __init__(self, path: str, baudrate: int, timeout: float, retries: int, port: BusPort | None = None) -> None:
         """Open the port.
+
+        Args:
+            path: of the port.
+            baudrate: of the bus [bit/s].
+            timeout: how long a reply may take beyond the time of its bytes [s].
+            retries: further tries of a transaction whose reply was missing or unusable.
+            port: that is open already, such as a simulated one; None: open ``path``.
 
         Raises:
             PortError: as :class:`~sealegs.hw.port.BusPort`.
@@ -66,7 +72,7 @@ class Transactions:
         self._overdue: deque[tuple[float, int]] = deque(maxlen=OVERDUE)  # (time [s], data bytes) of failed requests
         self._unsettled = False  # a reply failed: more of it may be on its way
         self._gone: UnpluggedError | None = None
-        self.port = BusPort(path, baudrate, timeout)
+        self.port = BusPort(path, baudrate, timeout) if port is None else port
         self._byte_time = 10.0 / baudrate
         self._sdk = sdk.PacketHandler(0)
         try:
@@ -103,7 +109,7 @@ class Transactions:
                 self._send(BROADCAST, SYNC_WRITE, parameters)
             except Exception as error:
                 raise self._named(error) from None
-            return time.monotonic()
+            return self.port.now()
 
     def transact(
         self, ids: Sequence[int], instruction: int, parameters: list[int], length: int, timeout: float | None = None
@@ -136,7 +142,7 @@ class Transactions:
                 return self._collect(ids, request, length, wait)
             except ReplyError:
                 self._unsettled = True
-                self._overdue.append((time.monotonic(), length))
+                self._overdue.append((self.port.now(), length))
                 raise
             except Exception as error:
                 raise self._named(error) from None
@@ -147,7 +153,7 @@ class Transactions:
         Replies say neither what they answer nor when it was asked. One that comes after its request failed, however
         late, has another length than what is asked now, and so cannot pass for the answer.
         """
-        while self._overdue and time.monotonic() - self._overdue[0][0] > LATEST:
+        while self._overdue and self.port.now() - self._overdue[0][0] > LATEST:
             self._overdue.popleft()
         taken = {late for _, late in self._overdue}
         while length in taken:
@@ -219,7 +225,7 @@ class Transactions:
     def note(self, error: BusError) -> None:
         """Keep a failure in ``counts`` and ``events``."""
         self.counts[type(error).__name__] += 1
-        self.events.append((time.monotonic(), error))
+        self.events.append((self.port.now(), error))
 
     def expect_nothing_more(self) -> None:
         """A reply is missing because nobody is there: nothing is on its way that the next request must wait for."""

@@ -1,0 +1,130 @@
+"""A port with virtual servos behind it in the same process, in simulated time: no pseudo-terminal, no waiting.
+
+Time passes only while bytes are on the wire, while a reply is waited for, and while somebody sleeps. Time-outs, round
+trips and overruns are therefore those of the simulated clock, equal in every run, whatever else the computer does.
+"""
+
+from __future__ import annotations
+
+import errno
+import heapq
+
+from ..port import WAIT, BusPort
+from .faults import first
+from .protocol import take_requests
+from .wire import Wire
+
+STEP = 0.005  # [s] between two looks at the faults while nobody asks
+
+
+class SimulatedPort(BusPort):
+    """The port of a :class:`~sealegs.hw.bus.ServoBus` (``opened=``), and the clock of its loop.
+
+    Attributes:
+        wire: servos and their line.
+        latency: of the adapter, on every reply [s].
+    """
+
+    def __init__(
+        self, wire: Wire, reply_timeout: float = 0.02, baudrate: int = 1_000_000, latency: float = 0.0
+    ) -> None:
+        self.port_name, self.baudrate = "simulated", baudrate
+        self.reply_timeout, self.latency = reply_timeout, latency
+        self.wire = wire
+        self.is_open, self.is_using = True, False
+        self.discarded = self.received = 0
+        self.tx_time_per_byte = 10_000.0 / baudrate  # [ms]
+        self.ser = None
+        self._time = wire.rig.time
+        self._deadline = 0.0
+        self._coming: list[tuple[float, int, bytes]] = []
+        self._sequence = 0
+        self._buffer = bytearray()
+
+    # --- clock -------------------------------------------------------------------------------------------------
+
+    def now(self) -> float:
+        """Of the simulated clock [s]."""
+        return self._time
+
+    def sleep(self, seconds: float) -> None:
+        """Let time pass; the machine moves on."""
+        end = self._time + max(seconds, 0.0)
+        while self._time < end:
+            self._time = min(self._time + STEP, end)
+            self.wire.apply_faults(self._time)
+            self.wire.rig.advance(self._time)
+            self.wire.rig.apply()
+
+    # --- port --------------------------------------------------------------------------------------------------
+
+    def closePort(self) -> None:
+        """Close the device."""
+        self.is_open = self.is_using = False
+
+    def reopened(self) -> SimulatedPort:
+        """Another port of the same wire, at the same time, as another program would open it."""
+        port = SimulatedPort(self.wire, self.reply_timeout, self.baudrate, self.latency)
+        port._time = self._time
+        return port
+
+    def clearPort(self) -> None:
+        """Discard what has come in."""
+        self._arrive()
+        self.received, self.discarded = 0, len(self._buffer)
+        self._buffer.clear()
+
+    def writePort(self, packet: list[int]) -> int:
+        """Carry a request to the servos."""
+        self._require_adapter()
+        data = bytes(packet)
+        if first(self.wire.faults, "echo", self._time) is not None:
+            self._push(self._time, data)
+        for request in take_requests(bytearray(data)):
+            for at, reply in self.wire.exchange(request, self._time, self.baudrate):
+                self._push(at + self.latency, reply)
+        return len(data)
+
+    def readPort(self, length: int) -> bytes:
+        """Up to ``length`` bytes; waits for the first as long as a real port does."""
+        self._require_adapter()
+        self._arrive()
+        if not self._buffer:
+            end = self._time + WAIT
+            if self._time <= self._deadline < end:
+                end = self._deadline + 1e-9
+            self._time = max(self._time, min(end, self._coming[0][0])) if self._coming else end
+            self._arrive()
+        data = bytes(self._buffer[:length])
+        del self._buffer[:length]
+        self.received += len(data)
+        return data
+
+    def setPacketTimeoutMillis(self, msec: float) -> None:
+        """Start a timeout of so many milliseconds."""
+        self._deadline = self._time + 1e-3 * msec
+
+    def isPacketTimeout(self) -> bool:
+        """Whether the timeout is over."""
+        return self._time > self._deadline
+
+    def settle(self, quiet: float = 0.004, longest: float = 0.05) -> int:
+        """Discard input until none has come for ``quiet`` seconds, at most ``longest``."""
+        count, silent_since, end = 0, self._time, self._time + longest
+        while self._time < min(end, silent_since + quiet):
+            if self.readPort(256):
+                silent_since = self._time
+                count += 1
+        return count
+
+    def _push(self, at: float, data: bytes) -> None:
+        heapq.heappush(self._coming, (at, self._sequence, data))
+        self._sequence += 1
+
+    def _arrive(self) -> None:
+        while self._coming and self._coming[0][0] <= self._time:
+            self._buffer += heapq.heappop(self._coming)[2]
+
+    def _require_adapter(self) -> None:
+        if first(self.wire.faults, "unplug", self._time) is not None:
+            raise OSError(errno.EIO, "the adapter is gone")

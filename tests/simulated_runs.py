@@ -1,0 +1,154 @@
+"""Runs on virtual servos in this process and in simulated time: equal every time, whatever else the computer does."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping, Sequence
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from sealegs.envs.robots import get_robot
+from sealegs.hw.bus import ServoBus
+from sealegs.hw.commands import Commands, Trajectory
+from sealegs.hw.loop import ControlLoop, Outcome
+from sealegs.hw.measured_log import MeasuredLog, make_sidecar
+from sealegs.hw.packets import BusError
+from sealegs.hw.robot import ServoRobot, build_robot
+from sealegs.hw.safety import Limits, Safety
+from sealegs.hw.stop import Stop
+from sealegs.hw.supervisor import bring_to_rest
+from sealegs.hw.virtual.faults import fault_from
+from sealegs.hw.virtual.machine import Machine
+from sealegs.hw.virtual.rig import Rig, mounts
+from sealegs.hw.virtual.simulated_port import SimulatedPort
+from sealegs.hw.virtual.wire import Wire
+
+from tests.servo_runs import config
+
+SIGNALS = ("goal", "position", "velocity", "duty", "voltage", "current", "temperature")
+
+
+class Guard:
+    """A supervisor in the same process, which tries through a port of its own.
+
+    Attributes:
+        heard: words of the loop, in their order.
+        patience: time that it goes on trying [s].
+    """
+
+    def __init__(self, simulation: Simulation, patience: float = 1.0) -> None:
+        self._simulation, self.patience = simulation, patience
+        self.heard: list[str] = []
+        self.lives = True
+
+    def beat(self) -> bool:
+        return self.lives
+
+    def resting(self) -> None:
+        self.heard.append("resting")
+
+    def dismiss(self) -> None:
+        self.heard.append("dismiss")
+
+    def call(self, give_up: Callable[[], bool]) -> None:
+        self.heard.append("call")
+        port = self._simulation.port.reopened()
+        end = port.now() + self.patience
+        while port.now() < end and not give_up():
+            try:
+                with ServoBus("simulated", timeout=port.reply_timeout, opened=port) as bus:
+                    if not bring_to_rest(bus, self._simulation.robot.ids, "release"):
+                        self.heard.append("released")
+                        return
+            except BusError:
+                pass
+            port = port.reopened()
+            port.sleep(0.05)
+
+
+class Simulation:
+    """A robot, its servos, and a loop that is ready to run.
+
+    Attributes:
+        said: alarms, as (time on the simulated clock [s], line).
+    """
+
+    def __init__(
+        self,
+        robot: str = "bench",
+        *arguments: str,
+        commands: Callable[[ServoRobot], Commands] | None = None,
+        rate: float = 100.0,
+        faults: Sequence[Mapping[str, Any]] = (),
+        seed: int = 0,
+        timeout: float = 0.02,
+        latency: float = 0.0,
+        folder: Path | None = None,
+        limits: Mapping[str, Any] | None = None,
+        hidden: str | None = None,
+        **keys: Any,
+    ) -> None:
+        settings = config(f"robot={robot}", *arguments, patient=False)["robot"]
+        self.robot = build_robot(settings)
+        sensors = {sensor.name: abs(sensor.per_radian) for sensor in self.robot.sensors}
+        machine = Machine(get_robot(robot), settings["actuator"], hidden, settings["params"], sensors)
+        placed = {j.name: {"id": j.id, "zero": j.zero, "direction": j.direction} for j in self.robot.joints}
+        placed |= {s.name: {"id": s.id, "zero": s.zero} for s in self.robot.sensors}
+        self.rig = Rig(machine, self.robot.servo, mounts(machine.encoders, placed, self.robot.servo), held=True)
+        self.wire = Wire(self.rig, [fault_from(row) for row in faults], seed)
+        self.port = SimulatedPort(self.wire, timeout, latency=latency)
+        self.bus = ServoBus("simulated", opened=self.port, timeout=timeout)
+        self.said: list[tuple[float, str]] = []
+        self.stop = Stop()
+        self.guard = Guard(self)
+        self.log = None
+        if folder is not None:
+            sidecar = make_sidecar(robot, settings["params"], self.robot.belief, {})
+            signals = (*SIGNALS, "link_position") if self.robot.measures_links else SIGNALS
+            self.log = MeasuredLog(folder, "run", sidecar, self.robot.names, signals, self.robot.base_names)
+        values = Limits.from_config({**settings["safety"], **(limits or {})})
+        wanted = sine() if commands is None else commands
+        self.loop = ControlLoop(
+            self.bus,
+            self.robot,
+            Safety(self.robot, values, 1.0 / rate),
+            wanted(self.robot),
+            rate,
+            log=self.log,
+            **{"supervisor": self.guard, "stop": self.stop, "alarm": self._say, **keys},
+        )
+
+    def _say(self, line: str) -> None:
+        self.said.append((self.port.now(), line))
+
+    def run(self, seconds: float = 2.0) -> Outcome:
+        try:
+            return self.loop.run(seconds)
+        finally:
+            if self.log is not None:
+                self.log.close()
+
+    def fault(self, kind: str, **values: Any) -> None:
+        """Plant a fault from now on."""
+        self.wire.faults.append(fault_from({"kind": kind, **values}, self.port.now()))
+
+    @property
+    def torque(self) -> list[bool]:
+        """Whether each joint's servo drives it."""
+        return [self.rig.torque(k) for k in range(len(self.robot.joints))]
+
+    @property
+    def switched_on(self) -> bool:
+        """Whether any servo's torque was ever on."""
+        return any(on for _, _, on in self.rig.history)
+
+
+def sine(amplitude: float = 0.3, hertz: float = 0.5, offset: float = 0.0, seconds: float = 1000.0) -> Any:
+    """A sine about the middle of each joint's range, all joints in step."""
+
+    def made(robot: ServoRobot) -> Trajectory:
+        time = np.arange(0.0, seconds, 0.01)
+        middle = 0.5 * (robot.low + robot.high) + offset
+        return Trajectory("sine", time, middle + amplitude * np.sin(2.0 * np.pi * hertz * time)[:, None])
+
+    return made

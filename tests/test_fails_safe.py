@@ -1,0 +1,133 @@
+"""Whatever fails, however the run ends: torque goes off, or a person is told at once that it may be on."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from sealegs.commands import deploy
+from sealegs.configs.script import run as run_script
+from sealegs.hw.commands import Trajectory
+from sealegs.hw.live import picture
+
+from tests.servo_runs import PATIENT
+from tests.simulated_runs import Simulation, sine
+
+AWAY = sine(offset=0.9)
+"""A start that the robot must first be brought to."""
+
+
+def when_torque_came_on(simulation: Simulation) -> float:
+    return next(time for time, _, on in simulation.rig.history if on)
+
+
+# --- on the way to the start -------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize(
+    ("fault", "name"), [({"kind": "silence"}, "NoReplyError"), ({"kind": "unplug"}, "UnpluggedError")]
+)
+def test_a_failure_on_the_way_to_the_start_is_reported_and_torque_that_may_be_on_is_said(
+    fault: dict[str, Any], name: str
+) -> None:
+    simulation = Simulation(commands=AWAY, faults=[{**fault, "at": 0.28}])
+    outcome = simulation.run()
+    assert outcome.ending == "fault" and outcome.fault is not None and outcome.fault.name == name
+    assert outcome.fault.sentence.startswith("on the way to the start:")
+    assert 0.2 < 0.28 - when_torque_came_on(simulation) < 0.28, "a quarter of a second after torque on"
+    assert simulation.torque == [True] and list(outcome.not_at_rest) == [1]
+    assert any("TORQUE MAY BE ON at servo(s) 1" in line for _, line in simulation.said)
+    assert simulation.guard.heard[-1] == "call"
+
+
+def test_a_servo_that_comes_back_after_a_failure_on_the_way_to_the_start_is_released() -> None:
+    simulation = Simulation(commands=AWAY, faults=[{"kind": "silence", "at": 0.28, "seconds": 0.6}])
+    outcome = simulation.run()
+    assert outcome.ending == "fault" and simulation.torque == [False]
+    assert simulation.guard.heard[-1] == "released"
+
+
+def test_the_last_line_of_deploy_says_that_torque_may_be_on(tmp_path: Path, capsys: Any) -> None:
+    faults = tmp_path / "faults.yaml"
+    faults.write_text("- {kind: silence, at: 0.3}\n")
+    away = tmp_path / "away.csv"
+    np.savetxt(away, [[0.0, 0.9], [5.0, 0.9]], "%.3f", ",", header="time,joint.goal", comments="")
+    arguments = ["hw.virtual.time=stepped", *PATIENT, "silence=20", "patience=0.1", f"hw.virtual.faults={faults}"]
+    assert run_script(deploy.main, "deploy", "", [*arguments, f"excitation={away}", f"out={tmp_path}"]) == 2
+    error = capsys.readouterr().err.strip().splitlines()
+    assert error[0].startswith("TORQUE MAY BE ON at servo(s) 1: CUT THE POWER"), "at once"
+    assert error[-1].startswith("TORQUE MAY BE ON at servo(s) 1") and "on the way to the start" in error[-1]
+
+
+@pytest.mark.parametrize("silent", [False, True])
+def test_an_exception_ends_in_the_release_and_its_report(silent: bool) -> None:
+    class Broken(Trajectory):
+        """A policy with a bug."""
+
+        def goals(self, time: float, reading: Any) -> np.ndarray:
+            if silent:
+                simulation.fault("silence")
+            raise ZeroDivisionError("a bug")
+
+    simulation = Simulation(commands=lambda _: Broken("broken", np.array([0.0, 1.0]), np.zeros((2, 1))))
+    with pytest.raises(ZeroDivisionError):
+        simulation.run()
+    assert simulation.loop.outcome is not None and simulation.loop.outcome.ending == "exception"
+    assert bool(simulation.loop.outcome.not_at_rest) == silent == any(simulation.torque)
+    assert any("TORQUE MAY BE ON" in line for _, line in simulation.said) == silent
+
+
+# --- a release that fails ----------------------------------------------------------------------------------------
+
+
+def test_a_release_that_fails_is_said_at_the_first_servo_and_before_anybody_waits() -> None:
+    simulation = Simulation("hopper", limits={"range_margin": 3.0, "speed": 200.0})
+    begun: list[float] = []
+    resting = simulation.guard.resting
+
+    def noted() -> None:
+        begun.append(simulation.port.now())
+        resting()
+
+    simulation.guard.resting = noted  # type: ignore[method-assign]
+    simulation.loop._each_cycle = lambda: simulation.fault("silence", servos=[1, 2]) or "enough"
+    outcome = simulation.run()
+    assert set(outcome.not_at_rest) == {1, 2}
+    first, line = simulation.said[0]
+    assert "TORQUE MAY BE ON at servo(s) 1: CUT THE POWER" in line and first - begun[0] < 0.2
+    assert [word for word in simulation.guard.heard if word != "resting"] == ["call"]
+
+
+def test_ctrl_c_ends_the_wait_for_servos_that_cannot_be_reached() -> None:
+    simulation = Simulation()
+    simulation.guard.patience = 1000.0
+    simulation.loop._each_cycle = lambda: simulation.fault("unplug") or "enough"
+
+    def pressed(line: str) -> None:
+        simulation.said.append((simulation.port.now(), line))
+        if "Ctrl-C ends the wait" in line:
+            reopened = simulation.port.reopened
+
+            def later() -> Any:
+                if simulation.port.now() < 1e9:
+                    simulation.stop.ask("Ctrl-C")
+                return reopened()
+
+            simulation.port.reopened = later  # type: ignore[method-assign]
+
+    simulation.loop._alarm = pressed
+    assert simulation.run().not_at_rest, "it has not waited for a thousand seconds"
+
+
+def test_the_view_is_stale_once_the_release_has_failed() -> None:
+    simulation = Simulation()
+    views: list[Any] = []
+    simulation.loop._alarm = lambda line: views.append(picture(simulation.loop))
+    simulation.loop._each_cycle = lambda: (
+        views.append(picture(simulation.loop)) or simulation.fault("unplug") or "enough"
+    )
+    simulation.run()
+    assert "STALE" not in str(views[0].title)
+    assert "STALE (NOT AT REST)" in str(views[1].title) and "TORQUE MAY BE ON" in str(views[1].caption)
