@@ -19,7 +19,7 @@ Actuator = str | list[Any] | dict[str, Any] | None
 """Chain of all coordinates (name, path or stages), or chains by coordinate; None: the robot's own."""
 
 # Arguments of an environment that are not the config group's business.
-_TAKEN = {"self", "render_mode", "actuator", "width", "height"}
+_TAKEN = {"render_mode", "actuator", "width", "height"}
 
 
 def env_keys(env: Mapping[str, Any]) -> list[str]:
@@ -74,4 +74,4 @@ def _env_arguments(env: Mapping[str, Any]) -> dict[str, Any]:
         raise SealegsError(f"env.id '{env['id']}' is no registered environment{hint}: there are {', '.join(known)}.")
     entry = gymnasium.spec(str(env["id"])).entry_point
     creator: Any = load_env_creator(entry) if isinstance(entry, str) else entry
-    return arguments(creator.__init__, _TAKEN)
+    return arguments(creator, _TAKEN)

@@ -14,7 +14,6 @@ import numpy as np
 from sealegs.agents.policy_files import load_policy
 from sealegs.envs.batch import BatchEngine
 from sealegs.envs.contract import task_of
-from sealegs.envs.hexapod.env import CONTROL_RATE
 from sealegs.envs.hexapod.parameters import GRAVITY
 from sealegs.envs.hexapod.robot import total_mass
 from sealegs.envs.hexapod.task import HexapodTask
@@ -78,7 +77,7 @@ def _reference(observation: np.ndarray) -> np.ndarray:
 
 def _engine(env: dict[str, Any], actuator: Any, seed: int, **task: float) -> BatchEngine:
     kind, options = task_of({**env, **task})
-    options |= {"actuator": actuator, "control_rate": options.get("control_rate", CONTROL_RATE)}
+    options |= {"actuator": actuator, "control_rate": options.get("control_rate", HexapodTask.control_rate)}
     engine = BatchEngine(kind, EPISODES, **options, autoreset=False, threads=1)
     engine.seed(seed)
     return engine
@@ -89,8 +88,8 @@ def _figures(env: dict[str, Any], actuator: Any, act: Act, speed: float) -> dict
     engine = _engine(env, actuator, 1000, speed=speed, resistance_weight=1.0)
     weight = total_mass(engine.numbers) * GRAVITY
     places = engine.batch.bind("qpos")[:, :2]
-    observation, start = engine.reset(), round(START * CONTROL_RATE)
-    steps = start + round(WINDOW * CONTROL_RATE)
+    observation, start = engine.reset(), round(START * HexapodTask.control_rate)
+    steps = start + round(WINDOW * HexapodTask.control_rate)
     energy, fallen, begun = np.zeros(EPISODES), np.zeros(EPISODES, bool), places.copy()
     for k in range(steps):
         if k == start:

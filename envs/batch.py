@@ -7,10 +7,8 @@ s + i.
 
 from __future__ import annotations
 
-import dataclasses
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
-from typing import Any
 
 import mujoco
 import numpy as np
@@ -18,7 +16,7 @@ from mujoco.batch import Batch
 
 from ..actuators import Drivetrain
 from ..actuators.engine import install
-from ..actuators.errors import SealegsError, nearest
+from ..actuators.errors import SealegsError
 from ..actuators.layout import S_OUT_OF_RANGE, S_TORQUE
 from .randomization import Randomization, Source
 from .robot import ChainSource
@@ -137,6 +135,19 @@ class BatchEngine:
         self.drawn = {f"{draw.group}.{draw.name}": np.zeros(num_envs) for draw in self.randomization.draws}
         self.generators = [np.random.Generator(np.random.PCG64())] * num_envs
         self.seed(None)
+
+    # --- looking -----------------------------------------------------------------------------------------------
+
+    def look(self, simulation: int, data: mujoco.MjData) -> mujoco.MjData:
+        """Copy the state of one simulation into ``data``, with what follows from its positions (``xpos``, ``xmat``,
+        centres of mass, cameras, tendons); the simulation is not touched."""
+        model = self.drivetrain.model
+        mujoco.mj_setState(model, data, self.batch.state[simulation], mujoco.mjtState.mjSTATE_INTEGRATION)
+        mujoco.mj_kinematics(model, data)
+        mujoco.mj_comPos(model, data)
+        mujoco.mj_camlight(model, data)
+        mujoco.mj_tendon(model, data)
+        return data
 
     # --- starting ----------------------------------------------------------------------------------------------
 
@@ -368,30 +379,3 @@ def _substeps(control_rate: float, timestep: float) -> int:
             f"control_rate is {control_rate:g} Hz; its period must be a whole number of steps of {timestep:g} s."
         )
     return round(count)
-
-
-def task_arguments(kind: type[Task], keywords: Mapping[str, Any]) -> tuple[Task, dict[str, Any]]:
-    """Split the keywords of an environment into the task and the engine's arguments.
-
-    Raises:
-        SealegsError: a keyword belongs to neither; the message names the nearest one.
-    """
-    fields = [item.name for item in dataclasses.fields(kind)]  # type: ignore[arg-type]
-    engine = ["actuator", "randomization", "params", "control_rate"]
-    for name in keywords:
-        if name not in fields and name not in engine:
-            known = [*engine, *fields]
-            raise SealegsError(f"there is no argument '{name}'{nearest(name, known)}; there are {', '.join(known)}.")
-    weights = {name: value for name, value in keywords.items() if name in fields}
-    for name, value in weights.items():
-        pair = isinstance(value, list | tuple) and len(value) == 2
-        numbers: list[Any] = list(value) if pair and name in kind.ranges else [value]
-        if any(isinstance(item, bool) or not isinstance(item, int | float) for item in numbers):
-            wanted = "a number or a pair of numbers" if name in kind.ranges else "a number"
-            raise SealegsError(f"{name} takes {wanted}, not {value!r}.")
-        if not np.isfinite(numbers).all():
-            raise SealegsError(f"{name} is {value!r}; it must be finite.")
-        if numbers[0] > numbers[-1]:
-            raise SealegsError(f"{name} is {value!r}; a range goes from its low to its high end.")
-    task = kind(**weights)
-    return task, {name: value for name, value in keywords.items() if name in engine}

@@ -16,7 +16,7 @@ from gymnasium.envs.registration import load_env_creator
 from ..actuators import Chain, load_chain
 from ..actuators.errors import SealegsError, nearest
 from . import register_environments
-from .batch import task_arguments
+from .arguments import task_arguments
 from .robot import Robot
 from .task import ModulatedTask, Task
 

@@ -57,13 +57,7 @@ class Scene:
         Raises:
             RenderError: there is no OpenGL, or no screen for the window.
         """
-        data = self._data
-        state = mujoco.mjtState.mjSTATE_INTEGRATION
-        mujoco.mj_setState(self._model, data, self._engine.batch.state[simulation], state)
-        mujoco.mj_kinematics(self._model, data)
-        mujoco.mj_comPos(self._model, data)
-        mujoco.mj_camlight(self._model, data)
-        mujoco.mj_tendon(self._model, data)
+        data = self._engine.look(simulation, self._data)
         if self._mode == "human":
             self._show()
             return None

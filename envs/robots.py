@@ -2,14 +2,18 @@
 
 from __future__ import annotations
 
+import importlib
+
 from ..actuators.errors import nearest
-from .bench.robot import BENCH
-from .biped.robot import BIPED
-from .hexapod.robot import HEXAPOD
-from .hopper.robot import HOPPER
+from . import ENVIRONMENTS
 from .robot import Robot, RobotError
 
-ROBOTS: dict[str, Robot] = {robot.name: robot for robot in (BENCH, HOPPER, BIPED, HEXAPOD)}
+
+def _robot(name: str) -> Robot:
+    return getattr(importlib.import_module(f".{name.lower()}.robot", __package__), name.upper())
+
+
+ROBOTS: dict[str, Robot] = {robot.name: robot for robot in map(_robot, ENVIRONMENTS)}
 
 
 def get_robot(name: str) -> Robot:

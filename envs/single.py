@@ -2,15 +2,16 @@
 
 from __future__ import annotations
 
-from typing import Any, ClassVar
+from typing import Any
 
 import gymnasium as gym
+import mujoco
 import numpy as np
 from gymnasium import spaces
 
-from .batch import BatchEngine, task_arguments
+from .arguments import TaskShell, task_arguments
+from .batch import BatchEngine
 from .render import Scene, check_render_mode
-from .task import Task
 
 
 def action_space(engine: BatchEngine) -> spaces.Box:
@@ -23,7 +24,7 @@ def observation_space(engine: BatchEngine) -> spaces.Box:
     return spaces.Box(-np.inf, np.inf, (engine.observation_size,), np.float32)
 
 
-class SingleEnv(gym.Env[np.ndarray, np.ndarray], gym.utils.EzPickle):
+class SingleEnv(TaskShell, gym.Env[np.ndarray, np.ndarray], gym.utils.EzPickle):
     """What single environments share; a subclass names its task and documents itself.
 
     The time limit is Gymnasium's ``TimeLimit``, which ``gymnasium.make`` adds.
@@ -33,9 +34,8 @@ class SingleEnv(gym.Env[np.ndarray, np.ndarray], gym.utils.EzPickle):
         "render_modes": ["rgb_array", "human"],
         "render_fps": 50,
     }
-    task: ClassVar[type[Task]]
 
-    def __init__(self, render_mode: str | None = None, width: int = 640, height: int = 480, **keywords: Any) -> None:
+    def __init__(self, *, render_mode: str | None = None, width: int = 640, height: int = 480, **keywords: Any) -> None:
         """Build the batch of one; ``keywords`` are the task's and the engine's."""
         gym.utils.EzPickle.__init__(self, render_mode=render_mode, width=width, height=height, **keywords)
         check_render_mode(render_mode, self.metadata["render_modes"])
@@ -66,12 +66,23 @@ class SingleEnv(gym.Env[np.ndarray, np.ndarray], gym.utils.EzPickle):
             self.render()
         return result.observation[0], float(result.reward[0]), bool(result.terminated[0]), False, info
 
-    def render(self) -> np.ndarray | None:  # type: ignore[override]
+    def render(self) -> Any:
         """The picture (height, width, 3), uint8, in mode ``rgb_array``; a window in mode ``human``."""
         if self._scene is None:
             gym.logger.warn("render() needs a render_mode, given to gymnasium.make.")
             return None
         return self._scene.draw(0)
+
+    @property
+    def model(self) -> mujoco.MjModel:
+        """The robot with its actuators as MuJoCo knows it; to be read. Randomised values are not in it but in
+        ``engine.batch``."""
+        return self.engine.drivetrain.model
+
+    @property
+    def data(self) -> mujoco.MjData:
+        """The state at this moment with what follows from its positions; a copy, so writing to it moves nothing."""
+        return self.engine.look(0, mujoco.MjData(self.model))
 
     def close(self) -> None:
         """Close window and renderer."""

@@ -54,6 +54,7 @@ class Motion:
     qpos_rate: np.ndarray = field(default_factory=lambda: np.empty((0, 0)))
 
 
+@dataclass(frozen=True)
 class Task(ABC):
     """A robot and what it is asked to do. Subclasses are frozen dataclasses of weights; their methods know no single
     simulation.
@@ -62,11 +63,13 @@ class Task(ABC):
         robot: that the task is for.
         draws: uniform random numbers that one start needs.
         ranges: arguments that may be a pair, low and high, instead of one number.
+        control_rate: actions per second [Hz], where nothing else is asked for.
     """
 
     robot: ClassVar[Robot]
     draws: ClassVar[int]
     ranges: ClassVar[tuple[str, ...]] = ()
+    control_rate: ClassVar[float] = 50.0
 
     def action_names(self) -> tuple[str, ...]:
         """What the elements of an action mean: the goals of the robot's coordinates, where nothing else is said."""

@@ -3,19 +3,20 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import Any, ClassVar
+from typing import Any
 
 import gymnasium as gym
+import mujoco
 import numpy as np
 from gymnasium.vector.utils import batch_space
 
-from .batch import BatchEngine, Step, task_arguments
+from .arguments import TaskShell, task_arguments
+from .batch import BatchEngine, Step
 from .render import Scene, check_render_mode
 from .single import action_space, observation_space
-from .task import Task
 
 
-class BatchVectorEnv(gym.vector.VectorEnv):
+class BatchVectorEnv(TaskShell, gym.vector.VectorEnv):
     """n simulations on all cores; a finished episode's successor starts in the same step (``SAME_STEP``).
 
     Its observations, rewards and infos are those of ``gymnasium.vector.SyncVectorEnv`` over single environments in that
@@ -27,10 +28,10 @@ class BatchVectorEnv(gym.vector.VectorEnv):
         "render_fps": 50,
         "autoreset_mode": gym.vector.AutoresetMode.SAME_STEP,
     }
-    task: ClassVar[type[Task]]
 
     def __init__(
         self,
+        *,
         num_envs: int = 1,
         max_episode_steps: int | None = None,
         render_mode: str | None = None,
@@ -85,11 +86,20 @@ class BatchVectorEnv(gym.vector.VectorEnv):
             )
         return infos
 
-    def render(self) -> tuple[np.ndarray, ...] | None:
+    def render(self) -> Any:
         """Pictures of all simulations."""
         if self._scene is None:
             return None
-        return tuple(self._scene.draw(number) for number in range(self.num_envs))  # type: ignore[misc]
+        return tuple(self._scene.draw(number) for number in range(self.num_envs))
+
+    @property
+    def model(self) -> mujoco.MjModel:
+        """The robot that all simulations share; to be read. Randomised values are not in it but in ``engine.batch``."""
+        return self.engine.drivetrain.model
+
+    def data(self, simulation: int = 0) -> mujoco.MjData:
+        """State of one simulation at this moment, as :attr:`sealegs.envs.single.SingleEnv.data` has it: a copy."""
+        return self.engine.look(simulation, mujoco.MjData(self.model))
 
     def close_extras(self, **kwargs: Any) -> None:
         """Close the renderer."""

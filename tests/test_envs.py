@@ -2,10 +2,14 @@
 
 from __future__ import annotations
 
+import ast
+import dataclasses
+import inspect
 import pickle
 import re
 import warnings
 from pathlib import Path
+from typing import Any
 
 import gymnasium as gym
 import mujoco
@@ -13,12 +17,14 @@ import numpy as np
 import pytest
 import sealegs  # noqa: F401 registers
 import yaml
+from gymnasium.envs.registration import EnvSpec
 from gymnasium.utils.env_checker import check_env as check_gymnasium
 from sealegs.actuators import load_chain
 from sealegs.actuators.errors import SealegsError
 from sealegs.envs.hopper.robot import HOPPER
 from sealegs.envs.robots import get_robot
 from sealegs.envs.single import SingleEnv
+from sealegs.envs.vector import BatchVectorEnv
 from stable_baselines3.common.env_checker import check_env as check_sb3
 
 
@@ -32,10 +38,22 @@ def constant(env: gym.Env, value: float) -> np.ndarray:
     return np.full_like(env.action_space.sample(), value)
 
 
-IDS = ("SeaLegs/Hopper-v0", "SeaLegs/Bench-v0")
+IDS = tuple(name for name in gym.registry if name.startswith("SeaLegs/"))
+every_environment = pytest.mark.parametrize("env_id", IDS)
 
 
-@pytest.mark.parametrize("env_id", IDS)
+def few_steps(env: gym.Env, seed: int, count: int = 3) -> np.ndarray:
+    """Observations and rewards of a few random steps, in one array."""
+    random = np.random.default_rng(seed)
+    seen = [env.reset(seed=seed)[0]]
+    for _ in range(count):
+        action = random.uniform(-1.0, 1.0, env.action_space.shape or ()).astype(np.float32)
+        observation, reward, *_ = env.step(action)
+        seen += [observation, np.array([reward])]
+    return np.concatenate(seen)
+
+
+@every_environment
 def test_environments_pass_the_checks_of_gymnasium_and_sb3(env_id: str) -> None:
     env = gym.make(env_id).unwrapped
     with warnings.catch_warnings():
@@ -46,13 +64,112 @@ def test_environments_pass_the_checks_of_gymnasium_and_sb3(env_id: str) -> None:
         check_sb3(env, skip_render_check=True)
 
 
-def test_an_environment_survives_pickling() -> None:
-    env = gym.make("SeaLegs/Hopper-v0", actuator="ideal", speed=0.2).unwrapped
+@every_environment
+def test_equal_seeds_move_alike_and_others_do_not(env_id: str) -> None:
+    first, again = gym.make(env_id), gym.make(env_id)
+    moved = few_steps(first, 4)
+    np.testing.assert_array_equal(moved, few_steps(again, 4))
+    np.testing.assert_array_equal(moved, few_steps(first, 4))
+    assert (first.reset(seed=5)[0] != again.reset(seed=4)[0]).any()
+
+
+@every_environment
+def test_an_environment_survives_pickling(env_id: str) -> None:
+    env = gym.make(env_id, actuator="ideal", start_noise=0.01).unwrapped
     again = pickle.loads(pickle.dumps(env))
-    np.testing.assert_array_equal(env.reset(seed=1)[0], again.reset(seed=1)[0])
+    assert type(again) is type(env)
+    np.testing.assert_array_equal(few_steps(env, 1), few_steps(again, 1))
 
 
-@pytest.mark.parametrize("env_id", IDS)
+@every_environment
+def test_a_spec_written_down_makes_the_same_environment(env_id: str) -> None:
+    env = gym.make(env_id, actuator="ideal", start_noise=0.01)
+    assert env.spec is not None
+    again = gym.make(EnvSpec.from_json(env.spec.to_json()))
+    np.testing.assert_array_equal(few_steps(env, 2), few_steps(again, 2))
+
+
+@every_environment
+def test_a_vector_environment_moves_as_single_ones(env_id: str) -> None:
+    many = gym.make_vec(env_id, num_envs=2)
+    singles = [gym.make(env_id) for _ in range(2)]
+    np.testing.assert_array_equal(many.reset(seed=9)[0], [env.reset(seed=9 + i)[0] for i, env in enumerate(singles)])
+    for _ in range(2):
+        action = np.asarray(many.action_space.sample())
+        observed, rewards, *_ = many.step(action)
+        steps = [env.step(action[i]) for i, env in enumerate(singles)]
+        np.testing.assert_array_equal(observed, [step[0] for step in steps])
+        np.testing.assert_array_equal(rewards, [step[1] for step in steps])
+
+
+@every_environment
+def test_every_render_mode_constructs_without_opening_anything(env_id: str) -> None:
+    assert set(gym.make(env_id).metadata["render_modes"]) == {"rgb_array", "human"}
+    for mode in ("rgb_array", "human"):
+        env = gym.make(env_id, render_mode=mode, width=64, height=48)
+        assert env.render_mode == mode
+        env.close()
+    many = gym.make_vec(env_id, num_envs=2, render_mode="rgb_array")
+    assert many.render_mode == "rgb_array"
+    many.close()
+
+
+@every_environment
+def test_the_signature_and_the_documented_arguments_are_those_of_the_task(env_id: str) -> None:
+    kind = type(single(gym.make(env_id)))
+    shown = inspect.signature(kind).parameters
+    assert kind.__name__ == f"{env_id.partition('/')[2].partition('-')[0]}Env"
+    assert {"actuator", "randomization", "params", "control_rate", "render_mode"} <= set(shown)
+    assert {item.name for item in dataclasses.fields(kind.task)} <= set(shown)
+    table = (kind.__doc__ or "").partition("## Arguments")[2]
+    rows = re.findall(r"^ *\| ((?:`\w+`(?:, )?)+) *\| [^|]*\| `([^`]*)`", table, re.MULTILINE)
+    documented = {}
+    for names, value in rows:
+        names = re.findall(r"\w+", names)
+        values = ast.literal_eval(value)
+        documented |= dict(zip(names, values if len(names) > 1 else (values,), strict=True))
+    assert documented == {name: item.default for name, item in shown.items() if name != "render_mode"}
+
+
+@every_environment
+def test_the_vector_environment_has_the_same_arguments(env_id: str) -> None:
+    one = inspect.signature(type(single(gym.make(env_id)))).parameters
+    many = inspect.signature(type(gym.make_vec(env_id, num_envs=1).unwrapped)).parameters
+    assert set(many) == {*one, "num_envs", "max_episode_steps"}
+    assert all(many[name] == item for name, item in one.items())
+
+
+@every_environment
+def test_model_and_data_can_be_read_and_move_nothing(env_id: str) -> None:
+    env, untouched = gym.make(env_id), gym.make(env_id)
+    env.reset(seed=1)
+    untouched.reset(seed=1)
+    inner = single(env)
+    assert isinstance(inner.model, mujoco.MjModel)
+    np.testing.assert_array_equal(inner.data.qpos, inner.engine.batch.bind("qpos")[0])
+    body = inner.data.xpos[1].copy()
+    inner.data.qpos[:] = 100.0
+    action = constant(env, 0.5)
+    np.testing.assert_array_equal(env.step(action)[0], untouched.step(action)[0])
+    assert np.isfinite(body).all() and inner.data.time > 0.0
+    many = gym.make_vec(env_id, num_envs=2).unwrapped
+    assert isinstance(many, BatchVectorEnv)
+    many.reset(seed=1)
+    assert (many.data(0).qpos != many.data(1).qpos).any() and many.model.nu == inner.model.nu
+
+
+@pytest.mark.parametrize(
+    ("argument", "meant"),
+    [("actuatr", "actuator"), ("sped", "speed"), ("widht", "width"), ("contol_rate", "control_rate")],
+)
+def test_a_mistyped_argument_of_make_gets_a_suggestion(argument: str, meant: str) -> None:
+    makers: tuple[Any, ...] = (gym.make, gym.make_vec)
+    for make in makers:
+        with pytest.raises(SealegsError, match=f"no argument '{argument}' .did you mean '{meant}'"):
+            make("SeaLegs/Hopper-v0", **{argument: 1.0})
+
+
+@every_environment
 def test_reward_is_the_sum_of_its_terms_in_info(env_id: str) -> None:
     env = gym.make(env_id)
     env.reset(seed=0)
@@ -62,7 +179,7 @@ def test_reward_is_the_sum_of_its_terms_in_info(env_id: str) -> None:
         assert info["unstable"] is False
 
 
-@pytest.mark.parametrize("env_id", IDS)
+@pytest.mark.parametrize("env_id", ("SeaLegs/Hopper-v0", "SeaLegs/Bench-v0"))  # the others' tests read their own
 def test_the_documented_tables_are_those_of_the_environment(env_id: str) -> None:
     env = single(gym.make(env_id))
     text = type(env).__doc__ or ""

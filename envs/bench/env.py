@@ -2,16 +2,12 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
-from typing import Any
-
-from ..robot import ChainSource
 from ..single import SingleEnv
 from ..vector import BatchVectorEnv
 from .task import BenchTask
 
 
-class BenchEnv(SingleEnv):
+class BenchEnv(SingleEnv, task=BenchTask):
     r"""
     ## Description
     A servo on a stand turns a pendulum, a point mass at the end of a uniform rod. The task is to bring the pendulum to
@@ -72,39 +68,6 @@ class BenchEnv(SingleEnv):
     * v0: initial version.
     """  # noqa: E501
 
-    task = BenchTask
 
-    def __init__(
-        self,
-        actuator: ChainSource | Mapping[str, ChainSource] | None = None,
-        randomization: Mapping[str, Any] | str | None = None,
-        params: Mapping[str, float] | None = None,
-        control_rate: float = 50.0,
-        target_range: float = BenchTask.target_range,
-        tracking_weight: float = BenchTask.tracking_weight,
-        energy_weight: float = BenchTask.energy_weight,
-        start_noise: float = BenchTask.start_noise,
-        render_mode: str | None = None,
-        width: int = 640,
-        height: int = 480,
-    ) -> None:
-        """Build the environment; the class documents the arguments."""
-        super().__init__(
-            render_mode,
-            width,
-            height,
-            actuator=actuator,
-            randomization=randomization,
-            params=params,
-            control_rate=control_rate,
-            target_range=target_range,
-            tracking_weight=tracking_weight,
-            energy_weight=energy_weight,
-            start_noise=start_noise,
-        )
-
-
-class BenchVectorEnv(BatchVectorEnv):
+class BenchVectorEnv(BatchVectorEnv, task=BenchTask):
     """Many :class:`BenchEnv` side by side, with the same arguments."""
-
-    task = BenchTask

@@ -2,16 +2,12 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
-from typing import Any
-
-from ..robot import ChainSource
 from ..single import SingleEnv
 from ..vector import BatchVectorEnv
 from .task import BipedTask
 
 
-class BipedEnv(SingleEnv):
+class BipedEnv(SingleEnv, task=BipedTask):
     r"""
     ## Description
     MABEL, the planar biped of paper 003 ("Identification of a Bipedal Robot with a Compliant Drivetrain"): 1 m tall at
@@ -135,55 +131,6 @@ class BipedEnv(SingleEnv):
     * v0: initial version.
     """  # noqa: E501
 
-    task = BipedTask
 
-    def __init__(
-        self,
-        actuator: ChainSource | Mapping[str, ChainSource] | None = None,
-        randomization: Mapping[str, Any] | str | None = None,
-        params: Mapping[str, float] | None = None,
-        control_rate: float = 50.0,
-        speed: float | Sequence[float] = BipedTask.speed,
-        hopping: float = BipedTask.hopping,
-        cadence: float = BipedTask.cadence,
-        correction: float = BipedTask.correction,
-        forward_weight: float = BipedTask.forward_weight,
-        alive_weight: float = BipedTask.alive_weight,
-        gait_weight: float = BipedTask.gait_weight,
-        upright_weight: float = BipedTask.upright_weight,
-        energy_weight: float = BipedTask.energy_weight,
-        healthy_height: float = BipedTask.healthy_height,
-        healthy_pitch: float = BipedTask.healthy_pitch,
-        start_noise: float = BipedTask.start_noise,
-        render_mode: str | None = None,
-        width: int = 640,
-        height: int = 480,
-    ) -> None:
-        """Build the environment; the class documents the arguments."""
-        super().__init__(
-            render_mode,
-            width,
-            height,
-            actuator=actuator,
-            randomization=randomization,
-            params=params,
-            control_rate=control_rate,
-            speed=speed,
-            hopping=hopping,
-            cadence=cadence,
-            correction=correction,
-            forward_weight=forward_weight,
-            alive_weight=alive_weight,
-            gait_weight=gait_weight,
-            upright_weight=upright_weight,
-            energy_weight=energy_weight,
-            healthy_height=healthy_height,
-            healthy_pitch=healthy_pitch,
-            start_noise=start_noise,
-        )
-
-
-class BipedVectorEnv(BatchVectorEnv):
+class BipedVectorEnv(BatchVectorEnv, task=BipedTask):
     """Many :class:`BipedEnv` side by side, with the same arguments."""
-
-    task = BipedTask

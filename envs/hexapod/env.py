@@ -2,18 +2,12 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
-from typing import Any
-
-from ..robot import ChainSource
 from ..single import SingleEnv
 from ..vector import BatchVectorEnv
 from .task import HexapodTask
 
-CONTROL_RATE = 1.0  # [Hz] a step cycle of the reference gait takes 6 to 12 s
 
-
-class HexapodEnv(SingleEnv):
+class HexapodEnv(SingleEnv, task=HexapodTask):
     r"""
     ## Description
     The six-legged robot AMRU5 of paper 001 ("Dynamic simulation of six-legged robots with a focus on joint friction"):
@@ -113,60 +107,6 @@ class HexapodEnv(SingleEnv):
     The action follows Iscen et al., "Policies Modulating Trajectory Generators" (CoRL 2018).
     """  # noqa: E501
 
-    task = HexapodTask
 
-    def __init__(
-        self,
-        actuator: ChainSource | Mapping[str, ChainSource] | None = None,
-        randomization: Mapping[str, Any] | str | None = None,
-        params: Mapping[str, float] | None = None,
-        control_rate: float = CONTROL_RATE,
-        speed: float | Sequence[float] = HexapodTask.speed,
-        forward_weight: float = HexapodTask.forward_weight,
-        alive_weight: float = HexapodTask.alive_weight,
-        straight_weight: float = HexapodTask.straight_weight,
-        resistance_weight: float = HexapodTask.resistance_weight,
-        healthy_height: float = HexapodTask.healthy_height,
-        healthy_upright: float = HexapodTask.healthy_upright,
-        start_noise: float = HexapodTask.start_noise,
-        render_mode: str | None = None,
-        width: int = 640,
-        height: int = 480,
-    ) -> None:
-        """Build the environment; the class documents the arguments."""
-        super().__init__(
-            render_mode,
-            width,
-            height,
-            actuator=actuator,
-            randomization=randomization,
-            params=params,
-            control_rate=control_rate,
-            speed=speed,
-            forward_weight=forward_weight,
-            alive_weight=alive_weight,
-            straight_weight=straight_weight,
-            resistance_weight=resistance_weight,
-            healthy_height=healthy_height,
-            healthy_upright=healthy_upright,
-            start_noise=start_noise,
-        )
-
-
-class HexapodVectorEnv(BatchVectorEnv):
+class HexapodVectorEnv(BatchVectorEnv, task=HexapodTask):
     """Many :class:`HexapodEnv` side by side, with the same arguments."""
-
-    task = HexapodTask
-
-    def __init__(
-        self,
-        num_envs: int = 1,
-        max_episode_steps: int | None = None,
-        render_mode: str | None = None,
-        width: int = 640,
-        height: int = 480,
-        control_rate: float = CONTROL_RATE,
-        **keywords: Any,
-    ) -> None:
-        """Build the batch; ``keywords`` are the task's and the engine's."""
-        super().__init__(num_envs, max_episode_steps, render_mode, width, height, control_rate=control_rate, **keywords)

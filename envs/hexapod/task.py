@@ -38,6 +38,7 @@ class HexapodTask(ModulatedTask):
     robot = HEXAPOD
     draws = 2 + 3 * LEGS  # speed, first tripod, joints
     ranges = ("speed",)
+    control_rate = 1.0  # a step cycle of the reference gait takes 6 to 12 s
     memory, goal_period, sample_period = modulated_gait.MEMORY, PERIOD, 0.002
 
     def action_names(self) -> tuple[str, ...]:

@@ -2,16 +2,12 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
-from typing import Any
-
-from ..robot import ChainSource
 from ..single import SingleEnv
 from ..vector import BatchVectorEnv
 from .task import HopperTask
 
 
-class HopperEnv(SingleEnv):
+class HopperEnv(SingleEnv, task=HopperTask):
     r"""
     ## Description
     A one-legged robot of 0.587 kg with two series elastic actuators, the leg of paper 004 ("Practical Approach to
@@ -105,47 +101,6 @@ class HopperEnv(SingleEnv):
     * v0: initial version.
     """  # noqa: E501
 
-    task = HopperTask
 
-    def __init__(
-        self,
-        actuator: ChainSource | Mapping[str, ChainSource] | None = None,
-        randomization: Mapping[str, Any] | str | None = None,
-        params: Mapping[str, float] | None = None,
-        control_rate: float = 50.0,
-        speed: float | Sequence[float] = HopperTask.speed,
-        forward_weight: float = HopperTask.forward_weight,
-        alive_weight: float = HopperTask.alive_weight,
-        height_weight: float = HopperTask.height_weight,
-        energy_weight: float = HopperTask.energy_weight,
-        healthy_height: float = HopperTask.healthy_height,
-        healthy_angle: float = HopperTask.healthy_angle,
-        start_noise: float = HopperTask.start_noise,
-        render_mode: str | None = None,
-        width: int = 640,
-        height: int = 480,
-    ) -> None:
-        """Build the environment; the class documents the arguments."""
-        super().__init__(
-            render_mode,
-            width,
-            height,
-            actuator=actuator,
-            randomization=randomization,
-            params=params,
-            control_rate=control_rate,
-            speed=speed,
-            forward_weight=forward_weight,
-            alive_weight=alive_weight,
-            height_weight=height_weight,
-            energy_weight=energy_weight,
-            healthy_height=healthy_height,
-            healthy_angle=healthy_angle,
-            start_noise=start_noise,
-        )
-
-
-class HopperVectorEnv(BatchVectorEnv):
+class HopperVectorEnv(BatchVectorEnv, task=HopperTask):
     """Many :class:`HopperEnv` side by side, with the same arguments."""
-
-    task = HopperTask
