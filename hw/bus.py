@@ -34,6 +34,7 @@ class ServoBus(ServoMemory):
         counts: failures so far by the name of their class, those that a further try cured included.
         events: the latest failures, oldest first, as (host's monotonic time [s], error).
         status: latest error byte of each servo by id.
+        marks: torque limit that each servo got with its torque, by id; after a restart it has another.
     """
 
     def __init__(
@@ -67,6 +68,7 @@ class ServoBus(ServoMemory):
         self.counts: Counter[str] = self.line.counts
         self.events: deque[tuple[float, BusError]] = self.line.events
         self.status: dict[int, int] = self.line.status
+        self.marks: dict[int, int] = {}
 
     def __enter__(self) -> ServoBus:
         return self
@@ -120,12 +122,13 @@ class ServoBus(ServoMemory):
 
     # --- cycle -------------------------------------------------------------------------------------------------
 
-    def read_state(self, ids: Sequence[int], retries: int | None = None) -> ServoState:
+    def read_state(self, ids: Sequence[int], retries: int | None = None, whole: bool = False) -> ServoState:
         """Position, velocity, duty, voltage, temperature, status and current of all servos, in one transaction.
 
         Args:
             ids: of the servos, each once.
             retries: other than the bus's own.
+            whole: torque and goal register too; 16 bytes more of each servo.
 
         Raises:
             NoReplyError, CorruptReplyError, ShortReplyError, StaleReplyError: after the last try; ``servos`` names
@@ -135,9 +138,10 @@ class ServoBus(ServoMemory):
 
         def read() -> ServoState:
             before = self.line.port.now()
-            asked = self.line.no_late_length(self._block.length)
-            replies = self.line.transact(ids, SYNC_READ, [self._block.start, asked, *ids], asked)
-            return self._block.state(ids, [replies[servo] for servo in ids], before, self.line.port.now())
+            start, length = self._block.span(whole)
+            asked = self.line.no_late_length(length)
+            replies = self.line.transact(ids, SYNC_READ, [start, asked, *ids], asked)
+            return self._block.state(ids, [replies[servo] for servo in ids], before, self.line.port.now(), whole)
 
         return self.line.retry(read, retries)
 
@@ -213,16 +217,27 @@ class ServoBus(ServoMemory):
     def torque_on(self, ids: Sequence[int]) -> None:
         """Switch torque on where each servo stands: its goal becomes its position first, or it would jump.
 
+        Each is marked besides, so that a restart can be told: see :attr:`marks`.
+
         Raises:
             BusError: a servo failed; torque is then off on all of them.
         """
         try:
             self.hold(ids)
             for servo in ids:
+                self._mark(servo)
                 self.write_register(servo, "torque_enable", 1)
         except BusError:
             self.torque_off(ids)
             raise
+
+    def _mark(self, servo: int) -> None:
+        """Make sure that the torque limit is another one than after power-on: a thousandth less does not show."""
+        limit, full = (self.read_register(servo, name) for name in ("torque_limit", "max_torque"))
+        if limit == full > 0:
+            limit = full - 1
+            self.write_register(servo, "torque_limit", limit)
+        self.marks[servo] = limit
 
     def hold(self, ids: Sequence[int]) -> None:
         """Make each servo's position its goal, and make sure that the goal arrived.

@@ -20,6 +20,7 @@ from .robot import Reading, ServoRobot
 from .safety import Fault, Safety
 from .stop import Stop
 from .supervisor import Rest, Supervisor, bring_to_rest
+from .torque_watch import TorqueWatch
 
 APPROACH_SPEED = 1.0  # [rad/s] on the way to where a trajectory begins
 ARRIVED = 0.15  # [rad] from it that counts as there: friction and load leave a position servo short of its goal
@@ -112,7 +113,7 @@ class ControlLoop:
         self.state = "start"
         self._read_at = self._zero_time
         self.sent = np.zeros(len(robot.joints))
-        self._events_seen = 0
+        self._watch = TorqueWatch(self._metronome.period)
 
     @property
     def elapsed(self) -> float:
@@ -183,16 +184,20 @@ class ControlLoop:
             fault = fault_of(error)
         return None if fault is None else replace(fault, sentence=f"on the way to the start: {fault.sentence}")
 
-    def _read(self) -> Reading:
-        self.reading = self._read_once(None)
+    def _read(self, whole: bool = False) -> Reading:
+        self.reading = self._read_once(None, whole)
         return self.reading
 
-    def _read_once(self, retries: int | None) -> Reading:
-        state = self.bus.read_state(self.robot.all_ids, retries=retries)
+    def _read_once(self, retries: int | None, whole: bool) -> Reading:
+        state = self.bus.read_state(self.robot.all_ids, retries, whole)
         self._read_at = state.after
         if self._metronome.stepped:
             state = replace(state, before=self._metronome.now(), after=self._metronome.now())
         return self.robot.reading(state, self.reading)
+
+    def _judge(self, reading: Reading) -> Fault | None:
+        lost = None if reading.state is None else self._watch.judge(reading.state, self.bus.marks)
+        return lost or self.safety.judge(reading)
 
     def _approach(self, start: np.ndarray) -> Fault | None:
         """Move slowly to where a trajectory begins; under the same limits as all else.
@@ -208,8 +213,8 @@ class ControlLoop:
         begun = self._metronome.wait()
         while True:
             now = self._metronome.now() - begun
-            reading = self._read()
-            if (fault := self.safety.judge(reading)) is not None:
+            reading = self._read(self._watch.due())
+            if (fault := self._judge(reading)) is not None:
                 return fault
             self.sent = first + (start - first) * min(now / max(span, 1e-9), 1.0)
             self.bus.write_goals(self.robot.ids, self.robot.to_servo(self.sent))
@@ -255,7 +260,7 @@ class ControlLoop:
     def _cycle(self, now: float) -> Fault | None:
         ids = self.robot.ids
         try:
-            reading = self._read_once(0)
+            reading = self._read_once(0, self._watch.due())
         except BusError as error:
             self._metronome.done(NOWHERE, NOWHERE)
             self._event("missed", error=type(error).__name__, sentence=str(error), servos=list(error.servos))
@@ -263,7 +268,7 @@ class ControlLoop:
                 return fault_of(error)
             return self.safety.missed(error)
         self.reading = reading
-        fault = self.safety.judge(reading)
+        fault = self._judge(reading)
         if fault is not None:
             self._write(reading, NOWHERE)
             return fault

@@ -11,6 +11,8 @@ from .packets import ServoFaultError, faults
 from .registers import ServoModel
 
 FIRST, LAST = "present_position", "present_current"
+WHOLE = "torque_enable"
+"""First register of the longer block, which tells besides whether a servo still has its torque and its goal."""
 FIELDS = (
     "present_position",
     "present_velocity",
@@ -42,6 +44,8 @@ class ServoState:
         status: fault bits, see :class:`sealegs.hw.packets.Status` (n,).
         moving: (n,) bool.
         raw: counts by register name (n,), signs applied.
+        torque: register ``torque_enable`` (n,); None: not read this time.
+        limit: register ``torque_limit`` (n,); None: not read this time.
     """
 
     ids: tuple[int, ...]
@@ -57,6 +61,8 @@ class ServoState:
     status: np.ndarray
     moving: np.ndarray
     raw: Mapping[str, np.ndarray]
+    torque: np.ndarray | None = None
+    limit: np.ndarray | None = None
 
     def faults(self) -> list[ServoFaultError]:
         """The faults that the servos report, an exception each, not raised."""
@@ -69,6 +75,7 @@ class BlockReader:
     Attributes:
         start: address of the block's first byte.
         length: of the block in bytes.
+        whole: as ``start``, of the longer block.
     """
 
     def __init__(self, model: ServoModel) -> None:
@@ -76,6 +83,10 @@ class BlockReader:
         last = model[LAST]
         self.start = model[FIRST].address
         self.length = last.address + last.bytes - self.start
+        self.whole = model[WHOLE].address
+        self._more = {
+            "torque": model[WHOLE], "goal": model["goal_position"], "limit": model["torque_limit"]
+        }  # fmt: skip
         self._low = np.array([item.address - self.start for item in registers], np.int64)
         self._high = self._low + np.array([item.bytes - 1 for item in registers], np.int64)
         self._weight = np.array([256 * (item.bytes - 1) for item in registers], np.int64)
@@ -86,8 +97,20 @@ class BlockReader:
         centred = ("present_position", "target_position")
         self._zero = np.array([model.centre if item.name in centred else 0 for item in registers])
 
-    def state(self, ids: Sequence[int], blocks: Sequence[Sequence[int]], before: float, after: float) -> ServoState:
-        """The state in blocks (n, length or more) of bytes."""
+    def span(self, whole: bool) -> tuple[int, int]:
+        """Address and length in bytes of the block."""
+        start = self.whole if whole else self.start
+        return start, self.start + self.length - start
+
+    def state(
+        self, ids: Sequence[int], blocks: Sequence[Sequence[int]], before: float, after: float, whole: bool = False
+    ) -> ServoState:
+        """The state in blocks (n, length or more) of bytes, which begin at ``whole`` where that is so."""
+        more: dict[str, np.ndarray] = {}
+        if whole:
+            for name, register in self._more.items():
+                more[name] = np.array([register.read(list(block), self.whole) for block in blocks])
+            blocks = [block[self.start - self.whole :] for block in blocks]
         table = np.array(blocks, np.int64)
         words = table[:, self._low] + table[:, self._high] * self._weight
         counts = np.where(words & self._sign, -(words & (self._sign - 1)), words)
@@ -108,4 +131,5 @@ class BlockReader:
             status=rows[5],
             moving=rows[6] != 0,
             raw=dict(zip(FIELDS, rows, strict=True)),
+            **more,
         )

@@ -131,3 +131,21 @@ def test_the_view_is_stale_once_the_release_has_failed() -> None:
     simulation.run()
     assert "STALE" not in str(views[0].title)
     assert "STALE (NOT AT REST)" in str(views[1].title) and "TORQUE MAY BE ON" in str(views[1].caption)
+
+
+# --- torque that is lost -----------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("rate", [20.0, 100.0, 250.0])
+@pytest.mark.parametrize(
+    ("fault", "name"),
+    [({"kind": "restart", "value": 0.015}, "restart"), ({"kind": "limp"}, "torque")],
+)
+def test_a_servo_that_lost_its_torque_is_named_within_100_ms(fault: dict[str, Any], name: str, rate: float) -> None:
+    limits = {"range_margin": 3.0, "speed": 200.0}
+    simulation = Simulation("hopper", rate=rate, limits=limits, faults=[{**fault, "servos": [2], "at": 2.0}])
+    outcome = simulation.run(5.0)
+    assert outcome.ending == "fault" and outcome.fault is not None
+    assert (outcome.fault.name, outcome.fault.servos) == (name, (2,)) and "servo 2 has" in outcome.fault.sentence
+    off = {servo: time for time, servo, on in simulation.rig.history if not on}
+    assert off[1] - 2.0 < 0.1 and not any(simulation.torque)

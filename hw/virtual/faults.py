@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import dataclasses
 from collections.abc import Iterable, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
@@ -22,9 +22,13 @@ KINDS = {
     "unplug": "the adapter is gone; servos keep what they were told last",
     "overheat": "a servo measures 'value' degC",
     "brown_out": "the supply has 'value' volts; below 3.3 V the servos restart with torque off",
+    "restart": "a servo restarts with torque off and is silent for 'value' seconds (0.8)",
+    "limp": "a servo's torque register becomes 0 by itself",
     "overload": "a servo is latched in overload until its torque is switched off",
 }
-DEFAULTS = {"overheat": 80.0, "brown_out": 3.8}
+DEFAULTS = {"overheat": 80.0, "brown_out": 3.8, "restart": 0.8}
+ONCE = ("restart", "limp")
+"""Kinds that happen once to each servo."""
 
 
 class FaultError(SealegsError):
@@ -43,7 +47,8 @@ class Fault:
         count: how many replies it spoils at most; None: all.
         probability: with which it spoils a reply.
         delay: of late replies [s].
-        value: temperature [degC] or voltage [V] where the kind has one; None: 80 degC, 3.8 V.
+        value: temperature [degC], voltage [V] or time [s] where the kind has one; None: 80 degC, 3.8 V, 0.8 s.
+        done: servos to which a fault of :data:`ONCE` has happened.
     """
 
     kind: str
@@ -54,6 +59,7 @@ class Fault:
     probability: float = 1.0
     delay: float = 0.05
     value: float | None = None
+    done: set[int] = field(default_factory=set, init=False, repr=False)
 
     def __post_init__(self) -> None:
         if self.kind not in KINDS:
@@ -88,7 +94,7 @@ def fault_from(row: Any, now: float = 0.0) -> Fault:
     """
     if not isinstance(row, Mapping) or "kind" not in row:
         raise FaultError(f"a fault is a mapping with at least its 'kind', not {row!r}.")
-    known = {item.name for item in dataclasses.fields(Fault)}
+    known = {item.name for item in dataclasses.fields(Fault) if item.init}
     for key in row:
         if key not in known:
             raise FaultError(f"a fault has no '{key}'{nearest(str(key), known)}; it has {', '.join(sorted(known))}.")

@@ -216,7 +216,7 @@ class Server:
             "requests": self.wire.requests,
             "servos": servos,
             "history": rig.history[-1000:],
-            "faults": [vars(fault) for fault in self.wire.faults],
+            "faults": [{**vars(fault), "done": sorted(fault.done)} for fault in self.wire.faults],
             "qpos": rig.machine.data.qpos.tolist(),
             "qvel": rig.machine.data.qvel.tolist(),
         }

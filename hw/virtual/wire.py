@@ -6,7 +6,7 @@ import random
 from collections.abc import Sequence
 
 from . import protocol
-from .faults import Fault, first
+from .faults import ONCE, Fault, first
 from .protocol import BROADCAST, Request
 from .rig import Rig
 from .servo import Servo
@@ -138,6 +138,13 @@ class Wire:
             servo.forced_temperature = hot.value if hot else None
             low = first(self.faults, "brown_out", now, servo.id)
             self.rig.volts[servo.joint] = low.value if low else None
+            for fault in self.faults:
+                if fault.kind in ONCE and fault.active(now) and fault.concerns(servo.id) and servo.id not in fault.done:
+                    fault.done.add(servo.id)
+                    if fault.kind == "restart":
+                        servo.boot(now, fault.value or 0.0)
+                    else:
+                        servo.write(servo.model["torque_enable"].address, b"\0", now)
             if (overload := first(self.faults, "overload", now, servo.id)) is not None:
                 servo.latched = True
                 if overload.count is None and overload.seconds is None:
