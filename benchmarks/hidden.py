@@ -18,13 +18,14 @@ import sys
 import time
 from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass
+from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 if TYPE_CHECKING:
-    from sealegs.gap.search.forward import Search
+    from sealegs.gap.search.result import Search
 
 RESULTS = Path(__file__).parent / "results"
 REPORTED_SEED = 1020
@@ -109,8 +110,14 @@ def all_names() -> list[str]:
     return [*EFFECTS, *STRANGERS]
 
 
-def run(case: Case) -> dict[str, Any]:
-    """Record and diagnose one case."""
+def run(case: Case, look_on: bool = False) -> dict[str, Any]:
+    """Record and diagnose one case.
+
+    Args:
+        case: what is hidden.
+        look_on: also fit rounds that the search would skip, for ``benchmarks.sensitivity``.
+    """
+    from sealegs.gap.search.record import to_dict
     from sealegs.gap.verdict.diagnosis import diagnose
 
     from testbed import drawn_constants, hidden_bench
@@ -118,7 +125,7 @@ def run(case: Case) -> dict[str, Any]:
     constants = drawn_constants(np.random.default_rng([case.seed, 2])) if case.drawn else {}
     data, truth = hidden_bench(case.values(), case.seed, LOADS, constants=constants)
     began = time.perf_counter()
-    (found,) = diagnose(data)
+    (found,) = diagnose(data, look_on=look_on)
     seconds = time.perf_counter() - began
     return {
         "key": case.key,
@@ -150,6 +157,7 @@ def run(case: Case) -> dict[str, Any]:
             for cause in found.causes
         ],
         "rounds": [] if found.search is None else [_margins(found.search, k) for k in range(len(found.search.rounds))],
+        "record": None if found.search is None else to_dict(found.search.record),
     }
 
 
@@ -283,6 +291,9 @@ def main(arguments: Sequence[str] | None = None) -> int:
         "--first", type=int, default=REPORTED_SEED, help="seed of the first case; below 900 for development"
     )
     parser.add_argument("--drawn", action="store_true", help="draw the size and the sign of each effect")
+    parser.add_argument(
+        "--look-on", action="store_true", help="also fit rounds that the search skips, for benchmarks.sensitivity"
+    )
     parser.add_argument("--jobs", type=int, default=1, help="cases at a time")
     parser.add_argument(
         "--out", type=Path, help="kept cases, the summary beside it; default: hidden.jsonl or hidden_drawn.jsonl"
@@ -300,7 +311,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
         print(f"{options.out} holds cases of revision {', '.join(sorted(old))}, this is {now}: name another file.")
         return 2
     try:
-        for number, row in enumerate(_results(todo, options.jobs), 1):
+        for number, row in enumerate(_results(todo, options.jobs, options.look_on), 1):
             kept.append(row)
             with options.out.open("a") as file:
                 file.write(json.dumps(row) + "\n")
@@ -316,12 +327,13 @@ def main(arguments: Sequence[str] | None = None) -> int:
     return 0
 
 
-def _results(todo: Sequence[Case], jobs: int) -> Iterable[dict[str, Any]]:
+def _results(todo: Sequence[Case], jobs: int, look_on: bool) -> Iterable[dict[str, Any]]:
+    one = partial(run, look_on=look_on)
     if jobs <= 1:
-        yield from map(run, todo)
+        yield from map(one, todo)
         return
     with multiprocessing.get_context("spawn").Pool(jobs) as pool:
-        yield from pool.imap_unordered(run, todo)
+        yield from pool.imap_unordered(one, todo)
 
 
 if __name__ == "__main__":

@@ -34,7 +34,8 @@ def write(rows: Sequence[dict[str, Any]], path: Path) -> str:
     text = "# The finder against the hidden bench\n\n" + summary(rows) + "\n" + table(rows)
     path.with_suffix(".md").write_text(text, encoding="utf-8")
     names, matrix = confusion(rows)
-    document = {"named": names, "confusion": {k: v.tolist() for k, v in matrix.items()}, "cases": rows}
+    cases = [{key: value for key, value in row.items() if key != "record"} for row in rows]
+    document = {"named": names, "confusion": {k: v.tolist() for k, v in matrix.items()}, "cases": cases}
     path.with_suffix(".json").write_text(json.dumps(document, indent=1) + "\n", encoding="utf-8")
     picture(names, matrix, path.with_suffix(".png"))
     return summary(rows)

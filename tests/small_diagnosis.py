@@ -4,13 +4,11 @@ from __future__ import annotations
 
 import functools
 
-import pytest
 from sealegs.gap.log.types import MeasuredSet
 from sealegs.gap.verdict.diagnosis import diagnose
 from sealegs.gap.verdict.verdict import JointDiagnosis
 
 from testbed import hidden_bench
-from tests.few_causes import few
 
 CONSIDERED = ("friction.load_dependent", "friction.viscous", "drive.delay")
 
@@ -21,7 +19,5 @@ def small_diagnosis() -> tuple[JointDiagnosis, MeasuredSet]:
     data, _ = hidden_bench(
         {"friction.load_dependent": "clear"}, seed=1, load=("medium", "heavy", "light"), duration=6.0
     )
-    with pytest.MonkeyPatch.context() as patch:
-        patch.setattr("sealegs.gap.search.forward.catalogue", few(*CONSIDERED))
-        (found,) = diagnose(data)
+    (found,) = diagnose(data, causes=CONSIDERED)
     return found, data

@@ -14,7 +14,7 @@ from sealegs.gap.replay.problem import Problem, converged, lay_out
 from sealegs.gap.search.channels import weigh_channels
 from sealegs.gap.search.correlated import excess
 from sealegs.gap.search.fit import fit
-from sealegs.gap.search.forward import LEFT
+from sealegs.gap.search.settings import DEFAULT
 from sealegs.gap.search.structure import NOTICED, structure
 
 from testbed import NOISE_FLOOR, hidden_bench
@@ -49,7 +49,7 @@ def test_noise_is_no_excess_however_large_it_is_taken_for(margin: float) -> None
     true = {f"{stage}.{name}*": factors[name] for name, stage in names.items()}
     true["delay.seconds*"] = factors["command_delay"]
     right, wrong = problem.simulate([true, {**true, "friction.coulomb*": 1.4}])
-    assert excess(problem, right) < LEFT < 0.2 < excess(problem, wrong)
+    assert excess(problem, right) < DEFAULT.least_excess < 0.2 < excess(problem, wrong)
 
 
 def test_an_excess_is_what_an_error_adds_to_noise() -> None:

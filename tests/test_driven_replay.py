@@ -7,9 +7,11 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from sealegs.actuators.chain import load_chain
+from sealegs.gap.causes.catalogue import catalogue
+from sealegs.gap.causes.visible import limits, shown
 from sealegs.gap.log.parts import cut
 from sealegs.gap.log.types import JointLog, MeasuredRun, MeasuredSet
-from sealegs.gap.replay.driven import DrivenProblem, driven_problem, limits, shown
+from sealegs.gap.replay.driven import DrivenProblem, driven_problem
 from sealegs.gap.replay.driven_simulator import replay_driven
 from sealegs.gap.replay.joint_model import IMMOVABLE, K_INERTIA, JointModel
 from sealegs.gap.verdict.diagnosis import diagnose
@@ -101,7 +103,7 @@ def test_the_true_servo_follows_the_log_of_a_hopping_leg_to_its_noise(joint: str
 def test_what_the_link_hides_is_not_sought_and_is_said() -> None:
     data, _ = hidden_hopper({}, seed=11, duration=8.0, runs=2)
     problem = problem_of(data, "knee")
-    kept, hidden = shown(problem, problem.models[0])
+    kept, hidden = shown(problem, problem.models[0], catalogue(problem.models[0]))
     names = {cause.name for cause in kept}
     assert {"spring.stiffness", "transmission.backlash", "friction.coulomb", "drive.delay"} <= names
     assert {"load.mass", "load.inertia", "contact.blocked"} <= set(hidden)
@@ -145,7 +147,7 @@ def test_a_rigid_joint_is_judged_by_what_it_asks_of_its_drive() -> None:
     data, _ = hidden_hopper({}, seed=12, duration=6.0, runs=2)
     problem = problem_of(bare(data, RIGID, ("duty", "current")), "hip")
     assert problem.signal == ("current", "A")
-    _, hidden = shown(problem, problem.models[0])
+    _, hidden = shown(problem, problem.models[0], catalogue(problem.models[0]))
     assert "friction.coulomb" in hidden and "transmission.backlash" in hidden
 
 

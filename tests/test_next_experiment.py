@@ -31,7 +31,6 @@ from sealegs.gap.verdict.verdict import NOT_IDENTIFIABLE, UNUSABLE
 
 from benchmarks.next_experiment import POOR, outcome, record_experiment, summary
 from testbed import hidden_bench
-from tests.few_causes import few
 
 LOAD = {"mass": 0.5, "arm_mass": 0.03, "length": 0.12}
 NOMINAL = JointModel(load_chain("sts3215"))
@@ -66,9 +65,7 @@ def test_a_load_that_the_servo_cannot_hold_within_the_limits_gets_no_motion() ->
 def test_no_experiment_is_proposed_where_the_servo_holds_no_load_within_the_limits() -> None:
     data, _ = hidden_bench({}, 3, runs=1, duration=3.0, schedules=(POOR["still"],))
     runs = [replace(run, robot_params=TOO_HEAVY) for run in data.runs]
-    with pytest.MonkeyPatch.context() as patch:
-        patch.setattr("sealegs.gap.experiment.proposal.catalogue", few("drive.delay"))
-        assert experiment_for_still(runs, "servo", [NOMINAL], Limits(1.0, 1.5)) is None
+    assert experiment_for_still(runs, "servo", [NOMINAL], Limits(1.0, 1.5), causes=["drive.delay"]) is None
 
 
 def test_a_motion_made_smaller_stays_within_the_limits_and_where_its_load_is_held(
@@ -147,9 +144,7 @@ def test_a_joint_that_never_moved_gets_a_first_experiment() -> None:
     data, _ = hidden_bench({}, 3, runs=1, duration=3.0, schedules=(POOR["still"],))
     resting = [replace(run, joints={j: replace(log, position=0 * log.position + 0.3) for j, log in run.joints.items()})
                for run in data.runs]  # fmt: skip
-    with pytest.MonkeyPatch.context() as patch:
-        patch.setattr("sealegs.gap.experiment.proposal.catalogue", few("drive.delay", "friction.viscous"))
-        (found,) = diagnose(replace(data, runs=tuple(resting)))
+    (found,) = diagnose(replace(data, runs=tuple(resting)), causes=("drive.delay", "friction.viscous"))
     assert found.verdict == UNUSABLE
     assert found.experiment is not None and np.ptp(found.experiment.goal) > 0.5
 
@@ -167,12 +162,9 @@ def test_what_a_poor_log_leaves_open_the_proposed_experiment_names(
     effect: str, size: str, motion: str, seed: int, considered: tuple[str, ...], other_load: bool
 ) -> None:
     data, truth = hidden_bench({effect: size}, seed, "medium", runs=2, duration=8.0, schedules=(POOR[motion],))
-    with pytest.MonkeyPatch.context() as patch:
-        for module in ("sealegs.gap.search.forward", "sealegs.gap.experiment.proposal"):
-            patch.setattr(f"{module}.catalogue", few(*considered))
-        (found,) = diagnose(data)
-        assert found.verdict == NOT_IDENTIFIABLE or found.rivals, found.sentence
-        assert found.experiment is not None
-        assert (found.experiment.load["mass"] != data.runs[0].robot_params["mass"]) == other_load
-        (found,) = diagnose(record_experiment(data, truth, found.experiment, 5))
+    (found,) = diagnose(data, causes=considered)
+    assert found.verdict == NOT_IDENTIFIABLE or found.rivals, found.sentence
+    assert found.experiment is not None
+    assert (found.experiment.load["mass"] != data.runs[0].robot_params["mass"]) == other_load
+    (found,) = diagnose(record_experiment(data, truth, found.experiment, 5), causes=considered)
     assert outcome(effect, summary(found)) == "right", found.sentence

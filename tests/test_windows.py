@@ -16,7 +16,6 @@ from sealegs.gap.verdict.diagnosis import diagnose
 from sealegs.gap.verdict.verdict import EXPLAINED
 
 from testbed import hidden_bench
-from tests.few_causes import few
 
 CHAIN = load_chain("sts3215")
 
@@ -61,16 +60,15 @@ def test_a_joint_with_a_state_that_nobody_measured_keeps_its_whole_runs(monkeypa
 def test_an_effect_found_in_windows_is_judged_on_whole_runs(monkeypatch: pytest.MonkeyPatch) -> None:
     searched: list[int] = []
 
-    def searcher(problem: Problem, *rest: Any) -> Searcher:
+    def searcher(problem: Problem, *rest: Any, **more: Any) -> Searcher:
         searched.append(len(problem.units))
-        return Searcher(problem, *rest)
+        return Searcher(problem, *rest, **more)
 
     monkeypatch.setattr("sealegs.gap.search.windows.FAR", 0.5)
     monkeypatch.setattr("sealegs.gap.verdict.diagnosis.Searcher", searcher)
     near = ("friction.load_dependent", "friction.stribeck", "friction.coulomb", "drive.delay")
-    monkeypatch.setattr("sealegs.gap.search.forward.catalogue", few(*near))
     data, _ = hidden_bench({"friction.load_dependent": "clear"}, 11, ("light", "medium", "heavy"), duration=9.0)
-    (found,) = diagnose(data)
+    (found,) = diagnose(data, causes=near)
     assert found.verdict == EXPLAINED and found.causes[0].name == "friction.load_dependent", found.sentence
     assert found.causes[0].parameters["friction.load"].value == pytest.approx(0.133, rel=0.1)
     assert found.problem is not None and searched[0] > 3 * len(found.problem.units)

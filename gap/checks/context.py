@@ -8,7 +8,7 @@ from functools import cached_property
 import numpy as np
 
 from ..log.types import Array, JointLog, MeasuredRun
-from .signal import DERIVATIVE_WINDOW, derivatives, high_frequency_noise, quantisation_step
+from .signal import DERIVATIVE_WINDOW, derivatives, quantisation_step, sample_noise
 
 LONGEST_EXCERPT = 200_000
 """Samples that the checks of motion look at; of a longer log they take its middle."""
@@ -44,7 +44,7 @@ class JointContext:
     @cached_property
     def noise(self) -> float:
         """Rms error of a position sample [rad]."""
-        return position_noise(self.time, self.log.position, self.step)
+        return sample_noise(self.time, self.log.position)
 
     @cached_property
     def span(self) -> float:
@@ -102,8 +102,3 @@ def joint_contexts(run: MeasuredRun) -> list[JointContext]:
         cut = replace(log, **{signal: values[part] for signal, values in log.signals().items()}) if excess else log
         contexts.append(JointContext(run, name, cut, run.time[part]))
     return contexts
-
-
-def position_noise(time: Array, position: Array, step: float) -> float:
-    """Return the rms error of a position sample [rad]: quantisation, or the faster noise where that is larger."""
-    return max(step / np.sqrt(12.0), high_frequency_noise(time, position))

@@ -11,11 +11,11 @@ from ..log.finding import Finding
 from ..log.types import LogError, MeasuredRun, MeasuredSet
 from .clock import check_clock
 from .columns import check_columns
-from .context import JointContext, joint_contexts, position_noise
+from .context import JointContext, joint_contexts
 from .correction import mendable, mended, told
 from .drive import check_drive
 from .motion import check_motion
-from .signal import quantisation_step
+from .signal import sample_noise
 from .torque import check_torque
 
 __all__ = ["Finding", "check_run", "check_set", "corrected", "merged", "noise_floor", "shows_little", "unusable"]
@@ -119,7 +119,7 @@ def noise_floor(run: MeasuredRun, joint: str) -> float:
     if joint not in run.joints:
         raise LogError(f"{run.name}: has no joint '{joint}', only {', '.join(run.joints)}")
     context = _context(run, joint)
-    return position_noise(context.time, context.log.position, quantisation_step(context.log.position))
+    return sample_noise(context.time, context.log.position)
 
 
 def _context(run: MeasuredRun, joint: str) -> JointContext:

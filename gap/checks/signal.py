@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
+import itertools
 from dataclasses import dataclass
 
 import numpy as np
 from numpy.lib.stride_tricks import sliding_window_view
 
 from ..log.types import Array
+from .bootstrap import block_weights
 
 DERIVATIVE_WINDOW = 0.05
 """Length of the local polynomial fits [s]: short against servo motion, long against encoder noise."""
@@ -15,6 +17,7 @@ LAG_REACH = 0.06
 """Largest delay or advance of a column that is looked for [s]."""
 LAG_BLOCKS = 24
 LAG_DRAWS = 300
+FEWEST = 20  # samples of a piece from which its noise can be told
 _BLOCK = 1 << 15
 
 
@@ -79,6 +82,26 @@ def high_frequency_noise(time: Array, values: Array) -> float:
     # Trimmed: impacts and reversals are no noise. The fit follows part of it: its centre weight is 0.417.
     residual = residual[np.abs(residual) <= np.quantile(np.abs(residual), 0.99)]
     return float(np.sqrt(np.mean(residual**2) / (1.0 - 0.417)))
+
+
+def sample_noise(time: Array, values: Array) -> float:
+    """Return the rms error of one sample of a column: quantisation, or the faster noise where that is larger."""
+    return max(quantisation_step(values) / float(np.sqrt(12.0)), high_frequency_noise(time, values))
+
+
+def typical_noise(time: Array, values: Array, starts: np.ndarray) -> float:
+    """Return the median of :func:`sample_noise` over pieces of a column; missing samples are left out.
+
+    Args:
+        time, values: of all pieces one behind the other (n,).
+        starts: first sample of each piece and the end of the last (u + 1,).
+    """
+    noises = []
+    for a, b in itertools.pairwise(starts):
+        good = np.isfinite(values[a:b])
+        if good.sum() > FEWEST:
+            noises.append(sample_noise(time[a:b][good], values[a:b][good]))
+    return float(max(np.median(noises), 1e-9)) if noises else 1e-9
 
 
 @dataclass(frozen=True)
@@ -163,7 +186,7 @@ def solve_lag(grams: Array, reach: float = LAG_REACH) -> Lag:
     scale = np.sqrt(np.maximum(grams[len(delays) // 2].sum(axis=0).diagonal(), 1e-300))
     grams = grams / (scale[:, None] * scale)
     rng = np.random.default_rng(0)
-    weights = np.vstack([np.ones(blocks), rng.multinomial(blocks, np.full(blocks, 1 / blocks), LAG_DRAWS)])
+    weights = np.vstack([np.ones(blocks), block_weights(blocks, LAG_DRAWS, rng)])
     total = np.tensordot(weights, grams, axes=(1, 1))
     ridge = 1e-9 * np.eye(len(scale) - 1)
     fit = np.linalg.solve(total[..., :-1, :-1] + ridge, total[..., :-1, -1:])[..., 0]

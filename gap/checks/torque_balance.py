@@ -12,6 +12,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from ..log.types import Array
+from .bootstrap import block_weights
 
 STEP = 1e-3  # [s] grid that logs are brought to
 WINDOW = 0.12  # [s] of the weak form: short against the motion, long against the noise of positions
@@ -126,7 +127,7 @@ def torque_shift(balance: TorqueBalance) -> Shift:
     order = np.argsort(balance.block, kind="stable")
     starts = np.searchsorted(balance.block[order], np.arange(count))
     grams = np.stack([part.T @ part for part in np.split(rows[order], starts[1:])])
-    weights = rng.multinomial(count, np.full(count, 1.0 / count), DRAWS)
+    weights = block_weights(count, DRAWS, rng)
     drawn = np.array([SHIFTS[_best_shift(np.einsum("b,bij->ij", weight, grams))] for weight in weights])
     seconds = float(np.median(drawn))
     low, high = np.percentile(drawn, [2.5, 97.5])

@@ -6,13 +6,13 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from ..causes.catalogue import retunable
+from ..causes.catalogue import catalogue, retunable
 from ..log.parts import FIT_A, FIT_B, Unit
 from ..log.types import MeasuredRun
 from ..replay.joint_model import JointModel
 from ..replay.problem import Problem, lay_out
 from ..search.fit import Fit
-from ..search.forward import Search
+from ..search.result import Search
 from .excitations import Limits
 from .proposal import SHOWS, Experiment, everything, predict, propose, thinned, unlike
 
@@ -40,11 +40,17 @@ def blind_spots(problem: Problem, search: Search) -> tuple[str, ...]:
 
 
 def experiment_for_still(
-    runs: Sequence[MeasuredRun], joint: str, models: Sequence[JointModel], limits: Limits | None = None, seed: int = 0
+    runs: Sequence[MeasuredRun],
+    joint: str,
+    models: Sequence[JointModel],
+    limits: Limits | None = None,
+    seed: int = 0,
+    causes: Sequence[str] | None = None,
 ) -> Experiment | None:
-    """The measurement to begin with where a joint was never moved."""
+    """The measurement to begin with where a joint was never moved: it tells all causes apart, or those named."""
     units = [Unit(0, FIT_A, 0, len(runs[0].time), 1, (float(runs[0].joints[joint].position[0]), 0.0))]
     problem = lay_out(runs[:1], joint, models[:1], units, {"position": 1.0 / ASSUMED_NOISE})
     start = Fit({}, np.empty((0, 4)), 0.0)
-    search = Search(tuple(retunable(models[0])), (), (), np.ones(1), (start, start))
+    considered = tuple(catalogue(models[0], causes))
+    search = Search(tuple(retunable(models[0])), (), (), np.ones(1), (start, start), considered)
     return propose(problem, search, limits, seed, blind=True)

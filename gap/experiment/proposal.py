@@ -14,15 +14,15 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from ..causes.catalogue import catalogue
 from ..log.parts import FIT_A, FIT_B, Unit
 from ..log.types import JointLog, MeasuredRun
 from ..replay.joint_model import JointModel
-from ..replay.parameters import Parameter
+from ..replay.parameters import Parameter, numbers
 from ..replay.problem import Problem, lay_out
 from ..replay.simulator import CHANNELS
+from ..search.bounded import bounded_step
 from ..search.fit import merge, middle
-from ..search.forward import RIVAL, Search
+from ..search.result import Search
 from ..search.structure import listed
 from .excitations import HOLDS, RATE, Limits, abilities, default_limits, excitations
 
@@ -32,6 +32,7 @@ CAP = 3.0  # noise floors beyond which a pair needs no more
 MOST_RIVALS = 4
 REPEATS = 3  # times the excitation is to be run: once for each part of the data
 LOAD_FACTORS = (2.0, 1.5, 0.5)  # of the mass on the shaft, the heavier first: it shows more
+RIDGE = 1e-9  # of the normal equations, relative and absolute
 MOST_SAMPLES = 6000  # of the old log that the hypotheses must also fit
 
 
@@ -83,8 +84,8 @@ class Hypothesis:
 def _hypothesis(
     name: str, values: dict[str, float], before: Sequence[Parameter], own: Sequence[Parameter]
 ) -> Hypothesis:
-    taken = {p.path.rstrip("*") for p in own}
-    beside = [p for p in before if p.path.rstrip("*") not in taken]
+    taken = {p.number for p in own}
+    beside = [p for p in before if p.number not in taken]
     return Hypothesis(name, values, (*beside, *own), tuple(p.path for p in own))
 
 
@@ -178,8 +179,9 @@ def _sentence(best: Experiment, loads: Sequence[Mapping[str, float]], blind: boo
 
 def _rivals(search: Search) -> list[Hypothesis]:
     """The candidates that the first undecided round leaves, with what was accepted before it."""
+    least = search.settings.rival_win_rate
     for k, step in enumerate(search.rounds):
-        close = [c for j, c in enumerate(step.candidates) if j == 0 or c.best > RIVAL][:MOST_RIVALS]
+        close = [c for j, c in enumerate(step.candidates) if j == 0 or c.best > least][:MOST_RIVALS]
         before = merge(search.tuned, *(c.variant for c in search.accepted[:k]))
         found = [_hypothesis(c.cause.name, middle(*c.fits), before, c.variant) for c in close]
         if found and not step.accepted:  # a round that ends the search leaves open whether anything is missing at all
@@ -197,16 +199,15 @@ def everything(problem: Problem, search: Search) -> list[Hypothesis]:
     here, moving = middle(*last), search.parameters()
     taken = {c.cause.name for c in search.accepted}
     found = [_hypothesis("nothing more", here, moving, ())]
-    for cause in catalogue(nominal):
+    for cause in search.causes:
         variant = cause.variants[0]
-        if cause.name in taken or (cause.name == "drive.thermal" and np.ptp(problem.temperature) == 0.0):
+        if cause.name in taken or (cause.needs.warming and np.ptp(problem.temperature) == 0.0):
             continue
-        paths = {p.path.rstrip("*") for p in variant}
-        values = {path: value for path, value in here.items() if path.rstrip("*") not in paths}
+        turned = {p.number for p in variant}
+        values = {path: here[path] for number, path in numbers(here).items() if number not in turned}
         values |= {p.path: p.start for p in variant}
         first = variant[0]
-        neutral = 1.0 if first.path.endswith("*") else nominal.value(first.path)
-        if first.start == neutral:
+        if first.start == first.neutral(nominal):
             values[first.path] = first.from_fit(first.to_fit(first.start) + 1.0)
         found.append(_hypothesis(cause.name, values, moving, variant))
     return found
@@ -311,10 +312,10 @@ def _distances(known: Sequence[Prediction], predicted: Sequence[Prediction]) -> 
 
 
 def unlike(old_a: Prediction, old_b: Prediction, new_a: Prediction, new_b: Prediction) -> float:
-    """Rms difference that stays on the new measurement if ``a`` is true, of the size it has, and ``b`` is fitted.
+    """Worst-case separation of two hypotheses on the new measurement (rms).
 
-    What may be re-tuned beside ``a`` is unknown as well: it is set so that the difference is smallest, as far as the
-    old log allows.
+    ``a`` is true, of the size it has. Its nuisance parameters, and all parameters of ``b``, minimise the difference,
+    subject to the old log.
     """
     beside = slice(0, new_a.beside)
     rest_old, rest_new = old_b.signal - old_a.signal, new_b.signal - new_a.signal
@@ -330,25 +331,7 @@ def unlike(old_a: Prediction, old_b: Prediction, new_a: Prediction, new_b: Predi
     )
     rest = np.concatenate([np.zeros(len(rest_old)), rest_old, np.sqrt(REPEATS) * rest_new])
     low, high = np.append(new_a.low[beside], new_b.low), np.append(new_a.high[beside], new_b.high)
-    moved = _bounded(rows.T @ rows, rows.T @ rest, low, high)
+    gram = rows.T @ rows
+    moved = bounded_step(gram + np.diag(RIDGE * gram.diagonal() + RIDGE), rows.T @ rest, low, high)
     left = rest_new + change_b @ moved[new_a.beside :] - change_a @ moved[: new_a.beside]
     return float(np.sqrt(np.mean(left**2)))
-
-
-def _bounded(gram: np.ndarray, slope: np.ndarray, low: np.ndarray, high: np.ndarray) -> np.ndarray:
-    """Least squares step within bounds: parameters that leave them stop there and the rest is solved again."""
-    free, moved = np.ones(len(slope), bool), np.zeros(len(slope))
-    for _ in range(4):
-        index, fixed = np.flatnonzero(free), np.flatnonzero(~free)
-        if not len(index):
-            break
-        matrix = gram[np.ix_(index, index)]
-        matrix = matrix + np.diag(1e-9 * matrix.diagonal() + 1e-9)
-        right = slope[index] + gram[np.ix_(index, fixed)] @ moved[fixed]
-        step = -np.linalg.solve(matrix, right)
-        over = (step < low[index]) | (step > high[index])
-        moved[index] = np.clip(step, low[index], high[index])
-        if not over.any():
-            break
-        free[index[over]] = False
-    return moved

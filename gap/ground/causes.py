@@ -3,9 +3,11 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 
-from ..causes.catalogue import Cause
-from ..replay.parameters import Parameter
+from ..causes.catalogue import checked
+from ..causes.cause import Cause
+from ..replay.parameters import Parameter, factor
 from .leg_model import LegModel
 from .leg_replay import STEP
 
@@ -15,10 +17,18 @@ TIME = 3.0  # factor on the time constant of the engine's contact, which stands 
 HARD = 2e4  # [N/m] below which that contact is not made by re-tuning: it would do a soft ground's work unnamed
 
 
-def contact_causes(nominal: LegModel) -> list[Cause]:
-    """The catalogue of the ground under a leg."""
+def contact_causes(nominal: LegModel, names: Sequence[str] | None = None) -> list[Cause]:
+    """The catalogue of the ground under a leg.
+
+    Args:
+        nominal: the leg on the ground that is believed in.
+        names: of the causes to consider; default: all of them.
+    """
     stiffest = nominal.softest_rigid()
-    friction = [(Parameter("contact.friction*", "1", 0.05, 4.0, start, 0.2, logarithmic=True),) for start in (0.4, 0.8)]
+    friction = [
+        (Parameter("contact.friction", "1", 0.05, 4.0, start, 0.2, logarithmic=True, factor=True),)
+        for start in (0.4, 0.8)
+    ]
     soft = [
         (
             Parameter("contact.stiffness", "N/m", 200.0, stiffest, start, 0.3, logarithmic=True),
@@ -27,14 +37,23 @@ def contact_causes(nominal: LegModel) -> list[Cause]:
         for start in (1500.0, 5000.0)
     ]
     slope = Parameter("contact.slope", "rad", -0.4, 0.4, 0.0, 0.01)
-    return [
+    every = [
         Cause(
-            "contact.friction", "The foot slides on less, or holds on more, friction than the model has.", "stance",
-            tuple(friction), error=True,
+            name="contact.friction",
+            sentence="The foot slides on less, or holds on more, friction than the model has.",
+            picture="stance",
+            variants=tuple(friction),
+            error=True,
         ),
-        Cause("contact.stiffness", "The ground gives way under the foot.", "stance", tuple(soft)),
-        Cause("contact.slope", "The ground is not level.", "stance", ((slope,),)),
-    ]  # fmt: skip
+        Cause(
+            name="contact.stiffness",
+            sentence="The ground gives way under the foot.",
+            picture="stance",
+            variants=tuple(soft),
+        ),
+        Cause(name="contact.slope", sentence="The ground is not level.", picture="stance", variants=((slope,),)),
+    ]
+    return [cause for cause in every if cause.name in checked(names)]
 
 
 def ground_numbers(nominal: LegModel) -> list[Parameter]:
@@ -42,6 +61,6 @@ def ground_numbers(nominal: LegModel) -> list[Parameter]:
     shortest = SHORTEST / nominal.value("contact.time")
     longest = min(max(math.sqrt(nominal.engine_stiffness() / HARD), 1.0), TIME)
     return [
-        Parameter("contact.time*", "1", min(max(1.0 / TIME, shortest), 1.0), longest, 1.0, 0.2, logarithmic=True),
+        factor("contact.time", min(max(1.0 / TIME, shortest), 1.0), longest, 0.2),
         Parameter("contact.height", "m", -HEIGHT, HEIGHT, 0.0, 5e-4),
     ]

@@ -12,7 +12,7 @@ from ...actuators.errors import SealegsError
 from ..log.finding import Finding
 from ..log.parts import FIT_A, FIT_B, held_out
 from ..log.types import LogError, MeasuredRun
-from ..replay.parameters import Parameter
+from ..replay.parameters import Parameter, numbers
 from ..search.fit import fit
 from ..search.forward import Searcher
 from ..verdict.diagnosis import conclude
@@ -40,6 +40,7 @@ def diagnose_ground(
     seed: int,
     progress: Callable[[str], None],
     test_group: str | None = None,
+    causes: Sequence[str] | None = None,
 ) -> JointDiagnosis:
     """Diagnose the ground under a leg whose joints have been diagnosed.
 
@@ -49,6 +50,7 @@ def diagnose_ground(
         seed: of all resampling.
         progress: is told what goes on.
         test_group: group of runs that no fit and no choice may see.
+        causes: names of those to consider; default: all of the ground's.
 
     Raises:
         SealegsError: the sidecar's numbers are none of the robot's, or the test group does not exist.
@@ -84,11 +86,11 @@ def diagnose_ground(
         )
     problem = leg_problem(runs, leg, stances, noise, test_group)
     progress(f"replaying {len(stances)} stances")
-    numbers = tuple(ground_numbers(leg))
-    problem = problem.weighed(_pilot(problem, leg, numbers))
-    search = Searcher(problem, progress, seed, contact_causes(leg), numbers).run()
+    tuned = tuple(ground_numbers(leg))
+    problem = problem.weighed(_pilot(problem, leg, tuned))
+    search = Searcher(problem, progress, seed, contact_causes(leg, causes), tuned).run()
     progress("measuring the gain on stances that nothing has seen")
-    found = conclude(problem, search, GROUND, (), seed, numbers)
+    found = conclude(problem, search, GROUND, (), seed, tuned)
     found = replace(found, findings=(*_blind(problem, found.values, np.isfinite(noise)),))
     if any(joint.problem is None for joint in joints):
         note = Finding(
@@ -99,11 +101,11 @@ def diagnose_ground(
     return found
 
 
-def _pilot(problem: LegProblem, leg: LegModel, numbers: Sequence[Parameter]) -> dict[str, float]:
+def _pilot(problem: LegProblem, leg: LegModel, tuned: Sequence[Parameter]) -> dict[str, float]:
     """A ground with everything fitted at once: it explains nothing, but the stances run on it about as they did."""
     every = [parameter for cause in contact_causes(leg) for parameter in cause.variants[0]]
-    believed = {p.path: min(1.0 if p.path.endswith("*") else leg.value(p.path), p.high) for p in every}
-    return fit(problem.part(FIT_A, FIT_B), [*numbers, *every], believed, PILOT).values
+    believed = {p.path: min(p.neutral(leg), p.high) for p in every}
+    return fit(problem.part(FIT_A, FIT_B), [*tuned, *every], believed, PILOT).values
 
 
 def _chain(run: MeasuredRun, joints: Sequence[JointDiagnosis], name: str) -> Chain:
@@ -116,8 +118,8 @@ def _chain(run: MeasuredRun, joints: Sequence[JointDiagnosis], name: str) -> Cha
 
 def _blind(problem: LegProblem, values: Mapping[str, float], logged: np.ndarray) -> list[Finding]:
     """Causes that these stances would hardly show beside what was found, and columns that were missed."""
-    named = {path.rstrip("*") for path in values}
-    sizes = {name: change for name, change in PLAUSIBLE.items() if not named & {path.rstrip("*") for path in change}}
+    named = set(numbers(values))
+    sizes = {name: change for name, change in PLAUSIBLE.items() if not named & set(numbers(change))}
     names = list(sizes)
     simulated = problem.simulate([values, *({**values, **change} for change in sizes.values())])
     errors = problem.residual(simulated)

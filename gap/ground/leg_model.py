@@ -11,6 +11,7 @@ import numpy as np
 from ...actuators import Chain, Drivetrain
 from ...envs.hopper.robot import HOPPER, LOWER
 from ...envs.scene import FLOOR
+from ..replay.parameters import absolute
 
 STIFFEST = 1.5e4  # [N/m] of a ground that the engine's step resolves; half a kilogram sinks a millimetre into it
 GROUND_MASS = 0.01  # [kg] of the ground that moves with the foot where it is soft: assumed
@@ -72,9 +73,8 @@ class LegModel:
         return UNITS[path]
 
     def with_fitted(self, values: Mapping[str, float]) -> LegModel:
-        """The leg on another ground; a path that ends in ``*`` is a factor on this one's own value."""
-        change = {p.rstrip("*"): v * self.value(p[:-1]) if p.endswith("*") else v for p, v in values.items()}
-        return replace(self, ground={**self.ground, **change})
+        """The leg on another ground; factors are on this one's own values."""
+        return replace(self, ground={**self.ground, **absolute(values, self)})
 
     def gives_way(self, joint: str) -> bool:
         """Whether motor and link of a joint move apart."""

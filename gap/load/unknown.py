@@ -12,7 +12,7 @@ import math
 from ...actuators import Chain
 from ...actuators.errors import nearest
 from ..log.types import LogError, MeasuredRun
-from ..replay.parameters import Parameter, factor
+from ..replay.parameters import Parameter, address, factor
 
 UNKNOWN: dict[str, tuple[Parameter, ...]] = {
     "zero": (Parameter("encoder.offset", "rad", -0.1, 0.1, 0.0, 0.01),),
@@ -39,21 +39,21 @@ def unknown_parameters(run: MeasuredRun, chain: Chain) -> tuple[Parameter, ...]:
         LogError: the sidecar uses a word that is not in :data:`UNKNOWN`, or one for a number that the chain lacks.
     """
     for word in _words(run):
-        factors = [p.path.rstrip("*") for p in UNKNOWN[word] if p.path.endswith("*")]
-        missing = [path for path in factors if not _has(chain, path)]
+        factors = [p.number for p in UNKNOWN[word] if p.factor]
+        missing = [number for number in factors if not _has(chain, number)]
         if factors and len(missing) == len(factors):
             raise LogError(
                 f"{run.name}: meta.unknown holds {word!r}, and the chain has no {' and no '.join(missing)} to start "
                 "from; give the chain a guess of it, or take the word out."
             )
     known = {p.path: p for word in _words(run) for p in UNKNOWN[word]}
-    return tuple(p for path, p in known.items() if not path.endswith("*") or _has(chain, path.rstrip("*")))
+    return tuple(p for p in known.values() if not p.factor or _has(chain, p.number))
 
 
-def _has(chain: Chain, path: str) -> bool:
-    name, key = path.split(".")
-    stage = chain.find(name)
-    return stage is not None and getattr(stage, key) > 0.0
+def _has(chain: Chain, number: str) -> bool:
+    at = address(number)
+    stage = chain.find(at.owner)
+    return stage is not None and getattr(stage, at.key) > 0.0
 
 
 def with_believed_load(run: MeasuredRun) -> MeasuredRun:

@@ -8,6 +8,7 @@ from typing import Any
 
 from ...actuators import Chain
 from ..replay.joint_model import JointModel
+from ..replay.parameters import address
 from ..verdict.verdict import JointDiagnosis
 from .mjcf import native_mjcf, not_native
 
@@ -22,18 +23,12 @@ def changes(diagnosis: JointDiagnosis) -> list[dict[str, Any]]:
     owner = {p.path: c.cause.name for c in diagnosis.search.accepted for p in c.variant}
     rows = []
     for path, value in diagnosis.values.items():
-        bare = path.rstrip("*")
-        before = nominal.value(bare)
-        after = value * before if path.endswith("*") else value
-        rows.append(
-            {
-                "path": bare,
-                "from": float(before),
-                "to": float(after),
-                "why": owner.get(path, "re-tuned within its tolerance"),
-            }
-        )
-    return sorted(rows, key=lambda row: row["why"].startswith("re-tuned"))
+        at = address(path)
+        before = nominal.value(at.number)
+        after = value * before if at.factor else value
+        why = owner.get(path, "re-tuned within its tolerance")
+        rows.append({"path": at.number, "from": float(before), "to": float(after), "why": why})
+    return sorted(rows, key=lambda row: row["why"] not in owner.values())
 
 
 def write_extension(diagnosis: JointDiagnosis, folder: Path, prefix: str = "") -> dict[str, Path]:

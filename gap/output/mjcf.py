@@ -47,7 +47,12 @@ ACTUATOR = {
 """Parameters that MuJoCo's own actuators have."""
 POSITION_ACTUATOR = ("delay", "ideal", "torque_limit")
 """Stages of them that act with an ideal servo, whose actuator is simpler."""
-SHAPES = ("stribeck_", "ripple_", "load_stribeck_")
+SHAPES = {
+    "friction.stribeck_velocity",
+    "friction.stribeck_exponent",
+    "friction.ripple_count",
+    "friction.ripple_phase",
+}
 """Friction parameters that say where another one acts and are nothing alone."""
 
 
@@ -69,7 +74,7 @@ def not_native(chain: Chain) -> list[str]:
         neutral = {"encoder.scale": 1.0, "scale.factor": 1.0}
         for key, value in stage.parameters().items():
             path = f"{stage.name}.{key}"
-            if value == neutral.get(path, 0.0) or key in known or (stage.name == "friction" and key.startswith(SHAPES)):
+            if value == neutral.get(path, 0.0) or key in known or path in SHAPES:
                 continue
             if stage.name == "thermal" and key != "loss":
                 continue

@@ -13,9 +13,7 @@ from typing import ClassVar
 
 import numpy as np
 
-from ..causes.catalogue import Cause, catalogue
-from ..checks.signal import derivatives, high_frequency_noise, quantisation_step
-from ..log.finding import Finding
+from ..checks.signal import derivatives, typical_noise
 from ..log.parts import Unit
 from ..log.types import LogError, MeasuredRun
 from .driven_simulator import CHANNELS, replay_driven_many
@@ -24,10 +22,6 @@ from .problem import FLAT, Problem, lay_out
 
 UNITS = {"position": "rad", "torque": "N.m", "duty": "1", "current": "A"}
 RIGID_SIGNALS = ("torque", "current", "duty")  # what judges a motor that is rigid with its link, the best first
-LOAD = ("load.", "contact.")  # causes of whatever is behind the link
-BEHIND = ("transmission.backlash", "transmission.compliance")  # between a motor and a link that was not logged
-READING = ("sensor.delay",)  # of a position that is prescribed as it was read
-FRICTION = "friction."  # of a motor whose motion is prescribed: only a measured torque shows it
 
 
 @dataclass(frozen=True, eq=False)
@@ -127,7 +121,7 @@ def driven_problem(
         first = CHANNELS.index(signal)
         measured = measured[:, _exchanged(first)]
         weight = np.zeros(len(CHANNELS))
-        weight[0] = 1.0 / _noise(plain, measured[:, 0])
+        weight[0] = 1.0 / typical_noise(plain.time, measured[:, 0], plain.starts)
     fields = {f.name: getattr(plain, f.name) for f in dataclasses.fields(Problem)}
     judged = plain.judged & np.isfinite(measured[:, 0])  # torque, current and duty may have empty cells
     changed = {"measured": measured, "weight": weight, "judged": judged}
@@ -139,32 +133,6 @@ def is_elastic(model: JointModel) -> bool:
     return any(model.chain.find(stage) is not None for stage in ("spring", "compliance", "backlash"))
 
 
-def shown(problem: DrivenProblem, nominal: JointModel) -> tuple[list[Cause], list[str]]:
-    """Causes that the driven replay can show, and names of those that it cannot."""
-    hidden = LOAD
-    if not is_elastic(nominal) and problem.first:
-        torque = problem.channels.index("torque")
-        hidden += BEHIND + READING + (() if np.isfinite(problem.measured[:, torque]).any() else (FRICTION,))
-    causes = catalogue(nominal)
-    kept = [cause for cause in causes if not cause.name.startswith(hidden)]
-    return kept, [cause.name for cause in causes if cause.name.startswith(hidden)]
-
-
-def limits(problem: DrivenProblem, joint: str, hidden: Sequence[str]) -> Finding:
-    """What the driven replay of a joint cannot show, for people."""
-    what = {
-        "position": "the motor's position against the measured link",
-        "torque": "its torque along the measured motion",
-        "current": "its current along the measured motion",
-        "duty": "its duty along the measured motion",
-    }[problem.signal[0]]
-    return Finding(
-        "replay.driven", "note", joint, None,
-        f"The link of '{joint}' was moved as measured, and {what} was judged, so no model of load and contact was "
-        f"needed; this cannot show {', '.join(hidden)}.",
-    )  # fmt: skip
-
-
 def _link(run: MeasuredRun, joint: str) -> np.ndarray:
     """Motion of the link (n, 3): as logged, and its derivatives from local parabolas."""
     log = run.joints[joint]
@@ -173,18 +141,3 @@ def _link(run: MeasuredRun, joint: str) -> np.ndarray:
     position = np.interp(run.time, run.time[good], position[good])
     _, speed, acceleration = derivatives(run.time, position)
     return np.stack([position, speed, acceleration], axis=1)
-
-
-def _noise(problem: Problem, values: np.ndarray) -> float:
-    """Noise of a channel, over all units: quantisation, or the faster noise where that is larger."""
-    noises = []
-    for a, b in zip(problem.starts[:-1], problem.starts[1:], strict=True):
-        good = np.isfinite(values[a:b])
-        if good.sum() > 20:
-            noises.append(
-                max(
-                    quantisation_step(values[a:b][good]) / np.sqrt(12.0),
-                    high_frequency_noise(problem.time[a:b][good], values[a:b][good]),
-                )
-            )
-    return float(max(np.median(noises), 1e-9))

@@ -18,7 +18,7 @@ from ...actuators.layout import P_HEADER, P_VISCOUS
 from ...actuators.stages import STAGES, Stage
 from ...actuators.stages.base import ChainError
 from ...envs.bench.robot import NUMBERS
-from .parameters import Parameter
+from .parameters import Parameter, Target, absolute, address
 
 GRAVITY = 9.81  # [m/s2]
 
@@ -117,24 +117,24 @@ class JointModel:
         """A parameter by path: ``stage.parameter``, ``load.*``, ``host.*`` or ``gear_ratio.factor`` (1 by
         definition).
         """
-        name, key = path.split(".")
-        if name == "load":
-            return getattr(self.load, key)
-        if name == "host":
-            return getattr(self, f"host_{key}")
-        if name == "gear_ratio":
+        at = address(path)
+        if at.target is Target.LOAD:
+            return getattr(self.load, at.key)
+        if at.target is Target.HOST:
+            return getattr(self, f"host_{at.key}")
+        if at.target is Target.GEAR:
             return 1.0
-        stage = self.chain.find(name)
+        stage = self.chain.find(at.owner)
         if stage is None:
-            return float(getattr(_neutral(name), key))
-        return getattr(stage, key)
+            return float(getattr(_neutral(at.owner), at.key))
+        return getattr(stage, at.key)
 
     def unit(self, path: str) -> str:
         """Unit of a parameter of a stage by path; 1 where it has none."""
-        name, key = path.split(".")
-        stage = self.chain.find(name)
+        at = address(path)
+        stage = self.chain.find(at.owner)
         fields = dataclasses.fields(stage) if stage is not None else ()
-        return next((item.metadata.get("unit", "1") for item in fields if item.name == key), "1")
+        return next((item.metadata.get("unit", "1") for item in fields if item.name == at.key), "1")
 
     def with_values(self, values: Mapping[str, float]) -> JointModel:
         """The joint with parameters set by path; stages that are missing are added where they belong.
@@ -145,13 +145,13 @@ class JointModel:
         chain, load, host = self.chain, {}, {}
         by_stage: dict[str, dict[str, float]] = {}
         for path, value in values.items():
-            name, key = path.split(".")
-            if name == "load":
-                load[key] = value
-            elif name == "host":
-                host[f"host_{key}"] = value
-            elif name != "gear_ratio":
-                by_stage.setdefault(name, {})[key] = value
+            at = address(path)
+            if at.target is Target.LOAD:
+                load[at.key] = value
+            elif at.target is Target.HOST:
+                host[f"host_{at.key}"] = value
+            elif at.target is Target.STAGE:
+                by_stage.setdefault(at.owner, {})[at.key] = value
         stages = list(chain.stages)
         added: list[Stage] = []
         for name, change in by_stage.items():
@@ -181,14 +181,12 @@ class JointModel:
         )
 
     def with_fitted(self, values: Mapping[str, float]) -> JointModel:
-        """The joint with values of a fit: a path that ends in ``*`` is a factor on this joint's own value.
+        """The joint with values of a fit: factors are on this joint's own values.
 
         Raises:
             ChainError: as :meth:`with_values`.
         """
-        return self.with_values(
-            {p.rstrip("*"): v * self.value(p[:-1]) if p.endswith("*") else v for p, v in values.items()}
-        )
+        return self.with_values(absolute(values, self))
 
     def constants(self, params: Mapping[str, float], program: np.ndarray) -> np.ndarray:
         """What the simulator needs beside the program, for a run with these bench parameters; without any, for a link

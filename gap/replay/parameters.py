@@ -1,9 +1,13 @@
-"""What a fit may turn: a parameter with its unit, its bounds, and the scale on which it is moved."""
+"""What a fit may turn: a number with its unit, its bounds, and the scale on which it is moved."""
 
 from __future__ import annotations
 
 import math
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
+from enum import Enum
+from functools import cache
+from typing import Protocol
 
 TIGHT = 0.06
 """How far a number of the nominal model may be off without being a finding (bound of re-tuning beside causes,
@@ -11,21 +15,93 @@ relative).
 """
 
 
+class Target(Enum):
+    """Whose number it is."""
+
+    STAGE = "stage of the actuation chain"
+    GEAR = "reduction of the motor"
+    LOAD = "load behind the joint"
+    HOST = "host that logs the reading"
+    GROUND = "ground under a foot"
+
+
+OWNERS = {"load": Target.LOAD, "host": Target.HOST, "gear_ratio": Target.GEAR, "contact": Target.GROUND}
+"""Targets by the first word of a path; any other word is the name of a stage."""
+FACTOR = "*"
+"""Last character of a path whose value is a factor on the nominal value."""
+
+
+@dataclass(frozen=True)
+class Address:
+    """Where a value of a fit belongs.
+
+    Attributes:
+        target: whose number it is.
+        owner: name of the stage; of any other target its word in paths.
+        key: the number's name there.
+        factor: whether the value is a factor on the nominal value.
+    """
+
+    target: Target
+    owner: str
+    key: str
+    factor: bool = False
+
+    @property
+    def number(self) -> str:
+        """``owner.key``: the number itself, whether given as a value or as a factor."""
+        return f"{self.owner}.{self.key}"
+
+
+@cache
+def address(path: str) -> Address:
+    """The address that a path means, as it stands in the values of a fit and in ``diagnosis.json``.
+
+    This is the only place that takes a path apart.
+    """
+    owner, _, key = path.removesuffix(FACTOR).partition(".")
+    return Address(OWNERS.get(owner, Target.STAGE), owner, key, path.endswith(FACTOR))
+
+
+def numbers(paths: Iterable[str]) -> dict[str, str]:
+    """Paths by the number that each of them sets."""
+    return {address(path).number: path for path in paths}
+
+
+class HasNumbers(Protocol):
+    """A nominal model whose numbers can be read."""
+
+    def value(self, path: str, /) -> float:
+        """A number by ``owner.key``."""
+        ...
+
+
+def absolute(values: Mapping[str, float], nominal: HasNumbers) -> dict[str, float]:
+    """Values of a fit by number, each in that number's own unit."""
+    found = {}
+    for path, value in values.items():
+        at = address(path)
+        found[at.number] = value * nominal.value(at.number) if at.factor else value
+    return found
+
+
 @dataclass(frozen=True)
 class Parameter:
     """One number of a joint.
 
     Attributes:
-        path: ``stage.parameter``, ``load.*`` or ``host.*``; a ``*`` at the end makes it a factor on the nominal value.
+        number: ``owner.key``; the owner is a stage, ``load``, ``host``, ``gear_ratio`` or ``contact``.
         unit: of the value.
         low, high: bounds.
         start: where a fit starts.
         scale: typical change.
         logarithmic: moved as a logarithm; ``scale`` is then relative.
         difference: step of finite differences, in units of ``scale``: above the ripple of ticks, below the curvature.
+        factor: the value is a factor on the nominal one.
+        phase: the value is the phase of something periodic [rad]: its cosine and sine make every other phase.
     """
 
-    path: str
+    number: str
     unit: str
     low: float
     high: float
@@ -33,6 +109,26 @@ class Parameter:
     scale: float
     logarithmic: bool = False
     difference: float = 0.3
+    factor: bool = False
+    phase: bool = False
+
+    @property
+    def path(self) -> str:
+        """Key of its value among those of a fit: the number, with :data:`FACTOR` behind it where it is a factor."""
+        return f"{self.number}{FACTOR}" if self.factor else self.number
+
+    @property
+    def target(self) -> Target:
+        """Whose number it is."""
+        return address(self.number).target
+
+    def neutral(self, nominal: HasNumbers) -> float:
+        """The value at which the nominal model is as it was."""
+        return 1.0 if self.factor else nominal.value(self.number)
+
+    def physical(self, value: float, nominal: HasNumbers) -> float:
+        """A fitted value in the number's own unit."""
+        return value * nominal.value(self.number) if self.factor else value
 
     def to_fit(self, value: float) -> float:
         """Value to the optimiser's coordinate."""
@@ -44,6 +140,6 @@ class Parameter:
         return min(max(value, self.low), self.high)
 
 
-def factor(path: str, low: float, high: float, scale: float = 0.1, difference: float = 0.3) -> Parameter:
+def factor(number: str, low: float, high: float, scale: float = 0.1, difference: float = 0.3) -> Parameter:
     """A factor on a nominal value."""
-    return Parameter(f"{path}*", "1", low, high, 1.0, scale, True, difference)
+    return Parameter(number, "1", low, high, 1.0, scale, True, difference, factor=True)

@@ -17,8 +17,9 @@ from dataclasses import replace
 import numpy as np
 
 from ..causes.catalogue import retunable
-from ..checks.signal import high_frequency_noise, quantisation_step
+from ..checks.signal import typical_noise
 from ..log.parts import FIT_A, FIT_B
+from ..replay.parameters import address, numbers
 from ..replay.problem import Problem
 from .fit import fit
 
@@ -26,6 +27,7 @@ AGREES = 0.8  # least correlation of a channel with what the re-tuned model pred
 SLOPE = (0.5, 2.0)  # measured over predicted size: beyond it the column has another unit or another meaning
 FEWEST = 50  # groups of samples from which a channel can be judged
 LAG = 2.5e-4  # [s] by which a column may be later than the time stamp of its row: a period of a drive's loop, assumed
+DELAY = "delay.seconds"
 DOUBT = 0.02  # calibration error of a column, as a share of its rms
 
 
@@ -44,7 +46,7 @@ def weigh_channels(problem: Problem) -> Problem:
     weight, trust = problem.weight.copy(), problem.trust.copy()
     for c in logged:
         if problem.channels[c] == "link_position":
-            weight[c] = 1.0 / _link_noise(fitted, c)
+            weight[c] = 1.0 / typical_noise(fitted.time, fitted.measured[:, c], fitted.starts)
             continue
         measured, predicted = fitted.means(fitted.measured[:, c]), fitted.means(simulated[:, c])
         good = np.isfinite(measured)
@@ -68,11 +70,12 @@ def _late_or_early(problem: Problem, values: Mapping[str, float]) -> np.ndarray:
 
     A drive reports what it set last. Where a command takes effect just as a sample is taken, that may be either.
     """
-    nominal = problem.models[0].value("delay.seconds")
-    path = "delay.seconds*" if "delay.seconds*" in values else "delay.seconds"
-    here = values.get(path, nominal) * (nominal if path.endswith("*") else 1.0)
+    nominal = problem.models[0]
+    path = numbers(values).get(DELAY, DELAY)
+    unit = nominal.value(DELAY) if address(path).factor else 1.0
+    here = values[path] * unit if path in values else nominal.value(DELAY)
     around = [here + LAG, max(here - LAG, 0.0)]
-    rows = [{**values, path: seconds / nominal if path.endswith("*") else seconds} for seconds in around]
+    rows = [{**values, path: seconds / unit} for seconds in around]
     later, sooner = problem.simulate(rows)
     return (later - sooner) * LAG / (around[0] - around[1])
 
@@ -113,13 +116,3 @@ def _noise(measured: np.ndarray, predicted: np.ndarray) -> tuple[float, float]:
 
 def _trimmed(values: np.ndarray) -> np.ndarray:
     return values[values <= np.quantile(values, 0.98)]
-
-
-def _link_noise(problem: Problem, c: int) -> float:
-    noises = []
-    for a, b in zip(problem.starts[:-1], problem.starts[1:], strict=True):
-        time, values = problem.time[a:b], problem.measured[a:b, c]
-        good = np.isfinite(values)
-        step = quantisation_step(values[good])
-        noises.append(max(step / np.sqrt(12.0), high_frequency_noise(time[good], values[good])))
-    return float(max(np.median(noises), 1e-9))

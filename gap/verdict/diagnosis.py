@@ -10,22 +10,26 @@ import numpy as np
 from ...actuators.chain import Chain, load_chain
 from ...actuators.errors import SealegsError, nearest
 from ...envs.hopper.robot import HOPPER
-from ..causes.catalogue import Cause, retunable
+from ..causes.catalogue import catalogue, checked, retunable
+from ..causes.visible import limits as limits_of_driven
+from ..causes.visible import shown
 from ..checks.data_set import check_set, corrected, merged, noise_floor, shows_little, unusable
 from ..experiment import Experiment, Limits, blind_spots, experiment_for_still, propose
 from ..load.unknown import unknown_parameters, with_believed_load
 from ..log.finding import Finding
 from ..log.parts import FIT_A, FIT_B, TEST, cut
 from ..log.types import LogError, MeasuredRun, MeasuredSet
-from ..replay.driven import driven_problem, shown
-from ..replay.driven import limits as limits_of_driven
+from ..replay.driven import driven_problem
 from ..replay.joint_model import JointModel
 from ..replay.parameters import Parameter
 from ..replay.problem import Problem, converged, lay_out
 from ..replay.robust import robust_loss
 from ..search.channels import weigh_channels
-from ..search.fit import Fit, fit, intervals, middle
-from ..search.forward import COARSE, RIVAL, Search, Searcher
+from ..search.fit import Fit, fit, middle
+from ..search.forward import Searcher
+from ..search.intervals import intervals
+from ..search.result import Search
+from ..search.settings import DEFAULT, SearchSettings
 from ..search.structure import Structure, structure
 from ..search.windows import in_windows
 from .unseen_range import unseen_range
@@ -58,6 +62,9 @@ def diagnose(
     seed: int = 0,
     progress: Progress = lambda text: None,
     limits: Limits | None = None,
+    causes: Sequence[str] | None = None,
+    settings: SearchSettings = DEFAULT,
+    look_on: bool = False,
 ) -> list[JointDiagnosis]:
     """Diagnose every joint of a data set.
 
@@ -67,29 +74,37 @@ def diagnose(
         seed: of all resampling.
         progress: is told what goes on.
         limits: of the next experiment; default: :func:`sealegs.gap.experiment.excitations.default_limits`.
+        causes: names of those of a joint to consider; default: all of the catalogue.
+        settings: thresholds of the search.
+        look_on: whether the search of a joint records rounds that it would skip (:mod:`sealegs.gap.search.record`).
 
     Raises:
-        SealegsError: the runs have no joint that can be diagnosed.
+        SealegsError: the runs have no joint that can be diagnosed, or the catalogue has no such cause.
     """
     robot = data.runs[0].robot
     if robot not in ROBOTS and (hint := nearest(robot, ROBOTS)):
         raise LogError(f"{data.runs[0].name}: there is no robot '{robot}'{hint}; correct it in the sidecar.")
+    checked(causes)
     progress("checking the log")
     data, every = corrected(data, [*data.findings, *check_set(data)])
     findings = merged(every)
     if (reason := unusable(every, data)) is not None:
         return [
-            _unusable(joint, reason.sentence, findings, _first_experiment(data.runs, joint, reason, limits, seed))
+            _unusable(
+                joint, reason.sentence, findings, _first_experiment(data.runs, joint, reason, limits, seed, causes)
+            )
             for joint in data.runs[0].joints
         ]
     found = [
-        with_data_errors(_joint(data.runs, joint, findings, test_group, seed, progress, limits))
+        with_data_errors(
+            _joint(data.runs, joint, findings, test_group, seed, progress, limits, causes, settings, look_on)
+        )
         for joint in data.runs[0].joints
     ]
     if all(run.robot == HOPPER.name for run in data.runs):
         from ..ground.ground import diagnose_ground  # here, since it concludes as joints do
 
-        found.append(diagnose_ground(data.runs, found, seed, progress, test_group))
+        found.append(diagnose_ground(data.runs, found, seed, progress, test_group, causes))
     return found
 
 
@@ -101,6 +116,9 @@ def _joint(
     seed: int,
     progress: Progress,
     limits: Limits | None,
+    names: Sequence[str] | None,
+    settings: SearchSettings,
+    look_on: bool,
 ) -> JointDiagnosis:
     mine = tuple(f for f in findings if f.joint in (joint, None, ""))
     runs = [with_believed_load(run) for run in runs]
@@ -118,7 +136,7 @@ def _joint(
     noise = float(np.median([noise_floor(run, joint) for run in runs]))
     units = cut(runs, joint, test_group)
     wide = retunable(models[0], WIDE)
-    causes: list[Cause] = []
+    causes = catalogue(models[0], names)
     if all(run.robot == "bench" for run in runs):
         problem = weigh_channels(converged(lay_out(runs, joint, models, units, {"position": 1.0 / noise})))
         fitting = in_windows(problem, wide)
@@ -127,11 +145,11 @@ def _joint(
             driven = driven_problem(runs, joint, models, units, noise)
         except LogError as error:
             return _unusable(joint, str(error), mine, verdict=NOT_IDENTIFIABLE)
-        causes, hidden = shown(driven, models[0])
+        causes, hidden = shown(driven, models[0], causes)
         mine = (*mine, limits_of_driven(driven, joint, hidden))
         progress(f"judging the actuator of {joint} along its measured motion")
         problem = fitting = weigh_channels(converged(driven))
-    search = Searcher(fitting, progress, seed, causes).run()
+    search = Searcher(fitting, progress, seed, causes, settings=settings, look_on=look_on).run()
     progress("measuring the gain on runs that nothing has seen")
     still = shows_little(runs, joint)
     return conclude(problem, search, joint, mine, seed, wide, limits, fitting, still)
@@ -189,7 +207,9 @@ def conclude(
     # what numbers within their tolerance can do is no merit of the causes
     base = _error(test.position_error(test.simulate([tight.values])[0]))
     explained = float(np.clip((base.rmse**2 - errors["extended"].rmse ** 2) / excess, 0.0, 1.0 - left))
-    causes = _name_causes(replace(fitting, coarse=COARSE), search, extended, fitted, joint, explained, rest, seed)
+    causes = _name_causes(
+        replace(fitting, coarse=search.settings.coarse_step), search, extended, fitted, joint, explained, rest, seed
+    )
     rivals = tuple(
         {"of": named.name, "names": [named.name, *named.rivals], "confidence": named.confidence}
         for named in causes
@@ -209,7 +229,7 @@ def conclude(
         verdict, sentence = NOT_IDENTIFIABLE, f"{sentence} {poor}"
     undecided = verdict in (NOT_IDENTIFIABLE, PARTLY) or rivals
     experiment = propose(problem, search, limits, seed, blind=bool(poor)) if undecided else None
-    tuned = {p.path.rstrip("*"): extended.values[p.path] for p in search.tuned if p.path in extended.values}
+    tuned = {p.number: extended.values[p.path] for p in search.tuned if p.path in extended.values}
     return JointDiagnosis(
         joint=joint,
         verdict=verdict,
@@ -272,10 +292,10 @@ def _name_causes(
     rounds = [r for r in search.rounds if r.accepted]
     stays = float(robust_loss(np.sqrt(rest.level))) if rest.noticed else 0.0
     for candidate, (loss, without), chosen in zip(search.accepted, losses, rounds, strict=True):
-        rivals = tuple(c.cause.name for c in chosen.candidates[1:] if c.best > RIVAL)
+        rivals = tuple(c.cause.name for c in chosen.candidates[1:] if c.best > search.settings.rival_win_rate)
         removed = float((chosen.before.sum() - candidate.blocks.sum()) / search.counts.sum())
         values = {
-            p.path.rstrip("*"): _value(p, extended, bounds, problem.models[0])
+            p.number: _value(p, extended, bounds, problem.models[0])
             for p in candidate.variant
             if p.path in extended.values
         }
@@ -299,27 +319,25 @@ def _name_causes(
 def _value(
     parameter: Parameter, extended: Fit, bounds: Mapping[str, tuple[float, float]], nominal: JointModel
 ) -> Value:
-    value, (low, high) = extended.values[parameter.path], bounds[parameter.path]
-    before = nominal.value(parameter.path.rstrip("*"))
-    if not parameter.path.endswith("*"):
-        return Value(float(value), float(low), float(high), parameter.unit, float(before))
-    return Value(
-        float(value * before),
-        float(low * before),
-        float(high * before),
-        nominal.unit(parameter.path.rstrip("*")),
-        float(before),
-    )
+    found = (extended.values[parameter.path], *bounds[parameter.path])
+    value, low, high = (float(parameter.physical(number, nominal)) for number in found)
+    unit = nominal.unit(parameter.number) if parameter.factor else parameter.unit
+    return Value(value, low, high, unit, float(nominal.value(parameter.number)))
 
 
 def _first_experiment(
-    runs: Sequence[MeasuredRun], joint: str, reason: Finding, limits: Limits | None, seed: int
+    runs: Sequence[MeasuredRun],
+    joint: str,
+    reason: Finding,
+    limits: Limits | None,
+    seed: int,
+    causes: Sequence[str] | None,
 ) -> Experiment | None:
     """What to run on a joint of a bench that nobody has moved yet."""
     asked = reason.code != "motion.none" or reason.data_error
     if asked or runs[0].robot != "bench" or joint not in runs[0].actuators or runs[0].joints[joint].goal is None:
         return None
-    return experiment_for_still(runs, joint, [JointModel(_chain(runs[0], joint))], limits, seed)
+    return experiment_for_still(runs, joint, [JointModel(_chain(runs[0], joint))], limits, seed, causes)
 
 
 def _unusable(

@@ -39,7 +39,7 @@ def diagnose_torque(
         LogError: the runs are too short or have no torque, or the test group does not exist.
     """
     findings = tuple(
-        f for f in findings if not (f.cause == "sensor.delay" and f.column and f.column.endswith("torque"))
+        f for f in findings if not (f.cause == "sensor.delay" and f.column == f"{joint}.torque")
     )  # judged here, by the same balance
     held = held_out(runs, test_group)
     logs = {k: (run.time, run.joints[joint].position, run.joints[joint].torque) for k, run in enumerate(runs)}

@@ -12,7 +12,7 @@ import numpy as np
 from ..experiment import Experiment
 from ..log.finding import Finding
 from ..replay.problem import Problem
-from ..search.forward import Search
+from ..search.result import Search
 from ..search.structure import Structure, fine, listed
 
 NEGLIGIBLE = 0.03  # unexplained share of the gap up to which it counts as explained, its causes beyond doubt and the

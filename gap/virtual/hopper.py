@@ -17,6 +17,7 @@ from ..ground.leg_model import GROUND_JOINT, LegModel
 from ..log.types import JointLog, MeasuredRun
 from ..log.writer import write_run
 from ..replay.joint_model import JointModel
+from ..replay.parameters import Target, address
 
 RATE = 200.0  # [Hz] of samples and commands
 JITTER = 3e-4  # [s]
@@ -54,7 +55,7 @@ def record(
     for name in JOINTS:
         own = {path.partition(".")[2]: value for path, value in hidden.items() if path.startswith(f"{name}.")}
         chains[name] = JointModel(chain).with_values(own).chain
-    ground = {path: value for path, value in hidden.items() if path.startswith("contact.")}
+    ground = {path: value for path, value in hidden.items() if address(path).target is Target.GROUND}
     leg = LegModel.of({"contact_time": CONTACT_TIME}, chains).with_fitted(ground)
     written = []
     for number in range(runs):

@@ -202,9 +202,9 @@ def _arriving_goal(evidence: Evidence) -> np.ndarray:
 def _reach(cause: NamedCause, error: np.ndarray) -> float:
     """Half the span of errors to show [rad]: near zero for what acts there, all of it for a saturation."""
     whole = float(np.quantile(np.abs(error), 0.998)) if len(error) else 1.0
-    width = next((v.value for path, v in cause.parameters.items() if path.startswith("dead_band")), None)
-    if width is not None and width > 0.0:
-        return min(whole, max(4.0 * width, 0.02))
-    if cause.name == "drive.minimum_duty":
+    band = cause.parameters.get("dead_band.width")
+    if band is not None and band.value > 0.0:
+        return min(whole, max(4.0 * band.value, 0.02))
+    if "minimum_duty.value" in cause.parameters:
         return min(whole, float(np.quantile(np.abs(error), 0.6)) if len(error) else 1.0)
     return whole

@@ -29,6 +29,7 @@ from ...replay.joint_model import (
     K_VISCOUS,
     JointModel,
 )
+from ...replay.parameters import address
 from ...replay.problem import Problem
 from ...replay.simulator import CHANNELS
 from ...verdict.verdict import JointDiagnosis
@@ -168,7 +169,7 @@ def balance(problem: Problem, motion: Motion, values: Mapping[str, float]) -> Ba
     Sticking counts as rigid: the bristles of presliding pass the same torque once a joint slides.
     """
     n = len(problem.time)
-    values = {path: value for path, value in values.items() if path.rstrip("*") != BRISTLE}
+    values = {path: value for path, value in values.items() if address(path).number != BRISTLE}
     angle, speed, inertial, gravity, motor, viscous = np.zeros((6, n))
     law = np.zeros((n, 5))
     sources = []

@@ -6,6 +6,7 @@ import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
+from ...replay.parameters import address
 from ...verdict.verdict import NamedCause
 from .binned import bins, cloud, draw_measured, draw_model, equal_counts, equal_widths, limits
 from .evidence import Balance, Evidence
@@ -82,7 +83,7 @@ def residual_against_position(evidence: Evidence, cause: NamedCause) -> Figure:
     reading = motion.position[use]
     edges = equal_widths(reading, 32)
     chart, axes = _axes()
-    if cause.name.startswith("friction."):
+    if any(address(path).owner == "friction" for path in cause.parameters):
         seen, models = _dry(measured), (nominal.limit, measured.limit)
         axes.set_ylabel("dry friction torque [N.m]")
     else:

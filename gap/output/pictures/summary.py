@@ -9,7 +9,6 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.patches import Patch
 
-from ...search.forward import RIVAL
 from ...verdict.verdict import JointDiagnosis
 from .style import (
     CAUSES,
@@ -172,7 +171,7 @@ def rivals(diagnosis: JointDiagnosis) -> Figure | None:
         before = float(np.sqrt(step.before.sum() / total))
         for k, (c, level) in enumerate(zip(candidates, levels, strict=True)):
             chosen = step.accepted and k == 0
-            rival = k > 0 and c.best > RIVAL
+            rival = k > 0 and c.best > search.settings.rival_win_rate
             colour = CAUSES[(number - 1) % len(CAUSES)] if chosen else UNEXPLAINED if rival else "#c4c4c4"
             axes.barh(k, level, color=colour, height=0.72)
             note = f"{level:.2f}   best in {100.0 * c.best:.0f} % of draws" if c.best > 0.005 else f"{level:.2f}"

@@ -16,8 +16,9 @@ from ...ground.ground import GROUND
 from ...ground.leg_problem import LegProblem
 from ...log.parts import FIT_A, FIT_B, TEST
 from ...log.types import MeasuredRun, MeasuredSet
+from ...replay.parameters import address
 from ...replay.problem import Problem
-from ...search.forward import RIVAL, Search
+from ...search.result import Search
 from ...verdict.verdict import JointDiagnosis, NamedCause
 from ..extension import changes as changes_of
 from ..extension import not_native
@@ -207,7 +208,7 @@ def _cause(cause: NamedCause, picture: bytes | None, problem: Problem | None) ->
 
 def _before(problem: Problem | None, path: str, value: float) -> str:
     """Nominal value of a parameter; a stage that the nominal chain lacks has none."""
-    stage = path.partition(".")[0]
+    stage = address(path).owner
     if problem is None or isinstance(problem, LegProblem) or stage not in STAGES:
         return number(value)
     if problem.models[0].chain.find(stage) is not None:
@@ -216,7 +217,7 @@ def _before(problem: Problem | None, path: str, value: float) -> str:
 
 
 def _rounds(search: Search) -> list[dict[str, Any]]:
-    total = float(search.counts.sum())
+    total, least = float(search.counts.sum()), search.settings.rival_win_rate
     rounds = []
     for step in search.rounds:
         if not step.candidates:
@@ -231,7 +232,7 @@ def _rounds(search: Search) -> list[dict[str, Any]]:
                 "level": f"{level:.2f}",
                 "width": f"{100.0 * level / top:.2f}",
                 "best": percent(c.best) if c.best > 0.005 else "",
-                "role": "chosen" if step.accepted and k == 0 else "rival" if k > 0 and c.best > RIVAL else "other",
+                "role": "chosen" if step.accepted and k == 0 else "rival" if k > 0 and c.best > least else "other",
             }
             for k, (c, level) in enumerate(zip(shown, levels, strict=True))
         ]

@@ -1,0 +1,234 @@
+"""What each threshold of the search does when it is halved or doubled.
+
+    python -m benchmarks.sensitivity --record     diagnoses hidden benches and keeps what their searches decided on
+    python -m benchmarks.sensitivity              decides again and writes benchmarks/results/sensitivity.{md,png}
+
+Nothing is fitted again: a record (:mod:`sealegs.gap.search.record`) holds the losses of all candidates, rounds that the
+search skips included. Recording can be stopped and goes on; its seeds are of development (below 900).
+"""
+
+from __future__ import annotations
+
+import argparse
+import json
+import sys
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import Any
+
+from sealegs.gap.search.decide import decide
+from sealegs.gap.search.record import from_dict
+from sealegs.gap.search.settings import DEFAULT, SearchSettings
+
+from benchmarks.hidden import Case, run
+from testbed import EFFECTS, STRANGERS
+
+RESULTS = Path(__file__).parent / "results"
+RECORDS = RESULTS / "sensitivity.jsonl"
+
+
+def single(name: str, magnitude: str, seed: int) -> Case:
+    """A case that hides one effect."""
+    return Case(((name, magnitude),), seed)
+
+
+CASES = (
+    single("friction.coulomb", "moderate", 400),
+    Case((), 50_300),
+    single("drive.delay", "moderate", 8400),
+    single("friction.load_dependent", "faint", 610),
+    single("stranger.jams", "clear", 611),
+    single("load.mass", "clear", 612),
+    single("drive.gain", "faint", 613),
+    Case((), 50_301),
+    single("friction.stribeck", "moderate", 614),
+    single("transmission.backlash", "moderate", 615),
+    single("friction.asymmetric", "faint", 616),
+    single("stranger.friction_drift", "moderate", 617),
+    Case((), 50_302),
+    single("sensor.delay", "moderate", 618),
+    single("drive.deadband", "clear", 619),
+    Case((("friction.coulomb", "clear"), ("transmission.backlash", "clear")), 620),
+    single("drive.supply_sag", "moderate", 621),
+    single("load.inertia", "faint", 622),
+    Case((), 50_303),
+    single("drive.rate_limit", "faint", 623),
+    Case((("sensor.delay", "clear"), ("load.inertia", "clear")), 624),
+    single("friction.viscous", "moderate", 625),
+)
+"""Cases that are recorded, in an order in which the first few are of every kind."""
+
+
+@dataclass(frozen=True)
+class Tally:
+    """What a set of records says with some settings.
+
+    Attributes:
+        right: hidden effects that are named.
+        rival: hidden effects that are not named, and are among the rivals of what is.
+        false: names of what is not hidden, over all cases.
+        nulls: cases that hide nothing and get a name.
+        open: cases in which the search would have gone where nothing was recorded.
+    """
+
+    right: int = 0
+    rival: int = 0
+    false: int = 0
+    nulls: int = 0
+    open: int = 0
+
+
+def tally(rows: Sequence[dict[str, Any]], settings: SearchSettings) -> Tally:
+    """Decide all records again."""
+    total = Tally()
+    for row in rows:
+        hidden, found = set(row["effects"]), decide(from_dict(row["record"]), settings)
+        near = {name for rivals in found.rivals for name in rivals}
+        total = Tally(
+            total.right + len(hidden & set(found.names)),
+            total.rival + len((hidden - set(found.names)) & near),
+            total.false + len(set(found.names) - hidden),
+            total.nulls + (not hidden and bool(found.names)),
+            total.open + found.open,
+        )
+    return total
+
+
+def scaled(name: str, factor: float) -> SearchSettings:
+    """The default settings with one of them multiplied.
+
+    Of a probability near one its distance from one is multiplied, of a factor its excess over one.
+    """
+    value = getattr(DEFAULT, name)
+    if name == "least_certainty":
+        return replace(DEFAULT, least_certainty=1.0 - (1.0 - value) * factor)
+    if name == "form_charge":
+        return replace(DEFAULT, form_charge=1.0 + (value - 1.0) * factor)
+    return replace(DEFAULT, **{name: value * factor})
+
+
+def disagreeing(rows: Sequence[dict[str, Any]]) -> list[str]:
+    """Cases whose record, decided again with the same settings, gives other names than the search gave: none."""
+    found = []
+    for row in rows:
+        named = {cause["name"] for cause in row["causes"] if cause["kind"] != "data"}
+        if set(decide(from_dict(row["record"]), DEFAULT).names) != named:
+            found.append(row["key"])
+    return found
+
+
+def page(rows: Sequence[dict[str, Any]]) -> str:
+    """The page as markdown."""
+    base = tally(rows, DEFAULT)
+    hidden = sum(len(set(row["effects"]) & set(EFFECTS)) for row in rows)
+    nulls = sum(not row["effects"] for row in rows)
+    strangers = sum(bool(set(row["effects"]) & set(STRANGERS)) for row in rows)
+    lines = [
+        "# What each threshold of the search does",
+        "",
+        f"Decided again from {len(rows)} recorded searches of hidden benches: {hidden} hidden effects, {nulls} nulls, "
+        f"{strangers} strangers. Nothing was fitted again. These are few cases: read directions, not rates.",
+        "",
+        f"With the thresholds as they are: {base.right} of {hidden} effects are named and {base.rival} more are among "
+        f"the rivals; {base.false} names are of nothing hidden; {base.nulls} of {nulls} nulls get a name.",
+        "",
+        "Each cell below is *right names / false names / nulls with a name*. A number in brackets counts the cases in "
+        "which the search would have gone on where nothing was recorded, so that it may have named more.",
+        "",
+        "| setting | value | halved | doubled | meaning |",
+        "|---|---|---|---|---|",
+    ]
+    for name in SearchSettings.deciding():
+        cells = [_cell(tally(rows, scaled(name, factor)), base) for factor in (0.5, 2.0)]
+        lines.append(
+            f"| `{name}` | {getattr(DEFAULT, name):g} | {' | '.join(cells)} | {SearchSettings.meanings()[name]} |"
+        )
+    effort = [name for name in SearchSettings.meanings() if name not in SearchSettings.deciding()]
+    lines += [
+        "",
+        "Of `least_certainty` the distance from one is halved and doubled, of `form_charge` the excess over one. A "
+        "dash: nothing changes.",
+        "",
+        "![Right and false names](sensitivity.png)",
+        "",
+        "The other settings bound the effort, so another value needs other fits, and no record tells what they would "
+        f"have found: {', '.join(f'`{name}`' for name in effort)}.",
+        "",
+        "## Cases",
+        "",
+        *(
+            f"- {row['key'].strip()}: {', '.join(decide(from_dict(row['record']), DEFAULT).names) or '-'}"
+            for row in rows
+        ),
+        "",
+        f"Recorded with revision {', '.join(sorted({row['revision'] for row in rows}))}. Made by "
+        "`python -m benchmarks.sensitivity`; `--record` adds cases.",
+    ]
+    return "\n".join(lines) + "\n"
+
+
+def _cell(found: Tally, base: Tally) -> str:
+    if found == base:
+        return "-"
+    more = f" ({found.open} open)" if found.open else ""
+    return f"{found.right} / {found.false} / {found.nulls}{more}"
+
+
+def picture(rows: Sequence[dict[str, Any]], path: Path) -> None:
+    """Right and false names with each threshold halved and doubled."""
+    from matplotlib.figure import Figure
+
+    names = SearchSettings.deciding()
+    base = tally(rows, DEFAULT)
+    tallies = {factor: [tally(rows, scaled(name, factor)) for name in names] for factor in (0.5, 2.0)}
+    figure = Figure(figsize=(9.0, 0.32 * len(names) + 1.8), layout="constrained")
+    panels = figure.subplots(1, 2, sharey=True)
+    for axes, count, title in zip(panels, ("right", "false"), ("hidden effects named", "false names"), strict=True):
+        axes.axvline(getattr(base, count), color="#999999", lw=1.0)
+        for factor, marker, colour, shift in ((0.5, "<", "#1f77b4", -0.15), (2.0, ">", "#d62728", 0.15)):
+            values = [getattr(found, count) for found in tallies[factor]]
+            label = "halved" if factor < 1.0 else "doubled"
+            axes.plot(values, [k + shift for k in range(len(names))], marker, color=colour, label=label, ms=6)
+        axes.set_yticks(range(len(names)), names)
+        axes.set_title(title)
+        axes.grid(axis="x", alpha=0.3)
+        axes.xaxis.get_major_locator().set_params(integer=True)
+    panels[0].invert_yaxis()
+    panels[1].legend(loc="upper right", fontsize=8)
+    figure.supxlabel(f"count over {len(rows)} recorded cases; line: thresholds as they are", fontsize=9)
+    figure.savefig(path, dpi=120)
+
+
+def main(arguments: Sequence[str] | None = None) -> int:
+    """Command line."""
+    parser = argparse.ArgumentParser(
+        prog="python -m benchmarks.sensitivity", description=(__doc__ or "").split("\n")[0]
+    )
+    parser.add_argument("--record", action="store_true", help="diagnose the cases that are not recorded yet")
+    options = parser.parse_args(arguments)
+    rows = [json.loads(line) for line in RECORDS.read_text().splitlines()] if RECORDS.exists() else []
+    have = {row["key"] for row in rows}
+    for case in CASES if options.record else ():
+        if case.key in have:
+            continue
+        row = run(case, look_on=True)
+        rows.append(row)
+        with RECORDS.open("a") as file:
+            file.write(json.dumps(row) + "\n")
+        names = ", ".join(cause["name"] for cause in row["causes"]) or "-"
+        print(f"{row['key']}: {names} ({row['seconds']:.0f} s)", flush=True)
+    if not rows:
+        print(f"{RECORDS} has no cases; record some: python -m benchmarks.sensitivity --record")
+        return 2
+    if wrong := disagreeing(rows):
+        print(f"decided again with the same settings, other names come of {', '.join(wrong)}; record them anew.")
+        return 1
+    (RESULTS / "sensitivity.md").write_text(page(rows), encoding="utf-8")
+    picture(rows, RESULTS / "sensitivity.png")
+    print(RESULTS / "sensitivity.md")
+    return 0
+
+
+if __name__ == "__main__":
+    sys.exit(main())

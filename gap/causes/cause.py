@@ -1,0 +1,130 @@
+"""What a cause is: all of it in fields, nothing in its name."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from ..replay.parameters import HasNumbers, Parameter, absolute
+
+Variant = tuple[Parameter, ...]
+"""One way in which a cause acts: the parameters that it turns, the one that makes it act first."""
+
+
+@dataclass(frozen=True)
+class View:
+    """What a replay of a log can show.
+
+    Attributes:
+        free_link: the link moves as the torques on it say, not as it was measured.
+        free_motor: the motor does, on its own or with a free link.
+        columns: logged columns that are compared.
+    """
+
+    free_link: bool = True
+    free_motor: bool = True
+    columns: frozenset[str] = frozenset()
+
+
+@dataclass(frozen=True)
+class Needs:
+    """What a cause needs for a replay to show it.
+
+    Attributes:
+        free_link: a link that moves as the torques on it say: the cause is of what is behind it.
+        free_motor: a motor that moves on its own: a prescribed position does not show the cause.
+        torque: where the motor's motion is prescribed, a measured torque.
+        claimed_load: a load that somebody claims to know; nobody can be wrong about one that is unknown.
+        warming: a temperature that changes.
+    """
+
+    free_link: bool = False
+    free_motor: bool = False
+    torque: bool = False
+    claimed_load: bool = False
+    warming: bool = False
+
+    def met_by(self, view: View) -> bool:
+        """Whether a replay can show it; the temperature is up to the log."""
+        if self.free_link and not view.free_link:
+            return False
+        prescribed = self.free_motor or (self.torque and "torque" not in view.columns)
+        return view.free_motor or not prescribed
+
+
+@dataclass(frozen=True)
+class Ceiling:
+    """A refutation: a column that cannot exceed a fitted number if the cause is there.
+
+    Attributes:
+        channel: the column.
+        number: the limit, by ``owner.key``.
+        margin: times the limit that rounding of the column may reach.
+    """
+
+    channel: str
+    number: str
+    margin: float = 1.004
+
+    def exceeded(self, column: np.ndarray, fits: Sequence[Mapping[str, float]], nominal: HasNumbers) -> float:
+        """Share of the samples (n,) that are above the lowest of the fitted limits."""
+        limit = min(absolute(values, nominal)[self.number] for values in fits)
+        return float(np.mean(np.abs(column) > limit * self.margin))
+
+
+@dataclass(frozen=True)
+class Limit:
+    """Where a cause degenerates: data of that kind cannot tell it from another.
+
+    Attributes:
+        cause: name of the other.
+        where: what the data are like.
+    """
+
+    cause: str
+    where: str
+
+
+@dataclass(frozen=True)
+class Cause:
+    """One entry of the catalogue.
+
+    Attributes:
+        sentence: for people.
+        picture: which picture shows it (:mod:`sealegs.gap.output.pictures`).
+        variants: ways in which it may act, its usual form first; the one that explains more is taken.
+        error: whether it is a wrong number of the nominal model, not an effect that the model lacks.
+        needs: what a replay must have to show it.
+        refuted_by: what in a log shows that it is not there.
+        degenerates_to: the cause that it cannot be told from in poorer data.
+        name: as in ``diagnosis.json``.
+    """
+
+    sentence: str
+    picture: str
+    variants: tuple[Variant, ...]
+    error: bool = False
+    needs: Needs = Needs()
+    refuted_by: Ceiling | None = None
+    degenerates_to: Limit | None = None
+    name: str = ""
+
+    @property
+    def periodic(self) -> bool:
+        """Whether it repeats over something, so that it has a phase."""
+        return any(p.phase for variant in self.variants for p in variant)
+
+    def is_usual(self, variant: Variant) -> bool:
+        """Whether a variant turns the parameters of the usual form, from whatever start.
+
+        Another law, such as friction with the square of the load, fits more and extrapolates worse.
+        """
+        return {p.path for p in variant} == {p.path for p in self.variants[0]}
+
+
+def visible(causes: Sequence[Cause], view: View) -> tuple[list[Cause], list[str]]:
+    """Causes that a replay can show, and names of those that it cannot."""
+    shown = [cause for cause in causes if cause.needs.met_by(view)]
+    return shown, [cause.name for cause in causes if not cause.needs.met_by(view)]

@@ -1,0 +1,163 @@
+"""Firmware, power stage and motor."""
+
+from __future__ import annotations
+
+from ..replay.joint_model import JointModel
+from ..replay.parameters import Parameter, factor
+from .cause import Cause, Ceiling, Limit, Needs
+from .registry import both, entry, has, has_any, lacks, stall_torque
+
+LOOPS = ("position_p", "position_pd", "position_pi")
+
+
+@entry("drive.gain", has_any(*LOOPS, "ideal"))
+def gain(nominal: JointModel) -> Cause:
+    stage = next((name for name in LOOPS if nominal.chain.find(name)), None)
+    path = f"{stage}.gain" if stage else "ideal.stiffness"
+    return Cause(
+        sentence="The position loop is weaker or stronger than its setting says.",
+        picture="response",
+        variants=((factor(path, 0.1, 10.0),),),
+        error=True,
+    )
+
+
+@entry("drive.delay")
+def delay(nominal: JointModel) -> Cause:
+    believed = nominal.value("delay.seconds")
+    # the response has steps of its own, a sample each, so that a fit from afar may end between them
+    delays = [Parameter("delay.seconds", "s", 0.0, 0.2, believed + more, 0.004) for more in (0.008, 0.002)]
+    return Cause(
+        sentence="Commands take effect later than the model believes.",
+        picture="response",
+        variants=tuple((seconds,) for seconds in delays),
+        error=has("delay")(nominal),
+    )
+
+
+@entry("drive.rate_limit")
+def rate_limit(nominal: JointModel) -> Cause:
+    del nominal
+    speeds = [
+        Parameter("rate_limit.speed", "rad/s", 0.05, 500.0, start, 0.2, logarithmic=True)
+        for start in (1.5, 5.0, 15.0, 45.0)
+    ]
+    return Cause(
+        sentence="The firmware moves its goal no faster than a limit.",
+        picture="response",
+        variants=tuple((speed,) for speed in speeds),
+        degenerates_to=Limit("drive.delay", "all steps of the goal are alike"),
+    )
+
+
+@entry("drive.deadband")
+def deadband(nominal: JointModel) -> Cause:
+    del nominal
+    widths = [Parameter("dead_band.width", "rad", 0.0, 0.3, start, 0.003) for start in (0.006, 0.03)]
+    return Cause(
+        sentence="The controller ignores errors below a width.",
+        picture="duty_against_error",
+        variants=tuple((width,) for width in widths),
+    )
+
+
+@entry("drive.saturation", has_any("supply", "regression"))
+def saturation(nominal: JointModel) -> Cause:
+    top = nominal.value("duty_limit.limit")
+    limits = [
+        Parameter("duty_limit.limit", "1", 0.02, 1.0, start * top, 0.1, logarithmic=True)
+        for start in (0.95, 0.8, 0.5, 0.25)
+    ]
+    return Cause(
+        sentence="The duty saturates earlier than the model believes.",
+        picture="duty_against_error",
+        variants=tuple((limit,) for limit in limits),
+        refuted_by=Ceiling("duty", "duty_limit.limit"),
+    )
+
+
+@entry("drive.offset")
+def offset(nominal: JointModel) -> Cause:
+    del nominal
+    shift = Parameter("offset.value", "rad", -0.5, 0.5, 0.0, 0.005)
+    return Cause(
+        sentence="Goals arrive shifted by a constant.",
+        picture="response",
+        variants=((shift,),),
+    )
+
+
+@entry("drive.minimum_duty", has("supply"))
+def minimum_duty(nominal: JointModel) -> Cause:
+    del nominal
+    duties = [Parameter("minimum_duty.value", "1", 0.0, 0.6, start, 0.02) for start in (0.04, 0.12)]
+    return Cause(
+        sentence="The firmware raises small duties to a minimum start-up force.",
+        picture="duty_against_error",
+        variants=tuple((duty,) for duty in duties),
+        degenerates_to=Limit("friction.coulomb", "the joint moves all the time"),
+    )
+
+
+@entry("drive.supply_sag", has("supply", "dc_motor"))
+def supply_sag(nominal: JointModel) -> Cause:
+    motor = nominal.value("dc_motor.resistance")
+    source = Parameter("supply.resistance", "ohm", 0.0, 5.0 * motor, 0.2 * motor, 0.1 * motor)
+    return Cause(
+        sentence="The supply voltage drops under current.",
+        picture="voltage_against_current",
+        variants=((source,),),
+    )
+
+
+@entry("drive.overload", both(lacks("torque_limit"), lambda nominal: stall_torque(nominal) > 0.0))
+def overload(nominal: JointModel) -> Cause:
+    top = stall_torque(nominal) / nominal.chain.gear_ratio()  # the limit goes before a gear
+    limits = [
+        Parameter("torque_limit.limit", "N.m", 0.02 * top, 1.2 * top, start * top, 0.1, logarithmic=True)
+        for start in (0.8, 0.5, 0.25)
+    ]
+    return Cause(
+        sentence="The firmware limits the torque.",
+        picture="response",
+        variants=tuple((limit,) for limit in limits),
+        degenerates_to=Limit("drive.saturation", "the torque is largest at one speed"),
+    )
+
+
+@entry("drive.integer_gain", both(has("supply"), lacks("duty_step")))
+def integer_gain(nominal: JointModel) -> Cause:
+    del nominal
+    down = [
+        Parameter("duty_step.size", "1", 0.0, 0.4, start, 0.02) for start in (0.005, 0.0085, 0.0145, 0.025, 0.042, 0.07)
+    ]
+    mode = Parameter("duty_step.towards_zero", "1", 0.9, 1.0, 1.0, 1.0)
+    return Cause(
+        sentence="The firmware computes the duty in coarse steps.",
+        picture="duty_against_error",
+        variants=(*((size,) for size in down), *((size, mode) for size in down)),
+    )
+
+
+@entry("drive.thermal", both(has("dc_motor"), lacks("thermal")))
+def thermal(nominal: JointModel) -> Cause:
+    del nominal
+    loss = Parameter("thermal.loss", "1/K", -0.05, 0.05, 0.002, 0.002)
+    return Cause(
+        sentence="The motor grows weaker as it warms up.",
+        picture="residual_against_temperature",
+        variants=((loss,),),
+        needs=Needs(warming=True),
+        degenerates_to=Limit("drive.motor_constant", "the temperature hardly changes"),
+    )
+
+
+@entry("drive.motor_constant", has("dc_motor"))
+def motor_constant(nominal: JointModel) -> Cause:
+    del nominal
+    return Cause(
+        sentence="Torque per current and back-EMF differ from the data sheet.",
+        picture="response",
+        variants=((factor("dc_motor.motor_constant", 0.3, 3.0),),),
+        error=True,
+    )

@@ -1,0 +1,51 @@
+"""What hangs on the joint."""
+
+from __future__ import annotations
+
+from ..replay.joint_model import JointModel
+from ..replay.parameters import Parameter
+from .cause import Cause, Limit, Needs
+from .registry import entry
+
+CLAIMED = Needs(free_link=True, claimed_load=True)
+
+
+@entry("load.mass")
+def mass(nominal: JointModel) -> Cause:
+    del nominal
+    share = Parameter("load.mass_factor", "1", 0.2, 6.0, 1.0, 0.1, logarithmic=True)
+    return Cause(
+        sentence="The load is lighter or heavier than believed.",
+        picture="residual_against_position",
+        variants=((share,),),
+        error=True,
+        needs=CLAIMED,
+        degenerates_to=Limit("load.centre_of_mass", "one load hangs on one arm and moves slowly"),
+    )
+
+
+@entry("load.inertia")
+def inertia(nominal: JointModel) -> Cause:
+    del nominal
+    extra = Parameter("load.extra_inertia", "kg.m2", 0.0, 0.5, 0.002, 0.002)
+    return Cause(
+        sentence="The load has more inertia than its mass and length give.",
+        picture="response",
+        variants=((extra,),),
+        error=True,
+        needs=CLAIMED,
+    )
+
+
+@entry("load.centre_of_mass")
+def centre_of_mass(nominal: JointModel) -> Cause:
+    del nominal
+    shift = Parameter("load.centre_shift", "m", -0.08, 0.3, 0.0, 0.005)
+    return Cause(
+        sentence="The load's centre of mass sits at another distance.",
+        picture="residual_against_position",
+        variants=((shift,),),
+        error=True,
+        needs=CLAIMED,
+        degenerates_to=Limit("load.mass", "one load hangs on one arm and moves slowly"),
+    )

@@ -1,0 +1,98 @@
+"""Where the families put their causes, and what their entries share."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+
+from ..replay.joint_model import JointModel
+from ..replay.parameters import Parameter, address, factor
+from .cause import Cause
+
+Applies = Callable[[JointModel], bool]
+Make = Callable[[JointModel], Cause]
+
+
+@dataclass(frozen=True)
+class Entry:
+    """One entry: the name of the cause, which joints can have it, and the cause of such a joint."""
+
+    name: str
+    applies: Applies
+    make: Make
+
+    def cause(self, nominal: JointModel) -> Cause:
+        """The cause of a joint that can have it."""
+        return replace(self.make(nominal), name=self.name)
+
+
+ENTRIES: dict[str, Entry] = {}
+"""Causes of a joint by name, in the order of the catalogue."""
+GROUND = ("contact.friction", "contact.stiffness", "contact.slope")
+"""Names of the causes of the ground under a leg (:mod:`sealegs.gap.ground.causes`)."""
+
+
+def always(nominal: JointModel) -> bool:
+    """Any joint can have it."""
+    del nominal
+    return True
+
+
+def entry(name: str, applies: Applies = always) -> Callable[[Make], Make]:
+    """Function decorator: add a cause to the catalogue.
+
+    Args:
+        name: of the cause, which the function leaves out.
+        applies: whether a nominal joint can have it.
+    """
+
+    def add(make: Make) -> Make:
+        if name in ENTRIES:
+            raise ValueError(f"the catalogue has '{name}' already.")
+        ENTRIES[name] = Entry(name, applies, make)
+        return make
+
+    return add
+
+
+def has(*stages: str) -> Applies:
+    """The chain has all of these stages."""
+    return lambda nominal: all(nominal.chain.find(stage) is not None for stage in stages)
+
+
+def has_any(*stages: str) -> Applies:
+    """The chain has one of these stages."""
+    return lambda nominal: any(nominal.chain.find(stage) is not None for stage in stages)
+
+
+def lacks(*stages: str) -> Applies:
+    """The chain has none of these stages."""
+    return lambda nominal: not has_any(*stages)(nominal)
+
+
+def both(*conditions: Applies) -> Applies:
+    """All of these conditions hold."""
+    return lambda nominal: all(condition(nominal) for condition in conditions)
+
+
+def number(nominal: JointModel, path: str, unit: str, low: float, high: float, start: float, scale: float) -> Parameter:
+    """A parameter as a factor where the nominal model has it, else as a value."""
+    known = nominal.chain.find(address(path).owner) is not None and nominal.value(path) > 0.0
+    value = nominal.value(path) if known else 0.0
+    if known and low < value < high:
+        return factor(path, max(low / value, 0.02), min(high / value, 50.0), 0.15)
+    return Parameter(path, unit, low, high, start, scale)
+
+
+def stall_torque(nominal: JointModel) -> float:
+    """Stall torque of the joint [N.m], the yardstick for starts and bounds."""
+    chain = nominal.chain
+    motor, supply = chain.find("dc_motor"), chain.find("supply")
+    if motor is not None and supply is not None:
+        return chain.gear_ratio() * motor.motor_constant * supply.volts / motor.resistance
+    if (regression := chain.find("regression")) is not None:
+        return abs(regression.duty_torque) * chain.gear_ratio()
+    if (ideal := chain.find("ideal")) is not None:
+        return min(ideal.torque_limit, ideal.stiffness * math.pi / 4)
+    return 1.0

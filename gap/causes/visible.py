@@ -1,0 +1,41 @@
+"""What a driven replay of a joint can show, and what it says of the rest."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+
+from ..log.finding import Finding
+from ..replay.driven import DrivenProblem, is_elastic
+from ..replay.joint_model import JointModel
+from .cause import Cause, View, visible
+
+JUDGED = {
+    "position": "the motor's position against the measured link",
+    "torque": "its torque along the measured motion",
+    "current": "its current along the measured motion",
+    "duty": "its duty along the measured motion",
+}
+"""What is judged, by the channel that is judged sample by sample."""
+
+
+def view_of(problem: DrivenProblem, nominal: JointModel) -> View:
+    """What a driven replay can show: its link is prescribed, and so is a motor that is rigid with it."""
+    columns = [name for c, name in enumerate(problem.channels) if np.isfinite(problem.measured[:, c]).any()]
+    moves = problem.signal[0] == "position" or is_elastic(nominal)
+    return View(free_link=False, free_motor=moves, columns=frozenset(columns))
+
+
+def shown(problem: DrivenProblem, nominal: JointModel, causes: Sequence[Cause]) -> tuple[list[Cause], list[str]]:
+    """Causes that the driven replay can show, and names of those that it cannot."""
+    return visible(causes, view_of(problem, nominal))
+
+
+def limits(problem: DrivenProblem, joint: str, hidden: Sequence[str]) -> Finding:
+    """What the driven replay of a joint cannot show, for people."""
+    return Finding(
+        "replay.driven", "note", joint, None,
+        f"The link of '{joint}' was moved as measured, and {JUDGED[problem.signal[0]]} was judged, so no model of load "
+        f"and contact was needed; this cannot show {', '.join(hidden)}.",
+    )  # fmt: skip

@@ -1,0 +1,10 @@
+"""The block bootstrap: resampling of blocks of data, whose errors depend on each other within a block."""
+
+from __future__ import annotations
+
+import numpy as np
+
+
+def block_weights(blocks: int, draws: int, rng: np.random.Generator) -> np.ndarray:
+    """How often each block is in each resampled data set (draws, blocks), of as many blocks as there are."""
+    return rng.multinomial(blocks, np.full(blocks, 1.0 / blocks), draws)

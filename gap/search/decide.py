@@ -1,0 +1,178 @@
+"""What is named, from what a search recorded and its thresholds alone.
+
+The search itself decides with these functions, so a record decided again with the same settings gives the same names.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from ..checks.bootstrap import block_weights
+from .record import Evidence, Replacement, RoundRecord, SearchRecord
+from .settings import SearchSettings
+
+
+@dataclass(frozen=True)
+class Standing:
+    """How a candidate stands in its round.
+
+    Attributes:
+        index: among the candidates of the record.
+        better: share of bootstrap draws in which it lowers the loss at all.
+        best: share of draws in which it is the best of the round (win rate).
+        gain: share of the excess loss that it removes, at most 1: the excess is an estimate.
+        removed: loss per judged value that it removes.
+    """
+
+    index: int
+    better: float
+    best: float
+    gain: float
+    removed: float
+
+
+def finished(excess: float, settings: SearchSettings) -> bool:
+    """Whether what is left beyond the noise is too little to look for another cause."""
+    return not excess > settings.least_excess
+
+
+def promising(excess: float, promise: float, settings: SearchSettings) -> bool:
+    """Whether a round is worth its fits: a weak excess needs a promise of the screen."""
+    return not (excess < settings.weak and promise < settings.least_promise)
+
+
+def ranked(candidates: tuple[Evidence, ...], settings: SearchSettings) -> list[int]:
+    """Indices of the best variant of each cause that the log does not contradict, least loss first."""
+    chosen: dict[str, int] = {}
+    for k, candidate in enumerate(candidates):
+        if candidate.contradicted > settings.most_contradicted:
+            continue
+        rival = chosen.get(candidate.name)
+        if rival is None or _charged(candidate, settings) < _charged(candidates[rival], settings):
+            chosen[candidate.name] = k
+    # of a wrong number and a missing effect that do about as well, the number is meant
+    charge = {k: 1.0 if candidates[k].number else 1.0 + settings.parameter_charge for k in chosen.values()}
+    return sorted(chosen.values(), key=lambda k: float(candidates[k].blocks.sum()) * charge[k])
+
+
+def _charged(candidate: Evidence, settings: SearchSettings) -> float:
+    """Loss with a charge per parameter and for another form: of variants that do about as well, the simplest."""
+    form = 1.0 if candidate.usual else settings.form_charge
+    return float(candidate.blocks.sum()) * (1.0 + settings.parameter_charge * candidate.parameters) * form
+
+
+def standings(record: RoundRecord, settings: SearchSettings, seed: int) -> list[Standing]:
+    """The candidates of a round, best first, with their win rates from a block bootstrap."""
+    order = ranked(record.candidates, settings)
+    if not order:
+        return []
+    table = np.stack([record.candidates[k].blocks for k in order])
+    rng = np.random.default_rng(seed)
+    weights = block_weights(len(record.before), settings.draws, rng)
+    totals = weights @ table.T
+    better = (totals < (weights @ record.before)[:, None]).mean(axis=0)
+    totals = totals + settings.shared_error * table.sum(axis=1).min() * rng.normal(size=totals.shape)
+    best = np.bincount(totals.argmin(axis=1), minlength=len(order)) / settings.draws
+    count = float(record.counts.sum())
+    removed = (record.before.sum() - table.sum(axis=1)) / count
+    gain = np.minimum(removed / max(record.left, 1e-9 / count), 1.0)
+    return [Standing(k, *map(float, row)) for k, *row in zip(order, better, best, gain, removed, strict=True)]
+
+
+def consistent(candidate: Evidence, settings: SearchSettings) -> bool:
+    """Whether both parts of the data find the parameter on the same side of doing nothing, about as far from it, and
+    far enough to matter.
+    """
+    a, b = candidate.distances
+    if candidate.scale is not None and max(abs(a), abs(b)) * candidate.scale < settings.least_change:
+        return False
+    return a * b > 0.0 and settings.least_agreement < a / b < 1.0 / settings.least_agreement
+
+
+def pays(record: RoundRecord, first: Standing, settings: SearchSettings, *, further: bool) -> bool:
+    """Whether the best candidate of a round is named; a further cause must also win most draws."""
+    candidate = record.candidates[first.index]
+    enough = (
+        first.gain > settings.least_gain
+        and first.better > settings.least_certainty
+        and first.removed > settings.least_removed
+        and consistent(candidate, settings)
+    )
+    if not enough or (further and not first.best > settings.least_win_rate):
+        return False
+    if first.removed > settings.weak:
+        return True
+    # little beyond the noise also means little to tell causes apart by
+    if first.best < settings.least_win_rate:
+        return False
+    seen = record.sampled - candidate.sampled > settings.least_sampled
+    return seen or first.removed > settings.least_removed_by_columns
+
+
+def stands_in(trial: Replacement, settings: SearchSettings, seed: int) -> bool:
+    """Whether a cause takes the place of the one accepted before it, which pays no longer on top of it."""
+    last = trial.instead.candidates[0].name
+    if not finished(trial.again.excess, settings):
+        earlier = standings(trial.again, settings, seed)
+        if earlier and pays(trial.again, earlier[0], settings, further=False):
+            return False
+    order = standings(trial.instead, settings, seed)
+    return bool(order) and trial.instead.candidates[order[0].index].name == last
+
+
+def rivals_of(record: RoundRecord, order: list[Standing], settings: SearchSettings) -> tuple[str, ...]:
+    """Names of the causes that cannot be told from the winner."""
+    return tuple(record.candidates[s.index].name for s in order[1:] if s.best > settings.rival_win_rate)
+
+
+@dataclass(frozen=True)
+class Decision:
+    """What a record says with some settings.
+
+    Attributes:
+        names: of the causes that are named, in the order in which they were accepted.
+        rivals: of each of them.
+        open: whether the search would have gone where nothing was recorded, so that more may have been named.
+    """
+
+    names: tuple[str, ...]
+    rivals: tuple[tuple[str, ...], ...]
+    open: bool = False
+
+
+def decide(record: SearchRecord, settings: SearchSettings) -> Decision:
+    """Decide a search again.
+
+    The record has the rounds of the search that was run. Where other settings accept another cause, or go on where
+    that search had ended, what follows was never fitted: the decision ends there and is open.
+    """
+    names: list[str] = []
+    rivals: list[tuple[str, ...]] = []
+
+    def decision(*, open: bool = False) -> Decision:
+        return Decision(tuple(names), tuple(rivals), open)
+
+    for step in record.steps:
+        this, seen = step.round, step.round.candidates
+        if len(names) >= settings.most_causes or finished(this.excess, settings):
+            return decision()
+        if not promising(this.excess, this.promise, settings):
+            return decision()
+        if not seen:
+            return decision(open=True)
+        order = standings(this, settings, record.seed)
+        if not order or not pays(this, order[0], settings, further=bool(names)):
+            return decision()
+        names.append(seen[order[0].index].name)
+        rivals.append(rivals_of(this, order, settings))
+        if names[-1] != step.winner:
+            return decision(open=True)
+        for trial in step.replacements:
+            if stands_in(trial, settings, record.seed) != trial.happened:
+                return decision(open=True)
+            if trial.happened:
+                names[-2:] = names[-1:]
+                rivals[-2:] = [rivals_of(trial.instead, standings(trial.instead, settings, record.seed), settings)]
+    return decision()

@@ -1,0 +1,106 @@
+"""Intervals of fitted parameters: profile likelihood, with a block bootstrap for errors that are not independent."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+
+from ..checks.bootstrap import block_weights
+from ..replay.parameters import Parameter
+from ..replay.problem import Problem
+from ..replay.robust import robust_weight
+from .bounded import nearest_within
+from .fit import Fit
+
+UNLIKELY = 3.84  # rise of the cost, in squared noise floors: the 95 % quantile of chi square with one degree of freedom
+CLOCK = 0.03  # of a sample period: what all time stamps are late or early by
+
+
+def intervals(
+    problem: Problem,
+    parameters: Sequence[Parameter],
+    found: Fit,
+    seed: int = 0,
+    halves: Sequence[Fit] = (),
+    draws: int = 2000,
+) -> dict[str, tuple[float, float]]:
+    """95 % profile-likelihood intervals, widened for autocorrelated errors by a block bootstrap.
+
+    Nuisance parameters move within their bounds: an armature that only its tolerance holds widens the interval of a
+    load's inertia. Two terms are added in quadrature: how far the fits of the two parts of the data disagree, and
+    the systematic error that all data share (calibration of the columns, clock of the log, discretisation error).
+
+    Args:
+        halves: fits of the same parameters to two parts of the data.
+    """
+    if not parameters:
+        return {}
+    u = np.array([p.to_fit(found.values[p.path]) for p in parameters])
+    low = np.array([p.to_fit(p.low) for p in parameters])
+    high = np.array([p.to_fit(p.high) for p in parameters])
+    reach = np.diag([p.difference for p in parameters])
+    up, down = (
+        np.minimum(u[None] + reach, high),
+        np.maximum(u[None] - reach, low),
+    )
+    rows = [{p.path: p.from_fit(x) for p, x in zip(parameters, row, strict=True)} for row in np.concatenate([up, down])]
+    errors = problem.residual(problem.simulate(rows))
+    spans = np.maximum(np.diag(up) - np.diag(down), 1e-9)
+    jacobian = ((errors[: len(u)] - errors[len(u) :]) / spans[:, None]).T
+    residual = problem.residual(found.simulated[None])[0]
+    block, sizes = problem.blocks()
+    count = len(sizes)
+    weight = robust_weight(residual)
+    scores = np.stack([np.bincount(block, jacobian[:, k] * residual * weight, count) for k in range(len(u))], axis=1)
+    curvature = (jacobian * weight[:, None]).T @ jacobian
+    weights = block_weights(count, draws, np.random.default_rng(seed))
+    # variance inflation: scatter of the score over resampled blocks, in parts of that of independent errors
+    ridge = 1e-9 * np.trace(curvature) * np.eye(len(u))
+    moves = (weights - 1.0) @ scores
+    dependent = max(
+        float(np.mean(np.einsum("dk,kj,dj->d", moves, np.linalg.inv(curvature + ridge), moves))) / len(u), 1.0
+    )
+    lows, highs = _reach(u, scores.sum(axis=0), curvature + ridge, low, high, UNLIKELY * dependent)
+    found_intervals = {}
+    period = float(np.median(np.diff(problem.time[: problem.starts[1]])))
+    for k, p in enumerate(parameters):
+        value, least, most = (p.from_fit(x) for x in (u[k], lows[k], highs[k]))
+        values = [fit.values[p.path] for fit in halves if p.path in fit.values]
+        shared = CLOCK * period if p.unit == "s" else problem.doubt(p.path) * abs(value)
+        wide = float(np.linalg.norm([0.5 * (most - least), max(values) - min(values) if values else 0.0, shared]))
+        found_intervals[p.path] = (max(min(least, value - wide), p.low), min(max(most, value + wide), p.high))
+    return found_intervals
+
+
+def _reach(
+    u: np.ndarray, slope: np.ndarray, curvature: np.ndarray, low: np.ndarray, high: np.ndarray, rise: float
+) -> tuple[np.ndarray, np.ndarray]:
+    """Ends of the profile of each parameter (p,), (p,): up to where the cost, quadratic about ``u``, rises by ``rise``.
+
+    The nuisance parameters are at their optimum within their bounds.
+    """
+    root = np.linalg.cholesky(curvature).T
+    target = -np.linalg.solve(root.T, slope)
+
+    def cost(k: int, move: float) -> float:
+        """Least rise of the cost with parameter ``k`` moved."""
+        rest = np.arange(len(u)) != k
+        wanted = target - root[:, k] * move
+        if not rest.any():
+            return float(wanted @ wanted - target @ target)
+        best = nearest_within(root[:, rest], wanted, low[rest] - u[rest], high[rest] - u[rest])
+        error = root[:, rest] @ best - wanted
+        return float(error @ error - target @ target)
+
+    ends = np.empty((2, len(u)))
+    for k in range(len(u)):
+        for side, bound in enumerate((low[k], high[k])):
+            inside, outside = 0.0, bound - u[k]
+            if abs(outside) > 1e-9 and cost(k, outside) > rise:
+                for _ in range(30):
+                    middle_way = 0.5 * (inside + outside)
+                    inside, outside = (inside, middle_way) if cost(k, middle_way) > rise else (middle_way, outside)
+                outside = inside
+            ends[side, k] = u[k] + outside
+    return ends[0], ends[1]

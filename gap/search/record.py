@@ -1,0 +1,187 @@
+"""What a search saw and had to decide on, without the data: enough to decide again with other thresholds.
+
+Written by ``python -m benchmarks.hidden``, read by ``python -m benchmarks.sensitivity``.
+"""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Mapping
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+DIGITS = 9
+
+
+@dataclass(frozen=True, eq=False)
+class Evidence:
+    """One fitted variant of a cause, on data that the fit did not see.
+
+    Attributes:
+        name: of the cause.
+        number: whether the cause is a wrong number of the nominal model, not a missing effect.
+        parameters: how many the variant turns.
+        usual: whether it acts as the cause usually does (:attr:`sealegs.gap.causes.cause.Cause.variants`).
+        blocks: loss of each block under the fit that did not see it (b,).
+        sampled: loss per value of what is judged sample by sample.
+        distances: of the first parameter from doing nothing in the two parts, in parts of its scale.
+        scale: that of a number that is moved as a logarithm, so relative; None: the number has no relative size.
+        contradicted: share of the samples that contradict the cause.
+        values: of all parameters in the fits to the two parts.
+    """
+
+    name: str
+    number: bool
+    parameters: int
+    usual: bool
+    blocks: np.ndarray
+    sampled: float
+    distances: tuple[float, float]
+    scale: float | None
+    contradicted: float
+    values: tuple[Mapping[str, float], Mapping[str, float]]
+
+
+@dataclass(frozen=True, eq=False)
+class RoundRecord:
+    """One round of the forward selection.
+
+    Attributes:
+        counts: judged values per block (b,).
+        before: loss of each block without any of the candidates (b,).
+        sampled: loss per value of what is judged sample by sample, without any of them.
+        excess: loss per value beyond that of the noise when the round began.
+        left: the same with the baseline refitted from the winner's optimum.
+        promise: loss per value that the screen promised to remove; NaN where the search ended before it.
+        candidates: all variants that were fitted, in the order of their rough costs; none where the search ended.
+    """
+
+    counts: np.ndarray
+    before: np.ndarray
+    sampled: float
+    excess: float
+    left: float
+    promise: float
+    candidates: tuple[Evidence, ...]
+
+
+@dataclass(frozen=True, eq=False)
+class Replacement:
+    """Whether the cause found last can stand in place of the one before it.
+
+    Attributes:
+        again: the round in which the earlier cause is added to the last one.
+        instead: the round that accepted the earlier cause, with the last one first among its candidates.
+        happened: whether the search that was run replaced it.
+    """
+
+    again: RoundRecord
+    instead: RoundRecord
+    happened: bool
+
+
+@dataclass(frozen=True, eq=False)
+class Step:
+    """A round, whom the search that was run accepted in it, and the replacements that it tried then."""
+
+    round: RoundRecord
+    winner: str | None = None
+    replacements: tuple[Replacement, ...] = ()
+
+
+@dataclass(frozen=True, eq=False)
+class SearchRecord:
+    """All rounds of a search in the order in which they were run, and the seed of its resampling."""
+
+    seed: int
+    steps: tuple[Step, ...]
+
+
+def to_dict(record: SearchRecord) -> dict[str, Any]:
+    """The record as plain numbers, lists and dictionaries."""
+    return {
+        "seed": record.seed,
+        "steps": [
+            {
+                "round": _round(step.round),
+                "winner": step.winner,
+                "replacements": [
+                    {"again": _round(r.again), "instead": _round(r.instead), "happened": r.happened}
+                    for r in step.replacements
+                ],
+            }
+            for step in record.steps
+        ],
+    }
+
+
+def from_dict(document: Mapping[str, Any]) -> SearchRecord:
+    """The record that :func:`to_dict` wrote."""
+    steps = tuple(
+        Step(
+            _read_round(step["round"]),
+            step["winner"],
+            tuple(
+                Replacement(_read_round(r["again"]), _read_round(r["instead"]), r["happened"])
+                for r in step["replacements"]
+            ),
+        )
+        for step in document["steps"]
+    )
+    return SearchRecord(int(document["seed"]), steps)
+
+
+def save(record: SearchRecord, path: Path) -> None:
+    """Write a record as JSON."""
+    path.write_text(json.dumps(to_dict(record)) + "\n", encoding="utf-8")
+
+
+def load(path: Path) -> SearchRecord:
+    """Read a record."""
+    return from_dict(json.loads(path.read_text(encoding="utf-8")))
+
+
+def _round(record: RoundRecord) -> dict[str, Any]:
+    return {
+        "counts": [int(count) for count in record.counts],
+        "before": _numbers(record.before),
+        **{key: float(getattr(record, key)) for key in ("sampled", "excess", "left", "promise")},
+        "candidates": [
+            {
+                "name": c.name,
+                "number": c.number,
+                "parameters": c.parameters,
+                "usual": c.usual,
+                "blocks": _numbers(c.blocks),
+                "sampled": float(c.sampled),
+                "distances": _numbers(c.distances),
+                "scale": c.scale,
+                "contradicted": float(c.contradicted),
+                "values": [{path: float(value) for path, value in part.items()} for part in c.values],
+            }
+            for c in record.candidates
+        ],
+    }
+
+
+def _read_round(document: Mapping[str, Any]) -> RoundRecord:
+    candidates = tuple(
+        Evidence(
+            **{
+                **row,
+                "blocks": np.array(row["blocks"]),
+                "distances": tuple(row["distances"]),
+                "values": tuple(row["values"]),
+            }
+        )
+        for row in document["candidates"]
+    )
+    arrays = {key: np.array(document[key]) for key in ("counts", "before")}
+    return RoundRecord(**{**document, **arrays, "candidates": candidates})
+
+
+def _numbers(values: Any) -> list[float]:
+    return [float(f"{value:.{DIGITS}g}") for value in values]

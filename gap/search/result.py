@@ -1,0 +1,91 @@
+"""What a search found: its candidates, round by round."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from ..causes.cause import Cause
+from ..replay.parameters import Parameter
+from .fit import Fit, merge
+from .record import Evidence, SearchRecord
+from .settings import DEFAULT, SearchSettings
+
+NOTHING = SearchRecord(0, ())
+
+
+@dataclass(frozen=True, eq=False)
+class Candidate:
+    """A cause fitted on top of what is already accepted.
+
+    Attributes:
+        cause: of the catalogue.
+        variant: the parameters that it turns.
+        fits: on the two parts, each judged on the other.
+        evidence: what is decided on.
+        better: share of bootstrap draws in which it lowers the loss at all.
+        best: share of draws in which it is the best of the round (win rate).
+        gain: share of the excess loss that it removes, at most 1: the excess is an estimate.
+    """
+
+    cause: Cause
+    variant: tuple[Parameter, ...]
+    fits: tuple[Fit, Fit]
+    evidence: Evidence
+    better: float = 0.0
+    best: float = 0.0
+    gain: float = 0.0
+
+    @property
+    def blocks(self) -> np.ndarray:
+        """Loss of each block under the fit that did not see it (b,)."""
+        return self.evidence.blocks
+
+
+@dataclass(frozen=True, eq=False)
+class Round:
+    """One step of the forward selection.
+
+    Attributes:
+        before: loss of each block without any of the candidates (b,).
+        candidates: the best variant of each cause, best first.
+        accepted: whether the first one is named.
+        excess: loss per value beyond that of the noise when the round began.
+    """
+
+    before: np.ndarray
+    candidates: tuple[Candidate, ...]
+    accepted: bool
+    excess: float = 0.0
+
+
+@dataclass(frozen=True, eq=False)
+class Search:
+    """What a search found.
+
+    Attributes:
+        tuned: parameters of the nominal model that are always re-tuned, tightly (nuisance parameters).
+        accepted: causes in the order they were accepted.
+        rounds: all rounds, the last one without a winner.
+        counts: judged values per block (b,), to make means of ``blocks``.
+        base: fits of ``tuned`` alone.
+        causes: that were considered.
+        settings: its thresholds.
+        record: what it decided on.
+    """
+
+    tuned: tuple[Parameter, ...]
+    accepted: tuple[Candidate, ...]
+    rounds: tuple[Round, ...]
+    counts: np.ndarray
+    base: tuple[Fit, Fit]
+    causes: tuple[Cause, ...] = ()
+    settings: SearchSettings = DEFAULT
+    record: SearchRecord = NOTHING
+
+    def parameters(self, without: str | None = None) -> list[Parameter]:
+        """All parameters of the extended model, or of the one that lacks a cause."""
+        groups: list[Sequence[Parameter]] = [c.variant for c in self.accepted if c.cause.name != without]
+        return merge(self.tuned, *groups)

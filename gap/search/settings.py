@@ -1,0 +1,122 @@
+"""The thresholds of the search in one place, each with what it means.
+
+Losses are per judged value and in parts of that of the noise (:mod:`sealegs.gap.replay.robust`): a right model has
+about one. ``python -m benchmarks.sensitivity`` shows what each threshold does when it is halved or doubled.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field, fields
+from typing import Any
+
+
+def threshold(value: float, meaning: str, *, decides: bool = False) -> Any:
+    """A setting: default, meaning, and whether it decides what is named (else it only bounds the effort)."""
+    return field(default=value, metadata={"meaning": meaning, "decides": decides})
+
+
+@dataclass(frozen=True, kw_only=True)
+class SearchSettings:
+    """Thresholds of screen, fits and forward selection."""
+
+    # --- effort: what is fitted, and how well
+    screened: int = threshold(10, "Causes that the screen keeps for a rough fit.")
+    screened_variants: int = threshold(3, "Variants of one cause that the screen keeps.")
+    finalists: int = threshold(5, "Causes that are fitted to convergence, the lowest rough cost first.")
+    sure_finalists: int = threshold(2, "Of the finalists, those that are fitted whatever their rough cost.")
+    finalist_cost: float = threshold(
+        2.0, "Rough cost, in parts of the least one, up to which a further cause is a finalist."
+    )
+    hopeless_cost: float = threshold(
+        1.5, "Cost after one iteration, in parts of the least one, from which the rough fit of an effect is given up."
+    )
+    outrun_cost: float = threshold(
+        1.15, "Rough cost, in parts of its cause's best variant, from which a variant is not fitted to convergence."
+    )
+    rough_iterations: int = threshold(3, "Iterations of a rough fit.")
+    iterations: int = threshold(25, "Iterations of a fit to convergence, at most.")
+    coarse_step: float = threshold(
+        2.0, "Factor on the largest step of play and of switching firmware while causes are sought."
+    )
+    most_causes: int = threshold(6, "Causes that are named at most.")
+    least_warming: float = threshold(2.0, "Change of the temperature [K] from which a thermal cause can show.")
+
+    # --- when to look for another cause
+    least_excess: float = threshold(
+        0.04, "Excess loss over the noise from which another cause is looked for.", decides=True
+    )
+    weak: float = threshold(
+        0.3,
+        "Loss below which an excess, or what a cause removes of it, is weak: a weak excess needs a promise, and a "
+        "weak cause further evidence.",
+        decides=True,
+    )
+    least_promise: float = threshold(
+        0.015, "Loss that the screen must promise to remove where the excess is weak.", decides=True
+    )
+
+    # --- whether the best candidate pays
+    least_gain: float = threshold(0.08, "Share of the excess loss that a cause must remove.", decides=True)
+    least_removed: float = threshold(
+        0.04, "Loss that a cause must remove: ripple of ticks and of steps can do less.", decides=True
+    )
+    least_certainty: float = threshold(
+        0.975, "Share of bootstrap draws in which a cause must lower the loss at all.", decides=True
+    )
+    least_agreement: float = threshold(
+        0.4,
+        "Ratio, lesser to greater, of a parameter's distances from doing nothing in the two parts of the data.",
+        decides=True,
+    )
+    least_change: float = threshold(
+        0.01, "Relative change of a number below which it is no finding: none is known better.", decides=True
+    )
+    most_contradicted: float = threshold(
+        2e-3, "Share of samples that may contradict a cause, as duties above a fitted limit do.", decides=True
+    )
+    least_win_rate: float = threshold(
+        0.5,
+        "Minimum bootstrap win rate for a weak or an additional cause; below it the cause is ambiguous.",
+        decides=True,
+    )
+    least_sampled: float = threshold(
+        0.01, "Loss that a weak cause must remove from what is judged sample by sample.", decides=True
+    )
+    least_removed_by_columns: float = threshold(
+        0.12, "Or else the loss that a weak cause must remove in all, duty and current included.", decides=True
+    )
+
+    # --- which candidate is the best
+    draws: int = threshold(2000, "Draws of the block bootstrap.")
+    rival_win_rate: float = threshold(
+        0.05, "Bootstrap win rate from which another candidate is a rival of the winner.", decides=True
+    )
+    shared_error: float = threshold(
+        0.02,
+        "Relative error of a candidate's loss that all data share, such as ripple of steps and ticks: no resampling "
+        "shows it, so candidates closer than this are not told apart.",
+        decides=True,
+    )
+    parameter_charge: float = threshold(
+        0.02,
+        "Share of the loss that each further parameter of a variant must remove; a missing effect is charged once "
+        "against a wrong number.",
+        decides=True,
+    )
+    form_charge: float = threshold(
+        1.4, "Factor by which another form of a cause must lower the loss against its usual form.", decides=True
+    )
+
+    @classmethod
+    def meanings(cls) -> dict[str, str]:
+        """Meaning of each setting, by its name."""
+        return {item.name: item.metadata["meaning"] for item in fields(cls)}
+
+    @classmethod
+    def deciding(cls) -> tuple[str, ...]:
+        """Names of the settings that decide what is named, given what was fitted."""
+        return tuple(item.name for item in fields(cls) if item.metadata["decides"])
+
+
+DEFAULT = SearchSettings()
+"""What was measured on the hidden benches (docs/results/hidden-bench.md) was measured with these."""

@@ -1,0 +1,111 @@
+"""What is named follows from a record and the settings alone."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+from sealegs.gap.search.decide import Standing, decide, pays
+from sealegs.gap.search.record import Evidence, RoundRecord, SearchRecord, Step, load, save
+from sealegs.gap.search.settings import DEFAULT, SearchSettings
+
+from tests.small_diagnosis import small_diagnosis
+
+BLOCKS = 60
+COUNTS = np.full(BLOCKS, 200)
+RNG = np.random.default_rng(0)
+BEFORE = 200.0 * (1.5 + 0.05 * RNG.standard_normal(BLOCKS))
+
+
+def evidence(name: str, removed: float, **changes: object) -> Evidence:
+    """A candidate that removes so much loss per judged value."""
+    scatter = 200.0 * 0.02 * np.random.default_rng(len(name)).standard_normal(BLOCKS)
+    plain = Evidence(
+        name=name,
+        number=False,
+        parameters=1,
+        usual=True,
+        blocks=BEFORE - 200.0 * removed + scatter,
+        sampled=1.0,
+        distances=(1.0, 1.1),
+        scale=None,
+        contradicted=0.0,
+        values=({}, {}),
+    )
+    return replace(plain, **changes)  # pyright: ignore[reportArgumentType]
+
+
+def round_of(*candidates: Evidence, excess: float = 0.5, promise: float = 0.1) -> RoundRecord:
+    return RoundRecord(COUNTS, BEFORE, 1.1, excess, excess, promise, candidates)
+
+
+def named(*rounds: tuple[RoundRecord, str | None], settings: SearchSettings = DEFAULT) -> tuple[tuple[str, ...], bool]:
+    found = decide(SearchRecord(0, tuple(Step(record, winner) for record, winner in rounds)), settings)
+    return found.names, found.open
+
+
+def test_a_record_decided_again_gives_the_names_of_the_search(tmp_path: Path) -> None:
+    search = small_diagnosis()[0].search
+    assert search is not None
+    names = tuple(candidate.cause.name for candidate in search.accepted)
+    assert names and decide(search.record, search.settings).names == names
+    save(search.record, tmp_path / "record.json")
+    again = decide(load(tmp_path / "record.json"), search.settings)
+    assert again.names == names and not again.open
+
+
+def test_of_several_variants_of_a_cause_the_best_stands_for_it() -> None:
+    both = round_of(evidence("a", 0.3), evidence("a", 0.4), evidence("b", 0.35))
+    assert named((both, None)) == (("a",), True)
+    unusual = round_of(evidence("a", 0.3), evidence("a", 0.4, usual=False), evidence("b", 0.35))
+    assert named((unusual, None)) == (("b",), True)
+
+
+@pytest.mark.parametrize(
+    "changes",
+    [
+        {"distances": (1.0, -1.0)},
+        {"distances": (1.0, 3.0)},
+        {"distances": (0.05, 0.05), "scale": 0.1},
+        {"contradicted": 0.01},
+    ],
+)
+def test_a_cause_that_the_parts_or_the_log_contradict_is_not_named(changes: dict[str, object]) -> None:
+    assert named((round_of(evidence("a", 0.4)), "a")) == (("a",), False)
+    assert named((round_of(evidence("a", 0.4, **changes)), None)) == ((), False)
+
+
+def test_little_that_only_duty_and_current_show_is_not_enough() -> None:
+    def paid(removed: float, sampled: float) -> bool:
+        record = round_of(evidence("a", removed, sampled=sampled))
+        return pays(record, Standing(0, 1.0, 1.0, 1.0, removed), DEFAULT, further=False)
+
+    assert not paid(0.1, 1.1) and paid(0.1, 1.05) and paid(0.15, 1.1)
+
+
+def test_a_further_cause_must_win_most_draws() -> None:
+    record = round_of(evidence("a", 0.4))
+    rare = Standing(0, 1.0, 0.4, 1.0, 0.4)
+    assert pays(record, rare, DEFAULT, further=False) and not pays(record, rare, DEFAULT, further=True)
+
+
+def test_a_decision_that_leaves_the_record_is_open() -> None:
+    first, second = round_of(evidence("a", 0.4)), round_of(evidence("b", 0.01), excess=0.1)
+    assert named((first, "a"), (second, None)) == (("a",), False)
+    looser = replace(DEFAULT, least_removed=0.005, least_gain=0.01)
+    assert named((first, "a"), (second, None), settings=looser)[1] == (
+        "b" in named((first, "a"), (second, None), settings=looser)[0]
+    )
+    ended = round_of(excess=0.03, promise=float("nan"))
+    assert named((first, "a"), (ended, None)) == (("a",), False)
+    assert named((first, "a"), (ended, None), settings=replace(DEFAULT, least_excess=0.02)) == (("a",), True)
+    assert named((first, "a"), settings=replace(DEFAULT, least_gain=0.9)) == ((), False)
+
+
+def test_every_setting_says_what_it_means_and_can_be_set() -> None:
+    assert all(meaning.endswith(".") for meaning in SearchSettings.meanings().values())
+    assert set(SearchSettings.deciding()) < set(SearchSettings.meanings())
+    with pytest.raises(AttributeError):
+        DEFAULT.least_gain = 0.5  # pyright: ignore[reportAttributeAccessIssue]
