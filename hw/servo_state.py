@@ -84,9 +84,7 @@ class BlockReader:
         self.start = model[FIRST].address
         self.length = last.address + last.bytes - self.start
         self.whole = model[WHOLE].address
-        self._more = {
-            "torque": model[WHOLE], "goal": model["goal_position"], "limit": model["torque_limit"]
-        }  # fmt: skip
+        self._more = {"torque": model[WHOLE], "limit": model["torque_limit"]}
         self._low = np.array([item.address - self.start for item in registers], np.int64)
         self._high = self._low + np.array([item.bytes - 1 for item in registers], np.int64)
         self._weight = np.array([256 * (item.bytes - 1) for item in registers], np.int64)
