@@ -1,0 +1,194 @@
+"""What pip installs is one package that works from any folder, beside anybody's own envs, agents and configs."""
+
+from __future__ import annotations
+
+import json
+import subprocess
+import sys
+import zipfile
+from pathlib import Path
+
+import numpy as np
+import pytest
+from sealegs.agents.policy_files import load_policy
+from sealegs.cli import COMMANDS
+
+from tests.stranger import NAMES, PARTS, REPOSITORY, Stranger, built, copied_checkout, recorded, stranger
+
+pytestmark = pytest.mark.xdist_group("package")
+
+FOUND = "import sealegs, pathlib; print(pathlib.Path(sealegs.__file__).resolve().parent)"
+ENVIRONMENTS = """
+import multiprocessing, pickle, sys, warnings
+import gymnasium, numpy as np, sealegs
+from gymnasium.utils.env_checker import check_env as check_gymnasium
+from sealegs.envs.sb3 import BatchVecEnv
+from stable_baselines3.common.env_checker import check_env as check_sb3
+from stable_baselines3.common.vec_env import SubprocVecEnv
+
+def make():
+    return gymnasium.make("SeaLegs/Bench-v0", actuator="ideal")
+
+if __name__ == "__main__":
+    warnings.filterwarnings("ignore")
+    for name in ("SeaLegs/Hopper-v0", "sealegs:SeaLegs/Hopper-v0", "SeaLegs/Bench-v0"):
+        env = gymnasium.make(name)
+        first, _ = env.reset(seed=1)
+        many = gymnasium.make_vec(name, num_envs=2)
+        assert (many.reset(seed=1)[0][0] == first).all()
+    check_gymnasium(env.unwrapped, skip_render_check=True)
+    check_sb3(env.unwrapped, skip_render_check=True)
+    assert (pickle.loads(pickle.dumps(env.unwrapped)).reset(seed=1)[0] == first).all()
+    alone = make().reset(seed=3)[0]
+    side_by_side = gymnasium.vector.AsyncVectorEnv([make, make], context="spawn")
+    assert (side_by_side.reset(seed=3)[0][0] == alone).all()
+    side_by_side.close()
+    spawned = SubprocVecEnv([make, make], start_method="spawn")
+    spawned.seed(3)
+    assert (spawned.reset()[0] == alone).all()
+    spawned.close()
+    batch = BatchVecEnv("SeaLegs/Bench-v0", 2, seed=3, actuator="ideal")
+    assert (batch.reset()[0] == alone).all()
+    assert not {"envs", "agents", "configs", "gap", "hw", "actuators"} & set(sys.modules)
+    print("all of it")
+"""
+
+
+@pytest.fixture(scope="session")
+def wheel(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    folder = tmp_path_factory.mktemp("wheel")
+    return built(copied_checkout(folder / "source"), folder)
+
+
+@pytest.fixture(scope="session")
+def installed(wheel: Path, tmp_path_factory: pytest.TempPathFactory) -> Stranger:
+    made = stranger(tmp_path_factory.mktemp("stranger"))
+    made.install(str(wheel))
+    return made
+
+
+def shipped() -> set[str]:
+    """Files of the checkout that belong into the package, as they are called there."""
+    kinds = (".py", ".yaml", ".npz", ".j2", ".css", ".typed")
+    names = set()
+    for part in PARTS:
+        for file in (REPOSITORY / part).rglob("*"):
+            if file.suffix in kinds or file.name == "py.typed":
+                inside = file.relative_to(REPOSITORY / part)
+                names.add(str(Path("sealegs", "" if part == "library" else part, inside)))
+    return names
+
+
+def test_the_wheel_holds_one_package_with_all_that_it_reads(wheel: Path) -> None:
+    files = zipfile.ZipFile(wheel).namelist()
+    assert recorded(files) == {"sealegs"}
+    assert {name for name in files if ".dist-info/" not in name} == shipped()
+    assert {"sealegs/py.typed", "sealegs/configs/train.yaml", "sealegs/hw/registers/sts3215.yaml"} <= set(files)
+
+
+def test_a_source_distribution_builds_the_same_wheel(wheel: Path, tmp_path: Path) -> None:
+    source = copied_checkout(tmp_path / "source")
+    build = f"from setuptools import build_meta; print(build_meta.build_sdist({str(tmp_path)!r}))"
+    subprocess.run([sys.executable, "-c", build], cwd=source, check=True, capture_output=True, timeout=300)
+    (archive,) = tmp_path.glob("*.tar.gz")
+    again = built(archive, tmp_path)
+    assert sorted(zipfile.ZipFile(again).namelist()) == sorted(zipfile.ZipFile(wheel).namelist())
+
+
+def test_nothing_but_sealegs_is_installed(installed: Stranger) -> None:
+    here = {path.name.partition(".")[0] for path in installed.packages.iterdir()}
+    assert here - {"borrowed"} == {"sealegs", "sealegs-0"}
+    assert not here & set(NAMES)
+    assert (installed.packages / "sealegs" / "py.typed").is_file()
+    assert installed.done("python", "-c", FOUND).strip() == str(installed.packages / "sealegs")
+
+
+def test_import_loads_nothing_heavy(installed: Stranger) -> None:
+    heavy = {"torch", "stable_baselines3", "mujoco", "numba", "matplotlib", "pandas", "pyarrow", "pydantic"}
+    loaded = installed.done("python", "-c", "import sealegs, sys; print(*sys.modules)").split()
+    assert not heavy & set(loaded)
+
+
+@pytest.mark.parametrize("word", COMMANDS)
+def test_every_command_has_its_help_page_anywhere(word: str, installed: Stranger) -> None:
+    page = installed.done("sealegs", word, "--help")
+    assert "Keys and their defaults" in page and "RuntimeError" not in page
+
+
+def test_a_command_reads_the_configs_of_the_package_and_the_paths_of_its_caller(installed: Stranger) -> None:
+    answer = installed.run("sealegs", "diagnose", "log=logs/none")
+    assert answer.returncode == 2 and "logs/none" in answer.stderr and "Traceback" not in answer.stderr
+    answer = installed.run("sealegs", "diagnos")
+    assert answer.returncode == 2 and "did you mean 'diagnose'" in answer.stderr
+
+
+def test_an_editable_installation_is_the_checkout(tmp_path: Path) -> None:
+    source, made = copied_checkout(tmp_path / "checkout"), stranger(tmp_path)
+    made.install("-e", str(source))
+    assert not {path.name for path in made.packages.iterdir()} & {"sealegs", *NAMES}
+    assert made.done("python", "-c", FOUND).strip() == str(source / "library")
+    (source / "envs" / "fresh.py").write_text("LIVE = True\n")
+    assert made.done("python", "-c", "from sealegs.envs.fresh import LIVE; print(LIVE)").strip() == "True"
+    assert "Keys and their defaults" in made.done("sealegs", "train", "--help")
+
+
+@pytest.mark.long
+def test_environments_work_from_a_strangers_folder(installed: Stranger) -> None:
+    (installed.folder / "main.py").write_text(ENVIRONMENTS)
+    assert "all of it" in installed.done("python", "main.py", timeout=900)
+
+
+@pytest.mark.long
+def test_training_deploying_and_diagnosing_work_from_a_strangers_folder(installed: Stranger) -> None:
+    small = ["n_envs=2", "agent.n_steps=64", "agent.batch_size=64", "total_timesteps=128", "evaluate.episodes=2"]
+    installed.done("sealegs", "train", "env=bench", "name=first", "video.seconds=0", *small, timeout=900)
+    run = installed.folder / "runs" / "first"
+    assert (run / "final" / "policy.onnx").is_file()
+    session = json.loads((run / "run.json").read_text())["sessions"][0]
+    assert session["git"] == {"revision": None, "changed": None}
+    installed.done("sealegs", "train", "resume=runs/first", "total_timesteps=256", timeout=900)
+    stepped = ["hw.virtual.time=stepped", "live=false", "silence=10"]
+    for excitation in ("chirp", "steps", "slow_triangle"):
+        installed.done(
+            "sealegs", "deploy", f"excitation={excitation}", "duration=8", "out=logs/mine", *stepped, timeout=900
+        )
+    installed.done("sealegs", "deploy", "policy=runs/first/final", "duration=1", "out=logs/run", *stepped, timeout=900)
+    assert len(list((installed.folder / "logs" / "mine").glob("*.csv"))) == 3
+    installed.done("sealegs", "diagnose", "log=logs/mine", "out=found", timeout=1800)
+    found = installed.folder / "found"
+    assert (found / "diagnosis.json").is_file() and (found / "report.html").is_file()
+
+
+def test_the_policies_that_come_along_load() -> None:
+    folders = sorted((REPOSITORY / "policies").glob("*/seed*"))
+    assert len(folders) == 15
+    for folder in folders:
+        act, description = load_policy(folder)
+        actions = act(np.zeros((2, *description["observation"]["shape"]), np.float32))
+        assert actions.shape == (2, *description["action"]["shape"]) and np.isfinite(actions).all()
+
+
+SCRIPTS = sorted(path.name for path in REPOSITORY.glob("*.py") if path.name != "setup.py")
+
+
+@pytest.mark.parametrize("command", [[name] for name in SCRIPTS] + [["-m", "benchmarks"], ["-m", "benchmarks.hidden"]])
+def test_without_the_environment_a_script_ends_in_a_sentence(command: list[str]) -> None:
+    answer = subprocess.run(
+        [sys.executable, "-I", "-S", "-c", RUN_BARE, str(REPOSITORY), *command],
+        capture_output=True,
+        text=True,
+        timeout=60,
+    )
+    assert answer.returncode == 1
+    assert len(answer.stderr.splitlines()) == 1 and "make setup" in answer.stderr
+
+
+RUN_BARE = """
+import runpy, sys
+sys.path.insert(0, sys.argv[1])
+if sys.argv[2] == "-m":
+    runpy.run_module(sys.argv[3], run_name="__main__", alter_sys=True)
+else:
+    runpy.run_path(sys.argv[1] + "/" + sys.argv[2], run_name="__main__")
+"""
+"""A Python without any installed package, which runs a script of the checkout."""
