@@ -110,12 +110,13 @@ def all_names() -> list[str]:
     return [*EFFECTS, *STRANGERS]
 
 
-def run(case: Case, look_on: bool = False) -> dict[str, Any]:
+def run(case: Case, look_on: bool = False, **recording: Any) -> dict[str, Any]:
     """Record and diagnose one case.
 
     Args:
         case: what is hidden.
         look_on: also fit rounds that the search would skip, for ``benchmarks.sensitivity``.
+        recording: of the bench, where it is not the usual one (:func:`testbed.hidden_bench`).
     """
     from sealegs.gap.search.record import to_dict
     from sealegs.gap.verdict.diagnosis import diagnose
@@ -123,7 +124,7 @@ def run(case: Case, look_on: bool = False) -> dict[str, Any]:
     from testbed import drawn_constants, hidden_bench
 
     constants = drawn_constants(np.random.default_rng([case.seed, 2])) if case.drawn else {}
-    data, truth = hidden_bench(case.values(), case.seed, LOADS, constants=constants)
+    data, truth = hidden_bench(case.values(), case.seed, LOADS, constants=constants, **recording)
     began = time.perf_counter()
     (found,) = diagnose(data, look_on=look_on)
     seconds = time.perf_counter() - began

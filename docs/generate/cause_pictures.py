@@ -12,9 +12,8 @@ import sys
 from pathlib import Path
 
 from PIL import Image
-from sealegs.gap.causes.catalogue import Cause, catalogue
 from sealegs.gap.output.pictures import cause_pictures, png
-from sealegs.gap.verdict import diagnosis as finder
+from sealegs.gap.verdict.diagnosis import diagnose
 
 from testbed import EFFECTS, hidden_bench
 
@@ -28,26 +27,13 @@ SEED = 7
 def picture(name: str) -> Image.Image | None:
     """The picture of a cause from a bench that hides it; None where the finder did not name it."""
     data, _ = hidden_bench({name: "clear"}, SEED, LOADS)
-    (found,) = _diagnose(data, name)
+    (found,) = diagnose(data, causes=[name])
     for drawn, chart in cause_pictures(found):
         if drawn == name:
             image = Image.open(io.BytesIO(png(chart))).convert("RGB")
             small = image.resize((WIDTH, round(image.height * WIDTH / image.width)), Image.Resampling.LANCZOS)
             return small.quantize(COLOURS)
     return None
-
-
-def _diagnose(data, name: str):
-    from sealegs.gap.search import forward
-
-    def alone(nominal) -> list[Cause]:
-        return [cause for cause in catalogue(nominal) if cause.name == name]
-
-    whole, forward.catalogue = forward.catalogue, alone
-    try:
-        return finder.diagnose(data)
-    finally:
-        forward.catalogue = whole
 
 
 def main(names: list[str]) -> None:

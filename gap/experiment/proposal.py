@@ -11,6 +11,7 @@ from __future__ import annotations
 import dataclasses
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 
@@ -100,6 +101,11 @@ class Prediction:
     low: np.ndarray
     high: np.ndarray
     beside: int
+
+    @cached_property
+    def gram(self) -> np.ndarray:
+        """Products of the changes (p, p)."""
+        return self.change.T @ self.change
 
 
 def propose(
@@ -317,21 +323,15 @@ def unlike(old_a: Prediction, old_b: Prediction, new_a: Prediction, new_b: Predi
     ``a`` is true, of the size it has. Its nuisance parameters, and all parameters of ``b``, minimise the difference,
     subject to the old log.
     """
-    beside = slice(0, new_a.beside)
-    rest_old, rest_new = old_b.signal - old_a.signal, new_b.signal - new_a.signal
-    change_a, change_b = new_a.change[:, beside], new_b.change
-    zeros_a, zeros_b = np.zeros_like(old_a.change[:, beside]), np.zeros_like(old_b.change)
-    # the old log holds for both, the new measurement is compared; its repeats weigh as several measurements
-    rows = np.concatenate(
-        [
-            np.concatenate([old_a.change[:, beside], zeros_b], axis=1),
-            np.concatenate([zeros_a, old_b.change], axis=1),
-            np.sqrt(REPEATS) * np.concatenate([-change_a, change_b], axis=1),
-        ]
-    )
-    rest = np.concatenate([np.zeros(len(rest_old)), rest_old, np.sqrt(REPEATS) * rest_new])
+    own = new_a.beside
+    beside = slice(0, own)
+    # of the move of both: first the nuisance parameters of a, then all of b; repeats weigh as several measurements
+    change = np.concatenate([-new_a.change[:, beside], new_b.change], axis=1)
+    rest = new_b.signal - new_a.signal
+    gram, slope = REPEATS * (change.T @ change), REPEATS * (change.T @ rest)
+    gram[:own, :own] += old_a.gram[beside, beside]
+    gram[own:, own:] += old_b.gram
+    slope[own:] += old_b.change.T @ (old_b.signal - old_a.signal)
     low, high = np.append(new_a.low[beside], new_b.low), np.append(new_a.high[beside], new_b.high)
-    gram = rows.T @ rows
-    moved = bounded_step(gram + np.diag(RIDGE * gram.diagonal() + RIDGE), rows.T @ rest, low, high)
-    left = rest_new + change_b @ moved[new_a.beside :] - change_a @ moved[: new_a.beside]
-    return float(np.sqrt(np.mean(left**2)))
+    moved = bounded_step(gram + np.diag(RIDGE * gram.diagonal() + RIDGE), slope, low, high)
+    return float(np.sqrt(np.mean((rest + change @ moved) ** 2)))
