@@ -115,7 +115,12 @@ def task_of(env: Mapping[str, Any]) -> tuple[Task, dict[str, Any]]:
 def robot_hash(robot: Robot, params: Mapping[str, float] | None = None) -> str:
     """Hash of what makes a robot this robot: its numbers and its driven coordinates."""
     coordinates = [[item.name, [list(term) for term in item.terms]] for item in robot.coordinates]
-    return _hash([robot.name, robot.parameters(params), coordinates])
+    numbers = {
+        name: value
+        for name, value in robot.parameters(params).items()
+        if not (robot.numbers[name].neutral and value == robot.numbers[name].value)
+    }
+    return _hash([robot.name, numbers, coordinates])
 
 
 def chain_hash(chains: Mapping[str, Chain]) -> str:

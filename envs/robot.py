@@ -7,6 +7,7 @@ import math
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
+from typing import Literal
 
 import mujoco
 
@@ -31,6 +32,8 @@ class Number:
         source: where it was printed; ``assumed`` first, where nobody printed it.
         low: smallest accepted value.
         high: largest accepted value.
+        neutral: whether the default says that there is nothing of the kind (no stop, no further inertia); a robot that
+            leaves it so has the same hash as one without the number.
     """
 
     value: float
@@ -38,6 +41,7 @@ class Number:
     source: str
     low: float = 0.0
     high: float = math.inf
+    neutral: bool = False
 
     @property
     def assumed(self) -> bool:
@@ -47,6 +51,34 @@ class Number:
     def takes(self, value: float) -> bool:
         """Whether ``value`` is finite and within the bounds."""
         return math.isfinite(value) and self.low <= value <= self.high
+
+
+@dataclass(frozen=True)
+class Effect:
+    """How a number that a diagnosis found acts on a number of a robot.
+
+    Attributes:
+        number: of the robot.
+        how: the finding multiplies it, is added to it, takes its place, or narrows it from above or below.
+    """
+
+    number: str
+    how: Literal["times", "plus", "set", "most", "least"]
+
+    def on(self, believed: float, found: float) -> float:
+        """The number with the finding."""
+        actions: Mapping[str, Callable[[float, float], float]] = {
+            "times": lambda a, b: a * b,
+            "plus": lambda a, b: a + b,
+            "set": lambda _, b: b,
+            "most": min,
+            "least": max,
+        }
+        return actions[self.how](believed, found)
+
+
+def _as_compiled(drivetrain: Drivetrain, values: Mapping[str, float]) -> None:
+    del drivetrain, values
 
 
 @dataclass(frozen=True)
@@ -62,6 +94,8 @@ class Robot:
         build: makes the specification from a value for every number.
         words: what a word such as ``ideal`` stands for on this robot, by coordinate, where the chain of that name in
             ``configs/actuator`` is made for robots of another size.
+        effects: what paths of a diagnosis that are not of a chain, such as ``load.mass_factor``, do to numbers.
+        finish: sets in the compiled robot what depends on robot and chains together.
     """
 
     name: str
@@ -71,6 +105,8 @@ class Robot:
     chains: Mapping[str, str]
     build: Callable[[Mapping[str, float]], mujoco.MjSpec]
     words: Mapping[str, Mapping[str, ChainSource]] = field(default_factory=dict)
+    effects: Mapping[str, Effect] = field(default_factory=dict)
+    finish: Callable[[Drivetrain, Mapping[str, float]], None] = _as_compiled
 
     @property
     def limits(self) -> Mapping[str, tuple[float, float]]:
@@ -150,4 +186,7 @@ class Robot:
         Raises:
             SealegsError: a wrong parameter or chain.
         """
-        return Drivetrain(self.build_spec(params), self.chains_for(actuator), self.coordinates)
+        values = self.parameters(params)
+        drivetrain = Drivetrain(self.build(values), self.chains_for(actuator), self.coordinates)
+        self.finish(drivetrain, values)
+        return drivetrain

@@ -7,13 +7,14 @@ import subprocess
 import sys
 from pathlib import Path
 
+import mujoco
 import numpy as np
 import pytest
 from sealegs.actuators import load_chain
 from sealegs.gap.causes.catalogue import catalogue
 from sealegs.gap.causes.cause import Cause
 from sealegs.gap.output.mjcf import native_mjcf, not_native
-from sealegs.gap.replay.engine import bench, bench_parameters, replay_in_engine
+from sealegs.gap.replay.engine import bench, replay_in_engine
 from sealegs.gap.replay.joint_model import GRAVITY, JointModel
 from sealegs.gap.replay.parameters import address
 
@@ -202,12 +203,16 @@ def test_a_torque_limit_before_a_gear_is_that_of_the_joint_in_the_mjcf() -> None
     assert ratio * number.low < 0.05 * stall / joint.value("dc_motor.resistance")
 
 
-def test_a_load_that_its_rod_is_too_heavy_for_is_a_point_mass() -> None:
+def test_a_load_that_the_search_found_is_that_of_the_bench_in_the_engine() -> None:
     params = {"mass": 0.1, "arm_mass": 0.1, "length": 0.12}
-    joint = NOMINAL.with_values({"load.extra_inertia": 0.0026})
-    found = bench_parameters(joint, params)
-    assert min(found["mass"], found["length"]) > 0.0
-    weight = found["mass"] * found["length"] + found["arm_mass"] * found["length"] / 2.0
-    inertia = found["mass"] * found["length"] ** 2 + found["arm_mass"] * found["length"] ** 2 / 3.0
-    assert GRAVITY * weight == pytest.approx(joint.load.gravity_torque(params))
+    found = {"load.mass_factor": 1.4, "load.extra_inertia": 0.0026, "load.centre_shift": 0.01, "load.stop_angle": 0.7}
+    joint = NOMINAL.with_values(found)
+    model = bench(joint, params).model
+    body, data = model.body("pendulum").id, mujoco.MjData(model)
+    data.qpos[0] = np.pi / 2.0
+    mujoco.mj_forward(model, data)
+    weight = model.body_mass[body] * GRAVITY * abs(data.xipos[body][0])
+    inertia = model.body_inertia[body][0] + model.body_mass[body] * model.body_ipos[body][2] ** 2
+    assert weight == pytest.approx(joint.load.gravity_torque(params))
     assert inertia == pytest.approx(joint.load.inertia(params))
+    assert model.jnt_limited[0] and model.jnt_range[0][1] == pytest.approx(0.7)

@@ -7,30 +7,46 @@ from collections.abc import Mapping
 
 import mujoco
 
-from ...actuators import DrivenCoordinate
-from ..robot import Number, Robot
+from ...actuators import DrivenCoordinate, Drivetrain
+from ...actuators.mounting import spring_constraint
+from ..robot import Effect, Number, Robot
 from ..scene import CAMERA, add_scene, add_sun
 
 JOINT = "joint"
 TIMESTEP = 0.001  # [s] with RK4: 0.1 mrad rms from an exact stick-slip integration (docs/numerics.md)
 POINT = 1e-9  # [kg.m2] inertia of a point mass: the engine wants more than none
+FREE = 100.0  # [rad] a stop as far away as this is none
+STOP_STIFFNESS, STOP_DAMPING = 500.0, 1.0  # [N.m/rad], [N.m.s/rad] of whatever blocks the pendulum: assumed
 
 NUMBERS = {
     "mass": Number(0.5, "kg", "assumed: as in the loads of Duclusaud et al., ICRA 2025", 1e-6),
     "arm_mass": Number(0.03, "kg", "assumed: a printed arm"),
     "length": Number(0.12, "m", "assumed: as the load", 1e-3),
+    "centre_shift": Number(0.0, "m", "assumed: the mass sits at the end", -10.0, 10.0, neutral=True),
+    "extra_inertia": Number(0.0, "kg.m2", "assumed: a point mass on a rod", neutral=True),
+    "lower_stop": Number(-FREE, "rad", "assumed: nothing stops the pendulum", -FREE, FREE, neutral=True),
+    "upper_stop": Number(FREE, "rad", "assumed: nothing stops the pendulum", -FREE, FREE, neutral=True),
 }
 
 
-def pendulum(mass: float, arm_mass: float, length: float) -> tuple[float, float, float]:
+def pendulum(values: Mapping[str, float]) -> tuple[float, float, float]:
     """Total mass [kg], distance of its centre from the shaft [m], and inertia about that centre [kg.m2].
 
-    The load is a point mass at the end of a uniform rod.
+    The load is a point mass on a uniform rod; ``centre_shift`` moves it from the rod's end, and ``extra_inertia`` comes
+    on top.
     """
+    mass, arm_mass, length = values["mass"], values["arm_mass"], values["length"]
+    reach = length + values["centre_shift"]
     total = mass + arm_mass
-    centre = length * (mass + 0.5 * arm_mass) / total
-    about_shaft = length**2 * (mass + arm_mass / 3.0)
-    return total, centre, max(about_shaft - total * centre**2, POINT)
+    centre = (mass * reach + 0.5 * arm_mass * length) / total
+    return total, centre, max(inertia(values) - total * centre**2, POINT)
+
+
+def inertia(values: Mapping[str, float]) -> float:
+    """Inertia about the shaft [kg.m2]."""
+    length = values["length"]
+    point = values["mass"] * (length + values["centre_shift"]) ** 2
+    return point + values["arm_mass"] * length**2 / 3.0 + values["extra_inertia"]
 
 
 def build(values: Mapping[str, float]) -> mujoco.MjSpec:
@@ -51,22 +67,39 @@ def build(values: Mapping[str, float]) -> mujoco.MjSpec:
         type=box, size=(0.012, 0.018, 0.5 * height), pos=(0.0, 0.045, -0.5 * height), rgba=(0.3, 0.32, 0.35, 1), **shown
     )
     stand.add_geom(type=box, size=(0.02, 0.017, 0.02), pos=(0.0, 0.02, 0.0), rgba=(0.13, 0.14, 0.16, 1), **shown)
-    total, centre, inertia = pendulum(values["mass"], values["arm_mass"], length)
+    total, centre, about_centre = pendulum(values)
     arm = stand.add_body(
         name="pendulum",
         mass=total,
         ipos=(0.0, 0.0, -centre),
-        inertia=(inertia, inertia, POINT),
+        inertia=(about_centre, about_centre, POINT),
         explicitinertial=True,
     )
     arm.add_joint(name=JOINT, type=mujoco.mjtJoint.mjJNT_HINGE, axis=(0.0, -1.0, 0.0))
     rod = {"type": mujoco.mjtGeom.mjGEOM_CAPSULE, "fromto": (0.0, -0.01, 0.0, 0.0, -0.01, -length)}
     arm.add_geom(size=(0.005, 0.0, 0.0), rgba=(0.75, 0.77, 0.80, 1), **rod, **shown)
-    weight = {"type": mujoco.mjtGeom.mjGEOM_CYLINDER, "fromto": (0.0, -0.025, -length, 0.0, 0.005, -length)}
+    reach = length + values["centre_shift"]
+    weight = {"type": mujoco.mjtGeom.mjGEOM_CYLINDER, "fromto": (0.0, -0.025, -reach, 0.0, 0.005, -reach)}
     arm.add_geom(size=(0.018, 0.0, 0.0), rgba=(0.85, 0.42, 0.16, 1), **weight, **shown)
     # the rotor of a chain with a series spring is a body of its own; on the bench it hides inside the servo
     spec.worldbody.add_camera(name=CAMERA, pos=(0.0, -6.0 * length, height), xyaxes=(1, 0, 0, 0, 0, 1), fovy=35.0)
     return spec
+
+
+def block(drivetrain: Drivetrain, values: Mapping[str, float]) -> None:
+    """Put what stops the pendulum into model and specification: a joint limit as stiff as diagnoses take it to be."""
+    lower, upper = values["lower_stop"], values["upper_stop"]
+    if lower <= -FREE and upper >= FREE:
+        return
+    model, limit = drivetrain.model, drivetrain.spec.joint(JOINT)
+    number = model.joint(JOINT).id
+    moved = inertia(values) + (drivetrain.chains[JOINT].armature() if model.njnt == 1 else 0.0)
+    solref, solimp = spring_constraint(STOP_STIFFNESS, STOP_DAMPING, 1.0 / moved, model.opt.timestep)
+    limit.limited, limit.range = True, (lower, upper)
+    limit.solref_limit, limit.solimp_limit = solref, solimp
+    model.jnt_limited[number] = True
+    model.jnt_range[number] = lower, upper
+    model.jnt_solref[number], model.jnt_solimp[number] = solref, solimp
 
 
 BENCH = Robot(
@@ -76,4 +109,12 @@ BENCH = Robot(
     goal_limits=lambda _: {JOINT: (-math.pi, math.pi)},
     chains={JOINT: "sts3215"},
     build=build,
+    effects={
+        "load.mass_factor": Effect("mass", "times"),
+        "load.centre_shift": Effect("centre_shift", "plus"),
+        "load.extra_inertia": Effect("extra_inertia", "plus"),
+        "load.stop_angle": Effect("upper_stop", "most"),
+        "load.lower_stop": Effect("lower_stop", "least"),
+    },
+    finish=block,
 )

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 from collections.abc import Mapping
 
 import mujoco
@@ -10,60 +9,17 @@ import numpy as np
 
 from ...actuators import Drivetrain
 from ...actuators.layout import S_CURRENT, S_DUTY
-from ...actuators.mounting import spring_constraint
 from ...envs.robots import get_robot
-from .joint_model import GRAVITY, JointModel
-from .simulator import CHANNELS, STOP_DAMPING, STOP_STIFFNESS
+from .joint_model import JointModel
+from .simulator import CHANNELS
 
-FAR = 100.0  # [rad] where a joint is not blocked on one side
 STEP = 1e-3  # [s] largest engine step; each sample interval is divided evenly, so that commands fall on steps
-
-
-def bench_parameters(joint: JointModel, params: Mapping[str, float]) -> dict[str, float]:
-    """Bench parameters with the load's changes written into them, as far as mass, arm and length can express them.
-
-    A point mass ``m`` at ``l`` on a rod is matched in gravity torque and inertia; the rod stays as it is, or is left
-    out where it is too heavy for that.
-    """
-    load, arm = joint.load, params.get("arm_mass", 0.0)
-    if load == type(load)():
-        return {"mass": params["mass"], "arm_mass": arm, "length": params["length"]}
-    moment = load.gravity_torque(params) / GRAVITY
-    inertia = load.inertia(params)
-    without_rod = {"mass": moment**2 / inertia, "arm_mass": 0.0, "length": inertia / moment}
-    if arm == 0.0:
-        return without_rod
-    # mass l + arm l / 2 = moment and mass l^2 + arm l^2 / 3 = inertia, solved for mass and length, the rod as believed:
-    # mass = moment / l - arm / 2, hence l moment - l^2 arm / 6 = inertia
-    root = np.sqrt(max(moment**2 - 4.0 * (arm / 6.0) * inertia, 0.0))
-    length = float(2.0 * inertia / (moment + root))
-    mass = moment / length - arm / 2.0
-    return {"mass": mass, "arm_mass": arm, "length": length} if mass > 0.0 else without_rod
 
 
 def bench(joint: JointModel, params: Mapping[str, float]) -> Drivetrain:
     """A bench in the engine that carries the joint."""
     robot = get_robot("bench")
-    name = robot.coordinates[0].name
-    drivetrain = robot.drivetrain({name: joint.chain}, bench_parameters(joint, params))
-    if math.isfinite(joint.load.stop_angle) or math.isfinite(joint.load.lower_stop):
-        _block(drivetrain, name, joint, params)
-    return drivetrain
-
-
-def _block(drivetrain: Drivetrain, name: str, joint: JointModel, params: Mapping[str, float]) -> None:
-    """Put what stops the link into model and specification: a joint limit as stiff as the search has it."""
-    model, limit = drivetrain.model, drivetrain.spec.joint(name)
-    number = model.joint(name).id
-    lower, upper = max(joint.load.lower_stop, -FAR), min(joint.load.stop_angle, FAR)
-    stiff = model.njnt == 1
-    inertia = joint.load.inertia(params) + (joint.chain.armature() if stiff else 0.0)
-    solref, solimp = spring_constraint(STOP_STIFFNESS, STOP_DAMPING, 1.0 / inertia, model.opt.timestep)
-    limit.limited, limit.range = True, (lower, upper)
-    limit.solref_limit, limit.solimp_limit = solref, solimp
-    model.jnt_limited[number] = True
-    model.jnt_range[number] = lower, upper
-    model.jnt_solref[number], model.jnt_solimp[number] = solref, solimp
+    return robot.drivetrain({robot.coordinates[0].name: joint.chain}, joint.load.numbers(params))
 
 
 def replay_in_engine(

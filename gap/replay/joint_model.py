@@ -17,7 +17,7 @@ from ...actuators.errors import SealegsError, nearest
 from ...actuators.layout import P_HEADER, P_VISCOUS
 from ...actuators.stages import STAGES, Stage
 from ...actuators.stages.base import ChainError
-from ...envs.bench.robot import NUMBERS
+from ...envs.bench.robot import FREE, NUMBERS
 from .parameters import Parameter, Target, absolute, address
 
 GRAVITY = 9.81  # [m/s2]
@@ -87,16 +87,28 @@ class PendulumLoad:
     stop_angle: float = math.inf
     lower_stop: float = -math.inf
 
+    def numbers(self, params: Mapping[str, float]) -> dict[str, float]:
+        """Numbers of the bench that carries this, where ``params`` are those of the one that its sidecar describes."""
+        return {
+            "mass": params["mass"] * self.mass_factor,
+            "arm_mass": params.get("arm_mass", 0.0),
+            "length": params["length"],
+            "centre_shift": params.get("centre_shift", 0.0) + self.centre_shift,
+            "extra_inertia": params.get("extra_inertia", 0.0) + self.extra_inertia,
+            "lower_stop": max(params.get("lower_stop", -FREE), self.lower_stop),
+            "upper_stop": min(params.get("upper_stop", FREE), self.stop_angle),
+        }
+
     def inertia(self, params: Mapping[str, float]) -> float:
         """Inertia about the shaft [kg.m2]: point mass on a uniform rod."""
-        length, arm = params["length"], params.get("arm_mass", 0.0)
-        mass = params["mass"] * self.mass_factor
-        return mass * (length + self.centre_shift) ** 2 + arm * length**2 / 3.0 + self.extra_inertia
+        n = self.numbers(params)
+        reach = n["length"] + n["centre_shift"]
+        return n["mass"] * reach**2 + n["arm_mass"] * n["length"] ** 2 / 3.0 + n["extra_inertia"]
 
     def gravity_torque(self, params: Mapping[str, float]) -> float:
         """Torque of gravity at a quarter turn [N.m]."""
-        length, arm = params["length"], params.get("arm_mass", 0.0)
-        moment = params["mass"] * self.mass_factor * (length + self.centre_shift) + arm * length / 2.0
+        n = self.numbers(params)
+        moment = n["mass"] * (n["length"] + n["centre_shift"]) + n["arm_mass"] * n["length"] / 2.0
         return GRAVITY * moment
 
 
@@ -206,11 +218,13 @@ class JointModel:
         k[K_MOTOR_INERTIA] = max(chain.armature(), 1e-7)
         k[K_VISCOUS] = program[P_VISCOUS]
         k[K_FRICTION] = _record(program, FRICTION_OPCODE)
-        k[K_HOST_OFFSET], k[K_HOST_SCALE], k[K_STOP] = self.host_offset, self.host_scale, self.load.stop_angle
+        k[K_HOST_OFFSET], k[K_HOST_SCALE] = self.host_offset, self.host_scale
         if (thermal := chain.find("thermal")) is not None:
             k[K_LOSS], k[K_REFERENCE], k[K_MOTOR] = thermal.loss, thermal.reference, _record(program, MOTOR_OPCODE)
             k[K_CONSTANT] = program[int(k[K_MOTOR])] / chain.magnetisation()
-        k[K_LOWER_STOP] = self.load.lower_stop
+        numbers = self.load.numbers(params) if params else {}
+        k[K_STOP] = numbers.get("upper_stop", self.load.stop_angle)
+        k[K_LOWER_STOP] = numbers.get("lower_stop", self.load.lower_stop)
         k[K_DELAY] = delay.seconds if (delay := chain.find("delay")) is not None else 0.0
         element, play = chain.find("spring") or chain.find("compliance"), chain.find("backlash")
         if element is not None or (play is not None and play.width > 0.0):

@@ -17,6 +17,7 @@ from ...actuators.compiled import compiled
 from ...actuators.law import advance, begin, host_reading, torque
 from ...actuators.layout import P_LATENCY, P_OFFSET, P_SCALE, P_STATE_SIZE, P_TICKS, S_CURRENT, S_DUTY, S_LIMIT, S_TIME
 from ...actuators.stages.transmission import friction_limit
+from ...envs.bench.robot import STOP_DAMPING, STOP_STIFFNESS
 from .joint_model import (
     K_CONSTANT,
     K_COUPLED,
@@ -42,7 +43,6 @@ ELASTIC_STEP = 1e-3  # [s] largest step with a spring between motor and link, wh
 # [s] with play, whose teeth meet for a few milliseconds, and with firmware that switches: it must when the machine does
 EVENT_STEP = 2.5e-4
 SWITCHING = ("rate_limit", "dead_band", "minimum_duty", "duty_step")
-STOP_STIFFNESS, STOP_DAMPING = 500.0, 1.0  # [N.m/rad], [N.m.s/rad] of whatever blocks a link: assumed
 CHANNELS = ("position", "link_position", "duty", "current")
 
 

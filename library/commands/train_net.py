@@ -147,7 +147,7 @@ def _run_of(item: MeasuredRun, joint: str, config: dict[str, Any]) -> TrainingRu
         from sealegs.envs.bench.robot import NUMBERS, pendulum
 
         load = {key: float(item.robot_params.get(key, number.value or 0.0)) for key, number in NUMBERS.items()}
-        total, centre, about_centre = pendulum(**load)
+        total, centre, about_centre = pendulum(load)
         inertia, gravity = about_centre + total * centre**2, 9.81 * total * centre
     armature = config["armature"]
     if armature is None:
