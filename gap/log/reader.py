@@ -85,15 +85,15 @@ def iterate_runs(path: str | Path, rows: int = 1 << 18) -> Iterator[MeasuredRun]
             table = _joined(parts)
             piece = {name: values[:rows] for name, values in table.items()}
             parts, held = [{name: values[rows:] for name, values in table.items()}], held - rows
-            yield _build_run(f"{path.stem}[{first}]", piece, sidecar, path, first)
+            yield build_run(f"{path.stem}[{first}]", piece, sidecar, path, first)
             first += rows
     if held:
-        yield _build_run(f"{path.stem}[{first}]", _joined(parts), sidecar, path, first)
+        yield build_run(f"{path.stem}[{first}]", _joined(parts), sidecar, path, first)
 
 
 def _read_run(path: Path) -> MeasuredRun:
     sidecar = read_sidecar(path)
-    return _build_run(path.stem, _joined(list(read_batches(path))), sidecar, path, 0)
+    return build_run(path.stem, _joined(list(read_batches(path))), sidecar, path, 0)
 
 
 def _joined(parts: list[dict[str, Array]]) -> dict[str, Array]:
@@ -102,7 +102,12 @@ def _joined(parts: list[dict[str, Array]]) -> dict[str, Array]:
     return {name: np.concatenate([part[name] for part in parts]) for name in (parts[0] if parts else ())}
 
 
-def _build_run(name: str, table: dict[str, Array], sidecar: Sidecar, path: Path, first_row: int) -> MeasuredRun:
+def build_run(name: str, table: dict[str, Array], sidecar: Sidecar, path: Path, first_row: int) -> MeasuredRun:
+    """A run from its columns, checked.
+
+    Raises:
+        LogError: a column is unknown, missing or holds values that it may not; the message names ``path``.
+    """
     if len(table.get("time", ())) < MINIMUM_SAMPLES:
         count = len(table.get("time", ()))
         raise LogError(f"{path}: has {count or 'no'} sample{'s' if count != 1 else ''}; a run needs at least two")

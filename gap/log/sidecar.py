@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
@@ -48,7 +49,7 @@ def read_sidecar(log: Path) -> Sidecar:
         for key, value in _load_mapping(path).items():
             both = isinstance(value, dict) and isinstance(merged.get(key), dict)
             merged[key] = merged[key] | value if both else value
-    return _checked(merged, sources[-1])
+    return checked_sidecar(merged, sources[-1])
 
 
 def sidecar_text(sidecar: Sidecar) -> str:
@@ -76,15 +77,20 @@ def _load_mapping(path: Path) -> dict[str, Any]:
         raise LogError(f"{path}: cannot be read: {error.strerror}") from None
     if not isinstance(content, dict):
         raise LogError(f"{path}: must be a mapping with the keys robot, robot_params and actuators")
+    return content
+
+
+def checked_sidecar(content: Mapping[str, Any], path: str | Path) -> Sidecar:
+    """A sidecar from its plain form.
+
+    Raises:
+        LogError: an unknown key or a value of the wrong kind; the message names ``path``.
+    """
     for key in content:
         if key not in KEYS:
             raise LogError(
                 f"{path}: unknown key '{key}'{nearest(str(key), KEYS)}; put descriptions of your own under the key meta"
             )
-    return content
-
-
-def _checked(content: dict[str, Any], path: Path) -> Sidecar:
     robot = content.get("robot")
     if not isinstance(robot, str) or not robot:
         raise LogError(f"{path}: the key robot must name the robot, for example robot: bench, not {robot!r}")

@@ -3,16 +3,36 @@
 from __future__ import annotations
 
 import dataclasses
+from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
-from ...actuators import Chain
+import numpy as np
+import yaml
+
+from ...actuators import Chain, load_chain
+from ...envs.extended import FILE, Change, Extended, Mounted, Owner
+from ..log.types import MeasuredRun, MeasuredSet
 from ..replay.joint_model import JointModel
-from ..replay.parameters import address
+from ..replay.parameters import Target, address
 from ..verdict.verdict import JointDiagnosis
 from .mjcf import native_mjcf, not_native
 
-__all__ = ["changes", "not_native", "write_extension"]
+__all__ = ["changes", "extended_of", "not_native", "write_extended", "write_extension"]
+
+RETUNED = "re-tuned within its tolerance"
+OWNERS: dict[Target, Owner] = {
+    Target.STAGE: "chain",
+    Target.GEAR: "chain",
+    Target.LOAD: "robot",
+    Target.GROUND: "robot",
+    Target.HOST: "log",
+}
+"""What the targets of a diagnosis are of a machine. How its host reads it (an offset, a scale of the log) is nothing of
+the machine, so there is nothing to apply.
+"""
+HEIGHT = "contact.height"
+"""Zero of the height column, likewise of the log."""
 
 
 def changes(diagnosis: JointDiagnosis) -> list[dict[str, Any]]:
@@ -26,12 +46,103 @@ def changes(diagnosis: JointDiagnosis) -> list[dict[str, Any]]:
         at = address(path)
         before = nominal.value(at.number)
         after = value * before if at.factor else value
-        why = owner.get(path, "re-tuned within its tolerance")
-        rows.append({"path": at.number, "from": float(before), "to": float(after), "why": why})
-    return sorted(rows, key=lambda row: row["why"] not in owner.values())
+        rows.append({"path": at.number, "from": float(before), "to": float(after), "why": owner.get(path, RETUNED)})
+    return sorted(rows, key=lambda row: row["why"] == RETUNED)
 
 
-def write_extension(diagnosis: JointDiagnosis, folder: Path, prefix: str = "") -> dict[str, Path]:
+def extended_of(diagnoses: Sequence[JointDiagnosis], data: MeasuredSet) -> Extended | None:
+    """The machine as diagnosed, as an environment takes it; None where no joint has an extended model."""
+    if all(diagnosis.problem is None for diagnosis in diagnoses):
+        return None
+    several = len(diagnoses) > 1
+    chains, found, believed = {}, [], []
+    for diagnosis in diagnoses:
+        prefix = f"{diagnosis.joint}-" if several else ""
+        if variants := _chains(diagnosis, data.runs, prefix):
+            chains[diagnosis.joint] = variants
+        for row in changes(diagnosis):
+            cause = "" if row["why"] == RETUNED else row["why"]
+            found.append(Change(diagnosis.joint, row["path"], row["from"], row["to"], cause, _owner(row["path"])))
+        if diagnosis.problem is not None:
+            believed += [dict(params) for params in diagnosis.problem.params if params]
+    believed = believed or [dict(run.robot_params) for run in data.runs]
+    shared = believed[0] if all(params == believed[0] for params in believed) else None
+    return Extended(data.runs[0].robot, shared, chains, tuple(found))
+
+
+def _owner(number: str) -> Owner:
+    return "log" if number == HEIGHT else OWNERS[address(number).target]
+
+
+def _chains(diagnosis: JointDiagnosis, runs: Sequence[MeasuredRun], prefix: str) -> tuple[Mounted, ...]:
+    """Extended chains of a joint by nominal chain; as believed where the joint could not be diagnosed."""
+    if diagnosis.problem is None:
+        source = runs[0].actuators.get(diagnosis.joint)
+        return () if source is None else (Mounted(load_chain(source), ""),)
+    if diagnosis.joint not in runs[0].joints:  # what the machine stands on
+        return ()
+    joints = _variants(diagnosis)
+    warm = _temperature(diagnosis, runs)
+    return tuple(
+        Mounted(_rounded(_warm(joint.chain, warm)), f"{prefix}extended{_suffix(k)}.yaml")
+        for k, (joint, _) in enumerate(joints, 1)
+    )
+
+
+def _variants(diagnosis: JointDiagnosis) -> list[tuple[JointModel, dict[str, float]]]:
+    """The extended joint for each nominal chain of the runs, with numbers of the bench."""
+    assert diagnosis.problem is not None
+    found: dict[str, tuple[JointModel, dict[str, float]]] = {}
+    for nominal, params in zip(diagnosis.problem.models, diagnosis.problem.params, strict=True):
+        found.setdefault(nominal.chain.to_yaml(), (nominal.with_fitted(diagnosis.values), dict(params)))
+    return list(found.values())
+
+
+def _suffix(number: int) -> str:
+    return f"-{number}" if number > 1 else ""
+
+
+def _temperature(diagnosis: JointDiagnosis, runs: Sequence[MeasuredRun]) -> float | None:
+    """Median temperature of the motor in the log [degC]; None where it was not logged."""
+    logged = [run.joints[diagnosis.joint].temperature for run in runs if diagnosis.joint in run.joints]
+    values = np.concatenate([values for values in logged if values is not None] or [np.zeros(0)])
+    values = values[np.isfinite(values)]
+    return float(np.median(values)) if len(values) else None
+
+
+def _warm(chain: Chain, temperature: float | None) -> Chain:
+    """The chain with its motor as warm as it was in the log, where warmth weakens it."""
+    thermal = chain.find("thermal")
+    if thermal is None or temperature is None:
+        return chain
+    warm = dataclasses.replace(thermal, temperature=round(temperature, 1))
+    return dataclasses.replace(chain, stages=tuple(warm if stage is thermal else stage for stage in chain.stages))
+
+
+def write_extended(extended: Extended, folder: Path) -> Path:
+    """Write the machine as diagnosed, for ``extended=<folder>``."""
+    lines = [
+        "# The machine as diagnosed; give this folder as extended=<folder> to train, deploy, evaluate or",
+        "# sealegs.make_env. Changes with owner 'log' are of how the log reads the machine: nothing to apply.",
+    ]
+    text = yaml.safe_dump(_plain(extended.to_dict()), sort_keys=False, width=120)
+    path = folder / FILE
+    path.write_text("\n".join(lines) + "\n" + text, encoding="utf-8")
+    return path
+
+
+def _plain(value: Any) -> Any:
+    """Numbers to six digits, so that the file can be read."""
+    if isinstance(value, dict):
+        return {key: _plain(item) for key, item in value.items()}
+    if isinstance(value, list):
+        return [_plain(item) for item in value]
+    return float(f"{value:.6g}") if isinstance(value, float) else value
+
+
+def write_extension(
+    diagnosis: JointDiagnosis, runs: Sequence[MeasuredRun], folder: Path, prefix: str = ""
+) -> dict[str, Path]:
     """Write ``extended.yaml`` (the chain) and ``extended.xml`` (the bench with what of it plain MuJoCo simulates).
 
     Runs that differ in their nominal chain get a chain file each.
@@ -39,29 +150,22 @@ def write_extension(diagnosis: JointDiagnosis, folder: Path, prefix: str = "") -
     Returns:
         Paths by ``chain`` and ``mjcf`` (of the first chain), and ``chain.<n>`` for further ones.
     """
-    assert diagnosis.problem is not None
     written: dict[str, Path] = {}
-    seen: list[JointModel] = []
-    for nominal, params in zip(diagnosis.problem.models, diagnosis.problem.params, strict=True):
-        if any(nominal.chain.stages == other.chain.stages for other in seen):
-            continue
-        seen.append(nominal)
-        joint = nominal.with_fitted(diagnosis.values)
-        suffix = f"-{len(seen)}" if len(seen) > 1 else ""
-        path = folder / f"{prefix}extended{suffix}.yaml"
-        named = ", ".join(cause.name for cause in diagnosis.causes if cause.kind != "data") or "nothing named"
-        lines = [f"# Extended chain of joint '{diagnosis.joint}': {named}. Against the nominal chain:"]
-        lines += [
-            f"#   {row['path']}: {row['from']:.5g} -> {row['to']:.5g} ({row['why']})" for row in changes(diagnosis)
-        ]
-        path.write_text("\n".join(lines) + "\n" + _rounded(joint.chain).to_yaml(), encoding="utf-8")
-        written[f"chain{suffix.replace('-', '.')}"] = path
-        if len(seen) == 1 and params:  # without a load, there is no bench to write
-            mjcf = folder / f"{prefix}extended.xml"
-            missing = ", ".join(not_native(joint.chain)) or "nothing"
-            note = f"<!-- For plain MuJoCo; the control is the position goal [rad]. Left out: {missing}. -->"
-            mjcf.write_text(f"{note}\n{native_mjcf(joint, params)}", encoding="utf-8")
-            written["mjcf"] = mjcf
+    named = ", ".join(cause.name for cause in diagnosis.causes if cause.kind != "data") or "nothing named"
+    lines = [f"# Extended chain of joint '{diagnosis.joint}': {named}. Against the nominal model:"]
+    lines += [f"#   {row['path']}: {row['from']:.5g} -> {row['to']:.5g} ({row['why']})" for row in changes(diagnosis)]
+    lines.append(f"# What is not of the chain (load, stops) stands in {FILE}; extended=<this folder> applies all of it.")
+    for k, item in enumerate(_chains(diagnosis, runs, prefix), 1):
+        path = folder / item.file
+        path.write_text("\n".join(lines) + "\n" + item.chain.to_yaml(), encoding="utf-8")
+        written[f"chain{_suffix(k).replace('-', '.')}"] = path
+    joint, params = _variants(diagnosis)[0]
+    if params:  # without a load, there is no bench to write
+        mjcf = folder / f"{prefix}extended.xml"
+        missing = ", ".join(not_native(joint.chain)) or "nothing"
+        note = f"<!-- For plain MuJoCo; the control is the position goal [rad]. Left out: {missing}. -->"
+        mjcf.write_text(f"{note}\n{native_mjcf(joint, params)}", encoding="utf-8")
+        written["mjcf"] = mjcf
     return written
 
 

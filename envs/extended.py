@@ -1,0 +1,224 @@
+"""A machine as a diagnosis left it: chains by joint, numbers of the robot, and what was behind each change.
+
+It is read from a diagnosis folder and put on a robot by :meth:`Extended.chains_on` and :meth:`Extended.params_on`. A
+change that the robot at hand cannot take is refused with a sentence that names its cause.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any, Literal
+
+import yaml
+
+from ..actuators import Chain, load_chain
+from ..actuators.errors import SealegsError, nearest
+from .robot import Robot
+
+FILE = "extended-robot.yaml"
+VERSION = 1
+Owner = Literal["chain", "robot", "log"]
+"""What a number belongs to: the actuation chain, the rest of the robot, or the log, which misreads the machine."""
+
+
+class ExtensionError(SealegsError):
+    """A diagnosis that cannot be put on a robot, or a folder that holds none."""
+
+
+@dataclass(frozen=True)
+class Change:
+    """A number that the diagnosis changed.
+
+    Attributes:
+        joint: joint of the log; ``ground`` for what a leg stands on.
+        path: such as ``friction.coulomb`` or ``load.mass_factor``.
+        before, after: in the unit of the number.
+        cause: that was named for it; empty where it was re-tuned within its tolerance.
+        owner: ``log`` for numbers that say how the log reads the machine: the machine has nothing of them.
+    """
+
+    joint: str
+    path: str
+    before: float
+    after: float
+    cause: str
+    owner: Owner
+
+
+@dataclass(frozen=True)
+class Mounted:
+    """The extended chain of a joint.
+
+    Attributes:
+        chain: what drives it.
+        file: in the diagnosis folder, by which one of several is chosen.
+    """
+
+    chain: Chain
+    file: str
+
+
+@dataclass(frozen=True, eq=False)
+class Extended:
+    """A machine as a diagnosis left it.
+
+    Attributes:
+        robot: as the log names it.
+        params: numbers of the robot that the log believed, on which the changes act; None where its runs differ.
+        chains: of each joint; several where the runs were recorded with different nominal chains.
+        changes: everything that differs from the nominal model.
+        where: folder of the diagnosis, for messages.
+    """
+
+    robot: str
+    params: Mapping[str, float] | None
+    chains: Mapping[str, Sequence[Mounted]]
+    changes: tuple[Change, ...] = ()
+    where: str = "the diagnosis"
+    chosen: Mapping[str, str] = field(default_factory=dict)
+
+    # --- on a robot --------------------------------------------------------------------------------------------
+
+    def chains_on(self, robot: Robot) -> dict[str, Chain]:
+        """A chain for each coordinate of ``robot`` that was diagnosed; a servo alone is taken for all coordinates.
+
+        Raises:
+            ExtensionError: a joint is none of the robot's, or has several chains and none was chosen.
+        """
+        names = [item.name for item in robot.coordinates]
+        chains = {joint: self._chain(joint) for joint in self.chains}
+        if len(chains) == 1 and (robot.name != self.robot or len(names) == 1):  # a log may call its joint anything
+            return dict.fromkeys(names, *chains.values())
+        for joint in chains:
+            if joint not in names:
+                raise ExtensionError(
+                    f"{self.where} is of robot '{self.robot}' with the joints {', '.join(chains)}, and robot "
+                    f"'{robot.name}' has no '{joint}'{nearest(joint, names)}; give actuator={{<joint>: <chain>}} with "
+                    "the files of single joints."
+                )
+        return chains
+
+    def params_on(self, robot: Robot, params: Mapping[str, float] | None = None) -> dict[str, float]:
+        """Numbers of ``robot``, as believed and with everything that was found.
+
+        Args:
+            robot: at hand.
+            params: numbers believed of it, in place of those of the log.
+
+        Raises:
+            ExtensionError: the robot has no number that could take a finding.
+        """
+        same = robot.name == self.robot
+        believed = {**(self.params or {} if same else {}), **(params or {})}
+        values, refused = robot.parameters(believed), {}
+        for change in self.changes:
+            if change.owner != "robot":
+                continue
+            effect = robot.effects.get(change.path) if same else None
+            if effect is not None:
+                values[effect.number] = effect.on(values[effect.number], change.after)
+                believed[effect.number] = values[effect.number]
+            elif change.cause:
+                refused.setdefault(change.cause, change)
+        if refused:
+            raise ExtensionError(self._refusal(robot, refused))
+        return {name: value for name, value in robot.parameters(believed).items() if name in believed}
+
+    def _refusal(self, robot: Robot, refused: Mapping[str, Change]) -> str:
+        rows = ", ".join(f"{cause} ({c.path} {c.before:.4g} -> {c.after:.4g})" for cause, c in refused.items())
+        several = len(refused) > 1
+        why = (
+            f"robot '{robot.name}' has no number for {'them' if several else 'it'}"
+            if robot.name == self.robot
+            else f"{'they are' if several else 'it is'} of robot '{self.robot}', not of robot '{robot.name}'"
+        )
+        alone = next(iter(self.chains.values()))[0].file if self.chains else ""
+        remedy = f"give actuator={self.where}/{alone} to take the servo alone" if alone else "build it into the model"
+        return f"{self.where} found {rows}, which cannot be applied: {why}; {remedy}."
+
+    def _chain(self, joint: str) -> Chain:
+        variants = self.chains[joint]
+        if joint in self.chosen:
+            return next(item.chain for item in variants if item.file == self.chosen[joint])
+        if len(variants) > 1:
+            files = " or ".join(f"extended={self.where}/{item.file}" for item in variants)
+            raise ExtensionError(
+                f"{self.where} has {len(variants)} chains for joint '{joint}', since its runs were recorded with "
+                f"different nominal chains; choose one: {files}."
+            )
+        return variants[0].chain
+
+    # --- on disk -----------------------------------------------------------------------------------------------
+
+    def to_dict(self) -> dict[str, Any]:
+        """As plain data, the form of :data:`FILE`."""
+        return {
+            "version": VERSION,
+            "robot": self.robot,
+            "params": None if self.params is None else dict(self.params),
+            "chains": {
+                joint: [{"file": item.file, "stages": item.chain.to_list()} for item in variants]
+                for joint, variants in self.chains.items()
+            },
+            "changes": [dict(vars(change)) for change in self.changes],
+        }
+
+    @classmethod
+    def from_dict(cls, document: Mapping[str, Any], where: str = "the diagnosis") -> Extended:
+        """From plain data.
+
+        Raises:
+            SealegsError: it is damaged.
+        """
+        try:
+            if document["version"] != VERSION:
+                raise ExtensionError(f"{where}: its version is {document['version']}, not {VERSION}; diagnose again.")
+            return cls(
+                robot=str(document["robot"]),
+                params=None if document["params"] is None else dict(document["params"]),
+                chains={
+                    str(joint): tuple(Mounted(load_chain(item["stages"]), str(item["file"])) for item in variants)
+                    for joint, variants in document["chains"].items()
+                },
+                changes=tuple(Change(**change) for change in document["changes"]),
+                where=where,
+            )
+        except (LookupError, TypeError, AttributeError) as error:
+            raise ExtensionError(f"{where}: cannot be read ({error}); diagnose again.") from None
+
+
+def read_extended(path: str | Path) -> Extended:
+    """The machine of a diagnosis folder; a chain file in it chooses that one of several.
+
+    Raises:
+        ExtensionError: the folder is no diagnosis, or one without an extended model.
+    """
+    path = Path(path)
+    folder = path.parent if path.suffix in (".yaml", ".yml") else path
+    try:
+        document = yaml.safe_load((folder / FILE).read_text(encoding="utf-8"))
+    except FileNotFoundError:
+        raise ExtensionError(_missing(path, folder)) from None
+    except (OSError, UnicodeDecodeError, yaml.YAMLError) as error:
+        reason = getattr(error, "strerror", None) or "it is damaged; diagnose again"
+        raise ExtensionError(f"{folder / FILE} cannot be read: {reason}.") from None
+    extended = Extended.from_dict(document, str(folder))
+    if path == folder or path.name == FILE:
+        return extended
+    chosen = {joint: path.name for joint, variants in extended.chains.items() for v in variants if v.file == path.name}
+    if not chosen:
+        known = [item.file for variants in extended.chains.values() for item in variants]
+        raise ExtensionError(f"{folder} has no chain {path.name}{nearest(path.name, known)}; it has {', '.join(known)}.")
+    return Extended(**{**vars(extended), "chosen": chosen})
+
+
+def _missing(path: Path, folder: Path) -> str:
+    if not folder.is_dir():
+        return f"extended={path}: there is no such folder; give the folder that sealegs diagnose wrote."
+    if not (folder / "diagnosis.json").is_file():
+        return f"extended={path}: {folder} holds no diagnosis; give the folder that sealegs diagnose wrote."
+    if any(folder.glob("*extended*.yaml")):
+        return f"{folder} was written before robots could be extended; diagnose again, or give actuator=<its chain>."
+    return f"{folder} holds no extended model: its diagnosis could not say what the machine is (see its report.html)."
