@@ -210,7 +210,9 @@ def read_extended(path: str | Path) -> Extended:
     chosen = {joint: path.name for joint, variants in extended.chains.items() for v in variants if v.file == path.name}
     if not chosen:
         known = [item.file for variants in extended.chains.values() for item in variants]
-        raise ExtensionError(f"{folder} has no chain {path.name}{nearest(path.name, known)}; it has {', '.join(known)}.")
+        raise ExtensionError(
+            f"{folder} has no chain {path.name}{nearest(path.name, known)}; it has {', '.join(known)}."
+        )
     return Extended(**{**vars(extended), "chosen": chosen})
 
 

@@ -1,15 +1,69 @@
 """Finds what a robot simulation gets wrong from measured data, extends the model by it, and trains on the truth.
 
+    import sealegs
+
+    diagnosis = sealegs.diagnose("logs/bench")
+    diagnosis.save("diagnosis")
+    env = sealegs.make_env("bench", extended=diagnosis.extended)
+
 Importing this package registers the environments with Gymnasium and loads nothing heavy.
 """
 
+import importlib
 import os
 import sys
+from typing import TYPE_CHECKING, Any
 
 # Without a screen MuJoCo can draw by EGL only, and it looks when it is imported: here, before anything can import it.
 if sys.platform == "linux" and not (os.environ.get("DISPLAY") or os.environ.get("WAYLAND_DISPLAY")):
     os.environ.setdefault("MUJOCO_GL", "egl")
 
 from sealegs.envs import register_environments
+
+if TYPE_CHECKING:
+    from sealegs.actuators import load_chain
+    from sealegs.actuators.errors import SealegsError
+    from sealegs.environments import load_robot, make_env
+    from sealegs.envs.extended import Extended
+    from sealegs.gap.diagnose import diagnose
+    from sealegs.gap.diagnosis import Diagnosis
+    from sealegs.gap.log import read_measured as read_log
+
+__all__ = [
+    "Diagnosis",
+    "Extended",
+    "SealegsError",
+    "diagnose",
+    "load_chain",
+    "load_robot",
+    "make_env",
+    "read_log",
+]
+
+_HOMES = {
+    "Diagnosis": ("sealegs.gap.diagnosis", "Diagnosis"),
+    "Extended": ("sealegs.envs.extended", "Extended"),
+    "SealegsError": ("sealegs.actuators.errors", "SealegsError"),
+    "diagnose": ("sealegs.gap.diagnose", "diagnose"),
+    "load_chain": ("sealegs.actuators", "load_chain"),
+    "load_robot": ("sealegs.environments", "load_robot"),
+    "make_env": ("sealegs.environments", "make_env"),
+    "read_log": ("sealegs.gap.log", "read_measured"),
+}
+"""Where the names of the library are: loaded when they are first asked for."""
+
+
+def __getattr__(name: str) -> Any:
+    if name not in _HOMES:
+        raise AttributeError(f"module 'sealegs' has no attribute '{name}'")
+    module, attribute = _HOMES[name]
+    value = getattr(importlib.import_module(module), attribute)
+    globals()[name] = value
+    return value
+
+
+def __dir__() -> list[str]:
+    return sorted({*globals(), *__all__})
+
 
 register_environments()

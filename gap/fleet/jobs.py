@@ -2,24 +2,20 @@
 
 from __future__ import annotations
 
-import hashlib
 import json
-import math
 import os
 import shutil
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
-
-import numpy as np
 
 from ...actuators.errors import SealegsError
 from ..log.table import ENDINGS
 from ..log.types import LogError
 
 if TYPE_CHECKING:
-    from ..verdict.verdict import JointDiagnosis
+    from ..diagnosis import Diagnosis
 
 SOURCE = "source.json"
 """What a diagnosis was made from: settings, and name and checksum of each log and sidecar."""
@@ -90,13 +86,9 @@ def finished(job: Job) -> Outcome | None:
 
 def source(job: Job) -> dict[str, Any]:
     """What the diagnosis of a job depends on, as plain data."""
-    files = {path.name: _checksum(path) for path in sorted(job.log.iterdir()) if path.is_file()}
-    return {"settings": json.loads(json.dumps(dict(job.settings))), "files": files}
+    from ..output.partial import source_of
 
-
-def _checksum(path: Path) -> str:
-    with path.open("rb") as file:
-        return hashlib.file_digest(file, "sha256").hexdigest()
+    return source_of(job.log, job.settings)
 
 
 def staging(job: Job) -> Path:
@@ -110,48 +102,32 @@ def remove_unfinished(job: Job) -> None:
 
 
 def diagnose_folder(
-    log: Path,
-    out: Path,
-    progress: Callable[[str], None] = lambda text: None,
-    *,
-    test: str | None = None,
-    seed: int = 0,
-    limits: Sequence[float] | None = None,
-    speed_limit: float | None = None,
-) -> tuple[list[JointDiagnosis], dict[str, Path]]:
-    """Diagnose one data set into a fresh folder.
+    log: Path, out: Path, progress: Callable[[str], None] = lambda text: None, **settings: Any
+) -> tuple[Diagnosis, dict[str, Path]]:
+    """Diagnose one data set into a fresh folder, which keeps what is found while it is found.
 
     Args:
         log: file or folder of logs.
-        out: folder to write into; new or empty.
+        out: folder to write into: new, empty, or with an unfinished diagnosis of the same log, which goes on.
         progress: is told what goes on.
-        test: group of runs that no fit and no choice may see.
-        seed: of all resampling.
-        limits: lower and upper end of the next experiment [rad].
-        speed_limit: of its goals [rad/s].
+        settings: of :func:`sealegs.diagnose`.
+
+    Returns:
+        The diagnosis, and the paths of its files by what they hold.
 
     Raises:
         SealegsError: the logs cannot be read or diagnosed, or the folder is not empty.
     """
-    from ..experiment import Limits, default_limits
-    from ..log.long import read_bounded
-    from ..output.files import fresh_folder, write_diagnosis
-    from ..verdict.diagnosis import diagnose
+    from ..diagnose import diagnose
+    from ..output.files import fresh_folder
+    from ..output.partial import FOLDER
 
-    data = read_bounded(log, progress=progress)
-    speed = math.inf if speed_limit is None else speed_limit
-    kept = None
-    if limits is not None:
-        kept = Limits(limits[0], limits[1], speed)
-    elif speed_limit is not None:
-        kept = default_limits(np.concatenate([run.joints[j].position for run in data.runs for j in run.joints]), speed)
-    fresh_folder(out)
-    try:
-        diagnoses = diagnose(data, test, seed, progress, kept)
-    except BaseException:
-        out.rmdir()  # still empty: what is refused or stopped leaves nothing behind
-        raise
-    return diagnoses, write_diagnosis(diagnoses, data, out, progress)
+    made = not out.exists()
+    fresh_folder(out, besides=(FOLDER,))
+    if made:
+        out.rmdir()  # until there is something to keep
+    found = diagnose(log, progress=progress, keep=out, **settings)
+    return found, found.save(out, progress)
 
 
 def run_job(job: Job, progress: Callable[[str], None] = lambda text: None) -> Outcome:

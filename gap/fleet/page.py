@@ -15,7 +15,7 @@ from ..output.pictures.style import EXTENDED, NOMINAL, figure, styled
 from .table import FAILED, Row, Shared
 
 HERE = Path(__file__).parent
-STYLE_SHEET = HERE.parent / "report" / "report.css"
+STYLE_SHEET = HERE.parent / "output" / "report" / "report.css"
 MOST_DOTS = 4  # causes whose values are drawn
 
 

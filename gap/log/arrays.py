@@ -48,14 +48,16 @@ def measured_set(
     """
     if isinstance(runs, MeasuredSet):
         return runs
-    several = list(runs) if isinstance(runs, Sequence) and not isinstance(runs, str) else [runs]
+    several: list[MeasuredRun | Columns] = list(runs) if isinstance(runs, Sequence) else [runs]
     if not several:
         raise LogError("there is no run in the log; give one run or more.")
     sidecars = [None] * len(several) if sidecar is None else sidecar
     if isinstance(sidecars, Mapping):
         sidecars = [sidecars] * len(several)
     if len(sidecars) != len(several):
-        raise LogError(f"there are {len(several)} runs and {len(sidecars)} sidecars; give one for all, or one for each.")
+        raise LogError(
+            f"there are {len(several)} runs and {len(sidecars)} sidecars; give one for all, or one for each."
+        )
     built = [_run(run, side, f"run{k}") for k, (run, side) in enumerate(zip(several, sidecars, strict=True), 1)]
     for run in built:
         if run.robot != built[0].robot:

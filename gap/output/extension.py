@@ -154,7 +154,9 @@ def write_extension(
     named = ", ".join(cause.name for cause in diagnosis.causes if cause.kind != "data") or "nothing named"
     lines = [f"# Extended chain of joint '{diagnosis.joint}': {named}. Against the nominal model:"]
     lines += [f"#   {row['path']}: {row['from']:.5g} -> {row['to']:.5g} ({row['why']})" for row in changes(diagnosis)]
-    lines.append(f"# What is not of the chain (load, stops) stands in {FILE}; extended=<this folder> applies all of it.")
+    lines.append(
+        f"# What is not of the chain (load, stops) stands in {FILE}; extended=<this folder> applies all of it."
+    )
     for k, item in enumerate(_chains(diagnosis, runs, prefix), 1):
         path = folder / item.file
         path.write_text("\n".join(lines) + "\n" + item.chain.to_yaml(), encoding="utf-8")

@@ -2,10 +2,9 @@
 
 from __future__ import annotations
 
-import json
-import math
+import os
+import shutil
 from collections.abc import Callable, Sequence
-from dataclasses import asdict
 from pathlib import Path
 from typing import Any
 
@@ -19,19 +18,25 @@ from ..log.types import LogError, MeasuredSet
 from ..replay.engine import STEP, bench, replay_in_engine
 from ..replay.problem import largest_step
 from ..replay.simulator import joint_state
-from ..verdict.verdict import JointDiagnosis, NamedCause
-from .extension import changes, not_native, write_extension
+from ..verdict.verdict import JointDiagnosis
+from .document import FILE, to_document, whole, write_document
+from .extension import changes, extended_of, not_native, write_extended, write_extension
 
-VERSION = 1
+STAGED = ".writing"
+"""Folder in which files grow before all of them appear at once."""
 
 
-def fresh_folder(path: Path) -> Path:
+def fresh_folder(path: Path, besides: Sequence[str] = ()) -> Path:
     """Make the output folder.
+
+    Args:
+        path: new or empty, except for what an unfinished diagnosis left there.
+        besides: names of that.
 
     Raises:
         LogError: it has something in it already, which is never overwritten.
     """
-    if path.exists() and (not path.is_dir() or any(path.iterdir())):
+    if path.exists() and (not path.is_dir() or any(item.name not in (STAGED, *besides) for item in path.iterdir())):
         raise LogError(f"{path} is not empty, and nothing in it is overwritten; give another out=<folder>.")
     path.mkdir(parents=True, exist_ok=True)
     return path
@@ -52,80 +57,66 @@ def write_diagnosis(
     from .pictures import draw_all
     from .report import write_report
 
+    staged = folder / STAGED
+    shutil.rmtree(staged, ignore_errors=True)  # of a session that was killed
+    staged.mkdir(parents=True)
     written: dict[str, Path] = {}
     documents = []
     differences: list[dict[str, Any]] = []
-    for diagnosis in diagnoses:
-        several = len(diagnoses) > 1
-        prefix, owner = (f"{diagnosis.joint}-", f"{diagnosis.joint} ") if several else ("", "")
-        document = to_document(diagnosis)
-        if diagnosis.problem is not None:
-            progress("confirming in the engine")
-            leg = isinstance(diagnosis.problem, LegProblem)
-            files = (write_leg if leg else write_extension)(diagnosis, folder, prefix)
-            written |= {f"{owner}{key}": path for key, path in files.items()}
-            changed = changes(diagnosis)
-            document["extension"] = {
-                "files": {key: path.name for key, path in files.items()},
-                "changes": changed,
-                "not_native": []
-                if leg
-                else not_native(diagnosis.problem.models[0].with_fitted(diagnosis.values).chain),
-                "engine": confirm(diagnosis) if all(diagnosis.problem.params) else {},
-            }
-            differences += changed
-        if diagnosis.experiment is not None:
-            actuator = data.runs[0].actuators[diagnosis.joint]
-            files = write_experiment(diagnosis.experiment, diagnosis.joint, folder, actuator, prefix)
-            document["next_experiment"]["file"] = files["experiment"].name
-            written |= {f"{owner}{key}": path for key, path in files.items()}
-        documents.append(document)
-    first = documents[0]
-    whole = first if len(documents) == 1 else {**_overall(documents), "joints": documents}
-    whole = {"version": VERSION, "data": data.name, "runs": [run.name for run in data.runs], **whole}
-    written["json"] = folder / "diagnosis.json"
-    written["json"].write_text(json.dumps(_plain(whole), indent=1) + "\n", encoding="utf-8")
-    progress("drawing")
-    written["pictures"] = folder / "pictures"
-    written["pictures"].mkdir(exist_ok=True)
-    draw_all(list(diagnoses), written["pictures"])
-    written["report"] = folder / "report.html"
-    write_report(list(diagnoses), data, written["report"], changes=differences)
-    return written
+    try:
+        for diagnosis in diagnoses:
+            several = len(diagnoses) > 1
+            prefix, owner = (f"{diagnosis.joint}-", f"{diagnosis.joint} ") if several else ("", "")
+            document = to_document(diagnosis)
+            if diagnosis.problem is not None:
+                progress("confirming in the engine")
+                leg = isinstance(diagnosis.problem, LegProblem)
+                if leg:
+                    files = write_leg(diagnosis, staged, prefix)
+                else:
+                    files = write_extension(diagnosis, data.runs, staged, prefix)
+                written |= {f"{owner}{key}": path for key, path in files.items()}
+                changed = changes(diagnosis)
+                document["extension"] = {
+                    "files": {key: path.name for key, path in files.items()},
+                    "changes": changed,
+                    "not_native": []
+                    if leg
+                    else not_native(diagnosis.problem.models[0].with_fitted(diagnosis.values).chain),
+                    "engine": confirm(diagnosis) if all(diagnosis.problem.params) else {},
+                }
+                differences += changed
+            if diagnosis.experiment is not None:
+                actuator = data.runs[0].actuators[diagnosis.joint]
+                files = write_experiment(diagnosis.experiment, diagnosis.joint, staged, actuator, prefix)
+                document["next_experiment"]["file"] = files["experiment"].name
+                written |= {f"{owner}{key}": path for key, path in files.items()}
+            documents.append(document)
+        if (extended := extended_of(diagnoses, data)) is not None:
+            written["extended"] = write_extended(extended, staged)
+        written["json"] = staged / FILE
+        write_document(whole(documents, data.name, [run.name for run in data.runs]), written["json"])
+        progress("drawing")
+        written["pictures"] = staged / "pictures"
+        written["pictures"].mkdir()
+        draw_all(list(diagnoses), written["pictures"])
+        written["report"] = staged / "report.html"
+        write_report(list(diagnoses), data, written["report"], changes=differences)
+        _publish(staged, folder)
+    except BaseException:
+        shutil.rmtree(staged, ignore_errors=True)
+        raise
+    return {key: folder / path.name for key, path in written.items()}
 
 
-def to_document(diagnosis: JointDiagnosis) -> dict[str, Any]:
-    """One joint's diagnosis as plain data."""
-    experiment = diagnosis.experiment
-    return {
-        "joint": diagnosis.joint,
-        "verdict": diagnosis.verdict,
-        "sentence": diagnosis.sentence,
-        "gap": {
-            "signal": diagnosis.signal,
-            "unit": diagnosis.unit,
-            **{name: {"rmse": error.rmse, "mae": error.mae} for name, error in diagnosis.gap.items()},
-        },
-        "causes": [_cause(cause) for cause in diagnosis.causes],
-        "unexplained": diagnosis.unexplained,
-        "structure": None
-        if (rest := diagnosis.structure) is None
-        else {**asdict(rest), "noticed": rest.noticed, "sentence": rest.sentence},
-        "rivals": list(diagnosis.rivals),
-        "next_experiment": None
-        if experiment is None
-        else {
-            "name": experiment.name,
-            "sentence": experiment.sentence,
-            "separation": experiment.separation,
-            "repeats": experiment.repeats,
-            "load": experiment.load,
-            "rivals": list(experiment.rivals),
-            "table": experiment.table,
-        },
-        "retuned": diagnosis.retuned,
-        "findings": [asdict(finding) for finding in diagnosis.findings],
-    }
+def _publish(staged: Path, folder: Path) -> None:
+    """Move what is complete to where it belongs, the document last: a folder with one is finished."""
+    for path in sorted(staged.iterdir(), key=lambda path: path.name == FILE):
+        target = folder / path.name
+        if target.is_dir():  # half published by a session that was killed
+            shutil.rmtree(target)
+        os.replace(path, target)
+    staged.rmdir()
 
 
 def confirm(diagnosis: JointDiagnosis) -> dict[str, float]:
@@ -161,48 +152,3 @@ def confirm(diagnosis: JointDiagnosis) -> dict[str, float]:
         "search_rmse": float(np.sqrt(np.mean((search - measured) ** 2))),
         "distance": float(np.sqrt(np.mean((reading - search) ** 2))),
     }
-
-
-def _cause(cause: NamedCause) -> dict[str, Any]:
-    return {
-        "name": cause.name,
-        "joint": cause.joint,
-        "kind": cause.kind,
-        "sentence": cause.sentence,
-        "share": cause.share,
-        "confidence": cause.confidence,
-        "parameters": {path: asdict(value) for path, value in cause.parameters.items()},
-        "gain": cause.gain,
-        "rivals": list(cause.rivals),
-    }
-
-
-def _overall(documents: Sequence[dict[str, Any]]) -> dict[str, Any]:
-    """Verdict over several joints: the worst-understood joint speaks for the machine."""
-    order = ("unusable log", "not identifiable", "partly explained", "explained", "nothing to explain")
-    worst = min(documents, key=lambda document: order.index(document["verdict"]))
-    causes = sorted(
-        (cause for document in documents for cause in document["causes"]), key=lambda cause: -cause["share"]
-    )
-    return {
-        "verdict": worst["verdict"],
-        "sentence": " ".join(document["sentence"] for document in documents),
-        "gap": worst["gap"],
-        "causes": causes,
-        "unexplained": worst["unexplained"],
-        "rivals": [rival for document in documents for rival in document["rivals"]],
-        "next_experiment": worst["next_experiment"],
-    }
-
-
-def _plain(value: Any) -> Any:
-    """JSON without NaN and NumPy types."""
-    if isinstance(value, dict):
-        return {str(key): _plain(item) for key, item in value.items()}
-    if isinstance(value, list | tuple):
-        return [_plain(item) for item in value]
-    if isinstance(value, np.generic):
-        value = value.item()
-    if isinstance(value, Path):
-        return value.name
-    return None if isinstance(value, float) and not math.isfinite(value) else value

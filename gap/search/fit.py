@@ -11,6 +11,7 @@ from ..replay.parameters import Parameter
 from ..replay.problem import Problem
 from ..replay.robust import robust_loss, robust_weight
 from .bounded import bounded_step
+from .journal import recalled, recorded
 
 MOST_SAMPLES = 30_000
 CONVERGED = 5e-4  # relative improvement of the cost below which a fit ends
@@ -70,6 +71,8 @@ def fit(
     if not parameters:
         simulated = problem.simulate([{}])[0]
         return Fit({}, simulated, float(robust_loss(problem.residual(simulated[None])).mean()))
+    if (known := recalled(problem, parameters, start, evaluations)) is not None:
+        return Fit(known["values"], problem.simulate([known["values"]])[0], known["cost"], tuple(known["at_bound"]))
     low = np.array([p.to_fit(p.low) for p in parameters])
     high = np.array([p.to_fit(p.high) for p in parameters])
     u = np.array([p.to_fit(min(max(start.get(p.path, p.start), p.low), p.high)) for p in parameters])
@@ -121,7 +124,9 @@ def fit(
     simulated = problem.simulate([best_values])[0]
     edge = 1e-3 * (high - low)
     at_bound = tuple(p.path for k, p in enumerate(parameters) if min(u[k] - low[k], high[k] - u[k]) < edge[k])
-    return Fit(best_values, simulated, float(robust_loss(problem.residual(simulated[None])).mean()), at_bound)
+    found = Fit(best_values, simulated, float(robust_loss(problem.residual(simulated[None])).mean()), at_bound)
+    recorded(problem, parameters, start, evaluations, vars(found))
+    return found
 
 
 def _step(

@@ -65,6 +65,7 @@ def diagnose(
     causes: Sequence[str] | None = None,
     settings: SearchSettings = DEFAULT,
     look_on: bool = False,
+    done: Callable[[JointDiagnosis], None] = lambda joint: None,
 ) -> list[JointDiagnosis]:
     """Diagnose every joint of a data set.
 
@@ -77,6 +78,7 @@ def diagnose(
         causes: names of those of a joint to consider; default: all of the catalogue.
         settings: thresholds of the search.
         look_on: whether the search of a joint records rounds that it would skip (:mod:`sealegs.gap.search.record`).
+        done: is given each joint as soon as it is diagnosed.
 
     Raises:
         SealegsError: the runs have no joint that can be diagnosed, or the catalogue has no such cause.
@@ -95,12 +97,14 @@ def diagnose(
             )
             for joint in data.runs[0].joints
         ]
-    found = [
-        with_data_errors(
-            _joint(data.runs, joint, findings, test_group, seed, progress, limits, causes, settings, look_on)
+    found = []
+    for joint in data.runs[0].joints:
+        found.append(
+            with_data_errors(
+                _joint(data.runs, joint, findings, test_group, seed, progress, limits, causes, settings, look_on)
+            )
         )
-        for joint in data.runs[0].joints
-    ]
+        done(found[-1])
     if all(run.robot == HOPPER.name for run in data.runs):
         from ..ground.ground import diagnose_ground  # here, since it concludes as joints do
 

@@ -25,6 +25,8 @@ if TYPE_CHECKING:
     from rich.console import Console
     from sealegs.gap.verdict.verdict import JointDiagnosis
 
+DIAGNOSES = Path("diagnoses")
+
 
 def main(arguments: list[str]) -> None:
     """Diagnose the log that the command line names."""
@@ -37,13 +39,13 @@ def main(arguments: list[str]) -> None:
         )
     values = _checked(config)
     log = Path(str(config["log"]))
-    stamp = time.strftime("%Y%m%d-%H%M%S")
-    out = Path(str(config["out"])) if config["out"] is not None else Path("diagnoses") / f"{log.stem}-{stamp}"
+    out = None if config["out"] is None else Path(str(config["out"]))
     settings = {
         "test": None if config["test"] is None else str(config["test"]),
         **{key: values[key] for key in ("seed", "limits", "speed_limit")},
     }
     if values["fleet"]:
+        out = out or DIAGNOSES / f"{log.stem}-{time.strftime('%Y%m%d-%H%M%S')}"
         diagnose_fleet(log, out, settings, values["workers"], values["fleet"] == "ray")
     else:
         diagnose_one(log, out, settings)
@@ -73,26 +75,45 @@ def _checked(config: Mapping[str, Any]) -> dict[str, Any]:
 # --- one data set --------------------------------------------------------------------------------------------------
 
 
-def diagnose_one(log: Path, out: Path, settings: dict[str, Any]) -> None:
+def diagnose_one(log: Path, out: Path | None, settings: dict[str, Any]) -> None:
     """Diagnose one data set and print what was found."""
     from rich.console import Console
     from sealegs.gap.fleet.jobs import diagnose_folder
+    from sealegs.gap.output.partial import source_of, unfinished
     from sealegs.gap.verdict.verdict import UNUSABLE
 
+    if out is None:
+        before = DIAGNOSES.glob(f"{log.stem}-*")
+        source = source_of(log, settings) if log.exists() else {}
+        out = unfinished(before, source) or DIAGNOSES / f"{log.stem}-{time.strftime('%Y%m%d-%H%M%S')}"
     console = Console()
     with console.status("reading") as status:
         started = time.perf_counter()
 
         def progress(text: str) -> None:
             status.update(f"{text}  ({time.perf_counter() - started:.0f} s)")
-            if text.startswith("found") or not console.is_terminal:  # a file or a pipe shows no status line
+            if text.startswith(("found", "going on")) or not console.is_terminal:  # a file or a pipe shows no status
                 console.print(f"  {time.perf_counter() - started:5.0f} s  {text}", highlight=False)
 
-        diagnoses, written = diagnose_folder(log, out, progress, **settings)
-    unusable = [diagnosis for diagnosis in diagnoses if diagnosis.verdict == UNUSABLE]
-    if unusable:
-        raise SealegsError(f"{unusable[0].sentence} The findings are in {out}; give another out= for the next try.")
-    _print(diagnoses, written, console)
+        try:
+            diagnosis, written = diagnose_folder(log, out, progress, **settings)
+        except KeyboardInterrupt:
+            raise Interrupted(_how_to_go_on(log, out)) from None
+    if diagnosis.verdict == UNUSABLE:
+        first = next(joint for joint in diagnosis.joints if joint.verdict == UNUSABLE)
+        raise SealegsError(f"{first.sentence} The findings are in {out}; give another out= for the next try.")
+    _print(diagnosis.joints, written, console)
+
+
+def _how_to_go_on(log: Path, out: Path) -> str:
+    from sealegs.gap.output.partial import FOLDER, TOLD
+
+    if not (out / FOLDER / TOLD).is_file():
+        return "Stopped before anything was found."
+    return (
+        f"Stopped; what was found so far is in {out / FOLDER / TOLD}. Go on with the same command and out={out}: "
+        f"sealegs diagnose log={log} out={out}"
+    )
 
 
 def _print(diagnoses: Sequence[JointDiagnosis], written: dict[str, Path], console: Console) -> None:

@@ -1,0 +1,118 @@
+"""The one way in: from a measured log to a diagnosis. Scripts, fleets and notebooks call this."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Mapping, Sequence
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from ..actuators.errors import SealegsError
+from .diagnosis import Diagnosis
+from .log.arrays import InMemory, measured_set
+from .log.types import MeasuredSet
+
+
+def diagnose(
+    log: str | Path | InMemory,
+    *,
+    sidecar: Mapping[str, Any] | Sequence[Mapping[str, Any]] | None = None,
+    test: str | None = None,
+    seed: int = 0,
+    limits: Sequence[float] | None = None,
+    speed_limit: float | None = None,
+    causes: Sequence[str] | None = None,
+    progress: Callable[[str], None] = lambda text: None,
+    keep: str | Path | None = None,
+) -> Diagnosis:
+    """Find what the simulation of a machine gets wrong, from measured runs of it.
+
+    Args:
+        log: a file or a folder of them (docs/log-format.md), measured runs, or columns: a data frame or a dict of
+            arrays such as ``{"time": t, "servo.goal": g, "servo.position": q}``, of one run or a list of runs.
+        sidecar: of columns, what the YAML beside a log says: ``{"robot": "bench", "robot_params": {...}, "actuators":
+            {"servo": "sts3215"}}``; one for all runs, or one for each.
+        test: group of runs that no fit and no choice may see; None: dealt out.
+        seed: of all resampling.
+        limits: lower and upper end of the next experiment [rad]; None: from the log.
+        speed_limit: of its goals [rad/s].
+        causes: names of those to consider; None: all of the catalogue.
+        progress: is told what goes on.
+        keep: folder in which what is found is kept as it is found; the same call goes on with what is there.
+
+    Raises:
+        SealegsError: the log cannot be read or diagnosed, or an argument is wrong; one sentence.
+    """
+    settings = checked_settings(test, seed, limits, speed_limit)
+    if causes is not None:
+        settings["causes"] = list(causes)
+    from .experiment import Limits, default_limits
+    from .output.partial import going_on, source_in_memory, source_of
+    from .verdict import diagnosis as search
+
+    out = None if keep is None else Path(keep)
+    data: MeasuredSet | None = None
+    if not isinstance(log, str | Path):
+        data = measured_set(log, sidecar)
+    elif sidecar is not None:
+        raise SealegsError(f"{log} has its sidecar beside it; sidecar= is for columns in memory.")
+    else:
+        from .log.reader import log_files
+
+        log_files(Path(log))  # says at once that there is none
+
+    def source() -> dict[str, Any]:
+        return (
+            source_of(Path(log), settings) if isinstance(log, str | Path) else source_in_memory(_given(data), settings)
+        )
+
+    with going_on(out, source, progress) as (say, done):
+        if isinstance(log, str | Path):
+            from .log.long import read_bounded
+
+            data = read_bounded(Path(log), progress=say)
+        data = _given(data)
+        speed = math.inf if speed_limit is None else float(speed_limit)
+        kept = None
+        if limits is not None:
+            kept = Limits(float(limits[0]), float(limits[1]), speed)
+        elif speed_limit is not None:
+            moved = np.concatenate([run.joints[j].position for run in data.runs for j in run.joints])
+            kept = default_limits(moved, speed)
+        joints = search.diagnose(data, test, seed, say, kept, causes, done=done)
+    return Diagnosis(data.name, tuple(run.name for run in data.runs), tuple(joints), data)
+
+
+def _given(data: MeasuredSet | None) -> MeasuredSet:
+    assert data is not None
+    return data
+
+
+def checked_settings(
+    test: str | None, seed: int, limits: Sequence[float] | None, speed_limit: float | None
+) -> dict[str, Any]:
+    """The settings of a diagnosis as plain data.
+
+    Raises:
+        SealegsError: one of them is wrong.
+    """
+    if test is not None and not isinstance(test, str):
+        raise SealegsError(f"test={test!r} must be the name of a group of runs, as the sidecars give it.")
+    if isinstance(seed, bool) or not isinstance(seed, int | np.integer) or seed < 0:
+        raise SealegsError(f"seed={seed} must be a whole number from 0.")
+    if limits is not None and not (len(limits) == 2 and all(map(_number, limits)) and limits[0] < limits[1]):
+        raise SealegsError(f"limits={list(limits)} must be two angles [rad], the lower one first, such as [-1.2, 1.2].")
+    if speed_limit is not None and not (_number(speed_limit) and speed_limit > 0.0):
+        raise SealegsError(f"speed_limit={speed_limit} must be a speed above zero [rad/s].")
+    return {
+        "test": test,
+        "seed": int(seed),
+        "limits": None if limits is None else [float(end) for end in limits],
+        "speed_limit": None if speed_limit is None else float(speed_limit),
+    }
+
+
+def _number(value: object) -> bool:
+    return isinstance(value, int | float | np.number) and not isinstance(value, bool) and math.isfinite(float(value))

@@ -1,0 +1,158 @@
+"""What was found about one machine, over all its joints: to look at, to save, to train on."""
+
+from __future__ import annotations
+
+import shutil
+from collections.abc import Callable
+from dataclasses import dataclass
+from functools import cached_property
+from html import escape
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from ..actuators.errors import SealegsError
+from .log.finding import Finding
+from .log.types import MeasuredSet
+from .output.document import document_of, joints_of, read_document
+from .verdict.verdict import JointDiagnosis, NamedCause
+
+if TYPE_CHECKING:
+    from ..envs.extended import Extended
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class Diagnosis:
+    """What was found about one machine.
+
+    Attributes:
+        name: of the data set.
+        runs: their names.
+        joints: what was found about each joint, and about the ground under a leg.
+        data: the measured runs; None for a diagnosis that was read from a folder.
+        folder: where it was read from.
+    """
+
+    name: str
+    runs: tuple[str, ...]
+    joints: tuple[JointDiagnosis, ...]
+    data: MeasuredSet | None = None
+    folder: Path | None = None
+
+    @property
+    def verdict(self) -> str:
+        """``explained``, ``partly explained``, ``nothing to explain``, ``not identifiable`` or ``unusable log``: that
+        of the joint which is understood worst.
+        """
+        return str(self._document["verdict"])
+
+    @property
+    def sentence(self) -> str:
+        """What was found, in words."""
+        return str(self._document["sentence"])
+
+    @property
+    def causes(self) -> tuple[NamedCause, ...]:
+        """Named causes of all joints, the largest share first; errors of the log among them."""
+        return tuple(sorted((c for joint in self.joints for c in joint.causes), key=lambda cause: -cause.share))
+
+    @property
+    def findings(self) -> tuple[Finding, ...]:
+        """What the checks of the log had to say."""
+        return tuple(dict.fromkeys(finding for joint in self.joints for finding in joint.findings))
+
+    @cached_property
+    def extended(self) -> Extended | None:
+        """The machine as found, for ``sealegs.make_env(..., extended=diagnosis.extended)``; None without a model."""
+        if self.data is None:
+            from ..envs.extended import FILE, read_extended
+
+            assert self.folder is not None
+            return read_extended(self.folder) if (self.folder / FILE).is_file() else None
+        from .output.extension import extended_of
+
+        return extended_of(self.joints, self.data)
+
+    def joint(self, name: str) -> JointDiagnosis:
+        """What was found about one joint.
+
+        Raises:
+            SealegsError: there is no such joint.
+        """
+        for found in self.joints:
+            if found.joint == name:
+                return found
+        known = ", ".join(found.joint for found in self.joints)
+        raise SealegsError(f"the diagnosis has no joint '{name}'; it has {known}.")
+
+    def to_dict(self) -> dict[str, Any]:
+        """Everything as plain data: the document that :meth:`save` writes, less the names of the files beside it."""
+        return dict(self._document)
+
+    def save(self, folder: str | Path, progress: Callable[[str], None] = lambda text: None) -> dict[str, Path]:
+        """Write ``diagnosis.json``, the extended model, the next experiment, pictures and ``report.html``.
+
+        Args:
+            folder: new or empty; nothing is overwritten.
+            progress: is told what goes on.
+
+        Returns:
+            Paths by what they hold.
+
+        Raises:
+            SealegsError: the folder has something in it, or this diagnosis was read from a folder.
+        """
+        from .output.files import fresh_folder, write_diagnosis
+        from .output.partial import FOLDER
+
+        if self.data is None:
+            raise SealegsError(f"this diagnosis was read from {self.folder}, where everything is; copy that folder.")
+        path = fresh_folder(Path(folder), besides=(FOLDER,))
+        try:
+            written = write_diagnosis(self.joints, self.data, path, progress)
+            shutil.rmtree(path / FOLDER, ignore_errors=True)  # what was kept on the way is all in there
+            return written
+        except ModuleNotFoundError as error:
+            raise SealegsError(
+                f"pictures and report need {error.name}; install them with pip install 'sealegs[report]'."
+            ) from None
+
+    @classmethod
+    def load(cls, folder: str | Path) -> Diagnosis:
+        """Read a diagnosis that was saved.
+
+        Raises:
+            SealegsError: there is none in the folder, or it is damaged.
+        """
+        path = Path(folder)
+        document = read_document(path)
+        found = cls(str(document["data"]), tuple(document["runs"]), joints_of(document, path), None, path)
+        found.__dict__["_document"] = document
+        return found
+
+    @cached_property
+    def _document(self) -> dict[str, Any]:
+        return document_of(self.joints, self.name, self.runs)
+
+    def __repr__(self) -> str:
+        causes = ", ".join(cause.name for cause in self.causes) or "no cause named"
+        return f"<Diagnosis of {self.name}: {self.verdict}; {causes}>"
+
+    def _repr_html_(self) -> str:
+        """Verdict, sentence and causes, for a notebook."""
+        rows = "".join(
+            "<tr>" + "".join(f"<td>{escape(cell)}</td>" for cell in row) + "</tr>"
+            for cause in self.causes
+            for row in _rows(cause)
+        )
+        heads = "".join(f"<th>{head}</th>" for head in ("cause", "joint", "confidence", "number", "value", "95 %"))
+        table = f"<table><thead><tr>{heads}</tr></thead><tbody>{rows}</tbody></table>" if rows else ""
+        return f"<div><p><b>{escape(self.verdict)}</b>: {escape(self.sentence)}</p>{table}</div>"
+
+
+def _rows(cause: NamedCause) -> list[tuple[str, ...]]:
+    first = (cause.name, cause.joint, f"{cause.confidence:.2f}")
+    numbers = [
+        (path, f"{v.value:.4g} {v.unit if v.unit != '1' else ''}".strip(), f"{v.low:.4g} to {v.high:.4g}")
+        for path, v in cause.parameters.items()
+    ] or [("", "", "")]
+    return [(*(first if k == 0 else ("", "", "")), *number) for k, number in enumerate(numbers)]

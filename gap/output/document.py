@@ -1,0 +1,207 @@
+"""A diagnosis as plain data, the form of ``diagnosis.json``, and back."""
+
+from __future__ import annotations
+
+import json
+import math
+from collections.abc import Mapping, Sequence
+from dataclasses import asdict, fields
+from pathlib import Path
+from typing import Any, TypeVar, cast
+
+import numpy as np
+
+from ...actuators.errors import SealegsError
+from ..experiment import Experiment, read_goals
+from ..log.finding import Finding
+from ..replay.joint_model import JointModel
+from ..search.structure import Structure
+from ..verdict.verdict import Error, JointDiagnosis, NamedCause, Value
+from .extension import changes, not_native
+
+VERSION = 1
+FILE = "diagnosis.json"
+T = TypeVar("T")
+
+
+def document_of(diagnoses: Sequence[JointDiagnosis], name: str, runs: Sequence[str]) -> dict[str, Any]:
+    """The diagnosis of one machine as plain data."""
+    documents = []
+    for diagnosis in diagnoses:
+        document = to_document(diagnosis)
+        if diagnosis.problem is not None:
+            nominal = diagnosis.problem.models[0]
+            of_joint = isinstance(nominal, JointModel)
+            document["extension"] = {
+                "changes": changes(diagnosis),
+                "not_native": not_native(nominal.with_fitted(diagnosis.values).chain) if of_joint else [],
+            }
+        documents.append(document)
+    return plain(whole(documents, name, runs))
+
+
+def whole(documents: Sequence[dict[str, Any]], name: str, runs: Sequence[str]) -> dict[str, Any]:
+    """The document of a machine from those of its joints."""
+    one = documents[0] if len(documents) == 1 else {**overall(documents), "joints": list(documents)}
+    return {"version": VERSION, "data": name, "runs": list(runs), **one}
+
+
+def to_document(diagnosis: JointDiagnosis) -> dict[str, Any]:
+    """One joint's diagnosis as plain data."""
+    experiment = diagnosis.experiment
+    return {
+        "joint": diagnosis.joint,
+        "verdict": diagnosis.verdict,
+        "sentence": diagnosis.sentence,
+        "gap": {
+            "signal": diagnosis.signal,
+            "unit": diagnosis.unit,
+            **{name: {"rmse": error.rmse, "mae": error.mae} for name, error in diagnosis.gap.items()},
+        },
+        "causes": [_cause(cause) for cause in diagnosis.causes],
+        "unexplained": diagnosis.unexplained,
+        "structure": None
+        if (rest := diagnosis.structure) is None
+        else {**asdict(rest), "noticed": rest.noticed, "sentence": rest.sentence},
+        "rivals": list(diagnosis.rivals),
+        "next_experiment": None
+        if experiment is None
+        else {
+            "name": experiment.name,
+            "sentence": experiment.sentence,
+            "separation": experiment.separation,
+            "repeats": experiment.repeats,
+            "load": experiment.load,
+            "rivals": list(experiment.rivals),
+            "table": experiment.table,
+        },
+        "retuned": diagnosis.retuned,
+        "findings": [asdict(finding) for finding in diagnosis.findings],
+    }
+
+
+def _cause(cause: NamedCause) -> dict[str, Any]:
+    return {
+        "name": cause.name,
+        "joint": cause.joint,
+        "kind": cause.kind,
+        "sentence": cause.sentence,
+        "share": cause.share,
+        "confidence": cause.confidence,
+        "parameters": {path: asdict(value) for path, value in cause.parameters.items()},
+        "gain": cause.gain,
+        "rivals": list(cause.rivals),
+    }
+
+
+def overall(documents: Sequence[dict[str, Any]]) -> dict[str, Any]:
+    """Verdict over several joints: the worst-understood joint speaks for the machine."""
+    order = ("unusable log", "not identifiable", "partly explained", "explained", "nothing to explain")
+    worst = min(documents, key=lambda document: order.index(document["verdict"]))
+    causes = sorted(
+        (cause for document in documents for cause in document["causes"]), key=lambda cause: -cause["share"]
+    )
+    return {
+        "verdict": worst["verdict"],
+        "sentence": " ".join(document["sentence"] for document in documents),
+        "gap": worst["gap"],
+        "causes": causes,
+        "unexplained": worst["unexplained"],
+        "rivals": [rival for document in documents for rival in document["rivals"]],
+        "next_experiment": worst["next_experiment"],
+    }
+
+
+def plain(value: Any) -> Any:
+    """JSON without NaN and NumPy types."""
+    if isinstance(value, dict):
+        return {str(key): plain(item) for key, item in value.items()}
+    if isinstance(value, list | tuple):
+        return [plain(item) for item in value]
+    if isinstance(value, np.generic):
+        value = value.item()
+    if isinstance(value, Path):
+        return value.name
+    return None if isinstance(value, float) and not math.isfinite(value) else value
+
+
+def write_document(document: Mapping[str, Any], path: Path) -> None:
+    """Write a document as ``diagnosis.json``."""
+    path.write_text(json.dumps(plain(document), indent=1) + "\n", encoding="utf-8")
+
+
+def read_document(folder: Path) -> dict[str, Any]:
+    """The document of a diagnosis folder.
+
+    Raises:
+        SealegsError: there is none, or it is damaged.
+    """
+    path = folder / FILE
+    try:
+        document = json.loads(path.read_text(encoding="utf-8"))
+    except OSError as error:
+        raise SealegsError(f"{folder} holds no diagnosis: {path.name} cannot be read ({error.strerror}).") from None
+    except ValueError:
+        document = None
+    if not isinstance(document, dict) or document.get("version") != VERSION:
+        raise SealegsError(f"{path} is no diagnosis of this version of sealegs, or it is damaged; diagnose again.")
+    return document
+
+
+def joints_of(document: Mapping[str, Any], folder: Path) -> tuple[JointDiagnosis, ...]:
+    """The joints of a document, without what is not on disk: problem, search and simulated channels.
+
+    Raises:
+        SealegsError: the document is damaged.
+    """
+    try:
+        rows = document.get("joints") or [document]
+        return tuple(_joint(row, folder) for row in rows)
+    except (LookupError, TypeError, AttributeError, ValueError) as error:
+        raise SealegsError(f"{folder / FILE} is damaged ({error}); diagnose again.") from None
+
+
+def _joint(row: Mapping[str, Any], folder: Path) -> JointDiagnosis:
+    gap = row["gap"]
+    found = row.get("structure")
+    return _made(
+        JointDiagnosis,
+        row,
+        signal=gap["signal"],
+        unit=gap["unit"],
+        gap={key: _made(Error, value) for key, value in gap.items() if isinstance(value, dict)},
+        causes=tuple(
+            _made(
+                NamedCause,
+                cause,
+                parameters={path: _made(Value, value) for path, value in cause["parameters"].items()},
+                rivals=tuple(cause["rivals"]),
+            )
+            for cause in row["causes"]
+        ),
+        rivals=tuple(row["rivals"]),
+        experiment=_experiment(row.get("next_experiment"), folder),
+        findings=tuple(Finding(**finding) for finding in row["findings"]),
+        structure=None
+        if found is None
+        else _made(Structure, found, depends_on=tuple((name, share) for name, share in found.get("depends_on", ()))),
+    )
+
+
+def _experiment(row: Mapping[str, Any] | None, folder: Path) -> Experiment | None:
+    if row is None or "file" not in row or not (folder / row["file"]).is_file():
+        return None
+    _, time, goal = read_goals(folder / row["file"])
+    return _made(Experiment, row, time=time, goal=goal, rivals=tuple(row["rivals"]))
+
+
+def _made(kind: type[T], row: Mapping[str, Any], **other: Any) -> T:
+    """A dataclass from those keys of ``row`` that it has; NaN where JSON has null for a number."""
+    values: dict[str, Any] = {}
+    for item in fields(cast(Any, kind)):
+        if item.name in other:
+            values[item.name] = other[item.name]
+        elif item.name in row:
+            value = row[item.name]
+            values[item.name] = math.nan if value is None and item.type == "float" else value
+    return kind(**values)

@@ -1,0 +1,156 @@
+"""What a diagnosis that was stopped leaves: its fits, and what was found so far for people to read.
+
+<out>/partial/partial.json    data, settings, what was said and when, joints that are done
+<out>/partial/fits.jsonl      every fit (:mod:`sealegs.gap.search.journal`), by which the same command goes on
+"""
+
+from __future__ import annotations
+
+import hashlib
+import json
+import os
+import shutil
+import time
+from collections.abc import Callable, Iterator, Mapping
+from contextlib import contextmanager
+from pathlib import Path
+from typing import Any
+
+from ..log.sidecar import FOLDER_DEFAULTS
+from ..log.types import LogError, MeasuredSet
+from ..search.journal import keeping
+from ..verdict.verdict import JointDiagnosis
+from .document import plain
+
+FOLDER, TOLD, FITS = "partial", "partial.json", "fits.jsonl"
+
+
+class Partial:
+    """The folder of a diagnosis that is under way.
+
+    Attributes:
+        folder: ``<out>/partial``.
+        reused: fits of an earlier session that were at hand when this one began.
+    """
+
+    def __init__(self, out: Path, source: Mapping[str, Any]) -> None:
+        """Begin, or go on with what an earlier session left in ``out``.
+
+        Raises:
+            LogError: what is there is of other data or other settings.
+        """
+        self.folder, self._begun = out / FOLDER, time.monotonic()
+        self._document: dict[str, Any] = {"source": plain(dict(source)), "seconds": 0.0, "said": [], "joints": {}}
+        if (before := _read(self.folder)) is not None:
+            if before["source"] != self._document["source"]:
+                raise LogError(
+                    f"{out} holds an unfinished diagnosis of other logs or settings, which is not overwritten; give "
+                    "another out=<folder>."
+                )
+            self._document["earlier"] = before.get("said", [])
+        self.folder.mkdir(parents=True, exist_ok=True)
+        self.fits = self.folder / FITS
+        self.reused = self.fits.read_bytes().count(b"\n") if self.fits.exists() else 0
+        self._write()
+
+    def say(self, text: str) -> None:
+        """Keep what goes on."""
+        self._document["said"].append({"after": round(time.monotonic() - self._begun, 1), "text": text})
+        self._write()
+
+    def done(self, joint: JointDiagnosis) -> None:
+        """Keep what was found about a joint."""
+        self._document["joints"][joint.joint] = {
+            "verdict": joint.verdict,
+            "sentence": joint.sentence,
+            "causes": [
+                {"name": c.name, "values": {path: value.value for path, value in c.parameters.items()}}
+                for c in joint.causes
+            ],
+        }
+        self._write()
+
+    def remove(self) -> None:
+        """Remove the folder: the diagnosis is written."""
+        shutil.rmtree(self.folder, ignore_errors=True)
+
+    def _write(self) -> None:
+        self._document["seconds"] = round(time.monotonic() - self._begun, 1)
+        unfinished = self.folder / f".writing-{TOLD}"
+        unfinished.write_text(json.dumps(plain(self._document), indent=1) + "\n", encoding="utf-8")
+        os.replace(unfinished, self.folder / TOLD)
+
+
+@contextmanager
+def going_on(
+    out: Path | None, source: Callable[[], Mapping[str, Any]], progress: Callable[[str], None]
+) -> Iterator[tuple[Callable[[str], None], Callable[[JointDiagnosis], None]]]:
+    """Keep what is found under ``out``, and go on with what is there; None: keep nothing.
+
+    Yields:
+        What to call with words about what goes on, and with each joint that is done.
+    """
+    if out is None:
+        yield progress, lambda joint: None
+        return
+    fresh = not out.exists()
+    partial = Partial(out, source())
+    if partial.reused:
+        progress(f"going on with {partial.reused} fits of the session before")
+
+    def say(text: str) -> None:
+        partial.say(text)
+        progress(text)
+
+    try:
+        with keeping(partial.fits):
+            yield say, partial.done
+    except LogError:  # what is refused leaves nothing behind
+        if fresh and not partial.reused:
+            partial.remove()
+            out.rmdir()
+        raise
+
+
+def source_of(log: Path, settings: Mapping[str, Any]) -> dict[str, Any]:
+    """What the diagnosis of a log on disk depends on, as plain data: settings, and checksums of the files."""
+    if log.is_dir():
+        files = [path for path in log.iterdir() if path.is_file()]
+    else:
+        beside = [log.with_suffix(".yaml"), log.with_suffix(".yml"), log.parent / FOLDER_DEFAULTS]
+        files = [path for path in (log, *beside) if path.is_file()]
+    sums = {path.name: _checksum(path) for path in sorted(files)}
+    return {"settings": json.loads(json.dumps(dict(settings))), "files": sums}
+
+
+def source_in_memory(data: MeasuredSet, settings: Mapping[str, Any]) -> dict[str, Any]:
+    """The same of runs in memory."""
+    sums = {}
+    for run in data.runs:
+        digest = hashlib.sha256(repr((run.robot, dict(run.robot_params), dict(run.actuators), run.meta)).encode())
+        for name, values in run.columns().items():
+            digest.update(name.encode() + values.tobytes())
+        sums[run.name] = digest.hexdigest()
+    return {"settings": json.loads(json.dumps(dict(settings))), "files": sums}
+
+
+def unfinished(folders: Iterator[Path], source: Mapping[str, Any]) -> Path | None:
+    """The newest of some output folders that holds an unfinished diagnosis of the same data and settings."""
+    for out in sorted(folders, reverse=True):
+        if (before := _read(out / FOLDER)) is not None and before["source"] == plain(dict(source)):
+            return out
+    return None
+
+
+def _read(folder: Path) -> dict[str, Any] | None:
+    """What an earlier session said; None where there was none, or it died before it said anything."""
+    try:
+        document = json.loads((folder / TOLD).read_text(encoding="utf-8"))
+    except (OSError, ValueError):
+        return None
+    return document if isinstance(document, dict) and "source" in document else None
+
+
+def _checksum(path: Path) -> str:
+    with path.open("rb") as file:
+        return hashlib.file_digest(file, "sha256").hexdigest()

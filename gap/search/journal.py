@@ -1,0 +1,125 @@
+"""Fits on disk as they are made, so that a diagnosis that was stopped goes on where it was.
+
+A diagnosis is deterministic: begun again with the same data it asks for the same fits in the same order. Each fit is a
+line of the journal; a fit that is there already is read instead of made. One that differs in anything (start, bounds,
+data) is not found and made anew, so that a journal can slow nothing down and change no result.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import hashlib
+import json
+from collections import Counter
+from collections.abc import Iterator, Mapping, Sequence
+from contextvars import ContextVar
+from pathlib import Path
+from typing import Any, TextIO
+
+from ..replay.parameters import Parameter
+from ..replay.problem import Problem
+
+ENDS = 64  # samples at either end of a problem that stand for its data
+
+
+class Journal:
+    """The fits of one diagnosis.
+
+    Attributes:
+        reused: fits that were read.
+        made: fits that were added.
+    """
+
+    def __init__(self, path: Path) -> None:
+        """Open the journal at ``path`` or begin it; a line that a kill tore is dropped."""
+        self._known: dict[str, dict[str, Any]] = {}
+        self._asked: Counter[str] = Counter()
+        self.reused = self.made = 0
+        kept = b""
+        for line in path.read_bytes().splitlines(keepends=True) if path.exists() else []:
+            try:
+                row = json.loads(line)
+                self._known[row["key"]] = row
+            except (ValueError, LookupError, TypeError):
+                break
+            if not line.endswith(b"\n"):
+                break
+            kept += line
+        path.write_bytes(kept)
+        self._file: TextIO = path.open("a", encoding="utf-8")
+
+    def __len__(self) -> int:
+        return len(self._known)
+
+    def recall(self, question: str) -> dict[str, Any] | None:
+        """The next answer to a question, in the order in which it was asked before; None where there is none yet."""
+        answer = self._known.get(self._key(question))
+        if answer is not None:
+            self._asked[question] += 1
+            self.reused += 1
+        return answer
+
+    def record(self, question: str, answer: Mapping[str, Any]) -> None:
+        """Write the answer to a question that :meth:`recall` did not have."""
+        row = {"key": self._key(question), **answer}
+        self._asked[question] += 1
+        self.made += 1
+        self._known[row["key"]] = row
+        self._file.write(json.dumps(row) + "\n")
+        self._file.flush()
+
+    def close(self) -> None:
+        """Close the file."""
+        self._file.close()
+
+    def _key(self, question: str) -> str:
+        return f"{question}-{self._asked[question]}"
+
+
+_JOURNAL: ContextVar[Journal | None] = ContextVar("journal", default=None)
+
+
+@contextlib.contextmanager
+def keeping(path: Path | None) -> Iterator[Journal | None]:
+    """Keep the fits that are made in this context at ``path``; None: keep nothing."""
+    if path is None:
+        yield None
+        return
+    journal = Journal(path)
+    token = _JOURNAL.set(journal)
+    try:
+        yield journal
+    finally:
+        _JOURNAL.reset(token)
+        journal.close()
+
+
+def recalled(
+    problem: Problem, parameters: Sequence[Parameter], start: Mapping[str, float], evaluations: int
+) -> dict[str, Any] | None:
+    """What a fit with these arguments found before: ``values``, ``cost``, ``at_bound``; None where it was not made."""
+    journal = _JOURNAL.get()
+    return None if journal is None else journal.recall(_question(problem, parameters, start, evaluations))
+
+
+def recorded(
+    problem: Problem,
+    parameters: Sequence[Parameter],
+    start: Mapping[str, float],
+    evaluations: int,
+    found: Mapping[str, Any],
+) -> None:
+    """Keep what a fit found, where anything is kept."""
+    if (journal := _JOURNAL.get()) is not None:
+        answer = {key: found[key] for key in ("values", "cost", "at_bound")}
+        journal.record(_question(problem, parameters, start, evaluations), answer)
+
+
+def _question(problem: Problem, parameters: Sequence[Parameter], start: Mapping[str, float], evaluations: int) -> str:
+    """What tells one fit from another, as a hash."""
+    digest = hashlib.sha256()
+    said = [[repr(parameter) for parameter in parameters], sorted(start.items()), evaluations, len(problem.time)]
+    digest.update(json.dumps(said).encode())
+    for array in (problem.measured, problem.weight, problem.time):
+        digest.update(array[:ENDS].tobytes() + array[-ENDS:].tobytes())
+    return digest.hexdigest()[:32]

@@ -1,0 +1,91 @@
+"""Robots and environments by name, with what a diagnosis found in them."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any
+
+import gymnasium
+from sealegs.actuators.errors import SealegsError, nearest
+from sealegs.envs import register_environments
+from sealegs.envs.contract import task_of
+from sealegs.envs.extended import Extended, read_extended
+from sealegs.envs.robot import ChainSource, Robot
+from sealegs.envs.robots import get_robot
+
+__all__ = ["environment_id", "extended_arguments", "load_robot", "make_env"]
+
+
+def load_robot(name: str) -> Robot:
+    """The robot of that name: its numbers, driven coordinates and model.
+
+    Raises:
+        SealegsError: there is none.
+    """
+    return get_robot(name)
+
+
+def environment_id(name: str) -> str:
+    """The Gymnasium id of an environment by its id or by its robot's name, whatever the case of its letters.
+
+    Raises:
+        SealegsError: there is none.
+    """
+    register_environments()
+    known = [key for key in gymnasium.registry if key.startswith("SeaLegs/")]
+    words = {key.rpartition("/")[2].rpartition("-")[0].lower(): key for key in known}
+    found = words.get(name.lower().replace("_", ""), name)
+    if found not in known:
+        raise SealegsError(f"there is no environment '{name}'{nearest(name, [*words, *known])}: {', '.join(words)}.")
+    return found
+
+
+def make_env(
+    name: str,
+    num_envs: int | None = None,
+    *,
+    extended: Extended | str | Path | None = None,
+    actuator: ChainSource | Mapping[str, ChainSource] | None = None,
+    params: Mapping[str, float] | None = None,
+    **arguments: Any,
+) -> Any:
+    """A Gymnasium environment, as it was believed to be or as a diagnosis found it.
+
+    Args:
+        name: id such as ``SeaLegs/Hopper-v0``, or the robot's name.
+        num_envs: of a vector environment; None: a single one.
+        extended: what a diagnosis found (``diagnosis.extended``), or its folder: chains and numbers of the robot.
+        actuator: chain of all joints, or chains by joint, in place of the robot's own; not with ``extended``.
+        params: numbers of the robot as believed.
+        arguments: of the environment, such as ``render_mode`` or weights of its reward.
+
+    Returns:
+        A ``gymnasium.Env``, or a ``gymnasium.vector.VectorEnv`` where ``num_envs`` is given.
+
+    Raises:
+        SealegsError: there is no such environment, an argument is wrong, or the environment's robot cannot take what
+            the diagnosis found.
+    """
+    found = environment_id(name)
+    if extended is not None:
+        actuator, params = extended_arguments(found, extended, actuator, params)
+    keywords = {"actuator": actuator, "params": params, **arguments}
+    if num_envs is None:
+        return gymnasium.make(found, **keywords)
+    return gymnasium.make_vec(found, num_envs=num_envs, **keywords)
+
+
+def extended_arguments(
+    name: str, extended: Extended | str | Path, actuator: Any = None, params: Mapping[str, float] | None = None
+) -> tuple[dict[str, Any], dict[str, float]]:
+    """Chains by joint and numbers of the robot of an environment, as a diagnosis found them.
+
+    Raises:
+        SealegsError: a chain is given too, or the robot cannot take what was found.
+    """
+    machine = extended if isinstance(extended, Extended) else read_extended(extended)
+    if actuator is not None:
+        raise SealegsError("actuator= and extended= both say which chain drives the robot; give one of them.")
+    robot = task_of({"id": name})[0].robot
+    return dict(machine.chains_on(robot)), machine.params_on(robot, params)
