@@ -56,7 +56,7 @@ class BenchEnv(SingleEnv, task=BenchTask):
     |-------------------|-------------------|------------|---------------------------------------------------------------|
     | `actuator`        | str, list or dict | `None`     | chain: a name in `configs/actuator`, a path or stages; `None`: `sts3215` |
     | `randomization`   | dict or path      | `None`     | what every episode draws anew, see `envs/randomization.py` |
-    | `params`          | dict              | `None`     | `mass` [kg] at the end, `arm_mass` [kg] of the rod, `length` [m] |
+    | `params`          | dict              | `None`     | `mass` [kg] at the end, `arm_mass` [kg] of the rod, `length` [m], and what else `envs/bench/robot.py` lists |
     | `control_rate`    | float             | `50.0`     | actions per second [Hz] |
     | `target_range`    | float             | `1.2`      | see Starting State [rad] |
     | `tracking_weight` | float             | `1.0`      | see Rewards |
