@@ -104,6 +104,7 @@ EFFECTS: dict[str, Effect] = {
 
 STRANGERS: dict[str, Effect] = {
     "stranger.air_drag": Effect("drag", "N.m.s2/rad2", _set("air_drag"), (0.00837, 0.00328, 0.00106), (0.0, 0.3)),
+    "stranger.cable": Effect("stiffness", "N.m/rad", _set("cable_stiffness"), (0.4, 0.158, 0.0455), (0.0, 2.0)),
     "stranger.friction_drift": Effect(
         "drift", "N.m/s", _set("friction_drift"), (0.00724, 0.00252, 0.000687), (0.0, 0.03)
     ),

@@ -82,6 +82,8 @@ class Machine(NamedTuple):
     encoder_scale: float = 1.0
     # strangers
     air_drag: float = 0.0
+    cable_stiffness: float = 0.0  # N.m/rad of a cable in rubber: a spring and a damper in series (Maxwell)
+    cable_time: float = 0.3  # s in which its torque relaxes
     friction_drift: float = 0.0  # N.m per second
     jam_torque: float = 0.0
 
@@ -191,6 +193,7 @@ def simulate(m, goal_time, goal, jam_start, jam_end, duration, start_temperature
     link, link_v = q, 0.0
     temperature = start_temperature
     profile = q
+    relaxed = q  # where the cable pulls to
     command, jam = 0, 0
     for step in range(steps + 1):
         time = step * STEP
@@ -213,11 +216,14 @@ def simulate(m, goal_time, goal, jam_start, jam_end, duration, start_temperature
             jam += 1
         jammed = jam < len(jam_start) and jam_start[jam] <= time
 
+        cable = m.cable_stiffness * (relaxed - (link if elastic else q))  # hardly changes over a step
+        relaxed -= STEP / m.cable_time * (relaxed - (link if elastic else q))
+
         # First half step: torque and acceleration at its start.
         motor = min(max(constant * current, -m.overload_torque), m.overload_torque)
-        external = -transmitted(m, q - link, v - link_v) if elastic else load_torque(m, q, v)
+        external = -transmitted(m, q - link, v - link_v) if elastic else load_torque(m, q, v) + cable
         if elastic:
-            link_a = (load_torque(m, link, link_v) - external) / inertia
+            link_a = (load_torque(m, link, link_v) + cable - external) / inertia
             link_mid, link_v_mid = link + 0.5 * STEP * link_v, link_v + 0.5 * STEP * link_a
         else:
             link_mid, link_v_mid = 0.0, 0.0
@@ -240,9 +246,11 @@ def simulate(m, goal_time, goal, jam_start, jam_end, duration, start_temperature
         # Whole step with the midpoint's acceleration.
         current = winding_current(m, constant, duty, v_mid)
         motor = min(max(constant * current, -m.overload_torque), m.overload_torque)
-        external = -transmitted(m, q_mid - link_mid, v_mid - link_v_mid) if elastic else load_torque(m, q_mid, v_mid)
+        external = (
+            -transmitted(m, q_mid - link_mid, v_mid - link_v_mid) if elastic else load_torque(m, q_mid, v_mid) + cable
+        )
         if elastic:
-            link_a = (load_torque(m, link_mid, link_v_mid) - external) / inertia
+            link_a = (load_torque(m, link_mid, link_v_mid) + cable - external) / inertia
             link += STEP * link_v_mid
             link_v += STEP * link_a
         if held:

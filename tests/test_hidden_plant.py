@@ -55,6 +55,20 @@ def test_dry_friction_takes_a_fixed_angle_per_swing_and_then_holds() -> None:
     assert record[-1, 2] == 0.0 and abs(record[-1, 1]) < loss / 2
 
 
+def test_the_torque_of_a_cable_relaxes_with_its_time_constant() -> None:
+    plain = Machine(gain=40.0, viscous=2.0, coulomb=0.0, mass=0.0, encoder_ticks=0.0, cable_stiffness=0.5)
+    for elastic in (False, True):
+        machine = plain._replace(joint_stiffness=200.0, joint_damping=0.5, extra_inertia=1e-3) if elastic else plain
+        record = simulate(machine, np.zeros(2), np.array([0.0, 0.02]), NO_JAMS, NO_JAMS, 1.0, 25.0)
+        time, duty = record[:, 0], record[:, 4]
+        early, late = (float(np.interp(t, time, duty)) for t in (0.5, 0.8))
+        assert late / early == pytest.approx(np.exp(-0.3 / machine.cable_time), rel=0.02)
+        held = 0.5 * 0.02 * np.exp(-0.5 / machine.cable_time)  # [N.m]
+        assert early * machine.volts * machine.motor_constant / machine.resistance == pytest.approx(
+            held, rel=0.25
+        )  # it begins a little late
+
+
 def test_steady_speed_of_the_motor_is_that_of_its_equations() -> None:
     machine = Machine(gain=1e6, duty_limit=0.5, mass=0.0, encoder_ticks=0.0)
     record = simulate(machine, np.zeros(2), np.array([0.0, 1e6]), NO_JAMS, NO_JAMS, 3.0, 25.0)
