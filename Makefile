@@ -5,6 +5,8 @@ PY := $(VENV)/bin/python
 INSTALLED := $(VENV)/.installed
 LINKS := $(VENV)/types/sealegs
 EXTRAS := train report video hw docs dev
+RUFF = $(PY) -m ruff check . && $(PY) -m ruff format --check .
+PYTEST = $(PY) -m pytest -n 2 --dist worksteal --durations=15
 
 # Headless drawing. MuJoCo on macOS has one way to draw and takes no choice.
 ifeq ($(shell uname),Linux)
@@ -12,25 +14,32 @@ export MUJOCO_GL ?= egl
 endif
 
 .DEFAULT_GOAL := help
-.PHONY: help setup demo test lint pytest bench hidden docs format clean
+.PHONY: help setup demo test test-all lint types pytest bench hidden docs format clean
 
 help: ## list the commands
-	@awk -F ':.*## ' '/^[a-z]+:.*## /{printf "  make %-8s %s\n", $$1, $$2}' $(MAKEFILE_LIST)
+	@awk -F ':.*## ' '/^[a-z-]+:.*## /{printf "  make %-8s %s\n", $$1, $$2}' $(MAKEFILE_LIST)
 
 setup: $(INSTALLED) ## make .venv with the pinned packages
 
 demo: $(INSTALLED) ## the main job: log, diagnosis, training; under 10 minutes
 	$(PY) demo.py
 
-test: lint pytest ## lint, format and type check, then the tests
+test: $(INSTALLED) $(LINKS) ## lint, format and type check, and the tests that take seconds
+	$(RUFF)
+	@$(MAKE) --no-print-directory -j 2 types pytest # pyright runs while the tests compile the laws on one core
+
+test-all: $(INSTALLED) ## the tests that `make test` leaves out: half an hour
+	$(PYTEST) -m long
 
 lint: $(INSTALLED) $(LINKS) ## ruff and pyright
-	$(PY) -m ruff check .
-	$(PY) -m ruff format --check .
+	$(RUFF)
+	@$(MAKE) --no-print-directory types
+
+types: $(INSTALLED) $(LINKS) ## only pyright
 	$(PY) -m pyright
 
-pytest: $(INSTALLED) ## only the tests
-	$(PY) -m pytest -n 2 --dist loadgroup --durations=10
+pytest: $(INSTALLED) ## only the tests of `make test`
+	$(PYTEST) -m "not long"
 
 bench: $(INSTALLED) ## measure the speed, write benchmarks/results
 	$(PY) -m benchmarks

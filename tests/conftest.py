@@ -1,15 +1,38 @@
-"""What several test files share: the measured data folder, and a skip where nothing can be drawn."""
+"""What several test files share: one folder for what is made once, laws that are compiled once, one core per worker."""
 
 from __future__ import annotations
 
 import functools
+import os
+import shutil
+import tempfile
 from pathlib import Path
 
 import sealegs  # isort: skip  # noqa: F401 chooses how MuJoCo draws, before that is imported
 import mujoco
 import pytest
 
+from tests.compile_laws import compile_laws
+from tests.made_once import SHARED
+
 REPOSITORY = Path(__file__).resolve().parents[1]
+WORKER = "PYTEST_XDIST_WORKER" in os.environ
+
+
+def pytest_sessionstart(session: pytest.Session) -> None:
+    """Before any worker starts: the folder that they share, and the laws compiled, which each would do on its own."""
+    if WORKER:
+        return
+    os.environ[SHARED] = tempfile.mkdtemp(prefix="sealegs-tests-")
+    if session.config.getoption("numprocesses", None):
+        for library in ("OMP", "OPENBLAS", "MKL", "NUMBA"):  # a worker per core: more threads would wait for each other
+            os.environ.setdefault(f"{library}_NUM_THREADS", "1")
+        compile_laws()
+
+
+def pytest_unconfigure() -> None:
+    if not WORKER and (folder := os.environ.pop(SHARED, None)):
+        shutil.rmtree(folder, ignore_errors=True)
 
 
 @pytest.fixture(scope="session")

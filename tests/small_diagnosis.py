@@ -2,18 +2,17 @@
 
 from __future__ import annotations
 
-import functools
-
 from sealegs.gap.log.types import MeasuredSet
 from sealegs.gap.verdict.diagnosis import diagnose
 from sealegs.gap.verdict.verdict import JointDiagnosis
 
 from testbed import hidden_bench
+from tests.made_once import made_once
 
 CONSIDERED = ("friction.load_dependent", "friction.viscous", "drive.delay")
 
 
-@functools.cache
+@made_once
 def small_diagnosis() -> tuple[JointDiagnosis, MeasuredSet]:
     """A bench that hides friction which grows with load, and what was found."""
     data, _ = hidden_bench(

@@ -26,7 +26,7 @@ from sealegs.gap.verdict.diagnosis import diagnose
 from sealegs.gap.verdict.verdict import NOT_IDENTIFIABLE, JointDiagnosis
 
 from testbed.hopper import JOINTS, hidden_hopper
-from tests.small_hopper import small_hopper, together
+from tests.small_hopper import small_hopper
 
 SHORT = 6.0  # [s]
 
@@ -144,7 +144,6 @@ def test_rigid_ground_is_as_hard_as_the_floor_of_the_robot(time: float) -> None:
         assert share * stiffness * impedance / data.efc_R[row] == pytest.approx(leg.engine_stiffness(), rel=0.05)
 
 
-@together
 def test_a_slope_is_named_beside_play_in_the_belt() -> None:
     (_, _, ground), _ = small_hopper()
     assert ground.joint == GROUND
@@ -216,7 +215,6 @@ def test_a_leg_that_never_leaves_the_ground_is_asked_to_hop() -> None:
     assert "hop" in found.sentence
 
 
-@together
 def test_files_hold_joints_and_ground_and_the_extended_leg_loads(tmp_path: Path) -> None:
     import mujoco
 

@@ -18,6 +18,7 @@ from sealegs.gap.verdict.diagnosis import diagnose
 from sealegs.gap.virtual.bench import record
 
 from testbed import hidden_bench
+from tests.made_once import folder_made_once
 
 DATA = Path(__file__).resolve().parent.parent.parent / "shared" / "data"
 
@@ -26,25 +27,25 @@ def call(*arguments: str) -> int:
     return run(script.main, "diagnose", script.__doc__ or "", list(arguments))
 
 
-together = pytest.mark.xdist_group("one diagnosis")  # whose fixture takes minutes, on one worker
-
-
-@pytest.fixture(scope="module")
-def hidden(tmp_path_factory: pytest.TempPathFactory) -> Path:
+@pytest.fixture(scope="session")
+def hidden() -> Path:
     """Logs of a virtual bench of the hopper's servo whose gearbox loses torque under load."""
-    folder = tmp_path_factory.mktemp("logs")
-    record(folder, "sv1270tg", {"friction.load": 0.2}, seed=3, excitations=("steps", "multisine", "slow triangle"))
-    return folder
+    shapes = ("steps", "multisine", "slow triangle")
+    return folder_made_once(
+        "virtual bench", lambda folder: record(folder, "sv1270tg", {"friction.load": 0.2}, seed=3, excitations=shapes)
+    )
 
 
-@pytest.fixture(scope="module")
-def diagnosis(hidden: Path, tmp_path_factory: pytest.TempPathFactory) -> Path:
-    out = tmp_path_factory.mktemp("found") / "diagnosis"
-    assert call(f"log={hidden}", f"out={out}") == 0
-    return out
+@pytest.fixture(scope="session")
+def diagnosis(hidden: Path) -> Path:
+    """What diagnose.py writes about them."""
+
+    def made(folder: Path) -> None:
+        assert call(f"log={hidden}", f"out={folder}") == 0
+
+    return folder_made_once("diagnosis of the virtual bench", made)
 
 
-@together
 def test_names_the_hidden_effect_with_its_size(diagnosis: Path) -> None:
     found = json.loads((diagnosis / "diagnosis.json").read_text())
     assert found["verdict"] == "explained"
@@ -64,13 +65,11 @@ def test_names_the_hidden_effect_with_its_size(diagnosis: Path) -> None:
     assert 0.4 < explained < 1.0 - found["unexplained"], "the rest is what re-tuned numbers close"
 
 
-@together
 def test_the_engine_confirms_what_the_search_found(diagnosis: Path) -> None:
     engine = json.loads((diagnosis / "diagnosis.json").read_text())["extension"]["engine"]
     assert engine["distance"] < 2e-4
 
 
-@together
 def test_the_extended_chain_differs_by_the_listed_numbers_only(diagnosis: Path) -> None:
     listed = json.loads((diagnosis / "diagnosis.json").read_text())["extension"]["changes"]
     nominal, extended = load_chain("sv1270tg"), load_chain(diagnosis / "extended.yaml")
@@ -82,19 +81,16 @@ def test_the_extended_chain_differs_by_the_listed_numbers_only(diagnosis: Path) 
                 assert before is not None and value == pytest.approx(before.parameters()[key])
 
 
-@together
 def test_the_extended_mjcf_loads_in_plain_mujoco(diagnosis: Path) -> None:
     model = mujoco.MjModel.from_xml_path(str(diagnosis / "extended.xml"))
     assert {model.joint(k).name for k in range(model.njnt)} == {"joint", "joint_motor"}  # of the chain's spring
 
 
-@together
 def test_pictures_and_report_are_written(diagnosis: Path) -> None:
     assert (diagnosis / "report.html").stat().st_size > 10_000
     assert list((diagnosis / "pictures").glob("*.png"))
 
 
-@together
 def test_training_takes_the_extended_chain_as_it_is(diagnosis: Path) -> None:
     from sealegs.envs.robots import get_robot
 
@@ -108,7 +104,6 @@ def test_nothing_hidden_is_nothing_to_explain(tmp_path: Path) -> None:
     assert not found.causes
 
 
-@together
 def test_an_existing_diagnosis_is_never_overwritten(
     hidden: Path, diagnosis: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:

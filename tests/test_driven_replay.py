@@ -18,7 +18,7 @@ from sealegs.gap.verdict.diagnosis import diagnose
 from sealegs.gap.verdict.verdict import NOT_IDENTIFIABLE
 
 from testbed.hopper import JOINTS, Servo, hidden_hopper, nominal_hopper_chain
-from tests.small_hopper import small_hopper, together
+from tests.small_hopper import small_hopper
 
 SPRING = [
     {"position_p": {"gain": 30.0}},
@@ -110,7 +110,6 @@ def test_what_the_link_hides_is_not_sought_and_is_said() -> None:
     assert "load.mass" in limits(problem, "knee", hidden).sentence
 
 
-@together
 def test_play_in_the_belt_of_a_hopping_leg_is_named() -> None:
     (hip, knee, _), _ = small_hopper()
     assert [cause.name for cause in knee.causes] == ["transmission.backlash"], knee.sentence

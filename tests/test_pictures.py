@@ -19,8 +19,6 @@ from sealegs.gap.verdict.verdict import Error, JointDiagnosis, NamedCause
 
 from tests.small_diagnosis import small_diagnosis
 
-pytestmark = pytest.mark.xdist_group("small diagnosis")  # made once, on one worker
-
 
 @pytest.fixture(scope="module")
 def found() -> JointDiagnosis:

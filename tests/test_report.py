@@ -38,9 +38,6 @@ VOID = {"area", "base", "br", "col", "hr", "img", "input", "link", "meta"}
 MOST_BYTES = 8_000_000
 
 
-pytestmark = pytest.mark.xdist_group("small diagnosis")  # made once, on one worker
-
-
 @pytest.fixture(scope="module")
 def small() -> tuple[JointDiagnosis, MeasuredSet]:
     return small_diagnosis()

@@ -95,17 +95,12 @@ def test_make_clean_keeps_what_was_recorded(tmp_path: Path) -> None:
     assert all(file.exists() for file in kept) and not any(file.exists() for file in removed)
 
 
-def test_continuous_integration_runs_make_test() -> None:
+def test_continuous_integration_runs_every_test() -> None:
     script = REPOSITORY / ".ci" / "run"
     assert script.stat().st_mode & 0o111
-    assert script.read_text().rstrip().endswith("exec make test")
-
-
-@pytest.mark.xdist_group("grouped")
-def test_tests_that_share_what_takes_minutes_run_on_one_worker(request: pytest.FixtureRequest) -> None:
-    if not hasattr(request.config, "workerinput"):
-        pytest.skip("needs pytest-xdist's workers, as `make test` has them")
-    assert request.node.nodeid.endswith("@grouped"), "grouping by xdist_group does nothing with these versions"
+    assert script.read_text().rstrip().splitlines()[-2:] == ["make test", "exec make test-all"]
+    makefile = (REPOSITORY / "Makefile").read_text()
+    assert '-m "not long"' in makefile and "-m long" in makefile
 
 
 def test_the_demo_never_writes_into_an_existing_folder(tmp_path: Path) -> None:

@@ -49,6 +49,7 @@ class LegReplay:
     def __init__(self, leg: LegModel, runs: Sequence[MeasuredRun], stances: Sequence[Stance], step: float) -> None:
         """Build the leg; ``leg`` gives body and chains, the ground may differ from replay to replay."""
         self.step, self.stances = step, list(stances)
+        self._made_from = (leg, runs, stances, step)
         self.drivetrain = leg.drivetrain()
         model = self.drivetrain.model
         model.opt.timestep = step
@@ -66,6 +67,10 @@ class LegReplay:
         self.drive = self._drive(runs)
         self.time = [runs[s.run].time[s.start : s.stop] - runs[s.run].time[s.start] for s in self.stances]
         self._batch: Batch | None = None
+
+    def __reduce__(self) -> tuple[type[LegReplay], tuple[object, ...]]:
+        """Pickled as what it is made from: an engine cannot be."""
+        return type(self), self._made_from
 
     def _drive(self, runs: Sequence[MeasuredRun]) -> Drive:
         shape = (self.steps + 1, len(self.stances), len(JOINTS))
