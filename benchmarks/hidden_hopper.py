@@ -17,7 +17,8 @@ from pathlib import Path
 from typing import Any
 
 from benchmarks.hidden import REPORTED_SEED, RESULTS, Case, outcome
-from testbed.hopper import HOPPER_EFFECTS, HOPPER_STRANGERS, MAGNITUDES, Servo, hidden_hopper
+from testbed import hidden_hopper
+from testbed.hopper import HOPPER_EFFECTS, HOPPER_STRANGERS, MAGNITUDES, Servo
 
 NULLS = 6
 WORST_FIRST = ("unusable log", "not identifiable", "partly explained", "explained", "nothing to explain")

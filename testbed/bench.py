@@ -6,11 +6,11 @@ from collections.abc import Callable, Mapping
 from typing import Any
 
 import numpy as np
-from sealegs.gap.log.types import JointLog, MeasuredRun, MeasuredSet
 
 from .effects import EFFECTS, MAGNITUDES, STRANGERS, Effect
 from .excitation import DEFAULT_SCHEDULES, SEGMENT, trajectory
 from .physics import AMBIENT, Machine, simulate
+from .recording import Recording
 
 JOINT = "servo"
 SAMPLE_PERIOD = 0.005
@@ -65,7 +65,7 @@ def nominal_chain(machine: Machine | None = None) -> list[dict[str, dict[str, fl
     return chain
 
 
-def hidden_bench(
+def record_bench(
     effects: dict[str, dict[str, float] | str | float] | None = None,
     seed: int = 0,
     load: str | tuple[str, ...] = "medium",
@@ -76,7 +76,7 @@ def hidden_bench(
     schedules: tuple[Schedule, ...] = DEFAULT_SCHEDULES,
     link_encoder: bool = False,
     constants: Mapping[str, float] | None = None,
-) -> tuple[MeasuredSet, dict[str, Any]]:
+) -> tuple[list[Recording], dict[str, Any]]:
     """Record runs of a bench that hides ``effects``.
 
     Args:
@@ -92,9 +92,9 @@ def hidden_bench(
         constants: further numbers of the machine, by name.
 
     Returns:
-        The logs, and the truth: ``effects`` (name to parameter, value, unit, magnitude), ``machines`` (one per run),
-        ``nominal_factors`` (true over nominal), ``noise_floor`` [rad] and ``clean_position`` (per run, the noiseless
-        angle).
+        The recordings, and the truth: ``seed``, ``effects`` (name to parameter, value, unit, magnitude), ``machines``
+        (one per run), ``nominal_factors`` (true over nominal), ``noise_floor`` [rad] and ``clean_position`` (per run,
+        the noiseless angle).
     """
     effects = dict(effects or {})
     rng = np.random.default_rng(seed)
@@ -108,6 +108,7 @@ def hidden_bench(
     chain = nominal_chain(base)
 
     truth: dict[str, Any] = {
+        "seed": seed,
         "effects": {},
         "machines": [],
         "nominal_factors": factors,
@@ -141,53 +142,54 @@ def hidden_bench(
         truth["machines"].append(loaded)
         truth["clean_position"].append(clean)
         recorded.append(
-            MeasuredRun(
+            Recording(
                 name=f"run{index}",
                 time=time,
                 joints={JOINT: log},
+                base={},
                 robot="bench",
                 robot_params={"mass": mass, "length": length, "arm_mass": arm_mass},
                 actuators={JOINT: chain},
-                meta={"group": f"run{index}"},
             )
         )
-    return MeasuredSet(tuple(recorded), f"hidden-{seed}"), truth
+    return recorded, truth
 
 
-def run_again(
-    data: MeasuredSet,
+def record_again(
     truth: Mapping[str, Any],
+    believed: Mapping[str, float],
+    chain: list[dict[str, dict[str, float]]],
     goals: Callable[[np.ndarray], np.ndarray],
     load: Mapping[str, float],
     *,
     duration: float,
     runs: int = 3,
     seed: int = 0,
-) -> list[MeasuredRun]:
-    """Record further runs of the machine behind ``data``, with other goals and perhaps another load.
+    link_encoder: bool = False,
+) -> list[Recording]:
+    """Record further runs of a machine, with other goals and perhaps another load.
 
     Args:
-        data, truth: of `hidden_bench`.
+        truth: of :func:`record_bench`.
+        believed: robot parameters of its first run.
+        chain: nominal chain.
         goals: goals [rad] at sample times (n,) [s].
         load: ``mass`` [kg], ``length`` [m] and ``arm_mass`` [kg] as whoever hangs it believes.
         duration: of each run [s].
         runs: how many.
         seed: of noise and jitter.
+        link_encoder: also record the link side.
     """
-    first, machine = data.runs[0], truth["machines"][0]
-    scale = machine.mass / first.robot_params["mass"]  # a hidden load.mass is a factor on whatever hangs there
+    machine = truth["machines"][0]
+    scale = machine.mass / believed["mass"]  # a hidden load.mass is a factor on whatever hangs there
     loaded = machine._replace(mass=load["mass"] * scale, length=load["length"], arm_mass=load["arm_mass"])
     latency = truth["effects"].get("sensor.delay", {"value": 0.0})["value"]
-    link_encoder = first.joints[JOINT].link_position is not None
     recorded = []
     for index in range(runs):
         rng = np.random.default_rng([seed, 77, index])
         log, time, _ = run_machine(loaded, goals, duration, rng, latency=latency, link_encoder=link_encoder)
-        name = f"again{index}"
         params = {key: load[key] for key in ("mass", "length", "arm_mass")}
-        recorded.append(
-            MeasuredRun(name, time, {JOINT: log}, {}, "bench", params, dict(first.actuators), meta={"group": name})
-        )
+        recorded.append(Recording(f"again{index}", time, {JOINT: log}, {}, "bench", params, {JOINT: chain}))
     return recorded
 
 
@@ -199,11 +201,11 @@ def run_machine(
     *,
     latency: float = 0.0,
     link_encoder: bool = False,
-) -> tuple[JointLog, np.ndarray, np.ndarray]:
+) -> tuple[dict[str, np.ndarray], np.ndarray, np.ndarray]:
     """Drive one machine through a schedule of excitations.
 
     Returns:
-        The joint's log, the sample times (n,) [s] and the noiseless motor-side angle at them (n,) [rad].
+        The joint's signals, the sample times (n,) [s] and the noiseless motor-side angle at them (n,) [rad].
     """
     count = int(duration / SAMPLE_PERIOD)
     jitter = np.clip(rng.normal(0.0, JITTER, count), -0.3 * SAMPLE_PERIOD, 0.3 * SAMPLE_PERIOD)
@@ -223,19 +225,21 @@ def run_machine(
     angle = np.interp(time, at, record[:, 1])
     clean = np.interp(seen, at, machine.encoder_scale * record[:, 1] + machine.encoder_offset)
     velocity = machine.encoder_scale * np.interp(seen, at, record[:, 2]) + rng.normal(0.0, VELOCITY_NOISE, count)
-    log = JointLog(
-        goal=goal,
-        position=_ticks(clean + rng.normal(0.0, ENCODER_NOISE, count)),
-        velocity=np.round(velocity / TICK) * TICK,
-        link_position=(
-            _ticks(np.interp(time, at, record[:, 3]) + rng.normal(0.0, ENCODER_NOISE, count)) if link_encoder else None
-        ),
-        duty=np.round(record[held, 4], 3),
-        voltage=np.round(record[held, 6] / VOLTAGE_STEP) * VOLTAGE_STEP,
-        current=np.round((record[held, 5] + rng.normal(0.0, CURRENT_STEP, count)) / CURRENT_STEP) * CURRENT_STEP,
-        temperature=np.round(record[held, 7]),
+    signals = {
+        "goal": goal,
+        "position": _ticks(clean + rng.normal(0.0, ENCODER_NOISE, count)),
+        "velocity": np.round(velocity / TICK) * TICK,
+    }
+    if link_encoder:
+        link = np.interp(time, at, record[:, 3])
+        signals["link_position"] = _ticks(link + rng.normal(0.0, ENCODER_NOISE, count))
+    signals["duty"] = np.round(record[held, 4], 3)
+    signals["voltage"] = np.round(record[held, 6] / VOLTAGE_STEP) * VOLTAGE_STEP
+    signals["current"] = (
+        np.round((record[held, 5] + rng.normal(0.0, CURRENT_STEP, count)) / CURRENT_STEP) * CURRENT_STEP
     )
-    return log, time, angle
+    signals["temperature"] = np.round(record[held, 7])
+    return signals, time, angle
 
 
 def _ticks(angle: np.ndarray) -> np.ndarray:

@@ -5,26 +5,26 @@ from __future__ import annotations
 import functools
 
 import numpy as np
-from sealegs.gap.log.types import MeasuredSet
 
-from .bench import JOINT, NOISE_FLOOR, hidden_bench
+from .bench import JOINT, NOISE_FLOOR, record_bench
 from .effects import EFFECTS, GAP_IN_NOISE_FLOORS, STRANGERS
+from .recording import Recording
 
 
 @functools.cache
-def reference(name: str, seed: int) -> MeasuredSet:
+def reference(name: str, seed: int) -> list[Recording]:
     """The same bench with nothing hidden; for the spring, the one with a spring that is as believed."""
-    return hidden_bench({name: 1.0} if name == "spring.stiffness" else {}, seed)[0]
+    return record_bench({name: 1.0} if name == "spring.stiffness" else {}, seed)[0]
 
 
 def gap(name: str, value: float, seeds: tuple[int, ...] = (0, 1)) -> float:
     """Rms shift of the measured position that an effect causes, in noise floors."""
     shifts = []
     for seed in seeds:
-        hidden, _ = hidden_bench({name: value}, seed)
-        for run, other in zip(hidden.runs, reference(name, seed).runs, strict=True):
+        hidden, _ = record_bench({name: value}, seed)
+        for run, other in zip(hidden, reference(name, seed), strict=True):
             # Equal seeds give equal noise: what differs is the effect, up to quantisation.
-            shifts.append(run.joints[JOINT].position - other.joints[JOINT].position)
+            shifts.append(run.joints[JOINT]["position"] - other.joints[JOINT]["position"])
     return float(np.sqrt(np.mean(np.concatenate(shifts) ** 2))) / NOISE_FLOOR
 
 

@@ -2,7 +2,7 @@
 
 Own equations of motion in absolute link angles, a Runge-Kutta integrator at 20 kHz, servos whose dry friction holds
 and slides by events, ground as a spring and damper with a tangential spring that slips at the friction limit. Shares no
-code with ``actuators/``, ``envs/`` or ``gap/`` except the container of the measured log that it fills.
+code with sealegs.
 """
 
 from __future__ import annotations
@@ -13,7 +13,8 @@ from typing import Any, NamedTuple
 
 import numba
 import numpy as np
-from sealegs.gap.log.types import JointLog, MeasuredRun, MeasuredSet
+
+from .recording import Recording
 
 STEP = 5e-5  # [s]
 SAMPLE_PERIOD, JITTER = 0.005, 3e-4  # [s]
@@ -265,14 +266,14 @@ def nominal_hopper_chain() -> list[dict[str, dict[str, float]]]:
     ]
 
 
-def hidden_hopper(
+def record_hopper(
     effects: dict[str, str | float] | None = None,
     seed: int = 0,
     *,
     runs: int = 3,
     duration: float = 20.0,
     nominal_error: float = 0.05,
-) -> tuple[MeasuredSet, dict[str, Any]]:
+) -> tuple[list[Recording], dict[str, Any]]:
     """Record runs of a hopper that hides ``effects``.
 
     Args:
@@ -283,8 +284,8 @@ def hidden_hopper(
         nominal_error: largest relative error of the sidecar's servo parameters, drawn for each servo.
 
     Returns:
-        The logs, and the truth: ``effects``, ``nominal_factors`` by joint (true over nominal), ``noise_floor`` [rad],
-        and per run ``forces`` (n, 2) and ``slip`` (n,) of the foot.
+        The recordings, and the truth: ``seed``, ``effects``, ``nominal_factors`` by joint (true over nominal),
+        ``noise_floor`` [rad], and per run ``forces`` (n, 2) and ``slip`` (n,) of the foot.
     """
     rng = np.random.default_rng(seed)
     ground, servos, factors = Ground(), [], {}
@@ -293,7 +294,7 @@ def hidden_hopper(
         servos.append(Servo()._replace(**{name: getattr(Servo(), name) * factor for name, factor in drawn.items()}))
         factors[joint] = drawn
     hip, knee = servos
-    truth: dict[str, Any] = {"effects": {}, "nominal_factors": factors, "forces": [], "slip": []}
+    truth: dict[str, Any] = {"seed": seed, "effects": {}, "nominal_factors": factors, "forces": [], "slip": []}
     for name, size in (effects or {}).items():
         effect = (HOPPER_EFFECTS | HOPPER_STRANGERS)[name]
         value = effect.sizes[MAGNITUDES.index(size)] if isinstance(size, str) else float(size)
@@ -312,7 +313,7 @@ def hidden_hopper(
         truth["forces"].append(out[:, 12:14])
         truth["slip"].append(out[:, 14])
         recorded.append(_log(f"run{index}", time, out, own))
-    return MeasuredSet(tuple(recorded), f"hopper-{seed}"), truth
+    return recorded, truth
 
 
 def _run(ground: Ground, hip: Servo, knee: Servo, duration: float, rng: np.random.Generator):
@@ -339,7 +340,7 @@ def _run(ground: Ground, hip: Servo, knee: Servo, duration: float, rng: np.rando
     return time, out
 
 
-def _log(name: str, time: np.ndarray, out: np.ndarray, rng: np.random.Generator) -> MeasuredRun:
+def _log(name: str, time: np.ndarray, out: np.ndarray, rng: np.random.Generator) -> Recording:
     def encoder(values: np.ndarray) -> np.ndarray:
         return TICK * np.round((values + rng.normal(0.0, ENCODER_NOISE, len(values))) / TICK)
 
@@ -347,17 +348,18 @@ def _log(name: str, time: np.ndarray, out: np.ndarray, rng: np.random.Generator)
         return BOOM_STEP * np.round((values + rng.normal(0.0, BOOM_NOISE, len(values))) / BOOM_STEP)
 
     joints = {
-        joint: JointLog(
-            goal=out[:, k].copy(),
-            position=encoder(out[:, 2 + k]),
-            link_position=encoder(out[:, 4 + k]),
-            duty=np.asarray(np.round(out[:, 6 + k], 3), np.float64),
-            current=np.round((out[:, 8 + k] + rng.normal(0.0, CURRENT_STEP, len(time))) / CURRENT_STEP) * CURRENT_STEP,
-        )
+        joint: {
+            "goal": out[:, k].copy(),
+            "position": encoder(out[:, 2 + k]),
+            "link_position": encoder(out[:, 4 + k]),
+            "duty": np.asarray(np.round(out[:, 6 + k], 3), np.float64),
+            "current": CURRENT_STEP
+            * np.round((out[:, 8 + k] + rng.normal(0.0, CURRENT_STEP, len(time))) / CURRENT_STEP),
+        }
         for k, joint in enumerate(JOINTS)
     }
     body = Body()
-    return MeasuredRun(
+    return Recording(
         name=name,
         time=time,
         joints=joints,
@@ -365,5 +367,4 @@ def _log(name: str, time: np.ndarray, out: np.ndarray, rng: np.random.Generator)
         robot="hopper",
         robot_params={key: float(getattr(body, key)) for key in Body._fields} | {"contact_time": CONTACT_TIME},
         actuators=dict.fromkeys(JOINTS, nominal_hopper_chain()),
-        meta={"group": name},
     )

@@ -15,8 +15,7 @@ def compile_laws() -> None:
     from sealegs.gap.replay.joint_model import JointModel
     from sealegs.gap.replay.problem import lay_out
 
-    from testbed import hidden_bench
-    from testbed.hopper import hidden_hopper
+    from testbed import hidden_bench, hidden_hopper
 
     began = time.perf_counter()
     engine = gymnasium.make("sealegs:SeaLegs/Bench-v0")

@@ -2,12 +2,11 @@
 
 from __future__ import annotations
 
-import pytest
 from sealegs.gap.log.types import MeasuredSet
 from sealegs.gap.verdict.diagnosis import diagnose
 from sealegs.gap.verdict.verdict import JointDiagnosis
 
-from testbed.hopper import hidden_hopper
+from testbed import hidden_hopper
 from tests.made_once import made_once
 
 CONSIDERED = ("spring.stiffness", "transmission.backlash", "load.mass", "contact.slope", "contact.friction")

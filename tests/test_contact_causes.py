@@ -25,7 +25,8 @@ from sealegs.gap.search.fit import fit
 from sealegs.gap.verdict.diagnosis import diagnose
 from sealegs.gap.verdict.verdict import NOT_IDENTIFIABLE, JointDiagnosis
 
-from testbed.hopper import JOINTS, hidden_hopper
+from testbed import hidden_hopper
+from testbed.hopper import JOINTS
 from tests.small_hopper import small_hopper
 
 SHORT = 6.0  # [s]

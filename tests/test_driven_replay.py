@@ -17,7 +17,8 @@ from sealegs.gap.replay.joint_model import IMMOVABLE, K_INERTIA, JointModel
 from sealegs.gap.verdict.diagnosis import diagnose
 from sealegs.gap.verdict.verdict import NOT_IDENTIFIABLE
 
-from testbed.hopper import JOINTS, Servo, hidden_hopper, nominal_hopper_chain
+from testbed import hidden_hopper
+from testbed.hopper import JOINTS, Servo, nominal_hopper_chain
 from tests.small_hopper import small_hopper
 
 SPRING = [

@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
+from testbed import hidden_hopper
 from testbed.hopper import (
     BOOM_STEP,
     GRAVITY,
@@ -15,7 +16,6 @@ from testbed.hopper import (
     Body,
     Ground,
     Servo,
-    hidden_hopper,
     hop,
     leg_rate,
     servo_step,
