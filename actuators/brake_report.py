@@ -10,6 +10,7 @@ import numpy as np
 from .brake_bench import BenchTable
 from .chain import Chain
 from .errors import SealegsError
+from .extras import needed_for
 from .regression_fit import EQUATION_3, RPM, RegressionFit, usable, write_table
 from .stages import Quantity
 from .stages.controller import PositionP
@@ -89,10 +90,8 @@ def draw(table: BenchTable, fit: RegressionFit, path: Path, label: str) -> None:
     Raises:
         SealegsError: matplotlib is missing.
     """
-    try:
+    with needed_for("A picture"):
         from matplotlib.figure import Figure
-    except ModuleNotFoundError:
-        raise SealegsError("pictures need matplotlib: install the extra [report], or run `make setup`.") from None
     kept = usable(table)
     rows, dropped = table.where(kept), table.where(table.valid & ~kept)
     figure = Figure(figsize=(11.0, 4.6), layout="constrained")

@@ -11,6 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from .errors import SealegsError
+from .extras import needed_for
 
 if TYPE_CHECKING:
     from .net_training import Prepared
@@ -24,10 +25,8 @@ def require_torch() -> Any:
     Raises:
         SealegsError: it is not installed.
     """
-    try:
+    with needed_for("Training a net"):
         import torch
-    except ModuleNotFoundError:
-        raise SealegsError("training a net needs torch: install the extra [train], or run `make setup`.") from None
     return torch
 
 

@@ -8,7 +8,7 @@ from pathlib import Path
 import numpy as np
 
 from .chain import Chain
-from .errors import SealegsError
+from .extras import needed_for
 from .net_file import predict, write_net
 from .net_training import TrainedNet
 from .stages import Stage
@@ -56,10 +56,8 @@ def draw(trained: TrainedNet, path: Path) -> None:
     Raises:
         SealegsError: matplotlib is missing.
     """
-    try:
+    with needed_for("A picture"):
         from matplotlib.figure import Figure
-    except ModuleNotFoundError:
-        raise SealegsError("pictures need matplotlib: install the extra [report], or run `make setup`.") from None
     figure = Figure(figsize=(11.0, 4.2), layout="constrained")
     over_time, cloud = figure.subplots(1, 2, width_ratios=(2.2, 1.0))
     run = trained.validation[0]

@@ -3,12 +3,15 @@
 from __future__ import annotations
 
 import errno
+import importlib
 import os
 import re
 import sys
 from collections.abc import Callable, Sequence
+from types import ModuleType
 
 from ..actuators.errors import SealegsError
+from ..actuators.extras import missing_package
 from .compose import FOLDER, choices, groups
 
 BAD_INPUT = 2
@@ -47,12 +50,31 @@ def run(main: Callable[[list[str]], None], name: str, description: str, argument
     except KeyboardInterrupt:
         print("Stopped; what was written so far stays.", file=sys.stderr)
         return INTERRUPTED
+    except ModuleNotFoundError as error:
+        return _missing(error, name)
     except OSError as error:
         if error.errno not in (errno.ENOSPC, errno.EDQUOT, errno.EACCES, errno.EROFS):
             raise
         where = f" {error.filename}" if error.filename else ""
         print(f"Cannot write{where}: {error.strerror}; what was written before stays.", file=sys.stderr)
         return BAD_INPUT
+
+
+def _missing(error: ModuleNotFoundError, name: str) -> int:
+    """Tell which extra a script lacks."""
+    sentence = missing_package(error, f"sealegs {name.replace('_', '-')}")
+    if sentence is None:
+        raise error
+    print(sentence, file=sys.stderr)
+    return BAD_INPUT
+
+
+def load(module: str, name: str) -> ModuleType | int:
+    """The module of a script, or the exit status where it lacks a package of an extra, which is told."""
+    try:
+        return importlib.import_module(module)
+    except ModuleNotFoundError as error:
+        return _missing(error, name)
 
 
 def help_page(name: str, description: str) -> str:

@@ -9,11 +9,14 @@ from typing import Any
 import gymnasium as gym
 import numpy as np
 from gymnasium.envs.registration import load_env_creator
-from stable_baselines3.common.vec_env.base_vec_env import VecEnv, VecEnvIndices, VecEnvStepReturn
 
 from ..actuators.errors import SealegsError, nearest
+from ..actuators.extras import needed_for
 from . import register_environments
 from .vector import BatchVectorEnv
+
+with needed_for("A vector environment for Stable-Baselines3"):
+    from stable_baselines3.common.vec_env.base_vec_env import VecEnv, VecEnvIndices, VecEnvStepReturn
 
 __all__ = ["BatchVecEnv"]
 

@@ -2,12 +2,11 @@
 
 from __future__ import annotations
 
-import importlib
 import sys
 from collections.abc import Sequence
 
 from sealegs.actuators.errors import nearest
-from sealegs.configs.script import BAD_INPUT, run
+from sealegs.configs.script import BAD_INPUT, load, run
 
 COMMANDS = {
     "train": ("sealegs.commands.train", "train", "learn a policy"),
@@ -40,5 +39,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
         print(f"There is no command '{word}'{nearest(word, COMMANDS)}; there are {known}.", file=sys.stderr)
         return BAD_INPUT
     module_name, config, _ = COMMANDS[word]
-    module = importlib.import_module(module_name)
+    module = load(module_name, config)
+    if isinstance(module, int):
+        return module
     return run(module.main, config, module.__doc__ or "", rest)

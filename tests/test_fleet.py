@@ -163,7 +163,7 @@ def test_ray_is_named_where_it_is_missing(
     monkeypatch.setitem(sys.modules, "ray", None)
     assert call(f"log={fleet}", f"out={tmp_path / 'out'}", "fleet=ray") == 2
     said = capsys.readouterr().err
-    assert "extra 'fleet'" in said and "fleet=true" in said and len(said.splitlines()) == 1
+    assert "pip install 'sealegs[fleet]'" in said and "fleet=true" in said and len(said.splitlines()) == 1
 
 
 @pytest.mark.parametrize(

@@ -13,6 +13,7 @@ from pathlib import Path
 from typing import Any
 
 from ...actuators.errors import SealegsError
+from ...actuators.extras import needed_for
 from .jobs import Job, Outcome, finished, remove_unfinished, run_job, staging
 
 REPOSITORY = Path(__file__).resolve().parents[2]
@@ -126,13 +127,8 @@ def _died(job: Job, code: int | None) -> str:
 
 
 def _ray() -> Any:
-    try:
+    with needed_for("fleet=ray", ", or give fleet=true to use processes of this machine"):
         import ray  # pyright: ignore[reportMissingImports]  (an extra of its own)
-    except ImportError:
-        raise SealegsError(
-            "fleet=ray needs the package ray, which is the extra 'fleet' in pyproject.toml: "
-            "install it with pip install -c constraints.txt ray, or give fleet=true to use processes of this machine."
-        ) from None
     return ray
 
 

@@ -10,6 +10,7 @@ from typing import Any
 
 import numpy as np
 
+from ...actuators.extras import missing_package
 from ..experiment import write_experiment
 from ..ground.files import write_leg
 from ..ground.leg_problem import LegProblem
@@ -54,9 +55,6 @@ def write_diagnosis(
         Paths by what they hold: ``json``, ``report``, ``pictures``; with an extension also ``chain`` and ``mjcf``, with
         a proposal ``experiment``; of several joints ``<joint> chain`` and so on.
     """
-    from .pictures import draw_all
-    from .report import write_report
-
     staged = folder / STAGED
     shutil.rmtree(staged, ignore_errors=True)  # of a session that was killed
     staged.mkdir(parents=True)
@@ -97,16 +95,36 @@ def write_diagnosis(
         written["json"] = staged / FILE
         write_document(whole(documents, data.name, [run.name for run in data.runs]), written["json"])
         progress("drawing")
-        written["pictures"] = staged / "pictures"
-        written["pictures"].mkdir()
-        draw_all(list(diagnoses), written["pictures"])
-        written["report"] = staged / "report.html"
-        write_report(list(diagnoses), data, written["report"], changes=differences)
+        written |= _illustrate(diagnoses, data, staged, differences, progress)
         _publish(staged, folder)
     except BaseException:
         shutil.rmtree(staged, ignore_errors=True)
         raise
     return {key: folder / path.name for key, path in written.items()}
+
+
+def _illustrate(
+    diagnoses: Sequence[JointDiagnosis],
+    data: MeasuredSet,
+    folder: Path,
+    differences: list[dict[str, Any]],
+    progress: Callable[[str], None],
+) -> dict[str, Path]:
+    """Pictures and report, where the packages of the extra ``report`` are installed; the findings need none of them."""
+    try:
+        from .pictures import draw_all
+        from .report import write_report
+    except ModuleNotFoundError as error:
+        missing = missing_package(error, "A report with pictures")
+        if missing is None:
+            raise
+        progress(str(missing))
+        return {}
+    written = {"pictures": folder / "pictures", "report": folder / "report.html"}
+    written["pictures"].mkdir()
+    draw_all(list(diagnoses), written["pictures"])
+    write_report(list(diagnoses), data, written["report"], changes=differences)
+    return written
 
 
 def _publish(staged: Path, folder: Path) -> None:

@@ -92,7 +92,8 @@ def diagnose_one(log: Path, out: Path | None, settings: dict[str, Any]) -> None:
 
         def progress(text: str) -> None:
             status.update(f"{text}  ({time.perf_counter() - started:.0f} s)")
-            if text.startswith(("found", "going on")) or not console.is_terminal:  # a file or a pipe shows no status
+            kept = text.startswith(("found", "going on", "A report"))
+            if kept or not console.is_terminal:  # a file or a pipe shows no status
                 console.print(f"  {time.perf_counter() - started:5.0f} s  {text}", highlight=False)
 
         try:

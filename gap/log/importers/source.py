@@ -6,10 +6,13 @@ from collections.abc import Iterable
 from pathlib import Path
 
 import numpy as np
-import pandas as pd
 
 from ....actuators.errors import nearest
+from ....actuators.extras import needed_for
 from ..types import Array, LogError
+
+with needed_for("Converting recordings"):
+    import pandas as pd
 
 BENCH_JOINT = "servo"
 """Name of the single joint in a converted bench recording."""

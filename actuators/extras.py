@@ -1,0 +1,49 @@
+"""Optional packages: which extra of sealegs brings each of them, and the sentence where one is missing."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from contextlib import contextmanager
+
+from .errors import SealegsError
+
+EXTRAS = {
+    "train": ("imageio", "imageio_ffmpeg", "onnx", "stable_baselines3", "tensorboard", "torch"),
+    "report": ("jinja2", "matplotlib", "pandas", "plotly"),
+    "video": ("moviepy",),
+    "hw": ("onnxruntime", "scservo_sdk", "serial"),
+    "fleet": ("ray",),
+}
+"""Packages, as they are imported, by extra."""
+
+
+class MissingPackage(SealegsError):
+    """A package that is not installed, and the extra that brings it."""
+
+
+def missing_package(error: ModuleNotFoundError, what: str, otherwise: str = "") -> MissingPackage | None:
+    """The sentence for a package of an extra that could not be imported; None where no extra brings it.
+
+    Args:
+        error: of the import.
+        what: that needs the package, as the subject of the sentence.
+        otherwise: what else can be done.
+    """
+    package = (error.name or "").partition(".")[0]
+    for extra, packages in EXTRAS.items():
+        if package in packages:
+            return MissingPackage(f"{what} needs the package {package}: pip install 'sealegs[{extra}]'{otherwise}.")
+    return None
+
+
+@contextmanager
+def needed_for(what: str, otherwise: str = "") -> Iterator[None]:
+    """Imports within say in one sentence which extra they lack.
+
+    Raises:
+        MissingPackage: a package of an extra is not installed.
+    """
+    try:
+        yield
+    except ModuleNotFoundError as error:
+        raise missing_package(error, what, otherwise) or error from None
