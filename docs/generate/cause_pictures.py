@@ -21,12 +21,13 @@ FOLDER = Path(__file__).resolve().parents[1] / "pictures" / "causes"
 LOADS = ("light", "medium", "heavy")
 WIDTH = 640  # [px]
 COLOURS = 48
+SECONDS = 10.0  # of each of the three runs
 SEED = 7
 
 
 def picture(name: str) -> Image.Image | None:
     """The picture of a cause from a bench that hides it; None where the finder did not name it."""
-    data, _ = hidden_bench({name: "clear"}, SEED, LOADS)
+    data, _ = hidden_bench({name: "clear"}, SEED, LOADS, duration=SECONDS)
     (found,) = diagnose(data, causes=[name])
     for drawn, chart in cause_pictures(found):
         if drawn == name:

@@ -29,7 +29,7 @@ from .robot import BIPED
 
 HOPS = 92  # VIII-D
 SHOWN = (31, 32)  # hops of Fig. 21 to 23
-SUBSTEPS = 4  # of the engine in a millisecond of the controller; convergence in docs/biped.md
+SUBSTEPS = 4  # of the engine in a millisecond of the controller; convergence in docs/results/biped.md
 SETTLED = 8  # hops after which figures are taken, assumed
 
 

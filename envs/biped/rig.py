@@ -19,7 +19,7 @@ from .parameters import GRAVITY, SIDES
 from .robot import BIPED, coordinate, foot
 
 STEP = 0.001  # [s] between samples
-SUBSTEPS = 4  # of the engine in a sample; convergence in docs/biped.md
+SUBSTEPS = 4  # of the engine in a sample; convergence in docs/results/biped.md
 NOISE = 0.3  # of an encoder step, rms, assumed
 LOCKED = 1e7  # [kg.m2] of what is held fast
 HELD_SHAPE = 0.3  # [rad] at which the shape is locked while the angle moves

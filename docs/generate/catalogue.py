@@ -1,0 +1,95 @@
+"""Writes docs/catalogue.md from the causes themselves: ``python -m docs.generate.catalogue``."""
+
+from __future__ import annotations
+
+import re
+from pathlib import Path
+
+from sealegs.actuators import load_chain
+from sealegs.gap.causes.catalogue import catalogue
+from sealegs.gap.causes.cause import Cause, Needs
+from sealegs.gap.replay.joint_model import JointModel
+
+DOCS = Path(__file__).resolve().parents[1]
+PAGE = DOCS / "catalogue.md"
+CHAINS = ("sts3215", "sv1270tg")
+"""Nominal chains whose joints together can have every cause; bounds are those of the first that can."""
+FAMILIES = {
+    "friction": "Friction",
+    "drive": "Drive",
+    "transmission": "Transmission",
+    "spring": "Spring",
+    "load": "Load",
+    "contact": "Contact",
+    "sensor": "Sensor",
+}
+HEAD = """# The catalogue of causes
+
+Written by `python -m docs.generate.catalogue` from `gap/causes/`; do not edit. Every physical cause that a gap can be
+named for. Bounds are those of the joint `sts3215` (`spring.stiffness`: of `sv1270tg`); they scale with a joint's stall
+torque. A factor multiplies the number of the nominal model.
+
+The pictures are those of a report. A bench with code of its own hides the effect, clearly, and the diagnosis draws
+what shows it: points are measured, orange is the nominal model, blue the extended one
+(`python -m docs.generate.cause_pictures`).
+"""
+NEEDS = {
+    "free_link": "a link that moves freely (a bench with a known load)",
+    "free_motor": "a motor that moves on its own (a bench, or a motor behind a spring)",
+    "torque": "a bench; or, on a driven joint, a measured torque",
+    "claimed_load": "a load that the sidecar claims to know",
+    "warming": "a temperature that changes",
+}
+
+
+def causes() -> dict[str, Cause]:
+    """Every cause by its name."""
+    found: dict[str, Cause] = {}
+    for name in CHAINS:
+        for cause in catalogue(JointModel(load_chain(name))):
+            found.setdefault(cause.name, cause)
+    return found
+
+
+def page() -> str:
+    """The text of docs/catalogue.md."""
+    every = causes()
+    parts = [HEAD]
+    for family, title in FAMILIES.items():
+        members = [cause for name, cause in every.items() if name.partition(".")[0] == family]
+        parts.append(f"\n## {title}\n")
+        parts += [_section(cause) for cause in members]
+    return "".join(parts)
+
+
+def _section(cause: Cause) -> str:
+    kind = "A number of the nominal model that is wrong." if cause.error else "An effect that the model lacks."
+    rows = [f"\n### {cause.name}\n\n{cause.sentence} *{kind}*\n"]
+    rows.append("\n| parameter | unit | lowest | highest |\n|---|---|---|---|\n")
+    bounds: dict[tuple[str, str], list[float]] = {}
+    for variant in cause.variants:
+        for number in variant:
+            factor = number.path.endswith("*")
+            key = (number.path.rstrip("*"), "factor" if factor else number.unit)
+            bounds.setdefault(key, []).extend((number.low, number.high))
+    rows += [f"| `{path}` | {unit} | {min(ends):.3g} | {max(ends):.3g} |\n" for (path, unit), ends in bounds.items()]
+    rows.append(f"\nNeeds: {_needs(cause.needs)}.")
+    if cause.refuted_by is not None:
+        rows.append(f" Refuted by: samples of `{cause.refuted_by.channel}` above the fitted limit.")
+    if cause.degenerates_to is not None:
+        rows.append(f" Cannot be told from `{cause.degenerates_to.cause}` where {cause.degenerates_to.where}.")
+    rows.append("\n")
+    picture = DOCS / "pictures" / "causes" / f"{cause.name}.png"
+    if picture.exists():
+        rows.append(f"\n![What shows {cause.name}](pictures/causes/{cause.name}.png){{.picture}}\n")
+    return "".join(rows)
+
+
+def _needs(needs: Needs) -> str:
+    found = [text for name, text in NEEDS.items() if getattr(needs, name)]
+    return "; ".join(found) if found else "any replay"
+
+
+if __name__ == "__main__":
+    PAGE.write_text(page(), encoding="utf-8")
+    print(f"Written: {PAGE}: {len(re.findall('^### ', page(), re.MULTILINE))} causes")
