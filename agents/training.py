@@ -223,12 +223,12 @@ class Session:
         for label, file in rows.items():
             if file.exists():
                 print(f"  {label:<12}{file}")
-        print(f"  {'TensorBoard':<12}.venv/bin/tensorboard --logdir {path}")
+        print(f"  {'TensorBoard':<12}tensorboard --logdir {path}")
 
     def _how_to_resume(self, what: str) -> str:
         found = checkpoints(self.run)
         where = f"the checkpoint at step {int(found[0].name)}" if found else "the start (there is no checkpoint yet)"
-        return f"{what}; go on from {where} with: .venv/bin/python train.py resume={self.run.path}"
+        return f"{what}; go on from {where} with: sealegs train resume={self.run.path}"
 
 
 def _new_learner(config: TrainConfig, actuator: Actuator) -> tuple[BaseAlgorithm, BatchVecEnv]:
@@ -283,8 +283,7 @@ def _disk_errors(run: RunFolder) -> Iterator[None]:
         found = checkpoints(run)
         safe = f"its checkpoint at step {int(found[0].name)} is complete" if found else "it has no checkpoint yet"
         raise SealegsError(
-            f"The disk of {run.path} is full; {safe}. Free some space and go on with: "
-            f".venv/bin/python train.py resume={run.path}"
+            f"The disk of {run.path} is full; {safe}. Free some space and go on with: sealegs train resume={run.path}"
         ) from error
     finally:
         threading.excepthook = previous

@@ -3,8 +3,8 @@
     python -m benchmarks.hexapod_open_parameters        about ten minutes
     python -m benchmarks.hexapod_open_parameters step   what the physics step does to the same figures
 
-Print the tables of docs/results/hexapod.md. Every row stands for 2 s with its motors at 0 V (LuGre, dry/viscous), and walks one
-cycle at 3 cm/s with the three joint frictions of Fig. 12, after a quarter of a cycle.
+Print the tables of docs/results/hexapod.md. Every row stands for 2 s with its motors at 0 V (LuGre, dry/viscous), and
+walks one cycle at 3 cm/s with the three joint frictions of Fig. 12, after a quarter of a cycle.
 """
 
 from __future__ import annotations

@@ -2,8 +2,8 @@
 
     python -m benchmarks.hopper_open_parameters
 
-Prints the tables of docs/results/hopper.md. Every row runs the same controller with and without actuator (8 s, the first 2 s
-left out).
+Prints the tables of docs/results/hopper.md. Every row runs the same controller with and without actuator (8 s, the
+first 2 s left out).
 """
 
 from __future__ import annotations

@@ -2,10 +2,14 @@
 
 from __future__ import annotations
 
+from pathlib import Path
+
 import gymnasium as gym
+import imageio.v2 as imageio
 import numpy as np
 import pytest
 import sealegs  # noqa: F401 registers
+from gymnasium.wrappers import RecordVideo
 from sealegs.actuators.errors import SealegsError
 from sealegs.envs.sb3 import BatchVecEnv
 from sealegs.envs.single import SingleEnv
@@ -72,3 +76,16 @@ def test_a_window_without_a_screen_is_refused_in_one_sentence(monkeypatch: pytes
     env = gym.make("SeaLegs/Bench-v0", render_mode="human", disable_env_checker=True)
     with pytest.raises(SealegsError, match="no screen"):
         env.reset(seed=0)
+
+
+@pytest.mark.rendering
+def test_gymnasiums_recorder_films_an_episode(tmp_path: Path) -> None:
+    env = gym.make("SeaLegs/Bench-v0", render_mode="rgb_array", width=64, height=48, max_episode_steps=5)
+    recorder = RecordVideo(env, str(tmp_path / "film"), episode_trigger=lambda episode: episode == 0)
+    recorder.reset(seed=0)
+    while not recorder.step(recorder.action_space.sample())[3]:
+        pass
+    recorder.close()
+    (film,) = (tmp_path / "film").glob("*.mp4")
+    frames = imageio.mimread(film)
+    assert len(frames) == 6 and frames[0].shape == (48, 64, 3)

@@ -247,7 +247,7 @@ def test_ctrl_c_saves_a_checkpoint_and_says_how_to_go_on(tmp_path: Path) -> None
     process.send_signal(signal.SIGINT)
     _, stderr = process.communicate(timeout=60)
     assert process.returncode == 130 and "Traceback" not in stderr
-    assert stderr.strip().splitlines()[-1].endswith(f"with: .venv/bin/python train.py resume={folder}")
+    assert stderr.strip().splitlines()[-1].endswith(f"with: sealegs train resume={folder}")
     assert len(steps(folder)) == 1
 
 

@@ -24,7 +24,7 @@ UP, UPRIGHT = 2, slice(3, 7)  # height and quaternion of the body in qpos
 
 @dataclass(frozen=True)
 class HexapodTask(ModulatedTask):
-    """Weights and ranges of the hexapod's task; the table in :class:`envs.hexapod.env.HexapodEnv` explains them."""
+    """Weights and ranges of the hexapod's task: the table in :class:`sealegs.envs.hexapod.env.HexapodEnv` has them."""
 
     speed: float | Sequence[float] = 0.03
     forward_weight: float = 1.0

@@ -18,7 +18,7 @@ FORWARD, UP = 0, 1  # qpos and qvel of the base
 
 @dataclass(frozen=True)
 class HopperTask(Task):
-    """Weights and ranges of the hopper's task; the table in :class:`envs.hopper.env.HopperEnv` explains them."""
+    """Weights and ranges of the hopper's task, as the table in :class:`sealegs.envs.hopper.env.HopperEnv` has them."""
 
     speed: float | Sequence[float] = 0.3
     forward_weight: float = 1.0

@@ -59,7 +59,7 @@ def main(arguments: list[str]) -> None:
     print(f"  Pictures     {out / 'diagnosis' / 'pictures'}")
     for name, folder in runs.items():
         print(f"  Film         {folder / 'video.mp4'}  ({name})")
-    print(f"  TensorBoard  .venv/bin/tensorboard --logdir {out}")
+    print(f"  TensorBoard  tensorboard --logdir {out}")
     print(f"  {time.monotonic() - started:.0f} s in all.")
 
 

@@ -52,7 +52,7 @@ def main(arguments: list[str]) -> None:
             pages[name] = compare(config, out, name, extended, machine, seed)
     except (Interrupted, KeyboardInterrupt) as stop:
         others = [argument for argument in arguments if not argument.startswith("out=")]
-        command = " ".join([".venv/bin/python loop.py", f"out={out}", *others])
+        command = " ".join(["sealegs loop", f"out={out}", *others])
         raise Interrupted(f"{str(stop) or 'Stopped.'} The loop goes on with: {command}") from stop
     tell(out, pages)
 
