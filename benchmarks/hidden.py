@@ -156,6 +156,17 @@ def run(case: Case, look_on: bool = False, **recording: Any) -> dict[str, Any]:
                 "parameters": {path: [v.value, v.low, v.high, v.nominal] for path, v in cause.parameters.items()},
             }
             for cause in found.causes
+        ]
+        + [
+            {
+                "name": error.name,
+                "kind": "data",
+                "share": 0.0,
+                "confidence": 1.0,
+                "rivals": [],
+                "parameters": {path: [v.value, v.low, v.high, v.nominal] for path, v in error.values.items()},
+            }
+            for error in found.data_errors
         ],
         "rounds": [] if found.search is None else [_margins(found.search, k) for k in range(len(found.search.rounds))],
         "record": None if found.search is None else to_dict(found.search.record),

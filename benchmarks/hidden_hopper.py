@@ -60,7 +60,7 @@ def run(case: Case) -> dict[str, Any]:
         "factors": truth["nominal_factors"],
         "seconds": seconds,
         "verdict": min((one.verdict for one in found), key=WORST_FIRST.index),
-        "joints": {one.joint: {"verdict": one.verdict, "sentence": one.sentence} for one in found},
+        "joints": {one.joint: {"verdict": one.verdict, "sentence": one.text} for one in found},
         "gap": {f"{one.joint}.{name}": error.rmse for one in found for name, error in one.gap.items()},
         "causes": [
             {

@@ -111,7 +111,7 @@ def summary(rows: Sequence[dict[str, Any]]) -> str:
     if absorbed := [row for row in alone if outcome(row) == "nothing"]:
         most = max(row["gap"]["extended"] / row["gap"]["noise_floor"] for row in absorbed)
         lines.append(
-            f"- where there was nothing to explain ({len(absorbed)}), the nominal model, its numbers re-tuned within "
+            f"- where there was nothing to explain ({len(absorbed)}), the nominal model, its numbers tuned within "
             f"their tolerance, is at most {most:.2f} noise floors from data that nothing was fitted to"
         )
     plain = [row for row in alone if kind(row) != "faint"]

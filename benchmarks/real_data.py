@@ -56,7 +56,7 @@ def held_out(data: MeasuredSet, gain: int) -> tuple[dict[str, Any], JointDiagnos
     row = {
         "gain": gain,
         "verdict": found.verdict,
-        "sentence": found.sentence,
+        "sentence": found.text,
         "mae": {name: float(np.mean([run[name] for run in runs.values()])) for name in found.simulated},
         "causes": [cause for cause in to_document(found)["causes"] if cause["kind"] != "data"],
         "published": PUBLISHED[gain],
@@ -92,14 +92,14 @@ def page(rows: list[dict[str, Any]]) -> str:
         "absolute position error on the gain that was held out, free runs from the first sample [mrad]. M1 to M6 were",
         "fitted to the same two gains with CMA-ES, best of three starts; which is best is known with hindsight only.",
         "",
-        "| held out | nominal | re-tuned | **extended** | best of M1 to M6 | " + " | ".join(names) + " | causes |",
+        "| held out | nominal | refitted | **extended** | best of M1 to M6 | " + " | ".join(names) + " | causes |",
         "|" + "---|" * (len(names) + 6),
     ]
     for row in rows:
         mae = row["mae"]
         causes = ", ".join(f"{c['name']} ({c['share']:.0%})" for c in row["causes"]) or "none"
         lines.append(
-            f"| gain {row['gain']} | {mae['nominal']:.1f} | {mae['retuned']:.1f} | **{mae['extended']:.1f}** | "
+            f"| gain {row['gain']} | {mae['nominal']:.1f} | {mae['refitted']:.1f} | **{mae['extended']:.1f}** | "
             f"{row['target']} | " + " | ".join(str(row["published"][name]) for name in names) + f" | {causes} |"
         )
     lines += [""]

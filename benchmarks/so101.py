@@ -77,7 +77,7 @@ def row(data: MeasuredSet, joint: str) -> dict[str, Any]:
         "causes": [cause for cause in document["causes"] if cause["kind"] != "data"],
         "drive": drive(found),
         "columns": {COLUMNS[f.code]: f.value for f in found.findings if f.data_error and f.code in COLUMNS},
-        "sentence": document["sentence"],
+        "sentence": found.text,
         "seconds": time.perf_counter() - began,
     }
 
@@ -88,17 +88,19 @@ def page(rows: list[dict[str, Any]]) -> str:
         "# SO-101 arm, joint by joint",
         "",
         "Written by `python -m benchmarks.so101`; do not edit. Mean absolute position error [mrad; gripper: 1/1000 of",
-        f"its opening] on windows that nothing was fitted to, of {ROWS:,} samples in all. Re-tuned: every number of",
+        f"its opening] on windows that nothing was fitted to, of {ROWS:,} samples in all. Refitted: every number of",
         "the nominal model may move up to fivefold, and no cause is added.",
         "",
-        "| joint | verdict | nominal | re-tuned | extended | causes (share of the gap, confidence) "
+        "| joint | verdict | nominal | refitted | extended | causes (share of the gap, confidence) "
         "| delay told from friction | wrong columns |",
         "|---|---|---|---|---|---|---|---|",
     ]
     for item in rows:
         causes = "; ".join(f"{c['name']} ({c['share']:.0%}, {c['confidence']:.2f})" for c in item["causes"]) or "-"
         columns = "; ".join(f"{words} {value:.3g}" if value else words for words, value in item["columns"].items())
-        errors = [f"{item['error'][name]:.1f}" if item["error"] else "-" for name in ("nominal", "retuned", "extended")]
+        errors = [
+            f"{item['error'][name]:.1f}" if item["error"] else "-" for name in ("nominal", "refitted", "extended")
+        ]
         apart = "-" if item["verdict"] == NOT_IDENTIFIABLE else told_apart(item["causes"])
         lines.append(
             f"| {item['joint']} | {item['verdict']} | {' | '.join(errors)} | {causes} | {apart} | {columns or '-'} |"

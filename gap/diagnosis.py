@@ -14,7 +14,8 @@ from ..actuators.errors import SealegsError
 from .log.finding import Finding
 from .log.types import MeasuredSet
 from .output.document import document_of, joints_of, read_document
-from .verdict.verdict import JointDiagnosis, NamedCause
+from .output.numbers import rounded, sureness, unit_of
+from .verdict.verdict import DataError, JointDiagnosis, NamedCause, Value
 
 if TYPE_CHECKING:
     from ..envs.extended import Extended
@@ -52,8 +53,13 @@ class Diagnosis:
 
     @property
     def causes(self) -> tuple[NamedCause, ...]:
-        """Named causes of all joints, the largest share first; errors of the log among them."""
+        """Named causes of all joints, the largest share first."""
         return tuple(sorted((c for joint in self.joints for c in joint.causes), key=lambda cause: -cause.share))
+
+    @property
+    def data_errors(self) -> tuple[DataError, ...]:
+        """Errors of the log, which are no causes: they have no share of the gap."""
+        return tuple(error for joint in self.joints for error in joint.data_errors)
 
     @property
     def findings(self) -> tuple[Finding, ...]:
@@ -146,13 +152,17 @@ class Diagnosis:
         )
         heads = "".join(f"<th>{head}</th>" for head in ("cause", "joint", "confidence", "number", "value", "95 %"))
         table = f"<table><thead><tr>{heads}</tr></thead><tbody>{rows}</tbody></table>" if rows else ""
-        return f"<div><p><b>{escape(self.verdict)}</b>: {escape(self.sentence)}</p>{table}</div>"
+        faults = "".join(f"<p>Error of the log: {escape(error.sentence)}</p>" for error in self.data_errors)
+        return f"<div><p><b>{escape(self.verdict)}</b>: {escape(self.sentence)}</p>{faults}{table}</div>"
 
 
 def _rows(cause: NamedCause) -> list[tuple[str, ...]]:
-    first = (cause.name, cause.joint, f"{cause.confidence:.2f}")
-    numbers = [
-        (path, f"{v.value:.4g} {v.unit if v.unit != '1' else ''}".strip(), f"{v.low:.4g} to {v.high:.4g}")
-        for path, v in cause.parameters.items()
-    ] or [("", "", "")]
+    first = (cause.name, cause.joint, sureness(cause.confidence))
+    numbers = [(path, *_size(value)) for path, value in cause.parameters.items()] or [("", "", "")]
     return [(*(first if k == 0 else ("", "", "")), *number) for k, number in enumerate(numbers)]
+
+
+def _size(value: Value) -> tuple[str, str]:
+    """A value with its unit, and its interval, as exact as the interval is."""
+    found, low, high = rounded(value)
+    return f"{found} {unit_of(value)}".strip(), f"{low} to {high}"

@@ -7,7 +7,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from sealegs.actuators.chain import load_chain
-from sealegs.gap.causes.catalogue import retunable
+from sealegs.gap.causes.catalogue import adjustable
 from sealegs.gap.log.parts import cut
 from sealegs.gap.replay.joint_model import JointModel
 from sealegs.gap.replay.problem import Problem, converged, lay_out
@@ -34,7 +34,7 @@ def test_columns_that_a_drive_holds_for_a_quarter_of_a_millisecond_are_not_taken
     bare, factors = recorded(POSITION)
     problem = weigh_channels(converged(bare))
     assert problem.weight[problem.channels.index("duty")] > 0.0
-    found = fit(problem, retunable(problem.models[0]))
+    found = fit(problem, adjustable(problem.models[0]))
     believed = problem.models[0].value("delay.seconds")
     assert abs(found.values["delay.seconds*"] - factors["command_delay"]) * believed < 1e-4
     assert structure(problem, found.simulated).level < NOTICED

@@ -156,14 +156,15 @@ def test_a_torque_column_of_the_other_side_of_the_gear_is_named(factor: float, s
 def test_a_diagnosis_names_the_data_error_and_no_physics(name: str, size: float) -> None:
     (found,) = diagnose(planted(name, size, seed=2))
     # one entry per column that is wrong
-    assert {(cause.name, cause.kind) for cause in found.causes} == {(ERRORS[name][3], "data")}, found.sentence
+    assert {error.name for error in found.data_errors} == {ERRORS[name][3]}, found.text
+    assert found.causes == (), "an error of the log is no cause of the gap"
     assert found.verdict in (EXPLAINED, NOTHING)
-    assert found.sentence.startswith("The log is wrong")
+    assert found.reasons[0].sentence.startswith("The log is wrong")
 
 
 def test_a_late_torque_column_is_named_by_the_diagnosis_and_no_physics() -> None:
     (found,) = diagnose(with_torque(1, delay=0.012))
-    assert [(cause.name, cause.kind) for cause in found.causes] == [("sensor.delay", "data")], found.sentence
+    assert [error.name for error in found.data_errors] == ["sensor.delay"] and not found.causes, found.text
 
 
 def test_a_machine_whose_both_encoders_are_in_degrees_and_backwards_is_mended() -> None:

@@ -59,10 +59,10 @@ def test_names_the_hidden_effect_with_its_size(diagnosis: Path) -> None:
     assert value["unit"] == "1"
     gap = found["gap"]
     assert gap["signal"] == "servo.position"
-    assert gap["extended"]["rmse"] < 1.3 * gap["noise_floor"]["rmse"] < gap["retuned"]["rmse"] < gap["nominal"]["rmse"]
+    assert gap["extended"]["rmse"] < 1.3 * gap["noise_floor"]["rmse"] < gap["refitted"]["rmse"] < gap["nominal"]["rmse"]
     assert 0.0 <= found["unexplained"] < 0.1
     explained = sum(cause["share"] for cause in found["causes"])
-    assert 0.4 < explained < 1.0 - found["unexplained"], "the rest is what re-tuned numbers close"
+    assert 0.4 < explained < 1.0 - found["unexplained"], "the rest is what tuned numbers close"
 
 
 def test_the_engine_confirms_what_the_search_found(diagnosis: Path) -> None:
@@ -256,7 +256,7 @@ def test_xl330_loses_torque_under_load(tmp_path: Path) -> None:
     convert_xl330(DATA / "xl330_pendulum", tmp_path)
     (found,) = diagnose(read_measured(tmp_path), test_group="kp400", causes=near)
     assert found.causes[0].name == "friction.load_dependent"
-    assert found.gap["extended"].mae < 0.67 * found.gap["retuned"].mae
+    assert found.gap["extended"].mae < 0.67 * found.gap["refitted"].mae
     assert found.gap["extended"].mae < 0.05  # [rad]; the published models M1 to M6 reach 34 to 71 mrad
     joint = found.problem.models[0].with_fitted(found.values)  # type: ignore[union-attr]
     assert max(joint.chain.value(f"friction.{form}") for form in ("load", "load_quadratic")) > 0.0

@@ -140,7 +140,7 @@ def test_a_log_that_cannot_tell_says_which_column_would() -> None:
     for chain, column in ((nominal_hopper_chain(), "link_position"), (RIGID, "duty")):
         for found in diagnose(bare(data, chain, ())):
             assert found.verdict == NOT_IDENTIFIABLE
-        assert column in diagnose(bare(data, chain, ()))[0].sentence
+        assert column in diagnose(bare(data, chain, ()))[0].text
 
 
 def test_a_rigid_joint_is_judged_by_what_it_asks_of_its_drive() -> None:

@@ -32,7 +32,7 @@ def document(name: str, cause: str | None, value: float = 0.0) -> dict:
     causes = [] if cause is None else [
         {"name": cause, "joint": "servo", "kind": "effect", "share": 0.9, "confidence": 0.95, "parameters": parameters}
     ]  # fmt: skip
-    gap = {key: {"rmse": 0.01, "mae": 0.008} for key in ("nominal", "retuned", "extended", "noise_floor")}
+    gap = {key: {"rmse": 0.01, "mae": 0.008} for key in ("nominal", "refitted", "extended", "noise_floor")}
     verdict = "explained" if cause else "nothing to explain"
     return {"joint": "servo", "verdict": verdict, "sentence": f"{name}: {verdict}.", "gap": gap, "causes": causes}
 

@@ -129,7 +129,7 @@ def test_the_findings_of_the_whole_log_reach_the_verdict(monkeypatch: pytest.Mon
     data, _ = hidden_bench({}, 1, runs=1, duration=2.0)
     jumps = Finding("position.spikes", "error", "servo", "servo.position", "The position jumps.", data_error=True)
     (found,) = diagnose(replace(data, findings=(jumps,)))
-    assert found.verdict == UNUSABLE and "jumps" in found.sentence
+    assert found.verdict == UNUSABLE and "jumps" in found.text
 
 
 def test_chosen_windows_leave_no_kind_out() -> None:

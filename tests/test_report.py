@@ -16,9 +16,9 @@ import pytest
 from sealegs.gap.experiment import Experiment
 from sealegs.gap.log.finding import Finding
 from sealegs.gap.log.types import MeasuredSet
+from sealegs.gap.output.numbers import GLUE, rounded
 from sealegs.gap.output.report import write_report
-from sealegs.gap.output.report.view import number
-from sealegs.gap.verdict.verdict import UNUSABLE, Error, JointDiagnosis, NamedCause, Value
+from sealegs.gap.verdict.verdict import UNUSABLE, DataError, Error, JointDiagnosis, NamedCause, Value
 
 from tests.small_diagnosis import small_diagnosis
 
@@ -62,17 +62,18 @@ def rich(small: tuple[JointDiagnosis, MeasuredSet]) -> list[JointDiagnosis]:
         experiment=proposal,
         findings=notes,
         causes=(rival, *found.causes[1:]),
+        data_errors=(DataError("column.stuck", "column.stuck", "The battery sags.", "warning", "elbow"),),
         rivals=({"of": rival.name, "names": [rival.name, "friction.stribeck"], "confidence": 0.5},),
     )
     value = Value(0.009, 0.008, 0.010, "s", 0.0)
     late = NamedCause(
         "sensor.delay", "The torque column lags.", "motor", 0.4, 0.99, {"torque.delay": value}, 0.3, "data", "response"
     )
-    gap = {"nominal": 0.5, "retuned": 0.2, "extended": 0.1, "noise_floor": 0.02}
+    gap = {"nominal": 0.5, "refitted": 0.2, "extended": 0.1, "noise_floor": 0.02}
     driven = JointDiagnosis(
         "motor", "partly explained", "The torque column lags.", "motor.torque", "N.m",
         {name: Error(rmse, 0.8 * rmse) for name, rmse in gap.items()}, (late,), 0.1, (), None, (),
-        retuned={"inertia [kg.m2]": 0.15},
+        tuned={"inertia [kg.m2]": 0.15},
     )  # fmt: skip
     broken = JointDiagnosis(
         "wrist",
@@ -151,12 +152,12 @@ def test_headings_step_down_one_level_at_a_time(rich_page: Path) -> None:
 def test_says_verdict_cause_interval_and_what_changes(small: tuple[JointDiagnosis, MeasuredSet], page: Path) -> None:
     found, data = small
     text = Outline(page.read_text(encoding="utf-8")).text
-    assert found.sentence in text
-    value = found.causes[0].parameters["friction.load"]
-    assert f"{number(value.low)} to {number(value.high)}" in text
+    assert found.sentence in text.replace(GLUE, " ")
+    _, low, high = rounded(found.causes[0].parameters["friction.load"])
+    assert f"{low} to {high}" in text
     for run in data.runs:
         assert run.name in text
-    for said in ("friction.load_dependent", "re-tuned within its tolerance", "Plain MuJoCo does not simulate"):
+    for said in ("friction.load_dependent", "tuned within its tolerance", "Plain MuJoCo does not simulate"):
         assert said in text
 
 
@@ -165,6 +166,7 @@ def test_shows_rivals_experiment_findings_and_data_errors(rich_page: Path) -> No
     text = Outline(html).text
     assert "friction.stribeck" in text
     assert "Run 'chirp'." in text
+    assert "The battery sags." in text
     assert "The velocity is 0.93 times the <derivative>." in text
     assert "The log cannot be used: time runs backwards." in text
     assert 'download="next_experiment.csv"' in html
@@ -201,6 +203,10 @@ def browser() -> Iterator[Any]:
         chromium.close()
 
 
+UNFOLD = "document.querySelectorAll('details').forEach(part => part.open = true)"
+FOLD = UNFOLD.replace("true", "false")
+
+
 @dataclass
 class Opened:
     """A page in the browser, and everything it complained about or asked for."""
@@ -219,6 +225,7 @@ def opened(browser: Any, path: Path, width: int, height: int = 900) -> Opened:
         lambda request: None if request.url.startswith(("file:", "data:")) else complaints.append(request.url),
     )
     tab.goto(path.as_uri())
+    tab.evaluate(UNFOLD)
     tab.wait_for_function(
         "[...document.querySelectorAll('.plotly-graph-div')].every(plot => plot.querySelector('svg.main-svg'))"
     )
@@ -245,17 +252,34 @@ def test_every_figure_is_drawn_without_complaint(
 @pytest.mark.parametrize("name", ["page", "rich_page"])
 def test_a_phone_never_scrolls_sideways(browser: Any, name: str, request: pytest.FixtureRequest) -> None:
     view = opened(browser, request.getfixturevalue(name), 390, 844)
-    view.tab.evaluate("document.querySelectorAll('details').forEach(part => part.open = true)")
     assert view.tab.evaluate("document.documentElement.scrollWidth") <= 390
     size = view.tab.evaluate("parseFloat(getComputedStyle(document.querySelector('.lead')).fontSize)")
     assert size >= 16.0
     view.tab.close()
 
 
-def test_the_verdict_is_seen_without_scrolling(browser: Any, page: Path) -> None:
+@pytest.mark.parametrize(("width", "height"), [(1280, 900), (390, 844)])
+def test_sentence_and_causes_are_seen_without_scrolling(browser: Any, page: Path, width: int, height: int) -> None:
+    view = opened(browser, page, width, height)
+    view.tab.evaluate(FOLD)
+    for part in (".lead", ".causes"):
+        box = view.tab.query_selector(part).bounding_box()
+        assert box["y"] + box["height"] < height, part
+    view.tab.close()
+
+
+def test_what_is_read_first_stands_first(rich_page: Path) -> None:
+    text = Outline(rich_page.read_text(encoding="utf-8")).text
+    order = [
+        text.index(part) for part in ("Errors of the log", "Share of the gap", "Next experiment", "Why this verdict")
+    ]
+    assert order == sorted(order)
+
+
+def test_everything_else_is_folded(browser: Any, page: Path) -> None:
     view = opened(browser, page, 390, 844)
-    box = view.tab.query_selector(".lead").bounding_box()
-    assert box["y"] + box["height"] < 844
+    view.tab.evaluate(FOLD)
+    assert view.tab.evaluate("document.documentElement.scrollHeight") < 3 * 844
     view.tab.close()
 
 

@@ -93,7 +93,7 @@ def test_empty_torque_cells_change_little() -> None:
     torque[900:1100] = np.nan
     found = diagnose_torque([with_torque(RUNS[0], torque), RUNS[1]], "servo", ())
     assert all(np.isfinite([error.rmse, error.mae]).all() for error in found.gap.values())
-    assert np.isfinite(found.unexplained) and "nan" not in found.sentence
+    assert np.isfinite(found.unexplained) and "nan" not in found.text
     assert delay_of(found)[0] == pytest.approx(whole[0], abs=SYSTEMATIC)
 
 
@@ -119,7 +119,7 @@ def test_nothing_that_is_found_depends_on_a_group_kept_for_the_test() -> None:
     last = (swung("c", 0.010, 3), swung("c", 0.025, 3))
     one, two = (diagnose(MeasuredSet((*RUNS, kept), "three"), "c")[0] for kept in last)
     assert one.causes[0].parameters == two.causes[0].parameters
-    assert one.retuned == two.retuned
+    assert one.tuned == two.tuned
     assert one.gap["extended"] != two.gap["extended"]
 
 

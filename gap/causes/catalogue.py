@@ -53,14 +53,14 @@ def checked(names: Sequence[str] | None) -> Collection[str]:
     return known if names is None else names
 
 
-def retunable(nominal: JointModel, width: float = TIGHT) -> list[Parameter]:
+def adjustable(nominal: JointModel, width: float = TIGHT) -> list[Parameter]:
     """Numbers that the nominal model has and that nobody knows exactly, as factors within ``1 +- width``, and those
     that nobody measured, within their own bounds.
     """
     low, high = 1.0 / (1.0 + width), 1.0 + width
     unknown = {parameter.number for parameter in nominal.unknown}
     found = []
-    for stage, keys in RETUNABLE.items():
+    for stage, keys in ADJUSTABLE.items():
         if nominal.chain.find(stage) is not None:
             found += [
                 factor(f"{stage}.{key}", low, high, 0.05, DIFFERENCES.get(f"{stage}.{key}", 0.4))
@@ -70,7 +70,7 @@ def retunable(nominal: JointModel, width: float = TIGHT) -> list[Parameter]:
     return [*found, *nominal.unknown]
 
 
-RETUNABLE: dict[str, tuple[str, ...]] = {
+ADJUSTABLE: dict[str, tuple[str, ...]] = {
     "delay": ("seconds",),
     "dc_motor": ("motor_constant", "resistance", "armature"),
     "regression": ("armature",),

@@ -6,7 +6,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from ..causes.catalogue import catalogue, retunable
+from ..causes.catalogue import adjustable, catalogue
 from ..log.parts import FIT_A, FIT_B, Unit
 from ..log.types import MeasuredRun
 from ..replay.joint_model import JointModel
@@ -21,7 +21,7 @@ ASSUMED_NOISE = 5e-4  # [rad] of an encoder whose log never moves: a tick of 409
 
 
 def unseen(problem: Problem, search: Search) -> tuple[str, ...]:
-    """Causes of the catalogue which, at a plausible size, the log would hardly show beside what may be re-tuned."""
+    """Causes of the catalogue which, at a plausible size, the log would hardly show beside what may be tuned."""
     none, *causes = everything(problem, search)
     old = thinned(problem.part(FIT_A, FIT_B))
     nothing = predict(old, none)
@@ -52,5 +52,5 @@ def experiment_for_still(
     problem = lay_out(runs[:1], joint, models[:1], units, {"position": 1.0 / ASSUMED_NOISE})
     start = Fit({}, np.empty((0, 4)), 0.0)
     considered = tuple(catalogue(models[0], causes))
-    search = Search(tuple(retunable(models[0])), (), (), np.ones(1), (start, start), considered)
+    search = Search(tuple(adjustable(models[0])), (), (), np.ones(1), (start, start), considered)
     return propose(problem, search, limits, seed, blind=True)

@@ -2,7 +2,7 @@
 
 Each hypothesis (a rival, or any cause of the catalogue where the log shows none) predicts the new measurement. What
 counts is how far two predictions differ after each of them was allowed to fit the other as well as it can, with all
-that may be re-tuned beside it, on the old log and the new measurement together: a difference that a little more
+that may be tuned beside it, on the old log and the new measurement together: a difference that a little more
 friction would hide tells nothing apart.
 """
 

@@ -30,7 +30,7 @@ class Row:
         folder: of the data set.
         verdict, sentence: of the diagnosis; :data:`FAILED` and why where there is none.
         gap: error by model, as in ``diagnosis.json``.
-        causes: as in ``diagnosis.json``.
+        causes: as in ``diagnosis.json``, errors of the log behind them.
     """
 
     servo: str
@@ -105,10 +105,16 @@ def rows_of(outcomes: Sequence[Outcome]) -> list[Row]:
         joints = outcome.document.get("joints") or [outcome.document]
         for joint in joints:
             name = outcome.name if len(joints) == 1 else f"{outcome.name}/{joint['joint']}"
+            faults = [_fault(error) for error in joint.get("data_errors", ())]  # version 1 has them among the causes
             rows.append(
-                Row(name, outcome.name, joint["verdict"], joint["sentence"], joint["gap"], tuple(joint["causes"]))
+                Row(name, outcome.name, joint["verdict"], joint["sentence"], joint["gap"], (*joint["causes"], *faults))
             )
     return rows
+
+
+def _fault(error: Mapping[str, Any]) -> dict[str, Any]:
+    """An error of the log, as a row of the table has it: it may be shared like a cause, and has no share of a gap."""
+    return {"name": error["name"], "kind": "data", "share": 0.0, "confidence": "", "parameters": error["values"]}
 
 
 def shared_causes(rows: Sequence[Row]) -> list[Shared]:

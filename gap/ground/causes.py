@@ -14,7 +14,7 @@ from .leg_replay import STEP
 HEIGHT = 3e-3  # [m] how well the zero of the height is known
 SHORTEST = 2.0 * STEP  # [s] the engine takes no shorter time constant for a step
 TIME = 3.0  # factor on the time constant of the engine's contact, which stands for no number of the machine
-HARD = 2e4  # [N/m] below which that contact is not made by re-tuning: it would do a soft ground's work unnamed
+HARD = 2e4  # [N/m] below which that contact is not made by tuning: it would do a soft ground's work unnamed
 
 
 def contact_causes(nominal: LegModel, names: Sequence[str] | None = None) -> list[Cause]:
@@ -57,7 +57,7 @@ def contact_causes(nominal: LegModel, names: Sequence[str] | None = None) -> lis
 
 
 def ground_numbers(nominal: LegModel) -> list[Parameter]:
-    """What every fit re-tunes: no finding, as long as it stays within these bounds."""
+    """What every fit tunes: no finding, as long as it stays within these bounds."""
     shortest = SHORTEST / nominal.value("contact.time")
     longest = min(max(math.sqrt(nominal.engine_stiffness() / HARD), 1.0), TIME)
     return [

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import replace
+from dataclasses import dataclass
 
 import numpy as np
 
@@ -15,8 +15,7 @@ from ..log.types import LogError, MeasuredRun
 from ..replay.parameters import Parameter, numbers
 from ..search.fit import fit
 from ..search.forward import Searcher
-from ..verdict.diagnosis import conclude
-from ..verdict.verdict import NOT_IDENTIFIABLE, JointDiagnosis
+from ..search.result import Search
 from .causes import contact_causes, ground_numbers
 from .leg_model import LegModel
 from .leg_problem import LegProblem, leg_problem
@@ -34,34 +33,73 @@ PLAUSIBLE = {  # sizes at which a cause ought to show, or finding none of it mea
 VISIBLE = 0.1  # mean squared change of the errors, in parts of the noise, from which an effect shows
 
 
-def diagnose_ground(
+@dataclass(frozen=True, eq=False)
+class GroundSearch:
+    """What a search of the ground under a leg found.
+
+    Attributes:
+        problem: the stances.
+        search: of the contact causes.
+        numbers: of the ground, tuned and refitted alike.
+        noise: of the columns.
+    """
+
+    problem: LegProblem
+    search: Search
+    numbers: tuple[Parameter, ...]
+    noise: np.ndarray
+
+    def findings(self, values: Mapping[str, float], *, complete: bool) -> list[Finding]:
+        """What these stances would not show beside the parameters that were found.
+
+        Args:
+            values: of the extended leg.
+            complete: whether the actuator of every joint was diagnosed.
+        """
+        found = _blind(self.problem, values, np.isfinite(self.noise))
+        if not complete:
+            found.append(
+                Finding(
+                    "contact.joints", "warning", GROUND, None,
+                    "Not every joint could be diagnosed, so errors of its actuator may look like the ground.",
+                )
+            )  # fmt: skip
+        return found
+
+
+def search_ground(
     runs: Sequence[MeasuredRun],
-    joints: Sequence[JointDiagnosis],
+    chains: Mapping[str, Chain],
     seed: int,
     progress: Callable[[str], None],
     test_group: str | None = None,
     causes: Sequence[str] | None = None,
-) -> JointDiagnosis:
-    """Diagnose the ground under a leg whose joints have been diagnosed.
+) -> GroundSearch | str:
+    """Seek contact causes under a leg, on top of what its joints were found to be.
 
     Args:
         runs: of one machine.
-        joints: their diagnoses; the ground is sought with the actuators as these found them.
+        chains: of the joints that were diagnosed, as found; of the others the sidecar is believed.
         seed: of all resampling.
         progress: is told what goes on.
         test_group: group of runs that no fit and no choice may see.
         causes: names of those to consider; default: all of the ground's.
+
+    Returns:
+        The search, or a sentence that says why the log shows nothing of the ground.
 
     Raises:
         SealegsError: the sidecar's numbers are none of the robot's, or the test group does not exist.
     """
     held = held_out(runs, test_group)
     if not all(np.isfinite(run.base.get("z", np.nan)).any() for run in runs):
-        return _unknown("the height of the base was not logged; record it as base.z (a boom encoder or a camera).")
+        return "the height of the base was not logged; record it as base.z (a boom encoder or a camera)."
     if any(dict(run.robot_params) != dict(runs[0].robot_params) for run in runs):
-        return _unknown("the runs are of legs with different robot_params; diagnose them apart.")
+        return "the runs are of legs with different robot_params; diagnose them apart."
     try:
-        leg = LegModel.of(runs[0].robot_params, {name: _chain(runs[0], joints, name) for name in JOINTS})
+        leg = LegModel.of(
+            runs[0].robot_params, {name: chains.get(name) or load_chain(runs[0].actuators[name]) for name in JOINTS}
+        )
     except SealegsError as error:
         raise LogError(f"{runs[0].name}: {error}") from None
     hidden = [
@@ -69,18 +107,18 @@ def diagnose_ground(
     ]
     if hidden:
         columns = " and ".join(f"{name}.link_position" for name in hidden)
-        return _unknown(f"the links behind the springs were not logged; record {columns}.")
+        return f"the links behind the springs were not logged; record {columns}."
     progress("looking for stances")
     noise = column_noise(runs)
     stances = find_stances(runs, leg, noise)
     if len(stances) < FEWEST:
-        return _unknown(
+        return (
             f"the leg left the ground {len(stances)} times for long enough, and {FEWEST} stances are needed; "
             "let it hop for longer."
         )
     tested = sum(stance.run in held for stance in stances)
     if held and (tested < FEWEST // 3 or len(stances) - tested < FEWEST - FEWEST // 3):
-        return _unknown(
+        return (
             f"of {len(stances)} stances {tested} are in the group '{test_group}'; {FEWEST // 3} are needed there to "
             f"test on and {FEWEST - FEWEST // 3} in the others to fit on."
         )
@@ -89,16 +127,7 @@ def diagnose_ground(
     tuned = tuple(ground_numbers(leg))
     problem = problem.weighed(_pilot(problem, leg, tuned))
     search = Searcher(problem, progress, seed, contact_causes(leg, causes), tuned).run()
-    progress("measuring the gain on stances that nothing has seen")
-    found = conclude(problem, search, GROUND, (), seed, tuned)
-    found = replace(found, findings=(*_blind(problem, found.values, np.isfinite(noise)),))
-    if any(joint.problem is None for joint in joints):
-        note = Finding(
-            "contact.joints", "warning", GROUND, None,
-            "Not every joint could be diagnosed, so errors of its actuator may look like the ground.",
-        )  # fmt: skip
-        found = replace(found, findings=(*found.findings, note))
-    return found
+    return GroundSearch(problem, search, tuned, noise)
 
 
 def _pilot(problem: LegProblem, leg: LegModel, tuned: Sequence[Parameter]) -> dict[str, float]:
@@ -106,14 +135,6 @@ def _pilot(problem: LegProblem, leg: LegModel, tuned: Sequence[Parameter]) -> di
     every = [parameter for cause in contact_causes(leg) for parameter in cause.variants[0]]
     believed = {p.path: min(p.neutral(leg), p.high) for p in every}
     return fit(problem.part(FIT_A, FIT_B), [*tuned, *every], believed, PILOT).values
-
-
-def _chain(run: MeasuredRun, joints: Sequence[JointDiagnosis], name: str) -> Chain:
-    """The chain of a joint as its diagnosis left it, or as the sidecar believes it to be."""
-    found = next((joint for joint in joints if joint.joint == name), None)
-    if found is not None and found.problem is not None:
-        return found.problem.models[0].with_fitted(found.values).chain
-    return load_chain(run.actuators[name])
 
 
 def _blind(problem: LegProblem, values: Mapping[str, float], logged: np.ndarray) -> list[Finding]:
@@ -142,8 +163,3 @@ def _blind(problem: LegProblem, values: Mapping[str, float], logged: np.ndarray)
             )
         )  # fmt: skip
     return found
-
-
-def _unknown(reason: str) -> JointDiagnosis:
-    sentence = f"Nothing can be said about the ground: {reason}"
-    return JointDiagnosis(GROUND, NOT_IDENTIFIABLE, sentence, "base.z", "m", {}, (), 0.0, (), None, ())

@@ -9,7 +9,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
-from typing import Any, ClassVar
+from typing import Any, ClassVar, Literal
 
 import numpy as np
 
@@ -45,6 +45,7 @@ class LegProblem(Problem):
     whitening: tuple[np.ndarray, ...] = ()
     correction: tuple[np.ndarray, ...] = ()
 
+    kind: ClassVar[Literal["free", "driven", "ground"]] = "ground"
     sampled: ClassVar[tuple[int, ...]] = (0, 1, 2, 3)
     averaged: ClassVar[tuple[int, ...]] = ()
     flat: ClassVar[tuple[str, ...]] = FLAT
@@ -66,6 +67,10 @@ class LegProblem(Problem):
     def beyond_noise(self, simulated: np.ndarray) -> float | None:
         """Loss per judged value beyond that of noise, whose size is known with a margin."""
         return float(robust_loss(self.residual(simulated[None])[0]).mean()) - FLOOR
+
+    def chain(self, values: Mapping[str, float]) -> None:
+        """None: a leg on the ground has a chain for each of its joints."""
+        del values
 
     def doubt(self, path: str) -> float:
         """Two right models of contact agree on the slope, and only roughly on what the ground does with a force."""

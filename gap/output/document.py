@@ -14,12 +14,12 @@ import numpy as np
 from ...actuators.errors import SealegsError
 from ..experiment import Experiment, read_goals
 from ..log.finding import Finding
-from ..replay.joint_model import JointModel
 from ..search.structure import Structure
-from ..verdict.verdict import Error, JointDiagnosis, NamedCause, Value
+from ..verdict.decide import overall as overall_verdict
+from ..verdict.verdict import DataError, Error, JointDiagnosis, NamedCause, Reason, Value
 from .extension import changes, not_native
 
-VERSION = 1
+VERSION = 2  # 1 had errors of the log among the causes, and `retuned` for both `gap.refitted` and `tuned`
 FILE = "diagnosis.json"
 T = TypeVar("T")
 
@@ -30,11 +30,10 @@ def document_of(diagnoses: Sequence[JointDiagnosis], name: str, runs: Sequence[s
     for diagnosis in diagnoses:
         document = to_document(diagnosis)
         if diagnosis.problem is not None:
-            nominal = diagnosis.problem.models[0]
-            of_joint = isinstance(nominal, JointModel)
+            chain = diagnosis.problem.chain(diagnosis.values)
             document["extension"] = {
                 "changes": changes(diagnosis),
-                "not_native": not_native(nominal.with_fitted(diagnosis.values).chain) if of_joint else [],
+                "not_native": [] if chain is None else not_native(chain),
             }
         documents.append(document)
     return plain(whole(documents, name, runs))
@@ -53,12 +52,15 @@ def to_document(diagnosis: JointDiagnosis) -> dict[str, Any]:
         "joint": diagnosis.joint,
         "verdict": diagnosis.verdict,
         "sentence": diagnosis.sentence,
+        "reasons": [asdict(reason) for reason in diagnosis.reasons],
         "gap": {
             "signal": diagnosis.signal,
             "unit": diagnosis.unit,
             **{name: {"rmse": error.rmse, "mae": error.mae} for name, error in diagnosis.gap.items()},
         },
+        "data_errors": [asdict(error) for error in diagnosis.data_errors],
         "causes": [_cause(cause) for cause in diagnosis.causes],
+        "tuned_share": diagnosis.tuned_share,
         "unexplained": diagnosis.unexplained,
         "structure": None
         if (rest := diagnosis.structure) is None
@@ -75,7 +77,7 @@ def to_document(diagnosis: JointDiagnosis) -> dict[str, Any]:
             "rivals": list(experiment.rivals),
             "table": experiment.table,
         },
-        "retuned": diagnosis.retuned,
+        "tuned": diagnosis.tuned,
         "findings": [asdict(finding) for finding in diagnosis.findings],
     }
 
@@ -96,15 +98,16 @@ def _cause(cause: NamedCause) -> dict[str, Any]:
 
 def overall(documents: Sequence[dict[str, Any]]) -> dict[str, Any]:
     """Verdict over several joints: the worst-understood joint speaks for the machine."""
-    order = ("unusable log", "not identifiable", "partly explained", "explained", "nothing to explain")
-    worst = min(documents, key=lambda document: order.index(document["verdict"]))
+    worst = documents[overall_verdict([document["verdict"] for document in documents])]
     causes = sorted(
         (cause for document in documents for cause in document["causes"]), key=lambda cause: -cause["share"]
     )
     return {
         "verdict": worst["verdict"],
-        "sentence": " ".join(document["sentence"] for document in documents),
+        "sentence": worst["sentence"],
+        "reasons": worst["reasons"],
         "gap": worst["gap"],
+        "data_errors": [error for document in documents for error in document["data_errors"]],
         "causes": causes,
         "unexplained": worst["unexplained"],
         "rivals": [rival for document in documents for rival in document["rivals"]],
@@ -178,6 +181,11 @@ def _joint(row: Mapping[str, Any], folder: Path) -> JointDiagnosis:
                 rivals=tuple(cause["rivals"]),
             )
             for cause in row["causes"]
+        ),
+        reasons=tuple(_made(Reason, reason) for reason in row["reasons"]),
+        data_errors=tuple(
+            _made(DataError, error, values={path: _made(Value, value) for path, value in error["values"].items()})
+            for error in row["data_errors"]
         ),
         rivals=tuple(row["rivals"]),
         experiment=_experiment(row.get("next_experiment"), folder),

@@ -20,7 +20,7 @@ from .mjcf import native_mjcf, not_native
 
 __all__ = ["changes", "extended_of", "not_native", "write_extended", "write_extension"]
 
-RETUNED = "re-tuned within its tolerance"
+TUNED = "tuned within its tolerance"
 OWNERS: dict[Target, Owner] = {
     Target.STAGE: "chain",
     Target.GEAR: "chain",
@@ -36,7 +36,7 @@ HEIGHT = "contact.height"
 
 
 def changes(diagnosis: JointDiagnosis) -> list[dict[str, Any]]:
-    """What the extended model changes: path, value before and after, and the cause (or ``re-tuned``) behind it."""
+    """What the extended model changes: path, value before and after, and the cause, or the tolerance, behind it."""
     if diagnosis.problem is None or diagnosis.search is None:
         return []
     nominal = diagnosis.problem.models[0]
@@ -46,8 +46,8 @@ def changes(diagnosis: JointDiagnosis) -> list[dict[str, Any]]:
         at = address(path)
         before = nominal.value(at.number)
         after = value * before if at.factor else value
-        rows.append({"path": at.number, "from": float(before), "to": float(after), "why": owner.get(path, RETUNED)})
-    return sorted(rows, key=lambda row: row["why"] == RETUNED)
+        rows.append({"path": at.number, "from": float(before), "to": float(after), "why": owner.get(path, TUNED)})
+    return sorted(rows, key=lambda row: row["why"] == TUNED)
 
 
 def extended_of(diagnoses: Sequence[JointDiagnosis], data: MeasuredSet) -> Extended | None:
@@ -61,7 +61,7 @@ def extended_of(diagnoses: Sequence[JointDiagnosis], data: MeasuredSet) -> Exten
         if variants := _chains(diagnosis, data.runs, prefix):
             chains[diagnosis.joint] = variants
         for row in changes(diagnosis):
-            cause = "" if row["why"] == RETUNED else row["why"]
+            cause = "" if row["why"] == TUNED else row["why"]
             found.append(Change(diagnosis.joint, row["path"], row["from"], row["to"], cause, _owner(row["path"])))
         if diagnosis.problem is not None:
             believed += [dict(params) for params in diagnosis.problem.params if params]
@@ -151,7 +151,7 @@ def write_extension(
         Paths by ``chain`` and ``mjcf`` (of the first chain), and ``chain.<n>`` for further ones.
     """
     written: dict[str, Path] = {}
-    named = ", ".join(cause.name for cause in diagnosis.causes if cause.kind != "data") or "nothing named"
+    named = ", ".join(cause.name for cause in diagnosis.causes) or "nothing named"
     lines = [f"# Extended chain of joint '{diagnosis.joint}': {named}. Against the nominal model:"]
     lines += [f"#   {row['path']}: {row['from']:.5g} -> {row['to']:.5g} ({row['why']})" for row in changes(diagnosis)]
     lines.append(

@@ -13,7 +13,6 @@ import numpy as np
 from ...actuators.extras import missing_package
 from ..experiment import write_experiment
 from ..ground.files import write_leg
-from ..ground.leg_problem import LegProblem
 from ..log.parts import TEST
 from ..log.types import LogError, MeasuredSet
 from ..replay.engine import STEP, bench, replay_in_engine
@@ -68,8 +67,8 @@ def write_diagnosis(
             document = to_document(diagnosis)
             if diagnosis.problem is not None:
                 progress("confirming in the engine")
-                leg = isinstance(diagnosis.problem, LegProblem)
-                if leg:
+                chain = diagnosis.problem.chain(diagnosis.values)
+                if chain is None:  # what the machine stands on
                     files = write_leg(diagnosis, staged, prefix)
                 else:
                     files = write_extension(diagnosis, data.runs, staged, prefix)
@@ -78,9 +77,7 @@ def write_diagnosis(
                 document["extension"] = {
                     "files": {key: path.name for key, path in files.items()},
                     "changes": changed,
-                    "not_native": []
-                    if leg
-                    else not_native(diagnosis.problem.models[0].with_fitted(diagnosis.values).chain),
+                    "not_native": [] if chain is None else not_native(chain),
                     "engine": confirm(diagnosis) if all(diagnosis.problem.params) else {},
                 }
                 differences += changed

@@ -9,7 +9,7 @@ from __future__ import annotations
 import dataclasses
 from collections.abc import Sequence
 from dataclasses import dataclass, field
-from typing import ClassVar
+from typing import ClassVar, Literal
 
 import numpy as np
 
@@ -37,6 +37,7 @@ class DrivenProblem(Problem):
     link: np.ndarray = field(default_factory=lambda: np.zeros((0, 3)))
     first: int = 0
 
+    kind: ClassVar[Literal["free", "driven", "ground"]] = "driven"
     sampled: ClassVar[tuple[int, ...]] = (0,)
     averaged: ClassVar[tuple[int, ...]] = (1, 2, 3)
     flat: ClassVar[tuple[str, ...]] = (*FLAT, "link")

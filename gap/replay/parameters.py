@@ -10,7 +10,7 @@ from functools import cache
 from typing import Protocol
 
 TIGHT = 0.06
-"""How far a number of the nominal model may be off without being a finding (bound of re-tuning beside causes,
+"""How far a number of the nominal model may be off without being a finding (bound of tuning beside causes,
 relative).
 """
 

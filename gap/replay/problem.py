@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
-from typing import Any, ClassVar
+from typing import Any, ClassVar, Literal
 
 import numpy as np
 
@@ -76,6 +76,7 @@ class Problem:
     step: float = 1e-3
     coarse: float = 1.0
 
+    kind: ClassVar[Literal["free", "driven", "ground"]] = "free"  # how it is replayed, and so drawn and written
     sampled: ClassVar[tuple[int, ...]] = (0, 1)  # channels compared sample by sample
     averaged: ClassVar[tuple[int, ...]] = (2, 3)  # and as means over groups of samples
     flat: ClassVar[tuple[str, ...]] = FLAT
@@ -108,6 +109,10 @@ class Problem:
         """Loss per judged value of a model (n, 4) beyond that of noise, where the problem itself can tell."""
         del simulated
         return None
+
+    def chain(self, values: Mapping[str, float]) -> Chain | None:
+        """The chain of the first run with fitted values; None where the problem is not that of one joint."""
+        return self.models[0].with_fitted(values).chain
 
     def doubt(self, path: str) -> float:
         """Relative error of a number that columns and simulation share in all data."""

@@ -5,7 +5,7 @@ Duty, current and link position, each weighted by its own noise.
 Position alone cannot tell a late command from a late reading, or a weak motor from a heavy load; the duty and the
 current can. But a column may be in a wrong unit, unsigned or of another joint, and the model is never perfect: a
 channel counts only if
-the re-tuned nominal model roughly predicts it, and no more than its unpredictable part and a general doubt about
+the tuned nominal model roughly predicts it, and no more than its unpredictable part and a general doubt about
 calibration allow.
 """
 
@@ -16,14 +16,14 @@ from dataclasses import replace
 
 import numpy as np
 
-from ..causes.catalogue import retunable
+from ..causes.catalogue import adjustable
 from ..checks.signal import typical_noise
 from ..log.parts import FIT_A, FIT_B
 from ..replay.parameters import address, numbers
 from ..replay.problem import Problem
 from .fit import fit
 
-AGREES = 0.8  # least correlation of a channel with what the re-tuned model predicts
+AGREES = 0.8  # least correlation of a channel with what the tuned model predicts
 SLOPE = (0.5, 2.0)  # measured over predicted size: beyond it the column has another unit or another meaning
 FEWEST = 50  # groups of samples from which a channel can be judged
 LAG = 2.5e-4  # [s] by which a column may be later than the time stamp of its row: a period of a drive's loop, assumed
@@ -40,7 +40,7 @@ def weigh_channels(problem: Problem) -> Problem:
     logged = [c for c in range(1, len(problem.channels)) if np.isfinite(fitted.measured[:, c]).mean() > 0.5]
     if not logged:
         return problem
-    tuned = fit(fitted, retunable(problem.models[0]))
+    tuned = fit(fitted, adjustable(problem.models[0]))
     simulated = tuned.simulated
     late = _late_or_early(problem, tuned.values)
     weight, trust = problem.weight.copy(), problem.trust.copy()

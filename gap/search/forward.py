@@ -7,7 +7,7 @@ from dataclasses import dataclass, field, replace
 
 import numpy as np
 
-from ..causes.catalogue import catalogue, retunable
+from ..causes.catalogue import adjustable, catalogue
 from ..causes.cause import Cause, Variant
 from ..log.parts import FIT_A, FIT_B
 from ..replay.parameters import Parameter
@@ -48,7 +48,7 @@ class Searcher:
         progress: is told what goes on.
         seed: of all resampling.
         causes: to choose from; default: the catalogue.
-        tuned: nuisance parameters; default: what is re-tunable.
+        tuned: nuisance parameters; default: those that are adjustable.
         settings: thresholds.
         look_on: also fit rounds that the settings would skip, so that its record can be decided with looser ones.
             What is named stays the same.
@@ -69,7 +69,7 @@ class Searcher:
         self.considered = tuple(catalogue(self.nominal) if self.causes is None else self.causes)
         warming = float(np.ptp(self.problem.temperature))
         self.shown = [c for c in self.considered if not (c.needs.warming and warming < self.settings.least_warming)]
-        self.tuned = self.tuned or tuple(retunable(self.nominal))
+        self.tuned = self.tuned or tuple(adjustable(self.nominal))
         self.numbers = {parameter.number for parameter in self.tuned}
         self.parts = (self.problem.part(FIT_A), self.problem.part(FIT_B))
         self.both = self.problem.part(FIT_A, FIT_B)
@@ -77,7 +77,7 @@ class Searcher:
 
     def run(self) -> Search:
         """Search until no further cause pays."""
-        self.progress("re-tuning the nominal model")
+        self.progress("tuning the nominal model")
         base = current = self.judged(self.fit_both(self.tuned, None))
         accepted: list[Candidate] = []
         rounds: list[Round] = []

@@ -66,7 +66,7 @@ class Search:
     """What a search found.
 
     Attributes:
-        tuned: parameters of the nominal model that are always re-tuned, tightly (nuisance parameters).
+        tuned: parameters of the nominal model that are always tuned within their tolerance (nuisance parameters).
         accepted: causes in the order they were accepted.
         rounds: all rounds, the last one without a winner.
         counts: judged values per block (b,), to make means of ``blocks``.

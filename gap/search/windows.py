@@ -21,18 +21,18 @@ from .fit import fit
 
 WINDOW = 1.0  # [s]
 SHORTEST = 0.5  # [s] what is left at the end of a run, if shorter, belongs to the window before
-FAR = 20.0  # noise floors of rms error that re-tuning leaves, from which errors grow along a run
+FAR = 20.0  # noise floors of rms error that refitting leaves, from which errors grow along a run
 
 
 def in_windows(problem: Problem, tuned: Sequence[Parameter]) -> Problem:
     """The same data in windows, where that serves better than whole runs.
 
-    It does not where the model comes near the data with its numbers ``tuned``, nor where the first state of a window
-    is not measured: with something that gives way between motor and encoder, or with an integrator.
+    It does not where the model comes near the data with its numbers refitted (``tuned``), nor where the first state of
+    a window is not measured: with something that gives way between motor and encoder, or with an integrator.
 
     Args:
         problem: of a free joint.
-        tuned: what re-tuning may turn.
+        tuned: what refitting may turn.
     """
     if any(_hidden_state(problem, run) for run in range(len(problem.models))):
         return problem

@@ -1,59 +1,111 @@
-"""The verdict: what a diagnosis says, and how it comes about from measured logs, one joint at a time."""
+"""The way a log goes, one joint at a time: check, cut, replay, search, measure, decide."""
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
-from dataclasses import replace
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 
 from ...actuators.chain import Chain, load_chain
 from ...actuators.errors import SealegsError, nearest
 from ...envs.hopper.robot import HOPPER
-from ..causes.catalogue import catalogue, checked, retunable
+from ..causes.catalogue import adjustable, catalogue, checked
+from ..causes.cause import Cause
 from ..causes.visible import limits as limits_of_driven
 from ..causes.visible import shown
 from ..checks.data_set import check_set, corrected, merged, noise_floor, shows_little, unusable
 from ..experiment import Experiment, Limits, blind_spots, experiment_for_still, propose
+from ..ground.ground import GROUND, GroundSearch, search_ground
 from ..load.unknown import unknown_parameters, with_believed_load
 from ..log.finding import Finding
-from ..log.parts import FIT_A, FIT_B, TEST, cut
+from ..log.parts import Unit, cut
 from ..log.types import LogError, MeasuredRun, MeasuredSet
 from ..replay.driven import driven_problem
 from ..replay.joint_model import JointModel
 from ..replay.parameters import Parameter
 from ..replay.problem import Problem, converged, lay_out
-from ..replay.robust import robust_loss
 from ..search.channels import weigh_channels
-from ..search.fit import Fit, fit, middle
 from ..search.forward import Searcher
-from ..search.intervals import intervals
 from ..search.result import Search
 from ..search.settings import DEFAULT, SearchSettings
-from ..search.structure import Structure, structure
 from ..search.windows import in_windows
+from .decide import Refused, Replayed, decide
+from .measure import Measured, measure, whole_runs
+from .torque import diagnose_torque
 from .unseen_range import unseen_range
-from .verdict import (
-    EXPLAINED,
-    NOT_IDENTIFIABLE,
-    NOTHING,
-    PARTLY,
-    UNUSABLE,
-    Error,
-    JointDiagnosis,
-    NamedCause,
-    Value,
-    data_causes,
-    verdict_of,
-    with_data_errors,
-)
+from .verdict import NOT_IDENTIFIABLE, PARTLY, JointDiagnosis, data_errors
 
-WIDE = 4.0  # how far re-tuning alone may turn each number the model has: up to five times, down to a fifth
+WIDE = 4.0  # how far refitting alone may turn each number the model has: up to five times, down to a fifth
 
 ROBOTS = ("bench", "hopper")  # any other is taken for a machine whose load nobody knows
 
-
 Progress = Callable[[str], None]
+
+
+@dataclass(frozen=True)
+class Order:
+    """What a person asked for; the attributes are the arguments of :func:`diagnose`."""
+
+    test_group: str | None = None
+    seed: int = 0
+    progress: Progress = lambda text: None
+    limits: Limits | None = None
+    causes: Sequence[str] | None = None
+    search: SearchSettings = DEFAULT
+    look_on: bool = False
+
+
+@dataclass(frozen=True, eq=False)
+class Cut:
+    """One joint of a log, cut into parts.
+
+    Attributes:
+        runs, models: the runs and the nominal joint of each.
+        units: pieces of runs, each in one part.
+        noise: of a position sample [rad].
+    """
+
+    joint: str
+    runs: Sequence[MeasuredRun]
+    models: Sequence[JointModel]
+    units: Sequence[Unit]
+    noise: float
+
+
+@dataclass(frozen=True, eq=False)
+class Replay:
+    """A joint or the ground, ready to be searched.
+
+    Attributes:
+        problem: all data.
+        fitting: the same as the search sees them.
+        wide: what refitting alone may turn, and how far.
+        causes: that may be sought.
+        findings: about what this replay can show.
+    """
+
+    problem: Problem
+    fitting: Problem
+    wide: Sequence[Parameter]
+    causes: Sequence[Cause] = ()
+    findings: tuple[Finding, ...] = ()
+
+
+@dataclass(frozen=True, eq=False)
+class Case:
+    """What is known of a joint beside its replay.
+
+    Attributes:
+        joint: its name, or ``ground``.
+        findings: about its log.
+        still: whether it hardly moves in any run: what fits that best may not be what it is.
+    """
+
+    joint: str
+    findings: tuple[Finding, ...] = ()
+    still: bool = False
 
 
 def diagnose(
@@ -83,53 +135,73 @@ def diagnose(
     Raises:
         SealegsError: the runs have no joint that can be diagnosed, or the catalogue has no such cause.
     """
-    robot = data.runs[0].robot
-    if robot not in ROBOTS and (hint := nearest(robot, ROBOTS)):
-        raise LogError(f"{data.runs[0].name}: there is no robot '{robot}'{hint}; correct it in the sidecar.")
+    order = Order(test_group, seed, progress, limits, causes, settings, look_on)
     checked(causes)
-    progress("checking the log")
-    data, every = corrected(data, [*data.findings, *check_set(data)])
-    findings = merged(every)
-    if (reason := unusable(every, data)) is not None:
-        return [
-            _unusable(
-                joint, reason.sentence, findings, _first_experiment(data.runs, joint, reason, limits, seed, causes)
-            )
-            for joint in data.runs[0].joints
-        ]
-    found = []
-    for joint in data.runs[0].joints:
-        found.append(
-            with_data_errors(
-                _joint(data.runs, joint, findings, test_group, seed, progress, limits, causes, settings, look_on)
-            )
-        )
+    data, findings, stop = _check(data, progress)
+    runs, joints = data.runs, list(data.runs[0].joints)
+    if stop is not None:
+        first = [_first_experiment(runs, joint, stop, order) for joint in joints]
+        why = Refused("the log", stop.sentence)
+        return [refuse(joint, why, findings, plan) for joint, plan in zip(joints, first, strict=True)]
+    found: list[JointDiagnosis] = []
+    for joint in joints:
+        found.append(_diagnose_joint(runs, joint, findings, order))
         done(found[-1])
-    if all(run.robot == HOPPER.name for run in data.runs):
-        from ..ground.ground import diagnose_ground  # here, since it concludes as joints do
-
-        found.append(diagnose_ground(data.runs, found, seed, progress, test_group, causes))
+    if all(run.robot == HOPPER.name for run in runs):
+        found.append(_diagnose_ground(runs, found, order))
     return found
 
 
-def _joint(
-    runs: Sequence[MeasuredRun],
-    joint: str,
-    findings: Sequence[Finding],
-    test_group: str | None,
-    seed: int,
-    progress: Progress,
-    limits: Limits | None,
-    names: Sequence[str] | None,
-    settings: SearchSettings,
-    look_on: bool,
+def _diagnose_joint(
+    runs: Sequence[MeasuredRun], joint: str, findings: Sequence[Finding], order: Order
 ) -> JointDiagnosis:
     mine = tuple(f for f in findings if f.joint in (joint, None, ""))
     runs = [with_believed_load(run) for run in runs]
-    if all(run.joints[joint].goal is None for run in runs):
-        from .torque import diagnose_torque  # a log without commands: only its torque can be judged
+    if all(run.joints[joint].goal is None for run in runs):  # without commands, only its torque can be judged
+        return diagnose_torque(runs, joint, mine, order.test_group)
+    pieces = _cut(runs, joint, order.test_group)
+    replay = _replay(pieces, order)
+    if isinstance(replay, Refused):
+        return refuse(joint, replay, mine)
+    search = _search(replay, order)
+    order.progress("measuring the gain on runs that nothing has seen")
+    case = Case(joint, (*mine, *replay.findings), shows_little(runs, joint))
+    return conclude(case, replay, search, order)
 
-        return diagnose_torque(runs, joint, mine, test_group)
+
+def _diagnose_ground(runs: Sequence[MeasuredRun], joints: Sequence[JointDiagnosis], order: Order) -> JointDiagnosis:
+    """The ground under a leg, sought with the actuators as their diagnoses left them."""
+    chains = {joint.joint: chain for joint in joints if (chain := _found_chain(joint)) is not None}
+    sought = search_ground(runs, chains, order.seed, order.progress, order.test_group, order.causes)
+    if not isinstance(sought, GroundSearch):
+        return refuse(GROUND, Refused("the ground", sought, usable=True), signal="base.z", unit="m", unexplained=0.0)
+    replay = Replay(sought.problem, sought.problem, sought.numbers)
+    order.progress("measuring the gain on stances that nothing has seen")
+    measured = measure(replay.problem, replay.fitting, sought.search, GROUND, replay.wide, order.seed)
+    findings = tuple(sought.findings(measured.values, complete=len(chains) == len(joints)))
+    return _decide(Case(GROUND), replay, sought.search, measured, order, findings)
+
+
+def conclude(case: Case, replay: Replay, search: Search, order: Order) -> JointDiagnosis:
+    """Measure what a search found, and decide what is said of it."""
+    measured = measure(replay.problem, replay.fitting, search, case.joint, replay.wide, order.seed)
+    return _decide(case, replay, search, measured, order)
+
+
+# --- the steps ---------------------------------------------------------------------------------------------------
+
+
+def _check(data: MeasuredSet, progress: Progress) -> tuple[MeasuredSet, list[Finding], Finding | None]:
+    """The data with their faults mended, what was found about them, and the finding that makes them unusable."""
+    robot = data.runs[0].robot
+    if robot not in ROBOTS and (hint := nearest(robot, ROBOTS)):
+        raise LogError(f"{data.runs[0].name}: there is no robot '{robot}'{hint}; correct it in the sidecar.")
+    progress("checking the log")
+    data, every = corrected(data, [*data.findings, *check_set(data)])
+    return data, merged(every), unusable(every, data)
+
+
+def _cut(runs: Sequence[MeasuredRun], joint: str, test_group: str | None) -> Cut:
     missing = [run.name for run in runs if joint not in run.actuators]
     if missing:
         raise LogError(f"{missing[0]}: the sidecar names no actuator for joint '{joint}'; add it under 'actuators'.")
@@ -138,25 +210,131 @@ def _joint(
         JointModel(chain, unknown=unknown_parameters(run, chain)) for run, chain in zip(runs, chains, strict=True)
     ]
     noise = float(np.median([noise_floor(run, joint) for run in runs]))
-    units = cut(runs, joint, test_group)
-    wide = retunable(models[0], WIDE)
-    causes = catalogue(models[0], names)
-    if all(run.robot == "bench" for run in runs):
-        problem = weigh_channels(converged(lay_out(runs, joint, models, units, {"position": 1.0 / noise})))
-        fitting = in_windows(problem, wide)
-    else:  # what holds the link is not known: it moves as measured
-        try:
-            driven = driven_problem(runs, joint, models, units, noise)
-        except LogError as error:
-            return _unusable(joint, str(error), mine, verdict=NOT_IDENTIFIABLE)
-        causes, hidden = shown(driven, models[0], causes)
-        mine = (*mine, limits_of_driven(driven, joint, hidden))
-        progress(f"judging the actuator of {joint} along its measured motion")
-        problem = fitting = weigh_channels(converged(driven))
-    search = Searcher(fitting, progress, seed, causes, settings=settings, look_on=look_on).run()
-    progress("measuring the gain on runs that nothing has seen")
-    still = shows_little(runs, joint)
-    return conclude(problem, search, joint, mine, seed, wide, limits, fitting, still)
+    return Cut(joint, runs, models, cut(runs, joint, test_group), noise)
+
+
+def _replay(pieces: Cut, order: Order) -> Replay | Refused:
+    """Free on a bench; driven where what holds the link is not known."""
+    wide = adjustable(pieces.models[0], WIDE)
+    causes = catalogue(pieces.models[0], order.causes)
+    layout = pieces.runs, pieces.joint, pieces.models, pieces.units
+    if all(run.robot == "bench" for run in pieces.runs):
+        problem = weigh_channels(converged(lay_out(*layout, {"position": 1.0 / pieces.noise})))
+        return Replay(problem, in_windows(problem, wide), wide, causes)
+    try:
+        driven = driven_problem(*layout, pieces.noise)
+    except LogError as error:
+        return Refused(f"'{pieces.joint}'", str(error), usable=True)
+    causes, hidden = shown(driven, pieces.models[0], causes)
+    order.progress(f"judging the actuator of {pieces.joint} along its measured motion")
+    problem = weigh_channels(converged(driven))
+    return Replay(problem, problem, wide, causes, (limits_of_driven(driven, pieces.joint, hidden),))
+
+
+def _search(replay: Replay, order: Order) -> Search:
+    causes = list(replay.causes)
+    return Searcher(
+        replay.fitting, order.progress, order.seed, causes, settings=order.search, look_on=order.look_on
+    ).run()
+
+
+def _decide(
+    case: Case,
+    replay: Replay,
+    search: Search,
+    measured: Measured,
+    order: Order,
+    findings: tuple[Finding, ...] = (),
+) -> JointDiagnosis:
+    """The verdict, and the next experiment where it leaves something open."""
+    problem, joint = replay.problem, case.joint
+    errors = data_errors(case.findings, joint)
+    signal, unit = problem.signal
+    beyond = unseen_range(problem, measured.simulated["extended"], joint)
+    silent = not measured.causes and not measured.structure.noticed and all(problem.params)
+    verdict = decide(
+        Replayed(
+            joint,
+            measured.gap,
+            measured.tuned,
+            measured.causes,
+            measured.left,
+            measured.structure,
+            whole_runs(problem),
+            case.still,
+            blind_spots(problem, search) if silent else (),
+            beyond,
+            errors,
+            unit == "rad" and any(error.column in (f"{joint}.goal", f"{joint}.position") for error in errors),
+        )
+    )
+    rivals = _rivals(measured)
+    experiment = None
+    if verdict.name in (NOT_IDENTIFIABLE, PARTLY) or rivals:
+        blind = verdict.because("still", "blind")
+        experiment = propose(problem, search, order.limits, order.seed, blind=blind)
+    tuned = {p.number: measured.values[p.path] for p in search.tuned if p.path in measured.values}
+    return JointDiagnosis(
+        joint=joint,
+        verdict=verdict.name,
+        sentence=verdict.sentence,
+        signal=signal if "." in signal else f"{joint}.{signal}",
+        unit=unit,
+        gap=measured.gap,
+        causes=measured.causes,
+        unexplained=measured.unexplained,
+        rivals=rivals,
+        experiment=experiment,
+        findings=(*case.findings, *findings, *(() if beyond is None else (beyond,))),
+        values=measured.values,
+        tuned=tuned,
+        problem=problem,
+        search=search,
+        simulated=measured.simulated,
+        structure=measured.structure,
+        reasons=verdict.reasons,
+        data_errors=errors,
+        tuned_share=measured.tuned_share,
+    )
+
+
+def _rivals(measured: Measured) -> tuple[dict[str, Any], ...]:
+    """Near misses, by the cause that they might stand in for."""
+    return tuple(
+        {"of": cause.name, "names": [cause.name, *cause.rivals], "confidence": cause.confidence}
+        for cause in measured.causes
+        if cause.rivals
+    )
+
+
+# --- refusals and small things -----------------------------------------------------------------------------------
+
+
+def refuse(
+    joint: str,
+    why: Refused,
+    findings: Sequence[Finding] = (),
+    experiment: Experiment | None = None,
+    signal: str = "",
+    unit: str = "rad",
+    unexplained: float = 1.0,
+) -> JointDiagnosis:
+    """The diagnosis of what cannot be judged."""
+    verdict = decide(why)
+    return JointDiagnosis(
+        joint=joint,
+        verdict=verdict.name,
+        sentence=verdict.sentence,
+        signal=signal or f"{joint}.position",
+        unit=unit,
+        gap={},
+        causes=(),
+        unexplained=unexplained,
+        rivals=(),
+        experiment=experiment,
+        findings=tuple(findings),
+        reasons=verdict.reasons,
+    )
 
 
 def _chain(run: MeasuredRun, joint: str) -> Chain:
@@ -171,196 +349,18 @@ def _chain(run: MeasuredRun, joint: str) -> Chain:
         raise LogError(f"{run.name}: actuator of joint '{joint}': {error}") from None
 
 
-def conclude(
-    problem: Problem,
-    search: Search,
-    joint: str,
-    findings: tuple[Finding, ...],
-    seed: int,
-    wide: Sequence[Parameter],
-    limits: Limits | None = None,
-    fitting: Problem | None = None,
-    still: bool = False,
-) -> JointDiagnosis:
-    """What a search says: gain on the test part, causes with shares and intervals, verdict.
-
-    Args:
-        wide: what re-tuning alone may turn, and how far.
-        fitting: the data as the search saw them, if not as ``problem`` has them.
-        still: whether the joint hardly moves in any run: what fits that best may not be what it is.
-    """
-    fitting = fitting or problem
-    fitted, test = fitting.part(FIT_A, FIT_B), problem.part(TEST)
-    retuned = fit(fitted, wide, evaluations=25)
-    last = search.accepted[-1].fits if search.accepted else search.base
-    parameters = search.parameters()
-    extended = fit(fitted, parameters, middle(*last), evaluations=25)
-    tight = fit(fitted, search.tuned, middle(*search.base), evaluations=25) if search.accepted else extended
-    models = {"nominal": {}, "retuned": retuned.values, "extended": extended.values}
-    errors = {name: _error(test.position_error(test.simulate([values])[0])) for name, values in models.items()}
-    noise = problem.noise
-    errors["noise_floor"] = Error(noise, noise * float(np.sqrt(2.0 / np.pi)))
-
-    simulated = {name: problem.simulate([values])[0] for name, values in models.items()}
-    rest = structure(problem, simulated["extended"], seed)
-    # the noise as it is, where the floor was estimated with a margin
-    white = float(np.mean(problem.position_error(simulated["extended"]) ** 2)) - rest.rms**2
-    white = min(white, noise**2)
-    excess = max(errors["nominal"].rmse ** 2 - white, 1e-12)
-    left = float(np.clip((errors["extended"].rmse ** 2 - white) / excess, 0.0, 1.0))
-    # what numbers within their tolerance can do is no merit of the causes
-    base = _error(test.position_error(test.simulate([tight.values])[0]))
-    explained = float(np.clip((base.rmse**2 - errors["extended"].rmse ** 2) / excess, 0.0, 1.0 - left))
-    causes = _name_causes(
-        replace(fitting, coarse=search.settings.coarse_step), search, extended, fitted, joint, explained, rest, seed
-    )
-    rivals = tuple(
-        {"of": named.name, "names": [named.name, *named.rivals], "confidence": named.confidence}
-        for named in causes
-        if named.rivals
-    )
-    signal, unit = problem.signal
-    verdict, sentence = verdict_of(joint, causes, errors, base, left, rest, _whole_runs(problem))
-    if (note := unseen_range(problem, simulated["extended"], joint)) is not None:
-        findings = (*findings, note)
-        sentence = f"{sentence} {note.sentence}" if verdict in (PARTLY, NOT_IDENTIFIABLE) else sentence
-    poor = ""
-    if still and verdict in (EXPLAINED, PARTLY):
-        poor = "But the joint hardly moves, so other causes may do as well."
-    elif verdict == NOTHING and all(problem.params) and (hidden := blind_spots(problem, search)):
-        poor = f"But the motion is so poor that it would hardly show {', '.join(hidden)}."
-    if poor:
-        verdict, sentence = NOT_IDENTIFIABLE, f"{sentence} {poor}"
-    undecided = verdict in (NOT_IDENTIFIABLE, PARTLY) or rivals
-    experiment = propose(problem, search, limits, seed, blind=bool(poor)) if undecided else None
-    tuned = {p.number: extended.values[p.path] for p in search.tuned if p.path in extended.values}
-    return JointDiagnosis(
-        joint=joint,
-        verdict=verdict,
-        sentence=sentence,
-        signal=signal if "." in signal else f"{joint}.{signal}",
-        unit=unit,
-        gap=errors,
-        causes=(*causes, *data_causes(findings, joint)),
-        unexplained=left,
-        rivals=rivals,
-        experiment=experiment,
-        findings=findings,
-        values=extended.values,
-        retuned=tuned,
-        problem=problem,
-        search=search,
-        simulated=simulated,
-        structure=rest,
-    )
+def _found_chain(joint: JointDiagnosis) -> Chain | None:
+    """The chain of a joint as its diagnosis left it."""
+    if joint.problem is None:
+        return None
+    return joint.problem.models[0].with_fitted(joint.values).chain
 
 
-def _whole_runs(problem: Problem) -> bool:
-    """Whether the runs of the test part are in no other part."""
-    runs = [{unit.run for unit in problem.units if (unit.part == TEST) is test} for test in (True, False)]
-    return not runs[0] & runs[1]
-
-
-def _error(error: np.ndarray) -> Error:
-    return Error(float(np.sqrt(np.mean(error**2))), float(np.mean(np.abs(error))))
-
-
-def _name_causes(
-    problem: Problem,
-    search: Search,
-    extended: Fit,
-    fitted: Problem,
-    joint: str,
-    explained: float,
-    rest: Structure,
-    seed: int,
-) -> list[NamedCause]:
-    """Causes with shares by what the model loses without each, all others re-fitted."""
-    if not search.accepted:
-        return []
-    final = search.accepted[-1]
-    parts = (problem.part(FIT_A), problem.part(FIT_B))
-    losses = []
-    for candidate in search.accepted:
-        others = search.parameters(without=candidate.cause.name)
-        kept = [{p.path: f.values[p.path] for p in others if p.path in f.values} for f in final.fits]
-        fits = [fit(part, others, start) for part, start in zip(parts, kept, strict=True)]
-        blocks = np.concatenate(
-            [p.block_errors(p.simulate([f.values])[0]) for p, f in zip(reversed(parts), fits, strict=True)]
-        )
-        losses.append((max(float(blocks.sum() - final.blocks.sum()), 0.0), float(blocks.sum())))
-    total = sum(loss for loss, _ in losses) or 1.0
-    parameters = search.parameters()
-    bounds = intervals(fitted, parameters, extended, seed, final.fits)
-    named = []
-    rounds = [r for r in search.rounds if r.accepted]
-    stays = float(robust_loss(np.sqrt(rest.level))) if rest.noticed else 0.0
-    for candidate, (loss, without), chosen in zip(search.accepted, losses, rounds, strict=True):
-        rivals = tuple(c.cause.name for c in chosen.candidates[1:] if c.best > search.settings.rival_win_rate)
-        removed = float((chosen.before.sum() - candidate.blocks.sum()) / search.counts.sum())
-        values = {
-            p.number: _value(p, extended, bounds, problem.models[0])
-            for p in candidate.variant
-            if p.path in extended.values
-        }
-        named.append(
-            NamedCause(
-                name=candidate.cause.name,
-                sentence=candidate.cause.sentence,
-                joint=joint,
-                share=explained * loss / total,
-                confidence=candidate.best * removed / (removed + stays),
-                parameters=values,
-                gain=1.0 - float(np.sqrt(final.blocks.sum() / without)),
-                kind="number" if candidate.cause.error else "effect",
-                picture=candidate.cause.picture,
-                rivals=rivals,
-            )
-        )
-    return sorted(named, key=lambda cause: -cause.share)
-
-
-def _value(
-    parameter: Parameter, extended: Fit, bounds: Mapping[str, tuple[float, float]], nominal: JointModel
-) -> Value:
-    found = (extended.values[parameter.path], *bounds[parameter.path])
-    value, low, high = (float(parameter.physical(number, nominal)) for number in found)
-    unit = nominal.unit(parameter.number) if parameter.factor else parameter.unit
-    return Value(value, low, high, unit, float(nominal.value(parameter.number)))
-
-
-def _first_experiment(
-    runs: Sequence[MeasuredRun],
-    joint: str,
-    reason: Finding,
-    limits: Limits | None,
-    seed: int,
-    causes: Sequence[str] | None,
-) -> Experiment | None:
+def _first_experiment(runs: Sequence[MeasuredRun], joint: str, reason: Finding, order: Order) -> Experiment | None:
     """What to run on a joint of a bench that nobody has moved yet."""
     asked = reason.code != "motion.none" or reason.data_error
     if asked or runs[0].robot != "bench" or joint not in runs[0].actuators or runs[0].joints[joint].goal is None:
         return None
-    return experiment_for_still(runs, joint, [JointModel(_chain(runs[0], joint))], limits, seed, causes)
-
-
-def _unusable(
-    joint: str,
-    reason: str,
-    findings: Sequence[Finding],
-    experiment: Experiment | None = None,
-    verdict: str = UNUSABLE,
-) -> JointDiagnosis:
-    return JointDiagnosis(
-        joint,
-        verdict,
-        f"The log cannot be used: {reason}" if verdict == UNUSABLE else f"Nothing can be said: {reason}",
-        f"{joint}.position",
-        "rad",
-        {},
-        (),
-        1.0,
-        (),
-        experiment,
-        tuple(findings),
+    return experiment_for_still(
+        runs, joint, [JointModel(_chain(runs[0], joint))], order.limits, order.seed, order.causes
     )

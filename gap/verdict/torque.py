@@ -15,7 +15,8 @@ from ..log.finding import Finding
 from ..log.parts import held_out
 from ..log.types import LogError, MeasuredRun
 from ..replay.joint_model import PendulumLoad, bench_parameters
-from .verdict import EXPLAINED, NOTHING, PARTLY, Error, JointDiagnosis, NamedCause, Value
+from .decide import Balanced, decide
+from .verdict import Error, JointDiagnosis, NamedCause, Value, data_errors
 
 NUMBERS = ("inertia [kg.m2]", "gravity torque [N.m]", "coulomb [N.m]", "viscous [N.m.s/rad]", "offset [N.m]")
 
@@ -25,9 +26,10 @@ def diagnose_torque(
 ) -> JointDiagnosis:
     """Diagnose a torque-driven log of a bench.
 
-    The nominal model gives the torque from sidecar and chain; re-tuning fits inertia, gravity, dry and viscous friction
-    and offset; the extension shifts the torque column in time. All are judged on blocks that neither a fit nor the
-    choice of the shift has seen: those of the test group, or every other second. Runs without torque are left out.
+    The nominal model gives the torque from sidecar and chain. In the refitted one inertia, gravity, dry and viscous
+    friction and offset are fitted. The extended one shifts the torque column in time as well. All are judged on blocks
+    that neither a fit nor the choice of the shift has seen: those of the test group, or every other second. Runs
+    without torque are left out.
 
     Args:
         runs: of one machine.
@@ -61,7 +63,7 @@ def diagnose_torque(
     nominal = np.array([1.0, 1.0, *first[2:]])
     believed = np.array([*first[:2], 1.0, 1.0, 1.0])
     errors = {"nominal": _error(terms[test] @ nominal - torques[test, AT_ONCE])}
-    errors["retuned"] = _error(terms[test] @ fitted.fit(AT_ONCE) - torques[test, AT_ONCE])
+    errors["refitted"] = _error(terms[test] @ fitted.fit(AT_ONCE) - torques[test, AT_ONCE])
     found = torque_shift(fitted)
     extended = fitted.fit(found.index)
     errors["extended"] = _error(terms[test] @ extended - torques[test, found.index])
@@ -69,7 +71,7 @@ def diagnose_torque(
 
     shift, same_side = found.seconds, found.same_side
     low, high = found.size
-    gain = 1.0 - errors["extended"].rmse / errors["retuned"].rmse
+    gain = 1.0 - errors["extended"].rmse / errors["refitted"].rmse
     causes: tuple[NamedCause, ...] = ()
     excess = max(errors["nominal"].rmse ** 2 - errors["noise_floor"].rmse ** 2, 1e-12)
     left = float(np.clip((errors["extended"].rmse ** 2 - errors["noise_floor"].rmse ** 2) / excess, 0.0, 1.0))
@@ -84,37 +86,31 @@ def diagnose_torque(
             "at the same time."
         )
         value = Value(abs(shift), low, high, "s", 0.0)
-        share = max((errors["retuned"].rmse ** 2 - errors["extended"].rmse ** 2) / excess, 0.0)
+        share = max((errors["refitted"].rmse ** 2 - errors["extended"].rmse ** 2) / excess, 0.0)
         causes = (
             NamedCause(
                 "sensor.delay", sentence, joint, share, same_side, {"torque.delay": value}, gain, "data", "response"
             ),
         )
-    verdict = (EXPLAINED if left < 0.15 else PARTLY) if causes else NOTHING if left < 0.05 else PARTLY
-    names = (
-        causes[0].sentence
-        if causes
-        else "Re-tuned inertia, gravity and friction leave no shift between torque and motion."
-    )
-    change = (
-        f"The torque that the motion needs differs from the logged one by {errors['nominal'].rmse:.2f} N.m with the "
-        f"sidecar's numbers, {errors['retuned'].rmse:.2f} re-tuned, {errors['extended'].rmse:.2f} N.m with the shift "
-        "(held-out blocks)."
-    )
+    verdict = decide(Balanced(joint, errors, causes, left))
     numbers: dict[str, float] = {key: float(value) for key, value in zip(NUMBERS, believed * extended, strict=True)}
+    explained = 1.0 - left
     return JointDiagnosis(
-        joint,
-        verdict,
-        f"{names} {change}",
-        f"{joint}.torque",
-        "N.m",
-        errors,
-        causes,
-        left,
-        (),
-        None,
-        findings,
-        retuned=numbers,
+        joint=joint,
+        verdict=verdict.name,
+        sentence=verdict.sentence,
+        signal=f"{joint}.torque",
+        unit="N.m",
+        gap=errors,
+        causes=causes,
+        unexplained=left,
+        rivals=(),
+        experiment=None,
+        findings=findings,
+        tuned=numbers,
+        reasons=verdict.reasons,
+        data_errors=data_errors(findings, joint),
+        tuned_share=max(explained - sum(cause.share for cause in causes), 0.0),
     )
 
 

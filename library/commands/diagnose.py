@@ -14,16 +14,12 @@ same command.
 from __future__ import annotations
 
 import time
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any, Literal
+from typing import Annotated, Any, Literal
 
 from sealegs.actuators.errors import SealegsError
 from sealegs.configs.script import Interrupted
-
-if TYPE_CHECKING:
-    from rich.console import Console
-    from sealegs.gap.verdict.verdict import JointDiagnosis
 
 DIAGNOSES = Path("diagnoses")
 
@@ -80,6 +76,7 @@ def diagnose_one(log: Path, out: Path | None, settings: dict[str, Any]) -> None:
     from rich.console import Console
     from sealegs.gap.fleet.jobs import diagnose_folder
     from sealegs.gap.output.partial import source_of, unfinished
+    from sealegs.gap.output.terminal import screen
     from sealegs.gap.verdict.verdict import UNUSABLE
 
     if out is None:
@@ -102,8 +99,9 @@ def diagnose_one(log: Path, out: Path | None, settings: dict[str, Any]) -> None:
             raise Interrupted(_how_to_go_on(log, out)) from None
     if diagnosis.verdict == UNUSABLE:
         first = next(joint for joint in diagnosis.joints if joint.verdict == UNUSABLE)
-        raise SealegsError(f"{first.sentence} The findings are in {out}; give another out= for the next try.")
-    _print(diagnosis.joints, written, console)
+        raise SealegsError(f"{first.text} The findings are in {out}; give another out= for the next try.")
+    for line in screen(diagnosis.joints, written, console.width):
+        console.print(line, highlight=False, markup=False, soft_wrap=True)
 
 
 def _how_to_go_on(log: Path, out: Path) -> str:
@@ -115,26 +113,6 @@ def _how_to_go_on(log: Path, out: Path) -> str:
         f"Stopped; what was found so far is in {out / FOLDER / TOLD}. Go on with the same command and out={out}: "
         f"sealegs diagnose log={log} out={out}"
     )
-
-
-def _print(diagnoses: Sequence[JointDiagnosis], written: dict[str, Path], console: Console) -> None:
-    for diagnosis in diagnoses:
-        console.print(f"\n[bold]{diagnosis.verdict}[/bold]  {diagnosis.sentence}", highlight=False)
-        for cause in diagnosis.causes:
-            values = ", ".join(
-                f"{path} = {v.value:.4g} [{v.low:.4g}, {v.high:.4g}] {v.unit}" for path, v in cause.parameters.items()
-            )
-            console.print(
-                f"  {cause.name:32s} share {100 * cause.share:3.0f} %  confidence {cause.confidence:.2f}  {values}",
-                highlight=False,
-                markup=False,
-            )
-        if diagnosis.experiment is not None:
-            console.print(f"  next: {diagnosis.experiment.sentence}", highlight=False, markup=False)
-    console.print()
-    width = max(len(name) for name in written)
-    for name, path in written.items():
-        console.print(f"  {name:{width}s}  {path}", highlight=False, markup=False)
 
 
 # --- a fleet -------------------------------------------------------------------------------------------------------

@@ -9,8 +9,7 @@ from pathlib import Path
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
 
-from ...ground.leg_problem import LegProblem
-from ...replay.driven import DrivenProblem, is_elastic
+from ...replay.driven import is_elastic
 from ...verdict.verdict import JointDiagnosis, NamedCause
 from .drive import duty_against_error, residual_against_temperature, response, voltage_against_current
 from .driven import passed_torque
@@ -59,25 +58,39 @@ def pictures(diagnosis: JointDiagnosis) -> Iterator[tuple[str, Figure]]:
 
 def cause_pictures(diagnosis: JointDiagnosis) -> Iterator[tuple[str, Figure]]:
     """The pictures of the causes of one joint, by their names; none where nothing was replayed."""
-    if diagnosis.problem is None:
-        return
-    if isinstance(diagnosis.problem, LegProblem):
-        for cause in diagnosis.causes:
-            yield cause.name, stance(diagnosis, cause)
-        return
+    if diagnosis.problem is not None:
+        yield from KINDS[diagnosis.problem.kind](diagnosis)
+
+
+def _ground(diagnosis: JointDiagnosis) -> Iterator[tuple[str, Figure]]:
+    for cause in diagnosis.causes:
+        yield cause.name, stance(diagnosis, cause)
+
+
+def _driven(diagnosis: JointDiagnosis) -> Iterator[tuple[str, Figure]]:
     evidence = Evidence(diagnosis)
-    if isinstance(diagnosis.problem, DrivenProblem):
-        for cause in diagnosis.causes:
-            if cause.kind != "data" and not diagnosis.problem.first:  # the pictures show motion, which is given there
-                spring = is_elastic(diagnosis.problem.models[0]) and cause.picture == "hysteresis"
-                yield cause.name, (passed_torque if spring else response)(evidence, cause)
-        return
-    drawn: set[str] = set()
+    if evidence.problem.signal[0] != "position":
+        return  # the pictures show motion, which is given there
+    for cause in diagnosis.causes:
+        spring = is_elastic(evidence.problem.models[0]) and cause.picture == "hysteresis"
+        yield cause.name, (passed_torque if spring else response)(evidence, cause)
+
+
+def _free(diagnosis: JointDiagnosis) -> Iterator[tuple[str, Figure]]:
+    evidence, drawn = Evidence(diagnosis), set[str]()
     for cause in diagnosis.causes:
         key = picture_of(cause)
         if key in CAUSES and key not in drawn & SHARED:
             drawn.add(key)
             yield cause.name, CAUSES[key](evidence, cause)
+
+
+KINDS: dict[str, Callable[[JointDiagnosis], Iterator[tuple[str, Figure]]]] = {
+    "free": _free,
+    "driven": _driven,
+    "ground": _ground,
+}
+"""What draws the causes, by the kind of the problem."""
 
 
 def png(chart: Figure) -> bytes:

@@ -10,10 +10,10 @@ from matplotlib import rc_context
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
-MEASURED, NOMINAL, RETUNED, EXTENDED = "#000000", "#e08214", "#8c8c8c", "#0072b2"
-COLOURS = {"measured": MEASURED, "nominal": NOMINAL, "retuned": RETUNED, "extended": EXTENDED}
-NAMES = {"measured": "measured", "nominal": "nominal model", "retuned": "re-tuned", "extended": "extended model"}
-DASHES = {"nominal": "-", "retuned": ":", "extended": "-"}
+MEASURED, NOMINAL, REFITTED, EXTENDED = "#000000", "#e08214", "#8c8c8c", "#0072b2"
+COLOURS = {"measured": MEASURED, "nominal": NOMINAL, "refitted": REFITTED, "extended": EXTENDED}
+NAMES = {"measured": "measured", "nominal": "nominal model", "refitted": "refitted model", "extended": "extended model"}
+DASHES = {"nominal": "-", "refitted": ":", "extended": "-"}
 CAUSES = ("#0072b2", "#009e73", "#cc79a7", "#56b4e9", "#7b5ea7", "#b8a500")  # Okabe and Ito, without the orange
 TUNED, UNEXPLAINED, NOISE = "#a6c3d6", "#d55e00", "#c9c9c9"
 TEST_SHADE = "#e9eff5"

@@ -10,6 +10,7 @@ from matplotlib.figure import Figure
 from matplotlib.patches import Patch
 
 from ...verdict.verdict import JointDiagnosis
+from ..numbers import percent
 from .style import (
     CAUSES,
     COLOURS,
@@ -103,15 +104,14 @@ class Slice:
 
 
 def budget_slices(diagnosis: JointDiagnosis) -> list[Slice]:
-    """The gap budget: causes, re-tuned numbers, unexplained structure and noise, which add up to one."""
+    """The gap budget: causes, tuned numbers, unexplained structure and noise, which add up to one."""
     if "nominal" not in diagnosis.gap or "noise_floor" not in diagnosis.gap:
         return []
     nominal, floor = diagnosis.gap["nominal"].rmse, diagnosis.gap["noise_floor"].rmse
     noise = min(floor**2 / max(nominal**2, 1e-30), 1.0)
     causes = [cause for cause in diagnosis.causes if cause.share > 0.0]
     slices = [Slice(cause.name, cause.share * (1.0 - noise), CAUSES[k % len(CAUSES)]) for k, cause in enumerate(causes)]
-    tuned = 1.0 - diagnosis.unexplained - sum(cause.share for cause in causes)
-    slices.append(Slice("re-tuned numbers", max(tuned, 0.0) * (1.0 - noise), TUNED, ".."))
+    slices.append(Slice("tuned numbers", diagnosis.tuned_share * (1.0 - noise), TUNED, ".."))
     slices.append(Slice("unexplained structure", diagnosis.unexplained * (1.0 - noise), UNEXPLAINED, "//"))
     slices.append(Slice("noise", noise, NOISE))
     least = 5e-4 * sum(piece.share for piece in slices)
@@ -147,11 +147,6 @@ def budget(diagnosis: JointDiagnosis) -> Figure | None:
     return chart
 
 
-def percent(share: float) -> str:
-    """A share for people: whole percent, tenths below ten."""
-    return f"{100.0 * share:.0f} %" if share >= 0.0995 or share == 0.0 else f"{100.0 * share:.1f} %"
-
-
 # --- candidates and experiment -------------------------------------------------------------------------------------
 
 
@@ -174,7 +169,7 @@ def rivals(diagnosis: JointDiagnosis) -> Figure | None:
             rival = k > 0 and c.best > search.settings.rival_win_rate
             colour = CAUSES[(number - 1) % len(CAUSES)] if chosen else UNEXPLAINED if rival else "#c4c4c4"
             axes.barh(k, level, color=colour, height=0.72)
-            note = f"{level:.2f}   best in {100.0 * c.best:.0f} % of draws" if c.best > 0.005 else f"{level:.2f}"
+            note = f"{level:.2f}   wins {100.0 * c.best:.0f} % of draws" if c.best > 0.005 else f"{level:.2f}"
             axes.text(
                 level, k, f"  {note}", va="center", fontsize=8.5, zorder=6,
                 bbox={"facecolor": "white", "edgecolor": "none", "pad": 0.5, "alpha": 0.85},

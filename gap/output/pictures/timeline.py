@@ -9,7 +9,7 @@ import numpy as np
 from ...log.parts import TEST
 from ...verdict.verdict import JointDiagnosis
 
-MODELS = ("nominal", "retuned", "extended")
+MODELS = ("nominal", "refitted", "extended")
 PAUSE = 0.5  # [s] drawn between runs
 
 

@@ -15,7 +15,7 @@ MOST_SAMPLES = 16_000  # over all joints; keeps the page small enough to send
 LEAST_SAMPLES = 2_000
 MOMENT = 1.5  # [s] of the shown moment
 CONFIG = {"responsive": True, "displaylogo": False, "modeBarButtonsToRemove": ["lasso2d", "select2d"]}
-DASH = {"nominal": "solid", "retuned": "dot", "extended": "solid"}
+DASH = {"nominal": "solid", "refitted": "dot", "extended": "solid"}
 GREY = "#e4e4e4"
 
 
@@ -39,7 +39,7 @@ def signals(diagnosis: JointDiagnosis, joints: int) -> tuple[str, tuple[float, f
     chart.add_trace(go.Scatter(x=x, y=_small(thin.measured), name=NAMES["measured"], line=thick), 1, 1)
     for name, values in thin.models.items():
         pen = {"color": COLOURS[name], "width": 1.4, "dash": DASH[name]}
-        shown = "legendonly" if name == "retuned" else True
+        shown = "legendonly" if name == "refitted" else True
         about = {"name": NAMES[name], "legendgroup": name, "line": pen, "visible": shown}
         chart.add_trace(go.Scatter(x=x, y=_small(values), **about), 1, 1)
         error = factor * (thin.measured - values)

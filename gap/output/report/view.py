@@ -13,27 +13,31 @@ import numpy as np
 from ....actuators.stages import STAGES
 from ...experiment import Experiment
 from ...ground.ground import GROUND
-from ...ground.leg_problem import LegProblem
 from ...log.parts import FIT_A, FIT_B, TEST
 from ...log.types import MeasuredRun, MeasuredSet
 from ...replay.parameters import address
 from ...replay.problem import Problem
 from ...search.result import Search
-from ...verdict.verdict import JointDiagnosis, NamedCause
+from ...verdict.verdict import JointDiagnosis, NamedCause, Value
 from ..extension import changes as changes_of
 from ..extension import not_native
+from ..numbers import glued, number, percent, rounded, sureness, unit_of
 from ..pictures import cause_pictures, picture_of, png
-from ..pictures.summary import budget_slices, percent
+from ..pictures.summary import budget_slices
 from ..pictures.timeline import fine
 from . import figures
 
 MODELS = {
     "nominal": ("nominal model", "as it was believed to be"),
-    "retuned": ("re-tuned", "its own numbers fitted freely, nothing added"),
+    "refitted": ("refitted model", "its own numbers up to fivefold, nothing added"),
     "extended": ("extended model", "with the causes below"),
     "noise_floor": ("noise of the measurement", "estimated from the log itself"),
 }
-KINDS = {"effect": "effect that the model lacks", "number": "wrong number in the model", "data": "error in the log"}
+KINDS = {
+    "effect": "effect that the model lacks",
+    "number": "wrong number in the model",
+    "data": "fault of a column, fitted",
+}
 SEVERITIES = {"error": "Error", "warning": "Warning", "note": "Note"}
 THROUGH = "A right model runs through the black dots."
 CAPTIONS = {
@@ -66,14 +70,6 @@ CAPTIONS = {
 PARAMETER_UNITS = {"mass": "kg", "arm_mass": "kg", "length": "m"}
 ABSENT = "not in it"
 MOST_CANDIDATES = 7
-MINUS = "\N{MINUS SIGN}"
-
-
-def number(value: float, digits: int = 4) -> str:
-    """A number for people, with a real minus sign."""
-    if not np.isfinite(value):
-        return "none"
-    return f"{value:.{digits}g}".replace("-", MINUS)
 
 
 def page(
@@ -89,20 +85,22 @@ def page(
 def _joint(diagnosis: JointDiagnosis, changes: Sequence[Mapping[str, Any]] | None, joints: int) -> dict[str, Any]:
     plot = figures.signals(diagnosis, joints)
     problem = diagnosis.problem
-    ground = isinstance(problem, LegProblem)
-    chain = None if problem is None or ground else problem.models[0].with_fitted(diagnosis.values).chain
+    chain = None if problem is None else problem.chain(diagnosis.values)
     return {
         "name": diagnosis.joint,
         "heading": "The ground" if diagnosis.joint == GROUND else f"Joint {diagnosis.joint}",
         "verdict": diagnosis.verdict,
-        "sentence": diagnosis.sentence,
+        "sentence": glued(diagnosis.sentence),
+        "reasons": [glued(reason.sentence) for reason in diagnosis.reasons if reason.code != "data"],
+        "data_errors": [{"name": error.name, "sentence": glued(error.sentence)} for error in diagnosis.data_errors],
+        "tuned_share": percent(diagnosis.tuned_share) if diagnosis.tuned_share >= 5e-4 else "",
         "signal": diagnosis.signal,
         "gap": _gap(diagnosis),
         "plot": None if plot is None else {"html": plot[0], "moment": [round(t, 4) for t in plot[1]]},
         "budget": _budget(diagnosis),
         "causes": _causes(diagnosis),
         "unexplained": percent(diagnosis.unexplained),
-        "structure": "" if diagnosis.structure is None else diagnosis.structure.sentence,
+        "structure": "" if diagnosis.structure is None else glued(diagnosis.structure.sentence),
         "rounds": [] if diagnosis.search is None else _rounds(diagnosis.search),
         "rivals": [
             {"of": rival["of"], "others": [name for name in rival["names"] if name != rival["of"]]}
@@ -113,7 +111,7 @@ def _joint(diagnosis: JointDiagnosis, changes: Sequence[Mapping[str, Any]] | Non
         "changes": _changes(diagnosis, changes, joints == 1),
         "not_native": [] if chain is None else not_native(chain),
         "chain": "" if chain is None else chain.to_yaml(),
-        "numbers": [] if problem is not None else [(key, number(value)) for key, value in diagnosis.retuned.items()],
+        "numbers": [] if problem is not None else [(key, number(value)) for key, value in diagnosis.tuned.items()],
         "parts": None if problem is None else _parts(problem),
     }  # fmt: skip
 
@@ -126,8 +124,8 @@ def _gap(diagnosis: JointDiagnosis) -> dict[str, Any]:
         if (error := diagnosis.gap.get(key)) is None:
             continue
         change = ""
-        if nominal is not None and key in ("retuned", "extended") and nominal.rmse > 0.0:
-            change = f"{100.0 * (error.rmse / nominal.rmse - 1.0):+.0f} %".replace("-", MINUS)
+        if nominal is not None and key in ("refitted", "extended") and nominal.rmse > 0.0:
+            change = f"{100.0 * (error.rmse / nominal.rmse - 1.0):+.0f} %".replace("-", "\N{MINUS SIGN}")
         rows.append(
             {
                 "key": key,
@@ -162,7 +160,7 @@ def _findings(diagnosis: JointDiagnosis) -> list[dict[str, str]]:
             "level": finding.severity,
             "column": finding.column or "",
             "run": finding.run or "",
-            "sentence": finding.sentence,
+            "sentence": glued(finding.sentence),
         }
         for finding in diagnosis.findings
     ]
@@ -189,31 +187,30 @@ def _cause(cause: NamedCause, picture: bytes | None, problem: Problem | None) ->
         "sentence": cause.sentence,
         "share": percent(cause.share),
         "gain": percent(cause.gain),
-        "confidence": percent(cause.confidence),
+        "confidence": sureness(cause.confidence),
         "rivals": list(cause.rivals),
         "picture": image,
         "caption": CAPTIONS.get(picture_of(cause), ""),
-        "parameters": [
-            {
-                "path": path,
-                "value": number(v.value),
-                "interval": f"{number(v.low)} to {number(v.high)}" if v.low < v.high else "",
-                "nominal": _before(problem, path, v.nominal),
-                "unit": "" if v.unit in ("1", "-") else v.unit,
-            }
-            for path, v in cause.parameters.items()
-        ],
+        "parameters": [_parameter(path, value, problem) for path, value in cause.parameters.items()],
+    }
+
+
+def _parameter(path: str, value: Value, problem: Problem | None) -> dict[str, str]:
+    found, low, high = rounded(value)
+    return {
+        "path": path,
+        "value": found,
+        "interval": f"{low} to {high}" if value.low < value.high else "",
+        "nominal": _before(problem, path, value.nominal),
+        "unit": unit_of(value),
     }
 
 
 def _before(problem: Problem | None, path: str, value: float) -> str:
     """Nominal value of a parameter; a stage that the nominal chain lacks has none."""
     stage = address(path).owner
-    if problem is None or isinstance(problem, LegProblem) or stage not in STAGES:
-        return number(value)
-    if problem.models[0].chain.find(stage) is not None:
-        return number(value)
-    return ABSENT
+    chain = None if problem is None or stage not in STAGES else problem.chain({})
+    return number(value) if chain is None or chain.find(stage) is not None else ABSENT
 
 
 def _rounds(search: Search) -> list[dict[str, Any]]:
@@ -253,7 +250,7 @@ def _experiment(proposal: Experiment, joint: str) -> dict[str, Any]:
     top = max([value for _, value in table], default=0.0) or 1.0
     return {
         "name": proposal.name,
-        "sentence": proposal.sentence,
+        "sentence": glued(proposal.sentence),
         "plot": figures.excitation(proposal),
         "file": f"data:text/csv;base64,{base64.b64encode(text.getvalue().encode()).decode()}",
         "table": [

@@ -1,0 +1,90 @@
+"""A diagnosis in a terminal: one screen a joint, and no value apart from its unit however narrow the window."""
+
+from __future__ import annotations
+
+import textwrap
+from collections.abc import Iterable, Mapping, Sequence
+from pathlib import Path
+
+from ..verdict.verdict import JointDiagnosis, NamedCause, Value
+from .numbers import GLUE, glued, number, percent, rounded, sureness, unit_of
+
+LEAST_WIDTH = 40  # columns below which lines are allowed to run over
+MOST_WIDTH = 100  # longer lines are hard to read
+
+
+def screen(diagnoses: Sequence[JointDiagnosis], written: Mapping[str, Path], width: int = 80) -> list[str]:
+    """Lines to print: per joint the sentence, errors of the log, causes and what to do next; then the files.
+
+    Args:
+        diagnoses: one per joint.
+        written: files by what they hold.
+        width: of the terminal, in characters.
+    """
+    width = min(max(width, LEAST_WIDTH), MOST_WIDTH)
+    lines: list[str] = []
+    for diagnosis in diagnoses:
+        lines += ["", *_joint(diagnosis, width)]
+    lines.append("")
+    longest = max((len(name) for name in written), default=0)
+    lines += [f"  {name:{longest}s}  {path}" for name, path in written.items()]  # a path is one word, whatever it takes
+    return lines
+
+
+def _joint(diagnosis: JointDiagnosis, width: int) -> Iterable[str]:
+    yield from _wrapped(f"{diagnosis.verdict.upper()}: {diagnosis.sentence}", width)
+    if diagnosis.data_errors:
+        yield from ("", "Errors of the log")
+        for error in diagnosis.data_errors:
+            yield from _wrapped(f"{error.name}: {error.sentence}", width, 2)
+    if diagnosis.causes:
+        yield from ("", "Causes")
+        longest = max(len(cause.name) for cause in diagnosis.causes)
+        for cause in diagnosis.causes:
+            yield from _cause(cause, longest, width)
+        if diagnosis.tuned_share >= 5e-4:
+            yield from _wrapped(f"{'tuned numbers':{longest}s}  {_share(diagnosis.tuned_share)}", width, 2)
+    elif diagnosis.reasons and not diagnosis.data_errors:
+        yield ""
+        for reason in diagnosis.reasons:
+            yield from _wrapped(reason.sentence, width, 2)
+    if diagnosis.experiment is not None:
+        yield from ("", "Next experiment")
+        yield from _wrapped(diagnosis.experiment.sentence, width, 2)
+
+
+def _cause(cause: NamedCause, longest: int, width: int) -> Iterable[str]:
+    sure = f"  confidence {sureness(cause.confidence)}"
+    head = f"{cause.name:{longest}s}  {_share(cause.share)}{sure}"
+    if len(head) + 2 > width:  # the name on a line of its own
+        yield f"  {cause.name}"
+        head = f"  {_share(cause.share)}{sure}"
+    yield f"  {head}".replace(GLUE, " ")
+    for path, value in cause.parameters.items():
+        yield from _parameter(path, value, width)
+    if cause.rivals:
+        yield from _wrapped(f"near miss: {', '.join(cause.rivals)}", width, 4)
+
+
+def _share(share: float) -> str:
+    return f"{percent(share):>5s} of the gap"
+
+
+def _parameter(path: str, value: Value, width: int) -> Iterable[str]:
+    """``delay.seconds = 0.0225 s (0.0224 to 0.0226, model 0)``; broken between the value and its interval only."""
+    found, low, high = rounded(value)
+    unit = unit_of(value)
+    size = f"{path} = {found} {unit}".rstrip()
+    interval = f"{low} to {high}, " if value.low < value.high else ""
+    parts = [part.replace(" ", GLUE) for part in (size, f"({interval}model {number(value.nominal)})")]
+    yield from _wrapped(" ".join(parts), width, 4)
+
+
+def _wrapped(text: str, width: int, indent: int = 0) -> list[str]:
+    """Lines of at most ``width`` characters, which never end between a value and its unit."""
+    space = " " * indent
+    lines = textwrap.wrap(
+        glued(text), width, initial_indent=space, subsequent_indent=space, break_long_words=False,
+        break_on_hyphens=False,
+    )  # fmt: skip
+    return [line.replace(GLUE, " ") for line in lines]

@@ -1,0 +1,58 @@
+"""What the final model owes to each of its parts: leave one out, refit the rest, and see how much the error rises."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from ..log.parts import FIT_A, FIT_B
+from ..replay.parameters import Parameter
+from ..replay.problem import Problem
+from ..search.fit import fit, merge
+from ..search.result import Search
+
+
+@dataclass(frozen=True)
+class Owed:
+    """Rise of the cross-validated loss without each part of the final model.
+
+    Attributes:
+        causes: rise without each accepted cause, in their order.
+        tuned: rise without the tuned numbers, that is with these as they were believed to be.
+        without: loss without each cause, which its gain is measured against.
+    """
+
+    causes: tuple[float, ...]
+    tuned: float
+    without: tuple[float, ...]
+
+    def shares(self, explained: float) -> tuple[tuple[float, ...], float]:
+        """The explained part of the gap, split between the causes and the tuned numbers."""
+        total = sum(self.causes) + self.tuned
+        if total <= 0.0:
+            return tuple(explained / len(self.causes) for _ in self.causes), 0.0 if self.causes else explained
+        return tuple(explained * rise / total for rise in self.causes), explained * self.tuned / total
+
+
+def owed(problem: Problem, search: Search) -> Owed:
+    """Leave each accepted cause out, then the tuned numbers, and refit all else on both halves of the data.
+
+    Args:
+        problem: the data as the search saw them.
+        search: with at least one accepted cause.
+    """
+    final = search.accepted[-1]
+    parts = (problem.part(FIT_A), problem.part(FIT_B))
+
+    def loss(others: Sequence[Parameter]) -> float:
+        kept = [{p.path: f.values[p.path] for p in others if p.path in f.values} for f in final.fits]
+        fits = [fit(part, others, start) for part, start in zip(parts, kept, strict=True)]
+        crossed = zip(reversed(parts), fits, strict=True)
+        return float(np.concatenate([p.block_errors(p.simulate([f.values])[0]) for p, f in crossed]).sum())
+
+    whole = float(final.blocks.sum())
+    without = tuple(loss(search.parameters(without=candidate.cause.name)) for candidate in search.accepted)
+    untuned = loss(merge(*(candidate.variant for candidate in search.accepted)))
+    return Owed(tuple(max(value - whole, 0.0) for value in without), max(untuned - whole, 0.0), without)

@@ -1,0 +1,168 @@
+"""What is said is decided in one place, from evidence alone."""
+
+from __future__ import annotations
+
+import itertools
+import re
+
+import pytest
+from sealegs.gap.log.finding import Finding
+from sealegs.gap.search.structure import Structure
+from sealegs.gap.verdict.decide import MOST_WORDS, Balanced, Refused, Replayed, confidence, decide, overall
+from sealegs.gap.verdict.verdict import (
+    EXPLAINED,
+    NOT_IDENTIFIABLE,
+    NOTHING,
+    PARTLY,
+    UNUSABLE,
+    DataError,
+    Error,
+    NamedCause,
+    Value,
+)
+
+NOISE = 6e-4  # [rad]
+POSITION = DataError(
+    "sensor.scale", "unit.degrees", "The position is in degrees.", "warning", "servo", "servo.position"
+)
+BEYOND = Finding("test.beyond", "note", "servo", None, "Only the test part goes that far.")
+
+
+def cause(
+    name: str = "drive.delay", sure: float = 0.95, rivals: tuple[str, ...] = (), share: float = 0.9
+) -> NamedCause:
+    return NamedCause(name, "A sentence.", "servo", share, sure, {}, 0.5, "effect", "response", rivals)
+
+
+def error(rmse: float) -> Error:
+    return Error(rmse, 0.8 * rmse)
+
+
+def replayed(
+    *causes: NamedCause, level: float = 0.0, left: float = 0.0, after: float = NOISE, tuned: float = 0.01, **more
+) -> Replayed:
+    """Evidence of a nominal error of 20 mrad that tuning takes to ``tuned`` and the causes to ``after``."""
+    errors = {"nominal": error(0.02), "refitted": error(0.008), "extended": error(after), "noise_floor": error(NOISE)}
+    structure = Structure(level, level**0.5 * NOISE, 0.4, (("speed", 0.6),))
+    return Replayed("servo", errors, error(tuned), causes, left, structure, **more)
+
+
+NEAR = ("friction.coulomb",)
+CASES = {
+    "no cause and no structure": (replayed(), NOTHING),
+    "no cause, and a motion that hides some": (replayed(blind_to=("drive.delay", "load.mass")), NOT_IDENTIFIABLE),
+    "no cause once a column is mended": (replayed(data_errors=(POSITION,), fault_in_replay=True), EXPLAINED),
+    "no cause beside a fault of a column that nothing is replayed from": (replayed(data_errors=(POSITION,)), NOTHING),
+    "no cause beside a mended column and a poor motion": (
+        replayed(data_errors=(POSITION,), fault_in_replay=True, blind_to=("load.mass",)),
+        NOT_IDENTIFIABLE,
+    ),
+    "structure without a cause": (replayed(level=0.5, after=0.009), NOT_IDENTIFIABLE),
+    "structure that is barely noticed": (replayed(level=0.081), NOT_IDENTIFIABLE),
+    "a certain cause": (replayed(cause()), EXPLAINED),
+    "an uncertain cause without a near miss": (replayed(cause(sure=0.3)), EXPLAINED),
+    "a near miss beside a certain cause": (replayed(cause(rivals=NEAR)), EXPLAINED),
+    "a near miss beside an uncertain cause": (replayed(cause(sure=0.59, rivals=NEAR)), NOT_IDENTIFIABLE),
+    "the same, with structure": (replayed(cause(sure=0.5, rivals=NEAR), level=0.5, left=0.2), NOT_IDENTIFIABLE),
+    "a near miss of a lesser cause": (
+        replayed(cause(), cause("load.mass", 0.5, NEAR, 0.1)),
+        NOT_IDENTIFIABLE,
+    ),
+    "a near miss of a lesser cause beside structure": (
+        replayed(cause(), cause("load.mass", 0.5, NEAR, 0.1), level=0.5, left=0.2),
+        PARTLY,
+    ),
+    "a cause and much structure": (replayed(cause(), level=5.0, left=0.2, after=0.002), PARTLY),
+    "a certain cause and little structure": (replayed(cause(), level=0.5, left=0.03), EXPLAINED),
+    "the same, a little more of it left": (replayed(cause(), level=0.5, left=0.031), PARTLY),
+    "an uncertain cause and little structure": (replayed(cause(sure=0.59), level=0.5, left=0.01), PARTLY),
+    "little left, but structure larger than the noise": (replayed(cause(), level=1.01, left=0.01), PARTLY),
+    "a cause that removes little, beside structure": (
+        replayed(cause(), level=5.0, left=0.8, after=0.009),
+        NOT_IDENTIFIABLE,
+    ),
+    "a cause that removes little, and no structure": (replayed(cause(), after=0.009), EXPLAINED),
+    "a cause in a joint that hardly moves": (replayed(cause(), still=True), NOT_IDENTIFIABLE),
+    "part of a gap in a joint that hardly moves": (
+        replayed(cause(), level=5.0, left=0.2, after=0.002, still=True),
+        NOT_IDENTIFIABLE,
+    ),
+    "nothing in a joint that hardly moves": (replayed(still=True), NOTHING),
+    "six causes": (
+        replayed(*(cause(f"friction.cause_{k}", share=0.1) for k in range(6)), level=5.0, left=0.2, after=0.002),
+        PARTLY,
+    ),
+    "a test part that goes further": (replayed(level=0.5, after=0.009, beyond=BEYOND), NOT_IDENTIFIABLE),
+    "an unusable log": (Refused("the log", "time runs backwards."), UNUSABLE),
+    "a joint without what would be judged": (Refused("'knee'", "record knee.duty.", usable=True), NOT_IDENTIFIABLE),
+    "a log that is refused at length": (
+        Refused("the log", "a: " + "word " * 30 + "end. " + "And more of it. " * 5),
+        UNUSABLE,
+    ),
+}
+
+
+def shift(seconds: float) -> NamedCause:
+    value = Value(seconds, seconds - 0.002, seconds + 0.002, "s", 0.0)
+    return NamedCause("sensor.delay", "It lags.", "servo", 0.4, 0.99, {"torque.delay": value}, 0.3, "data")
+
+
+def balanced(*causes: NamedCause, left: float) -> Balanced:
+    gap = {"nominal": 0.5, "refitted": 0.2, "extended": 0.1, "noise_floor": 0.02}
+    return Balanced("servo", {name: error(rmse) for name, rmse in gap.items()}, causes, left)
+
+
+CASES |= {
+    "a torque column out of step": (balanced(shift(0.01), left=0.149), EXPLAINED),
+    "the same, with more left": (balanced(shift(0.01), left=0.15), PARTLY),
+    "a torque column in step": (balanced(left=0.049), NOTHING),
+    "the same, with more left and no shift": (balanced(left=0.05), PARTLY),
+}
+
+
+@pytest.mark.parametrize("name", CASES)
+def test_the_verdict_is_the_one_that_the_rules_give(name: str) -> None:
+    evidence, verdict = CASES[name]
+    assert decide(evidence).name == verdict
+
+
+@pytest.mark.parametrize("name", CASES)
+def test_the_sentence_is_short_enough_to_be_read_at_once(name: str) -> None:
+    sentence = decide(CASES[name][0]).sentence
+    assert len(sentence.split()) <= MOST_WORDS == 25, sentence
+    assert (sentence.endswith(".") and sentence[0].isupper()) or sentence.split()[0].count(".") == 1
+
+
+@pytest.mark.parametrize("structure", [0.09, 1.0, 1.01, 5.0])
+@pytest.mark.parametrize("after", [1e-6, NOISE, 0.005])
+def test_what_is_partly_explained_leaves_something(structure: float, after: float) -> None:
+    """It read "partly explained ... 0 % of it stays" where the test part showed less structure than the rest."""
+    several = [(cause(sure=sure),) for sure in (0.5, 0.95)] + [(cause(), cause("load.mass", share=0.1))]
+    for causes, left in itertools.product(several, (0.0, 0.004, 0.2)):
+        verdict = decide(replayed(*causes, level=structure, left=left, after=after))
+        if verdict.name != PARTLY:
+            continue
+        said = " ".join((verdict.sentence, *(reason.sentence for reason in verdict.reasons)))
+        assert not re.search(r"(?<![\d.])0(\.0*)? ?(%|m?rad)", said), said
+        assert "unexplained" in verdict.sentence
+
+
+def test_errors_of_the_log_come_before_all_other_reasons() -> None:
+    verdict = decide(replayed(cause(), data_errors=(POSITION,), beyond=BEYOND, level=5.0, left=0.2, after=0.002))
+    assert [reason.code for reason in verdict.reasons] == ["data", "error", "structure", "beyond"]
+
+
+def test_a_range_that_only_the_test_part_has_is_no_reason_for_what_is_explained() -> None:
+    assert not decide(replayed(cause(), beyond=BEYOND)).because("beyond")
+    assert not decide(replayed(blind_to=("load.mass",), beyond=BEYOND)).because("beyond")
+
+
+def test_confidence_is_the_win_rate_less_by_what_no_cause_explains() -> None:
+    assert confidence(0.9, 2.0, 0.0) == pytest.approx(0.9)
+    assert confidence(0.9, 2.0, 1.0) == pytest.approx(0.6)
+    assert confidence(0.9, 0.0, 1.0) == 0.0
+
+
+def test_the_joint_that_is_understood_worst_speaks_for_the_machine() -> None:
+    assert overall([NOTHING, PARTLY, EXPLAINED]) == 1
+    assert overall([EXPLAINED, NOT_IDENTIFIABLE, UNUSABLE]) == 2

@@ -1,0 +1,96 @@
+"""What a terminal shows: one screen a joint, with numbers as exact as they are and lines that fit."""
+
+from __future__ import annotations
+
+import re
+from pathlib import Path
+
+import numpy as np
+import pytest
+from sealegs.gap.experiment import Experiment
+from sealegs.gap.output.numbers import number, percent, rounded, sureness
+from sealegs.gap.output.terminal import screen
+from sealegs.gap.verdict.verdict import (
+    EXPLAINED,
+    NOT_IDENTIFIABLE,
+    DataError,
+    JointDiagnosis,
+    NamedCause,
+    Reason,
+    Value,
+)
+
+
+def named(name: str, share: float, parameters: dict[str, Value], rivals: tuple[str, ...] = ()) -> NamedCause:
+    return NamedCause(name, "A sentence.", "servo", share, 0.987, parameters, 0.5, "effect", "response", rivals)
+
+
+DELAY = Value(0.0225123, 0.0223456, 0.0226789, "s", 0.0)
+TEETH = Value(27.41, 25.01, 29.9, "N.m.s/rad", 0.0)
+CAUSES = (
+    named("drive.delay", 0.931, {"delay.seconds": DELAY}),
+    named(
+        "friction.position_dependent", 0.04, {"friction.ripple_with_a_long_name": TEETH}, ("load.mass", "drive.offset")
+    ),
+)
+STUCK = DataError("column.stuck", "column.stuck", "servo.voltage reads 7.4 V in every sample.", "warning", "servo")
+PLAN = Experiment(
+    "chirp", "Run 'chirp' three times with 0.5 kg at 0.12 m within 1.2 rad for 24 s at 2.5 rad/s and 35 % of all duty.",
+    2.5, np.arange(3.0), np.zeros(3), {"chirp": 2.5},
+)  # fmt: skip
+FOUND = JointDiagnosis(
+    "servo", NOT_IDENTIFIABLE,
+    "The gap of 'servo' may be drive.delay and friction.position_dependent, but load.mass fits about as well.",
+    "servo.position", "rad", {}, CAUSES, 0.001, (), PLAN, (), data_errors=(STUCK,), tuned_share=0.028,
+    reasons=(Reason("near miss", "The error falls from 24.1 mrad to 0.6 mrad (noise 0.62 mrad)."),),
+)  # fmt: skip
+FILES = {"json": Path("/a/path/that/is/longer/than/any/window/is/wide/so/that/it/runs/over/diagnosis.json")}
+VALUES = ("0.02251 s", "7.4 V", "0.5 kg", "0.12 m", "1.2 rad", "24 s", "2.5 rad/s", "35 %", "27.4 N.m.s/rad", "93 %")
+
+
+@pytest.mark.parametrize("width", [60, 80, 200])
+def test_lines_fit_and_no_value_is_parted_from_its_unit(width: int) -> None:
+    lines = screen([FOUND], FILES, width)
+    assert all(len(line) <= width for line in lines[:-1])
+    assert str(FILES["json"]) in lines[-1], "a path stays whole"
+    for value in VALUES:
+        assert any(value in line for line in lines), f"{value!r} is broken at {width} columns"
+
+
+def test_a_screen_is_read_from_the_top() -> None:
+    lines = screen([FOUND], {}, 80)
+    text = "\n".join(lines)
+    order = [
+        text.index(part) for part in ("NOT IDENTIFIABLE", "Errors of the log", "Causes", "tuned numbers", "Next exp")
+    ]
+    assert order == sorted(order)
+    assert len(lines) < 24
+    causes = text[text.index("Causes") : text.index("Next exp")]
+    assert "column.stuck" not in causes, "an error of the log is no cause"
+
+
+def test_without_a_cause_the_reasons_are_told() -> None:
+    bare = JointDiagnosis(
+        "servo", EXPLAINED, "Nothing.", "servo.position", "rad", {}, (), 0.0, (), None, (),
+        reasons=(Reason("agrees", "The noise is 0.62 mrad."),),
+    )  # fmt: skip
+    assert any("The noise is 0.62 mrad." in line for line in screen([bare], {}))
+
+
+def test_numbers_are_rounded_by_their_interval() -> None:
+    assert rounded(DELAY) == ("0.02251", "0.02235", "0.02268")
+    assert rounded(Value(123.456, 100.2, 150.9, "1", 0.0)) == ("123", "100", "151")
+    assert rounded(Value(-0.00004, -0.01, 0.01, "1", 0.0)) == ("0.000", "\N{MINUS SIGN}0.010", "0.010")
+    assert rounded(Value(0.3, 0.3, 0.3, "1", 0.0))[0] == "0.3"
+    assert number(-1.5) == "\N{MINUS SIGN}1.5"
+
+
+def test_a_share_that_is_not_zero_is_not_told_as_zero() -> None:
+    assert percent(0.0) == "0 %"
+    assert percent(1e-5) == "< 0.1 %"
+    assert not re.match(r"0(\.0)? %", percent(6e-4))
+
+
+def test_no_confidence_is_told_as_certain() -> None:
+    assert sureness(1.0) == sureness(0.9999) == "99 %"
+    assert sureness(0.6) == "60 %"
