@@ -48,7 +48,7 @@ hidden: $(INSTALLED) ## the finder against every hidden effect, hours; can be st
 	$(PY) -m benchmarks.hidden
 
 docs: $(INSTALLED) $(LINKS) ## the documentation as a site in build/site, readable offline
-	NO_MKDOCS_2_WARNING=1 $(PY) -m mkdocs build --strict --quiet
+	NO_MKDOCS_2_WARNING=1 $(PY) -m mkdocs build --strict
 	@echo "Written: build/site/index.html. To search in it: $(PY) -m http.server -d build/site 8000"
 
 format: $(INSTALLED) ## put the code into the house format
