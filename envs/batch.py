@@ -1,8 +1,7 @@
 """The engine of every environment: many simulations of one robot, each control step a few NumPy calls over all of them.
 
-A single environment, a Gymnasium vector environment and an SB3 one are shells around it. Simulation i of a batch that
-is seeded with s draws from the generator of seed s + i, so it moves, bit for bit, as a batch of one that is seeded with
-s + i.
+A single environment, a Gymnasium vector environment and an SB3 one are shells around it. Simulation i of a batch with
+seed s draws from the generator of seed s + i. So it is bit-equal to a batch of one with seed s + i.
 """
 
 from __future__ import annotations

@@ -27,8 +27,8 @@ WAIT = 0.002  # [s] that one read waits for its bytes: how finely the reply time
 class BusPort(PortHandler):
     """A serial port for the SDK's packet handler.
 
-    It differs from the SDK's own in that a read waits in the kernel and not in a loop, time is monotonic, writing
-    cannot block for ever, no other program can share the port, and ``clearPort`` discards what has come in.
+    Unlike the SDK's own, a read waits in the kernel and not in a loop, time is monotonic, and writing cannot block for
+    ever. No other program can share the port, and ``clearPort`` discards what has come in.
 
     Attributes:
         reply_timeout: wait for the first byte of a reply beyond the time that its bytes take [s].

@@ -2,8 +2,8 @@
 
 The servos' registers offer no watchdog; left alone, they hold their last goal for ever. So the loop starts this process
 before it switches torque on, sends it a byte each cycle, and says when it has brought the servos to rest itself. If the
-bytes stop without that, whether by an exception, a ``kill -9`` or a loop that hangs, the supervisor takes the port and
-releases the servos, or holds them where they are, every one of them, whatever becomes of the others.
+bytes stop without that (an exception, a ``kill -9``, a loop that hangs), the supervisor takes the port. It releases
+every servo or holds it where it is, even where another one fails.
 """
 
 from __future__ import annotations

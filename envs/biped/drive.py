@@ -1,12 +1,12 @@
 """The biped's four drives as printed, and the chains that follow from them.
 
-Numbers are printed at the motors; a chain acts on a leg coordinate, leg angle or leg shape, so that torques are carried
-over the gear ratio and inertias, stiffnesses and frictions over its square. The sign of the leg angle's printed ratio,
+Numbers are printed at the motors; a chain acts on a leg coordinate, leg angle or leg shape. So torques are multiplied
+by the gear ratio, and inertias, stiffnesses and frictions by its square. The sign of the leg angle's printed ratio,
 -23.53, only says which way the motor is mounted and is left out.
 
 Two tables reached us damaged. Table IV prints the motor constants 0.995, 1.332, 1.087, 1.069 in the order mLS left, mLA
-left, mLS right, mLA right, against its own text (those of the leg angles are "nearly identical", those of the leg
-shapes differ) and against table III, whose inertias are 1.2 to 1.4 times as large for mLS right as for mLS left; the
+left, mLS right, mLA right. Its own text contradicts this: those of the leg angles are "nearly identical", those of the
+leg shapes differ. So does table III, whose inertias are 1.2 to 1.4 times as large for mLS right as for mLS left. The
 second and the third number are taken as exchanged. In table VI, three of four numbers are left for the cables; the
 fourth, mLA right, is assumed to be as mLA left.
 """

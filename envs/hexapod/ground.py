@@ -1,8 +1,8 @@
 """The ground of paper 001, equations (19) and (20), as the engine's own contact.
 
 Hunt and Crossley's normal force is ``K d^1.5`` at a penetration ``d`` (Hertz, 4.2.1). At rest the engine's contact
-pushes with ``S D^2 d / (w^2 (1 - D) A)``, where ``D(d)`` is its impedance between ``D_0`` and ``w``, ``S`` its
-stiffness and ``A`` the inverse mass that it assigns to the foot. The impedance below is fitted so that this is
+pushes with ``S D^2 d / (w^2 (1 - D) A)``. ``D(d)`` is its impedance between ``D_0`` and ``w``, ``S`` its stiffness, and
+``A`` the inverse mass that it assigns to the foot. The impedance below is fitted so that this is
 ``d^1.5`` within 3 % from 0.6 to 4 mm; ``S`` then follows from the penetration that the paper prints.
 """
 

@@ -1,4 +1,4 @@
-"""The block bootstrap: resampling of blocks of data, whose errors depend on each other within a block."""
+"""The block bootstrap: resampling of blocks, since errors are autocorrelated within a block."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Errors of a log that need not end a diagnosis: a column in a known unit is converted, one that lies is set aside."""
+"""Repairs of a log: a column in a known unit is converted, a false one is set aside."""
 
 from __future__ import annotations
 

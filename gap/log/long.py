@@ -1,10 +1,9 @@
-"""Logs too long to be held: read in pieces, checked in whole, and replayed in windows that show every kind of motion.
+"""Long logs in bounded memory: streamed in pieces, checked in whole, replayed in representative windows.
 
-A diagnosis needs minutes of motion, not hours, and memory must not grow with the log. The first pass streams every
-file once: each piece is checked as a log of its own, and each window of :data:`WINDOW` seconds is described by a few
-numbers per joint (where it is, how fast goal and joint move, how much they change, how warm the motor is). Windows are
-then chosen so that none is unlike all chosen ones: farthest-point clustering of the descriptions, and from each cluster
-three windows, early, middle and late, one for each part of the data. The second pass keeps the samples of these.
+A diagnosis needs minutes of motion, not hours. The first pass streams every file once and checks each piece as a log of
+its own. Each window of :data:`WINDOW` seconds gets a feature vector: position, speeds of goal and joint, their changes,
+temperature. Farthest-point clustering of the vectors picks kinds of motion. Each cluster gives three windows, early,
+middle and late: one for each part of the data. The second pass keeps their samples.
 """
 
 from __future__ import annotations

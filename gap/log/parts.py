@@ -1,4 +1,4 @@
-"""Which part of the data is for what: pieces of runs to fit on, to choose on, and to measure the gain on."""
+"""Cross-validation folds: pieces of runs to fit on (A, B), and a held-out test part that measures the gain."""
 
 from __future__ import annotations
 
