@@ -14,7 +14,7 @@ export MUJOCO_GL ?= egl
 endif
 
 .DEFAULT_GOAL := help
-.PHONY: help setup demo test test-all lint types pytest bench hidden docs format clean
+.PHONY: help setup demo test test-all lint types pytest bench hidden sensitivity docs format clean
 
 help: ## list the commands
 	@awk -F ':.*## ' '/^[a-z-]+:.*## /{printf "  make %-8s %s\n", $$1, $$2}' $(MAKEFILE_LIST)
@@ -46,6 +46,9 @@ bench: $(INSTALLED) ## measure the speed, write benchmarks/results
 
 hidden: $(INSTALLED) ## the finder against every hidden effect, hours; can be stopped and goes on, writes benchmarks/results
 	$(PY) -m benchmarks.hidden
+
+sensitivity: $(INSTALLED) ## what each threshold of the search does when halved or doubled, from recorded searches
+	$(PY) -m benchmarks.sensitivity
 
 docs: $(INSTALLED) $(LINKS) ## the documentation as a site in build/site, readable offline
 	NO_MKDOCS_2_WARNING=1 $(PY) -m mkdocs build --strict

@@ -196,9 +196,11 @@ def picture(rows: Sequence[dict[str, Any]], path: Path) -> None:
         axes.set_yticks(range(len(names)), names)
         axes.set_title(title)
         axes.grid(axis="x", alpha=0.3)
+        most = max(getattr(found, count) for found in (base, *tallies[0.5], *tallies[2.0]))
+        axes.set_xlim(-0.5, max(most, 4) + 0.5)
         axes.xaxis.get_major_locator().set_params(integer=True)
     panels[0].invert_yaxis()
-    panels[1].legend(loc="upper right", fontsize=8)
+    panels[1].legend(loc="lower right", fontsize=8)
     figure.supxlabel(f"count over {len(rows)} recorded cases; line: thresholds as they are", fontsize=9)
     figure.savefig(path, dpi=120)
 
@@ -211,6 +213,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
     parser.add_argument("--record", action="store_true", help="diagnose the cases that are not recorded yet")
     options = parser.parse_args(arguments)
     rows = [json.loads(line) for line in RECORDS.read_text().splitlines()] if RECORDS.exists() else []
+    RECORDS.parent.mkdir(parents=True, exist_ok=True)
     have = {row["key"] for row in rows}
     for case in CASES if options.record else ():
         if case.key in have:
