@@ -46,12 +46,14 @@ class TrainConfig:
     """What is learned, on what, for how long. Steps are counted over all simulations.
 
     ``actuator`` is the name or the path of a chain, its stages, one of these by joint, or None for the robot's own;
-    ``env`` and ``agent`` hold the arguments of the environment and of the algorithm.
+    ``env`` and ``agent`` hold the arguments of the environment and of the algorithm. ``extended`` is the diagnosis that
+    ``actuator`` and the robot's numbers in ``env`` came from, None for a robot as believed.
     """
 
     env: dict[str, Any]
     actuator: str | list[Any] | dict[str, Any] | None
     agent: dict[str, Any]
+    extended: str | None
     seed: Natural
     n_envs: Count
     total_timesteps: Count
@@ -85,7 +87,7 @@ def read_config(arguments: Sequence[str]) -> Request:
     Raises:
         SealegsError: an unknown key, a value of the wrong type or size, a change that a resumed run cannot take.
     """
-    pairs = split(arguments, plain=("actuator", "name", "out", "resume"))
+    pairs = split(arguments, plain=("actuator", "extended", "name", "out", "resume"))
     resume = pairs.get("resume", "null")
     if resume not in ("", "null"):
         overrides = {key: value for key, value in pairs.items() if key != "resume"}
@@ -101,7 +103,21 @@ def read_config(arguments: Sequence[str]) -> Request:
     out = checked("out", plain.pop("out"), str)
     name = checked("name", plain.pop("name"), str | int | None)
     plain.pop("resume")
+    plain = _extended(plain)
     return Request(train_config(plain), Path(out), None if name is None else str(name), None, {})
+
+
+def _extended(plain: dict[str, Any]) -> dict[str, Any]:
+    """The config with chains and numbers of the diagnosis that it names, so that a run stays what it is."""
+    folder = checked("extended", plain["extended"], str | None)
+    if folder is None:
+        return plain
+    from ..envs.extended import extended_arguments
+
+    env = dict(plain["env"])
+    chains, params = extended_arguments(str(env["id"]), folder, plain["actuator"], env.get("params"))
+    actuator = {joint: chain.to_list() for joint, chain in chains.items()}
+    return {**plain, "actuator": actuator, "env": {**env, "params": params}}
 
 
 def with_overrides(stored: Mapping[str, Any], overrides: Mapping[str, str]) -> TrainConfig:
@@ -118,7 +134,7 @@ def train_config(plain: Mapping[str, Any]) -> TrainConfig:
     from .algorithms import checked_agent
     from .make_env import checked_env
 
-    values = _typed(TrainConfig, plain, "")
+    values = _typed(TrainConfig, {"extended": None, **plain}, "")  # runs of earlier versions have no such key
     config = TrainConfig(**values)
     return dataclasses.replace(config, env=checked_env(config.env), agent=checked_agent(config.agent))
 

@@ -1,7 +1,7 @@
 """A policy as one ONNX file that needs neither torch nor Stable-Baselines3 to run.
 
-    python -m sealegs.agents.export runs/first/final            writes runs/first/final/policy.onnx
-    python -m sealegs.agents.export runs/first/best leg.onnx
+    sealegs export runs/first/final            writes runs/first/final/policy.onnx
+    sealegs export runs/first/best leg.onnx
 
 The graph is the normaliser, the network and the scaling of actions to goals; its metadata holds the contract with the
 robot (:mod:`envs.contract`). It is written node by node: a network of dense layers is a dozen of them, and a file

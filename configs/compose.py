@@ -39,10 +39,11 @@ def groups(script: str) -> list[str]:
     return [key for key in chosen if not key.startswith("optional ")]  # those follow from the others
 
 
-def split(arguments: Sequence[str], plain: Iterable[str] = ()) -> dict[str, str]:
+def split(arguments: Sequence[str], plain: Iterable[str] = (), first: str = "") -> dict[str, str]:
     """Arguments ``key=value`` as a dict; a key given twice keeps the last value, as in Hydra.
 
     Values of ``plain`` keys are file names or words and are quoted, so that Hydra's grammar leaves them alone.
+    ``first`` is the key that a value without one is likely meant for.
 
     Raises:
         SealegsError: an argument has no ``=``.
@@ -51,8 +52,9 @@ def split(arguments: Sequence[str], plain: Iterable[str] = ()) -> dict[str, str]
     for argument in arguments:
         key, equals, value = argument.partition("=")
         if not equals or not key.strip() or key.startswith("-"):
+            meant = f" (did you mean {first}={argument}?)" if first and not equals and argument[:1] != "-" else ""
             raise SealegsError(
-                f"'{argument}' is not understood: arguments have the form key=value (--help lists them)."
+                f"'{argument}' is not understood{meant}: arguments have the form key=value (--help lists them)."
             )
         key, value = key.strip(), value.strip()
         if key in plain and value not in ("", "null") and value[0] not in "[{'\"":

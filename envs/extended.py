@@ -15,6 +15,7 @@ import yaml
 
 from ..actuators import Chain, load_chain
 from ..actuators.errors import SealegsError, nearest
+from .contract import task_of
 from .robot import Robot
 
 FILE = "extended-robot.yaml"
@@ -214,6 +215,21 @@ def read_extended(path: str | Path) -> Extended:
             f"{folder} has no chain {path.name}{nearest(path.name, known)}; it has {', '.join(known)}."
         )
     return Extended(**{**vars(extended), "chosen": chosen})
+
+
+def extended_arguments(
+    name: str, extended: Extended | str | Path, actuator: Any = None, params: Mapping[str, float] | None = None
+) -> tuple[dict[str, Any], dict[str, float]]:
+    """Chains by joint and numbers of the robot of an environment, as a diagnosis found them.
+
+    Raises:
+        SealegsError: a chain is given too, or the robot cannot take what was found.
+    """
+    machine = extended if isinstance(extended, Extended) else read_extended(extended)
+    if actuator is not None:
+        raise ExtensionError("actuator= and extended= both say which chain drives the robot; give one of them.")
+    robot = task_of({"id": name})[0].robot
+    return dict(machine.chains_on(robot)), machine.params_on(robot, params)
 
 
 def _missing(path: Path, folder: Path) -> str:

@@ -1,7 +1,7 @@
 """Zero, direction and range of each joint, found with a person's help and kept as a file with the robot.
 
-    python -m sealegs.hw.calibration robot=bench port=/dev/ttyUSB0
-    python -m sealegs.hw.calibration robot=hopper port=/dev/ttyUSB0 out=calibrations/hopper-left.yaml
+    sealegs calibrate robot=bench port=/dev/ttyUSB0
+    sealegs calibrate robot=hopper port=/dev/ttyUSB0 out=calibrations/hopper-left.yaml
 
 Torque stays off throughout: the person moves each joint by hand. Nothing is written to the servos, and no file is
 overwritten.
@@ -269,7 +269,7 @@ def main(arguments: list[str]) -> None:
                 "the terminal was closed before the calibration was done; nothing is saved."
             ) from None
         write_calibration(out, robot, servo, joints)
-    print(f"\nWritten: {out}. deploy.py takes the newest of {FOLDER}/, or calibration={out}.")
+    print(f"\nWritten: {out}. sealegs deploy takes the newest of {FOLDER}/, or calibration={out}.")
 
 
 if __name__ == "__main__":

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import json
 import math
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Any
@@ -12,12 +12,13 @@ from typing import Any
 import numpy as np
 
 from ..actuators.errors import SealegsError
-from ..envs.robot import ChainSource
+from ..envs.contract import ContractError
+from ..envs.extended import FILE as EXTENDED
 from ..gap.log import read_measured
 from . import deployment
 from .commands import PolicyCommands
 from .policy import Policy
-from .robot import ServoRobot, build_robot
+from .robot import ServoRobot, build_robot, extended_robot
 from .simulated import Recording, rewards_of, simulate
 
 MACHINE = "machine"
@@ -94,13 +95,10 @@ def compare(config: Mapping[str, Any], folder: Path, say: Callable[[str], None] 
     """
     policy = Policy(str(config["policy"]))
     robot = build_robot(config["robot"], config["nominal"], None)
-    models: dict[str, dict[str, ChainSource]] = {"nominal": dict(robot.chains)}
+    models = {"nominal": robot}
     if config["extended"] is not None:
-        models["extended"] = dict(build_robot(config["robot"], config["extended"], None).chains)
-    trained = build_robot(
-        config["robot"], dict(policy.contract.chains), None
-    )  # it may be any model's: that is compared
-    trained.check_contract(policy.contract)
+        models["extended"] = extended_model(config)
+    check_policy(policy, config["robot"], list(models.values()))
     rate, seconds = policy.contract.control_rate, float(config["seconds"])
     schedule, segment = command_schedule(policy, seconds, int(config["seed"]))
 
@@ -121,10 +119,10 @@ def compare(config: Mapping[str, Any], folder: Path, say: Callable[[str], None] 
     runs: dict[str, Recording] = {}
     figures: dict[str, Figures] = {}
     spent = len(machine.time) / rate
-    for name, chains in models.items():
+    for name, model in models.items():
         say(f"In the {name} model")
-        run = simulate(robot, chains, commands(), limits, rate, spent)
-        replay = simulate(robot, chains, commands(), limits, rate, spent, machine.goal)
+        run = simulate(model, model.chains, commands(), limits, rate, spent)
+        replay = simulate(model, model.chains, commands(), limits, rate, spent, machine.goal)
         count = min(len(run.time), len(machine.time))
         runs[name] = run.cut(count)
         departures = find_departures(machine.cut(count), runs[name], robot)
@@ -139,6 +137,35 @@ def compare(config: Mapping[str, Any], folder: Path, say: Callable[[str], None] 
         )
     runs[MACHINE], figures[MACHINE] = machine, measure(machine)
     return Comparison(str(policy.path), robot.robot.name, robot.names, robot.base_names, runs, figures, outcome, log)
+
+
+def extended_model(config: Mapping[str, Any]) -> ServoRobot:
+    """The robot as a diagnosis found it; a chain of another origin is taken for all of it.
+
+    Raises:
+        SealegsError: it cannot be read, or does not fit the robot.
+    """
+    path = Path(str(config["extended"]))
+    if path.is_file() and not (path.parent / EXTENDED).is_file():
+        return build_robot(config["robot"], str(path), None)
+    return extended_robot(config["robot"], path)
+
+
+def check_policy(policy: Policy, config: Mapping[str, Any], models: Sequence[ServoRobot]) -> None:
+    """Make sure that a policy is for one of the models but for the chains it was trained with, which are compared.
+
+    Raises:
+        ContractError: it is not; the message is that of the first model.
+    """
+    refused: list[ContractError] = []
+    for model in models:
+        trained = build_robot({**config, "params": model.params}, dict(policy.contract.chains), None)
+        try:
+            trained.check_contract(policy.contract)
+            return
+        except ContractError as error:
+            refused.append(error)
+    raise refused[0]
 
 
 def on_machine(

@@ -17,7 +17,12 @@ SHORT = 16  # steps by which a servo may stop short of its joint's range
 
 @contextlib.contextmanager
 def opened_port(
-    hw: Mapping[str, Any], port: str | None, robot: ServoRobot, truth: Any, period: float = 0.01
+    hw: Mapping[str, Any],
+    port: str | None,
+    robot: ServoRobot,
+    truth: Any,
+    period: float = 0.01,
+    params: Mapping[str, float] | None = None,
 ) -> Iterator[str]:
     """The port to use, and a virtual machine behind it where one is asked for.
 
@@ -26,6 +31,7 @@ def opened_port(
         port: that the person named.
         robot: as the host sees it; a virtual machine has its servos mounted like that.
         truth: chain of a virtual machine, before what it hides.
+        params: numbers of a virtual machine, before what it hides; None: those of ``robot``.
         period: of the loop [s]; a virtual machine in stepped time advances by it in each cycle.
 
     Raises:
@@ -46,7 +52,7 @@ def opened_port(
     mounts |= {s.name: {"id": s.id, "zero": s.zero, "direction": 1 if s.per_radian > 0 else -1} for s in robot.sensors}
     known = {
         "robot": robot.robot.name,
-        "params": robot.params,
+        "params": robot.params if params is None else dict(params),
         "servos": mounts,
         "model": robot.servo.name,
         "held": True,

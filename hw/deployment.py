@@ -26,7 +26,7 @@ from .loop import ControlLoop, Outcome, Stop
 from .measured_log import MeasuredLog, make_sidecar, read_events
 from .policy import Policy
 from .registers import ServoModel
-from .robot import ServoRobot, build_robot
+from .robot import ServoRobot, build_robot, extended_robot
 from .safety import Limits, Safety
 from .supervisor import Charge, Supervisor
 
@@ -100,7 +100,12 @@ def prepare(config: Mapping[str, Any]) -> Deployment:
         what = f"{' and '.join(given)} cannot run at once" if given else "say what to run"
         raise SealegsError(f"{what}: give one of {', '.join(f'{key}=' for key in SOURCES)} (--help lists the keys).")
     calibration = calibration_of(config)
-    robot = build_robot(config["robot"], config["actuator"], calibration)
+    if config["extended"] is None:
+        robot = build_robot(config["robot"], config["actuator"], calibration)
+    elif config["actuator"] is None:
+        robot = extended_robot(config["robot"], str(config["extended"]), calibration)
+    else:
+        raise SealegsError("actuator= and extended= both say which chain drives the robot; give one of them.")
     commands = _commands(given[0], config, robot)
     rate = next(rate for rate in (config["rate"], commands.rate, RATE) if rate is not None)
     if not LOWEST_RATE <= rate <= HIGHEST_RATE:
@@ -127,8 +132,9 @@ def run(deployment: Deployment, say: Callable[[str], None] = print) -> Run | Non
     """
     config, robot = deployment.config, deployment.robot
     stop = Stop()
-    truth = config["robot"].get("actuator")
-    with stop.on_signals(), opened_port(config["hw"], config["port"], robot, truth, 1.0 / deployment.rate) as port:
+    truth, params = config["robot"].get("actuator"), config["robot"].get("params") or {}
+    opened = opened_port(config["hw"], config["port"], robot, truth, 1.0 / deployment.rate, params)
+    with stop.on_signals(), opened as port:
         bus = opened_bus(config["hw"], port, robot)
         with contextlib.closing(bus):
             if config["dry_run"]:

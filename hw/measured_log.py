@@ -2,7 +2,7 @@
 
 Each cycle is one line and one ``write`` to the file, so that a ``kill -9`` leaves whole lines; a thread brings them to
 the disk every 50 ms, so that a power cut costs no more than that. ``read_measured`` reads the file as it is;
-only a power cut can leave a torn line, which ``python -m sealegs.hw.measured_log <file>`` leaves out of a copy.
+only a power cut can leave a torn line, which ``sealegs repair-log <file>`` leaves out of a copy.
 """
 
 from __future__ import annotations

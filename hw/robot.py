@@ -14,6 +14,7 @@ import yaml
 from ..actuators import Chain, load_chain
 from ..actuators.errors import SealegsError, nearest
 from ..envs.contract import Contract, ContractError, chain_hash, robot_hash
+from ..envs.extended import read_extended
 from ..envs.robot import Robot
 from ..envs.robots import get_robot
 from .registers import ServoModel, load_model
@@ -372,6 +373,23 @@ def build_robot(config: Mapping[str, Any], actuator: Any = None, calibration: Pa
     joints = nominal_joints(robot, servo, params) if calibration is None else read_joints(calibration, robot)
     chains = {name: _plain(chain) for name, chain in robot.chains_for(belief).items()}
     return ServoRobot(robot, params, servo, joints, chains, read_sensors(config.get("sensors") or {}, joints, servo))
+
+
+def extended_robot(config: Mapping[str, Any], extended: str | Path, calibration: Path | None = None) -> ServoRobot:
+    """The robot of a ``configs/robot`` file as a diagnosis found it: chains and numbers.
+
+    Args:
+        config: as in :func:`build_robot`; its ``params`` are what is believed.
+        extended: folder of the diagnosis.
+        calibration: file; None: a machine built as drawn.
+
+    Raises:
+        SealegsError: as :func:`build_robot`, or the robot cannot take what was found.
+    """
+    machine, robot = read_extended(extended), get_robot(config["name"])
+    params = {str(key): value for key, value in (config.get("params") or {}).items()}
+    found = {**config, "params": machine.params_on(robot, params)}
+    return build_robot(found, machine.chains_on(robot), calibration)
 
 
 def read_sensors(config: Mapping[str, Any], joints: Sequence[Joint], servo: ServoModel) -> list[Sensor]:

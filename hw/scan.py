@@ -1,7 +1,7 @@
 """Which servos are on a bus, how they are, and whether they are set up to be worked with; or give one another id.
 
-    python -m sealegs.hw.scan port=/dev/ttyUSB0
-    python -m sealegs.hw.scan port=/dev/ttyUSB0 id=1 new_id=7     with one servo connected, when several have the id 1
+    sealegs scan port=/dev/ttyUSB0
+    sealegs scan port=/dev/ttyUSB0 id=1 new_id=7     with one servo connected, when several have the id 1
 
 No torque is switched on, and a plain scan writes nothing.
 """

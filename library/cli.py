@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import sys
 from collections.abc import Sequence
+from importlib.metadata import version
 
 from sealegs.actuators.errors import nearest
 from sealegs.configs.script import BAD_INPUT, load, run
@@ -20,11 +21,12 @@ COMMANDS = {
     "scan": ("sealegs.hw.scan", "scan", "which servos are on a bus"),
     "calibrate": ("sealegs.hw.calibration", "calibrate", "zero, direction and range of each joint"),
     "virtual": ("sealegs.hw.virtual.__main__", "virtual", "serve a virtual bus of servos"),
+    "export": ("sealegs.agents.export", "", "write a trained policy as ONNX"),
+    "repair-log": ("sealegs.hw.measured_log", "", "recover the whole samples of a log that a power cut tore"),
+    "import": ("sealegs.gap.log.importers.__main__", "", "turn published recordings into measured logs"),
     "demo": ("sealegs.commands.demo", "demo", "the main job once, without hardware"),
 }
-"""By word: module with ``main(arguments)``, name of its config file, what it does."""
-
-
+"""By word: module with ``main(arguments)``, name of its config file (none: its arguments are files), what it does."""
 def main(arguments: Sequence[str] | None = None) -> int:
     """Run one command; returns the exit status: 0, 2 for wrong input, 130 for Ctrl-C."""
     words = list(sys.argv[1:] if arguments is None else arguments)
@@ -33,13 +35,25 @@ def main(arguments: Sequence[str] | None = None) -> int:
         print("Usage: sealegs <command> key=value ...    sealegs <command> --help\n")
         print("\n".join(f"  {word:{width}s}  {text}" for word, (_, _, text) in COMMANDS.items()))
         return 0 if words else BAD_INPUT
+    if words[0] in ("--version", "-V"):
+        print(f"sealegs {version('sealegs')}")
+        return 0
     word, *rest = words
     if word not in COMMANDS:
         known = ", ".join(COMMANDS)
         print(f"There is no command '{word}'{nearest(word, COMMANDS)}; there are {known}.", file=sys.stderr)
         return BAD_INPUT
     module_name, config, _ = COMMANDS[word]
-    module = load(module_name, config)
+    module = load(module_name, config or word)
     if isinstance(module, int):
         return module
-    return run(module.main, config, module.__doc__ or "", rest)
+    asks = bool({"-h", "--help"} & set(rest))
+    if asks and not config and word != "import":
+        print((module.__doc__ or "").strip())
+        return 0
+    try:
+        if asks and not config:  # its parser has a help page of its own
+            module.main(rest)
+        return run(module.main, config, module.__doc__ or "", rest)
+    except SystemExit as end:  # of a parser of its own
+        return end.code if isinstance(end.code, int) else BAD_INPUT

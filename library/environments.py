@@ -9,12 +9,9 @@ from typing import Any
 import gymnasium
 from sealegs.actuators.errors import SealegsError, nearest
 from sealegs.envs import register_environments
-from sealegs.envs.contract import task_of
-from sealegs.envs.extended import Extended, read_extended
+from sealegs.envs.extended import Extended, extended_arguments
 from sealegs.envs.robot import ChainSource, Robot
 from sealegs.envs.robots import get_robot
-
-__all__ = ["environment_id", "extended_arguments", "load_robot", "make_env"]
 
 
 def load_robot(name: str) -> Robot:
@@ -74,18 +71,3 @@ def make_env(
     if num_envs is None:
         return gymnasium.make(found, **keywords)
     return gymnasium.make_vec(found, num_envs=num_envs, **keywords)
-
-
-def extended_arguments(
-    name: str, extended: Extended | str | Path, actuator: Any = None, params: Mapping[str, float] | None = None
-) -> tuple[dict[str, Any], dict[str, float]]:
-    """Chains by joint and numbers of the robot of an environment, as a diagnosis found them.
-
-    Raises:
-        SealegsError: a chain is given too, or the robot cannot take what was found.
-    """
-    machine = extended if isinstance(extended, Extended) else read_extended(extended)
-    if actuator is not None:
-        raise SealegsError("actuator= and extended= both say which chain drives the robot; give one of them.")
-    robot = task_of({"id": name})[0].robot
-    return dict(machine.chains_on(robot)), machine.params_on(robot, params)

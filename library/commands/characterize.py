@@ -1,8 +1,8 @@
 """Characterise a servo on a brake bench: torque as a linear map of duty and speed.
 
-    python characterize.py actuator=sts3215         the printed protocol on a virtual bench
-    python characterize.py table=measured.csv       the measurements of a real bench
-    python train.py actuator=runs/<folder>/chain.yaml
+    sealegs characterize actuator=sts3215         the printed protocol on a virtual bench
+    sealegs characterize table=measured.csv       the measurements of a real bench
+    sealegs train actuator=runs/<folder>/chain.yaml
 
 Follows "Practical Approach to Characterize Realistic Motor Dynamics" (III-B and C): PWM -0.9 to 0.9 by 0.05, load 0 to
 1.2 N.m by 0.05, 40, 55 and 70 degC, three times each in random order; stalls are invalid, measurements beyond two
@@ -25,7 +25,7 @@ def main(arguments: list[str]) -> None:
     from sealegs.configs.check import Count, Natural, checked
     from sealegs.configs.compose import compose, split
 
-    config = compose("characterize", split(arguments, plain=("actuator", "table", "out")))
+    config = compose("characterize", split(arguments, plain=("actuator", "table", "out"), first="table"))
     table_path = config["table"]
     if table_path is not None:
         chain, label = None, Path(str(table_path)).stem

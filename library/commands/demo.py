@@ -1,7 +1,7 @@
 """The main job, once: from a measured log to a hopper that is trained on what was found in it.
 
-    python demo.py            under 10 minutes on two cores
-    python demo.py seed=1     another hidden effect
+    sealegs demo            under 10 minutes on two cores
+    sealegs demo seed=1     another hidden effect
 
 A virtual bench stands in for hardware: it measures the hopper's servo, which hides an effect that its model lacks. The
 log is diagnosed; the hopper learns once on the servo as it was believed to be and once on the extended one; and both
@@ -32,6 +32,8 @@ def main(arguments: list[str]) -> None:
     from sealegs.agents.cross_evaluation import mean_reward  # here, so that --help does not wait for torch
     from sealegs.configs.check import Count, checked, checked_seed
     from sealegs.configs.compose import compose, split
+    from sealegs.envs.extended import read_extended
+    from sealegs.envs.hopper.robot import HOPPER
 
     config = compose("demo", split(arguments, plain=("out",)))
     seed = checked_seed(config["seed"])
@@ -44,17 +46,17 @@ def main(arguments: list[str]) -> None:
     path, (cause, low, high) = list(HIDDEN.items())[seed % len(HIDDEN)]
     size = float(np.random.default_rng(seed).uniform(low, high))
     measure(out / "log", {path: size}, seed)
-    extended = diagnose(out / "log", out / "diagnosis", seed)
-    runs = {}
-    for name, actuator in (("nominal", SERVO), ("extended", str(extended))):
-        runs[name] = train(actuator, out, name, steps, seed)
+    folder = diagnose(out / "log", out / "diagnosis", seed)
+    runs = {"nominal": train(f"actuator={SERVO}", out, "nominal", steps, seed)}
+    runs["extended"] = train(f"extended={folder}" if folder else f"actuator={SERVO}", out, "extended", steps, seed)
+    extended = read_extended(folder).chains_on(HOPPER) if folder else SERVO
 
     heading("What came of it")
     print(f"  Hidden in the servo: {cause}, {path} = {size:.4g}")
     print(f"  Found              : {found(out / 'diagnosis' / 'diagnosis.json')}")
     print("  Mean episode reward on the extended servo, of the policy that was trained on the")
     for name, folder in runs.items():
-        print(f"    {name} one: {mean_reward(folder / 'final', str(extended)):.0f}")
+        print(f"    {name} one: {mean_reward(folder / 'final', extended):.0f}")
     print(f"\n  Report       {out / 'diagnosis' / 'report.html'}")
     print(f"  Pictures     {out / 'diagnosis' / 'pictures'}")
     for name, folder in runs.items():
@@ -77,15 +79,15 @@ def measure(log: Path, hidden: dict[str, float], seed: int) -> None:
     print(f"  {len(files)} runs in {log}")
 
 
-def diagnose(log: Path, out: Path, seed: int) -> Path:
-    """Explain the log; returns the chain to train on, the nominal one's name where nothing was found."""
+def diagnose(log: Path, out: Path, seed: int) -> Path | None:
+    """Explain the log; the folder of the extended model, None where there is none."""
     from sealegs.commands import diagnose as script
+    from sealegs.envs.extended import FILE
 
     arguments = [f"log={log}", f"out={out}", f"seed={seed}"]
-    heading(f"python diagnose.py {' '.join(arguments)}")
+    heading(f"sealegs diagnose {' '.join(arguments)}")
     script.main(arguments)
-    extended = out / "extended.yaml"
-    return extended if extended.is_file() else Path(SERVO)
+    return out if (out / FILE).is_file() else None
 
 
 def found(file: Path) -> str:
@@ -98,12 +100,12 @@ def found(file: Path) -> str:
     return "; ".join(causes) or diagnosis["verdict"]
 
 
-def train(actuator: str, out: Path, name: str, steps: int, seed: int) -> Path:
+def train(model: str, out: Path, name: str, steps: int, seed: int) -> Path:
     """Train the hopper; returns the run folder."""
     from sealegs.commands import train as script
 
-    arguments = ["env=hopper", f"actuator={actuator}", f"out={out}", f"name={name}", f"seed={seed}"]
+    arguments = ["env=hopper", model, f"out={out}", f"name={name}", f"seed={seed}"]
     arguments += [f"total_timesteps={steps}", "video.seconds=6"]
-    heading(f"python train.py {' '.join(arguments)}")
+    heading(f"sealegs train {' '.join(arguments)}")
     script.main(arguments)
     return out / name

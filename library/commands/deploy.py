@@ -1,14 +1,14 @@
 """Run a policy, an excitation, a log or a reference controller on servos, and log it.
 
-    python deploy.py policy=runs/first/final robot=hopper                on a virtual machine
-    python deploy.py excitation=chirp                                    an excitation of the library, on the bench
-    python deploy.py excitation=diagnosis/next_experiment.csv out=logs/today
-    python deploy.py policy=runs/first/final robot=hopper hw=feetech port=/dev/ttyUSB0
-    python deploy.py policy=runs/first/final robot=hopper dry_run=true   print the first goals, no torque
+    sealegs deploy policy=runs/first/final robot=hopper                on a virtual machine
+    sealegs deploy excitation=chirp                                    an excitation of the library, on the bench
+    sealegs deploy excitation=diagnosis/next_experiment.csv out=logs/today
+    sealegs deploy policy=runs/first/final robot=hopper hw=feetech port=/dev/ttyUSB0
+    sealegs deploy policy=runs/first/final robot=hopper dry_run=true   print the first goals, no torque
 
 Limits on joints, speed, current, temperature, voltage and late data hold whatever runs (configs/robot), and however a
 run ends, a process of its own sees to it that the servos are released or held. The log is a measured log
-(docs/log-format.md) that diagnose.py reads, complete up to the last cycle.
+(docs/log-format.md) that sealegs diagnose reads, complete up to the last cycle.
 """
 
 from __future__ import annotations
@@ -21,6 +21,7 @@ PLAIN = (
     "replay",
     "port",
     "actuator",
+    "extended",
     "calibration",
     "out",
     "name",
@@ -34,7 +35,7 @@ def main(arguments: list[str]) -> None:
     from sealegs.configs.compose import compose, split  # here, so that --help does not wait for the compiled laws
     from sealegs.hw import deployment
 
-    prepared = deployment.prepare(compose("deploy", split(arguments, PLAIN)))
+    prepared = deployment.prepare(compose("deploy", split(arguments, PLAIN, _meant(arguments))))
     done = deployment.run(prepared)
     if done is None:
         return
@@ -43,3 +44,9 @@ def main(arguments: list[str]) -> None:
         why = "" if done.outcome.reason == "Ctrl-C" else f", since {done.outcome.reason}"
         rest = "released" if prepared.config["rest"] == "release" else "held"
         raise Interrupted(f"Stopped{why}; the servos are {rest}.")
+
+
+def _meant(arguments: list[str]) -> str:
+    """The key that a value without one is likely meant for."""
+    value = next((argument for argument in arguments if "=" not in argument), "")
+    return "excitation" if value.endswith(".csv") or "/" not in value else "policy"

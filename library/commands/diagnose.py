@@ -1,14 +1,14 @@
 """Explain a gap: from measured logs to what the simulation gets wrong, why, and a model that has it right.
 
-    python diagnose.py log=logs/today out=diagnosis
-    python diagnose.py log=logs/xl330 test=kp400          keep the runs of that group for the final measurement
-    python diagnose.py log=logs/fleet fleet=true          a folder of logs for each servo, and a table over all of them
-    python train.py actuator=diagnosis/extended.yaml      train on the extended model
+    sealegs diagnose log=logs/today out=diagnosis
+    sealegs diagnose log=logs/xl330 test=kp400          keep the runs of that group for the final measurement
+    sealegs diagnose log=logs/fleet fleet=true          a folder of logs for each servo, and a table over all of them
+    sealegs train extended=diagnosis                    train on the extended model
 
 A log is a CSV or Parquet file with a YAML beside it (docs/log-format.md); a folder of them is one data set. Written
 are diagnosis.json, report.html (one page to send), pictures, the extended chain and MJCF, and the next experiment
-where one helps. A fleet gets a folder like that for each servo, fleet.html and fleet.csv; stopped, it goes on with the
-same command.
+where one helps. A fleet gets a folder like that for each servo, fleet.html and fleet.csv. Stopped, by Ctrl-C or by a
+kill, a diagnosis goes on with the same command; until it is done, partial/partial.json tells what was found so far.
 """
 
 from __future__ import annotations
@@ -28,7 +28,7 @@ def main(arguments: list[str]) -> None:
     """Diagnose the log that the command line names."""
     from sealegs.configs.compose import compose, split  # here, so that --help does not wait for the compiled laws
 
-    config = compose("diagnose", split(arguments, plain=("log", "out", "test")))
+    config = compose("diagnose", split(arguments, plain=("log", "out", "test"), first="log"))
     if config["log"] is None:
         raise SealegsError(
             "log=<file or folder> is missing: name the measured log (docs/log-format.md), or try make demo."

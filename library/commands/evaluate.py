@@ -1,10 +1,10 @@
 """Compare: a robot with its published figures, or a policy in its models and on the machine.
 
-    python evaluate.py paper=hopper                 hopping with and without actuator, beside the paper's figures
-    python evaluate.py paper=hexapod                also biped: what their papers print, repeated
-    python evaluate.py paper=hopper out=comparison  the same, into that folder
+    sealegs evaluate paper=hopper                 hopping with and without actuator, beside the paper's figures
+    sealegs evaluate paper=hexapod                also biped: what their papers print, repeated
+    sealegs evaluate paper=hopper out=comparison  the same, into that folder
 
-    python evaluate.py policy=runs/first/final robot=hopper extended=diagnosis/extended.yaml hw=virtual
+    sealegs evaluate policy=runs/first/final robot=hopper extended=diagnosis hw=virtual
                                                     one policy in the nominal model, the extended one and on the machine
 
 The first writes the numbers (JSON), the motor positions over time (PNG), and positions and speeds over the hopping
@@ -34,7 +34,7 @@ def main(arguments: list[str]) -> None:
     from sealegs.configs.check import checked
     from sealegs.configs.compose import compose, split
 
-    config = compose("evaluate", split(arguments, plain=PLAIN))
+    config = compose("evaluate", split(arguments, plain=PLAIN, first="policy"))
     if config["policy"] is not None:
         compare_policy(config)
         return

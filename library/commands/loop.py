@@ -1,8 +1,8 @@
 """The whole loop in one command: excite, log, diagnose, extend, train, deploy, compare.
 
-    python loop.py                                a virtual machine that hides an effect
-    python loop.py out=runs/loop-1                go on with it after a stop, a crash or a kill
-    python loop.py hw=feetech port=/dev/ttyUSB0   the same on real servos
+    sealegs loop                                a virtual machine that hides an effect
+    sealegs loop out=runs/loop-1                go on with it after a stop, a crash or a kill
+    sealegs loop hw=feetech port=/dev/ttyUSB0   the same on real servos
 
 The machine is measured; the log is diagnosed; a policy learns on the servos as they were believed to be and one on the
 extended model; both run on the machine and in both models. What came of it is the gap before and after, printed, and
@@ -45,10 +45,12 @@ def main(arguments: list[str]) -> None:
     try:
         measure(config, out, machine, seed)
         extended = diagnose(config, out, machine, seed)
-        models = {"nominal": str(config["robot"]["actuator"])} | ({"extended": str(extended)} if extended else {})
+        models = {"nominal": f"actuator={config['robot']['actuator']}"}
+        if extended:
+            models["extended"] = f"extended={extended}"
         pages = {}
-        for name, chain in models.items():
-            train(config, out, name, chain, steps, seed)
+        for name, model in models.items():
+            train(config, out, name, model, steps, seed)
             pages[name] = compare(config, out, name, extended, machine, seed)
     except (Interrupted, KeyboardInterrupt) as stop:
         others = [argument for argument in arguments if not argument.startswith("out=")]
@@ -94,7 +96,7 @@ def put_on(name: str, load: Mapping[str, float]) -> None:
         input(f"\nPut on {name} ({said}) and press Enter. ")
     except EOFError:
         raise SealegsError(
-            "the load must be changed by a person, and there is no terminal; run loop.py in one."
+            "the load must be changed by a person, and there is no terminal; run sealegs loop in one."
         ) from None
 
 
@@ -107,7 +109,7 @@ def excite(
     params = ",".join(f"{key}:{value}" for key, value in load.items())
     arguments = [f"excitation={word}", f"out={out / 'log'}", f"name={name}", f"robot.params={{{params}}}"]
     arguments += [f"rate={config['rate']}", f"reach={config['reach']}", f"seed={seed}", *machine]
-    heading(f"python deploy.py {' '.join(arguments)}")
+    heading(f"sealegs deploy {' '.join(arguments)}")
     script.main(arguments)
 
 
@@ -130,17 +132,17 @@ def complete(out: Path, name: str) -> bool:
 
 
 def diagnose(config: Mapping[str, Any], out: Path, machine: list[str], seed: int) -> Path | None:
-    """Explain the log, measuring further where that is proposed; the extended chain, None where there is none."""
+    """Explain the log, measuring further where that is proposed; the folder of the extended model, None without."""
     from sealegs.commands import diagnose as script
+    from sealegs.envs.extended import FILE
     from sealegs.gap.log.sidecar import read_sidecar
 
     folder = out / "diagnosis"
     for further in range(int(config["further"]) + 1):
         folder = out / ("diagnosis" if further == 0 else f"diagnosis-{further + 1}")
-        if not (folder / "diagnosis.json").exists():
-            put_aside(folder, out)
+        if not (folder / "diagnosis.json").exists():  # one that was stopped goes on by itself
             arguments = [f"log={out / 'log'}", f"out={folder}", f"seed={seed}"]
-            heading(f"python diagnose.py {' '.join(arguments)}")
+            heading(f"sealegs diagnose {' '.join(arguments)}")
             script.main(arguments)
         proposal = folder / "next_experiment.csv"
         if not proposal.exists() or further == int(config["further"]):
@@ -150,11 +152,10 @@ def diagnose(config: Mapping[str, Any], out: Path, machine: list[str], seed: int
             if config["hw"]["virtual"] is None:
                 put_on("the load of the proposed experiment", load)
             excite(config, out, machine, f"further{further}", str(proposal), load, seed)
-    extended = folder / "extended.yaml"
-    return extended if extended.exists() else None
+    return folder if (folder / FILE).exists() else None
 
 
-def train(config: Mapping[str, Any], out: Path, name: str, actuator: str, steps: int, seed: int) -> None:
+def train(config: Mapping[str, Any], out: Path, name: str, model: str, steps: int, seed: int) -> None:
     """Train on a model, or go on with it."""
     from sealegs.commands import train as script
 
@@ -165,10 +166,10 @@ def train(config: Mapping[str, Any], out: Path, name: str, actuator: str, steps:
         arguments = [f"resume={folder}"]
     else:
         put_aside(folder, out)
-        arguments = [f"env={config['robot']['name']}", f"actuator={actuator}", f"out={out}", f"name={folder.name}"]
+        arguments = [f"env={config['robot']['name']}", model, f"out={out}", f"name={folder.name}"]
         arguments += [f"seed={seed}", f"total_timesteps={steps}", "video.seconds=0"]
         arguments.append(f"env.energy_weight={config['energy_weight']}")
-    heading(f"python train.py {' '.join(arguments)}")
+    heading(f"sealegs train {' '.join(arguments)}")
     script.main(arguments)
 
 
@@ -183,7 +184,7 @@ def compare(
         put_aside(folder, out)
         arguments = [f"policy={out / f'policy-{name}' / 'final'}", f"out={folder}", f"seconds={config['seconds']}"]
         arguments += [f"seed={seed}", *machine] + ([f"extended={extended}"] if extended else [])
-        heading(f"python evaluate.py {' '.join(arguments)}")
+        heading(f"sealegs evaluate {' '.join(arguments)}")
         script.main(arguments)
     return folder
 

@@ -1,11 +1,11 @@
 """Learn a policy: PPO or SAC on a robot with any actuator chain.
 
-    python train.py                                       the hopper with its own servos
-    python train.py env=hopper actuator=ideal agent=sac   with ideal motors, by another algorithm
-    python train.py actuator=diagnosis/extended.yaml      the chain that diagnose.py wrote
-    python train.py agent.learning_rate=lin_1e-3 n_envs=16 seed=3 name=first
-    python train.py resume=runs/first                     go on after a stop, a crash or a kill -9
-    python train.py resume=runs/first total_timesteps=2e6 go on for longer
+    sealegs train                                       the hopper with its own servos
+    sealegs train env=hopper actuator=ideal agent=sac   with ideal motors, by another algorithm
+    sealegs train extended=diagnosis                    the machine as sealegs diagnose found it
+    sealegs train agent.learning_rate=lin_1e-3 n_envs=16 seed=3 name=first
+    sealegs train resume=runs/first                     go on after a stop, a crash or a kill -9
+    sealegs train resume=runs/first total_timesteps=2e6 go on for longer
 
 A run writes one folder: resolved config, versions and git revision, TensorBoard, evaluations, checkpoints, best and
 final policy, video. Ctrl-C saves a checkpoint first.

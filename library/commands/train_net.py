@@ -1,9 +1,9 @@
 """Train an actuator net: history of position error and speed to torque.
 
-    python train_net.py log=logs/leg_servo          from measured logs with a torque column
-    python train_net.py log=logs/xl330 rate=200     without one: from the motion of the bench's known load
-    python train_net.py actuator=sts3215            from simulated runs of a chain
-    python train.py actuator=runs/<folder>/chain.yaml
+    sealegs train-net log=logs/leg_servo          from measured logs with a torque column
+    sealegs train-net log=logs/xl330 rate=200     without one: from the motion of the bench's known load
+    sealegs train-net actuator=sts3215            from simulated runs of a chain
+    sealegs train actuator=runs/<folder>/chain.yaml
 
 Some runs are kept to test the net on. Its sample rate is stored in it and checked when a chain loads it; at run time a
 counter says how many inputs left the training range. Ctrl-C ends the training and keeps the best net so far.
@@ -29,7 +29,7 @@ def main(arguments: list[str]) -> None:
     from sealegs.actuators.net_report import report
     from sealegs.configs.compose import compose, split
 
-    config = compose("train_net", split(arguments, plain=("log", "joint", "actuator", "out")))
+    config = compose("train_net", split(arguments, plain=("log", "joint", "actuator", "out"), first="log"))
     if (config["log"] is None) == (config["actuator"] is None):
         raise SealegsError("give either log=<file or folder> or actuator=<chain to learn from simulated runs>.")
     settings = _settings(config)

@@ -1,8 +1,8 @@
 """Film a trained policy, as it was trained or with other actuators and commands.
 
-    python watch.py policy=policies/biped/seed0 env.speed=0.8           told to walk at 0.8 m/s
-    python watch.py policy=runs/first/best actuator=diagnosis/extended.yaml   with the chain that diagnose.py wrote
-    python watch.py policy=policies/hexapod/seed1 env.params.timestep=0.0005 seconds=60
+    sealegs watch policy=policies/biped/seed0 env.speed=0.8           told to walk at 0.8 m/s
+    sealegs watch policy=runs/first/best actuator=diagnosis/extended.yaml   with the chain that a diagnosis found
+    sealegs watch policy=policies/hexapod/seed1 env.params.timestep=0.0005 seconds=60
 
 Writes an mp4 and prints how long each episode in it lasts and what it earns.
 """
@@ -24,7 +24,7 @@ def main(arguments: list[str]) -> None:
     from sealegs.configs.check import Pixels, Positive, checked, checked_seed
     from sealegs.configs.compose import compose, split
 
-    config = compose("watch", split(arguments, plain=("policy", "actuator", "out")))
+    config = compose("watch", split(arguments, plain=("policy", "actuator", "out"), first="policy"))
     if config["policy"] is None:
         raise SealegsError("say which policy to watch: policy=<folder>, such as policies/biped/seed0.")
     folder = Path(checked("policy", config["policy"], str))

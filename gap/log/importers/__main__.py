@@ -13,9 +13,9 @@ from . import CONVERTERS
 def main(arguments: list[str] | None = None) -> int:
     """Convert a folder of recordings; return the exit status (2: wrong input, 130: stopped)."""
     parser = argparse.ArgumentParser(
-        prog="python -m sealegs.gap.log.importers",
-        description="Turn published recordings of real machines into measured logs that diagnose.py reads.",
-        epilog="Example: python -m sealegs.gap.log.importers xl330 ../shared/data/xl330_pendulum outputs/xl330",
+        prog="sealegs import",
+        description="Turn published recordings of real machines into measured logs that sealegs diagnose reads.",
+        epilog="Example: sealegs import xl330 ../shared/data/xl330_pendulum outputs/xl330",
     )
     parser.add_argument("machine", choices=sorted(CONVERTERS), help="which recordings the source folder holds")
     parser.add_argument("source", type=Path, metavar="source-folder", help="folder with the recordings; only read")
