@@ -27,6 +27,8 @@ COMMANDS = {
     "demo": ("sealegs.commands.demo", "demo", "the main job once, without hardware"),
 }
 """By word: module with ``main(arguments)``, name of its config file (none: its arguments are files), what it does."""
+
+
 def main(arguments: Sequence[str] | None = None) -> int:
     """Run one command; returns the exit status: 0, 2 for wrong input, 130 for Ctrl-C."""
     words = list(sys.argv[1:] if arguments is None else arguments)

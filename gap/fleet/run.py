@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
+import importlib
 import multiprocessing
 import os
+import shutil
 import signal
 import tempfile
 import time
@@ -16,8 +18,8 @@ from ...actuators.errors import SealegsError
 from ...actuators.extras import needed_for
 from .jobs import Job, Outcome, finished, remove_unfinished, run_job, staging
 
-REPOSITORY = Path(__file__).resolve().parents[2]
-PACKAGES = ("actuators", "configs", "envs", "gap")  # what a worker of a cluster needs of the project
+PACKAGE = __name__.partition(".")[0]
+PARTS = ("actuators", "configs", "envs", "gap")  # what a worker of a cluster needs of the package
 FORGIVE = 5.0  # [s] a stopped worker has to end
 
 Report = Callable[[str, str], None]
@@ -137,10 +139,11 @@ def _on_ray(jobs: Sequence[Job], report: Report) -> Iterator[Outcome]:
     ray = _ray()
     started = not ray.is_initialized()
     if started:
-        modules = [str(REPOSITORY / name) for name in PACKAGES]
-        ray.init(
-            runtime_env={"py_modules": modules}, logging_level="ERROR", log_to_driver=False, include_dashboard=False
-        )
+        with tempfile.TemporaryDirectory() as folder:  # Ray packs it at once
+            modules = [str(copied_package(Path(folder)))]
+            ray.init(
+                runtime_env={"py_modules": modules}, logging_level="ERROR", log_to_driver=False, include_dashboard=False
+            )
     task = ray.remote(num_cpus=1, max_retries=1)(_elsewhere)
     pending: dict[Any, Job] = {}
     try:
@@ -161,6 +164,22 @@ def _on_ray(jobs: Sequence[Job], report: Report) -> Iterator[Outcome]:
             ray.cancel(reference, force=True)
         if started:
             ray.shutdown()
+
+
+def copied_package(folder: Path) -> Path:
+    """The package as one folder of its own name in ``folder``, from a checkout or from where pip installed it."""
+    target = folder / PACKAGE
+    beside = shutil.ignore_patterns("__pycache__", *(PARTS if _home(PACKAGE) == _home(f"{PACKAGE}.gap").parent else ()))
+    shutil.copytree(_home(PACKAGE), target, ignore=beside)
+    for part in PARTS:
+        shutil.copytree(_home(f"{PACKAGE}.{part}"), target / part, ignore=shutil.ignore_patterns("__pycache__"))
+    return target
+
+
+def _home(module: str) -> Path:
+    file = importlib.import_module(module).__file__
+    assert file is not None
+    return Path(file).resolve().parent
 
 
 def _elsewhere(name: str, files: dict[str, bytes], settings: dict[str, Any]) -> tuple[str, dict[str, bytes]]:
