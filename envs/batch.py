@@ -164,7 +164,7 @@ class BatchEngine:
         """Start new episodes in all or some simulations; their observations, (m, size), float32."""
         chosen = np.arange(self.num_envs) if simulations is None else simulations
         self._start(chosen)
-        return self._observation(self._motion(self._action))[chosen]
+        return self._observation(self.motion(self._action))[chosen]
 
     def _start(self, chosen: np.ndarray) -> None:
         task_draws, draws = self.task.draws, self.task.draws + len(self.randomization.draws)
@@ -217,7 +217,7 @@ class BatchEngine:
             self.batch.step(nstep=self.substeps)
         self._action = action
         self.steps += 1
-        motion = self._motion(previous)
+        motion = self.motion(previous)
         terms = self.task.rewards(motion)
         reward = np.zeros(self.num_envs)
         for term in terms.values():
@@ -234,7 +234,7 @@ class BatchEngine:
         final = observation[done]
         if self.autoreset and len(done):
             self._start(done)
-            observation[done] = self._observation(self._motion(self._action))[done]
+            observation[done] = self._observation(self.motion(self._action))[done]
         return Step(observation, reward, terminated, truncated, terms, flags, done, final)
 
     def _goals(self, action: np.ndarray) -> np.ndarray:
@@ -259,7 +259,8 @@ class BatchEngine:
             "give finite numbers (a learner that diverged gives none: lower its learning rate)."
         )
 
-    def _motion(self, previous_action: np.ndarray) -> Motion:
+    def motion(self, previous_action: np.ndarray) -> Motion:
+        """What rewards and observations are computed from, as the robots stand now."""
         qpos, qvel = self._qpos, self._qvel
         link, reading = self._link(qpos), self._readings()
         return Motion(

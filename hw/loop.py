@@ -106,7 +106,7 @@ class ControlLoop:
         self._metronome = Metronome(rate, stepped, clock=bus.line.port)
         self._log, self._supervisor = log, supervisor
         self._rest: Rest = rest
-        self._stop, self._each_cycle, self._alarm = stop or Stop(), each_cycle, alarm
+        self._stop, self.each_cycle, self.alarm = stop or Stop(), each_cycle, alarm
         self._zero_time = self._metronome.now()
         self.reading: Reading | None = None
         self.outcome: Outcome | None = None
@@ -220,7 +220,7 @@ class ControlLoop:
             self.bus.write_goals(self.robot.ids, self.robot.to_servo(self.sent))
             if (fault := self._beat()) is not None:
                 return fault
-            if (reason := self._each_cycle()) is not None:
+            if (reason := self.each_cycle()) is not None:
                 self._stop.ask(reason)
             if self._stop.reason is not None:
                 return None
@@ -245,7 +245,7 @@ class ControlLoop:
                 self._event("started", monotonic=time.monotonic())
             if (fault := self._beat()) is not None:
                 return fault
-            if (reason := self._each_cycle()) is not None:
+            if (reason := self.each_cycle()) is not None:
                 self._stop.ask(reason)
                 return None
             # goals belong to the grid of cycles: half a period of tolerance keeps them from slipping by one
@@ -333,7 +333,7 @@ class ControlLoop:
         )
         if self._supervisor is not None and failed:
             asked = self._stop.asked
-            self._alarm("The supervisor goes on trying to reach them; Ctrl-C ends the wait.")
+            self.alarm("The supervisor goes on trying to reach them; Ctrl-C ends the wait.")
             self._supervisor.call(lambda: self._stop.asked > asked)
         elif self._supervisor is not None:
             self._supervisor.dismiss()
@@ -343,7 +343,7 @@ class ControlLoop:
     def _failing(self, servos: Sequence[int], error: Exception) -> None:
         """Say at once that servos could not be brought to rest; others may still be."""
         self.state = "NOT AT REST"
-        self._alarm(f"TORQUE MAY BE ON at servo(s) {', '.join(map(str, servos))}: CUT THE POWER. {error}")
+        self.alarm(f"TORQUE MAY BE ON at servo(s) {', '.join(map(str, servos))}: CUT THE POWER. {error}")
         if self._supervisor is not None:
             self._supervisor.resting()  # each servo may take its time
 

@@ -122,6 +122,11 @@ class Supervisor:
         self._say(RESTING)
 
     @property
+    def pid(self) -> int:
+        """Number of its process."""
+        return self._process.pid
+
+    @property
     def alive(self) -> bool:
         """Whether it watches."""
         return self._process.poll() is None

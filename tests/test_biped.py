@@ -110,7 +110,7 @@ def test_walking_pays_for_the_foot_in_the_air_whose_turn_it_is_and_hopping_for_b
             engine.drivetrain.set_position(coordinate(side, "leg_shape"), qpos, np.array([shape]))
             engine.drivetrain.set_position(coordinate(side, "leg_angle"), qpos, np.array([0.0]))
         qpos[:, 1] = height
-        motion = engine._motion(engine._action)
+        motion = engine.motion(np.zeros((1, len(engine.action_names))))
         return float(engine.task.rewards(motion)["reward_gait"][0])
 
     both_down, one_up, both_up = ((0.1, 0.1), 0.9951), ((0.1, 0.5), 0.9951), ((0.1, 0.1), 1.2)

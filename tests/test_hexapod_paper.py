@@ -84,6 +84,7 @@ def _evaluate(*arguments: str) -> subprocess.CompletedProcess[str]:
     return subprocess.run(command, capture_output=True, text=True, cwd=REPOSITORY, check=False)
 
 
+@pytest.mark.long
 def test_evaluate_writes_numbers_and_pictures_and_never_over_old_ones(tmp_path: Path) -> None:
     out = tmp_path / "comparison"
     first = _evaluate(f"out={out}", "seconds=1")

@@ -22,7 +22,7 @@ from sealegs.gap.experiment import (
     write_experiment,
 )
 from sealegs.gap.experiment.excitations import HOLDS, abilities, excitations, slewed
-from sealegs.gap.experiment.proposal import Hypothesis, _kept_within
+from sealegs.gap.experiment.proposal import Hypothesis, kept_within
 from sealegs.gap.log.sidecar import read_sidecar
 from sealegs.gap.log.types import LogError
 from sealegs.gap.replay.joint_model import JointModel
@@ -79,9 +79,9 @@ def test_a_motion_made_smaller_stays_within_the_limits_and_where_its_load_is_hel
         middle = 0.5 * (goal.min() + goal.max())
         return SimpleNamespace(simulate=lambda variants: (middle + overshoot * (goal - middle))[None, :, None])
 
-    monkeypatch.setattr("sealegs.gap.experiment.proposal._measurement", measurement)
+    monkeypatch.setattr("sealegs.gap.experiment.proposal.measurement", measurement)
     for name, goal in excitations(limits, NOMINAL, heavy).items():
-        kept = _kept_within(None, heavy, goal, [Hypothesis("any", {}, ())], limits)  # type: ignore[arg-type]
+        kept = kept_within(None, heavy, goal, [Hypothesis("any", {}, ())], limits)  # type: ignore[arg-type]
         assert kept.min() >= limits.lower and kept.max() <= held + 1e-9, name
         assert measurement(None, heavy, kept).simulate([]).min() >= limits.lower - 0.05 * limits.reach - 1e-9, name
 
@@ -152,8 +152,18 @@ def test_a_joint_that_never_moved_gets_a_first_experiment() -> None:
 @pytest.mark.parametrize(
     ("effect", "size", "motion", "seed", "considered", "other_load"),
     [
-        ("load.mass", "moderate", "sine", 11, ("load.mass", "load.centre_of_mass"), True),
-        ("drive.saturation", "clear", "small", 11, ("drive.saturation", "drive.overload"), False),
+        pytest.param(
+            "load.mass", "moderate", "sine", 11, ("load.mass", "load.centre_of_mass"), True, marks=pytest.mark.long
+        ),
+        pytest.param(
+            "drive.saturation",
+            "clear",
+            "small",
+            11,
+            ("drive.saturation", "drive.overload"),
+            False,
+            marks=pytest.mark.long,
+        ),
         # a joint that only settles: viscous friction fits that as well, alone and with confidence
         ("friction.load_dependent", "clear", "still", 13, ("friction.load_dependent", "friction.viscous"), False),
     ],

@@ -14,7 +14,7 @@ from sealegs.gap.output.pictures import CAUSES, draw_all, picture_of, pictures, 
 from sealegs.gap.output.pictures.evidence import Evidence
 from sealegs.gap.output.pictures.summary import budget_slices
 from sealegs.gap.output.pictures.timeline import timeline, worst_window
-from sealegs.gap.output.pictures.transmission import _way
+from sealegs.gap.output.pictures.transmission import way_since_reversal
 from sealegs.gap.verdict.verdict import Error, JointDiagnosis, NamedCause
 
 from tests.small_diagnosis import small_diagnosis
@@ -135,7 +135,7 @@ def test_the_shown_moment_lies_in_the_test_part(found: JointDiagnosis) -> None:
 
 
 def test_a_reversal_is_more_than_noise() -> None:
-    way, direction = _way(np.array([0.0, 1.0, 2.0, 1.95, 2.1, 1.0, 0.5]), 0.2)
+    way, direction = way_since_reversal(np.array([0.0, 1.0, 2.0, 1.95, 2.1, 1.0, 0.5]), 0.2)
     assert direction.tolist() == [0.0, 1.0, 1.0, 1.0, 1.0, -1.0, -1.0]
     assert way[-1] == pytest.approx(1.6)
 

@@ -54,6 +54,7 @@ def searched(problem: Problem, *names: str) -> tuple[Searcher, list[Candidate], 
     return searcher, accepted, rounds
 
 
+@pytest.mark.long
 def test_a_cause_that_stood_in_for_the_real_one_leaves_once_that_is_found() -> None:
     searcher, accepted, rounds = searched(bench("friction.coulomb"), "friction.load_dependent", "friction.coulomb")
     trial, alone = searcher.replacement(accepted, rounds)
@@ -63,6 +64,7 @@ def test_a_cause_that_stood_in_for_the_real_one_leaves_once_that_is_found() -> N
     assert alone.candidates[0].blocks.sum() < 1.2 * accepted[-1].blocks.sum()
 
 
+@pytest.mark.long
 def test_of_two_causes_that_are_both_there_both_stay() -> None:
     problem = bench("friction.coulomb", "friction.load_dependent")
     searcher, accepted, rounds = searched(problem, "friction.load_dependent", "friction.coulomb")
@@ -70,6 +72,7 @@ def test_of_two_causes_that_are_both_there_both_stay() -> None:
     assert not trial.happened and alone is None
 
 
+@pytest.mark.long
 def test_one_found_late_takes_the_place_of_all_that_stood_in_for_it(monkeypatch: pytest.MonkeyPatch) -> None:
     searcher = searched(bench("friction.coulomb"), "friction.load_dependent", "friction.viscous", "friction.coulomb")[0]
     order = list(searcher.considered)

@@ -106,6 +106,7 @@ def test_temperature_of_the_log_weakens_the_motor() -> None:
     np.testing.assert_allclose(out, simulate(weaker, time, goal, 1e-3), atol=1e-9)
 
 
+@pytest.mark.long
 def test_a_log_of_the_nominal_model_at_a_fine_step_has_nothing_to_explain() -> None:
     chain = [*CHAIN[:-1], {"encoder": {"ticks": 4096}}]
     joint, rng, runs = JointModel(load_chain(chain)), np.random.default_rng(3), []

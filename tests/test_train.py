@@ -376,6 +376,7 @@ def test_sac_resumes_with_its_replay_buffer(tmp_path: Path, capsys: pytest.Captu
     assert "train/actor_loss" in events(folder).Tags()["scalars"]
 
 
+@pytest.mark.long
 def test_sac_goes_back_to_older_checkpoints_with_and_without_their_buffer(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:

@@ -57,6 +57,7 @@ def test_a_joint_with_a_state_that_nobody_measured_keeps_its_whole_runs(monkeypa
     assert in_windows(springy, []) is springy
 
 
+@pytest.mark.long
 def test_an_effect_found_in_windows_is_judged_on_whole_runs(monkeypatch: pytest.MonkeyPatch) -> None:
     searched: list[int] = []
 

@@ -139,9 +139,9 @@ def propose(
         if step >= len(loads) and best is not None and best.separation >= ENOUGH:
             break
         for name, goal in excitations(limits, nominal, load, seed).items():
-            goal = _kept_within(problem, load, goal, hypotheses, limits)
+            goal = kept_within(problem, load, goal, hypotheses, limits)
             label = name if load == loads[0] else f"{name}, {load['mass']:.3g} kg"
-            new = _measurement(problem, load, goal)
+            new = measurement(problem, load, goal)
             predicted = [predict(new, h) for h in hypotheses]
             apart = _distances(known, predicted)
             score = float(np.mean(np.minimum(apart, CAP))) if blind else float(apart.min())
@@ -240,7 +240,7 @@ def _other_loads(nominal: JointModel, load: Mapping[str, float]) -> list[dict[st
     return found
 
 
-def _measurement(problem: Problem, load: Mapping[str, float], goal: np.ndarray) -> Problem:
+def measurement(problem: Problem, load: Mapping[str, float], goal: np.ndarray) -> Problem:
     """A measurement yet to be made, laid out as the log is; its measured signals are zero."""
     time = np.arange(len(goal)) / RATE
     nothing = np.zeros(len(goal))
@@ -254,7 +254,7 @@ def _measurement(problem: Problem, load: Mapping[str, float], goal: np.ndarray) 
     return dataclasses.replace(laid, step=problem.step)
 
 
-def _kept_within(
+def kept_within(
     problem: Problem, load: Mapping[str, float], goal: np.ndarray, hypotheses: Sequence[Hypothesis], limits: Limits
 ) -> np.ndarray:
     """The goals (n,), smaller where a hypothesis predicts that the joint shoots beyond its limits.
@@ -264,7 +264,7 @@ def _kept_within(
     spare = 0.05 * limits.reach
     centre = 0.5 * (goal.min() + goal.max())
     for _ in range(3):
-        out = _measurement(problem, load, goal).simulate([h.values for h in hypotheses])[:, :, 0]
+        out = measurement(problem, load, goal).simulate([h.values for h in hypotheses])[:, :, 0]
         out = np.clip(out, -1e2, 1e2) - centre
         beyond = max(
             float(out.max()) / (limits.upper + spare - centre), float(-out.min()) / (centre - limits.lower + spare)

@@ -59,13 +59,13 @@ def diagnose_fleet(
     if not todo:
         return
     count = workers or (len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1)
-    yield from _on_ray(todo, report) if cluster else _in_processes(todo, max(min(count, len(todo)), 1), report)
+    yield from _on_ray(todo, report) if cluster else in_processes(todo, max(min(count, len(todo)), 1), report)
 
 
 # --- processes of this machine -------------------------------------------------------------------------------------
 
 
-def _in_processes(jobs: Sequence[Job], workers: int, report: Report) -> Iterator[Outcome]:
+def in_processes(jobs: Sequence[Job], workers: int, report: Report) -> Iterator[Outcome]:
     """A process per job: one that dies takes no other with it."""
     context = multiprocessing.get_context("spawn")
     threads = max((os.cpu_count() or 1) // workers, 1)
@@ -144,7 +144,7 @@ def _on_ray(jobs: Sequence[Job], report: Report) -> Iterator[Outcome]:
             ray.init(
                 runtime_env={"py_modules": modules}, logging_level="ERROR", log_to_driver=False, include_dashboard=False
             )
-    task = ray.remote(num_cpus=1, max_retries=1)(_elsewhere)
+    task = ray.remote(num_cpus=1, max_retries=1)(diagnosed_elsewhere)
     pending: dict[Any, Job] = {}
     try:
         for job in jobs:
@@ -158,7 +158,7 @@ def _on_ray(jobs: Sequence[Job], report: Report) -> Iterator[Outcome]:
                 error, files = ray.get(done)
             except ray.exceptions.RayError as problem:
                 error, files = f"{job.log}: Ray could not run it: {str(problem).splitlines()[0]}", {}
-            yield Outcome(job.name, error=error) if error else _received(job, files)
+            yield Outcome(job.name, error=error) if error else received(job, files)
     finally:
         for reference in pending:
             ray.cancel(reference, force=True)
@@ -182,7 +182,7 @@ def _home(module: str) -> Path:
     return Path(file).resolve().parent
 
 
-def _elsewhere(name: str, files: dict[str, bytes], settings: dict[str, Any]) -> tuple[str, dict[str, bytes]]:
+def diagnosed_elsewhere(name: str, files: dict[str, bytes], settings: dict[str, Any]) -> tuple[str, dict[str, bytes]]:
     """A job on a machine that has neither the logs nor the folder for the diagnosis."""
     with tempfile.TemporaryDirectory() as folder:
         log, out = Path(folder) / name, Path(folder) / "out"
@@ -195,7 +195,7 @@ def _elsewhere(name: str, files: dict[str, bytes], settings: dict[str, Any]) -> 
         return "", {str(path.relative_to(out)): path.read_bytes() for path in out.rglob("*") if path.is_file()}
 
 
-def _received(job: Job, files: dict[str, bytes]) -> Outcome:
+def received(job: Job, files: dict[str, bytes]) -> Outcome:
     """Write what a worker sent back."""
     staged = staging(job)
     remove_unfinished(job)  # of a session that was killed

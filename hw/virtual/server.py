@@ -91,6 +91,11 @@ class Server:
         """End :meth:`run`."""
         self._running = False
 
+    def disturb(self, data: bytes) -> None:
+        """Put bytes on the line that no servo sent."""
+        if self._terminal is not None:
+            self._terminal.write(data)
+
     def _wait(self) -> None:
         readers: list[Any] = self._control.readers()
         if self._terminal is not None:

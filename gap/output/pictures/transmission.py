@@ -83,7 +83,7 @@ def error_since_reversal(evidence: Evidence, cause: NamedCause) -> Figure:
     problem, motion = evidence.problem, evidence.motion
     way, direction = np.zeros(len(problem.time)), np.zeros(len(problem.time))
     for a, b in zip(problem.starts[:-1], problem.starts[1:], strict=True):
-        way[a:b], direction[a:b] = _way(motion.position[a:b], 3.0 * problem.noise)
+        way[a:b], direction[a:b] = way_since_reversal(motion.position[a:b], 3.0 * problem.noise)
     use = motion.judged & (direction != 0.0)
     edges = equal_counts(1e3 * way[use], 24)
     chart = figure()
@@ -100,7 +100,7 @@ def error_since_reversal(evidence: Evidence, cause: NamedCause) -> Figure:
     return chart
 
 
-def _way(position: np.ndarray, least: float) -> tuple[np.ndarray, np.ndarray]:
+def way_since_reversal(position: np.ndarray, least: float) -> tuple[np.ndarray, np.ndarray]:
     """Way since the last reversal of more than ``least`` [rad] (n,), and direction, 0 before any motion (n,)."""
     way, direction = np.zeros(len(position)), np.zeros(len(position))
     if not len(position):
