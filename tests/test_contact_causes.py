@@ -176,7 +176,7 @@ def test_a_diagnosis_tells_the_ground_which_group_to_keep(monkeypatch: pytest.Mo
 
     monkeypatch.setattr("sealegs.gap.verdict.diagnosis.search_ground", ground)
     monkeypatch.setattr(
-        "sealegs.gap.verdict.diagnosis._diagnose_joint",
+        "sealegs.gap.verdict.diagnosis.diagnose_joint",
         lambda runs, joint, *others: refuse(joint, Refused(f"'{joint}'", "it was left out.", usable=True)),
     )
     *_, found = diagnose(data, data.runs[1].name)

@@ -145,14 +145,14 @@ def diagnose(
         return [refuse(joint, why, findings, plan) for joint, plan in zip(joints, first, strict=True)]
     found: list[JointDiagnosis] = []
     for joint in joints:
-        found.append(_diagnose_joint(runs, joint, findings, order))
+        found.append(diagnose_joint(runs, joint, findings, order))
         done(found[-1])
     if all(run.robot == HOPPER.name for run in runs):
         found.append(_diagnose_ground(runs, found, order))
     return found
 
 
-def _diagnose_joint(
+def diagnose_joint(
     runs: Sequence[MeasuredRun], joint: str, findings: Sequence[Finding], order: Order
 ) -> JointDiagnosis:
     mine = tuple(f for f in findings if f.joint in (joint, None, ""))
