@@ -17,8 +17,13 @@ DISTRIBUTIONS = {"scservo_sdk": "feetech-servo-sdk", "serial": "pyserial"}
 
 CORE = f"""
 import sys
-for package in {[package for packages in EXTRAS.values() for package in packages]}:
-    sys.modules[package] = None
+
+class Missing:
+    def find_spec(self, name, path=None, target=None):
+        if name.partition(".")[0] in {[package for packages in EXTRAS.values() for package in packages]}:
+            raise ModuleNotFoundError(f"No module named {{name!r}}", name=name)
+
+sys.meta_path.insert(0, Missing())
 """
 
 
