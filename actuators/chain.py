@@ -17,44 +17,18 @@ from .layout import (
     P_COEFFICIENT,
     P_FRICTION_KIND,
     P_HEADER,
-    P_LATENCY,
-    P_LATENCY_MEMORY,
     P_LENGTH,
     P_MAGIC,
-    P_OFFSET,
     P_SCALE,
     P_STATE_SIZE,
     P_TERMS,
-    P_TICKS,
-    P_VISCOUS,
     S_HEADER,
 )
-from .stages import ChainError, Quantity, Stage, build_stage
+from .stages import OPCODES, ORDER, STAGES, ChainError, Quantity, Stage, build_stage
 from .stages.net import Net
-from .stages.transmission import Friction
 
 CHECKOUT = Path(__file__).resolve().parent.parent
 LIBRARY = CHECKOUT / "configs" / "actuator"
-ORDER = (
-    *(
-        "delay",
-        "scale",
-        "offset",
-        "rate_limit",
-        "dead_band",
-        "position_p",
-        "position_pd",
-        "position_pi",
-        "ideal",
-        "torque_command",
-        "net",
-    ),
-    *("duty_step", "minimum_duty", "duty_limit", "regression", "supply", "current_limit", "dc_motor", "torque_limit"),
-    *("gear", "thermal", "friction", "spring", "compliance", "backlash", "encoder"),
-)
-"""The order in which a command passes through; :meth:`Chain.with_stage` puts a new stage where it stands here."""
-
-LAST = ("friction", "spring", "compliance", "backlash", "encoder")  # only in this order, at the end
 
 
 @dataclass(frozen=True)
@@ -87,7 +61,7 @@ class Chain:
             )
         names = [stage.name for stage in self.stages]
         for name in set(names):
-            if names.count(name) > 1 and name not in ("offset", "scale", "dead_band"):
+            if names.count(name) > 1 and not STAGES[name].repeats:
                 raise ChainError(f"{self.label}: stage '{name}' stands {names.count(name)} times; it may stand once.")
         if "gear" in names:
             before_gear = [name for name in names[: names.index("gear")] if name != "torque_limit"]
@@ -100,10 +74,11 @@ class Chain:
             raise ChainError(
                 f"{self.label}: 'thermal' weakens a 'dc_motor', which the chain lacks; remove it or add the motor."
             )
-        ends = [name for name in names if name in LAST]
-        if ends != sorted(ends, key=LAST.index) or names[len(names) - len(ends) :] != ends:
+        last = [name for name in ORDER if STAGES[name].at_end]
+        ends = [name for name in names if name in last]
+        if ends != sorted(ends, key=last.index) or names[len(names) - len(ends) :] != ends:
             raise ChainError(
-                f"{self.label}: the chain must end in the order {' > '.join(LAST)}, as far as it has them, "
+                f"{self.label}: the chain must end in the order {' > '.join(last)}, as far as it has them, "
                 f"not {' > '.join(names)}."
             )
         if "spring" in names and "compliance" in names and not self.find("spring").has_coordinate:
@@ -112,7 +87,8 @@ class Chain:
                 "or give the spring the 'inertia' of what turns between them."
             )
         for stage in self.stages:
-            stage.law_parameters(self)
+            stage.check(self)
+            stage.law_values(self)
 
     def _remedy(self) -> str:
         """What to do about stages that do not fit: another order, or a stage that misses."""
@@ -213,45 +189,55 @@ class Chain:
         head[P_TERMS] = 1
         head[P_COEFFICIENT] = 1.0
         head[P_SCALE] = 1.0
-        memory = S_HEADER
         body: list[float] = []
-        for stage in self._with_gear_loss().stages:
-            if stage.name == "encoder":
-                head[P_TICKS], head[P_OFFSET], head[P_SCALE], head[P_LATENCY] = stage.parameters().values()
-                head[P_LATENCY_MEMORY] = memory
-            if stage.opcode:
-                values = stage.law_parameters(self)
-                body += [stage.opcode, 3 + len(values), memory, *values]
+        memory = S_HEADER
+        for stage, memory in self._memories():
+            for slot, value in stage.header(memory).items():
+                head[slot] = value
+            if stage.law is not None:
+                body += self._record(stage, memory)
             memory += stage.memory_size()
-        if (friction := self.find("friction")) is not None:
-            head[P_VISCOUS] = friction.viscous
         head[P_FRICTION_KIND] = 1.0 if self.friction_needs_law() else 0.0
         program = np.concatenate([head, body, [0.0]])
         program[P_LENGTH] = len(program)
         program[P_STATE_SIZE] = memory
         return program
 
+    def address(self, path: str) -> int:
+        """Where a number (``stage.parameter``) that a law reads stands in :meth:`program`."""
+        name, key = path.split(".")
+        at = P_HEADER
+        for stage, memory in self._memories():
+            if stage.name == name and key in stage.record_names():
+                return at + 3 + stage.record_names().index(key)
+            if stage.law is not None:
+                at += len(self._record(stage, memory))
+        raise ChainError(f"{self.label}: no law of its program reads '{path}'.")
+
+    def _memories(self) -> list[tuple[Stage, int]]:
+        """Stages of the program, and where the memory of each starts in the state."""
+        found, memory = [], S_HEADER
+        for stage in self._with_gear_loss().stages:
+            found.append((stage, memory))
+            memory += stage.memory_size()
+        return found
+
+    def _record(self, stage: Stage, memory: int) -> list[float]:
+        """What a program says of a stage that has a law."""
+        assert stage.law is not None
+        values = stage.law_values(self)
+        numbers = [values[name] for name in stage.record_names()] + stage.law_tail()
+        return [OPCODES[stage.law], 3 + len(numbers), memory, *numbers]
+
     def _with_gear_loss(self) -> Chain:
         """The chain with a friction stage where it has a gear, whose loss is a law of that stage."""
         if self.find("gear") is None or self.find("friction") is not None:
             return self
-        return self.with_stage(Friction())
+        return self.with_stage(STAGES["friction"].neutral())
 
     def friction_needs_law(self) -> bool:
         """Whether dry friction is more than the constant that the engine knows natively."""
-        friction, gear = self.find("friction"), self.find("gear")
-        loss = gear is not None and gear.efficiency < 1.0
-        extra = (
-            "stribeck",
-            "asymmetry",
-            "load",
-            "load_quadratic",
-            "load_stribeck",
-            "ripple",
-            "bristle_stiffness",
-            "slip_speed",
-        )
-        return loss or (friction is not None and any(getattr(friction, key) != 0.0 for key in extra))
+        return any(stage.shapes_dry_friction() for stage in self.stages)
 
 
 def names() -> list[str]:

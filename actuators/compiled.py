@@ -1,33 +1,220 @@
-"""How the laws are compiled: by numba, once per version of their sources.
+"""How the laws and the loops around them are compiled: by numba, once per version of what they say, kept on disk.
 
-numba keeps compiled functions on disk, but looks only at the file that a function stands in: a law that calls a changed
-stage would silently stay the old one. So the folder of compiled code carries a digest of this whole package, and of the
-replays without an engine that call it.
+numba looks only at the file that a function stands in: a law that calls a changed stage would silently stay the old
+one. So compiled code is kept under a digest of the function's module and of all modules of this package that it
+imports, as syntax trees: what is said in comments and docstrings, and on which line, does not count.
+
+A package that compiles functions makes a :class:`Compiler` of its own, with the words that a person reads while the
+first compilation lasts.
 """
 
 from __future__ import annotations
 
+import ast
+import contextlib
 import functools
 import hashlib
 import os
+import sys
+import tempfile
+from collections.abc import Callable, Iterator
 from pathlib import Path
+from typing import Any, ClassVar
 
 import numba
-
-PACKAGE = Path(__file__).resolve().parent
-REPLAYS = ("joint_model.py", "simulator.py", "driven_simulator.py")  # of the package gap: constants are compiled in
-
-
-def _sources_digest() -> str:
-    digest = hashlib.sha256(numba.__version__.encode())
-    for path in [*sorted(PACKAGE.rglob("*.py")), *(PACKAGE.parent / "gap" / "replay" / name for name in REPLAYS)]:
-        digest.update(path.name.encode() + path.read_bytes())
-    return digest.hexdigest()[:12]
-
-
-numba.config.CACHE_DIR = os.path.join(  # type: ignore[attr-defined]
-    os.environ.get("NUMBA_CACHE_DIR") or PACKAGE / "__pycache__", f"laws-{_sources_digest()}"
-)
+from numba.core.caching import CompileResultCacheImpl, FunctionCache, _CacheLocator
+from numba.core.ccallback import CFunc
+from numba.core.dispatcher import Dispatcher
 
 # error_model: a division by zero gives infinity as in C; the check for it would cost a branch at every division
-compiled = functools.partial(numba.njit, cache=True, error_model="numpy")
+OPTIONS: dict[str, Any] = {"error_model": "numpy"}
+
+
+class Compiler:
+    """A decorator that compiles functions of one package, as ``numba.njit`` does.
+
+    Attributes:
+        what: is compiled, as it stands in a sentence.
+        how_long: that takes the first time, in words.
+    """
+
+    def __init__(self, what: str, how_long: str) -> None:
+        self.what, self.how_long = what, how_long
+        self._announced = False
+
+    def __call__(self, **options: Any) -> Callable[[Callable[..., Any]], Any]:
+        """Compile a function when it is first called."""
+
+        def decorate(function: Callable[..., Any]) -> Any:
+            dispatcher: Any = numba.njit(**{**OPTIONS, **options})(function)
+            dispatcher._cache = _Cache(function, self)
+            return dispatcher
+
+        return decorate
+
+    def callback(self, signature: Any) -> Callable[[Callable[..., Any]], Any]:
+        """Compile a function now, to one that C code can call."""
+
+        def decorate(function: Callable[..., Any]) -> Any:
+            callback: Any = CFunc(function, (signature.args, signature.return_type), {}, {"nopython": True, **OPTIONS})
+            callback._cache = _Cache(function, self)
+            callback.compile()
+            return callback
+
+        return decorate
+
+    def announce(self) -> None:
+        """Say once that something is being compiled, where a person sees it and no program reads it."""
+        if not self._announced:
+            self._announced = True
+            print(f"Compiling {self.what} once ({self.how_long}) ...", file=sys.stderr, flush=True)
+
+
+compiled = Compiler("the actuator laws", "about a minute")
+
+
+def folder() -> Path:
+    """Where compiled code is kept: ``NUMBA_CACHE_DIR``, else beside this file, else in the user's cache."""
+    if os.environ.get("NUMBA_CACHE_DIR"):
+        return Path(os.environ["NUMBA_CACHE_DIR"])
+    beside = Path(__file__).resolve().parent / "__pycache__"
+    return beside if _writable(beside) else user_folder()
+
+
+def user_folder() -> Path:
+    """The user's cache folder of this package."""
+    if sys.platform == "win32":
+        base = os.environ.get("LOCALAPPDATA") or Path.home() / "AppData" / "Local"
+    elif sys.platform == "darwin":
+        base = Path.home() / "Library" / "Caches"
+    else:
+        base = os.environ.get("XDG_CACHE_HOME") or Path.home() / ".cache"
+    return Path(base) / "sealegs"
+
+
+@functools.cache
+def _writable(path: Path) -> bool:
+    try:
+        path.mkdir(parents=True, exist_ok=True)
+        tempfile.TemporaryFile(dir=path).close()
+    except OSError:
+        return False
+    return True
+
+
+def digest(file: Path) -> str:
+    """Of what a module says, with all modules of this package that it imports, directly or not."""
+    said = hashlib.sha256(numba.__version__.encode())
+    for path in sorted(imported(file)):
+        said.update(path.name.encode() + _said(path))
+    return said.hexdigest()[:12]
+
+
+def imported(file: Path) -> set[Path]:
+    """A module and the modules that it imports relatively, directly or not; a package stands for all its files."""
+    found: set[Path] = set()
+    left = [file.resolve()]
+    while left:
+        path = left.pop()
+        if path not in found:
+            found.add(path)
+            left += _relative_imports(path)
+    return found
+
+
+@functools.cache
+def _syntax(path: Path) -> ast.Module:
+    tree = ast.parse(path.read_bytes())
+    for node in ast.walk(tree):
+        if isinstance(node, ast.Module | ast.ClassDef | ast.FunctionDef) and ast.get_docstring(node, False) is not None:
+            node.body = node.body[1:]
+    return tree
+
+
+@functools.cache
+def _said(path: Path) -> bytes:
+    return hashlib.sha256(ast.dump(_syntax(path)).encode()).digest()
+
+
+@functools.cache
+def _relative_imports(path: Path) -> list[Path]:
+    found: list[Path] = []
+    for node in ast.walk(_syntax(path)):
+        if not isinstance(node, ast.ImportFrom) or node.level == 0:
+            continue
+        base = path.parents[node.level - 1].joinpath(*(node.module or "").split("."))
+        names = [base / alias.name for alias in node.names]
+        for target in (base, *names):
+            if target.with_suffix(".py").is_file():
+                found.append(target.with_suffix(".py").resolve())
+            elif target.is_dir() and target != path.parent:
+                found += [file.resolve() for file in target.glob("*.py")]
+    return found
+
+
+class _Locator(_CacheLocator):
+    """Where the compiled code of a function is kept, and what it is valid for."""
+
+    def __init__(self, py_file: str) -> None:
+        file = Path(py_file)
+        self._py_file = py_file  # numba names it in warnings
+        self._stamp = digest(file)
+        self._path = folder() / f"{file.parent.name}-{file.stem}-{self._stamp}"
+
+    @classmethod
+    def from_function(cls, py_func: Any, py_file: str) -> _Locator:
+        del py_func
+        return cls(py_file)
+
+    def get_cache_path(self) -> str:
+        return str(self._path)
+
+    def get_source_stamp(self) -> str:
+        return self._stamp
+
+    def get_disambiguator(self) -> str:
+        return ""  # not the line: functions of a module have names of their own
+
+
+class _Results(CompileResultCacheImpl):
+    _locator_classes: ClassVar = [_Locator]
+
+
+class _Cache(FunctionCache):
+    """Compiled code of one function on disk."""
+
+    _impl_class = _Results
+
+    def __init__(self, function: Any, compiler: Compiler) -> None:
+        super().__init__(function)
+        self._compiler = compiler
+
+    def load_overload(self, sig: Any, target_context: Any) -> Any:
+        found = super().load_overload(sig, target_context)
+        if found is None:
+            self._compiler.announce()
+        return found
+
+    def save_overload(self, sig: Any, data: Any) -> None:
+        with contextlib.suppress(OSError), _lock(Path(self.cache_path)):  # without a place to keep it, it still runs
+            super().save_overload(sig, data)
+
+    def _index_key(self, sig: Any, codegen: Any) -> Any:
+        """As numba's, but a compiled function in a closure counts by its name: its code is in the digest."""
+        cells = [cell.cell_contents for cell in self._py_func.__closure__ or ()]
+        closure = repr([item.__name__ if isinstance(item, Dispatcher) else item for item in cells])
+        return sig, codegen.magic_tuple(), hashlib.sha256(self._py_func.__code__.co_code + closure.encode()).hexdigest()
+
+
+@contextlib.contextmanager
+def _lock(path: Path) -> Iterator[None]:
+    """Let one process at a time write an index: two would give one name to two functions' code."""
+    path.mkdir(parents=True, exist_ok=True)
+    if sys.platform == "win32":  # numba's own guard has to do
+        yield
+        return
+    import fcntl
+
+    with (path / "lock").open("w") as file:
+        fcntl.flock(file, fcntl.LOCK_EX)
+        yield

@@ -5,21 +5,11 @@ from __future__ import annotations
 import dataclasses
 import inspect
 from pathlib import Path
-from types import ModuleType
 
-from .chain import CHECKOUT, LIBRARY, ORDER, load_chain, load_chain_set, names, set_names
-from .stages import STAGES, Stage, command, controller, motor, net, power, sensor, transmission
+from .chain import CHECKOUT, LIBRARY, load_chain, load_chain_set, names, set_names
+from .stages import ORDER, STAGES, Stage
 
 PAGE = CHECKOUT / "docs" / "actuators.md"
-SECTIONS: tuple[tuple[str, ModuleType], ...] = (
-    ("Command", command),
-    ("Controller", controller),
-    ("Power stage", power),
-    ("Motor", motor),
-    ("Actuator net", net),
-    ("Transmission", transmission),
-    ("Sensor", sensor),
-)
 HEAD = """# Stages and chains
 
 Written by `python -m sealegs.actuators.documentation` from `actuators/stages/`; do not edit. What a chain is:
@@ -66,9 +56,9 @@ def page() -> str:
     for name in set_names():
         patterns = ", ".join(f"`{pattern}`" for pattern in load_chain_set(name) or {})
         parts.append(f"| `{name}` | {patterns} | {_comment(LIBRARY / f'{name}.yaml')} |\n")
-    for title, module in SECTIONS:
-        parts.append(f"\n## {title}\n")
-        parts += [_stage(stage) for stage in STAGES.values() if stage.__module__ == module.__name__]
+    for module in dict.fromkeys(STAGES[name].__module__ for name in ORDER):  # one section a file
+        parts.append(f"\n## {module.rpartition('.')[2].capitalize()}\n")
+        parts += [_stage(stage) for stage in STAGES.values() if stage.__module__ == module]
     return "".join(parts)
 
 

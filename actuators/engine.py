@@ -183,7 +183,7 @@ def compiled_law() -> Any:
             doubles(softness)[row] = 1.0 / s[S_ROW_INERTIA]
             doubles(aim)[row] = s[S_ROW_ACCELERATION]
 
-    @numba.cfunc(SIGNATURE, cache=True, error_model="numpy")
+    @compiled.callback(SIGNATURE)
     def bias(model, data, actuator):  # type: ignore[no-untyped-def]
         width = load_int(model + model_user_size)
         if width == 0:

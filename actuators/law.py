@@ -6,43 +6,56 @@ tests. A chain is data to it (see :mod:`sealegs.actuators.layout`), so no chain 
 
 from __future__ import annotations
 
+import inspect
+from typing import Any
+
 from .compiled import compiled
 from .layout import (
     P_HEADER,
     P_LATENCY,
-    P_LOAD_FACTOR,
     P_SCALE,
     P_STATE_SIZE,
-    S_DUTY,
     S_GOAL,
-    S_LIMIT,
     S_LOAD,
-    S_PRESSED,
     S_READING,
     S_READY,
-    S_ROW_INERTIA,
     S_SPEED,
     S_STAGE,
     S_TIME,
     S_TORQUE,
-    S_VOLTAGE,
 )
-from .stages.command import dead_banded, delayed, rate_limited, record_delay, start_delay
-from .stages.controller import advance_integral, ideal_torque, position_duty, sampled_duty
-from .stages.motor import advance_current, motor_torque, regression_torque
-from .stages.net import sample_net, start_net
-from .stages.power import at_least, current_limited_voltage, stepped, supplied_voltage
+from .stages import OPCODES
 from .stages.sensor import encoder_reading, late_position, record_latency, start_latency
-from .stages.transmission import (
-    advance_bristle,
-    bristle_torque,
-    friction_limit,
-    lugre_row,
-    pressed_limit,
-    smooth_row,
-)
 
 FIRST, LATER, RESTART, REPEAT = 0, 1, 2, 3
+
+
+def _by_opcode(half: str, arguments: str, otherwise: str) -> Any:
+    """A compiled function ``(op, *arguments)`` that calls this half of the law of that opcode.
+
+    It is written as one comparison after the other, which the compiler makes a jump table and inlines.
+
+    Args:
+        half: field of :class:`sealegs.actuators.stages.Law`.
+        arguments: that a half may name.
+        otherwise: what a law without that half returns.
+    """
+    lines, names = [f"def {half}(op, {arguments}):"], {}
+    for law, opcode in OPCODES.items():
+        if (function := getattr(law, half)) is not None:
+            names[f"law_{opcode}"] = function
+            taken = ", ".join(inspect.signature(function.py_func).parameters)
+            lines += [f"    if op == {opcode}:", f"        return law_{opcode}({taken})"]
+    lines.append(f"    return {otherwise}")
+    names["__name__"] = __name__
+    exec(compile("\n".join(lines), __file__, "exec"), names)
+    return compiled()(names[half])
+
+
+start_stage = _by_opcode("start", "p, i, s, m, goal", "goal")
+advance_stage = _by_opcode("advance", "p, i, s, m, time", "None")
+act_of_stage = _by_opcode("act", "p, i, s, m, time, value, q, w, external, first", "value")
+idle_of_stage = _by_opcode("idle", "p, i, s, q, w, external", "0.0")
 
 
 @compiled()
@@ -80,18 +93,7 @@ def begin(p, s, time, goal, q, w):
         start_latency(p, s, q)
     at = P_HEADER
     while p[at] > 0.0:
-        op, m, i = int(p[at]), int(p[at + 2]), at + 3
-        if op == 1:
-            start_delay(s, m, goal)
-        elif op == 2:
-            s[m] = goal
-            s[m + 1] = goal
-        elif op == 4:
-            goal += p[i]
-        elif op == 5:
-            goal *= p[i]
-        elif op == 50:
-            start_net(p, i, s, m, goal)
+        goal = start_stage(int(p[at]), p, at + 3, s, int(p[at + 2]), goal)
         at += int(p[at + 1])
 
 
@@ -103,15 +105,7 @@ def advance(p, s, time):
     """
     at = P_HEADER
     while p[at] > 0.0:
-        op, m, i = int(p[at]), int(p[at + 2]), at + 3
-        if op == 2:
-            s[m] = rate_limited(p, i, s, m, time, s[m + 1])
-        elif op == 10 and p[i + 4] == 0.0:
-            advance_integral(p, i, s, m, time)
-        elif op == 30:
-            advance_current(p, i, s, m, time)
-        elif op == 41 and p[i + 12] > 0.0 and p[i + 13] == 0.0:
-            advance_bristle(p, i, s, m, time)
+        advance_stage(int(p[at]), p, at + 3, s, int(p[at + 2]), time)
         at += int(p[at + 1])
     s[S_TIME] = time
 
@@ -135,76 +129,24 @@ def torque(p, s, time, goal, q, w, external, first):
     value = goal
     at = P_HEADER
     while p[at] > 0.0:
-        op, m, i = int(p[at]), int(p[at + 2]), at + 3
-        if op == 10:
-            if p[i + 4] > 0.0:
-                value = sampled_duty(p, i, s, m, time, value, first)
-            else:
-                error_goal = value
-                value = position_duty(p, i, s, m, error_goal)
-                if first:
-                    s[m + 1] = error_goal - s[S_READING]
-            s[S_DUTY] = value
-        elif op == 20:
-            value = min(max(value, -p[i]), p[i])
-            s[S_DUTY] = value
-        elif op == 22:
-            s[S_DUTY] = value
-            value = supplied_voltage(p, i, value, w)
-            s[S_VOLTAGE] = value
-        elif op == 30:
-            value = motor_torque(p, i, s, m, time, value, w, first)
-        elif op == 31:
-            s[S_DUTY] = value
-            value = regression_torque(p, i, value, w)
-        elif op == 11:
-            value = ideal_torque(p, i, s, value)
-        elif op == 41:
-            s[S_ROW_INERTIA] = 0.0
-            if p[P_LOAD_FACTOR] != 0.0:
-                s[S_LIMIT] = pressed_limit(p, i, q, w, value, external, s[S_PRESSED])
-            else:
-                s[S_LIMIT] = friction_limit(p, i, q, w, value, external)
-            if p[i + 13] > 0.0:
-                lugre_row(p, i, s, m, time, w, first)
-            elif p[i + 15] > 0.0:
-                smooth_row(p, i, s, w)
-            elif p[i + 12] > 0.0:
-                value -= bristle_torque(p, i, s, m, time, w)
-        elif op == 1:
-            if first:
-                record_delay(s, m, time, value, p[i + 1])
-            value = delayed(s, m, time - p[i])
-        elif op == 2:
-            if first:
-                s[m + 1] = value
-            value = rate_limited(p, i, s, m, time, value)
-        elif op == 3:
-            value = dead_banded(p, i, s, value)
-        elif op == 4:
-            value += p[i]
-        elif op == 5:
-            value *= p[i]
-        elif op == 21:
-            value = at_least(value, p[i])
-            s[S_DUTY] = value
-        elif op == 24:
-            value = stepped(p, i, value)
-            s[S_DUTY] = value
-        elif op == 23:
-            value = current_limited_voltage(p, i, value, w)
-            s[S_VOLTAGE] = value
-        elif op == 32:
-            value = min(max(value, -p[i]), p[i])
-        elif op == 50:
-            s[S_GOAL] = value
-            if first:
-                sample_net(p, i, s, m, time, value)
-            value = s[m + 1]
+        value = act_of_stage(int(p[at]), p, at + 3, s, int(p[at + 2]), time, value, q, w, external, first)
         at += int(p[at + 1])
     s[S_TORQUE] = value
     if first and p[P_LATENCY] > 0.0:
         record_latency(p, s, time, q)
+    return value
+
+
+@compiled()
+def idle_torque(p, s, q, w, external):
+    """Torque of a chain whose drive is off, viscous and rigid dry friction excluded [N.m]: an open bridge, so that no
+    current flows and nothing brakes. The limit of dry friction is left in the state.
+    """
+    value = 0.0
+    at = P_HEADER
+    while p[at] > 0.0:
+        value += idle_of_stage(int(p[at]), p, at + 3, s, q, w, external)
+        at += int(p[at + 1])
     return value
 
 
@@ -216,4 +158,15 @@ def host_reading(p, s, time, q):
     return encoder_reading(p, q)
 
 
-__all__ = ["FIRST", "LATER", "REPEAT", "RESTART", "advance", "begin", "host_reading", "runge_kutta_stage", "torque"]
+__all__ = [
+    "FIRST",
+    "LATER",
+    "REPEAT",
+    "RESTART",
+    "advance",
+    "begin",
+    "host_reading",
+    "idle_torque",
+    "runge_kutta_stage",
+    "torque",
+]

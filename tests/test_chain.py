@@ -5,12 +5,16 @@ from __future__ import annotations
 import dataclasses
 import re
 
+import numpy as np
 import pytest
-from sealegs.actuators import ChainError, load_chain
+from sealegs.actuators import Chain, ChainError, load_chain
 from sealegs.actuators.chain import ORDER, names
 from sealegs.actuators.documentation import PAGE, page
-from sealegs.actuators.stages import STAGES, build_stage
-from sealegs.actuators.stages.transmission import Friction
+from sealegs.actuators.law import advance, begin, torque
+from sealegs.actuators.layout import P_STATE_SIZE
+from sealegs.actuators.stages import STAGES, Stage, build_stage
+from sealegs.actuators.stages.base import in_order
+from sealegs.actuators.stages.friction import Friction
 
 MOTOR = [{"supply": {"volts": 7.4}}, {"dc_motor": {"motor_constant": 1.2, "resistance": 2.7}}]
 SERVO = [{"position_p": {"gain": 5.0}}, *MOTOR]
@@ -146,3 +150,57 @@ def test_every_numeric_parameter_has_unit_bounds_and_meaning():
                 continue
             assert item.metadata["unit"] and item.metadata["doc"], f"{stage.name}.{item.name}"
             assert item.metadata["low"] < item.metadata["high"]
+
+
+def test_the_order_of_a_chain_comes_from_the_stages_themselves():
+    assert (
+        *("delay", "scale", "offset", "rate_limit", "dead_band"),
+        *("position_p", "position_pd", "position_pi", "ideal", "torque_command", "net"),
+        *("duty_step", "minimum_duty", "duty_limit", "regression", "supply", "current_limit", "dc_motor"),
+        *("torque_limit", "gear", "thermal", "friction", "spring", "compliance", "backlash", "encoder"),
+    ) == ORDER
+
+
+def test_a_stage_that_nothing_follows_stands_directly_behind_the_one_it_names():
+    class Newcomer(Stage):
+        name = "newcomer"
+        after = "friction"
+
+    order = in_order({**STAGES, "newcomer": Newcomer})
+    assert order[order.index("friction") + 1] == "newcomer"
+
+
+@pytest.mark.parametrize("name", names())
+def test_every_number_of_a_law_stands_in_the_program_where_its_field_says(name):
+    chain = load_chain(name)
+    program = chain.program()
+    for stage in chain.stages:
+        if stage.law is not None:
+            values = stage.law_values(chain)
+            assert {key: program[chain.address(f"{stage.name}.{key}")] for key in stage.record_names()} == values
+
+
+def test_a_neutral_stage_changes_no_torque():
+    for name, stage in STAGES.items():
+        try:
+            neutral = stage.neutral()
+        except ChainError:
+            continue
+        chain = load_chain("sts3215")
+        if chain.find(name) is not None or name in ("compliance", "backlash"):
+            continue
+        assert _torques(chain.with_stage(neutral)) == pytest.approx(_torques(chain), rel=1e-12), name
+
+
+def _torques(chain: Chain) -> list[float]:
+    program = chain.program()
+    state = np.zeros(int(program[P_STATE_SIZE]))
+    begin(program, state, 0.0, 0.0, 0.0, 0.0)
+    found = []
+    for k in range(50):
+        if k:
+            advance(program, state, k * 0.01)
+        goal = 0.3 * np.sin(0.1 * k)
+        torque(program, state, k * 0.01, goal, 0.1, 0.2, 0.0, True)
+        found.append(torque(program, state, k * 0.01 + 0.005, goal, 0.1, 0.2, 0.0, False))
+    return found

@@ -11,9 +11,10 @@ from sealegs.gap.causes.catalogue import catalogue
 from sealegs.gap.causes.visible import limits, shown
 from sealegs.gap.log.parts import cut
 from sealegs.gap.log.types import JointLog, MeasuredRun, MeasuredSet
+from sealegs.gap.replay.constants import K
 from sealegs.gap.replay.driven import DrivenProblem, driven_problem
 from sealegs.gap.replay.driven_simulator import replay_driven
-from sealegs.gap.replay.joint_model import IMMOVABLE, K_INERTIA, JointModel
+from sealegs.gap.replay.joint_model import IMMOVABLE, JointModel
 from sealegs.gap.verdict.diagnosis import diagnose
 from sealegs.gap.verdict.verdict import NOT_IDENTIFIABLE
 
@@ -76,7 +77,7 @@ def test_halving_the_step_changes_little() -> None:
 
 def test_no_torque_moves_a_driven_link() -> None:
     joint = JointModel(load_chain(SPRING))
-    assert joint.constants({}, joint.chain.program())[K_INERTIA] == IMMOVABLE
+    assert joint.constants({}, joint.chain.program())[K.inertia] == IMMOVABLE
 
 
 def problem_of(data: MeasuredSet, joint: str) -> DrivenProblem:

@@ -1,12 +1,17 @@
-"""What a stage of an actuation chain is: parameters with units and bounds, and the quantity it takes and gives."""
+"""What a stage of an actuation chain is: parameters with units and bounds, the quantity it takes and gives, its law.
+
+A stage's class says everything about it. Opcodes, the order of a chain and where each number stands in a program are
+derived from the registered classes, so a new stage is one file in this folder.
+"""
 
 from __future__ import annotations
 
+import collections
 import dataclasses
 import math
 import numbers
 import re
-from collections.abc import Mapping
+from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass, field
 from enum import StrEnum
 from typing import Any, ClassVar, TypeVar
@@ -28,22 +33,78 @@ class Quantity(StrEnum):
     MOTION = "motion [rad]"
 
 
-def parameter(default: float | None, unit: str, low: float, high: float, doc: str) -> Any:
-    """A numeric stage parameter: default (None: required), unit, inclusive bounds, one sentence on its meaning."""
-    metadata = {"unit": unit, "low": low, "high": high, "doc": doc}
+def parameter(
+    default: float | None,
+    unit: str,
+    low: float,
+    high: float,
+    doc: str,
+    *,
+    neutral: float | None = None,
+    in_law: bool = True,
+) -> Any:
+    """A numeric stage parameter.
+
+    Args:
+        default: None where it must be given.
+        unit: of the value.
+        low, high: inclusive bounds.
+        doc: its meaning, in one sentence.
+        neutral: value at which the stage does nothing; default: ``default``.
+        in_law: whether the stage's own law reads it, so that it stands in the program.
+    """
+    metadata = {"unit": unit, "low": low, "high": high, "doc": doc, "in_law": in_law}
+    metadata["neutral"] = default if neutral is None else neutral
     if default is None:
         return field(metadata=metadata)
     return field(default=default, metadata=metadata)
 
 
+@dataclass(frozen=True)
+class Law:
+    """Compiled scalar functions that make a stage's law; each names what it needs of the arguments listed here.
+
+    ``p`` is the program, ``i`` where the stage's record starts in it; ``s`` is the state, ``m`` where the stage's
+    memory starts in it (:mod:`sealegs.actuators.layout`).
+
+    Attributes:
+        start: from ``p, i, s, m, goal``: forget the past; returns the goal that the next stage sees.
+        advance: from ``p, i, s, m, time``: carry the memory over the physics step that ends at ``time``.
+        act: from ``p, i, s, m, time, value, q, w, external, first``: what the stage makes of ``value``; see
+            :func:`sealegs.actuators.law.torque`.
+        idle: from ``p, i, s, q, w, external``: torque of the stage [N.m] while the drive is off.
+    """
+
+    start: Callable[..., Any] | None = None
+    advance: Callable[..., Any] | None = None
+    act: Callable[..., Any] | None = None
+    idle: Callable[..., Any] | None = None
+
+
 @dataclass(frozen=True, kw_only=True)
 class Stage:
-    """One link of an actuation chain. Subclasses are frozen dataclasses of :func:`parameter` fields."""
+    """One link of an actuation chain. Subclasses are frozen dataclasses of :func:`parameter` fields.
+
+    Attributes:
+        name: in YAML.
+        takes, gives: quantities; gives is None where a stage passes on what it takes.
+        after: the stage behind which it stands in a chain; empty for the first.
+        at_end: whether only stages of this kind may stand behind it.
+        repeats: whether a chain may hold it more than once.
+        switches: whether its output jumps, so that a simulation has to meet the moment.
+        derived: numbers that its law reads behind its own fields; :meth:`law_values` gives them.
+        law: None where the engine knows the stage natively or others read it.
+    """
 
     name: ClassVar[str]
     takes: ClassVar[tuple[Quantity, ...]]
-    gives: ClassVar[Quantity | None] = None  # None: the same quantity as taken
-    opcode: ClassVar[int] = 0  # 0: no law of its own (native to the engine, or read by other stages)
+    gives: ClassVar[Quantity | None] = None
+    after: ClassVar[str]
+    at_end: ClassVar[bool] = False
+    repeats: ClassVar[bool] = False
+    switches: ClassVar[bool] = False
+    derived: ClassVar[tuple[str, ...]] = ()
+    law: ClassVar[Law | None] = None
 
     def __post_init__(self) -> None:
         for item in dataclasses.fields(self):
@@ -69,13 +130,54 @@ class Stage:
         """Parameter values by name."""
         return {item.name: getattr(self, item.name) for item in dataclasses.fields(self) if "unit" in item.metadata}
 
-    def law_parameters(self, chain: Any) -> list[float]:
-        """The numbers that the stage's law reads, in its order.
+    @classmethod
+    def record_names(cls) -> tuple[str, ...]:
+        """Names of the numbers that the law reads, in the order of its record."""
+        own = [item.name for item in dataclasses.fields(cls) if item.metadata.get("in_law")]
+        return (*own, *cls.derived)
+
+    @classmethod
+    def offsets(cls) -> Any:
+        """Where each of :meth:`record_names` stands in the record, as attributes of a named tuple of integers."""
+        names = cls.record_names()
+        return collections.namedtuple(f"{cls.__name__}Offsets", names)(*range(len(names)))
+
+    @classmethod
+    def neutral(cls) -> Stage:
+        """The stage as it does nothing: what a cause adds to a chain before it sets its parameter.
+
+        Raises:
+            ChainError: there is no such thing, as of a motor.
+        """
+        values = {item.name: item.metadata.get("neutral") for item in dataclasses.fields(cls)}
+        if cls.gives is not None or None in values.values():
+            raise ChainError(f"the chain has no stage '{cls.name}', and there is no neutral one to add.")
+        return cls(**values)
+
+    def check(self, chain: Any) -> None:
+        """Raise a :class:`ChainError` where the stage's parameters do not fit together, or not into ``chain``."""
+
+    def law_values(self, chain: Any) -> dict[str, float]:
+        """The numbers that the law reads, by :meth:`record_names`.
 
         ``chain`` is the whole chain, for stages that look ahead.
         """
         del chain
-        return list(self.parameters().values())
+        values = self.parameters()
+        return {name: values[name] for name in self.record_names() if name in values}
+
+    def law_tail(self) -> list[float]:
+        """Numbers of any count that the law reads behind its record."""
+        return []
+
+    def header(self, memory: int) -> dict[int, float]:
+        """What the stage writes into the program's header (``layout.P_*``); its memory starts at ``memory``."""
+        del memory
+        return {}
+
+    def shapes_dry_friction(self) -> bool:
+        """Whether it makes dry friction more than the constant that the engine knows natively."""
+        return False
 
     def memory_size(self) -> int:
         """Doubles of state that the law keeps per actuator."""
@@ -153,6 +255,28 @@ def register(cls: type[S]) -> type[S]:
     """Class decorator: make a stage known by its name."""
     STAGES[cls.name] = cls
     return cls
+
+
+def in_order(stages: Mapping[str, type[Stage]]) -> tuple[str, ...]:
+    """Names of stages in the order in which a command passes through them, from each one's ``after``."""
+    followers: dict[str, list[str]] = collections.defaultdict(list)
+    for name, stage in stages.items():
+        if stage.after and stage.after not in stages:
+            raise LookupError(f"stage '{name}' stands after '{stage.after}', which does not exist")
+        followers[stage.after].append(name)
+
+    def behind(name: str) -> list[str]:
+        branches = [[follower, *behind(follower)] for follower in followers[name]]
+        branches.sort(key=len)  # what nothing follows stands directly behind
+        return [item for branch in branches for item in branch]
+
+    return tuple(behind(""))
+
+
+def number_laws(stages: Iterable[type[Stage]]) -> dict[Law, int]:
+    """Opcodes of laws in programs, counted from one; stages may share a law."""
+    laws = dict.fromkeys(stage.law for stage in stages if stage.law is not None)
+    return {law: number for number, law in enumerate(laws, 1)}
 
 
 def build_stage(name: str, parameters: Any, where: str) -> Stage:

@@ -8,7 +8,7 @@ from typing import Any, ClassVar
 
 from ..compiled import compiled
 from ..layout import DELAY_EVENTS, S_READING, S_TIME
-from .base import Quantity, Stage, parameter, register
+from .base import Law, Quantity, Stage, parameter, register
 
 EVENT = 3  # doubles of a remembered command: when it came, its value, changes since the event before it
 SIGNALS = (Quantity.POSITION_GOAL, Quantity.DUTY, Quantity.TORQUE)
@@ -20,27 +20,31 @@ class Delay(Stage):
     """The command reaches the controller late, by any time, not only whole simulation steps."""
 
     name: ClassVar[str] = "delay"
+    after: ClassVar[str] = ""
+    derived: ClassVar[tuple[str, ...]] = ("spacing",)  # of remembered commands [s]
     takes: ClassVar[tuple[Quantity, ...]] = (Quantity.POSITION_GOAL,)
-    opcode: ClassVar[int] = 1
 
-    seconds: float = parameter(None, "s", 0.0, 10.0, "time from sending a command to its effect")
+    seconds: float = parameter(None, "s", 0.0, 10.0, "time from sending a command to its effect", neutral=0.0)
 
-    def law_parameters(self, chain: Any) -> list[float]:
-        del chain
-        return [self.seconds, 2.0 * self.seconds / (DELAY_EVENTS - 4)]
+    def law_values(self, chain: Any) -> dict[str, float]:
+        return {**super().law_values(chain), "spacing": 2.0 * self.seconds / (DELAY_EVENTS - 4)}
 
     def memory_size(self) -> int:
         return 2 + EVENT * DELAY_EVENTS
 
 
+DELAY = Delay.offsets()
+
+
 @compiled()
-def start_delay(s, m, value):
-    """Forget the past: the delay holds ``value`` as if it had always been commanded."""
+def start_delay(s, m, goal):
+    """Forget the past: the delay holds ``goal`` as if it had always been commanded."""
     s[m] = 1.0  # events stored
     s[m + 1] = 0.0  # slot of the newest
     s[m + 2] = -1e30
-    s[m + 3] = value
+    s[m + 3] = goal
     s[m + 4] = 1.0
+    return goal
 
 
 @compiled()
@@ -96,26 +100,66 @@ def delayed(s, m, time):
     return value + (s[end + 1] - value) * min(max(passed, 0.0), s[end + 2]) / s[end + 2]
 
 
+@compiled()
+def late_command(p, i, s, m, time, value, first):
+    """The command of one delay ago."""
+    if first:
+        record_delay(s, m, time, value, p[i + DELAY.spacing])
+    return delayed(s, m, time - p[i + DELAY.seconds])
+
+
+Delay.law = Law(start=start_delay, act=late_command)
+
+
 @register
 @dataclass(frozen=True, kw_only=True)
 class RateLimit(Stage):
     """The firmware lets its goal move no faster than this (goal speed profile)."""
 
     name: ClassVar[str] = "rate_limit"
+    after: ClassVar[str] = "offset"
+    switches: ClassVar[bool] = True
     takes: ClassVar[tuple[Quantity, ...]] = (Quantity.POSITION_GOAL,)
-    opcode: ClassVar[int] = 2
 
-    speed: float = parameter(None, "rad/s", 1e-3, 1e4, "largest speed of the goal")
+    speed: float = parameter(None, "rad/s", 1e-3, 1e4, "largest speed of the goal", neutral=100.0)
 
     def memory_size(self) -> int:
         return 2
 
 
+RATE_LIMIT = RateLimit.offsets()
+
+
 @compiled()
-def rate_limited(p, i, s, m, time, goal):
+def start_profile(s, m, goal):
+    """Forget the past: the profile stands at ``goal``."""
+    s[m] = goal
+    s[m + 1] = goal
+    return goal
+
+
+@compiled()
+def profile(p, i, s, m, time, goal):
     """Goal after the profile at ``time``; memory is [profile at the start of the step, its target]."""
-    reach = p[i] * max(time - s[S_TIME], 0.0)
+    reach = p[i + RATE_LIMIT.speed] * max(time - s[S_TIME], 0.0)
     return s[m] + min(max(goal - s[m], -reach), reach)
+
+
+@compiled()
+def advance_profile(p, i, s, m, time):
+    """Carry the profile to the end of the step that has passed."""
+    s[m] = profile(p, i, s, m, time, s[m + 1])
+
+
+@compiled()
+def rate_limited(p, i, s, m, time, value, first):
+    """The goal as the profile lets it through."""
+    if first:
+        s[m + 1] = value
+    return profile(p, i, s, m, time, value)
+
+
+RateLimit.law = Law(start=start_profile, advance=advance_profile, act=rate_limited)
 
 
 @register
@@ -124,20 +168,32 @@ class DeadBand(Stage):
     """Errors (before the controller) or duties and torques (after it) smaller than this have no effect."""
 
     name: ClassVar[str] = "dead_band"
+    after: ClassVar[str] = "rate_limit"
+    repeats: ClassVar[bool] = True
+    switches: ClassVar[bool] = True
+    derived: ClassVar[tuple[str, ...]] = ("of_goal",)  # 1: of the error of a goal, 0: of what passes
     takes: ClassVar[tuple[Quantity, ...]] = SIGNALS
-    opcode: ClassVar[int] = 3
 
-    width: float = parameter(None, "rad, duty or N.m", 0.0, 10.0, "largest size ignored; larger ones pass whole")
+    width: float = parameter(
+        None, "rad, duty or N.m", 0.0, 10.0, "largest size ignored; larger ones pass whole", neutral=0.0
+    )
 
-    def law_parameters(self, chain: Any) -> list[float]:
-        return [self.width, 1.0 if chain.quantity_before(self) == Quantity.POSITION_GOAL else 0.0]
+    def law_values(self, chain: Any) -> dict[str, float]:
+        of_goal = chain.quantity_before(self) == Quantity.POSITION_GOAL
+        return {**super().law_values(chain), "of_goal": 1.0 if of_goal else 0.0}
+
+
+DEAD_BAND = DeadBand.offsets()
 
 
 @compiled()
 def dead_banded(p, i, s, value):
     """``value`` unless it is within the dead band (of the encoder reading for goals, of zero otherwise)."""
-    centre = s[S_READING] if p[i + 1] > 0.5 else 0.0
-    return centre if abs(value - centre) < p[i] else value
+    centre = s[S_READING] if p[i + DEAD_BAND.of_goal] > 0.5 else 0.0
+    return centre if abs(value - centre) < p[i + DEAD_BAND.width] else value
+
+
+DeadBand.law = Law(act=dead_banded)
 
 
 @register
@@ -146,10 +202,29 @@ class Offset(Stage):
     """A constant added to what passes: a mounting error of the goal, a bias of an amplifier."""
 
     name: ClassVar[str] = "offset"
+    after: ClassVar[str] = "scale"
+    repeats: ClassVar[bool] = True
     takes: ClassVar[tuple[Quantity, ...]] = SIGNALS
-    opcode: ClassVar[int] = 4
 
-    value: float = parameter(None, "rad, duty or N.m", -10.0, 10.0, "added to the signal")
+    value: float = parameter(None, "rad, duty or N.m", -10.0, 10.0, "added to the signal", neutral=0.0)
+
+
+OFFSET = Offset.offsets()
+
+
+@compiled()
+def shifted_goal(p, i, goal):
+    """A goal with the offset."""
+    return goal + p[i + OFFSET.value]
+
+
+@compiled()
+def shifted(p, i, value):
+    """``value`` with the offset."""
+    return value + p[i + OFFSET.value]
+
+
+Offset.law = Law(start=shifted_goal, act=shifted)
 
 
 @register
@@ -158,7 +233,26 @@ class Scale(Stage):
     """A factor on what passes, such as a degree taken for a radian."""
 
     name: ClassVar[str] = "scale"
+    after: ClassVar[str] = "delay"
+    repeats: ClassVar[bool] = True
     takes: ClassVar[tuple[Quantity, ...]] = SIGNALS
-    opcode: ClassVar[int] = 5
 
-    factor: float = parameter(None, "-", -1e4, 1e4, "multiplies the signal")
+    factor: float = parameter(None, "-", -1e4, 1e4, "multiplies the signal", neutral=1.0)
+
+
+SCALE = Scale.offsets()
+
+
+@compiled()
+def scaled_goal(p, i, goal):
+    """A goal times the factor."""
+    return goal * p[i + SCALE.factor]
+
+
+@compiled()
+def scaled(p, i, value):
+    """``value`` times the factor."""
+    return value * p[i + SCALE.factor]
+
+
+Scale.law = Law(start=scaled_goal, act=scaled)

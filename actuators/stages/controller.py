@@ -6,8 +6,8 @@ from dataclasses import dataclass
 from typing import Any, ClassVar
 
 from ..compiled import compiled
-from ..layout import S_GOAL, S_READING, S_SPEED, S_TIME
-from .base import ChainError, Quantity, Stage, parameter, register
+from ..layout import S_DUTY, S_GOAL, S_READING, S_SPEED, S_TIME
+from .base import ChainError, Law, Quantity, Stage, parameter, register
 
 
 class PositionController(Stage):
@@ -15,12 +15,14 @@ class PositionController(Stage):
 
     takes: ClassVar[tuple[Quantity, ...]] = (Quantity.POSITION_GOAL,)
     gives: ClassVar[Quantity | None] = Quantity.DUTY
-    opcode: ClassVar[int] = 10
 
-    def law_parameters(self, chain: Any) -> list[float]:
+    @classmethod
+    def record_names(cls) -> tuple[str, ...]:
+        return ("gain", "damping", "integral", "integral_limit", "period", "band")
+
+    def law_values(self, chain: Any) -> dict[str, float]:
         del chain
-        values = self.parameters()
-        return [values.get(key, 0.0) for key in ("gain", "damping", "integral", "integral_limit", "period", "band")]
+        return {name: self.parameters().get(name, 0.0) for name in self.record_names()}
 
     def memory_size(self) -> int:
         return 6 if self.parameters().get("period") else 2
@@ -32,6 +34,7 @@ class PositionP(PositionController):
     """duty = gain (goal - reading)."""
 
     name: ClassVar[str] = "position_p"
+    after: ClassVar[str] = "dead_band"
 
     gain: float = parameter(None, "1/rad", 0.0, 1e4, "duty per radian of position error")
 
@@ -42,6 +45,7 @@ class PositionPD(PositionController):
     """duty = gain (goal - reading) - damping speed."""
 
     name: ClassVar[str] = "position_pd"
+    after: ClassVar[str] = "position_p"
 
     gain: float = parameter(None, "1/rad", 0.0, 1e4, "duty per radian of position error")
     damping: float = parameter(0.0, "s/rad", 0.0, 1e3, "duty per rad/s of speed")
@@ -59,6 +63,7 @@ class PositionPI(PositionController):
     """
 
     name: ClassVar[str] = "position_pi"
+    after: ClassVar[str] = "position_pd"
 
     gain: float = parameter(None, "1/rad", 0.0, 1e4, "duty per radian of position error")
     integral: float = parameter(None, "1/(rad.s)", 0.0, 1e6, "duty per radian second")
@@ -67,26 +72,30 @@ class PositionPI(PositionController):
     period: float = parameter(0.0, "s", 0.0, 1.0, "of a digital controller; 0: continuous")
     band: float = parameter(0.0, "rad", 0.0, 1.0, "error that counts as none, of a digital controller")
 
-    def law_parameters(self, chain: Any) -> list[float]:
+    def check(self, chain: Any) -> None:
         if self.band > 0.0 and self.period == 0.0:
             raise ChainError(
                 f"{chain.label}: 'position_pi' has a band, which takes a digital controller; add its period."
             )
-        return super().law_parameters(chain)
+
+
+CONTROLLER = PositionController.offsets()
 
 
 @compiled()
 def advance_integral(p, i, s, m, time):
     """Add the error of the step that has passed; memory is [integral duty, error at the step's start]."""
-    change = p[i + 2] * s[m + 1] * (time - s[S_TIME])
-    s[m] = min(max(s[m] + change, -p[i + 3]), p[i + 3])
+    if p[i + CONTROLLER.period] == 0.0:
+        limit = p[i + CONTROLLER.integral_limit]
+        change = p[i + CONTROLLER.integral] * s[m + 1] * (time - s[S_TIME])
+        s[m] = min(max(s[m] + change, -limit), limit)
 
 
 @compiled()
 def position_duty(p, i, s, m, goal):
     """Duty of a position controller."""
     s[S_GOAL] = goal
-    return p[i] * (goal - s[S_READING]) - p[i + 1] * s[S_SPEED] + s[m]
+    return p[i + CONTROLLER.gain] * (goal - s[S_READING]) - p[i + CONTROLLER.damping] * s[S_SPEED] + s[m]
 
 
 @compiled()
@@ -97,17 +106,35 @@ def sampled_duty(p, i, s, m, time, goal, first):
     """
     s[S_GOAL] = goal
     if first:
-        due = s[m + 5] == 0.0 or time >= s[m + 3] + p[i + 4] - 1e-9
+        period, limit = p[i + CONTROLLER.period], p[i + CONTROLLER.integral_limit]
+        due = s[m + 5] == 0.0 or time >= s[m + 3] + period - 1e-9
         if due:
             s[m + 2], s[m + 3], s[m + 5] = s[m], time, 1.0
         if due or time == s[m + 3]:  # again where an evaluation is repeated, whose goal may be another
+            gain, rate = p[i + CONTROLLER.gain], p[i + CONTROLLER.integral]
             error, integral = goal - s[S_READING], s[m + 2]
-            if abs(error) < p[i + 5]:
+            if abs(error) < p[i + CONTROLLER.band]:
                 error = 0.0
-                integral *= max(1.0 - p[i + 4] * p[i + 2] / p[i], 0.0) if p[i] > 0.0 else 0.0
-            s[m] = min(max(integral + p[i + 2] * error * p[i + 4], -p[i + 3]), p[i + 3])
-            s[m + 4] = p[i] * error - p[i + 1] * s[S_SPEED] + s[m]
+                integral *= max(1.0 - period * rate / gain, 0.0) if gain > 0.0 else 0.0
+            s[m] = min(max(integral + rate * error * period, -limit), limit)
+            s[m + 4] = gain * error - p[i + CONTROLLER.damping] * s[S_SPEED] + s[m]
     return s[m + 4]
+
+
+@compiled()
+def controlled_duty(p, i, s, m, time, value, first):
+    """Duty of a position controller, continuous or digital."""
+    if p[i + CONTROLLER.period] > 0.0:
+        duty = sampled_duty(p, i, s, m, time, value, first)
+    else:
+        duty = position_duty(p, i, s, m, value)
+        if first:
+            s[m + 1] = value - s[S_READING]
+    s[S_DUTY] = duty
+    return duty
+
+
+PositionController.law = Law(advance=advance_integral, act=controlled_duty)
 
 
 @register
@@ -119,14 +146,28 @@ class Ideal(Stage):
     """
 
     name: ClassVar[str] = "ideal"
+    after: ClassVar[str] = "position_pi"
     takes: ClassVar[tuple[Quantity, ...]] = (Quantity.POSITION_GOAL,)
     gives: ClassVar[Quantity | None] = Quantity.TORQUE
-    opcode: ClassVar[int] = 11
 
     stiffness: float = parameter(None, "N.m/rad", 0.0, 1e6, "torque per radian of position error")
     damping: float = parameter(0.0, "N.m.s/rad", 0.0, 1e5, "torque per rad/s of speed")
     torque_limit: float = parameter(1e6, "N.m", 0.0, 1e6, "largest torque")
-    armature: float = parameter(0.0, "kg.m2", 0.0, 1e3, "rotor inertia at the joint")
+    armature: float = parameter(0.0, "kg.m2", 0.0, 1e3, "rotor inertia at the joint", in_law=False)
+
+
+IDEAL = Ideal.offsets()
+
+
+@compiled()
+def ideal_torque(p, i, s, value):
+    """Torque of an ideal servo for the goal ``value``."""
+    s[S_GOAL] = value
+    torque = p[i + IDEAL.stiffness] * (value - s[S_READING]) - p[i + IDEAL.damping] * s[S_SPEED]
+    return min(max(torque, -p[i + IDEAL.torque_limit]), p[i + IDEAL.torque_limit])
+
+
+Ideal.law = Law(act=ideal_torque)
 
 
 @register
@@ -138,15 +179,8 @@ class TorqueCommand(Stage):
     """
 
     name: ClassVar[str] = "torque_command"
+    after: ClassVar[str] = "ideal"
     takes: ClassVar[tuple[Quantity, ...]] = (Quantity.POSITION_GOAL,)
     gives: ClassVar[Quantity | None] = Quantity.TORQUE
 
-    armature: float = parameter(0.0, "kg.m2", 0.0, 1e3, "rotor inertia at the joint")
-
-
-@compiled()
-def ideal_torque(p, i, s, goal):
-    """Torque of an ideal servo."""
-    s[S_GOAL] = goal
-    torque = p[i] * (goal - s[S_READING]) - p[i + 1] * s[S_SPEED]
-    return min(max(torque, -p[i + 2]), p[i + 2])
+    armature: float = parameter(0.0, "kg.m2", 0.0, 1e3, "rotor inertia at the joint", in_law=False)

@@ -7,8 +7,8 @@ from dataclasses import dataclass
 from typing import Any, ClassVar
 
 from ..compiled import compiled
-from ..layout import S_CURRENT, S_TIME
-from .base import Quantity, Stage, parameter, register
+from ..layout import S_CURRENT, S_DUTY, S_TIME
+from .base import Law, Quantity, Stage, parameter, register
 
 
 @register
@@ -17,23 +17,28 @@ class DCMotor(Stage):
     """Brushed or vector-controlled DC motor: current from voltage and back-EMF, torque from current."""
 
     name: ClassVar[str] = "dc_motor"
+    after: ClassVar[str] = "current_limit"
     takes: ClassVar[tuple[Quantity, ...]] = (Quantity.VOLTAGE,)
     gives: ClassVar[Quantity | None] = Quantity.TORQUE
-    opcode: ClassVar[int] = 30
 
     motor_constant: float = parameter(
         None, "N.m/A = V.s/rad", 1e-6, 1e3, "torque per current; at the joint, unless a gear follows"
     )
     resistance: float = parameter(None, "ohm", 1e-4, 1e4, "of the winding")
-    armature: float = parameter(0.0, "kg.m2", 0.0, 1e3, "rotor inertia; at the joint, unless a gear follows")
+    armature: float = parameter(
+        0.0, "kg.m2", 0.0, 1e3, "rotor inertia; at the joint, unless a gear follows", in_law=False
+    )
     inductance: float = parameter(0.0, "H", 0.0, 10.0, "of the winding; 0: the current follows at once")
 
-    def law_parameters(self, chain: Any) -> list[float]:
-        ratio = chain.gear_ratio()
-        return [self.motor_constant * ratio * chain.magnetisation(), self.resistance, self.inductance]
+    def law_values(self, chain: Any) -> dict[str, float]:
+        constant = self.motor_constant * chain.gear_ratio() * chain.magnetisation()
+        return {**super().law_values(chain), "motor_constant": constant}
 
     def memory_size(self) -> int:
         return 4
+
+
+MOTOR = DCMotor.offsets()
 
 
 @register
@@ -42,9 +47,12 @@ class Thermal(Stage):
     """A warm motor's magnets are weaker: its motor constant falls with the temperature."""
 
     name: ClassVar[str] = "thermal"
+    after: ClassVar[str] = "gear"
     takes: ClassVar[tuple[Quantity, ...]] = (Quantity.TORQUE,)
 
-    loss: float = parameter(None, "1/K", -0.1, 0.1, "share of the motor constant lost per kelvin above the reference")
+    loss: float = parameter(
+        None, "1/K", -0.1, 0.1, "share of the motor constant lost per kelvin above the reference", neutral=0.0
+    )
     temperature: float = parameter(25.0, "degC", -60.0, 250.0, "of the motor")
     reference: float = parameter(25.0, "degC", -60.0, 250.0, "temperature at which the motor constant holds")
 
@@ -67,30 +75,34 @@ def lagged_current(current, steady, later, span, lag):
 @compiled()
 def advance_current(p, i, s, m, time):
     """Carry the winding current over the step that has passed, along the steady current that its evaluations saw."""
-    span = time - s[S_TIME]
-    if p[i + 2] > 0.0 and span > 0.0:
+    span, inductance = time - s[S_TIME], p[i + MOTOR.inductance]
+    if inductance > 0.0 and span > 0.0:
         seen = s[m + 3] - s[S_TIME]
         slope = (s[m + 2] - s[m + 1]) / seen if seen > 0.0 else 0.0
-        s[m] = lagged_current(s[m], s[m + 1], s[m + 1] + slope * span, span, p[i + 2] / p[i + 1])
+        s[m] = lagged_current(s[m], s[m + 1], s[m + 1] + slope * span, span, inductance / p[i + MOTOR.resistance])
 
 
 @compiled()
-def motor_torque(p, i, s, m, time, voltage, w, first):
-    """Torque of a DC motor [N.m].
+def motor_torque(p, i, s, m, time, value, w, first):
+    """Torque of a DC motor at the voltage ``value`` [N.m].
 
     Memory: current and steady current at the step's start, steady current at the latest evaluation, and its time.
     """
-    steady = (voltage - p[i] * w) / p[i + 1]
+    constant, resistance, inductance = p[i + MOTOR.motor_constant], p[i + MOTOR.resistance], p[i + MOTOR.inductance]
+    steady = (value - constant * w) / resistance
     current = steady
-    if p[i + 2] > 0.0:
+    if inductance > 0.0:
         if first:
             s[m + 1] = steady
         s[m + 2] = steady
         s[m + 3] = time
         span = time - s[S_TIME]
-        current = lagged_current(s[m], s[m + 1], steady, span, p[i + 2] / p[i + 1]) if span > 0.0 else s[m]
+        current = lagged_current(s[m], s[m + 1], steady, span, inductance / resistance) if span > 0.0 else s[m]
     s[S_CURRENT] = current
-    return p[i] * current
+    return constant * current
+
+
+DCMotor.law = Law(advance=advance_current, act=motor_torque)
 
 
 @register
@@ -99,24 +111,37 @@ class Regression(Stage):
     """Torque as a linear map of duty and speed, fitted on a brake bench (paper 004, equation (3))."""
 
     name: ClassVar[str] = "regression"
+    after: ClassVar[str] = "duty_limit"
     takes: ClassVar[tuple[Quantity, ...]] = (Quantity.DUTY,)
     gives: ClassVar[Quantity | None] = Quantity.TORQUE
-    opcode: ClassVar[int] = 31
 
     duty_torque: float = parameter(None, "N.m", -1e4, 1e4, "torque per duty")
     speed_torque: float = parameter(None, "N.m.s/rad", -1e4, 1e4, "torque per speed, negative for a motor")
     constant: float = parameter(0.0, "N.m", -1e3, 1e3, "torque at zero duty and speed")
-    armature: float = parameter(0.0, "kg.m2", 0.0, 1e3, "rotor inertia; at the joint, unless a gear follows")
+    armature: float = parameter(
+        0.0, "kg.m2", 0.0, 1e3, "rotor inertia; at the joint, unless a gear follows", in_law=False
+    )
 
-    def law_parameters(self, chain: Any) -> list[float]:
+    def law_values(self, chain: Any) -> dict[str, float]:
         ratio = chain.gear_ratio()
-        return [self.duty_torque * ratio, self.speed_torque * ratio**2, self.constant * ratio]
+        return {
+            "duty_torque": self.duty_torque * ratio,
+            "speed_torque": self.speed_torque * ratio**2,
+            "constant": self.constant * ratio,
+        }
+
+
+REGRESSION = Regression.offsets()
 
 
 @compiled()
-def regression_torque(p, i, duty, w):
-    """Torque of the fitted map [N.m]."""
-    return p[i] * duty + p[i + 1] * w + p[i + 2]
+def regression_torque(p, i, s, value, w):
+    """Torque of the fitted map at the duty ``value`` [N.m]."""
+    s[S_DUTY] = value
+    return p[i + REGRESSION.duty_torque] * value + p[i + REGRESSION.speed_torque] * w + p[i + REGRESSION.constant]
+
+
+Regression.law = Law(act=regression_torque)
 
 
 @register
@@ -125,12 +150,24 @@ class TorqueLimit(Stage):
     """The torque saturates: that of the motor in front of a gear, that at the joint elsewhere."""
 
     name: ClassVar[str] = "torque_limit"
+    after: ClassVar[str] = "dc_motor"
     takes: ClassVar[tuple[Quantity, ...]] = (Quantity.TORQUE,)
-    opcode: ClassVar[int] = 32
 
-    limit: float = parameter(None, "N.m", 0.0, 1e6, "largest torque; of the motor, if a gear follows")
+    limit: float = parameter(None, "N.m", 0.0, 1e6, "largest torque; of the motor, if a gear follows", neutral=1e3)
 
-    def law_parameters(self, chain: Any) -> list[float]:
+    def law_values(self, chain: Any) -> dict[str, float]:
         names = [stage.name for stage in chain.stages]
         geared = "gear" in names and names.index("gear") > names.index(self.name)
-        return [self.limit * (chain.gear_ratio() if geared else 1.0)]
+        return {"limit": self.limit * (chain.gear_ratio() if geared else 1.0)}
+
+
+TORQUE_LIMIT = TorqueLimit.offsets()
+
+
+@compiled()
+def limited_torque(p, i, value):
+    """A torque within the limit [N.m]."""
+    return min(max(value, -p[i + TORQUE_LIMIT.limit]), p[i + TORQUE_LIMIT.limit])
+
+
+TorqueLimit.law = Law(act=limited_torque)

@@ -16,8 +16,8 @@ from typing import Any, ClassVar
 import numpy as np
 
 from ..compiled import compiled
-from ..layout import S_OUT_OF_RANGE, S_READING, S_SPEED
-from .base import ChainError, Quantity, Stage, parameter, register
+from ..layout import S_GOAL, S_OUT_OF_RANGE, S_READING, S_SPEED
+from .base import ChainError, Law, Quantity, Stage, parameter, register
 
 FORMAT = "sealegs actuator net 1"
 REQUIRED = (
@@ -87,14 +87,15 @@ class Net(Stage):
     """
 
     name: ClassVar[str] = "net"
+    after: ClassVar[str] = "torque_command"
+    derived: ClassVar[tuple[str, ...]] = ("period", "history", "torque_scale", "layers")
     takes: ClassVar[tuple[Quantity, ...]] = (Quantity.POSITION_GOAL,)
     gives: ClassVar[Quantity | None] = Quantity.TORQUE
-    opcode: ClassVar[int] = 50
 
     file: str
     """Path of the net (.npz); a relative path is looked for beside the chain's file, then from the checkout."""
-    rate: float = parameter(0.0, "Hz", 0.0, 1e5, "rate the user expects; 0: whatever the net was trained at")
-    armature: float = parameter(0.0, "kg.m2", 0.0, 1e3, "rotor inertia at the joint")
+    rate: float = parameter(0.0, "Hz", 0.0, 1e5, "rate the user expects; 0: that of the training", in_law=False)
+    armature: float = parameter(0.0, "kg.m2", 0.0, 1e3, "rotor inertia at the joint", in_law=False)
 
     def __post_init__(self) -> None:
         super().__post_init__()
@@ -116,20 +117,17 @@ class Net(Stage):
             raise ChainError(f"there is no actuator net at {path}; train one with train_net.py or correct 'file'.")
         return read_net(path, path.stat().st_mtime)
 
-    def law_parameters(self, chain: Any) -> list[float]:
+    def law_values(self, chain: Any) -> dict[str, float]:
         del chain
         net = self.arrays()
-        layers = [int(size) for size in net["layers"]]
-        head = [
-            float(net["period"]),
-            float(net["history"]),
-            float(net["torque_scale"]),
-            float(len(layers)),
-            *map(float, layers),
-        ]
-        parts = [np.asarray(head)]
-        parts += [np.ravel(net[key]) for key in ("input_mean", "input_std", "input_low", "input_high", "weights")]
-        return np.concatenate(parts).astype(float).tolist()
+        values = {name: float(net[name]) for name in ("period", "history", "torque_scale")}
+        return {**values, "layers": float(len(net["layers"]))}
+
+    def law_tail(self) -> list[float]:
+        """Sizes of the layers, then statistics of the inputs, then weights."""
+        net = self.arrays()
+        keys = ("layers", "input_mean", "input_std", "input_low", "input_high", "weights")
+        return np.concatenate([np.ravel(net[key]) for key in keys]).astype(float).tolist()
 
     def memory_size(self) -> int:
         net = self.arrays()
@@ -138,15 +136,20 @@ class Net(Stage):
         return 2 + 2 * history + 2 * widest
 
 
+NET = Net.offsets()
+TAIL = len(NET)  # where the tail starts in the record
+
+
 @compiled()
 def start_net(p, i, s, m, goal):
     """Forget the past: error and speed have always been what they are."""
     s[m] = -1e30  # time of the next sample
     s[m + 1] = 0.0
-    history = int(p[i + 1])
+    history = int(p[i + NET.history])
     for k in range(history):
         s[m + 2 + k] = goal - s[S_READING]
         s[m + 2 + history + k] = s[S_SPEED]
+    return goal
 
 
 @compiled(fastmath=True)
@@ -154,16 +157,16 @@ def sample_net(p, i, s, m, time, goal):
     """Sample the inputs and evaluate the net, if its time has come. Newest sample first, errors before speeds."""
     if s[m] > -1e29 and time < s[m] - 1e-9:
         return
-    history = int(p[i + 1])
-    due = (s[m] if s[m] > -1e29 else time) + p[i]
-    s[m] = due if due > time else time + p[i]
+    history, period = int(p[i + NET.history]), p[i + NET.period]
+    due = (s[m] if s[m] > -1e29 else time) + period
+    s[m] = due if due > time else time + period
     for k in range(history - 1, 0, -1):
         s[m + 2 + k] = s[m + 1 + k]
         s[m + 2 + history + k] = s[m + 1 + history + k]
     s[m + 2] = goal - s[S_READING]
     s[m + 2 + history] = s[S_SPEED]
-    layers = int(p[i + 3])
-    sizes = i + 4
+    layers = int(p[i + NET.layers])
+    sizes = i + TAIL
     inputs = int(p[sizes])
     mean = sizes + layers
     now = m + 2 + 2 * history
@@ -190,4 +193,16 @@ def sample_net(p, i, s, m, time, goal):
             s[other + row] = total / (1.0 + abs(total)) if layer < layers - 2 else total
         weight += high * wide + high
         now, other = other, now
-    s[m + 1] = s[now] * p[i + 2]
+    s[m + 1] = s[now] * p[i + NET.torque_scale]
+
+
+@compiled()
+def net_torque(p, i, s, m, time, value, first):
+    """Torque of the net at its latest sample, for the goal ``value`` [N.m]."""
+    s[S_GOAL] = value
+    if first:
+        sample_net(p, i, s, m, time, value)
+    return s[m + 1]
+
+
+Net.law = Law(start=start_net, act=net_torque)

@@ -7,15 +7,19 @@ from dataclasses import dataclass
 from typing import Any, ClassVar
 
 from ..compiled import compiled
-from .base import ChainError, Quantity, Stage, parameter, register
+from ..layout import S_DUTY, S_VOLTAGE
+from .base import ChainError, Law, Quantity, Stage, parameter, register
+
+MOTOR_BEHIND = ("motor_constant", "motor_resistance")
 
 
-def motor_behind(chain: Any, stage: Stage) -> list[float]:
-    """Motor constant at the joint [V.s/rad] and resistance [ohm] of the chain's motor, for limits and sag."""
+def motor_behind(chain: Any, stage: Stage) -> dict[str, float]:
+    """:data:`MOTOR_BEHIND`: at the joint [V.s/rad] and [ohm], of the chain's motor, for limits and sag."""
     motor = chain.find("dc_motor")
     if motor is None:
         raise ChainError(f"{chain.label}: stage '{stage.name}' needs a 'dc_motor' behind it.")
-    return [motor.motor_constant * chain.gear_ratio() * chain.magnetisation(), motor.resistance]
+    constant = motor.motor_constant * chain.gear_ratio() * chain.magnetisation()
+    return {"motor_constant": constant, "motor_resistance": motor.resistance}
 
 
 @register
@@ -24,10 +28,24 @@ class DutyLimit(Stage):
     """The duty saturates."""
 
     name: ClassVar[str] = "duty_limit"
+    after: ClassVar[str] = "minimum_duty"
     takes: ClassVar[tuple[Quantity, ...]] = (Quantity.DUTY,)
-    opcode: ClassVar[int] = 20
 
     limit: float = parameter(1.0, "-", 0.0, 1.0, "largest duty")
+
+
+DUTY_LIMIT = DutyLimit.offsets()
+
+
+@compiled()
+def limited_duty(p, i, s, value):
+    """A duty within the limit."""
+    value = min(max(value, -p[i + DUTY_LIMIT.limit]), p[i + DUTY_LIMIT.limit])
+    s[S_DUTY] = value
+    return value
+
+
+DutyLimit.law = Law(act=limited_duty)
 
 
 @register
@@ -36,10 +54,11 @@ class MinimumDuty(Stage):
     """Minimum start-up force of hobby servos: a duty that is not zero is at least this large."""
 
     name: ClassVar[str] = "minimum_duty"
+    after: ClassVar[str] = "duty_step"
+    switches: ClassVar[bool] = True
     takes: ClassVar[tuple[Quantity, ...]] = (Quantity.DUTY,)
-    opcode: ClassVar[int] = 21
 
-    value: float = parameter(None, "-", 0.0, 1.0, "smallest duty that is applied")
+    value: float = parameter(None, "-", 0.0, 1.0, "smallest duty that is applied", neutral=0.0)
 
 
 @compiled()
@@ -50,26 +69,49 @@ def at_least(duty, value):
     return value * min(max(duty / 1e-4, -1.0), 1.0)
 
 
+MINIMUM_DUTY = MinimumDuty.offsets()
+
+
+@compiled()
+def raised_duty(p, i, s, value):
+    """A duty that is large enough or zero."""
+    value = at_least(value, p[i + MINIMUM_DUTY.value])
+    s[S_DUTY] = value
+    return value
+
+
+MinimumDuty.law = Law(act=raised_duty)
+
+
 @register
 @dataclass(frozen=True, kw_only=True)
 class DutyStep(Stage):
     """Firmware that computes with integers: the duty moves in steps, rounded down or towards zero."""
 
     name: ClassVar[str] = "duty_step"
+    after: ClassVar[str] = "net"
+    switches: ClassVar[bool] = True
     takes: ClassVar[tuple[Quantity, ...]] = (Quantity.DUTY,)
-    opcode: ClassVar[int] = 24
 
-    size: float = parameter(None, "-", 0.0, 1.0, "one step of the duty; 0: continuous")
+    size: float = parameter(None, "-", 0.0, 1.0, "one step of the duty; 0: continuous", neutral=0.0)
     towards_zero: float = parameter(0.0, "-", 0.0, 1.0, "1: rounded towards zero (division); 0: down (bit shift)")
 
 
+DUTY_STEP = DutyStep.offsets()
+
+
 @compiled()
-def stepped(p, i, duty):
+def stepped(p, i, s, value):
     """The duty on its lattice."""
-    if p[i] == 0.0:
-        return duty
-    steps = duty / p[i]
-    return p[i] * (math.trunc(steps) if p[i + 1] > 0.5 else math.floor(steps))
+    size = p[i + DUTY_STEP.size]
+    if size != 0.0:
+        steps = value / size
+        value = size * (math.trunc(steps) if p[i + DUTY_STEP.towards_zero] > 0.5 else math.floor(steps))
+    s[S_DUTY] = value
+    return value
+
+
+DutyStep.law = Law(act=stepped)
 
 
 @register
@@ -78,16 +120,21 @@ class Supply(Stage):
     """Supply voltage, which sags with the current that the bridge draws."""
 
     name: ClassVar[str] = "supply"
+    after: ClassVar[str] = "regression"
+    derived: ClassVar[tuple[str, ...]] = MOTOR_BEHIND
     takes: ClassVar[tuple[Quantity, ...]] = (Quantity.DUTY,)
     gives: ClassVar[Quantity | None] = Quantity.VOLTAGE
-    opcode: ClassVar[int] = 22
 
     volts: float = parameter(None, "V", 0.0, 1e3, "open-circuit supply voltage")
     resistance: float = parameter(0.0, "ohm", 0.0, 1e3, "of battery, wires and bridge together")
 
-    def law_parameters(self, chain: Any) -> list[float]:
-        motor = motor_behind(chain, self) if self.resistance > 0.0 else [0.0, 1.0]
-        return [self.volts, self.resistance, *motor]
+    def law_values(self, chain: Any) -> dict[str, float]:
+        if self.resistance > 0.0:
+            return {**super().law_values(chain), **motor_behind(chain, self)}
+        return {**super().law_values(chain), **dict.fromkeys(MOTOR_BEHIND, 0.0)}  # no sag: the law reads no motor
+
+
+SUPPLY = Supply.offsets()
 
 
 @compiled()
@@ -97,11 +144,26 @@ def supplied_voltage(p, i, duty, w):
     A chopping bridge draws ``duty`` times the motor current from the supply, so the sag follows from
     ``R i + k w = duty (V - R_s duty i)``, solved for ``i``.
     """
-    if p[i + 1] == 0.0:
-        return duty * p[i]
-    current = (duty * p[i] - p[i + 2] * w) / (p[i + 3] + duty * duty * p[i + 1])
+    volts, resistance = p[i + SUPPLY.volts], p[i + SUPPLY.resistance]
+    if resistance == 0.0:
+        return duty * volts
+    current = (duty * volts - p[i + SUPPLY.motor_constant] * w) / (
+        p[i + SUPPLY.motor_resistance] + duty * duty * resistance
+    )
     drawn = max(duty * current, 0.0)  # a supply does not rise by what the motor brakes into it
-    return duty * (p[i] - p[i + 1] * drawn)
+    return duty * (volts - resistance * drawn)
+
+
+@compiled()
+def bridge_voltage(p, i, s, value, w):
+    """Motor voltage at the duty ``value`` [V]."""
+    s[S_DUTY] = value
+    voltage = supplied_voltage(p, i, value, w)
+    s[S_VOLTAGE] = voltage
+    return voltage
+
+
+Supply.law = Law(act=bridge_voltage)
 
 
 @register
@@ -110,18 +172,27 @@ class CurrentLimit(Stage):
     """The power stage lowers the voltage so that the motor current stays within a limit."""
 
     name: ClassVar[str] = "current_limit"
+    after: ClassVar[str] = "supply"
+    derived: ClassVar[tuple[str, ...]] = MOTOR_BEHIND
     takes: ClassVar[tuple[Quantity, ...]] = (Quantity.VOLTAGE,)
-    opcode: ClassVar[int] = 23
 
-    limit: float = parameter(None, "A", 0.0, 1e4, "largest motor current")
+    limit: float = parameter(None, "A", 0.0, 1e4, "largest motor current", neutral=1e3)
 
-    def law_parameters(self, chain: Any) -> list[float]:
-        return [self.limit, *motor_behind(chain, self)]
+    def law_values(self, chain: Any) -> dict[str, float]:
+        return {**super().law_values(chain), **motor_behind(chain, self)}
+
+
+CURRENT_LIMIT = CurrentLimit.offsets()
 
 
 @compiled()
-def current_limited_voltage(p, i, voltage, w):
-    """Voltage whose steady current is within the limit."""
-    back_emf = p[i + 1] * w
-    reach = p[i] * p[i + 2]
-    return min(max(voltage, back_emf - reach), back_emf + reach)
+def current_limited_voltage(p, i, s, value, w):
+    """Voltage whose steady current is within the limit, from the voltage ``value``."""
+    back_emf = p[i + CURRENT_LIMIT.motor_constant] * w
+    reach = p[i + CURRENT_LIMIT.limit] * p[i + CURRENT_LIMIT.motor_resistance]
+    voltage = min(max(value, back_emf - reach), back_emf + reach)
+    s[S_VOLTAGE] = voltage
+    return voltage
+
+
+CurrentLimit.law = Law(act=current_limited_voltage)

@@ -21,12 +21,23 @@ class Encoder(Stage):
     """
 
     name: ClassVar[str] = "encoder"
+    after: ClassVar[str] = "backlash"
+    at_end: ClassVar[bool] = True
     takes: ClassVar[tuple[Quantity, ...]] = (Quantity.TORQUE,)
 
     ticks: float = parameter(0.0, "1/turn", 0.0, 1e9, "steps per turn, 0: continuous")
     offset: float = parameter(0.0, "rad", -10.0, 10.0, "reading at position zero")
     scale: float = parameter(1.0, "-", 0.01, 100.0, "reading per position")
     latency: float = parameter(0.0, "s", 0.0, 0.5, "age of the reading when the host receives it")
+
+    def header(self, memory: int) -> dict[int, float]:
+        return {
+            P_TICKS: self.ticks,
+            P_OFFSET: self.offset,
+            P_SCALE: self.scale,
+            P_LATENCY: self.latency,
+            P_LATENCY_MEMORY: memory,
+        }
 
     def memory_size(self) -> int:
         return 1 + 2 * LATENCY_SAMPLES if self.latency > 0.0 else 0

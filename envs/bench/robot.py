@@ -11,12 +11,12 @@ from ...actuators import DrivenCoordinate, Drivetrain
 from ...actuators.mounting import spring_constraint
 from ..robot import Effect, Number, Robot
 from ..scene import CAMERA, add_scene, add_sun
+from .stops import STOP_DAMPING, STOP_STIFFNESS
 
 JOINT = "joint"
 TIMESTEP = 0.001  # [s] with RK4: 0.1 mrad rms from an exact stick-slip integration (docs/numerics.md)
 POINT = 1e-9  # [kg.m2] inertia of a point mass: the engine wants more than none
 FREE = 100.0  # [rad] a stop as far away as this is none
-STOP_STIFFNESS, STOP_DAMPING = 500.0, 1.0  # [N.m/rad], [N.m.s/rad] of whatever blocks the pendulum: assumed
 
 NUMBERS = {
     "mass": Number(0.5, "kg", "assumed: as in the loads of Duclusaud et al., ICRA 2025", 1e-6),

@@ -113,7 +113,9 @@ def _actuator(chain: Chain, law: ElementTree.Element, timestep: float) -> Elemen
         # a hair less: a command that is due exactly now counts, whatever the rounding of its time
         attributes["delay"] = _text(delay.seconds - min(1e-6, 0.5 * delay.seconds))
         attributes["nsample"] = str(math.ceil(delay.seconds / timestep) + 2)
-    torques = [stage.law_parameters(chain)[0] for stage in chain.stages if stage.name == "torque_limit"]  # at the joint
+    torques = [
+        stage.law_values(chain)["limit"] for stage in chain.stages if stage.name == "torque_limit"
+    ]  # at the joint
     if (ideal := chain.find("ideal")) is not None:
         torques.append(ideal.torque_limit)
         attributes |= {"kp": _text(ideal.stiffness), "kv": _text(ideal.damping)}

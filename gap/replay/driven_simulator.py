@@ -12,21 +12,11 @@ import math
 import numba
 import numpy as np
 
-from ...actuators.compiled import compiled
-from ...actuators.law import advance, begin, torque
-from ...actuators.layout import P_STATE_SIZE, S_CURRENT, S_DUTY, S_LIMIT, S_TIME
-from ...actuators.stages.transmission import REST_SPEED
-from .joint_model import (
-    K_CONSTANT,
-    K_COUPLED,
-    K_DELAY,
-    K_HOST_OFFSET,
-    K_HOST_SCALE,
-    K_LOSS,
-    K_MOTOR,
-    K_MOTOR_INERTIA,
-    K_REFERENCE,
-)
+from ...actuators.law import advance, begin, idle_torque, torque
+from ...actuators.layout import P_STATE_SIZE, S_CURRENT, S_DUTY, S_LIMIT, S_TIME, S_VOLTAGE
+from ...actuators.stages.friction import REST_SPEED
+from .compiled import compiled
+from .constants import K
 from .simulator import coupling_torque, drive, host_reading_smooth, joint_state, slide
 
 CHANNELS = ("position", "torque", "duty", "current")
@@ -38,7 +28,7 @@ def replay_driven(p, k, time, goal, on, temperature, link, q0, w0, step, out):
 
     Args:
         p: program of the chain (L,).
-        k: constants of the joint (K_SIZE,), of a link that no torque moves.
+        k: constants of the joint (K.size,), of a link that no torque moves.
         time, goal: of the samples (n,) [s], [rad].
         on: whether the drive was on, per sample (n,).
         temperature: of the motor (n,) [degC].
@@ -49,7 +39,7 @@ def replay_driven(p, k, time, goal, on, temperature, link, q0, w0, step, out):
     """
     s = np.zeros(int(p[P_STATE_SIZE]))
     x = np.empty(4)
-    coupled = k[K_COUPLED] > 0.0
+    coupled = k[K.coupled] > 0.0
     q0, w0 = joint_state(p, k, q0, w0)
     x[0], x[1], x[2], x[3] = q0, w0, link[0, 0], link[0, 1]
     if not coupled:
@@ -57,10 +47,10 @@ def replay_driven(p, k, time, goal, on, temperature, link, q0, w0, step, out):
     begin(p, s, time[0], goal[0], x[0], x[1])
     n = len(time)
     arrival = 0
-    motor = int(k[K_MOTOR])
+    motor = int(k[K.motor])
     for j in range(n):
         if motor > 0:
-            p[motor] = k[K_CONSTANT] * max(1.0 - k[K_LOSS] * (temperature[j] - k[K_REFERENCE]), 0.05)
+            p[motor] = k[K.constant] * max(1.0 - k[K.loss] * (temperature[j] - k[K.reference]), 0.05)
         x[2], x[3] = link[j, 0], link[j, 1]
         advance(p, s, time[j])
         if coupled:
@@ -68,12 +58,12 @@ def replay_driven(p, k, time, goal, on, temperature, link, q0, w0, step, out):
             torque(p, s, time[j], goal[j], x[0], x[1], -passed, True)
         else:
             x[0], x[1] = x[2], x[3]
-            passed = drive(p, k, s, time[j], goal[j], on[j], x[0], x[1], 0.0, True) - k[K_MOTOR_INERTIA] * link[j, 2]
+            passed = drive(p, k, s, time[j], goal[j], on[j], x[0], x[1], 0.0, True) - k[K.motor_inertia] * link[j, 2]
             if abs(x[1]) > REST_SPEED:
                 passed -= math.copysign(s[S_LIMIT], x[1])
             else:  # dry friction takes what it can hold
                 passed -= math.copysign(min(s[S_LIMIT], abs(passed)), passed)
-        out[j, 0] = k[K_HOST_SCALE] * host_reading_smooth(p, s, time[j], x[0]) + k[K_HOST_OFFSET]
+        out[j, 0] = k[K.host_scale] * host_reading_smooth(p, s, time[j], x[0]) + k[K.host_offset]
         out[j, 1] = passed
         out[j, 2] = s[S_DUTY]
         out[j, 3] = s[S_CURRENT]
@@ -84,11 +74,11 @@ def replay_driven(p, k, time, goal, on, temperature, link, q0, w0, step, out):
         now = time[j]
         while now < time[j + 1] - 1e-9:
             # up to the next sample, or to where a delayed command arrives
-            while arrival < n and time[arrival] + k[K_DELAY] <= now + 1e-9:
+            while arrival < n and time[arrival] + k[K.delay] <= now + 1e-9:
                 arrival += 1
             end = time[j + 1]
-            if arrival < n and time[arrival] + k[K_DELAY] < end - 1e-9:
-                end = time[arrival] + k[K_DELAY]
+            if arrival < n and time[arrival] + k[K.delay] < end - 1e-9:
+                end = time[arrival] + k[K.delay]
             count = max(math.ceil((end - now) / step - 1e-9), 1)
             span = (end - now) / count
             for i in range(count):
@@ -129,3 +119,30 @@ def replay_driven_many(programs, constants, time, goal, on, temperature, link, s
             steps[v],
             out[v, a:b],
         )
+
+
+@compiled()
+def law_along(p, k, warm, time, goal, on, q, w, external, out):
+    """Run a chain's law along a given motion of its motor side.
+
+    Args:
+        p: program of the chain (L,).
+        k: constants of the joint (c,).
+        warm: motor constant over that of the program (n,).
+        time, goal, on: of the samples (n,) [s], [rad], -.
+        q, w: position and speed of the motor side (n,) [rad], [rad/s].
+        external: torque of everything else on it (n,) [N.m].
+        out: (n, 5) filled with torque [N.m], dry friction's limit [N.m], duty, current [A] and voltage [V].
+    """
+    s = np.zeros(int(p[P_STATE_SIZE]))
+    motor = int(k[K.motor])
+    constant = p[motor]
+    begin(p, s, time[0], goal[0], q[0], w[0])
+    for j in range(len(time)):
+        if motor > 0:
+            p[motor] = constant * warm[j]
+        advance(p, s, time[j])
+        value = torque(p, s, time[j], goal[j], q[j], w[j], external[j], True)
+        if not on[j]:
+            value = idle_torque(p, s, q[j], w[j], external[j])
+        out[j, 0], out[j, 1], out[j, 2], out[j, 3], out[j, 4] = value, s[S_LIMIT], s[S_DUTY], s[S_CURRENT], s[S_VOLTAGE]

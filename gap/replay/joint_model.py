@@ -14,60 +14,18 @@ import numpy as np
 
 from ...actuators.chain import Chain
 from ...actuators.errors import SealegsError, nearest
-from ...actuators.layout import P_HEADER, P_VISCOUS
+from ...actuators.layout import P_VISCOUS
 from ...actuators.stages import STAGES, Stage
 from ...actuators.stages.base import ChainError
 from ...envs.bench.robot import FREE, NUMBERS
+from .constants import Constants
 from .parameters import Parameter, Target, absolute, address
 
 GRAVITY = 9.81  # [m/s2]
 
-# Constants of one joint and run that the simulator reads beside the program of the chain.
-(
-    K_INERTIA,  # of the link [kg.m2]
-    K_GRAVITY,  # torque at a quarter turn [N.m]
-    K_MOTOR_INERTIA,  # armature [kg.m2]
-    K_VISCOUS,  # [N.m.s/rad]
-    K_FRICTION,  # where the friction stage's parameters start in the program; 0: none
-    K_COUPLED,  # 1: motor and link move apart
-    K_STIFFNESS,  # between them [N.m/rad]
-    K_DAMPING,  # [N.m.s/rad]
-    K_HALF_PLAY,  # [rad]
-    K_HOST_OFFSET,  # [rad]
-    K_HOST_SCALE,
-    K_STOP,  # angle beyond which something stops the link [rad]
-    K_LOWER_STOP,  # and below which [rad]
-    K_DELAY,  # of commands [s]: where steps must end for a change of the goal to arrive at its time
-    K_LOSS,  # share of the motor constant lost per kelvin [1/K]
-    K_REFERENCE,  # temperature at which nothing is lost [degC]
-    K_MOTOR,  # where the motor constant stands in the program; 0: there is none
-    K_CONSTANT,  # motor constant at that temperature [N.m/A]
-    K_SIZE,
-) = range(19)
-
-FRICTION_OPCODE, MOTOR_OPCODE = 41, 30
 TOOTH_FREQUENCY = 400.0  # [rad/s] of the motor against stiff teeth: far above any motion, far below the step
 TOOTH_DAMPING_RATIO = 0.2
 IMMOVABLE = 1e12  # [kg.m2] of a link that moves as measured
-
-NEUTRAL: dict[str, dict[str, float]] = {
-    "delay": {"seconds": 0.0},
-    "rate_limit": {"speed": 100.0},
-    "dead_band": {"width": 0.0},
-    "offset": {"value": 0.0},
-    "scale": {"factor": 1.0},
-    "minimum_duty": {"value": 0.0},
-    "duty_limit": {"limit": 1.0},
-    "duty_step": {"size": 0.0},
-    "thermal": {"loss": 0.0},
-    "torque_limit": {"limit": 1e3},
-    "current_limit": {"limit": 1e3},
-    "friction": {},
-    "compliance": {"stiffness": 1e5},
-    "backlash": {"width": 0.0},
-    "encoder": {},
-}
-"""Stages as they do nothing: what a cause adds to a chain before it sets its parameter."""
 
 
 @dataclass(frozen=True)
@@ -207,55 +165,56 @@ class JointModel:
         Raises:
             ChainError: the chain's spring has an inertia of its own.
         """
-        chain, k = self.chain, np.zeros(K_SIZE)
+        chain = self.chain
         if (spring := chain.find("spring")) is not None and spring.has_coordinate:
             raise ChainError(
                 f"{chain.label}: its 'spring' has an inertia of its own, a third body that the replay of a joint does "
                 "not simulate; give the chain a spring without inertia."
             )
-        k[K_INERTIA] = self.load.inertia(params) if params else IMMOVABLE
-        k[K_GRAVITY] = self.load.gravity_torque(params) if params else 0.0
-        k[K_MOTOR_INERTIA] = max(chain.armature(), 1e-7)
-        k[K_VISCOUS] = program[P_VISCOUS]
-        k[K_FRICTION] = _record(program, FRICTION_OPCODE)
-        k[K_HOST_OFFSET], k[K_HOST_SCALE] = self.host_offset, self.host_scale
+        load = self.load.numbers(params) if params else {}
+        numbers = Constants(
+            inertia=self.load.inertia(params) if params else IMMOVABLE,
+            gravity=self.load.gravity_torque(params) if params else 0.0,
+            motor_inertia=max(chain.armature(), 1e-7),
+            viscous=float(program[P_VISCOUS]),
+            host_offset=self.host_offset,
+            host_scale=self.host_scale,
+            stop=load.get("upper_stop", self.load.stop_angle),
+            lower_stop=load.get("lower_stop", self.load.lower_stop),
+            delay=delay.seconds if (delay := chain.find("delay")) is not None else 0.0,
+        )
         if (thermal := chain.find("thermal")) is not None:
-            k[K_LOSS], k[K_REFERENCE], k[K_MOTOR] = thermal.loss, thermal.reference, _record(program, MOTOR_OPCODE)
-            k[K_CONSTANT] = program[int(k[K_MOTOR])] / chain.magnetisation()
-        numbers = self.load.numbers(params) if params else {}
-        k[K_STOP] = numbers.get("upper_stop", self.load.stop_angle)
-        k[K_LOWER_STOP] = numbers.get("lower_stop", self.load.lower_stop)
-        k[K_DELAY] = delay.seconds if (delay := chain.find("delay")) is not None else 0.0
+            motor = chain.address("dc_motor.motor_constant")
+            numbers = numbers._replace(
+                loss=thermal.loss,
+                reference=thermal.reference,
+                motor=motor,
+                constant=program[motor] / chain.magnetisation(),
+            )
+        return np.array(numbers._replace(**self._coupling(numbers)), float)
+
+    def _coupling(self, numbers: Constants) -> dict[str, float]:
+        """Of :class:`Constants`, what lies between motor and link."""
+        chain = self.chain
         element, play = chain.find("spring") or chain.find("compliance"), chain.find("backlash")
-        if element is not None or (play is not None and play.width > 0.0):
-            k[K_COUPLED] = 1.0
-            k[K_HALF_PLAY] = play.width / 2.0 if play is not None else 0.0
-            if element is not None:
-                k[K_STIFFNESS], k[K_DAMPING] = element.stiffness, element.damping
-            elif play is not None and play.tooth_stiffness > 0.0:
-                k[K_STIFFNESS], k[K_DAMPING] = play.tooth_stiffness, play.tooth_damping
-            else:
-                inertia = 1.0 / (1.0 / k[K_MOTOR_INERTIA] + 1.0 / k[K_INERTIA])
-                k[K_STIFFNESS] = inertia * TOOTH_FREQUENCY**2
-                k[K_DAMPING] = 2.0 * TOOTH_DAMPING_RATIO * inertia * TOOTH_FREQUENCY
-        return k
+        if element is None and (play is None or play.width <= 0.0):
+            return {}
+        if element is not None:
+            stiffness, damping = element.stiffness, element.damping
+        elif play.tooth_stiffness > 0.0:
+            stiffness, damping = play.tooth_stiffness, play.tooth_damping
+        else:
+            inertia = 1.0 / (1.0 / numbers.motor_inertia + 1.0 / numbers.inertia)
+            stiffness = inertia * TOOTH_FREQUENCY**2
+            damping = 2.0 * TOOTH_DAMPING_RATIO * inertia * TOOTH_FREQUENCY
+        half_play = play.width / 2.0 if play is not None else 0.0
+        return {"coupled": 1.0, "stiffness": stiffness, "damping": damping, "half_play": half_play}
 
 
 def _neutral(name: str) -> Stage:
-    try:
-        return STAGES[name](**NEUTRAL[name])  # type: ignore[arg-type]
-    except KeyError:
-        raise ChainError(f"the chain has no stage '{name}', and there is no neutral one to add.") from None
-
-
-def _record(program: np.ndarray, opcode: int) -> int:
-    """Where the parameters of a stage stand in a program; 0 where it has none."""
-    at = P_HEADER
-    while program[at] > 0.0:
-        if int(program[at]) == opcode:
-            return at + 3
-        at += int(program[at + 1])
-    return 0
+    if name not in STAGES:
+        raise ChainError(f"the chain has no stage '{name}', and there is no such stage to add.")
+    return STAGES[name].neutral()
 
 
 def bench_parameters(params: Mapping[str, float], where: str) -> dict[str, float]:

@@ -13,61 +13,42 @@ import math
 import numba
 import numpy as np
 
-from ...actuators.compiled import compiled
-from ...actuators.law import advance, begin, host_reading, torque
+from ...actuators.law import advance, begin, host_reading, idle_torque, torque
 from ...actuators.layout import P_LATENCY, P_OFFSET, P_SCALE, P_STATE_SIZE, P_TICKS, S_CURRENT, S_DUTY, S_LIMIT, S_TIME
-from ...actuators.stages.transmission import friction_limit
-from ...envs.bench.robot import STOP_DAMPING, STOP_STIFFNESS
-from .joint_model import (
-    K_CONSTANT,
-    K_COUPLED,
-    K_DAMPING,
-    K_DELAY,
-    K_FRICTION,
-    K_GRAVITY,
-    K_HALF_PLAY,
-    K_HOST_OFFSET,
-    K_HOST_SCALE,
-    K_INERTIA,
-    K_LOSS,
-    K_LOWER_STOP,
-    K_MOTOR,
-    K_MOTOR_INERTIA,
-    K_REFERENCE,
-    K_STIFFNESS,
-    K_STOP,
-    K_VISCOUS,
-)
+from ...actuators.stages import STAGES
+from ...envs.bench.stops import STOP_DAMPING, STOP_STIFFNESS
+from .compiled import compiled
+from .constants import K
 
 ELASTIC_STEP = 1e-3  # [s] largest step with a spring between motor and link, whose frequency bounds it
 # [s] with play, whose teeth meet for a few milliseconds, and with firmware that switches: it must when the machine does
 EVENT_STEP = 2.5e-4
-SWITCHING = ("rate_limit", "dead_band", "minimum_duty", "duty_step")
+SWITCHING = tuple(name for name, stage in STAGES.items() if stage.switches)
 CHANNELS = ("position", "link_position", "duty", "current")
 
 
 @compiled()
 def load_torque(k, q, w):
     """Torque of gravity and stop on the link [N.m]."""
-    value = -k[K_GRAVITY] * math.sin(q)
-    if q > k[K_STOP]:
-        value -= max(STOP_STIFFNESS * (q - k[K_STOP]) + STOP_DAMPING * w, 0.0)
-    elif q < k[K_LOWER_STOP]:
-        value -= min(STOP_STIFFNESS * (q - k[K_LOWER_STOP]) + STOP_DAMPING * w, 0.0)
+    value = -k[K.gravity] * math.sin(q)
+    if q > k[K.stop]:
+        value -= max(STOP_STIFFNESS * (q - k[K.stop]) + STOP_DAMPING * w, 0.0)
+    elif q < k[K.lower_stop]:
+        value -= min(STOP_STIFFNESS * (q - k[K.lower_stop]) + STOP_DAMPING * w, 0.0)
     return value
 
 
 @compiled()
 def coupling_torque(k, twist, rate):
     """Torque that spring or teeth pass from motor to link [N.m]."""
-    play = k[K_HALF_PLAY]
+    play = k[K.half_play]
     if twist > play:
-        value = k[K_STIFFNESS] * (twist - play) + k[K_DAMPING] * rate
+        value = k[K.stiffness] * (twist - play) + k[K.damping] * rate
         return value if play == 0.0 else max(value, 0.0)
     if twist < -play:
-        value = k[K_STIFFNESS] * (twist + play) + k[K_DAMPING] * rate
+        value = k[K.stiffness] * (twist + play) + k[K.damping] * rate
         return value if play == 0.0 else min(value, 0.0)
-    return k[K_DAMPING] * rate if play == 0.0 else 0.0
+    return k[K.damping] * rate if play == 0.0 else 0.0
 
 
 @compiled()
@@ -75,10 +56,8 @@ def drive(p, k, s, time, goal, on, q, w, external, first):
     """Torque on the motor side without dry friction, which is left in ``S_LIMIT`` [N.m]."""
     value = torque(p, s, time, goal, q, w, external, first)
     if not on:  # an open bridge: no current, so no torque and no braking
-        value = 0.0
-        if k[K_FRICTION] > 0.0:
-            s[S_LIMIT] = friction_limit(p, int(k[K_FRICTION]), q, w, 0.0, external)
-    return value - k[K_VISCOUS] * w
+        value = idle_torque(p, s, q, w, external)
+    return value - k[K.viscous] * w
 
 
 @compiled()
@@ -87,8 +66,8 @@ def slide(p, k, s, x, time, span, goal, on, first):
 
     Midpoint rule, split where the motor stops.
     """
-    coupled = k[K_COUPLED] > 0.0
-    inertia = k[K_MOTOR_INERTIA] if coupled else k[K_MOTOR_INERTIA] + k[K_INERTIA]
+    coupled = k[K.coupled] > 0.0
+    inertia = k[K.motor_inertia] if coupled else k[K.motor_inertia] + k[K.inertia]
     left = span
     for _ in range(6):
         q, w, lq, lw = x[0], x[1], x[2], x[3]
@@ -96,13 +75,13 @@ def slide(p, k, s, x, time, span, goal, on, first):
         total = drive(p, k, s, time, goal, on, q, w, external, first) + external
         first = False
         limit = s[S_LIMIT]
-        la = (load_torque(k, lq, lw) - external) / k[K_INERTIA] if coupled else 0.0
+        la = (load_torque(k, lq, lw) - external) / k[K.inertia] if coupled else 0.0
         if w == 0.0 and abs(total) <= limit:
             if not coupled:
                 return
             # the motor holds while the link swings on its spring
             mid, mid_w = lq + 0.5 * left * lw, lw + 0.5 * left * la
-            la = (load_torque(k, mid, mid_w) + coupling_torque(k, q - mid, -mid_w)) / k[K_INERTIA]
+            la = (load_torque(k, mid, mid_w) + coupling_torque(k, q - mid, -mid_w)) / k[K.inertia]
             x[2], x[3] = lq + left * mid_w, lw + left * la
             return
         way = 1.0 if (w > 0.0 or (w == 0.0 and total > 0.0)) else -1.0
@@ -114,7 +93,7 @@ def slide(p, k, s, x, time, span, goal, on, first):
         if coupled:
             lq_mid, lw_mid = lq + half * lw, lw + half * la
             external = -coupling_torque(k, q_mid - lq_mid, w_mid - lw_mid)
-            la = (load_torque(k, lq_mid, lw_mid) - external) / k[K_INERTIA]
+            la = (load_torque(k, lq_mid, lw_mid) - external) / k[K.inertia]
         else:
             lq_mid, lw_mid = 0.0, 0.0
             external = load_torque(k, q_mid, w_mid)
@@ -142,8 +121,8 @@ def slide(p, k, s, x, time, span, goal, on, first):
 @compiled()
 def joint_state(p, k, reading, speed):
     """Angle and speed of the joint at what the host reads: :func:`host_reading_smooth` and the host's scale undone."""
-    angle = ((reading - k[K_HOST_OFFSET]) / k[K_HOST_SCALE] - p[P_OFFSET]) / p[P_SCALE]
-    return angle, speed / (k[K_HOST_SCALE] * p[P_SCALE])
+    angle = ((reading - k[K.host_offset]) / k[K.host_scale] - p[P_OFFSET]) / p[P_SCALE]
+    return angle, speed / (k[K.host_scale] * p[P_SCALE])
 
 
 @compiled()
@@ -152,7 +131,7 @@ def replay(p, k, time, goal, on, temperature, q0, w0, step, out):
 
     Args:
         p: program of the chain (L,).
-        k: constants of the joint (K_SIZE,).
+        k: constants of the joint (K.size,).
         time, goal: of the samples (n,) [s], [rad].
         on: whether the drive was on, per sample (n,).
         temperature: of the motor (n,) [degC].
@@ -164,24 +143,24 @@ def replay(p, k, time, goal, on, temperature, q0, w0, step, out):
     x = np.empty(4)
     q0, w0 = joint_state(p, k, q0, w0)
     x[0], x[1], x[2], x[3] = q0, w0, q0, w0
-    if k[K_COUPLED] > 0.0 and k[K_STIFFNESS] > 0.0:  # start with the load held by spring or tooth, not with a jerk
+    if k[K.coupled] > 0.0 and k[K.stiffness] > 0.0:  # start with the load held by spring or tooth, not with a jerk
         load = load_torque(k, q0, 0.0)
-        x[2] = q0 + load / k[K_STIFFNESS] + math.copysign(k[K_HALF_PLAY], load)
+        x[2] = q0 + load / k[K.stiffness] + math.copysign(k[K.half_play], load)
         if load * load_torque(k, x[2], 0.0) <= 0.0:  # it hangs between the teeth
             x[2] = 0.0
     begin(p, s, time[0], goal[0], q0, w0)
     n = len(time)
     arrival = 0
-    motor = int(k[K_MOTOR])
+    motor = int(k[K.motor])
     for j in range(n):
         if motor > 0:
-            p[motor] = k[K_CONSTANT] * max(1.0 - k[K_LOSS] * (temperature[j] - k[K_REFERENCE]), 0.05)
-        external = -coupling_torque(k, x[0] - x[2], x[1] - x[3]) if k[K_COUPLED] > 0.0 else load_torque(k, x[0], x[1])
+            p[motor] = k[K.constant] * max(1.0 - k[K.loss] * (temperature[j] - k[K.reference]), 0.05)
+        external = -coupling_torque(k, x[0] - x[2], x[1] - x[3]) if k[K.coupled] > 0.0 else load_torque(k, x[0], x[1])
         advance(p, s, time[j])
         torque(p, s, time[j], goal[j], x[0], x[1], external, True)
         reading = host_reading_smooth(p, s, time[j], x[0])
-        out[j, 0] = k[K_HOST_SCALE] * reading + k[K_HOST_OFFSET]
-        out[j, 1] = x[2] if k[K_COUPLED] > 0.0 else x[0]
+        out[j, 0] = k[K.host_scale] * reading + k[K.host_offset]
+        out[j, 1] = x[2] if k[K.coupled] > 0.0 else x[0]
         out[j, 2] = s[S_DUTY]
         out[j, 3] = s[S_CURRENT]
         if j + 1 == n:
@@ -189,11 +168,11 @@ def replay(p, k, time, goal, on, temperature, q0, w0, step, out):
         now = time[j]
         while now < time[j + 1] - 1e-9:
             # up to the next sample, or to where a delayed command arrives
-            while arrival < n and time[arrival] + k[K_DELAY] <= now + 1e-9:
+            while arrival < n and time[arrival] + k[K.delay] <= now + 1e-9:
                 arrival += 1
             end = time[j + 1]
-            if arrival < n and time[arrival] + k[K_DELAY] < end - 1e-9:
-                end = time[arrival] + k[K_DELAY]
+            if arrival < n and time[arrival] + k[K.delay] < end - 1e-9:
+                end = time[arrival] + k[K.delay]
             count = max(math.ceil((end - now) / step - 1e-9), 1)
             span = (end - now) / count
             for i in range(count):
@@ -229,7 +208,7 @@ def replay_many(programs, constants, time, goal, on, temperature, starts, states
 
     Args:
         programs: (v, L), each padded with zeros.
-        constants: (v, u, K_SIZE).
+        constants: (v, u, K.size).
         time, goal, on, temperature: samples of all units one behind the other (n,).
         starts: first sample of each unit, and the end of the last (u + 1,).
         states: start of each unit (u, 2) [rad, rad/s].

@@ -14,7 +14,7 @@ from dataclasses import replace
 import numpy as np
 
 from ..log.parts import FIT_A, FIT_B, LEAST_START, Unit, state_at
-from ..replay.joint_model import K_COUPLED
+from ..replay.constants import K
 from ..replay.parameters import Parameter
 from ..replay.problem import Problem
 from .fit import fit
@@ -84,4 +84,4 @@ def _hidden_state(problem: Problem, run: int) -> bool:
     model = problem.models[run]
     constants = model.constants(problem.params[run], model.chain.program())
     integral = model.chain.find("position_pi")
-    return bool(constants[K_COUPLED] > 0.0 or (integral is not None and integral.parameters()["integral"] > 0.0))
+    return bool(constants[K.coupled] > 0.0 or (integral is not None and integral.parameters()["integral"] > 0.0))

@@ -6,7 +6,8 @@ import numpy as np
 from matplotlib.figure import Figure
 
 from ...checks.signal import derivatives
-from ...replay.joint_model import K_DAMPING, K_HALF_PLAY, JointModel
+from ...replay.constants import K
+from ...replay.joint_model import JointModel
 from ...replay.simulator import coupling_torque
 from ...verdict.verdict import NamedCause
 from .binned import bins, cloud, draw_measured, equal_counts, limits
@@ -56,10 +57,10 @@ def _torque(evidence: Evidence) -> np.ndarray:
     for a, b in zip(problem.starts[:-1], problem.starts[1:], strict=True):
         _, speed, acceleration = derivatives(problem.time[a:b], problem.measured[a:b, 0])
         rate = speed - problem.link[a:b, 1]  # type: ignore[attr-defined]
-        if k[K_HALF_PLAY] > 0.0:  # teeth damp where they touch
+        if k[K.half_play] > 0.0:  # teeth damp where they touch
             twist = problem.measured[a:b, 0] - problem.link[a:b, 0]  # type: ignore[attr-defined]
-            rate = np.where(np.abs(twist) > k[K_HALF_PLAY], rate, 0.0)
+            rate = np.where(np.abs(twist) > k[K.half_play], rate, 0.0)
         friction = np.sign(speed) * extended.limit[a:b] + extended.viscous[a:b]
-        taken = joint.chain.armature() * acceleration + friction + k[K_DAMPING] * rate
+        taken = joint.chain.armature() * acceleration + friction + k[K.damping] * rate
         out[a:b] = extended.motor[a:b] - taken
     return out

@@ -14,21 +14,9 @@ from functools import cached_property
 import numpy as np
 from scipy.signal import savgol_filter
 
-from ....actuators.compiled import compiled
-from ....actuators.law import advance, begin, torque
-from ....actuators.layout import P_STATE_SIZE, S_CURRENT, S_DUTY, S_LIMIT, S_VOLTAGE
-from ....actuators.stages.transmission import friction_limit
-from ...replay.joint_model import (
-    K_FRICTION,
-    K_GRAVITY,
-    K_INERTIA,
-    K_LOSS,
-    K_MOTOR,
-    K_MOTOR_INERTIA,
-    K_REFERENCE,
-    K_VISCOUS,
-    JointModel,
-)
+from ...replay.constants import K
+from ...replay.driven_simulator import law_along
+from ...replay.joint_model import JointModel
 from ...replay.parameters import address
 from ...replay.problem import Problem
 from ...replay.simulator import CHANNELS
@@ -182,12 +170,12 @@ def balance(problem: Problem, motion: Motion, values: Mapping[str, float]) -> Ba
         scale = joint.host_scale * (encoder.scale if encoder else 1.0)
         zero = joint.host_offset + joint.host_scale * (encoder.offset if encoder else 0.0)
         angle[at], speed[at] = (motion.position[at] - zero) / scale, motion.speed[at] / scale
-        gravity[at] = constants[K_GRAVITY] * np.sin(angle[at])
-        inertial[at] = (constants[K_INERTIA] + constants[K_MOTOR_INERTIA]) * motion.acceleration[at] / scale
-        viscous[at] = constants[K_VISCOUS] * speed[at]
-        warm = np.maximum(1.0 - constants[K_LOSS] * (problem.temperature[at] - constants[K_REFERENCE]), 0.05)
+        gravity[at] = constants[K.gravity] * np.sin(angle[at])
+        inertial[at] = (constants[K.inertia] + constants[K.motor_inertia]) * motion.acceleration[at] / scale
+        viscous[at] = constants[K.viscous] * speed[at]
+        warm = np.maximum(1.0 - constants[K.loss] * (problem.temperature[at] - constants[K.reference]), 0.05)
         motion_given = (problem.time[at], problem.goal[at], problem.on[at], angle[at], speed[at], -gravity[at])
-        _drive(program, constants, warm, *motion_given, law[at])
+        law_along(program, constants, warm, *motion_given, law[at])
         motor[at], source = _motor_torque(joint, motion, at, speed[at], warm, law[at], problem.on[at])
         sources.append(source)
     source = max(set(sources), key=sources.count)
@@ -233,22 +221,3 @@ def _agrees(logged: np.ndarray | None, at: slice, law: np.ndarray) -> bool:
         return False
     same = float(np.corrcoef(logged[at], law)[0, 1])
     return same > AGREES and 0.5 < same * float(np.std(logged[at]) / np.std(law)) < 2.0
-
-
-@compiled()
-def _drive(p, k, warm, time, goal, on, q, w, external, out):
-    """Run a chain's law along a given motion; ``out`` (n, 5): torque, dry limit, duty, current, voltage."""
-    s = np.zeros(int(p[P_STATE_SIZE]))
-    motor = int(k[K_MOTOR])
-    constant = p[motor]
-    begin(p, s, time[0], goal[0], q[0], w[0])
-    for j in range(len(time)):
-        if motor > 0:
-            p[motor] = constant * warm[j]
-        advance(p, s, time[j])
-        value = torque(p, s, time[j], goal[j], q[j], w[j], external[j], True)
-        if not on[j]:
-            value = 0.0
-            if k[K_FRICTION] > 0.0:
-                s[S_LIMIT] = friction_limit(p, int(k[K_FRICTION]), q[j], w[j], 0.0, external[j])
-        out[j, 0], out[j, 1], out[j, 2], out[j, 3], out[j, 4] = value, s[S_LIMIT], s[S_DUTY], s[S_CURRENT], s[S_VOLTAGE]

@@ -1,0 +1,31 @@
+"""What the compiled replays of a joint read beside the program of its chain."""
+
+from __future__ import annotations
+
+from typing import Any, NamedTuple
+
+
+class Constants(NamedTuple):
+    """Numbers of one joint and run, in the order of the array that the compiled loops take."""
+
+    inertia: float  # of the link [kg.m2]
+    gravity: float  # torque at a quarter turn [N.m]
+    motor_inertia: float  # armature [kg.m2]
+    viscous: float  # [N.m.s/rad]
+    coupled: float = 0.0  # 1: motor and link move apart
+    stiffness: float = 0.0  # between them [N.m/rad]
+    damping: float = 0.0  # [N.m.s/rad]
+    half_play: float = 0.0  # [rad]
+    host_offset: float = 0.0  # [rad]
+    host_scale: float = 1.0
+    stop: float = float("inf")  # angle beyond which something stops the link [rad]
+    lower_stop: float = -float("inf")  # and below which [rad]
+    delay: float = 0.0  # of commands [s]: where steps must end for a change of the goal to arrive at its time
+    loss: float = 0.0  # share of the motor constant lost per kelvin [1/K]
+    reference: float = 0.0  # temperature at which nothing is lost [degC]
+    motor: float = 0.0  # where the motor constant stands in the program; 0: it does not change
+    constant: float = 0.0  # motor constant at the reference [N.m/A]
+
+
+K: Any = Constants(*range(len(Constants._fields)))
+"""Where each stands in the array."""
