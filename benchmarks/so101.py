@@ -16,7 +16,7 @@ from pathlib import Path
 from typing import Any
 
 from sealegs.configs.script import run
-from sealegs.gap.log.long import read_bounded
+from sealegs.gap.checks.long import read_bounded
 from sealegs.gap.log.types import MeasuredSet
 from sealegs.gap.output.files import to_document
 from sealegs.gap.verdict.diagnosis import diagnose

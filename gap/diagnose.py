@@ -70,7 +70,7 @@ def diagnose(
 
     with going_on(out, source, progress) as (say, done):
         if isinstance(log, str | Path):
-            from .log.long import read_bounded
+            from .checks.long import read_bounded
 
             data = read_bounded(Path(log), progress=say)
         data = _given(data)

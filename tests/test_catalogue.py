@@ -11,7 +11,7 @@ from sealegs.actuators.errors import SealegsError
 from sealegs.gap.causes.catalogue import catalogue
 from sealegs.gap.causes.cause import Cause, View
 from sealegs.gap.causes.registry import ENTRIES
-from sealegs.gap.load.unknown import UNKNOWN
+from sealegs.gap.causes.unknown import UNKNOWN
 from sealegs.gap.replay.joint_model import JointModel
 from sealegs.gap.replay.parameters import Target, address
 

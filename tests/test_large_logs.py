@@ -10,9 +10,9 @@ import numpy as np
 import pytest
 from pyarrow import Table, parquet
 from sealegs.gap.checks.data_set import check_set, corrected
+from sealegs.gap.checks.long import MOST_ROWS, count_rows, read_bounded, spread, window_rows
 from sealegs.gap.log import LogError
 from sealegs.gap.log.finding import Finding
-from sealegs.gap.log.long import MOST_ROWS, count_rows, read_bounded, spread, window_rows
 from sealegs.gap.log.parts import SEARCH, WARM_UP, cut
 from sealegs.gap.log.types import JointLog, MeasuredRun
 
@@ -21,7 +21,7 @@ from benchmarks.large_log import write
 ROWS, HELD = 300_000, 48_000
 PEAK = """
 import resource, sys
-from sealegs.gap.log.long import read_bounded
+from sealegs.gap.checks.long import read_bounded
 before = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss
 data = read_bounded(sys.argv[1], int(sys.argv[2]))
 print((resource.getrusage(resource.RUSAGE_SELF).ru_maxrss - before) / 1024.0)

@@ -6,10 +6,11 @@ import numpy as np
 import pytest
 from sealegs.actuators.chain import load_chain
 from sealegs.actuators.errors import SealegsError
+from sealegs.gap.load.pendulum import PendulumLoad
 from sealegs.gap.log.parts import cut
 from sealegs.gap.log.types import JointLog, MeasuredRun, MeasuredSet
 from sealegs.gap.replay.engine import bench, replay_in_engine
-from sealegs.gap.replay.joint_model import JointModel, PendulumLoad
+from sealegs.gap.replay.joint_model import JointModel
 from sealegs.gap.replay.problem import lay_out
 from sealegs.gap.replay.simulator import replay
 from sealegs.gap.verdict.diagnosis import diagnose

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from sealegs.actuators import load_chain
 from sealegs.gap.causes.catalogue import catalogue
-from sealegs.gap.load.unknown import UNKNOWN, unknown_parameters, with_believed_load
+from sealegs.gap.causes.unknown import UNKNOWN, unknown_parameters, with_believed_load
 from sealegs.gap.log.types import JointLog, LogError, MeasuredRun
 from sealegs.gap.replay.joint_model import JointModel
 

@@ -19,7 +19,7 @@ FAMILIES = (friction, drive, transmission, load, contact, sensor)
 
 
 def catalogue(nominal: JointModel, names: Sequence[str] | None = None) -> list[Cause]:
-    """The causes that a joint can have; what nobody measured (:mod:`sealegs.gap.load.unknown`) cannot be wrong.
+    """The causes that a joint can have; what nobody measured (:mod:`sealegs.gap.causes.unknown`) cannot be wrong.
 
     Args:
         nominal: the joint.

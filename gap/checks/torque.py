@@ -6,8 +6,8 @@ from collections.abc import Iterator, Sequence
 
 import numpy as np
 
+from ..load.pendulum import PendulumLoad, completed
 from ..log.finding import Finding
-from ..replay.joint_model import PendulumLoad
 from .context import JointContext
 from .torque_balance import AT_ONCE, Shift, TorqueBalance, torque_balance, torque_shift
 
@@ -29,10 +29,10 @@ def has_torque(joint: JointContext) -> bool:
 def check_torque(joints: Sequence[JointContext], run: str | None) -> Iterator[Finding]:
     """Yield what is wrong with the torque column of one joint in one or several runs, judged together."""
     joints = [joint for joint in joints if has_torque(joint)]
-    load = PendulumLoad()
+    load, loads = PendulumLoad(), [completed(j.run.robot_params) for j in joints]
     balance = torque_balance(
         [(j.time, j.log.position, j.log.torque) for j in joints if j.log.torque is not None],
-        [(load.inertia(j.run.robot_params), load.gravity_torque(j.run.robot_params)) for j in joints],
+        [(load.inertia(params), load.gravity_torque(params)) for params in loads],
     )
     if balance is None:
         return

@@ -16,8 +16,8 @@ from mujoco.batch import Batch
 from ...actuators.engine import install
 from ...envs.hopper.robot import HIP, KNEE
 from ...envs.scene import FLOOR
+from ..load.load import GRAVITY
 from ..log.types import MeasuredRun
-from ..replay.joint_model import GRAVITY
 from .leg_model import GROUND_BODY, GROUND_JOINT, LegModel
 from .stances import LENGTH, Stance
 

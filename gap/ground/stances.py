@@ -8,8 +8,8 @@ from dataclasses import dataclass
 import numpy as np
 
 from ..checks.signal import derivatives, quantisation_step
+from ..load.load import GRAVITY
 from ..log.types import MeasuredRun
-from ..replay.joint_model import GRAVITY
 from .leg_model import LegModel
 
 COLUMNS = ("base.z", "base.x", "hip.link_position", "knee.link_position")

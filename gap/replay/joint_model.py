@@ -6,22 +6,20 @@ Its chain, what hangs on it, and how its host reads it. Everything that a cause 
 from __future__ import annotations
 
 import dataclasses
-import math
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, field
+from typing import Any
 
 import numpy as np
 
 from ...actuators.chain import Chain
-from ...actuators.errors import SealegsError, nearest
 from ...actuators.layout import P_VISCOUS
 from ...actuators.stages import STAGES, Stage
 from ...actuators.stages.base import ChainError
-from ...envs.bench.robot import FREE, NUMBERS
+from ..load.load import Load
+from ..load.pendulum import PendulumLoad
 from .constants import Constants
 from .parameters import Parameter, Target, absolute, address
-
-GRAVITY = 9.81  # [m/s2]
 
 TOOTH_FREQUENCY = 400.0  # [rad/s] of the motor against stiff teeth: far above any motion, far below the step
 TOOTH_DAMPING_RATIO = 0.2
@@ -29,56 +27,15 @@ IMMOVABLE = 1e12  # [kg.m2] of a link that moves as measured
 
 
 @dataclass(frozen=True)
-class PendulumLoad:
-    """What a bench carries, as a change of what its sidecar says.
-
-    Attributes:
-        mass_factor: true over believed mass.
-        extra_inertia: beyond that of mass and arm [kg.m2].
-        centre_shift: of the mass along the arm [m].
-        stop_angle, lower_stop: beyond and below which something blocks the link [rad].
-    """
-
-    mass_factor: float = 1.0
-    extra_inertia: float = 0.0
-    centre_shift: float = 0.0
-    stop_angle: float = math.inf
-    lower_stop: float = -math.inf
-
-    def numbers(self, params: Mapping[str, float]) -> dict[str, float]:
-        """Numbers of the bench that carries this, where ``params`` are those of the one that its sidecar describes."""
-        return {
-            "mass": params["mass"] * self.mass_factor,
-            "arm_mass": params.get("arm_mass", 0.0),
-            "length": params["length"],
-            "centre_shift": params.get("centre_shift", 0.0) + self.centre_shift,
-            "extra_inertia": params.get("extra_inertia", 0.0) + self.extra_inertia,
-            "lower_stop": max(params.get("lower_stop", -FREE), self.lower_stop),
-            "upper_stop": min(params.get("upper_stop", FREE), self.stop_angle),
-        }
-
-    def inertia(self, params: Mapping[str, float]) -> float:
-        """Inertia about the shaft [kg.m2]: point mass on a uniform rod."""
-        n = self.numbers(params)
-        reach = n["length"] + n["centre_shift"]
-        return n["mass"] * reach**2 + n["arm_mass"] * n["length"] ** 2 / 3.0 + n["extra_inertia"]
-
-    def gravity_torque(self, params: Mapping[str, float]) -> float:
-        """Torque of gravity at a quarter turn [N.m]."""
-        n = self.numbers(params)
-        moment = n["mass"] * (n["length"] + n["centre_shift"]) + n["arm_mass"] * n["length"] / 2.0
-        return GRAVITY * moment
-
-
-@dataclass(frozen=True)
 class JointModel:
     """A joint: chain, load, and what the host's log does to the reading.
 
-    ``unknown`` are numbers that nobody measured (:mod:`gap.load.unknown`): every fit turns them, and none is a finding.
+    ``unknown`` are numbers that nobody measured (:mod:`sealegs.gap.causes.unknown`): every fit turns them, and none is
+    a finding.
     """
 
     chain: Chain
-    load: PendulumLoad = PendulumLoad()
+    load: Load = field(default_factory=PendulumLoad)
     host_offset: float = 0.0
     host_scale: float = 1.0
     unknown: tuple[Parameter, ...] = ()
@@ -89,7 +46,7 @@ class JointModel:
         """
         at = address(path)
         if at.target is Target.LOAD:
-            return getattr(self.load, at.key)
+            return self.load.value(at.key)
         if at.target is Target.HOST:
             return getattr(self, f"host_{at.key}")
         if at.target is Target.GEAR:
@@ -132,11 +89,11 @@ class JointModel:
                 stages[at] = dataclasses.replace(stages[at], **change)
         if (factor := values.get("gear_ratio.factor")) is not None:
             at = next(k for k, stage in enumerate(stages) if stage.name == "dc_motor")
-            motor = stages[at]
+            motor: Any = stages[at]
             stages[at] = dataclasses.replace(
                 motor,
-                motor_constant=motor.motor_constant * factor,  # type: ignore[attr-defined]
-                armature=motor.armature * factor**2,  # type: ignore[attr-defined]
+                motor_constant=motor.motor_constant * factor,
+                armature=motor.armature * factor**2,
             )
         if by_stage or "gear_ratio.factor" in values:
             chain = dataclasses.replace(chain, stages=tuple(stages))
@@ -144,7 +101,7 @@ class JointModel:
                 chain = chain.with_stage(stage)
         return JointModel(
             chain,
-            dataclasses.replace(self.load, **load) if load else self.load,
+            self.load.with_values(load) if load else self.load,
             host.get("host_offset", self.host_offset),
             host.get("host_scale", self.host_scale),
             self.unknown,
@@ -171,7 +128,7 @@ class JointModel:
                 f"{chain.label}: its 'spring' has an inertia of its own, a third body that the replay of a joint does "
                 "not simulate; give the chain a spring without inertia."
             )
-        load = self.load.numbers(params) if params else {}
+        lower_stop, upper_stop = self.load.stops(params)
         numbers = Constants(
             inertia=self.load.inertia(params) if params else IMMOVABLE,
             gravity=self.load.gravity_torque(params) if params else 0.0,
@@ -179,8 +136,8 @@ class JointModel:
             viscous=float(program[P_VISCOUS]),
             host_offset=self.host_offset,
             host_scale=self.host_scale,
-            stop=load.get("upper_stop", self.load.stop_angle),
-            lower_stop=load.get("lower_stop", self.load.lower_stop),
+            stop=upper_stop,
+            lower_stop=lower_stop,
             delay=delay.seconds if (delay := chain.find("delay")) is not None else 0.0,
         )
         if (thermal := chain.find("thermal")) is not None:
@@ -215,19 +172,3 @@ def _neutral(name: str) -> Stage:
     if name not in STAGES:
         raise ChainError(f"the chain has no stage '{name}', and there is no such stage to add.")
     return STAGES[name].neutral()
-
-
-def bench_parameters(params: Mapping[str, float], where: str) -> dict[str, float]:
-    """Bench parameters of a run, checked.
-
-    Raises:
-        SealegsError: mass or length is missing or not positive, or there is a number that no bench has.
-    """
-    for key in params:
-        if key not in NUMBERS:
-            hint = nearest(key, NUMBERS) or f"; it has {', '.join(NUMBERS)}"
-            raise SealegsError(f"{where}: robot_params has '{key}', which a bench has not{hint}.")
-    for key in ("mass", "length"):
-        if not params.get(key, 0.0) > 0.0:
-            raise SealegsError(f"{where}: robot_params needs '{key}' above zero for a bench; add it to the sidecar.")
-    return {"arm_mass": 0.0, **params}

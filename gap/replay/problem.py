@@ -11,9 +11,11 @@ import numpy as np
 
 from ...actuators import Chain
 from ...actuators.stages.base import ChainError
+from ...actuators.stages.motor import Thermal
+from ..load.pendulum import bench_parameters
 from ..log.parts import Unit
 from ..log.types import LogError, MeasuredRun
-from .joint_model import JointModel, bench_parameters
+from .joint_model import JointModel
 from .robust import robust_loss
 from .simulator import CHANNELS, ELASTIC_STEP, EVENT_STEP, SWITCHING, replay_many
 
@@ -22,7 +24,7 @@ GROUP = (
     0.025  # [s] duty and current are compared as means over this long: a command that arrives a sample early is no gap
 )
 CALIBRATION = 0.01  # relative error that columns and simulation share in all data
-ROOM = 25.0  # [degC] of a motor whose temperature was not logged
+ROOM = Thermal.temperature  # [degC] of a motor whose temperature was not logged
 FLAT = (
     "time",
     "goal",

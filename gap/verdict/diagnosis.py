@@ -13,12 +13,12 @@ from ...actuators.errors import SealegsError, nearest
 from ...envs.hopper.robot import HOPPER
 from ..causes.catalogue import adjustable, catalogue, checked
 from ..causes.cause import Cause
+from ..causes.unknown import unknown_parameters, with_believed_load
 from ..causes.visible import limits as limits_of_driven
 from ..causes.visible import shown
 from ..checks.data_set import check_set, corrected, merged, noise_floor, shows_little, unusable
 from ..experiment import Experiment, Limits, blind_spots, experiment_for_still, propose
 from ..ground.ground import GROUND, GroundSearch, search_ground
-from ..load.unknown import unknown_parameters, with_believed_load
 from ..log.finding import Finding
 from ..log.parts import Unit, cut
 from ..log.types import LogError, MeasuredRun, MeasuredSet

@@ -11,10 +11,10 @@ import numpy as np
 
 from ...actuators.chain import load_chain
 from ..checks.torque_balance import AT_ONCE, STEP, WINDOW, torque_balance, torque_shift
+from ..load.pendulum import PendulumLoad, bench_parameters
 from ..log.finding import Finding
 from ..log.parts import held_out
 from ..log.types import LogError, MeasuredRun
-from ..replay.joint_model import PendulumLoad, bench_parameters
 from .decide import Balanced, decide
 from .verdict import Error, JointDiagnosis, NamedCause, Value, data_errors
 

@@ -25,7 +25,7 @@ from ..numbers import glued, number, percent, rounded, sureness, unit_of
 from ..pictures import cause_pictures, picture_of, png
 from ..pictures.summary import budget_slices
 from ..pictures.timeline import fine
-from . import figures
+from .figures import excitation, signals
 
 MODELS = {
     "nominal": ("nominal model", "as it was believed to be"),
@@ -83,7 +83,7 @@ def page(
 
 
 def _joint(diagnosis: JointDiagnosis, changes: Sequence[Mapping[str, Any]] | None, joints: int) -> dict[str, Any]:
-    plot = figures.signals(diagnosis, joints)
+    plot = signals(diagnosis, joints)
     problem = diagnosis.problem
     chain = None if problem is None else problem.chain(diagnosis.values)
     return {
@@ -251,7 +251,7 @@ def _experiment(proposal: Experiment, joint: str) -> dict[str, Any]:
     return {
         "name": proposal.name,
         "sentence": glued(proposal.sentence),
-        "plot": figures.excitation(proposal),
+        "plot": excitation(proposal),
         "file": f"data:text/csv;base64,{base64.b64encode(text.getvalue().encode()).decode()}",
         "table": [
             {

@@ -15,10 +15,10 @@ from pathlib import Path
 import numpy as np
 from pyarrow import parquet
 
-from ..checks.data_set import check_run, middle_ones
-from .finding import Finding
-from .reader import iterate_runs, log_files, read_measured
-from .types import LogError, MeasuredRun, MeasuredSet
+from ..log.finding import Finding
+from ..log.reader import iterate_runs, log_files, read_measured
+from ..log.types import LogError, MeasuredRun, MeasuredSet
+from .data_set import check_run, middle_ones
 
 MOST_ROWS = 120_000  # of a data set that are held: ten minutes at 200 Hz
 WINDOW = 12.0  # [s]

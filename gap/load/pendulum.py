@@ -1,0 +1,90 @@
+"""The load of a bench: a point mass at the end of a uniform rod."""
+
+from __future__ import annotations
+
+import dataclasses
+import math
+from collections.abc import Mapping
+from dataclasses import dataclass
+
+from ...actuators.errors import SealegsError, nearest
+from ...envs.bench.robot import NUMBERS
+from ...envs.bench.robot import inertia as pendulum_inertia
+from .load import GRAVITY
+
+
+@dataclass(frozen=True)
+class PendulumLoad:
+    """What a bench carries, as a change of what its sidecar says.
+
+    Attributes:
+        mass_factor: true over believed mass.
+        extra_inertia: beyond that of mass and arm [kg.m2].
+        centre_shift: of the mass along the arm [m].
+        stop_angle, lower_stop: beyond and below which something blocks the link [rad].
+    """
+
+    mass_factor: float = 1.0
+    extra_inertia: float = 0.0
+    centre_shift: float = 0.0
+    stop_angle: float = math.inf
+    lower_stop: float = -math.inf
+
+    def numbers(self, params: Mapping[str, float]) -> dict[str, float]:
+        """Numbers of the bench that carries this, where ``params`` are those of the one that its sidecar describes."""
+        believed = completed(params)
+        return {
+            "mass": believed["mass"] * self.mass_factor,
+            "arm_mass": believed["arm_mass"],
+            "length": believed["length"],
+            "centre_shift": believed["centre_shift"] + self.centre_shift,
+            "extra_inertia": believed["extra_inertia"] + self.extra_inertia,
+            "lower_stop": max(believed["lower_stop"], self.lower_stop),
+            "upper_stop": min(believed["upper_stop"], self.stop_angle),
+        }
+
+    def inertia(self, params: Mapping[str, float]) -> float:
+        """Inertia about the shaft [kg.m2]: point mass on a uniform rod."""
+        return pendulum_inertia(self.numbers(params))
+
+    def gravity_torque(self, params: Mapping[str, float]) -> float:
+        """Torque of gravity at a quarter turn [N.m]."""
+        n = self.numbers(params)
+        moment = n["mass"] * (n["length"] + n["centre_shift"]) + n["arm_mass"] * n["length"] / 2.0
+        return GRAVITY * moment
+
+    def stops(self, params: Mapping[str, float]) -> tuple[float, float]:
+        """Angles below and beyond which something blocks the link [rad]."""
+        if not params:
+            return self.lower_stop, self.stop_angle
+        n = self.numbers(params)
+        return n["lower_stop"], n["upper_stop"]
+
+    def value(self, key: str) -> float:
+        """A number that a fit may turn."""
+        return getattr(self, key)
+
+    def with_values(self, values: Mapping[str, float]) -> PendulumLoad:
+        """The load with some of these numbers set."""
+        return dataclasses.replace(self, **values)
+
+
+def completed(params: Mapping[str, float]) -> dict[str, float]:
+    """Numbers of a bench, those that ``params`` leaves out being the robot's own (:data:`sealegs.envs.bench`)."""
+    return {**{name: number.value for name, number in NUMBERS.items()}, **params}
+
+
+def bench_parameters(params: Mapping[str, float], where: str) -> dict[str, float]:
+    """Numbers of the bench of a run, checked and completed.
+
+    Raises:
+        SealegsError: mass or length is missing or not positive, or there is a number that no bench has.
+    """
+    for key in params:
+        if key not in NUMBERS:
+            hint = nearest(key, NUMBERS) or f"; it has {', '.join(NUMBERS)}"
+            raise SealegsError(f"{where}: robot_params has '{key}', which a bench has not{hint}.")
+    for key in ("mass", "length"):
+        if not params.get(key, 0.0) > 0.0:
+            raise SealegsError(f"{where}: robot_params needs '{key}' above zero for a bench; add it to the sidecar.")
+    return {"arm_mass": completed(params)["arm_mass"], **params}
