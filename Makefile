@@ -6,6 +6,7 @@ INSTALLED := $(VENV)/.installed
 LINKS := $(VENV)/types/sealegs
 EXTRAS := train report video hw docs dev
 RUFF = $(PY) -m ruff check . && $(PY) -m ruff format --check .
+LAYERS = PYTHONPATH=$(VENV)/types $(VENV)/bin/lint-imports --no-logo --no-cache
 PYTEST = $(PY) -m pytest -n 2 --dist worksteal --durations=15
 
 # Headless drawing. MuJoCo on macOS has one way to draw and takes no choice.
@@ -26,13 +27,15 @@ demo: $(INSTALLED) ## the main job: log, diagnosis, training; under 10 minutes
 
 test: $(INSTALLED) $(LINKS) ## lint, format and type check, and the tests that take seconds
 	$(RUFF)
+	$(LAYERS)
 	@$(MAKE) --no-print-directory -j 2 types pytest # pyright runs while the tests compile the laws on one core
 
 test-all: $(INSTALLED) ## the tests that `make test` leaves out: half an hour
 	$(PYTEST) -m long
 
-lint: $(INSTALLED) $(LINKS) ## ruff and pyright
+lint: $(INSTALLED) $(LINKS) ## ruff, layers of imports, pyright
 	$(RUFF)
+	$(LAYERS)
 	@$(MAKE) --no-print-directory types
 
 types: $(INSTALLED) $(LINKS) ## only pyright

@@ -225,8 +225,8 @@ class ServoRobot:
                 "robot_hash",
                 contract.robot_hash,
                 here,
-                f"the robot's numbers differ ({different}): correct robot.params, give the diagnosis that it was trained "
-                "on as extended=<folder>, or train it for this robot",
+                f"the robot's numbers differ ({different}): correct robot.params, give the diagnosis that it was "
+                "trained on as extended=<folder>, or train it for this robot",
             )
         if contract.history != 1:
             refuse("history", contract.history, 1, "train it on single observations")

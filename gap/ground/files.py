@@ -2,20 +2,26 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from pathlib import Path
+from typing import cast
 
-from ..verdict.verdict import JointDiagnosis
+from ..replay.problem import Problem
 from .leg_model import LegModel
 
 
-def write_leg(diagnosis: JointDiagnosis, folder: Path, prefix: str = "") -> dict[str, Path]:
+def write_leg(problem: Problem, values: Mapping[str, float], folder: Path, prefix: str = "") -> dict[str, Path]:
     """Write ``extended.xml``: the whole leg, its joints as diagnosed, on the ground that was found.
+
+    Args:
+        problem: of kind ``ground``.
+        values: of its fit.
+        folder, prefix: where the file goes, and what its name starts with.
 
     Returns:
         Path by ``leg``.
     """
-    assert diagnosis.problem is not None
-    leg: LegModel = diagnosis.problem.models[0]  # type: ignore[assignment]
+    leg = cast(LegModel, problem.models[0]).with_fitted(values)
     path = folder / f"{prefix}extended.xml"
-    path.write_text(leg.with_fitted(diagnosis.values).drivetrain().spec.to_xml(), encoding="utf-8")
+    path.write_text(leg.drivetrain().spec.to_xml(), encoding="utf-8")
     return {"leg": path}

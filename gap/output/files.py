@@ -69,7 +69,7 @@ def write_diagnosis(
                 progress("confirming in the engine")
                 chain = diagnosis.problem.chain(diagnosis.values)
                 if chain is None:  # what the machine stands on
-                    files = write_leg(diagnosis, staged, prefix)
+                    files = write_leg(diagnosis.problem, diagnosis.values, staged, prefix)
                 else:
                     files = write_extension(diagnosis, data.runs, staged, prefix)
                 written |= {f"{owner}{key}": path for key, path in files.items()}
