@@ -135,8 +135,10 @@ class Extended:
             if robot.name == self.robot
             else f"{'they are' if several else 'it is'} of robot '{self.robot}', not of robot '{robot.name}'"
         )
-        alone = next(iter(self.chains.values()))[0].file if self.chains else ""
-        remedy = f"give actuator={self.where}/{alone} to take the servo alone" if alone else "build it into the model"
+        files = {joint: f"{self.where}/{variants[0].file}" for joint, variants in self.chains.items()}
+        given = ",".join(f"{joint}:{file}" for joint, file in files.items())
+        alone = next(iter(files.values())) if len(files) == 1 else f"{{{given}}}"
+        remedy = f"give actuator={alone} for the actuators alone" if files else "put it into the robot's model"
         return f"{self.where} found {rows}, which cannot be applied: {why}; {remedy}."
 
     def _chain(self, joint: str) -> Chain:

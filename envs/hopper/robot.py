@@ -8,7 +8,7 @@ import mujoco
 import numpy as np
 
 from ...actuators import DrivenCoordinate
-from ..robot import Robot
+from ..robot import Effect, Robot
 from ..scene import CAMERA, FLOOR, add_scene, add_sun
 from .parameters import GOAL_RANGE, NUMBERS
 
@@ -142,4 +142,8 @@ HOPPER = Robot(
     goal_limits=goal_limits,
     chains={HIP: "sv1270tg", KNEE: "sv1270tg"},
     build=build,
+    effects={  # ground that slopes or gives way has no number: the floor is level and as hard as its contact
+        "contact.friction": Effect("floor_friction", "set"),
+        "contact.time": Effect("contact_time", "set"),
+    },
 )

@@ -11,6 +11,7 @@ import numpy as np
 
 from .reader import build_run
 from .sidecar import Sidecar, checked_sidecar
+from .table import check_columns
 from .types import Array, LogError, MeasuredRun, MeasuredSet
 
 
@@ -90,6 +91,7 @@ def _run(run: MeasuredRun | Columns, sidecar: Mapping[str, Any] | None, name: st
             f"{name}: column '{short}' has {lengths[short]} samples and '{long}' has {lengths[long]}; columns of a run "
             "are equally long."
         )
+    check_columns(list(table), Path(name))
     return dataclasses.replace(build_run(name, table, checked, Path(name), 0), source=None)
 
 
