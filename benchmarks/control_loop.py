@@ -67,7 +67,7 @@ NAMES = {
     "silence": {"NoReplyError"},
 }
 SETTLED = 2.0  # [s] after which a fault is over; until then the supervisor tries to reach the servos that it hides
-LIMITS = Limits(0.15, 15.0, 1.0, 2.5, 0.25, 65.0, 6.0, 8.6, 0.03, 1)  # as in configs/robot/bench.yaml
+LIMITS = Limits(0.15, 15.0, None, None, 0.3, 2.5, 0.25, 65.0, 6.0, 8.6, 0.03, 1)  # as in configs/robot/bench.yaml
 
 
 def serve(connection: Connection) -> None:

@@ -225,7 +225,7 @@ def report(deployment: Deployment, done: Run, say: Callable[[str], None] = print
     outcome = done.outcome
     say(outcome.timing.sentence())
     if any(outcome.cut.values()):
-        say(f"Safety cut goals: {outcome.cut['step']} cycles by their step, {outcome.cut['range']} by their range.")
+        say(f"Safety cut goals: {outcome.cut['speed']} cycles by their speed, {outcome.cut['range']} by their range.")
     if outcome.bus:
         say("Bus: " + ", ".join(f"{name} {count}" for name, count in outcome.bus.items()) + ".")
     say(f"Log: {done.log if done.log.exists() else 'none, since the run ended before its first reading'}")

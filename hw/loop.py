@@ -197,7 +197,11 @@ class ControlLoop:
 
     def _judge(self, reading: Reading) -> Fault | None:
         lost = None if reading.state is None else self._watch.judge(reading.state, self.bus.marks)
-        return lost or self.safety.judge(reading)
+        fault = lost or self.safety.judge(reading) or self.safety.follows(self.sent, reading)
+        for noted in self.safety.noted:
+            self._event("limit", name=noted.name, sentence=noted.sentence, servos=list(noted.servos))
+        self.safety.noted.clear()
+        return fault
 
     def _approach(self, start: np.ndarray) -> Fault | None:
         """Move slowly to where a trajectory begins; under the same limits as all else.

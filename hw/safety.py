@@ -14,9 +14,13 @@ import numpy as np
 
 from ..actuators.errors import SealegsError, nearest
 from ..configs.check import checked
+from .following import GOAL_SPEED, Following, ability
 from .packets import BusError
 from .robot import Reading, ServoRobot
 
+FROM_CHAIN = ("goal_speed", "following_error")
+"""Limits that may be null: they follow from the servo's chain."""
+LOGGABLE = ("following", "goal_speed")
 FORGIVEN = 10  # good cycles that make up for a missing one
 
 
@@ -27,7 +31,11 @@ class Limits:
     Attributes:
         range_margin: how far beyond its calibrated range a joint may be found [rad].
         speed: largest measured speed of a joint [rad/s].
-        goal_step: largest change of a goal from one cycle to the next [rad]; goals beyond it are cut.
+        goal_speed: largest speed of a goal [rad/s]; faster ones are cut, and end the run where they stay so fast for
+            ``following_time``. None: four times the no-load speed of the servo's chain.
+        following_error: by which a joint may stay behind its goal [rad], for longer than ``following_time``. None:
+            that at which the servo's chain gives full duty.
+        following_time: [s].
         current: largest current of a servo [A], for longer than ``current_time``.
         current_time: [s]; starting and braking take more for some milliseconds.
         temperature: highest temperature of a servo [degC].
@@ -35,11 +43,14 @@ class Limits:
         voltage_high: highest supply voltage [V].
         late: time that a reading may take; later ones count as missing [s].
         missing: cycles without a reading that are tolerated at a time; during them goals stay as they are.
+        log_only: of ``following`` and ``goal_speed``, those that are noted in the log and neither cut nor stop.
     """
 
     range_margin: float
     speed: float
-    goal_step: float
+    goal_speed: float | None
+    following_error: float | None
+    following_time: float
     current: float
     current_time: float
     temperature: float
@@ -47,11 +58,15 @@ class Limits:
     voltage_high: float
     late: float
     missing: int
+    log_only: tuple[str, ...] = ()
 
     def __post_init__(self) -> None:
-        for name in ("speed", "goal_step", "current", "temperature", "late"):
-            if getattr(self, name) <= 0.0:
-                raise SealegsError(f"safety.{name} is {getattr(self, name):g}; it must be above 0.")
+        for name in ("speed", "goal_speed", "following_error", "following_time", "current", "temperature", "late"):
+            if (value := getattr(self, name)) is not None and value <= 0.0:
+                raise SealegsError(f"safety.{name} is {value:g}; it must be above 0.")
+        for name in self.log_only:
+            if name not in LOGGABLE:
+                raise SealegsError(f"safety.log_only holds '{name}'; it may hold {' and '.join(LOGGABLE)}.")
         for name in ("range_margin", "current_time", "missing"):
             if getattr(self, name) < 0:
                 raise SealegsError(f"safety.{name} is {getattr(self, name):g}; it must not be negative.")
@@ -67,14 +82,16 @@ class Limits:
         Raises:
             SealegsError: a limit is missing, unknown or no number; there is no way to leave one out.
         """
-        types = {field.name: int if field.name == "missing" else float for field in fields(cls)}
+        kinds: dict[str, Any] = {"missing": int, "log_only": list[str], **dict.fromkeys(FROM_CHAIN, float | None)}
+        types = {field.name: kinds.get(field.name, float) for field in fields(cls)}
         for name in config:
             if name not in types:
                 raise SealegsError(f"safety.{name} is no limit{nearest(name, types)}; there are {', '.join(types)}.")
         for name in types:
             if name not in config:
                 raise SealegsError(f"safety.{name} is missing; every limit needs a value.")
-        return cls(**{name: checked(f"safety.{name}", config[name], kind) for name, kind in types.items()})
+        values = {name: checked(f"safety.{name}", config[name], kind) for name, kind in types.items()}
+        return cls(**{**values, "log_only": tuple(values["log_only"])})
 
 
 @dataclass(frozen=True)
@@ -97,16 +114,26 @@ class Safety:
 
     Attributes:
         limits: in force.
-        cut: goals that were cut so far, by reason.
+        cut: cycles whose goals were cut so far, by reason.
+        noted: limits that were passed and only noted, since the caller last emptied the list.
         missing: cycles without a usable reading, less what good ones made up for, in shares of 1 / :data:`FORGIVEN`.
     """
 
     def __init__(self, robot: ServoRobot, limits: Limits, period: float) -> None:
         """Watch ``robot``, whose loop has the period ``period`` [s]."""
         self.limits, self._robot, self._period = limits, robot, period
-        self.cut = {"range": 0, "step": 0}
+        self.cut = {"range": 0, "speed": 0}
+        self.noted: list[Fault] = []
         self.missing = 0
         self._over_current = np.zeros(len(robot.joints))
+        abilities = [ability(robot.chains[name]) for name in robot.names]
+        self._goal_speed = np.array([item.speed * GOAL_SPEED for item in abilities])
+        if limits.goal_speed is not None:
+            self._goal_speed[:] = limits.goal_speed
+        self._following = Following(abilities, limits.following_error, period)
+        self._too_fast = np.zeros(len(robot.joints))
+        self._wanted: np.ndarray | None = None
+        self._over: set[tuple[str, int]] = set()
 
     # --- goals -------------------------------------------------------------------------------------------------
 
@@ -118,17 +145,71 @@ class Safety:
             last: sent in the cycle before, or the position at the start (k,) [rad].
 
         Returns:
-            Goals within range and step (k,) [rad]; a fault where one is not a finite number.
+            Goals within range and speed (k,) [rad]; a fault where one is not a finite number.
         """
         goals = np.asarray(goals, np.float64)
         if goals.shape != last.shape or not np.isfinite(goals).all():
             names = [j.name for j, goal in zip(self._robot.joints, goals, strict=False) if not math.isfinite(goal)]
             return Fault("goal", f"the goal of {', '.join(names) or 'the robot'} is not a finite number.")
-        stepped = np.clip(goals, last - self.limits.goal_step, last + self.limits.goal_step)
+        stepped = goals
+        if "goal_speed" not in self.limits.log_only:
+            step = self._goal_speed * self._period
+            stepped = np.clip(goals, last - step, last + step)
         admitted = np.clip(stepped, self._robot.low, self._robot.high)
-        self.cut["step"] += int((stepped != goals).any())
+        self.cut["speed"] += int((stepped != goals).any())
         self.cut["range"] += int((admitted != stepped).any())
-        return admitted
+        return self._sustained(goals) or admitted
+
+    def _sustained(self, goals: np.ndarray) -> Fault | None:
+        """Goals that stay faster than they may be."""
+        speed = np.zeros(len(goals)) if self._wanted is None else np.abs(goals - self._wanted) / self._period
+        self._wanted = goals
+        self._too_fast = np.where(speed > self._goal_speed, self._too_fast + self._period, 0.0)
+        text = "is commanded at {0:.0f} rad/s for more than {1:g} s; its limit is {2:.0f} rad/s"
+        return self._first("goal_speed", self._too_fast, text, speed, self._goal_speed)
+
+    def _first(
+        self, name: str, lasted: np.ndarray, text: str, found: np.ndarray, limit: np.ndarray, of: str = ""
+    ) -> Fault | None:
+        """The first joint that was beyond a limit for longer than ``following_time``; noted where that is asked for.
+
+        Args:
+            name: of the fault.
+            lasted: how long (k,) [s].
+            text: takes what was found, the time and the limit.
+            found, limit: (k,).
+            of: name of the limit in ``log_only``; "": as ``name``.
+        """
+        for k, joint in enumerate(self._robot.joints):
+            if lasted[k] <= self.limits.following_time:
+                self._over.discard((name, k))
+                continue
+            said = text.format(found[k], self.limits.following_time, limit[k])
+            fault = Fault(name, f"joint {joint.name} (servo {joint.id}) {said}.", (joint.id,))
+            if (of or name) not in self.limits.log_only:
+                return fault
+            if (name, k) not in self._over:
+                self._over.add((name, k))
+                self.noted.append(fault)
+        return None
+
+    def follows(self, goal: np.ndarray, reading: Reading) -> Fault | None:
+        """Whether joints follow.
+
+        Args:
+            goal: that the servos have (k,) [rad].
+            reading: of this cycle.
+
+        Returns:
+            The first that does not.
+        """
+        watch = self._following
+        watch.see(goal, reading.position, np.ones(len(goal), bool))
+        text = "has been more than {2:.2f} rad behind its goal for {1:g} s, at last {0:.2f} rad: it is blocked or blind"
+        if fault := self._first("following", watch.behind, text, watch.error, watch.limits):
+            return fault
+        text = "has reported the same position for {1:g} s although its goal has moved: its encoder is stuck, or it is"
+        return self._first("frozen", watch.stuck, text, watch.stuck, watch.limits, "following")
 
     # --- measurements ------------------------------------------------------------------------------------------
 

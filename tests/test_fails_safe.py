@@ -7,10 +7,13 @@ from typing import Any
 
 import numpy as np
 import pytest
+from sealegs.actuators import load_chain
 from sealegs.commands import deploy
 from sealegs.configs.script import run as run_script
 from sealegs.hw.commands import Trajectory
+from sealegs.hw.following import ability
 from sealegs.hw.live import picture
+from sealegs.hw.measured_log import read_events
 
 from tests.servo_runs import PATIENT
 from tests.simulated_runs import Simulation, sine
@@ -149,3 +152,52 @@ def test_a_servo_that_lost_its_torque_is_named_within_100_ms(fault: dict[str, An
     assert (outcome.fault.name, outcome.fault.servos) == (name, (2,)) and "servo 2 has" in outcome.fault.sentence
     off = {servo: time for time, servo, on in simulation.rig.history if not on}
     assert off[1] - 2.0 < 0.1 and not any(simulation.torque)
+
+
+# --- joints that do not follow -----------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("amplitude", [0.06, 0.3, 1.0])
+@pytest.mark.parametrize("at", [1.0, 1.9, 2.6])
+def test_a_frozen_encoder_ends_the_run_within_two_thirds_of_a_period(amplitude: float, at: float) -> None:
+    frozen = {"kind": "frozen", "at": at + 1.0}
+    simulation = Simulation(commands=sine(amplitude), faults=[frozen], limits={"range_margin": 9.0})
+    outcome = simulation.run(12.0)
+    assert outcome.fault is not None and outcome.fault.name in ("following", "frozen") and simulation.torque == [False]
+    assert simulation.port.now() - at - 1.0 < 1.4, "of a sine of 0.5 Hz"
+
+
+def test_a_joint_that_follows_is_left_alone_however_it_is_driven() -> None:
+    for commands in (sine(0.9, 0.3), sine(0.5, 4.0), sine(0.9, 1.5)):
+        assert Simulation(commands=commands, limits={"speed": 100.0}).run(6.0).ending == "finished"
+
+
+def test_a_joint_behind_its_goal_may_be_logged_before_it_stops(tmp_path: Path) -> None:
+    frozen = {"kind": "frozen", "at": 2.0, "seconds": 2.0}
+    limits = {"range_margin": 9.0, "speed": 99.0, "log_only": ["following"]}
+    simulation = Simulation(faults=[frozen], limits=limits, folder=tmp_path)
+    assert simulation.run(6.0).ending == "finished"
+    noted = [event for event in read_events(tmp_path / "run.csv") if event["event"] == "limit"]
+    assert {event["name"] for event in noted} <= {"following", "frozen"} and 1 <= len(noted) <= 6
+
+
+def test_the_limits_of_following_come_from_the_servos_chain() -> None:
+    servo, small = (ability(load_chain(name)) for name in ("sts3215", "xl330"))
+    assert servo.error == pytest.approx(0.97 / 5.3) and servo.speed == pytest.approx(0.97 * 7.4 / 1.2)
+    assert small.error == pytest.approx(1.0 / 1.151) and small.speed == pytest.approx(7.4 / 0.41)
+
+
+def test_a_goal_jumps_no_further_than_its_speed_allows_and_may_not_jump_for_long() -> None:
+    def wild(robot: Any) -> Trajectory:
+        time = np.arange(0.0, 10.0, 0.01)
+        return Trajectory("wild", time, 0.9 * np.where(np.arange(len(time)) % 2, 1.0, -1.0)[:, None])
+
+    simulation = Simulation(commands=wild, limits={"speed": 100.0})
+    sent: list[np.ndarray] = []
+    simulation.loop._each_cycle = lambda: sent.append(simulation.loop.sent) if simulation.loop.elapsed else None
+    outcome = simulation.run(5.0)
+    assert outcome.fault is not None and outcome.fault.name == "goal_speed" and outcome.cut["speed"] > 10
+    assert np.abs(np.diff(np.array(sent)[-20:, 0])).max() < 0.24, "four times the no-load speed, in a cycle"
+    limits = {"speed": 100.0, "current": 99.0, "log_only": ["goal_speed", "following"]}
+    outcome = Simulation(commands=wild, limits=limits).run(1.5)
+    assert outcome.ending == "finished" and outcome.cut["speed"] == 0, outcome.fault

@@ -18,7 +18,7 @@ CONFIG: dict[str, Any] = compose("deploy", {"robot": "hopper"})["robot"]
 PERIOD = 0.01
 
 
-def guard(**limits: float) -> Safety:
+def guard(**limits: Any) -> Safety:
     values = {**Limits.from_config(CONFIG["safety"]).__dict__, **limits}
     return Safety(build_robot(CONFIG), Limits(**values), PERIOD)
 
@@ -43,15 +43,15 @@ def test_what_is_within_the_limits_passes_untouched() -> None:
     goals = np.array([-0.5, 0.7])
     admitted = safety.admit(goals, np.array([-0.6, 0.6]))
     assert isinstance(admitted, np.ndarray) and (admitted == goals).all() and safety.judge(reading()) is None
-    assert safety.cut == {"range": 0, "step": 0}
+    assert safety.cut == {"range": 0, "speed": 0}
 
 
-def test_goals_are_cut_to_range_and_step() -> None:
-    safety = guard(goal_step=0.2)
+def test_goals_are_cut_to_range_and_speed() -> None:
+    safety = guard(goal_speed=20.0)
     admitted = safety.admit(np.array([0.5, 5.0]), np.array([-0.1, 1.15]))
     assert isinstance(admitted, np.ndarray)
     assert admitted == pytest.approx([-0.01, 1.21]), "hip goes up to -0.01 rad, knee up to 1.21 rad"
-    assert safety.cut == {"range": 1, "step": 1}
+    assert safety.cut == {"range": 1, "speed": 1}
     admitted = safety.admit(np.array([-1.0, 1.0]), np.array([-0.1, 1.1]))
     assert isinstance(admitted, np.ndarray) and admitted == pytest.approx([-0.3, 1.0])
 

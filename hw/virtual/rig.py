@@ -114,7 +114,7 @@ class Rig:
         for servo in self.servos:
             joint = servo.joint
             sensors, direction = servo.sensors, self.mounts[joint].direction
-            sensors.steps = self.steps(joint, machine.reading(joint))
+            sensors.steps = self.steps(joint, machine.reading(joint)) if servo.frozen is None else servo.frozen
             sensors.duty = direction * machine.duty(joint)
             sensors.current = direction * machine.current(joint)
             sensors.voltage = machine.voltage(joint)
@@ -136,7 +136,10 @@ class Rig:
 
     def _steer(self, servo: Servo) -> None:
         mount = self.mounts[servo.joint]
-        angle = mount.direction * (servo.goal_steps() - mount.zero) / self._steps_per_radian
+        goal = servo.goal_steps()
+        if servo.frozen is not None:  # its loop sees the error to where the sensor is stuck
+            goal += self.steps(servo.joint, self.machine.reading(servo.joint)) - servo.frozen
+        angle = mount.direction * (goal - mount.zero) / self._steps_per_radian
         self.machine.set_goal(servo.joint, angle)
 
     def steps(self, joint: int, angle: float) -> int:

@@ -51,6 +51,7 @@ class Servo:
         forced_temperature: that a fault pretends; None: the true one.
         silent_until: time at which it has booted [s].
         target: step that its loop steers to, homing offset included.
+        frozen: step at which its position sensor is stuck; None: it is not.
         refused: the latest request that it could not follow because that is not simulated, in a sentence.
     """
 
@@ -75,6 +76,7 @@ class Servo:
         self.temperature = AMBIENT
         self.forced_temperature: float | None = None
         self.silent_until = 0.0
+        self.frozen: int | None = None
         self.refused: str | None = None
         self.boot(0.0, 0.0)
 
@@ -244,6 +246,10 @@ class Servo:
         self._move_ramp = float(ramp) or math.inf
         if math.isinf(self._move_speed) and self.get("operating_mode") == MODE_POSITION:
             self.target = self._goal
+
+    def freeze(self, stuck: bool) -> None:
+        """Let the position sensor stay where it is, or go on."""
+        self.frozen = (self.sensors.steps if self.frozen is None else self.frozen) if stuck else None
 
     @property
     def in_profile(self) -> bool:

@@ -138,6 +138,7 @@ class Wire:
             servo.forced_temperature = hot.value if hot else None
             low = first(self.faults, "brown_out", now, servo.id)
             self.rig.volts[servo.joint] = low.value if low else None
+            servo.freeze(first(self.faults, "frozen", now, servo.id) is not None)
             for fault in self.faults:
                 if fault.kind in ONCE and fault.active(now) and fault.concerns(servo.id) and servo.id not in fault.done:
                     fault.done.add(servo.id)
