@@ -4,15 +4,24 @@ from __future__ import annotations
 
 from collections import Counter, deque
 from collections.abc import Callable, Sequence
+from dataclasses import replace
 
 import numpy as np
 
 from .memory import ServoMemory
-from .packets import BusError, ConfigurationError, NotWrittenError, RegisterError, WrongModelError
+from .packets import (
+    BusError,
+    ConfigurationError,
+    NoReplyError,
+    NotWrittenError,
+    RegisterError,
+    ReplyError,
+    WrongModelError,
+)
 from .port import BusPort
 from .registers import load_model
 from .servo_state import BlockReader, ServoState
-from .transactions import SYNC_READ, Transactions
+from .transactions import READ, SYNC_READ, Transactions
 
 RECOVERY = 0.3  # [s] of torque off that clears an overload, as in huggingface/lerobot
 SPEED_UNIT, SPEED_ZERO, MULTI_TURN = 4, 8, 16  # bits of register phase
@@ -65,6 +74,8 @@ class ServoBus(ServoMemory):
         super().__init__(Transactions(port, baudrate, timeout, retries, opened), table)
         self.port = port
         self._block = BlockReader(table)
+        self._latest: dict[int, list[int]] = {}
+        self._blank = [0] * (self._block.start - self._block.whole)
         self.counts: Counter[str] = self.line.counts
         self.events: deque[tuple[float, BusError]] = self.line.events
         self.status: dict[int, int] = self.line.status
@@ -144,6 +155,61 @@ class ServoBus(ServoMemory):
             return self._block.state(ids, [replies[servo] for servo in ids], before, self.line.port.now(), whole)
 
         return self.line.retry(read, retries)
+
+    def read_cycle(self, ids: Sequence[int], whole: bool = False, until: float | None = None) -> ServoState:
+        """As :meth:`read_state`, within a control cycle: uses the replies that came, and asks again for the others.
+
+        A reply is waited for as long as the round trips so far allow, not for the bus's whole timeout. Each servo
+        whose reply is missing is asked once more, on its own, while there is time.
+
+        Args:
+            ids: of the servos, each once.
+            whole: torque and goal register too.
+            until: clock of the port at which nobody is asked again [s]; None: each reply may take the bus's timeout.
+
+        Returns:
+            The state; ``missing`` names the servos of which it holds an earlier one.
+
+        Raises:
+            ReplyError: no servo answered, or one is missing that has never answered.
+            PortError: the port failed.
+        """
+        before = self.line.port.now()
+        start, length = self._block.span(whole)
+        wait = self.timeout if until is None else self.line.round_trip.timeout(self.timeout)
+        problem: ReplyError | None = None
+        with self.line.lock:
+            asked = self.line.no_late_length(length)
+            try:
+                replies = dict(self.line.transact(ids, SYNC_READ, [start, asked, *ids], asked, wait))
+            except ReplyError as error:
+                self.line.note(error)
+                problem, replies = error, dict(error.replies)
+                if until is not None and isinstance(error, NoReplyError):
+                    self.line.expect_nothing_more()  # what comes late all the same has another length
+            for servo in [servo for servo in ids if servo not in replies]:
+                if until is not None and self.line.port.now() > until:
+                    break
+                asked = self.line.no_late_length(length)
+                try:
+                    replies |= self.line.transact([servo], READ, [start, asked], asked, wait)
+                except ReplyError as error:
+                    self.line.note(error)
+                    problem = error
+        missing = tuple(servo for servo in ids if servo not in replies)
+        offset = self._block.start - start
+        unknown = [servo for servo in missing if servo not in self._latest]
+        if problem is not None and (not replies or unknown):
+            problem.servos = missing
+            raise problem
+        replies = {servo: data[:length] for servo, data in replies.items()}
+        self._latest |= {servo: data[offset:] for servo, data in replies.items()}
+        rows = [replies.get(servo) or [*self._blank[:offset], *self._latest[servo]] for servo in ids]
+        state = self._block.state(ids, rows, before, self.line.port.now(), whole)
+        if not missing or problem is None:
+            return state
+        problem.servos = missing
+        return replace(state, missing=missing, problem=problem)
 
     def write_goals(
         self,

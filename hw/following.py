@@ -71,7 +71,7 @@ class Following:
         """
         errors = np.array([item.error for item in abilities])
         self.limits = errors if limit is None else np.full(len(errors), limit)
-        self._moved = STUCK * errors
+        self._moved = STUCK * self.limits
         self._step = period * REACHED * np.array([item.speed for item in abilities])
         self._period = period
         self._reachable: np.ndarray | None = None

@@ -15,7 +15,7 @@ from .bus import ServoBus
 from .clock import Metronome, Timing
 from .commands import Commands
 from .measured_log import MeasuredLog
-from .packets import BusError, PortError
+from .packets import BusError, ReplyError
 from .robot import Reading, ServoRobot
 from .safety import Fault, Safety
 from .stop import Stop
@@ -24,6 +24,7 @@ from .torque_watch import TorqueWatch
 
 APPROACH_SPEED = 1.0  # [rad/s] on the way to where a trajectory begins
 ARRIVED = 0.15  # [rad] from it that counts as there: friction and load leave a position servo short of its goal
+RETRYING = 0.5  # share of the period after which no servo is asked again
 SETTLING = 3.0  # [s] that the approach may take longer than planned
 NOWHERE = float("nan")
 
@@ -171,7 +172,9 @@ class ControlLoop:
 
     def _begin(self) -> Fault | None:
         ids = self.robot.ids
-        self.sent = np.clip(self._read().position, self.robot.low, self.robot.high)
+        self.bus.read_state(self.robot.all_ids)  # with all retries: who is missing here is missing
+        self.reading = self._read_once()
+        self.sent = np.clip(self.reading.position, self.robot.low, self.robot.high)
         if self._stop.reason is not None:  # asked for while the bus and the supervisor were started
             return None
         self._event("torque on", servos=ids)
@@ -184,16 +187,34 @@ class ControlLoop:
             fault = fault_of(error)
         return None if fault is None else replace(fault, sentence=f"on the way to the start: {fault.sentence}")
 
-    def _read(self, whole: bool = False) -> Reading:
-        self.reading = self._read_once(None, whole)
-        return self.reading
-
-    def _read_once(self, retries: int | None, whole: bool) -> Reading:
-        state = self.bus.read_state(self.robot.all_ids, retries, whole)
+    def _read_once(self) -> Reading:
+        stepped = self._metronome.stepped
+        until = None if stepped else self.bus.line.port.now() + RETRYING * self._metronome.period
+        state = self.bus.read_cycle(self.robot.all_ids, self._watch.due(), until)
         self._read_at = state.after
         if self._metronome.stepped:
             state = replace(state, before=self._metronome.now(), after=self._metronome.now())
         return self.robot.reading(state, self.reading)
+
+    def _reading(self) -> Reading | Fault | None:
+        """A reading within the limits; why the run ends; None: nobody answered, and goals stay as they are."""
+        try:
+            reading = self._read_once()
+        except ReplyError as error:
+            self._missed(error)
+            return self.safety.missed(error, error.servos or self.robot.all_ids)
+        except BusError as error:  # no other try helps
+            self._missed(error)
+            return fault_of(error)
+        if reading.state is not None and reading.state.problem is not None:
+            self._missed(reading.state.problem)
+        self.reading = reading
+        if (fault := self._judge(reading)) is not None and self.state == "running":
+            self._write(reading, NOWHERE)
+        return fault or reading
+
+    def _missed(self, error: BusError) -> None:
+        self._event("missed", error=type(error).__name__, sentence=str(error), servos=list(error.servos))
 
     def _judge(self, reading: Reading) -> Fault | None:
         lost = None if reading.state is None else self._watch.judge(reading.state, self.bus.marks)
@@ -217,9 +238,9 @@ class ControlLoop:
         begun = self._metronome.wait()
         while True:
             now = self._metronome.now() - begun
-            reading = self._read(self._watch.due())
-            if (fault := self._judge(reading)) is not None:
-                return fault
+            reading = self._reading()
+            if isinstance(reading, Fault):
+                return reading
             self.sent = first + (start - first) * min(now / max(span, 1e-9), 1.0)
             self.bus.write_goals(self.robot.ids, self.robot.to_servo(self.sent))
             if (fault := self._beat()) is not None:
@@ -228,10 +249,11 @@ class ControlLoop:
                 self._stop.ask(reason)
             if self._stop.reason is not None:
                 return None
-            if now > span + 0.3 and (np.abs(reading.position - start) < ARRIVED).all():
+            if reading is not None and now > span + 0.3 and (np.abs(reading.position - start) < ARRIVED).all():
                 return None
             if now > span + SETTLING:
-                off = {n: f"{e:+.2f}" for n, e in zip(self.robot.names, reading.position - start, strict=True)}
+                behind = zip(self.robot.names, self.reading.position - start, strict=True) if self.reading else ()
+                off = {name: f"{error:+.2f}" for name, error in behind}
                 return Fault("start", f"the robot does not reach the start of the trajectory; it is off by {off} rad.")
             self._metronome.wait()
 
@@ -263,19 +285,12 @@ class ControlLoop:
 
     def _cycle(self, now: float) -> Fault | None:
         ids = self.robot.ids
-        try:
-            reading = self._read_once(0, self._watch.due())
-        except BusError as error:
+        reading = self._reading()
+        if reading is None:
             self._metronome.done(NOWHERE, NOWHERE)
-            self._event("missed", error=type(error).__name__, sentence=str(error), servos=list(error.servos))
-            if isinstance(error, PortError):  # no other try helps
-                return fault_of(error)
-            return self.safety.missed(error)
-        self.reading = reading
-        fault = self._judge(reading)
-        if fault is not None:
-            self._write(reading, NOWHERE)
-            return fault
+            return None
+        if isinstance(reading, Fault):
+            return reading
         admitted = self.safety.admit(self.commands.goals(now, reading), self.sent)
         if isinstance(admitted, Fault):
             self._write(reading, NOWHERE)
@@ -292,8 +307,8 @@ class ControlLoop:
         return None
 
     def _write(self, reading: Reading, sent: float) -> None:
-        if self._log is None:
-            return
+        if self._log is None or (reading.state is not None and reading.state.missing):
+            return  # a row holds what was read, nothing older
         zero = self._zero_time
         values = {"goal": self.sent, "link_position": reading.link, **vars(reading)}
         columns = [values[signal] for signal in self._log.signals]

@@ -5,7 +5,7 @@ Every message is one sentence that says what is wrong, on which servo or port, a
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from enum import IntFlag
 
 from ..actuators.errors import SealegsError
@@ -58,7 +58,13 @@ class EchoError(PortError):
 
 
 class ReplyError(BusError):
-    """A transaction without a usable answer; another try may succeed."""
+    """A transaction without a usable answer; another try may succeed.
+
+    Attributes:
+        replies: data bytes of the servos whose replies came all the same, by id.
+    """
+
+    replies: Mapping[int, list[int]] = {}
 
 
 class NoReplyError(ReplyError):
@@ -151,3 +157,8 @@ def faults(servos: Sequence[int], status: Sequence[int]) -> list[ServoFaultError
             if int(byte) & bit:
                 found.append(kind(f"servo {servo} {text}.", [servo]))
     return found
+
+
+def in_words(ids: Sequence[int]) -> str:
+    """Servos as they stand in a sentence."""
+    return f"servo {ids[0]}" if len(ids) == 1 else f"servos {', '.join(map(str, ids))}"

@@ -6,7 +6,7 @@ Pure bookkeeping on numbers; no bus and no clock of its own. The loop asks it in
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, fields
 from typing import Any
 
@@ -15,13 +15,13 @@ import numpy as np
 from ..actuators.errors import SealegsError, nearest
 from ..configs.check import checked
 from .following import GOAL_SPEED, Following, ability
-from .packets import BusError
+from .packets import BusError, in_words
 from .robot import Reading, ServoRobot
 
 FROM_CHAIN = ("goal_speed", "following_error")
 """Limits that may be null: they follow from the servo's chain."""
 LOGGABLE = ("following", "goal_speed")
-FORGIVEN = 10  # good cycles that make up for a missing one
+WINDOW = 2.0  # [s] over which lost replies are counted, and 50 cycles at least
 
 
 @dataclass(frozen=True)
@@ -41,8 +41,9 @@ class Limits:
         temperature: highest temperature of a servo [degC].
         voltage_low: lowest supply voltage [V].
         voltage_high: highest supply voltage [V].
-        late: time that a reading may take; later ones count as missing [s].
-        missing: cycles without a reading that are tolerated at a time; during them goals stay as they are.
+        late: time that a reading may take; the replies of a later one count as lost [s].
+        silent: time without a reply of a servo that is tolerated [s], and two cycles at least.
+        loss: share of the replies of a servo that may be lost, over :data:`WINDOW`.
         log_only: of ``following`` and ``goal_speed``, those that are noted in the log and neither cut nor stop.
     """
 
@@ -57,17 +58,28 @@ class Limits:
     voltage_low: float
     voltage_high: float
     late: float
-    missing: int
+    silent: float
+    loss: float
     log_only: tuple[str, ...] = ()
 
     def __post_init__(self) -> None:
-        for name in ("speed", "goal_speed", "following_error", "following_time", "current", "temperature", "late"):
+        for name in (
+            "speed",
+            "goal_speed",
+            "following_error",
+            "following_time",
+            "current",
+            "temperature",
+            "late",
+            "silent",
+            "loss",
+        ):
             if (value := getattr(self, name)) is not None and value <= 0.0:
                 raise SealegsError(f"safety.{name} is {value:g}; it must be above 0.")
         for name in self.log_only:
             if name not in LOGGABLE:
                 raise SealegsError(f"safety.log_only holds '{name}'; it may hold {' and '.join(LOGGABLE)}.")
-        for name in ("range_margin", "current_time", "missing"):
+        for name in ("range_margin", "current_time"):
             if getattr(self, name) < 0:
                 raise SealegsError(f"safety.{name} is {getattr(self, name):g}; it must not be negative.")
         if self.voltage_low >= self.voltage_high:
@@ -82,7 +94,7 @@ class Limits:
         Raises:
             SealegsError: a limit is missing, unknown or no number; there is no way to leave one out.
         """
-        kinds: dict[str, Any] = {"missing": int, "log_only": list[str], **dict.fromkeys(FROM_CHAIN, float | None)}
+        kinds: dict[str, Any] = {"log_only": list[str], **dict.fromkeys(FROM_CHAIN, float | None)}
         types = {field.name: kinds.get(field.name, float) for field in fields(cls)}
         for name in config:
             if name not in types:
@@ -116,7 +128,7 @@ class Safety:
         limits: in force.
         cut: cycles whose goals were cut so far, by reason.
         noted: limits that were passed and only noted, since the caller last emptied the list.
-        missing: cycles without a usable reading, less what good ones made up for, in shares of 1 / :data:`FORGIVEN`.
+        lost: share of lost replies of each servo, by id.
     """
 
     def __init__(self, robot: ServoRobot, limits: Limits, period: float) -> None:
@@ -124,7 +136,8 @@ class Safety:
         self.limits, self._robot, self._period = limits, robot, period
         self.cut = {"range": 0, "speed": 0}
         self.noted: list[Fault] = []
-        self.missing = 0
+        self.lost: dict[int, float] = dict.fromkeys(robot.all_ids, 0.0)
+        self._silent: dict[int, float] = dict.fromkeys(robot.all_ids, 0.0)
         self._over_current = np.zeros(len(robot.joints))
         abilities = [ability(robot.chains[name]) for name in robot.names]
         self._goal_speed = np.array([item.speed * GOAL_SPEED for item in abilities])
@@ -204,7 +217,8 @@ class Safety:
             The first that does not.
         """
         watch = self._following
-        watch.see(goal, reading.position, np.ones(len(goal), bool))
+        missing = () if reading.state is None else reading.state.missing
+        watch.see(goal, reading.position, np.array([joint.id not in missing for joint in self._robot.joints]))
         text = "has been more than {2:.2f} rad behind its goal for {1:g} s, at last {0:.2f} rad: it is blocked or blind"
         if fault := self._first("following", watch.behind, text, watch.error, watch.limits):
             return fault
@@ -215,12 +229,8 @@ class Safety:
 
     def judge(self, reading: Reading) -> Fault | None:
         """What is wrong with a reading, if anything."""
-        self.missing = max(self.missing - 1, 0)
-        took = reading.after - reading.before
-        if took > self.limits.late:
-            late = f"a reading took {1e3 * took:.1f} ms, and {1e3 * self.limits.late:g} ms are tolerated."
-            if (fault := self.missed(BusError(late), "late")) is not None:
-                return fault
+        if (fault := self._counted(reading)) is not None:
+            return fault
         faults = reading.state.faults() if reading.state is not None else []
         if faults:
             return Fault(type(faults[0]).__name__, str(faults[0]), faults[0].servos)
@@ -249,13 +259,42 @@ class Safety:
                 return Fault(name, f"joint {joint.name} (servo {joint.id}) {said}.", (joint.id,))
         return None
 
-    def missed(self, error: BusError, name: str | None = None) -> Fault | None:
-        """Count a cycle without a usable reading.
+    def _counted(self, reading: Reading) -> Fault | None:
+        took = reading.after - reading.before
+        if took > self.limits.late:
+            late = f"a reading took {1e3 * took:.1f} ms, and {1e3 * self.limits.late:g} ms are tolerated."
+            return self.missed(BusError(late), self._robot.all_ids, "late")
+        if reading.state is None or reading.state.problem is None:
+            return self.missed(None, ())
+        return self.missed(reading.state.problem, reading.state.missing)
+
+    def missed(self, error: BusError | None, servos: Sequence[int], name: str | None = None) -> Fault | None:
+        """Count the replies of a cycle.
+
+        Args:
+            error: why some are missing.
+            servos: ids of these; of all others a reply came.
+            name: of the fault; None: after the error.
 
         Returns:
-            A fault named after the error, once there were more than ``limits.missing`` of them at a time.
+            A fault, once a servo has been silent for too long or loses too many replies.
         """
-        self.missing += FORGIVEN
-        if self.missing <= FORGIVEN * self.limits.missing:
+        tolerated = max(self.limits.silent, 1.5 * self._period)
+        share = self._period / max(WINDOW, 50.0 * self._period)
+        for servo in self.lost:
+            gone = servo in servos
+            self._silent[servo] = self._silent[servo] + self._period if gone else 0.0
+            self.lost[servo] += share * (float(gone) - self.lost[servo])
+        if error is None:
             return None
-        return Fault(name or type(error).__name__, str(error), tuple(error.servos))
+        kind = name or type(error).__name__
+        if silent := tuple(servo for servo in servos if self._silent[servo] > tolerated):
+            if name is not None:
+                return Fault(kind, str(error))
+            why = f"{in_words(silent)} gave no usable reply for {1e3 * self._silent[silent[0]]:.0f} ms: {error}"
+            return Fault(kind, why, silent)
+        if lossy := tuple(servo for servo in servos if self.lost[servo] > self.limits.loss):
+            share_lost = 100.0 * self.lost[lossy[0]]
+            why = f"{in_words(lossy)} loses {share_lost:.0f} % of its replies, and {100.0 * self.limits.loss:g} % are"
+            return Fault(kind, f"{why} tolerated: {error}", lossy)
+        return None

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from .packets import ServoFaultError, faults
+from .packets import BusError, ServoFaultError, faults
 from .registers import ServoModel
 
 FIRST, LAST = "present_position", "present_current"
@@ -46,6 +46,8 @@ class ServoState:
         raw: counts by register name (n,), signs applied.
         torque: register ``torque_enable`` (n,); None: not read this time.
         limit: register ``torque_limit`` (n,); None: not read this time.
+        missing: ids of the servos whose reply did not come; what stands here of them is older.
+        problem: why; None where none is missing.
     """
 
     ids: tuple[int, ...]
@@ -63,6 +65,8 @@ class ServoState:
     raw: Mapping[str, np.ndarray]
     torque: np.ndarray | None = None
     limit: np.ndarray | None = None
+    missing: tuple[int, ...] = ()
+    problem: BusError | None = None
 
     def faults(self) -> list[ServoFaultError]:
         """The faults that the servos report, an exception each, not raised."""

@@ -38,7 +38,7 @@ class TorqueWatch:
         if state.torque is None or state.limit is None:
             return None
         for servo, torque, limit in zip(state.ids, state.torque.tolist(), state.limit.tolist(), strict=True):
-            if servo not in marks or torque == 1:
+            if servo not in marks or servo in state.missing or torque == 1:
                 continue
             if torque == 0 and limit != marks[servo]:
                 sentence = (

@@ -24,8 +24,10 @@ from .packets import (
     ShortReplyError,
     StaleReplyError,
     UnpluggedError,
+    in_words,
 )
 from .port import BusPort
+from .round_trip import RoundTrip
 
 BROADCAST = 254
 ID, LENGTH, ERROR, DATA = 2, 3, 4, 5  # places in a packet
@@ -70,6 +72,7 @@ class Transactions:
         self.status: dict[int, int] = {}
         self.lock = threading.RLock()
         self._overdue: deque[tuple[float, int]] = deque(maxlen=OVERDUE)  # (time [s], data bytes) of failed requests
+        self.round_trip = RoundTrip()
         self._unsettled = False  # a reply failed: more of it may be on its way
         self._gone: UnpluggedError | None = None
         self.port = BusPort(path, baudrate, timeout) if port is None else port
@@ -138,8 +141,11 @@ class Transactions:
                 target = BROADCAST if instruction == SYNC_READ else ids[0]
                 request = self._send(target, instruction, parameters)
                 size = len(request) + (6 + length) * len(ids)
+                sent = self.port.now()
                 self.port.setPacketTimeoutMillis(1e3 * (wait + size * self._byte_time))
-                return self._collect(ids, request, length, wait)
+                replies = self._collect(ids, request, length, wait)
+                self.round_trip.add(max(self.port.now() - sent - size * self._byte_time, 0.0))
+                return replies
             except ReplyError:
                 self._unsettled = True
                 self._overdue.append((self.port.now(), length))
@@ -180,9 +186,11 @@ class Transactions:
                 if result == sdk.COMM_RX_TIMEOUT:
                     whole = (SHORTEST + length) * len(replies)
                     broken = problem is not None or self.port.received > whole  # the SDK drops what has no header
-                    raise self._corrupt(missing) if broken else self._no_reply(missing, wait)
-                problem = self._corrupt(missing)
-                if self.port.isPacketTimeout():
+                    problem = self._corrupt(missing) if broken else self._no_reply(missing, wait)
+                else:
+                    problem = self._corrupt(missing)
+                problem.replies = replies
+                if result == sdk.COMM_RX_TIMEOUT or self.port.isPacketTimeout():
                     raise problem
                 continue
             servo = packet[ID]
@@ -297,8 +305,3 @@ def check_ids(ids: Sequence[int]) -> None:
         raise RegisterError(f"a servo is addressed twice: {list(ids)}.")
     if min(ids) < 0 or max(ids) >= BROADCAST:
         raise RegisterError(f"{list(ids)} are not all ids of servos, which are 0 to 253.")
-
-
-def in_words(ids: Sequence[int]) -> str:
-    """Servos as they stand in a sentence."""
-    return f"servo {ids[0]}" if len(ids) == 1 else f"servos {', '.join(map(str, ids))}"

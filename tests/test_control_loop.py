@@ -41,7 +41,12 @@ class Run:
     def __init__(
         self, virtual: VirtualBus, policy: Path, folder: Path, rest: Any = "release", stepped: bool = True
     ) -> None:
-        settings = config("robot=hopper", "robot.safety.range_margin=3.0", "robot.safety.speed=200.0")["robot"]
+        settings = config(
+            "robot=hopper",
+            "robot.safety.range_margin=3.0",
+            "robot.safety.speed=200.0",
+            "robot.safety.following_error=9",
+        )["robot"]
         self.robot = build_robot(settings)
         loaded = Policy(policy)
         self.robot.check_contract(loaded.contract)
@@ -50,7 +55,7 @@ class Run:
         sidecar = make_sidecar("hopper", {}, self.robot.belief, {})
         signals = (*SIGNALS, "link_position")
         self.log = MeasuredLog(folder, "run", sidecar, self.robot.names, signals, self.robot.base_names)
-        limits = Limits.from_config({**settings["safety"], "late": 1.0})
+        limits = Limits.from_config({**settings["safety"], "late": 1.0, "silent": 0.05})
         safety = Safety(self.robot, limits, 1.0 / rate)
         commands = PolicyCommands(loaded, self.robot)
         self.stop = Stop()
@@ -132,7 +137,7 @@ def torque(virtual: VirtualBus) -> dict[int, bool]:
         ("unplug", {}, {"UnpluggedError"}, {1, 2}),
     ],
 )
-def test_a_fault_is_named_in_two_cycles_and_what_can_be_reached_is_released(
+def test_a_fault_is_named_in_three_cycles_and_what_can_be_reached_is_released(
     kind: str, values: dict[str, Any], names: set[str], unreachable: set[int],
     virtual: VirtualBus, policy: Path, tmp_path: Path,
 ) -> None:  # fmt: skip
@@ -145,7 +150,7 @@ def test_a_fault_is_named_in_two_cycles_and_what_can_be_reached_is_released(
         assert set(values["servos"]) <= set(outcome.fault.servos)
     events = read_events(run.log.path)
     log = read_measured(run.log.path).runs[0]
-    assert sum(event["event"] == "missed" for event in events) <= 2
+    assert sum(event["event"] == "missed" for event in events) <= 3, "50 ms, of cycles of 20 ms"
     shown = (log.host["hip_status"] != 0) | (log.host["knee_status"] != 0)
     assert shown.sum() <= 1, "a fault that a servo reports ends the run in the cycle that shows it"
     assert len(log.time) == run.log.rows, "the log is complete up to the last cycle that had a reading"
@@ -172,7 +177,7 @@ def test_in_real_time_a_fault_is_named_and_the_servos_in_reach_are_released(
     assert not real_machine.status()["servos"]["1"]["torque"]
 
 
-def test_a_single_lost_reply_is_named_and_does_not_stop_the_robot(
+def test_a_single_lost_reply_is_counted_cured_and_does_not_stop_the_robot(
     virtual: VirtualBus, policy: Path, tmp_path: Path
 ) -> None:
     run = Run(virtual, policy, tmp_path)
@@ -184,8 +189,7 @@ def test_a_single_lost_reply_is_named_and_does_not_stop_the_robot(
     run.stop.ask("enough")
     outcome = run.ended()
     assert outcome.ending == "stopped" and outcome.bus["NoReplyError"] == 1
-    missed = [event for event in read_events(run.log.path) if event["event"] == "missed"]
-    assert [event["servos"] for event in missed] == [[2]]
+    assert not any(event["event"] == "missed" for event in read_events(run.log.path))
 
 
 def test_a_stopped_loop_holds_where_that_is_configured(virtual: VirtualBus, policy: Path, tmp_path: Path) -> None:
@@ -211,7 +215,9 @@ class Guard:
 def still(virtual: VirtualBus, trajectory: type[Trajectory] = Trajectory, **keys: Any) -> Outcome:
     """Holding the hopper where it begins, without a log."""
     robot = build_robot(config("robot=hopper", "robot.sensors={}", "robot.safety.range_margin=3.0")["robot"])
-    settings = config("robot=hopper", "robot.safety.range_margin=3.0", "robot.safety.late=1.0")["robot"]["safety"]
+    settings = config(
+        "robot=hopper", "robot.safety.range_margin=3.0", "robot.safety.late=1.0", "robot.safety.following_error=9"
+    )["robot"]["safety"]
     commands = trajectory("still", np.array([0.0, 1.0]), np.tile([-0.61, 0.61], (2, 1)))
     safety = Safety(robot, Limits.from_config({**settings, "speed": 200.0}), PERIOD)
     bus = ServoBus(virtual.port, timeout=TIMEOUT)
@@ -258,7 +264,9 @@ def test_the_dead_mans_switch_counts_on_the_way_to_the_start_too(virtual: Virtua
 
 def test_an_exception_in_the_loop_releases_the_servos(virtual: VirtualBus, tmp_path: Path) -> None:
     robot = build_robot(config("robot=hopper", "robot.sensors={}", "robot.safety.range_margin=3.0")["robot"])
-    settings = config("robot=hopper", "robot.safety.range_margin=3.0", "robot.safety.late=1.0")["robot"]["safety"]
+    settings = config(
+        "robot=hopper", "robot.safety.range_margin=3.0", "robot.safety.late=1.0", "robot.safety.following_error=9"
+    )["robot"]["safety"]
 
     class Broken(Trajectory):
         def goals(self, time: float, reading: Any) -> np.ndarray:

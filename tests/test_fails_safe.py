@@ -201,3 +201,51 @@ def test_a_goal_jumps_no_further_than_its_speed_allows_and_may_not_jump_for_long
     limits = {"speed": 100.0, "current": 99.0, "log_only": ["goal_speed", "following"]}
     outcome = Simulation(commands=wild, limits=limits).run(1.5)
     assert outcome.ending == "finished" and outcome.cut["speed"] == 0, outcome.fault
+
+
+# --- replies that are lost ---------------------------------------------------------------------------------------
+
+QUIET = {"range_margin": 9.0, "speed": 200.0, "following_error": 9.0, "current": 9.0}
+"""For a hopper that falls over: what is tested is the bus."""
+
+
+@pytest.mark.parametrize("minutes", [0.25, pytest.param(10.0, marks=pytest.mark.long)])
+def test_one_lost_reply_in_a_hundred_is_survived_with_every_servo_inside_its_limits(minutes: float) -> None:
+    loss = {"kind": "drop", "probability": 0.01}
+    simulation = Simulation("hopper", commands=sine(0.1), faults=[loss], limits=QUIET)
+    outcome = simulation.run(60.0 * minutes)
+    assert outcome.ending == "finished", outcome.fault
+    assert outcome.bus["NoReplyError"] > 300 * minutes, "six replies a cycle, a hundred cycles a second"
+    assert outcome.timing.cycles == pytest.approx(6000 * minutes, rel=1e-3)
+    assert outcome.timing.overrun_share < 0.01, "a second try has its time within the cycle"
+    assert simulation.torque == [False, False] and simulation.said == []
+
+
+def test_the_replies_that_came_are_used_while_one_servo_is_silent_and_then_it_is_named() -> None:
+    silence = {"kind": "silence", "servos": [2], "at": 2.0}
+    simulation = Simulation("hopper", commands=sine(0.1), faults=[silence], limits=QUIET)
+    seen: list[tuple[float, np.ndarray, np.ndarray]] = []
+
+    def noted() -> None:
+        assert simulation.loop.reading is not None
+        seen.append((simulation.port.now(), simulation.loop.reading.position, simulation.loop.sent))
+
+    simulation.loop._each_cycle = noted
+    outcome = simulation.run(5.0)
+    assert outcome.fault is not None and (outcome.fault.name, outcome.fault.servos) == ("NoReplyError", (2,))
+    assert 0.05 < simulation.rig.history[-1][0] - 2.0 < 0.1, "the timeout that is set, and a cycle"
+    during = [row for row in seen if row[0] > 2.0][1:]
+    assert len(during) >= 4
+    assert len({position[0] for _, position, _ in during}) > 2, "servo 1 is still read"
+    assert len({sent[0] for _, _, sent in during}) == len(during), "and still commanded"
+
+
+def test_a_lost_reply_is_waited_for_as_long_as_round_trips_take_and_not_for_the_whole_timeout() -> None:
+    simulation = Simulation(timeout=0.02, latency=0.001)
+    with simulation.bus as bus:
+        for _ in range(50):
+            bus.read_cycle([1], until=simulation.port.now() + 0.005)
+        simulation.fault("drop", count=1)
+        begun = simulation.port.now()
+        state = bus.read_cycle([1], until=begun + 0.005)
+    assert state.missing == () and simulation.port.now() - begun < 0.008 and bus.counts["NoReplyError"] == 1

@@ -46,6 +46,7 @@ def running(virtual: VirtualBus, folder: Path, *arguments: str) -> subprocess.Po
     """deploy.py on the bus, its log well under way."""
     chosen = ["hw=feetech", f"port={virtual.port}", "robot=hopper", "robot.sensors={}", "robot.safety.range_margin=3.0"]
     chosen += [f"calibration={folder / 'c.yaml'}", "robot.safety.late=1.0", "hw.timeout=0.5"]  # a busy host is no fault
+    chosen += ["robot.safety.following_error=9", "robot.safety.silent=1.0"]
     (folder / "c.yaml").write_text(
         "robot: hopper\njoints:\n  hip: {id: 1, zero: 2048, direction: 1, range: [-1.2, 0.3]}\n"
         "  knee: {id: 2, zero: 2048, direction: 1, range: [-0.3, 1.2]}\n"
