@@ -95,6 +95,8 @@ def prepare(config: Mapping[str, Any]) -> Deployment:
         config[key] = checked(key, config[key], float | None)
     if config["rest"] not in ("release", "hold"):
         raise SealegsError(f"rest is '{config['rest']}'; it may be release or hold.")
+    if config["overruns"] not in ("log", "stop"):
+        raise SealegsError(f"overruns is '{config['overruns']}'; it may be log or stop.")
     given = [key for key in SOURCES if config[key] not in (None, False)]
     if len(given) != 1:
         what = f"{' and '.join(given)} cannot run at once" if given else "say what to run"
@@ -199,6 +201,7 @@ def _guarded(deployment: Deployment, bus: ServoBus, port: str, stop: Stop, say: 
             stop=stop,
             stepped=(hw["virtual"] or {}).get("time") == "stepped",
             each_cycle=each_cycle,
+            overruns=config["overruns"],
         )
         say(
             f"Running {deployment.commands.name} at {deployment.rate:g} Hz for {deployment.duration:g} s, "

@@ -6,7 +6,7 @@ import sys
 import time
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
-from typing import Any
+from typing import Any, Literal
 
 import numpy as np
 
@@ -15,6 +15,7 @@ from .bus import ServoBus
 from .clock import Metronome, Timing
 from .commands import Commands
 from .measured_log import MeasuredLog
+from .pace import Overruns, reading_time, too_slow
 from .packets import BusError, ReplyError
 from .robot import Reading, ServoRobot
 from .safety import Fault, Safety
@@ -85,6 +86,7 @@ class ControlLoop:
         stepped: bool = False,
         each_cycle: Callable[[], str | None] = lambda: None,
         alarm: Callable[[str], None] = to_stderr,
+        overruns: Literal["log", "stop"] = "log",
     ) -> None:
         """Prepare; nothing moves.
 
@@ -102,6 +104,7 @@ class ControlLoop:
             each_cycle: called in every cycle, and on the way to the start; a text that it returns stops the run, such
                 as the dead-man's switch.
             alarm: says at once what a person must know.
+            overruns: what becomes of a rate that cannot be kept: it is said and logged, or ends the run as well.
         """
         self.bus, self.robot, self.safety, self.commands = bus, robot, safety, commands
         self._metronome = Metronome(rate, stepped, clock=bus.line.port)
@@ -115,6 +118,7 @@ class ControlLoop:
         self._read_at = self._zero_time
         self.sent = np.zeros(len(robot.joints))
         self._watch = TorqueWatch(self._metronome.period)
+        self._overruns, self._overruns_stop = Overruns(self._metronome.period), overruns == "stop"
 
     @property
     def elapsed(self) -> float:
@@ -172,8 +176,9 @@ class ControlLoop:
 
     def _begin(self) -> Fault | None:
         ids = self.robot.ids
-        self.bus.read_state(self.robot.all_ids)  # with all retries: who is missing here is missing
-        self.reading = self._read_once()
+        if fault := self._fit():
+            return fault
+        assert self.reading is not None
         self.sent = np.clip(self.reading.position, self.robot.low, self.robot.high)
         if self._stop.reason is not None:  # asked for while the bus and the supervisor were started
             return None
@@ -186,6 +191,26 @@ class ControlLoop:
         except SealegsError as error:
             fault = fault_of(error)
         return None if fault is None else replace(fault, sentence=f"on the way to the start: {fault.sentence}")
+
+    def _fit(self) -> Fault | None:
+        """Whether the robot may get torque: everybody answers, in time, within the limits."""
+        ids = self.robot.all_ids
+        self.bus.read_state(ids)  # with all retries: who is missing here is missing
+        if not self._metronome.stepped:
+            taken = reading_time(self.bus, ids)
+            slow = too_slow(taken, self._metronome.period, self.bus.port)
+            if slow is not None and (fault := self._named("slow", slow)) is not None:
+                return fault
+        self.reading = self._read_once()
+        return None
+
+    def _named(self, name: str, sentence: str) -> Fault | None:
+        """Say and log that the rate is not kept; a fault where that ends the run."""
+        self._event("pace", name=name, sentence=sentence)
+        if self._overruns_stop:
+            return Fault(name, sentence)
+        self._alarm(sentence)
+        return None
 
     def _read_once(self) -> Reading:
         stepped = self._metronome.stepped
@@ -304,7 +329,8 @@ class ControlLoop:
         self.sent = admitted
         self._write(reading, sent)
         self._metronome.done(reading.after - reading.before, sent - reading.time)
-        return None
+        late = self._overruns.seen(self._metronome.overruns, reading.after - reading.before)
+        return self._named("overruns", late) if late is not None else None
 
     def _write(self, reading: Reading, sent: float) -> None:
         if self._log is None or (reading.state is not None and reading.state.missing):

@@ -249,3 +249,40 @@ def test_a_lost_reply_is_waited_for_as_long_as_round_trips_take_and_not_for_the_
         begun = simulation.port.now()
         state = bus.read_cycle([1], until=begun + 0.005)
     assert state.missing == () and simulation.port.now() - begun < 0.008 and bus.counts["NoReplyError"] == 1
+
+
+# --- a rate that cannot be kept ----------------------------------------------------------------------------------
+
+
+def test_a_slow_adapter_is_named_before_torque_comes_on_with_the_command_that_mends_it() -> None:
+    simulation = Simulation(latency=0.016)
+    simulation.bus.port = "/dev/ttyUSB7"
+    simulation.run(1.0)
+    said, line = simulation.said[0]
+    assert said < when_torque_came_on(simulation)
+    assert "takes 16" in line and "rate=30" in line
+    assert "echo 1 | sudo tee /sys/bus/usb-serial/devices/ttyUSB7/latency_timer" in line
+    strict = Simulation(latency=0.016, overruns="stop")
+    outcome = strict.run(1.0)
+    assert outcome.fault is not None and outcome.fault.name == "slow" and not strict.switched_on
+    assert Simulation(latency=0.001).run(1.0).ending == "finished"
+
+
+@pytest.mark.parametrize("overruns", ["log", "stop"])
+def test_overruns_that_go_on_are_named_and_end_the_run_where_that_is_set(overruns: str, tmp_path: Path) -> None:
+    simulation = Simulation(overruns=overruns, folder=tmp_path, limits={"following_error": 1.0})
+    simulation.loop._each_cycle = lambda: simulation.port.sleep(0.012 if simulation.loop.elapsed > 2.0 else 0.0)
+    outcome = simulation.run(6.0)
+    (event,) = [event for event in read_events(tmp_path / "run.csv") if event["event"] == "pace"]
+    assert event["name"] == "overruns" and 2.0 < event["time"] < 4.0 and "10.0 ms" in event["sentence"]
+    assert (outcome.fault is not None and outcome.fault.name == "overruns") == (overruns == "stop")
+    assert len(simulation.said) == (overruns == "log")
+
+
+def test_a_single_stall_is_no_sustained_overrun() -> None:
+    simulation = Simulation(limits={"following_error": 1.0})
+    stalls = iter([0.2])
+    simulation.loop._each_cycle = lambda: simulation.port.sleep(
+        next(stalls, 0.0) if simulation.loop.elapsed > 2.0 else 0.0
+    )
+    assert simulation.run(4.0).ending == "finished" and simulation.said == []

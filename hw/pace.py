@@ -1,0 +1,74 @@
+"""Whether bus and computer keep the pace of the loop: measured before torque comes on, watched while it is on."""
+
+from __future__ import annotations
+
+import statistics
+from collections.abc import Sequence
+from pathlib import Path
+
+from .bus import ServoBus
+
+READINGS = 12  # of which the median counts
+BUSY = 0.5  # share of a period that a reading may take: policy, goals and log need the rest
+WINDOW = 1.0  # [s] over which overruns are counted
+SUSTAINED = 0.2  # share of the cycles from which overruns are no accident
+
+
+def reading_time(bus: ServoBus, ids: Sequence[int]) -> float:
+    """How long a reading of all servos takes [s]."""
+    port, times = bus.line.port, []
+    for _ in range(READINGS):
+        begun = port.now()
+        bus.read_state(ids)
+        times.append(port.now() - begun)
+    return statistics.median(times)
+
+
+def too_slow(seconds: float, period: float, port: str) -> str | None:
+    """A sentence where readings leave a cycle no time, with what mends it.
+
+    Args:
+        seconds: that a reading takes.
+        period: of the loop [s].
+        port: path of the adapter.
+    """
+    if seconds <= BUSY * period:
+        return None
+    name = Path(port).resolve().name
+    timer = f"/sys/bus/usb-serial/devices/{name}/latency_timer"
+    rate = int(BUSY / seconds)
+    return (
+        f"the adapter at {port} takes {1e3 * seconds:.1f} ms for a reading, and a cycle has {1e3 * period:.1f} ms: at "
+        f"{1.0 / period:g} Hz the loop cannot keep its rate. An FTDI adapter holds bytes for 16 ms; mend that with "
+        f"`echo 1 | sudo tee {timer}`, or give rate={max(rate, 1)}."
+    )
+
+
+class Overruns:
+    """Share of late cycles, told once where they go on."""
+
+    def __init__(self, period: float) -> None:
+        """Watch a loop of the period ``period`` [s]."""
+        self._period, self._share, self._counted, self._told = period, 0.0, 0, False
+
+    def seen(self, overruns: int, reading: float) -> str | None:
+        """One cycle.
+
+        Args:
+            overruns: of all cycles so far.
+            reading: time that the reading of this one took [s].
+
+        Returns:
+            A sentence, the first time that overruns go on.
+        """
+        late, self._counted = overruns > self._counted, overruns
+        weight = min(self._period / WINDOW, 0.1)
+        self._share += weight * (float(late) - self._share)
+        if self._told or self._share <= SUSTAINED:
+            return None
+        self._told = True
+        return (
+            f"more than {100 * SUSTAINED:.0f} % of the cycles come too late: one takes longer than its "
+            f"{1e3 * self._period:.1f} ms, of which the reading took {1e3 * reading:.1f} ms; lower the rate, or let the "
+            "computer do less beside."
+        )
