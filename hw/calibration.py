@@ -26,7 +26,7 @@ from ..actuators.errors import SealegsError
 from ..configs.script import run
 from ..envs.robot import Robot
 from .registers import ServoModel
-from .robot import CalibrationError, Joint, check_joints
+from .robot import CalibrationError, Joint, check_joints, read_joints
 
 FOLDER = Path("calibrations")
 STILL = 8  # steps that a joint at rest may wander
@@ -59,6 +59,8 @@ def guide(
     params: Mapping[str, float],
     ask: Callable[[str], str] = input,
     say: Callable[[str], None] = print,
+    done: Sequence[Joint] = (),
+    keep: Callable[[list[Joint]], None] = lambda _: None,
 ) -> list[Joint]:
     """Ask a person through the calibration of every joint.
 
@@ -69,6 +71,8 @@ def guide(
         params: numbers of the robot other than its own.
         ask: prints a question and waits for the answer.
         say: prints a line.
+        done: joints of an earlier try, which are not asked for again.
+        keep: called with the joints so far as soon as one is done.
 
     Raises:
         CalibrationError: too few servos, or a range that cannot be reached.
@@ -87,10 +91,14 @@ def guide(
         raise CalibrationError(f"torque cannot be switched off: {next(iter(failed.values()))}")
     say("Torque is off. Support the robot: it may sag.")
     limits = robot.goal_limits(robot.parameters(params))
-    joints: list[Joint] = []
-    for name in names:
+    joints = [joint for joint in done if joint.name in names and joint.id in found]
+    if joints:
+        say(f"Kept from before: {', '.join(joint.name for joint in joints)}.")
+    for name in [name for name in names if name not in [joint.name for joint in joints]]:
         number = _choose(bus, name, [n for n in found if n not in [j.id for j in joints]], ask, say)
         joints.append(_joint(bus, name, number, limits[name], servo, ask, say))
+        keep(joints)
+    joints.sort(key=lambda joint: names.index(joint.name))
     check_joints(joints, robot, servo, params)
     return joints
 
@@ -119,6 +127,50 @@ def write_calibration(path: Path, robot: Robot, servo: ServoModel, joints: Seque
             os.fsync(file.fileno())
     except FileExistsError:
         raise CalibrationError(f"{path} exists, and a calibration is never overwritten; give another out=.") from None
+
+
+def unfinished(out: Path, robot: Robot) -> Path:
+    """Where the joints that are done wait for the others."""
+    return out.parent / f"{robot.name}.unfinished"
+
+
+def kept(
+    path: Path,
+    robot: Robot,
+    work: Callable[[Sequence[Joint], Callable[[list[Joint]], None]], list[Joint]],
+    servo: ServoModel,
+) -> list[Joint]:
+    """Calibrate, going on where an earlier try ended; each joint is on the disk as soon as it is done.
+
+    Args:
+        path: of the joints that are done.
+        robot: whose joints they are.
+        work: calibrates: takes the joints that are done and what keeps them.
+        servo: model of the servos.
+
+    Raises:
+        CalibrationError: it did not come to its end; says what is kept.
+    """
+    done = read_joints(path, robot) if path.is_file() else []
+
+    def keep(joints: list[Joint]) -> None:
+        done[:] = joints
+        fresh = path.with_suffix(".new")
+        fresh.unlink(missing_ok=True)
+        write_calibration(fresh, robot, servo, joints)
+        fresh.replace(path)
+
+    try:
+        return work(list(done), keep)
+    except (EOFError, KeyboardInterrupt, SealegsError) as error:
+        why = {EOFError: "the terminal was closed", KeyboardInterrupt: "it was stopped"}.get(type(error), str(error))
+        names = ", ".join(joint.name for joint in done)
+        rest = (
+            f"{names} {'is' if len(done) == 1 else 'are'} kept in {path}: start again to go on from there, or delete it"
+        )
+        raise CalibrationError(
+            f"the calibration did not come to its end: {why.rstrip('.')}; {rest if done else 'nothing is saved'}."
+        ) from None
 
 
 def as_row(joint: Joint) -> dict[str, Any]:
@@ -262,13 +314,11 @@ def main(arguments: list[str]) -> None:
     if out.exists():
         raise CalibrationError(f"{out} exists, and a calibration is never overwritten; give another out=.")
     with ServoBus(str(config["port"]), int(config["baudrate"]), servo.name) as bus:
-        try:
-            joints = guide(bus, robot, servo, settings.get("params") or {})
-        except EOFError:
-            raise CalibrationError(
-                "the terminal was closed before the calibration was done; nothing is saved."
-            ) from None
+        joints = kept(unfinished(out, robot), robot, lambda done, keep: guide(
+            bus, robot, servo, settings.get("params") or {}, done=done, keep=keep
+        ), servo)  # fmt: skip
         write_calibration(out, robot, servo, joints)
+        unfinished(out, robot).unlink(missing_ok=True)
     print(f"\nWritten: {out}. sealegs deploy takes the newest of {FOLDER}/, or calibration={out}.")
 
 

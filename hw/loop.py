@@ -2,19 +2,20 @@
 
 from __future__ import annotations
 
-import sys
 import time
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import replace
 from typing import Any, Literal
 
 import numpy as np
 
 from ..actuators.errors import SealegsError
 from .bus import ServoBus
-from .clock import Metronome, Timing
+from .clock import Metronome
 from .commands import Commands
+from .current_sign import CurrentSign
 from .measured_log import MeasuredLog
+from .outcome import Outcome, fault_of, to_stderr
 from .pace import Overruns, reading_time, too_slow
 from .packets import BusError, ReplyError
 from .robot import Reading, ServoRobot
@@ -28,36 +29,6 @@ ARRIVED = 0.15  # [rad] from it that counts as there: friction and load leave a 
 RETRYING = 0.5  # share of the period after which no servo is asked again
 SETTLING = 3.0  # [s] that the approach may take longer than planned
 NOWHERE = float("nan")
-
-
-@dataclass
-class Outcome:
-    """What became of a run.
-
-    Attributes:
-        ending: ``finished``, ``stopped`` (by a person) or ``fault``.
-        reason: why a person stopped it.
-        fault: where there was one.
-        timing: of the loop.
-        cut: goals that safety cut, by reason.
-        bus: failures of the bus by name, the cured ones included.
-        not_at_rest: servos that could not be brought to rest by the loop, and why.
-        rest_seconds: from the end of the last cycle to the servos at rest [s].
-    """
-
-    ending: str
-    reason: str | None
-    fault: Fault | None
-    timing: Timing
-    cut: dict[str, int]
-    bus: dict[str, int]
-    not_at_rest: dict[int, str] = field(default_factory=dict)
-    rest_seconds: float = 0.0
-
-
-def to_stderr(line: str) -> None:
-    """Print what must not wait for the end of a run."""
-    print(line, file=sys.stderr, flush=True)
 
 
 class ControlLoop:
@@ -117,6 +88,7 @@ class ControlLoop:
         self.state = "start"
         self._read_at = self._zero_time
         self.sent = np.zeros(len(robot.joints))
+        self._current_sign = CurrentSign(robot)
         self._watch = TorqueWatch(self._metronome.period)
         self._overruns, self._overruns_stop = Overruns(self._metronome.period), overruns == "stop"
 
@@ -169,6 +141,8 @@ class ControlLoop:
         timing = self._metronome.timing()
         seconds, failed = self._to_rest()
         cut, bus = dict(self.safety.cut), dict(self.bus.counts)
+        if magnitudes := self._current_sign.magnitudes:
+            self._event("current without sign", servos=magnitudes, made="signed as duty x voltage - back-EMF")
         self._event("end", ending=ending, reason=self._stop.reason, cycles=timing.cycles, overruns=timing.overruns)
         return Outcome(ending, self._stop.reason, fault, timing, cut, bus, failed, seconds)
 
@@ -202,7 +176,8 @@ class ControlLoop:
             if slow is not None and (fault := self._named("slow", slow)) is not None:
                 return fault
         self.reading = self._read_once()
-        return None
+        fault = self._judge(self.reading)
+        return None if fault is None else replace(fault, sentence=f"before torque came on: {fault.sentence}")
 
     def _named(self, name: str, sentence: str) -> Fault | None:
         """Say and log that the rate is not kept; a fault where that ends the run."""
@@ -219,7 +194,7 @@ class ControlLoop:
         self._read_at = state.after
         if self._metronome.stepped:
             state = replace(state, before=self._metronome.now(), after=self._metronome.now())
-        return self.robot.reading(state, self.reading)
+        return self._current_sign.mended(self.robot.reading(state, self.reading))
 
     def _reading(self) -> Reading | Fault | None:
         """A reading within the limits; why the run ends; None: nobody answered, and goals stay as they are."""
@@ -391,9 +366,3 @@ class ControlLoop:
         self.alarm(f"TORQUE MAY BE ON at servo(s) {', '.join(map(str, servos))}: CUT THE POWER. {error}")
         if self._supervisor is not None:
             self._supervisor.resting()  # each servo may take its time
-
-
-def fault_of(error: SealegsError) -> Fault:
-    """An error of bus, log or robot as the end of a run."""
-    servos = error.servos if isinstance(error, BusError) else ()
-    return Fault(type(error).__name__, str(error), tuple(servos))

@@ -84,6 +84,7 @@ class MeasuredLog:
             + ["%d"] * len(joints)
         )
         self._format += "\n"
+        made: list[Path] = []
         taken = [folder / f"{name}{end}" for end in (".csv", ".parquet", ".yaml", ".yml")]
         try:
             folder.mkdir(parents=True, exist_ok=True)
@@ -92,12 +93,17 @@ class MeasuredLog:
                     raise LogError(
                         f"{path}: exists already and a recording is never overwritten; choose another name or folder"
                     )
-            _write_new(folder / f"{name}.yaml", sidecar_text(sidecar))
+            made = [folder / f"{name}.yaml", self.path]
+            _write_new(made[0], sidecar_text(sidecar))
             self._file = os.open(self.path, os.O_WRONLY | os.O_CREAT | os.O_EXCL | os.O_APPEND, 0o644)
             self._events = os.open(self.events_path, os.O_WRONLY | os.O_CREAT | os.O_APPEND, 0o644)
             _write_whole(self._file, (",".join(columns) + "\n").encode())
             os.fsync(self._file)
+            self._size = os.fstat(self._file).st_size
         except OSError as error:
+            for path in made:  # what a full disk took a part of is no recording
+                with contextlib.suppress(OSError):
+                    path.unlink(missing_ok=True)
             raise LogError(f"{self.path}: cannot be written: {error.strerror}") from None
         _sync_folder(folder)
         self._failed: OSError | None = None
@@ -121,8 +127,12 @@ class MeasuredLog:
         if self._failed is not None:
             raise LogError(f"{self.path}: cannot be written: {self._failed.strerror}")
         try:
-            _write_whole(self._file, (self._format % (time, *signals.ravel().tolist(), *base, *host, *status)).encode())
+            self._size += _write_whole(
+                self._file, (self._format % (time, *signals.ravel().tolist(), *base, *host, *status)).encode()
+            )
         except OSError as error:
+            with contextlib.suppress(OSError):
+                os.ftruncate(self._file, self._size)  # a part of a row would keep the whole ones from being read
             raise LogError(f"{self.path}: cannot be written: {error.strerror}; the rows before are safe") from None
         self.rows += 1
 
@@ -165,10 +175,11 @@ def _write_new(path: Path, text: str) -> None:
         os.fsync(file.fileno())
 
 
-def _write_whole(file: int, data: bytes) -> None:
+def _write_whole(file: int, data: bytes) -> int:
     written = os.write(file, data)
     while written < len(data):  # a disk that fills up may take a part
         written += os.write(file, data[written:])
+    return written
 
 
 def _sync_folder(folder: Path) -> None:

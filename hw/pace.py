@@ -69,6 +69,6 @@ class Overruns:
         self._told = True
         return (
             f"more than {100 * SUSTAINED:.0f} % of the cycles come too late: one takes longer than its "
-            f"{1e3 * self._period:.1f} ms, of which the reading took {1e3 * reading:.1f} ms; lower the rate, or let the "
-            "computer do less beside."
+            f"{1e3 * self._period:.1f} ms, of which the reading took {1e3 * reading:.1f} ms; lower the rate, or let "
+            "the computer do less beside."
         )

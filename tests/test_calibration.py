@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 from sealegs.envs.robots import get_robot
 from sealegs.hw.bus import ServoBus
-from sealegs.hw.calibration import guide, newest, write_calibration
+from sealegs.hw.calibration import guide, kept, newest, unfinished, write_calibration
 from sealegs.hw.registers import load_model
 from sealegs.hw.robot import CalibrationError, Joint, ServoRobot, check_joints, nominal_joints, read_joints
 from sealegs.hw.servo_state import ServoState
@@ -223,3 +223,33 @@ def test_servos_of_a_bus_are_calibrated(monkeypatch: pytest.MonkeyPatch) -> None
         (joint,) = guide(bus, BENCH, SERVO, {}, lambda _: answers.pop(0)() or "", lambda _: None)
     assert (joint.id, joint.direction) == (1, 1) and abs(joint.zero - 2048) < 20
     assert joint.low == pytest.approx(-0.8, abs=0.1) and joint.high == pytest.approx(0.8, abs=0.1)
+
+
+def test_a_calibration_that_is_stopped_keeps_the_joints_that_are_done(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr("sealegs.hw.calibration.PERIOD", 0.0)
+    path = unfinished(tmp_path / "hopper-1.yaml", HOPPER)
+    hip: list[dict[int, int | list[int]]] = [{7: 2500}, {7: 2100}, {7: 2000}, {7: sweep(2000, 3000)}]
+    knee: list[dict[int, int | list[int]]] = [{3: 2048}, {3: 2200}, {3: sweep(2000, 2900)}]
+
+    def work(hand: Hand, stopped: bool) -> list[Joint]:
+        def ask(question: str) -> str:
+            if stopped and question.startswith("knee"):
+                raise EOFError
+            return hand.ask(question)
+
+        return kept(
+            path,
+            HOPPER,
+            lambda done, keep: guide(hand, HOPPER, SERVO, {}, ask, hand.said.append, done, keep),
+            SERVO,
+        )
+
+    with pytest.raises(CalibrationError, match=r"terminal was closed; hip is kept in .*hopper\.unfinished"):
+        work(Hand(hip, {3: 2048, 7: 2048}), stopped=True)
+    hand = Hand(knee, {3: 2048, 7: 2500})
+    joints = work(hand, stopped=False)
+    assert [joint.name for joint in joints] == ["hip", "knee"] and joints[0].zero == 2100
+    assert any("Kept from before: hip" in line for line in hand.said)
+    assert newest("hopper", tmp_path) is None, "what is unfinished is no calibration"

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 from pathlib import Path
 from typing import Any
 
@@ -10,6 +11,7 @@ import pytest
 from sealegs.actuators import load_chain
 from sealegs.commands import deploy
 from sealegs.configs.script import run as run_script
+from sealegs.gap.log import read_measured
 from sealegs.hw.commands import Trajectory
 from sealegs.hw.following import ability
 from sealegs.hw.live import picture
@@ -286,3 +288,63 @@ def test_a_single_stall_is_no_sustained_overrun() -> None:
         next(stalls, 0.0) if simulation.loop.elapsed > 2.0 else 0.0
     )
     assert simulation.run(4.0).ending == "finished" and simulation.said == []
+
+
+# --- before torque, and beside the motion ------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize(
+    ("fault", "limits", "name"),
+    [
+        ({"kind": "brown_out", "value": 5.5}, {}, "voltage"),
+        ({"kind": "overheat", "value": 68.0}, {}, "temperature"),
+        ({"kind": "overheat", "value": 75.0}, {}, "OverheatFault"),
+        ({"kind": "drop", "count": 0}, {"voltage_low": 7.6}, "voltage"),
+    ],
+)
+def test_limits_are_judged_before_torque_comes_on(fault: dict[str, Any], limits: dict[str, Any], name: str) -> None:
+    simulation = Simulation(faults=[fault], limits=limits)
+    outcome = simulation.run()
+    assert outcome.fault is not None and outcome.fault.name == name and not simulation.switched_on
+    assert outcome.fault.sentence.startswith("before torque came on:")
+
+
+def test_a_current_that_is_reported_as_a_magnitude_gets_its_sign(tmp_path: Path) -> None:
+    logs = []
+    for kind in ("unsigned", "drop"):
+        folder = tmp_path / kind
+        fault = {"kind": kind, "count": None if kind == "unsigned" else 0}
+        simulation = Simulation(commands=sine(0.8, 1.0), faults=[fault], limits={"speed": 99.0}, folder=folder)
+        assert simulation.run(3.0).ending == "finished"
+        log = read_measured(folder / "run.csv").runs[0].joints["joint"]
+        assert log.current is not None
+        logs.append(log.current)
+        noted = [event for event in read_events(folder / "run.csv") if event["event"] == "current without sign"]
+        assert [event["servos"] for event in noted] == ([[1]] if kind == "unsigned" else [])
+    made, true = logs
+    assert true.min() < -0.1 and np.abs(made - true).max() < 0.2 and np.corrcoef(made, true)[0, 1] > 0.98
+
+
+def test_a_disk_that_takes_half_a_row_leaves_a_log_that_reads_back(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    simulation = Simulation(folder=tmp_path)
+    write = os.write
+    left = [20_000]
+
+    def filling(file: int, data: bytes) -> int:
+        if not data.endswith(b"\n") or data.startswith(b"{"):
+            return write(file, data)
+        if left[0] <= 0:
+            raise OSError(28, "No space left on device")
+        taken = write(file, data[: left[0]])
+        left[0] -= taken
+        return taken
+
+    monkeypatch.setattr("sealegs.hw.measured_log.os.write", filling)
+    outcome = simulation.run(10.0)
+    monkeypatch.undo()
+    assert outcome.fault is not None and outcome.fault.name == "LogError" and "No space left" in outcome.fault.sentence
+    assert simulation.torque == [False] and outcome.not_at_rest == {}
+    assert simulation.log is not None
+    assert len(read_measured(tmp_path / "run.csv").runs[0].time) == simulation.log.rows > 50

@@ -24,6 +24,7 @@ KINDS = {
     "brown_out": "the supply has 'value' volts; below 3.3 V the servos restart with torque off",
     "restart": "a servo restarts with torque off and is silent for 'value' seconds (0.8)",
     "frozen": "a servo's position sensor stays at what it read last, for its own control too",
+    "unsigned": "a servo reports its current without its sign, as some firmware does",
     "limp": "a servo's torque register becomes 0 by itself",
     "overload": "a servo is latched in overload until its torque is switched off",
 }

@@ -52,6 +52,7 @@ class Servo:
         silent_until: time at which it has booted [s].
         target: step that its loop steers to, homing offset included.
         frozen: step at which its position sensor is stuck; None: it is not.
+        unsigned: whether it reports its current without its sign.
         refused: the latest request that it could not follow because that is not simulated, in a sentence.
     """
 
@@ -77,6 +78,7 @@ class Servo:
         self.forced_temperature: float | None = None
         self.silent_until = 0.0
         self.frozen: int | None = None
+        self.unsigned = False
         self.refused: str | None = None
         self.boot(0.0, 0.0)
 
@@ -365,4 +367,5 @@ class Servo:
         self.put("present_temperature", self.shown_temperature())
         self.put("moving", int(abs(self._velocity) >= MOVING or self.in_profile))
         self.put("target_position", round(self.target - offset))
-        self.put("present_current", round(sensors.current / self.model["present_current"].scale))
+        current = abs(sensors.current) if self.unsigned else sensors.current
+        self.put("present_current", round(current / self.model["present_current"].scale))

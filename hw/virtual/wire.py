@@ -139,6 +139,7 @@ class Wire:
             low = first(self.faults, "brown_out", now, servo.id)
             self.rig.volts[servo.joint] = low.value if low else None
             servo.freeze(first(self.faults, "frozen", now, servo.id) is not None)
+            servo.unsigned = first(self.faults, "unsigned", now, servo.id) is not None
             for fault in self.faults:
                 if fault.kind in ONCE and fault.active(now) and fault.concerns(servo.id) and servo.id not in fault.done:
                     fault.done.add(servo.id)

@@ -1,0 +1,47 @@
+"""What became of a run."""
+
+from __future__ import annotations
+
+import sys
+from dataclasses import dataclass, field
+
+from ..actuators.errors import SealegsError
+from .clock import Timing
+from .packets import BusError
+from .safety import Fault
+
+
+@dataclass
+class Outcome:
+    """What became of a run.
+
+    Attributes:
+        ending: ``finished``, ``stopped`` (by a person) or ``fault``.
+        reason: why a person stopped it.
+        fault: where there was one.
+        timing: of the loop.
+        cut: goals that safety cut, by reason.
+        bus: failures of the bus by name, the cured ones included.
+        not_at_rest: servos that could not be brought to rest by the loop, and why.
+        rest_seconds: from the end of the last cycle to the servos at rest [s].
+    """
+
+    ending: str
+    reason: str | None
+    fault: Fault | None
+    timing: Timing
+    cut: dict[str, int]
+    bus: dict[str, int]
+    not_at_rest: dict[int, str] = field(default_factory=dict)
+    rest_seconds: float = 0.0
+
+
+def to_stderr(line: str) -> None:
+    """Print what must not wait for the end of a run."""
+    print(line, file=sys.stderr, flush=True)
+
+
+def fault_of(error: SealegsError) -> Fault:
+    """An error of bus, log or robot as the end of a run."""
+    servos = error.servos if isinstance(error, BusError) else ()
+    return Fault(type(error).__name__, str(error), tuple(servos))
