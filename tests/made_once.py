@@ -5,7 +5,7 @@ from __future__ import annotations
 import functools
 import os
 import pickle
-import tempfile
+import shutil
 from collections.abc import Callable
 from pathlib import Path
 from typing import TypeVar
@@ -24,11 +24,13 @@ def folder_made_once(name: str, make: Callable[[Path], object]) -> Path:
     Tests only read what is in it.
     """
     folder = Path(os.environ[SHARED]) / name
+    done = folder.with_name(f"{name}.done")
     with FileLock(f"{folder}.lock"):
-        if not folder.exists():
-            begun = Path(tempfile.mkdtemp(prefix=f"{name}.", dir=folder.parent))
-            make(begun)
-            begun.rename(folder)
+        if not done.exists():
+            shutil.rmtree(folder, ignore_errors=True)  # of an attempt that failed: this one says why again
+            folder.mkdir()
+            make(folder)
+            done.touch()
     return folder
 
 

@@ -13,9 +13,8 @@ import pytest
 from sealegs.agents.policy_files import load_policy
 from sealegs.cli import COMMANDS
 
+from tests.made_once import folder_made_once, made_once
 from tests.stranger import NAMES, PARTS, REPOSITORY, Stranger, built, copied_checkout, recorded, stranger
-
-pytestmark = pytest.mark.xdist_group("package")
 
 FOUND = "import sealegs, pathlib; print(pathlib.Path(sealegs.__file__).resolve().parent)"
 ENVIRONMENTS = """
@@ -55,16 +54,21 @@ if __name__ == "__main__":
 
 
 @pytest.fixture(scope="session")
-def wheel(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    folder = tmp_path_factory.mktemp("wheel")
-    return built(copied_checkout(folder / "source"), folder)
+def wheel() -> Path:
+    folder = folder_made_once("wheel", lambda folder: built(copied_checkout(folder / "source"), folder))
+    (made,) = folder.glob("*.whl")
+    return made
 
 
 @pytest.fixture(scope="session")
-def installed(wheel: Path, tmp_path_factory: pytest.TempPathFactory) -> Stranger:
-    made = stranger(tmp_path_factory.mktemp("stranger"))
-    made.install(str(wheel))
-    return made
+def installed(wheel: Path) -> Stranger:
+    @made_once
+    def made() -> Stranger:
+        one = stranger(folder_made_once("stranger", lambda folder: None))
+        one.install(str(wheel))
+        return one
+
+    return made()
 
 
 def shipped() -> set[str]:
