@@ -74,6 +74,7 @@ def _checked(config: Mapping[str, Any]) -> dict[str, Any]:
 def diagnose_one(log: Path, out: Path | None, settings: dict[str, Any]) -> None:
     """Diagnose one data set and print what was found."""
     from rich.console import Console
+    from rich.markup import escape
     from sealegs.gap.fleet.jobs import diagnose_folder
     from sealegs.gap.output.partial import source_of, unfinished
     from sealegs.gap.output.terminal import screen
@@ -88,10 +89,11 @@ def diagnose_one(log: Path, out: Path | None, settings: dict[str, Any]) -> None:
         started = time.perf_counter()
 
         def progress(text: str) -> None:
-            status.update(f"{text}  ({time.perf_counter() - started:.0f} s)")
+            status.update(f"{escape(text)}  ({time.perf_counter() - started:.0f} s)")
             kept = text.startswith(("found", "going on", "A report"))
             if kept or not console.is_terminal:  # a file or a pipe shows no status
-                console.print(f"  {time.perf_counter() - started:5.0f} s  {text}", highlight=False)
+                line = f"  {time.perf_counter() - started:5.0f} s  {text}"
+                console.print(line, highlight=False, markup=False, soft_wrap=True)
 
         try:
             diagnosis, written = diagnose_folder(log, out, progress, **settings)
