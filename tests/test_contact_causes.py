@@ -180,7 +180,7 @@ def test_a_diagnosis_tells_the_ground_which_group_to_keep(monkeypatch: pytest.Mo
         lambda runs, joint, *others: refuse(joint, Refused(f"'{joint}'", "it was left out.", usable=True)),
     )
     *_, found = diagnose(data, data.runs[1].name)
-    assert told[-1] == data.runs[1].name
+    assert told[4] == data.runs[1].name
     assert (found.joint, found.verdict, found.signal, found.unit) == (GROUND, NOT_IDENTIFIABLE, "base.z", "m")
     assert found.sentence == "Nothing can be said about the ground: there is no ground."
 
