@@ -29,7 +29,6 @@ HIDDEN = {
 
 def main(arguments: list[str]) -> None:
     """Run the whole loop into one folder."""
-    from sealegs.agents.cross_evaluation import mean_reward  # here, so that --help does not wait for torch
     from sealegs.configs.check import Count, checked, checked_seed
     from sealegs.configs.compose import compose, split
     from sealegs.envs.extended import read_extended
@@ -41,6 +40,8 @@ def main(arguments: list[str]) -> None:
     out = Path(checked("out", config["out"] or f"runs/demo-{datetime.datetime.now():%Y%m%d-%H%M%S}", str))
     if out.exists():
         raise SealegsError(f"{out} exists, and nothing is overwritten: give another folder, out=<folder>.")
+    from sealegs.agents.cross_evaluation import mean_reward  # here, so that no answer above waits for torch
+
     started = time.monotonic()
 
     path, (cause, low, high) = list(HIDDEN.items())[seed % len(HIDDEN)]
