@@ -196,7 +196,7 @@ def test_a_goal_jumps_no_further_than_its_speed_allows_and_may_not_jump_for_long
 
     simulation = Simulation(commands=wild, limits={"speed": 100.0})
     sent: list[np.ndarray] = []
-    simulation.loop._each_cycle = lambda: sent.append(simulation.loop.sent) if simulation.loop.elapsed else None
+    simulation.loop.each_cycle = lambda: sent.append(simulation.loop.sent) if simulation.loop.elapsed else None
     outcome = simulation.run(5.0)
     assert outcome.fault is not None and outcome.fault.name == "goal_speed" and outcome.cut["speed"] > 10
     assert np.abs(np.diff(np.array(sent)[-20:, 0])).max() < 0.24, "four times the no-load speed, in a cycle"
@@ -232,7 +232,7 @@ def test_the_replies_that_came_are_used_while_one_servo_is_silent_and_then_it_is
         assert simulation.loop.reading is not None
         seen.append((simulation.port.now(), simulation.loop.reading.position, simulation.loop.sent))
 
-    simulation.loop._each_cycle = noted
+    simulation.loop.each_cycle = noted
     outcome = simulation.run(5.0)
     assert outcome.fault is not None and (outcome.fault.name, outcome.fault.servos) == ("NoReplyError", (2,))
     assert 0.05 < simulation.rig.history[-1][0] - 2.0 < 0.1, "the timeout that is set, and a cycle"
@@ -273,7 +273,7 @@ def test_a_slow_adapter_is_named_before_torque_comes_on_with_the_command_that_me
 @pytest.mark.parametrize("overruns", ["log", "stop"])
 def test_overruns_that_go_on_are_named_and_end_the_run_where_that_is_set(overruns: str, tmp_path: Path) -> None:
     simulation = Simulation(overruns=overruns, folder=tmp_path, limits={"following_error": 1.0})
-    simulation.loop._each_cycle = lambda: simulation.port.sleep(0.012 if simulation.loop.elapsed > 2.0 else 0.0)
+    simulation.loop.each_cycle = lambda: simulation.port.sleep(0.012 if simulation.loop.elapsed > 2.0 else 0.0)
     outcome = simulation.run(6.0)
     (event,) = [event for event in read_events(tmp_path / "run.csv") if event["event"] == "pace"]
     assert event["name"] == "overruns" and 2.0 < event["time"] < 4.0 and "10.0 ms" in event["sentence"]
@@ -284,7 +284,7 @@ def test_overruns_that_go_on_are_named_and_end_the_run_where_that_is_set(overrun
 def test_a_single_stall_is_no_sustained_overrun() -> None:
     simulation = Simulation(limits={"following_error": 1.0})
     stalls = iter([0.2])
-    simulation.loop._each_cycle = lambda: simulation.port.sleep(
+    simulation.loop.each_cycle = lambda: simulation.port.sleep(
         next(stalls, 0.0) if simulation.loop.elapsed > 2.0 else 0.0
     )
     assert simulation.run(4.0).ending == "finished" and simulation.said == []
