@@ -221,6 +221,7 @@ def outcome(row: dict[str, Any]) -> str:
 TRUE_VALUES = {
     "friction.coulomb": ("friction.coulomb", lambda v, n: v + n("coulomb", 0.052)),
     "friction.viscous": ("friction.viscous", lambda v, n: v + n("viscous", 0.059)),
+    "friction.drag": ("friction.drag", lambda v, n: v),
     "friction.stribeck": ("friction.stribeck", lambda v, n: v),
     "friction.asymmetric": ("friction.asymmetry", lambda v, n: v),
     "friction.load_dependent": ("friction.load", lambda v, n: v),

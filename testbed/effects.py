@@ -100,10 +100,10 @@ EFFECTS: dict[str, Effect] = {
     "sensor.delay": Effect("latency", "s", lambda machine, value: machine, (0.00408, 0.00163, 0.000495), (0.0, 0.06)),
     "spring.stiffness": Effect("stiffness_factor", "1", _times("joint_stiffness"), (0.369, 0.709, 0.904), (1.0, 0.1)),
     "contact.blocked": Effect("stop_angle", "rad", _set("stop_angle"), (1.0, 1.07, 1.12), (1.7, 0.1)),
+    "friction.drag": Effect("drag", "N.m.s2/rad2", _set("air_drag"), (0.00837, 0.00328, 0.00106), (0.0, 0.3)),
 }
 
 STRANGERS: dict[str, Effect] = {
-    "stranger.air_drag": Effect("drag", "N.m.s2/rad2", _set("air_drag"), (0.00837, 0.00328, 0.00106), (0.0, 0.3)),
     "stranger.cable": Effect("stiffness", "N.m/rad", _set("cable_stiffness"), (0.4, 0.158, 0.0455), (0.0, 2.0)),
     "stranger.friction_drift": Effect(
         "drift", "N.m/s", _set("friction_drift"), (0.00724, 0.00252, 0.000687), (0.0, 0.03)

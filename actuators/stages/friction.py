@@ -27,10 +27,10 @@ REST_SPEED = 1e-3  # [rad/s] below this a joint counts as at rest and friction o
 class Friction(Stage):
     """Friction of motor and gearbox at the joint.
 
-    Viscous friction is a torque; the rest is a limit on a dry friction torque that holds a joint at rest:
+    Viscous friction is a torque; the rest is a limit on a friction torque that holds a joint at rest:
 
         limit = coulomb +- asymmetry + load |m - e| + load_quadratic (m - e)^2
-                + S (stribeck + load_stribeck |m - e|) + ripple cos(ripple_count q + ripple_phase)
+                + S (stribeck + load_stribeck |m - e|) + ripple cos(ripple_count q + ripple_phase) + drag w^2
         S = exp(-|w / stribeck_velocity|^stribeck_exponent)
 
     with the motor torque ``m`` and the external torque ``e`` on the gearbox (Duclusaud et al., ICRA 2025, M1 to M6;
@@ -70,6 +70,7 @@ class Friction(Stage):
     bristle_damping: float = parameter(0.0, "N.m.s/rad", 0.0, 1e6, "of LuGre bristles")
     lugre: float = parameter(0.0, "-", 0.0, 1.0, "1: bristles yield gradually; 0: they hold up to the limit")
     slip_speed: float = parameter(0.0, "rad/s", 0.0, 1e3, "at which dry friction is whole; 0: it is so at rest")
+    drag: float = parameter(0.0, "N.m.s2/rad2", 0.0, 1e4, "friction per speed squared, of air or oil")
 
     def check(self, chain: Any) -> None:
         if self.lugre > 0.5 and self.bristle_stiffness == 0.0:
@@ -105,6 +106,7 @@ SHAPES = (
     "ripple",
     "bristle_stiffness",
     "slip_speed",
+    "drag",
 )
 """Parameters that make dry friction more than a constant."""
 
@@ -133,7 +135,7 @@ def pressed_limit(p, i, q, w, motor, external, load):
         limit += p[i + FRICTION.asymmetry] if push > 0.0 else -p[i + FRICTION.asymmetry]
     if p[i + FRICTION.ripple] > 0.0:
         limit += p[i + FRICTION.ripple] * math.cos(p[i + FRICTION.ripple_count] * q + p[i + FRICTION.ripple_phase])
-    return max(limit, 0.0)
+    return max(limit, 0.0) + p[i + FRICTION.drag] * w * w
 
 
 @compiled()

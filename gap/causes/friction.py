@@ -37,6 +37,19 @@ def viscous(nominal: JointModel) -> Cause:
     )
 
 
+@entry("friction.drag")
+def drag(nominal: JointModel) -> Cause:
+    top = stall_torque(nominal)
+    square = Parameter("friction.drag", "N.m.s2/rad2", 0.0, 0.3 * top, 0.002 * top, 0.001 * top)
+    return Cause(
+        sentence="Friction grows with the square of the speed, as in air or oil.",
+        picture="friction_against_speed",
+        variants=((square,),),
+        needs=SHOWN,
+        degenerates_to=Limit("friction.viscous", "all motion is about as fast"),
+    )
+
+
 @entry("friction.stribeck")
 def stribeck(nominal: JointModel) -> Cause:
     top = stall_torque(nominal)
