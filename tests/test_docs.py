@@ -1,0 +1,96 @@
+"""What README and docs tell to type does what they say."""
+
+from __future__ import annotations
+
+import re
+from pathlib import Path
+
+import pytest
+from sealegs.gap.causes.registry import ENTRIES
+from sealegs.gap.virtual.bench import record
+
+from docs.generate import catalogue as catalogue_page
+from docs.generate import thresholds as thresholds_page
+from tests.doc_blocks import REPOSITORY, Block, blocks, check, pages, world
+
+BLOCKS = [block for path in pages() for block in blocks(path)]
+LINK = re.compile(r"\]\((?!https?:|#)([^)\s#]+)(#[^)\s]*)?\)")
+INTERNAL = re.compile(r"seed 00\d|issue \d|\bhelper [A-Z]\b", re.IGNORECASE)
+
+
+@pytest.mark.parametrize("block", BLOCKS, ids=lambda block: f"{block.page}:{block.line}")
+def test_a_block_is_of_a_command_or_a_text_that_there_is(block: Block) -> None:
+    check(block)
+
+
+@pytest.mark.parametrize("path", pages(), ids=lambda path: path.name)
+def test_links_of_a_page_lead_somewhere(path: Path) -> None:
+    own = {"changelog.md", "contributing.md"}  # the site makes these of the files at the top
+    made = re.compile(r"results/[a-z0-9_]+\.md$")  # and these of benchmarks/results
+    for target, _ in LINK.findall(path.read_text(encoding="utf-8")):
+        if target in own or (made.search(target) and (path.parents[0] / "../benchmarks" / target).is_file()):
+            continue
+        assert (path.parent / target).exists(), f"{path.name}: {target}"
+
+
+@pytest.mark.parametrize("path", pages(), ids=lambda path: path.name)
+def test_a_page_speaks_of_nothing_internal(path: Path) -> None:
+    assert not INTERNAL.search(path.read_text(encoding="utf-8"))
+
+
+def test_the_catalogue_page_is_that_of_the_causes() -> None:
+    assert catalogue_page.PAGE.read_text(encoding="utf-8") == catalogue_page.page(), "python -m docs.generate.catalogue"
+
+
+def test_every_picture_of_a_cause_is_of_one_that_there_is() -> None:
+    folder = catalogue_page.PAGE.parent / "pictures" / "causes"
+    assert {path.stem for path in folder.glob("*.png")} <= set(catalogue_page.causes())
+
+
+def test_the_page_of_thresholds_is_that_of_the_settings() -> None:
+    page = thresholds_page.PAGE.read_text(encoding="utf-8")
+    assert page == thresholds_page.page(), "python -m docs.generate.thresholds"
+
+
+# --- typed from top to bottom ----------------------------------------------------------------------------------------
+
+PRESUPPOSED = {
+    "README.md": ("logs/bench",),
+    "docs/actuation-chain.md": ("diagnosis",),
+    "docs/deploy.md": ("logs/bench", "diagnosis", "runs/first"),
+    "docs/diagnose-more.md": ("logs/bench",),
+    "docs/train-and-deploy.md": ("logs/bench", "diagnosis"),
+}
+"""What a page takes for granted, since another one made it."""
+CONSIDERED = ("friction.coulomb", "drive.delay")
+
+
+def few_causes(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Let every diagnosis of a test consider few causes, so that it takes seconds."""
+    kept = {name: entry for name, entry in ENTRIES.items() if name in CONSIDERED}
+    monkeypatch.setattr("sealegs.gap.causes.catalogue.ENTRIES", kept)
+
+
+@pytest.fixture(scope="session")
+def made(tmp_path_factory: pytest.TempPathFactory) -> dict[str, Path]:
+    """Logs, a diagnosis of them and a trained policy, by the path that pages call them."""
+    folder = tmp_path_factory.mktemp("made")
+    with pytest.MonkeyPatch.context() as patch, world(folder, {}) as reader:
+        few_causes(patch)
+        record(Path("logs/bench"), "sts3215", {"friction.coulomb": 0.12}, excitations=("chirp", "steps", "multisine"))
+        reader.run(["sealegs", "diagnose", "log=logs/bench", "out=diagnosis"])
+        reader.run(["sealegs", "train", "name=first"])
+    return {name: folder / name for name in ("logs/bench", "diagnosis", "runs/first")}
+
+
+@pytest.mark.long
+@pytest.mark.parametrize("path", pages(), ids=lambda path: path.name)
+def test_a_page_can_be_typed_from_top_to_bottom(
+    path: Path, request: pytest.FixtureRequest, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    few_causes(monkeypatch)
+    places = PRESUPPOSED.get(str(path.relative_to(REPOSITORY)), ())
+    made = request.getfixturevalue("made") if places else {}
+    with world(tmp_path, {place: made[place] for place in places}) as reader:
+        for block in blocks(path):
+            reader.do(block)
