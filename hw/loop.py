@@ -184,7 +184,7 @@ class ControlLoop:
         self._event("pace", name=name, sentence=sentence)
         if self._overruns_stop:
             return Fault(name, sentence)
-        self._alarm(sentence)
+        self.alarm(sentence)
         return None
 
     def _read_once(self) -> Reading:
