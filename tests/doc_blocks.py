@@ -34,7 +34,7 @@ COMPOSED_ONLY = {
 }
 """Commands whose arguments are checked here and which are run elsewhere."""
 SMALLER = {
-    "train": "total_timesteps=256 n_envs=2 evaluate.every=0 checkpoint.every=0 video.seconds=0",
+    "train": "total_timesteps=256 n_envs=2 evaluate.every=0 video.seconds=0",
     "deploy": "hw.virtual.time=stepped silence=20 live=false duration=2",
 }
 """What is added to a command, so that its page runs in seconds."""
