@@ -6,11 +6,12 @@ import csv
 import math
 from collections.abc import Mapping
 from pathlib import Path
-from typing import Protocol
+from typing import Any, Protocol
 
 import numpy as np
 
 from ..actuators.errors import SealegsError, nearest
+from ..configs.check import checked
 from ..envs.hopper.controller import BangBang, spring_stiffness
 from .observer import Observer, Seen
 from .policy import Policy
@@ -162,6 +163,28 @@ def read_excitation(path: Path, robot: ServoRobot) -> Trajectory:
         )
     _check_load(path, robot)
     return _trajectory("excitation", path, columns["time"], goals, robot)
+
+
+def park_motion(park: Any, robot: ServoRobot) -> Trajectory:
+    """The motion along which a robot sits down, from ``park`` of its file.
+
+    Args:
+        park: a pose, joint by joint [rad], or a CSV file as :func:`read_excitation` reads it.
+        robot: that sits down.
+
+    Raises:
+        SealegsError: there is none, or it does not fit the robot.
+    """
+    if isinstance(park, str):
+        return read_excitation(Path(park), robot)
+    if not isinstance(park, Mapping) or not park:
+        raise SealegsError(
+            "rest=sit needs robot.park: a pose such as robot.park={hip: -0.6, knee: 1.1} [rad], or the CSV file of a "
+            "motion."
+        )
+    time = np.array([0.0, 0.5])
+    goals = {str(name): np.full(2, checked(f"robot.park.{name}", value, float)) for name, value in park.items()}
+    return _trajectory("park", Path("robot.park"), time, goals, robot)
 
 
 def _check_load(path: Path, robot: ServoRobot) -> None:

@@ -47,6 +47,20 @@ def keyboard(wanted: bool) -> Iterator[Callable[[], str | None]]:
     if not wanted:
         yield lambda: None
         return
+    with pressed_key("dead_man=true") as descriptor:
+        yield DeadMan(descriptor)
+
+
+@contextlib.contextmanager
+def pressed_key(key: str = "estop=key") -> Iterator[int]:
+    """The terminal's keyboard, each key at once, as a file descriptor.
+
+    Args:
+        key: that asked for it, for the message.
+
+    Raises:
+        SealegsError: there is no keyboard.
+    """
     try:
         import termios
         import tty
@@ -54,9 +68,9 @@ def keyboard(wanted: bool) -> Iterator[Callable[[], str | None]]:
         descriptor = sys.stdin.fileno()
         before = termios.tcgetattr(descriptor)
     except (ImportError, OSError, ValueError, termios.error):  # pyright: ignore[reportPossiblyUnboundVariable]
-        raise SealegsError("dead_man=true needs a terminal with a keyboard; there is none here.") from None
+        raise SealegsError(f"{key} needs a terminal with a keyboard; there is none here.") from None
     tty.setcbreak(descriptor)
     try:
-        yield DeadMan(descriptor)
+        yield descriptor
     finally:
         termios.tcsetattr(descriptor, termios.TCSADRAIN, before)

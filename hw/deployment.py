@@ -18,17 +18,19 @@ from ..envs.bench.robot import BENCH
 from .bus import ServoBus
 from .calibration import as_row, newest
 from .clock import HIGHEST_RATE, LOWEST_RATE
-from .commands import Commands, PolicyCommands, Reference, Trajectory, read_excitation, read_replay
+from .commands import Commands, PolicyCommands, Reference, Trajectory, park_motion, read_excitation, read_replay
 from .connection import opened_bus, opened_port
-from .deadman import PATIENCE, keyboard
+from .deadman import PATIENCE, keyboard, pressed_key
+from .emergency import emergency_stop
 from .live import live_view
 from .loop import ControlLoop, Outcome, Stop
 from .measured_log import MeasuredLog, make_sidecar, read_events
 from .policy import Policy
+from .realtime import realtime
 from .registers import ServoModel
 from .robot import ServoRobot, build_robot, extended_robot
 from .safety import Limits, Safety
-from .supervisor import Charge, Supervisor
+from .supervisor import Charge, Rest, Supervisor
 
 RATE = 100.0  # [Hz] of what does not say its own
 DURATION = 10.0  # [s] of what has no end of its own
@@ -36,6 +38,7 @@ DRY_CYCLES = 10
 SIGNALS = ("goal", "position", "velocity", "duty", "voltage", "current", "temperature")
 MOVES = ("p_gain", "i_gain", "d_gain", "startup_force", "cw_dead_zone", "ccw_dead_zone", "torque_limit")
 """Registers that decide how a servo answers a goal."""
+RESTS = ("release", "hold", "sit")
 SOURCES = ("policy", "excitation", "replay", "reference")
 
 
@@ -51,6 +54,7 @@ class Deployment:
         rate: [Hz].
         duration: [s].
         calibration: file; None: built as drawn.
+        park: motion along which the robot sits down at the end; None: it does not.
     """
 
     config: dict[str, Any]
@@ -60,6 +64,7 @@ class Deployment:
     rate: float
     duration: float
     calibration: Path | None
+    park: Commands | None = None
 
 
 @dataclass(frozen=True)
@@ -93,8 +98,15 @@ def prepare(config: Mapping[str, Any]) -> Deployment:
         config[key] = checked(key, config[key], kind)
     for key in ("rate", "duration"):
         config[key] = checked(key, config[key], float | None)
-    if config["rest"] not in ("release", "hold"):
-        raise SealegsError(f"rest is '{config['rest']}'; it may be release or hold.")
+    config["rest"] = config["rest"] or config["robot"].get("rest") or "release"
+    if config["rest"] not in RESTS:
+        raise SealegsError(f"rest is '{config['rest']}'; it may be release, hold or sit.")
+    config["realtime"] = checked("realtime", config["realtime"], int | None)
+    estop = config["estop"]
+    if estop not in (None, "key") and (isinstance(estop, bool) or not isinstance(estop, int)):
+        raise SealegsError(f"estop is {estop!r}; it may be key, or the number of a file descriptor.")
+    if estop == "key" and config["dead_man"]:
+        raise SealegsError("estop=key and dead_man=true both need the keyboard: give one of them.")
     if config["overruns"] not in ("log", "stop"):
         raise SealegsError(f"overruns is '{config['overruns']}'; it may be log or stop.")
     given = [key for key in SOURCES if config[key] not in (None, False)]
@@ -120,7 +132,8 @@ def prepare(config: Mapping[str, Any]) -> Deployment:
             f"least three periods ({3.0 / rate:g} s)."
         )
     limits = Limits.from_config(config["robot"].get("safety") or {})
-    return Deployment(config, robot, commands, limits, rate, duration, calibration)
+    park = park_motion(config["robot"].get("park"), robot) if config["rest"] == "sit" else None
+    return Deployment(config, robot, commands, limits, rate, duration, calibration, park)
 
 
 def run(deployment: Deployment, say: Callable[[str], None] = print) -> Run | None:
@@ -176,6 +189,7 @@ def _guarded(deployment: Deployment, bus: ServoBus, port: str, stop: Stop, say: 
     hw = config["hw"]
     with contextlib.ExitStack() as stack:
         each_cycle = stack.enter_context(keyboard(config["dead_man"]))
+        rest: Rest = "hold" if config["rest"] == "hold" else "release"
         registers = {joint.name: bus.identity(joint.id) for joint in robot.joints}
         for line in unlike_the_factory(registers, robot.servo):
             say(line)
@@ -186,7 +200,7 @@ def _guarded(deployment: Deployment, bus: ServoBus, port: str, stop: Stop, say: 
                 "robot.params.length [m], or write them under robot_params in the log's sidecar."
             )
         charge = Charge(
-            port, int(hw["baudrate"]), robot.servo.name, float(hw["timeout"]), robot.ids, config["rest"],
+            port, int(hw["baudrate"]), robot.servo.name, float(hw["timeout"]), robot.ids, rest,
             config["silence"], os.getpid(), str(log.events_path.resolve()), config["patience"],
         )  # fmt: skip
         loop = ControlLoop(
@@ -197,7 +211,8 @@ def _guarded(deployment: Deployment, bus: ServoBus, port: str, stop: Stop, say: 
             deployment.rate,
             log=log,
             supervisor=Supervisor(charge),
-            rest=config["rest"],
+            rest=rest,
+            park=deployment.park,
             stop=stop,
             stepped=(hw["virtual"] or {}).get("time") == "stepped",
             each_cycle=each_cycle,
@@ -209,6 +224,9 @@ def _guarded(deployment: Deployment, bus: ServoBus, port: str, stop: Stop, say: 
         )
         if config["dead_man"]:
             say(f"Hold the space bar down: the run ends {PATIENCE:g} s after it is let go.")
+        button = stack.enter_context(pressed_key()) if config["estop"] == "key" else config["estop"]
+        stack.enter_context(realtime(config["realtime"]))
+        stack.enter_context(emergency_stop(button, stop, lambda: bus.torque_off(robot.ids)))
         with live_view(loop, config["live"]):
             try:
                 outcome = loop.run(deployment.duration)
@@ -216,6 +234,8 @@ def _guarded(deployment: Deployment, bus: ServoBus, port: str, stop: Stop, say: 
                 if loop.outcome is not None:
                     say(at_rest_sentence(Run(loop.outcome, log.path), config["rest"]))
                 raise
+        if loop.holder is not None:
+            say(f"The servos are held, and watched by process {loop.holder}: `kill {loop.holder}` releases them.")
     return Run(outcome, log.path)
 
 
@@ -245,7 +265,8 @@ def at_rest_sentence(done: Run, rest: str) -> str:
     """What became of the servos."""
     if lost := _not_at_rest(done):
         return f"TORQUE MAY BE ON at servo(s) {', '.join(map(str, lost))}, which cannot be reached: cut their power."
-    return f"the servos are {'released' if rest == 'release' else 'held'}."
+    held = rest == "hold" and done.outcome.rest == "hold"
+    return f"the servos are {'held' if held else 'released'}."
 
 
 def _not_at_rest(done: Run) -> list[int]:

@@ -14,6 +14,7 @@ from .bus import ServoBus
 from .clock import Metronome
 from .commands import Commands
 from .current_sign import CurrentSign
+from .log_rows import write_cycle
 from .measured_log import MeasuredLog
 from .outcome import Outcome, fault_of, to_stderr
 from .pace import Overruns, reading_time, too_slow
@@ -27,6 +28,7 @@ from .torque_watch import TorqueWatch
 APPROACH_SPEED = 1.0  # [rad/s] on the way to where a trajectory begins
 ARRIVED = 0.15  # [rad] from it that counts as there: friction and load leave a position servo short of its goal
 RETRYING = 0.5  # share of the period after which no servo is asked again
+SEATED = 0.3  # [s] that the park pose is held before the release
 SETTLING = 3.0  # [s] that the approach may take longer than planned
 NOWHERE = float("nan")
 
@@ -39,6 +41,7 @@ class ControlLoop:
         sent: goals of the latest cycle (k,) [rad].
         elapsed: since the start of the run [s].
         state: ``start``, ``running``, ``to rest``, ``at rest``, or ``NOT AT REST`` while torque may be on.
+        holder: process that watches the servos that are held; None: they are not.
         outcome: of the run once the servos are at rest, after an exception too; None before.
     """
 
@@ -58,6 +61,7 @@ class ControlLoop:
         each_cycle: Callable[[], str | None] = lambda: None,
         alarm: Callable[[str], None] = to_stderr,
         overruns: Literal["log", "stop"] = "log",
+        park: Commands | None = None,
     ) -> None:
         """Prepare; nothing moves.
 
@@ -75,6 +79,8 @@ class ControlLoop:
             each_cycle: called in every cycle, and on the way to the start; a text that it returns stops the run, such
                 as the dead-man's switch.
             alarm: says at once what a person must know.
+            park: motion along which the robot sits down before it is released, where it ends without a fault; a further
+                wish to stop, and an emergency stop at once, cut it short.
             overruns: what becomes of a rate that cannot be kept: it is said and logged, or ends the run as well.
         """
         self.bus, self.robot, self.safety, self.commands = bus, robot, safety, commands
@@ -85,10 +91,12 @@ class ControlLoop:
         self._zero_time = self._metronome.now()
         self.reading: Reading | None = None
         self.outcome: Outcome | None = None
+        self.holder: int | None = None
         self.state = "start"
         self._read_at = self._zero_time
         self.sent = np.zeros(len(robot.joints))
         self._current_sign = CurrentSign(robot)
+        self.park, self._torque_on = park, False
         self._watch = TorqueWatch(self._metronome.period)
         self._overruns, self._overruns_stop = Overruns(self._metronome.period), overruns == "stop"
 
@@ -122,6 +130,8 @@ class ControlLoop:
             fault = self._begin()
             if fault is None and self._stop.reason is None:
                 fault = self._cycles(min(duration, self.commands.duration))
+            if fault is None and self.park is not None and self._torque_on:
+                fault = self._sit(self.park)
         except SealegsError as error:
             fault = fault_of(error)
         except BaseException as error:
@@ -129,22 +139,22 @@ class ControlLoop:
             ending = "exception"
             raise
         finally:
-            if fault is not None:
+            if fault is not None and not self._stop.emergency:  # which itself takes the torque away
                 ending = "fault"
                 self._event("fault", name=fault.name, sentence=fault.sentence, servos=list(fault.servos))
             elif self._stop.reason is not None and ending == "finished":
                 ending = "stopped"
-            self.outcome = self._ended(ending, fault)
+            self.outcome = self._ended(ending, None if self._stop.emergency else fault)
         return self.outcome
 
     def _ended(self, ending: str, fault: Fault | None) -> Outcome:
         timing = self._metronome.timing()
-        seconds, failed = self._to_rest()
+        seconds, failed, rest = self._to_rest()
         cut, bus = dict(self.safety.cut), dict(self.bus.counts)
         if magnitudes := self._current_sign.magnitudes:
             self._event("current without sign", servos=magnitudes, made="signed as duty x voltage - back-EMF")
         self._event("end", ending=ending, reason=self._stop.reason, cycles=timing.cycles, overruns=timing.overruns)
-        return Outcome(ending, self._stop.reason, fault, timing, cut, bus, failed, seconds)
+        return Outcome(ending, self._stop.reason, fault, timing, cut, bus, failed, seconds, rest)
 
     # --- start -------------------------------------------------------------------------------------------------
 
@@ -157,6 +167,7 @@ class ControlLoop:
         if self._stop.reason is not None:  # asked for while the bus and the supervisor were started
             return None
         self._event("torque on", servos=ids)
+        self._torque_on = True
         self.bus.torque_on(ids)
         if (start := self.commands.start()) is None:
             return None
@@ -252,9 +263,7 @@ class ControlLoop:
             if reading is not None and now > span + 0.3 and (np.abs(reading.position - start) < ARRIVED).all():
                 return None
             if now > span + SETTLING:
-                behind = zip(self.robot.names, self.reading.position - start, strict=True) if self.reading else ()
-                off = {name: f"{error:+.2f}" for name, error in behind}
-                return Fault("start", f"the robot does not reach the start of the trajectory; it is off by {off} rad.")
+                return Fault("start", "the robot does not reach the start of the trajectory; is it blocked?")
             self._metronome.wait()
 
     # --- cycles ------------------------------------------------------------------------------------------------
@@ -308,14 +317,8 @@ class ControlLoop:
         return self._named("overruns", late) if late is not None else None
 
     def _write(self, reading: Reading, sent: float) -> None:
-        if self._log is None or (reading.state is not None and reading.state.missing):
-            return  # a row holds what was read, nothing older
-        zero = self._zero_time
-        values = {"goal": self.sent, "link_position": reading.link, **vars(reading)}
-        columns = [values[signal] for signal in self._log.signals]
-        host = (reading.before - zero, reading.after - zero, sent - zero)
-        status = reading.state.status[: len(self.robot.joints)] if reading.state is not None else ()
-        self._log.write(reading.time - zero, np.stack(columns, axis=1), reading.base_position, host, status)
+        if self._log is not None:
+            write_cycle(self._log, reading, self.sent, sent, self._zero_time)
 
     def _beat(self) -> Fault | None:
         if self._supervisor is None or self._supervisor.beat():
@@ -326,9 +329,35 @@ class ControlLoop:
         if self._log is not None:
             self._log.event(self.elapsed, kind, **details)
 
+    def _sit(self, park: Commands) -> Fault | None:
+        """Go slowly to where ``park`` begins, and along it; under the same limits as all else."""
+        heeded, self.state = self._stop.asked, "sitting down"
+        first, start = self.sent, park.start()
+        start = first if start is None else np.clip(start, self.robot.low, self.robot.high)
+        span = float(np.abs(start - first).max()) / APPROACH_SPEED
+        begun = self._metronome.wait()
+        self._event("sitting down")
+        while (now := self._metronome.now() - begun) < span + park.duration + SEATED:
+            reading = self._reading()
+            if isinstance(reading, Fault):
+                return replace(reading, sentence=f"while sitting down: {reading.sentence}")
+            if self._stop.asked > heeded or self._stop.emergency:
+                return None
+            goal = first + (start - first) * min(now / max(span, 1e-9), 1.0)
+            if now > span and reading is not None:
+                goal = park.goals(min(now - span, park.duration), reading)
+            if isinstance(admitted := self.safety.admit(goal, self.sent), Fault):
+                return admitted
+            self.sent = admitted
+            self.bus.write_goals(self.robot.ids, self.robot.to_servo(admitted))
+            if (fault := self._beat()) is not None:
+                return fault
+            self._metronome.wait()
+        return None
+
     # --- end ---------------------------------------------------------------------------------------------------
 
-    def _to_rest(self) -> tuple[float, dict[int, str]]:
+    def _to_rest(self) -> tuple[float, dict[int, str], Rest]:
         """Bring every servo to rest; what cannot be done here is left to the supervisor."""
         clock = self.bus.line.port
         started = clock.now()
@@ -336,8 +365,9 @@ class ControlLoop:
         if self._supervisor is not None:
             self._supervisor.resting()
         failed: Mapping[int, Exception]
+        rest: Rest = "release" if self._stop.emergency or not self._torque_on else self._rest
         try:
-            failed = bring_to_rest(self.bus, self.robot.ids, self._rest, self._failing)
+            failed = bring_to_rest(self.bus, self.robot.ids, rest, self._failing)
         except Exception as error:  # whatever it is, it must not hide that torque may be on
             failed = dict.fromkeys(self.robot.ids, error)
             self._failing(self.robot.ids, error)
@@ -347,7 +377,7 @@ class ControlLoop:
         self._event(
             "not at rest" if failed else "at rest",
             by="loop",
-            rest=self._rest,
+            rest=rest,
             seconds=round(seconds, 4),
             failed=reasons,
         )
@@ -355,10 +385,12 @@ class ControlLoop:
             asked = self._stop.asked
             self.alarm("The supervisor goes on trying to reach them; Ctrl-C ends the wait.")
             self._supervisor.call(lambda: self._stop.asked > asked)
+        elif self._supervisor is not None and rest == "hold":
+            self.holder = self._supervisor.leave_held()
         elif self._supervisor is not None:
             self._supervisor.dismiss()
         self.state = self.state if failed else "at rest"
-        return seconds, reasons
+        return seconds, reasons, rest
 
     def _failing(self, servos: Sequence[int], error: Exception) -> None:
         """Say at once that servos could not be brought to rest; others may still be."""

@@ -23,6 +23,7 @@ class Outcome:
         cut: goals that safety cut, by reason.
         bus: failures of the bus by name, the cured ones included.
         not_at_rest: servos that could not be brought to rest by the loop, and why.
+        rest: what was done to them: ``release`` or ``hold``.
         rest_seconds: from the end of the last cycle to the servos at rest [s].
     """
 
@@ -34,6 +35,7 @@ class Outcome:
     bus: dict[str, int]
     not_at_rest: dict[int, str] = field(default_factory=dict)
     rest_seconds: float = 0.0
+    rest: str = "release"
 
 
 def to_stderr(line: str) -> None:

@@ -21,6 +21,7 @@ if sys.platform != "win32":
 """What a port raises once its adapter is gone, depending on where it was noticed."""
 
 WRITE_TIMEOUT = 0.5  # [s] for a full output queue; pyserial counts time in which this process did not run, too
+SHARED = 0.15  # [s] that another program may have the port: a supervisor that holds servos looks at them now and then
 WAIT = 0.002  # [s] that one read waits for its bytes: how finely the reply timeout is kept
 
 
@@ -51,10 +52,16 @@ class BusPort(PortHandler):
         if self.getCFlagBaud(baudrate) < 0:
             raise PortError(f"the baud rate {baudrate} is not one of a Feetech bus; the usual one is 1000000.")
         self.baudrate = baudrate
-        try:
-            self.setupPort(baudrate)
-        except GONE as error:
-            raise _cannot_open(path, error) from None
+        end = time.monotonic() + SHARED
+        while True:
+            try:
+                self.setupPort(baudrate)
+                return
+            except GONE as error:
+                named = _cannot_open(path, error)
+            if not isinstance(named, PortBusyError) or time.monotonic() > end:
+                raise named from None
+            time.sleep(WAIT)
 
     def now(self) -> float:
         """The clock that replies are waited for by: the host's monotonic one [s]."""

@@ -133,5 +133,6 @@ class BlockReader:
             status=rows[5],
             moving=rows[6] != 0,
             raw=dict(zip(FIELDS, rows, strict=True)),
-            **more,
+            torque=more.get("torque"),
+            limit=more.get("limit"),
         )

@@ -14,16 +14,23 @@ class Stop:
     Attributes:
         reason: None while nobody wants to stop.
         asked: how often it was asked for; once more ends what the first one began, such as a wait.
+        emergency: whether torque must go off at once, however the run was to end.
     """
 
     def __init__(self) -> None:
         self.reason: str | None = None
         self.asked = 0
+        self.emergency = False
 
     def ask(self, reason: str) -> None:
         """Stop at the end of the cycle."""
         self.reason = self.reason or reason
         self.asked += 1
+
+    def press(self, reason: str) -> None:
+        """Stop now, without sitting down or holding."""
+        self.emergency = True
+        self.ask(reason)
 
     @contextlib.contextmanager
     def on_signals(self) -> Iterator[None]:

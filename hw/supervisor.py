@@ -23,11 +23,13 @@ from typing import Literal
 from .bus import Failing, ServoBus
 from .packets import BusError, PortError
 
-BEAT, RESTING, DONE = b".", b"r", b"d"
+BEAT, RESTING, DONE, HELD = b".", b"r", b"d", b"h"
+LEFT_HELD = "the loop left the servos held"
 READY = b"ready\n"
 PATIENCE = 10.0  # [s] that it goes on trying to reach port and servos
 AT_REST = 2.0  # [s] that the loop may take to bring the servos to rest itself
 PAUSE = 0.002  # [s] between two tries to get the port: the dead loop's lock goes with its last file
+LOOK = 0.5  # [s] between two looks at servos that are held
 ASKING = 0.05  # [s] between two looks whether a person still waits
 STARTING = 60.0  # [s] that the process may take to start
 
@@ -136,6 +138,19 @@ class Supervisor:
         self._say(DONE)
         self._finish(lambda: False)
 
+    def leave_held(self) -> int:
+        """Say that the servos are held and the port is closed; the process goes on watching them.
+
+        Returns:
+            Its id: ``kill <id>`` makes it release the servos.
+        """
+        self._say(HELD)
+        with contextlib.suppress(OSError):
+            self._pipe.close()
+        if self._process.stdout is not None:
+            self._process.stdout.close()
+        return self._process.pid
+
     def call(self, give_up: Callable[[], bool] = lambda: False) -> None:
         """Hand the servos over, because bringing them to rest failed; waits for the supervisor's tries.
 
@@ -177,6 +192,8 @@ def watch(charge: Charge, pipe: int) -> tuple[str, bool] | None:
         if not ready:
             return f"the loop was silent for {patience:g} s", True
         data = os.read(pipe, 4096)
+        if not data and last == HELD:
+            return LEFT_HELD, False
         if not data:
             return None if last == DONE else ("the loop ended without bringing the servos to rest", False)
         last = data[-1:]
@@ -212,6 +229,32 @@ def take_over(charge: Charge, why: str, hangs: bool) -> None:
         note(charge, "not at rest", by="supervisor", servos=lost, reason=reason, seconds=took)
 
 
+def hold_watched(charge: Charge) -> None:
+    """Look at servos that are held now and then, and release them where one reports a fault, or on SIGTERM.
+
+    Ends when their torque is off, or the port belongs to another program, or is gone.
+    """
+    asked = list[int]()
+    for number in (signal.SIGINT, signal.SIGTERM):
+        signal.signal(number, lambda number, _: asked.append(number))
+    while True:
+        why = "asked to" if asked else None
+        try:
+            with ServoBus(charge.port, charge.baudrate, charge.servo, charge.timeout) as bus:
+                state = bus.read_state(charge.ids, whole=True)
+                if state.torque is not None and not state.torque.any():
+                    return
+                why = why or next((str(fault) for fault in state.faults()), None)
+                if why is not None and not bus.torque_off(charge.ids):
+                    note(charge, "at rest", by="supervisor", rest="release", why=why)
+                    return
+        except PortError:
+            return
+        except BusError:
+            pass  # another look follows
+        time.sleep(ASKING if asked or why else LOOK)
+
+
 def note(charge: Charge, kind: str, **details: object) -> None:
     """Append an event to the run's."""
     if charge.events is None:
@@ -229,8 +272,13 @@ def main(read_line: Callable[[], bytes]) -> None:
     charge = Charge(**json.loads(read_line()))
     sys.stdout.buffer.write(READY)
     sys.stdout.buffer.flush()
-    if (end := watch(charge, sys.stdin.fileno())) is not None:
+    end = watch(charge, sys.stdin.fileno())
+    if end is None:
+        return
+    if end[0] != LEFT_HELD:
         take_over(charge, *end)
+    if charge.rest == "hold":
+        hold_watched(charge)
 
 
 if __name__ == "__main__":

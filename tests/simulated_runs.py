@@ -7,13 +7,15 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+from sealegs.envs.robot import Robot
 from sealegs.envs.robots import get_robot
 from sealegs.hw.bus import ServoBus
 from sealegs.hw.commands import Commands, Trajectory
 from sealegs.hw.loop import ControlLoop, Outcome
 from sealegs.hw.measured_log import MeasuredLog, make_sidecar
 from sealegs.hw.packets import BusError
-from sealegs.hw.robot import ServoRobot, build_robot
+from sealegs.hw.registers import load_model
+from sealegs.hw.robot import ServoRobot, build_robot, nominal_joints
 from sealegs.hw.safety import Limits, Safety
 from sealegs.hw.stop import Stop
 from sealegs.hw.supervisor import bring_to_rest
@@ -23,6 +25,7 @@ from sealegs.hw.virtual.rig import Rig, mounts
 from sealegs.hw.virtual.simulated_port import SimulatedPort
 from sealegs.hw.virtual.wire import Wire
 
+from benchmarks.bus import servo_row
 from tests.servo_runs import config
 
 SIGNALS = ("goal", "position", "velocity", "duty", "voltage", "current", "temperature")
@@ -46,6 +49,10 @@ class Guard:
 
     def resting(self) -> None:
         self.heard.append("resting")
+
+    def leave_held(self) -> int:
+        self.heard.append("held")
+        return 4711
 
     def dismiss(self) -> None:
         self.heard.append("dismiss")
@@ -88,10 +95,12 @@ class Simulation:
         hidden: str | None = None,
         **keys: Any,
     ) -> None:
-        settings = config(f"robot={robot}", *arguments, patient=False)["robot"]
-        self.robot = build_robot(settings)
+        row = robot == "row"
+        settings = config(f"robot={'bench' if row else robot}", *arguments, patient=False)["robot"]
+        model = servo_row(4) if row else get_robot(robot)
+        self.robot = row_of_servos(model) if row else build_robot(settings)
         sensors = {sensor.name: abs(sensor.per_radian) for sensor in self.robot.sensors}
-        machine = Machine(get_robot(robot), settings["actuator"], hidden, settings["params"], sensors)
+        machine = Machine(model, settings["actuator"], hidden, settings["params"], sensors)
         placed = {j.name: {"id": j.id, "zero": j.zero, "direction": j.direction} for j in self.robot.joints}
         placed |= {s.name: {"id": s.id, "zero": s.zero} for s in self.robot.sensors}
         self.rig = Rig(machine, self.robot.servo, mounts(machine.encoders, placed, self.robot.servo), held=True)
@@ -141,6 +150,12 @@ class Simulation:
     def switched_on(self) -> bool:
         """Whether any servo's torque was ever on."""
         return any(on for _, _, on in self.rig.history)
+
+
+def row_of_servos(model: Robot) -> ServoRobot:
+    """Servos side by side, each with a small pendulum."""
+    servo = load_model("sts3215")
+    return ServoRobot(model, {}, servo, nominal_joints(model, servo, {}), dict(model.chains))
 
 
 def sine(amplitude: float = 0.3, hertz: float = 0.5, offset: float = 0.0, seconds: float = 1000.0) -> Any:

@@ -3,21 +3,34 @@
 from __future__ import annotations
 
 import os
+import signal
+import threading
+import time
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pytest
 from sealegs.actuators import load_chain
+from sealegs.actuators.errors import SealegsError
 from sealegs.commands import deploy
 from sealegs.configs.script import run as run_script
 from sealegs.gap.log import read_measured
-from sealegs.hw.commands import Trajectory
+from sealegs.hw.bus import ServoBus
+from sealegs.hw.commands import Trajectory, park_motion
+from sealegs.hw.emergency import emergency_stop
 from sealegs.hw.following import ability
 from sealegs.hw.live import picture
+from sealegs.hw.loop import ControlLoop
 from sealegs.hw.measured_log import read_events
+from sealegs.hw.realtime import realtime
+from sealegs.hw.robot import build_robot
+from sealegs.hw.safety import Limits, Safety
+from sealegs.hw.stop import Stop
+from sealegs.hw.supervisor import Charge, Supervisor
+from sealegs.hw.virtual import VirtualBus
 
-from tests.servo_runs import PATIENT
+from tests.servo_runs import PATIENT, config
 from tests.simulated_runs import Simulation, sine
 
 AWAY = sine(offset=0.9)
@@ -348,3 +361,131 @@ def test_a_disk_that_takes_half_a_row_leaves_a_log_that_reads_back(
     assert simulation.torque == [False] and outcome.not_at_rest == {}
     assert simulation.log is not None
     assert len(read_measured(tmp_path / "run.csv").runs[0].time) == simulation.log.rows > 50
+
+
+# --- how it ends -------------------------------------------------------------------------------------------------
+
+
+def parked(**keys: Any) -> Simulation:
+    def made(robot: Any) -> Any:
+        return sine(0.3)(robot)
+
+    simulation = Simulation(commands=made, **keys)
+    simulation.loop.park = park_motion({"joint": -0.9}, simulation.robot)
+    return simulation
+
+
+@pytest.mark.parametrize("stopped", [False, True])
+def test_a_robot_sits_down_before_it_is_released(stopped: bool) -> None:
+    simulation = parked()
+    if stopped:
+        simulation.loop.each_cycle = lambda: "enough" if simulation.loop.elapsed > 1.0 else None
+    places: list[float] = []
+    beat = simulation.guard.beat
+
+    def noted() -> bool:
+        places.append(simulation.rig.machine.position(0))
+        return beat()
+
+    simulation.guard.beat = noted  # type: ignore[method-assign]
+    outcome = simulation.run(2.0)
+    assert outcome.ending == ("stopped" if stopped else "finished") and simulation.torque == [False]
+    assert places[-1] == pytest.approx(-0.9, abs=0.1), "it is at its park pose when torque goes off"
+    assert np.abs(np.diff(places)).max() < 0.05, "without a jump"
+
+
+def test_a_further_stop_and_a_fault_cut_the_way_down_short() -> None:
+    simulation = parked()
+    begun: list[float] = []
+
+    def beat() -> bool:
+        if simulation.loop.state == "sitting down":
+            begun.append(simulation.port.now())
+            if len(begun) == 5:
+                simulation.stop.ask("Ctrl-C")
+        return True
+
+    simulation.guard.beat = beat  # type: ignore[method-assign]
+    simulation.run(1.0)
+    assert simulation.torque == [False] and simulation.port.now() - begun[4] < 0.05
+    simulation = parked(faults=[{"kind": "overheat", "at": 2.2}])
+    outcome = simulation.run(1.0)
+    assert outcome.fault is not None and outcome.fault.name == "OverheatFault" and simulation.torque == [False]
+    assert outcome.fault.sentence.startswith("while sitting down:")
+
+
+def test_servos_that_are_held_are_left_to_the_supervisor() -> None:
+    simulation = Simulation(rest="hold")
+    outcome = simulation.run(1.0)
+    assert outcome.rest == "hold" and simulation.torque == [True] and simulation.loop.holder == 4711
+
+
+@pytest.mark.parametrize("how", ["fault", "asked"])
+def test_the_supervisor_watches_servos_that_are_held_and_releases_them(how: str, tmp_path: Path) -> None:
+    with VirtualBus(robot="bench", link=tmp_path / "servos") as virtual:
+        with ServoBus(virtual.port, timeout=0.5) as bus:
+            bus.torque_on([1])
+            bus.hold([1])
+        events = tmp_path / "run.events.jsonl"
+        charge = Charge(
+            virtual.port, 1_000_000, "sts3215", 0.5, [1], "hold", 60.0, os.getpid(), str(events)
+        )  # fmt: skip
+        holder = Supervisor(charge).leave_held()
+        time.sleep(1.0)
+        assert virtual.status()["servos"]["1"]["torque"], "nothing is wrong yet"
+        virtual.fault("overheat") if how == "fault" else os.kill(holder, signal.SIGTERM)
+        end = time.monotonic() + 30.0
+        while virtual.status()["servos"]["1"]["torque"] or not events.is_file():
+            assert time.monotonic() < end
+            time.sleep(0.02)
+        assert ("hotter" if how == "fault" else "asked to") in events.read_text()
+
+
+# --- emergency stop ----------------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("closed", [False, True])
+def test_an_emergency_stop_acts_in_the_middle_of_a_cycle(closed: bool) -> None:
+    button, pressed = os.pipe()
+    with VirtualBus(robot="bench") as virtual:
+        bus = ServoBus(virtual.port, timeout=0.5)
+        robot = build_robot(config()["robot"])
+        limits = Limits.from_config({**config()["robot"]["safety"], "following_error": 9.0})
+        stop = Stop()
+        loop = ControlLoop(
+            bus, robot, Safety(robot, limits, 2.0), sine(0.1)(robot), 0.5, stop=stop, rest="hold", overruns="log"
+        )
+        with emergency_stop(button, stop, lambda: bus.torque_off(robot.ids)):
+            thread = threading.Thread(target=loop.run, args=(1000.0,))
+            thread.start()
+            end = time.monotonic() + 60.0
+            while loop.counts[0] < 1:
+                assert thread.is_alive() and time.monotonic() < end
+                time.sleep(0.01)
+            before = time.monotonic()
+            os.close(pressed) if closed else os.write(pressed, b"!")
+            while virtual.status()["servos"]["1"]["torque"]:
+                assert time.monotonic() < before + 30.0
+            took = virtual.status()["servos"]["1"]["since_monotonic"] - before
+            thread.join(30.0)
+        busy = os.getloadavg()[0] > (os.cpu_count() or 1)
+        assert took < (1.0 if busy else 0.02), "a cycle has two seconds"
+        assert loop.outcome is not None and (loop.outcome.ending, loop.outcome.rest) == ("stopped", "release")
+        assert loop.outcome.reason == "the emergency stop was pressed" and loop.outcome.not_at_rest == {}
+    os.close(button)
+    if not closed:
+        os.close(pressed)
+
+
+def test_real_time_priority_is_given_back_or_refused_in_a_sentence() -> None:
+    before = os.sched_getscheduler(0)
+    with pytest.raises(SealegsError, match="between 1 and 99"), realtime(0):
+        pass
+    try:
+        with realtime(1):
+            assert os.sched_getscheduler(0) & ~os.SCHED_RESET_ON_FORK == os.SCHED_FIFO
+    except SealegsError as error:
+        assert "rtprio" in str(error)
+    assert os.sched_getscheduler(0) == before
+    with realtime(None):
+        assert os.sched_getscheduler(0) == before

@@ -42,7 +42,7 @@ def main(arguments: list[str]) -> None:
     deployment.report(prepared, done)
     if done.outcome.ending == "stopped":
         why = "" if done.outcome.reason == "Ctrl-C" else f", since {done.outcome.reason}"
-        rest = "released" if prepared.config["rest"] == "release" else "held"
+        rest = "held" if done.outcome.rest == "hold" else "released"
         raise Interrupted(f"Stopped{why}; the servos are {rest}.")
 
 

@@ -1,0 +1,90 @@
+"""Faults at random, several at a time: no run ends with torque on and nothing said, every log reads back."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from sealegs.gap.log import read_measured
+from sealegs.hw.commands import PolicyCommands, Reference
+from sealegs.hw.measured_log import read_events
+from sealegs.hw.policy import Policy
+from sealegs.hw.virtual.faults import KINDS
+
+from tests.servo_runs import gentle_policy
+from tests.simulated_runs import Simulation, sine
+
+SPAN = 2.5  # [s] of the machine's clock, the way to the start included
+QUICK, ALL = 9, 200
+
+
+@pytest.fixture(scope="module")
+def policy(tmp_path_factory: pytest.TempPathFactory) -> Policy:
+    return Policy(gentle_policy(tmp_path_factory.mktemp("policy") / "policy.onnx"))
+
+
+def schedule(random: np.random.Generator, servos: list[int]) -> list[dict[str, Any]]:
+    """One to three faults, some for good, some of all servos, some that spoil only a part of the replies."""
+    faults = []
+    for _ in range(random.integers(1, 4)):
+        fault: dict[str, Any] = {"kind": str(random.choice(list(KINDS))), "at": float(random.uniform(0.0, SPAN))}
+        if random.random() < 0.6:
+            fault["seconds"] = float(random.uniform(0.005, 1.0))
+        if random.random() < 0.7:
+            fault["servos"] = [int(random.choice(servos))]
+        if random.random() < 0.5:
+            fault["probability"] = float(random.uniform(0.005, 1.0))
+        if fault["kind"] == "late":
+            fault["delay"] = float(random.uniform(0.001, 0.1))
+        if fault["kind"] == "brown_out":
+            fault["value"] = float(random.uniform(1.0, 7.0))
+        if fault["kind"] == "restart":
+            fault["value"] = float(random.uniform(0.0, 1.0))
+        faults.append(fault)
+    return faults
+
+
+def run_of(seed: int, folder: Path, policy: Policy) -> Simulation:
+    random = np.random.default_rng(seed)
+    robot = ("bench", "hopper", "row")[seed % 3]
+    servos = {"bench": [1], "hopper": [1, 2, 3, 4, 5, 6], "row": [1, 2, 3, 4]}[robot]
+    commands = {
+        "bench": lambda robot: PolicyCommands(policy, robot),
+        "hopper": Reference,
+        "row": sine(0.4, 0.7),
+    }[robot]
+    simulation = Simulation(
+        robot,
+        commands=commands,
+        rate=50.0 if robot == "bench" else 100.0,
+        faults=schedule(random, servos),
+        seed=seed,
+        folder=folder,
+        limits={"range_margin": 3.0} if robot == "hopper" else {},
+    )
+    simulation.guard.patience = 0.3
+    return simulation
+
+
+@pytest.mark.parametrize(
+    "seed", [*range(QUICK), *(pytest.param(seed, marks=pytest.mark.long) for seed in range(QUICK, ALL))]
+)
+def test_no_run_ends_with_torque_on_and_nothing_said_and_every_log_reads_back(
+    seed: int, tmp_path: Path, policy: Policy
+) -> None:
+    simulation = run_of(seed, tmp_path, policy)
+    faults = [vars(fault) for fault in simulation.wire.faults]
+    outcome = simulation.run(SPAN)
+    simulation.port.sleep(0.01)
+    assert outcome.ending in ("finished", "fault"), faults
+    left_on = {joint.id for joint, on in zip(simulation.robot.joints, simulation.torque, strict=True) if on}
+    said = " ".join(line for _, line in simulation.said)
+    assert left_on <= set(outcome.not_at_rest), (faults, outcome)
+    assert not left_on or "TORQUE MAY BE ON" in said, faults
+    if left_on:
+        assert simulation.guard.heard[-1] == "call", "it was tried until patience was over"
+    assert simulation.log is not None and read_events(simulation.log.path)[-1]["event"] == "end", faults
+    if simulation.log.rows > 1:
+        assert len(read_measured(simulation.log.path).runs[0].time) == simulation.log.rows, faults
