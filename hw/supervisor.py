@@ -234,6 +234,9 @@ def hold_watched(charge: Charge) -> None:
 
     Ends when their torque is off, or the port belongs to another program, or is gone.
     """
+    nowhere = os.open(os.devnull, os.O_RDWR)
+    for descriptor in (0, 1, 2):  # whoever reads what the loop printed must not wait for this process
+        os.dup2(nowhere, descriptor)
     asked = list[int]()
     for number in (signal.SIGINT, signal.SIGTERM):
         signal.signal(number, lambda number, _: asked.append(number))
