@@ -34,13 +34,14 @@ def too_slow(seconds: float, period: float, port: str) -> str | None:
     """
     if seconds <= BUSY * period:
         return None
-    name = Path(port).resolve().name
-    timer = f"/sys/bus/usb-serial/devices/{name}/latency_timer"
-    rate = int(BUSY / seconds)
+    name, rate = Path(port).resolve().name, max(int(BUSY / seconds), 1)
+    mend = "use a faster adapter or a computer with less to do"
+    if name.startswith("ttyUSB"):
+        timer = f"/sys/bus/usb-serial/devices/{name}/latency_timer"
+        mend = f"an FTDI adapter holds bytes for 16 ms, which `echo 1 | sudo tee {timer}` mends"
     return (
         f"the adapter at {port} takes {1e3 * seconds:.1f} ms for a reading, and a cycle has {1e3 * period:.1f} ms: at "
-        f"{1.0 / period:g} Hz the loop cannot keep its rate. An FTDI adapter holds bytes for 16 ms; mend that with "
-        f"`echo 1 | sudo tee {timer}`, or give rate={max(rate, 1)}."
+        f"{1.0 / period:g} Hz that leaves too little for the rest; {mend}, or give rate={rate}."
     )
 
 
