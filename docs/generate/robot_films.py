@@ -47,11 +47,15 @@ def hopper(film: Path) -> None:
     legs = Legs("sv1270tg")
     model, data = legs.model, legs.data
     model.vis.global_.fovy = float(model.camera(CAMERA).fovy[0])
+    camera = mujoco.MjvCamera()
+    camera.azimuth, camera.elevation, camera.distance = 90.0, -11.0, 1.1
+    camera.lookat = (*data.subtree_com[0][:2], 0.25)
     with mujoco.Renderer(model, HEIGHT, WIDTH) as renderer, imageio.get_writer(film, fps=30) as writer:
         for k in range(round(SECONDS / CONTROL_STEP)):
             legs.step()
             if k % round(1.0 / 30.0 / CONTROL_STEP) == 0:
-                renderer.update_scene(data, CAMERA)
+                camera.lookat[0] += 0.15 * (data.subtree_com[0][0] - camera.lookat[0])  # follows the walk, not the hop
+                renderer.update_scene(data, camera)
                 writer.append_data(renderer.render())
 
 
