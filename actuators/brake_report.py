@@ -81,7 +81,7 @@ def report(out: Path, table: BenchTable, fit: RegressionFit, chain: Chain, label
     print(f"equation (3)  torque [N.mm] = {EQUATION_3.printed()}")
     draw(table, fit, out / "fit.png", label)
     print(f"Written: {out}/chain.yaml, table.csv, fit.json, fit.png")
-    print(f"Train with it: .venv/bin/python train.py actuator={out}/chain.yaml")
+    print(f"Train with it: sealegs train actuator={out}/chain.yaml")
 
 
 def draw(table: BenchTable, fit: RegressionFit, path: Path, label: str) -> None:

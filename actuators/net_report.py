@@ -47,7 +47,7 @@ def report(trained: TrainedNet, out: Path, armature: float, behind: tuple[Stage,
     print(f"on unseen runs ({unseen}): rms {trained.rms:.4f} N.m, {100 * trained.r2:.2f} % of the torque's variance")
     draw(trained, out / "torque.png")
     print(f"Written: {out}/chain.yaml, net.npz, training.json, torque.png")
-    print(f"Train with it: .venv/bin/python train.py actuator={out}/chain.yaml")
+    print(f"Train with it: sealegs train actuator={out}/chain.yaml")
 
 
 def draw(trained: TrainedNet, path: Path) -> None:

@@ -33,7 +33,7 @@ class Policy:
         if not self.path.is_file():
             beside = ""
             if (self.path.parent / "model.zip").is_file():
-                beside = f"; make it with: .venv/bin/python -m sealegs.agents.export {self.path.parent}"
+                beside = f"; make it with: sealegs export {self.path.parent}"
             elif (final := self.path.parent / "final").is_dir():
                 beside = f"; a run's policies are in its folders: {final}, or best beside it"
             raise ContractError(f"there is no policy {self.path}{beside}.")
@@ -48,8 +48,7 @@ class Policy:
             raise ContractError(f"{self.path} is no ONNX file that can be read: {reason}") from None
         if KEY not in metadata:
             raise ContractError(
-                f"{self.path} has no contract, so nothing says which robot it is for; export it with "
-                "python -m sealegs.agents.export."
+                f"{self.path} has no contract, so nothing says which robot it is for; export it with sealegs export."
             )
         self.contract = Contract.from_json(metadata[KEY], str(self.path))
 

@@ -1,8 +1,8 @@
 """A virtual bus of Feetech servos, with a robot of this project behind it.
 
-    python -m sealegs.hw.virtual                                       # the bench
-    python -m sealegs.hw.virtual robot=hopper hidden=extended.yaml     # a hopper that is not what it seems
-    python -m sealegs.hw.virtual faults=faults.yaml link=/tmp/servos   # what goes wrong when; a port of a fixed name
+    sealegs virtual                                       # the bench
+    sealegs virtual robot=hopper hidden=extended.yaml     # a hopper that is not what it seems
+    sealegs virtual faults=faults.yaml link=/tmp/servos   # what goes wrong when; a port of a fixed name
 
 Prints the port that any client of such a bus can open, and runs until Ctrl-C.
 """

@@ -1,4 +1,4 @@
-"""Turn published recordings of real machines into measured logs. ``python -m sealegs.gap.log.importers --help``."""
+"""Turn published recordings of real machines into measured logs. ``sealegs import --help``."""
 
 from __future__ import annotations
 
