@@ -30,7 +30,6 @@ EFFECT = {"friction.load_dependent": "clear"}
 
 def measure(factor: float) -> dict[str, Any]:
     """Diagnose runs ``factor`` times 24 s long."""
-    from sealegs.gap.search.forward import Searcher
     from sealegs.gap.verdict.diagnosis import diagnose
 
     from testbed import hidden_bench
@@ -49,7 +48,7 @@ def measure(factor: float) -> dict[str, Any]:
         "samples": sum(len(run.time) for run in data.runs),
         "seconds": time.perf_counter() - began,
         "processor_seconds": time.process_time() - cpu,
-        "causes_considered": len(Searcher(found.problem).causes),
+        "causes_considered": len(found.search.causes) if found.search else 0,
         "rounds": len(found.search.rounds) if found.search else 0,
         "verdict": found.verdict,
         "causes": [cause.name for cause in found.causes],

@@ -12,8 +12,8 @@ def compile_laws() -> None:
     from sealegs.actuators.chain import load_chain
     from sealegs.gap.log.parts import cut
     from sealegs.gap.replay.driven import driven_problem
+    from sealegs.gap.replay.free import free_problem
     from sealegs.gap.replay.joint_model import JointModel
-    from sealegs.gap.replay.problem import lay_out
 
     from testbed import hidden_bench, hidden_hopper
 
@@ -24,7 +24,7 @@ def compile_laws() -> None:
     engine.close()
     bench, _ = hidden_bench({}, runs=1, duration=1.0)
     models = [JointModel(load_chain(run.actuators["servo"])) for run in bench.runs]
-    lay_out(bench.runs, "servo", models, cut(bench.runs, "servo"), {"position": 1.0}).simulate([{}])
+    free_problem(bench.runs, "servo", models, cut(bench.runs, "servo"), {"position": 1.0}).simulate([{}])
     hopper, _ = hidden_hopper({}, runs=1, duration=1.0)
     models = [JointModel(load_chain(run.actuators["hip"])) for run in hopper.runs]
     driven_problem(hopper.runs, "hip", models, cut(hopper.runs, "hip"), 1.0).simulate([{}])

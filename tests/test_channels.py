@@ -9,8 +9,9 @@ import pytest
 from sealegs.actuators.chain import load_chain
 from sealegs.gap.causes.catalogue import adjustable
 from sealegs.gap.log.parts import cut
+from sealegs.gap.replay.free import FreeProblem, free_problem
 from sealegs.gap.replay.joint_model import JointModel
-from sealegs.gap.replay.problem import Problem, converged, lay_out
+from sealegs.gap.replay.steps import converged
 from sealegs.gap.search.channels import weigh_channels
 from sealegs.gap.search.correlated import excess
 from sealegs.gap.search.fit import fit
@@ -23,11 +24,11 @@ SEED = 402
 POSITION = {"position": 1.0 / NOISE_FLOOR}
 
 
-def recorded(weight: dict[str, float]) -> tuple[Problem, dict[str, float]]:
+def recorded(weight: dict[str, float]) -> tuple[FreeProblem, dict[str, float]]:
     """A null, and the numbers of its machine as factors on what the sidecar believes."""
     data, truth = hidden_bench({}, SEED, ("light", "medium", "heavy"))
     models = [JointModel(load_chain(run.actuators["servo"])) for run in data.runs]
-    return lay_out(data.runs, "servo", models, cut(data.runs, "servo"), weight), truth["nominal_factors"]
+    return free_problem(data.runs, "servo", models, cut(data.runs, "servo"), weight), truth["nominal_factors"]
 
 
 def test_columns_that_a_drive_holds_for_a_quarter_of_a_millisecond_are_not_taken_for_a_longer_delay() -> None:

@@ -263,5 +263,7 @@ def test_xl330_loses_torque_under_load(tmp_path: Path) -> None:
     assert found.causes[0].name == "friction.load_dependent"
     assert found.gap["extended"].mae < 0.67 * found.gap["refitted"].mae
     assert found.gap["extended"].mae < 0.05  # [rad]; the published models M1 to M6 reach 34 to 71 mrad
-    joint = found.problem.models[0].with_fitted(found.values)  # type: ignore[union-attr]
-    assert max(joint.chain.value(f"friction.{form}") for form in ("load", "load_quadratic")) > 0.0
+    assert found.problem is not None
+    chain = found.problem.chain(found.values)
+    assert chain is not None
+    assert max(chain.value(f"friction.{form}") for form in ("load", "load_quadratic")) > 0.0

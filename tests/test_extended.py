@@ -17,9 +17,9 @@ from sealegs.gap.log.parts import cut
 from sealegs.gap.log.types import JointLog, MeasuredRun, MeasuredSet
 from sealegs.gap.output.extension import OWNERS, extended_of, write_extended
 from sealegs.gap.replay.engine import bench, replay_in_engine
+from sealegs.gap.replay.free import FreeProblem, free_problem
 from sealegs.gap.replay.joint_model import JointModel
 from sealegs.gap.replay.parameters import Parameter, address
-from sealegs.gap.replay.problem import Problem, lay_out
 from sealegs.gap.verdict.verdict import JointDiagnosis
 
 from tests.smooth_bench import CHAIN, PARAMS
@@ -46,9 +46,9 @@ def found_values(variant: Sequence[Parameter]) -> dict[str, float]:
     return values
 
 
-def diagnosed(values: dict[str, float]) -> tuple[Extended, Problem]:
+def diagnosed(values: dict[str, float]) -> tuple[Extended, FreeProblem]:
     run = measured()
-    problem = lay_out([run], "servo", [NOMINAL], cut([run], "servo", None), {"position": 1e3})
+    problem = free_problem([run], "servo", [NOMINAL], cut([run], "servo", None), {"position": 1e3})
     found = JointDiagnosis(
         "servo", "explained", "", "servo.position", "rad", {}, (), 0.0, (), None, (), values=values, problem=problem
     )

@@ -7,10 +7,11 @@ from functools import cache
 import numpy as np
 import pytest
 from sealegs.actuators import load_chain
-from sealegs.gap.causes.catalogue import catalogue
+from sealegs.gap.causes.catalogue import adjustable, catalogue
 from sealegs.gap.log.parts import FIT_A, FIT_B, cut
+from sealegs.gap.replay.free import FreeProblem, free_problem
 from sealegs.gap.replay.joint_model import JointModel
-from sealegs.gap.replay.problem import Problem, converged, lay_out
+from sealegs.gap.replay.steps import converged
 from sealegs.gap.search.decide import Standing, decide
 from sealegs.gap.search.fit import merge
 from sealegs.gap.search.forward import Judged, Searcher
@@ -29,17 +30,17 @@ NEAR = {
 
 
 @cache
-def bench(*effects: str) -> Problem:
+def bench(*effects: str) -> FreeProblem:
     data, _ = hidden_bench(dict.fromkeys(effects, "clear"), 5, ("light", "medium", "heavy"), duration=8.0)
     runs = list(data.runs)
     models = [JointModel(load_chain(run.actuators[JOINT])) for run in runs]
-    return converged(lay_out(runs, JOINT, models, cut(runs, JOINT), {"position": 1.0 / NOISE_FLOOR}))
+    return converged(free_problem(runs, JOINT, models, cut(runs, JOINT), {"position": 1.0 / NOISE_FLOOR}))
 
 
-def searched(problem: Problem, *names: str) -> tuple[Searcher, list[Candidate], list[Round]]:
+def searched(problem: FreeProblem, *names: str) -> tuple[Searcher, list[Candidate], list[Round]]:
     """A search that has accepted these causes one after the other."""
     causes = {cause.name: cause for cause in catalogue(problem.models[0], names)}
-    searcher = Searcher(problem, causes=[causes[name] for name in names])
+    searcher = Searcher(problem, [causes[name] for name in names], tuple(adjustable(problem.models[0])))
     accepted: list[Candidate] = []
     rounds: list[Round] = []
     before, start = searcher.judged(searcher.fit_both(searcher.tuned, None)), {}
@@ -99,7 +100,7 @@ def test_one_found_late_takes_the_place_of_all_that_stood_in_for_it(monkeypatch:
 
 def test_causes_are_sought_with_longer_steps_of_teeth_and_switches_alone() -> None:
     problem = bench("friction.coulomb").part(FIT_A, FIT_B)
-    sought = Searcher(problem).both
+    sought = Searcher(problem, (), ()).both
     play = {"backlash.width": 0.05}
     coarse, fine = (part.simulate([play])[0] for part in (sought, problem))
     assert not np.array_equal(coarse, fine)

@@ -10,8 +10,8 @@ from sealegs.gap.load.pendulum import PendulumLoad
 from sealegs.gap.log.parts import cut
 from sealegs.gap.log.types import JointLog, MeasuredRun, MeasuredSet
 from sealegs.gap.replay.engine import bench, replay_in_engine
+from sealegs.gap.replay.free import free_problem
 from sealegs.gap.replay.joint_model import JointModel
-from sealegs.gap.replay.problem import lay_out
 from sealegs.gap.replay.simulator import replay
 from sealegs.gap.verdict.diagnosis import diagnose
 from sealegs.gap.verdict.verdict import NOTHING
@@ -137,5 +137,5 @@ def test_a_temperature_that_is_polled_slowly_lies_on_a_line_between_its_readings
     log = JointLog(np.sin(time), np.sin(time), temperature=read)
     run = MeasuredRun("warm", time, {"servo": log}, robot="bench", robot_params=PARAMS)
     units = cut([run] * 6, "servo")
-    problem = lay_out([run] * 6, "servo", [JointModel(load_chain(CHAIN))] * 6, units, {"position": 1.0})
+    problem = free_problem([run] * 6, "servo", [JointModel(load_chain(CHAIN))] * 6, units, {"position": 1.0})
     np.testing.assert_allclose(problem.temperature, np.tile(30.0 + 0.5 * time, 6), atol=1.1)

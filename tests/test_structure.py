@@ -12,8 +12,8 @@ from sealegs.actuators.chain import load_chain
 from sealegs.gap.log.parts import cut
 from sealegs.gap.log.types import JointLog, MeasuredRun
 from sealegs.gap.replay.driven import driven_problem
+from sealegs.gap.replay.free import FreeProblem, free_problem
 from sealegs.gap.replay.joint_model import JointModel
-from sealegs.gap.replay.problem import Problem, lay_out
 from sealegs.gap.search.structure import Structure, structure
 
 from testbed import NOISE_FLOOR, hidden_bench
@@ -28,11 +28,11 @@ FACTORS = {
 }
 
 
-def of_true_model(effects: dict[str, Any], seed: int) -> tuple[Problem, np.ndarray]:
+def of_true_model(effects: dict[str, Any], seed: int) -> tuple[FreeProblem, np.ndarray]:
     """The data, and what a model with the machine's true numbers, but none of its hidden effects, makes of them."""
     data, truth = hidden_bench(effects, seed, ("light", "medium", "heavy"))
     models = [JointModel(load_chain(run.actuators["servo"])) for run in data.runs]
-    problem = lay_out(data.runs, "servo", models, cut(data.runs, "servo"), {"position": 1.0 / NOISE_FLOOR})
+    problem = free_problem(data.runs, "servo", models, cut(data.runs, "servo"), {"position": 1.0 / NOISE_FLOOR})
     return problem, problem.simulate([{FACTORS[name]: value for name, value in truth["nominal_factors"].items()}])[0]
 
 

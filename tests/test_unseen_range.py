@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 from sealegs.actuators import load_chain
 from sealegs.gap.log.parts import TEST, cut
+from sealegs.gap.replay.free import FreeProblem, free_problem
 from sealegs.gap.replay.joint_model import JointModel
-from sealegs.gap.replay.problem import Problem, lay_out
 from sealegs.gap.verdict.unseen_range import unseen_range
 
 from benchmarks.hidden import LOADS
@@ -17,10 +17,10 @@ STOP = 0.985  # [rad] either side; with this seed the lower one is met in the te
 SEED = 30050
 
 
-def recorded(effects: dict[str, float]) -> Problem:
+def recorded(effects: dict[str, float]) -> FreeProblem:
     data, _ = hidden_bench(dict(effects), SEED, LOADS, nominal_error=0.0)
     models = [JointModel(load_chain(run.actuators["servo"])) for run in data.runs]
-    return lay_out(data.runs, "servo", models, cut(data.runs, "servo"), {"position": 1.0 / 6e-4})
+    return free_problem(data.runs, "servo", models, cut(data.runs, "servo"), {"position": 1.0 / 6e-4})
 
 
 def test_a_stop_that_only_the_test_part_meets_is_pointed_out() -> None:
@@ -32,7 +32,7 @@ def test_a_stop_that_only_the_test_part_meets_is_pointed_out() -> None:
     assert "record that motion" in found.sentence
 
 
-def reaching(problem: Problem, simulated: np.ndarray, *, test: bool) -> None:
+def reaching(problem: FreeProblem, simulated: np.ndarray, *, test: bool) -> None:
     """Let one piece go to 1.5 rad for a moment, measured and simulated."""
     piece = next(k for k, unit in enumerate(problem.units) if (unit.part == TEST) is test)
     middle = (problem.starts[piece] + problem.starts[piece + 1]) // 2

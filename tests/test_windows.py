@@ -8,8 +8,8 @@ import numpy as np
 import pytest
 from sealegs.actuators import load_chain
 from sealegs.gap.log.parts import LEAST_START, cut
+from sealegs.gap.replay.free import FreeProblem, free_problem
 from sealegs.gap.replay.joint_model import JointModel
-from sealegs.gap.replay.problem import Problem, lay_out
 from sealegs.gap.search.forward import Searcher
 from sealegs.gap.search.windows import SHORTEST, WINDOW, in_windows, split
 from sealegs.gap.verdict.diagnosis import diagnose
@@ -20,10 +20,10 @@ from testbed import hidden_bench
 CHAIN = load_chain("sts3215")
 
 
-def problem(chain: object = CHAIN) -> Problem:
+def problem(chain: object = CHAIN) -> FreeProblem:
     data, _ = hidden_bench({}, 5, runs=1, duration=6.3)
     units = cut(data.runs, "servo")
-    return lay_out(data.runs, "servo", [JointModel(chain)], units, {"position": 1.0 / 6e-4})  # type: ignore[arg-type]
+    return free_problem(data.runs, "servo", [JointModel(chain)], units, {"position": 1.0 / 6e-4})  # type: ignore[arg-type]
 
 
 def test_windows_hold_every_sample_once_and_start_where_the_joint_was() -> None:
@@ -61,7 +61,7 @@ def test_a_joint_with_a_state_that_nobody_measured_keeps_its_whole_runs(monkeypa
 def test_an_effect_found_in_windows_is_judged_on_whole_runs(monkeypatch: pytest.MonkeyPatch) -> None:
     searched: list[int] = []
 
-    def searcher(problem: Problem, *rest: Any, **more: Any) -> Searcher:
+    def searcher(problem: FreeProblem, *rest: Any, **more: Any) -> Searcher:
         searched.append(len(problem.units))
         return Searcher(problem, *rest, **more)
 

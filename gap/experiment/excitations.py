@@ -133,9 +133,9 @@ def abilities(nominal: JointModel) -> tuple[float, float]:
     motor, supply = chain.find("dc_motor"), chain.find("supply")
     if motor is None or supply is None:
         return math.inf, math.inf
-    constant = chain.gear_ratio() * motor.motor_constant  # type: ignore[attr-defined]
-    volts = supply.volts  # type: ignore[attr-defined]
-    return constant * volts / motor.resistance, volts / constant  # type: ignore[attr-defined]
+    constant = chain.gear_ratio() * motor.motor_constant
+    volts = supply.volts
+    return constant * volts / motor.resistance, volts / constant
 
 
 def slewed(goal: np.ndarray, speed: float) -> np.ndarray:

@@ -9,8 +9,8 @@ import numpy as np
 from ..causes.catalogue import adjustable, catalogue
 from ..log.parts import FIT_A, FIT_B, Unit
 from ..log.types import MeasuredRun
+from ..replay.free import FreeProblem, free_problem
 from ..replay.joint_model import JointModel
-from ..replay.problem import Problem, lay_out
 from ..search.fit import Fit
 from ..search.result import Search
 from .excitations import Limits
@@ -20,7 +20,7 @@ BLIND = 0.25  # share of the catalogue that a log may be unable to show for "not
 ASSUMED_NOISE = 5e-4  # [rad] of an encoder whose log never moves: a tick of 4096 a turn, and as much noise
 
 
-def unseen(problem: Problem, search: Search) -> tuple[str, ...]:
+def unseen(problem: FreeProblem, search: Search) -> tuple[str, ...]:
     """Causes of the catalogue which, at a plausible size, the log would hardly show beside what may be tuned."""
     none, *causes = everything(problem, search)
     old = thinned(problem.part(FIT_A, FIT_B))
@@ -33,7 +33,7 @@ def unseen(problem: Problem, search: Search) -> tuple[str, ...]:
     return tuple(hidden)
 
 
-def blind_spots(problem: Problem, search: Search) -> tuple[str, ...]:
+def blind_spots(problem: FreeProblem, search: Search) -> tuple[str, ...]:
     """Causes that a log could not show, where they are so many that finding nothing in it means nothing."""
     hidden = unseen(problem, search)
     return hidden if len(hidden) > BLIND * (len(everything(problem, search)) - 1) else ()
@@ -49,7 +49,7 @@ def experiment_for_still(
 ) -> Experiment | None:
     """The measurement to begin with where a joint was never moved: it tells all causes apart, or those named."""
     units = [Unit(0, FIT_A, 0, len(runs[0].time), 1, (float(runs[0].joints[joint].position[0]), 0.0))]
-    problem = lay_out(runs[:1], joint, models[:1], units, {"position": 1.0 / ASSUMED_NOISE})
+    problem = free_problem(runs[:1], joint, models[:1], units, {"position": 1.0 / ASSUMED_NOISE})
     start = Fit({}, np.empty((0, 4)), 0.0)
     considered = tuple(catalogue(models[0], causes))
     search = Search(tuple(adjustable(models[0])), (), (), np.ones(1), (start, start), considered)

@@ -17,9 +17,9 @@ import numpy as np
 
 from ..log.parts import FIT_A, FIT_B, Unit
 from ..log.types import JointLog, MeasuredRun
+from ..replay.free import FreeProblem, free_problem
 from ..replay.joint_model import JointModel
 from ..replay.parameters import Parameter, numbers
-from ..replay.problem import Problem, lay_out
 from ..replay.simulator import CHANNELS
 from ..search.bounded import bounded_step
 from ..search.fit import merge, middle
@@ -109,7 +109,7 @@ class Prediction:
 
 
 def propose(
-    problem: Problem, search: Search, limits: Limits | None = None, seed: int = 0, blind: bool = False
+    problem: FreeProblem, search: Search, limits: Limits | None = None, seed: int = 0, blind: bool = False
 ) -> Experiment | None:
     """The measurement that best tells the rivals of a search apart.
 
@@ -123,8 +123,6 @@ def propose(
     Returns:
         None where the search left nothing open, or where the servo can hold no load within the limits.
     """
-    if any(not params for params in problem.params):
-        return None  # a driven link has no load to choose and no motion of its own
     hypotheses = everything(problem, search) if blind else _rivals(search)
     if len(hypotheses) < 2:
         return None
@@ -198,7 +196,7 @@ def _rivals(search: Search) -> list[Hypothesis]:
     return []
 
 
-def everything(problem: Problem, search: Search) -> list[Hypothesis]:
+def everything(problem: FreeProblem, search: Search) -> list[Hypothesis]:
     """Every cause of the catalogue at a plausible size on top of what was found, and none of them."""
     nominal = problem.models[0]
     last = search.accepted[-1].fits if search.accepted else search.base
@@ -240,7 +238,7 @@ def _other_loads(nominal: JointModel, load: Mapping[str, float]) -> list[dict[st
     return found
 
 
-def measurement(problem: Problem, load: Mapping[str, float], goal: np.ndarray) -> Problem:
+def measurement(problem: FreeProblem, load: Mapping[str, float], goal: np.ndarray) -> FreeProblem:
     """A measurement yet to be made, laid out as the log is; its measured signals are zero."""
     time = np.arange(len(goal)) / RATE
     nothing = np.zeros(len(goal))
@@ -250,12 +248,12 @@ def measurement(problem: Problem, load: Mapping[str, float], goal: np.ndarray) -
     run = MeasuredRun("next", time, {"joint": log}, robot_params=dict(load))
     unit = Unit(0, FIT_A, 0, len(goal), 1, (float(goal[0]), 0.0))
     weight: dict[str, float] = dict(zip(map(str, CHANNELS), problem.weight, strict=True))
-    laid = lay_out([run], "joint", problem.models[:1], [unit], weight)
+    laid = free_problem([run], "joint", problem.models[:1], [unit], weight)
     return dataclasses.replace(laid, step=problem.step)
 
 
 def kept_within(
-    problem: Problem, load: Mapping[str, float], goal: np.ndarray, hypotheses: Sequence[Hypothesis], limits: Limits
+    problem: FreeProblem, load: Mapping[str, float], goal: np.ndarray, hypotheses: Sequence[Hypothesis], limits: Limits
 ) -> np.ndarray:
     """The goals (n,), smaller where a hypothesis predicts that the joint shoots beyond its limits.
 
@@ -275,7 +273,7 @@ def kept_within(
     return goal
 
 
-def thinned(problem: Problem) -> Problem:
+def thinned(problem: FreeProblem) -> FreeProblem:
     """Few enough units of a long log, spread over it."""
     sizes = np.diff(problem.starts)
     every = max(int(np.ceil(sizes.sum() / MOST_SAMPLES)), 1)
@@ -286,7 +284,7 @@ def thinned(problem: Problem) -> Problem:
     return dataclasses.replace(problem, units=marked).part(FIT_A)
 
 
-def predict(problem: Problem, hypothesis: Hypothesis) -> Prediction:
+def predict(problem: FreeProblem, hypothesis: Hypothesis) -> Prediction:
     parameters = hypothesis.parameters
     u = np.array([p.to_fit(min(max(hypothesis.values.get(p.path, p.start), p.low), p.high)) for p in parameters])
     low = np.array([p.to_fit(p.low) if p.low > 0.0 or not p.logarithmic else -1e3 for p in parameters])

@@ -126,7 +126,7 @@ def search_ground(
     progress(f"replaying {len(stances)} stances")
     tuned = tuple(ground_numbers(leg))
     problem = problem.weighed(_pilot(problem, leg, tuned))
-    search = Searcher(problem, progress, seed, contact_causes(leg, causes), tuned).run()
+    search = Searcher(problem, contact_causes(leg, causes), tuned, progress, seed).run()
     return GroundSearch(problem, search, tuned, noise)
 
 

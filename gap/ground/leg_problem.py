@@ -9,14 +9,15 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
-from typing import Any, ClassVar, Literal
+from typing import Literal, Self
 
 import numpy as np
 
 from ..log.parts import ENOUGH_RUNS, TEST, Unit, held_out
 from ..log.types import MeasuredRun
-from ..replay.problem import FLAT, Problem
+from ..replay.problem import CALIBRATION
 from ..replay.robust import robust_loss
+from ..replay.selection import select
 from .leg_model import LegModel
 from .leg_replay import STEP, LegReplay
 from .stances import COLUMNS, Stance, columns
@@ -30,25 +31,61 @@ replays of an independent leg on rigid ground. Errors this small say nothing abo
 
 
 @dataclass(frozen=True, eq=False)
-class LegProblem(Problem):
+class LegProblem:
     """Stances as units; the judged columns as channels, the height of the hip first.
 
+    It is a :class:`sealegs.gap.replay.problem.Problem`.
+
     Attributes:
+        units: stances.
+        time: of the samples of all stances since the start of their run, one behind the other (n,) [s].
+        starts: first sample of each stance and the end of the last (u + 1,).
+        measured: judged columns (n, 4), NaN where not logged.
+        weight: one over the noise of each column (4,), 0 where it was not logged.
+        judged: samples that count (n,).
+        models: the leg as believed, the same for all runs.
         replayer: the engine, with all stances in it.
         rows: number of each unit's stance in the replayer.
         whitening: per unit, matrix that turns its errors, in parts of the noise, into independent ones (m, m).
         correction: per unit, matrix that takes from them what is the start state's (m, m).
     """
 
-    replayer: LegReplay | None = None
-    rows: tuple[int, ...] = ()
-    whitening: tuple[np.ndarray, ...] = ()
-    correction: tuple[np.ndarray, ...] = ()
+    units: tuple[Unit, ...]
+    time: np.ndarray
+    starts: np.ndarray
+    measured: np.ndarray
+    weight: np.ndarray
+    judged: np.ndarray
+    models: tuple[LegModel, ...]
+    replayer: LegReplay
+    rows: tuple[int, ...]
+    whitening: tuple[np.ndarray, ...]
+    correction: tuple[np.ndarray, ...]
 
-    kind: ClassVar[Literal["free", "driven", "ground"]] = "ground"
-    sampled: ClassVar[tuple[int, ...]] = (0, 1, 2, 3)
-    averaged: ClassVar[tuple[int, ...]] = ()
-    flat: ClassVar[tuple[str, ...]] = FLAT
+    @property
+    def kind(self) -> Literal["ground"]:
+        """How it is replayed."""
+        return "ground"
+
+    @property
+    def sampled(self) -> tuple[int, ...]:
+        """All columns are compared sample by sample."""
+        return tuple(range(len(COLUMNS)))
+
+    @property
+    def groups(self) -> int:
+        """None are averaged."""
+        return 0
+
+    @property
+    def step(self) -> float:
+        """Step of the engine [s]."""
+        return STEP
+
+    @property
+    def warming(self) -> float:
+        """None: contact depends on no temperature [K]."""
+        return 0.0
 
     @property
     def channels(self) -> tuple[str, ...]:
@@ -59,6 +96,16 @@ class LegProblem(Problem):
     def signal(self) -> tuple[str, str]:
         """The column that the gap is told in, and its unit."""
         return COLUMNS[0], "m"
+
+    @property
+    def noise(self) -> float:
+        """Noise floor of the hip's height [m]."""
+        return 1.0 / float(self.weight[0])
+
+    def covariates(self, simulated: np.ndarray) -> dict[str, np.ndarray]:
+        """None: errors are independent here, so that their structure needs no learner."""
+        del simulated
+        return {}
 
     def left_over(self, simulated: np.ndarray) -> float | None:
         """Mean squared error beyond the noise, in parts of it; errors are independent here, so it needs no learner."""
@@ -74,34 +121,46 @@ class LegProblem(Problem):
 
     def doubt(self, path: str) -> float:
         """Two right models of contact agree on the slope, and only roughly on what the ground does with a force."""
-        return super().doubt(path) if path == "contact.slope" else CONTACT_DOUBT
+        return CALIBRATION if path == "contact.slope" else CONTACT_DOUBT
 
-    def part(self, *parts: int) -> LegProblem:
+    def part(self, *parts: int) -> Self:
         """The problem that has only the stances of these parts."""
-        chosen = [k for k, unit in enumerate(self.units) if unit.part in parts]
-        mine = {key: tuple(getattr(self, key)[k] for k in chosen) for key in ("rows", "whitening", "correction")}
-        return replace(super().part(*parts), **mine)  # type: ignore[return-value, arg-type]
+        kept = select(self.units, self.starts, parts)
+        return replace(
+            self,
+            units=kept.units,
+            starts=kept.starts,
+            time=self.time[kept.rows],
+            measured=self.measured[kept.rows],
+            judged=self.judged[kept.rows],
+            rows=tuple(self.rows[k] for k in kept.numbers),
+            whitening=tuple(self.whitening[k] for k in kept.numbers),
+            correction=tuple(self.correction[k] for k in kept.numbers),
+        )
+
+    def coarsened(self, factor: float) -> Self:
+        """The problem itself: the engine's step is the same whatever plays or switches."""
+        del factor
+        return self
 
     def weighed(self, values: Mapping[str, float]) -> LegProblem:
         """The problem with the uncertainty of the start states carried through another ground.
 
         Where the ground is far from what was believed, so is what an error of the start makes of a stance.
         """
-        assert self.replayer is not None
-        leg: LegModel = self.models[0].with_fitted(values)  # type: ignore[assignment]
+        leg = self.models[0].with_fitted(values)
         whitening, correction = _weigh(self.replayer, leg, self.rows, self.weight, self.judged, self.starts)
         return replace(self, whitening=whitening, correction=correction)
 
     def simulate(self, variants: Sequence[Mapping[str, float]], step: float | None = None) -> np.ndarray:
         """Replay every stance on the ground of every variant: judged columns (v, n, 4)."""
-        assert self.replayer is not None
-        leg: LegModel = self.models[0]  # type: ignore[assignment]
-        legs = [leg.with_fitted(values) for values in variants]
-        paths = self.replayer.simulate(legs, self.rows)
-        return np.concatenate(paths, axis=1)
+        del step
+        legs = [self.models[0].with_fitted(values) for values in variants]
+        return np.concatenate(self.replayer.simulate(legs, self.rows), axis=1)
 
     def residual(self, simulated: np.ndarray, every: int = 1) -> np.ndarray:
         """Independent errors (v, m) of simulated columns (v, n, 4), in parts of the noise, of all judged samples."""
+        del every  # whitening mixes the samples of a stance
         return np.concatenate(
             [
                 np.clip(errors.reshape(len(simulated), -1) @ matrix.T, -1e6, 1e6)
@@ -120,6 +179,10 @@ class LegProblem(Problem):
         """Block of each entry of :meth:`residual`: its stance; and entries per block."""
         counts = np.array([len(matrix) for matrix in self.whitening])
         return np.repeat(np.arange(len(counts)), counts), counts
+
+    def block_errors(self, simulated: np.ndarray) -> np.ndarray:
+        """Sum of the losses of independent errors per stance (u,), of one variant (n, 4)."""
+        return np.bincount(self.blocks()[0], robust_loss(self.residual(simulated[None])[0]))
 
     def position_error(self, simulated: np.ndarray) -> np.ndarray:
         """Errors of the hip's height [m] of one variant (n, 4), less what the start state's uncertainty explains."""
@@ -159,8 +222,7 @@ def leg_problem(
     """
     parts = _dealt(stances, held_out(runs, test_group))
     replayer = LegReplay(leg, runs, stances, STEP)
-    units, columns_, blocks, starts = [], [], [], [0]
-    table: dict[str, list[np.ndarray]] = {"time": [], "goal": []}
+    units, times, measured, starts = [], [], [], [0]
     for k, stance in enumerate(stances):
         run, part = runs[stance.run], slice(stance.start, stance.stop)
         time = run.time[part]
@@ -169,25 +231,27 @@ def leg_problem(
             Unit(stance.run, parts[k], stance.start, stance.stop, first,
                  (float(stance.state[0]), float(stance.state[4])))
         )  # fmt: skip
-        table["time"].append(time - run.time[0])
-        goal = run.joints["knee"].goal
-        table["goal"].append(run.joints["knee"].position[part] if goal is None else goal[part])
-        columns_.append(columns(run)[part])
-        blocks.append(np.full(len(time), k))
+        times.append(time - run.time[0])
+        measured.append(columns(run)[part])
         starts.append(starts[-1] + len(time))
     total = np.hypot(noise, MODEL)
     weight = np.where(np.isfinite(total), 1.0 / np.where(np.isfinite(total), total, 1.0), 0.0)
     judged = np.concatenate([np.arange(unit.stop - unit.start) >= unit.judged for unit in units])
-    flat: dict[str, Any] = {key: np.concatenate(value) for key, value in table.items()}
-    n = starts[-1]
-    whitening, correction = _weigh(replayer, leg, range(len(stances)), weight, judged, np.array(starts))
+    rows, bounds = tuple(range(len(stances))), np.array(starts)
+    whitening, correction = _weigh(replayer, leg, rows, weight, judged, bounds)
     return LegProblem(
-        units=tuple(units), params=({},) * len(runs), on=np.ones(n, bool), temperature=np.full(n, 25.0),
-        starts=np.array(starts), states=np.array([unit.state for unit in units]), measured=np.concatenate(columns_),
-        weight=weight, judged=judged, block=np.concatenate(blocks), group=np.full(n, -1),
-        trust=np.ones((n, len(COLUMNS))), models=(leg,), step=STEP, replayer=replayer,  # type: ignore[arg-type]
-        rows=tuple(range(len(stances))), whitening=whitening, correction=correction, **flat,
-    )  # fmt: skip
+        units=tuple(units),
+        time=np.concatenate(times),
+        starts=bounds,
+        measured=np.concatenate(measured),
+        weight=weight,
+        judged=judged,
+        models=(leg,),
+        replayer=replayer,
+        rows=rows,
+        whitening=whitening,
+        correction=correction,
+    )
 
 
 def _dealt(stances: Sequence[Stance], held: frozenset[int]) -> list[int]:

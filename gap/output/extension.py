@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -15,6 +15,7 @@ from ...envs.extended import FILE, Change, Extended, Mounted, Owner
 from ..log.types import MeasuredRun, MeasuredSet
 from ..replay.joint_model import JointModel
 from ..replay.parameters import Target, address
+from ..replay.problem import JointProblem
 from ..verdict.verdict import JointDiagnosis
 from .mjcf import native_mjcf, not_native
 
@@ -63,7 +64,7 @@ def extended_of(diagnoses: Sequence[JointDiagnosis], data: MeasuredSet) -> Exten
         for row in changes(diagnosis):
             cause = "" if row["why"] == TUNED else row["why"]
             found.append(Change(diagnosis.joint, row["path"], row["from"], row["to"], cause, _owner(row["path"])))
-        if diagnosis.problem is not None:
+        if diagnosis.problem is not None and diagnosis.problem.kind != "ground":
             believed += [dict(params) for params in diagnosis.problem.params if params]
     believed = believed or [dict(run.robot_params) for run in data.runs]
     shared = believed[0] if all(params == believed[0] for params in believed) else None
@@ -79,9 +80,9 @@ def _chains(diagnosis: JointDiagnosis, runs: Sequence[MeasuredRun], prefix: str)
     if diagnosis.problem is None:
         source = runs[0].actuators.get(diagnosis.joint)
         return () if source is None else (Mounted(load_chain(source), ""),)
-    if diagnosis.joint not in runs[0].joints:  # what the machine stands on
+    if diagnosis.problem.kind == "ground":
         return ()
-    joints = _variants(diagnosis)
+    joints = _variants(diagnosis.problem, diagnosis.values)
     warm = _temperature(diagnosis, runs)
     return tuple(
         Mounted(_rounded(_warm(joint.chain, warm)), f"{prefix}extended{_suffix(k)}.yaml")
@@ -89,12 +90,11 @@ def _chains(diagnosis: JointDiagnosis, runs: Sequence[MeasuredRun], prefix: str)
     )
 
 
-def _variants(diagnosis: JointDiagnosis) -> list[tuple[JointModel, dict[str, float]]]:
+def _variants(problem: JointProblem, values: Mapping[str, float]) -> list[tuple[JointModel, dict[str, float]]]:
     """The extended joint for each nominal chain of the runs, with numbers of the bench."""
-    assert diagnosis.problem is not None
     found: dict[str, tuple[JointModel, dict[str, float]]] = {}
-    for nominal, params in zip(diagnosis.problem.models, diagnosis.problem.params, strict=True):
-        found.setdefault(nominal.chain.to_yaml(), (nominal.with_fitted(diagnosis.values), dict(params)))
+    for nominal, params in zip(problem.models, problem.params, strict=True):
+        found.setdefault(nominal.chain.to_yaml(), (nominal.with_fitted(values), dict(params)))
     return list(found.values())
 
 
@@ -141,11 +141,16 @@ def _plain(value: Any) -> Any:
 
 
 def write_extension(
-    diagnosis: JointDiagnosis, runs: Sequence[MeasuredRun], folder: Path, prefix: str = ""
+    diagnosis: JointDiagnosis, problem: JointProblem, runs: Sequence[MeasuredRun], folder: Path, prefix: str = ""
 ) -> dict[str, Path]:
     """Write ``extended.yaml`` (the chain) and ``extended.xml`` (the bench with what of it plain MuJoCo simulates).
 
     Runs that differ in their nominal chain get a chain file each.
+
+    Args:
+        diagnosis, problem: of the joint.
+        runs: that were diagnosed.
+        folder, prefix: where the files go, and what their names start with.
 
     Returns:
         Paths by ``chain`` and ``mjcf`` (of the first chain), and ``chain.<n>`` for further ones.
@@ -161,7 +166,7 @@ def write_extension(
         path = folder / item.file
         path.write_text("\n".join(lines) + "\n" + item.chain.to_yaml(), encoding="utf-8")
         written[f"chain{_suffix(k).replace('-', '.')}"] = path
-    joint, params = _variants(diagnosis)[0]
+    joint, params = _variants(problem, diagnosis.values)[0]
     if params:  # without a load, there is no bench to write
         mjcf = folder / f"{prefix}extended.xml"
         missing = ", ".join(not_native(joint.chain)) or "nothing"

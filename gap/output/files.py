@@ -16,8 +16,9 @@ from ..ground.files import write_leg
 from ..log.parts import TEST
 from ..log.types import LogError, MeasuredSet
 from ..replay.engine import STEP, bench, replay_in_engine
-from ..replay.problem import largest_step
+from ..replay.free import FreeProblem
 from ..replay.simulator import joint_state
+from ..replay.steps import largest_step
 from ..verdict.verdict import JointDiagnosis
 from .document import FILE, to_document, whole, write_document
 from .extension import changes, extended_of, not_native, write_extended, write_extension
@@ -67,18 +68,19 @@ def write_diagnosis(
             document = to_document(diagnosis)
             if diagnosis.problem is not None:
                 progress("confirming in the engine")
-                chain = diagnosis.problem.chain(diagnosis.values)
-                if chain is None:  # what the machine stands on
-                    files = write_leg(diagnosis.problem, diagnosis.values, staged, prefix)
+                problem, values = diagnosis.problem, diagnosis.values
+                chain = problem.chain(values)
+                if problem.kind == "ground":
+                    files = write_leg(problem, values, staged, prefix)
                 else:
-                    files = write_extension(diagnosis, data.runs, staged, prefix)
+                    files = write_extension(diagnosis, problem, data.runs, staged, prefix)
                 written |= {f"{owner}{key}": path for key, path in files.items()}
                 changed = changes(diagnosis)
                 document["extension"] = {
                     "files": {key: path.name for key, path in files.items()},
                     "changes": changed,
                     "not_native": [] if chain is None else not_native(chain),
-                    "engine": confirm(diagnosis) if all(diagnosis.problem.params) else {},
+                    "engine": confirm(diagnosis, problem) if problem.kind == "free" else {},
                 }
                 differences += changed
             if diagnosis.experiment is not None:
@@ -134,14 +136,12 @@ def _publish(staged: Path, folder: Path) -> None:
     staged.rmdir()
 
 
-def confirm(diagnosis: JointDiagnosis) -> dict[str, float]:
+def confirm(diagnosis: JointDiagnosis, problem: FreeProblem) -> dict[str, float]:
     """The extended model in the engine, on the longest piece of the test part.
 
     Returns:
         ``rmse`` of the engine, ``search_rmse`` of the search's simulator, and their ``distance`` [rad].
     """
-    problem = diagnosis.problem
-    assert problem is not None
     at = [k for k, unit in enumerate(problem.units) if unit.part == TEST] or [0]
     k = max(at, key=lambda k: problem.starts[k + 1] - problem.starts[k])
     rows = slice(problem.starts[k], problem.starts[k + 1])

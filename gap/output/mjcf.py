@@ -98,7 +98,8 @@ def native_mjcf(joint: JointModel, params: Mapping[str, float]) -> str:
     (law,) = list(actuators)
     actuators.remove(law)
     if drives_natively(joint.chain):
-        timestep = float(root.find("option").get("timestep", "0.002"))  # type: ignore[union-attr]
+        option = root.find("option")
+        timestep = float("0.002" if option is None else option.get("timestep", "0.002"))
         actuators.append(_actuator(joint.chain, law, timestep))
     else:
         root.remove(actuators)

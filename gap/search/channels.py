@@ -13,6 +13,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import replace
+from typing import TypeVar
 
 import numpy as np
 
@@ -20,7 +21,7 @@ from ..causes.catalogue import adjustable
 from ..checks.signal import typical_noise
 from ..log.parts import FIT_A, FIT_B
 from ..replay.parameters import address, numbers
-from ..replay.problem import Problem
+from ..replay.problem import JointProblem
 from .fit import fit
 
 AGREES = 0.8  # least correlation of a channel with what the tuned model predicts
@@ -30,8 +31,10 @@ LAG = 2.5e-4  # [s] by which a column may be later than the time stamp of its ro
 DELAY = "delay.seconds"
 DOUBT = 0.02  # calibration error of a column, as a share of its rms
 
+Joint = TypeVar("Joint", bound=JointProblem)
 
-def weigh_channels(problem: Problem) -> Problem:
+
+def weigh_channels(problem: Joint) -> Joint:
     """The problem with a weight for each further channel that the model understands; others stay without.
 
     Only the parts to fit on are looked at.
@@ -65,7 +68,7 @@ def weigh_channels(problem: Problem) -> Problem:
     return replace(problem, weight=weight, trust=trust)
 
 
-def _late_or_early(problem: Problem, values: Mapping[str, float]) -> np.ndarray:
+def _late_or_early(problem: JointProblem, values: Mapping[str, float]) -> np.ndarray:
     """How much the channels (n, 4) would differ at each sample if commands took effect a little sooner or later.
 
     A drive reports what it set last. Where a command takes effect just as a sample is taken, that may be either.

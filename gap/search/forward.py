@@ -7,7 +7,6 @@ from dataclasses import dataclass, field, replace
 
 import numpy as np
 
-from ..causes.catalogue import adjustable, catalogue
 from ..causes.cause import Cause, Variant
 from ..log.parts import FIT_A, FIT_B
 from ..replay.parameters import Parameter
@@ -45,31 +44,30 @@ class Searcher:
 
     Attributes:
         problem: all parts of the data.
+        causes: to choose from.
+        tuned: nuisance parameters.
         progress: is told what goes on.
         seed: of all resampling.
-        causes: to choose from; default: the catalogue.
-        tuned: nuisance parameters; default: those that are adjustable.
         settings: thresholds.
         look_on: also fit rounds that the settings would skip, so that its record can be decided with looser ones.
             What is named stays the same.
     """
 
     problem: Problem
+    causes: Sequence[Cause]
+    tuned: tuple[Parameter, ...]
     progress: Callable[[str], None] = lambda text: None
     seed: int = 0
-    causes: Sequence[Cause] | None = None
-    tuned: tuple[Parameter, ...] = ()
     settings: SearchSettings = DEFAULT
     look_on: bool = False
     replaced: set[str] = field(default_factory=set, init=False)  # causes that a later one made redundant
 
     def __post_init__(self) -> None:
-        self.problem = replace(self.problem, coarse=self.settings.coarse_step)
+        self.problem = self.problem.coarsened(self.settings.coarse_step)
         self.nominal = self.problem.models[0]
-        self.considered = tuple(catalogue(self.nominal) if self.causes is None else self.causes)
-        warming = float(np.ptp(self.problem.temperature))
+        self.considered = tuple(self.causes)
+        warming = self.problem.warming
         self.shown = [c for c in self.considered if not (c.needs.warming and warming < self.settings.least_warming)]
-        self.tuned = self.tuned or tuple(adjustable(self.nominal))
         self.numbers = {parameter.number for parameter in self.tuned}
         self.parts = (self.problem.part(FIT_A), self.problem.part(FIT_B))
         self.both = self.problem.part(FIT_A, FIT_B)

@@ -95,19 +95,20 @@ def _features(problem: Problem, simulated: np.ndarray) -> dict[str, np.ndarray]:
     """Signals that the learner sees, by the name that a person reads, each (n, columns)."""
     table: dict[str, list[np.ndarray]] = {}
     runs = np.array([unit.run for unit in problem.units])
-    motion, drive = problem.motion(simulated), simulated[:, problem.channels.index("duty")]
+    signals = problem.covariates(simulated)
     for k, (a, b) in enumerate(zip(problem.starts[:-1], problem.starts[1:], strict=True)):
-        time, (position, speed, acceleration), duty = problem.time[a:b], motion[a:b].T, drive[a:b]
-        command = problem.goal[a:b] - position
+        time, here = problem.time[a:b], {name: values[a:b] for name, values in signals.items()}
+        position, speed, duty = here["position"], here["speed"], here["duty"]
+        command = here["goal"] - position
         past = [np.maximum(np.searchsorted(time, time - ago), 0) for ago in PASTS]
         rows = {
             "position": [position],
             "speed": [speed, *(speed[p] for p in past)],
-            "acceleration": [acceleration],
+            "acceleration": [here["acceleration"]],
             "position error": [command, *(command[p] for p in past)],
             "duty": [duty, duty[past[1]]],
             "time since the start": [time],
-            "temperature": [problem.temperature[a:b]],
+            "temperature": [here["temperature"]],
             "which run": [np.full(b - a, float(runs[k]))],
         }
         for name, columns in rows.items():

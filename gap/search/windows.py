@@ -15,8 +15,8 @@ import numpy as np
 
 from ..log.parts import FIT_A, FIT_B, LEAST_START, Unit, state_at
 from ..replay.constants import K
+from ..replay.free import FreeProblem
 from ..replay.parameters import Parameter
-from ..replay.problem import Problem
 from .fit import fit
 
 WINDOW = 1.0  # [s]
@@ -24,7 +24,7 @@ SHORTEST = 0.5  # [s] what is left at the end of a run, if shorter, belongs to t
 FAR = 20.0  # noise floors of rms error that refitting leaves, from which errors grow along a run
 
 
-def in_windows(problem: Problem, tuned: Sequence[Parameter]) -> Problem:
+def in_windows(problem: FreeProblem, tuned: Sequence[Parameter]) -> FreeProblem:
     """The same data in windows, where that serves better than whole runs.
 
     It does not where the model comes near the data with its numbers refitted (``tuned``), nor where the first state of
@@ -42,7 +42,7 @@ def in_windows(problem: Problem, tuned: Sequence[Parameter]) -> Problem:
     return split(problem)
 
 
-def _far(part: Problem, simulated: np.ndarray) -> bool:
+def _far(part: FreeProblem, simulated: np.ndarray) -> bool:
     return float(np.sqrt(np.mean(part.position_error(simulated) ** 2))) > FAR * part.noise
 
 
@@ -51,7 +51,7 @@ def window_starts(time: np.ndarray, window: float = WINDOW) -> np.ndarray:
     return np.searchsorted(time, np.arange(time[0], time[-1] - SHORTEST, window))
 
 
-def split(problem: Problem, window: float = WINDOW) -> Problem:
+def split(problem: FreeProblem, window: float = WINDOW) -> FreeProblem:
     """Cut every unit into windows, each judged from :data:`sealegs.gap.log.parts.LEAST_START` after its start on.
 
     The first one is judged from where the unit was.
@@ -80,7 +80,7 @@ def split(problem: Problem, window: float = WINDOW) -> Problem:
     )
 
 
-def _hidden_state(problem: Problem, run: int) -> bool:
+def _hidden_state(problem: FreeProblem, run: int) -> bool:
     model = problem.models[run]
     constants = model.constants(problem.params[run], model.chain.program())
     integral = model.chain.find("position_pi")

@@ -23,9 +23,11 @@ from ..log.finding import Finding
 from ..log.parts import Unit, cut
 from ..log.types import LogError, MeasuredRun, MeasuredSet
 from ..replay.driven import driven_problem
+from ..replay.free import free_problem
 from ..replay.joint_model import JointModel
 from ..replay.parameters import Parameter
-from ..replay.problem import Problem, converged, lay_out
+from ..replay.problem import Problem
+from ..replay.steps import converged
 from ..search.channels import weigh_channels
 from ..search.forward import Searcher
 from ..search.result import Search
@@ -35,7 +37,7 @@ from .decide import Refused, Replayed, decide
 from .measure import Measured, measure, whole_runs
 from .torque import diagnose_torque
 from .unseen_range import unseen_range
-from .verdict import NOT_IDENTIFIABLE, PARTLY, JointDiagnosis, data_errors
+from .verdict import NOT_IDENTIFIABLE, PARTLY, JointDiagnosis, Replayable, data_errors
 
 WIDE = 4.0  # how far refitting alone may turn each number the model has: up to five times, down to a fifth
 
@@ -82,13 +84,15 @@ class Replay:
         problem: all data.
         fitting: the same as the search sees them.
         wide: what refitting alone may turn, and how far.
+        tuned: what every fit of the search turns.
         causes: that may be sought.
         findings: about what this replay can show.
     """
 
-    problem: Problem
+    problem: Replayable
     fitting: Problem
     wide: Sequence[Parameter]
+    tuned: Sequence[Parameter]
     causes: Sequence[Cause] = ()
     findings: tuple[Finding, ...] = ()
 
@@ -175,7 +179,7 @@ def _diagnose_ground(runs: Sequence[MeasuredRun], joints: Sequence[JointDiagnosi
     sought = search_ground(runs, chains, order.seed, order.progress, order.test_group, order.causes)
     if not isinstance(sought, GroundSearch):
         return refuse(GROUND, Refused("the ground", sought, usable=True), signal="base.z", unit="m", unexplained=0.0)
-    replay = Replay(sought.problem, sought.problem, sought.numbers)
+    replay = Replay(sought.problem, sought.problem, sought.numbers, sought.numbers)
     order.progress("measuring the gain on stances that nothing has seen")
     measured = measure(replay.problem, replay.fitting, sought.search, GROUND, replay.wide, order.seed)
     findings = tuple(sought.findings(measured.values, complete=len(chains) == len(joints)))
@@ -215,12 +219,12 @@ def _cut(runs: Sequence[MeasuredRun], joint: str, test_group: str | None) -> Cut
 
 def _replay(pieces: Cut, order: Order) -> Replay | Refused:
     """Free on a bench; driven where what holds the link is not known."""
-    wide = adjustable(pieces.models[0], WIDE)
+    wide, tuned = adjustable(pieces.models[0], WIDE), adjustable(pieces.models[0])
     causes = catalogue(pieces.models[0], order.causes)
     layout = pieces.runs, pieces.joint, pieces.models, pieces.units
     if all(run.robot == "bench" for run in pieces.runs):
-        problem = weigh_channels(converged(lay_out(*layout, {"position": 1.0 / pieces.noise})))
-        return Replay(problem, in_windows(problem, wide), wide, causes)
+        problem = weigh_channels(converged(free_problem(*layout, {"position": 1.0 / pieces.noise})))
+        return Replay(problem, in_windows(problem, wide), wide, tuned, causes)
     try:
         driven = driven_problem(*layout, pieces.noise)
     except LogError as error:
@@ -228,13 +232,13 @@ def _replay(pieces: Cut, order: Order) -> Replay | Refused:
     causes, hidden = shown(driven, pieces.models[0], causes)
     order.progress(f"judging the actuator of {pieces.joint} along its measured motion")
     problem = weigh_channels(converged(driven))
-    return Replay(problem, problem, wide, causes, (limits_of_driven(driven, pieces.joint, hidden),))
+    return Replay(problem, problem, wide, tuned, causes, (limits_of_driven(driven, pieces.joint, hidden),))
 
 
 def _search(replay: Replay, order: Order) -> Search:
     causes = list(replay.causes)
     return Searcher(
-        replay.fitting, order.progress, order.seed, causes, settings=order.search, look_on=order.look_on
+        replay.fitting, causes, tuple(replay.tuned), order.progress, order.seed, order.search, order.look_on
     ).run()
 
 
@@ -251,7 +255,7 @@ def _decide(
     errors = data_errors(case.findings, joint)
     signal, unit = problem.signal
     beyond = unseen_range(problem, measured.simulated["extended"], joint)
-    silent = not measured.causes and not measured.structure.noticed and all(problem.params)
+    silent = not measured.causes and not measured.structure.noticed
     verdict = decide(
         Replayed(
             joint,
@@ -262,7 +266,7 @@ def _decide(
             measured.structure,
             whole_runs(problem),
             case.still,
-            blind_spots(problem, search) if silent else (),
+            blind_spots(problem, search) if silent and problem.kind == "free" else (),
             beyond,
             errors,
             unit == "rad" and any(error.column in (f"{joint}.goal", f"{joint}.position") for error in errors),
@@ -270,7 +274,8 @@ def _decide(
     )
     rivals = _rivals(measured)
     experiment = None
-    if verdict.name in (NOT_IDENTIFIABLE, PARTLY) or rivals:
+    if problem.kind == "free" and (verdict.name in (NOT_IDENTIFIABLE, PARTLY) or rivals):
+        # a driven link has no load to choose and no motion of its own
         blind = verdict.because("still", "blind")
         experiment = propose(problem, search, order.limits, order.seed, blind=blind)
     tuned = {p.number: measured.values[p.path] for p in search.tuned if p.path in measured.values}
@@ -353,7 +358,7 @@ def _found_chain(joint: JointDiagnosis) -> Chain | None:
     """The chain of a joint as its diagnosis left it."""
     if joint.problem is None:
         return None
-    return joint.problem.models[0].with_fitted(joint.values).chain
+    return joint.problem.chain(joint.values)
 
 
 def _first_experiment(runs: Sequence[MeasuredRun], joint: str, reason: Finding, order: Order) -> Experiment | None:

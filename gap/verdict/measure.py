@@ -3,14 +3,13 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import numpy as np
 
 from ..log.parts import FIT_A, FIT_B, TEST
-from ..replay.joint_model import JointModel
 from ..replay.parameters import Parameter
-from ..replay.problem import Problem
+from ..replay.problem import Nominal, Problem
 from ..replay.robust import robust_loss
 from ..search.fit import Fit, fit, middle
 from ..search.intervals import intervals
@@ -108,7 +107,7 @@ def _name_causes(
     """Causes with shares, confidence, near misses and intervals, and the share of the tuned numbers."""
     if not search.accepted:
         return (), explained
-    debts = owed(replace(fitting, coarse=search.settings.coarse_step), search)
+    debts = owed(fitting.coarsened(search.settings.coarse_step), search)
     shares, tuned_share = debts.shares(explained)
     final = search.accepted[-1]
     bounds = intervals(fitting.part(FIT_A, FIT_B), search.parameters(), extended, seed, final.fits)
@@ -138,9 +137,7 @@ def _name_causes(
     return tuple(sorted(named, key=lambda cause: -cause.share)), tuned_share
 
 
-def _value(
-    parameter: Parameter, extended: Fit, bounds: Mapping[str, tuple[float, float]], nominal: JointModel
-) -> Value:
+def _value(parameter: Parameter, extended: Fit, bounds: Mapping[str, tuple[float, float]], nominal: Nominal) -> Value:
     found = (extended.values[parameter.path], *bounds[parameter.path])
     value, low, high = (float(parameter.physical(number, nominal)) for number in found)
     unit = nominal.unit(parameter.number) if parameter.factor else parameter.unit

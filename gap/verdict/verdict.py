@@ -9,8 +9,10 @@ from typing import Any
 import numpy as np
 
 from ..experiment import Experiment
+from ..ground.leg_problem import LegProblem
 from ..log.finding import Finding, Severity
-from ..replay.problem import Problem
+from ..replay.driven import DrivenProblem
+from ..replay.free import FreeProblem
 from ..search.result import Search
 from ..search.structure import Structure
 
@@ -21,6 +23,8 @@ EXPLAINED, PARTLY, NOTHING, NOT_IDENTIFIABLE, UNUSABLE = (
     "not identifiable",
     "unusable log",
 )
+Replayable = FreeProblem | DrivenProblem | LegProblem
+"""What can be replayed and so diagnosed; its ``kind`` tells which of them it is."""
 WORST_FIRST = (UNUSABLE, NOT_IDENTIFIABLE, PARTLY, EXPLAINED, NOTHING)
 
 
@@ -153,7 +157,7 @@ class JointDiagnosis:
     findings: tuple[Finding, ...]
     values: dict[str, float] = field(default_factory=dict)
     tuned: dict[str, float] = field(default_factory=dict)
-    problem: Problem | None = None
+    problem: Replayable | None = None
     search: Search | None = None
     simulated: dict[str, np.ndarray] = field(default_factory=dict)
     structure: Structure | None = None

@@ -9,7 +9,8 @@ from pathlib import Path
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
 
-from ...replay.driven import is_elastic
+from ...ground.leg_problem import LegProblem
+from ...replay.driven import DrivenProblem, is_elastic
 from ...verdict.verdict import JointDiagnosis, NamedCause
 from .drive import duty_against_error, residual_against_temperature, response, voltage_against_current
 from .driven import passed_torque
@@ -58,22 +59,29 @@ def pictures(diagnosis: JointDiagnosis) -> Iterator[tuple[str, Figure]]:
 
 def cause_pictures(diagnosis: JointDiagnosis) -> Iterator[tuple[str, Figure]]:
     """The pictures of the causes of one joint, by their names; none where nothing was replayed."""
-    if diagnosis.problem is not None:
-        yield from KINDS[diagnosis.problem.kind](diagnosis)
+    problem = diagnosis.problem
+    if problem is None:
+        return
+    if problem.kind == "ground":
+        yield from _ground(diagnosis, problem)
+    elif problem.kind == "driven":
+        yield from _driven(diagnosis, problem)
+    else:
+        yield from _free(diagnosis)
 
 
-def _ground(diagnosis: JointDiagnosis) -> Iterator[tuple[str, Figure]]:
+def _ground(diagnosis: JointDiagnosis, problem: LegProblem) -> Iterator[tuple[str, Figure]]:
     for cause in diagnosis.causes:
-        yield cause.name, stance(diagnosis, cause)
+        yield cause.name, stance(diagnosis, problem, cause)
 
 
-def _driven(diagnosis: JointDiagnosis) -> Iterator[tuple[str, Figure]]:
-    evidence = Evidence(diagnosis)
-    if evidence.problem.signal[0] != "position":
+def _driven(diagnosis: JointDiagnosis, problem: DrivenProblem) -> Iterator[tuple[str, Figure]]:
+    if problem.signal[0] != "position":
         return  # the pictures show motion, which is given there
+    evidence = Evidence(diagnosis)
     for cause in diagnosis.causes:
-        spring = is_elastic(evidence.problem.models[0]) and cause.picture == "hysteresis"
-        yield cause.name, (passed_torque if spring else response)(evidence, cause)
+        spring = is_elastic(problem.models[0]) and cause.picture == "hysteresis"
+        yield cause.name, passed_torque(evidence, problem.link) if spring else response(evidence, cause)
 
 
 def _free(diagnosis: JointDiagnosis) -> Iterator[tuple[str, Figure]]:
@@ -83,14 +91,6 @@ def _free(diagnosis: JointDiagnosis) -> Iterator[tuple[str, Figure]]:
         if key in CAUSES and key not in drawn & SHARED:
             drawn.add(key)
             yield cause.name, CAUSES[key](evidence, cause)
-
-
-KINDS: dict[str, Callable[[JointDiagnosis], Iterator[tuple[str, Figure]]]] = {
-    "free": _free,
-    "driven": _driven,
-    "ground": _ground,
-}
-"""What draws the causes, by the kind of the problem."""
 
 
 def png(chart: Figure) -> bytes:

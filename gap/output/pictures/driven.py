@@ -9,24 +9,26 @@ from ...checks.signal import derivatives
 from ...replay.constants import K
 from ...replay.joint_model import JointModel
 from ...replay.simulator import coupling_torque
-from ...verdict.verdict import NamedCause
 from .binned import bins, cloud, draw_measured, equal_counts, limits
 from .evidence import Evidence
 from .style import EXTENDED, NOMINAL, figure, legend_above, styled
 
 
 @styled
-def passed_torque(evidence: Evidence, cause: NamedCause) -> Figure:
+def passed_torque(evidence: Evidence, link: np.ndarray) -> Figure:
     """Torque that the motor passes on, over the twist between motor and measured link: the spring and its play.
 
     The torque is the motor's by its measured current (by the model's where there is none), less what friction and its
     own inertia take.
+
+    Args:
+        evidence: of the joint.
+        link: measured position, speed and acceleration of its link (n, 3) [rad, rad/s, rad/s2].
     """
     problem, diagnosis = evidence.problem, evidence.diagnosis
-    link = problem.link[:, 0]  # type: ignore[attr-defined]
     use = problem.judged & np.isfinite(problem.measured[:, 0])
-    twist = problem.measured[:, 0] - link
-    torque = _torque(evidence)
+    twist = problem.measured[:, 0] - link[:, 0]
+    torque = _torque(evidence, link)
     chart = figure()
     axes = chart.subplots()
     cloud(axes, 1e3 * twist[use], torque[use])
@@ -48,7 +50,7 @@ def _law(joint: JointModel, twist: np.ndarray) -> np.ndarray:
     return np.array([coupling_torque(k, one, 0.0) for one in twist])
 
 
-def _torque(evidence: Evidence) -> np.ndarray:
+def _torque(evidence: Evidence, link: np.ndarray) -> np.ndarray:
     """Torque through the spring without that of its damper (n,) [N.m], smoothed over some samples."""
     problem, extended = evidence.problem, evidence.extended
     joint = problem.models[0].with_fitted(evidence.diagnosis.values)
@@ -56,9 +58,9 @@ def _torque(evidence: Evidence) -> np.ndarray:
     out = np.zeros(len(problem.time))
     for a, b in zip(problem.starts[:-1], problem.starts[1:], strict=True):
         _, speed, acceleration = derivatives(problem.time[a:b], problem.measured[a:b, 0])
-        rate = speed - problem.link[a:b, 1]  # type: ignore[attr-defined]
+        rate = speed - link[a:b, 1]
         if k[K.half_play] > 0.0:  # teeth damp where they touch
-            twist = problem.measured[a:b, 0] - problem.link[a:b, 0]  # type: ignore[attr-defined]
+            twist = problem.measured[a:b, 0] - link[a:b, 0]
             rate = np.where(np.abs(twist) > k[K.half_play], rate, 0.0)
         friction = np.sign(speed) * extended.limit[a:b] + extended.viscous[a:b]
         taken = joint.chain.armature() * acceleration + friction + k[K.damping] * rate

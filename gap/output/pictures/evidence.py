@@ -18,7 +18,7 @@ from ...replay.constants import K
 from ...replay.driven_simulator import law_along
 from ...replay.joint_model import JointModel
 from ...replay.parameters import address
-from ...replay.problem import Problem
+from ...replay.problem import JointProblem
 from ...replay.simulator import CHANNELS
 from ...verdict.verdict import JointDiagnosis
 
@@ -94,12 +94,13 @@ class Balance:
 
 
 class Evidence:
-    """Motion and balances of one diagnosis, each computed once and only when a picture asks for it."""
+    """Motion and balances of one diagnosed joint, each computed once and only when a picture asks for it."""
 
     def __init__(self, diagnosis: JointDiagnosis) -> None:
-        if diagnosis.problem is None:
-            raise ValueError("a diagnosis without a replayed problem has no motion to draw")
-        self.diagnosis, self.problem = diagnosis, diagnosis.problem
+        if diagnosis.problem is None or diagnosis.problem.kind == "ground":
+            raise ValueError("a diagnosis without a replayed joint has no motion to draw")
+        self.diagnosis = diagnosis
+        self.problem: JointProblem = diagnosis.problem
 
     @cached_property
     def motion(self) -> Motion:
@@ -124,7 +125,7 @@ class Evidence:
         return balance(self.problem, self.motion, self.diagnosis.values)
 
 
-def smooth(problem: Problem) -> Motion:
+def smooth(problem: JointProblem) -> Motion:
     """Local parabolas through the positions of each unit, and averages of duty and current over the same windows."""
     n = len(problem.time)
     out = np.zeros((3, n))
@@ -151,7 +152,7 @@ def smooth(problem: Problem) -> Motion:
     return Motion(out[0], out[1], out[2], extra.get(DUTY), extra.get(CURRENT), judged, judged & moving)
 
 
-def balance(problem: Problem, motion: Motion, values: Mapping[str, float]) -> Balance:
+def balance(problem: JointProblem, motion: Motion, values: Mapping[str, float]) -> Balance:
     """Torques of the nominal joints with ``values`` along the measured motion.
 
     Sticking counts as rigid: the bristles of presliding pass the same torque once a joint slides.

@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 from matplotlib.figure import Figure
 
+from ...ground.leg_problem import LegProblem
 from ...log.parts import TEST
 from ...verdict.verdict import JointDiagnosis, NamedCause
 from .style import EXTENDED, MEASURED, NOMINAL, figure, legend_above, styled
@@ -17,17 +18,12 @@ SHOWN = {  # column that shows a cause best: its number among the judged ones, i
 
 
 @styled
-def stance(diagnosis: JointDiagnosis, cause: NamedCause) -> Figure:
+def stance(diagnosis: JointDiagnosis, problem: LegProblem, cause: NamedCause) -> Figure:
     """The stance of the test part where the nominal model is most wrong, and the errors of all stances of it."""
-    problem = diagnosis.problem
-    assert problem is not None
     column, name, factor, unit = SHOWN.get(cause.name, SHOWN["contact.stiffness"])
     if not np.isfinite(problem.measured[:, column]).any():
         column, name, factor, unit = SHOWN["contact.stiffness"]
-    errors = {
-        model: problem.corrected(diagnosis.simulated[model])[:, column]  # type: ignore[attr-defined]
-        for model in ("nominal", "extended")
-    }
+    errors = {model: problem.corrected(diagnosis.simulated[model])[:, column] for model in ("nominal", "extended")}
     units = [k for k, one in enumerate(problem.units) if one.part == TEST] or list(range(len(problem.units)))
     rows = [np.arange(problem.starts[k], problem.starts[k + 1]) for k in units]
     rows = [row[problem.judged[row]] for row in rows]

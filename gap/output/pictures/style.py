@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from functools import wraps
-from typing import Any, TypeVar
+from typing import Any, ParamSpec, TypeVar
 
 from matplotlib import rc_context
 from matplotlib.axes import Axes
@@ -36,18 +36,19 @@ STYLE: Any = {
     "hatch.linewidth": 0.6,
 }
 
-Draw = TypeVar("Draw", bound=Callable[..., Any])
+Arguments = ParamSpec("Arguments")
+Drawn = TypeVar("Drawn", Figure, Figure | None)
 
 
-def styled(draw: Draw) -> Draw:
+def styled(draw: Callable[Arguments, Drawn]) -> Callable[Arguments, Drawn]:
     """Draw in the style, without leaving it behind for others."""
 
     @wraps(draw)
-    def inside(*arguments: Any, **keywords: Any) -> Any:
+    def inside(*arguments: Arguments.args, **keywords: Arguments.kwargs) -> Drawn:
         with rc_context(STYLE):
             return draw(*arguments, **keywords)
 
-    return inside  # type: ignore[return-value]
+    return inside
 
 
 def figure(width: float = 5.8, height: float = 4.0) -> Figure:

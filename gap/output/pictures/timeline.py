@@ -97,7 +97,7 @@ def timeline(diagnosis: JointDiagnosis) -> Timeline | None:
 
     models = {name: cut(simulated[name][:, 0]) for name in MODELS if name in simulated}
     measured = cut(problem.measured[:, 0])
-    goal = cut(problem.goal) if problem.signal[1] == "rad" else None  # goals are angles
+    goal = cut(problem.goal) if problem.kind != "ground" and problem.signal[1] == "rad" else None  # goals are angles
     return Timeline(np.concatenate(x), goal, measured, models, tested, runs, quantity, diagnosis.unit)
 
 

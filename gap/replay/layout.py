@@ -1,0 +1,144 @@
+"""The runs of one joint as flat columns, one sample behind the other."""
+
+from __future__ import annotations
+
+import itertools
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from ...actuators.stages.motor import Thermal
+from ..load.pendulum import bench_parameters
+from ..log.parts import Unit
+from ..log.types import LogError, MeasuredRun
+from .simulator import CHANNELS
+
+BLOCK = 1.0  # [s] errors closer than this are taken as one observation, since they are not independent
+GROUP = (
+    0.025  # [s] duty and current are compared as means over this long: a command that arrives a sample early is no gap
+)
+ROOM = Thermal.temperature  # [degC] of a motor whose temperature was not logged
+
+
+@dataclass(frozen=True, eq=False)
+class Layout:
+    """Units of one joint as flat columns.
+
+    Attributes:
+        units: pieces of runs, by run and start.
+        params: bench parameters of each run; empty where the link is driven.
+        time, goal, on, temperature: samples of all units one behind the other (n,) [s, rad, 1, degC].
+        starts: first sample of each unit and the end of the last (u + 1,).
+        states: position and speed of the units at their start (u, 2) [rad, rad/s].
+        measured: channels as :data:`sealegs.gap.replay.simulator.CHANNELS` (n, 4), NaN where not logged.
+        judged: samples that count (n,).
+        block: number of the block each sample belongs to (n,).
+        group: number of the group of samples over which duty and current are averaged (n,), -1 where they do not count.
+    """
+
+    units: tuple[Unit, ...]
+    params: tuple[dict[str, float], ...]
+    time: np.ndarray
+    goal: np.ndarray
+    on: np.ndarray
+    temperature: np.ndarray
+    starts: np.ndarray
+    states: np.ndarray
+    measured: np.ndarray
+    judged: np.ndarray
+    block: np.ndarray
+    group: np.ndarray
+
+
+def lay_out(runs: Sequence[MeasuredRun], joint: str, units: Sequence[Unit]) -> Layout:
+    """Lay the runs of one joint out.
+
+    Args:
+        runs, units: of :func:`sealegs.gap.log.parts.cut`.
+        joint: its name.
+
+    Raises:
+        LogError: the joint has no commands.
+    """
+    units = sorted(units, key=lambda unit: (unit.run, unit.start))
+    time, goal, on, temperature, measured, judged, block, group = ([] for _ in range(8))
+    starts, blocks, groups = [0], 0, 0
+    for unit in units:
+        log, clock = runs[unit.run].joints[joint], runs[unit.run].time
+        if log.goal is None:
+            raise LogError(f"{runs[unit.run].name}: joint '{joint}' has no goal to replay.")
+        part = slice(unit.start, unit.stop)
+        count = unit.stop - unit.start
+        time.append(clock[part] - clock[0])
+        goal.append(log.goal[part])
+        on.append(np.ones(count, bool) if log.enabled is None else log.enabled[part] > 0.5)
+        warm = np.full(count, ROOM) if log.temperature is None else log.temperature[part]
+        temperature.append(_without_gaps(clock[part], warm))
+        judged.append(np.arange(count) >= unit.judged)
+        since = clock[part] - clock[unit.start]
+        number = (since / BLOCK).astype(int)
+        block.append(number + blocks)
+        blocks += int(number[-1]) + 1
+        number = (since / GROUP).astype(int)
+        group.append(np.where(judged[-1] & on[-1], number + groups, -1))
+        groups += int(number[-1]) + 1
+        missing = np.full(count, np.nan)
+        signals = [getattr(log, channel) for channel in CHANNELS]
+        measured.append(np.stack([missing if signal is None else signal[part] for signal in signals], axis=1))
+        starts.append(starts[-1] + count)
+    return Layout(
+        units=tuple(units),
+        params=tuple(bench_parameters(run.robot_params, run.name) if run.robot == "bench" else {} for run in runs),
+        time=np.concatenate(time),
+        goal=np.concatenate(goal),
+        on=np.concatenate(on),
+        temperature=np.concatenate(temperature),
+        starts=np.array(starts),
+        states=np.array([unit.state for unit in units]),
+        measured=np.concatenate(measured),
+        judged=np.concatenate(judged),
+        block=np.concatenate(block),
+        group=np.concatenate(group),
+    )
+
+
+def moved(time: np.ndarray, starts: np.ndarray, position: np.ndarray) -> np.ndarray:
+    """Position, speed and acceleration (n, 3) [rad, rad/s, rad/s2] of units (u + 1,) from positions (n,)."""
+    out = np.empty((len(time), 3))
+    for a, b in itertools.pairwise(starts):
+        speed = np.gradient(position[a:b], time[a:b])
+        out[a:b] = np.stack([position[a:b], speed, np.gradient(speed, time[a:b])], axis=1)
+    return out
+
+
+def covariates(
+    motion: np.ndarray, goal: np.ndarray, duty: np.ndarray, temperature: np.ndarray
+) -> dict[str, np.ndarray]:
+    """Signals (n,) that errors of a joint may depend on, by name, from its motion (n, 3) and its drive."""
+    position, speed, acceleration = motion.T
+    return {
+        "position": position,
+        "speed": speed,
+        "acceleration": acceleration,
+        "goal": goal,
+        "duty": duty,
+        "temperature": temperature,
+    }
+
+
+def _without_gaps(time: np.ndarray, temperature: np.ndarray) -> np.ndarray:
+    """A temperature (n,) without the steps of its resolution; what was polled less often than the rest lies between."""
+    read = np.isfinite(temperature)
+    if not read.any():
+        return np.full(len(time), ROOM)
+    return between_steps(time, np.interp(time, time[read], temperature[read]))
+
+
+def between_steps(time: np.ndarray, values: np.ndarray) -> np.ndarray:
+    """A slow signal (n,) without the steps of its resolution: straight lines between the middles of its changes."""
+    change = np.flatnonzero(np.diff(values))
+    if len(change) == 0 or len(change) > len(values) // 10:
+        return values
+    middle = 0.5 * (values[change] + values[change + 1])
+    return np.interp(time, 0.5 * (time[change] + time[change + 1]), middle)

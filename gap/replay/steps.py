@@ -1,0 +1,41 @@
+"""How long a step of the simulator may be."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from typing import TypeVar
+
+import numpy as np
+
+from ...actuators import Chain
+from .problem import JointProblem
+from .simulator import ELASTIC_STEP, EVENT_STEP, SWITCHING
+
+STEPS = (2.5e-3, 1.7e-3, 1e-3, 5e-4, 2.5e-4, 1e-4)  # [s]
+
+Joint = TypeVar("Joint", bound=JointProblem)
+
+
+def largest_step(chain: Chain, coarse: float = 1.0) -> float:
+    """The largest step that resolves what lies between motor and link, and firmware that switches [s].
+
+    ``coarse`` is how many times longer that of teeth and switches may be.
+    """
+    play = chain.find("backlash")
+    if (play is not None and play.width > 0.0) or any(chain.find(stage) is not None for stage in SWITCHING):
+        return EVENT_STEP * coarse
+    return ELASTIC_STEP if chain.find("spring") is not None or chain.find("compliance") is not None else np.inf
+
+
+def converged(problem: Joint) -> Joint:
+    """The problem with the largest step that is not a gap of its own.
+
+    Halving it changes the replay by less than a tenth of the noise; :func:`largest_step` bounds it where that is less.
+
+    A quarter would be invisible in the error, but not to a search that looks for structure in it.
+    """
+    for step in STEPS:
+        whole, halved = (problem.position_error(problem.simulate([{}], s)[0]) for s in (step, step / 2.0))
+        if np.sqrt(np.mean((whole - halved) ** 2)) < 0.1 * problem.noise:
+            break
+    return replace(problem, step=step)

@@ -1,0 +1,91 @@
+"""Variants of the nominal joints, replayed together."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from typing import Protocol
+
+import numpy as np
+
+from ...actuators.stages.base import ChainError
+from .problem import JointProblem
+from .simulator import CHANNELS
+from .steps import largest_step
+
+FAR = 1e3  # [rad] where a variant is said to be whose values make no chain
+
+
+class Replay(Protocol):
+    """Replays the units of one run with every variant."""
+
+    def __call__(
+        self,
+        rows: slice,
+        programs: np.ndarray,
+        constants: np.ndarray,
+        starts: np.ndarray,
+        states: np.ndarray,
+        steps: np.ndarray,
+        out: np.ndarray,
+    ) -> None:
+        """Fill ``out`` (v, samples, 4).
+
+        Args:
+            rows: samples of the units.
+            programs: of the variants (v, L).
+            constants: of the joint (v, units, K.size).
+            starts: first of these samples of each unit, and the end of the last (units + 1,).
+            states: of the units at their start (units, 2).
+            steps: largest step of each variant (v,) [s].
+            out: channels at the samples.
+        """
+        ...
+
+
+def simulate_joint(
+    problem: JointProblem, variants: Sequence[Mapping[str, float]], step: float | None, replay: Replay
+) -> np.ndarray:
+    """Replay every unit with every variant of the nominal models.
+
+    Args:
+        problem: the units.
+        variants: parameters by path, each set on the nominal joint of every run.
+        step: largest step [s], where :func:`sealegs.gap.replay.steps.largest_step` allows it; default: the problem's.
+        replay: of the units of one run.
+
+    Returns:
+        Channels (v, n, 4). A variant whose values make no chain is far from anything measured.
+    """
+    programs, constants, steps, valid = [], [], [], []
+    for values in variants:
+        try:
+            joints = [model.with_fitted(values) for model in problem.models]
+        except ChainError:
+            joints = None
+        valid.append(joints is not None)
+        joints = joints or list(problem.models)
+        per_run = [joint.chain.program() for joint in joints]
+        programs.append(per_run)
+        rows = [
+            joint.constants(params, program)
+            for joint, params, program in zip(joints, problem.params, per_run, strict=True)
+        ]
+        constants.append(rows)
+        steps.append(min(step or problem.step, largest_step(joints[0].chain, problem.coarse)))
+    out = np.empty((len(variants), len(problem.time), len(CHANNELS)))
+    # The chain may differ between runs (a gain per run), so each run of a variant is a variant of its own for the
+    # simulator.
+    width = max(len(program) for per_run in programs for program in per_run)
+    for run in sorted({unit.run for unit in problem.units}):
+        chosen = [k for k, unit in enumerate(problem.units) if unit.run == run]
+        lo, hi = problem.starts[chosen[0]], problem.starts[chosen[-1] + 1]
+        table = np.zeros((len(variants), width))
+        for v, per_run in enumerate(programs):
+            table[v, : len(per_run[run])] = per_run[run]
+        k = np.array([[rows[run]] * len(chosen) for rows in constants])
+        part = np.empty((len(variants), hi - lo, len(CHANNELS)))
+        starts = problem.starts[chosen[0] : chosen[-1] + 2] - lo
+        replay(slice(lo, hi), table, k, starts, problem.states[chosen], np.array(steps), part)
+        out[:, lo:hi] = part
+    out[~np.array(valid)] = FAR
+    return out
