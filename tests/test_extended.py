@@ -28,7 +28,7 @@ NOMINAL = JointModel(load_chain(CHAIN))
 LARGE = ("drive.deadband", "drive.minimum_duty")  # whose first variant is too small to show in this motion
 FIRST = {cause.name: cause.variants[1 if cause.name in LARGE else 0] for cause in catalogue(NOMINAL)}
 WARM = 60.0  # [degC]
-TIME = np.arange(300) * 0.005
+TIME = np.arange(300.0) * 0.005
 
 
 def measured() -> MeasuredRun:

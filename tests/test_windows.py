@@ -6,7 +6,7 @@ from typing import Any
 
 import numpy as np
 import pytest
-from sealegs.actuators import load_chain
+from sealegs.actuators import Chain, load_chain
 from sealegs.gap.log.parts import LEAST_START, cut
 from sealegs.gap.replay.free import FreeProblem, free_problem
 from sealegs.gap.replay.joint_model import JointModel
@@ -20,10 +20,10 @@ from testbed import hidden_bench
 CHAIN = load_chain("sts3215")
 
 
-def problem(chain: object = CHAIN) -> FreeProblem:
+def problem(chain: Chain = CHAIN) -> FreeProblem:
     data, _ = hidden_bench({}, 5, runs=1, duration=6.3)
     units = cut(data.runs, "servo")
-    return free_problem(data.runs, "servo", [JointModel(chain)], units, {"position": 1.0 / 6e-4})  # type: ignore[arg-type]
+    return free_problem(data.runs, "servo", [JointModel(chain)], units, {"position": 1.0 / 6e-4})
 
 
 def test_windows_hold_every_sample_once_and_start_where_the_joint_was() -> None:
