@@ -102,8 +102,8 @@ def checked_settings(
         raise SealegsError(f"test={test!r} must be the name of a group of runs, as the sidecars give it.")
     if isinstance(seed, bool) or not isinstance(seed, int | np.integer) or seed < 0:
         raise SealegsError(f"seed={seed} must be a whole number from 0.")
-    if limits is not None and not (len(limits) == 2 and all(map(_number, limits)) and limits[0] < limits[1]):
-        raise SealegsError(f"limits={list(limits)} must be two angles [rad], the lower one first, such as [-1.2, 1.2].")
+    if limits is not None and not _two_angles(limits):
+        raise SealegsError(f"limits={limits} must be two angles [rad], the lower one first, such as [-1.2, 1.2].")
     if speed_limit is not None and not (_number(speed_limit) and speed_limit > 0.0):
         raise SealegsError(f"speed_limit={speed_limit} must be a speed above zero [rad/s].")
     return {
@@ -112,6 +112,11 @@ def checked_settings(
         "limits": None if limits is None else [float(end) for end in limits],
         "speed_limit": None if speed_limit is None else float(speed_limit),
     }
+
+
+def _two_angles(limits: Any) -> bool:
+    sound = isinstance(limits, Sequence | np.ndarray) and len(limits) == 2 and all(map(_number, limits))
+    return bool(sound and limits[0] < limits[1])
 
 
 def _number(value: object) -> bool:

@@ -201,6 +201,7 @@ BAD = {
         "order",
     ),
     "yaml typo": (lambda log: log.with_suffix(".yaml").write_text("robot: [bench\nactuators: {"), "YAML"),
+    "misspelt number": (spoil_sidecar(lambda sidecar: sidecar["robot_params"].update(mas=0.5)), "'mas'"),
     "misspelt sidecar key": (spoil_sidecar(lambda sidecar: sidecar.update(robott=sidecar.pop("robot"))), "robot"),
 }
 
@@ -221,7 +222,7 @@ def test_wrong_input_gets_one_sentence(
     assert "Traceback" not in said and len(said.splitlines()) == 1
     assert before == {path.name: path.read_bytes() for path in log.parent.iterdir()}
     out = tmp_path / "out"
-    assert not out.exists() or any(out.iterdir()), "a folder without a finding is left behind"
+    assert not out.exists() or (out / "diagnosis.json").exists(), "a folder without a finding is left behind"
 
 
 def test_a_mistyped_key_names_the_nearest(capsys: pytest.CaptureFixture[str]) -> None:

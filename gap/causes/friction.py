@@ -102,7 +102,7 @@ def presliding(nominal: JointModel) -> Cause:
     ]
     return Cause(
         sentence="A joint that sticks gives way like a spring before it slips.",
-        picture="hysteresis",
+        picture="error_since_reversal",
         variants=tuple((stiffness,) for stiffness in bristles),
         needs=SHOWN,
         degenerates_to=Limit("friction.coulomb", "the joint never rests"),

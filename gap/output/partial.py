@@ -16,6 +16,7 @@ from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
 
+from ...actuators.errors import SealegsError
 from ..log.sidecar import FOLDER_DEFAULTS
 from ..log.types import LogError, MeasuredSet
 from ..search.journal import keeping
@@ -105,10 +106,11 @@ def going_on(
     try:
         with keeping(partial.fits):
             yield say, partial.done
-    except LogError:  # what is refused leaves nothing behind
-        if fresh and not partial.reused:
+    except SealegsError:  # what is refused leaves nothing behind, so that the mended log finds its folder free
+        if not partial.reused:
             partial.remove()
-            out.rmdir()
+            if fresh:
+                out.rmdir()
         raise
 
 

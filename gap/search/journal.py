@@ -120,6 +120,7 @@ def _question(problem: Problem, parameters: Sequence[Parameter], start: Mapping[
     digest = hashlib.sha256()
     said = [[repr(parameter) for parameter in parameters], sorted(start.items()), evaluations, len(problem.time)]
     digest.update(json.dumps(said).encode())
+    digest.update(repr(problem.models).encode())  # the same log can be given other chains
     for array in (problem.measured, problem.weight, problem.time):
         digest.update(array[:ENDS].tobytes() + array[-ENDS:].tobytes())
     return digest.hexdigest()[:32]

@@ -45,10 +45,11 @@ def owed(problem: Problem, search: Search) -> Owed:
     """
     final = search.accepted[-1]
     parts = (problem.part(FIT_A), problem.part(FIT_B))
+    evaluations = search.settings.iterations
 
     def loss(others: Sequence[Parameter]) -> float:
         kept = [{p.path: f.values[p.path] for p in others if p.path in f.values} for f in final.fits]
-        fits = [fit(part, others, start) for part, start in zip(parts, kept, strict=True)]
+        fits = [fit(part, others, start, evaluations) for part, start in zip(parts, kept, strict=True)]
         crossed = zip(reversed(parts), fits, strict=True)
         return float(np.concatenate([p.block_errors(p.simulate([f.values])[0]) for p, f in crossed]).sum())
 

@@ -44,9 +44,7 @@ SHARED = frozenset({"friction_against_speed", "residual_against_load", "voltage_
 
 def picture_of(cause: NamedCause) -> str:
     """Which picture shows a cause; empty where none does."""
-    if cause.kind == "data":
-        return ""
-    return "error_since_reversal" if cause.name == "friction.presliding" else cause.picture
+    return "" if cause.kind == "data" else cause.picture
 
 
 def pictures(diagnosis: JointDiagnosis) -> Iterator[tuple[str, Figure]]:
