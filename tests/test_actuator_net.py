@@ -281,6 +281,7 @@ def test_the_script_learns_from_a_measured_log(tmp_path):
     assert (moved / "torque.png").stat().st_size > 10_000
 
 
+@pytest.mark.long
 def test_a_refused_run_leaves_its_folder_free_and_runs_of_different_motors_are_refused(tmp_path):
     from sealegs.gap.log import JointLog, MeasuredRun, write_run
 

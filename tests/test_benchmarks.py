@@ -73,7 +73,7 @@ def test_a_safety_stop_counts_only_if_it_is_in_time_right_and_whole():
         ("named", "late"),
         ("named", None),
         ("right_servo", False),
-        ("cycles_to_stop", 3),
+        ("cycles_to_stop", control_loop.STOP_CYCLES + 1),
         ("rows_lacking", 1),
         ("torque_left_on", 1),
         ("released_after_naming", 0.2),

@@ -151,7 +151,13 @@ def test_a_torque_column_of_the_other_side_of_the_gear_is_named(factor: float, s
 
 
 @pytest.mark.parametrize(
-    ("name", "size"), [("degrees", 2), ("wrap", 0.3), ("unsigned current", 1.0), ("milliamperes", 1000.0)]
+    ("name", "size"),
+    [
+        ("degrees", 2),
+        pytest.param("wrap", 0.3, marks=pytest.mark.long),
+        pytest.param("unsigned current", 1.0, marks=pytest.mark.long),
+        pytest.param("milliamperes", 1000.0, marks=pytest.mark.long),
+    ],
 )
 def test_a_diagnosis_names_the_data_error_and_no_physics(name: str, size: float) -> None:
     (found,) = diagnose(planted(name, size, seed=2))

@@ -119,6 +119,7 @@ def test_a_notebook_shows_a_diagnosis_in_a_few_lines_of_html(diagnosis: sealegs.
     assert len(diagnosis._repr_html_()) < 5000 and len(repr(diagnosis)) < 200
 
 
+@pytest.mark.long
 def test_a_diagnosis_that_was_stopped_goes_on_where_it_was(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     data, _ = hidden_bench({"drive.delay": "clear"}, seed=2, duration=4.0, runs=2)
     made: list[int] = []

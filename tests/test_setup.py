@@ -71,7 +71,7 @@ def test_every_script_has_a_help_page(script: str) -> None:
         [sys.executable, script, "--help"], cwd=REPOSITORY, capture_output=True, text=True, timeout=60
     )
     assert page.returncode == 0 and not page.stderr
-    assert f"python {script}" in page.stdout
+    assert f"sealegs {script.removesuffix('.py').replace('_', '-')}" in page.stdout
 
 
 def test_make_help_lists_every_command() -> None:

@@ -240,6 +240,7 @@ def test_a_killed_run_resumes_from_its_newest_complete_checkpoint(tmp_path: Path
     assert logged == list(range(128, total + 1, 128)), "TensorBoard shows one run without gaps or repeats"
 
 
+@pytest.mark.long
 def test_ctrl_c_saves_a_checkpoint_and_says_how_to_go_on(tmp_path: Path) -> None:
     folder = tmp_path / "stopped"
     process = start(*SMALL, f"out={tmp_path}", "name=stopped", "total_timesteps=1000000", "checkpoint.every=1000000")
@@ -366,6 +367,7 @@ SMALL_SAC = [
 ]
 
 
+@pytest.mark.long
 def test_sac_resumes_with_its_replay_buffer(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     folder = tmp_path / "sac"
     assert run(*SMALL_SAC, "total_timesteps=768", f"out={tmp_path}", "name=sac") == 0

@@ -34,6 +34,7 @@ def test_a_policy_is_filmed_and_its_episodes_are_told(policy: Path, capsys: pyte
     assert "nothing is overwritten" in capsys.readouterr().err and film.stat().st_size == size
 
 
+@pytest.mark.long
 def test_other_actuators_and_arguments_change_what_it_earns(policy: Path, capsys: pytest.CaptureFixture[str]) -> None:
     said = []
     for k, change in enumerate(([], ["actuator=ideal"], ["env.params.mass=0.3"])):
@@ -44,6 +45,7 @@ def test_other_actuators_and_arguments_change_what_it_earns(policy: Path, capsys
     assert len(set(said)) == 3
 
 
+@pytest.mark.long
 def test_a_gait_that_is_told_once_a_second_is_filmed_in_between(tmp_path: Path) -> None:
     env = make_single_env({"id": "SeaLegs/Hexapod-v0"}, None, 64, 48)
     episodes = record_video(tmp_path / "film.mp4", lambda observation: np.zeros((1, 6)), env, 1.0, 0)
