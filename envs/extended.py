@@ -36,7 +36,7 @@ class Change:
         joint: joint of the log; ``ground`` for what a leg stands on.
         path: such as ``friction.coulomb`` or ``load.mass_factor``.
         before, after: in the unit of the number.
-        cause: that was named for it; empty where it was re-tuned within its tolerance.
+        cause: that was named for it; empty where it was tuned within its tolerance.
         owner: ``log`` for numbers that say how the log reads the machine: the machine has nothing of them.
     """
 

@@ -113,14 +113,9 @@ class Diagnosis:
         if self.data is None:
             raise SealegsError(f"this diagnosis was read from {self.folder}, where everything is; copy that folder.")
         path = fresh_folder(Path(folder), besides=(FOLDER,))
-        try:
-            written = write_diagnosis(self.joints, self.data, path, progress)
-            shutil.rmtree(path / FOLDER, ignore_errors=True)  # what was kept on the way is all in there
-            return written
-        except ModuleNotFoundError as error:
-            raise SealegsError(
-                f"pictures and report need {error.name}; install them with pip install 'sealegs[report]'."
-            ) from None
+        written = write_diagnosis(self.joints, self.data, path, progress)
+        shutil.rmtree(path / FOLDER, ignore_errors=True)  # what was kept on the way is all in there
+        return written
 
     @classmethod
     def load(cls, folder: str | Path) -> Diagnosis:

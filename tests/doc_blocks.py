@@ -41,6 +41,7 @@ SMALLER = {
 HARDWARE = "hw=feetech"
 """A command with it is run on the virtual bus instead: the words that need a real port are taken away."""
 ABSENT = ("../shared/data", "logs/fleet", "logs/xl330", "logs/ak80", "logs/so101", "logs/servo", "bench.csv", "/tmp/")
+"""What a reader has and a test has not: such commands are checked, not run."""
 ELSEWHERE = {
     "next_experiment.csv": "tests/test_next_experiment.py and test_sim_to_real.py run one",
     "log=logs/hopper": "tests/test_contact_causes.py diagnoses a hopper",
@@ -49,7 +50,6 @@ ELSEWHERE = {
     "reference=true": "tests/test_deploy.py runs it",
 }
 """Parts of commands that other tests run."""
-"""What a reader has and a test has not: such commands are checked, not run."""
 
 
 @dataclass(frozen=True)

@@ -285,6 +285,7 @@ def thinned(problem: FreeProblem) -> FreeProblem:
 
 
 def predict(problem: FreeProblem, hypothesis: Hypothesis) -> Prediction:
+    """What a hypothesis says of a motion, to first order in its nuisance parameters."""
     parameters = hypothesis.parameters
     u = np.array([p.to_fit(min(max(hypothesis.values.get(p.path, p.start), p.low), p.high)) for p in parameters])
     low = np.array([p.to_fit(p.low) if p.low > 0.0 or not p.logarithmic else -1e3 for p in parameters])

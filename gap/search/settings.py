@@ -119,4 +119,4 @@ class SearchSettings:
 
 
 DEFAULT = SearchSettings()
-"""What was measured on the hidden benches (docs/results/hidden-bench.md) was measured with these."""
+"""What was measured on the hidden benches (docs/results/diagnosis.md) was measured with these."""

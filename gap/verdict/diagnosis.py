@@ -159,6 +159,11 @@ def diagnose(
 def diagnose_joint(
     runs: Sequence[MeasuredRun], joint: str, findings: Sequence[Finding], order: Order
 ) -> JointDiagnosis:
+    """Diagnose one joint of runs whose faults are mended.
+
+    Raises:
+        LogError: the runs name no actuator for it, or are too short.
+    """
     mine = tuple(f for f in findings if f.joint in (joint, None, ""))
     runs = [with_believed_load(run) for run in runs]
     if all(run.joints[joint].goal is None for run in runs):  # without commands, only its torque can be judged
