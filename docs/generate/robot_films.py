@@ -10,6 +10,7 @@ import sys
 import tempfile
 from collections.abc import Callable
 from pathlib import Path
+from typing import Any
 
 import sealegs  # isort: skip  # noqa: F401 chooses how MuJoCo draws, before that is imported
 import imageio.v2 as imageio
@@ -49,12 +50,14 @@ def hopper(film: Path) -> None:
     model.vis.global_.fovy = float(model.camera(CAMERA).fovy[0])
     camera = mujoco.MjvCamera()
     camera.azimuth, camera.elevation, camera.distance = 90.0, -11.0, 1.1
-    camera.lookat = (*data.subtree_com[0][:2], 0.25)
-    with mujoco.Renderer(model, HEIGHT, WIDTH) as renderer, imageio.get_writer(film, fps=30) as writer:
+    at, across = data.subtree_com[0][:2]
+    writer: Any = imageio.get_writer(film, fps=30)
+    with mujoco.Renderer(model, HEIGHT, WIDTH) as renderer, writer:
         for k in range(round(SECONDS / CONTROL_STEP)):
             legs.step()
             if k % round(1.0 / 30.0 / CONTROL_STEP) == 0:
-                camera.lookat[0] += 0.15 * (data.subtree_com[0][0] - camera.lookat[0])  # follows the walk, not the hop
+                at += 0.15 * (data.subtree_com[0][0] - at)  # follows the walk, not the hop
+                camera.lookat = (at, across, 0.25)
                 renderer.update_scene(data, camera)
                 writer.append_data(renderer.render())
 
@@ -99,7 +102,8 @@ def main(names: list[str]) -> None:
             subprocess.run(
                 [*command, "-preset", "slow", "-pix_fmt", "yuv420p", "-movflags", "+faststart", str(film)], check=True
             )
-            with imageio.get_reader(whole) as reader:
+            reader: Any = imageio.get_reader(whole)
+            with reader:
                 middle = reader.get_data(round(SECONDS / 2.0 * reader.get_meta_data()["fps"]))
         picture = FOLDER / f"{name}.png"
         Image.fromarray(middle).quantize(128).save(picture, optimize=True)

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any, Protocol, runtime_checkable
 
@@ -20,7 +20,7 @@ class Table(Protocol):
     """A data frame: named columns, as of pandas or Polars."""
 
     @property
-    def columns(self) -> Iterable[Any]:
+    def columns(self) -> Any:  # pandas declares a descriptor, which no checker takes for an iterable
         """Names of the columns."""
         ...
 

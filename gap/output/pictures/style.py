@@ -37,7 +37,7 @@ STYLE: Any = {
 }
 
 Arguments = ParamSpec("Arguments")
-Drawn = TypeVar("Drawn", Figure, Figure | None)
+Drawn = TypeVar("Drawn")
 
 
 def styled(draw: Callable[Arguments, Drawn]) -> Callable[Arguments, Drawn]:
