@@ -15,6 +15,7 @@ from typing import Any
 import yaml
 from sealegs import cli
 from sealegs.configs.compose import compose, split
+from sealegs.gap.log.importers import CONVERTERS
 
 REPOSITORY = Path(__file__).resolve().parents[1]
 FENCE = re.compile(r'^( *)```(\w*)(?: title="([^"]+)")?\n(.*?)^ *```$', re.MULTILINE | re.DOTALL)
@@ -118,6 +119,9 @@ def check_command(words: list[str]) -> None:
             assert importlib.util.find_spec(module), f"no module {module}"
         case ["sealegs", word, *arguments]:
             assert word in cli.COMMANDS, f"no command {word}"
+            if word == "import":
+                assert len(arguments) == 3 and arguments[0] in CONVERTERS, "import <machine> <source> <target>"
+                return
             compose(cli.COMMANDS[word][1], split(arguments, plain=()))
         case _:
             raise AssertionError(f"'{' '.join(words)}' is of no kind that is checked")

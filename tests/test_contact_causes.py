@@ -222,6 +222,7 @@ def test_a_leg_that_never_leaves_the_ground_is_asked_to_hop() -> None:
     assert "hop" in found
 
 
+@pytest.mark.long
 def test_files_hold_joints_and_ground_and_the_extended_leg_loads(tmp_path: Path) -> None:
     import mujoco
 

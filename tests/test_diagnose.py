@@ -120,7 +120,7 @@ def test_an_existing_diagnosis_is_never_overwritten(
 @pytest.mark.parametrize(
     ("cause", "extra", "path", "true"),
     [
-        ("friction.coulomb", {"coulomb_extra": 0.108}, "friction.coulomb", 0.16),
+        pytest.param("friction.coulomb", {"coulomb_extra": 0.108}, "friction.coulomb", 0.16, marks=pytest.mark.long),
         pytest.param("friction.viscous", {"viscous_extra": 0.14}, "friction.viscous", 0.199, marks=pytest.mark.long),
     ],
 )

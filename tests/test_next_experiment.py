@@ -165,7 +165,15 @@ def test_a_joint_that_never_moved_gets_a_first_experiment() -> None:
             marks=pytest.mark.long,
         ),
         # a joint that only settles: viscous friction fits that as well, alone and with confidence
-        ("friction.load_dependent", "clear", "still", 13, ("friction.load_dependent", "friction.viscous"), False),
+        pytest.param(
+            "friction.load_dependent",
+            "clear",
+            "still",
+            13,
+            ("friction.load_dependent", "friction.viscous"),
+            False,
+            marks=pytest.mark.long,
+        ),
     ],
 )
 def test_what_a_poor_log_leaves_open_the_proposed_experiment_names(
