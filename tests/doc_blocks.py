@@ -39,6 +39,8 @@ SMALLER = {
     "deploy": "hw.virtual.time=stepped silence=20 live=false duration=2",
 }
 """What is added to a command, so that its page runs in seconds."""
+RESUMED = "total_timesteps=512 evaluate.every=0 video.seconds=0"
+"""What is added to a training that goes on: it keeps its settings, and ended already on this page."""
 HARDWARE = "hw=feetech"
 """A command with it is run on the virtual bus instead: the words that need a real port are taken away."""
 ABSENT = ("../shared/data", "logs/fleet", "logs/xl330", "logs/ak80", "logs/so101", "logs/servo", "bench.csv", "/tmp/")
@@ -158,7 +160,8 @@ class Reader:
         if HARDWARE in arguments:
             arguments = [item for item in arguments if item != HARDWARE and not item.startswith(("port=", "dead_man"))]
         given = {item.partition("=")[0] for item in arguments}
-        arguments += [item for item in SMALLER.get(word, "").split() if item.partition("=")[0] not in given]
+        smaller = RESUMED if "resume" in given else SMALLER.get(word, "")
+        arguments += [item for item in smaller.split() if item.partition("=")[0] not in given]
         for item in arguments:  # what another page has made already
             key, _, value = item.partition("=")
             target = self.folder / ("runs" if key == "name" else "") / value

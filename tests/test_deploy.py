@@ -12,6 +12,7 @@ import yaml
 from sealegs.actuators.errors import SealegsError
 from sealegs.commands import deploy, loop
 from sealegs.configs.script import run as run_script
+from sealegs.envs.bench.robot import BENCH
 from sealegs.envs.contract import Contract, ContractError
 from sealegs.gap.checks.data_set import check_set, unusable
 from sealegs.gap.log import JointLog, MeasuredRun, read_measured, write_run
@@ -63,9 +64,10 @@ def test_what_a_diagnosis_proposes_is_run_and_can_be_diagnosed(tmp_path: Path) -
     assert run(f"excitation={proposal}", f"out={tmp_path / 'log'}", "name=next", "robot.params={mass:0.3}") == 0
     data = read_measured(tmp_path / "log")
     log = data.runs[0]
-    assert {"mass": 0.3, "arm_mass": 0.03, "length": 0.12}.items() <= dict(log.robot_params).items() and unusable(
-        check_set(data), data
-    ) is None
+    assert (
+        log.robot_params == {**BENCH.parameters({}), "mass": 0.3, "arm_mass": 0.03, "length": 0.12}
+        and unusable(check_set(data), data) is None
+    )
     assert log.joints["joint"].goal == pytest.approx(goal[: len(log.time)], abs=1e-5)
     assert len(log.time) == 100
     assert abs(log.joints["joint"].position[0] - 0.2) < 0.15, "it was brought to the start slowly before"

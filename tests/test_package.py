@@ -117,6 +117,7 @@ def test_import_loads_nothing_heavy(installed: Stranger) -> None:
 def test_every_command_has_its_help_page_anywhere(word: str, installed: Stranger) -> None:
     page = installed.done("sealegs", word, "--help")
     assert f"sealegs {word}" in page and "RuntimeError" not in page
+    assert ("Keys and their defaults" in page) == bool(COMMANDS[word][1])
 
 
 def test_a_command_reads_the_configs_of_the_package_and_the_paths_of_its_caller(installed: Stranger) -> None:

@@ -16,7 +16,7 @@ from __future__ import annotations
 import time
 from collections.abc import Mapping
 from pathlib import Path
-from typing import Annotated, Any, Literal
+from typing import Any, Literal
 
 from sealegs.actuators.errors import SealegsError
 from sealegs.configs.script import Interrupted
@@ -27,6 +27,7 @@ DIAGNOSES = Path("diagnoses")
 def main(arguments: list[str]) -> None:
     """Diagnose the log that the command line names."""
     from sealegs.configs.compose import compose, split  # here, so that --help does not wait for the compiled laws
+    from sealegs.gap.diagnose import checked_settings
 
     config = compose("diagnose", split(arguments, plain=("log", "out", "test"), first="log"))
     if config["log"] is None:
@@ -36,10 +37,8 @@ def main(arguments: list[str]) -> None:
     values = _checked(config)
     log = Path(str(config["log"]))
     out = None if config["out"] is None else Path(str(config["out"]))
-    settings = {
-        "test": None if config["test"] is None else str(config["test"]),
-        **{key: values[key] for key in ("seed", "limits", "speed_limit")},
-    }
+    test = None if config["test"] is None else str(config["test"])
+    settings = checked_settings(test, config["seed"], config["limits"], config["speed_limit"])
     if values["fleet"]:
         out = out or DIAGNOSES / f"{log.stem}-{time.strftime('%Y%m%d-%H%M%S')}"
         diagnose_fleet(log, out, settings, values["workers"], values["fleet"] == "ray")
@@ -48,19 +47,12 @@ def main(arguments: list[str]) -> None:
 
 
 def _checked(config: Mapping[str, Any]) -> dict[str, Any]:
-    """The values that are no file names, in their types."""
-    from annotated_types import Predicate
-    from sealegs.configs.check import Count, Natural, Positive, checked, or_null
+    """Fleet and workers; :func:`sealegs.gap.diagnose.checked_settings` has the settings of a diagnosis."""
+    from sealegs.configs.check import Count, checked, or_null
 
     types: dict[str, tuple[Any, str]] = {
-        "seed": (Natural, "a whole number from 0"),
         "fleet": (Literal[True, False, "ray"], "true (this machine), ray (a Ray cluster) or false"),
         "workers": (or_null(Count), "a whole number from 1"),
-        "limits": (
-            or_null(Annotated[tuple[float, float], Predicate(lambda pair: pair[0] < pair[1])]),
-            "two angles [rad], the lower one first, such as limits=[-1.2,1.2]",
-        ),
-        "speed_limit": (or_null(Positive), "a speed above zero [rad/s]"),
     }
     return {
         key: checked(key, config[key], kind, f"{key}={config[key]} must be {words}.")
