@@ -70,6 +70,24 @@ def test_a_torque_driven_log_needs_no_goal(tmp_path: Path) -> None:
     assert read_measured(path).runs[0].joints["servo"].goal is None
 
 
+def test_a_log_of_one_joint_need_not_name_it(tmp_path: Path) -> None:
+    for sidecar, name in ((SIDECAR, "servo"), ({"robot": "bench", "actuators": {"joint": "sts3215"}}, "joint")):
+        folder = tmp_path / name
+        folder.mkdir()
+        path = write_table(folder, "\n".join(table("time,goal,position,host.sent")), sidecar)
+        assert set(read_measured(path).runs[0].columns()) == {
+            "time", f"{name}.goal", f"{name}.position", "host.sent",
+        }  # fmt: skip
+
+
+def test_a_joint_may_be_driven_by_a_commanded_torque(tmp_path: Path) -> None:
+    path = write_table(tmp_path, "\n".join(table("time,servo.position,servo.torque_command")))
+    log = read_measured(path).runs[0].joints["servo"]
+    assert log.goal is None and log.torque is None and log.torque_command is not None
+    back = read_measured(write_run(read_measured(path).runs[0], tmp_path / "again")).runs[0].joints["servo"]
+    np.testing.assert_array_equal(back.torque_command, log.torque_command)
+
+
 def test_a_long_log_is_read_in_pieces_that_make_the_whole(tmp_path: Path) -> None:
     run = sine_run(samples=1001)
     path = write_run(run, tmp_path)
@@ -88,6 +106,14 @@ BAD_TABLES = {
     "missing time": (table("t,servo.goal,servo.position"), "'t'"),
     "unknown column": (table("time,servo.goal,servo.position,servo.velocty"), "did you mean 'servo.velocity'"),
     "slash in a joint": (table("time,/arm/j1.goal,/arm/j1.position"), "'/arm/j1' has a slash in its name"),
+    "a column without joint beside one with": (
+        table("time,servo.goal,servo.position,velocity"),
+        "'velocity' names no joint, as servo.velocity does",
+    ),
+    "NaN in a commanded torque": (
+        swapped(table("time,servo.torque_command,servo.position"), 5, "0.020,nan,0"),
+        "'servo.torque_command' has no value (NaN) in row 5",
+    ),
     "column twice": (table("time,servo.goal,servo.position,servo.goal"), "twice"),
     "time backwards": (swapped(table(), 9, "0.001,0,0"), "backwards in row 9"),
     "time repeated": (swapped(table(), 9, "0.035,0,0"), "repeats in row 9"),

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from sealegs.actuators.chain import load_chain
 from sealegs.actuators.errors import SealegsError
-from sealegs.gap.load.pendulum import PendulumLoad
+from sealegs.gap.load.pendulum import PendulumLoad, bench_parameters
 from sealegs.gap.log.parts import cut
 from sealegs.gap.log.types import JointLog, MeasuredRun, MeasuredSet
 from sealegs.gap.replay.engine import bench, replay_in_engine
@@ -40,12 +40,14 @@ def excitation(duration: float, seed: int = 0) -> tuple[np.ndarray, np.ndarray]:
     return time, np.where(time < duration / 2, smooth, steps)
 
 
-def simulate(joint: JointModel, time: np.ndarray, goal: np.ndarray, step: float, state=(0.0, 0.0)) -> np.ndarray:
+def simulate(
+    joint: JointModel, time: np.ndarray, goal: np.ndarray, step: float, state=(0.0, 0.0), params=PARAMS
+) -> np.ndarray:
     program = joint.chain.program()
     out = np.empty((len(time), 4))
     thermal = joint.chain.find("thermal")
     warm = np.full(len(time), thermal.temperature if thermal is not None else 25.0)
-    constants = joint.constants(PARAMS, program)
+    constants = joint.constants(params, program)
     on = np.ones(len(time), bool)
     replay(program.copy(), constants, time, goal, on, warm, state[0], state[1], step, out)
     return out
@@ -72,6 +74,31 @@ def test_the_engine_agrees(name: str) -> None:
     ours = simulate(joint, time, goal, 2.5e-4)
     engine = replay_in_engine(bench(joint, PARAMS), time, goal, (0.0, 0.0), step=2.5e-4)
     assert rms(ours[:, 0] - engine[:, 0]) < 0.2e-3
+
+
+def test_an_empty_shaft_is_a_bench_whose_joint_is_its_armature() -> None:
+    params = bench_parameters({"mass": 0.0}, "log.csv")
+    joint = JointModel(load_chain(CHAIN))
+    assert (joint.load.inertia(params), joint.load.gravity_torque(params)) == (0.0, 0.0)
+    time, goal = excitation(6.0, seed=1)
+    ours = simulate(joint, time, goal, 2.5e-4, params=params)
+    engine = replay_in_engine(bench(joint, params), time, goal, (0.0, 0.0), step=2.5e-4)
+    assert rms(ours[:, 0] - engine[:, 0]) < 0.2e-3
+    assert np.isfinite(ours).all() and rms(ours[:, 0]) > 0.1
+
+
+@pytest.mark.parametrize(
+    ("params", "sentence"),
+    [
+        ({}, "says nothing of the bench's load; add mass"),
+        ({"mass": -1.0, "length": 0.1}, "has mass: -1; a mass is zero or more"),
+        ({"mass": 0.5}, "needs 'length' above zero"),
+        ({"mass": 0.5, "lenght": 0.1}, "did you mean 'length'"),
+    ],
+)
+def test_a_load_that_no_bench_has_is_refused_with_one_sentence(params: dict[str, float], sentence: str) -> None:
+    with pytest.raises(SealegsError, match=sentence):
+        bench_parameters(params, "log.csv")
 
 
 def test_a_spring_with_an_inertia_of_its_own_is_refused() -> None:

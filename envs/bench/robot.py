@@ -16,10 +16,11 @@ from .stops import STOP_DAMPING, STOP_STIFFNESS
 JOINT = "joint"
 TIMESTEP = 0.001  # [s] with RK4: 0.1 mrad rms from an exact stick-slip integration (docs/numerics.md)
 POINT = 1e-9  # [kg.m2] inertia of a point mass: the engine wants more than none
+NOTHING = 1e-9  # [kg] mass of an empty shaft, likewise
 FREE = 100.0  # [rad] a stop as far away as this is none
 
 NUMBERS = {
-    "mass": Number(0.5, "kg", "assumed: as in the loads of Duclusaud et al., ICRA 2025", 1e-6),
+    "mass": Number(0.5, "kg", "assumed: as in the loads of Duclusaud et al., ICRA 2025"),
     "arm_mass": Number(0.03, "kg", "assumed: a printed arm"),
     "length": Number(0.12, "m", "assumed: as the load", 1e-3),
     "centre_shift": Number(0.0, "m", "assumed: the mass sits at the end", -10.0, 10.0, neutral=True),
@@ -37,7 +38,7 @@ def pendulum(values: Mapping[str, float]) -> tuple[float, float, float]:
     """
     mass, arm_mass, length = values["mass"], values["arm_mass"], values["length"]
     reach = length + values["centre_shift"]
-    total = mass + arm_mass
+    total = max(mass + arm_mass, NOTHING)
     centre = (mass * reach + 0.5 * arm_mass * length) / total
     return total, centre, max(inertia(values) - total * centre**2, POINT)
 

@@ -28,7 +28,7 @@ KNOWN_RATIOS = {
 def check_columns(joint: JointContext) -> Iterator[Finding]:
     """Yield what is wrong with the columns beside goal and position."""
     yield from _stuck(joint)
-    if joint.log.velocity is not None and joint.radians:
+    if joint.log.velocity is not None and joint.natural:
         yield from _velocity(joint, joint.log.velocity)
     for signal in ("current", "torque"):
         values = getattr(joint.log, signal)

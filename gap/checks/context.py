@@ -59,8 +59,18 @@ class JointContext:
     @cached_property
     def radians(self) -> bool:
         """Whether the sidecar leaves position and goal in radians."""
+        return self.unit == "rad"
+
+    @cached_property
+    def natural(self) -> bool:
+        """Whether the position is in the unit of a hinge, rad, or of a slide, m."""
+        return self.unit in ("rad", "m")
+
+    @cached_property
+    def unit(self) -> str:
+        """Unit of position and goal that the sidecar says, ``rad`` where it says nothing."""
         units = self.run.meta.get("units") or {}
-        return units.get(self.column("position"), units.get("position", "rad")) == "rad"
+        return str(units.get(self.column("position"), units.get("position", "rad")))
 
     @cached_property
     def motion(self) -> tuple[Array, Array, Array]:

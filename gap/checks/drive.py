@@ -68,7 +68,7 @@ def _chain(joint: JointContext) -> Chain | None:
 
 def _duty(joint: JointContext, chain: Chain) -> Array | None:
     controller = chain.find("position_p") or chain.find("position_pd")
-    if controller is None or joint.log.goal is None or not joint.radians:
+    if controller is None or joint.log.goal is None or not joint.natural:
         return None
     limit = chain.find("duty_limit")
     most = limit.limit if limit is not None else 1.0

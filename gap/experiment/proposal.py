@@ -231,7 +231,7 @@ def _distinct(params: Sequence[Mapping[str, float]]) -> list[dict[str, float]]:
 def _other_loads(nominal: JointModel, load: Mapping[str, float]) -> list[dict[str, float]]:
     """The same arm with another mass that the servo can still hold."""
     found = []
-    for factor in LOAD_FACTORS:
+    for factor in LOAD_FACTORS if load["mass"] > 0.0 else ():  # what to hang on an empty shaft is not known
         changed = {**load, "mass": float(f"{load['mass'] * factor:.2g}")}
         if nominal.load.gravity_torque(changed) <= HOLDS * abilities(nominal)[0]:
             found.append(changed)

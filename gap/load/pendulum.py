@@ -70,21 +70,35 @@ class PendulumLoad:
 
 
 def completed(params: Mapping[str, float]) -> dict[str, float]:
-    """Numbers of a bench, those that ``params`` leaves out being the robot's own (:data:`sealegs.envs.bench`)."""
-    return {**{name: number.value for name, number in NUMBERS.items()}, **params}
+    """Numbers of a bench, those that ``params`` leaves out being the robot's own (:data:`sealegs.envs.bench`).
+
+    Without a mass there is no arm either, unless ``params`` has one: the shaft is empty.
+    """
+    empty = {"arm_mass": 0.0} if params.get("mass") == 0.0 else {}
+    return {**{name: number.value for name, number in NUMBERS.items()}, **empty, **params}
 
 
 def bench_parameters(params: Mapping[str, float], where: str) -> dict[str, float]:
     """Numbers of the bench of a run, checked and completed.
 
     Raises:
-        SealegsError: mass or length is missing or not positive, or there is a number that no bench has.
+        SealegsError: mass or length is missing or negative, or there is a number that no bench has.
     """
     for key in params:
         if key not in NUMBERS:
             hint = nearest(key, NUMBERS) or f"; it has {', '.join(NUMBERS)}"
             raise SealegsError(f"{where}: robot_params has '{key}', which a bench has not{hint}.")
-    for key in ("mass", "length"):
-        if not params.get(key, 0.0) > 0.0:
-            raise SealegsError(f"{where}: robot_params needs '{key}' above zero for a bench; add it to the sidecar.")
+    if "mass" not in params:
+        raise SealegsError(
+            f"{where}: robot_params says nothing of the bench's load; add mass [kg] and length [m] to the sidecar, "
+            "mass: 0 for an empty shaft, or name the robot that it is, robot: my_arm.xml."
+        )
+    for key in ("mass", "arm_mass"):
+        if not params.get(key, 0.0) >= 0.0:
+            raise SealegsError(f"{where}: robot_params has {key}: {params[key]:g}; a mass is zero or more [kg].")
+    if not params.get("length", 0.0) > 0.0 and (params["mass"] > 0.0 or params.get("arm_mass", 0.0) > 0.0):
+        raise SealegsError(
+            f"{where}: robot_params needs 'length' above zero, the distance of the mass from the shaft [m]; add it to "
+            "the sidecar."
+        )
     return {"arm_mass": completed(params)["arm_mass"], **params}

@@ -9,9 +9,9 @@ from typing import Any, Protocol, runtime_checkable
 
 import numpy as np
 
-from .reader import build_run
+from .reader import build_run, only_joint
 from .sidecar import Sidecar, checked_sidecar
-from .table import check_columns
+from .table import check_columns, with_joint
 from .types import Array, LogError, MeasuredRun, MeasuredSet
 
 
@@ -91,6 +91,7 @@ def _run(run: MeasuredRun | Columns, sidecar: Mapping[str, Any] | None, name: st
             f"{name}: column '{short}' has {lengths[short]} samples and '{long}' has {lengths[long]}; columns of a run "
             "are equally long."
         )
+    table = dict(zip(with_joint(list(table), only_joint(checked)), table.values(), strict=True))
     check_columns(list(table), Path(name))
     return dataclasses.replace(build_run(name, table, checked, Path(name), 0), source=None)
 

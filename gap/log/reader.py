@@ -9,7 +9,7 @@ import numpy as np
 
 from ...actuators.errors import nearest
 from .sidecar import Sidecar, read_sidecar
-from .table import ENDINGS, check_columns, read_batches
+from .table import ENDINGS, ONLY_JOINT, check_columns, read_batches
 from .types import OTHER, REQUIRED_EVERYWHERE, Array, JointLog, LogError, MeasuredRun, MeasuredSet
 
 MINIMUM_SAMPLES = 2
@@ -78,7 +78,7 @@ def iterate_runs(path: str | Path, rows: int = 1 << 18) -> Iterator[MeasuredRun]
     first = 0
     parts: list[dict[str, Array]] = []
     held = 0
-    for batch in read_batches(path):
+    for batch in read_batches(path, only_joint(sidecar)):
         parts.append(batch)
         held += len(batch["time"])
         while held >= rows + MINIMUM_SAMPLES:
@@ -93,7 +93,12 @@ def iterate_runs(path: str | Path, rows: int = 1 << 18) -> Iterator[MeasuredRun]
 
 def _read_run(path: Path) -> MeasuredRun:
     sidecar = read_sidecar(path)
-    return build_run(path.stem, _joined(list(read_batches(path))), sidecar, path, 0)
+    return build_run(path.stem, _joined(list(read_batches(path, only_joint(sidecar)))), sidecar, path, 0)
+
+
+def only_joint(sidecar: Sidecar) -> str:
+    """Joint of columns that name none: the one that the sidecar gives an actuator."""
+    return next(iter(sidecar.actuators)) if len(sidecar.actuators) == 1 else ONLY_JOINT
 
 
 def _joined(parts: list[dict[str, Array]]) -> dict[str, Array]:

@@ -12,15 +12,21 @@ from pyarrow import compute, parquet
 from pyarrow import csv as arrow_csv
 
 from ...actuators.errors import nearest
-from .types import OTHER, SIGNAL_UNITS, Array, LogError
+from .types import COMMANDS, OTHER, SIGNAL_UNITS, Array, LogError
 
 ENDINGS = (".csv", ".parquet")
+ONLY_JOINT = "joint"
+"""Joint of columns without one, where the sidecar names none: the bench's."""
 _CSV_BLOCK_BYTES = 8 << 20
 _PARQUET_BATCH_ROWS = 1 << 17
 
 
-def read_batches(path: Path) -> Iterator[dict[str, Array]]:
+def read_batches(path: Path, only_joint: str = ONLY_JOINT) -> Iterator[dict[str, Array]]:
     """Yield the columns of ``path`` as float64 arrays, a bounded number of rows at a time, NaN for an empty cell.
+
+    Args:
+        path: of the table.
+        only_joint: whose columns those are that name no joint.
 
     Raises:
         LogError: not a readable file, empty, a column that the format does not know, or a cell that is no number.
@@ -30,18 +36,18 @@ def read_batches(path: Path) -> Iterator[dict[str, Array]]:
     try:
         if path.stat().st_size == 0:
             raise LogError(f"{path}: is empty; record the log again or leave the file out")
-        yield from _csv_batches(path) if path.suffix == ".csv" else _parquet_batches(path)
+        yield from _csv_batches(path, only_joint) if path.suffix == ".csv" else _parquet_batches(path, only_joint)
     except OSError as error:
         if error.errno is None:  # Arrow raises OSError for content it cannot decode
             raise LogError(f"{path}: is damaged and cannot be read as {path.suffix[1:]}; copy it again") from None
         raise LogError(f"{path}: cannot be read: {error.strerror}") from None
 
 
-def _parquet_batches(path: Path) -> Iterator[dict[str, Array]]:
+def _parquet_batches(path: Path, only_joint: str) -> Iterator[dict[str, Array]]:
     try:
         # pages are read as they are needed: a row group may hold the whole of a long log
         with parquet.ParquetFile(path, buffer_size=1 << 20, pre_buffer=False) as file:
-            names = file.schema_arrow.names
+            names = with_joint(file.schema_arrow.names, only_joint)
             check_columns(names, path)
             for field in file.schema_arrow:
                 numeric = pa.types.is_integer(field.type) or pa.types.is_floating(field.type)
@@ -53,13 +59,15 @@ def _parquet_batches(path: Path) -> Iterator[dict[str, Array]]:
         raise LogError(f"{path}: is not a Parquet file, or a damaged one; copy or convert it again") from None
 
 
-def _csv_batches(path: Path) -> Iterator[dict[str, Array]]:
-    names = _csv_header(path)
+def _csv_batches(path: Path, only_joint: str) -> Iterator[dict[str, Array]]:
+    header = _csv_header(path)
+    names = with_joint(header, only_joint)
+    check_columns(names, path)
     try:
         reader = arrow_csv.open_csv(
             path,
             read_options=arrow_csv.ReadOptions(block_size=_CSV_BLOCK_BYTES),
-            convert_options=arrow_csv.ConvertOptions(column_types={name: pa.float64() for name in names}),
+            convert_options=arrow_csv.ConvertOptions(column_types={name: pa.float64() for name in header}),
         )
         for batch in reader:
             yield {name: _as_float(batch.column(i)) for i, name in enumerate(names)}
@@ -79,7 +87,6 @@ def _csv_header(path: Path) -> list[str]:
     if ";" in line or "\t" in line:  # also beside commas, as where a locale exported some of them
         separator = "semicolons" if ";" in line else "tabs"
         raise LogError(f"{path}: separates columns by {separator}; use commas and decimal points")
-    check_columns(names, path)
     return names
 
 
@@ -113,6 +120,13 @@ def _as_float(column: pa.Array) -> Array:
     return np.asarray(column.to_numpy(zero_copy_only=False), dtype=np.float64)
 
 
+def with_joint(names: list[str], only_joint: str) -> list[str]:
+    """Column names of a log of one joint, whose columns need not name it: ``position`` is ``<only_joint>.position``."""
+    bare = [name for name in names if name in SIGNAL_UNITS]
+    named = any("." in name and name.partition(".")[0] not in OTHER for name in names)
+    return names if named else [f"{only_joint}.{name}" if name in bare else name for name in names]
+
+
 def check_columns(names: list[str], path: Path) -> None:
     """Refuse columns that the format does not know, columns named twice, and a missing ``time`` or ``position``."""
     seen: set[str] = set()
@@ -124,6 +138,10 @@ def check_columns(names: list[str], path: Path) -> None:
             raise LogError(f"{path}: column '{name}' is there twice; keep one")
         seen.add(name)
         joint, _, signal = name.rpartition(".")
+        if name in SIGNAL_UNITS:
+            raise LogError(
+                f"{path}: column '{name}' names no joint, as {joints[0]}.{signal} does; write <joint>.{name}"
+            )
         if name != "time" and joint not in OTHER and not (joint and signal in SIGNAL_UNITS):
             hint = nearest(name, known) or nearest(signal, SIGNAL_UNITS)
             raise LogError(
@@ -133,14 +151,17 @@ def check_columns(names: list[str], path: Path) -> None:
     if "time" not in seen:
         raise LogError(f"{path}: the column 'time' [s] is missing{nearest('time', names)}")
     if not joints:
-        raise LogError(f"{path}: has no joint; add the columns <joint>.goal and <joint>.position [rad]")
+        raise LogError(
+            f"{path}: has no joint; add the columns <joint>.goal and <joint>.position [rad], or turn a table with "
+            f"other columns into a log: sealegs import {path} out=logs/<name>"
+        )
     for joint in joints:
         if "/" in joint or "\\" in joint:  # files of a diagnosis are named for the joint
             raise LogError(f"{path}: the joint '{joint}' has a slash in its name; rename its columns")
         if f"{joint}.position" not in seen:
             raise LogError(f"{path}: the column '{joint}.position' [rad] is missing")
-        if f"{joint}.goal" not in seen and f"{joint}.torque" not in seen:
+        if not any(f"{joint}.{signal}" in seen for signal in COMMANDS):
             raise LogError(
                 f"{path}: the column '{joint}.goal' [rad] is missing (only a torque-driven log, "
-                f"which has '{joint}.torque', goes without)"
+                f"which has '{joint}.torque_command' or '{joint}.torque', goes without)"
             )

@@ -24,6 +24,7 @@ class LogError(SealegsError):
 
 SIGNAL_UNITS: dict[str, str] = {
     "goal": "rad",
+    "torque_command": "N.m",
     "position": "rad",
     "velocity": "rad/s",
     "link_position": "rad",
@@ -34,18 +35,23 @@ SIGNAL_UNITS: dict[str, str] = {
     "temperature": "degC",
     "enabled": "1",
 }
-"""Every signal a joint may log, with its unit."""
+"""Every signal a joint may log, with its unit on a hinge; on a slide rad is m and N.m is N."""
+
+COMMANDS = ("goal", "torque_command", "torque")
+"""What says how a joint is driven: a joint logs one of these at least."""
 
 OTHER = ("base", "host")
 """Groups of columns that belong to no joint: of the floating base, and of the computer that ran the loop."""
 
-REQUIRED_EVERYWHERE = ("goal", "position", "enabled")
+REQUIRED_EVERYWHERE = ("goal", "torque_command", "position", "enabled")
 """Signals that may not miss a value in any sample where their column exists."""
 
 
 @dataclass(frozen=True, eq=False)
 class JointLog:
     """The signals of one joint, each of shape (n,), float64, NaN where a sample lacks a value.
+
+    Units are those of a hinge; on a slide rad is m and N.m is N.
 
     Attributes:
         goal: commanded position [rad]; None in a torque-driven log.
@@ -55,9 +61,11 @@ class JointLog:
         duty: signed PWM duty, 1 = full.
         voltage: supply voltage [V].
         current: motor current [A].
-        torque: torque at the output shaft [N.m].
+        torque: torque at the output shaft [N.m], measured or estimated by the drive.
         temperature: motor temperature [degC].
         enabled: 1 while the drive is on, 0 while the motor is left without torque; None where it was on throughout.
+        torque_command: commanded torque, held until the next sample [N.m]; of an open loop, or of a controller outside
+            the drive that closes one. None where the drive takes a position goal.
     """
 
     goal: Array | None
@@ -70,6 +78,7 @@ class JointLog:
     torque: Array | None = None
     temperature: Array | None = None
     enabled: Array | None = None
+    torque_command: Array | None = None
 
     def signals(self) -> dict[str, Array]:
         """Return the recorded signals by name, in the order of the format."""

@@ -119,6 +119,11 @@ def _nominal(run: MeasuredRun, joint: str) -> list[float]:
 
     A torque-driven log need not name an actuator; without one, nothing is believed of friction and armature.
     """
+    if run.robot != "bench":
+        raise LogError(
+            f"{run.name}: joint '{joint}' of {run.robot} was driven by torque; what it works against is known for a "
+            "bench only."
+        )
     load, params = PendulumLoad(), bench_parameters(run.robot_params, run.name)
     chain = load_chain(run.actuators[joint]) if joint in run.actuators else None
     friction = chain.find("friction") if chain else None
