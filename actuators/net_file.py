@@ -3,13 +3,13 @@
 from __future__ import annotations
 
 import itertools
-import os
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import NDArray
 
+from .atomic import written
 from .errors import SealegsError
 from .extras import needed_for
 
@@ -69,16 +69,8 @@ def write_net(arrays: dict[str, np.ndarray], path: Path) -> None:
     Raises:
         SealegsError: the file exists already.
     """
-    if path.exists():
-        raise SealegsError(f"{path} exists already and nothing is overwritten; give another name.")
-    unfinished = path.with_name(f".writing-{os.getpid()}-{path.name}")
     try:
-        with unfinished.open("wb") as file:
-            np.savez_compressed(file, **arrays)  # type: ignore[arg-type]
-            file.flush()
-            os.fsync(file.fileno())
-        os.link(unfinished, path) if hasattr(os, "link") else unfinished.rename(path)
+        with written(path) as unfinished, unfinished.open("wb") as file:
+            np.savez_compressed(file, allow_pickle=False, **arrays)
     except FileExistsError:
         raise SealegsError(f"{path} exists already and nothing is overwritten; give another name.") from None
-    finally:
-        unfinished.unlink(missing_ok=True)

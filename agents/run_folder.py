@@ -28,6 +28,7 @@ from typing import Any
 
 import yaml
 
+from ..actuators.atomic import UNFINISHED, flush, write_text
 from ..actuators.errors import SealegsError
 
 try:
@@ -36,7 +37,6 @@ except ImportError:  # Windows has no such lock
     fcntl = None
 
 REPOSITORY = Path(__file__).resolve().parents[1]
-_UNFINISHED = ".writing-"
 _REPLACED = ".replaced-"
 
 
@@ -126,13 +126,7 @@ class RunFolder:
 
     def write_text(self, name: str, text: str) -> None:
         """Write a file as a whole or not at all."""
-        target = self.path / name
-        temporary = target.with_name(f"{_UNFINISHED}{target.name}")
-        with open(temporary, "w") as file:
-            file.write(text)
-            file.flush()
-            os.fsync(file.fileno())
-        os.replace(temporary, target)
+        write_text(self.path / name, text, replace=True)
 
     @contextlib.contextmanager
     def writing(self, name: str) -> Iterator[Path]:
@@ -141,15 +135,14 @@ class RunFolder:
         An older folder of that name stays until the new one is complete.
         """
         target = self.path / name
-        temporary = target.with_name(f"{_UNFINISHED}{target.name}")
+        temporary = target.with_name(f"{UNFINISHED}{target.name}")
         replaced = target.with_name(f"{_REPLACED}{target.name}")
         shutil.rmtree(temporary, ignore_errors=True)
         temporary.mkdir(parents=True)
         try:
             yield temporary
             for file in temporary.iterdir():
-                with open(file, "rb") as written:
-                    os.fsync(written.fileno())
+                flush(file)
         except BaseException:
             shutil.rmtree(temporary, ignore_errors=True)
             raise
@@ -201,7 +194,7 @@ class RunFolder:
                     shutil.rmtree(replaced, ignore_errors=True)
                 else:
                     os.replace(replaced, target)
-            for unfinished in folder.glob(f"{_UNFINISHED}*"):
+            for unfinished in folder.glob(f"{UNFINISHED}*"):
                 if unfinished.is_dir():
                     shutil.rmtree(unfinished, ignore_errors=True)
                 else:

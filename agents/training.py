@@ -5,7 +5,6 @@ from __future__ import annotations
 import contextlib
 import errno
 import json
-import os
 import sys
 import threading
 import time
@@ -18,6 +17,7 @@ import yaml
 from stable_baselines3.common.base_class import BaseAlgorithm
 from stable_baselines3.common.callbacks import CallbackList
 
+from ..actuators.atomic import written
 from ..actuators.errors import SealegsError
 from ..configs.script import Interrupted
 from ..envs.sb3 import BatchVecEnv
@@ -198,24 +198,17 @@ class Session:
         if video.seconds == 0:
             return
         file = self.run.path / _VIDEO
-        unfinished = self.run.path / f".writing-{_VIDEO}"
+        seed = stream_seed(self.config.seed, _FILM)
         try:
             env = make_single_env(self.config.env, self.chains, video.width, video.height)
-            try:
-                record_video(
-                    unfinished, policy_of(self.model), env, video.seconds, stream_seed(self.config.seed, _FILM)
-                )
-            finally:
-                env.close()
-            os.replace(unfinished, file)
+            with contextlib.closing(env), written(file, replace=True) as unfinished:
+                record_video(unfinished, policy_of(self.model), env, video.seconds, seed)
         except Exception as error:
             if _disk_full(error):
                 raise
             # Drawing needs OpenGL and ffmpeg, which fail in ways of their own. The policy is saved: no reason to fail.
             reason = str(error).strip().partition("\n")[0].rstrip(".") or type(error).__name__
             print(f"No film: {reason}.", file=sys.stderr)
-        finally:
-            unfinished.unlink(missing_ok=True)
 
     def _say_where(self) -> None:
         path = self.run.path

@@ -11,7 +11,6 @@ from __future__ import annotations
 
 import datetime
 import math
-import os
 import sys
 import threading
 import time
@@ -22,6 +21,7 @@ from typing import Any, Protocol
 import numpy as np
 import yaml
 
+from ..actuators.atomic import write_text
 from ..actuators.errors import SealegsError
 from ..configs.script import run
 from ..envs.robot import Robot
@@ -29,6 +29,10 @@ from .registers import ServoModel
 from .robot import CalibrationError, Joint, check_joints, read_joints
 
 FOLDER = Path("calibrations")
+HEAD = (
+    "# zero: step of the encoder at 0 rad; direction: 1 where steps grow with the angle; range: rad;\n"
+    "# homing_offset: of the servo, with which these steps hold\n"
+)
 STILL = 8  # steps that a joint at rest may wander
 MOVED = 60  # steps (5 degrees) that count as moved
 SEAM = 0.5  # share of a turn: a jump beyond it between two readings went over the encoder's seam
@@ -103,8 +107,10 @@ def guide(
     return joints
 
 
-def write_calibration(path: Path, robot: Robot, servo: ServoModel, joints: Sequence[Joint]) -> None:
-    """Write a calibration.
+def write_calibration(
+    path: Path, robot: Robot, servo: ServoModel, joints: Sequence[Joint], replace: bool = False
+) -> None:
+    """Write a calibration; with ``replace``, over one that is not finished.
 
     Raises:
         CalibrationError: the file exists; a calibration is never overwritten.
@@ -117,14 +123,7 @@ def write_calibration(path: Path, robot: Robot, servo: ServoModel, joints: Seque
     }
     path.parent.mkdir(parents=True, exist_ok=True)
     try:
-        with open(path, "x", encoding="utf-8") as file:
-            file.write(
-                "# zero: step of the encoder at 0 rad; direction: 1 where steps grow with the angle; range: rad;\n"
-                "# homing_offset: of the servo, with which these steps hold\n"
-            )
-            yaml.safe_dump(document, file, sort_keys=False)
-            file.flush()
-            os.fsync(file.fileno())
+        write_text(path, HEAD + yaml.safe_dump(document, sort_keys=False), replace)
     except FileExistsError:
         raise CalibrationError(f"{path} exists, and a calibration is never overwritten; give another out=.") from None
 
@@ -155,10 +154,7 @@ def kept(
 
     def keep(joints: list[Joint]) -> None:
         done[:] = joints
-        fresh = path.with_suffix(".new")
-        fresh.unlink(missing_ok=True)
-        write_calibration(fresh, robot, servo, joints)
-        fresh.replace(path)
+        write_calibration(path, robot, servo, joints, replace=True)
 
     try:
         return work(list(done), keep)

@@ -11,9 +11,9 @@ import mujoco
 import numpy as np
 import pytest
 from sealegs.actuators import load_chain
+from sealegs.actuators.gravity import GRAVITY
 from sealegs.gap.causes.catalogue import catalogue
 from sealegs.gap.causes.cause import Cause
-from sealegs.gap.load.load import GRAVITY
 from sealegs.gap.output.mjcf import native_mjcf, not_native
 from sealegs.gap.replay.engine import bench, replay_in_engine
 from sealegs.gap.replay.joint_model import JointModel

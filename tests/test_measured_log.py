@@ -3,13 +3,13 @@
 from __future__ import annotations
 
 import errno
+import os
 from pathlib import Path
 
 import numpy as np
 import pytest
 import yaml
 from sealegs.gap.log import JointLog, LogError, MeasuredRun, iterate_runs, read_measured, write_run
-from sealegs.gap.log import writer as log_writer
 
 SIDECAR = {"robot": "bench", "robot_params": {"mass": 0.5, "length": 0.12}, "actuators": {"servo": "sts3215"}}
 
@@ -216,7 +216,7 @@ def test_a_full_disk_leaves_earlier_files_and_no_half_ones(tmp_path: Path, monke
     def full(_: int) -> None:
         raise OSError(errno.ENOSPC, "No space left on device")
 
-    monkeypatch.setattr(log_writer.os, "fsync", full)
+    monkeypatch.setattr(os, "fsync", full)
     with pytest.raises(LogError, match="disk is full") as error:
         write_run(sine_run("second"), tmp_path)
     assert "\n" not in str(error.value)

@@ -5,9 +5,10 @@ from __future__ import annotations
 import mujoco
 import numpy as np
 
+from ...actuators.gravity import GRAVITY
 from .hopping import JOINT_TICKS, quantised
 from .kinematics import centre_of_mass, feet, place, segments
-from .parameters import GRAVITY, SIDES
+from .parameters import SIDES
 from .rig import FINGERTIP
 from .robot import BIPED, TORSO, coordinate
 

@@ -10,7 +10,6 @@ from ..robot import Number
 
 LEFT, RIGHT = "left", "right"
 SIDES = (LEFT, RIGHT)
-GRAVITY = 9.81  # [m/s2]
 
 _LINKS = {  # table VII: mass [kg], centre of mass [m] forward and along the link, inertia [kg.m2] about its joint
     "torso": (40.8953, 0.01229, 0.18337, 2.3727),

@@ -12,10 +12,11 @@ import mujoco
 import numpy as np
 
 from ...actuators import Chain, Drivetrain, load_chain
+from ...actuators.gravity import GRAVITY
 from .drive import ANGLE, DRIVES, ENCODER, PULLEYS, SHAPE, SPRING_RATIO, torque_chain
 from .hopping import JOINT_TICKS, NAMES, Hopping, quantised
 from .identification import Load, Record, chirp
-from .parameters import GRAVITY, SIDES
+from .parameters import SIDES
 from .robot import BIPED, coordinate, foot
 
 STEP = 0.001  # [s] between samples

@@ -7,10 +7,11 @@ from collections.abc import Mapping
 import mujoco
 
 from ...actuators import DrivenCoordinate
+from ...actuators.gravity import GRAVITY
 from ..robot import Robot
 from ..scene import CAMERA, FLOOR, add_scene, add_sun
 from .drive import ANGLE, SHAPE
-from .parameters import GRAVITY, NUMBERS, SIDES
+from .parameters import NUMBERS, SIDES
 
 BOOM, TORSO = "boom", "torso"
 REACH = 1.5  # [m] rough size, for light and shadows

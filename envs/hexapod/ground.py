@@ -13,7 +13,7 @@ from collections.abc import Mapping
 import mujoco
 import numpy as np
 
-from .parameters import GRAVITY
+from ...actuators.gravity import GRAVITY
 
 SOLIMP = (0.358, 0.527, 0.024, 0.025, 12.0)
 """Impedance at touch and at full depth, that depth [m], and shape."""

@@ -10,11 +10,12 @@ import numpy as np
 
 from ...actuators import Chain, Drivetrain
 from ...actuators.errors import SealegsError
+from ...actuators.gravity import GRAVITY
 from ...actuators.layout import S_CURRENT, S_LOAD, S_TORQUE, S_VOLTAGE
 from .gait import PERIOD, Tripod
 from .ground import penetration
 from .kinematics import link_angles
-from .parameters import GRAVITY, LEGS
+from .parameters import LEGS
 from .robot import FRICTIONS, HEXAPOD, KINDS, VERTICAL, chains_of, coordinate, foot, loop_joints
 
 LIFTED = 0.04  # [m] of the feet that do not stand

@@ -9,7 +9,6 @@ from __future__ import annotations
 
 from ..robot import Number
 
-GRAVITY = 9.81  # [m/s2]
 LEGS = 6
 
 _TABLE = {  # table 10: mass [kg], inertia about the centre of mass [kg.cm2] around x, y, z; links lie along x

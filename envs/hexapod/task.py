@@ -8,12 +8,13 @@ from dataclasses import dataclass
 import numpy as np
 
 from ...actuators import Drivetrain
+from ...actuators.gravity import GRAVITY
 from ..task import ModulatedTask, Motion
 from . import modulated_gait
 from .gait import PERIOD
 from .ground import penetration
 from .kinematics import Joints, foot_from_joints, leg_angle, link_angles, stance
-from .parameters import GOAL_RANGE, GRAVITY, LEGS
+from .parameters import GOAL_RANGE, LEGS
 from .robot import HEXAPOD, KINDS, ROTATION, VERTICAL, coordinate, loop_joints, total_mass
 
 SLOWEST = 0.01  # [m/s] below this, errors of speed count in absolute terms

@@ -14,9 +14,9 @@ import numpy as np
 from mujoco.batch import Batch
 
 from ...actuators.engine import install
+from ...actuators.gravity import GRAVITY
 from ...envs.hopper.robot import HIP, KNEE
 from ...envs.scene import FLOOR
-from ..load.load import GRAVITY
 from ..log.types import MeasuredRun
 from .leg_model import GROUND_BODY, GROUND_JOINT, LegModel
 from .stances import LENGTH, Stance

@@ -7,8 +7,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from ...actuators.gravity import GRAVITY
 from ..checks.signal import derivatives, quantisation_step
-from ..load.load import GRAVITY
 from ..log.types import MeasuredRun
 from .leg_model import LegModel
 

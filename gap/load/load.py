@@ -5,8 +5,6 @@ from __future__ import annotations
 from collections.abc import Mapping
 from typing import Protocol
 
-GRAVITY = 9.81  # [m/s2]
-
 
 class Load(Protocol):
     """A load behind a joint, with what a fit found of it.

@@ -8,9 +8,9 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 
 from ...actuators.errors import SealegsError, nearest
+from ...actuators.gravity import GRAVITY
 from ...envs.bench.robot import NUMBERS
 from ...envs.bench.robot import inertia as pendulum_inertia
-from .load import GRAVITY
 
 
 @dataclass(frozen=True)

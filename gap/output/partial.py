@@ -8,7 +8,6 @@ from __future__ import annotations
 
 import hashlib
 import json
-import os
 import shutil
 import time
 from collections.abc import Callable, Iterator, Mapping
@@ -16,6 +15,7 @@ from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
 
+from ...actuators.atomic import write_text
 from ...actuators.errors import SealegsError
 from ..log.sidecar import FOLDER_DEFAULTS
 from ..log.types import LogError, MeasuredSet
@@ -77,9 +77,7 @@ class Partial:
 
     def _write(self) -> None:
         self._document["seconds"] = round(time.monotonic() - self._begun, 1)
-        unfinished = self.folder / f".writing-{TOLD}"
-        unfinished.write_text(json.dumps(plain(self._document), indent=1) + "\n", encoding="utf-8")
-        os.replace(unfinished, self.folder / TOLD)
+        write_text(self.folder / TOLD, json.dumps(plain(self._document), indent=1) + "\n", replace=True)
 
 
 @contextmanager

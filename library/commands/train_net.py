@@ -16,6 +16,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
 from sealegs.actuators.errors import SealegsError, nearest
+from sealegs.actuators.gravity import GRAVITY
 from sealegs.configs.script import Interrupted
 
 if TYPE_CHECKING:
@@ -148,7 +149,7 @@ def _run_of(item: MeasuredRun, joint: str, config: dict[str, Any]) -> TrainingRu
 
         load = {key: float(item.robot_params.get(key, number.value or 0.0)) for key, number in NUMBERS.items()}
         total, centre, about_centre = pendulum(load)
-        inertia, gravity = about_centre + total * centre**2, 9.81 * total * centre
+        inertia, gravity = about_centre + total * centre**2, GRAVITY * total * centre
     armature = config["armature"]
     if armature is None:
         armature = load_chain(item.actuators[joint]).armature() if joint in item.actuators else 0.0

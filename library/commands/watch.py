@@ -9,10 +9,11 @@ Writes an mp4 and prints how long each episode in it lasts and what it earns.
 
 from __future__ import annotations
 
+import contextlib
 import datetime
-import os
 from pathlib import Path
 
+from sealegs.actuators.atomic import written
 from sealegs.actuators.errors import SealegsError
 
 
@@ -42,13 +43,8 @@ def main(arguments: list[str]) -> None:
         raise SealegsError(f"{out} is there already, and nothing is overwritten; give another out=<file>.")
     out.parent.mkdir(parents=True, exist_ok=True)
     env = make_single_env(env_config, actuator, width, height)
-    unfinished = out.with_name(f".writing-{out.stem}.mp4")
-    try:
+    with contextlib.closing(env), written(out) as unfinished:
         episodes = record_video(unfinished, act, env, seconds, seed)
-        os.replace(unfinished, out)
-    finally:
-        env.close()
-        unfinished.unlink(missing_ok=True)
     for number, episode in enumerate(episodes, 1):
         print(f"Episode {number}: {episode.seconds:.1f} s, reward {episode.reward:.4g}, {episode.ending}")
     print(f"Film: {out}")
