@@ -305,7 +305,7 @@ def test_the_comparison_writes_numbers_and_pictures_and_never_over_old_ones(
     out = tmp_path / "comparison"
     report.compare(out, 30.0, lines.append)
     text = "\n".join(lines)
-    assert "VI   K_C" in text and "+10.0%" in text
+    assert "left leg angle: K_C" in text and "+10.00%" in text
     assert "hops without a fall" in text and "boom_length" in text
     written = json.loads((out / "biped.json").read_text())
     assert written["hopping"]["hops"] >= 92

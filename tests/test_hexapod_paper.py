@@ -90,8 +90,8 @@ def test_evaluate_writes_numbers_and_pictures_and_never_over_old_ones(tmp_path: 
     first = _evaluate(f"out={out}", "seconds=1")
     assert first.returncode == 0, first.stderr
     written = json.loads((out / "hexapod.json").read_text())
-    assert len(written["statements"]) == 11
-    missed = [row["printed"] for row in written["statements"] if not row["holds"]]
+    assert len(written["rows"]) == 11
+    missed = [row["name"] for row in written["rows"] if not row["holds"]]
     assert missed == ["slight current as the load on leg 0 grows"]
     for name in ("height", "friction", "vertical", "horizontal", "resistance"):
         assert (out / f"{name}.png").stat().st_size > 10_000

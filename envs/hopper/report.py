@@ -9,6 +9,8 @@ from pathlib import Path
 from typing import Any
 
 from ...actuators.errors import SealegsError
+from ..published import documents, row_lines
+from . import rows as printed_rows
 from .paper import CHAINS, PRINTED, Figures, Hops, Legs, measure
 from .parameters import NUMBERS
 
@@ -41,7 +43,10 @@ def compare(out: Path, seconds: float = 10.0, say: Callable[[str], None] = print
         cases[name] = Legs(chain).hop(seconds)
         figures[name] = measure(cases[name])
         speed[name] = {str(count): Legs(chain, count).real_time_factor(TIMED) for count in LEGS}
+    say("hopping with link lengths that know nothing of the servo")
+    rows = printed_rows.rows(cases, figures, seconds)
     result = {
+        "rows": documents(rows),
         "printed": {name: asdict(printed) for name, printed in PRINTED.items()},
         "simulated": {name: asdict(value) for name, value in figures.items()},
         "real_time_factor": speed,
@@ -55,7 +60,7 @@ def compare(out: Path, seconds: float = 10.0, say: Callable[[str], None] = print
 
     plot_time(cases, out / "time.png")
     plot_periods(cases, out / "periods.png")
-    for line in table(figures, speed):
+    for line in (*table(figures, speed), *row_lines("paper 004", rows)):
         say(line)
     say(f"Written: {out}/hopper.json, {out}/time.png, {out}/periods.png")
     return result
