@@ -5,16 +5,17 @@ A type may carry bounds, ``Annotated[int, Ge(1)]``, and what is wrong is told in
 
 from __future__ import annotations
 
+import dataclasses
 import functools
 import inspect
 import operator
 import types
 from collections.abc import Callable, Iterable, Mapping, Sequence
-from typing import TYPE_CHECKING, Annotated, Any, Literal, Union, get_args, get_origin
+from typing import TYPE_CHECKING, Annotated, Any, Literal, TypeVar, Union, get_args, get_origin, get_type_hints
 
 from annotated_types import Ge, Gt, Lt
 
-from ..actuators.errors import SealegsError
+from ..actuators.errors import SealegsError, nearest
 
 if TYPE_CHECKING:
     from pydantic import TypeAdapter
@@ -68,6 +69,33 @@ def checked(key: str, value: Any, annotation: Any, sentence: str = "") -> Any:
         raise SealegsError(f"{key} must be {bound}, not {value}.")
     words = list(dict.fromkeys(_describe(option) for option in _options(annotation)))
     raise SealegsError(f"{key} takes {' or '.join(words)}, not {value!r}.")
+
+
+Kind = TypeVar("Kind")
+
+
+def checked_fields(where: str, document: Any, kind: type[Kind]) -> Kind:
+    """The dataclass ``kind`` from a mapping of YAML; a key that is left out keeps its default.
+
+    Args:
+        where: dotted name of the mapping, for messages; empty at the top of a file.
+        document: the mapping.
+        kind: a dataclass whose fields are the keys.
+
+    Raises:
+        SealegsError: it is no mapping, has an unknown key, lacks one, or a value is of another type.
+    """
+    fields = dataclasses.fields(kind)  # type: ignore[arg-type]
+    known, types = [item.name for item in fields], get_type_hints(kind, include_extras=True)
+    prefix = f"{where}." if where else ""
+    values = checked(where or "it", document, dict[str, Any], f"{where or 'it'} is a mapping of {', '.join(known)}.")
+    for key in values:
+        if key not in known:
+            raise SealegsError(f"{prefix}{key} is unknown{nearest(str(key), known)}; there are {', '.join(known)}.")
+    for item in fields:
+        if item.default is item.default_factory is dataclasses.MISSING and item.name not in values:
+            raise SealegsError(f"{prefix}{item.name} is missing.")
+    return kind(**{key: checked(f"{prefix}{key}", value, types[key]) for key, value in values.items()})
 
 
 def checked_seed(value: Any, key: str = "seed") -> int:

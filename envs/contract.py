@@ -120,7 +120,8 @@ def robot_hash(robot: Robot, params: Mapping[str, float] | None = None) -> str:
         for name, value in robot.parameters(params).items()
         if not (robot.numbers[name].neutral and value == robot.numbers[name].value)
     }
-    return _hash([robot.name, numbers, coordinates])
+    described = [] if robot.file is None else [robot.file.digest]
+    return _hash([robot.name, numbers, coordinates, *described])
 
 
 def chain_hash(chains: Mapping[str, Chain]) -> str:

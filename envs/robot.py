@@ -7,12 +7,15 @@ import math
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Literal
+from typing import TYPE_CHECKING, Literal
 
 import mujoco
 
-from ..actuators import Chain, DrivenCoordinate, Drivetrain, load_chain_set
+from ..actuators import Chain, DrivenCoordinate, Drivetrain, load_chain, load_chain_set
 from ..actuators.errors import SealegsError, nearest
+
+if TYPE_CHECKING:
+    from .robot_file import RobotFile
 
 ChainSource = str | Path | list | Chain
 """What :func:`actuators.load_chain` reads: a name, a path, a list of stages, or a chain."""
@@ -96,17 +99,19 @@ class Robot:
             ``configs/actuator`` is made for robots of another size.
         effects: what paths of a diagnosis that are not of a chain, such as ``load.mass_factor``, do to numbers.
         finish: sets in the compiled robot what depends on robot and chains together.
+        file: that describes it; None for the robots that Python builds.
     """
 
     name: str
     numbers: Mapping[str, Number]
     coordinates: tuple[DrivenCoordinate, ...]
     goal_limits: Callable[[Mapping[str, float]], Mapping[str, tuple[float, float]]]
-    chains: Mapping[str, str]
+    chains: Mapping[str, ChainSource]
     build: Callable[[Mapping[str, float]], mujoco.MjSpec]
     words: Mapping[str, Mapping[str, ChainSource]] = field(default_factory=dict)
     effects: Mapping[str, Effect] = field(default_factory=dict)
     finish: Callable[[Drivetrain, Mapping[str, float]], None] = _as_compiled
+    file: RobotFile | None = None
 
     @property
     def limits(self) -> Mapping[str, tuple[float, float]]:
@@ -173,8 +178,10 @@ class Robot:
         return found
 
     def _meant(self, actuator: ChainSource, coordinate: str) -> ChainSource:
-        """What stands for ``actuator`` on this robot, where it is one of its words."""
-        return self.words[actuator][coordinate] if isinstance(actuator, str) and actuator in self.words else actuator
+        """What stands for ``actuator`` on this robot: of its words, or with what its file adds to a chain."""
+        if isinstance(actuator, str) and actuator in self.words:
+            return self.words[actuator][coordinate]
+        return actuator if self.file is None else self.file.joint(coordinate).carried(load_chain(actuator))
 
     def drivetrain(
         self,

@@ -1,12 +1,18 @@
-"""The robots that the project knows, by name."""
+"""Robots by name, or by the file that describes one."""
 
 from __future__ import annotations
 
+import functools
 import importlib
+import logging
+from pathlib import Path
 
 from ..actuators.errors import nearest
 from . import ENVIRONMENTS
 from .robot import Robot, RobotError
+from .robot_file import is_robot_file, load_robot_file
+
+LOGGER = logging.getLogger("sealegs")
 
 
 def _robot(name: str) -> Robot:
@@ -16,13 +22,35 @@ def _robot(name: str) -> Robot:
 ROBOTS: dict[str, Robot] = {robot.name: robot for robot in map(_robot, ENVIRONMENTS)}
 
 
-def get_robot(name: str) -> Robot:
-    """The robot of that name.
+def get_robot(name: str | Path) -> Robot:
+    """The robot of that name, or the one that a file describes: its YAML, or an MJCF or URDF.
+
+    What a file leaves open is assumed, and told on the standard error as the file is first read.
 
     Raises:
-        RobotError: there is none; the message names the nearest one.
+        RobotError: there is none, the message names the nearest one; or its file is wrong.
     """
+    if is_robot_file(name):
+        return _described(Path(name).absolute(), _changed(Path(name)))
     if name not in ROBOTS:
         known = ", ".join(ROBOTS)
-        raise RobotError(f"there is no robot '{name}'{nearest(str(name), ROBOTS)}; robots are {known}.")
-    return ROBOTS[name]
+        raise RobotError(
+            f"there is no robot '{name}'{nearest(str(name), ROBOTS)}; robots are {known}, or the path of a robot's "
+            ".yaml, .xml or .urdf."
+        )
+    return ROBOTS[str(name)]
+
+
+@functools.lru_cache(maxsize=32)
+def _described(path: Path, changed: tuple[int, ...]) -> Robot:
+    del changed  # a part of the key: files that were edited are read again
+    file = load_robot_file(path)
+    for sentence in file.said:
+        LOGGER.warning("%s", sentence)
+    return file.robot()
+
+
+def _changed(path: Path) -> tuple[int, ...]:
+    """When the files of a robot were written; other files of the folder count as well, since a YAML names one."""
+    beside = sorted(path.parent.glob("*")) if path.parent.is_dir() else []
+    return tuple(item.stat().st_mtime_ns for item in beside if is_robot_file(item) and item.is_file())

@@ -1,0 +1,453 @@
+"""An MJCF or URDF file as it is: its specification, what can be driven in it, and what hangs together there.
+
+URDF dialects that MuJoCo refuses are mended: a parent ``world`` that no link declares, and meshes that are not there.
+A mesh that is missing changes no motion where the body's inertia is written down; the geoms that show it are left out.
+"""
+
+from __future__ import annotations
+
+import functools
+import hashlib
+import xml.etree.ElementTree as ElementTree
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Literal
+
+import mujoco
+import numpy as np
+
+from .robot import RobotError
+
+SUFFIXES = (".xml", ".mjcf", ".urdf")
+UNITS: Mapping[str, tuple[str, str]] = {"hinge": ("rad", "N.m"), "slide": ("m", "N")}
+"""Units of position and of force, by kind of joint."""
+
+
+@dataclass(frozen=True)
+class ModelJoint:
+    """A hinge or slide of a model file.
+
+    Attributes:
+        name: in the file.
+        kind: a hinge [rad, N.m], or a slide [m, N].
+        body: that it moves.
+        range: where its stops are [rad or m]; None: it has none.
+        damping, armature, frictionloss: that the file gives it.
+        force: largest force that the file lets actuators give it [N.m or N]; None: any.
+        inertia: at the file's pose, armature left out [kg.m2 or kg].
+    """
+
+    name: str
+    kind: Literal["hinge", "slide"]
+    body: str
+    range: tuple[float, float] | None
+    damping: float
+    armature: float
+    frictionloss: float
+    force: float | None
+    inertia: float
+
+
+@dataclass(frozen=True)
+class ModelDrive:
+    """What actuators of the file make of a joint or of a tendon over two joints.
+
+    Attributes:
+        name: of the joint, or of the tendon.
+        terms: joints and coefficients whose sum is driven.
+        stiffness, damping: of a position servo, at the driven coordinate; 0 where the file has none.
+        force: its largest force [N.m or N]; None: any.
+        actuators: names of the file's actuators that it stands for.
+    """
+
+    name: str
+    terms: tuple[tuple[str, float], ...]
+    stiffness: float = 0.0
+    damping: float = 0.0
+    force: float | None = None
+    actuators: tuple[str, ...] = ()
+
+
+@dataclass(frozen=True)
+class ModelBody:
+    """A moving body: mass [kg], centre of mass [m], principal inertia [kg.m2] and the axes of that (w, x, y, z)."""
+
+    name: str
+    mass: float
+    centre: tuple[float, float, float]
+    inertia: tuple[float, float, float]
+    axes: tuple[float, float, float, float]
+
+
+@dataclass(frozen=True)
+class ModelFile:
+    """What stands in a model file.
+
+    Attributes:
+        path: of the file.
+        name: of the model, or of the file.
+        joints: hinges and slides that have a name, by it.
+        drives: what actuators of the file drive.
+        undriveable: actuators that no chain can stand for, and why.
+        bodies: that move, by name.
+        followers: joints that an equality constraint ties to another one (or to a fixed place: empty), by name.
+        coupled: joints whose load is more than a tree of bodies says, and why.
+        root: body that carries the driven tree; empty where it is the world.
+        free: whether that body has a free joint.
+        start: positions of joints in the keyframe ``home``, or in the first one; where there is none, at 0.
+        floor: whether there is a plane or a height field to stand on.
+        timestep: of the file [s].
+        digest: of the model, to tell two files apart.
+        said: what was mended in reading, a sentence each.
+    """
+
+    path: Path
+    name: str
+    joints: Mapping[str, ModelJoint]
+    drives: tuple[ModelDrive, ...]
+    undriveable: tuple[str, ...]
+    bodies: Mapping[str, ModelBody]
+    followers: Mapping[str, str]
+    coupled: Mapping[str, str]
+    root: str
+    free: bool
+    start: Mapping[str, float]
+    floor: bool
+    timestep: float
+    digest: str
+    said: tuple[str, ...]
+
+    def spec(self) -> mujoco.MjSpec:
+        """A specification of its own: without actuators, and without keyframes, which would count them."""
+        return _read(self.path, self.path.stat().st_mtime_ns)[0].copy()
+
+
+def read_model(path: str | Path) -> ModelFile:
+    """Read an MJCF or URDF file.
+
+    Raises:
+        RobotError: it is missing, no model, or does not compile.
+    """
+    path = Path(path).absolute()
+    if path.suffix.lower() not in SUFFIXES:
+        raise RobotError(f"{path} is no model of a robot; give a file that ends in {', '.join(SUFFIXES)}.")
+    if not path.is_file():
+        raise RobotError(f"there is no model {path}; give the path of an MJCF or URDF file.")
+    return _surveyed(path, path.stat().st_mtime_ns)
+
+
+# --- reading -------------------------------------------------------------------------------------------------------
+
+
+@functools.lru_cache(maxsize=64)
+def _read(path: Path, changed: int) -> tuple[mujoco.MjSpec, mujoco.MjSpec, tuple[str, ...]]:
+    """The specification without actuators, the same with them, and what was mended."""
+    del changed  # a part of the key: a file that was edited is read again
+    said: list[str] = []
+    try:
+        if path.suffix.lower() == ".urdf":
+            full = mujoco.MjSpec.from_string(_mended_urdf(path, said))
+            full.modelfiledir = str(path.parent)
+        else:
+            full = mujoco.MjSpec.from_file(str(path))
+    except (ValueError, OSError, ElementTree.ParseError) as error:
+        raise RobotError(f"{path} cannot be read as a model: {_line(error)}.") from None
+    full.compiler.fusestatic = False  # bodies keep their names, masses and sensors
+    _without_missing_meshes(full, path, said)
+    bare = full.copy()
+    for kind in ("keys", "sensors", "actuators"):
+        for item in list(getattr(bare, kind)):
+            if kind != "sensors" or item.objtype == mujoco.mjtObj.mjOBJ_ACTUATOR:
+                bare.delete(item)
+    return bare, full, tuple(said)
+
+
+def _mended_urdf(path: Path, said: list[str]) -> str:
+    """The URDF with a link ``world`` where joints need one, and paths of meshes that can be opened."""
+    root = ElementTree.parse(path).getroot()
+    links = {link.get("name") for link in root.iter("link")}
+    parents = {item.get("link") for item in root.iter("parent")}
+    if "world" in parents and "world" not in links:
+        root.insert(0, ElementTree.Element("link", {"name": "world"}))
+        said.append(f"{path.name} names a parent 'world' that it does not declare; it is taken for the ground.")
+    for mesh in root.iter("mesh"):
+        name = mesh.get("filename", "").removeprefix("file://")
+        if name.startswith("package://"):
+            inner = Path(name.removeprefix("package://"))
+            tried = [folder / part for folder in path.parents for part in (inner, Path(*inner.parts[1:]))]
+            name = str(next((place for place in tried if place.is_file()), inner))
+        mesh.set("filename", str(path.parent / name))
+    extension = root.find("mujoco")
+    extension = ElementTree.SubElement(root, "mujoco") if extension is None else extension
+    compiler = extension.find("compiler")
+    compiler = ElementTree.SubElement(extension, "compiler") if compiler is None else compiler
+    for key, value in (("strippath", "false"), ("fusestatic", "false")):
+        compiler.set(key, value)
+    return ElementTree.tostring(root, encoding="unicode")
+
+
+def _without_missing_meshes(spec: mujoco.MjSpec, path: Path, said: list[str]) -> None:
+    """Leave out geoms whose mesh is not there.
+
+    Raises:
+        RobotError: the mass of a body comes from such a mesh.
+    """
+    folder = Path(spec.modelfiledir or path.parent) / (spec.meshdir or "")
+    missing = {
+        mesh.name or Path(mesh.file).stem: mesh for mesh in spec.meshes if mesh.file and not _found(mesh, folder)
+    }
+    if not missing:
+        return
+    for geom in list(spec.geoms):
+        if geom.type == mujoco.mjtGeom.mjGEOM_MESH and geom.meshname in missing:
+            if not geom.parent.explicitinertial and _moves(geom.parent):
+                raise RobotError(
+                    f"{path}: body '{geom.parent.name}' takes its mass from {missing[geom.meshname].file}, which is "
+                    "not there; put the file beside the model, or write an inertial."
+                )
+            spec.delete(geom)
+    for mesh in missing.values():
+        spec.delete(mesh)
+    files = ", ".join(Path(mesh).name for mesh in sorted(missing))
+    said.append(f"{path.name}: the meshes {files} are not there; bodies move without them, and are not drawn.")
+
+
+def _moves(body: mujoco.MjsBody) -> bool:
+    """Whether a joint moves a body."""
+    while body.name != "world":
+        if body.joints:
+            return True
+        body = body.parent
+    return False
+
+
+def _found(mesh: mujoco.MjsMesh, folder: Path) -> bool:
+    return (folder / mesh.file).is_file() or (folder / Path(mesh.file).name).is_file()
+
+
+def _line(error: Exception) -> str:
+    return " ".join(str(error).split()).rstrip(".")
+
+
+# --- looking -------------------------------------------------------------------------------------------------------
+
+
+@functools.lru_cache(maxsize=64)
+def _surveyed(path: Path, changed: int) -> ModelFile:
+    bare, full, said = _read(path, changed)
+    spec = bare.copy()
+    try:
+        model = spec.compile()
+    except ValueError as error:
+        raise RobotError(f"{path} does not compile: {_line(error)}.") from None
+    inertia = _inertias(model)
+    joints = {joint.name: joint for joint in _joints(model, inertia) if joint.name}
+    followers, coupled = _couplings(model)
+    drives, undriveable = _drives(full, joints)
+    moved = [name for drive in drives for name, _ in drive.terms] or list(joints)
+    root = _root(model, moved)
+    return ModelFile(
+        path=path,
+        name=full.modelname if full.modelname not in ("", "MuJoCo Model") else path.stem,
+        joints=joints,
+        drives=drives,
+        undriveable=undriveable,
+        bodies={body.name: body for body in _bodies(model)},
+        followers=followers,
+        coupled=coupled,
+        root=model.body(root).name if root else "",
+        free=bool(root) and _is_free(model, root),
+        start=_start(full, model),
+        floor=bool(np.isin(model.geom_type, (mujoco.mjtGeom.mjGEOM_PLANE, mujoco.mjtGeom.mjGEOM_HFIELD)).any()),
+        timestep=float(model.opt.timestep),
+        digest=hashlib.sha256(spec.to_xml().encode()).hexdigest()[:16],
+        said=said,
+    )
+
+
+def _inertias(model: mujoco.MjModel) -> np.ndarray:
+    """Diagonal of the mass matrix at the file's pose, armature left out (nv,)."""
+    data = mujoco.MjData(model)
+    mujoco.mj_forward(model, data)
+    full = np.zeros((model.nv, model.nv))
+    mujoco.mj_fullM(model, data, full)
+    return np.diag(full) - model.dof_armature
+
+
+def _joints(model: mujoco.MjModel, inertia: np.ndarray) -> list[ModelJoint]:
+    kinds: dict[int, Literal["hinge", "slide"]] = {
+        int(mujoco.mjtJoint.mjJNT_HINGE): "hinge",
+        int(mujoco.mjtJoint.mjJNT_SLIDE): "slide",
+    }
+    found = []
+    for number in range(model.njnt):
+        if (kind := kinds.get(int(model.jnt_type[number]))) is None:
+            continue
+        dof, low, high = int(model.jnt_dofadr[number]), *map(float, model.jnt_range[number])
+        force = float(model.jnt_actfrcrange[number, 1]) if model.jnt_actfrclimited[number] else None
+        found.append(
+            ModelJoint(
+                name=model.joint(number).name,
+                kind=kind,
+                body=model.body(int(model.jnt_bodyid[number])).name,
+                range=(low, high) if model.jnt_limited[number] else None,
+                damping=float(model.dof_damping[dof]),
+                armature=float(model.dof_armature[dof]),
+                frictionloss=float(model.dof_frictionloss[dof]),
+                force=force,
+                inertia=float(inertia[dof]),
+            )
+        )
+    return found
+
+
+def _bodies(model: mujoco.MjModel) -> list[ModelBody]:
+    """Bodies with a name and a mass that some joint moves."""
+    return [
+        ModelBody(
+            model.body(k).name,
+            float(model.body_mass[k]),
+            *(tuple(map(float, rows[k])) for rows in (model.body_ipos, model.body_inertia, model.body_iquat)),  # type: ignore[arg-type]
+        )
+        for k in range(1, model.nbody)
+        if model.body_weldid[k] and model.body_mass[k] > 0.0 and model.body(k).name
+    ]
+
+
+def _drives(spec: mujoco.MjSpec, joints: Mapping[str, ModelJoint]) -> tuple[tuple[ModelDrive, ...], tuple[str, ...]]:
+    """What the actuators of a file drive, those of one joint together; and those that no chain can stand for."""
+    found: dict[str, ModelDrive] = {}
+    refused: list[str] = []
+    over_joints = (mujoco.mjtTrn.mjTRN_JOINT, mujoco.mjtTrn.mjTRN_JOINTINPARENT)
+    for actuator in spec.actuators:
+        label = f"actuator '{actuator.name or actuator.target}'"
+        if actuator.trntype in over_joints:
+            terms = ((actuator.target, 1.0),)
+        elif actuator.trntype == mujoco.mjtTrn.mjTRN_TENDON:
+            terms = _belt(spec, actuator.target)
+        else:
+            terms = ()
+        if not 1 <= len(terms) <= 2 or any(joint not in joints for joint, _ in terms):
+            refused.append(
+                f"{label} acts on '{actuator.target}', which is neither a hinge, a slide nor a fixed tendon over at "
+                "most two of them"
+            )
+            continue
+        gear = float(actuator.gear[0])
+        stiffness, damping = -(gear**2) * actuator.biasprm[1], -(gear**2) * actuator.biasprm[2]
+        affine = actuator.biastype == mujoco.mjtBias.mjBIAS_AFFINE
+        drive = found.get(actuator.target, ModelDrive(actuator.target, terms))
+        found[actuator.target] = ModelDrive(
+            drive.name,
+            terms,
+            drive.stiffness + (float(stiffness) if affine else 0.0),
+            drive.damping + (float(damping) if affine else 0.0),
+            _force(actuator, gear, drive.force),
+            (*drive.actuators, actuator.name or actuator.target),
+        )
+    return tuple(found.values()), tuple(refused)
+
+
+def _belt(spec: mujoco.MjSpec, name: str) -> tuple[tuple[str, float], ...]:
+    """Joints and coefficients of a fixed tendon; none of a spatial one."""
+    path = spec.tendon(name).path
+    if any(item.type != mujoco.mjtWrap.mjWRAP_JOINT for item in path):
+        return ()
+    return tuple((item.target.name, float(item.coef)) for item in path)
+
+
+def _force(actuator: mujoco.MjsActuator, gear: float, before: float | None) -> float | None:
+    """Largest force of an actuator at what it drives; several add up."""
+    low, high = map(float, actuator.forcerange)
+    if low >= high and actuator.biastype == mujoco.mjtBias.mjBIAS_NONE:  # a motor: its control is its force
+        gain = float(actuator.gainprm[0])
+        low, high = gain * float(actuator.ctrlrange[0]), gain * float(actuator.ctrlrange[1])
+    return abs(gear) * max(abs(low), abs(high)) + (before or 0.0) if low < high else before
+
+
+def _couplings(model: mujoco.MjModel) -> tuple[dict[str, str], dict[str, str]]:
+    """Joints that follow others, and joints whose load is more than a tree says with the reason."""
+    followers: dict[str, str] = {}
+    coupled: dict[str, str] = {}
+    for k in range(model.neq):
+        kind, one, two = int(model.eq_type[k]), int(model.eq_obj1id[k]), int(model.eq_obj2id[k])
+        name = model.equality(k).name or f"constraint {k}"
+        if kind == mujoco.mjtEq.mjEQ_JOINT:
+            follower, leader = model.joint(one).name, model.joint(two).name if two >= 0 else ""
+            followers[follower] = leader
+            for joint in filter(None, (follower, leader)):
+                coupled[joint] = f"the equality '{name}' ties '{follower}' to " + (
+                    f"'{leader}'" if leader else "a place"
+                )
+        elif kind in (mujoco.mjtEq.mjEQ_CONNECT, mujoco.mjtEq.mjEQ_WELD):
+            if int(model.eq_objtype[k]) == mujoco.mjtObj.mjOBJ_SITE:
+                one, two = (int(model.site_bodyid[site]) for site in (one, two))
+            for joint in set(_above(model, one)) ^ set(_above(model, max(two, 0))):
+                coupled[model.joint(joint).name] = f"the equality '{name}' closes a loop over it"
+        elif kind == mujoco.mjtEq.mjEQ_TENDON:
+            for tendon in (one, two):
+                for joint in _wrapped(model, tendon) if tendon >= 0 else ():
+                    coupled[model.joint(joint).name] = f"the equality '{name}' holds a tendon over it"
+    for tendon in range(model.ntendon):
+        acts = (
+            model.tendon_limited[tendon]
+            or np.any(model.tendon_stiffness[tendon])
+            or np.any(model.tendon_damping[tendon])
+            or model.tendon_frictionloss[tendon]
+            or model.tendon_armature[tendon]
+        )
+        wrapped = _wrapped(model, tendon)
+        for joint in wrapped if acts else ():
+            coupled[model.joint(joint).name] = f"the tendon '{model.tendon(tendon).name}' pulls on it"
+    return followers, coupled
+
+
+def _above(model: mujoco.MjModel, body: int) -> list[int]:
+    """Joints between a body and the world."""
+    found = []
+    while body:
+        found += range(model.body_jntadr[body], model.body_jntadr[body] + model.body_jntnum[body])
+        body = int(model.body_parentid[body])
+    return found
+
+
+def _wrapped(model: mujoco.MjModel, tendon: int) -> list[int]:
+    """Joints that a tendon acts on."""
+    first, count = int(model.tendon_adr[tendon]), int(model.tendon_num[tendon])
+    found: set[int] = set()
+    for k in range(first, first + count):
+        if model.wrap_type[k] == mujoco.mjtWrap.mjWRAP_JOINT:
+            found.add(int(model.wrap_objid[k]))
+        elif model.wrap_type[k] == mujoco.mjtWrap.mjWRAP_SITE:
+            found.update(_above(model, int(model.site_bodyid[model.wrap_objid[k]])))
+    return sorted(found)
+
+
+def _root(model: mujoco.MjModel, joints: Sequence[str]) -> int:
+    """Body below the world that carries the first of these joints."""
+    if not joints:
+        return 0
+    body = int(model.jnt_bodyid[model.joint(joints[0]).id])
+    while model.body_parentid[body]:
+        body = int(model.body_parentid[body])
+    return body
+
+
+def _is_free(model: mujoco.MjModel, body: int) -> bool:
+    first, count = int(model.body_jntadr[body]), int(model.body_jntnum[body])
+    return any(model.jnt_type[k] == mujoco.mjtJoint.mjJNT_FREE for k in range(first, first + count))
+
+
+def _start(spec: mujoco.MjSpec, model: mujoco.MjModel) -> dict[str, float]:
+    """Positions of hinges and slides in the file's keyframe, where it has one of the right size."""
+    keys = [key for key in spec.keys if len(key.qpos) == model.nq]
+    if not keys:
+        return {}
+    key = next((key for key in keys if key.name == "home"), keys[0])
+    single = (mujoco.mjtJoint.mjJNT_HINGE, mujoco.mjtJoint.mjJNT_SLIDE)
+    return {
+        model.joint(k).name: float(key.qpos[model.jnt_qposadr[k]])
+        for k in range(model.njnt)
+        if model.jnt_type[k] in single and model.joint(k).name
+    }
