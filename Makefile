@@ -78,7 +78,8 @@ $(INSTALLED): pyproject.toml setup.py constraints.txt
 	$(PY) -c 'import tomllib; p = tomllib.load(open("pyproject.toml", "rb"))["project"]; \
 	print(*p["dependencies"], *(r for e in "$(EXTRAS)".split() for r in p["optional-dependencies"][e]), sep="\n")' \
 	    > $(VENV)/requirements.txt
-	$(PY) -m pip install --disable-pip-version-check -c constraints.txt -r $(VENV)/requirements.txt
+	@# what is imported gets compiled then; compiling all of it takes a minute
+	$(PY) -m pip install --disable-pip-version-check --no-compile -c constraints.txt -r $(VENV)/requirements.txt
 	$(PY) -m pip install --disable-pip-version-check --no-deps --no-build-isolation -e .
 	@touch $@
 
