@@ -45,9 +45,7 @@ def diagnose(
     Raises:
         SealegsError: the log cannot be read or diagnosed, or an argument is wrong; one sentence.
     """
-    settings = checked_settings(test, seed, limits, speed_limit)
-    if causes is not None:
-        settings["causes"] = list(causes)
+    settings = checked_settings(test, seed, limits, speed_limit, causes)
     from .experiment import Limits, default_limits
     from .output.partial import going_on, source_in_memory, source_of
     from .verdict import diagnosis as search
@@ -91,7 +89,11 @@ def _given(data: MeasuredSet | None) -> MeasuredSet:
 
 
 def checked_settings(
-    test: str | None, seed: int, limits: Sequence[float] | None, speed_limit: float | None
+    test: str | None,
+    seed: int,
+    limits: Sequence[float] | None,
+    speed_limit: float | None,
+    causes: Sequence[str] | None = None,
 ) -> dict[str, Any]:
     """The settings of a diagnosis as plain data.
 
@@ -106,17 +108,28 @@ def checked_settings(
         raise SealegsError(f"limits={limits} must be two angles [rad], the lower one first, such as [-1.2, 1.2].")
     if speed_limit is not None and not (_number(speed_limit) and speed_limit > 0.0):
         raise SealegsError(f"speed_limit={speed_limit} must be a speed above zero [rad/s].")
+    if causes is not None:
+        if not (_names(causes) and causes):
+            raise SealegsError(f"causes={causes} must be a list of names, such as [friction.coulomb,drive.delay].")
+        from .causes.catalogue import checked
+
+        checked(causes)
     return {
         "test": test,
         "seed": int(seed),
         "limits": None if limits is None else [float(end) for end in limits],
         "speed_limit": None if speed_limit is None else float(speed_limit),
+        "causes": None if causes is None else list(causes),
     }
 
 
 def _two_angles(limits: Any) -> bool:
     sound = isinstance(limits, Sequence | np.ndarray) and len(limits) == 2 and all(map(_number, limits))
     return bool(sound and limits[0] < limits[1])
+
+
+def _names(causes: object) -> bool:
+    return isinstance(causes, Sequence) and not isinstance(causes, str) and all(isinstance(c, str) for c in causes)
 
 
 def _number(value: object) -> bool:

@@ -23,6 +23,10 @@ from tests.made_once import folder_made_once
 DATA = Path(__file__).resolve().parent.parent.parent / "shared" / "data"
 
 
+CONSIDERED = ("friction.load_dependent", "friction.viscous", "friction.coulomb", "drive.gain", "drive.delay")
+"""Causes that the shared diagnosis considers, so that it takes seconds; a long test has the whole catalogue."""
+
+
 def call(*arguments: str) -> int:
     return run(script.main, "diagnose", script.__doc__ or "", list(arguments))
 
@@ -41,7 +45,7 @@ def diagnosis(hidden: Path) -> Path:
     """What diagnose.py writes about them."""
 
     def made(folder: Path) -> None:
-        assert call(f"log={hidden}", f"out={folder}") == 0
+        assert call(f"log={hidden}", f"out={folder}", f"causes=[{','.join(CONSIDERED)}]") == 0
 
     return folder_made_once("diagnosis of the virtual bench", made)
 
@@ -98,6 +102,12 @@ def test_training_takes_the_extended_chain_as_it_is(diagnosis: Path) -> None:
     from sealegs.envs.robots import get_robot
 
     assert get_robot("hopper").drivetrain(str(diagnosis / "extended.yaml")).model.nu == 2
+
+
+@pytest.mark.long
+def test_the_whole_catalogue_names_the_hidden_effect_too(hidden: Path, tmp_path: Path) -> None:
+    assert call(f"log={hidden}", f"out={tmp_path / 'whole'}") == 0
+    test_names_the_hidden_effect_with_its_size(tmp_path / "whole")
 
 
 @pytest.mark.long
