@@ -230,8 +230,8 @@ class Chain:
         return [OPCODES[stage.law], 3 + len(numbers), memory, *numbers]
 
     def _with_gear_loss(self) -> Chain:
-        """The chain with a friction stage where it has a gear, whose loss is a law of that stage."""
-        if self.find("gear") is None or self.find("friction") is not None:
+        """The chain with a friction stage where its law has to start the limit: for a gear's loss, and for meshing."""
+        if (self.find("gear") or self.find("meshing")) is None or self.find("friction") is not None:
             return self
         return self.with_stage(STAGES["friction"].neutral())
 

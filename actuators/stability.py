@@ -35,7 +35,8 @@ def velocity_slope(chain: Chain, step: float) -> float:
         return 0.0
     constant = motor.motor_constant * chain.gear_ratio() * chain.magnetisation()
     supply = chain.find("supply")
-    slope = (constant + damping * (supply.volts if supply is not None else 0.0)) * constant / motor.resistance
+    back_emf = constant * motor.emf_ratio
+    slope = (back_emf + damping * (supply.volts if supply is not None else 0.0)) * constant / motor.resistance
     lag = motor.inductance / motor.resistance
     return slope if lag == 0.0 else -slope * math.expm1(-step / lag)  # the share of the current that follows in a step
 

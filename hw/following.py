@@ -44,8 +44,8 @@ def ability(chain: Chain) -> Ability:
     if chain.find("ideal") is not None and chain.value("ideal.torque_limit") < BOUNDLESS:
         error = chain.value("ideal.torque_limit") / max(chain.value("ideal.stiffness"), 1e-6)
     if chain.find("supply") is not None and chain.find("dc_motor") is not None:
-        constant = chain.value("dc_motor.motor_constant") * chain.gear_ratio()
-        speed = duty * chain.value("supply.volts") / max(constant, 1e-6)
+        back_emf = chain.find("dc_motor").back_emf * chain.gear_ratio()
+        speed = duty * chain.value("supply.volts") / max(back_emf, 1e-6)
     elif chain.find("regression") is not None and chain.value("regression.speed_torque") < 0.0:
         speed = -duty * chain.value("regression.duty_torque") / chain.value("regression.speed_torque")
         speed = abs(speed) / chain.gear_ratio()

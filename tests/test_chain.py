@@ -67,7 +67,7 @@ def refusal(stages) -> str:
         ([*MOTOR, {"position_p": {"gain": 5.0}}], "in the order position_p > supply > dc_motor"),
         (MOTOR, "add what misses"),
         ([{"position_p": {"gain": 5.0}}], "the chain ends in duty"),
-        ([*SERVO, {"encoder": {}}, {"friction": {}}], "must end in the order friction > spring"),
+        ([*SERVO, {"encoder": {}}, {"friction": {}}], "must end in the order friction > meshing > spring"),
         ([*SERVO, {"friction": {}}, {"friction": {}}], "'friction' stands 2 times"),
         ([*SERVO, {"friction": {}}, {"gear": {"ratio": 2}}], "'gear' must stand directly behind its motor"),
         (
@@ -157,17 +157,17 @@ def test_the_order_of_a_chain_comes_from_the_stages_themselves():
         *("delay", "scale", "offset", "rate_limit", "dead_band"),
         *("position_p", "position_pd", "position_pi", "ideal", "torque_command", "net"),
         *("duty_step", "minimum_duty", "duty_limit", "regression", "supply", "current_limit", "dc_motor"),
-        *("torque_limit", "gear", "thermal", "friction", "spring", "compliance", "backlash", "encoder"),
+        *("torque_limit", "gear", "thermal", "friction", "meshing", "spring", "compliance", "backlash", "encoder"),
     ) == ORDER
 
 
 def test_a_stage_that_nothing_follows_stands_directly_behind_the_one_it_names():
     class Newcomer(Stage):
         name = "newcomer"
-        after = "friction"
+        after = "gear"
 
     order = in_order({**STAGES, "newcomer": Newcomer})
-    assert order[order.index("friction") + 1] == "newcomer"
+    assert order[order.index("gear") + 1] == "newcomer"
 
 
 @pytest.mark.parametrize("name", names())

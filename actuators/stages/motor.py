@@ -29,6 +29,14 @@ class DCMotor(Stage):
         0.0, "kg.m2", 0.0, 1e3, "rotor inertia; at the joint, unless a gear follows", in_law=False
     )
     inductance: float = parameter(0.0, "H", 0.0, 10.0, "of the winding; 0: the current follows at once")
+    emf_ratio: float = parameter(
+        1.0, "-", 0.1, 10.0, "back-EMF constant over torque constant, where a data sheet has two"
+    )
+
+    @property
+    def back_emf(self) -> float:
+        """Voltage per speed [V.s/rad]; at the joint, unless a gear follows."""
+        return self.motor_constant * self.emf_ratio
 
     def law_values(self, chain: Any) -> dict[str, float]:
         constant = self.motor_constant * chain.gear_ratio() * chain.magnetisation()
@@ -89,7 +97,7 @@ def motor_torque(p, i, s, m, time, value, w, first):
     Memory: current and steady current at the step's start, steady current at the latest evaluation, and its time.
     """
     constant, resistance, inductance = p[i + MOTOR.motor_constant], p[i + MOTOR.resistance], p[i + MOTOR.inductance]
-    steady = (value - constant * w) / resistance
+    steady = (value - p[i + MOTOR.emf_ratio] * constant * w) / resistance
     current = steady
     if inductance > 0.0:
         if first:

@@ -10,7 +10,7 @@ from ..compiled import compiled
 from ..layout import S_DUTY, S_VOLTAGE
 from .base import ChainError, Law, Quantity, Stage, parameter, register
 
-MOTOR_BEHIND = ("motor_constant", "motor_resistance")
+MOTOR_BEHIND = ("back_emf", "motor_resistance")
 
 
 def motor_behind(chain: Any, stage: Stage) -> dict[str, float]:
@@ -18,8 +18,8 @@ def motor_behind(chain: Any, stage: Stage) -> dict[str, float]:
     motor = chain.find("dc_motor")
     if motor is None:
         raise ChainError(f"{chain.label}: stage '{stage.name}' needs a 'dc_motor' behind it.")
-    constant = motor.motor_constant * chain.gear_ratio() * chain.magnetisation()
-    return {"motor_constant": constant, "motor_resistance": motor.resistance}
+    back_emf = motor.back_emf * chain.gear_ratio() * chain.magnetisation()
+    return {"back_emf": back_emf, "motor_resistance": motor.resistance}
 
 
 @register
@@ -147,9 +147,7 @@ def supplied_voltage(p, i, duty, w):
     volts, resistance = p[i + SUPPLY.volts], p[i + SUPPLY.resistance]
     if resistance == 0.0:
         return duty * volts
-    current = (duty * volts - p[i + SUPPLY.motor_constant] * w) / (
-        p[i + SUPPLY.motor_resistance] + duty * duty * resistance
-    )
+    current = (duty * volts - p[i + SUPPLY.back_emf] * w) / (p[i + SUPPLY.motor_resistance] + duty * duty * resistance)
     drawn = max(duty * current, 0.0)  # a supply does not rise by what the motor brakes into it
     return duty * (volts - resistance * drawn)
 
@@ -188,7 +186,7 @@ CURRENT_LIMIT = CurrentLimit.offsets()
 @compiled()
 def current_limited_voltage(p, i, s, value, w):
     """Voltage whose steady current is within the limit, from the voltage ``value``."""
-    back_emf = p[i + CURRENT_LIMIT.motor_constant] * w
+    back_emf = p[i + CURRENT_LIMIT.back_emf] * w
     reach = p[i + CURRENT_LIMIT.limit] * p[i + CURRENT_LIMIT.motor_resistance]
     voltage = min(max(value, back_emf - reach), back_emf + reach)
     s[S_VOLTAGE] = voltage

@@ -82,7 +82,7 @@ def _current(joint: JointContext, chain: Chain) -> Array | None:
     logged = joint.log.duty  # if it can be one, it knows what a late command does
     if logged is not None and np.nanmax(np.abs(logged), initial=0.0) <= 1.0 and np.isfinite(logged).any():
         duty = logged
-    back_emf = motor.motor_constant * chain.gear_ratio() * joint.velocity
+    back_emf = motor.back_emf * chain.gear_ratio() * joint.velocity
     return (duty * supply.volts - back_emf) / motor.resistance
 
 

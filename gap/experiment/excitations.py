@@ -135,7 +135,7 @@ def abilities(nominal: JointModel) -> tuple[float, float]:
         return math.inf, math.inf
     constant = chain.gear_ratio() * motor.motor_constant
     volts = supply.volts
-    return constant * volts / motor.resistance, volts / constant
+    return constant * volts / motor.resistance, volts / (chain.gear_ratio() * motor.back_emf)
 
 
 def slewed(goal: np.ndarray, speed: float) -> np.ndarray:

@@ -167,9 +167,7 @@ def _seen_voltage(evidence: Evidence, duty: np.ndarray, current: np.ndarray) -> 
         at = slice(evidence.problem.starts[k], evidence.problem.starts[k + 1])
         chain = evidence.problem.models[unit.run].with_fitted(evidence.diagnosis.values).chain
         motor = chain.find("dc_motor")
-        at_motor = (
-            motor.resistance * current[at] + motor.motor_constant * chain.gear_ratio() * evidence.extended.speed[at]
-        )
+        at_motor = motor.resistance * current[at] + motor.back_emf * chain.gear_ratio() * evidence.extended.speed[at]
         seen[at] = at_motor / np.where(np.abs(duty[at]) > 1e-3, duty[at], 1e-3)
     return seen
 

@@ -206,8 +206,8 @@ def _motor_torque(
     duty = motion.duty[at]
     if dc_motor is not None and supply is not None:
         constant = dc_motor.motor_constant * ratio * warm
-        sag = duty**2 * supply.resistance
-        return on * constant * (duty * supply.volts - constant * speed) / (dc_motor.resistance + sag), "duty"
+        sag, back_emf = duty**2 * supply.resistance, dc_motor.emf_ratio * constant * speed
+        return on * constant * (duty * supply.volts - back_emf) / (dc_motor.resistance + sag), "duty"
     if regression is not None:
         torques = (
             ratio * (regression.duty_torque * duty + regression.constant) + ratio**2 * regression.speed_torque * speed
