@@ -12,6 +12,7 @@ EXTRAS = {
     "report": ("jinja2", "matplotlib", "pandas", "plotly"),
     "video": ("moviepy",),
     "hw": ("onnxruntime", "scservo_sdk", "serial"),
+    "dynamixel": ("dynamixel_sdk",),
     "fleet": ("ray",),
 }
 """Packages, as they are imported, by extra."""

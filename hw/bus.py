@@ -1,13 +1,16 @@
-"""A bus of Feetech servos: one reading and one command a cycle, and torque."""
+"""A bus of servos: one reading and one command a cycle, and torque."""
 
 from __future__ import annotations
 
+import math
 from collections import Counter, deque
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
+from typing import Any
 
 import numpy as np
 
+from .dialects import READ, SYNC_READ
 from .memory import ServoMemory
 from .packets import (
     BusError,
@@ -17,14 +20,14 @@ from .packets import (
     RegisterError,
     ReplyError,
     WrongModelError,
+    status_of,
 )
 from .port import BusPort
 from .registers import load_model
 from .servo_state import BlockReader, ServoState
-from .transactions import READ, SYNC_READ, Transactions
+from .transactions import Transactions
 
 RECOVERY = 0.3  # [s] of torque off that clears an overload, as in huggingface/lerobot
-SPEED_UNIT, SPEED_ZERO, MULTI_TURN = 4, 8, 16  # bits of register phase
 
 Failing = Callable[[Sequence[int], BusError], None]
 """Told which servos could not be brought to rest, and why."""
@@ -43,7 +46,8 @@ class ServoBus(ServoMemory):
         counts: failures so far by the name of their class, those that a further try cured included.
         events: the latest failures, oldest first, as (host's monotonic time [s], error).
         status: latest error byte of each servo by id.
-        marks: torque limit that each servo got with its torque, by id; after a restart it has another.
+        marks: what each servo got with its torque in the register that tells a restart, by id; None: it has none.
+        watchdog: time without a request after which the servos stop by themselves [s], where they can; None: never.
     """
 
     def __init__(
@@ -54,6 +58,7 @@ class ServoBus(ServoMemory):
         timeout: float = 0.02,
         retries: int = 2,
         opened: BusPort | None = None,
+        watchdog: float | None = None,
     ) -> None:
         """Open the port; close it with :meth:`close`, or use the bus in a ``with``.
 
@@ -64,6 +69,7 @@ class ServoBus(ServoMemory):
             timeout: how long a reply may take beyond the time of its bytes [s]; some USB adapters hold bytes for 16 ms.
             retries: further tries of a transaction whose reply was missing or unusable.
             opened: port that is open already, such as a simulated one.
+            watchdog: time without a request after which the servos stop by themselves [s], where they can.
 
         Raises:
             PortError: the port is missing, not a serial port, or (:class:`PortBusyError`) in use.
@@ -71,15 +77,16 @@ class ServoBus(ServoMemory):
             RegisterError: there is no table of that name.
         """
         table = load_model(model)
-        super().__init__(Transactions(port, baudrate, timeout, retries, opened), table)
+        super().__init__(Transactions(port, baudrate, timeout, retries, opened, table.protocol), table)
         self.port = port
         self._block = BlockReader(table)
         self._latest: dict[int, list[int]] = {}
-        self._blank = [0] * (self._block.start - self._block.whole)
+        self._blank = [0] * (self._block.start - self._block.span(True)[0])
         self.counts: Counter[str] = self.line.counts
         self.events: deque[tuple[float, BusError]] = self.line.events
         self.status: dict[int, int] = self.line.status
-        self.marks: dict[int, int] = {}
+        self.marks: dict[int, int | None] = {}
+        self.watchdog = watchdog
 
     def __enter__(self) -> ServoBus:
         return self
@@ -90,6 +97,11 @@ class ServoBus(ServoMemory):
     def close(self) -> None:
         """Close the port. Torque stays as it is."""
         self.line.close()
+
+    @property
+    def clock(self) -> BusPort:
+        """That replies are waited for by."""
+        return self.line.port
 
     @property
     def retries(self) -> int:
@@ -118,17 +130,12 @@ class ServoBus(ServoMemory):
                     f"{self.model.model_number}; give the right servo model.",
                     [servo],
                 )
-            for name, fits, remedy in (
-                ("response_level", lambda v: v == 1, "write 1, so that it acknowledges writes"),
-                ("operating_mode", lambda v: v == 0, "write 0, position mode"),
-                ("phase", lambda v: not v & MULTI_TURN, "clear bit 4, so that positions stay within one turn"),
-                ("phase", lambda v: v & SPEED_UNIT, "set bit 2, so that speeds are counted in step/s"),
-                ("phase", lambda v: v & SPEED_ZERO, "set bit 3, so that goal speed 0 is no limit and not a stop"),
-                ("angle_resolution", lambda v: v == 1, "write 1, so that a turn has all its steps"),
-            ):
-                if not fits(value := self.read_register(servo, name)):
+            for needed in self.model.requires:
+                if not needed.met(value := self.read_register(servo, needed.register)):
                     raise ConfigurationError(
-                        f"servo {servo} has {value} in register '{name}'; {remedy} (bus.write_register).", [servo]
+                        f"servo {servo} has {value} in register '{needed.register}'; {needed.remedy} "
+                        f"(sealegs scan id={servo} set={needed.register}:<count>).",
+                        [servo],
                     )
 
     # --- cycle -------------------------------------------------------------------------------------------------
@@ -148,13 +155,48 @@ class ServoBus(ServoMemory):
         """
 
         def read() -> ServoState:
-            before = self.line.port.now()
+            before = self.clock.now()
             start, length = self._block.span(whole)
-            asked = self.line.no_late_length(length)
-            replies = self.line.transact(ids, SYNC_READ, [start, asked, *ids], asked)
-            return self._block.state(ids, [replies[servo] for servo in ids], before, self.line.port.now(), whole)
+            replies = self._sync_read(ids, start, length)
+            rows = [replies[servo] for servo in ids]
+            state = self._block.state(ids, rows, before, self.clock.now(), whole)
+            more = self._sync_read(ids, *self._block.whole) if whole and not self._block.merged else {}
+            return self._with_torque(state, more if whole else None)
 
         return self.line.retry(read, retries)
+
+    def _sync_read(
+        self, ids: Sequence[int], start: int, length: int, wait: float | None = None
+    ) -> dict[int, list[int]]:
+        asked = self.line.no_late_length(length)
+        parameters = [*self.line.dialect.block(start, asked), *ids]
+        return self.line.transact(ids, SYNC_READ, parameters, asked, wait)
+
+    def _with_torque(self, state: ServoState, watched: Mapping[int, list[int]] | None) -> ServoState:
+        """The state with torque and mark out of blocks of their own, and with faults that a register names.
+
+        Args:
+            state: the readings.
+            watched: blocks by id, as far as they came; None: none were asked for.
+        """
+        more: dict[str, Any] = {}
+        if watched is not None and not self._block.merged:
+            rows = [self._block.watched(watched.get(servo)) for servo in state.ids]
+            more = {name: np.array([row[name] for row in rows]) for name in rows[0]}
+        alerts = [k for k, servo in enumerate(state.ids) if self.line.dialect.alert(self.status.get(servo, 0))]
+        if alerts:
+            status = state.status.copy()
+            for k in alerts:
+                status[k] = self._hardware_error(state.ids[k])
+            more |= {"status": status, "latched": tuple(state.ids[k] for k in alerts if status[k])}
+        return replace(state, **more) if more else state
+
+    def _hardware_error(self, servo: int) -> int:
+        try:
+            return status_of(self.read_role(servo, "status"))
+        except ReplyError as error:  # the next reading asks again
+            self.line.note(error)
+            return 0
 
     def read_cycle(self, ids: Sequence[int], whole: bool = False, until: float | None = None) -> ServoState:
         """As :meth:`read_state`, within a control cycle: uses the replies that came, and asks again for the others.
@@ -174,28 +216,28 @@ class ServoBus(ServoMemory):
             ReplyError: no servo answered, or one is missing that has never answered.
             PortError: the port failed.
         """
-        before = self.line.port.now()
+        before = self.clock.now()
         start, length = self._block.span(whole)
         wait = self.timeout if until is None else self.line.round_trip.timeout(self.timeout)
         problem: ReplyError | None = None
         with self.line.lock:
-            asked = self.line.no_late_length(length)
+            replies: dict[int, list[int]] = {}
             try:
-                replies = dict(self.line.transact(ids, SYNC_READ, [start, asked, *ids], asked, wait))
+                replies |= self._sync_read(ids, start, length, wait)
             except ReplyError as error:
                 self.line.note(error)
-                problem, replies = error, dict(error.replies)
+                problem = error
+                replies |= error.replies
                 if until is not None and isinstance(error, NoReplyError):
                     self.line.expect_nothing_more()  # what comes late all the same has another length
-            for servo in [servo for servo in ids if servo not in replies]:
-                if until is not None and self.line.port.now() > until:
-                    break
-                asked = self.line.no_late_length(length)
+                problem = self._ask_again(ids, replies, start, length, wait, until) or problem
+            watched: dict[int, list[int]] = {}
+            if whole and not self._block.merged and replies:
                 try:
-                    replies |= self.line.transact([servo], READ, [start, asked], asked, wait)
+                    watched |= self._sync_read([servo for servo in ids if servo in replies], *self._block.whole, wait)
                 except ReplyError as error:
                     self.line.note(error)
-                    problem = error
+                    watched |= error.replies
         missing = tuple(servo for servo in ids if servo not in replies)
         offset = self._block.start - start
         unknown = [servo for servo in missing if servo not in self._latest]
@@ -205,11 +247,46 @@ class ServoBus(ServoMemory):
         replies = {servo: data[:length] for servo, data in replies.items()}
         self._latest |= {servo: data[offset:] for servo, data in replies.items()}
         rows = [replies.get(servo) or [*self._blank[:offset], *self._latest[servo]] for servo in ids]
-        state = self._block.state(ids, rows, before, self.line.port.now(), whole)
+        state = self._block.state(ids, rows, before, self.clock.now(), whole)
+        state = self._with_torque(state, watched if whole else None)
         if not missing or problem is None:
             return state
         problem.servos = missing
         return replace(state, missing=missing, problem=problem)
+
+    def _ask_again(
+        self,
+        ids: Sequence[int],
+        replies: dict[int, list[int]],
+        start: int,
+        length: int,
+        wait: float,
+        until: float | None,
+    ) -> ReplyError | None:
+        """Ask once more for the replies that are missing, and add those that come; the latest failure.
+
+        Servos of which each waits for the packet of the one before are asked together, without the first that is
+        missing: it may have silenced them all. Those that remain are asked one by one.
+        """
+        problem: ReplyError | None = None
+        left, alone = [servo for servo in ids if servo not in replies], list[int]()
+        while left or alone:
+            if until is not None and self.clock.now() > until:
+                break
+            asked = self.line.no_late_length(length)
+            try:
+                if self.line.dialect.chained and len(left) > 1:
+                    alone.append(left.pop(0))
+                    replies |= self._sync_read(left, start, length, wait)
+                else:
+                    servo = left.pop(0) if left else alone.pop(0)
+                    replies |= self.line.transact([servo], READ, self.line.dialect.block(start, asked), asked, wait)
+            except ReplyError as error:
+                self.line.note(error)
+                problem = error
+                replies |= error.replies
+            left = [servo for servo in left if servo not in replies]
+        return problem
 
     def write_goals(
         self,
@@ -250,21 +327,20 @@ class ServoBus(ServoMemory):
         if velocity is None and acceleration is None:
             rows = [goal.to_bytes(int(step)) for step in steps]
             return self.line.send_all(goal.address, ids, rows)
-        step = 2.0 * np.pi / self.model.resolution
-        count = len(ids)
-        speeds = np.broadcast_to(np.rint(np.asarray(0.0 if velocity is None else velocity, float) / step), (count,))
-        scale = self.model["acceleration"].scale * step
-        ramps = np.broadcast_to(
-            np.rint(np.asarray(0.0 if acceleration is None else acceleration, float) / scale), (count,)
-        )
+        columns = {"goal_position": np.asarray(steps, np.int64)}
+        for role, wanted in (("speed", velocity), ("ramp", acceleration)):
+            name = self.model.role(role)
+            if name is not None:
+                counts = np.rint(np.asarray(0.0 if wanted is None else wanted, float) / self.model.si(name))
+                columns[name] = np.broadcast_to(np.minimum(counts, self.model[name].high), (len(ids),))
+            elif wanted is not None and np.any(np.asarray(wanted) > 0.0):
+                raise RegisterError(f"the {self.model.name} has no register for the {role} of a move.")
+        move = [self.model[name] for name in self.model.move]
         rows = [
-            self.model["acceleration"].to_bytes(int(ramps[k]))
-            + goal.to_bytes(int(steps[k]))
-            + self.model["goal_time"].to_bytes(0)
-            + self.model["goal_velocity"].to_bytes(int(speeds[k]))
-            for k in range(count)
+            b"".join(item.to_bytes(int(columns[item.name][k]) if item.name in columns else 0) for item in move)
+            for k in range(len(ids))
         ]
-        return self.line.send_all(self.model["acceleration"].address, ids, rows)
+        return self.line.send_all(move[0].address, ids, rows)
 
     def to_steps(self, position: Sequence[float] | np.ndarray) -> np.ndarray:
         """Steps of the encoder nearest to positions [rad], within its turn.
@@ -276,14 +352,15 @@ class ServoBus(ServoMemory):
         if not np.isfinite(angles).all():
             raise RegisterError(f"a goal is not a finite number: {angles.tolist()}.")
         steps = np.rint(angles * (self.model.resolution / (2.0 * np.pi))) + self.model.centre
-        return np.clip(steps, 0, self.model.resolution - 1).astype(int)
+        return np.clip(steps, 0, self.model.steps - 1).astype(int)
 
     # --- torque ------------------------------------------------------------------------------------------------
 
     def torque_on(self, ids: Sequence[int]) -> None:
         """Switch torque on where each servo stands: its goal becomes its position first, or it would jump.
 
-        Each is marked besides, so that a restart can be told: see :attr:`marks`.
+        Each is marked besides, so that a restart can be told: see :attr:`marks`. Servos with a bus watchdog then watch
+        for requests themselves, where :attr:`watchdog` says so.
 
         Raises:
             BusError: a servo failed; torque is then off on all of them.
@@ -293,28 +370,49 @@ class ServoBus(ServoMemory):
             for servo in ids:
                 self._mark(servo)
                 self.write_register(servo, "torque_enable", 1)
+            self._watch(ids, self.watchdog)
         except BusError:
             self.torque_off(ids)
             raise
 
     def _mark(self, servo: int) -> None:
-        """Make sure that the torque limit is another one than after power-on: a thousandth less does not show."""
-        limit, full = (self.read_register(servo, name) for name in ("torque_limit", "max_torque"))
-        if limit == full > 0:
-            limit = full - 1
-            self.write_register(servo, "torque_limit", limit)
-        self.marks[servo] = limit
+        """Make sure that a register is another one than after power-on: a torque limit a thousandth less, or an LED."""
+        name, full = self.model.role("mark"), self.model.role("mark_full")
+        if name is None:
+            self.marks[servo] = None
+            return
+        mark = 1
+        if full is not None:
+            mark, largest = self.read_register(servo, name), self.read_register(servo, full)
+            if mark != largest or mark <= 0:
+                self.marks[servo] = mark
+                return
+            mark -= 1
+        self.write_register(servo, name, mark)
+        self.marks[servo] = mark
+
+    def _watch(self, ids: Sequence[int], seconds: float | None) -> None:
+        """Let servos that can stop by themselves after so long without a request [s]; None: never."""
+        name = self.model.role("watchdog")
+        if name is None:
+            return
+        register = self.model[name]
+        count = 0 if seconds is None else min(max(math.ceil(seconds / register.scale - 1e-9), 1), register.high)
+        for servo in ids:
+            self.write_register(servo, name, count)
 
     def hold(self, ids: Sequence[int]) -> None:
         """Make each servo's position its goal, and make sure that the goal arrived.
 
-        Goal speed and acceleration become 0, no limit: what another program left there would slow every later goal.
+        Goal speed and acceleration become 0, no limit: what another program left there would slow every later goal. A
+        bus watchdog is switched off: it would refuse the goal, and nobody asks servos that are held very often.
 
         Raises:
             NotWrittenError: a servo has another goal.
             BusError: a servo failed.
         """
-        goals = np.clip(self.read_state(ids).raw["present_position"], 0, self.model.resolution - 1)
+        self._watch(ids, None)
+        goals = np.clip(self.read_state(ids).raw["present_position"], 0, self.model.steps - 1)
         register = self.model["goal_position"]
 
         def write() -> None:
@@ -366,5 +464,5 @@ class ServoBus(ServoMemory):
         """
         for error in self.torque_off(ids).values():
             raise error
-        self.line.port.sleep(RECOVERY)
+        self.clock.sleep(RECOVERY)
         self.torque_on(ids)

@@ -10,7 +10,6 @@ overwritten.
 from __future__ import annotations
 
 import datetime
-import math
 import sys
 import threading
 import time
@@ -34,7 +33,7 @@ HEAD = (
     "# homing_offset: of the servo, with which these steps hold\n"
 )
 STILL = 8  # steps that a joint at rest may wander
-MOVED = 60  # steps (5 degrees) that count as moved
+MOVED = 0.092  # [rad] that count as moved; 60 steps of 4096 a turn
 SEAM = 0.5  # share of a turn: a jump beyond it between two readings went over the encoder's seam
 INSIDE = 0.02  # [rad] by which the range stays inside the stops that were found
 PERIOD = 0.02  # [s] between two readings
@@ -99,7 +98,7 @@ def guide(
     if joints:
         say(f"Kept from before: {', '.join(joint.name for joint in joints)}.")
     for name in [name for name in names if name not in [joint.name for joint in joints]]:
-        number = _choose(bus, name, [n for n in found if n not in [j.id for j in joints]], ask, say)
+        number = _choose(bus, name, [n for n in found if n not in [j.id for j in joints]], servo, ask, say)
         joints.append(_joint(bus, name, number, limits[name], servo, ask, say))
         keep(joints)
     joints.sort(key=lambda joint: names.index(joint.name))
@@ -189,24 +188,32 @@ def newest(robot: str, folder: Path = FOLDER) -> Path | None:
 # --- one joint -----------------------------------------------------------------------------------------------------
 
 
-def _choose(bus: Encoders, name: str, free: list[int], ask: Callable[[str], str], say: Callable[[str], None]) -> int:
+def _choose(
+    bus: Encoders,
+    name: str,
+    free: list[int],
+    servo: ServoModel,
+    ask: Callable[[str], str],
+    say: Callable[[str], None],
+) -> int:
     """The servo of a joint: the one that a person moves."""
+    needed = round(MOVED / servo.step)
     if len(free) == 1:
         say(f"\n{name}: servo {free[0]}, the only one left.")
         return free[0]
     while True:
         before = {number: _still(bus, number) for number in free}
         ask(f"\n{name}: move this joint by hand, a good bit, and leave it there; then press Enter. ")
-        moved = {number: abs(_shortest(_still(bus, number) - before[number])) for number in free}
+        moved = {number: abs(_shortest(_still(bus, number) - before[number], servo)) for number in free}
         best = max(moved, key=lambda number: moved[number])
         others = [n for n in free if n != best and moved[n] > 0.5 * moved[best]]
-        if moved[best] >= MOVED and not others:
+        if moved[best] >= needed and not others:
             say(f"{name}: servo {best}.")
             return best
         say(
             f"Servos {best} and {others[0]} both moved; move one joint only."
-            if moved[best] >= MOVED
-            else f"Nothing moved by more than {MOVED} steps; try again."
+            if moved[best] >= needed
+            else f"Nothing moved by more than {needed} steps; try again."
         )
 
 
@@ -219,27 +226,28 @@ def _joint(
     ask: Callable[[str], str],
     say: Callable[[str], None],
 ) -> Joint:
-    step = 2.0 * math.pi / servo.resolution
+    step, needed = servo.step, round(MOVED / servo.step)
     ask(f"{name}: bring it to 0 rad as the robot's documentation defines it, hold it still, press Enter. ")
     zero = _still(bus, number)
     while True:
         ask(f"{name}: move it in its positive direction, between 5 and 90 degrees; press Enter. ")
-        moved = _shortest(_still(bus, number) - zero, servo.resolution)
-        if abs(moved) >= MOVED:
+        moved = _shortest(_still(bus, number) - zero, servo)
+        if abs(moved) >= needed:
             break
-        say(f"It moved by {moved} steps only, and {MOVED} are needed; try again.")
+        say(f"It moved by {moved} steps only, and {needed} are needed; try again.")
     direction = 1 if moved > 0 else -1
     low, high = limits
     say(f"{name}: the robot works between {low:.2f} and {high:.2f} rad.")
     steps = _sweep(bus, number, lambda: ask(f"{name}: move it slowly from stop to stop; press Enter when done. "))
     jump = np.abs(np.diff(steps)).max(initial=0)
-    if jump > SEAM * servo.resolution:
+    if jump > SEAM * servo.steps:
         raise CalibrationError(
-            f"joint {name}: its range goes over the encoder's seam (step 0 and {servo.resolution - 1}), which the "
+            f"joint {name}: its range goes over the encoder's seam (step 0 and {servo.steps - 1}), which the "
             "servo cannot cross; turn the horn by half a turn and calibrate again."
         )
     ends = sorted(direction * (float(edge) - zero) * step for edge in (steps.min(), steps.max()))
-    offset = bus.read_register(number, "homing_offset")
+    shifts = servo.role("homing_offset")
+    offset = None if shifts is None else bus.read_register(number, shifts)
     joint = Joint(name, number, int(zero), direction, ends[0] + INSIDE, ends[1] - INSIDE, offset)
     say(f"{name}: zero at step {zero}, direction {direction:+d}, range {joint.low:.2f} to {joint.high:.2f} rad.")
     return joint
@@ -288,9 +296,11 @@ def _sweep(bus: Encoders, number: int, until: Callable[[], object]) -> np.ndarra
     return np.array([*steps, bus.read_register(number, "present_position")])
 
 
-def _shortest(steps: int, resolution: int = 4096) -> int:
-    """Difference of two encoder steps the short way round."""
-    return (steps + resolution // 2) % resolution - resolution // 2
+def _shortest(steps: int, servo: ServoModel) -> int:
+    """Difference of two encoder steps the short way round; as it is where the sensor does not see a whole turn."""
+    if servo.steps != servo.resolution:
+        return steps
+    return (steps + servo.steps // 2) % servo.steps - servo.steps // 2
 
 
 def main(arguments: list[str]) -> None:

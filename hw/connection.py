@@ -3,13 +3,13 @@
 from __future__ import annotations
 
 import contextlib
-import math
 from collections.abc import Iterator, Mapping
 from typing import Any
 
 from ..actuators.errors import SealegsError
 from .bus import ServoBus
 from .packets import ConfigurationError
+from .registers import ServoModel
 from .robot import Joint, ServoRobot
 
 SHORT = 16  # steps by which a servo may stop short of its joint's range
@@ -57,6 +57,7 @@ def opened_port(
         "model": robot.servo.name,
         "held": True,
         "cycle": period,
+        "registers": ready_at(robot.servo, int(hw["baudrate"])),
     }
     if robot.sensors:
         known["sensors"] = {sensor.name: abs(sensor.per_radian) for sensor in robot.sensors}
@@ -66,32 +67,44 @@ def opened_port(
         yield bus.port
 
 
+def ready_at(model: ServoModel, baudrate: int) -> dict[str, int]:
+    """Registers of virtual servos whose factory settings nobody would work with: another baud rate, slow replies."""
+    if model.protocol != "dynamixel":
+        return {}
+    if baudrate not in model.baud_rates:
+        raise SealegsError(f"hw.baudrate is {baudrate}; a {model.name} knows {', '.join(map(str, model.baud_rates))}.")
+    return {"baud_rate": model.baud_rates.index(baudrate), "return_delay_time": 0}
+
+
 def check_joint(bus: ServoBus, joint: Joint) -> None:
     """Make sure that a servo is set up as it was when its joint was calibrated, and can reach the joint's range.
 
     Raises:
         ConfigurationError: it is not.
     """
-    calibrated, offset = joint.homing_offset, bus.read_register(joint.id, "homing_offset")
+    model = bus.model
+    calibrated, offset = joint.homing_offset, bus.read_role(joint.id, "homing_offset")
     if calibrated is not None and calibrated != offset:
         raise ConfigurationError(
             f"servo {joint.id} has homing_offset {offset}, and {calibrated} when joint {joint.name} was calibrated: "
             "another program changed it, so the zero is elsewhere now; calibrate again.",
             [joint.id],
         )
-    low, high = (bus.read_register(joint.id, name) for name in ("min_angle", "max_angle"))
-    per_radian = joint.direction * bus.model.resolution / (2.0 * math.pi)
+    names = [model.role(role) or "" for role in ("min_angle", "max_angle")]
+    low, high = (bus.read_register(joint.id, name) for name in names)
+    per_radian = joint.direction / model.step
     first, last = sorted(round(joint.zero + per_radian * angle) for angle in (joint.low, joint.high))
     if low == high == 0:
         raise ConfigurationError(
-            f"servo {joint.id} counts turns, since its registers min_angle and max_angle are 0; write 0 and "
-            f"{bus.model.resolution - 1} (bus.write_register).",
+            f"servo {joint.id} counts turns, since its registers {names[0]} and {names[1]} are 0; write 0 and "
+            f"{model.steps - 1} (bus.write_register).",
             [joint.id],
         )
     if first < low - SHORT or last > high + SHORT:
         raise ConfigurationError(
             f"servo {joint.id} keeps its goals between the steps {low} and {high}, but joint {joint.name} goes from "
-            f"{first} to {last}; widen its registers min_angle and max_angle (bus.write_register), or calibrate again.",
+            f"{first} to {last}; widen its registers {names[0]} and {names[1]} (bus.write_register), or calibrate "
+            "again.",
             [joint.id],
         )
 
@@ -102,7 +115,8 @@ def opened_bus(hw: Mapping[str, Any], port: str, robot: ServoRobot) -> ServoBus:
     Raises:
         BusError: the port cannot be opened, or a servo is missing or set up otherwise.
     """
-    bus = ServoBus(port, int(hw["baudrate"]), robot.servo.name, float(hw["timeout"]))
+    watchdog = hw.get("watchdog")
+    bus = ServoBus(port, int(hw["baudrate"]), robot.servo.name, float(hw["timeout"]), watchdog=watchdog)
     try:
         bus.check(robot.all_ids)
         for joint in robot.joints:

@@ -36,8 +36,6 @@ RATE = 100.0  # [Hz] of what does not say its own
 DURATION = 10.0  # [s] of what has no end of its own
 DRY_CYCLES = 10
 SIGNALS = ("goal", "position", "velocity", "duty", "voltage", "current", "temperature")
-MOVES = ("p_gain", "i_gain", "d_gain", "startup_force", "cw_dead_zone", "ccw_dead_zone", "torque_limit")
-"""Registers that decide how a servo answers a goal."""
 RESTS = ("release", "hold", "sit")
 SOURCES = ("policy", "excitation", "replay", "reference")
 
@@ -352,9 +350,9 @@ def unlike_the_factory(registers: Mapping[str, Mapping[str, int]], servo: ServoM
     for joint, row in registers.items():
         changed = [
             f"{name} {row[name]} ({servo[name].default})"
-            for name in MOVES
+            for name in servo.moves
             if row[name] != servo[name].default
-            and not (name == "torque_limit" and row[name] == servo[name].default - 1)  # the mark of an earlier run
+            and not (name == servo.role("mark") and row[name] == servo[name].default - 1)  # the mark of an earlier run
         ]
         if changed:
             found.append(

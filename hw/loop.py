@@ -84,7 +84,7 @@ class ControlLoop:
             overruns: what becomes of a rate that cannot be kept: it is said and logged, or ends the run as well.
         """
         self.bus, self.robot, self.safety, self.commands = bus, robot, safety, commands
-        self._metronome = Metronome(rate, stepped, clock=bus.line.port)
+        self._metronome = Metronome(rate, stepped, clock=bus.clock)
         self._log, self._supervisor = log, supervisor
         self._rest: Rest = rest
         self._stop, self.each_cycle, self.alarm = stop or Stop(), each_cycle, alarm
@@ -108,7 +108,7 @@ class ControlLoop:
     @property
     def reading_age(self) -> float:
         """Since the latest reading [s], on the host's clock."""
-        return self.bus.line.port.now() - self._read_at
+        return self.bus.clock.now() - self._read_at
 
     @property
     def counts(self) -> tuple[int, int]:
@@ -200,7 +200,7 @@ class ControlLoop:
 
     def _read_once(self) -> Reading:
         stepped = self._metronome.stepped
-        until = None if stepped else self.bus.line.port.now() + RETRYING * self._metronome.period
+        until = None if stepped else self.bus.clock.now() + RETRYING * self._metronome.period
         state = self.bus.read_cycle(self.robot.all_ids, self._watch.due(), until)
         self._read_at = state.after
         if self._metronome.stepped:
@@ -359,7 +359,7 @@ class ControlLoop:
 
     def _to_rest(self) -> tuple[float, dict[int, str], Rest]:
         """Bring every servo to rest; what cannot be done here is left to the supervisor."""
-        clock = self.bus.line.port
+        clock = self.bus.clock
         started = clock.now()
         self.state = "to rest"
         if self._supervisor is not None:

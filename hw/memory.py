@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable, Iterable
 from contextlib import suppress
 
+from .dialects import PING, READ, REBOOT, WRITE
 from .packets import (
     ConfigurationError,
     CorruptReplyError,
@@ -14,7 +15,7 @@ from .packets import (
     ReplyError,
 )
 from .registers import Register, ServoModel
-from .transactions import PING, READ, WRITE, Transactions
+from .transactions import Transactions
 
 
 class ServoMemory:
@@ -36,17 +37,20 @@ class ServoMemory:
         Raises:
             ReplyError: it does not answer.
         """
-        self.line.retry(lambda: self.line.transact([servo], PING, [], 0))
+        self.line.retry(lambda: self.line.transact([servo], PING, [], self.line.dialect.ping_data))
         return self.read_register(servo, "model_number")
 
-    def scan(self, ids: Iterable[int] = range(254)) -> dict[int, int]:
+    def scan(self, ids: Iterable[int] | None = None) -> dict[int, int]:
         """Model number by id of the servos that answer; each id without a servo costs one timeout.
+
+        Args:
+            ids: to try; None: all that a servo can have.
 
         Raises:
             CorruptReplyError: an id answers, but never cleanly; two servos may share it.
         """
         found = {}
-        for servo in ids:
+        for servo in range(self.model["id"].high + 1) if ids is None else ids:
             try:
                 self._find(servo)
             except NoReplyError:
@@ -58,7 +62,7 @@ class ServoMemory:
     def _find(self, servo: int) -> None:
         for left in range(self.line.retries, -1, -1):
             try:
-                self.line.transact([servo], PING, [], 0)
+                self.line.transact([servo], PING, [], self.line.dialect.ping_data)
                 return
             except NoReplyError:
                 raise
@@ -87,9 +91,15 @@ class ServoMemory:
         """A register's value in its unit."""
         return self.read_register(servo, name) * self.model[name].scale
 
+    def read_role(self, servo: int, role: str, otherwise: int = 0) -> int:
+        """The count of the register that has a role; ``otherwise`` where the servo has none."""
+        name = self.model.role(role)
+        return otherwise if name is None else self.read_register(servo, name)
+
     def identity(self, servo: int) -> dict[str, int]:
         """Every register of a servo but its readings, by name: what a log keeps of the firmware and its settings."""
-        names = [name for name, item in self.model.registers.items() if not name.startswith(("present_", "target_"))]
+        readings = {*self.model.readings.values(), "velocity_trajectory", "realtime_tick"} - {"status", "moving"}
+        names = [name for name in self.model.registers if name not in readings]
         data: dict[int, int] = {}
         for start in range(0, self.model.size(), 48):
             length = min(48, self.model.size() - start)
@@ -103,6 +113,7 @@ class ServoMemory:
 
         Raises:
             RegisterError: there is no such register, it is read-only, or cannot take the count.
+            RefusedError: the servo does not take it, such as a register of the EEPROM while torque is on.
             NotWrittenError: it reads back otherwise.
             ReplyError: no usable answer after the last try.
         """
@@ -135,15 +146,31 @@ class ServoMemory:
             self.ping(servo)
             if new in self.scan([new]):
                 raise ConfigurationError(f"id {new} is taken by another servo; choose a free one.", [servo, new])
-            self._put(servo, self.model["lock"], b"\0")
+            lock = self.model.role("lock")
+            if lock is not None:
+                self._put(servo, self.model[lock], b"\0")
             with suppress(ReplyError):  # documents do not say under which id it acknowledges
-                self.line.transact([servo], WRITE, [self.model["id"].address, *data], 0)
+                self.line.transact([servo], WRITE, [*self.line.dialect.place(self.model["id"].address), *data], 0)
             if new not in self.scan([new]):
                 raise NotWrittenError(f"servo {servo} does not answer as {new}; scan the bus.", [servo])
-            self._put(new, self.model["lock"], b"\1")
+            if lock is not None:
+                self._put(new, self.model[lock], b"\1")
+
+    def reboot(self, servo: int) -> None:
+        """Restart a servo: its torque goes off, its faults are forgotten. It is silent for a moment.
+
+        Raises:
+            BusError: the port failed.
+        """
+        with suppress(ReplyError):  # who restarts may not answer
+            self.line.transact([servo], REBOOT, [], 0)
 
     def _unlocked(self, servo: int, write: Callable[[], None]) -> None:
-        lock = self.model["lock"]
+        name = self.model.role("lock")
+        if name is None:
+            write()
+            return
+        lock = self.model[name]
         self._put(servo, lock, b"\0")
         try:
             write()
@@ -174,7 +201,8 @@ class ServoMemory:
 
     def _put(self, servo: int, register: Register, data: bytes) -> None:
         try:
-            self.line.retry(lambda: self.line.transact([servo], WRITE, [register.address, *data], 0))
+            place = self.line.dialect.place(register.address)
+            self.line.retry(lambda: self.line.transact([servo], WRITE, [*place, *data], 0))
         except NoReplyError:  # the acknowledgement may be lost, or switched off (response_level 0)
             if bytes(self._read(servo, register.address, register.bytes)) != data:
                 raise
@@ -183,7 +211,7 @@ class ServoMemory:
         def read() -> list[int]:
             asked = self.line.no_late_length(length)
             start = max(min(address, self.model.size() - asked), 0)  # more bytes, but none behind the table's end
-            data = self.line.transact([servo], READ, [start, asked], asked)[servo]
+            data = self.line.transact([servo], READ, self.line.dialect.block(start, asked), asked)[servo]
             return data[address - start :][:length]
 
         return self.line.retry(read)

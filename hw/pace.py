@@ -16,7 +16,7 @@ SUSTAINED = 0.2  # share of the cycles from which overruns are no accident
 
 def reading_time(bus: ServoBus, ids: Sequence[int]) -> float:
     """How long a reading of all servos takes [s]."""
-    port, times = bus.line.port, []
+    port, times = bus.clock, []
     for _ in range(READINGS):
         begun = port.now()
         bus.read_state(ids)

@@ -98,6 +98,10 @@ class NotWrittenError(BusError):
     """A register reads back other than it was written."""
 
 
+class RefusedError(BusError):
+    """A servo did not do what was asked, and said why."""
+
+
 class ServoFaultError(BusError):
     """A servo reports a fault of its own in its status byte."""
 
@@ -122,14 +126,37 @@ class OverloadFault(ServoFaultError):
     """The servo pushed with nearly all its torque for too long and limits itself until its torque is switched off."""
 
 
+class ElectricalFault(ServoFaultError):
+    """The circuit had a shock, or too little power for its motor."""
+
+
 class Status(IntFlag):
-    """Bits of register 65 and of every reply's error byte; they say how the servo is, not what became of a request."""
+    """Faults of servos, as states and logs have them; they say how a servo is, not what became of a request.
+
+    These are the bits of Feetech's register 65 and of the error byte of its replies.
+    """
 
     VOLTAGE = 1
     ENCODER = 2
     OVERHEAT = 4
     OVERCURRENT = 8
+    ELECTRICAL = 16
     OVERLOAD = 32
+
+
+HARDWARE_ERRORS = {
+    1: Status.VOLTAGE,
+    4: Status.OVERHEAT,
+    8: Status.ENCODER,
+    16: Status.ELECTRICAL,
+    32: Status.OVERLOAD,
+}
+"""Bits of Dynamixel's register Hardware Error Status."""
+
+
+def status_of(hardware_error: int) -> int:
+    """The faults in a Dynamixel's Hardware Error Status, as bits of :class:`Status`."""
+    return sum(int(bit) for number, bit in HARDWARE_ERRORS.items() if hardware_error & number)
 
 
 FAULTS: dict[Status, tuple[type[ServoFaultError], str]] = {
@@ -141,20 +168,25 @@ FAULTS: dict[Status, tuple[type[ServoFaultError], str]] = {
         OverloadFault,
         "is overloaded and limits its torque; find out what blocks it, then switch its torque off for 0.3 s",
     ),
+    Status.ELECTRICAL: (ElectricalFault, "had an electrical shock or too little power; check supply and wires"),
 }
+REBOOT = "; it gives no torque until it is restarted (sealegs scan id={0} reboot=true)"
 
 
-def faults(servos: Sequence[int], status: Sequence[int]) -> list[ServoFaultError]:
+def faults(servos: Sequence[int], status: Sequence[int], latched: Sequence[int] = ()) -> list[ServoFaultError]:
     """The faults that servos report, an exception each, not raised.
 
     Args:
         servos: ids (n,).
         status: their status bytes (n,).
+        latched: ids of the servos that only a restart frees from a fault.
     """
     found = []
     for servo, byte in zip(servos, status, strict=True):
         for bit, (kind, text) in FAULTS.items():
             if int(byte) & bit:
+                if servo in latched:
+                    text = f"{text.partition(', then')[0]}{REBOOT.format(servo)}"
                 found.append(kind(f"servo {servo} {text}.", [servo]))
     return found
 

@@ -1,10 +1,11 @@
-"""The SDK's serial port without its traps: bounded waits, no busy waiting, input that is really discarded."""
+"""The SDKs' serial port without its traps: bounded waits, no busy waiting, input that is really discarded."""
 
 from __future__ import annotations
 
 import errno
 import sys
 import time
+from collections.abc import Sequence
 from contextlib import suppress
 from typing import Any
 
@@ -20,15 +21,17 @@ if sys.platform != "win32":
     GONE = (*GONE, termios.error)
 """What a port raises once its adapter is gone, depending on where it was noticed."""
 
+RATES = (4800, 9600, 14400, 19200, 38400, 57600, 115200, 128000, 250000, 500000, 1000000)
+"""Of Feetech's servos [bit/s]."""
 WRITE_TIMEOUT = 0.5  # [s] for a full output queue; pyserial counts time in which this process did not run, too
 SHARED = 0.15  # [s] that another program may have the port: a supervisor that holds servos looks at them now and then
 WAIT = 0.002  # [s] that one read waits for its bytes: how finely the reply timeout is kept
 
 
 class BusPort(PortHandler):
-    """A serial port for the SDK's packet handler.
+    """A serial port for the SDKs' packet handlers.
 
-    Unlike the SDK's own, a read waits in the kernel and not in a loop, time is monotonic, and writing cannot block for
+    Unlike their own, a read waits in the kernel and not in a loop, time is monotonic, and writing cannot block for
     ever. No other program can share the port, and ``clearPort`` discards what has come in.
 
     Attributes:
@@ -37,8 +40,14 @@ class BusPort(PortHandler):
         received: bytes that were read since.
     """
 
-    def __init__(self, path: str, baudrate: int, reply_timeout: float) -> None:
+    def __init__(self, path: str, baudrate: int, reply_timeout: float, rates: Sequence[int] = RATES) -> None:
         """Open the port.
+
+        Args:
+            path: of the device.
+            baudrate: of the bus [bit/s].
+            reply_timeout: wait for the first byte of a reply beyond the time that its bytes take [s].
+            rates: that a bus can have [bit/s].
 
         Raises:
             PortError: it does not exist or cannot be set up.
@@ -49,8 +58,9 @@ class BusPort(PortHandler):
         self.discarded = self.received = 0
         self._deadline = 0.0
         self.ser: Any = None
-        if self.getCFlagBaud(baudrate) < 0:
-            raise PortError(f"the baud rate {baudrate} is not one of a Feetech bus; the usual one is 1000000.")
+        if baudrate not in rates:
+            known = ", ".join(map(str, rates))
+            raise PortError(f"the baud rate {baudrate} is not one of such a bus; the usual one is 1000000 ({known}).")
         self.baudrate = baudrate
         end = time.monotonic() + SHARED
         while True:

@@ -4,6 +4,8 @@
     sealegs scan port=/dev/ttyUSB0 id=2                       all registers of one
     sealegs scan port=/dev/ttyUSB0 id=2 set=max_torque:500    set one, or several: set=max_torque:500,p_gain:16
     sealegs scan port=/dev/ttyUSB0 id=1 new_id=7              with one servo connected, when several have the id 1
+    sealegs scan port=/dev/ttyUSB0 servo=xl330_m288           Dynamixels
+    sealegs scan port=/dev/ttyUSB0 id=2 reboot=true           restart one; its torque goes off, its faults are forgotten
 
 No torque is switched on, and a scan writes nothing but what set= and new_id= name.
 """
@@ -20,7 +22,6 @@ from ..configs.script import run
 from .bus import ServoBus
 from .packets import BusError, ConfigurationError, PortError, WrongModelError, faults
 from .registers import load_model, model_names
-from .robot import HIGHEST_ID
 
 TIMEOUT = 0.02  # [s] for a reply, until it is known how fast this adapter is
 
@@ -31,7 +32,8 @@ def rows(bus: ServoBus, ids: Iterable[int], say: Callable[[str], None] = print) 
     Raises:
         PortError: the port failed; what is wrong with a servo keeps no other from being found.
     """
-    names = {load_model(name).model_number: name for name in model_names()}
+    protocol = bus.model.protocol
+    names = {load_model(name).model_number: name for name in model_names() if load_model(name).protocol == protocol}
     count = 0
     for number in ids:
         try:
@@ -57,7 +59,9 @@ def rows(bus: ServoBus, ids: Iterable[int], say: Callable[[str], None] = print) 
 def _row(bus: ServoBus, servo: int, model: int, say: Callable[[str], None]) -> None:
     seen = bus.identity(servo)
     state = bus.read_state([servo])
-    firmware = f"{seen['firmware_major']}.{seen['firmware_minor']}"
+    firmware = str(seen[bus.model.role("firmware_major") or "id"])
+    if "firmware_minor" in seen:
+        firmware += f".{seen['firmware_minor']}"
     say(
         f"{servo:>4}  {f'{bus.model.name} ({model})':<15} {firmware:<9} {f'{state.voltage[0]:.1f} V':<8} "
         f"{f'{state.temperature[0]:.0f} degC':<12} {state.raw['present_position'][0]:<6} "
@@ -109,12 +113,13 @@ def main(arguments: list[str]) -> None:
     if config["port"] is None:
         raise SealegsError("port=<path> is missing: name the adapter's port, such as /dev/ttyUSB0.")
     last = checked("last", config["last"], int)
+    reboot = checked("reboot", config["reboot"], bool)
     one, new, rate = (checked(key, config[key], int | None) for key in ("id", "new_id", "baudrate"))
     wanted = checked("set", config["set"], str | None)
-    if one is None and (new is not None or wanted is not None):
-        raise SealegsError("new_id= and set= need id=: the servo that they are for.")
+    if one is None and (new is not None or wanted is not None or reboot):
+        raise SealegsError("new_id=, set= and reboot= need id=: the servo that they are for.")
     model = load_model(checked("servo", config["servo"], str))
-    ids = range(min(last, HIGHEST_ID) + 1) if one is None else [one]
+    ids = range(min(last, model.high_id) + 1) if one is None else [one]
     found, timeout, tried = 0, TIMEOUT, list[int]()
     for speed in model.baud_rates if rate is None else [rate]:
         try:
@@ -128,7 +133,7 @@ def main(arguments: list[str]) -> None:
             if one is not None and one not in bus.scan([one]):
                 continue
             if one is not None:
-                return _single(bus, one, new, wanted)
+                return _single(bus, one, new, wanted, reboot)
             hidden = not sys.stdout.isatty()
             found += rows(bus, track(ids, f"Looking at {speed} bit/s", transient=True, disable=hidden))
             timeout = bus.line.round_trip.timeout(timeout)
@@ -139,13 +144,16 @@ def main(arguments: list[str]) -> None:
         )
 
 
-def _single(bus: ServoBus, servo: int, new: int | None, wanted: str | None) -> None:
+def _single(bus: ServoBus, servo: int, new: int | None, wanted: str | None, reboot: bool) -> None:
+    if reboot:
+        bus.reboot(servo)
+        print(f"Servo {servo} restarts; its torque is off.")
     if wanted is not None:
         put(bus, servo, wanted)
     if new is not None:
         bus.change_id(servo, new)
         print(f"Servo {servo} has the id {new} now.")
-    if wanted is None and new is None:
+    if wanted is None and new is None and not reboot:
         show(bus, servo)
 
 

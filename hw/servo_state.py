@@ -10,25 +10,24 @@ import numpy as np
 from .packets import BusError, ServoFaultError, faults
 from .registers import ServoModel
 
-FIRST, LAST = "present_position", "present_current"
-WHOLE = "torque_enable"
-"""First register of the longer block, which tells besides whether a servo still has its torque and its goal."""
-FIELDS = (
-    "present_position",
-    "present_velocity",
-    "present_load",
-    "present_voltage",
-    "present_temperature",
+WHOLE = ("torque_enable", "mark", "watchdog")
+"""Roles of the registers that tell whether a servo still has its torque and its goals."""
+QUANTITIES = (
+    "position",
+    "velocity",
+    "duty",
+    "voltage",
+    "temperature",
     "status",
     "moving",
-    "target_position",
-    "present_current",
+    "target",
+    "current",
 )
 
 
 @dataclass(frozen=True)
 class ServoState:
-    """One reading of n servos: registers 56 to 70 of each, taken in one transaction.
+    """One reading of n servos, taken in one transaction of each bus.
 
     Attributes:
         ids: of the servos (n,).
@@ -43,9 +42,11 @@ class ServoState:
         target: position that the firmware steers to at the moment (n,) [rad].
         status: fault bits, see :class:`sealegs.hw.packets.Status` (n,).
         moving: (n,) bool.
-        raw: counts by register name (n,), signs applied.
-        torque: register ``torque_enable`` (n,); None: not read this time.
-        limit: register ``torque_limit`` (n,); None: not read this time.
+        raw: counts by register name (n,), signs applied; 0 where a servo has no such register.
+        torque: register ``torque_enable`` (n,), -1 where it is not known; None: not read this time.
+        mark: register that tells a restart (n,), -1 where there is none; None: not read this time.
+        watchdog: register of the servo's own bus watchdog (n,), 0 where there is none; None: not read this time.
+        latched: ids of the servos that only a restart frees from a fault.
         missing: ids of the servos whose reply did not come; what stands here of them is older.
         problem: why; None where none is missing.
     """
@@ -64,75 +65,116 @@ class ServoState:
     moving: np.ndarray
     raw: Mapping[str, np.ndarray]
     torque: np.ndarray | None = None
-    limit: np.ndarray | None = None
+    mark: np.ndarray | None = None
+    watchdog: np.ndarray | None = None
+    latched: tuple[int, ...] = ()
     missing: tuple[int, ...] = ()
     problem: BusError | None = None
 
     def faults(self) -> list[ServoFaultError]:
         """The faults that the servos report, an exception each, not raised."""
-        return faults(self.ids, self.status.tolist()) if self.status.any() else []
+        return faults(self.ids, self.status.tolist(), self.latched) if self.status.any() else []
 
 
 class BlockReader:
     """Turns the blocks of registers that servos reply into a :class:`ServoState`, all servos and registers at once.
 
     Attributes:
-        start: address of the block's first byte.
-        length: of the block in bytes.
-        whole: as ``start``, of the longer block.
+        start: address of the first byte of the readings.
+        length: of the readings in bytes.
+        whole: address and length of the block that tells about torque, with the readings behind it where ``merged``.
+        merged: whether that block ends with the readings.
     """
 
     def __init__(self, model: ServoModel) -> None:
-        registers = [model[name] for name in FIELDS]
-        last = model[LAST]
-        self.start = model[FIRST].address
-        self.length = last.address + last.bytes - self.start
-        self.whole = model[WHOLE].address
-        self._more = {"torque": model[WHOLE], "limit": model["torque_limit"]}
-        self._low = np.array([item.address - self.start for item in registers], np.int64)
-        self._high = self._low + np.array([item.bytes - 1 for item in registers], np.int64)
-        self._weight = np.array([256 * (item.bytes - 1) for item in registers], np.int64)
-        self._sign = np.array([1 << item.sign if item.sign is not None else 1 << 30 for item in registers], np.int64)
-        step = 2.0 * np.pi / model.resolution
-        steps = {"present_position": step, "target_position": step, "present_velocity": step}
-        self._scale = np.array([item.scale * steps.get(item.name, 1.0) for item in registers])
-        centred = ("present_position", "target_position")
-        self._zero = np.array([model.centre if item.name in centred else 0 for item in registers])
+        self._model = model
+        quantities = [name for name in QUANTITIES if name in model.readings]
+        registers = [model[model.readings[name]] for name in quantities]
+        self.start = min(item.address for item in registers)
+        end = max(item.address + item.bytes for item in registers)
+        self.length = end - self.start
+        known = {role: name for role in WHOLE if (name := model.role(role)) is not None}
+        self._more = {role: model[name] for role, name in known.items()}
+        watched = [*self._more.values()]
+        if (status := model.role("status")) is not None and "status" not in model.readings:
+            watched.append(model[status])
+        first, last = min(item.address for item in watched), max(item.address + item.bytes for item in watched)
+        self.merged = "status" in model.readings  # what stands between is little
+        self.whole = (first, end - first if self.merged else last - first)
+        self._quantities, self._names = quantities, [item.name for item in registers]
+        places, weights = [], []
+        width = max(item.bytes for item in registers)
+        for item in registers:
+            offsets = range(item.bytes) if item.order == "little" else range(item.bytes - 1, -1, -1)
+            at = [item.address - self.start + offset for offset in offsets]
+            places.append((at + at[:1] * width)[:width])
+            weights.append(([256**k for k in range(item.bytes)] + [0] * width)[:width])
+        self._places, self._weights = np.array(places, np.int64), np.array(weights, np.int64)
+        self._sign = np.array([1 << item.sign if item.sign is not None else 1 << 40 for item in registers], np.int64)
+        self._half = np.array([1 << (8 * i.bytes - 1) if i.complement else 1 << 40 for i in registers], np.int64)
+        self._span = np.array([1 << 8 * item.bytes for item in registers], np.int64)
+        self._scale = np.array([model.si(item.name) for item in registers])
+        centred = ("position", "target")
+        self._zero = np.array([model.centre if name in centred else 0 for name in quantities])
 
     def span(self, whole: bool) -> tuple[int, int]:
-        """Address and length in bytes of the block."""
-        start = self.whole if whole else self.start
-        return start, self.start + self.length - start
+        """Address and length in bytes of the block that a cycle reads."""
+        return self.whole if whole and self.merged else (self.start, self.length)
+
+    def watched(self, block: Sequence[int] | None) -> dict[str, int]:
+        """Torque, mark and watchdog out of a block that begins at ``whole``; None: nothing is known."""
+        found = {"torque": -1, "mark": -1, "watchdog": 0}
+        for role, register in self._more.items():
+            if block is not None:
+                found["torque" if role == "torque_enable" else role] = register.read(list(block), self.whole[0])
+        return found
 
     def state(
-        self, ids: Sequence[int], blocks: Sequence[Sequence[int]], before: float, after: float, whole: bool = False
+        self,
+        ids: Sequence[int],
+        blocks: Sequence[Sequence[int]],
+        before: float,
+        after: float,
+        whole: bool = False,
+        known: Sequence[bool] | None = None,
     ) -> ServoState:
-        """The state in blocks (n, length or more) of bytes, which begin at ``whole`` where that is so."""
+        """The state in blocks (n, length or more) of bytes.
+
+        Args:
+            ids: of the servos (n).
+            blocks: bytes, which begin at ``whole`` where that is so and the blocks are merged.
+            before, after: clock [s].
+            whole: whether torque and mark are among the bytes.
+            known: whether these were read this time (n); None: all.
+        """
         more: dict[str, np.ndarray] = {}
-        if whole:
-            for name, register in self._more.items():
-                more[name] = np.array([register.read(list(block), self.whole) for block in blocks])
-            blocks = [block[self.start - self.whole :] for block in blocks]
-        table = np.array(blocks, np.int64)
-        words = table[:, self._low] + table[:, self._high] * self._weight
+        if whole and self.merged:
+            fresh = [True] * len(ids) if known is None else known
+            rows = [self.watched(block if is_new else None) for block, is_new in zip(blocks, fresh, strict=True)]
+            more = {name: np.array([row[name] for row in rows]) for name in ("torque", "mark", "watchdog")}
+            blocks = [block[self.start - self.whole[0] :] for block in blocks]
+        table = np.array([block[: self.length] for block in blocks], np.int64)
+        words = (table[:, self._places] * self._weights).sum(axis=2)
         counts = np.where(words & self._sign, -(words & (self._sign - 1)), words)
-        values = (counts - self._zero) * self._scale
-        position, velocity, duty, voltage, temperature, _, _, target, current = values.T
-        rows = counts.T
+        counts = np.where(counts >= self._half, counts - self._span, counts)
+        values = ((counts - self._zero) * self._scale).T
+        zeros = np.zeros(len(ids))
+        found = {name: values[k] for k, name in enumerate(self._quantities)}
+        raw = {name: counts[:, k] for k, name in enumerate(self._names)}
+        status = found.get("status", zeros).astype(np.int64)
         return ServoState(
             ids=tuple(ids),
             before=before,
             after=after,
-            position=position,
-            velocity=velocity,
-            duty=duty,
-            voltage=voltage,
-            temperature=temperature,
-            current=current,
-            target=target,
-            status=rows[5],
-            moving=rows[6] != 0,
-            raw=dict(zip(FIELDS, rows, strict=True)),
-            torque=more.get("torque"),
-            limit=more.get("limit"),
+            position=found["position"],
+            velocity=found["velocity"],
+            duty=found["duty"],
+            voltage=found["voltage"],
+            temperature=found["temperature"],
+            current=found.get("current", zeros),
+            target=found.get("target", found["position"]),
+            status=status,
+            moving=found["moving"] != 0,
+            raw={"present_current": zeros.astype(np.int64), "status": status, **raw},
+            **more,
         )

@@ -28,27 +28,35 @@ class TorqueWatch:
         self._cycle += 1
         return self._cycle % self._every == 0
 
-    def judge(self, state: ServoState, marks: Mapping[int, int]) -> Fault | None:
-        """The servo that has lost its torque, if any.
+    def judge(self, state: ServoState, marks: Mapping[int, int | None]) -> Fault | None:
+        """The servo that has lost its torque or has stopped by itself, if any.
 
         Args:
             state: as read.
-            marks: torque limit of each servo that must have torque, by id.
+            marks: what each servo that must have torque got in the register that tells a restart, by id.
         """
-        if state.torque is None or state.limit is None:
+        if state.torque is None or state.mark is None or state.watchdog is None:
             return None
-        for servo, torque, limit in zip(state.ids, state.torque.tolist(), state.limit.tolist(), strict=True):
-            if servo not in marks or servo in state.missing or torque == 1:
+        rows = zip(state.ids, state.torque.tolist(), state.mark.tolist(), state.watchdog.tolist(), strict=True)
+        for servo, torque, mark, watchdog in rows:
+            if servo not in marks or servo in state.missing or torque < 0:
                 continue
-            if torque == 0 and limit != marks[servo]:
+            if torque == 0 and marks[servo] is not None and mark != marks[servo]:
                 sentence = (
-                    f"servo {servo} has restarted: its torque is off, and its torque limit is {limit} as after "
-                    f"power-on, no longer {marks[servo]}; check its supply, wires and connectors."
+                    f"servo {servo} has restarted: its torque is off, and what marked it at torque on is {mark} as "
+                    f"after power-on, no longer {marks[servo]}; check its supply, wires and connectors."
                 )
                 return Fault("restart", sentence, (servo,))
-            sentence = (
-                f"servo {servo} has lost its torque: register 'torque_enable' is {torque}, though nobody switched it; "
-                "find out what else talks to it, or what it protects itself from."
-            )
-            return Fault("torque", sentence, (servo,))
+            if torque != 1:
+                sentence = (
+                    f"servo {servo} has lost its torque: register 'torque_enable' is {torque}, though nobody switched "
+                    "it; find out what else talks to it, or what it protects itself from."
+                )
+                return Fault("torque", sentence, (servo,))
+            if watchdog < 0:
+                sentence = (
+                    f"servo {servo} has stopped by itself: it heard nothing for the time of its bus watchdog, and "
+                    "takes no goals any more; find out what kept the computer or the adapter busy."
+                )
+                return Fault("watchdog", sentence, (servo,))
         return None

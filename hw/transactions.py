@@ -1,6 +1,6 @@
-"""Transactions on a bus of servos, over the manufacturer's SDK.
+"""Transactions on a bus of servos, over the manufacturers' SDKs.
 
-The SDK frames and parses packets; this module decides what a reply is worth. A transaction discards old input first,
+An SDK frames and parses packets; this module decides what a reply is worth. A transaction discards old input first,
 accepts a reply only if servo, length and order fit, can be repeated, and every failure has its name.
 """
 
@@ -11,14 +11,14 @@ from collections import Counter, deque
 from collections.abc import Callable, Sequence
 from typing import TypeVar
 
-import scservo_sdk as sdk
-
+from .dialects import BROADCAST, SYNC_READ, SYNC_WRITE, Dialect, dialect_of
 from .packets import (
     BusError,
     ClosedError,
     CorruptReplyError,
     EchoError,
     NoReplyError,
+    RefusedError,
     RegisterError,
     ReplyError,
     ShortReplyError,
@@ -29,10 +29,6 @@ from .packets import (
 from .port import BusPort
 from .round_trip import RoundTrip
 
-BROADCAST = 254
-ID, LENGTH, ERROR, DATA = 2, 3, 4, 5  # places in a packet
-PING, READ, WRITE, SYNC_READ, SYNC_WRITE = 0x01, 0x02, 0x03, 0x82, 0x83
-SHORTEST = 6  # bytes of a packet without data: a PING looks like its reply from a servo with a voltage fault
 LATEST, OVERDUE = 1.0, 4  # [s] after which no answer comes any more; failed requests whose answers are still expected
 ECHO_WAIT = 0.005  # [s] within which an adapter's echo would be back
 
@@ -50,9 +46,18 @@ class Transactions:
         counts: failures so far by the name of their class, those that a further try cured included.
         events: the latest failures, oldest first, as (host's monotonic time [s], error).
         status: latest error byte of each servo by id.
+        dialect: how packets are framed.
     """
 
-    def __init__(self, path: str, baudrate: int, timeout: float, retries: int, port: BusPort | None = None) -> None:
+    def __init__(
+        self,
+        path: str,
+        baudrate: int,
+        timeout: float,
+        retries: int,
+        port: BusPort | None = None,
+        protocol: str = "feetech",
+    ) -> None:
         """Open the port.
 
         Args:
@@ -61,6 +66,7 @@ class Transactions:
             timeout: how long a reply may take beyond the time of its bytes [s].
             retries: further tries of a transaction whose reply was missing or unusable.
             port: that is open already, such as a simulated one; None: open ``path``.
+            protocol: of the servos.
 
         Raises:
             PortError: as :class:`~sealegs.hw.port.BusPort`.
@@ -75,9 +81,9 @@ class Transactions:
         self.round_trip = RoundTrip()
         self._unsettled = False  # a reply failed: more of it may be on its way
         self._gone: UnpluggedError | None = None
-        self.port = BusPort(path, baudrate, timeout) if port is None else port
+        self.dialect: Dialect = dialect_of(protocol)
+        self.port = BusPort(path, baudrate, timeout, self.dialect.rates) if port is None else port
         self._byte_time = 10.0 / baudrate
-        self._sdk = sdk.PacketHandler(0)
         try:
             self._check_echo()
         except BaseException:
@@ -102,7 +108,7 @@ class Transactions:
             UnpluggedError, StalledError: the port failed.
         """
         check_ids(ids)
-        parameters = [address, len(rows[0])]
+        parameters = self.dialect.block(address, len(rows[0]))
         for servo, row in zip(ids, rows, strict=True):
             parameters.append(servo)
             parameters += row
@@ -140,7 +146,7 @@ class Transactions:
                     self._unsettled = False
                 target = BROADCAST if instruction == SYNC_READ else ids[0]
                 request = self._send(target, instruction, parameters)
-                size = len(request) + (6 + length) * len(ids)
+                size = len(request) + (self.dialect.overhead + length) * len(ids)
                 sent = self.port.now()
                 self.port.setPacketTimeoutMillis(1e3 * (wait + size * self._byte_time))
                 replies = self._collect(ids, request, length, wait)
@@ -151,6 +157,7 @@ class Transactions:
                 self._overdue.append((self.port.now(), length))
                 raise
             except Exception as error:
+                self._unsettled |= isinstance(error, RefusedError) and len(ids) > 1
                 raise self._named(error) from None
 
     def no_late_length(self, length: int) -> int:
@@ -167,10 +174,10 @@ class Transactions:
         return length
 
     def _send(self, target: int, instruction: int, parameters: list[int]) -> list[int]:
-        request = [0xFF, 0xFF, target, len(parameters) + 2, instruction, *parameters, 0]
-        if len(request) > 250:
+        request = self.dialect.request(target, instruction, parameters)
+        if len(request) > self.dialect.longest:
             raise RegisterError(f"the request is too long: {len(request)} bytes; address fewer servos at once.")
-        self._sdk.txPacket(self.port, request)
+        self.dialect.send(self.port, request)
         self.port.is_using = False
         if self.port.discarded:
             self.note(StaleReplyError(f"{self.port.discarded} bytes came on {self.path} after their time; ignored."))
@@ -180,35 +187,37 @@ class Transactions:
         replies: dict[int, list[int]] = {}
         problem: ReplyError | None = None
         while len(replies) < len(ids):
-            packet, result = self._sdk.rxPacket(self.port)
-            if result != sdk.COMM_SUCCESS:
+            reply, nothing = self.dialect.receive(self.port)
+            if reply is None:
                 missing = [servo for servo in ids if servo not in replies]
-                if result == sdk.COMM_RX_TIMEOUT:
-                    whole = (SHORTEST + length) * len(replies)
-                    broken = problem is not None or self.port.received > whole  # the SDK drops what has no header
+                if nothing:
+                    whole = (self.dialect.overhead + length) * len(replies)
+                    broken = problem is not None or self.port.received > whole  # an SDK drops what has no header
                     problem = self._corrupt(missing) if broken else self._no_reply(missing, wait)
                 else:
                     problem = self._corrupt(missing)
                 problem.replies = replies
-                if result == sdk.COMM_RX_TIMEOUT or self.port.isPacketTimeout():
+                if nothing or self.port.isPacketTimeout():
                     raise problem
                 continue
-            servo = packet[ID]
-            if packet == request and len(request) > SHORTEST:
+            servo = reply.servo
+            if reply.whole == request and len(request) > self.dialect.overhead:
                 self._check_echo()
             if servo in replies or servo not in ids:
                 raise StaleReplyError(
                     f"servo {servo} on {self.path} answered a question that was not the latest; it was ignored.",
                     [servo],
                 )
-            if packet[LENGTH] != length + 2:
+            if (why := self.dialect.refusal(reply.error)) is not None:
+                raise RefusedError(f"servo {servo} on {self.path} refuses: {why}.", [servo])
+            if len(reply.data) != length:
                 raise ShortReplyError(
-                    f"servo {servo} on {self.path} answered {packet[LENGTH] - 2} bytes to a question for {length}; "
+                    f"servo {servo} on {self.path} answered {len(reply.data)} bytes to a question for {length}; "
                     "it was ignored.",
                     [servo],
                 )
-            self.status[servo] = packet[ERROR]
-            replies[servo] = packet[DATA:-1]
+            self.status[servo] = reply.error
+            replies[servo] = reply.data
         return replies
 
     # --- several tries -----------------------------------------------------------------------------------------
@@ -262,7 +271,7 @@ class Transactions:
         """Send what no servo answers and no reply can equal, a SYNC_WRITE to nobody, and see whether it comes back."""
         try:
             self.port.settle(quiet=0.002)
-            request = self._send(BROADCAST, SYNC_WRITE, [0, 1])
+            request = self._send(BROADCAST, SYNC_WRITE, self.dialect.block(0, 1))
             self.port.setPacketTimeoutMillis(1e3 * ECHO_WAIT)
             seen: list[int] = []
             while not self.port.isPacketTimeout() and len(seen) < len(request):

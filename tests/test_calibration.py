@@ -188,7 +188,7 @@ def test_a_machine_built_as_drawn_has_ids_from_one_and_the_robots_range() -> Non
 
 def test_servos_of_a_bus_are_calibrated(monkeypatch: pytest.MonkeyPatch) -> None:
     """The whole way over the SDK and a virtual bus whose pendulum stands in for a hand."""
-    monkeypatch.setattr("sealegs.hw.calibration.MOVED", 20)
+    monkeypatch.setattr("sealegs.hw.calibration.MOVED", 0.03)
     patient = 1.0  # [s] other programs may hold the machine for longer than a servo would take
     with VirtualBus(time="stepped", cycle=0.0) as virtual, ServoBus(virtual.port, timeout=patient) as bus:
         answers: list[Callable[[], None]] = []

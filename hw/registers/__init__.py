@@ -3,10 +3,11 @@
 from __future__ import annotations
 
 import functools
+import math
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Any
+from typing import Any, Literal
 
 import yaml
 
@@ -14,6 +15,11 @@ from ...actuators.errors import nearest
 from ..packets import RegisterError
 
 FOLDER = Path(__file__).resolve().parent
+RPM = 2.0 * math.pi / 60.0  # [rad/s]
+TURNS = {"step": 1, "step/s": 1, "step/s2": 1}
+"""Units that count steps of the encoder."""
+ROTATIONS = {"rpm": RPM, "rev/min2": RPM / 60.0}  # [rad/s], [rad/s2]
+BYTE_ORDER = Literal["little", "big"]
 
 
 @dataclass(frozen=True)
@@ -23,14 +29,16 @@ class Register:
     Attributes:
         name: as in the model's file.
         address: of its first byte.
-        bytes: 1 or 2, little-endian.
+        bytes: 1, 2 or 4.
         area: ``eeprom`` (persists), ``ram`` (lost at power-off) or ``read`` (read-only).
-        sign: bit that says "negative", of sign and magnitude; None: unsigned.
+        sign: bit that says "negative", of sign and magnitude; None: there is none.
+        complement: whether negative counts are two's complements.
         scale: value of one count in ``unit``.
         unit: of the scaled value.
         low: smallest count that may be written.
         high: largest count that may be written.
         default: count as it leaves the factory.
+        order: of its bytes.
     """
 
     name: str
@@ -43,9 +51,13 @@ class Register:
     low: int = 0
     high: int = 0
     default: int = 0
+    complement: bool = False
+    order: BYTE_ORDER = "little"
 
     def decode(self, word: int) -> int:
         """The count that the raw ``word`` stands for, with its sign."""
+        if self.complement:
+            return word - (1 << 8 * self.bytes) if word >> (8 * self.bytes - 1) else word
         if self.sign is None:
             return word
         magnitude = word & ((1 << self.sign) - 1)
@@ -61,13 +73,23 @@ class Register:
             raise RegisterError(
                 f"register '{self.name}' takes whole numbers from {self.low} to {self.high}, not {count!r}."
             )
-        count = int(count)
-        return (1 << self.sign) | -count if count < 0 and self.sign is not None else count
+        return self.word(int(count))
+
+    def word(self, count: int) -> int:
+        """The raw word of ``count``, which fits or is cut to the largest that does."""
+        whole = (1 << 8 * self.bytes) - 1
+        if self.complement:
+            half = 1 << (8 * self.bytes - 1)
+            return min(max(count, -half), half - 1) & whole
+        if self.sign is None:
+            return min(max(count, 0), whole)
+        magnitude = min(abs(count), (1 << self.sign) - 1)
+        return magnitude | ((1 << self.sign) if count < 0 else 0)
 
     def read(self, data: bytes | bytearray | list[int], start: int = 0) -> int:
         """The count in a block of memory that begins at address ``start``."""
         at = self.address - start
-        return self.decode(data[at] if self.bytes == 1 else data[at] | data[at + 1] << 8)
+        return self.decode(int.from_bytes(bytes(data[at : at + self.bytes]), self.order))
 
     def to_bytes(self, count: int) -> bytes:
         """``count`` as it is written.
@@ -75,7 +97,29 @@ class Register:
         Raises:
             RegisterError: as :meth:`encode`.
         """
-        return self.encode(count).to_bytes(self.bytes, "little")
+        return self.encode(count).to_bytes(self.bytes, self.order)
+
+
+@dataclass(frozen=True)
+class Requirement:
+    """How a register must be set for the host to work with a servo.
+
+    Attributes:
+        register: its name.
+        remedy: what to write, and why.
+        value: that it must have; None: any.
+        set, clear: bits that must be 1, and 0.
+    """
+
+    register: str
+    remedy: str
+    value: int | None = None
+    set: int = 0
+    clear: int = 0
+
+    def met(self, count: int) -> bool:
+        """Whether the register may have this count."""
+        return (self.value is None or count == self.value) and count & self.set == self.set and not count & self.clear
 
 
 @dataclass(frozen=True)
@@ -89,14 +133,45 @@ class ServoModel:
         centre: step that counts as 0 rad.
         registers: by name.
         baud_rates: by the count in register ``baud_rate`` [bit/s].
+        protocol: how it is talked to: ``feetech`` or ``dynamixel``.
+        steps: positions that its sensor tells apart; fewer than ``resolution`` where it does not see a whole turn.
+        roles: names of registers by what they are for, where that is another name; "" where the servo has none.
+        readings: what a control cycle reads, by quantity: names of registers that lie close together.
+        move: registers of a goal with speed and ramp, which lie one behind the other.
+        requires: how its registers must be set.
+        moves: registers that decide how a servo answers a goal.
+        high_id: largest id that it can have.
     """
 
     name: str
     model_number: int
-    resolution: int
+    resolution: float
     centre: int
     registers: Mapping[str, Register]
     baud_rates: tuple[int, ...]
+    protocol: str
+    steps: int
+    roles: Mapping[str, str]
+    readings: Mapping[str, str]
+    move: tuple[str, ...]
+    requires: tuple[Requirement, ...]
+    moves: tuple[str, ...]
+    high_id: int
+
+    @property
+    def step(self) -> float:
+        """Of the encoder [rad]."""
+        return 2.0 * math.pi / self.resolution
+
+    def role(self, role: str) -> str | None:
+        """Name of the register that has a role; None: there is none."""
+        name = self.roles.get(role, role)
+        return name if name in self.registers else None
+
+    def si(self, name: str) -> float:
+        """What one count of a register is in SI units: rad, rad/s, rad/s2, A, V, or 1 of what has no such unit."""
+        register = self[name]
+        return register.scale * (self.step if register.unit in TURNS else ROTATIONS.get(register.unit, 1.0))
 
     def __getitem__(self, name: str) -> Register:
         """The register of that name.
@@ -132,15 +207,32 @@ def load_model(name: str) -> ServoModel:
         )
     table: dict[str, Any] = yaml.safe_load((FOLDER / f"{name}.yaml").read_text())
     if "like" in table:
-        table = {**yaml.safe_load((FOLDER / f"{table['like']}.yaml").read_text()), **table}
-    registers = {key: _register(key, row) for key, row in table["registers"].items()}
+        base = yaml.safe_load((FOLDER / f"{table['like']}.yaml").read_text())
+        changed = {**base["registers"], **table.pop("registers", {})}
+        table = {**base, **table, "registers": {key: row for key, row in changed.items() if row is not None}}
+    order = table.get("byte_order", "little")
+    registers = {key: _register(key, row, order) for key, row in table["registers"].items()}
     number = int(table["model_number"])
-    registers["model_number"] = Register("model_number", 3, 2, "read", default=number)
+    registers["model_number"] = replace(registers["model_number"], default=number)
     return ServoModel(
-        name, number, int(table["resolution"]), int(table["centre"]), registers, tuple(table["baud_rates"])
+        name=name,
+        model_number=number,
+        resolution=table["resolution"],
+        centre=int(table["centre"]),
+        registers=registers,
+        baud_rates=tuple(table["baud_rates"]),
+        protocol=table["protocol"],
+        steps=int(table.get("steps", table["resolution"])),
+        roles=table.get("roles", {}),
+        readings=table["readings"],
+        move=tuple(table["move"]),
+        requires=tuple(Requirement(**row) for row in table["requires"]),
+        moves=tuple(table["moves"]),
+        high_id=int(table["high_id"]),
     )
 
 
-def _register(name: str, row: Mapping[str, Any]) -> Register:
-    whole = (1 << 8 * row["bytes"]) - 1
-    return Register(name, **{"low": 0, "high": whole, **row})
+def _register(name: str, row: Mapping[str, Any], order: BYTE_ORDER) -> Register:
+    bits = 8 * row["bytes"]
+    low, high = (-(1 << (bits - 1)), (1 << (bits - 1)) - 1) if row.get("complement") else (0, (1 << bits) - 1)
+    return Register(name, **{"low": low, "high": high, "order": order, **row})

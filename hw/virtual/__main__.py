@@ -1,8 +1,9 @@
-"""A virtual bus of Feetech servos, with a robot of this project behind it.
+"""A virtual bus of servos, Feetech's or Dynamixels, with a robot of this project behind it.
 
     sealegs virtual                                       # the bench
     sealegs virtual robot=hopper hidden=extended.yaml     # a hopper that is not what it seems
     sealegs virtual faults=faults.yaml link=/tmp/servos   # what goes wrong when; a port of a fixed name
+    sealegs virtual model=xl330_m288 actuator=xl330       # Dynamixels, as they leave the factory: at 57600 bit/s
 
 Prints the port that any client of such a bus can open, and runs until Ctrl-C.
 """
@@ -52,7 +53,8 @@ def build(config: dict[str, Any]) -> Server:
     )
     faults = read_faults(config["faults"]) if config["faults"] is not None else []
     mounted = mounts(machine.encoders, config["servos"], model)
-    rig = Rig(machine, model, mounted, checked("held", config["held"], bool))
+    registers = {str(key): checked(f"registers.{key}", value, int) for key, value in config["registers"].items()}
+    rig = Rig(machine, model, mounted, checked("held", config["held"], bool), registers={"": registers})
     wire = Wire(rig, faults, checked_seed(config["seed"]))
     return Server(
         wire,

@@ -50,6 +50,7 @@ class Fault:
         probability: with which it spoils a reply.
         delay: of late replies [s].
         value: temperature [degC], voltage [V] or time [s] where the kind has one; None: 80 degC, 3.8 V, 0.8 s.
+        bus: name of the line concerned; None: all.
         done: servos to which a fault of :data:`ONCE` has happened.
     """
 
@@ -61,6 +62,7 @@ class Fault:
     probability: float = 1.0
     delay: float = 0.05
     value: float | None = None
+    bus: str | None = None
     done: set[int] = field(default_factory=set, init=False, repr=False)
 
     def __post_init__(self) -> None:

@@ -39,6 +39,11 @@ def status_packet(servo: int, error: int, data: bytes = b"") -> bytes:
     return b"\xff\xff" + content + bytes((checksum(content),))
 
 
+def shortened(reply: bytes) -> bytes:
+    """A reply without its last data byte, with a right checksum."""
+    return status_packet(reply[2], reply[4], reply[5:-2])
+
+
 def take_requests(stream: bytearray) -> list[Request]:
     """The complete requests at the head of ``stream``, which loses them; those with a wrong checksum are dropped."""
     found = []

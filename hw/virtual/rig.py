@@ -2,15 +2,16 @@
 
 from __future__ import annotations
 
-import math
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from typing import Any
 
 from ...actuators.errors import SealegsError, nearest
 from ..registers import ServoModel
+from .dynamixel import DynamixelServo
+from .firmware import OFF, TICK
 from .machine import SHORTEST_STEP, Machine
-from .servo import OFF, TICK, Servo
+from .servo import Servo
 
 PROFILE_STEP = 0.001  # [s] between two moves of a set-point that is on its way; assumed
 
@@ -23,15 +24,28 @@ class Mount:
         id: of the servo.
         zero: step at which the joint is at 0 rad.
         direction: +1 where growing steps turn the joint in its positive sense, else -1.
+        bus: name of the line that it is on; "": the first.
     """
 
     id: int
     zero: int
     direction: int = 1
+    bus: str = ""
 
 
-def mounts(joints: list[str], given: Mapping[str, Any] | None, model: ServoModel) -> list[Mount]:
+def mounts(
+    joints: list[str],
+    given: Mapping[str, Any] | None,
+    model: ServoModel,
+    others: Mapping[str, ServoModel] | None = None,
+) -> list[Mount]:
     """A mount for each joint: ids from 1 in the order of joints, zero at the centre, unless ``given`` by joint.
+
+    Args:
+        joints: by name.
+        given: id, zero, direction and bus by joint.
+        model: of the servos on the first line.
+        others: models on further lines, by their names.
 
     Raises:
         SealegsError: a joint that the robot does not have, or a key or value that a mount cannot take.
@@ -40,9 +54,13 @@ def mounts(joints: list[str], given: Mapping[str, Any] | None, model: ServoModel
     for name, row in (given or {}).items():
         if name not in found:
             raise SealegsError(f"servos: there is no joint '{name}'{nearest(str(name), joints)}; there are {joints}.")
-        if not isinstance(row, Mapping) or set(row) - {"id", "zero", "direction"}:
-            raise SealegsError(f"servos: '{name}' takes id, zero and direction, not {row!r}.")
-        mount = replace(found[name], **{str(key): value for key, value in row.items()})
+        if not isinstance(row, Mapping) or set(row) - {"id", "zero", "direction", "bus"}:
+            raise SealegsError(f"servos: '{name}' takes id, zero, direction and bus, not {row!r}.")
+        bus = str(row.get("bus") or "")
+        if bus and bus not in (others or {}):
+            raise SealegsError(f"servos: '{name}' is on bus '{bus}'{nearest(bus, others or {})}, which there is not.")
+        centre = (others or {}).get(bus, model).centre
+        mount = replace(found[name], **{"zero": centre, **{str(key): value for key, value in row.items()}, "bus": bus})
         if not all(isinstance(value, int) for value in (mount.id, mount.zero, mount.direction)):
             raise SealegsError(f"servos: '{name}' takes whole numbers, not {row!r}.")
         if not 0 <= mount.id <= 253 or mount.direction not in (-1, 1):
@@ -63,15 +81,37 @@ class Rig:
         history: (time [s], id, torque on) whenever a servo's torque was switched.
     """
 
-    def __init__(self, machine: Machine, model: ServoModel, mounted: list[Mount], held: bool = False) -> None:
+    def __init__(
+        self,
+        machine: Machine,
+        model: ServoModel,
+        mounted: list[Mount],
+        held: bool = False,
+        others: Mapping[str, ServoModel] | None = None,
+        registers: Mapping[str, Mapping[str, int]] | None = None,
+    ) -> None:
+        """Mount servos.
+
+        Args:
+            machine: the simulated robot.
+            model: of the servos on the first line.
+            mounted: one per joint and encoder.
+            held: whether a hand holds the robot still until torque is first switched on.
+            others: models on further lines, by their names.
+            registers: counts that somebody set for good, by name of the line.
+        """
         self.held = held
-        self.machine, self.model, self.mounts = machine, model, mounted
-        self.servos = [Servo(model, mount.id, joint) for joint, mount in enumerate(mounted)]
+        self.machine, self.mounts = machine, mounted
+        self.models = {"": model, **(others or {})}
+        self.servos = [self._servo(mount, joint) for joint, mount in enumerate(mounted)]
+        for servo in self.servos:
+            for name, count in (registers or {}).get(servo.bus, {}).items():
+                servo.model[name].encode(count)
+                servo.set_up(name, count)
         self.volts: list[float | None] = [None] * len(mounted)
         self.history: list[tuple[float, int, bool]] = []
         self.since = [0.0] * len(mounted)
         self._on = [False] * len(mounted)
-        self._steps_per_radian = model.resolution / (2.0 * math.pi)
         self._next_tick = TICK
         self.sense()
         for servo in self.servos:
@@ -79,6 +119,11 @@ class Rig:
             servo.boot(0.0, 0.0)
             servo.target = float(servo.sensors.steps)
         self.apply()
+
+    def _servo(self, mount: Mount, joint: int) -> Servo | DynamixelServo:
+        model = self.models[mount.bus]
+        kind = DynamixelServo if model.protocol == "dynamixel" else Servo
+        return kind(model, mount.id, joint, mount.bus)
 
     @property
     def time(self) -> float:
@@ -134,15 +179,15 @@ class Rig:
         """Whether the servo of a joint drives it."""
         return self._on[joint]
 
-    def _steer(self, servo: Servo) -> None:
+    def _steer(self, servo: Servo | DynamixelServo) -> None:
         mount = self.mounts[servo.joint]
         goal = servo.goal_steps()
         if servo.frozen is not None:  # its loop sees the error to where the sensor is stuck
             goal += self.steps(servo.joint, self.machine.reading(servo.joint)) - servo.frozen
-        angle = mount.direction * (goal - mount.zero) / self._steps_per_radian
+        angle = mount.direction * (goal - mount.zero) * servo.model.step
         self.machine.set_goal(servo.joint, angle)
 
     def steps(self, joint: int, angle: float) -> int:
         """Step of the servo's encoder at an angle of its joint [rad], turns counted."""
         mount = self.mounts[joint]
-        return round(mount.zero + mount.direction * angle * self._steps_per_radian)
+        return round(mount.zero + mount.direction * angle / self.models[mount.bus].step)

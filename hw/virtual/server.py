@@ -14,7 +14,7 @@ from typing import Any
 from . import protocol
 from .control import ControlSocket
 from .faults import fault_from, first
-from .protocol import Request, take_requests
+from .protocol import Request
 from .terminal import Terminal
 from .wire import Wire
 
@@ -144,7 +144,7 @@ class Server:
         if first(self.wire.faults, "echo", self.now()) is not None:
             self._terminal.write(data)
         self._stream += data
-        for request in take_requests(self._stream):
+        for request in self.wire.requests(self._stream):
             self._handle(request)
             if self._terminal is None:
                 return
@@ -218,7 +218,7 @@ class Server:
             "time": now,
             "port": self.port,
             "plugged": self._terminal is not None,
-            "requests": self.wire.requests,
+            "requests": self.wire.heard,
             "servos": servos,
             "history": rig.history[-1000:],
             "faults": [{**vars(fault), "done": sorted(fault.done)} for fault in self.wire.faults],

@@ -6,109 +6,36 @@ Behaviour that no document states is marked assumed.
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
 
 from ..packets import Status
 from ..registers import ServoModel
 from . import protocol
+from .firmware import OFF, ON, RESET_VOLTAGE, Firmware, share
 from .machine import Drive
 
-TICK = 0.005  # [s] between two looks at protection, velocity and temperature; assumed
-VELOCITY_TICKS = 4  # velocity is the encoder's difference over so many; assumed
 BOOT = 0.8  # [s] silent after a reboot
-RESET_VOLTAGE = 3.3  # [V] below which the controller stops; assumed
 VOLTAGE, OVERHEAT, OVERCURRENT, OVERLOAD = (
     int(bit) for bit in (Status.VOLTAGE, Status.OVERHEAT, Status.OVERCURRENT, Status.OVERLOAD)
 )
 RELEASING = VOLTAGE | int(Status.ENCODER) | OVERHEAT | OVERCURRENT  # an overload limits the torque, the others release
 MODE_POSITION, MODE_VELOCITY = 0, 1
 MODES = (MODE_POSITION, MODE_VELOCITY)  # that are simulated; PWM (2) and step (3) are not
-OFF, ON, DAMPING, HERE_IS_CENTRE = 0, 1, 2, 128
-AMBIENT = 25.0  # [degC]; assumed
-HEAT_CAPACITY, HEAT_RESISTANCE = 40.0, 8.0  # [J/K], [K/W] of motor and case to the air; assumed
-MOVING = 50  # step/s above which the servo counts as moving; assumed
+DAMPING, HERE_IS_CENTRE = 2, 128
+ABSENT = {"overload_torque": 80, "max_velocity": 0, "overcurrent_time": 200}
+"""What servos of the SCS series do without a register for it; assumed. All else that they lack is 0."""
 
 
-@dataclass
-class Sensors:
-    """What a servo's electronics measure: position in steps from the encoder's zero (turns included), and the rest."""
+class Servo(Firmware):
+    """One servo of the STS or the SCS series."""
 
-    steps: int = 0
-    duty: float = 0.0
-    current: float = 0.0
-    voltage: float = 0.0
-
-
-class Servo:
-    """One servo.
-
-    Attributes:
-        model: whose memory table it has.
-        joint: number of the joint that it drives.
-        memory: its registers.
-        sensors: latest readings; whoever owns the servo keeps them up to date.
-        temperature: of the case [degC].
-        forced_temperature: that a fault pretends; None: the true one.
-        silent_until: time at which it has booted [s].
-        target: step that its loop steers to, homing offset included.
-        frozen: step at which its position sensor is stuck; None: it is not.
-        unsigned: whether it reports its current without its sign.
-        refused: the latest request that it could not follow because that is not simulated, in a sentence.
-    """
-
-    def __init__(self, model: ServoModel, servo_id: int, joint: int) -> None:
-        self.model, self.joint = model, joint
-        self._places = {item.name: (item.address, item.bytes == 2, item.sign) for item in model.registers.values()}
-        self._id = model["id"].address
+    def __init__(self, model: ServoModel, servo_id: int, joint: int, bus: str = "") -> None:
+        super().__init__(model, servo_id, joint, bus)
         self._factory = {name: model[name].default for name in ("p_gain", "d_gain", "startup_force", "cw_dead_zone")}
-        self._stored = bytearray(model.size())  # EEPROM
-        for register in model.registers.values():
-            self._put(self._stored, register.name, register.default)
-        self._stored[model["id"].address] = servo_id
-        self._first_ram = model["torque_enable"].address
-        self._writable = {
-            at
-            for register in model.registers.values()
-            if register.area != "read"
-            for at in range(register.address, register.address + register.bytes)
-        }
-        self.memory = bytearray(self._stored)
-        self.sensors = Sensors()
-        self.temperature = AMBIENT
-        self.forced_temperature: float | None = None
-        self.silent_until = 0.0
-        self.frozen: int | None = None
-        self.unsigned = False
-        self.refused: str | None = None
         self.boot(0.0, 0.0)
 
-    # --- registers ---------------------------------------------------------------------------------------------
-
-    @property
-    def id(self) -> int:
-        """Its id at the moment."""
-        return self.memory[self._id]
-
-    def get(self, name: str) -> int:
-        """Count in a register."""
-        at, wide, sign = self._places[name]
-        word = self.memory[at]
-        if wide:
-            word |= self.memory[at + 1] << 8
-        return word if sign is None else self.model.registers[name].decode(word)
-
-    def put(self, name: str, count: int) -> None:
-        """Set a register, as the firmware itself does."""
-        self._put(self.memory, name, count)
-
-    def _put(self, memory: bytearray, name: str, count: int) -> None:
-        register = self.model[name]
-        word = count
-        if register.sign is not None:
-            largest = (1 << register.sign) - 1
-            word = min(abs(count), largest) | ((1 << register.sign) if count < 0 else 0)
-        word = min(max(word, 0), (1 << 8 * register.bytes) - 1)
-        memory[register.address : register.address + register.bytes] = word.to_bytes(register.bytes, "little")
+    def absent(self, name: str) -> int:
+        """Count of a register that the SCS series does not have."""
+        return self.get("max_torque") if name == "torque_limit" else ABSENT.get(name, 0)
 
     # --- power -------------------------------------------------------------------------------------------------
 
@@ -136,13 +63,13 @@ class Servo:
 
     # --- requests ----------------------------------------------------------------------------------------------
 
-    def execute(self, instruction: int, parameters: bytes, now: float) -> bytes | None:
-        """Carry out a request; the data of its reply, or None where there is no reply."""
+    def execute(self, instruction: int, parameters: bytes, now: float) -> tuple[int, bytes] | None:
+        """Carry out a request; error byte and data of its reply, or None where there is no reply."""
         quiet = self.get("response_level") == 0
         if instruction == protocol.PING:
-            return b""
+            return self.status(now), b""
         if instruction == protocol.READ and len(parameters) == 2:
-            return self.read(parameters[0], parameters[1], now)
+            return self.answer(parameters[0], parameters[1], now)
         if instruction == protocol.WRITE and len(parameters) >= 2:
             self.write(parameters[0], parameters[1:], now)
         elif instruction == protocol.REG_WRITE and len(parameters) >= 2:
@@ -162,7 +89,15 @@ class Servo:
             self._calibrate(int.from_bytes(parameters[:2], "little") if len(parameters) >= 2 else self.model.centre)
         elif instruction not in (protocol.BACKUP, protocol.RESET):
             return None
-        return None if quiet else b""
+        return None if quiet else (self.status(now), b"")
+
+    def hear(self, now: float) -> None:
+        """A request went over the line, whoever it was for."""
+
+    def answer(self, start: int, length: int, now: float) -> tuple[int, bytes]:
+        """Error byte and data of the reply to a question for memory."""
+        data = self.read(start, length, now)
+        return self.status(now), data
 
     def read(self, start: int, length: int, now: float) -> bytes:
         """Bytes of the memory; what lies behind its end reads 0."""
@@ -174,7 +109,7 @@ class Servo:
         """Write bytes; those of read-only registers are ignored."""
         lock = self.memory[self.model["lock"].address]
         enabled = self.get("torque_enable")
-        mode = self.model["operating_mode"].address
+        mode = self.model["operating_mode"].address if "operating_mode" in self.model.registers else -1
         for at, byte in enumerate(data, start):
             if at == mode and byte not in MODES:
                 self.refused = (
@@ -205,14 +140,14 @@ class Servo:
         elif before == OFF:
             self._released = bool(self.status(now) & self.get("unloading_condition") & RELEASING)
             self.target = float(self.sensors.steps)
-            if not self._multi_turn and self.get("operating_mode") != MODE_VELOCITY:
-                self.target %= self.model.resolution
+            if self._whole_turn and not self._multi_turn and self.get("operating_mode") != MODE_VELOCITY:
+                self.target %= self.model.steps
             self._new_goal()
 
     def _calibrate(self, step: int) -> None:
-        offset = (self.sensors.steps - step) % self.model.resolution
-        if offset > self.model.resolution // 2:
-            offset -= self.model.resolution
+        offset = (self.sensors.steps - step) % self.model.steps
+        if offset > self.model.steps // 2:
+            offset -= self.model.steps
         largest = self.model["homing_offset"].high
         self.put("homing_offset", min(max(offset, -largest), largest))
         register = self.model["homing_offset"]
@@ -231,6 +166,10 @@ class Servo:
     def _multi_turn(self) -> bool:
         return bool(self.get("phase") & 16)
 
+    @property
+    def _whole_turn(self) -> bool:
+        return self.model.steps == self.model.resolution
+
     def _actual(self, present: float) -> float:
         return present + self.get("homing_offset")
 
@@ -248,10 +187,6 @@ class Servo:
         self._move_ramp = float(ramp) or math.inf
         if math.isinf(self._move_speed) and self.get("operating_mode") == MODE_POSITION:
             self.target = self._goal
-
-    def freeze(self, stuck: bool) -> None:
-        """Let the position sensor stay where it is, or go on."""
-        self.frozen = (self.sensors.steps if self.frozen is None else self.frozen) if stuck else None
 
     @property
     def in_profile(self) -> bool:
@@ -281,9 +216,9 @@ class Servo:
     def goal_steps(self) -> float:
         """Step that the joint is steered to, in the turn of the encoder: the loop does not take the short way."""
         turns = 0
-        if not self._multi_turn and self.get("operating_mode") != MODE_VELOCITY:
-            turns = math.floor(self.sensors.steps / self.model.resolution)
-        return self.target + turns * self.model.resolution
+        if self._whole_turn and not self._multi_turn and self.get("operating_mode") != MODE_VELOCITY:
+            turns = math.floor(self.sensors.steps / self.model.steps)
+        return self.target + turns * self.model.steps
 
     def drive(self, volts: float | None) -> Drive:
         """What the motor may do. The chain describes the servo as it left the factory; registers scale it.
@@ -292,15 +227,15 @@ class Servo:
             volts: supply voltage in place of the chain's [V].
         """
         mode = self.get("torque_enable")
-        share = self.get("torque_limit") / 1000.0
+        allowed = self.get("torque_limit") / 1000.0
         if self.latched and self.get("unloading_condition") & OVERLOAD:
-            share = min(share, self.get("protective_torque") / 100.0)
+            allowed = min(allowed, self.get("protective_torque") / 100.0)
         return Drive(
             connected=mode != OFF and not self._released,
-            duty=0.0 if mode == DAMPING else share,
-            gain=self.get("p_gain") / self._factory["p_gain"],
-            damping=self.get("d_gain") / self._factory["d_gain"],
-            startup=self.get("startup_force") / self._factory["startup_force"],
+            duty=0.0 if mode == DAMPING else min(allowed, 1.0),
+            gain=share(self.get("p_gain"), self._factory["p_gain"]),
+            damping=share(self.get("d_gain"), self._factory["d_gain"]),
+            startup=share(self.get("startup_force"), self._factory["startup_force"]),
             dead_zone=0.5 * (self.get("cw_dead_zone") + self.get("ccw_dead_zone")) / self._factory["cw_dead_zone"],
             volts=volts,
         )
@@ -314,12 +249,8 @@ class Servo:
             now: [s].
             winding: resistance of the winding [ohm].
         """
+        self.measure(winding)
         sensors = self.sensors
-        self._history = [*self._history[-VELOCITY_TICKS:], sensors.steps]
-        if len(self._history) > VELOCITY_TICKS:
-            self._velocity = (sensors.steps - self._history[0]) / (VELOCITY_TICKS * TICK)
-        heat = winding * sensors.current**2
-        self.temperature += TICK / HEAT_CAPACITY * (heat - (self.temperature - AMBIENT) / HEAT_RESISTANCE)
         loaded = abs(sensors.duty) >= self.get("overload_torque") / 100.0 - 1e-9
         self._overload_since = (self._overload_since or now) if loaded else None
         if self._overload_since is not None and now - self._overload_since >= self.get("protection_time") * 0.01:
@@ -336,8 +267,7 @@ class Servo:
     def status(self, now: float) -> int:
         """Its status byte."""
         byte = 0
-        volts = round(self.sensors.voltage * 10)
-        if not self.get("min_voltage") <= volts <= self.get("max_voltage"):
+        if self.outside(self.sensors.voltage):
             byte |= VOLTAGE
         if self.shown_temperature() >= self.get("max_temperature"):
             byte |= OVERHEAT
@@ -349,23 +279,20 @@ class Servo:
         self.memory[self._places["status"][0]] = byte
         return byte
 
-    def shown_temperature(self) -> int:
-        """Temperature as it is reported [degC]."""
-        return round(self.temperature if self.forced_temperature is None else self.forced_temperature)
-
     def _refresh(self) -> None:
-        sensors, resolution = self.sensors, self.model.resolution
-        offset = self.get("homing_offset")
+        sensors, offset = self.sensors, self.get("homing_offset")
         shown = sensors.steps - offset
-        if not self._multi_turn:
-            shown %= resolution
+        if not self._whole_turn:  # a potentiometer has ends
+            shown = min(max(shown, 0), self.model.steps - 1)
+        elif not self._multi_turn:
+            shown %= self.model.steps
         velocity = self._velocity / (1 if self.get("phase") & 4 else 50)
         self.put("present_position", shown)
         self.put("present_velocity", round(velocity))
         self.put("present_load", round(1000.0 * sensors.duty))
         self.put("present_voltage", round(10.0 * sensors.voltage))
         self.put("present_temperature", self.shown_temperature())
-        self.put("moving", int(abs(self._velocity) >= MOVING or self.in_profile))
+        self.put("moving", int(self.moves or self.in_profile))
         self.put("target_position", round(self.target - offset))
         current = abs(sensors.current) if self.unsigned else sensors.current
         self.put("present_current", round(current / self.model["present_current"].scale))

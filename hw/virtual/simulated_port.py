@@ -11,7 +11,6 @@ import heapq
 
 from ..port import WAIT, BusPort
 from .faults import first
-from .protocol import take_requests
 from .wire import Wire
 
 STEP = 0.005  # [s] between two looks at the faults while nobody asks
@@ -80,7 +79,7 @@ class SimulatedPort(BusPort):
         data = bytes(packet)
         if first(self.wire.faults, "echo", self._time) is not None:
             self._push(self._time, data)
-        for request in take_requests(bytearray(data)):
+        for request in self.wire.requests(bytearray(data)):
             for at, reply in self.wire.exchange(request, self._time, self.baudrate):
                 self._push(at + self.latency, reply)
         return len(data)

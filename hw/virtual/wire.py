@@ -5,11 +5,14 @@ from __future__ import annotations
 import random
 from collections.abc import Sequence
 
-from . import protocol
+from . import protocol, protocol2
+from .dynamixel import DynamixelServo
 from .faults import ONCE, Fault, first
 from .protocol import BROADCAST, Request
 from .rig import Rig
 from .servo import Servo
+
+AnyServo = Servo | DynamixelServo
 
 BITS = 10  # on the line per byte: start, eight, stop
 PROCESSING = 20e-6  # [s] from a request's end to the reply's start, beside the return delay register; assumed
@@ -32,16 +35,21 @@ class Wire:
 
     Attributes:
         rig: servos and machine.
+        bus: name of the line; servos on others neither hear nor answer.
+        servos: on it.
         faults: in force or to come.
         free_at: when the line is free again [s].
-        requests: heard so far.
+        heard: requests so far.
     """
 
-    def __init__(self, rig: Rig, faults: Sequence[Fault] = (), seed: int = 0) -> None:
-        self.rig = rig
-        self.faults = list(faults)
+    def __init__(self, rig: Rig, faults: Sequence[Fault] = (), seed: int = 0, bus: str = "") -> None:
+        self.rig, self.bus = rig, bus
+        self.servos = [servo for servo in rig.servos if servo.bus == bus]
+        self.dynamixel = rig.models[bus].protocol == "dynamixel"
+        self._protocol = protocol2 if self.dynamixel else protocol
+        self.faults = [fault for fault in faults if fault.bus in (None, bus)]
         self.free_at = 0.0
-        self.requests = 0
+        self.heard = 0
         self._random = random.Random(seed)
 
     def byte_time(self, baudrate: int) -> float:
@@ -51,7 +59,7 @@ class Wire:
     def exchange(self, request: Request, now: float, baudrate: int) -> list[tuple[float, bytes]]:
         """Carry a request to the servos at ``now`` [s]; the packets that come back, and when each has."""
         per_byte = self.byte_time(baudrate)
-        self.requests += 1
+        self.heard += 1
         arrival = max(now, self.free_at) + request.size * per_byte
         self.free_at = arrival
         self.rig.advance(arrival)
@@ -59,12 +67,19 @@ class Wire:
         self.rig.sense()
         answers: list[tuple[float, bytes]] = []
         at = arrival + PROCESSING
-        for group in self._answers(request, arrival, baudrate):
-            packets = [protocol.status_packet(servo.id, servo.status(arrival), data) for servo, data in group]
-            packet = collided(packets)
-            servo = group[0][0]
-            at += servo.get("return_delay") * 2e-6 + len(packet) * per_byte
-            answers += self._spoiled(servo.id, packet, at)
+        for servo in self.servos:
+            if self._hears(servo, arrival, baudrate):
+                servo.hear(arrival)
+        if request.instruction == protocol2.FAST_SYNC_READ and self.dynamixel:
+            answers = self._fast_sync_read(request.parameters, arrival, baudrate, at)
+            at = max([at, *(time for time, _ in answers)])
+        else:
+            for group in self._answers(request, arrival, baudrate):
+                packets = [self._protocol.status_packet(servo.id, error, data) for servo, error, data in group]
+                packet = collided(packets)
+                servo = group[0][0]
+                at += servo.reply_delay + len(packet) * per_byte
+                answers += self._spoiled(servo.id, packet, at)
         self.rig.apply()
         if answers:
             self.free_at = max(self.free_at, at)
@@ -72,41 +87,67 @@ class Wire:
 
     # --- who answers -------------------------------------------------------------------------------------------
 
-    def _answers(self, request: Request, now: float, baudrate: int) -> list[list[tuple[Servo, bytes]]]:
+    def requests(self, stream: bytearray) -> list[Request]:
+        """The complete requests at the head of ``stream``, which loses them."""
+        return self._protocol.take_requests(stream)
+
+    def _answers(self, request: Request, now: float, baudrate: int) -> list[list[tuple[AnyServo, int, bytes]]]:
         """Who answers what, in the order of the replies; servos that answer at the same time stand together."""
-        hearing = [servo for servo in self.rig.servos if self._hears(servo, now, baudrate)]
+        hearing = [servo for servo in self.servos if self._hears(servo, now, baudrate)]
         code, data = request.instruction, request.parameters
         if code == protocol.SYNC_WRITE:
             self._sync_write(hearing, data, now)
             return []
         if code == protocol.SYNC_READ:
-            if len(data) < 3:
-                return []
-            asked = [[servo for servo in hearing if servo.id == number] for number in data[2:]]
-            return [[(servo, servo.read(data[0], data[1], now)) for servo in found] for found in asked if found]
-        answers: dict[int, list[tuple[Servo, bytes]]] = {}
+            return self._sync_read(hearing, data, now)
+        answers: dict[int, list[tuple[AnyServo, int, bytes]]] = {}
         for servo in hearing:
             if request.target not in (servo.id, BROADCAST):
                 continue
             name = servo.id
             reply = servo.execute(code, data, now)
             if reply is not None and (request.target == name or code == protocol.PING):
-                answers.setdefault(name, []).append((servo, reply))
+                answers.setdefault(name, []).append((servo, *reply))
         return [answers[name] for name in sorted(answers)]
 
-    def _sync_write(self, hearing: list[Servo], data: bytes, now: float) -> None:
-        if len(data) < 2 or (len(data) - 2) % (data[1] + 1):
-            return
-        width = data[1] + 1
-        for k in range(2, len(data), width):
-            for servo in hearing:
-                if servo.id == data[k]:
-                    servo.write(data[0], data[k + 1 : k + width], now)
+    def _block(self, data: bytes) -> tuple[int, int, bytes]:
+        """Address and length of a block of memory, and what follows them."""
+        width = 2 if self.dynamixel else 1
+        address, length = (int.from_bytes(data[k * width : (k + 1) * width], "little") for k in (0, 1))
+        return address, length, data[2 * width :]
 
-    def _hears(self, servo: Servo, now: float, baudrate: int) -> bool:
-        rates = self.rig.model.baud_rates
-        index = servo.get("baud_rate")
-        right = index < len(rates) and abs(rates[index] - baudrate) <= 0.03 * rates[index]
+    def _sync_read(self, hearing: list[AnyServo], data: bytes, now: float) -> list[list[tuple[AnyServo, int, bytes]]]:
+        start, length, ids = self._block(data)
+        answers = []
+        for number in ids:
+            found = [servo for servo in hearing if servo.id == number]
+            if not found and self.dynamixel:
+                break  # assumed: each waits for the packet of the one before
+            if found:
+                answers.append([(servo, *servo.answer(start, length, now)) for servo in found])
+        return answers
+
+    def _fast_sync_read(self, data: bytes, now: float, baudrate: int, at: float) -> list[tuple[float, bytes]]:
+        start, length, ids = self._block(data)
+        hearing = {servo.id: servo for servo in self.servos if self._hears(servo, now, baudrate)}
+        parts = [(servo, *servo.answer(start, length, now)) for n in ids if (servo := hearing.get(n)) is not None]
+        if not parts or [servo.id for servo, _, _ in parts] != list(ids):
+            return []  # assumed: who is missing leaves the one packet without an end
+        packet = protocol2.fast_packet([(servo.id, error, block) for servo, error, block in parts])
+        at += sum(servo.reply_delay for servo, _, _ in parts) + len(packet) * self.byte_time(baudrate)
+        return self._spoiled(parts[0][0].id, packet, at)
+
+    def _sync_write(self, hearing: list[AnyServo], data: bytes, now: float) -> None:
+        start, length, rows = self._block(data)
+        if not rows or len(rows) % (length + 1):
+            return
+        for k in range(0, len(rows), length + 1):
+            for servo in hearing:
+                if servo.id == rows[k]:
+                    servo.write(start, rows[k + 1 : k + 1 + length], now)
+
+    def _hears(self, servo: AnyServo, now: float, baudrate: int) -> bool:
+        right = abs(servo.baudrate - baudrate) <= 0.03 * servo.baudrate
         return right and now >= servo.silent_until and first(self.faults, "silence", now, servo.id) is None
 
     # --- faults ------------------------------------------------------------------------------------------------
@@ -126,14 +167,14 @@ class Wire:
                 spoiled[self._random.randrange(len(packet))] ^= 1 << self._random.randrange(8)
                 packet = bytes(spoiled)
             elif fault.kind == "short":
-                packet = protocol.status_packet(packet[2], packet[4], packet[5:-2])
+                packet = self._protocol.shortened(packet)
             else:
                 at += fault.delay
         return [(at, packet)]
 
     def apply_faults(self, now: float) -> None:
         """Bring the servos' own faults into force; forget what is over."""
-        for servo in self.rig.servos:
+        for servo in self.servos:
             hot = first(self.faults, "overheat", now, servo.id)
             servo.forced_temperature = hot.value if hot else None
             low = first(self.faults, "brown_out", now, servo.id)
