@@ -87,7 +87,7 @@ def read_config(arguments: Sequence[str]) -> Request:
     Raises:
         SealegsError: an unknown key, a value of the wrong type or size, a change that a resumed run cannot take.
     """
-    pairs = split(arguments, plain=("actuator", "extended", "name", "out", "resume"))
+    pairs = split(arguments, plain=("actuator", "env", "extended", "name", "out", "resume", "robot"))
     resume = pairs.get("resume", "null")
     if resume not in ("", "null"):
         overrides = {key: value for key, value in pairs.items() if key != "resume"}
@@ -99,12 +99,26 @@ def read_config(arguments: Sequence[str]) -> Request:
                 )
         path = override({"resume": ""}, {"resume": resume})["resume"]
         return Request(None, Path(), None, Path(str(path)), overrides)
-    plain = compose("train", pairs, _extra_keys)
+    if pairs.get("robot", "null") not in ("", "null"):  # a robot of one's own has the tasks that any robot has
+        pairs = {"env": "track", **pairs}
+    plain = compose("train", pairs, _extra_keys, {"env": _own_task})
+    robot = checked("robot", plain.pop("robot"), str | None)
+    if robot is not None:
+        plain["env"] = {**plain["env"], "robot": robot}
     out = checked("out", plain.pop("out"), str)
     name = checked("name", plain.pop("name"), str | int | None)
     plain.pop("resume")
     plain = _extended(plain)
     return Request(train_config(plain), Path(out), None if name is None else str(name), None, {})
+
+
+def _own_task(word: str) -> dict[str, Any]:
+    """The config group ``env`` of a task in a file of the user's."""
+    from ..envs.any_robot.user import absolute, is_user_task
+
+    if not is_user_task(word):
+        raise SealegsError(f"env={word} is no task; a task of your own is given as path/to/task.py:MyTask.")
+    return {"id": absolute(word), "randomization": None}
 
 
 def _extended(plain: dict[str, Any]) -> dict[str, Any]:
@@ -115,7 +129,7 @@ def _extended(plain: dict[str, Any]) -> dict[str, Any]:
     from ..envs.extended import extended_arguments
 
     env = dict(plain["env"])
-    chains, params = extended_arguments(str(env["id"]), folder, plain["actuator"], env.get("params"))
+    chains, params = extended_arguments(str(env["id"]), folder, plain["actuator"], env.get("params"), env.get("robot"))
     actuator = {joint: chain.to_list() for joint, chain in chains.items()}
     return {**plain, "actuator": actuator, "env": {**env, "params": params}}
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
+from pathlib import Path
 from typing import Any
 
 import gymnasium
@@ -11,8 +12,9 @@ from gymnasium.envs.registration import load_env_creator
 
 from ..actuators.errors import SealegsError, nearest
 from ..configs.check import arguments, checked
-from ..envs import register_environments
+from ..envs import registered_id
 from ..envs.randomization import read_randomization
+from ..envs.robot_file import is_robot_file
 from ..envs.sb3 import BatchVecEnv
 
 Actuator = str | list[Any] | dict[str, Any] | None
@@ -40,6 +42,8 @@ def checked_env(env: Mapping[str, Any]) -> dict[str, Any]:
     values = {key: checked(f"env.{key}", value, types[key]) for key, value in env.items()}
     if isinstance(source := values.get("randomization"), str):  # a run keeps what it draws from, as it does its chains
         values["randomization"] = dict(read_randomization(source))
+    if is_robot_file(word := str(values.get("robot", ""))):  # the same file from any folder
+        values["robot"] = str(Path(word).absolute())
     return values
 
 
@@ -51,7 +55,9 @@ def make_vec_env(env: Mapping[str, Any], actuator: Actuator, num_envs: int, seed
 def make_single_env(env: Mapping[str, Any], actuator: Actuator, width: int, height: int) -> gymnasium.Env:
     """One simulation that draws itself into arrays of ``height`` x ``width`` x 3."""
     size = {"width": width, "height": height}
-    return gymnasium.make(env["id"], render_mode="rgb_array", actuator=actuator, **size, **_keywords(env))
+    return gymnasium.make(
+        registered_id(env["id"]), render_mode="rgb_array", actuator=actuator, **size, **_keywords(env)
+    )
 
 
 def stream_seed(seed: int, *stream: int) -> int:
@@ -67,11 +73,6 @@ def _keywords(env: Mapping[str, Any]) -> dict[str, Any]:
 
 
 def _env_arguments(env: Mapping[str, Any]) -> dict[str, Any]:
-    register_environments()
-    if env["id"] not in gymnasium.registry:
-        known = [name for name in gymnasium.registry if name.startswith("SeaLegs/")]
-        hint = nearest(str(env["id"]), known)
-        raise SealegsError(f"env.id '{env['id']}' is no registered environment{hint}: there are {', '.join(known)}.")
-    entry = gymnasium.spec(str(env["id"])).entry_point
+    entry = gymnasium.spec(registered_id(str(env["id"]))).entry_point
     creator: Any = load_env_creator(entry) if isinstance(entry, str) else entry
     return arguments(creator, _TAKEN)

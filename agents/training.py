@@ -90,7 +90,8 @@ class Session:
     def started(cls, config: TrainConfig, out: Path, name: str | None) -> Session:
         """New run; its folder is made only once environment and learner exist, so wrong input leaves none."""
         model, env = _new_learner(config, config.actuator)
-        robot = str(config.env["id"]).rpartition("/")[2].partition("-")[0].lower()
+        task = str(config.env["id"]).rpartition("/")[2].rpartition(":")[2].partition("-")[0].lower()
+        robot = f"{Path(config.env['robot']).stem}-{task}" if "robot" in config.env else task
         actuator = "+".join(dict.fromkeys(chain.label.split()[0] for chain in env.engine.chains.values()))
         run = RunFolder.create(out, f"{robot}-{actuator}-{config.agent['algorithm']}", name)
         with _disk_errors(run):

@@ -22,6 +22,8 @@ from ..actuators.errors import SealegsError, nearest
 
 FOLDER = Path(__file__).resolve().parent
 
+# What stands for a choice of a group that is no file of the project, such as a robot's own file.
+Readers = Mapping[str, Callable[[str], dict[str, Any]]]
 # Keys that a config accepts besides those it lists, found from the composed config: they depend on the choices made.
 ExtraKeys = Callable[[Mapping[str, Any]], Iterable[str]]
 
@@ -63,29 +65,46 @@ def split(arguments: Sequence[str], plain: Iterable[str] = (), first: str = "") 
     return pairs
 
 
-def compose(script: str, pairs: Mapping[str, str], extra_keys: ExtraKeys | None = None) -> dict[str, Any]:
+def compose(
+    script: str, pairs: Mapping[str, str], extra_keys: ExtraKeys | None = None, readers: Readers | None = None
+) -> dict[str, Any]:
     """Config of ``script``: ``configs/<script>.yaml`` with its groups, then the values of the command line.
 
     Args:
         script: name of the script and of its config file.
         pairs: what :func:`split` made of the command line.
         extra_keys: dotted keys that are accepted though no file lists them.
+        readers: by group, the config that the path of a user's own file stands for.
 
     Raises:
         SealegsError: an unknown key or choice, or a value that cannot be read.
     """
-    chosen = {key: value for key, value in pairs.items() if key in groups(script)}
+    chosen = {key: _unquoted(value) for key, value in pairs.items() if key in groups(script)}
+    own = {group: choice for group, choice in chosen.items() if group in (readers or {}) and _is_path(choice)}
     for group, choice in chosen.items():
-        if choice not in choices(group):
+        if choice not in choices(group) and group not in own:
             known = choices(group)
             raise SealegsError(f"{group}={choice} is not known{nearest(choice, known)}: there are {', '.join(known)}.")
     try:
         with initialize_config_dir(str(FOLDER), version_base="1.3"):
-            base = hydra_compose(script, overrides=[f"{group}={choice}" for group, choice in chosen.items()])
+            base = hydra_compose(script, overrides=[f"{key}={word}" for key, word in chosen.items() if key not in own])
     except (HydraException, OmegaConfBaseException) as error:
         raise SealegsError(f"The configs in {FOLDER} do not fit together: {_first_line(error)}") from error
     values = {key: value for key, value in pairs.items() if key not in chosen}
-    return override(OmegaConf.to_container(base, resolve=False), values, extra_keys)
+    config = OmegaConf.to_container(base, resolve=False)
+    assert isinstance(config, dict)
+    for group, choice in own.items():
+        config[group] = (readers or {})[group](choice)
+    return override(config, values, extra_keys)
+
+
+def _unquoted(value: str) -> str:
+    """A choice without the quotes that :func:`split` put around it."""
+    return value[1:-1] if value[:1] == value[-1:] == "'" else value
+
+
+def _is_path(choice: str) -> bool:
+    return "." in choice or "/" in choice
 
 
 def override(base: Any, pairs: Mapping[str, str], extra_keys: ExtraKeys | None = None) -> dict[str, Any]:

@@ -2,7 +2,8 @@
 
 ``import sealegs`` registers ``SeaLegs/Hopper-v0`` and the other robots' environments with Gymnasium. A robot is a
 folder and one entry of :data:`ENVIRONMENTS`: its module ``robot`` holds ``HOPPER``, its module ``task`` the dataclass
-``HopperTask``, its module ``env`` the documented classes ``HopperEnv`` and ``HopperVectorEnv`` of that task.
+``HopperTask``, its module ``env`` the documented classes ``HopperEnv`` and ``HopperVectorEnv`` of that task. Robots
+that a file describes need no Python: the tasks in :data:`TASKS` take any.
 """
 
 from __future__ import annotations
@@ -12,6 +13,9 @@ import gymnasium as gym
 ENVIRONMENTS = {"Bench": 250, "Hopper": 500, "Biped": 1000, "Hexapod": 30, "Leg": 400}
 """Robots with an environment, and the control steps of an episode."""
 
+TASKS = {"Track": 500, "Reach": 250}
+"""Tasks that any robot has, by its name or its file: ``robot=`` of their environments; and steps of an episode."""
+
 
 def env_id(robot: str) -> str:
     """Id of a robot's environment: ``SeaLegs/Hopper-v0`` of ``Hopper``."""
@@ -20,12 +24,34 @@ def env_id(robot: str) -> str:
 
 def register_environments() -> None:
     """Make the environments known to ``gymnasium.make`` and ``gymnasium.make_vec``; again does no harm."""
-    for robot, steps in ENVIRONMENTS.items():
-        if env_id(robot) not in gym.registry:
-            entry = f"{__name__}.{robot.lower()}.env:{robot}"
+    folders = {robot: robot.lower() for robot in ENVIRONMENTS} | dict.fromkeys(TASKS, "any_robot")
+    for name, steps in {**ENVIRONMENTS, **TASKS}.items():
+        if env_id(name) not in gym.registry:
+            entry = f"{__name__}.{folders[name]}.env:{name}"
             gym.register(
-                id=env_id(robot),
+                id=env_id(name),
                 entry_point=f"{entry}Env",
                 vector_entry_point=f"{entry}VectorEnv",
                 max_episode_steps=steps,
             )
+
+
+def registered_id(name: str) -> str:
+    """The Gymnasium id of an environment, by that id or by ``path/to/task.py:MyTask``, which is registered here.
+
+    Raises:
+        SealegsError: there is none.
+    """
+    from ..actuators.errors import SealegsError, nearest  # late: `import sealegs` loads nothing heavy
+    from .any_robot.user import is_user_task, user_id
+
+    register_environments()
+    if is_user_task(name):
+        return user_id(name)
+    if name not in gym.registry:
+        known = [key for key in gym.registry if key.startswith("SeaLegs/")]
+        raise SealegsError(
+            f"there is no environment '{name}'{nearest(name, known)}; there are {', '.join(known)}, and a task of your "
+            "own as path/to/task.py:MyTask."
+        )
+    return name

@@ -5,12 +5,13 @@ from __future__ import annotations
 import dataclasses
 import inspect
 from collections.abc import Mapping
+from pathlib import Path
 from typing import Any, ClassVar, get_type_hints
 
 import numpy as np
 
 from ..actuators.errors import SealegsError, nearest
-from .robot import ChainSource
+from .robot import ChainSource, Robot
 from .task import Task
 
 ENGINE: dict[str, tuple[Any, Any]] = {
@@ -43,6 +44,8 @@ def signature(shell: type, task: type[Task]) -> inspect.Signature:
     """The engine's arguments, the task's, then those of the shell's own constructor; all by keyword."""
     parameters: dict[str, tuple[Any, Any]] = dict(ENGINE)
     parameters["control_rate"] = (float, task.control_rate)
+    if task.any_robot:
+        parameters = {"robot": (str | Path | Robot, task.robot.name), **parameters}
     types = get_type_hints(task)
     parameters |= {item.name: (types[item.name], item.default) for item in dataclasses.fields(task)}
     types = get_type_hints(shell.__init__)
@@ -64,9 +67,10 @@ def task_arguments(kind: type[Task], keywords: Mapping[str, Any]) -> tuple[Task,
         SealegsError: a keyword belongs to neither; the message names the nearest one.
     """
     fields = [item.name for item in dataclasses.fields(kind)]
+    taken = ["robot", *ENGINE] if kind.any_robot else list(ENGINE)
     for name in keywords:
-        if name not in fields and name not in ENGINE:
-            known = [*ENGINE, *fields]
+        if name not in fields and name not in taken:
+            known = [*taken, *fields]
             hint = nearest(name, [*known, "render_mode", "width", "height", "num_envs", "max_episode_steps"])
             raise SealegsError(f"there is no argument '{name}'{hint}; there are {', '.join(known)}.")
     weights = {name: value for name, value in keywords.items() if name in fields}
@@ -81,4 +85,6 @@ def task_arguments(kind: type[Task], keywords: Mapping[str, Any]) -> tuple[Task,
         if numbers[0] > numbers[-1]:
             raise SealegsError(f"{name} is {value!r}; a range goes from its low to its high end.")
     engine = {name: value for name, value in keywords.items() if name in ENGINE}
+    if kind.any_robot and "robot" in keywords:
+        kind = kind.on(keywords["robot"])
     return kind(**weights), {"control_rate": kind.control_rate, **engine}

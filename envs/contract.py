@@ -14,8 +14,8 @@ import numpy as np
 from gymnasium.envs.registration import load_env_creator
 
 from ..actuators import Chain, load_chain
-from ..actuators.errors import SealegsError, nearest
-from . import register_environments
+from ..actuators.errors import SealegsError
+from . import registered_id
 from .arguments import task_arguments
 from .robot import Robot
 from .task import ModulatedTask, Task
@@ -102,11 +102,7 @@ def task_of(env: Mapping[str, Any]) -> tuple[Task, dict[str, Any]]:
     Raises:
         SealegsError: there is no such environment, or an argument is wrong.
     """
-    register_environments()
-    name = str(env["id"])
-    if name not in gym.registry:
-        known = [key for key in gym.registry if key.startswith("SeaLegs/")]
-        raise SealegsError(f"there is no environment '{name}'{nearest(name, known)}; there are {', '.join(known)}.")
+    name = registered_id(str(env["id"]))
     entry = gym.spec(name).vector_entry_point
     creator: Any = load_env_creator(entry) if isinstance(entry, str) else entry
     return task_arguments(creator.task, {key: value for key, value in env.items() if key != "id"})

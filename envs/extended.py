@@ -90,7 +90,9 @@ class Extended:
         """
         names = [item.name for item in robot.coordinates]
         chains = {joint: self._chain(joint) for joint in self.chains}
-        if len(chains) == 1 and (robot.name != self.robot or len(names) == 1):  # a log may call its joint anything
+        if len(chains) == 1 and (
+            not robot.is_called(self.robot) or len(names) == 1
+        ):  # a log may call its joint anything
             return dict.fromkeys(names, *chains.values())
         for joint in chains:
             if joint not in names:
@@ -111,13 +113,14 @@ class Extended:
         Raises:
             ExtensionError: the robot has no number that could take a finding.
         """
-        same = robot.name == self.robot
+        same = robot.is_called(self.robot)
         believed = {**(self.params or {} if same else {}), **(params or {})}
         values, refused = robot.parameters(believed), {}
         for change in self.changes:
             if change.owner != "robot":
                 continue
-            effect = robot.effects.get(change.path) if same else None
+            of_joint = robot.effects.get(f"{change.joint}.{change.path}", robot.effects.get(change.path))
+            effect = of_joint if same else None
             if effect is not None:
                 values[effect.number] = effect.on(values[effect.number], change.after)
                 believed[effect.number] = values[effect.number]
@@ -132,7 +135,7 @@ class Extended:
         several = len(refused) > 1
         why = (
             f"robot '{robot.name}' has no number for {'them' if several else 'it'}"
-            if robot.name == self.robot
+            if robot.is_called(self.robot)
             else f"{'they are' if several else 'it is'} of robot '{self.robot}', not of robot '{robot.name}'"
         )
         files = {joint: f"{self.where}/{variants[0].file}" for joint, variants in self.chains.items()}
@@ -220,7 +223,11 @@ def read_extended(path: str | Path) -> Extended:
 
 
 def extended_arguments(
-    name: str, extended: Extended | str | Path, actuator: Any = None, params: Mapping[str, float] | None = None
+    name: str,
+    extended: Extended | str | Path,
+    actuator: Any = None,
+    params: Mapping[str, float] | None = None,
+    robot: str | None = None,
 ) -> tuple[dict[str, Any], dict[str, float]]:
     """Chains by joint and numbers of the robot of an environment, as a diagnosis found them.
 
@@ -230,8 +237,8 @@ def extended_arguments(
     machine = extended if isinstance(extended, Extended) else read_extended(extended)
     if actuator is not None:
         raise ExtensionError("actuator= and extended= both say which chain drives the robot; give one of them.")
-    robot = task_of({"id": name})[0].robot
-    return dict(machine.chains_on(robot)), machine.params_on(robot, params)
+    found = task_of({"id": name} if robot is None else {"id": name, "robot": robot})[0].robot
+    return dict(machine.chains_on(found)), machine.params_on(found, params)
 
 
 def _missing(path: Path, folder: Path) -> str:

@@ -68,7 +68,9 @@ class Scene:
     def _follow(self, simulation: int) -> mujoco.MjvCamera:
         """The model's camera, moved along with the robot; heights stay, so that a hop is seen."""
         model, data, camera = self._model, self._data, self._camera
-        number = model.camera(CAMERA).id
+        if (number := mujoco.mj_name2id(model, mujoco.mjtObj.mjOBJ_CAMERA, CAMERA)) < 0:
+            mujoco.mjv_defaultFreeCamera(model, camera)  # of a model file: the view that it asks for
+            return camera
         where = data.subtree_com[0][0] if model.cam_mode[number] else 0.0
         at = self._centre.get(simulation, where)
         if self._engine.steps[simulation] == 0 or abs(where - at) > model.stat.extent:
@@ -86,7 +88,8 @@ class Scene:
     def _open(self) -> mujoco.Renderer:
         if os.environ.get("MUJOCO_GL", "glfw") == "glfw" and not _screen():  # GLFW would end the process
             raise RenderError("there is no screen: set MUJOCO_GL=egl before mujoco is imported.")
-        self._model.vis.global_.fovy = float(self._model.camera(CAMERA).fovy[0])
+        if (number := mujoco.mj_name2id(self._model, mujoco.mjtObj.mjOBJ_CAMERA, CAMERA)) >= 0:
+            self._model.vis.global_.fovy = float(self._model.cam_fovy[number])
         try:
             return mujoco.Renderer(self._model, *self._size)
         except Exception as error:  # each OpenGL back end raises its own

@@ -99,6 +99,8 @@ class Robot:
             ``configs/actuator`` is made for robots of another size.
         effects: what paths of a diagnosis that are not of a chain, such as ``load.mass_factor``, do to numbers.
         finish: sets in the compiled robot what depends on robot and chains together.
+        start: where episodes of tasks that any robot has start [rad or m]; where none is given, mid-range.
+        units: of coordinates that are no angles.
         file: that describes it; None for the robots that Python builds.
     """
 
@@ -111,7 +113,19 @@ class Robot:
     words: Mapping[str, Mapping[str, ChainSource]] = field(default_factory=dict)
     effects: Mapping[str, Effect] = field(default_factory=dict)
     finish: Callable[[Drivetrain, Mapping[str, float]], None] = _as_compiled
+    start: Mapping[str, float] = field(default_factory=dict)
+    units: Mapping[str, str] = field(default_factory=dict)
     file: RobotFile | None = None
+
+    def unit(self, coordinate: str) -> str:
+        """Of the position of a coordinate: rad, or m of a slide."""
+        return self.units.get(coordinate, "rad")
+
+    def is_called(self, word: str) -> bool:
+        """Whether a log or a diagnosis means this robot by ``word``: its name, or the path of its file."""
+        if self.file is None or "." not in word:
+            return word == self.name
+        return Path(word).absolute() == self.file.path or Path(word).name == self.file.path.name
 
     @property
     def limits(self) -> Mapping[str, tuple[float, float]]:

@@ -246,6 +246,8 @@ class RobotFile:
             chains={item.name: item.chain for item in self.joints},
             build=self.build,
             effects=model_effects(self.model, singles),
+            start={item.name: item.start for item in self.joints},
+            units={item.name: item.unit for item in self.joints if item.unit != "rad"},
             file=self,
         )
 

@@ -10,9 +10,9 @@ import gymnasium as gym
 import numpy as np
 from gymnasium.envs.registration import load_env_creator
 
-from ..actuators.errors import SealegsError, nearest
+from ..actuators.errors import SealegsError
 from ..actuators.extras import needed_for
-from . import register_environments
+from . import registered_id
 from .vector import BatchVectorEnv
 
 with needed_for("A vector environment for Stable-Baselines3"):
@@ -33,7 +33,7 @@ class BatchVecEnv(VecEnv):
         """Build the batch.
 
         Args:
-            env_id: registered name, such as ``SeaLegs/Hopper-v0``.
+            env_id: registered name, such as ``SeaLegs/Hopper-v0``, or ``path/to/task.py:MyTask``.
             num_envs: simulations side by side.
             seed: simulation i is seeded with ``seed + i``.
             env_kwargs: arguments of the environment; and ``max_episode_steps``, ``render_mode``, ``width``, ``height``.
@@ -41,6 +41,7 @@ class BatchVecEnv(VecEnv):
         Raises:
             SealegsError: unknown environment or argument, or one that does not fit the robot.
         """
+        env_id = registered_id(env_id)
         self._vector = _build(env_id, num_envs, env_kwargs)
         self.engine = self._vector.engine
         self.render_mode = self._vector.render_mode
@@ -135,12 +136,9 @@ class BatchVecEnv(VecEnv):
 
 
 def _build(env_id: str, num_envs: int, env_kwargs: dict[str, Any]) -> BatchVectorEnv:
-    register_environments()
-    if env_id not in gym.registry:
-        known = [name for name, spec in gym.registry.items() if spec.vector_entry_point]
-        raise SealegsError(f"there is no environment '{env_id}'{nearest(env_id, known)}.")
     spec = gym.spec(env_id)
-    creator = load_env_creator(spec.vector_entry_point) if isinstance(spec.vector_entry_point, str) else None
+    entry = spec.vector_entry_point
+    creator = load_env_creator(entry) if isinstance(entry, str) else entry
     if not (isinstance(creator, type) and issubclass(creator, BatchVectorEnv)):
         raise SealegsError(f"environment '{env_id}' is none of this project's; wrap it with SB3's make_vec_env.")
     return creator(**{"max_episode_steps": spec.max_episode_steps, **spec.kwargs, **env_kwargs, "num_envs": num_envs})

@@ -5,11 +5,13 @@ from __future__ import annotations
 from abc import ABC, abstractmethod
 from collections.abc import Mapping
 from dataclasses import dataclass, field
-from typing import ClassVar
+from pathlib import Path
+from typing import ClassVar, Self
 
 import numpy as np
 
 from ..actuators import Drivetrain
+from ..actuators.errors import SealegsError
 from .robot import Robot
 
 
@@ -64,12 +66,25 @@ class Task(ABC):
         draws: uniform random numbers that one start needs.
         ranges: arguments that may be a pair, low and high, instead of one number.
         control_rate: actions per second [Hz], where nothing else is asked for.
+        any_robot: whether its environment takes a ``robot``; :class:`sealegs.envs.any_robot.task.AnyRobotTask` does.
+        episode_steps: control steps of an episode of a task in a user's own file.
     """
 
     robot: ClassVar[Robot]
     draws: ClassVar[int]
     ranges: ClassVar[tuple[str, ...]] = ()
     control_rate: ClassVar[float] = 50.0
+    any_robot: ClassVar[bool] = False
+    episode_steps: ClassVar[int] = 500
+
+    @classmethod
+    def on(cls, robot: Robot | str | Path) -> type[Self]:
+        """The same task on another robot, which may be given by its name or its file.
+
+        Raises:
+            SealegsError: it is for a robot of its own.
+        """
+        raise SealegsError(f"{cls.__name__} is for robot '{cls.robot.name}', and takes no other ({robot}).")
 
     def action_names(self) -> tuple[str, ...]:
         """What the elements of an action mean: the goals of the robot's coordinates, where nothing else is said."""

@@ -8,14 +8,15 @@ from typing import Any
 
 import gymnasium
 from sealegs.actuators.errors import SealegsError, nearest
-from sealegs.envs import register_environments
+from sealegs.envs import register_environments, registered_id
+from sealegs.envs.any_robot.user import is_user_task
 from sealegs.envs.extended import Extended, extended_arguments
 from sealegs.envs.robot import ChainSource, Robot
 from sealegs.envs.robots import get_robot
 
 
-def load_robot(name: str) -> Robot:
-    """The robot of that name: its numbers, driven coordinates and model.
+def load_robot(name: str | Path) -> Robot:
+    """A robot by its name or its file (a YAML, or an MJCF or URDF): its numbers, driven coordinates and model.
 
     Raises:
         SealegsError: there is none.
@@ -24,12 +25,15 @@ def load_robot(name: str) -> Robot:
 
 
 def environment_id(name: str) -> str:
-    """The Gymnasium id of an environment by its id or by its robot's name, whatever the case of its letters.
+    """The Gymnasium id of an environment by its id, by its robot's name (whatever the case of its letters), or by
+    ``path/to/task.py:MyTask``.
 
     Raises:
         SealegsError: there is none.
     """
     register_environments()
+    if is_user_task(name):
+        return registered_id(name)
     known = [key for key in gymnasium.registry if key.startswith("SeaLegs/")]
     words = {key.rpartition("/")[2].rpartition("-")[0].lower(): key for key in known}
     found = words.get(name.lower().replace("_", ""), name)
@@ -50,12 +54,13 @@ def make_env(
     """A Gymnasium environment, as it was believed to be or as a diagnosis found it.
 
     Args:
-        name: id such as ``SeaLegs/Hopper-v0``, or the robot's name.
+        name: id such as ``SeaLegs/Hopper-v0``, the robot's or the task's name, or ``path/to/task.py:MyTask``.
         num_envs: of a vector environment; None: a single one.
         extended: what a diagnosis found (``diagnosis.extended``), or its folder: chains and numbers of the robot.
         actuator: chain of all joints, or chains by joint, in place of the robot's own; not with ``extended``.
         params: numbers of the robot as believed.
-        arguments: of the environment, such as ``render_mode`` or weights of its reward.
+        arguments: of the environment, such as ``robot`` (of ``track`` and ``reach``: a name or a file),
+            ``render_mode``, or weights of its reward.
 
     Returns:
         A ``gymnasium.Env``, or a ``gymnasium.vector.VectorEnv`` where ``num_envs`` is given.
@@ -66,7 +71,7 @@ def make_env(
     """
     found = environment_id(name)
     if extended is not None:
-        actuator, params = extended_arguments(found, extended, actuator, params)
+        actuator, params = extended_arguments(found, extended, actuator, params, arguments.get("robot"))
     keywords = {"actuator": actuator, "params": params, **arguments}
     if num_envs is None:
         return gymnasium.make(found, **keywords)

@@ -1,0 +1,1 @@
+"""Tasks that any robot has: follow joint trajectories, reach a pose; and those of a user's own file."""

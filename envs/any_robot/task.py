@@ -1,0 +1,118 @@
+"""What tasks of any robot share: goals within the robot's ranges, and what servos alone can measure."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any, ClassVar, Self, cast
+
+import numpy as np
+
+from ...actuators import Drivetrain
+from ..bench.robot import BENCH
+from ..robot import Robot
+from ..robots import get_robot
+from ..task import Motion, Task
+
+
+@dataclass(frozen=True)
+class AnyRobotTask(Task):
+    """A task that says nothing of which robot it is for: its environment takes a ``robot``, a name or a file.
+
+    Positions and their errors count as shares of half a joint's range, so that joints of any size and unit, rad or m,
+    weigh the same.
+
+    Attributes:
+        per_joint: uniform random numbers that one start needs for each driven coordinate.
+    """
+
+    tolerance: float = 0.05
+    tracking_weight: float = 1.0
+    smooth_weight: float = 0.05
+    energy_weight: float = 0.0
+    start_noise: float = 0.02
+
+    robot = BENCH
+    any_robot = True
+    per_joint: ClassVar[int] = 2
+
+    def __init_subclass__(cls, **keywords: Any) -> None:
+        super().__init_subclass__(**keywords)
+        cls.draws = cls.per_joint * len(cls.robot.coordinates)
+
+    @classmethod
+    def on(cls, robot: Robot | str | Path) -> type[Self]:
+        robot = robot if isinstance(robot, Robot) else get_robot(robot)
+        body = {"robot": robot, "__doc__": cls.__doc__, "__module__": cls.__module__}
+        return cast(type[Self], type(cls.__name__, (cls,), body))
+
+    # --- the robot's ranges ------------------------------------------------------------------------------------
+
+    @property
+    def names(self) -> list[str]:
+        """Of the driven coordinates, in the order of goals."""
+        return [item.name for item in self.robot.coordinates]
+
+    @property
+    def half(self) -> np.ndarray:
+        """Half of each coordinate's range (k,) [rad or m]."""
+        low, high = self._ends()
+        return 0.5 * (high - low)
+
+    @property
+    def centre(self) -> np.ndarray:
+        """Where motions are about (k,) [rad or m]: the robot's start, at least a quarter of the range from its ends."""
+        low, high = self._ends()
+        start = self.robot.start
+        own = [start.get(name, 0.5 * (a + b)) for name, a, b in zip(self.names, low, high, strict=True)]
+        return np.clip(own, low + 0.25 * (high - low), high - 0.25 * (high - low))
+
+    def _ends(self) -> tuple[np.ndarray, np.ndarray]:
+        limits = self.robot.limits
+        ends = np.array([limits[name] for name in self.names])
+        return ends[:, 0], ends[:, 1]
+
+    def named(self, *patterns: tuple[str, str]) -> tuple[str, ...]:
+        """Observation names of each coordinate: ``("target", "{unit}")`` becomes ``target of elbow [rad]``."""
+        return tuple(
+            f"{word} of {name} [{unit.format(unit=self.robot.unit(name))}]"
+            for word, unit in patterns
+            for name in self.names
+        )
+
+    # --- what tasks of the kind do alike -----------------------------------------------------------------------
+
+    def per_coordinate(self, random: np.ndarray) -> np.ndarray:
+        """The uniform numbers of m starts (m, draws) by coordinate (m, k, per_joint)."""
+        return random.reshape(len(random), len(self.names), self.per_joint)
+
+    def placed(self, drivetrain: Drivetrain, angles: np.ndarray, qpos: np.ndarray, qvel: np.ndarray) -> np.ndarray:
+        """Put the coordinates of m robots to ``angles`` (m, k) [rad or m], at rest; the goals that hold them there."""
+        for column, name in enumerate(self.names):
+            drivetrain.set_position(name, qpos, angles[:, column])
+        qvel[:] = 0.0
+        return angles
+
+    def closeness(self, motion: Motion, target: np.ndarray) -> dict[str, np.ndarray]:
+        """Terms of the reward: near the target (n, k) [rad or m], smooth, at little power."""
+        error = np.abs(motion.link - target) / self.half
+        change = motion.action - motion.previous_action
+        power = np.abs(motion.torque * motion.motor_speed).sum(axis=1)
+        return {
+            "reward_tracking": self.tracking_weight * np.exp(-error / self.tolerance).mean(axis=1),
+            "reward_smooth": -self.smooth_weight * (change**2).mean(axis=1),
+            "reward_energy": -self.energy_weight * power,
+        }
+
+    def failed(self, motion: Motion) -> np.ndarray:
+        return np.zeros(len(motion.action), dtype=bool)
+
+
+def columns(parts: Sequence[np.ndarray]) -> np.ndarray:
+    """Arrays (m, k) side by side (m, k times their number)."""
+    return np.concatenate(parts, axis=1)
+
+
+Numbers = Mapping[str, float]
+"""Numbers of the robot by name."""

@@ -1,0 +1,83 @@
+"""Follow joint trajectories: each coordinate a sum of two sines, new in every episode."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+
+from ...actuators import Drivetrain
+from ..task import Motion
+from .task import AnyRobotTask, Numbers, columns
+
+WAVES = 2
+FIELDS = ("amplitude", "frequency", "phase")
+
+
+@dataclass(frozen=True)
+class TrackTask(AnyRobotTask):
+    """Weights and ranges of the task; the table in :class:`sealegs.envs.any_robot.env.TrackEnv` explains them."""
+
+    amplitude: float = 0.8
+    frequency: float | tuple[float, float] = (0.2, 0.8)
+    preview: float = 0.06
+    correction: float = 0.0
+
+    ranges = ("frequency",)
+    per_joint = WAVES * len(FIELDS) + 1
+
+    def observation_names(self) -> tuple[str, ...]:
+        return self.named(
+            ("target", "{unit}"),
+            ("later target", "{unit}"),
+            ("motor reading", "{unit}"),
+            ("motor speed", "{unit}/s"),
+            ("last action", "-"),
+        )
+
+    def commands(self, random: np.ndarray) -> np.ndarray:
+        drawn = self.per_coordinate(random)
+        low, high = np.broadcast_to(np.asarray(self.frequency, float), (2,))
+        parts = []
+        for wave in range(WAVES):
+            size, rate, phase = (drawn[:, :, len(FIELDS) * wave + k] for k in range(len(FIELDS)))
+            # half of the range lies between the centre and the nearer end, and the waves share it
+            parts.append(self.amplitude * 0.5 * self.half / WAVES * (0.5 + 0.5 * size))
+            parts.append(low + (high - low) * rate)
+            parts.append(2.0 * math.pi * phase)
+        return columns(parts)
+
+    def target(self, time: np.ndarray, command: np.ndarray) -> np.ndarray:
+        """Where the coordinates are asked to be (n, k) [rad or m], at times (n,) [s]."""
+        count, turns = len(self.names), 2.0 * math.pi * time[:, None]
+        total = self.centre
+        for wave in range(WAVES):
+            at = len(FIELDS) * wave * count
+            size = command[:, at : at + count]
+            rate = command[:, at + count : at + 2 * count]
+            phase = command[:, at + 2 * count : at + 3 * count]
+            total = total + size * np.sin(turns * rate + phase)
+        return total
+
+    def place(
+        self, drivetrain: Drivetrain, numbers: Numbers, random: np.ndarray, qpos: np.ndarray, qvel: np.ndarray
+    ) -> np.ndarray:
+        del numbers
+        noise = self.start_noise * self.half * (2.0 * self.per_coordinate(random)[:, :, -1] - 1.0)
+        start = self.target(np.zeros(len(random)), self.commands(random)) + noise
+        return self.placed(drivetrain, start, qpos, qvel)
+
+    def reference(
+        self, time: np.ndarray, command: np.ndarray, numbers: Numbers
+    ) -> tuple[np.ndarray, np.ndarray] | None:
+        del numbers
+        return (self.target(time, command), self.correction * self.half) if self.correction > 0.0 else None
+
+    def observe(self, motion: Motion) -> tuple[np.ndarray, ...]:
+        m = motion
+        now, later = self.target(m.time, m.command), self.target(m.time + self.preview, m.command)
+        return now, later, m.reading, m.reading_speed, m.action
+
+    def rewards(self, motion: Motion) -> dict[str, np.ndarray]:
+        return self.closeness(motion, self.target(motion.time, motion.command))
