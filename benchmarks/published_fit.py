@@ -24,7 +24,6 @@ import numba
 import numpy as np
 from scipy.optimize import least_squares
 from sealegs.actuators.errors import SealegsError
-from sealegs.gap.log.importers.source import BENCH_JOINT
 from sealegs.gap.log.parts import state_at
 from sealegs.gap.log.types import MeasuredSet
 from sealegs.gap.search.windows import window_starts
@@ -79,8 +78,8 @@ class Runs:
 
 def flat(data: MeasuredSet) -> Runs:
     """Lay the runs of the XL330 out for the compiled trial."""
-    logs = [run.joints[BENCH_JOINT] for run in data.runs]
-    chains = [run.actuators[BENCH_JOINT] for run in data.runs]
+    logs = [run.joints["servo"] for run in data.runs]
+    chains = [run.actuators["servo"] for run in data.runs]
     return Runs(
         time=np.concatenate([run.time - run.time[0] for run in data.runs]),
         goal=np.concatenate([log.goal for log in logs if log.goal is not None]),

@@ -19,7 +19,7 @@ from typing import Any
 import numpy as np
 from sealegs.actuators.errors import SealegsError
 from sealegs.gap.log import read_measured
-from sealegs.gap.log.importers import CONVERTERS
+from sealegs.gap.log.importers import import_logs, read_mapping
 from sealegs.gap.log.parts import TEST
 from sealegs.gap.log.types import MeasuredSet
 from sealegs.gap.output.files import to_document
@@ -44,7 +44,7 @@ def recorded(machine: str, folder: str, read: Callable[[Path], MeasuredSet] = re
         SealegsError: the recordings are not there.
     """
     with tempfile.TemporaryDirectory() as target:
-        CONVERTERS[machine](DATA / folder, Path(target))
+        import_logs(DATA / folder, Path(target), read_mapping(machine))
         return read(Path(target))
 
 

@@ -23,7 +23,7 @@ COMMANDS = {
     "virtual": ("sealegs.hw.virtual.__main__", "virtual", "serve a virtual bus of servos"),
     "export": ("sealegs.agents.export", "", "write a trained policy as ONNX"),
     "repair-log": ("sealegs.hw.measured_log", "", "recover the whole samples of a log that a power cut tore"),
-    "import": ("sealegs.gap.log.importers.__main__", "", "turn published recordings into measured logs"),
+    "import": ("sealegs.commands.import_log", "import", "turn recordings of other formats into measured logs"),
     "demo": ("sealegs.commands.demo", "demo", "the main job once, without hardware"),
 }
 """By word: module with ``main(arguments)``, name of its config file (none: its arguments are files), what it does."""
@@ -50,12 +50,10 @@ def main(arguments: Sequence[str] | None = None) -> int:
     if isinstance(module, int):
         return module
     asks = bool({"-h", "--help"} & set(rest))
-    if asks and not config and word != "import":
+    if asks and not config:
         print((module.__doc__ or "").strip())
         return 0
     try:
-        if asks and not config:  # its parser has a help page of its own
-            module.main(rest)
         return run(module.main, config, module.__doc__ or "", rest)
     except SystemExit as end:  # of a parser of its own
         return end.code if isinstance(end.code, int) else BAD_INPUT

@@ -15,7 +15,6 @@ from typing import Any
 import yaml
 from sealegs import cli
 from sealegs.configs.compose import compose, split
-from sealegs.gap.log.importers import CONVERTERS
 
 REPOSITORY = Path(__file__).resolve().parents[1]
 FENCE = re.compile(r'^( *)```(\w*)(?: title="([^"]+)")?\n(.*?)^ *```$', re.MULTILINE | re.DOTALL)
@@ -122,8 +121,7 @@ def check_command(words: list[str]) -> None:
         case ["sealegs", word, *arguments]:
             assert word in cli.COMMANDS, f"no command {word}"
             if word == "import":
-                assert len(arguments) == 3 and arguments[0] in CONVERTERS, "import <machine> <source> <target>"
-                return
+                arguments = [f"source={arguments[0]}", *arguments[1:]]
             compose(cli.COMMANDS[word][1], split(arguments, plain=()))
         case _:
             raise AssertionError(f"'{' '.join(words)}' is of no kind that is checked")

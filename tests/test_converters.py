@@ -1,4 +1,4 @@
-"""The converters read the published recordings, and the log checks find in them what is known about them."""
+"""The shipped mappings read the published recordings, and the log checks find in them what is known about them."""
 
 from __future__ import annotations
 
@@ -6,10 +6,10 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from sealegs.cli import main
 from sealegs.gap.checks.data_set import check_set, merged
 from sealegs.gap.log import LogError, MeasuredSet, read_measured
-from sealegs.gap.log.importers import convert_ak80, convert_so101, convert_xl330
-from sealegs.gap.log.importers.__main__ import main
+from sealegs.gap.log.importers import import_logs, read_mapping
 
 DATA = Path(__file__).resolve().parents[1] / "../shared/data"
 needs_data = pytest.mark.skipif(not DATA.is_dir(), reason=f"no measured data in {DATA}")
@@ -18,21 +18,21 @@ needs_data = pytest.mark.skipif(not DATA.is_dir(), reason=f"no measured data in 
 @pytest.fixture(scope="module")
 def xl330(tmp_path_factory: pytest.TempPathFactory) -> MeasuredSet:
     target = tmp_path_factory.mktemp("xl330")
-    convert_xl330(DATA / "xl330_pendulum", target)
+    import_logs(DATA / "xl330_pendulum", target, read_mapping("xl330"))
     return read_measured(target)
 
 
 @pytest.fixture(scope="module")
 def so101(tmp_path_factory: pytest.TempPathFactory) -> MeasuredSet:
     target = tmp_path_factory.mktemp("so101")
-    convert_so101(DATA / "so101_arm", target)
+    import_logs(DATA / "so101_arm", target, read_mapping("so101"))
     return read_measured(target)
 
 
 @pytest.fixture(scope="module")
 def ak80(tmp_path_factory: pytest.TempPathFactory) -> MeasuredSet:
     target = tmp_path_factory.mktemp("ak80")
-    convert_ak80(DATA / "ak80_pendulum", target)
+    import_logs(DATA / "ak80_pendulum", target, read_mapping("ak80"))
     return read_measured(target)
 
 
@@ -97,21 +97,19 @@ def test_ak80_torque_column_is_out_of_step_by_8_to_12_ms(ak80: MeasuredSet) -> N
 
 
 @needs_data
-@pytest.mark.parametrize(("machine", "folder"), [("ak80", "ak80_pendulum")])
 def test_the_command_line_converts_once_and_overwrites_nothing(
-    tmp_path: Path, capsys: pytest.CaptureFixture[str], machine: str, folder: str
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    assert main([machine, str(DATA / folder), str(tmp_path)]) == 0
-    assert main([machine, str(DATA / folder), str(tmp_path)]) == 2
+    words = ["import", "ak80", str(DATA / "ak80_pendulum"), str(tmp_path)]
+    assert main(words) == 0
+    assert main(words) == 2
     error = capsys.readouterr().err
     assert "never overwritten" in error and error.count("\n") == 1
 
 
 def test_a_wrong_folder_gets_one_sentence(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    assert main(["xl330", str(tmp_path / "absent"), str(tmp_path)]) == 2
-    assert "no such folder" in capsys.readouterr().err
+    assert main(["import", "xl330", str(tmp_path / "absent"), str(tmp_path / "out")]) == 2
+    assert "no such file or folder" in capsys.readouterr().err
     (tmp_path / "a.csv").write_text("time,position\n0,1\n")
-    with pytest.raises(LogError, match=r"a\.meta\.json: is missing"):
-        convert_xl330(tmp_path, tmp_path / "out")
-    with pytest.raises(LogError, match="'velocity' is missing"):
-        convert_ak80(tmp_path, tmp_path / "out")
+    with pytest.raises(LogError, match="the mapping takes torque, velocity, which it does not have"):
+        import_logs(tmp_path, tmp_path / "out", read_mapping("ak80"))

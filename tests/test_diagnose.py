@@ -253,13 +253,13 @@ def test_a_missing_log_says_so(tmp_path: Path, capsys: pytest.CaptureFixture[str
 
 @pytest.mark.skipif(not (DATA / "ak80_pendulum").is_dir(), reason="the AK80 logs (../shared/data) are not here")
 def test_ak80_torque_column_is_not_read_with_the_motion() -> None:
-    from sealegs.gap.log.importers.ak80 import convert_ak80
+    from sealegs.gap.log.importers import import_logs, read_mapping
 
     pytest.importorskip("pandas")
     import tempfile
 
     with tempfile.TemporaryDirectory() as folder:
-        convert_ak80(DATA / "ak80_pendulum", Path(folder))
+        import_logs(DATA / "ak80_pendulum", Path(folder), read_mapping("ak80"))
         (found,) = diagnose(read_measured(Path(folder)))
     assert found.causes[0].name == "sensor.delay"
     assert 0.006 <= found.causes[0].parameters["torque.delay"].value <= 0.014
@@ -268,11 +268,11 @@ def test_ak80_torque_column_is_not_read_with_the_motion() -> None:
 @pytest.mark.long
 @pytest.mark.skipif(not (DATA / "xl330_pendulum").is_dir(), reason="the XL330 logs (../shared/data) are not here")
 def test_xl330_loses_torque_under_load(tmp_path: Path) -> None:
-    from sealegs.gap.log.importers.xl330 import convert_xl330
+    from sealegs.gap.log.importers import import_logs, read_mapping
 
     # those that come nearest; `python -m benchmarks.real_data` takes all of the catalogue, and four times as long
     near = ("friction.load_dependent", "friction.stribeck", "drive.supply_sag")
-    convert_xl330(DATA / "xl330_pendulum", tmp_path)
+    import_logs(DATA / "xl330_pendulum", tmp_path, read_mapping("xl330"))
     (found,) = diagnose(read_measured(tmp_path), test_group="kp400", causes=near)
     assert found.causes[0].name == "friction.load_dependent"
     assert found.gap["extended"].mae < 0.67 * found.gap["refitted"].mae

@@ -17,11 +17,17 @@ from .types import LogError, MeasuredRun
 FORMATS = ("csv", "parquet")
 
 
-def write_run(run: MeasuredRun, folder: str | Path, format: str = "csv") -> Path:
+def write_run(run: MeasuredRun, folder: str | Path, format: str = "csv", own: str | None = None) -> Path:
     """Write ``run`` as ``<folder>/<run.name>.<format>`` and its sidecar ``<run.name>.yaml``.
 
     Both files appear whole or not at all: they are written under temporary names, flushed to the disk, and only then
     linked to names that must be free.
+
+    Args:
+        run: to be written.
+        folder: to write to.
+        format: of the table, ``csv`` or ``parquet``.
+        own: text of the run's own sidecar, where the folder's ``log.yaml`` says the rest; None: all of it.
 
     Returns:
         The path of the data file.
@@ -36,7 +42,8 @@ def write_run(run: MeasuredRun, folder: str | Path, format: str = "csv") -> Path
         raise LogError(f"a run cannot be called {run.name!r}; use a name that is a plain file name")
     folder = Path(folder)
     data, sidecar = folder / f"{run.name}.{format}", folder / f"{run.name}.yaml"
-    text = sidecar_text(Sidecar(run.robot, run.robot_params, run.actuators, run.meta))
+    whole = sidecar_text(Sidecar(run.robot, run.robot_params, run.actuators, run.meta))
+    text = whole if own is None else own
     table = pa.table({name: pa.array(values, pa.float64(), from_pandas=True) for name, values in run.columns().items()})
     write_table = arrow_csv.write_csv if format == "csv" else parquet.write_table
 

@@ -1,18 +1,150 @@
-"""Turn published recordings of real machines into measured logs. ``sealegs import --help``."""
+"""Recordings of other formats as measured logs: read, mapped, written. ``sealegs import --help``."""
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections import Counter
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
 from pathlib import Path
+from typing import Any
 
-from .ak80 import convert_ak80
-from .so101 import convert_so101
-from .xl330 import convert_xl330
+import yaml
 
-CONVERTERS: dict[str, Callable[[Path, Path], list[Path]]] = {
-    "xl330": convert_xl330,
-    "so101": convert_so101,
-    "ak80": convert_ak80,
-}
+from ..sidecar import FOLDER_DEFAULTS
+from ..types import LogError
+from ..writer import write_run
+from .formats import read_recordings
+from .mapping import Mapping, converted, fits, names_of, read_mapping
+from .proposal import Proposal, propose
+from .recording import Recording
+from .show import proposal_text
+from .sidecars import beside, blanks, checked_actuator, folder_and_own, proposed_sidecar, text_with_blanks
 
-__all__ = ["CONVERTERS", "convert_ak80", "convert_so101", "convert_xl330"]
+MANY_ROWS = 20_000
+"""Longer recordings are written as Parquet where nobody says which format."""
+
+__all__ = ["Imported", "Proposed", "Recording", "import_logs", "propose_for", "read_mapping", "read_recordings"]
+
+
+@dataclass(frozen=True)
+class Proposed:
+    """A proposal for the recordings of a source.
+
+    Attributes:
+        text: of the mapping file, with reasons and questions.
+        mapping: the same as it is applied.
+        certain: without what is in question.
+        recordings: that it is for.
+        left: recordings that have other columns, with the reason.
+    """
+
+    text: str
+    mapping: Mapping
+    certain: Mapping
+    recordings: tuple[Recording, ...]
+    left: tuple[str, ...]
+
+
+@dataclass(frozen=True)
+class Imported:
+    """What an import wrote.
+
+    Attributes:
+        files: tables, each with its sidecar.
+        missing: keys of the sidecar that must be filled in.
+        left: recordings that were not imported, with the reason.
+        sidecar: of the folder.
+    """
+
+    files: tuple[Path, ...]
+    missing: tuple[str, ...]
+    left: tuple[str, ...]
+    sidecar: Path
+
+
+def propose_for(
+    source: Path,
+    out: Path,
+    unit: str | None = None,
+    robot: str | None = None,
+    actuator: str | None = None,
+    command: str = "",
+) -> Proposed:
+    """Propose how the recordings of a source become logs.
+
+    Args:
+        source: file or folder.
+        out: folder that the logs will go to.
+        unit: of positions and goals, where the file leaves it open.
+        robot: for the sidecar.
+        actuator: of all joints, for the sidecar.
+        command: that imports with the mapping, for its head.
+
+    Raises:
+        LogError: the source cannot be read.
+    """
+    recordings, left = _alike(read_recordings(source))
+    proposal = propose(recordings, unit)
+    sidecar = proposed_sidecar(recordings, proposal, beside(robot, out), checked_actuator(actuator))
+    text = proposal_text(proposal, sidecar, recordings, command, left)
+    mapping = replace(proposal.mapping(), sidecar=sidecar)
+    return Proposed(text, mapping, _certain(proposal, sidecar), tuple(recordings), tuple(left))
+
+
+def _certain(proposal: Proposal, sidecar: dict[str, Any]) -> Mapping:
+    certain = proposal.certain()
+    kept = dict(sidecar)
+    if isinstance(kept.get("actuators"), dict):
+        kept["actuators"] = {joint: chain for joint, chain in kept["actuators"].items() if joint in certain.joints}
+    return replace(certain.mapping(), sidecar=kept)
+
+
+def _alike(recordings: list[Recording]) -> tuple[list[Recording], list[str]]:
+    """The recordings whose columns most of them have, and sentences on the others."""
+    kinds = Counter((recording.kind, frozenset(recording.columns)) for recording in recordings)
+    (kind, columns), _ = kinds.most_common(1)[0]
+    alike = [one for one in recordings if one.kind == kind and columns == one.columns.keys()]
+    rest = [one for one in recordings if not (one.kind == kind and columns == one.columns.keys())]
+    return alike, [f"{one.name} has other columns than {alike[0].name}; import it on its own" for one in rest]
+
+
+def import_logs(
+    source: Path, out: Path, mapping: Mapping, format: str | None = None, recordings: Sequence[Recording] | None = None
+) -> Imported:
+    """Write the recordings of a source as measured logs; nothing that is there is overwritten.
+
+    Args:
+        source: file or folder.
+        out: folder to write to.
+        mapping: what becomes of their columns.
+        format: ``csv`` or ``parquet``; None: by their length.
+        recordings: of the source, where they are read already.
+
+    Raises:
+        LogError: a question is open, a column is missing, a value is none that a log may have, or a target exists.
+    """
+    if mapping.questions:
+        asked = mapping.questions[0]
+        raise LogError(
+            f"the mapping has {len(mapping.questions)} open question{'s' * (len(mapping.questions) > 1)}, the first "
+            f"about {', '.join(asked.about[:3])}: {asked.ask}. Correct its lines under columns and remove it from "
+            "questions."
+        )
+    found = list(recordings) if recordings is not None else read_recordings(source)
+    fitting = [recording for recording in found if fits(mapping, recording)]
+    if not fitting:
+        lacking = names_of(mapping) - {*found[0].columns, *found[0].facts, *mapping.constants, "pi"}
+        raise LogError(f"{found[0].source}: the mapping takes {', '.join(sorted(lacking))}, which it does not have.")
+    left = [f"{one.name} does not have the columns of the mapping" for one in found if one not in fitting]
+    runs = [converted(mapping, recording) for recording in fitting]
+    shared, own = folder_and_own(runs)
+    sidecar = Path(out) / FOLDER_DEFAULTS
+    text = text_with_blanks(shared, runs)
+    if format is None:
+        format = "parquet" if max(len(run.time) for run in runs) > MANY_ROWS else "csv"
+    files = []
+    for run, content in zip(runs, own, strict=True):
+        files.append(write_run(run, out, format, yaml.safe_dump(content, sort_keys=False, allow_unicode=True)))
+    if not sidecar.exists():
+        sidecar.write_text(text, encoding="utf-8")
+    return Imported(tuple(files), tuple(blanks(runs)), tuple(left), sidecar)

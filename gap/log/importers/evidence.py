@@ -1,0 +1,155 @@
+"""What the numbers of foreign columns say: clocks, encoders, derivatives, what follows what."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+
+from ..types import Array
+
+SLOWEST, FASTEST = 0.5, 2e-5  # [s] sample periods of logs that show the motion of a servo
+CLOCKS = {"s": 1.0, "ms": 1e-3, "us": 1e-6, "ns": 1e-9}
+TURN = {"rad": 2.0 * math.pi, "deg": 360.0, "turn": 1.0}
+"""One turn in each unit of an angle."""
+STEP_TOLERANCE = 5e-5
+WINDOW = 0.1  # [s] over which motion is compared with the integral of its derivative
+LONGEST_LAG = 0.6  # [s]
+MOST = 40_000  # samples that are looked at
+
+
+def clock_units(time: Array) -> list[str]:
+    """Units in which a column's steps are sample periods of a servo's log; empty where it is no clock."""
+    steps = np.diff(time[np.isfinite(time)])
+    if len(steps) < 2 or (steps < 0).any() or np.median(steps) <= 0.0:
+        return []
+    step = float(np.median(steps))
+    return [unit for unit, second in CLOCKS.items() if FASTEST <= step * second <= SLOWEST]
+
+
+def grid(values: Array) -> float:
+    """Step on which all values lie, 0 where they lie on none."""
+    known = np.unique(values[np.isfinite(values)][:MOST])
+    if not len(known) >= 5:
+        return 0.0
+    gaps = np.diff(known)
+    size = float(np.abs(known).max())
+    gaps = gaps[gaps > 1e-6 * max(size, 1e-9)]  # single precision makes two of one
+    if not len(gaps):
+        return 0.0
+    step = float(np.median(gaps[gaps < 1.5 * gaps.min()]))
+    for _ in range(3):  # the mean step over the whole range is exact to many digits
+        counts = np.round((known - known[0]) / step)
+        step = float((known[-1] - known[0]) / counts[-1])
+    off = np.abs((known - known[0]) / step - np.round((known - known[0]) / step))
+    return step if float(np.quantile(off, 0.98)) < 0.05 and counts[-1] < 1e6 else 0.0
+
+
+def encoder(values: Array) -> tuple[str, int] | None:
+    """Unit and counts of a turn, where the values lie on the grid of an encoder: a turn in 2^n or 2^n - 1 steps."""
+    step = grid(values)
+    if step <= 0.0 or abs(step - round(step, 3)) < 1e-9 * step:
+        return None
+    for unit, turn in TURN.items():
+        for bits in range(8, 19):
+            for counts in (2**bits, 2**bits - 1)[: 2 if bits < 15 else 1]:
+                if abs(step * counts / turn - 1.0) < STEP_TOLERANCE:
+                    return unit, counts
+    return None
+
+
+def whole_numbers(values: Array) -> bool:
+    """Whether all values are whole."""
+    known = values[np.isfinite(values)]
+    return bool(len(known)) and bool((known == np.round(known)).all())
+
+
+@dataclass(frozen=True)
+class Relation:
+    """How one signal goes with another.
+
+    Attributes:
+        scale: of the second per the first.
+        fit: share of the second that the first explains, 0 to 1.
+        lag: of the second behind the first [s].
+    """
+
+    scale: float
+    fit: float
+    lag: float = 0.0
+
+
+def as_derivative(time: Array, position: Array, column: Array) -> Relation:
+    """A column against the derivative of a position: by way over :data:`WINDOW`, so that noise counts little."""
+    time, position, column = (a[:MOST] for a in (time, position, column))
+    good = np.isfinite(column) & np.isfinite(position)
+    if good.sum() < 50:
+        return Relation(0.0, 0.0)
+    time, position, column = time[good], position[good], column[good]
+    way = np.concatenate([[0.0], np.cumsum(0.5 * (column[1:] + column[:-1]) * np.diff(time))])
+    late = np.searchsorted(time, time + WINDOW)
+    ends = late < len(time)
+    moved = position[late[ends]] - position[ends]
+    travelled = way[late[ends]] - way[ends]
+    return _slope(moved, travelled)
+
+
+def _slope(first: Array, second: Array) -> Relation:
+    a, b = first - first.mean(), second - second.mean()
+    power = math.sqrt(float(a @ a) * float(b @ b))
+    if power <= 0.0:
+        return Relation(0.0, 0.0)
+    along = float(a @ b) / power
+    return Relation(math.copysign(math.sqrt(float(b @ b) / float(a @ a)), along), along * along)
+
+
+def following(time: Array, first: Array, second: Array) -> Relation:
+    """How much later than ``first`` ``second`` moves, by the best correlation of their ways over short times."""
+    time, first, second = (a[:MOST] for a in (time, first, second))
+    good = np.isfinite(first) & np.isfinite(second)
+    if good.sum() < 50:
+        return Relation(0.0, 0.0)
+    period = float(np.median(np.diff(time[good])))
+    even = np.arange(time[good][0], time[good][-1], period)[:MOST]
+    a, b = (np.interp(even, time[good], values[good]) for values in (first, second))
+    reach = max(round(WINDOW / period), 1)
+    a, b = a[reach:] - a[:-reach], b[reach:] - b[:-reach]
+    most = min(round(LONGEST_LAG / period), len(a) // 4)
+    best = Relation(0.0, 0.0)
+    for shift in range(-most, most + 1):
+        early, late = (a[: len(a) - shift], b[shift:]) if shift >= 0 else (a[-shift:], b[: len(b) + shift])
+        found = _slope(early, late)
+        if found.fit > best.fit:
+            best = Relation(found.scale, found.fit, shift * period)
+    return best
+
+
+def multiple(first: Array, second: Array) -> float | None:
+    """Constant by which ``second`` is ``first``, None where it is not."""
+    good = np.isfinite(first) & np.isfinite(second)
+    a, b = first[good][:MOST], second[good][:MOST]
+    if len(a) < 10 or not (a @ a) > 0.0:
+        return None
+    ratio = float(a @ b) / float(a @ a)
+    return ratio if ratio and np.abs(b - ratio * a).max() <= 1e-3 * np.abs(b).max() else None
+
+
+def drives(time: Array, position: Array, column: Array) -> float:
+    """Share of a column that the terms of a motion explain: acceleration, speed, its direction, angle, a constant."""
+    time, position, column = (a[:MOST] for a in (time, position, column))
+    reach = max(round(0.03 / float(np.median(np.diff(time)))), 2)
+    kernel = np.ones(2 * reach + 1) / (2 * reach + 1)
+    smooth = np.convolve(np.convolve(position, kernel, "same"), kernel, "same")
+    speed = np.gradient(smooth, time)
+    acceleration = np.gradient(speed, time)
+    ends = slice(4 * reach, -4 * reach)
+    still = 0.02 * float(np.abs(speed).max() or 1.0)
+    terms = np.stack(
+        [acceleration, speed, np.tanh(speed / still), np.sin(smooth), np.cos(smooth), np.ones_like(speed)], axis=1
+    )[ends]
+    wanted = np.convolve(column, kernel, "same")[ends]
+    if len(wanted) < 50 or not np.isfinite(wanted).all() or np.ptp(wanted) == 0.0:
+        return 0.0
+    left = wanted - terms @ np.linalg.lstsq(terms, wanted, rcond=None)[0]
+    return max(1.0 - float(left.var() / wanted.var()), 0.0)

@@ -1,0 +1,198 @@
+"""Arithmetic over the columns of a foreign log: ``(pos_ticks - 2048)*2*pi/4096``. No Python is run.
+
+A column is named as it stands, or in backquotes where its name is no plain word: `` `Joint 1 (deg)`*pi/180 ``. Numbers
+of the file and of the mapping (``gtau``) are names too.
+"""
+
+from __future__ import annotations
+
+import math
+import re
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, field
+from typing import Any
+
+import numpy as np
+
+from ....actuators.errors import nearest
+from ..types import Array, LogError
+
+PLAIN = re.compile(r"[A-Za-z_][\w.\[\]/]*\Z")
+"""Names that need no backquotes: words, with the dots and indices of flattened fields."""
+TOKEN = re.compile(
+    r"\s*(?:(?P<number>(?:\d+\.?\d*|\.\d+)(?:[eE][+-]?\d+)?)|`(?P<quoted>[^`]+)`|(?P<name>[A-Za-z_][\w.\[\]]*)"
+    r"|(?P<sign>\*\*|[-+*/(),]))"
+)
+CONSTANTS = {"pi": math.pi}
+FUNCTIONS: dict[str, tuple[int, Callable[..., Any]]] = {
+    "abs": (1, np.abs),
+    "sqrt": (1, np.sqrt),
+    "sin": (1, np.sin),
+    "cos": (1, np.cos),
+    "sign": (1, np.sign),
+    "unwrap": (1, np.unwrap),
+    "signed16": (1, lambda counts: np.where(np.asarray(counts) > 32767, np.asarray(counts) - 65536, counts)),
+    "min": (2, np.minimum),
+    "max": (2, np.maximum),
+    "hypot": (2, np.hypot),
+}
+"""Functions by name: how many arguments they take, and what they do."""
+DEEPEST = 50
+
+
+def quoted(name: str) -> str:
+    """A column's name as an expression has it."""
+    return name if TOKEN.fullmatch(name) and PLAIN.match(name) and name not in FUNCTIONS else f"`{name}`"
+
+
+def names_in(text: str) -> list[str]:
+    """Names of columns and numbers that an expression takes, each once.
+
+    Raises:
+        LogError: it is no expression.
+    """
+    reader = _Reader(text, None)
+    reader.whole()
+    return list(dict.fromkeys(reader.used))
+
+
+def evaluate(text: str, values: Mapping[str, Any], where: str) -> Any:
+    """Value of an expression, a number or an array.
+
+    Args:
+        text: of the expression.
+        values: columns (n,) and numbers by name.
+        where: for the message: file and what the expression is for.
+
+    Raises:
+        LogError: it is no expression, or takes a name that there is none of.
+    """
+    try:
+        with np.errstate(all="ignore"):
+            return _Reader(str(text), values).whole()
+    except LogError as error:
+        raise LogError(f"{where}: {error}") from None
+
+
+def column(text: str, values: Mapping[str, Any], where: str, length: int) -> Array:
+    """An expression as a column (n,), a constant one where it takes no column."""
+    value = np.asarray(evaluate(text, values, where), np.float64)
+    if value.ndim > 1 or (value.ndim == 1 and len(value) != length):
+        raise LogError(f"{where}: '{text}' does not have one number for each of the {length} samples.")
+    return np.array(np.broadcast_to(value, (length,)))
+
+
+@dataclass
+class _Reader:
+    """Recursive descent: sum, product, sign, power, atom. With ``values`` None it only collects names."""
+
+    text: str
+    values: Mapping[str, Any] | None
+    used: list[str] = field(default_factory=list)
+
+    def __post_init__(self) -> None:
+        self.tokens: list[tuple[str, str]] = []
+        self.at = 0
+        self.depth = 0
+        position, text = 0, self.text.rstrip()
+        while position < len(text):
+            match = TOKEN.match(text, position)
+            if match is None or match.end() == position:
+                raise LogError(f"'{self.text}' cannot be read from '{text[position:].strip()[:20]}' on{_hint(text)}.")
+            self.tokens.append((str(match.lastgroup), match.group(str(match.lastgroup))))
+            position = match.end()
+
+    def whole(self) -> Any:
+        value = self.sum()
+        if self.at < len(self.tokens):
+            raise LogError(f"'{self.text}' has '{self.tokens[self.at][1]}' where it should end{_hint(self.text)}.")
+        return value
+
+    def sum(self) -> Any:
+        value = self.product()
+        while sign := self.take("+", "-"):
+            other = self.product()
+            value = value + other if sign == "+" else value - other
+        return value
+
+    def product(self) -> Any:
+        value = self.signed()
+        while sign := self.take("*", "/"):
+            other = self.signed()
+            value = value * other if sign == "*" else np.divide(value, other)
+        return value
+
+    def signed(self) -> Any:
+        sign = self.take("-", "+")
+        if not sign:
+            return self.power()
+        value = self.within(self.signed)
+        return -value if sign == "-" else value
+
+    def power(self) -> Any:
+        value = self.atom()
+        return np.power(np.asarray(value, float), self.within(self.signed)) if self.take("**") else value
+
+    def atom(self) -> Any:
+        kind, word = self.tokens[self.at] if self.at < len(self.tokens) else ("end", "")
+        self.at += 1
+        if kind == "number":
+            return float(word)
+        if kind == "quoted" or (kind == "name" and self.peek() != "("):
+            return self.named(word)
+        if kind == "name":
+            return self.called(word)
+        if word == "(":
+            value = self.within(self.sum)
+            self.expect(")")
+            return value
+        raise LogError(f"'{self.text}' lacks a number or a column{f' before {word!r}' if word else ' at its end'}.")
+
+    def named(self, word: str) -> Any:
+        if self.values is None:
+            self.used.append(word)
+            return 1.0
+        if word in self.values:
+            return self.values[word]
+        if word in CONSTANTS:
+            return CONSTANTS[word]
+        raise LogError(f"'{self.text}' takes '{word}', which is no column and no number{nearest(word, self.values)}.")
+
+    def called(self, word: str) -> Any:
+        if word not in FUNCTIONS:
+            raise LogError(f"'{self.text}' calls '{word}'; there are {', '.join(FUNCTIONS)}.")
+        count, function = FUNCTIONS[word]
+        self.expect("(")
+        arguments = [self.within(self.sum)]
+        while self.take(","):
+            arguments.append(self.within(self.sum))
+        self.expect(")")
+        if len(arguments) != count:
+            raise LogError(f"'{self.text}': {word} takes {count} value{'s' * (count > 1)}, not {len(arguments)}.")
+        return function(*arguments)
+
+    def within(self, part: Callable[[], Any]) -> Any:
+        self.depth += 1
+        if self.depth > DEEPEST:
+            raise LogError(f"'{self.text[:40]}...' is nested too deeply; write it shorter.")
+        value = part()
+        self.depth -= 1
+        return value
+
+    def peek(self) -> str:
+        return self.tokens[self.at][1] if self.at < len(self.tokens) and self.tokens[self.at][0] == "sign" else ""
+
+    def take(self, *signs: str) -> str:
+        sign = self.peek()
+        if sign not in signs:
+            return ""
+        self.at += 1
+        return sign
+
+    def expect(self, sign: str) -> None:
+        if not self.take(sign):
+            raise LogError(f"'{self.text}' lacks a '{sign}'{_hint(self.text)}.")
+
+
+def _hint(text: str) -> str:
+    return "" if "`" in text else "; put a column with spaces or signs in its name in backquotes"

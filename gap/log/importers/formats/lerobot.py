@@ -1,0 +1,142 @@
+"""LeRobot data sets, versions 2.x and 3.0: ``meta/info.json`` says which columns of the Parquet files are what.
+
+Of version 2.x each episode is a file, of 3.0 a file holds several; the column ``episode_index`` parts them in both.
+"""
+
+from __future__ import annotations
+
+import json
+import re
+from collections.abc import Iterator, Mapping
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pyarrow as pa
+from pyarrow import compute, parquet
+
+from ...types import LogError
+from ..recording import Recording
+from .tables import numeric_columns
+
+INFO = Path("meta/info.json")
+MEASURED, COMMANDED = "observation.state", "action"
+SIGNALS = {"pos": "position", "position": "position", "vel": "velocity", "velocity": "velocity"}
+SIGNALS |= {"effort": "torque", "torque": "torque", "current": "current", "eff": "torque"}
+EXTRA = {"observation.velocity": "velocity", "observation.effort": "torque", "observation.current": "current"}
+COMMANDS = {"position": "goal", "torque": "torque_command"}
+UNITS = {"velocity": "?", "torque": "?", "current": "?"}
+
+
+def is_lerobot(folder: Path) -> bool:
+    """Whether a folder is such a data set."""
+    return (folder / INFO).is_file()
+
+
+def read_lerobot(folder: Path) -> list[Recording]:
+    """A recording for each episode.
+
+    Raises:
+        LogError: the data set is incomplete or of a version that is not read, or says nothing of a robot's joints.
+    """
+    info = _info(folder / INFO)
+    version = str(info.get("codebase_version", ""))
+    if not re.match(r"v?[23]\.", version):
+        raise LogError(f"{folder / INFO}: the data set is of version {version or 'unknown'}; 2.x and 3.x are read.")
+    files = sorted((folder / "data").rglob("*.parquet"))
+    if not files:
+        raise LogError(f"{folder}: has no Parquet file under data/; download the data set whole (no video is needed).")
+    features = info.get("features") or {}
+    wanted = [name for name in features if str(features[name].get("dtype", "")).startswith(("float", "int", "bool"))]
+    if MEASURED not in wanted:
+        raise LogError(f"{folder}: has no '{MEASURED}', so it says nothing of a robot's joints.")
+    notes = ("timestamps are the frame's number over the frame rate, not read from a clock",)
+    facts: dict[str, float | str] = {
+        "fps": float(info.get("fps") or 0.0),
+        "robot_type": str(info.get("robot_type") or ""),
+    }
+    return [
+        _episode(number, table, features, folder, facts, notes)
+        for number, table in _episodes(files, [*wanted, "timestamp", "episode_index", "frame_index"])
+    ]
+
+
+def _info(path: Path) -> dict[str, Any]:
+    try:
+        content = json.loads(path.read_text(encoding="utf-8"))
+    except (OSError, ValueError) as error:
+        raise LogError(f"{path}: cannot be read: {str(error).splitlines()[0]}; download it again.") from None
+    if not isinstance(content, dict):
+        raise LogError(f"{path}: is no mapping; download it again.")
+    return content
+
+
+def _episodes(files: list[Path], wanted: list[str]) -> Iterator[tuple[int, pa.Table]]:
+    """Episodes in their order, each sorted by time; one may go on in the next file."""
+    whole: dict[int, list[pa.Table]] = {}
+    for path in files:
+        try:
+            names = parquet.read_schema(path).names
+            table = parquet.read_table(path, columns=[name for name in dict.fromkeys(wanted) if name in names])
+        except (pa.ArrowInvalid, OSError):
+            raise LogError(f"{path}: is not a Parquet file, or a damaged one; download it again.") from None
+        for needed in ("timestamp", "episode_index"):
+            if needed not in names:
+                raise LogError(f"{path}: has no column '{needed}', which every LeRobot data set has.")
+        for number in compute.unique(table["episode_index"]).to_pylist():
+            part = table.filter(compute.equal(table["episode_index"], number))
+            whole.setdefault(int(number), []).append(part)
+    for number in sorted(whole):
+        yield number, pa.concat_tables(whole[number]).sort_by("timestamp")
+
+
+def _episode(
+    number: int,
+    table: pa.Table,
+    features: Mapping[str, Any],
+    folder: Path,
+    facts: dict[str, float | str],
+    notes: tuple[str, ...],
+) -> Recording:
+    columns, roles, units = {}, {"timestamp": "time"}, {"timestamp": "s"}
+    measured = _names(features[MEASURED])
+    for name, values in numeric_columns(table).items():
+        feature, _, place = name.partition("[")
+        if not place:
+            if name == "timestamp":
+                columns[name] = values
+            continue
+        index = int(place[:-1])
+        called = _names(features.get(feature, {}))
+        called = called if index < len(called) else measured
+        word = called[index] if index < len(called) else f"joint{index}"
+        column = f"{feature}.{word}"
+        columns[column] = values
+        joint, signal = _joint(word)
+        signal = EXTRA.get(feature, signal)
+        if feature in (MEASURED, *EXTRA):
+            roles[column] = f"{joint}.{signal}"
+            units[column] = UNITS.get(signal, "?")
+        elif feature == COMMANDED and signal in COMMANDS:
+            roles[column] = f"{joint}.{COMMANDS[signal]}"
+            units[column] = "?"
+    return Recording(f"episode_{number:06d}", columns, folder, "lerobot", facts, roles, notes, units)
+
+
+def _names(feature: Mapping[str, Any]) -> list[str]:
+    """Names of a feature's places: a list, or one within a mapping, or none but their count."""
+    names = feature.get("names")
+    while isinstance(names, Mapping):
+        names = next(iter(names.values()), None)
+    count = int(np.prod(feature.get("shape") or [0]))
+    if isinstance(names, list) and len(names) == count and len(set(map(str, names))) == count:
+        return [str(name) for name in names]
+    return [f"joint{k}" for k in range(count)]
+
+
+def _joint(word: str) -> tuple[str, str]:
+    """Joint and signal of a name such as ``shoulder_pan.pos``."""
+    stem, _, ending = word.rpartition(".")
+    if stem and ending in SIGNALS:
+        return stem.replace("/", "_"), SIGNALS[ending]
+    return word.replace("/", "_"), "position"

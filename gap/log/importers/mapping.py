@@ -1,0 +1,201 @@
+"""A mapping: which columns of the log come from which of a foreign recording, as a YAML file that a person reads."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Mapping as AnyMapping
+from collections.abc import Sequence
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import yaml
+
+from ....actuators.errors import nearest
+from ..reader import build_run
+from ..sidecar import KEYS as SIDECAR_KEYS
+from ..sidecar import Sidecar
+from ..table import check_columns
+from ..types import SIGNAL_UNITS, Array, LogError, MeasuredRun
+from .expression import column, evaluate, names_in
+from .recording import Recording
+
+FOLDER = Path(__file__).resolve().parents[3] / "configs" / "mapping"
+"""Mappings of published data sets, by one word."""
+KEYS = ("columns", "constants", "questions", "sidecar", "where", "notes", "unused")
+FACT = re.compile(r"\$\{([^}]*)\}")
+
+
+@dataclass(frozen=True)
+class Question:
+    """What neither names nor numbers tell.
+
+    Attributes:
+        about: columns of the log that hang on the answer.
+        ask: the question, and what speaks for which answer.
+    """
+
+    about: tuple[str, ...]
+    ask: str
+
+
+@dataclass(frozen=True)
+class Mapping:
+    """How a recording becomes a log.
+
+    Attributes:
+        columns: expression for each column of the log.
+        constants: numbers that expressions take beside those of the file.
+        questions: that are open.
+        sidecar: as it is written beside each log; ``${kp/256}`` stands for a number or word of the file.
+        where: expression of the samples that are kept, those above zero.
+    """
+
+    columns: dict[str, str]
+    constants: dict[str, float] = field(default_factory=dict)
+    questions: tuple[Question, ...] = ()
+    sidecar: dict[str, Any] = field(default_factory=dict)
+    where: str | None = None
+
+
+def read_mapping(path: str | Path) -> Mapping:
+    """Read a mapping: a file, or the word of one that is shipped.
+
+    Raises:
+        LogError: there is none, or it is not what a mapping is.
+    """
+    shipped = FOLDER / f"{path}.yaml"
+    file = shipped if Path(path).suffix == "" and not Path(path).is_file() and shipped.is_file() else Path(path)
+    try:
+        content = yaml.safe_load(file.read_text(encoding="utf-8"))
+    except FileNotFoundError:
+        words = sorted(one.stem for one in FOLDER.glob("*.yaml"))
+        raise LogError(
+            f"mapping={path}: there is no such file{nearest(str(path), words)}; words are {', '.join(words)}."
+        ) from None
+    except OSError as error:
+        raise LogError(f"{file}: cannot be read: {error.strerror}.") from None
+    except yaml.YAMLError as error:
+        mark = getattr(error, "problem_mark", None)
+        raise LogError(f"{file}: is not valid YAML{f' at line {mark.line + 1}' if mark else ''}; correct it.") from None
+    return _checked(content, file)
+
+
+def _checked(content: Any, file: Path) -> Mapping:
+    if not isinstance(content, dict) or not isinstance(content.get("columns"), dict):
+        raise LogError(f"{file}: must be a mapping with the key columns, a line for each column of the log.")
+    for key in content:
+        if key not in KEYS:
+            raise LogError(f"{file}: unknown key '{key}'{nearest(str(key), KEYS)}; there are {', '.join(KEYS)}.")
+    columns = {str(name): str(text) for name, text in content["columns"].items() if text is not None}
+    for name, text in columns.items():
+        try:
+            names_in(text)
+        except LogError as error:
+            raise LogError(f"{file}: column '{name}': {error}") from None
+    constants = content.get("constants") or {}
+    if not isinstance(constants, dict) or not all(_is_number(value) for value in constants.values()):
+        raise LogError(f"{file}: the key constants must be a mapping of names to numbers.")
+    sidecar = content.get("sidecar") or {}
+    if not isinstance(sidecar, dict):
+        raise LogError(f"{file}: the key sidecar must be a mapping, what docs/log-format.md calls the sidecar.")
+    for key in sidecar:
+        if key not in SIDECAR_KEYS:
+            raise LogError(f"{file}: sidecar has the unknown key '{key}'{nearest(str(key), SIDECAR_KEYS)}.")
+    questions = content.get("questions") or []
+    try:
+        asked = tuple(Question(tuple(map(str, one["about"])), str(one["ask"])) for one in questions)
+    except (TypeError, KeyError):
+        raise LogError(f"{file}: each of the questions needs about, a list of columns, and ask.") from None
+    where = content.get("where")
+    numbers = {str(key): float(value) for key, value in constants.items()}
+    return Mapping(columns, numbers, asked, sidecar, None if where is None else str(where))
+
+
+def _is_number(value: Any) -> bool:
+    return isinstance(value, int | float) and not isinstance(value, bool)
+
+
+def names_of(mapping: Mapping) -> set[str]:
+    """Columns and numbers that a mapping takes."""
+    texts = [*mapping.columns.values(), *([mapping.where] if mapping.where else [])]
+    return {name for text in texts for name in names_in(text)}
+
+
+def fits(mapping: Mapping, recording: Recording) -> bool:
+    """Whether a recording has all columns that a mapping takes."""
+    return names_of(mapping) <= {*recording.columns, *recording.facts, *mapping.constants, "pi"}
+
+
+def converted(mapping: Mapping, recording: Recording) -> MeasuredRun:
+    """The run that a recording is by a mapping.
+
+    Raises:
+        LogError: a column that it takes is missing, or what comes out is no log.
+    """
+    where = str(recording.source)
+    numbers = {key: value for key, value in recording.facts.items() if not isinstance(value, str)}
+    values: dict[str, Any] = {**numbers, **mapping.constants, **recording.columns}
+    table: dict[str, Array] = {
+        name: column(text, values, f"{where}: column '{name}'", recording.length)
+        for name, text in mapping.columns.items()
+    }
+    if mapping.where is not None:
+        kept = column(mapping.where, values, f"{where}: the key where", recording.length) > 0.0
+        table = {name: cells[kept] for name, cells in table.items()}
+    for name, cells in list(table.items()):
+        if name.endswith(".enabled") and (cells > 0.5).all():  # on throughout is what its absence says
+            del table[name]
+    table = _in_order(table)
+    check_columns(list(table), recording.source)
+    sidecar = filled(mapping.sidecar, recording)
+    meta = {key: value for key, value in sidecar.items() if key not in ("robot", "robot_params", "actuators", "meta")}
+    joints = {name.rpartition(".")[0] for name in table if name.rpartition(".")[2] in SIGNAL_UNITS}
+    undriven: dict[str, str | list] = dict.fromkeys(
+        joints, "ideal"
+    )  # stands in for chains that the user has yet to name
+    run = build_run(
+        recording.name, table, Sidecar("bench", {}, undriven, {}), recording.source, 0
+    )  # checks of the values
+    return MeasuredRun(
+        run.name, run.time, run.joints, run.base, str(sidecar.get("robot") or ""), sidecar.get("robot_params") or {},
+        sidecar.get("actuators") or {}, recording.source, meta | (sidecar.get("meta") or {}), run.host,
+    )  # fmt: skip
+
+
+def _in_order(table: dict[str, Array]) -> dict[str, Array]:
+    """Columns as the format lists them, joint by joint."""
+    joints = list(dict.fromkeys(name.rpartition(".")[0] for name in table if name != "time"))
+    signals = list(SIGNAL_UNITS)
+
+    def place(name: str) -> tuple[int, int]:
+        joint, _, signal = name.rpartition(".")
+        return (-1, 0) if name == "time" else (joints.index(joint), signals.index(signal) if signal in signals else 99)
+
+    return {name: table[name] for name in sorted(table, key=place)}
+
+
+def filled(content: Any, recording: Recording) -> Any:
+    """A sidecar with ``${...}`` replaced by what the recording says.
+
+    Raises:
+        LogError: it takes a number that the recording does not have.
+    """
+    if isinstance(content, AnyMapping):
+        return {filled(key, recording): filled(value, recording) for key, value in content.items()}
+    if isinstance(content, Sequence) and not isinstance(content, str):
+        return [filled(value, recording) for value in content]
+    if not isinstance(content, str):
+        return content
+    facts = {"name": recording.name, **recording.facts}
+
+    def value(text: str) -> Any:
+        found = evaluate(text, facts, f"{recording.source}: sidecar")
+        return found if isinstance(found, str) else float(np.asarray(found))
+
+    if match := FACT.fullmatch(content):
+        return value(match[1])
+    return FACT.sub(
+        lambda match: f"{value(match[1]):g}" if not isinstance(value(match[1]), str) else value(match[1]), content
+    )

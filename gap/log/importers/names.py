@@ -1,0 +1,236 @@
+"""What the name of a column says: the signal, commanded or measured, its unit, its joint."""
+
+from __future__ import annotations
+
+import re
+from dataclasses import dataclass
+
+COMMANDED = frozenset(
+    [
+        "goal",
+        "target",
+        "desired",
+        "des",
+        "ref",
+        "reference",
+        "setpoint",
+        "sp",
+        "cmd",
+        "command",
+        "commanded",
+        "con",
+        "set",
+        "action",
+        "demand",
+        "requested",
+        "wanted",
+        "soll",
+    ]
+)
+MEASURED = frozenset(
+    [
+        "meas",
+        "measured",
+        "act",
+        "actual",
+        "present",
+        "fb",
+        "feedback",
+        "ist",
+        "real",
+        "observation",
+        "state",
+        "sensor",
+        "read",
+        "est",
+    ]
+)
+FILTERED = frozenset(["filt", "filtered", "smooth", "smoothed", "lp", "lowpass"])
+DROPPED = frozenset(
+    [
+        "error",
+        "err",
+        "fric",
+        "friction",
+        "ff",
+        "feedforward",
+        "integral",
+        "kp",
+        "ki",
+        "kd",
+        "gain",
+        "stiffness",
+        "damping",
+    ]
+)
+"""Parts of a controller or of a model: no signal of the log, whatever else the name says."""
+FILLERS = frozenset(
+    [
+        "observation",
+        "data",
+        "robot",
+        "value",
+        "values",
+        "msg",
+        "the",
+        "of",
+        "in",
+        "per",
+        "and",
+        "input",
+        "supply",
+        "bus",
+        "battery",
+    ]
+)
+SIGNALS: tuple[tuple[str, frozenset[str]], ...] = (
+    ("enabled", frozenset(["enable", "enabled"])),
+    ("acceleration", frozenset(["acc", "accel", "acceleration", "ddq", "qdd", "qddot", "ddtheta", "jerk"])),
+    ("velocity", frozenset(["vel", "velocity", "speed", "dq", "qdot", "qvel", "dtheta", "thetadot", "omega", "dpos"])),
+    ("temperature", frozenset(["temp", "temperature"])),
+    ("voltage", frozenset(["volt", "volts", "voltage", "vin", "vbus", "ubat"])),
+    ("duty", frozenset(["duty", "pwm"])),
+    ("torque", frozenset(["torque", "tau", "effort", "force", "trq", "moment"])),
+    ("position", frozenset(["pos", "position", "angle", "q", "theta", "phi", "qpos", "encoder", "enc"])),
+    ("current", frozenset(["current", "curr", "amps", "ampere", "iq"])),
+    ("load", frozenset(("load",))),
+    ("time", frozenset(["time", "timestamp", "stamp", "t", "clock", "elapsed"])),
+)
+"""Signals by the words that say them; the first one that a name has is its signal."""
+UNITS = {
+    "deg": "deg", "degree": "deg", "degrees": "deg", "degs": "deg", "rad": "rad", "rads": "rad", "radian": "rad",
+    "radians": "rad", "mrad": "mrad", "turn": "turn", "turns": "turn", "rev": "turn", "revs": "turn", "rpm": "rpm",
+    "dps": "deg/s", "rps": "turn/s", "tick": "tick", "ticks": "tick", "count": "tick", "counts": "tick",
+    "steps": "tick", "raw": "tick", "ms": "ms", "msec": "ms",
+    "millis": "ms", "us": "us", "usec": "us", "micros": "us", "ns": "ns",
+    "nsec": "ns", "nanosec": "ns", "s": "s", "sec": "s", "secs": "s", "seconds": "s", "nm": "N.m", "mnm": "mN.m",
+    "n": "N", "newton": "N", "ma": "mA", "a": "A", "amps": "A",
+    "amp": "A", "mv": "mV", "v": "V", "volts": "V", "percent": "%",
+    "pct": "%", "mm": "mm", "cm": "cm", "m": "m", "meter": "m", "meters": "m", "degc": "degC", "celsius": "degC",
+    "normalized": "%", "norm": "%",
+}  # fmt: skip
+"""Units by the words that say them."""
+SPELT = {
+    "rad/s": "rad/s", "rad/sec": "rad/s", "rads/s": "rad/s", "deg/s": "deg/s", "deg/sec": "deg/s", "°/s": "deg/s",
+    "°": "deg", "°c": "degC", "n.m": "N.m", "n*m": "N.m", "nm": "N.m", "n m": "N.m", "mm/s": "mm/s", "m/s": "m/s",
+    "rev/s": "turn/s", "rev/min": "rpm", "1/min": "rpm", "%": "%", "µs": "us", "n·m": "N.m", "c": "degC",
+}  # fmt: skip
+"""Units as they stand in brackets."""
+SHORT = re.compile(r"(q|theta|phi|x)(m|meas|a|act|g|r|ref|d|des|c|cmd|goal)")
+"""Signs of control theory: ``qm`` measured, ``qg`` goal, ``qd`` desired (or the derivative: the data tell)."""
+ONLY_UNIT = {
+    "deg": "position", "rad": "position", "tick": "position", "rpm": "velocity", "N.m": "torque", "mA": "current",
+    "A": "current", "V": "voltage", "mV": "voltage", "degC": "temperature",
+}  # fmt: skip
+SINGLE = frozenset(["s", "a", "n", "m", "v", "c", "t", "q"])
+"""Words of one letter: a unit only at the end of a name."""
+
+
+@dataclass(frozen=True)
+class Said:
+    """What a column's name says.
+
+    Attributes:
+        signal: of the log (``goal``, ``position``, ``torque_command``, ...), or one that the log has no place for;
+            empty where the name says nothing.
+        unit: as ``deg`` or ``N.m``; empty where the name says none.
+        joint: the rest of the name, empty where there is none.
+        filtered: whether it says that it was processed.
+        how: the word that says the signal, for people.
+    """
+
+    signal: str
+    unit: str
+    joint: str
+    filtered: bool = False
+    how: str = ""
+
+
+def said(name: str) -> Said:
+    """Read a column's name."""
+    unit, text = _bracketed(name)
+    words = _words(text)
+    low = [word.lower() for word in words]
+    if not unit:
+        unit, at = _unit(low)
+        if at is not None:
+            words, low = words[:at] + words[at + 1 :], low[:at] + low[at + 1 :]
+            if unit in ("rad", "deg") and at < len(low) and low[at] in ("s", "sec"):
+                unit += "/s"
+                words, low = words[:at] + words[at + 1 :], low[:at] + low[at + 1 :]
+    sides = set(low)
+    commanded, measured = bool(sides & COMMANDED), bool(sides & MEASURED)
+    used = {k for k, word in enumerate(low) if word in COMMANDED | MEASURED | FILTERED | FILLERS}
+    signal, how = "", ""
+    for candidate, spoken in SIGNALS:
+        hits = [k for k, word in enumerate(low) if word in spoken]
+        if hits:
+            signal, how = candidate, words[hits[0]]
+            used |= set(hits)
+            break
+    if signal in ("position", "velocity") and "current" in low:  # as against the one wanted
+        measured, used = True, used | {low.index("current")}
+    if signal == "enabled":
+        used |= {k for k, word in enumerate(low) if word == "torque"}
+    if not signal:
+        for k, word in enumerate(low):
+            if match := SHORT.fullmatch(word):
+                signal, how = "position", words[k]
+                used.add(k)
+                commanded, measured = match[2] in ("g", "r", "ref", "d", "des", "c", "cmd", "goal"), match[2][0] in "ma"
+                break
+    if not signal and unit in ONLY_UNIT:
+        signal, how = ONLY_UNIT[unit], f"[{unit}]"
+    if not signal and commanded:
+        signal, how = "position", next(word for word in words if word.lower() in COMMANDED)
+    if sides & DROPPED:
+        signal = f"{signal or 'value'} of a controller or model"
+    elif commanded and not measured:
+        known = {"position": "goal", "torque": "torque_command", "time": "time", "enabled": "enabled"}
+        signal = known.get(signal, f"commanded {signal}" if signal else "")
+    elif signal == "position" and {"link", "output"} & sides and {"motor", "link"} & sides:
+        signal = "link_position" if "motor" not in sides else "position"
+    joint = _joined([word for k, word in enumerate(words) if k not in used])
+    return Said(signal, unit, joint, bool(sides & FILTERED), how)
+
+
+def _bracketed(name: str) -> tuple[str, str]:
+    """A unit in brackets or after a slash, and the name without it."""
+    for match in re.finditer(r"[\[(]([^\])]*)[\])]", name):
+        text = match[1].strip().lower()
+        unit = SPELT.get(text) or UNITS.get(text, "")
+        if unit:
+            return unit, name[: match.start()] + name[match.end() :]
+    return "", name
+
+
+def _words(text: str) -> list[str]:
+    """Words of a name: parted by signs, by digits, and where a capital follows a small letter."""
+    text = re.sub(r"(?<![A-Za-z])(mA|mV|mNm|Nm|degC)(?![a-z])", lambda unit: unit[0].lower(), text)
+    text = re.sub(r"(?<=[a-z0-9])(?=[A-Z])", " ", text)
+    return re.findall(r"[A-Za-z°µ]+|\d+", text)
+
+
+def _unit(words: list[str]) -> tuple[str, int | None]:
+    """Unit that a word says, and which: the last one; a single letter only at the end, behind another word."""
+    for k in range(len(words) - 1, 0, -1):
+        word = words[k]
+        last = all(other.isdigit() for other in words[k + 1 :])
+        if word in UNITS and (word not in SINGLE or last):
+            if word == "s" and words[k - 1] in ("rad", "deg"):
+                continue
+            return UNITS[word], k
+    if len(words) == 1 and words[0] in ("ms", "seconds", "sec", "secs", "us", "ns"):
+        return UNITS[words[0]], None
+    return "", None
+
+
+def _joined(words: list[str]) -> str:
+    """Words of a joint's name; a number goes with the word before it, or with ``joint``."""
+    out = ""
+    for word in words:
+        if word.isdigit():
+            out = (out or "joint") + word
+        else:
+            out += ("_" if out else "") + word
+    return out

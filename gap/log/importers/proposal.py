@@ -1,0 +1,362 @@
+"""A mapping proposed from header and data, with the reason for each column, and questions where they do not tell."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, field, replace
+
+import numpy as np
+
+from ..types import COMMANDS, SIGNAL_UNITS, Array
+from .evidence import as_derivative, clock_units, drives, following, multiple
+from .expression import names_in, quoted
+from .mapping import Mapping, Question
+from .names import Said, said
+from .recording import Recording
+from .units import ASK, LIKELY, SURE, Read, read_alike, read_other, read_position, read_velocity
+
+ONLY_JOINT = "joint"
+VAGUE = ("motor", "servo", "joint", "axis", "arm", "pendulum", "robot")
+"""Words that name no joint where there is only one."""
+FOLLOWS = 0.5
+"""Share of a motion that another one explains, from which the two are goal and position."""
+DRIVES = 0.6
+"""Share of a column that motion explains, from which it may be a command or a torque."""
+SECONDS = {"s": 1.0, "ms": 1e-3, "us": 1e-6, "ns": 1e-9}
+CLOCK_FACTORS = {"s": "", "ms": "*1e-3", "us": "*1e-6", "ns": "*1e-9"}
+
+
+@dataclass
+class Proposal:
+    """A mapping with what is to be said of it.
+
+    Attributes:
+        columns: how each column of the log is read.
+        unused: why a column of the file is left out.
+        questions: that are open.
+        joints: names.
+        slides: joints whose position is a way.
+    """
+
+    columns: dict[str, Read] = field(default_factory=dict)
+    unused: dict[str, str] = field(default_factory=dict)
+    questions: list[Question] = field(default_factory=list)
+    slides: set[str] = field(default_factory=set)
+
+    @property
+    def joints(self) -> list[str]:
+        """Joints that have a position."""
+        return [name.rpartition(".")[0] for name in self.columns if name.endswith(".position") and "link" not in name]
+
+    def mapping(self) -> Mapping:
+        """The mapping without what it says of itself."""
+        return Mapping({name: read.text for name, read in self.columns.items()}, questions=tuple(self.questions))
+
+    def certain(self) -> Proposal:
+        """Without what is in question; a joint whose position or command is goes as a whole."""
+        open_ones = {name for question in self.questions for name in question.about}
+        kept = {name: read for name, read in self.columns.items() if name not in open_ones}
+        for joint in self.joints:
+            if f"{joint}.position" not in kept or not any(f"{joint}.{signal}" in kept for signal in COMMANDS):
+                kept = {name: read for name, read in kept.items() if name.rpartition(".")[0] != joint}
+        return Proposal(kept, self.unused, [], self.slides)
+
+
+@dataclass(frozen=True)
+class _Column:
+    """A column of the file with what its name and its format say."""
+
+    name: str
+    said: Said
+    unit: str
+    how: str
+    by_format: bool
+
+
+def propose(recordings: Sequence[Recording], unit: str | None = None) -> Proposal:
+    """Propose a mapping for recordings that have the same columns.
+
+    Args:
+        recordings: of one kind.
+        unit: of positions and goals, the answer to the question for it.
+    """
+    return _Proposer(recordings, unit).run()
+
+
+class _Proposer:
+    def __init__(self, recordings: Sequence[Recording], unit: str | None) -> None:
+        self.recordings = recordings
+        self.first = max(recordings, key=lambda recording: recording.length)
+        self.unit = unit
+        self.out = Proposal()
+        self.time = ""
+        self.groups: dict[str, dict[str, list[_Column]]] = {}
+        self.unknown: list[str] = []
+
+    def run(self) -> Proposal:
+        """All steps, in the order in which one needs the other."""
+        self.find_time()
+        self.sort_by_name()
+        self.place_unknown()
+        for joint, signals in self.groups.items():
+            if signals.get("position"):
+                self.read_joint(joint, signals)
+        self.leave_out_strays()
+        if len(self.out.joints) >= 1:
+            self.ask_for_commands()
+        return self.out
+
+    # --- the steps -------------------------------------------------------------------------------------------------
+
+    def find_time(self) -> None:
+        """The clock: by its name, else the one column that runs on."""
+        columns = self.first.columns
+        by_format = [name for name, role in self.first.roles.items() if role == "time" and name in columns]
+        named = [name for name in columns if said(name).signal == "time" and clock_units(columns[name])]
+        named.sort(key=lambda name: (said(name).joint != "", len(name)))
+        running = [name for name in columns if clock_units(columns[name]) and len(np.unique(columns[name])) > 10]
+        candidates = by_format or named or running
+        if not candidates:
+            ask = (
+                "which column is the time? None runs on in steps of a sample period. Write its expression, in seconds."
+            )
+            self.out.questions.append(Question(("time",), ask))
+            return
+        self.time = name = candidates[0]
+        for other in candidates[1:]:
+            self.out.unused[other] = f"another clock; {name} is taken"
+        spoken = self.first.units.get(name) or said(name).unit
+        possible = clock_units(columns[name])
+        step = float(np.nanmedian(np.diff(columns[name])))
+        if spoken in CLOCK_FACTORS and (spoken in possible or by_format):
+            read = Read(quoted(name) + CLOCK_FACTORS[spoken], spoken, SURE, f"in {spoken}, a sample each {step:g}")
+        elif spoken in CLOCK_FACTORS or not possible:
+            read = Read(quoted(name), "?", ASK, f"steps of {step:g} are no sample period in {spoken or 'any unit'}")
+        else:
+            unit = possible[0]
+            whole = step == 1.0 and unit != "s" and len(np.unique(np.diff(columns[name]))) == 1
+            trust = ASK if whole or not named else LIKELY
+            rate = 1.0 / (step * SECONDS[unit])
+            why = f"a sample each {step:g} is one of {rate:.4g} Hz in {unit}"
+            read = Read(
+                quoted(name) + CLOCK_FACTORS[unit], unit, trust, why + ("; or does it count samples?" if whole else "")
+            )
+        self.put("time", read)
+
+    def sort_by_name(self) -> None:
+        """Columns by joint and signal, as the format or their names say."""
+        known = {*SIGNAL_UNITS, "load"}
+        found: list[tuple[str, str, _Column]] = []
+        for name in self.first.columns:
+            if name == self.time or name in self.out.unused:
+                continue
+            role, spoken = self.first.roles.get(name), said(name)
+            unit = self.first.units.get(name, "")
+            if role and role != "time":
+                joint, _, signal = role.rpartition(".")
+                column = _Column(name, spoken, unit or spoken.unit, "the format", True)
+                found.append((joint, signal, column))
+            elif spoken.signal in known:
+                column = _Column(name, spoken, spoken.unit, "the name", False)
+                found.append((spoken.joint, spoken.signal, column))
+            elif spoken.signal == "time":
+                self.out.unused[name] = "another clock"
+            elif spoken.signal:
+                self.out.unused[name] = f"{spoken.signal}, which the log has no column for"
+            else:
+                self.unknown.append(name)
+        joints = {joint for joint, _, column in found if not column.by_format}
+        moving = {joint for joint, signal, _ in found if signal in ("position", "goal", "velocity")}
+        single = len({_plain(joint) for joint in moving}) <= 1
+        for joint, signal, column in found:
+            if not column.by_format:
+                joint = self.joint_of(joint, single, joints, moving)
+            self.groups.setdefault(joint, {}).setdefault(signal, []).append(column)
+
+    def joint_of(self, joint: str, single: bool, joints: set[str], moving: set[str]) -> str:
+        """The joint that a name's rest means."""
+        by_format = {role.rpartition(".")[0] for role in self.first.roles.values() if role != "time"}
+        if single:
+            return next(iter(by_format)) if len(by_format) == 1 else (_plain(next(iter(moving), "")) or ONLY_JOINT)
+        ends = [known for known in by_format | moving if known and joint.endswith(f"_{known}")]
+        return max(ends, key=len) if ends and joint not in moving else joint
+
+    def place_unknown(self) -> None:
+        """Columns whose names say nothing, by what their numbers do."""
+        for name in self.unknown:
+            self.out.unused[name] = self.place(name)
+        self.out.unused = {name: why for name, why in self.out.unused.items() if why}
+
+    def place(self, name: str) -> str:
+        """Put one column where its numbers belong; or say why it is not used."""
+        values = self.moved(name).columns[name]
+        if np.nanmin(values) == np.nanmax(values):
+            return "it never changes"
+        for joint, signals in self.groups.items():
+            for other in signals.get("position", []):
+                run = self.moved(other.name)
+                time, position, values = self.clock(run), run.columns[other.name], run.columns[name]
+                column = _Column(name, said(name), "", "its name", False)
+                slope = as_derivative(time, position, values)
+                if slope.fit > 0.9 and "velocity" not in signals:
+                    signals["velocity"] = [column]
+                    return ""
+                goes = following(time, values, position)
+                if goes.fit > FOLLOWS and goes.lag > 0.0 and "goal" not in signals and 0.2 < goes.scale < 5.0:
+                    signals["goal"] = [column]
+                    return ""
+                share = drives(time, position, values)
+                if share > DRIVES:
+                    self.ask_what_drives(joint, name, share)
+                    return "in question"
+        return "its name says no signal of the log, and its numbers do not go with a motion"
+
+    def ask_what_drives(self, joint: str, name: str, share: float) -> None:
+        """A column that goes with the motion as a torque does."""
+        factors = [key for key, value in self.first.facts.items() if not isinstance(value, str)]
+        near = [key for key in factors if any(word in key.lower() for word in ("tau", "torque", "force", "kt", "gain"))]
+        times = f"*{near[0]}" if near else ""
+        among = f" The file has the numbers {', '.join(factors)}." if factors else ""
+        ask = (
+            f"is {quoted(name)} what drives {joint}? Motion explains {share:.0%} of it, as of a torque or force. If it "
+            f"is its command, the line is {joint}.torque_command: {quoted(name)}{times} in N.m (slide: N).{among}"
+        )
+        read = Read(f"{quoted(name)}{times}", "?", ASK, "it goes with acceleration and speed as a torque or force does")
+        self.out.columns[f"{joint}.torque_command"] = read
+        self.out.questions.append(Question((f"{joint}.torque_command",), ask))
+
+    def read_joint(self, joint: str, signals: dict[str, list[_Column]]) -> None:
+        """The columns of one joint, their units and what they say of each other."""
+        self.untwist(joint, signals)
+        chosen = {signal: self.choose(signal, columns) for signal, columns in signals.items() if columns}
+        base = chosen["position"]
+        run = self.moved(base.name)
+        position = run.columns[base.name]
+        unit = self.unit or base.unit
+        slide = any(column.unit in ("m", "mm", "cm", "N", "m/s", "mm/s") for column in chosen.values())
+        read = read_position(base.name, position, unit, "you" if self.unit else base.how, slide)
+        if read.unit in ("m", "mm", "cm"):
+            self.out.slides.add(joint)
+        self.put(f"{joint}.position", read)
+        for signal, column in chosen.items():
+            values = run.columns[column.name]
+            if signal == "position":
+                continue
+            if signal in ("goal", "link_position"):
+                goes = following(self.clock(run), values, position)
+                other = read_alike(column.name, self.unit or _known(column.unit), column.how, read, goes)
+                if signal == "goal":
+                    other = self.check_order(other, goes.lag, goes.fit)
+                self.put(f"{joint}.{signal}", other)
+            elif signal == "velocity":
+                slope = as_derivative(self.clock(run), position, values)
+                self.put(f"{joint}.velocity", read_velocity(column.name, _known(column.unit), column.how, slope, read))
+            elif signal == "load":
+                wraps = " (65527 is -9 as a number of 16 bits: signed16(load))" if np.nanmax(values) > 32767 else ""
+                self.out.unused[column.name] = f"a register without a unit{wraps}, no torque"
+            else:
+                whole = self.moved(column.name).columns[column.name]
+                self.put(f"{joint}.{signal}", read_other(signal, column.name, whole, column.unit, column.how))
+
+    def leave_out_strays(self) -> None:
+        """Joints that have no position: shared columns such as a supply go to the only joint, others are left out."""
+        placed = {name for read in self.out.columns.values() for name in _taken(read.text, self.first)}
+        for joint, signals in self.groups.items():
+            if signals.get("position"):
+                continue
+            for signal, columns in signals.items():
+                for column in columns:
+                    only = self.out.joints[0] if len(self.out.joints) == 1 else None
+                    target = f"{only}.{signal}"
+                    if (
+                        only
+                        and signal in ("voltage", "temperature", "enabled", "current", "duty")
+                        and target not in self.out.columns
+                    ):
+                        values = self.moved(column.name).columns[column.name]
+                        self.put(target, read_other(signal, column.name, values, column.unit, column.how))
+                    elif column.name not in placed:
+                        self.out.unused[column.name] = f"{signal} of '{joint}', which has no position"
+        if not self.out.joints:
+            ask = "which column is the position of a joint? Write <joint>.position: <column>, in rad (slide: m)."
+            self.out.questions.append(Question((f"{ONLY_JOINT}.position",), ask))
+
+    def ask_for_commands(self) -> None:
+        """A joint that nothing drives is no log of a drive."""
+        for joint in self.out.joints:
+            if not any(f"{joint}.{signal}" in self.out.columns for signal in COMMANDS):
+                ask = f"what was commanded to {joint}? It needs {joint}.goal, {joint}.torque_command or {joint}.torque."
+                self.out.questions.append(Question((f"{joint}.goal",), ask))
+
+    # --- helpers ---------------------------------------------------------------------------------------------------
+
+    def put(self, name: str, read: Read) -> None:
+        """Take a column into the proposal, with its question."""
+        self.out.columns[name] = read
+        if read.trust == ASK:
+            ask = read.ask or read.why
+            same = next((q for q in self.out.questions if q.ask == ask), None)
+            if same:
+                self.out.questions[self.out.questions.index(same)] = Question((*same.about, name), ask)
+            else:
+                self.out.questions.append(Question((name,), ask))
+
+    def moved(self, name: str) -> Recording:
+        """The recording in which a column changes most."""
+        return max(self.recordings, key=lambda run: _span(run.columns[name]))
+
+    def clock(self, run: Recording) -> Array:
+        """Time of a recording [s], as far as it is known."""
+        if not self.time:
+            return np.arange(run.length) * 0.01
+        factor = SECONDS.get(self.out.columns["time"].unit, 1.0)
+        return np.asarray((run.columns[self.time] - run.columns[self.time][0]) * factor, np.float64)
+
+    def untwist(self, joint: str, signals: dict[str, list[_Column]]) -> None:
+        """``qd`` may be the derivative or the wanted one: the numbers tell."""
+        base = self.choose("position", signals["position"])
+        for column in list(signals.get("goal", [])):
+            if column.by_format or column.said.how not in ("qd", "xd", "thetad", "phid"):
+                continue
+            run = self.moved(base.name)
+            slope = as_derivative(self.clock(run), run.columns[base.name], run.columns[column.name])
+            if slope.fit > 0.9:
+                signals["goal"].remove(column)
+                signals.setdefault("velocity", []).append(column)
+
+    def choose(self, signal: str, columns: list[_Column]) -> _Column:
+        """One of several columns of the same signal: what the format says, not processed, in a unit that is said."""
+        ranked = sorted(columns, key=lambda c: (not c.by_format, c.said.filtered, c.unit in ("tick", "%"), len(c.name)))
+        best = ranked[0]
+        for other in ranked[1:]:
+            ratio = multiple(self.first.columns[best.name], self.first.columns[other.name])
+            what = f"{ratio:.6g} times {best.name}" if ratio else f"{signal} as well"
+            self.out.unused[other.name] = f"{what}{', filtered' if other.said.filtered else ''}; {best.name} is taken"
+        return best
+
+    def check_order(self, read: Read, lag: float, fit: float) -> Read:
+        """A position comes after its goal."""
+        if fit > FOLLOWS and lag < 0.0:
+            why = f"the position moves {-1e3 * lag:.0f} ms before it: are goal and position exchanged?"
+            return replace(read, trust=ASK, why=why, ask=why)
+        if fit > FOLLOWS:
+            return replace(read, why=f"{read.why}; the position follows it by {1e3 * lag:.0f} ms")
+        return read
+
+
+def _span(values: Array) -> float:
+    finite = values[np.isfinite(values)]
+    return float(np.ptp(finite)) if len(finite) else -1.0
+
+
+def _known(unit: str) -> str:
+    return "" if unit == "?" else unit
+
+
+def _plain(joint: str) -> str:
+    """A joint's name without words that name none."""
+    return "" if joint in VAGUE else joint
+
+
+def _taken(text: str, recording: Recording) -> list[str]:
+    return [name for name in names_in(text) if name in recording.columns]

@@ -1,0 +1,74 @@
+"""A foreign recording in memory: its columns as they are called there, and what else the file says."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import yaml
+
+from ..types import Array, LogError
+
+
+@dataclass(frozen=True, eq=False)
+class Recording:
+    """One run as its file has it.
+
+    Attributes:
+        name: of the run, a plain file name.
+        columns: by their names in the file, each of shape (n,).
+        facts: single numbers and words of the file or of a file beside it: mass, gains, names.
+        source: file it was read from.
+        kind: of the file: ``table``, ``bam``, ``lerobot``, ``ros``, ``matlab``.
+        roles: what the format itself says of a column: ``joint.signal`` or ``time`` by column name.
+        notes: what the reader did, for people.
+        units: what the format itself says of a column's unit, by column name.
+    """
+
+    name: str
+    columns: dict[str, Array]
+    source: Path
+    kind: str
+    facts: dict[str, float | str] = field(default_factory=dict)
+    roles: dict[str, str] = field(default_factory=dict)
+    notes: tuple[str, ...] = ()
+    units: dict[str, str] = field(default_factory=dict)
+
+    @property
+    def length(self) -> int:
+        """Samples."""
+        return len(next(iter(self.columns.values()), ()))
+
+
+def facts_beside(path: Path) -> dict[str, float | str]:
+    """Numbers and words of ``<name>.meta.json`` or ``<name>.json`` beside a table; none where there is no such file.
+
+    Raises:
+        LogError: the file is there and is no mapping.
+    """
+    for ending in (".meta.json", ".meta.yaml", ".json"):
+        beside = path.with_suffix(ending)
+        if beside == path or not beside.is_file():
+            continue
+        try:
+            text = beside.read_text(encoding="utf-8")
+            content = json.loads(text) if ending.endswith("json") else yaml.safe_load(text)
+        except (OSError, ValueError, yaml.YAMLError) as error:
+            raise LogError(f"{beside}: cannot be read: {str(error).splitlines()[0]}; correct or remove it.") from None
+        if not isinstance(content, Mapping):
+            raise LogError(f"{beside}: must be a mapping of names to numbers; correct or remove it.")
+        return plain_facts(content)
+    return {}
+
+
+def plain_facts(content: Mapping[str, Any]) -> dict[str, float | str]:
+    """The entries of a mapping that are single numbers or words."""
+    return {
+        str(key): value if isinstance(value, str) else float(value)
+        for key, value in content.items()
+        if isinstance(value, int | float | str | np.integer | np.floating) and not isinstance(value, bool)
+    }

@@ -1,0 +1,141 @@
+"""Sidecars of imported logs: what the file says of the machine, and blanks with what belongs into them."""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+from typing import Any
+
+import yaml
+
+from ....actuators.chain import LIBRARY, load_chain
+from ..sidecar import Sidecar, sidecar_text
+from ..types import MeasuredRun
+from .proposal import Proposal
+from .recording import Recording
+
+DUTY_PER_KP = {
+    "mx64": ("0.158", 0.9625),
+    "mx106": ("0.158", 0.9625),
+    "xl320": ("0.05048199", 1.0),
+    "sts3215": ("0.166", 0.97),
+    "xl330": ("4096/(2*pi)/256/885", 1.0),
+}
+"""By motor of a BAM recording: duty per rad and unit of its register P, and largest duty.
+
+Source: actuator classes of github.com/Rhoban/bam (MX, XL-320, STS3215: measured there with an oscilloscope); XL330:
+control table of its maker, duty = P error_ticks / 256 / 885, which its recordings follow to a count.
+"""
+UNMEASURED = {
+    "unknown": ["zero", "friction", "armature"],
+    "notes": "Neither the mass of the pendulum's rod was recorded (arm_mass 0 is a placeholder) nor where the "
+    "encoder's zero is.",
+}
+BLANK_ROBOT = """\
+robot:  # FILL IN: bench (a mass on the shaft), or the file of your robot's model: my_arm.yaml, .xml, .urdf
+# robot_params: {mass: 0.5, length: 0.12, arm_mass: 0.03}   # of a bench [kg], [m], [kg]; mass: 0 is an empty shaft
+"""
+BLANK_ACTUATORS = """\
+actuators:  # FILL IN: what drives each joint: a name such as sts3215, bam:fit.json, or a list of stages
+"""
+
+
+def proposed_sidecar(
+    recordings: Sequence[Recording], proposal: Proposal, robot: str | None, actuator: str | None
+) -> dict[str, Any]:
+    """The sidecar that files and answers give; what nobody says is left out."""
+    first = recordings[0]
+    facts, joints = first.facts, proposal.joints
+    sidecar: dict[str, Any] = {}
+    pendulum = {"mass", "length"} <= facts.keys() and len(joints) == 1
+    if robot or pendulum:
+        sidecar["robot"] = robot or "bench"
+    if pendulum and sidecar["robot"] == "bench":
+        given = {key: f"${{{key}}}" for key in ("mass", "length", "arm_mass") if key in facts}
+        sidecar["robot_params"] = {"arm_mass": 0.0, **given}
+    driven = [joint for joint in joints if f"{joint}.goal" in proposal.columns]
+    if actuator:
+        sidecar["actuators"] = dict.fromkeys(joints, actuator)
+    elif first.kind in ("bam", "table") and pendulum and driven and (chain := _bam_chain(facts)):
+        sidecar["actuators"] = {driven[0]: chain}
+    if "kp" in facts and pendulum:
+        sidecar["group"] = "kp${kp}"
+    machine = facts.get("motor") or facts.get("robot_type")
+    if machine and isinstance(machine, str):
+        sidecar["machine"] = machine
+    if units := {f"{joint}.{signal}": "m" for joint in sorted(proposal.slides) for signal in ("position", "goal")
+                 if f"{joint}.{signal}" in proposal.columns}:  # fmt: skip
+        sidecar["units"] = units
+    if pendulum and sidecar.get("robot") == "bench" and "arm_mass" not in facts:
+        sidecar["notes"] = UNMEASURED["notes"]
+        sidecar["meta"] = {"unknown": UNMEASURED["unknown"]}
+    return sidecar
+
+
+def _bam_chain(facts: Mapping[str, float | str]) -> list[dict[str, Any]] | None:
+    """The shipped chain of a motor with gain and supply of its recording; None where it is not known."""
+    motor, path = facts.get("motor"), LIBRARY / f"{facts.get('motor')}.yaml"
+    if not isinstance(motor, str) or motor not in DUTY_PER_KP or not path.is_file() or "kp" not in facts:
+        return None
+    per_kp, limit = DUTY_PER_KP[motor]
+    stages = yaml.safe_load(path.read_text(encoding="utf-8"))
+    for stage in stages:
+        if "position_p" in stage:
+            stage["position_p"] = {**stage["position_p"], "gain": f"${{kp*{per_kp}}}"}
+        if "duty_limit" in stage:
+            stage["duty_limit"] = {"limit": limit}
+        if "supply" in stage and "vin" in facts:
+            stage["supply"] = {**stage["supply"], "volts": "${vin}"}
+    return stages
+
+
+def folder_and_own(runs: Sequence[MeasuredRun]) -> tuple[dict[str, Any], list[dict[str, Any]]]:
+    """What all sidecars say, for ``log.yaml``, and what each says beyond it."""
+    contents = [yaml.safe_load(sidecar_text(Sidecar(r.robot, r.robot_params, r.actuators, r.meta))) for r in runs]
+    shared = {key: value for key, value in contents[0].items() if all(other.get(key) == value for other in contents)}
+    own = [{key: value for key, value in content.items() if key not in shared} for content in contents]
+    for content, run in zip(own, runs, strict=True):
+        content["meta"] = {**content.get("meta", {}), "imported_from": str(run.source)}
+    return shared, own
+
+
+def text_with_blanks(content: Mapping[str, Any], runs: Sequence[MeasuredRun]) -> str:
+    """A folder's sidecar with a line for each thing that must be filled in, and what belongs there."""
+    lines = ["# What holds for every log of this folder (docs: Measured log). FILL IN marks what the files do not say."]
+    known = {key: value for key, value in content.items() if value not in ("", {}, None)}
+    everywhere = set().union(*(own.actuators for own in runs))
+    joints = list(runs[0].joints)
+    if "robot" not in known and not all(run.robot for run in runs):
+        lines.append(BLANK_ROBOT.rstrip())
+    missing = [joint for joint in joints if joint not in everywhere]
+    text = yaml.safe_dump(known, sort_keys=False, allow_unicode=True) if known else ""
+    if missing and not everywhere:
+        text += BLANK_ACTUATORS + "".join(f"  # {joint}: sts3215\n" for joint in missing)
+    return "\n".join(lines) + "\n" + text
+
+
+def blanks(runs: Sequence[MeasuredRun]) -> list[str]:
+    """What must be filled in before the logs can be diagnosed."""
+    run = runs[0]
+    out = [] if run.robot else ["robot"]
+    driven = [joint for joint, log in run.joints.items() if log.goal is not None and joint not in run.actuators]
+    return out + (["actuators"] if driven else [])
+
+
+def beside(robot: str | None, out: Path) -> str | None:
+    """A robot's file as its path from the folder of the logs; a name as it is."""
+    if robot and Path(robot).is_file():
+        return os.path.relpath(Path(robot).resolve(), out.resolve())
+    return robot
+
+
+def checked_actuator(actuator: str | None) -> str | None:
+    """The word for a chain.
+
+    Raises:
+        SealegsError: there is no such chain.
+    """
+    if actuator is not None:
+        load_chain(actuator)
+    return actuator
