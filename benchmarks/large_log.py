@@ -56,6 +56,7 @@ def goals(kind: str, t: np.ndarray, rng: np.random.Generator) -> np.ndarray:
 def stretches(rows: int, seed: int = 0) -> Iterator[dict[str, np.ndarray]]:
     """Columns of the log, a stretch of motion at a time."""
     from sealegs.actuators import load_chain
+    from sealegs.gap.replay.free import NO_TERMS
     from sealegs.gap.replay.simulator import replay
 
     joint = JointModel(load_chain(CHAIN)).with_values(HIDDEN)
@@ -72,7 +73,7 @@ def stretches(rows: int, seed: int = 0) -> Iterator[dict[str, np.ndarray]]:
         goal = held + ramp * (goals(kind, np.minimum(t, STRETCH - STILL), rng) - held)
         out = np.empty((count, 4))
         warm = np.full(count, 30.0)
-        replay(program.copy(), constants, t, goal, np.ones(count, bool), warm, state, 0.0, 5e-4, out)
+        replay(program.copy(), constants, NO_TERMS, t, goal, np.ones(count, bool), warm, state, 0.0, 5e-4, out)
         state, held = float(out[-1, 0]), float(goal[-1])
         reading = TICK * np.round((out[:, 0] + rng.normal(0.0, NOISE, count)) / TICK)
         current = 0.0065 * np.round((out[:, 3] + rng.normal(0.0, 0.0065, count)) / 0.0065)

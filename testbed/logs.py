@@ -8,6 +8,7 @@ from typing import Any, ParamSpec
 import numpy as np
 from sealegs.gap.log.types import JointLog, MeasuredRun, MeasuredSet
 
+from .arm import record_arm
 from .bench import JOINT, nominal_chain, record_again, record_bench
 from .hopper import record_hopper
 from .recording import Recording
@@ -44,6 +45,7 @@ def as_logs(
 
 hidden_bench = as_logs(record_bench)
 hidden_hopper = as_logs(record_hopper)
+hidden_arm = as_logs(record_arm)
 
 
 def run_again(

@@ -75,6 +75,7 @@ ADJUSTABLE: dict[str, tuple[str, ...]] = {
     "dc_motor": ("motor_constant", "resistance", "armature"),
     "regression": ("armature",),
     "ideal": ("stiffness", "damping", "armature"),
+    "torque_drive": ("gain", "armature"),
     "friction": ("coulomb", "viscous", "stribeck", "load"),
     "spring": ("damping",),
 }

@@ -152,12 +152,15 @@ def thermal(nominal: JointModel) -> Cause:
     )
 
 
-@entry("drive.motor_constant", has("dc_motor"))
+@entry("drive.motor_constant", has_any("dc_motor", "torque_drive"))
 def motor_constant(nominal: JointModel) -> Cause:
-    del nominal
+    motor = nominal.chain.find("dc_motor") is not None
+    path = "dc_motor.motor_constant" if motor else "torque_drive.gain"
     return Cause(
-        sentence="Torque per current and back-EMF differ from the data sheet.",
+        sentence="Torque per current and back-EMF differ from the data sheet."
+        if motor
+        else "The drive gives more or less torque than it is commanded.",
         picture="response",
-        variants=((factor("dc_motor.motor_constant", 0.3, 3.0),),),
+        variants=((factor(path, 0.3, 3.0),),),
         error=True,
     )

@@ -2,9 +2,10 @@
 
 from __future__ import annotations
 
+from ..load.tree import TreeLoad
 from ..replay.joint_model import JointModel
 from ..replay.parameters import Parameter
-from .cause import Cause, Limit, Needs
+from .cause import Cause, Limit, Needs, Variant
 from .registry import entry
 
 CLAIMED = Needs(free_link=True, claimed_load=True)
@@ -12,12 +13,14 @@ CLAIMED = Needs(free_link=True, claimed_load=True)
 
 @entry("load.mass")
 def mass(nominal: JointModel) -> Cause:
-    del nominal
     share = Parameter("load.mass_factor", "1", 0.2, 6.0, 1.0, 0.1, logarithmic=True)
+    variants: tuple[Variant, ...] = ((share,),)
+    if isinstance(nominal.load, TreeLoad):  # all that hangs behind the joint, or something at the end of it
+        variants += ((Parameter("load.payload", "kg", -2.0, 20.0, 0.0, 0.05),),)
     return Cause(
         sentence="The load is lighter or heavier than believed.",
         picture="residual_against_position",
-        variants=((share,),),
+        variants=variants,
         error=True,
         needs=CLAIMED,
         degenerates_to=Limit("load.centre_of_mass", "one load hangs on one arm and moves slowly"),
@@ -26,8 +29,10 @@ def mass(nominal: JointModel) -> Cause:
 
 @entry("load.inertia")
 def inertia(nominal: JointModel) -> Cause:
-    del nominal
     extra = Parameter("load.extra_inertia", "kg.m2", 0.0, 0.5, 0.002, 0.002)
+    if isinstance(nominal.load, TreeLoad):
+        whole = nominal.load.typical_inertia + nominal.chain.armature()
+        extra = Parameter("load.extra_inertia", "kg.m2", 0.0, 20.0 * whole, 0.1 * whole, 0.1 * whole)
     return Cause(
         sentence="The load has more inertia than its mass and length give.",
         picture="response",

@@ -24,7 +24,9 @@ class Entry:
 
     def cause(self, nominal: JointModel) -> Cause:
         """The cause of a joint that can have it."""
-        return replace(self.make(nominal), name=self.name)
+        cause, axis = self.make(nominal), nominal.axis
+        variants = tuple(tuple(axis.scaled(parameter) for parameter in variant) for variant in cause.variants)
+        return replace(cause, name=self.name, variants=variants)
 
 
 ENTRIES: dict[str, Entry] = {}
@@ -86,7 +88,7 @@ def number(nominal: JointModel, path: str, unit: str, low: float, high: float, s
 
 
 def stall_torque(nominal: JointModel) -> float:
-    """Stall torque of the joint [N.m], the yardstick for starts and bounds."""
+    """Stall torque of the joint [N.m], or the largest that was commanded: the yardstick for starts and bounds."""
     chain = nominal.chain
     motor, supply = chain.find("dc_motor"), chain.find("supply")
     if motor is not None and supply is not None:
@@ -94,5 +96,5 @@ def stall_torque(nominal: JointModel) -> float:
     if (regression := chain.find("regression")) is not None:
         return abs(regression.duty_torque) * chain.gear_ratio()
     if (ideal := chain.find("ideal")) is not None:
-        return min(ideal.torque_limit, ideal.stiffness * math.pi / 4)
-    return 1.0
+        return min(ideal.torque_limit, ideal.stiffness * nominal.axis.reach * math.pi / 4)
+    return nominal.axis.effort or 1.0

@@ -13,6 +13,15 @@ class Load(Protocol):
     run's load (``params``) are what its sidecar says; a run without any moves as measured.
     """
 
+    @property
+    def tree(self) -> bool:
+        """Whether what it does changes along the log, as that of a joint of a robot does."""
+        ...
+
+    def known(self, params: Mapping[str, float], /) -> bool:
+        """Whether a run with these parameters says what the load is; else it moves as measured."""
+        ...
+
     def inertia(self, params: Mapping[str, float], /) -> float:
         """Inertia about the joint [kg.m2]."""
         ...

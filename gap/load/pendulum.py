@@ -30,6 +30,15 @@ class PendulumLoad:
     stop_angle: float = math.inf
     lower_stop: float = -math.inf
 
+    @property
+    def tree(self) -> bool:
+        """Whether what it does changes along the log: it hangs on nothing else that moves."""
+        return False
+
+    def known(self, params: Mapping[str, float]) -> bool:
+        """Whether a run says what hangs there."""
+        return bool(params)
+
     def numbers(self, params: Mapping[str, float]) -> dict[str, float]:
         """Numbers of the bench that carries this, where ``params`` are those of the one that its sidecar describes."""
         believed = completed(params)

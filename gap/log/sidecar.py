@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any
 
@@ -49,7 +49,20 @@ def read_sidecar(log: Path) -> Sidecar:
         for key, value in _load_mapping(path).items():
             both = isinstance(value, dict) and isinstance(merged.get(key), dict)
             merged[key] = merged[key] | value if both else value
-    return checked_sidecar(merged, sources[-1])
+    found = checked_sidecar(merged, sources[-1])
+    return replace(found, robot=_beside(found.robot, log.parent))
+
+
+ROBOT_FILES = (".xml", ".mjcf", ".urdf", ".yaml", ".yml")
+"""Endings of a robot that is a file beside the log, not one of the collection's own."""
+
+
+def _beside(robot: str, folder: Path) -> str:
+    """The path of a robot's file that is named as it lies beside the log; any other robot as it is."""
+    path = Path(robot)
+    if path.suffix.lower() not in ROBOT_FILES or path.is_absolute():
+        return robot
+    return str((folder / path).resolve() if (folder / path).is_file() else path)
 
 
 def sidecar_text(sidecar: Sidecar) -> str:

@@ -4,11 +4,13 @@ from __future__ import annotations
 
 from typing import Any, NamedTuple
 
+from ...envs.bench.stops import STOP_DAMPING, STOP_STIFFNESS
+
 
 class Constants(NamedTuple):
     """Numbers of one joint and run, in the order of the array that the compiled loops take."""
 
-    inertia: float  # of the link [kg.m2]
+    inertia: float  # of the link [kg.m2]; of a joint of a robot, beyond that of its terms
     gravity: float  # torque at a quarter turn [N.m]
     motor_inertia: float  # armature [kg.m2]
     viscous: float  # [N.m.s/rad]
@@ -25,6 +27,12 @@ class Constants(NamedTuple):
     reference: float = 0.0  # temperature at which nothing is lost [degC]
     motor: float = 0.0  # where the motor constant stands in the program; 0: it does not change
     constant: float = 0.0  # motor constant at the reference [N.m/A]
+    tree: float = 0.0  # 1: a hinge, 2: a slide of a robot whose other joints move as measured; its terms are given
+    mass: float = 1.0  # factor on what hangs behind the joint
+    payload: float = 0.0  # at its end [kg]
+    shift: float = 0.0  # of the centre of mass of the joint's own body, away from the joint [m]
+    stop_stiffness: float = STOP_STIFFNESS  # [N.m/rad]
+    stop_damping: float = STOP_DAMPING  # [N.m.s/rad]
 
 
 K: Any = Constants(*range(len(Constants._fields)))

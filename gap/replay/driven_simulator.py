@@ -18,6 +18,7 @@ from ...actuators.stages.friction import REST_SPEED
 from .compiled import compiled
 from .constants import K
 from .simulator import coupling_torque, drive, host_reading_smooth, joint_state, slide
+from .terms import E_SIZE
 
 CHANNELS = ("position", "torque", "duty", "current")
 
@@ -39,6 +40,7 @@ def replay_driven(p, k, time, goal, on, temperature, link, q0, w0, step, out):
     """
     s = np.zeros(int(p[P_STATE_SIZE]))
     x = np.empty(4)
+    nothing = np.zeros(E_SIZE)  # that the link, which moves as measured, works against
     coupled = k[K.coupled] > 0.0
     q0, w0 = joint_state(p, k, q0, w0)
     x[0], x[1], x[2], x[3] = q0, w0, link[0, 0], link[0, 1]
@@ -89,7 +91,7 @@ def replay_driven(p, k, time, goal, on, temperature, link, q0, w0, step, out):
                 if at > time[j]:
                     advance(p, s, at)
                 if coupled:
-                    slide(p, k, s, x, at, span, goal[j], on[j], at > time[j])
+                    slide(p, k, nothing, s, x, at, span, goal[j], on[j], at > time[j])
                 elif at > time[j]:
                     drive(p, k, s, at, goal[j], on[j], x[0], x[1], 0.0, True)
             now = end

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import ClassVar, Literal
 
 import numpy as np
@@ -14,6 +14,9 @@ from .joint_model import JointModel
 from .joint_replay import JointReplay
 from .layout import lay_out
 from .simulator import CHANNELS, replay_many
+from .terms import T_COLUMNS
+
+NO_TERMS = np.zeros((0, T_COLUMNS))
 
 
 @dataclass(frozen=True, eq=False)
@@ -21,10 +24,17 @@ class FreeProblem(JointReplay):
     """Units of one joint whose load is known; a :class:`sealegs.gap.replay.problem.JointProblem`.
 
     The channels are :data:`sealegs.gap.replay.simulator.CHANNELS`.
+
+    Attributes:
+        terms: of a joint of a robot, what it works against at the samples (n, T_COLUMNS)
+            (:mod:`sealegs.gap.replay.terms`); None of a bench.
     """
+
+    terms: np.ndarray | None = field(default=None, kw_only=True)
 
     by_sample: ClassVar[tuple[int, ...]] = (0, 1)
     by_group: ClassVar[tuple[int, ...]] = (2, 3)
+    per_sample: ClassVar[tuple[str, ...]] = (*JointReplay.per_sample, "terms")
 
     @property
     def kind(self) -> Literal["free"]:
@@ -39,7 +49,7 @@ class FreeProblem(JointReplay):
     @property
     def signal(self) -> tuple[str, str]:
         """The first channel, which is judged sample by sample, and its unit."""
-        return "position", "rad"
+        return "position", self.models[0].axis.unit("rad")
 
     def replay(
         self,
@@ -53,7 +63,8 @@ class FreeProblem(JointReplay):
     ) -> None:
         """As the torques on the link say."""
         time, goal, on, temperature = self.time[rows], self.goal[rows], self.on[rows], self.temperature[rows]
-        replay_many(programs, constants, time, goal, on, temperature, starts, states, steps, out)
+        terms = NO_TERMS if self.terms is None else self.terms[rows]
+        replay_many(programs, constants, terms, time, goal, on, temperature, starts, states, steps, out)
 
 
 def free_problem(
@@ -62,6 +73,7 @@ def free_problem(
     models: Sequence[JointModel],
     units: Sequence[Unit],
     weight: Mapping[str, float],
+    terms: Sequence[np.ndarray] | None = None,
 ) -> FreeProblem:
     """Lay the runs of one joint out for free replay.
 
@@ -69,11 +81,12 @@ def free_problem(
         runs, units: of :func:`sealegs.gap.log.parts.cut`.
         models: nominal joint of each run.
         weight: one over the noise, by channel; channels without one do not count.
+        terms: of a joint of a robot, of each run (samples, T_COLUMNS).
 
     Raises:
         LogError: the joint has no commands.
     """
-    laid = lay_out(runs, joint, units)
+    laid = lay_out(runs, joint, units, models[0].by_torque)
     return FreeProblem(
         units=laid.units,
         params=laid.params,
@@ -90,4 +103,5 @@ def free_problem(
         group=laid.group,
         trust=np.ones((len(laid.time), len(CHANNELS))),
         models=tuple(models),
+        terms=None if terms is None else np.concatenate([terms[u.run][u.start : u.stop] for u in laid.units]),
     )

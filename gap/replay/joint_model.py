@@ -14,10 +14,11 @@ import numpy as np
 
 from ...actuators.chain import Chain
 from ...actuators.layout import P_VISCOUS
-from ...actuators.stages import STAGES, Stage
+from ...actuators.stages import STAGES, Quantity, Stage
 from ...actuators.stages.base import ChainError
 from ..load.load import Load
 from ..load.pendulum import PendulumLoad
+from .axis import ROTATION, Axis
 from .constants import Constants
 from .parameters import Parameter, Target, absolute, address
 
@@ -31,7 +32,7 @@ class JointModel:
     """A joint: chain, load, and what the host's log does to the reading.
 
     ``unknown`` are numbers that nobody measured (:mod:`sealegs.gap.causes.unknown`): every fit turns them, and none is
-    a finding.
+    a finding. ``axis`` is what kind of joint it is, and how much it moves and is driven.
     """
 
     chain: Chain
@@ -39,6 +40,12 @@ class JointModel:
     host_offset: float = 0.0
     host_scale: float = 1.0
     unknown: tuple[Parameter, ...] = ()
+    axis: Axis = ROTATION
+
+    @property
+    def by_torque(self) -> bool:
+        """Whether it is commanded by a torque (or force), not by a position."""
+        return self.chain.command == Quantity.TORQUE
 
     def value(self, path: str) -> float:
         """A parameter by path: ``stage.parameter``, ``load.*``, ``host.*`` or ``gear_ratio.factor`` (1 by
@@ -61,7 +68,7 @@ class JointModel:
         at = address(path)
         stage = self.chain.find(at.owner)
         fields = dataclasses.fields(stage) if stage is not None else ()
-        return next((item.metadata.get("unit", "1") for item in fields if item.name == at.key), "1")
+        return self.axis.unit(next((item.metadata.get("unit", "1") for item in fields if item.name == at.key), "1"))
 
     def with_values(self, values: Mapping[str, float]) -> JointModel:
         """The joint with parameters set by path; stages that are missing are added where they belong.
@@ -105,6 +112,7 @@ class JointModel:
             host.get("host_offset", self.host_offset),
             host.get("host_scale", self.host_scale),
             self.unknown,
+            self.axis,
         )
 
     def with_fitted(self, values: Mapping[str, float]) -> JointModel:
@@ -128,10 +136,13 @@ class JointModel:
                 f"{chain.label}: its 'spring' has an inertia of its own, a third body that the replay of a joint does "
                 "not simulate; give the chain a spring without inertia."
             )
-        lower_stop, upper_stop = self.load.stops(params)
+        load = self.load
+        lower_stop, upper_stop = load.stops(params)
+        known = load.known(params)
+        inertia = load.inertia(params) if known else IMMOVABLE
         numbers = Constants(
-            inertia=self.load.inertia(params) if params else IMMOVABLE,
-            gravity=self.load.gravity_torque(params) if params else 0.0,
+            inertia=inertia,
+            gravity=load.gravity_torque(params) if known else 0.0,
             motor_inertia=max(chain.armature(), 1e-7),
             viscous=float(program[P_VISCOUS]),
             host_offset=self.host_offset,
@@ -148,7 +159,19 @@ class JointModel:
                 motor=motor,
                 constant=program[motor] / chain.magnetisation(),
             )
-        return np.array(numbers._replace(**self._coupling(numbers)), float)
+        numbers = numbers._replace(**self._coupling(numbers))
+        if load.tree:  # its inertia and gravity come with its terms
+            numbers = numbers._replace(
+                inertia=load.value("extra_inertia"),
+                gravity=0.0,
+                tree=2.0 if self.axis.slide else 1.0,
+                mass=load.value("mass_factor"),
+                payload=load.value("payload"),
+                shift=load.value("centre_shift"),
+                stop_stiffness=self.axis.stop_stiffness,
+                stop_damping=self.axis.stop_damping,
+            )
+        return np.array(numbers, float)
 
     def _coupling(self, numbers: Constants) -> dict[str, float]:
         """Of :class:`Constants`, what lies between motor and link."""

@@ -118,7 +118,7 @@ class JointReplay(ABC):
             units=kept.units,
             starts=kept.starts,
             states=self.states[list(kept.numbers)],
-            **{name: getattr(self, name)[kept.rows] for name in self.per_sample},
+            **{name: values[kept.rows] for name in self.per_sample if (values := getattr(self, name)) is not None},
         )
 
     def coarsened(self, factor: float) -> Self:

@@ -28,7 +28,8 @@ class Layout:
     Attributes:
         units: pieces of runs, by run and start.
         params: bench parameters of each run; empty where the link is driven.
-        time, goal, on, temperature: samples of all units one behind the other (n,) [s, rad, 1, degC].
+        time, goal, on, temperature: samples of all units one behind the other (n,) [s, rad, 1, degC]; the goal is what
+            is commanded, a torque [N.m] where the chain takes one.
         starts: first sample of each unit and the end of the last (u + 1,).
         states: position and speed of the units at their start (u, 2) [rad, rad/s].
         measured: channels as :data:`sealegs.gap.replay.simulator.CHANNELS` (n, 4), NaN where not logged.
@@ -51,12 +52,13 @@ class Layout:
     group: np.ndarray
 
 
-def lay_out(runs: Sequence[MeasuredRun], joint: str, units: Sequence[Unit]) -> Layout:
+def lay_out(runs: Sequence[MeasuredRun], joint: str, units: Sequence[Unit], by_torque: bool = False) -> Layout:
     """Lay the runs of one joint out.
 
     Args:
         runs, units: of :func:`sealegs.gap.log.parts.cut`.
         joint: its name.
+        by_torque: whether it is commanded by a torque (or force), not by a position.
 
     Raises:
         LogError: the joint has no commands.
@@ -66,12 +68,14 @@ def lay_out(runs: Sequence[MeasuredRun], joint: str, units: Sequence[Unit]) -> L
     starts, blocks, groups = [0], 0, 0
     for unit in units:
         log, clock = runs[unit.run].joints[joint], runs[unit.run].time
-        if log.goal is None:
-            raise LogError(f"{runs[unit.run].name}: joint '{joint}' has no goal to replay.")
+        command = log.torque_command if by_torque else log.goal
+        if command is None:
+            missing = f"'{joint}.torque_command', which its chain takes" if by_torque else "goal to replay"
+            raise LogError(f"{runs[unit.run].name}: joint '{joint}' has no {missing}.")
         part = slice(unit.start, unit.stop)
         count = unit.stop - unit.start
         time.append(clock[part] - clock[0])
-        goal.append(log.goal[part])
+        goal.append(command[part])
         on.append(np.ones(count, bool) if log.enabled is None else log.enabled[part] > 0.5)
         warm = np.full(count, ROOM) if log.temperature is None else log.temperature[part]
         temperature.append(_without_gaps(clock[part], warm))

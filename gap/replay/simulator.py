@@ -1,4 +1,4 @@
-"""A joint on a bench, simulated in a plain compiled loop with the very laws that run in the engine.
+"""A joint on a bench or of a robot, simulated in a plain compiled loop with the very laws that run in the engine.
 
 It exists for speed: a search replays a log thousands of times, and this costs tens of nanoseconds a step. Dry
 friction is resolved
@@ -16,9 +16,9 @@ import numpy as np
 from ...actuators.law import advance, begin, host_reading, idle_torque, torque
 from ...actuators.layout import P_LATENCY, P_OFFSET, P_SCALE, P_STATE_SIZE, P_TICKS, S_CURRENT, S_DUTY, S_LIMIT, S_TIME
 from ...actuators.stages import STAGES
-from ...envs.bench.stops import STOP_DAMPING, STOP_STIFFNESS
 from .compiled import compiled
 from .constants import K
+from .terms import E_BIAS, E_CURVE, E_DRAG, E_INERTIA, E_POSITION, E_SIZE, E_SLOPE, E_SPEED, T_OWN, T_SIZE
 
 ELASTIC_STEP = 1e-3  # [s] largest step with a spring between motor and link, whose frequency bounds it
 # [s] with play, whose teeth meet for a few milliseconds, and with firmware that switches: it must when the machine does
@@ -28,13 +28,38 @@ CHANNELS = ("position", "link_position", "duty", "current")
 
 
 @compiled()
-def load_torque(k, q, w):
-    """Torque of gravity and stop on the link [N.m]."""
-    value = -k[K.gravity] * math.sin(q)
+def combine(k, row, e):
+    """Fill what a joint of a robot works against at one sample (E_SIZE,) from its terms there (T_COLUMNS,)."""
+    e[E_POSITION], e[E_SPEED] = row[0], row[1]
+    for c in range(T_SIZE):
+        e[T_OWN + c] = (
+            k[K.mass] * row[T_OWN + c]
+            + k[K.payload] * row[T_OWN + T_SIZE + c]
+            + k[K.shift] * row[T_OWN + 2 * T_SIZE + c]
+        )
+
+
+@compiled()
+def load_torque(k, e, q, w):
+    """Torque of all but the actuator and the link's own acceleration on the link [N.m]: gravity and stop; of a joint of
+    a robot also what its other joints do to it (``e``, see :func:`combine`).
+
+    Around the measured motion, what changes with the angle of a hinge is taken for one period a turn, which is exact of
+    gravity and right to the second order of the rest.
+    """
+    if k[K.tree] == 0.0:
+        value = -k[K.gravity] * math.sin(q)
+    else:
+        away = q - e[E_POSITION]
+        value = -e[E_BIAS] - e[E_DRAG] * (w - e[E_SPEED])
+        if k[K.tree] == 1.0:
+            value -= e[E_SLOPE] * math.sin(away) + e[E_CURVE] * (1.0 - math.cos(away))
+        else:
+            value -= e[E_SLOPE] * away
     if q > k[K.stop]:
-        value -= max(STOP_STIFFNESS * (q - k[K.stop]) + STOP_DAMPING * w, 0.0)
+        value -= max(k[K.stop_stiffness] * (q - k[K.stop]) + k[K.stop_damping] * w, 0.0)
     elif q < k[K.lower_stop]:
-        value -= min(STOP_STIFFNESS * (q - k[K.lower_stop]) + STOP_DAMPING * w, 0.0)
+        value -= min(k[K.stop_stiffness] * (q - k[K.lower_stop]) + k[K.stop_damping] * w, 0.0)
     return value
 
 
@@ -61,27 +86,28 @@ def drive(p, k, s, time, goal, on, q, w, external, first):
 
 
 @compiled()
-def slide(p, k, s, x, time, span, goal, on, first):
+def slide(p, k, e, s, x, time, span, goal, on, first):
     """Advance motor and link ``x = [q, w, link q, link w]`` by ``span`` seconds.
 
     Midpoint rule, split where the motor stops.
     """
     coupled = k[K.coupled] > 0.0
-    inertia = k[K.motor_inertia] if coupled else k[K.motor_inertia] + k[K.inertia]
+    link_inertia = k[K.inertia] + e[E_INERTIA]
+    inertia = k[K.motor_inertia] if coupled else k[K.motor_inertia] + link_inertia
     left = span
     for _ in range(6):
         q, w, lq, lw = x[0], x[1], x[2], x[3]
-        external = -coupling_torque(k, q - lq, w - lw) if coupled else load_torque(k, q, w)
+        external = -coupling_torque(k, q - lq, w - lw) if coupled else load_torque(k, e, q, w)
         total = drive(p, k, s, time, goal, on, q, w, external, first) + external
         first = False
         limit = s[S_LIMIT]
-        la = (load_torque(k, lq, lw) - external) / k[K.inertia] if coupled else 0.0
+        la = (load_torque(k, e, lq, lw) - external) / link_inertia if coupled else 0.0
         if w == 0.0 and abs(total) <= limit:
             if not coupled:
                 return
             # the motor holds while the link swings on its spring
             mid, mid_w = lq + 0.5 * left * lw, lw + 0.5 * left * la
-            la = (load_torque(k, mid, mid_w) + coupling_torque(k, q - mid, -mid_w)) / k[K.inertia]
+            la = (load_torque(k, e, mid, mid_w) + coupling_torque(k, q - mid, -mid_w)) / link_inertia
             x[2], x[3] = lq + left * mid_w, lw + left * la
             return
         way = 1.0 if (w > 0.0 or (w == 0.0 and total > 0.0)) else -1.0
@@ -93,10 +119,10 @@ def slide(p, k, s, x, time, span, goal, on, first):
         if coupled:
             lq_mid, lw_mid = lq + half * lw, lw + half * la
             external = -coupling_torque(k, q_mid - lq_mid, w_mid - lw_mid)
-            la = (load_torque(k, lq_mid, lw_mid) - external) / k[K.inertia]
+            la = (load_torque(k, e, lq_mid, lw_mid) - external) / link_inertia
         else:
             lq_mid, lw_mid = 0.0, 0.0
-            external = load_torque(k, q_mid, w_mid)
+            external = load_torque(k, e, q_mid, w_mid)
         total = drive(p, k, s, time + half, goal, on, q_mid, w_mid, external, False) + external
         a = (total - way * s[S_LIMIT]) / inertia
         w_new = w + left * a
@@ -126,12 +152,13 @@ def joint_state(p, k, reading, speed):
 
 
 @compiled()
-def replay(p, k, time, goal, on, temperature, q0, w0, step, out):
+def replay(p, k, terms, time, goal, on, temperature, q0, w0, step, out):
     """Replay the commands of one run from the state ``(q0, w0)`` at its first sample.
 
     Args:
         p: program of the chain (L,).
         k: constants of the joint (K.size,).
+        terms: of a joint of a robot, at the samples (n, T_COLUMNS), see :mod:`.terms`; of a bench (0, T_COLUMNS).
         time, goal: of the samples (n,) [s], [rad].
         on: whether the drive was on, per sample (n,).
         temperature: of the motor (n,) [degC].
@@ -141,13 +168,18 @@ def replay(p, k, time, goal, on, temperature, q0, w0, step, out):
     """
     s = np.zeros(int(p[P_STATE_SIZE]))
     x = np.empty(4)
+    tree = k[K.tree] > 0.0
+    e, before, after = np.zeros(E_SIZE), np.zeros(E_SIZE), np.zeros(E_SIZE)
+    if tree:
+        combine(k, terms[0], e)
+        combine(k, terms[0], after)
     q0, w0 = joint_state(p, k, q0, w0)
     x[0], x[1], x[2], x[3] = q0, w0, q0, w0
     if k[K.coupled] > 0.0 and k[K.stiffness] > 0.0:  # start with the load held by spring or tooth, not with a jerk
-        load = load_torque(k, q0, 0.0)
+        load = load_torque(k, e, q0, 0.0)
         x[2] = q0 + load / k[K.stiffness] + math.copysign(k[K.half_play], load)
-        if load * load_torque(k, x[2], 0.0) <= 0.0:  # it hangs between the teeth
-            x[2] = 0.0
+        if load * load_torque(k, e, x[2], 0.0) <= 0.0:  # it hangs between the teeth
+            x[2] = q0 if tree else 0.0
     begin(p, s, time[0], goal[0], q0, w0)
     n = len(time)
     arrival = 0
@@ -155,7 +187,15 @@ def replay(p, k, time, goal, on, temperature, q0, w0, step, out):
     for j in range(n):
         if motor > 0:
             p[motor] = k[K.constant] * max(1.0 - k[K.loss] * (temperature[j] - k[K.reference]), 0.05)
-        external = -coupling_torque(k, x[0] - x[2], x[1] - x[3]) if k[K.coupled] > 0.0 else load_torque(k, x[0], x[1])
+        if tree:
+            for c in range(E_SIZE):
+                before[c] = e[c] = after[c]
+            if j + 1 < n:
+                combine(k, terms[j + 1], after)
+        if k[K.coupled] > 0.0:
+            external = -coupling_torque(k, x[0] - x[2], x[1] - x[3])
+        else:
+            external = load_torque(k, e, x[0], x[1])
         advance(p, s, time[j])
         torque(p, s, time[j], goal[j], x[0], x[1], external, True)
         reading = host_reading_smooth(p, s, time[j], x[0])
@@ -179,7 +219,11 @@ def replay(p, k, time, goal, on, temperature, q0, w0, step, out):
                 at = now + i * span
                 if at > time[j]:
                     advance(p, s, at)
-                slide(p, k, s, x, at, span, goal[j], on[j], at > time[j])
+                if tree:  # as in the middle of the step
+                    part = (at + 0.5 * span - time[j]) / (time[j + 1] - time[j])
+                    for c in range(E_SIZE):
+                        e[c] = before[c] + part * (after[c] - before[c])
+                slide(p, k, e, s, x, at, span, goal[j], on[j], at > time[j])
             now = end
         if not (abs(x[0]) < 1e4 and abs(x[1]) < 1e6):
             out[j:, :] = 1e3
@@ -203,12 +247,13 @@ def host_reading_smooth(p, s, time, q):
 
 
 @compiled(parallel=True)
-def replay_many(programs, constants, time, goal, on, temperature, starts, states, steps, out):
+def replay_many(programs, constants, terms, time, goal, on, temperature, starts, states, steps, out):
     """Replay many units with many variants of the model, on all cores.
 
     Args:
         programs: (v, L), each padded with zeros.
         constants: (v, u, K.size).
+        terms: (n, T_COLUMNS) of a joint of a robot, (0, T_COLUMNS) of a bench.
         time, goal, on, temperature: samples of all units one behind the other (n,).
         starts: first sample of each unit, and the end of the last (u + 1,).
         states: start of each unit (u, 2) [rad, rad/s].
@@ -223,6 +268,7 @@ def replay_many(programs, constants, time, goal, on, temperature, starts, states
         replay(
             program,
             constants[v, u],
+            terms[a:b],
             time[a:b],
             goal[a:b],
             on[a:b],

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
@@ -19,6 +19,7 @@ from ..causes.visible import shown
 from ..checks.data_set import check_set, corrected, merged, noise_floor, shows_little, unusable
 from ..experiment import Experiment, Limits, blind_spots, experiment_for_still, propose
 from ..ground.ground import GROUND, GroundSearch, search_ground
+from ..load.robot import is_model_file, robot_of
 from ..log.finding import Finding
 from ..log.parts import Unit, cut
 from ..log.types import LogError, MeasuredRun, MeasuredSet
@@ -28,6 +29,7 @@ from ..replay.joint_model import JointModel
 from ..replay.parameters import Parameter
 from ..replay.problem import Problem
 from ..replay.steps import converged
+from ..replay.tree import completed, joint_of_tree, terms_of, told, unmeasured, without_motion
 from ..search.channels import weigh_channels
 from ..search.forward import Searcher
 from ..search.result import Search
@@ -67,6 +69,8 @@ class Cut:
         runs, models: the runs and the nominal joint of each.
         units: pieces of runs, each in one part.
         noise: of a position sample [rad].
+        terms: what a joint of a robot works against in each run (samples, T_COLUMNS).
+        findings: about the robot.
     """
 
     joint: str
@@ -74,6 +78,8 @@ class Cut:
     models: Sequence[JointModel]
     units: Sequence[Unit]
     noise: float
+    terms: Sequence[np.ndarray] | None = None
+    findings: tuple[Finding, ...] = ()
 
 
 @dataclass(frozen=True, eq=False)
@@ -166,7 +172,8 @@ def diagnose_joint(
     """
     mine = tuple(f for f in findings if f.joint in (joint, None, ""))
     runs = [with_believed_load(run) for run in runs]
-    if all(run.joints[joint].goal is None for run in runs):  # without commands, only its torque can be judged
+    commands = [getattr(run.joints[joint], kind) for run in runs for kind in ("goal", "torque_command")]
+    if all(command is None for command in commands):  # without commands, only its torque can be judged
         return diagnose_torque(runs, joint, mine, order.test_group)
     pieces = _cut(runs, joint, order.test_group)
     replay = _replay(pieces, order)
@@ -203,7 +210,7 @@ def conclude(case: Case, replay: Replay, search: Search, order: Order) -> JointD
 def _check(data: MeasuredSet, progress: Progress) -> tuple[MeasuredSet, list[Finding], Finding | None]:
     """The data with their faults mended, what was found about them, and the finding that makes them unusable."""
     robot = data.runs[0].robot
-    if robot not in ROBOTS and (hint := nearest(robot, ROBOTS)):
+    if robot not in ROBOTS and not is_model_file(robot) and (hint := nearest(robot, ROBOTS)):
         raise LogError(f"{data.runs[0].name}: there is no robot '{robot}'{hint}; correct it in the sidecar.")
     progress("checking the log")
     data, every = corrected(data, [*data.findings, *check_set(data)])
@@ -215,11 +222,28 @@ def _cut(runs: Sequence[MeasuredRun], joint: str, test_group: str | None) -> Cut
     if missing:
         raise LogError(f"{missing[0]}: the sidecar names no actuator for joint '{joint}'; add it under 'actuators'.")
     chains = [_chain(run, joint) for run in runs]
-    models = [
-        JointModel(chain, unknown=unknown_parameters(run, chain)) for run, chain in zip(runs, chains, strict=True)
-    ]
+    robot, terms, findings = robot_of(runs[0]), None, []
+    if robot is not None:
+        robot.number(joint)
+        owners = [completed(chain, robot, joint) for chain in chains]
+        chains = [chain for chain, _ in owners]
+        if (said := told(robot, joint, owners[0][1])) is not None:
+            findings.append(said)
+        if absent := unmeasured(robot, joint, runs):
+            findings.append(without_motion(joint, absent))
+        else:
+            terms = terms_of(robot, joint, runs)
+        models = [joint_of_tree(robot, joint, chain, runs, terms) for chain in chains]
+        models = [
+            replace(model, unknown=unknown_parameters(run, model.chain))
+            for run, model in zip(runs, models, strict=True)
+        ]
+    else:
+        models = [
+            JointModel(chain, unknown=unknown_parameters(run, chain)) for run, chain in zip(runs, chains, strict=True)
+        ]
     noise = float(np.median([noise_floor(run, joint) for run in runs]))
-    return Cut(joint, runs, models, cut(runs, joint, test_group), noise)
+    return Cut(joint, runs, models, cut(runs, joint, test_group), noise, terms, tuple(findings))
 
 
 def _replay(pieces: Cut, order: Order) -> Replay | Refused:
@@ -227,9 +251,10 @@ def _replay(pieces: Cut, order: Order) -> Replay | Refused:
     wide, tuned = adjustable(pieces.models[0], WIDE), adjustable(pieces.models[0])
     causes = catalogue(pieces.models[0], order.causes)
     layout = pieces.runs, pieces.joint, pieces.models, pieces.units
-    if all(run.robot == "bench" for run in pieces.runs):
-        problem = weigh_channels(converged(free_problem(*layout, {"position": 1.0 / pieces.noise})))
-        return Replay(problem, in_windows(problem, wide), wide, tuned, causes)
+    if pieces.terms is not None or all(run.robot == "bench" for run in pieces.runs):
+        free = free_problem(*layout, {"position": 1.0 / pieces.noise}, pieces.terms)
+        problem = weigh_channels(converged(free))
+        return Replay(problem, in_windows(problem, wide), wide, tuned, causes, pieces.findings)
     try:
         driven = driven_problem(*layout, pieces.noise)
     except LogError as error:
@@ -237,7 +262,7 @@ def _replay(pieces: Cut, order: Order) -> Replay | Refused:
     causes, hidden = shown(driven, pieces.models[0], causes)
     order.progress(f"judging the actuator of {pieces.joint} along its measured motion")
     problem = weigh_channels(converged(driven))
-    return Replay(problem, problem, wide, tuned, causes, (limits_of_driven(driven, pieces.joint, hidden),))
+    return Replay(problem, problem, wide, tuned, causes, (*pieces.findings, limits_of_driven(driven, pieces.joint, hidden)))
 
 
 def _search(replay: Replay, order: Order) -> Search:
@@ -279,7 +304,8 @@ def _decide(
     )
     rivals = _rivals(measured)
     experiment = None
-    if problem.kind == "free" and (verdict.name in (NOT_IDENTIFIABLE, PARTLY) or rivals):
+    bench = problem.kind == "free" and not problem.models[0].load.tree
+    if bench and (verdict.name in (NOT_IDENTIFIABLE, PARTLY) or rivals):
         # a driven link has no load to choose and no motion of its own
         blind = verdict.because("still", "blind")
         experiment = propose(problem, search, order.limits, order.seed, blind=blind)

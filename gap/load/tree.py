@@ -1,0 +1,223 @@
+"""The load of one joint of a robot: what the rest of the tree does to it while all other joints move as measured.
+
+Joint j obeys ``M_jj q_j'' + sum over k of M_jk q_k'' + c_j(q, q') + g_j(q) = torque_j``. All but the first term and the
+torque is known along a log, as is how it changes with the joint's own position and speed; MuJoCo's recursive
+Newton-Euler algorithm gives the numbers, once per log. Only bodies behind the joint enter, so all of it is linear in
+their masses.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+import math
+from collections.abc import Mapping
+from dataclasses import dataclass
+
+import mujoco
+import numpy as np
+
+from ..log.types import Array
+
+ANGLE = 0.02  # [rad] or [m] either side of the measured position at which the terms are taken for their derivatives
+SHIFT = 1e-3  # [m] of a centre of mass, of whose effect the first derivative is taken
+
+
+@dataclass(frozen=True)
+class TreeLoad:
+    """What hangs behind a joint of a robot, as a change of what its model file says.
+
+    Attributes:
+        mass_factor: true over believed mass of all that hangs behind the joint.
+        payload: at the end of the robot, believed to carry nothing [kg].
+        extra_inertia: about the joint, beyond that of the bodies [kg.m2].
+        centre_shift: of the joint's own body's centre of mass, away from the joint [m].
+        stop_angle, lower_stop: beyond and below which something blocks the link [rad].
+        typical_inertia: in the middle of the log [kg.m2].
+        typical_gravity: largest change of the torque with the angle [N.m/rad].
+    """
+
+    mass_factor: float = 1.0
+    payload: float = 0.0
+    extra_inertia: float = 0.0
+    centre_shift: float = 0.0
+    stop_angle: float = math.inf
+    lower_stop: float = -math.inf
+    typical_inertia: float = 0.0
+    typical_gravity: float = 0.0
+
+    @property
+    def tree(self) -> bool:
+        """Whether its terms change along the log."""
+        return True
+
+    def known(self, params: Mapping[str, float]) -> bool:
+        """Whether the load is known; it is, or there would be none of these."""
+        del params
+        return True
+
+    def inertia(self, params: Mapping[str, float]) -> float:
+        """Typical inertia about the joint [kg.m2]."""
+        del params
+        return self.typical_inertia * self.mass_factor + self.extra_inertia
+
+    def gravity_torque(self, params: Mapping[str, float]) -> float:
+        """Largest torque of gravity [N.m]."""
+        del params
+        return self.typical_gravity * self.mass_factor
+
+    def stops(self, params: Mapping[str, float]) -> tuple[float, float]:
+        """Angles below and beyond which something blocks the link [rad]."""
+        del params
+        return self.lower_stop, self.stop_angle
+
+    def numbers(self, params: Mapping[str, float]) -> dict[str, float]:
+        """Numbers of a bench with this load: none, a robot's stand in its model file."""
+        return dict(params)
+
+    def value(self, key: str) -> float:
+        """A number that a fit may turn."""
+        return getattr(self, key)
+
+    def with_values(self, values: Mapping[str, float]) -> TreeLoad:
+        """The load with some of these numbers set."""
+        return dataclasses.replace(self, **values)
+
+
+@dataclass(frozen=True, eq=False)
+class Motion:
+    """Motion of all coordinates of a robot, of all its samples (n, nv): those that never move are zero.
+
+    Attributes:
+        position, speed, acceleration: in the frame of the model [rad, rad/s, rad/s2] or [m, m/s, m/s2].
+    """
+
+    position: Array
+    speed: Array
+    acceleration: Array
+
+
+@dataclass(frozen=True, eq=False)
+class Tip:
+    """Where a payload would be.
+
+    Attributes:
+        body: number of the body.
+        point: in its frame (3,) [m].
+    """
+
+    body: int
+    point: Array
+
+
+def tip_behind(model: mujoco.MjModel, joint: int) -> Tip:
+    """The end of the robot behind a joint: the furthest body in the tree, at a site of it or else at its centre of mass.
+
+    Args:
+        model: of a robot.
+        joint: its number.
+    """
+    first = int(model.jnt_bodyid[joint])
+    depth = {first: 0}
+    for body in range(first + 1, model.nbody):
+        if (parent := int(model.body_parentid[body])) in depth:
+            depth[body] = depth[parent] + 1
+    body = max(depth, key=lambda b: (depth[b], -b))
+    sites = [s for s in range(model.nsite) if int(model.site_bodyid[s]) in depth]
+    if sites:  # the last one of the body that is furthest down the tree, as a tool's frame usually is
+        site = max(sites, key=lambda s: (depth[int(model.site_bodyid[s])], s))
+        return Tip(int(model.site_bodyid[site]), np.array(model.site_pos[site]))
+    return Tip(body, np.array(model.body_ipos[body]))
+
+
+def terms_along(model: mujoco.MjModel, joint: int, motion: Motion, sign: float = 1.0) -> Array:
+    """What a joint works against along a motion (n, 17), columns as :mod:`sealegs.gap.replay.terms` lists them.
+
+    Args:
+        model: of a robot of hinges and slides whose joints have no friction, damping, armature or actuator.
+        joint: number of the joint.
+        motion: of the robot.
+        sign: of the joint's angle in the log against that of the model: torques are turned with it. The first column is
+            left in the model's frame.
+    """
+    dof = int(model.jnt_dofadr[joint])
+    own = _block(model, dof, motion)
+    rows = [motion.position[:, [dof]], sign * motion.speed[:, [dof]], own]
+    rows.append(_block(_payload(model, tip_behind(model, joint)), dof, motion))
+    rows.append((_block(_shifted(model, joint), dof, motion) - own) / SHIFT)
+    table = np.concatenate(rows, axis=1)
+    if sign < 0.0:  # bias and its second derivative change sign; inertia, slope and drag are of torque over motion
+        for first in (2, 7, 12):
+            table[:, [first + 1, first + 3]] *= -1.0
+    return table
+
+
+def _block(model: mujoco.MjModel, dof: int, motion: Motion) -> Array:
+    """Inertia, bias, slope, curve and drag (n, 5) of one degree of freedom."""
+    data = mujoco.MjData(model)
+    hinge = int(model.jnt_type[model.dof_jntid[dof]]) == int(mujoco.mjtJoint.mjJNT_HINGE)
+    result = np.zeros(model.nv)
+    out = np.empty((len(motion.position), 5))
+    address = [int(model.jnt_qposadr[j]) for j in range(model.njnt)]
+    positions, speeds, accelerations = motion.position, motion.speed, motion.acceleration.copy()
+    accelerations[:, dof] = 0.0
+
+    def placed(q: float) -> float:
+        data.qpos[at] = q
+        mujoco.mj_kinematics(model, data)
+        mujoco.mj_comPos(model, data)
+        mujoco.mj_comVel(model, data)
+        mujoco.mj_rne(model, data, 1, result)
+        return result[dof]
+
+    at = address[int(model.dof_jntid[dof])]
+    for k in range(len(positions)):
+        data.qpos[address] = positions[k]
+        data.qvel[:] = speeds[k]
+        data.qacc[:] = accelerations[k]
+        q = positions[k, dof]
+        above, below = placed(q + ANGLE), placed(q - ANGLE)
+        here = placed(q)
+        data.qacc[dof] = 1.0
+        mujoco.mj_rne(model, data, 1, result)
+        inertia = result[dof] - here
+        data.qacc[dof] = 0.0
+        data.qvel[dof] += 1.0  # the torque is linear in the own speed: it turns no body's inertia about its own axis
+        mujoco.mj_comVel(model, data)
+        mujoco.mj_rne(model, data, 1, result)
+        if hinge:  # of a + b sin(away) + c (1 - cos(away)), as gravity is
+            slope = (above - below) / (2.0 * math.sin(ANGLE))
+            curve = (above + below - 2.0 * here) / (2.0 * (1.0 - math.cos(ANGLE)))
+        else:
+            slope, curve = (above - below) / (2.0 * ANGLE), 0.0
+        out[k] = inertia, here, slope, curve, result[dof] - here
+    return out
+
+
+def _payload(model: mujoco.MjModel, tip: Tip) -> mujoco.MjModel:
+    """The robot without any mass but a kilogram at its tip."""
+    other = model.__copy__()
+    other.body_mass[:] = 0.0
+    other.body_inertia[:] = 0.0
+    other.body_mass[tip.body] = 1.0
+    other.body_ipos[tip.body] = tip.point
+    other.body_subtreemass[:] = 0.0
+    body = tip.body
+    while body > 0:
+        other.body_subtreemass[body] = 1.0
+        body = int(other.body_parentid[body])
+    other.body_subtreemass[0] = 1.0
+    return other
+
+
+def _shifted(model: mujoco.MjModel, joint: int) -> mujoco.MjModel:
+    """The robot with the centre of mass of a joint's own body further from the joint."""
+    other = model.__copy__()
+    body = int(model.jnt_bodyid[joint])
+    arm = np.array(model.body_ipos[body]) - model.jnt_pos[joint]
+    axis = np.array(model.jnt_axis[joint])
+    if int(model.jnt_type[joint]) == int(mujoco.mjtJoint.mjJNT_HINGE):
+        arm = arm - axis * (arm @ axis)
+    size = float(np.linalg.norm(arm))
+    if size > 1e-6:
+        other.body_ipos[body] = np.array(model.body_ipos[body]) + SHIFT * arm / size
+    return other

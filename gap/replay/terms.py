@@ -1,0 +1,24 @@
+"""What a joint of a robot works against while all other joints move as measured: columns of its terms.
+
+A row of the terms holds, at one sample, the joint's position and speed as measured and then three blocks of the same
+five: of all that hangs behind the joint, per kilogram of a payload at the end of the robot, and per metre by which the
+centre of mass of the joint's own body lies further from the joint. The replay adds the blocks up with the numbers of
+:mod:`.constants`, so that a fit may turn those without MuJoCo (:mod:`sealegs.gap.load.tree` makes the rows).
+"""
+
+from __future__ import annotations
+
+# of a row, and of what a replay has at hand at one time
+E_POSITION = 0  # measured [rad], around which the rest holds
+E_SPEED = 1  # measured [rad/s]
+E_INERTIA = 2  # of the joint with all others held [kg.m2]
+E_BIAS = 3  # torque that the measured motion of the others needs of this one, itself not accelerated [N.m]
+E_SLOPE = 4  # its change with the own position [N.m/rad]
+E_CURVE = 5  # second change with it [N.m/rad2]
+E_DRAG = 6  # change with the own speed [N.m.s/rad]
+E_SIZE = 7
+
+T_OWN = 2  # where the first block starts
+T_SIZE = 5  # columns of a block
+T_BLOCKS = 3
+T_COLUMNS = T_OWN + T_BLOCKS * T_SIZE
