@@ -67,6 +67,8 @@ def adjustable(nominal: JointModel, width: float = TIGHT) -> list[Parameter]:
                 for key in keys
                 if nominal.value(f"{stage}.{key}") > 0.0 and f"{stage}.{key}" not in unknown
             ]
+    if nominal.load.tree:  # of bodies that somebody weighed or computed
+        found.append(Parameter("load.mass_factor", "1", low, high, 1.0, 0.05, logarithmic=True))
     return [*found, *nominal.unknown]
 
 
