@@ -33,7 +33,7 @@ LIBRARY = CHECKOUT / "configs" / "actuator"
 
 @dataclass(frozen=True)
 class Chain:
-    """An ordered list of stages from a command, a position goal or a torque, to the torque on a joint.
+    """An ordered list of stages from a position goal to the torque on a joint.
 
     Raises:
         ChainError: stages that do not fit one behind the other, said in one sentence.
@@ -43,7 +43,7 @@ class Chain:
     label: str = "chain"
 
     def __post_init__(self) -> None:
-        quantity = self.command
+        quantity: Quantity = Quantity.POSITION_GOAL
         before = "the command"
         for stage in self.stages:
             if quantity not in stage.takes:
@@ -106,14 +106,9 @@ class Chain:
         """The first stage of that name, or None."""
         return next((stage for stage in self.stages if stage.name == name), None)
 
-    @property
-    def command(self) -> Quantity:
-        """What is sent to it: a torque where its drive takes one, else a position goal."""
-        return Quantity.TORQUE if self.find("torque_drive") is not None else Quantity.POSITION_GOAL
-
     def quantity_before(self, stage: Stage) -> Quantity:
         """What travels into ``stage``."""
-        quantity = self.command
+        quantity: Quantity = Quantity.POSITION_GOAL
         for other in self.stages:
             if other is stage:
                 break

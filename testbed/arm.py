@@ -53,12 +53,30 @@ TWO_LINK = (
 """A two-link arm that hangs; numbers assumed."""
 
 SIX_JOINT = (
-    Body("shoulder_pan", (0.0388, 0.0, 0.0624), (0.0, 0.0, -1.0, 0.0), 0.1, (-0.0308, 0.0, -0.0253), (8.4e-5, 8.1e-5, 2.4e-5, 0, -1.2e-6, 0)),
-    Body("shoulder_lift", (-0.0304, -0.0183, -0.0542), (0.5, -0.5, -0.5, -0.5), 0.103, (-0.0898, -0.0084, 0.0184), (4.1e-5, 1.47e-4, 1.42e-4, -2e-5, 0, 0)),
-    Body("elbow_flex", (-0.1126, -0.028, 0.0), (SWING, 0.0, 0.0, SWING), 0.104, (-0.0981, 0.0032, 0.0183), (2.9e-5, 1.6e-4, 1.45e-4, 7.4e-6, 1.3e-6, 0)),
-    Body("wrist_flex", (-0.1349, 0.0052, 0.0), (SWING, 0.0, 0.0, -SWING), 0.079, (-0.0001, -0.0386, 0.0281), (3.7e-5, 2.5e-5, 2.1e-5, 0, 0, 3.6e-6)),
-    Body("wrist_roll", (0.0, -0.0611, 0.0181), (0.0172, -0.0172, 0.7069, 0.7069), 0.087, (0.0002, 0.0002, -0.0252), (2.8e-5, 4.3e-5, 3.5e-5, 0, -5.7e-6, 0)),
-    Body("gripper", (0.0202, 0.0188, -0.0234), (SWING, SWING, 0.0, 0.0), 0.012, (-0.0016, -0.03, 0.0193), (6.6e-6, 1.9e-6, 5.3e-6, 0, 0, 0)),
+    Body(
+        "shoulder_pan", (0.0388, 0.0, 0.0624), (0.0, 0.0, -1.0, 0.0), 0.1,
+        (-0.0308, 0.0, -0.0253), (8.4e-05, 8.1e-05, 2.4e-05, 0, -1.2e-06, 0),
+    ),
+    Body(
+        "shoulder_lift", (-0.0304, -0.0183, -0.0542), (0.5, -0.5, -0.5, -0.5), 0.103,
+        (-0.0898, -0.0084, 0.0184), (4.1e-05, 0.000147, 0.000142, -2e-05, 0, 0),
+    ),
+    Body(
+        "elbow_flex", (-0.1126, -0.028, 0.0), (SWING, 0.0, 0.0, SWING), 0.104,
+        (-0.0981, 0.0032, 0.0183), (2.9e-05, 0.00016, 0.000145, 7.4e-06, 1.3e-06, 0),
+    ),
+    Body(
+        "wrist_flex", (-0.1349, 0.0052, 0.0), (SWING, 0.0, 0.0, -SWING), 0.079,
+        (-0.0001, -0.0386, 0.0281), (3.7e-05, 2.5e-05, 2.1e-05, 0, 0, 3.6e-06),
+    ),
+    Body(
+        "wrist_roll", (0.0, -0.0611, 0.0181), (0.0172, -0.0172, 0.7069, 0.7069), 0.087,
+        (0.0002, 0.0002, -0.0252), (2.8e-05, 4.3e-05, 3.5e-05, 0, -5.7e-06, 0),
+    ),
+    Body(
+        "gripper", (0.0202, 0.0188, -0.0234), (SWING, SWING, 0.0, 0.0), 0.012,
+        (-0.0016, -0.03, 0.0193), (6.6e-06, 1.9e-06, 5.3e-06, 0, 0, 0),
+    ),
 )  # fmt: skip
 """Rounded from the MJCF of the SO-101 arm (TheRobotStudio/SO-ARM100 at fda892cba810, Apache-2.0)."""
 
@@ -146,9 +164,7 @@ EFFECTS: dict[str, Hidden] = {
         "drive.motor_constant", "dc_motor.motor_constant", (0.7, 0.85), _servo("motor_constant", lambda v, s: v * s)
     ),
     "stop": Hidden("contact.blocked", "load.stop_angle", (0.4, 0.5), _servo("upper_stop", lambda v, s: s)),
-    "encoder_scale": Hidden(
-        "sensor.scale", "encoder.scale", (0.9, 0.95), _servo("encoder_scale", lambda v, s: v * s)
-    ),
+    "encoder_scale": Hidden("sensor.scale", "encoder.scale", (0.9, 0.95), _servo("encoder_scale", lambda v, s: v * s)),
 }
 STRANGERS: dict[str, Hidden] = {
     "cable": Hidden("", "", (0.6, 0.3), _servo("cable", lambda v, s: s)),
@@ -191,10 +207,17 @@ def servos_of(count: int, by_torque: bool = False) -> Servos:
         return np.full(count, value)
 
     servos = Servos(
-        *(each(SERVO[name]) for name in ("gain", "duty_limit", "volts", "motor_constant", "resistance", "armature")),
-        each(SERVO["coulomb"]), each(SERVO["viscous"]), each(0.0), each(0.0), each(0.0), each(math.inf), each(1.0),
-        DELAY, 0.0, -1, by_torque,
-    )  # fmt: skip
+        **{name: each(value) for name, value in SERVO.items()},
+        load=each(0.0),
+        drift=each(0.0),
+        cable=each(0.0),
+        upper_stop=each(math.inf),
+        encoder_scale=each(1.0),
+        delay=DELAY,
+        play=0.0,
+        play_joint=-1,
+        by_torque=by_torque,
+    )
     if by_torque:
         servos = servos._replace(
             motor_constant=each(1.0), armature=each(0.005), coulomb=each(DRIVEN_COULOMB), viscous=each(DRIVEN_VISCOUS)
@@ -207,7 +230,7 @@ def nominal_chain(by_torque: bool = False) -> list[dict[str, dict[str, float]]]:
     if by_torque:
         return [
             {"delay": {"seconds": DELAY}},
-            {"torque_drive": {"gain": 1.0, "armature": 0.005}},
+            {"torque_command": {"armature": 0.005}},
             {"friction": {"coulomb": DRIVEN_COULOMB, "viscous": DRIVEN_VISCOUS}},
         ]
     motor = {key: SERVO[key] for key in ("motor_constant", "resistance", "armature")}
@@ -232,7 +255,10 @@ def mjcf(bodies: tuple[Body, ...], *, passive: str = "", actuators: bool = False
     """
     lines, ends = [], ""
     for body in bodies:
-        text = {key: " ".join(f"{x:.9g}" for x in getattr(body, key)) for key in ("place", "quaternion", "centre", "inertia")}
+        text = {
+            key: " ".join(f"{x:.9g}" for x in getattr(body, key))
+            for key in ("place", "quaternion", "centre", "inertia")
+        }
         lines += [
             f'<body name="{body.joint}_link" pos="{text["place"]}" quat="{text["quaternion"]}">',
             f'<joint name="{body.joint}" type="hinge" axis="0 0 1" {passive}/>',
@@ -289,13 +315,19 @@ def record_arm(
         hidden = (EFFECTS | STRANGERS)[name]
         value = hidden.sizes[("clear", "moderate").index(size)] if isinstance(size, str) else size
         links, servos = hidden.apply(links, servos, names.index(joint), value)
-        truth["effects"][name] = {"cause": hidden.cause, "joint": joint, "value": value, "everywhere": hidden.everywhere}
+        truth["effects"][name] = {
+            "cause": hidden.cause,
+            "joint": joint,
+            "value": value,
+            "everywhere": hidden.everywhere,
+        }
     truth["links"], truth["servos"] = links, servos
     (folder / "arm.xml").write_text(mjcf(bodies), encoding="utf-8")
     chain = nominal_chain(by_torque)
     recorded = [
         Recording(
-            f"run{k}", *_run(links, servos, names, duration, np.random.default_rng([seed, 12, k]), k, dict(faults or {})),
+            f"run{k}",
+            *_run(links, servos, names, duration, np.random.default_rng([seed, 12, k]), k, dict(faults or {})),
             {}, str(folder / "arm.xml"), {}, dict.fromkeys(names, chain),
         )
         for k in range(runs)
@@ -303,9 +335,7 @@ def record_arm(
     return recorded, truth
 
 
-def goals_of(
-    count: int, time: np.ndarray, rng: np.random.Generator, run: int, by_torque: bool = False
-) -> np.ndarray:
+def goals_of(count: int, time: np.ndarray, rng: np.random.Generator, run: int, by_torque: bool = False) -> np.ndarray:
     """Goals (k, n) [rad] of all joints, each with an order of excitations of its own; or torques [N.m]."""
     kinds = ("chirp", "steps", "triangle", "multisine")
     goal = np.empty((len(time), count))

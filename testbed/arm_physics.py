@@ -173,7 +173,14 @@ def simulate(links, servos, goal_time, goal, duration):
         q[:] = goal[0]
     relaxed = q.copy()
     turns, matrix = np.empty((n, 3, 3)), np.empty((n, n))
-    bias, drive, duty, current, dry, impulse = np.zeros(n), np.zeros(n), np.zeros(n), np.zeros(n), np.zeros(n), np.zeros(n)
+    bias, drive, duty, current, dry, impulse = (
+        np.zeros(n),
+        np.zeros(n),
+        np.zeros(n),
+        np.zeros(n),
+        np.zeros(n),
+        np.zeros(n),
+    )
     b = servos.play_joint
     motor, motor_w = (q[b], 0.0) if b >= 0 else (0.0, 0.0)
     inverse = np.eye(n)
@@ -199,7 +206,9 @@ def simulate(links, servos, goal_time, goal, duration):
             else:
                 ticks = 2.0 * math.pi / 4096
                 reading = ticks * math.floor(servos.encoder_scale[i] * angle / ticks + 0.5)
-                duty[i] = min(max(servos.gain[i] * (goal[command, i] - reading), -servos.duty_limit[i]), servos.duty_limit[i])
+                duty[i] = min(
+                    max(servos.gain[i] * (goal[command, i] - reading), -servos.duty_limit[i]), servos.duty_limit[i]
+                )
                 current[i] = (duty[i] * servos.volts[i] - servos.motor_constant[i] * rate) / servos.resistance[i]
                 value = servos.motor_constant[i] * current[i]
             limit = servos.coulomb[i] + servos.drift[i] * now + servos.load[i] * abs(value + bias[i])

@@ -21,7 +21,7 @@ def measured_run(recording: Recording) -> MeasuredRun:
     return MeasuredRun(
         name=recording.name,
         time=recording.time,
-        joints={joint: JointLog(**signals) for joint, signals in recording.joints.items()},
+        joints={joint: JointLog(**{"goal": None, **signals}) for joint, signals in recording.joints.items()},
         base=recording.base,
         robot=recording.robot,
         robot_params=recording.robot_params,

@@ -10,9 +10,8 @@ from sealegs.gap.load.pendulum import PendulumLoad, bench_parameters
 from sealegs.gap.log.parts import cut
 from sealegs.gap.log.types import JointLog, MeasuredRun, MeasuredSet
 from sealegs.gap.replay.engine import bench, replay_in_engine
-from sealegs.gap.replay.free import free_problem
+from sealegs.gap.replay.free import NO_TERMS, free_problem
 from sealegs.gap.replay.joint_model import JointModel
-from sealegs.gap.replay.free import NO_TERMS
 from sealegs.gap.replay.simulator import replay
 from sealegs.gap.verdict.diagnosis import diagnose
 from sealegs.gap.verdict.verdict import NOTHING
@@ -131,7 +130,19 @@ def test_temperature_of_the_log_weakens_the_motor() -> None:
     out = np.empty((len(time), 4))
     program = joint.chain.program()
     constants = joint.constants(PARAMS, program)
-    replay(program, constants, NO_TERMS, time, goal, np.ones(len(time), bool), np.full(len(time), 45.0), 0.0, 0.0, 1e-3, out)
+    replay(
+        program,
+        constants,
+        NO_TERMS,
+        time,
+        goal,
+        np.ones(len(time), bool),
+        np.full(len(time), 45.0),
+        0.0,
+        0.0,
+        1e-3,
+        out,
+    )
     np.testing.assert_allclose(out, simulate(weaker, time, goal, 1e-3), atol=1e-9)
 
 

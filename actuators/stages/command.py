@@ -8,7 +8,7 @@ from typing import Any, ClassVar
 
 from ..compiled import compiled
 from ..layout import DELAY_EVENTS, S_READING, S_TIME
-from .base import ChainError, Law, Quantity, Stage, parameter, register
+from .base import Law, Quantity, Stage, parameter, register
 
 EVENT = 3  # doubles of a remembered command: when it came, its value, changes since the event before it
 SIGNALS = (Quantity.POSITION_GOAL, Quantity.DUTY, Quantity.TORQUE)
@@ -22,13 +22,9 @@ class Delay(Stage):
     name: ClassVar[str] = "delay"
     after: ClassVar[str] = ""
     derived: ClassVar[tuple[str, ...]] = ("spacing",)  # of remembered commands [s]
-    takes: ClassVar[tuple[Quantity, ...]] = (Quantity.POSITION_GOAL, Quantity.TORQUE)
+    takes: ClassVar[tuple[Quantity, ...]] = (Quantity.POSITION_GOAL,)
 
     seconds: float = parameter(None, "s", 0.0, 10.0, "time from sending a command to its effect", neutral=0.0)
-
-    def check(self, chain: Any) -> None:
-        if chain.quantity_before(self) != chain.command:
-            raise ChainError(f"{chain.label}: 'delay' holds back the command; put it at the start of the chain.")
 
     def law_values(self, chain: Any) -> dict[str, float]:
         return {**super().law_values(chain), "spacing": 2.0 * self.seconds / (DELAY_EVENTS - 4)}

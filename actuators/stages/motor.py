@@ -154,32 +154,6 @@ Regression.law = Law(act=regression_torque)
 
 @register
 @dataclass(frozen=True, kw_only=True)
-class TorqueDrive(Stage):
-    """A drive that is commanded by a torque at the joint, as drives with a current loop are; a force of a slide."""
-
-    name: ClassVar[str] = "torque_drive"
-    after: ClassVar[str] = "dc_motor"
-    takes: ClassVar[tuple[Quantity, ...]] = (Quantity.TORQUE,)
-    gives: ClassVar[Quantity | None] = Quantity.TORQUE
-
-    gain: float = parameter(1.0, "-", -1e6, 1e6, "torque per commanded torque")
-    armature: float = parameter(0.0, "kg.m2", 0.0, 1e6, "rotor inertia at the joint", in_law=False)
-
-
-TORQUE_DRIVE = TorqueDrive.offsets()
-
-
-@compiled()
-def commanded_torque(p, i, value):
-    """Torque of a drive that is commanded by a torque [N.m]."""
-    return p[i + TORQUE_DRIVE.gain] * value
-
-
-TorqueDrive.law = Law(act=commanded_torque)
-
-
-@register
-@dataclass(frozen=True, kw_only=True)
 class TorqueLimit(Stage):
     """The torque saturates: that of the motor in front of a gear, that at the joint elsewhere."""
 

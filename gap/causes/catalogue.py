@@ -67,6 +67,8 @@ def adjustable(nominal: JointModel, width: float = TIGHT) -> list[Parameter]:
                 for key in keys
                 if nominal.value(f"{stage}.{key}") > 0.0 and f"{stage}.{key}" not in unknown
             ]
+    if nominal.by_torque:  # per torque that is commanded
+        found.append(Parameter("scale.factor", "1", low, high, 1.0, 0.05, logarithmic=True))
     if nominal.load.tree:  # of bodies that somebody weighed or computed
         found.append(Parameter("load.mass_factor", "1", low, high, 1.0, 0.05, logarithmic=True))
     return [*found, *nominal.unknown]
@@ -77,7 +79,7 @@ ADJUSTABLE: dict[str, tuple[str, ...]] = {
     "dc_motor": ("motor_constant", "resistance", "armature"),
     "regression": ("armature",),
     "ideal": ("stiffness", "damping", "armature"),
-    "torque_drive": ("gain", "armature"),
+    "torque_command": ("armature",),
     "friction": ("coulomb", "viscous", "stribeck", "load"),
     "spring": ("damping",),
 }

@@ -7,6 +7,7 @@ from ..replay.parameters import Parameter, factor
 from .cause import Cause, Ceiling, Limit, Needs
 from .registry import both, entry, has, has_any, lacks, stall_torque
 
+PER_COMMAND = Parameter("scale.factor", "1", 0.3, 3.0, 1.0, 0.1, logarithmic=True)
 LOOPS = ("position_p", "position_pd", "position_pi")
 
 
@@ -35,7 +36,7 @@ def delay(nominal: JointModel) -> Cause:
     )
 
 
-@entry("drive.rate_limit")
+@entry("drive.rate_limit", lacks("torque_command"))
 def rate_limit(nominal: JointModel) -> Cause:
     del nominal
     speeds = [
@@ -50,7 +51,7 @@ def rate_limit(nominal: JointModel) -> Cause:
     )
 
 
-@entry("drive.deadband")
+@entry("drive.deadband", lacks("torque_command"))
 def deadband(nominal: JointModel) -> Cause:
     del nominal
     widths = [Parameter("dead_band.width", "rad", 0.0, 0.3, start, 0.003) for start in (0.006, 0.03)]
@@ -78,10 +79,12 @@ def saturation(nominal: JointModel) -> Cause:
 
 @entry("drive.offset")
 def offset(nominal: JointModel) -> Cause:
-    del nominal
     shift = Parameter("offset.value", "rad", -0.5, 0.5, 0.0, 0.005)
+    if nominal.by_torque:
+        top = stall_torque(nominal)
+        shift = Parameter("offset.value", "N.m", -0.5 * top, 0.5 * top, 0.0, 0.02 * top)
     return Cause(
-        sentence="Goals arrive shifted by a constant.",
+        sentence="Commands arrive shifted by a constant.",
         picture="response",
         variants=((shift,),),
     )
@@ -152,15 +155,14 @@ def thermal(nominal: JointModel) -> Cause:
     )
 
 
-@entry("drive.motor_constant", has_any("dc_motor", "torque_drive"))
+@entry("drive.motor_constant", has_any("dc_motor", "torque_command"))
 def motor_constant(nominal: JointModel) -> Cause:
     motor = nominal.chain.find("dc_motor") is not None
-    path = "dc_motor.motor_constant" if motor else "torque_drive.gain"
     return Cause(
         sentence="Torque per current and back-EMF differ from the data sheet."
         if motor
         else "The drive gives more or less torque than it is commanded.",
         picture="response",
-        variants=((factor(path, 0.3, 3.0),),),
+        variants=((factor("dc_motor.motor_constant", 0.3, 3.0) if motor else PER_COMMAND,),),
         error=True,
     )

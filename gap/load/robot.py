@@ -1,4 +1,4 @@
-"""The robot that a log is of, from its model file: a tree of hinges and slides, without what drives and brakes them."""
+"""The robot that a log is of, from its file: a tree of hinges and slides, without what drives and brakes them."""
 
 from __future__ import annotations
 
@@ -8,22 +8,11 @@ from functools import lru_cache
 from pathlib import Path
 
 import mujoco
-import numpy as np
 
-from ...actuators.errors import nearest
+from ...envs.robot_file import FileJoint, RobotFile, is_robot_file, load_robot_file
 from ..log.types import LogError, MeasuredRun
 
-MODEL_FILES = (".xml", ".mjcf", ".urdf")
 KINDS = (int(mujoco.mjtJoint.mjJNT_HINGE), int(mujoco.mjtJoint.mjJNT_SLIDE))
-
-
-@dataclass(frozen=True)
-class Passive:
-    """What a model file gives a joint beside its bodies: damping [N.m.s/rad], armature [kg.m2], dry friction [N.m]."""
-
-    damping: float = 0.0
-    armature: float = 0.0
-    friction: float = 0.0
 
 
 @dataclass(frozen=True)
@@ -35,99 +24,88 @@ class Frame:
 
 
 @dataclass(frozen=True, eq=False)
-class RobotFile:
-    """A robot as its model file has it.
+class LoggedRobot:
+    """A robot as a replay of its joints needs it.
 
     Attributes:
-        path: of the file.
-        model: its bodies and joints without damping, armature, friction, springs of joints and actuators.
-        passive: of each joint, what was taken out.
+        file: that describes it.
+        model: its bodies and joints; driven ones have no damping, armature and friction.
         frames: of joints whose angle in the log differs from that of the model.
     """
 
-    path: Path
+    file: RobotFile
     model: mujoco.MjModel
-    passive: Mapping[str, Passive]
     frames: Mapping[str, Frame] = field(default_factory=dict)
 
-    def number(self, joint: str) -> int:
-        """Number of a joint in the model.
+    def joint(self, name: str) -> FileJoint:
+        """The driven joint of a log's columns.
 
         Raises:
-            LogError: there is none of that name that turns or slides.
+            RobotError: the robot drives none of that name.
         """
-        found = mujoco.mj_name2id(self.model, mujoco.mjtObj.mjOBJ_JOINT, joint)
-        if found < 0 or int(self.model.jnt_type[found]) not in KINDS:
-            known = list(self.passive)
-            raise LogError(
-                f"{self.path}: the model has no hinge or slide '{joint}'{nearest(joint, known)}; it has "
-                f"{', '.join(known) or 'none'}. Joints of log and model carry the same names."
-            )
-        return found
+        return self.file.joint(name)
 
-    def slides(self, joint: str) -> bool:
+    def number(self, name: str) -> int:
+        """Number in the model of a joint, by the name of its columns: of what is driven, or of a joint of the model;
+        -1 where a drive turns several joints or there is none.
+        """
+        driven = {item.name: item for item in self.file.joints}
+        if name in driven and len(driven[name].terms) > 1:
+            return -1
+        joint = driven[name].joint if name in driven else name
+        return int(mujoco.mj_name2id(self.model, mujoco.mjtObj.mjOBJ_JOINT, joint))
+
+    def turns(self, number: int) -> bool:
+        """Whether a joint of the model has one coordinate."""
+        return int(self.model.jnt_type[number]) in KINDS
+
+    def slides(self, name: str) -> bool:
         """Whether a joint moves along a line."""
-        return int(self.model.jnt_type[self.number(joint)]) == int(mujoco.mjtJoint.mjJNT_SLIDE)
+        return self.joint(name).kind == "slide"
 
-    def felt_by(self, joint: str) -> list[int]:
+    def felt_by(self, name: str) -> list[int]:
         """Numbers of the joints whose motion a joint feels: those that carry it and those that it carries."""
-        own = int(self.model.jnt_bodyid[self.number(joint)])
-        carries = {own}
+        own = int(self.model.jnt_bodyid[self.number(name)])
+        related = {own}
         for body in range(own + 1, self.model.nbody):
-            if int(self.model.body_parentid[body]) in carries:
-                carries.add(body)
+            if int(self.model.body_parentid[body]) in related:
+                related.add(body)
         body = own
         while body > 0:
-            carries.add(body)
+            related.add(body)
             body = int(self.model.body_parentid[body])
-        return [j for j in range(self.model.njnt) if int(self.model.jnt_bodyid[j]) in carries]
+        return [j for j in range(self.model.njnt) if int(self.model.jnt_bodyid[j]) in related]
 
-    def name(self, number: int) -> str:
-        """Name of a joint by its number."""
-        return mujoco.mj_id2name(self.model, mujoco.mjtObj.mjOBJ_JOINT, number) or f"joint {number}"
+    def column(self, number: int) -> str:
+        """What columns of a joint of the model are named for."""
+        name = mujoco.mj_id2name(self.model, mujoco.mjtObj.mjOBJ_JOINT, number) or f"joint {number}"
+        return next((item.name for item in self.file.joints if item.terms == ((name, 1.0),)), name)
 
-    def frame(self, joint: str) -> Frame:
+    def frame(self, name: str) -> Frame:
         """How the log's angle of a joint stands to the model's."""
-        return self.frames.get(joint, Frame())
+        return self.frames.get(name, Frame())
 
 
-def robot_of(run: MeasuredRun) -> RobotFile | None:
-    """The robot of a run whose sidecar names a model file; None where it names one of the collection's own.
+def robot_of(run: MeasuredRun) -> LoggedRobot | None:
+    """The robot of a run whose sidecar names a robot's file; None where it names one of the collection's own.
 
     Raises:
-        LogError: the file cannot be read.
+        SealegsError: the file cannot be read.
     """
-    if not is_model_file(run.robot):
+    if not is_robot_file(run.robot):
         return None
     path = Path(run.robot)
     if not path.is_file():
-        raise LogError(f"{run.name}: the sidecar names the robot {run.robot}, and there is no such file.")
-    return _read(path, path.stat().st_mtime_ns)
-
-
-def is_model_file(robot: str) -> bool:
-    """Whether the word of a sidecar for its robot is a file."""
-    return Path(robot).suffix.lower() in MODEL_FILES
+        raise LogError(
+            f"{run.name}: its sidecar names the robot {run.robot}, and there is no such file; give its path from the "
+            "log's folder."
+        )
+    stamps = tuple(item.stat().st_mtime_ns for item in path.parent.iterdir() if is_robot_file(item) and item.is_file())
+    return _read(path, stamps, tuple(sorted(run.robot_params.items())))
 
 
 @lru_cache(maxsize=8)
-def _read(path: Path, changed: int) -> RobotFile:
-    del changed  # a file that was edited is read again
-    try:
-        model = mujoco.MjModel.from_xml_path(str(path))
-    except ValueError as error:
-        raise LogError(f"{path}: MuJoCo cannot read this model: {' '.join(str(error).split())}.") from None
-    passive = {}
-    for joint in range(model.njnt):
-        if int(model.jnt_type[joint]) in KINDS:
-            dof = int(model.jnt_dofadr[joint])
-            name = mujoco.mj_id2name(model, mujoco.mjtObj.mjOBJ_JOINT, joint) or f"joint {joint}"
-            passive[name] = Passive(*_numbers(model, dof))
-    for values in (model.dof_damping, model.dof_armature, model.dof_frictionloss, model.jnt_stiffness):
-        values[:] = 0.0
-    return RobotFile(path, model, passive)
-
-
-def _numbers(model: mujoco.MjModel, dof: int) -> tuple[float, float, float]:
-    found = (model.dof_damping, model.dof_armature, model.dof_frictionloss)
-    return tuple(float(np.ravel(values[dof])[0]) for values in found)  # pyright: ignore
+def _read(path: Path, changed: tuple[int, ...], params: tuple[tuple[str, float], ...]) -> LoggedRobot:
+    del changed  # files that were edited are read again
+    file = load_robot_file(path)
+    return LoggedRobot(file, file.bare_model(dict(params)))

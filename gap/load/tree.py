@@ -110,7 +110,7 @@ class Tip:
 
 
 def tip_behind(model: mujoco.MjModel, joint: int) -> Tip:
-    """The end of the robot behind a joint: the furthest body in the tree, at a site of it or else at its centre of mass.
+    """The end of the robot behind a joint: the furthest body in the tree, at its site or else its centre of mass.
 
     Args:
         model: of a robot.

@@ -8,6 +8,7 @@ from pathlib import Path
 import numpy as np
 
 from ...actuators.errors import nearest
+from ...envs.robot_file import is_robot_file
 from .sidecar import Sidecar, read_sidecar
 from .table import ENDINGS, ONLY_JOINT, check_columns, read_batches
 from .types import OTHER, REQUIRED_EVERYWHERE, Array, JointLog, LogError, MeasuredRun, MeasuredSet
@@ -133,7 +134,7 @@ def build_run(name: str, table: dict[str, Array], sidecar: Sidecar, path: Path, 
                 f"{nearest(joint, signals)}"
             )
     for joint, recorded in signals.items():
-        if joint not in sidecar.actuators and "goal" in recorded:
+        if joint not in sidecar.actuators and "goal" in recorded and not is_robot_file(sidecar.robot):
             raise LogError(
                 f"{path}: joint '{joint}' has no entry under actuators in the sidecar"
                 f"{nearest(joint, sidecar.actuators)}; name the chain that drives it"

@@ -11,6 +11,7 @@ from typing import Any
 import yaml
 
 from ...actuators.errors import nearest
+from ...envs.robot_file import is_robot_file
 from .types import LogError
 
 FOLDER_DEFAULTS = "log.yaml"
@@ -53,14 +54,10 @@ def read_sidecar(log: Path) -> Sidecar:
     return replace(found, robot=_beside(found.robot, log.parent))
 
 
-ROBOT_FILES = (".xml", ".mjcf", ".urdf", ".yaml", ".yml")
-"""Endings of a robot that is a file beside the log, not one of the collection's own."""
-
-
 def _beside(robot: str, folder: Path) -> str:
     """The path of a robot's file that is named as it lies beside the log; any other robot as it is."""
     path = Path(robot)
-    if path.suffix.lower() not in ROBOT_FILES or path.is_absolute():
+    if not is_robot_file(path) or path.is_absolute():
         return robot
     return str((folder / path).resolve() if (folder / path).is_file() else path)
 

@@ -14,7 +14,7 @@ import numpy as np
 
 from ...actuators.chain import Chain
 from ...actuators.layout import P_VISCOUS
-from ...actuators.stages import STAGES, Quantity, Stage
+from ...actuators.stages import STAGES, Stage
 from ...actuators.stages.base import ChainError
 from ..load.load import Load
 from ..load.pendulum import PendulumLoad
@@ -45,7 +45,7 @@ class JointModel:
     @property
     def by_torque(self) -> bool:
         """Whether it is commanded by a torque (or force), not by a position."""
-        return self.chain.command == Quantity.TORQUE
+        return self.chain.find("torque_command") is not None
 
     def value(self, path: str) -> float:
         """A parameter by path: ``stage.parameter``, ``load.*``, ``host.*`` or ``gear_ratio.factor`` (1 by

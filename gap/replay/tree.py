@@ -3,14 +3,12 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import replace
 
 import numpy as np
 
 from ...actuators import Chain
-from ...actuators.stages import STAGES
 from ..checks.signal import derivatives
-from ..load.robot import RobotFile
+from ..load.robot import LoggedRobot
 from ..load.tree import Motion, TreeLoad, terms_along
 from ..log.finding import Finding
 from ..log.types import MeasuredRun
@@ -21,31 +19,47 @@ from .terms import E_INERTIA, E_POSITION, E_SLOPE
 MARGIN = 0.02  # of its range by which a joint may pass the end of it in the log before that is no stop
 
 
-def unmeasured(robot: RobotFile, joint: str, runs: Sequence[MeasuredRun]) -> list[str]:
-    """Joints whose motion a joint feels and that some run does not tell."""
-    names = [robot.name(number) for number in robot.felt_by(joint)]
-    return [name for name in names if any(name not in run.joints for run in runs)]
+def not_free(robot: LoggedRobot, joint: str, runs: Sequence[MeasuredRun]) -> Finding | None:
+    """Why a joint of a robot cannot be replayed freely; None where it can."""
+    if len(robot.joint(joint).terms) > 1:
+        return _held(joint, "its drive turns several joints together")
+    if joint in robot.file.coupled:
+        return _held(joint, robot.file.coupled[joint])
+    names = [robot.column(number) for number in robot.felt_by(joint)]
+    fixed = [robot.turns(number) for number in robot.felt_by(joint)]
+    if not all(fixed):
+        return _held(joint, "the robot's base moves, and no column says how in a way that a replay could use")
+    if absent := [name for name in names if any(name not in run.joints for run in runs)]:
+        columns = " and ".join(f"'{name}.position'" for name in absent)
+        return _held(joint, f"what it works against depends on joints that were not logged; log {columns}")
+    return None
 
 
-def motion_of(robot: RobotFile, run: MeasuredRun) -> Motion:
+def _held(joint: str, why: str) -> Finding:
+    return Finding(
+        "robot.held", "note", joint, None, f"The link of joint '{joint}' is moved as measured, not simulated: {why}.",
+    )  # fmt: skip
+
+
+def motion_of(robot: LoggedRobot, run: MeasuredRun) -> Motion:
     """How all coordinates of a robot moved in a run, in the frame of its model."""
     model, n = robot.model, len(run.time)
     position, speed, acceleration = (np.zeros((n, model.nv)) for _ in range(3))
-    for name in robot.passive:
-        if name not in run.joints:
+    for name, log in run.joints.items():
+        if (number := robot.number(name)) < 0 or not robot.turns(number):
             continue
-        log, frame = run.joints[name], robot.frame(name)
+        frame = robot.frame(name)
         values = log.position if log.link_position is None else log.link_position
         good = np.isfinite(values)
         values = np.interp(run.time, run.time[good], values[good])
-        dof = int(model.jnt_dofadr[robot.number(name)])
+        dof = int(model.jnt_dofadr[number])
         smooth, rate, change = derivatives(run.time, values)
         position[:, dof] = frame.sign * (smooth - frame.zero)
         speed[:, dof], acceleration[:, dof] = frame.sign * rate, frame.sign * change
     return Motion(position, speed, acceleration)
 
 
-def terms_of(robot: RobotFile, joint: str, runs: Sequence[MeasuredRun]) -> list[np.ndarray]:
+def terms_of(robot: LoggedRobot, joint: str, runs: Sequence[MeasuredRun]) -> list[np.ndarray]:
     """What a joint works against in each run (samples, T_COLUMNS), in the frame of the log."""
     frame = robot.frame(joint)
     found = []
@@ -56,36 +70,21 @@ def terms_of(robot: RobotFile, joint: str, runs: Sequence[MeasuredRun]) -> list[
     return found
 
 
-def completed(chain: Chain, robot: RobotFile, joint: str) -> tuple[Chain, str]:
-    """The chain with what the model file knows of the joint's friction and armature where the chain says nothing, and a
-    sentence on who owns which number.
-    """
-    passive, taken, left = robot.passive[joint], [], []
-    if passive.friction > 0.0 or passive.damping > 0.0:
-        if chain.find("friction") is None:
-            friction = replace(STAGES["friction"].neutral(), coulomb=passive.friction, viscous=passive.damping)  # pyright: ignore
-            chain = chain.with_stage(friction)
-            taken.append("frictionloss and damping")
-        else:
-            left.append("frictionloss and damping")
-    motor = next((stage for stage in chain.stages if "armature" in stage.parameters()), None)
-    if passive.armature > 0.0:
-        if motor is not None and motor.parameters()["armature"] == 0.0:
-            ratio = chain.gear_ratio()
-            chain = chain.with_value(f"{motor.name}.armature", passive.armature / ratio**2)
-            taken.append("armature")
-        else:
-            left.append("armature")
-    said = []
-    if taken:
-        said.append(f"{' and '.join(taken)} of the file are taken, since the chain has none")
-    if left:
-        said.append(f"{' and '.join(left)} are the chain's, and what the file has of it is left out")
-    return chain, "; ".join(said)
+def owned(robot: LoggedRobot, joint: str) -> Finding | None:
+    """Who owns the numbers that both the model file and the chain may have, where the file has any."""
+    item = robot.joint(joint)
+    present = {key: item.owners[key] for key, value in item.model_values.items() if value}
+    if not present:
+        return None
+    said = ", ".join(f"{key} is {'the chain' if owner == 'chain' else 'the file'}'s" for key, owner in present.items())
+    return Finding(
+        "robot.owners", "note", joint, None,
+        f"Joint '{joint}': {said}; what {robot.file.model.path.name} has of it is not added a second time.",
+    )  # fmt: skip
 
 
 def joint_of_tree(
-    robot: RobotFile, joint: str, chain: Chain, runs: Sequence[MeasuredRun], terms: Sequence[np.ndarray] | None
+    robot: LoggedRobot, joint: str, chain: Chain, runs: Sequence[MeasuredRun], terms: Sequence[np.ndarray] | None
 ) -> JointModel:
     """A joint of a robot as the search sees it; without terms, one whose link moves as measured."""
     axis = axis_of(robot, joint, runs)
@@ -102,7 +101,7 @@ def joint_of_tree(
     return JointModel(chain, load, axis=axis)
 
 
-def axis_of(robot: RobotFile, joint: str, runs: Sequence[MeasuredRun]) -> Axis:
+def axis_of(robot: LoggedRobot, joint: str, runs: Sequence[MeasuredRun]) -> Axis:
     """Kind, range and effort of a joint in the runs."""
     logs = [run.joints[joint] for run in runs]
     low = min(float(np.nanmin(log.position)) for log in logs)
@@ -112,7 +111,7 @@ def axis_of(robot: RobotFile, joint: str, runs: Sequence[MeasuredRun]) -> Axis:
     return Axis(robot.slides(joint), low, high, effort or None)
 
 
-def stops_of(robot: RobotFile, joint: str, axis: Axis) -> tuple[float, float]:
+def stops_of(robot: LoggedRobot, joint: str, axis: Axis) -> tuple[float, float]:
     """The range of a joint in the log's frame where the log stays within it: else the file's range is no stop."""
     model, number, frame = robot.model, robot.number(joint), robot.frame(joint)
     if not model.jnt_limited[number]:
@@ -123,24 +122,3 @@ def stops_of(robot: RobotFile, joint: str, axis: Axis) -> tuple[float, float]:
     if axis.low < lower - margin or axis.high > upper + margin:
         return -np.inf, np.inf
     return min(lower, axis.low), max(upper, axis.high)
-
-
-def told(robot: RobotFile, joint: str, said: str) -> Finding | None:
-    """Who owns the numbers that both the file and the chain may have."""
-    if not said:
-        return None
-    return Finding(
-        "robot.passive", "note", joint, None, f"Of joint '{joint}' in {robot.path.name}: {said}.",
-    )  # fmt: skip
-
-
-def without_motion(joint: str, absent: Sequence[str]) -> Finding:
-    """Why a joint of a robot cannot be replayed freely."""
-    columns = " and ".join(f"'{name}.position'" for name in absent)
-    return Finding(
-        "robot.unmeasured", "note", joint, None,
-        f"What joint '{joint}' works against depends on how {', '.join(absent)} moved, which was not logged: its link is "
-        f"moved as measured. Log {columns} to judge its motion.",
-    )  # fmt: skip
-
-

@@ -11,6 +11,7 @@ import numpy as np
 from ...actuators.chain import Chain, load_chain
 from ...actuators.errors import SealegsError, nearest
 from ...envs.hopper.robot import HOPPER
+from ...envs.robot_file import is_robot_file
 from ..causes.catalogue import adjustable, catalogue, checked
 from ..causes.cause import Cause
 from ..causes.unknown import unknown_parameters, with_believed_load
@@ -19,7 +20,7 @@ from ..causes.visible import shown
 from ..checks.data_set import check_set, corrected, merged, noise_floor, shows_little, unusable
 from ..experiment import Experiment, Limits, blind_spots, experiment_for_still, propose
 from ..ground.ground import GROUND, GroundSearch, search_ground
-from ..load.robot import is_model_file, robot_of
+from ..load.robot import robot_of
 from ..log.finding import Finding
 from ..log.parts import Unit, cut
 from ..log.types import LogError, MeasuredRun, MeasuredSet
@@ -29,7 +30,7 @@ from ..replay.joint_model import JointModel
 from ..replay.parameters import Parameter
 from ..replay.problem import Problem
 from ..replay.steps import converged
-from ..replay.tree import completed, joint_of_tree, terms_of, told, unmeasured, without_motion
+from ..replay.tree import joint_of_tree, not_free, owned, terms_of
 from ..search.channels import weigh_channels
 from ..search.forward import Searcher
 from ..search.result import Search
@@ -210,29 +211,32 @@ def conclude(case: Case, replay: Replay, search: Search, order: Order) -> JointD
 def _check(data: MeasuredSet, progress: Progress) -> tuple[MeasuredSet, list[Finding], Finding | None]:
     """The data with their faults mended, what was found about them, and the finding that makes them unusable."""
     robot = data.runs[0].robot
-    if robot not in ROBOTS and not is_model_file(robot) and (hint := nearest(robot, ROBOTS)):
+    if robot not in ROBOTS and not is_robot_file(robot) and (hint := nearest(robot, ROBOTS)):
         raise LogError(f"{data.runs[0].name}: there is no robot '{robot}'{hint}; correct it in the sidecar.")
+    for run in data.runs:
+        if (machine := robot_of(run)) is not None:
+            for joint in run.joints:
+                machine.joint(joint)  # says at once that there is none
     progress("checking the log")
     data, every = corrected(data, [*data.findings, *check_set(data)])
     return data, merged(every), unusable(every, data)
 
 
 def _cut(runs: Sequence[MeasuredRun], joint: str, test_group: str | None) -> Cut:
+    robot = robot_of(runs[0])
     missing = [run.name for run in runs if joint not in run.actuators]
-    if missing:
+    if missing and robot is None:
         raise LogError(f"{missing[0]}: the sidecar names no actuator for joint '{joint}'; add it under 'actuators'.")
-    chains = [_chain(run, joint) for run in runs]
-    robot, terms, findings = robot_of(runs[0]), None, []
+    chains = [
+        _chain(run, joint) if robot is None or joint in run.actuators else robot.joint(joint).chain for run in runs
+    ]
+    terms, findings = None, []
     if robot is not None:
-        robot.number(joint)
-        owners = [completed(chain, robot, joint) for chain in chains]
-        chains = [chain for chain, _ in owners]
-        if (said := told(robot, joint, owners[0][1])) is not None:
-            findings.append(said)
-        if absent := unmeasured(robot, joint, runs):
-            findings.append(without_motion(joint, absent))
-        else:
+        chains = [robot.joint(joint).carried(chain) for chain in chains]
+        why = not_free(robot, joint, runs)
+        if why is None:
             terms = terms_of(robot, joint, runs)
+        findings += [said for said in (owned(robot, joint), why) if said is not None]
         models = [joint_of_tree(robot, joint, chain, runs, terms) for chain in chains]
         models = [
             replace(model, unknown=unknown_parameters(run, model.chain))
@@ -262,7 +266,9 @@ def _replay(pieces: Cut, order: Order) -> Replay | Refused:
     causes, hidden = shown(driven, pieces.models[0], causes)
     order.progress(f"judging the actuator of {pieces.joint} along its measured motion")
     problem = weigh_channels(converged(driven))
-    return Replay(problem, problem, wide, tuned, causes, (*pieces.findings, limits_of_driven(driven, pieces.joint, hidden)))
+    return Replay(
+        problem, problem, wide, tuned, causes, (*pieces.findings, limits_of_driven(driven, pieces.joint, hidden))
+    )
 
 
 def _search(replay: Replay, order: Order) -> Search:
@@ -304,8 +310,8 @@ def _decide(
     )
     rivals = _rivals(measured)
     experiment = None
-    bench = problem.kind == "free" and not problem.models[0].load.tree
-    if bench and (verdict.name in (NOT_IDENTIFIABLE, PARTLY) or rivals):
+    bench = not problem.models[0].load.tree if problem.kind == "free" else False
+    if problem.kind == "free" and bench and (verdict.name in (NOT_IDENTIFIABLE, PARTLY) or rivals):
         # a driven link has no load to choose and no motion of its own
         blind = verdict.because("still", "blind")
         experiment = propose(problem, search, order.limits, order.seed, blind=blind)

@@ -1,0 +1,134 @@
+"""Logs of robots: a joint of any tree is replayed by itself, and what is hidden at a joint is named there."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+import mujoco
+import numpy as np
+import pytest
+from sealegs.actuators.chain import load_chain
+from sealegs.actuators.errors import SealegsError
+from sealegs.gap.diagnose import diagnose
+from sealegs.gap.load.robot import LoggedRobot, robot_of
+from sealegs.gap.load.tree import ANGLE, Motion, terms_along
+from sealegs.gap.log.parts import cut
+from sealegs.gap.log.types import MeasuredRun
+from sealegs.gap.replay.free import FreeProblem, free_problem
+from sealegs.gap.replay.tree import joint_of_tree, not_free, terms_of
+
+from testbed.arm import ARMS, mjcf
+from testbed.bench import NOISE_FLOOR
+from testbed.logs import hidden_arm
+
+
+def robot(run: MeasuredRun) -> LoggedRobot:
+    found = robot_of(run)
+    assert found is not None
+    return found
+
+
+def problem(run: MeasuredRun, joint: str) -> FreeProblem:
+    machine = robot(run)
+    terms = terms_of(machine, joint, [run])
+    model = joint_of_tree(machine, joint, load_chain(run.actuators[joint]), [run], terms)
+    return free_problem([run], joint, [model], cut([run], joint), {"position": 1.0 / NOISE_FLOOR}, terms)
+
+
+def error(replayed: FreeProblem) -> float:
+    return float(np.sqrt(np.mean(replayed.position_error(replayed.simulate([{}], 1e-3)[0]) ** 2)))
+
+
+@pytest.mark.parametrize("sign", [1.0, -1.0])
+def test_the_terms_of_a_joint_are_those_of_inverse_dynamics(sign: float) -> None:
+    model = mujoco.MjModel.from_xml_string(mjcf(ARMS["six_joint"]))
+    rng = np.random.default_rng(3)
+    q, w, a = rng.normal(0.0, 0.7, (3, 5, model.nv))
+    data = mujoco.MjData(model)
+    for joint in range(model.njnt):
+        terms = terms_along(model, joint, Motion(q, w, a), sign)
+        for k in range(len(q)):
+            away, faster = 2.0 * ANGLE, 0.4
+            data.qpos[:], data.qvel[:], data.qacc[:] = q[k], w[k], a[k]
+            data.qpos[joint] += sign * away
+            data.qvel[joint] += sign * faster
+            mujoco.mj_inverse(model, data)
+            _, _, inertia, bias, slope, curve, drag = terms[k, :7]
+            torque = inertia * sign * a[k, joint] + bias + drag * faster
+            torque += slope * np.sin(away) + curve * (1.0 - np.cos(away))
+            assert torque == pytest.approx(sign * data.qfrc_inverse[joint], abs=2e-4)
+
+
+def test_a_payload_adds_to_the_terms_what_it_does_to_inverse_dynamics() -> None:
+    text = mjcf(ARMS["two_link"])
+    point = 'pos="0 -0.18 0"'  # where the site is
+    loaded = text.replace(
+        "<site", f'<body {point}><inertial pos="0 0 0" mass="0.3" diaginertia="1e-9 1e-9 1e-9"/></body><site'
+    )
+    q, w, a = np.random.default_rng(4).normal(0.0, 0.7, (3, 4, 2))
+    plain, other = (mujoco.MjModel.from_xml_string(xml) for xml in (text, loaded))
+    for joint in range(2):
+        terms = terms_along(plain, joint, Motion(q, w, a))
+        whole = terms_along(other, joint, Motion(q, w, a))
+        np.testing.assert_allclose(terms[:, 2:7] + 0.3 * terms[:, 7:12], whole[:, 2:7], atol=2e-6)
+
+
+def test_each_joint_of_an_arm_is_replayed_to_its_noise(tmp_path: Path) -> None:
+    data, _ = hidden_arm(tmp_path, "six_joint", {}, seed=5, runs=1, duration=4.0, nominal_error=0.0)
+    for joint in ("shoulder_lift", "wrist_flex"):
+        assert error(problem(data.runs[0], joint)) < 1.5 * NOISE_FLOOR
+
+
+def test_friction_of_one_joint_is_an_error_of_that_joint_alone(tmp_path: Path) -> None:
+    data, _ = hidden_arm(
+        tmp_path, "two_link", {"friction": ("elbow", "clear")}, seed=5, runs=1, duration=4.0, nominal_error=0.0
+    )
+    assert error(problem(data.runs[0], "shoulder")) < 1.5 * NOISE_FLOOR
+    assert error(problem(data.runs[0], "elbow")) > 6.0 * NOISE_FLOOR
+
+
+def test_an_arm_that_is_driven_by_torque_is_replayed_to_its_noise(tmp_path: Path) -> None:
+    data, _ = hidden_arm(tmp_path, "two_link", {}, seed=5, runs=1, duration=6.0, nominal_error=0.0, by_torque=True)
+    for joint in ("shoulder", "elbow"):
+        assert error(problem(data.runs[0], joint)) < 0.02  # [rad] nothing holds it near what was measured
+
+
+def test_a_joint_whose_neighbour_was_not_logged_moves_as_measured(tmp_path: Path) -> None:
+    data, _ = hidden_arm(tmp_path, "two_link", {}, seed=5, runs=1, duration=2.0)
+    run = data.runs[0]
+    del run.joints["elbow"]
+    why = not_free(robot(run), "shoulder", [run])
+    assert why is not None and "'elbow.position'" in why.sentence
+
+
+def columns(run: MeasuredRun) -> dict[str, Any]:
+    return {name: values for name, values in run.columns().items() if name != "time"} | {"time": run.time}
+
+
+def test_a_robot_file_that_is_not_there_is_told_in_a_sentence(tmp_path: Path) -> None:
+    data, _ = hidden_arm(tmp_path, "two_link", {}, seed=5, runs=1, duration=2.0)
+    run = data.runs[0]
+    sidecar = {"robot": str(tmp_path / "other.xml"), "actuators": dict(run.actuators)}
+    with pytest.raises(SealegsError, match=r"other\.xml, and there is no such file"):
+        diagnose(columns(run), sidecar=sidecar)
+
+
+def test_a_joint_that_the_model_lacks_is_told_with_the_nearest(tmp_path: Path) -> None:
+    data, _ = hidden_arm(tmp_path, "two_link", {}, seed=5, runs=1, duration=2.0)
+    run = data.runs[0]
+    table = {name.replace("elbow", "elbo"): values for name, values in columns(run).items()}
+    sidecar = {"robot": run.robot, "actuators": {"shoulder": run.actuators["shoulder"], "elbo": run.actuators["elbow"]}}
+    with pytest.raises(SealegsError, match=r"'elbo'.*'elbow'"):
+        diagnose(table, sidecar=sidecar, causes=["friction.coulomb"])
+
+
+@pytest.mark.long
+def test_friction_of_the_elbow_is_named_at_the_elbow(tmp_path: Path) -> None:
+    data, _ = hidden_arm(tmp_path, "two_link", {"friction": ("elbow", "clear")}, seed=1, runs=2, duration=10.0)
+    found = diagnose(data, causes=["friction.coulomb", "friction.viscous", "drive.delay"])
+    assert found.joint("shoulder").verdict == "nothing to explain"
+    (cause,) = found.joint("elbow").causes
+    assert (cause.name, cause.joint) == ("friction.coulomb", "elbow")
+    value = cause.parameters["friction.coulomb"]
+    assert value.low < 0.172 * 1.05 and value.high > 0.172 * 0.95
