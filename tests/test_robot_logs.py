@@ -17,6 +17,7 @@ from sealegs.gap.log.parts import cut
 from sealegs.gap.log.types import MeasuredRun
 from sealegs.gap.replay.free import FreeProblem, free_problem
 from sealegs.gap.replay.tree import joint_of_tree, not_free, terms_of
+from sealegs.gap.search.windows import split
 
 from testbed.arm import ARMS, mjcf
 from testbed.bench import NOISE_FLOOR
@@ -91,7 +92,8 @@ def test_friction_of_one_joint_is_an_error_of_that_joint_alone(tmp_path: Path) -
 def test_an_arm_that_is_driven_by_torque_is_replayed_to_its_noise(tmp_path: Path) -> None:
     data, _ = hidden_arm(tmp_path, "two_link", {}, seed=5, runs=1, duration=6.0, nominal_error=0.0, by_torque=True)
     for joint in ("shoulder", "elbow"):
-        assert error(problem(data.runs[0], joint)) < 0.02  # [rad] nothing holds it near what was measured
+        windows = split(problem(data.runs[0], joint))  # nothing holds it near what was measured for longer
+        assert error(windows) < 8.0 * NOISE_FLOOR
 
 
 def test_a_joint_whose_neighbour_was_not_logged_moves_as_measured(tmp_path: Path) -> None:
