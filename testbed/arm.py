@@ -343,7 +343,7 @@ def goals_of(count: int, time: np.ndarray, rng: np.random.Generator, run: int, b
         if by_torque:
             f = rng.uniform(0.2, 1.3, 5)
             phase = rng.uniform(0, 2 * np.pi, 5)
-            size = 0.35 / (1.0 + joint)
+            size = 0.15 / (1.0 + 2.0 * joint)
             goal[:, joint] = size * np.sin(2 * np.pi * f * time[:, None] + phase).sum(axis=1) * np.minimum(time, 1.0)
             continue
         order = np.roll(kinds, joint + run)
