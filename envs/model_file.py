@@ -129,7 +129,7 @@ def read_model(path: str | Path) -> ModelFile:
     Raises:
         RobotError: it is missing, no model, or does not compile.
     """
-    path = Path(path).absolute()
+    path = Path(path).resolve()
     if path.suffix.lower() not in SUFFIXES:
         raise RobotError(f"{path} is no model of a robot; give a file that ends in {', '.join(SUFFIXES)}.")
     if not path.is_file():

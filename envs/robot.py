@@ -121,6 +121,11 @@ class Robot:
         """Of the position of a coordinate: rad, or m of a slide."""
         return self.units.get(coordinate, "rad")
 
+    @property
+    def source(self) -> str:
+        """The word by which :func:`sealegs.envs.robots.get_robot` finds it: its name, or the path of its file."""
+        return self.name if self.file is None else str(self.file.path)
+
     def is_called(self, word: str) -> bool:
         """Whether a log or a diagnosis means this robot by ``word``: its name, or the path of its file."""
         if self.file is None or "." not in word:

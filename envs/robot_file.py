@@ -280,7 +280,7 @@ def load_robot_file(path: str | Path) -> RobotFile:
         said = [f"{path.name} is taken as it is; `sealegs new-robot {path.name}` writes what is assumed into a file."]
         if beside.is_file():
             said = [f"{beside} lies beside {path.name} and is not read: give it as the robot to use it."]
-        return _put_together(path, FileEntry(path.name), said)
+        return assembled(path, FileEntry(path.name), said)
     if path.suffix.lower() not in YAML_SUFFIXES:
         known = ", ".join((*YAML_SUFFIXES, *SUFFIXES))
         raise RobotError(f"{path} is no file of a robot; give one that ends in {known}.")
@@ -295,7 +295,7 @@ def load_robot_file(path: str | Path) -> RobotFile:
         where = f" in line {mark.line + 1}" if mark else ""
         raise RobotError(f"{path} is not valid YAML{where}: {getattr(error, 'problem', error)}.") from None
     try:
-        return _put_together(path, checked_fields("", document, FileEntry), [])
+        return assembled(path, checked_fields("", document, FileEntry), [])
     except RobotError:
         raise
     except SealegsError as error:
@@ -305,7 +305,18 @@ def load_robot_file(path: str | Path) -> RobotFile:
 # --- putting together ----------------------------------------------------------------------------------------------
 
 
-def _put_together(path: Path, entry: FileEntry, said: list[str]) -> RobotFile:
+def assembled(path: Path, entry: FileEntry, said: list[str] | None = None) -> RobotFile:
+    """A robot from what its YAML says.
+
+    Args:
+        path: of the YAML, which need not exist: paths are relative to it.
+        entry: what it says.
+        said: sentences to go on with.
+
+    Raises:
+        SealegsError: something in it does not fit.
+    """
+    said = [] if said is None else said
     model = read_model(path.parent / entry.model)
     said += model.said
     drives = {drive.name: drive for drive in model.drives}

@@ -308,9 +308,10 @@ def main(arguments: list[str]) -> None:
     from ..configs.compose import compose, split
     from ..envs.robots import get_robot
     from .bus import ServoBus
+    from .own_robot import READERS
     from .registers import load_model
 
-    config = compose("calibrate", split(arguments, plain=("port", "out")))
+    config = compose("calibrate", split(arguments, plain=("port", "out")), readers=READERS)
     if config["port"] is None:
         raise SealegsError("port=<path> is missing: name the adapter's port, such as /dev/ttyUSB0.")
     settings = config["robot"]

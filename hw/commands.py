@@ -220,7 +220,7 @@ def read_replay(path: Path, robot: ServoRobot) -> Trajectory:
     from ..gap.log import read_measured
 
     run = read_measured(path).runs[0]
-    if run.robot != robot.robot.name:
+    if not robot.robot.is_called(run.robot):
         raise SealegsError(f"{path} is a log of robot '{run.robot}', not of '{robot.robot.name}'.")
     goals = {name: log.goal for name, log in run.joints.items() if log.goal is not None}
     return _trajectory("replay", path, run.time, goals, robot)

@@ -51,7 +51,7 @@ def opened_port(
     mounts = {j.name: {"id": j.id, "zero": j.zero, "direction": j.direction} for j in robot.joints}
     mounts |= {s.name: {"id": s.id, "zero": s.zero, "direction": 1 if s.per_radian > 0 else -1} for s in robot.sensors}
     known = {
-        "robot": robot.robot.name,
+        "robot": robot.robot.source,
         "params": robot.params if params is None else dict(params),
         "servos": mounts,
         "model": robot.servo.name,

@@ -384,6 +384,7 @@ def _log(deployment: Deployment, port: str, registers: Mapping[str, Mapping[str,
     # the load of a virtual bench is known; of a real one, only what somebody says
     simulated = config["hw"]["virtual"] is not None and robot.robot.name == BENCH.name
     params = robot.robot.parameters(robot.params) if simulated else robot.params
-    sidecar = make_sidecar(robot.robot.name, params, robot.belief, meta)
+    word = robot.robot.name if robot.robot.file is None else os.path.relpath(robot.robot.file.path, folder.absolute())
+    sidecar = make_sidecar(word, params, robot.belief, meta)
     signals = (*SIGNALS, "link_position") if robot.measures_links else SIGNALS
     return MeasuredLog(folder, str(name), sidecar, robot.names, signals, robot.base_names)

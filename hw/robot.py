@@ -16,6 +16,7 @@ from ..actuators.errors import SealegsError, nearest
 from ..envs.contract import Contract, ContractError, chain_hash, robot_hash
 from ..envs.extended import read_extended
 from ..envs.robot import Robot
+from ..envs.robot_file import ServoEntry
 from ..envs.robots import get_robot
 from .registers import ServoModel, load_model
 from .servo_state import ServoState
@@ -230,7 +231,8 @@ class ServoRobot:
             )
         if contract.history != 1:
             refuse("history", contract.history, 1, "train it on single observations")
-        names = tuple(task_of(contract.env)[0].observation_names())
+        env = {**contract.env, "robot": robot} if "robot" in contract.env else contract.env  # its file may have moved
+        names = tuple(task_of(env)[0].observation_names())
         if contract.observation_names != names:
             first = next(
                 (f"{a!r} for {b!r}" for a, b in zip(contract.observation_names, names, strict=False) if a != b),
@@ -315,16 +317,23 @@ def check_joints(joints: Sequence[Joint], robot: Robot, servo: ServoModel, param
 
 
 def nominal_joints(robot: Robot, servo: ServoModel, params: Mapping[str, float]) -> list[Joint]:
-    """Joints of a machine built as drawn: ids 1, 2, ..., zero at the encoder's centre, range of the robot's goals."""
+    """Joints of a machine built as drawn, or as the robot's file says.
+
+    As drawn: ids 1, 2, ..., zero at the encoder's centre, range of the robot's goals.
+    """
     step = 2.0 * math.pi / servo.resolution
     ends = (-servo.centre * step, (servo.resolution - 1 - servo.centre) * step)
     limits = robot.goal_limits(robot.parameters(params))
-    return [
-        Joint(
-            item.name, number, servo.centre, 1, max(limits[item.name][0], ends[0]), min(limits[item.name][1], ends[1])
-        )
-        for number, item in enumerate(robot.coordinates, 1)
-    ]
+    said = {} if robot.file is None else {item.name: item.servo for item in robot.file.joints}
+    joints = []
+    for number, item in enumerate(robot.coordinates, 1):
+        mounted = said.get(item.name) or ServoEntry(number)
+        zero = servo.centre if mounted.zero is None else mounted.zero
+        shift = mounted.direction * (zero - servo.centre) * step
+        low, high = (end - shift for end in sorted(mounted.direction * end for end in ends))
+        goals = limits[item.name]
+        joints.append(Joint(item.name, mounted.id, zero, mounted.direction, max(goals[0], low), min(goals[1], high)))
+    return joints
 
 
 def read_joints(path: Path, robot: Robot) -> list[Joint]:

@@ -21,6 +21,7 @@ COMMANDS = {
     "scan": ("sealegs.hw.scan", "scan", "which servos are on a bus"),
     "calibrate": ("sealegs.hw.calibration", "calibrate", "zero, direction and range of each joint"),
     "virtual": ("sealegs.hw.virtual.__main__", "virtual", "serve a virtual bus of servos"),
+    "new-robot": ("sealegs.commands.new_robot", "", "write the YAML of a robot from its MJCF or URDF"),
     "export": ("sealegs.agents.export", "", "write a trained policy as ONNX"),
     "repair-log": ("sealegs.hw.measured_log", "", "recover the whole samples of a log that a power cut tore"),
     "import": ("sealegs.commands.import_log", "import", "turn recordings of other formats into measured logs"),

@@ -34,8 +34,10 @@ def main(arguments: list[str]) -> None:
     """Run what the command line names."""
     from sealegs.configs.compose import compose, split  # here, so that --help does not wait for the compiled laws
     from sealegs.hw import deployment
+    from sealegs.hw.own_robot import READERS
 
-    prepared = deployment.prepare(compose("deploy", split(arguments, PLAIN, _meant(arguments))))
+    config = compose("deploy", split(arguments, PLAIN, _meant(arguments)), readers=READERS)
+    prepared = deployment.prepare(config)
     done = deployment.run(prepared)
     if done is None:
         return

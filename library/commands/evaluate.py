@@ -33,8 +33,9 @@ def main(arguments: list[str]) -> None:
     from sealegs.actuators.errors import SealegsError, nearest
     from sealegs.configs.check import checked
     from sealegs.configs.compose import compose, split
+    from sealegs.hw.own_robot import READERS
 
-    config = compose("evaluate", split(arguments, plain=PLAIN, first="policy"))
+    config = compose("evaluate", split(arguments, plain=PLAIN, first="policy"), readers=READERS)
     if config["policy"] is not None:
         compare_policy(config)
         return

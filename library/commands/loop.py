@@ -21,22 +21,30 @@ import yaml
 from sealegs.actuators.errors import SealegsError
 from sealegs.configs.script import Interrupted
 
+BENCH_LOADS = [{"mass": 0.25, "length": 0.10}, {"mass": 0.5, "length": 0.12}]
+"""Numbers of a bench that the excitations are run with: two loads that a person has [kg], [m]."""
+
 
 def main(arguments: list[str]) -> None:
     """Run every step that is not done yet."""
     from sealegs.configs.check import Count, checked, checked_seed
     from sealegs.configs.compose import compose, split
     from sealegs.envs.robots import get_robot
+    from sealegs.hw.own_robot import READERS
 
-    config = compose("loop", split(arguments, plain=("out", "port", "calibration")))
+    config = compose("loop", split(arguments, plain=("out", "port", "calibration")), readers=READERS)
     seed = checked_seed(config["seed"])
     steps = checked("total_timesteps", config["total_timesteps"], Count)
-    joints = [item.name for item in get_robot(config["robot"]["name"]).coordinates]
-    if len(joints) > 1:
+    robot = get_robot(config["robot"]["name"])
+    joints = [item.name for item in robot.coordinates]
+    if len(joints) > 1 and robot.file is None:
         raise SealegsError(
             f"robot={config['robot']['name']} has the joints {', '.join(joints)}, and the loop is for one servo on a "
-            "bench: give robot=bench, or run deploy, diagnose, train and evaluate one after the other."
+            "bench or a robot of your own: give robot=bench or robot=<its .yaml>, or run deploy, diagnose, train and "
+            "evaluate one after the other."
         )
+    if config["loads"] is None:
+        config["loads"] = BENCH_LOADS if robot.file is None else [{}]
     out = Path(str(config["out"] or f"runs/loop-{datetime.datetime.now():%Y%m%d-%H%M%S}"))
     out.mkdir(parents=True, exist_ok=True)
     keep(out / "loop.yaml", {key: value for key, value in config.items() if key != "out"})
@@ -45,7 +53,7 @@ def main(arguments: list[str]) -> None:
     try:
         measure(config, out, machine, seed)
         extended = diagnose(config, out, machine, seed)
-        models = {"nominal": f"actuator={config['robot']['actuator']}"}
+        models = {"nominal": f"actuator={config['robot']['actuator'] or 'null'}"}
         if extended:
             models["extended"] = f"extended={extended}"
         pages = {}
@@ -79,7 +87,7 @@ def measure(config: Mapping[str, Any], out: Path, machine: list[str], seed: int)
     """Run each excitation with each load that has no complete log yet."""
     for number, load in enumerate(config["loads"]):
         todo = [word for word in config["excitations"] if not complete(out, f"load{number}_{word}")]
-        if todo and config["hw"]["virtual"] is None:
+        if todo and load and config["hw"]["virtual"] is None:
             put_on(f"load {number + 1}", load)
         for word in todo:
             excite(config, out, machine, f"load{number}_{word}", word, load, seed + number)
@@ -158,6 +166,7 @@ def diagnose(config: Mapping[str, Any], out: Path, machine: list[str], seed: int
 def train(config: Mapping[str, Any], out: Path, name: str, model: str, steps: int, seed: int) -> None:
     """Train on a model, or go on with it."""
     from sealegs.commands import train as script
+    from sealegs.envs.robot_file import is_robot_file
 
     folder = out / f"policy-{name}"
     if (folder / "final" / "policy.onnx").exists():
@@ -166,7 +175,9 @@ def train(config: Mapping[str, Any], out: Path, name: str, model: str, steps: in
         arguments = [f"resume={folder}"]
     else:
         put_aside(folder, out)
-        arguments = [f"env={config['robot']['name']}", model, f"out={out}", f"name={folder.name}"]
+        name = config["robot"]["name"]
+        task = ["env=track", f"robot={name}"] if is_robot_file(name) else [f"env={name}"]
+        arguments = [*task, model, f"out={out}", f"name={folder.name}"]
         arguments += [f"seed={seed}", f"total_timesteps={steps}", "video.seconds=0"]
         arguments.append(f"env.energy_weight={config['energy_weight']}")
     heading(f"sealegs train {' '.join(arguments)}")

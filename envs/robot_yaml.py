@@ -1,0 +1,119 @@
+"""Writes the YAML of a robot from its model file, with comments that tell what each line decides."""
+
+from __future__ import annotations
+
+import dataclasses
+import os
+from pathlib import Path
+from typing import Any
+
+import yaml
+
+from ..actuators.errors import SealegsError
+from .model_file import UNITS, read_model
+from .robot import RobotError
+from .robot_file import FileEntry, FileJoint, assembled, load_robot_file
+
+HEAD = """\
+# Robot {name}, written from {model} by sealegs new-robot; edit what is wrong. docs/your-own-robot.md explains it.
+# Of numbers that the model and a chain can both hold (damping, armature, frictionloss) one counts: the chain's, or the
+# model file's, which then takes the chain's place. They are never added.
+model: {path}   # MJCF or URDF, relative to this file
+base: {base}   # fixed to the ground, or free
+timestep: {timestep:g}   # of the simulation [s]
+integrator: {integrator}   # RK4, Euler, implicit or implicitfast
+joints:   # that servos drive, in the order of goals
+"""
+
+TAIL = """\
+deploy:   # for sealegs deploy: what configs/robot/bench.yaml holds of the bench; what is left out is as there
+  servo: sts3215   # table of hw/registers
+  rest: release   # at the end: release, hold, or sit
+  sensors: {}   # encoders that drive nothing, such as elbow.link: {id: 7}
+  safety: {}   # limits other than those of configs/robot/bench.yaml
+"""
+
+
+def write_robot_yaml(model: Path, out: Path, chain: str | None = None) -> tuple[str, ...]:
+    """Write the YAML of a model, and return what was assumed in it, a sentence each.
+
+    Args:
+        model: MJCF or URDF.
+        out: file to write; it must not exist.
+        chain: that drives every joint; None: an ideal servo as the model has it.
+
+    Raises:
+        RobotError: the model cannot be read, or ``out`` exists.
+    """
+    text, said = robot_yaml(model, out, chain)
+    try:
+        out.parent.mkdir(parents=True, exist_ok=True)
+        with open(out, "x", encoding="utf-8") as file:
+            file.write(text)
+    except FileExistsError:
+        raise RobotError(f"{out} exists, and is not overwritten; give another out=.") from None
+    load_robot_file(out)
+    return said
+
+
+def robot_yaml(model: Path, out: Path, chain: str | None = None) -> tuple[str, tuple[str, ...]]:
+    """The text that :func:`write_robot_yaml` writes, and what was assumed."""
+    facts = read_model(model)
+    names = [drive.name for drive in facts.drives] or [name for name in facts.joints if name not in facts.followers]
+    if not names:
+        raise RobotError(f"{model} has no hinge or slide with a name that could be driven.")
+    belts = {drive.name: dict(drive.terms) for drive in facts.drives if len(drive.terms) > 1}
+    if chain is not None and Path(chain).suffix in (".yaml", ".yml"):
+        chain = os.path.relpath(Path(chain).resolve(), out.resolve().parent)
+    rows: dict[str, Any] = {name: {"chain": chain} for name in names}
+    for name, belt in belts.items():
+        rows[name]["belt"] = belt
+    path = os.path.relpath(model.resolve(), out.resolve().parent)
+    try:
+        robot = assembled(out.resolve(), FileEntry(path, joints=rows))
+    except SealegsError as error:
+        raise RobotError(str(error)) from None
+    head = HEAD.format(
+        name=robot.name,
+        model=model.name,
+        path=path,
+        base=robot.base,
+        timestep=robot.timestep,
+        integrator=robot.integrator,
+    )
+    lines = [_joint(number, joint, chain, belts.get(joint.name)) for number, joint in enumerate(robot.joints, 1)]
+    left = [f"# Left out: {reason}.\n" for reason in facts.undriveable]
+    left += [
+        f"# Joint {name} is not driven: it follows {other or 'a place'}.\n" for name, other in facts.followers.items()
+    ]
+    return head + "".join(lines) + "".join(left) + TAIL, robot.said
+
+
+def _joint(number: int, joint: FileJoint, chain: str | None, belt: dict[str, float] | None) -> str:
+    position, force = UNITS[joint.kind]
+    drive: Any = chain
+    if drive is None:
+        ideal = dataclasses.asdict(joint.chain.find("ideal"))
+        kept = {key: ideal[key] for key in ("stiffness", "damping") if ideal[key]}
+        drive = [{"ideal": kept | ({"torque_limit": ideal["torque_limit"]} if ideal["torque_limit"] < 1e6 else {})}]
+    units = {
+        "damping": f"{force}.s/{position}",
+        "armature": "kg.m2" if joint.kind == "hinge" else "kg",
+        "frictionloss": force,
+    }
+    lines = [f"  {joint.name}:   # {joint.kind}, {position} and {force}"]
+    if belt is not None:
+        lines.append(f"    belt: {_flow(belt)}   # driven is the sum of these joints, times their coefficients")
+    lines.append(f"    chain: {_flow(drive)}   # a word of configs/actuator (sts3215, xl330), a file, or stages")
+    lines.append(f"    range: {_flow([round(end, 6) for end in joint.range])}   # of its goals [{position}]")
+    for key, owner in joint.owners.items():
+        value = joint.model_values[key]
+        lines.append(f"    {key}: {owner}   # chain or file; the file has {value:g} {units[key]}")
+    lines.append(f"    start: {joint.start:g}   # of episodes [{position}]")
+    lines.append("    unknown: []   # what nobody measured: zero, direction, friction, armature, motor, load")
+    lines.append(f"    servo: {{id: {number}}}   # and zero: its step at 0, direction: 1 or -1")
+    return "\n".join(lines) + "\n"
+
+
+def _flow(value: Any) -> str:
+    return yaml.safe_dump(value, default_flow_style=True, width=1000, sort_keys=False).removesuffix("\n...\n").strip()

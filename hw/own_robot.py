@@ -1,0 +1,46 @@
+"""The config group ``robot`` of a user's own robot: ``robot=my_arm.yaml``, ``.xml`` or ``.urdf`` in place of a name."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+import yaml
+
+from ..actuators.errors import SealegsError, nearest
+from ..configs.compose import FOLDER
+from ..envs.robot import RobotError
+from ..envs.robots import get_robot
+
+DEFAULTS = "bench"
+"""Robot of ``configs/robot`` whose limits of safety hold where a robot's file says nothing: those of a small servo."""
+
+
+def own_robot(word: str) -> dict[str, Any]:
+    """What ``configs/robot`` holds of built-in robots, from the file of a robot.
+
+    Raises:
+        SealegsError: the file is wrong, or has an unknown key under ``deploy``.
+    """
+    path = Path(word).absolute()
+    robot = get_robot(path)
+    if robot.file is None:
+        raise RobotError(f"robot={word} is no file of a robot.")
+    config = {**yaml.safe_load((FOLDER / "robot" / f"{DEFAULTS}.yaml").read_text()), "sensors": {}}
+    given = robot.file.deploy
+    known = [key for key in config if key not in ("name", "params", "actuator")]
+    for key in given:
+        if key not in known:
+            raise SealegsError(f"{path}: deploy.{key} is unknown{nearest(key, known)}; there are {', '.join(known)}.")
+    limits = {**config["safety"], **(given.get("safety") or {})}
+    for key in limits:
+        if key not in config["safety"]:
+            hint = nearest(key, config["safety"])
+            raise SealegsError(
+                f"{path}: deploy.safety.{key} is unknown{hint}; there are {', '.join(config['safety'])}."
+            )
+    return {**config, **given, "name": str(path), "params": {}, "actuator": None, "safety": limits}
+
+
+READERS = {"robot": own_robot}
+"""For :func:`sealegs.configs.compose.compose`, where a config chooses a robot."""

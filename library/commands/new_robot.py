@@ -1,0 +1,34 @@
+"""Write the YAML of a robot beside its MJCF or URDF: which joints are driven, by what, and whose numbers count.
+
+    sealegs new-robot my_arm.xml                      writes my_arm.yaml
+    sealegs new-robot my_arm.xml out=robots/arm.yaml  elsewhere
+    sealegs new-robot my_arm.xml chain=sts3215        with this chain on every joint
+
+Read what it says, edit the file, and give it to the other commands: robot=my_arm.yaml. A file is never overwritten.
+"""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+from sealegs.actuators.errors import SealegsError, nearest
+
+KEYS = ("out", "chain")
+
+
+def main(arguments: list[str]) -> None:
+    """Write the file that the command line names."""
+    from sealegs.envs.robot_yaml import write_robot_yaml
+
+    files = [argument for argument in arguments if "=" not in argument]
+    given = dict(argument.split("=", 1) for argument in arguments if "=" in argument)
+    for key in given:
+        if key not in KEYS:
+            raise SealegsError(f"there is no key '{key}'{nearest(key, KEYS)}; there are out= and chain=.")
+    if len(files) != 1:
+        raise SealegsError("name one model: sealegs new-robot my_arm.xml (an MJCF or URDF).")
+    model = Path(files[0])
+    out = Path(given.get("out") or model.with_suffix(".yaml"))
+    for sentence in write_robot_yaml(model, out, given.get("chain")):
+        print(f"  {sentence}")
+    print(f"Written: {out}. Read it, edit it, and give it as robot={out}.")

@@ -1,0 +1,86 @@
+"""A robot of one's own through the commands: its YAML is written, its virtual machine driven and logged."""
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+import yaml
+from sealegs.actuators.errors import SealegsError
+from sealegs.commands import new_robot
+from sealegs.configs.compose import compose
+from sealegs.envs.robot_file import load_robot_file
+from sealegs.gap.log import read_measured
+from sealegs.hw import deployment
+from sealegs.hw.own_robot import READERS
+from sealegs.hw.robot import build_robot
+
+ROBOTS = Path(__file__).parent / "robots"
+
+
+@pytest.fixture
+def arm(tmp_path: Path) -> Path:
+    (tmp_path / "arm.xml").write_text((ROBOTS / "arm.xml").read_text())
+    return tmp_path / "arm.xml"
+
+
+def test_new_robot_writes_what_a_bare_model_means_and_never_over_a_file(arm: Path, capsys) -> None:
+    new_robot.main([str(arm)])
+    said = capsys.readouterr().out
+    assert "an ideal servo of 12 N.m/rad drives it" in said
+    written, bare = load_robot_file(arm.with_suffix(".yaml")), load_robot_file(arm)
+    assert written.said == ()
+    for ours, theirs in zip(written.joints, bare.joints, strict=True):
+        assert ours.chain.to_list() == theirs.chain.to_list()
+        assert (ours.range, ours.owners, ours.start) == (theirs.range, theirs.owners, theirs.start)
+    assert written.digest == bare.digest
+    with pytest.raises(SealegsError, match=r"arm\.yaml exists, and is not overwritten; give another out="):
+        new_robot.main([str(arm)])
+
+
+def test_new_robot_takes_a_chain_for_all_joints_and_says_whose_numbers_it_leaves_out(arm: Path, capsys) -> None:
+    new_robot.main([str(arm), "chain=sts3215", f"out={arm.parent / 'robots' / 'mine.yaml'}"])
+    assert "the chain's counts (armature: chain), the other is left out" in capsys.readouterr().out
+    robot = load_robot_file(arm.parent / "robots" / "mine.yaml")
+    assert robot.name == "mine" and set(robot.joint("elbow").owners.values()) == {"chain"}
+    with pytest.raises(SealegsError, match=r"there is no key 'chian' \(did you mean 'chain'\?\)"):
+        new_robot.main([str(arm), "chian=sts3215"])
+
+
+def config(*arguments: str, **keys: str) -> dict:
+    pairs = {key: str(value) for key, value in keys.items()}
+    pairs |= dict(argument.split("=", 1) for argument in arguments)
+    return compose("deploy", pairs, readers=READERS)
+
+
+def test_servos_are_mounted_as_the_file_says(arm: Path) -> None:
+    path = arm.with_suffix(".yaml")
+    path.write_text(
+        "model: arm.xml\njoints:\n  shoulder: {chain: sts3215, servo: {id: 7, zero: 1900, direction: -1}}\n"
+        "  elbow: {chain: xl330}\ndeploy: {safety: {current: 1.5}}\n"
+    )
+    chosen = config(robot=str(path))
+    assert chosen["robot"]["safety"]["current"] == 1.5 and chosen["robot"]["safety"]["temperature"] == 65.0
+    shoulder, elbow = build_robot(chosen["robot"]).joints
+    assert (shoulder.id, shoulder.zero, shoulder.direction) == (7, 1900, -1)
+    assert (elbow.id, elbow.zero, elbow.direction) == (2, 2048, 1)
+    assert (shoulder.low, shoulder.high) == (-1.5, 1.5)
+    path.write_text("model: arm.xml\njoints: {elbow: {chain: sts3215}}\ndeploy: {safty: {}}\n")
+    with pytest.raises(SealegsError, match=r"deploy.safty is unknown \(did you mean 'safety'\?\)"):
+        config(robot=str(path))
+
+
+def test_its_virtual_machine_is_its_own_model_with_its_chains_and_the_log_names_it(arm: Path) -> None:
+    new_robot.main([str(arm), "chain=sts3215"])
+    chosen = config(
+        "hw.virtual.time=stepped", robot=str(arm.with_suffix(".yaml")), excitation="multisine", duration="1.5",
+        live="false", out=str(arm.parent / "logs"), name="run",
+    )  # fmt: skip
+    done = deployment.run(deployment.prepare(chosen), lambda _: None)
+    assert done is not None and done.outcome.fault is None
+    sidecar = yaml.safe_load((arm.parent / "logs" / "run.yaml").read_text())
+    assert sidecar["robot"] == "../arm.yaml"
+    run = read_measured(done.log).runs[0]
+    assert list(run.joints) == ["shoulder", "elbow"]
+    goal, position = run.joints["elbow"].goal, run.joints["elbow"].position
+    assert goal is not None and position is not None
+    assert np.abs(position - goal)[50:].max() < 0.3 and np.ptp(position) > 0.5
