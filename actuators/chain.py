@@ -24,6 +24,7 @@ from .layout import (
     P_TERMS,
     S_HEADER,
 )
+from .published import bam_file, bam_stages
 from .stages import OPCODES, ORDER, STAGES, ChainError, Quantity, Stage, build_stage
 from .stages.net import Net
 
@@ -267,6 +268,8 @@ def load_chain_set(source: Any) -> dict[str, Chain] | None:
 def load_chain(source: str | Path | Sequence[Any] | Chain) -> Chain:
     """A chain from its name in ``configs/actuator``, the path of a YAML file, or its stages as a list.
 
+    ``bam:<path of a JSON file>`` is a fit that was published with BAM (:mod:`sealegs.actuators.published`).
+
     Raises:
         ChainError: unknown name, unreadable file, or a chain that does not fit together.
     """
@@ -276,6 +279,8 @@ def load_chain(source: str | Path | Sequence[Any] | Chain) -> Chain:
         return _build(source, "inline chain", None)
     if not isinstance(source, str | Path):
         raise ChainError(f"an actuator is a name, the path of a YAML file or a list of stages, not {source!r}.")
+    if (fit := bam_file(source)) is not None:
+        return _build(bam_stages(fit), str(fit), fit)
     path = Path(source)
     if path.suffix not in (".yaml", ".yml"):
         if path.is_file():

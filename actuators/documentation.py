@@ -19,7 +19,8 @@ through them:
 ```yaml
 {example}```
 
-`load_chain("sts3215")` reads a chain from `configs/actuator`, `load_chain("path/to/chain.yaml")` any other; every
+`load_chain("sts3215")` reads a chain from `configs/actuator`, `load_chain("path/to/chain.yaml")` any other, and
+`load_chain("bam:path/to/fit.json")` a fit of [BAM](https://github.com/Rhoban/bam), models M1 to M6; every
 command takes either as `actuator=`. Numbers have the units of the tables, without the unit written behind them.
 Angles are in radians.
 

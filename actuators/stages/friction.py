@@ -33,9 +33,14 @@ class Friction(Stage):
                 + S (stribeck + load_stribeck |m - e|) + ripple cos(ripple_count q + ripple_phase) + drag w^2
         S = exp(-|w / stribeck_velocity|^stribeck_exponent)
 
-    with the motor torque ``m`` and the external torque ``e`` on the gearbox (Duclusaud et al., ICRA 2025, M1 to M6;
+    with the motor torque ``m`` and the external torque ``e`` on the gearbox (Duclusaud et al., ICRA 2025, M1 to M4;
     ripple: gear meshing, paper 000 equation (16)). Where another coordinate's load presses on the transmission, it
     stands in place of ``|m - e|``.
+
+    A gearbox that is driven and one that is driven back lose differently (M5): with ``load_external`` and
+    ``load_stribeck_external``, ``load |m - e|`` is ``|load m - (load + load_external) e|``, and likewise at rest. M6
+    adds ``S`` times ``quadratic_external e^2`` while the motor lifts against the load (``m`` and ``e`` opposed,
+    ``|m| > |e|``) and ``quadratic_motor m^2`` while the load drives it (``|m| < |e|``).
 
     What the limit does near rest is one of four: sticking is rigid; it is elastic (``bristle_stiffness``); bristles
     yield gradually and are stable at any stiffness (``lugre``: paper 001, equations (26) to (28)); or nothing sticks,
@@ -52,7 +57,7 @@ class Friction(Stage):
     viscous: float = parameter(0.0, "N.m.s/rad", 0.0, 1e4, "friction per speed", in_law=False)
     stribeck: float = parameter(0.0, "N.m", 0.0, 1e4, "dry friction at rest above that while moving")
     stribeck_velocity: float = parameter(0.1, "rad/s", 1e-4, 1e3, "speed at which it has fallen to 1/e")
-    stribeck_exponent: float = parameter(1.0, "-", 0.2, 5.0, "how sharply it falls")
+    stribeck_exponent: float = parameter(1.0, "-", 0.2, 20.0, "how sharply it falls")
     asymmetry: float = parameter(
         0.0, "N.m", -1e3, 1e3, "dry friction more in positive than in negative direction, halved"
     )
@@ -71,6 +76,16 @@ class Friction(Stage):
     lugre: float = parameter(0.0, "-", 0.0, 1.0, "1: bristles yield gradually; 0: they hold up to the limit")
     slip_speed: float = parameter(0.0, "rad/s", 0.0, 1e3, "at which dry friction is whole; 0: it is so at rest")
     drag: float = parameter(0.0, "N.m.s2/rad2", 0.0, 1e4, "friction per speed squared, of air or oil")
+    load_external: float = parameter(
+        0.0, "-", -1e2, 1e2, "dry friction per external torque beyond that per motor torque"
+    )
+    load_stribeck_external: float = parameter(0.0, "-", -2.0, 2.0, "the same of what is more at rest")
+    quadratic_motor: float = parameter(
+        0.0, "1/(N.m)", 0.0, 1e3, "at rest, per motor torque squared while the load drives the motor back"
+    )
+    quadratic_external: float = parameter(
+        0.0, "1/(N.m)", 0.0, 1e3, "at rest, per external torque squared while the motor drives the load"
+    )
 
     def check(self, chain: Any) -> None:
         if self.lugre > 0.5 and self.bristle_stiffness == 0.0:
@@ -107,6 +122,10 @@ SHAPES = (
     "bristle_stiffness",
     "slip_speed",
     "drag",
+    "load_external",
+    "load_stribeck_external",
+    "quadratic_motor",
+    "quadratic_external",
 )
 """Parameters that make dry friction more than a constant."""
 
@@ -116,16 +135,40 @@ FRICTION = Friction.offsets()
 @compiled()
 def friction_limit(p, i, q, w, motor, external):
     """Dry friction torque at most [N.m], for the direction in which the joint moves or is pushed."""
-    return pressed_limit(p, i, q, w, motor, external, abs(motor - external))
+    load = abs(motor - external)
+    moving = p[i + FRICTION.load] * load + p[i + FRICTION.load_quadratic] * load * load
+    resting = p[i + FRICTION.load_stribeck] * load
+    if p[i + FRICTION.load_external] != 0.0:
+        one, other = p[i + FRICTION.load], p[i + FRICTION.load] + p[i + FRICTION.load_external]
+        moving += abs(one * motor - other * external) - one * load
+    if p[i + FRICTION.load_stribeck_external] != 0.0:
+        one, other = (
+            p[i + FRICTION.load_stribeck],
+            p[i + FRICTION.load_stribeck] + p[i + FRICTION.load_stribeck_external],
+        )
+        resting = abs(one * motor - other * external)
+    if motor * external < 0.0:
+        if abs(motor) > abs(external):
+            resting += p[i + FRICTION.quadratic_external] * external * external
+        else:
+            resting += p[i + FRICTION.quadratic_motor] * motor * motor
+    return limit_under(p, i, q, w, motor, external, moving, resting)
 
 
 @compiled()
 def pressed_limit(p, i, q, w, motor, external, load):
     """:func:`friction_limit` under a load that is given."""
+    moving = p[i + FRICTION.load] * load + p[i + FRICTION.load_quadratic] * load * load
+    return limit_under(p, i, q, w, motor, external, moving, p[i + FRICTION.load_stribeck] * load)
+
+
+@compiled()
+def limit_under(p, i, q, w, motor, external, moving, resting):
+    """:func:`friction_limit` of what the load adds while moving, and beyond that at rest [N.m]."""
     speed = abs(w)
-    limit = p[i + FRICTION.coulomb] + p[i + FRICTION.load] * load + p[i + FRICTION.load_quadratic] * load * load
+    limit = p[i + FRICTION.coulomb] + moving
     limit += p[i + FRICTION.loss] * max(abs(motor), abs(external))
-    extra = p[i + FRICTION.stribeck] + p[i + FRICTION.load_stribeck] * load
+    extra = p[i + FRICTION.stribeck] + resting
     if extra > 0.0:
         x = speed / p[i + FRICTION.stribeck_velocity]
         exponent = p[i + FRICTION.stribeck_exponent]

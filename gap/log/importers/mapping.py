@@ -152,9 +152,8 @@ def converted(mapping: Mapping, recording: Recording) -> MeasuredRun:
     sidecar = filled(mapping.sidecar, recording)
     meta = {key: value for key, value in sidecar.items() if key not in ("robot", "robot_params", "actuators", "meta")}
     joints = {name.rpartition(".")[0] for name in table if name.rpartition(".")[2] in SIGNAL_UNITS}
-    undriven: dict[str, str | list] = dict.fromkeys(
-        joints, "ideal"
-    )  # stands in for chains that the user has yet to name
+    # stand in for chains that the user has yet to name
+    undriven: dict[str, str | list] = dict.fromkeys(joints, "ideal")
     run = build_run(
         recording.name, table, Sidecar("bench", {}, undriven, {}), recording.source, 0
     )  # checks of the values

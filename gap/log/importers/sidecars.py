@@ -10,23 +10,12 @@ from typing import Any
 import yaml
 
 from ....actuators.chain import LIBRARY, load_chain
+from ....actuators.published import DRIVES
 from ..sidecar import Sidecar, sidecar_text
 from ..types import MeasuredRun
 from .proposal import Proposal
 from .recording import Recording
 
-DUTY_PER_KP = {
-    "mx64": ("0.158", 0.9625),
-    "mx106": ("0.158", 0.9625),
-    "xl320": ("0.05048199", 1.0),
-    "sts3215": ("0.166", 0.97),
-    "xl330": ("4096/(2*pi)/256/885", 1.0),
-}
-"""By motor of a BAM recording: duty per rad and unit of its register P, and largest duty.
-
-Source: actuator classes of github.com/Rhoban/bam (MX, XL-320, STS3215: measured there with an oscilloscope); XL330:
-control table of its maker, duty = P error_ticks / 256 / 885, which its recordings follow to a count.
-"""
 UNMEASURED = {
     "unknown": ["zero", "friction", "armature"],
     "notes": "Neither the mass of the pendulum's rod was recorded (arm_mass 0 is a placeholder) nor where the "
@@ -76,15 +65,14 @@ def proposed_sidecar(
 def _bam_chain(facts: Mapping[str, float | str]) -> list[dict[str, Any]] | None:
     """The shipped chain of a motor with gain and supply of its recording; None where it is not known."""
     motor, path = facts.get("motor"), LIBRARY / f"{facts.get('motor')}.yaml"
-    if not isinstance(motor, str) or motor not in DUTY_PER_KP or not path.is_file() or "kp" not in facts:
+    if not isinstance(motor, str) or motor not in DRIVES or not path.is_file() or "kp" not in facts:
         return None
-    per_kp, limit = DUTY_PER_KP[motor]
     stages = yaml.safe_load(path.read_text(encoding="utf-8"))
     for stage in stages:
         if "position_p" in stage:
-            stage["position_p"] = {**stage["position_p"], "gain": f"${{kp*{per_kp}}}"}
+            stage["position_p"] = {**stage["position_p"], "gain": f"${{kp*{DRIVES[motor].duty_per_kp}}}"}
         if "duty_limit" in stage:
-            stage["duty_limit"] = {"limit": limit}
+            stage["duty_limit"] = {"limit": DRIVES[motor].limit}
         if "supply" in stage and "vin" in facts:
             stage["supply"] = {**stage["supply"], "volts": "${vin}"}
     return stages

@@ -1,0 +1,193 @@
+"""LeRobot data sets and ROS bags: fixtures as their own tools write them, read back joint by joint."""
+
+from __future__ import annotations
+
+import builtins
+import json
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pyarrow as pa
+import pytest
+from pyarrow import parquet
+from sealegs.actuators.extras import MissingPackage
+from sealegs.cli import main
+from sealegs.gap.log import LogError, read_measured
+from sealegs.gap.log.importers import import_logs, propose_for, read_recordings
+from sealegs.gap.log.importers.proposal import propose
+
+from tests.test_import import motion
+
+NAMES = ["shoulder_pan.pos", "gripper.pos"]
+
+
+def frames(episode: int, scale: float, turn: float = 4096.0) -> dict[str, Any]:
+    """Columns of one episode of two joints: what was measured, in the unit of ``scale`` per rad, and the action."""
+    m, n = motion(8.0, 30.0, 0.1, seed=episode), motion(8.0, 30.0, 0.1, seed=episode + 50)
+    step = scale * 2.0 * np.pi / turn
+    state = np.stack([np.round(scale * one["smooth"] / step) * step for one in (m, n)], axis=1)
+    action = scale * np.stack([m["goal"], n["goal"]], axis=1)
+    count = len(state)
+    return {
+        "observation.state": state.astype(np.float32),
+        "action": action.astype(np.float32),
+        "timestamp": (np.arange(count) / 30.0).astype(np.float32),
+        "frame_index": np.arange(count),
+        "episode_index": np.full(count, episode),
+    }
+
+
+def write(path: Path, columns: dict[str, Any]) -> None:
+    path.parent.mkdir(parents=True, exist_ok=True)
+    arrays = {
+        name: pa.FixedSizeListArray.from_arrays(pa.array(values.ravel()), values.shape[1])
+        if values.ndim == 2
+        else pa.array(values)
+        for name, values in columns.items()
+    }
+    parquet.write_table(pa.table(arrays), path)
+
+
+def data_set(folder: Path, version: str, scale: float, names: Any, turn: float = 4096.0) -> Path:
+    """Two episodes as LeRobot 2.1 (a file each) or 3.0 (one file) lays them out."""
+    feature = {"dtype": "float32", "shape": [2], "names": names}
+    image = {"dtype": "video", "shape": [480, 640, 3], "names": ["height", "width", "channels"]}
+    single = {"dtype": "int64", "shape": [1], "names": None}
+    info = {
+        "codebase_version": version, "robot_type": "so100", "fps": 30, "total_episodes": 2,
+        "features": {
+            "action": feature, "observation.state": feature, "observation.images.top": image,
+            "timestamp": single | {"dtype": "float32"}, "frame_index": single, "episode_index": single,
+        },
+    }  # fmt: skip
+    (folder / "meta").mkdir(parents=True)
+    (folder / "meta" / "info.json").write_text(json.dumps(info))
+    episodes = [frames(k, scale, turn) for k in range(2)]
+    if version.startswith("v2"):
+        for k, columns in enumerate(episodes):
+            write(folder / f"data/chunk-000/episode_{k:06d}.parquet", columns)
+    else:
+        both = {name: np.concatenate([one[name] for one in episodes]) for name in episodes[0]}
+        write(folder / "data/chunk-000/file-000.parquet", both)
+    return folder
+
+
+@pytest.mark.parametrize(("version", "names"), [("v2.1", {"motors": NAMES}), ("v3.0", NAMES)])
+def test_episodes_of_a_lerobot_data_set_become_logs(tmp_path: Path, version: str, names: Any) -> None:
+    source, out = data_set(tmp_path / "data", version, 180.0 / np.pi, names), tmp_path / "log"
+    found = propose_for(source, out, robot="bench", actuator="sts3215")
+    assert not found.mapping.questions  # the steps of the encoder are a turn in degrees by 4096
+    done = import_logs(source, out, found.mapping)
+    assert [path.stem for path in done.files] == ["episode_000000", "episode_000001"]
+    second = read_measured(out).runs[1]
+    wanted = motion(8.0, 30.0, 0.1, seed=1)
+    assert list(second.joints) == ["shoulder_pan", "gripper"] and second.meta["machine"] == "so100"
+    np.testing.assert_allclose(second.joints["shoulder_pan"].position, wanted["smooth"], atol=1e-3)
+    np.testing.assert_allclose(second.joints["shoulder_pan"].goal, wanted["goal"], atol=1e-6)
+
+
+def test_normalised_positions_are_asked_about_together(tmp_path: Path) -> None:
+    source = data_set(tmp_path / "data", "v3.0", 100.0 / 1.7, NAMES, turn=3456.7)
+    proposal = propose(read_recordings(source))
+    (question,) = proposal.questions
+    assert question.about == ("shoulder_pan.position", "shoulder_pan.goal", "gripper.position", "gripper.goal")
+    assert "degrees (unit=deg)" in question.ask and "calibrated" in question.ask
+    assert main(["import", str(source), f"out={tmp_path / 'log'}", "yes=true"]) == 2
+    assert main(["import", str(source), f"out={tmp_path / 'log'}", "yes=true", "unit=deg"]) == 0
+
+
+def test_a_data_set_without_joints_or_whole_files_gets_one_sentence(tmp_path: Path) -> None:
+    source = data_set(tmp_path / "data", "v1.6", 1.0, NAMES)
+    with pytest.raises(LogError, match=r"version v1\.6; 2\.x and 3\.x are read"):
+        read_recordings(source)
+
+
+# --- ROS -------------------------------------------------------------------------------------------------------------
+
+
+def bag(folder: Path, kind: str, *, effort: bool = True) -> Path:
+    """Joint states at 100 Hz and commands at 50 Hz, written by the library's own writer."""
+    rosbags = pytest.importorskip("rosbags")
+    assert rosbags is not None
+    from rosbags.rosbag1 import Writer as Writer1
+    from rosbags.rosbag2 import StoragePlugin
+    from rosbags.rosbag2 import Writer as Writer2
+    from rosbags.typesys import Stores, get_typestore
+
+    store = get_typestore(Stores.ROS1_NOETIC if kind == "bag" else Stores.ROS2_HUMBLE)
+    types = store.types
+    stamp, header = types["builtin_interfaces/msg/Time"], types["std_msgs/msg/Header"]
+    m, n = motion(6.0, 100.0, 0.05, seed=3), motion(6.0, 100.0, 0.05, seed=4)
+    path = folder / (f"run.{kind}" if kind == "bag" else "run")
+    writer: Any
+    if kind == "bag":
+        writer = Writer1(path)
+    else:
+        plugin = StoragePlugin.MCAP if kind == "mcap" else StoragePlugin.SQLITE3
+        writer = Writer2(path, version=8, storage_plugin=plugin)
+
+    def head(seconds: float) -> Any:
+        whole = int(seconds)
+        extra = {"seq": 0} if kind == "bag" else {}
+        return header(stamp=stamp(sec=whole, nanosec=int(1e9 * (seconds - whole))), frame_id="", **extra)
+
+    def message(seconds: float, values: list[float], speed: list[float], pull: list[float]) -> Any:
+        lists = (np.array(one, dtype=np.float64) for one in (values, speed, pull))
+        position, velocity, torque = lists
+        return types["sensor_msgs/msg/JointState"](
+            header=head(seconds), name=["elbow", "wrist"], position=position, velocity=velocity, effort=torque
+        )
+
+    with writer:
+        state = writer.add_connection("/joint_states", "sensor_msgs/msg/JointState", typestore=store)
+        command = writer.add_connection("/arm/joint_command", "sensor_msgs/msg/JointState", typestore=store)
+        for k, t in enumerate(m["time"]):
+            now = 1000.0 + float(t)
+            raw = store.serialize_ros1 if kind == "bag" else store.serialize_cdr
+            both = [float(m["smooth"][k]), float(n["smooth"][k])]
+            speed = [float(m["velocity"][k]), float(n["velocity"][k])]
+            sent = message(now, both, speed, [0.1 * s for s in speed] if effort else [])
+            writer.write(state, int(1e9 * now), raw(sent, "sensor_msgs/msg/JointState"))
+            if k % 2 == 0 and k >= 10:
+                goal = message(now, [float(m["goal"][k]), float(n["goal"][k])], [], [])
+                writer.write(command, int(1e9 * now), raw(goal, "sensor_msgs/msg/JointState"))
+    return next(path.glob("*.mcap")) if kind == "mcap" else path
+
+
+@pytest.mark.parametrize("kind", ["bag", "db3", "mcap"])
+def test_joint_states_and_their_commands_become_a_log(tmp_path: Path, kind: str) -> None:
+    source, out = bag(tmp_path, kind), tmp_path / "log"
+    found = propose_for(source, out, robot="bench", actuator="ideal")
+    assert not found.mapping.questions
+    assert "the first 10 samples, before the first command, are left out" in found.text
+    import_logs(source, out, found.mapping)
+    run = read_measured(out).runs[0]
+    wanted = motion(6.0, 100.0, 0.05, seed=4)
+    wrist = run.joints["wrist"]
+    assert list(run.joints) == ["elbow", "wrist"] and wrist.torque is not None and wrist.velocity is not None
+    np.testing.assert_allclose(wrist.position, wanted["smooth"][10:], atol=1e-9)
+    np.testing.assert_allclose(wrist.goal, np.repeat(wanted["goal"][10::2], 2), atol=1e-9)
+    assert run.time[0] == pytest.approx(0.1, abs=1e-6)
+
+
+def test_without_the_library_the_extra_is_named(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    usual = builtins.__import__
+
+    def absent(name: str, *rest: Any, **named: Any) -> Any:
+        if name.startswith("rosbags"):
+            raise ModuleNotFoundError("No module named 'rosbags'", name="rosbags")
+        return usual(name, *rest, **named)
+
+    monkeypatch.setattr(builtins, "__import__", absent)
+    (tmp_path / "run.bag").write_bytes(b"#ROSBAG V2.0\n")
+    with pytest.raises(MissingPackage, match=r"pip install 'sealegs\[ros\]'"):
+        read_recordings(tmp_path / "run.bag")
+
+
+def test_a_damaged_bag_gets_one_sentence(tmp_path: Path) -> None:
+    pytest.importorskip("rosbags")
+    for name in ("run.bag", "run.mcap", "run.db3"):
+        (tmp_path / name).write_bytes(b"nothing of the kind" * 20)
+        with pytest.raises(LogError, match="cannot be read as a bag"):
+            read_recordings(tmp_path / name)
