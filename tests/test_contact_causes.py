@@ -22,8 +22,9 @@ from sealegs.gap.log.parts import FIT_A, FIT_B, TEST
 from sealegs.gap.log.types import LogError, MeasuredSet
 from sealegs.gap.output.files import fresh_folder, write_diagnosis
 from sealegs.gap.search.fit import fit
-from sealegs.gap.verdict.decide import Refused
-from sealegs.gap.verdict.diagnosis import diagnose, refuse
+from sealegs.gap.verdict.diagnosis import diagnose
+from sealegs.gap.verdict.evidence import Refused
+from sealegs.gap.verdict.refusal import refuse
 from sealegs.gap.verdict.verdict import NOT_IDENTIFIABLE
 
 from testbed import hidden_hopper

@@ -8,16 +8,23 @@ import re
 import pytest
 from sealegs.gap.log.finding import Finding
 from sealegs.gap.search.structure import Structure
-from sealegs.gap.verdict.decide import MOST_WORDS, Balanced, Refused, Replayed, confidence, decide, overall
+from sealegs.gap.verdict.decide import MOST_WORDS, confidence, decide, overall, standing
+from sealegs.gap.verdict.evidence import Balanced, Refused, Replayed
 from sealegs.gap.verdict.verdict import (
+    CERTAIN,
     EXPLAINED,
+    LIKELY,
+    NEAR_MISS,
     NOT_IDENTIFIABLE,
     NOTHING,
+    ONE_OF_SEVERAL,
     PARTLY,
     UNUSABLE,
+    WITHDRAWN,
     DataError,
     Error,
     NamedCause,
+    OpenCause,
     Value,
 )
 
@@ -31,7 +38,8 @@ BEYOND = Finding("test.beyond", "note", "servo", None, "Only the test part goes 
 def cause(
     name: str = "drive.delay", sure: float = 0.95, rivals: tuple[str, ...] = (), share: float = 0.9
 ) -> NamedCause:
-    return NamedCause(name, "A sentence.", "servo", share, sure, {}, 0.5, "effect", "response", rivals)
+    said = standing(sure, rivals)
+    return NamedCause(name, "A sentence.", "servo", share, sure, {}, 0.5, "effect", "response", rivals, said)
 
 
 def error(rmse: float) -> Error:
@@ -66,7 +74,32 @@ CASES = {
     "the same, with structure": (replayed(cause(sure=0.5, rivals=NEAR), level=0.5, left=0.2), NOT_IDENTIFIABLE),
     "a near miss of a lesser cause": (
         replayed(cause(), cause("load.mass", 0.5, NEAR, 0.1)),
+        PARTLY,
+    ),
+    "a near miss of a lesser cause beside a likely one": (
+        replayed(cause(sure=0.7), cause("load.mass", 0.5, NEAR, 0.1)),
         NOT_IDENTIFIABLE,
+    ),
+    "a near miss of the largest cause beside a certain one": (
+        replayed(cause("load.mass", 0.5, NEAR), cause("contact.blocked", 0.97, share=0.1)),
+        PARTLY,
+    ),
+    "the same in a joint that hardly moves": (
+        replayed(cause("load.mass", 0.5, NEAR), cause("contact.blocked", 0.97, share=0.1), still=True),
+        NOT_IDENTIFIABLE,
+    ),
+    "refitted numbers that beat what was named": (
+        replayed(level=0.5, after=0.0038, turned="friction.coulomb x 2.1, dc_motor.armature x 0.6"),
+        NOT_IDENTIFIABLE,
+    ),
+    "refitted numbers that leave nothing": (replayed(turned="friction.coulomb x 2.1"), NOT_IDENTIFIABLE),
+    "causes that unseen data refute": (
+        replayed(level=0.5, after=0.02, open_causes=(OpenCause("friction.drag", WITHDRAWN, "worse"),)),
+        NOT_IDENTIFIABLE,
+    ),
+    "a near miss where nothing is left": (
+        replayed(open_causes=(OpenCause("friction.drag", NEAR_MISS, "it wins rarely"),)),
+        NOTHING,
     ),
     "a near miss of a lesser cause beside structure": (
         replayed(cause(), cause("load.mass", 0.5, NEAR, 0.1), level=0.5, left=0.2),
@@ -161,6 +194,23 @@ def test_confidence_is_the_win_rate_less_by_what_no_cause_explains() -> None:
     assert confidence(0.9, 2.0, 0.0) == pytest.approx(0.9)
     assert confidence(0.9, 2.0, 1.0) == pytest.approx(0.6)
     assert confidence(0.9, 0.0, 1.0) == 0.0
+
+
+def test_what_is_said_of_a_cause_hangs_on_its_own_evidence() -> None:
+    assert standing(0.95, NEAR) == CERTAIN and standing(0.89, ()) == LIKELY
+    assert standing(0.5, NEAR) == ONE_OF_SEVERAL and standing(0.5, ()) == LIKELY
+
+
+def test_a_certain_cause_is_in_the_sentence_whatever_is_open_beside_it() -> None:
+    stop = cause("contact.blocked", 0.97, share=0.1)
+    said = decide(replayed(cause("load.mass", 0.5, NEAR), stop)).sentence
+    assert said.startswith("contact.blocked is certain") and "load.mass or friction.coulomb" in said
+
+
+def test_what_was_withdrawn_and_what_nearly_was_named_is_told() -> None:
+    near = OpenCause("load.mass", NEAR_MISS, "it lowers the error in 97.0 % of the draws")
+    verdict = decide(replayed(level=0.5, after=0.009, open_causes=(near,)))
+    assert "Near miss, load.mass: it lowers the error in 97.0 % of the draws." in [r.sentence for r in verdict.reasons]
 
 
 def test_the_joint_that_is_understood_worst_speaks_for_the_machine() -> None:

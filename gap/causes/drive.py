@@ -134,7 +134,7 @@ def integer_gain(nominal: JointModel) -> Cause:
     down = [
         Parameter("duty_step.size", "1", 0.0, 0.4, start, 0.02) for start in (0.005, 0.0085, 0.0145, 0.025, 0.042, 0.07)
     ]
-    mode = Parameter("duty_step.towards_zero", "1", 0.9, 1.0, 1.0, 1.0)
+    mode = Parameter("duty_step.towards_zero", "1", 0.9, 1.0, 1.0, 1.0, shape=True)
     return Cause(
         sentence="The firmware computes the duty in coarse steps.",
         picture="duty_against_error",

@@ -54,7 +54,7 @@ def drag(nominal: JointModel) -> Cause:
 def stribeck(nominal: JointModel) -> Cause:
     top = stall_torque(nominal)
     extra = Parameter("friction.stribeck", "N.m", 0.0, top, 0.05 * top, 0.03 * top)
-    speed = Parameter("friction.stribeck_velocity", "rad/s", 0.02, 3.0, 0.2, 0.5, logarithmic=True)
+    speed = Parameter("friction.stribeck_velocity", "rad/s", 0.02, 3.0, 0.2, 0.5, logarithmic=True, shape=True)
     return Cause(
         sentence="Friction is larger at rest and at low speed than while moving.",
         picture="friction_against_speed",
@@ -82,7 +82,7 @@ def load_dependent(nominal: JointModel) -> Cause:
     top = stall_torque(nominal)
     share = Parameter("friction.load", "1", 0.0, 1.5, 0.08, 0.05)
     at_rest = Parameter("friction.load_stribeck", "1", 0.0, 1.5, 0.08, 0.05)
-    speed = Parameter("friction.stribeck_velocity", "rad/s", 0.02, 5.0, 0.3, 0.5, logarithmic=True)
+    speed = Parameter("friction.stribeck_velocity", "rad/s", 0.02, 5.0, 0.3, 0.5, logarithmic=True, shape=True)
     quadratic = Parameter("friction.load_quadratic", "1/(N.m)", 0.0, 3.0 / top, 0.1 / top, 0.1 / top)
     return Cause(
         sentence="Dry friction grows with the torque that passes through the gearbox.",
@@ -115,7 +115,9 @@ def position_dependent(nominal: JointModel) -> Cause:
     amplitude = Parameter("friction.ripple", "N.m", 0.0, 0.5 * top, 0.02 * top, 0.02 * top)
     phase = Parameter("friction.ripple_phase", "rad", -9.0, 9.0, 0.0, 0.5, phase=True)
     # The period is found by trying whole numbers of teeth; a descent would stick in the nearest of many minima.
-    counts = [Parameter("friction.ripple_count", "1/turn", n - 0.5, n + 0.5, float(n), 0.3) for n in RIPPLE_COUNTS]
+    counts = [
+        Parameter("friction.ripple_count", "1/turn", n - 0.5, n + 0.5, float(n), 0.3, shape=True) for n in RIPPLE_COUNTS
+    ]
     return Cause(
         sentence="Friction changes with the angle, as teeth mesh.",
         picture="residual_against_position",

@@ -18,10 +18,10 @@ def backlash(nominal: JointModel) -> Cause:
     if (top := stall_torque(nominal)) > 0.0 and coupling_element(nominal.chain) is None:
         # how teeth bounce shows in a play that is wide enough for them to leave each other
         stiffness = Parameter(
-            "backlash.tooth_stiffness", "N.m/rad", 30.0 * top, 3e3 * top, 300.0 * top, 0.3, logarithmic=True
+            "backlash.tooth_stiffness", "N.m/rad", 30.0 * top, 3e3 * top, 300.0 * top, 0.3, logarithmic=True, shape=True
         )
         damping = Parameter(
-            "backlash.tooth_damping", "N.m.s/rad", 0.01 * top, 3.0 * top, 0.3 * top, 0.3, logarithmic=True
+            "backlash.tooth_damping", "N.m.s/rad", 0.01 * top, 3.0 * top, 0.3 * top, 0.3, logarithmic=True, shape=True
         )
         variants.append((large, stiffness, damping))
     return Cause(
@@ -35,7 +35,7 @@ def backlash(nominal: JointModel) -> Cause:
 @entry("transmission.compliance", lacks("spring"))
 def compliance(nominal: JointModel) -> Cause:
     top = stall_torque(nominal)
-    damping = Parameter("compliance.damping", "N.m.s/rad", 0.0, 0.5 * top, 0.005 * top, 0.01 * top)
+    damping = Parameter("compliance.damping", "N.m.s/rad", 0.0, 0.5 * top, 0.005 * top, 0.01 * top, shape=True)
     springs = [
         Parameter("compliance.stiffness", "N.m/rad", 0.3 * top, 400.0 * top, start * top, 0.3, logarithmic=True)
         for start in (6.0, 25.0)

@@ -32,7 +32,7 @@ def contact_causes(nominal: LegModel, names: Sequence[str] | None = None) -> lis
     soft = [
         (
             Parameter("contact.stiffness", "N/m", 200.0, stiffest, start, 0.3, logarithmic=True),
-            Parameter("contact.damping", "N.s/m", 1.0, 300.0, 20.0, 0.4, logarithmic=True),
+            Parameter("contact.damping", "N.s/m", 1.0, 300.0, 20.0, 0.4, logarithmic=True, shape=True),
         )
         for start in (1500.0, 5000.0)
     ]

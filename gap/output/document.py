@@ -16,7 +16,7 @@ from ..experiment import Experiment, read_goals
 from ..log.finding import Finding
 from ..search.structure import Structure
 from ..verdict.decide import overall as overall_verdict
-from ..verdict.verdict import DataError, Error, JointDiagnosis, NamedCause, Reason, Value
+from ..verdict.verdict import DataError, Error, JointDiagnosis, NamedCause, OpenCause, Reason, Value
 from .extension import changes, not_native
 
 VERSION = 2  # 1 had errors of the log among the causes, and `retuned` for both `gap.refitted` and `tuned`
@@ -60,6 +60,8 @@ def to_document(diagnosis: JointDiagnosis) -> dict[str, Any]:
         },
         "data_errors": [asdict(error) for error in diagnosis.data_errors],
         "causes": [_cause(cause) for cause in diagnosis.causes],
+        "open_causes": [asdict(cause) for cause in diagnosis.open_causes],
+        "model": diagnosis.model,
         "tuned_share": diagnosis.tuned_share,
         "unexplained": diagnosis.unexplained,
         "structure": None
@@ -90,6 +92,7 @@ def _cause(cause: NamedCause) -> dict[str, Any]:
         "sentence": cause.sentence,
         "share": cause.share,
         "confidence": cause.confidence,
+        "standing": cause.standing,
         "parameters": {path: asdict(value) for path, value in cause.parameters.items()},
         "gain": cause.gain,
         "rivals": list(cause.rivals),
@@ -109,6 +112,7 @@ def overall(documents: Sequence[dict[str, Any]]) -> dict[str, Any]:
         "gap": worst["gap"],
         "data_errors": [error for document in documents for error in document["data_errors"]],
         "causes": causes,
+        "open_causes": [cause for document in documents for cause in document.get("open_causes", ())],
         "unexplained": worst["unexplained"],
         "rivals": [rival for document in documents for rival in document["rivals"]],
         "next_experiment": worst["next_experiment"],
@@ -188,6 +192,7 @@ def _joint(row: Mapping[str, Any], folder: Path) -> JointDiagnosis:
             for error in row["data_errors"]
         ),
         rivals=tuple(row["rivals"]),
+        open_causes=tuple(_made(OpenCause, cause) for cause in row.get("open_causes", ())),
         experiment=_experiment(row.get("next_experiment"), folder),
         findings=tuple(Finding(**finding) for finding in row["findings"]),
         structure=None

@@ -22,6 +22,7 @@ from .mjcf import native_mjcf, not_native
 __all__ = ["changes", "extended_of", "not_native", "write_extended", "write_extension"]
 
 TUNED = "tuned within its tolerance"
+REFITTED = "refitted, up to fivefold"
 OWNERS: dict[Target, Owner] = {
     Target.STAGE: "chain",
     Target.GEAR: "chain",
@@ -41,14 +42,16 @@ def changes(diagnosis: JointDiagnosis) -> list[dict[str, Any]]:
     if diagnosis.problem is None or diagnosis.search is None:
         return []
     nominal = diagnosis.problem.models[0]
-    owner = {p.path: c.cause.name for c in diagnosis.search.accepted for p in c.variant}
+    named = {cause.name for cause in diagnosis.causes}
+    owner = {p.path: c.cause.name for c in diagnosis.search.accepted if c.cause.name in named for p in c.variant}
+    other = REFITTED if diagnosis.model == "refitted" else TUNED
     rows = []
     for path, value in diagnosis.values.items():
         at = address(path)
         before = nominal.value(at.number)
         after = value * before if at.factor else value
-        rows.append({"path": at.number, "from": float(before), "to": float(after), "why": owner.get(path, TUNED)})
-    return sorted(rows, key=lambda row: row["why"] == TUNED)
+        rows.append({"path": at.number, "from": float(before), "to": float(after), "why": owner.get(path, other)})
+    return sorted(rows, key=lambda row: row["why"] in (TUNED, REFITTED))
 
 
 def extended_of(diagnoses: Sequence[JointDiagnosis], data: MeasuredSet) -> Extended | None:
@@ -62,7 +65,7 @@ def extended_of(diagnoses: Sequence[JointDiagnosis], data: MeasuredSet) -> Exten
         if variants := _chains(diagnosis, data.runs, prefix):
             chains[diagnosis.joint] = variants
         for row in changes(diagnosis):
-            cause = "" if row["why"] == TUNED else row["why"]
+            cause = "" if row["why"] in (TUNED, REFITTED) else row["why"]
             found.append(Change(diagnosis.joint, row["path"], row["from"], row["to"], cause, _owner(row["path"])))
         if diagnosis.problem is not None and diagnosis.problem.kind != "ground":
             believed += [dict(params) for params in diagnosis.problem.params if params]

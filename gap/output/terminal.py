@@ -48,13 +48,17 @@ def _joint(diagnosis: JointDiagnosis, width: int) -> Iterable[str]:
         yield ""
         for reason in diagnosis.reasons:
             yield from _wrapped(reason.sentence, width, 2)
+    if diagnosis.causes and diagnosis.open_causes:
+        yield from ("", "Not named")
+        for cause in diagnosis.open_causes:
+            yield from _wrapped(f"{cause.name} ({cause.standing}): {cause.sentence}", width, 2)
     if diagnosis.experiment is not None:
         yield from ("", "Next experiment")
         yield from _wrapped(diagnosis.experiment.sentence, width, 2)
 
 
 def _cause(cause: NamedCause, longest: int, width: int) -> Iterable[str]:
-    sure = f"  confidence {sureness(cause.confidence)}"
+    sure = f"  {cause.standing}, confidence {sureness(cause.confidence)}"
     head = f"{cause.name:{longest}s}  {_share(cause.share)}{sure}"
     if len(head) + 2 > width:  # the name on a line of its own
         yield f"  {cause.name}"

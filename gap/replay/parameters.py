@@ -99,6 +99,7 @@ class Parameter:
         difference: step of finite differences, in units of ``scale``: above the ripple of ticks, below the curvature.
         factor: the value is a factor on the nominal one.
         phase: the value is the phase of something periodic [rad]: its cosine and sine make every other phase.
+        shape: the value shapes what another parameter makes act, such as the speed over which friction falls.
     """
 
     number: str
@@ -111,6 +112,12 @@ class Parameter:
     difference: float = 0.3
     factor: bool = False
     phase: bool = False
+    shape: bool = False
+
+    @property
+    def is_size(self) -> bool:
+        """Whether the value says how much there is of something: at its neutral value there is nothing of it."""
+        return not (self.phase or self.shape)
 
     @property
     def path(self) -> str:

@@ -1,4 +1,4 @@
-"""The bounded linear step of every fit."""
+"""The bounded linear step of every fit, and linear equations that data may leave undetermined."""
 
 from __future__ import annotations
 
@@ -6,6 +6,31 @@ import numpy as np
 from scipy.optimize import lsq_linear
 
 NARROWEST = 1e-9  # the solver needs some room between bounds
+FLAT = 1e-12  # share of the largest curvature below which a direction has none
+
+
+def solved(matrix: np.ndarray, right: np.ndarray) -> np.ndarray:
+    """The solution (p,) of symmetric equations (p, p); the shortest one where data leave directions undetermined.
+
+    A number that changes nothing that was logged, or two that change the same, make a matrix singular.
+    """
+    try:
+        found = np.linalg.solve(matrix, right)
+    except np.linalg.LinAlgError:
+        found = np.full(np.shape(right), np.nan)
+    return found if np.isfinite(found).all() else np.linalg.lstsq(np.nan_to_num(matrix), np.nan_to_num(right))[0]
+
+
+def root_of(matrix: np.ndarray) -> np.ndarray:
+    """Upper triangle ``R`` (p, p) with ``R.T @ R`` the symmetric matrix; flat directions are given a little."""
+    ridge = FLAT * max(float(np.trace(matrix)), 1e-300)
+    for _ in range(12):
+        try:
+            return np.linalg.cholesky(matrix).T
+        except np.linalg.LinAlgError:
+            matrix, ridge = matrix + ridge * np.eye(len(matrix)), 10.0 * ridge
+    size, axes = np.linalg.eigh(matrix)
+    return np.linalg.qr(np.sqrt(np.maximum(size, FLAT * max(size[-1], 1e-300)))[:, None] * axes.T)[1]
 
 
 def bounded_step(curvature: np.ndarray, slope: np.ndarray, low: np.ndarray, high: np.ndarray) -> np.ndarray:
@@ -18,11 +43,11 @@ def bounded_step(curvature: np.ndarray, slope: np.ndarray, low: np.ndarray, high
         slope: (p,).
         low, high: bounds of the step (p,), on either side of zero.
     """
-    free = -np.linalg.solve(curvature, slope)
+    free = -solved(curvature, slope)
     if ((free >= low) & (free <= high)).all():
         return free
     size, axes = np.linalg.eigh(curvature)
-    root = np.sqrt(np.maximum(size, 1e-15 * size[-1]))
+    root = np.sqrt(np.maximum(size, max(1e-15 * size[-1], 1e-300)))
     return nearest_within(root[:, None] * axes.T, -(axes.T @ slope) / root, low, high)
 
 

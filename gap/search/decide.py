@@ -91,24 +91,65 @@ def consistent(candidate: Evidence, settings: SearchSettings) -> bool:
     return a * b > 0.0 and settings.least_agreement < a / b < 1.0 / settings.least_agreement
 
 
+@dataclass(frozen=True)
+class Shortfall:
+    """What a candidate lacks to be named: the name of the setting, and a sentence's part for people."""
+
+    setting: str
+    sentence: str
+
+
 def pays(record: RoundRecord, first: Standing, settings: SearchSettings, *, further: bool) -> bool:
     """Whether the best candidate of a round is named; a further cause must also win most draws."""
-    candidate = record.candidates[first.index]
-    enough = (
-        first.gain > settings.least_gain
-        and first.better > settings.least_certainty
-        and first.removed > settings.least_removed
-        and consistent(candidate, settings)
-    )
-    if not enough or (further and not first.best > settings.least_win_rate):
-        return False
-    if first.removed > settings.weak:
-        return True
-    # little beyond the noise also means little to tell causes apart by
-    if first.best < settings.least_win_rate:
-        return False
-    seen = record.sampled - candidate.sampled > settings.least_sampled
-    return seen or first.removed > settings.least_removed_by_columns
+    return not shortfalls(record, first, settings, further=further)
+
+
+def shortfalls(
+    record: RoundRecord, standing: Standing, settings: SearchSettings, *, further: bool
+) -> tuple[Shortfall, ...]:
+    """Everything that a candidate lacks to be named; nothing where it is."""
+    candidate = record.candidates[standing.index]
+    found: list[Shortfall] = []
+
+    def lacks(setting: str, sentence: str) -> None:
+        found.append(Shortfall(setting, sentence))
+
+    if not standing.gain > settings.least_gain:
+        lacks("least_gain", f"it removes {100 * standing.gain:.0f} % of what is left")
+    if not standing.better > certainty_needed(candidate, standing, settings):
+        lacks("least_certainty", f"it lowers the error in {100 * standing.better:.1f} % of the draws")
+    if not standing.removed > settings.least_removed:
+        lacks("least_removed", f"it removes {standing.removed:.2g} of the noise's squared error")
+    if not consistent(candidate, settings):
+        lacks("least_agreement", "the two parts of the data disagree on its size, or it hardly differs from none")
+    often = f"it is the best in {100 * standing.best:.0f} % of the draws"
+    if further and not standing.best > settings.least_win_rate:
+        lacks("least_win_rate", often)
+    if not standing.removed > settings.weak:  # little beyond the noise also means little to tell causes apart by
+        if not further and standing.best < settings.least_win_rate:
+            lacks("least_win_rate", often)
+        seen = record.sampled - candidate.sampled > settings.least_sampled
+        if not (seen or standing.removed > settings.least_removed_by_columns):
+            lacks("least_sampled", "only duty and current show it")
+    return tuple(found)
+
+
+def certainty_needed(candidate: Evidence, standing: Standing, settings: SearchSettings) -> float:
+    """Share of the draws in which a cause must lower the loss.
+
+    Of few blocks, a bootstrap may draw mostly those that show little. Where a cause wins nearly all draws, removes most
+    of what is left, and both parts of the data find the same size, that it needs every draw would be a rule made for
+    longer logs.
+    """
+    a, b = candidate.distances
+    same = a * b > 0.0 and settings.close_agreement < a / b < 1.0 / settings.close_agreement
+    strong = standing.best > settings.strong_win_rate and standing.gain > settings.strong_gain
+    return settings.least_certainty_agreeing if same and strong else settings.least_certainty
+
+
+def is_near(lacks: tuple[Shortfall, ...], standing: Standing, settings: SearchSettings) -> bool:
+    """Whether a candidate that is not named deserves a word: one or two rules short, and seldom worse than nothing."""
+    return 0 < len(lacks) <= 2 and standing.better > settings.near_certainty
 
 
 def stands_in(trial: Replacement, settings: SearchSettings, seed: int) -> bool:

@@ -21,6 +21,7 @@ from .screen import screen
 from .settings import DEFAULT, SearchSettings
 
 NEVER = float("nan")  # promise of a screen that was not run
+NUMERICAL = (np.linalg.LinAlgError, ArithmeticError)
 
 
 @dataclass(frozen=True, eq=False)
@@ -36,6 +37,21 @@ class Judged:
     fits: tuple[Fit, Fit]
     blocks: np.ndarray
     sampled: float
+
+
+@dataclass
+class Found:
+    """What a search under way has found.
+
+    Attributes:
+        current: the model with the causes accepted so far.
+        accepted, rounds, steps: as :class:`sealegs.gap.search.result.Search` and its record have them.
+    """
+
+    current: Judged
+    accepted: list[Candidate] = field(default_factory=list)
+    rounds: list[Round] = field(default_factory=list)
+    steps: list[Step] = field(default_factory=list)
 
 
 @dataclass
@@ -74,46 +90,56 @@ class Searcher:
         self.counts = np.concatenate([part.blocks()[1] for part in reversed(self.parts)])
 
     def run(self) -> Search:
-        """Search until no further cause pays."""
+        """Search until no further cause pays, or until numbers fail it: what was found until then is kept."""
         self.progress("tuning the nominal model")
-        base = current = self.judged(self.fit_both(self.tuned, None))
-        accepted: list[Candidate] = []
-        rounds: list[Round] = []
-        steps: list[Step] = []
-        while len(accepted) < self.settings.most_causes:
-            begin = self.excess(current.fits)
-            over = decide.finished(begin, self.settings)
-            fitted, promise = ([], NEVER) if over and not self.look_on else self.fit_round(accepted, current, begin)
-            record, current = self.recorded(accepted, fitted, current, begin, promise)
-            steps.append(Step(record))
-            if over:
-                break
-            worth = decide.promising(begin, promise, self.settings)
-            candidates = self.ranked(record, fitted) if worth else []
-            order = decide.standings(record, self.settings, self.seed) if worth else []
-            pays = bool(order) and decide.pays(record, order[0], self.settings, further=bool(accepted))
-            rounds.append(Round(record.before, tuple(candidates), pays, begin))
-            if not pays:
-                break
-            winner = candidates[0]
-            accepted.append(winner)
-            current = self.of(winner)
-            self.progress(f"found {winner.cause.name} (removes {100 * winner.gain:.0f} % of what was left)")
-            trials: list[Replacement] = []
-            while len(accepted) > 1:
-                trial, alone = self.replacement(accepted, rounds)
-                trials.append(trial)
-                if alone is None:
-                    break
-                self.progress(f"which leaves nothing to explain for {accepted[-2].cause.name}")
-                self.replaced.add(accepted[-2].cause.name)
-                accepted[-2:], rounds[-2:] = [alone.candidates[0]], [alone]
-                current = self.of(alone.candidates[0])
-            steps[-1] = Step(record, winner.cause.name, tuple(trials))
+        base = self.judged(self.fit_both(self.tuned, None))
+        found = Found(base)
+        fault = ""
+        try:
+            while len(found.accepted) < self.settings.most_causes and self.step(found):
+                pass
+        except NUMERICAL as error:
+            fault = f"the search for a further cause failed numerically ({type(error).__name__}: {error})"
+            self.progress(fault)
+        accepted = found.accepted
         return Search(
-            self.tuned, tuple(accepted), tuple(rounds), self.counts, base.fits,
-            self.considered, self.settings, SearchRecord(self.seed, tuple(steps)),
+            self.tuned, tuple(accepted), tuple(found.rounds), self.counts, base.fits, self.considered, self.settings,
+            SearchRecord(self.seed, tuple(found.steps)), fault,
         )  # fmt: skip
+
+    def step(self, found: Found) -> bool:
+        """One round of the selection, which changes what was found; whether another is to follow."""
+        accepted, rounds, steps, current = found.accepted, found.rounds, found.steps, found.current
+        begin = self.excess(current.fits)
+        over = decide.finished(begin, self.settings)
+        fitted, promise = ([], NEVER) if over and not self.look_on else self.fit_round(accepted, current, begin)
+        record, current = self.recorded(accepted, fitted, current, begin, promise)
+        steps.append(Step(record))
+        if over:
+            return False
+        worth = decide.promising(begin, promise, self.settings)
+        candidates = self.ranked(record, fitted) if worth else []
+        order = decide.standings(record, self.settings, self.seed) if worth else []
+        pays = bool(order) and decide.pays(record, order[0], self.settings, further=bool(accepted))
+        rounds.append(Round(record.before, tuple(candidates), pays, begin))
+        if not pays:
+            return False
+        winner = candidates[0]
+        accepted.append(winner)
+        found.current = self.of(winner)
+        self.progress(f"found {winner.cause.name} (removes {100 * winner.gain:.0f} % of what was left)")
+        trials: list[Replacement] = []
+        while len(accepted) > 1:
+            trial, alone = self.replacement(accepted, rounds)
+            trials.append(trial)
+            if alone is None:
+                break
+            self.progress(f"which leaves nothing to explain for {accepted[-2].cause.name}")
+            self.replaced.add(accepted[-2].cause.name)
+            accepted[-2:], rounds[-2:] = [alone.candidates[0]], [alone]
+            found.current = self.of(alone.candidates[0])
+        steps[-1] = Step(record, winner.cause.name, tuple(trials))
+        return True
 
     # --- fits and their judgement ----------------------------------------------------------------------------------
 

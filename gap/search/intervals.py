@@ -10,7 +10,7 @@ from ..checks.bootstrap import block_weights
 from ..replay.parameters import Parameter
 from ..replay.problem import Problem
 from ..replay.robust import robust_weight
-from .bounded import nearest_within
+from .bounded import FLAT, nearest_within, root_of, solved
 from .fit import Fit
 
 UNLIKELY = 3.84  # rise of the cost, in squared noise floors: the 95 % quantile of chi square with one degree of freedom
@@ -56,11 +56,10 @@ def intervals(
     curvature = (jacobian * weight[:, None]).T @ jacobian
     weights = block_weights(count, draws, np.random.default_rng(seed))
     # variance inflation: scatter of the score over resampled blocks, in parts of that of independent errors
-    ridge = 1e-9 * np.trace(curvature) * np.eye(len(u))
+    ridge = max(1e-9 * float(np.trace(curvature)), FLAT) * np.eye(len(u))
     moves = (weights - 1.0) @ scores
-    dependent = max(
-        float(np.mean(np.einsum("dk,kj,dj->d", moves, np.linalg.inv(curvature + ridge), moves))) / len(u), 1.0
-    )
+    spread = solved(curvature + ridge, moves.T)
+    dependent = max(float(np.mean((moves * spread.T).sum(axis=1))) / len(u), 1.0)
     lows, highs = _reach(u, scores.sum(axis=0), curvature + ridge, low, high, UNLIKELY * dependent)
     found_intervals = {}
     period = float(np.median(np.diff(problem.time[: problem.starts[1]])))
@@ -80,8 +79,8 @@ def _reach(
 
     The nuisance parameters are at their optimum within their bounds.
     """
-    root = np.linalg.cholesky(curvature).T
-    target = -np.linalg.solve(root.T, slope)
+    root = root_of(curvature)
+    target = -solved(root.T, slope)
 
     def cost(k: int, move: float) -> float:
         """Least rise of the cost with parameter ``k`` moved."""

@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from dataclasses import dataclass
+from collections.abc import Collection, Sequence
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -74,6 +74,7 @@ class Search:
         causes: that were considered.
         settings: its thresholds.
         record: what it decided on.
+        fault: why it ended early; empty where it did not.
     """
 
     tuned: tuple[Parameter, ...]
@@ -84,8 +85,16 @@ class Search:
     causes: tuple[Cause, ...] = ()
     settings: SearchSettings = DEFAULT
     record: SearchRecord = NOTHING
+    fault: str = ""
 
     def parameters(self, without: str | None = None) -> list[Parameter]:
         """All parameters of the extended model, or of the one that lacks a cause."""
         groups: list[Sequence[Parameter]] = [c.variant for c in self.accepted if c.cause.name != without]
         return merge(self.tuned, *groups)
+
+    def less(self, names: Collection[str]) -> Search:
+        """The search without some of the causes that it accepted; its record stays."""
+        rounds = [r for r in self.rounds if r.accepted]
+        kept = [(c, r) for c, r in zip(self.accepted, rounds, strict=True) if c.cause.name not in names]
+        others = [r for r in self.rounds if not r.accepted]
+        return replace(self, accepted=tuple(c for c, _ in kept), rounds=(*(r for _, r in kept), *others))

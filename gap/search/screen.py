@@ -10,6 +10,7 @@ import numpy as np
 from ..causes.cause import Cause, Variant
 from ..replay.parameters import Parameter, numbers
 from ..replay.problem import Problem
+from .bounded import solved
 from .settings import SearchSettings
 
 AT_ONCE = 16  # replays
@@ -114,7 +115,7 @@ def _left_after(rest: np.ndarray, tuned: np.ndarray) -> float:
     """Squared residual that stays beside the best nuisance parameters alone."""
     if tuned.shape[1] == 0:
         return float((rest**2).sum())
-    step = np.linalg.solve(tuned.T @ tuned + 1e-9 * np.eye(tuned.shape[1]), -(tuned.T @ rest))
+    step = solved(tuned.T @ tuned + 1e-9 * np.eye(tuned.shape[1]), -(tuned.T @ rest))
     return float(((rest + tuned @ step) ** 2).sum())
 
 

@@ -63,6 +63,17 @@ class SearchSettings:
     least_certainty: float = threshold(
         0.975, "Share of bootstrap draws in which a cause must lower the loss at all.", decides=True
     )
+    least_certainty_agreeing: float = threshold(
+        0.9, "The same, for a cause that is strong in every other respect.", decides=True
+    )
+    strong_win_rate: float = threshold(0.95, "Bootstrap win rate of such a cause.", decides=True)
+    strong_gain: float = threshold(0.5, "Share of the excess loss that such a cause removes.", decides=True)
+    close_agreement: float = threshold(
+        0.75, "Ratio of the distances from doing nothing of such a cause in the two parts.", decides=True
+    )
+    near_certainty: float = threshold(
+        0.8, "Share of the draws in which a near miss must lower the loss; it is told, not named."
+    )
     least_agreement: float = threshold(
         0.4,
         "Ratio, lesser to greater, of a parameter's distances from doing nothing in the two parts of the data.",

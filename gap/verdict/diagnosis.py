@@ -32,12 +32,14 @@ from ..replay.problem import Problem
 from ..replay.steps import converged
 from ..replay.tree import joint_of_tree, not_free, owned, terms_of
 from ..search.channels import weigh_channels
-from ..search.forward import Searcher
+from ..search.forward import NUMERICAL, Searcher
 from ..search.result import Search
 from ..search.settings import DEFAULT, SearchSettings
 from ..search.windows import in_windows
-from .decide import Refused, Replayed, decide
+from .decide import decide
+from .evidence import Refused, Replayed
 from .measure import Measured, measure, whole_runs
+from .refusal import refuse
 from .torque import diagnose_torque
 from .unseen_range import unseen_range
 from .verdict import NOT_IDENTIFIABLE, PARTLY, JointDiagnosis, Replayable, data_errors
@@ -156,11 +158,28 @@ def diagnose(
         return [refuse(joint, why, findings, plan) for joint, plan in zip(joints, first, strict=True)]
     found: list[JointDiagnosis] = []
     for joint in joints:
-        found.append(diagnose_joint(runs, joint, findings, order))
+        found.append(_whatever_happens(runs, joint, findings, order))
         done(found[-1])
     if all(run.robot == HOPPER.name for run in runs):
         found.append(_diagnose_ground(runs, found, order))
     return found
+
+
+def _whatever_happens(
+    runs: Sequence[MeasuredRun], joint: str, findings: Sequence[Finding], order: Order
+) -> JointDiagnosis:
+    """The diagnosis of a joint; a refusal where its numbers fail, so that what was found of other joints is kept."""
+    try:
+        return diagnose_joint(runs, joint, findings, order)
+    except SealegsError:
+        raise
+    except (*NUMERICAL, ValueError, LookupError) as error:
+        order.progress(f"the diagnosis of {joint} failed: {type(error).__name__}: {error}")
+        why = (
+            f"its numbers failed in a way that nobody foresaw ({type(error).__name__}: {error}); please report it with "
+            "the log"
+        )
+        return refuse(joint, Refused(f"'{joint}'", why, usable=True), [f for f in findings if f.joint in (joint, None)])
 
 
 def diagnose_joint(
@@ -291,7 +310,7 @@ def _decide(
     errors = data_errors(case.findings, joint)
     signal, unit = problem.signal
     beyond = unseen_range(problem, measured.simulated["extended"], joint)
-    silent = not measured.causes and not measured.structure.noticed
+    silent = not (measured.causes or measured.structure.noticed or measured.turned)
     verdict = decide(
         Replayed(
             joint,
@@ -306,12 +325,15 @@ def _decide(
             beyond,
             errors,
             unit == "rad" and any(error.column in (f"{joint}.goal", f"{joint}.position") for error in errors),
+            measured.open_causes,
+            measured.turned,
         )
     )
     rivals = _rivals(measured)
     experiment = None
     bench = not problem.models[0].load.tree if problem.kind == "free" else False
-    if problem.kind == "free" and bench and (verdict.name in (NOT_IDENTIFIABLE, PARTLY) or rivals):
+    unsettled = verdict.name in (NOT_IDENTIFIABLE, PARTLY) or rivals or measured.open_causes
+    if problem.kind == "free" and bench and unsettled:
         # a driven link has no load to choose and no motion of its own
         blind = verdict.because("still", "blind")
         experiment = propose(problem, search, order.limits, order.seed, blind=blind)
@@ -327,7 +349,7 @@ def _decide(
         unexplained=measured.unexplained,
         rivals=rivals,
         experiment=experiment,
-        findings=(*case.findings, *findings, *(() if beyond is None else (beyond,))),
+        findings=(*case.findings, *findings, *(() if beyond is None else (beyond,)), *_faults(search, joint)),
         values=measured.values,
         tuned=tuned,
         problem=problem,
@@ -337,7 +359,17 @@ def _decide(
         reasons=verdict.reasons,
         data_errors=errors,
         tuned_share=measured.tuned_share,
+        open_causes=measured.open_causes,
+        model=measured.model,
     )
+
+
+def _faults(search: Search, joint: str) -> tuple[Finding, ...]:
+    """That a search ended early, if it did."""
+    if not search.fault:
+        return ()
+    sentence = f"'{joint}': {search.fault}; what was found until then stands, and more may be there."
+    return (Finding("search.fault", "warning", joint, None, sentence),)
 
 
 def _rivals(measured: Measured) -> tuple[dict[str, Any], ...]:
@@ -349,34 +381,7 @@ def _rivals(measured: Measured) -> tuple[dict[str, Any], ...]:
     )
 
 
-# --- refusals and small things -----------------------------------------------------------------------------------
-
-
-def refuse(
-    joint: str,
-    why: Refused,
-    findings: Sequence[Finding] = (),
-    experiment: Experiment | None = None,
-    signal: str = "",
-    unit: str = "rad",
-    unexplained: float = 1.0,
-) -> JointDiagnosis:
-    """The diagnosis of what cannot be judged."""
-    verdict = decide(why)
-    return JointDiagnosis(
-        joint=joint,
-        verdict=verdict.name,
-        sentence=verdict.sentence,
-        signal=signal or f"{joint}.position",
-        unit=unit,
-        gap={},
-        causes=(),
-        unexplained=unexplained,
-        rivals=(),
-        experiment=experiment,
-        findings=tuple(findings),
-        reasons=verdict.reasons,
-    )
+# --- small things --------------------------------------------------------------------------------------------------
 
 
 def _chain(run: MeasuredRun, joint: str) -> Chain:

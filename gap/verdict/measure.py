@@ -12,14 +12,12 @@ from ..replay.parameters import Parameter
 from ..replay.problem import Nominal, Problem
 from ..replay.robust import robust_loss
 from ..search.fit import Fit, fit, middle
-from ..search.intervals import intervals
 from ..search.result import Search
-from ..search.structure import Structure, structure
-from .decide import confidence
+from ..search.structure import Structure, fine, structure
+from .decide import confidence, standing
 from .shares import owed
-from .verdict import Error, NamedCause, Value
-
-EVALUATIONS = 25  # iterations of each final fit
+from .unseen import EVALUATIONS, Model, clearly_better, effective, holds, near_misses, outdone, refitted_numbers
+from .verdict import Error, NamedCause, OpenCause, Value
 
 
 @dataclass(frozen=True, eq=False)
@@ -36,6 +34,9 @@ class Measured:
         structure: what is left of the error that is not noise.
         causes: largest share first.
         tuned_share: share that the extended model owes to its tuned numbers.
+        open_causes: withdrawn ones and near misses.
+        model: which model is handed over: ``extended``, ``refitted`` or ``nominal``.
+        turned: the numbers that refitting turned furthest, where that is the model.
     """
 
     gap: dict[str, Error]
@@ -47,6 +48,9 @@ class Measured:
     structure: Structure
     causes: tuple[NamedCause, ...]
     tuned_share: float
+    open_causes: tuple[OpenCause, ...] = ()
+    model: str = "extended"
+    turned: str = ""
 
 
 def measure(
@@ -64,16 +68,31 @@ def measure(
     """
     fitted, test = fitting.part(FIT_A, FIT_B), problem.part(TEST)
     refitted = fit(fitted, wide, evaluations=EVALUATIONS)
-    last = search.accepted[-1].fits if search.accepted else search.base
-    extended = fit(fitted, search.parameters(), middle(*last), evaluations=EVALUATIONS)
-    tuned = extended
-    if search.accepted:
+    model = effective(fitting, search, seed)
+    sought, open_causes = model.search, model.withdrawn
+    tuned = model.fitted
+    if sought.accepted:
         tuned = fit(fitted, search.tuned, middle(*search.base), evaluations=EVALUATIONS)
-    models = {"nominal": {}, "refitted": refitted.values, "extended": extended.values}
-    gap = {name: _error(test, values) for name, values in models.items()}
-    gap["noise_floor"] = Error(problem.noise, problem.noise * float(np.sqrt(2.0 / np.pi)))
+    found = {"nominal": {}, "refitted": refitted.values, "tuned": tuned.values, "extended": model.fitted.values}
+    unseen = {name: test.simulate([values])[0] for name, values in found.items()}
+    errors = {name: _error(test, channels) for name, channels in unseen.items()}
+    handed = "extended"
+    if not all(holds(test, unseen["extended"], unseen[other]) for other in ("nominal", "tuned")) and sought.accepted:
+        sought, outdone_by = outdone(sought, f"on unseen data the error {_rise(errors, problem.signal[1])}")
+        open_causes, handed = (*open_causes, *outdone_by), "tuned"
+    if not sought.accepted and not holds(test, unseen["tuned"], unseen["nominal"]):
+        handed = "nominal"
+    if clearly_better(test, unseen["refitted"], unseen[handed], seed):
+        sought, outdone_by = outdone(sought, f"refitted numbers do better: {_beaten(errors, problem.signal[1])}")
+        open_causes, handed = (*open_causes, *outdone_by), "refitted"
+    values = found[handed]
 
-    simulated = {name: problem.simulate([values])[0] for name, values in models.items()}
+    gap = {name: errors[name] for name in ("nominal", "refitted")} | {"extended": errors[handed]}
+    if handed != "extended" and model.search.accepted:
+        gap["withdrawn"] = errors["extended"]
+    gap["noise_floor"] = Error(problem.noise, problem.noise * float(np.sqrt(2.0 / np.pi)))
+    models = {"nominal": {}, "refitted": refitted.values, "extended": values}
+    simulated = {name: problem.simulate([numbers])[0] for name, numbers in models.items()}
     rest = structure(problem, simulated["extended"], seed)
     everywhere = float(np.mean(problem.position_error(simulated["extended"]) ** 2))
     # the noise as it is, where the floor was estimated with a margin
@@ -84,10 +103,34 @@ def measure(
     if rest.noticed:  # structure that the test part shows less of than the rest is not explained for that
         before = float(np.mean(problem.position_error(simulated["nominal"]) ** 2)) - white
         unexplained = max(left, min(rest.rms**2 / max(before, 1e-12), 1.0))
-    causes, tuned_share = _name_causes(fitting, search, extended, joint, 1.0 - unexplained, rest, seed)
+    causes, tuned_share = _name_causes(fitting, sought, model, joint, 1.0 - unexplained, rest)
     return Measured(
-        gap, _error(test, tuned.values), extended.values, simulated, left, unexplained, rest, causes, tuned_share
+        gap=gap,
+        tuned=errors["tuned"],
+        values=values,
+        simulated=simulated,
+        left=left,
+        unexplained=unexplained,
+        structure=rest,
+        causes=causes,
+        tuned_share=tuned_share,
+        open_causes=(*open_causes, *near_misses(search)),
+        model="extended" if handed == "tuned" else handed,
+        turned=refitted_numbers(wide, refitted.values) if handed == "refitted" else "",
     )
+
+
+def _rise(errors: Mapping[str, Error], unit: str) -> str:
+    """``rises from 35.2 to 41.5 mrad``: against the nominal model, else against its tuned numbers."""
+    after = errors["extended"].rmse
+    other = "nominal" if after >= errors["nominal"].rmse else "tuned"
+    than = "" if other == "nominal" else " of the tuned numbers alone"
+    return f"rises from {1e3 * errors[other].rmse:.3g}{than} to {fine(after, unit)}"
+
+
+def _beaten(errors: Mapping[str, Error], unit: str) -> str:
+    """``3.8 against 13.0 mrad``."""
+    return f"{1e3 * errors['refitted'].rmse:.3g} against {fine(errors['extended'].rmse, unit)}"
 
 
 def whole_runs(problem: Problem) -> bool:
@@ -96,13 +139,13 @@ def whole_runs(problem: Problem) -> bool:
     return not runs[0] & runs[1]
 
 
-def _error(test: Problem, values: Mapping[str, float]) -> Error:
-    error = test.position_error(test.simulate([values])[0])
+def _error(test: Problem, simulated: np.ndarray) -> Error:
+    error = test.position_error(simulated)
     return Error(float(np.sqrt(np.mean(error**2))), float(np.mean(np.abs(error))))
 
 
 def _name_causes(
-    fitting: Problem, search: Search, extended: Fit, joint: str, explained: float, rest: Structure, seed: int
+    fitting: Problem, search: Search, model: Model, joint: str, explained: float, rest: Structure
 ) -> tuple[tuple[NamedCause, ...], float]:
     """Causes with shares, confidence, near misses and intervals, and the share of the tuned numbers."""
     if not search.accepted:
@@ -110,31 +153,40 @@ def _name_causes(
     debts = owed(fitting.coarsened(search.settings.coarse_step), search)
     shares, tuned_share = debts.shares(explained)
     final = search.accepted[-1]
-    bounds = intervals(fitting.part(FIT_A, FIT_B), search.parameters(), extended, seed, final.fits)
     rounds = [r for r in search.rounds if r.accepted]
     residual = float(robust_loss(np.sqrt(rest.level))) if rest.noticed else 0.0
     named = []
     for candidate, share, without, chosen in zip(search.accepted, shares, debts.without, rounds, strict=True):
         removed = float((chosen.before.sum() - candidate.blocks.sum()) / search.counts.sum())
+        rivals = tuple(c.cause.name for c in chosen.candidates[1:] if c.best > search.settings.rival_win_rate)
+        sure = confidence(min(candidate.best, candidate.better), removed, residual)
+        sure *= min((measured(p, model.bounds[p.path]) for p in candidate.variant if p.is_size), default=1.0)
         named.append(
             NamedCause(
                 name=candidate.cause.name,
                 sentence=candidate.cause.sentence,
                 joint=joint,
                 share=share,
-                confidence=confidence(candidate.best, removed, residual),
+                confidence=sure,
                 parameters={
-                    p.number: _value(p, extended, bounds, fitting.models[0])
+                    p.number: _value(p, model.fitted, model.bounds, fitting.models[0])
                     for p in candidate.variant
-                    if p.path in extended.values
+                    if p.path in model.fitted.values
                 },
                 gain=1.0 - float(np.sqrt(final.blocks.sum() / without)),
                 kind="number" if candidate.cause.error else "effect",
                 picture=candidate.cause.picture,
-                rivals=tuple(c.cause.name for c in chosen.candidates[1:] if c.best > search.settings.rival_win_rate),
+                rivals=rivals,
+                standing=standing(sure, rivals),
             )
         )
     return tuple(sorted(named, key=lambda cause: -cause.share)), tuned_share
+
+
+def measured(parameter: Parameter, bounds: tuple[float, float]) -> float:
+    """Factor on the confidence: 1 for an interval within half of the range tried, 0 for one that fills it."""
+    low, high, least, most = (parameter.to_fit(x) for x in (*bounds, parameter.low, parameter.high))
+    return float(np.clip(2.0 * (1.0 - (high - low) / max(most - least, 1e-12)), 0.0, 1.0))
 
 
 def _value(parameter: Parameter, extended: Fit, bounds: Mapping[str, tuple[float, float]], nominal: Nominal) -> Value:

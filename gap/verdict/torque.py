@@ -15,7 +15,8 @@ from ..load.pendulum import PendulumLoad, bench_parameters
 from ..log.finding import Finding
 from ..log.parts import held_out
 from ..log.types import LogError, MeasuredRun
-from .decide import Balanced, decide
+from .decide import decide
+from .evidence import Balanced
 from .verdict import Error, JointDiagnosis, NamedCause, Value, data_errors
 
 NUMBERS = ("inertia [kg.m2]", "gravity torque [N.m]", "coulomb [N.m]", "viscous [N.m.s/rad]", "offset [N.m]")

@@ -25,6 +25,14 @@ EXPLAINED, PARTLY, NOTHING, NOT_IDENTIFIABLE, UNUSABLE = (
 )
 Replayable = FreeProblem | DrivenProblem | LegProblem
 """What can be replayed and so diagnosed; its ``kind`` tells which of them it is."""
+CERTAIN, LIKELY, ONE_OF_SEVERAL, WITHDRAWN, NEAR_MISS = (
+    "certain",
+    "likely",
+    "one of several",
+    "withdrawn",
+    "near miss",
+)
+"""Standing of a cause: of those named the first three, of those not named the last two."""
 WORST_FIRST = (UNUSABLE, NOT_IDENTIFIABLE, PARTLY, EXPLAINED, NOTHING)
 
 
@@ -63,6 +71,7 @@ class NamedCause:
             is fitted (a torque column that lags), ``data``.
         picture: which picture shows it.
         rivals: near misses: candidates that win in more than 5 % of the draws of the round that this cause won.
+        standing: :data:`CERTAIN`, :data:`LIKELY` or :data:`ONE_OF_SEVERAL`, whatever is said of other causes.
     """
 
     name: str
@@ -75,6 +84,22 @@ class NamedCause:
     kind: str
     picture: str = ""
     rivals: tuple[str, ...] = ()
+    standing: str = LIKELY
+
+
+@dataclass(frozen=True)
+class OpenCause:
+    """A cause that is not named, though something speaks for it.
+
+    Attributes:
+        name: of the cause.
+        standing: :data:`WITHDRAWN` (it was named, and does not hold) or :data:`NEAR_MISS` (it nearly was).
+        sentence: why, or what it lacks, in words that go on after its name and a colon.
+    """
+
+    name: str
+    standing: str
+    sentence: str
 
 
 @dataclass(frozen=True)
@@ -141,7 +166,10 @@ class JointDiagnosis:
         values: of all parameters of the extended model, by path; a ``*`` marks a factor.
         simulated: channels of the models over the whole problem, by model name (n, 4).
         structure: what is left of the position error that is not noise.
-        tuned: numbers of the nominal model that moved within their tolerance, as factors.
+        tuned: numbers of the nominal model that moved within their tolerance, as factors; where ``model`` is
+            ``refitted``, up to fivefold.
+        open_causes: causes that are not named: withdrawn ones, and near misses with what they lack.
+        model: which model is handed over as the extended one: ``extended``, ``refitted`` or ``nominal``.
     """
 
     joint: str
@@ -164,6 +192,8 @@ class JointDiagnosis:
     reasons: tuple[Reason, ...] = ()
     data_errors: tuple[DataError, ...] = ()
     tuned_share: float = 0.0
+    open_causes: tuple[OpenCause, ...] = ()
+    model: str = "extended"
 
     @property
     def text(self) -> str:

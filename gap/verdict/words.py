@@ -1,0 +1,58 @@
+"""How a verdict is said: sizes, falls, names and certainty, each in a few words."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+from ..search.structure import fine, listed
+from .evidence import Replayed
+from .verdict import NamedCause
+
+
+def levels(found: Replayed) -> tuple[str, str, str]:
+    """Error before, after, and noise, as text."""
+    unit = found.structure.unit
+    before, after = (size(found.errors[key].rmse, unit) for key in ("nominal", "extended"))
+    return before, after, fine(found.errors["noise_floor"].rmse, unit, 2)
+
+
+def change(found: Replayed) -> str:
+    before, after, floor = levels(found)
+    seen = "runs" if found.whole_runs else "pieces of the runs"
+    tuned = f" ({size(found.tuned.rmse, found.structure.unit)} with its numbers tuned within their tolerance)"
+    return f"from {before}{tuned} to {after} on {seen} that nothing was fitted to (noise {floor})"
+
+
+def fall(found: Replayed) -> str:
+    """``24.1 to 0.6 mrad``."""
+    before, after, _ = levels(found)
+    return f"{before.partition(' ')[0]} to {after}"
+
+
+def size(value: float, unit: str) -> str:
+    """A size above zero, which rounding never makes zero."""
+    return fine(value, unit, next((digits for digits in range(1, 6) if round(1e3 * value, digits) > 0.0), 6))
+
+
+def certainty(causes: Sequence[NamedCause]) -> str:
+    least = min(cause.confidence for cause in causes)
+    return f"confidence {'at least ' if len(causes) > 1 else ''}{int(100 * min(least, 0.99) + 1e-9)} %"
+
+
+def subject(causes: Sequence[NamedCause]) -> str:
+    return some([cause.name for cause in causes])
+
+
+def some(names: Sequence[str]) -> str:
+    """At most two names, else the first and how many more."""
+    return listed(names) if len(names) <= 2 else f"{names[0]} and {len(names) - 1} more"
+
+
+def verb(causes: Sequence[NamedCause], one: str, several: str) -> str:
+    return one if len(causes) == 1 else several
+
+
+def also(causes: Sequence[NamedCause]) -> str:
+    """What else the data would allow."""
+    pairs = [f"{' or '.join(cause.rivals)} in place of {cause.name}" for cause in causes if cause.rivals]
+    return f"Less likely, but not excluded: {', '.join(pairs)}."
