@@ -250,6 +250,16 @@ def test_a_duty_that_stops_updating_is_named_and_one_that_a_drive_holds_is_not()
         assert [finding for finding in check_set(data) if finding.data_error] == []
 
 
+def test_a_current_of_coarse_steps_keeps_its_value_at_constant_speed() -> None:
+    run = clean().runs[0]
+    for step in (0.1, 0.3):
+        coarse = with_log(run, current=np.round(signal(run, "current") / step) * step)
+        assert "column.stuck" not in {finding.code for finding in check_run(coarse)}
+    current = signal(run, "current").copy()
+    current[200:700] = current[200]
+    assert found(with_log(run, current=current), "column.stuck").value == pytest.approx(2.5, abs=0.1)
+
+
 def test_a_duty_that_should_be_at_its_limit_throughout_tells_no_unit() -> None:
     """With a stiff controller and a late command the chain expects its limit at every moment, the servo does not."""
     run = clean().runs[0]

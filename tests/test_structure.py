@@ -15,6 +15,7 @@ from sealegs.gap.replay.driven import driven_problem
 from sealegs.gap.replay.free import FreeProblem, free_problem
 from sealegs.gap.replay.joint_model import JointModel
 from sealegs.gap.search.structure import Structure, structure
+from sealegs.gap.search.where import where
 
 from testbed import NOISE_FLOOR, hidden_bench
 
@@ -61,6 +62,18 @@ def test_events_at_random_times_depend_on_no_signal() -> None:
     assert found.noticed
     assert found.depends_on == ()
     assert "random times" in found.sentence
+
+
+def test_what_is_left_at_a_place_is_told_by_it_before_it_is_called_random() -> None:
+    """It read "as events at random times would" of nearly every leftover, a stop and plain friction among them."""
+    problem, simulated = of_true_model({}, 36)
+    angle = problem.measured[:, 0]
+    high = np.where(angle > 0.7, 3e-3 * np.sign(np.sin(40.0 * problem.time)), 0.0)
+    assert "at angles from" in where(problem, simulated, high)
+    speed = problem.covariates(simulated)["speed"]
+    assert "moving down" in where(problem, simulated, np.where(speed < -0.2, 2e-3, 0.0))
+    assert "random times" in where(problem, simulated, np.where(problem.time % 6.0 < 0.1, 5e-3, 0.0))
+    assert "spread" in where(problem, simulated, np.full(len(angle), 1e-3))
 
 
 def test_the_size_of_what_is_left_is_that_of_the_effect() -> None:

@@ -81,10 +81,13 @@ class Limit:
     Attributes:
         cause: name of the other.
         where: what the data are like.
+        edge: a number of the cause; where it is at its upper bound, or beyond all speeds of the log, the other cause is
+            meant.
     """
 
     cause: str
     where: str
+    edge: str = ""
 
 
 @dataclass(frozen=True)
@@ -100,6 +103,7 @@ class Cause:
         refuted_by: what in a log shows that it is not there.
         degenerates_to: the cause that it cannot be told from in poorer data.
         name: as in ``diagnosis.json``.
+        seen: whether it was read off the log, so that every round tries it.
     """
 
     sentence: str
@@ -110,6 +114,7 @@ class Cause:
     refuted_by: Ceiling | None = None
     degenerates_to: Limit | None = None
     name: str = ""
+    seen: bool = False
 
     @property
     def periodic(self) -> bool:

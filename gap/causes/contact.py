@@ -2,6 +2,10 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+from dataclasses import replace
+
+from ..checks.stops import Stop
 from ..replay.joint_model import JointModel
 from ..replay.parameters import Parameter
 from .cause import Cause, Needs, Variant
@@ -34,3 +38,22 @@ def _end(number: str, middle: float, reach: float, low: float, high: float, star
     """A stop by its distance from the middle of the motion, in parts of the reach (which scales it back)."""
     shift = middle / reach
     return Parameter(number, "rad", shift + low, shift + high, shift + start, 0.03)
+
+
+def with_stops(causes: Sequence[Cause], stops: Sequence[Stop], nominal: JointModel) -> list[Cause]:
+    """Causes with the stops that were read off a log as the first form of what blocks a joint."""
+    if not stops:
+        return list(causes)
+    reach = nominal.axis.reach if nominal.load.tree else 1.0
+    at = {
+        stop.side: Parameter(
+            "load.stop_angle" if stop.side > 0 else "load.lower_stop", nominal.axis.unit("rad"),
+            stop.angle - 0.5 * reach, stop.angle + 0.5 * reach, stop.angle, 0.03 * reach,
+        )
+        for stop in stops
+    }  # fmt: skip
+    read: list[Variant] = [tuple(at.values())]
+    return [
+        replace(cause, variants=(*read, *cause.variants), seen=True) if cause.name == "contact.blocked" else cause
+        for cause in causes
+    ]

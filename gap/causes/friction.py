@@ -60,7 +60,7 @@ def stribeck(nominal: JointModel) -> Cause:
         picture="friction_against_speed",
         variants=((extra, speed),),
         needs=SHOWN,
-        degenerates_to=Limit("friction.coulomb", "all motion is slow"),
+        degenerates_to=Limit("friction.coulomb", "all motion is slow", edge="friction.stribeck_velocity"),
     )
 
 

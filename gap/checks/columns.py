@@ -10,7 +10,7 @@ from ..log.finding import Finding
 from ..log.types import Array
 from .context import JointContext
 from .motion import DEGREES
-from .signal import derivatives, fit_lag
+from .signal import derivatives, fit_lag, quantisation_step
 
 SCALE_TOLERANCE = 0.03
 LAG_TOLERANCE = 0.003
@@ -62,6 +62,8 @@ def _stuck(joint: JointContext) -> Iterator[Finding]:
         stuck = (length > STUCK_SECONDS) & (moved > 0.1 * joint.span + 20 * joint.noise) & ~np.asarray(held) & ~off
         if signal in ("duty", "current", "torque") and values[starts][stuck].size:
             stuck &= (values[starts] != 0.0) | (length > 0.5 * (joint.time[-1] - joint.time[0]))
+        if signal in ("current", "torque"):
+            stuck &= _should_change(joint, values, starts, ends) | (length > 0.5 * (joint.time[-1] - joint.time[0]))
         if stuck.any():
             worst = int(np.argmax(np.where(stuck, length, 0.0)))
             yield Finding(
@@ -70,6 +72,25 @@ def _stuck(joint: JointContext) -> Iterator[Finding]:
                 f"{joint.time[starts[worst]]:.4g} s while the joint moves: the reading was not updated.",
                 value=float(length[worst]), data_error=True,
             )  # fmt: skip
+
+
+def _should_change(joint: JointContext, values: Array, starts: np.ndarray, ends: np.ndarray) -> np.ndarray:
+    """Whether an effort should have left its value in each stretch (s,), by what it does elsewhere.
+
+    At constant speed a current is constant, and one of coarse steps shows no change for long.
+    """
+    speed = joint.velocity
+    away = np.zeros(len(speed)) if joint.log.goal is None else joint.log.goal - joint.log.position
+    columns = [away, speed, np.tanh(speed / joint.moving_speed), joint.motion[2], np.sin(joint.motion[0])]
+    terms = np.stack([*columns, np.ones(len(speed))], axis=1)
+    good = np.isfinite(values) & np.isfinite(terms).all(axis=1)
+    if good.sum() < 100:
+        return np.ones(len(starts), bool)
+    scale = np.maximum(np.abs(terms).max(axis=0), 1e-12)
+    said = np.nan_to_num(terms / scale) @ np.linalg.lstsq(terms[good] / scale, values[good], rcond=None)[0]
+    scatter = float(np.median(np.abs(values[good] - said[good]))) / 0.6745
+    changes = np.array([np.ptp(said[a : b + 1]) for a, b in zip(starts, ends, strict=True)])
+    return changes > max(4.0 * quantisation_step(values), 4.0 * scatter)
 
 
 def _at_an_end(duty: Array) -> Array:

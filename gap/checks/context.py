@@ -93,6 +93,11 @@ class JointContext:
         return np.abs(self.velocity) > self.moving_speed
 
     @cached_property
+    def on(self) -> np.ndarray:
+        """Samples at which the drive is on, (n,) bool; all of them where nothing says that it is not."""
+        return np.ones(len(self.time), bool) if self.log.enabled is None else self.log.enabled >= 0.5
+
+    @cached_property
     def short(self) -> bool:
         """Whether the joint moves over so little that causes look alike."""
         return self.span < LEAST_SPAN * max(self.noise, self.step / 4)

@@ -206,7 +206,11 @@ def _link_sign(joint: JointContext) -> Iterator[Finding]:
 def _sign(
     joint: JointContext, signal: str, severity: Severity, values: np.ndarray, of_what: str, other: np.ndarray
 ) -> Iterator[Finding]:
-    correlation = float(np.corrcoef(other, values)[0, 1])
+    # a joint whose drive is off goes where it likes
+    on = joint.on if len(values) == len(joint.on) and joint.on.sum() >= 100 else np.ones(len(values), bool)
+    if np.ptp(other[on]) == 0.0 or np.ptp(values[on]) == 0.0:
+        return
+    correlation = float(np.corrcoef(other[on], values[on])[0, 1])
     if correlation < -0.5:
         yield Finding(
             f"{signal}.sign", severity, joint.name, joint.column(signal),

@@ -3,12 +3,13 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
-from dataclasses import dataclass
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
 
 import numpy as np
 
 from ...actuators.errors import SealegsError
+from ..checks.stops import Stop
 from ..replay.joint_model import JointModel
 
 DURATION = 12.0  # [s]
@@ -17,6 +18,7 @@ REACH = 1.2  # [rad] either side of hanging, unless the log went further or limi
 HOLDS = 0.6  # share of the stall torque that gravity may take at the ends of an excitation
 FOLLOWS = 0.8  # share of the no-load speed that a smooth goal may have
 LEAST = 0.1  # [rad] range that gravity must leave: in less, backlash and friction hide what a motion would show
+CLEAR = 0.03  # [rad] that a motion stays away from a stop
 SMOOTH = ("chirp", "fast chirp", "multisine", "slow triangle", "slow small triangle")
 
 
@@ -59,6 +61,13 @@ def default_limits(position: np.ndarray, speed: float = math.inf) -> Limits:
     """Limits where nobody gave any: :data:`REACH` either side of hanging, further where the log (n,) [rad] went."""
     seen = position[np.isfinite(position)]
     return Limits(min(-REACH, float(seen.min())), max(REACH, float(seen.max())), speed)
+
+
+def within(limits: Limits, stops: Sequence[Stop]) -> Limits | None:
+    """Limits less what lies behind stops, and :data:`CLEAR` of them; None where that leaves no room."""
+    lower = max([limits.lower, *(stop.angle + CLEAR for stop in stops if stop.side < 0)])
+    upper = min([limits.upper, *(stop.angle - CLEAR for stop in stops if stop.side > 0)])
+    return replace(limits, lower=lower, upper=upper) if upper - lower > LEAST else None
 
 
 def library(centre: float, reach: float, seed: int = 0) -> dict[str, np.ndarray]:

@@ -15,6 +15,7 @@ from functools import cached_property
 
 import numpy as np
 
+from ..checks.stops import Stop
 from ..log.parts import FIT_A, FIT_B, Unit
 from ..log.types import JointLog, MeasuredRun
 from ..replay.free import FreeProblem, free_problem
@@ -25,7 +26,7 @@ from ..search.bounded import bounded_step
 from ..search.fit import merge, middle
 from ..search.result import Search
 from ..search.structure import listed
-from .excitations import HOLDS, RATE, Limits, abilities, default_limits, excitations
+from .excitations import HOLDS, RATE, Limits, abilities, default_limits, excitations, within
 
 ENOUGH = 1.0  # noise floors (rms) by which rivals must differ; below that another load is proposed
 SHOWS = 0.3  # noise floors (rms) that a search can still see: below that nothing is told apart
@@ -109,7 +110,12 @@ class Prediction:
 
 
 def propose(
-    problem: FreeProblem, search: Search, limits: Limits | None = None, seed: int = 0, blind: bool = False
+    problem: FreeProblem,
+    search: Search,
+    limits: Limits | None = None,
+    seed: int = 0,
+    blind: bool = False,
+    stops: Sequence[Stop] = (),
 ) -> Experiment | None:
     """The measurement that best tells the rivals of a search apart.
 
@@ -119,6 +125,7 @@ def propose(
         limits: of the joint; default: :func:`sealegs.gap.experiment.excitations.default_limits`.
         seed: of the excitations.
         blind: the log shows too little: tell all causes of the catalogue apart, not only rivals.
+        stops: of the joint, which no motion goes near.
 
     Returns:
         None where the search left nothing open, or where the servo can hold no load within the limits.
@@ -126,7 +133,9 @@ def propose(
     hypotheses = everything(problem, search) if blind else _rivals(search)
     if len(hypotheses) < 2:
         return None
-    limits = limits or default_limits(problem.measured[:, 0])
+    limits = within(limits or default_limits(problem.measured[:, 0]), stops)
+    if limits is None:
+        return None
     old = thinned(problem.part(FIT_A, FIT_B))
     known = [predict(old, h) for h in hypotheses]
     nominal = problem.models[0]

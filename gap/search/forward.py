@@ -21,6 +21,8 @@ from .screen import screen
 from .settings import DEFAULT, SearchSettings
 
 NEVER = float("nan")  # promise of a screen that was not run
+EDGE = 0.98  # of its upper bound, from which a number is at it
+FASTEST = 0.99  # quantile of the speeds of a log that counts as its highest
 NUMERICAL = (np.linalg.LinAlgError, ArithmeticError)
 
 
@@ -230,6 +232,7 @@ class Searcher:
         order = list(dict.fromkeys(cause.name for _, cause, _ in rough))
         near = {cause.name for found, cause, _ in rough if found.cost < settings.finalist_cost * rough[0][0].cost}
         finalists = [n for k, n in enumerate(order[: settings.finalists]) if k < settings.sure_finalists or n in near]
+        finalists += [cause.name for cause in self.shown if cause.seen and cause.name not in (*finalists, *taken)]
         found: list[Candidate] = []
         best: dict[str, float] = {}
         for start, cause, variant in rough:
@@ -239,7 +242,34 @@ class Searcher:
             if cause.name in finalists and not outrun:
                 fits = self.fit_both(merge(extended, variant), start.values)
                 found.append(self.candidate(cause, variant, self.judged(fits)))
-        return found, screened.promise
+        return self._simplest(found, extended, taken), screened.promise
+
+    def _simplest(self, found: Sequence[Candidate], extended: Sequence[Parameter], taken: set[str]) -> list[Candidate]:
+        """Candidates less those at the edge of their own shape, where they are another cause, and that cause."""
+        kept = [candidate for candidate in found if not self._at_edge(candidate)]
+        for candidate in found:
+            limit = candidate.cause.degenerates_to
+            if limit is None or not self._at_edge(candidate):
+                continue
+            other = next((cause for cause in self.shown if cause.name == limit.cause), None)
+            if other is None:  # what it is there is not to be considered
+                kept.append(candidate)
+            elif other.name not in taken and all(c.cause.name != other.name for c in kept):
+                variant = other.variants[0]
+                fits = self.fit_both(merge(extended, variant), middle(*candidate.fits))
+                kept.append(self.candidate(other, variant, self.judged(fits)))
+        return kept
+
+    def _at_edge(self, candidate: Candidate) -> bool:
+        limit = candidate.cause.degenerates_to
+        edge = next((p for p in candidate.variant if limit is not None and p.number == limit.edge), None)
+        if edge is None:
+            return False
+        simulated = self.parts[0].simulate([candidate.fits[0].values])[0]
+        speed = self.parts[0].covariates(simulated).get("speed", np.full(1, np.inf))
+        visited = float(np.nanquantile(np.abs(speed), FASTEST))
+        end = min(EDGE * edge.high, max(visited, edge.low))
+        return min(found.values[edge.path] for found in candidate.fits) >= end
 
     def _with_usual_forms(
         self, chosen: Sequence[tuple[Cause, Variant]], taken: set[str]
@@ -253,6 +283,7 @@ class Searcher:
             if not any(variant == cause.variants[0] for other, variant in chosen if other is cause):
                 every.append((cause, cause.variants[0]))
         known = taken | {cause.name for cause, _ in chosen}
+        every += [(cause, cause.variants[0]) for cause in self.shown if cause.seen and cause.name not in known]
         for cause in self.shown:
             if cause.error and cause.name not in known and cause.variants[0][0].number in self.numbers:
                 every.append((cause, cause.variants[0]))

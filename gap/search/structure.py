@@ -15,6 +15,7 @@ import numpy as np
 
 from ..replay.problem import Problem
 from .correlated import reading_error, shared
+from .where import where
 
 # structure over the noise's mean square from which it is reported; right models leave up to 0.03, and up to 0.09 where
 # ticks of the encoder decide where the joint sticks
@@ -38,6 +39,7 @@ class Structure:
         depends_on: signals that the prediction needs with their shares of it, the strongest first; empty where the
             structure follows none of them.
         unit: of what is judged.
+        where: most of it is, for people.
     """
 
     level: float
@@ -45,6 +47,7 @@ class Structure:
     predicted: float = 0.0
     depends_on: tuple[tuple[str, float], ...] = ()
     unit: str = "rad"
+    where: str = ""
 
     @property
     def noticed(self) -> bool:
@@ -58,10 +61,11 @@ class Structure:
             return "What is left is noise."
         rms = fine(self.rms, self.unit, 2)
         size = f"What is left holds {rms} (rms) of structure that no cause of the catalogue explains"
+        where = f"; {self.where}" if self.where else ""
         if not self.depends_on:
-            return f"{size}; it follows none of the logged signals, as events at random times would."
+            return f"{size}{where}."
         names = listed([name for name, _ in self.depends_on])
-        return f"{size}; a flexible learner predicts {100 * self.predicted:.0f} % of it, from {names}."
+        return f"{size}{where}; a flexible learner predicts {100 * self.predicted:.0f} % of it, from {names}."
 
 
 def listed(names: Sequence[str]) -> str:
@@ -85,7 +89,7 @@ def structure(problem: Problem, simulated: np.ndarray, seed: int = 0) -> Structu
     if level <= NOTICED:
         return Structure(level, rms, unit=problem.signal[1])
     predicted, depends_on = _learn(problem, simulated, error, level, seed)
-    return Structure(level, rms, predicted, depends_on, problem.signal[1])
+    return Structure(level, rms, predicted, depends_on, problem.signal[1], where(problem, simulated, error))
 
 
 # --- what it depends on --------------------------------------------------------------------------------------------

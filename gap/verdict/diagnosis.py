@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -13,22 +13,22 @@ from ...actuators.errors import SealegsError, nearest
 from ...envs.hopper.robot import HOPPER
 from ...envs.robot_file import is_robot_file
 from ..causes.catalogue import adjustable, catalogue, checked
-from ..causes.cause import Cause
+from ..causes.contact import with_stops
 from ..causes.unknown import unknown_parameters, with_believed_load
 from ..causes.visible import limits as limits_of_driven
 from ..causes.visible import shown
 from ..checks.data_set import check_set, corrected, merged, noise_floor, shows_little, unusable
+from ..checks.off import released
+from ..checks.stops import stops_of, told_stops
 from ..experiment import Experiment, Limits, blind_spots, experiment_for_still, propose
 from ..ground.ground import GROUND, GroundSearch, search_ground
 from ..load.robot import robot_of
 from ..log.finding import Finding
-from ..log.parts import Unit, cut
+from ..log.parts import cut
 from ..log.types import LogError, MeasuredRun, MeasuredSet
 from ..replay.driven import driven_problem
 from ..replay.free import free_problem
 from ..replay.joint_model import JointModel
-from ..replay.parameters import Parameter
-from ..replay.problem import Problem
 from ..replay.steps import converged
 from ..replay.tree import joint_of_tree, not_free, owned, terms_of
 from ..search.channels import weigh_channels
@@ -38,87 +38,16 @@ from ..search.settings import DEFAULT, SearchSettings
 from ..search.windows import in_windows
 from .decide import decide
 from .evidence import Refused, Replayed
+from .matter import Case, Cut, Order, Progress, Replay
 from .measure import Measured, measure, whole_runs
 from .refusal import refuse
 from .torque import diagnose_torque
 from .unseen_range import unseen_range
-from .verdict import NOT_IDENTIFIABLE, PARTLY, JointDiagnosis, Replayable, data_errors
+from .verdict import NOT_IDENTIFIABLE, PARTLY, JointDiagnosis, data_errors
 
 WIDE = 4.0  # how far refitting alone may turn each number the model has: up to five times, down to a fifth
 
 ROBOTS = ("bench", "hopper")  # any other is taken for a machine whose load nobody knows
-
-Progress = Callable[[str], None]
-
-
-@dataclass(frozen=True)
-class Order:
-    """What a person asked for; the attributes are the arguments of :func:`diagnose`."""
-
-    test_group: str | None = None
-    seed: int = 0
-    progress: Progress = lambda text: None
-    limits: Limits | None = None
-    causes: Sequence[str] | None = None
-    search: SearchSettings = DEFAULT
-    look_on: bool = False
-
-
-@dataclass(frozen=True, eq=False)
-class Cut:
-    """One joint of a log, cut into parts.
-
-    Attributes:
-        runs, models: the runs and the nominal joint of each.
-        units: pieces of runs, each in one part.
-        noise: of a position sample [rad].
-        terms: what a joint of a robot works against in each run (samples, T_COLUMNS).
-        findings: about the robot.
-    """
-
-    joint: str
-    runs: Sequence[MeasuredRun]
-    models: Sequence[JointModel]
-    units: Sequence[Unit]
-    noise: float
-    terms: Sequence[np.ndarray] | None = None
-    findings: tuple[Finding, ...] = ()
-
-
-@dataclass(frozen=True, eq=False)
-class Replay:
-    """A joint or the ground, ready to be searched.
-
-    Attributes:
-        problem: all data.
-        fitting: the same as the search sees them.
-        wide: what refitting alone may turn, and how far.
-        tuned: what every fit of the search turns.
-        causes: that may be sought.
-        findings: about what this replay can show.
-    """
-
-    problem: Replayable
-    fitting: Problem
-    wide: Sequence[Parameter]
-    tuned: Sequence[Parameter]
-    causes: Sequence[Cause] = ()
-    findings: tuple[Finding, ...] = ()
-
-
-@dataclass(frozen=True, eq=False)
-class Case:
-    """What is known of a joint beside its replay.
-
-    Attributes:
-        joint: its name, or ``ground``.
-        findings: about its log.
-        still: whether it hardly moves in any run: what fits that best may not be what it is.
-    """
-
-    joint: str
-    findings: tuple[Finding, ...] = ()
-    still: bool = False
 
 
 def diagnose(
@@ -237,7 +166,8 @@ def _check(data: MeasuredSet, progress: Progress) -> tuple[MeasuredSet, list[Fin
             for joint in run.joints:
                 machine.joint(joint)  # says at once that there is none
     progress("checking the log")
-    data, every = corrected(data, [*data.findings, *check_set(data)])
+    data, off = released(data)
+    data, every = corrected(data, [*data.findings, *off, *check_set(data)])
     return data, merged(every), unusable(every, data)
 
 
@@ -274,10 +204,13 @@ def _replay(pieces: Cut, order: Order) -> Replay | Refused:
     wide, tuned = adjustable(pieces.models[0], WIDE), adjustable(pieces.models[0])
     causes = catalogue(pieces.models[0], order.causes)
     layout = pieces.runs, pieces.joint, pieces.models, pieces.units
+    stops = stops_of(pieces.runs, pieces.joint)
+    seen = (*pieces.findings, *told_stops(stops, pieces.joint))
     if pieces.terms is not None or all(run.robot == "bench" for run in pieces.runs):
         free = free_problem(*layout, {"position": 1.0 / pieces.noise}, pieces.terms)
         problem = weigh_channels(converged(free))
-        return Replay(problem, in_windows(problem, wide), wide, tuned, causes, pieces.findings)
+        causes = with_stops(causes, stops, pieces.models[0])
+        return Replay(problem, in_windows(problem, wide), wide, tuned, causes, seen, stops)
     try:
         driven = driven_problem(*layout, pieces.noise)
     except LogError as error:
@@ -285,9 +218,8 @@ def _replay(pieces: Cut, order: Order) -> Replay | Refused:
     causes, hidden = shown(driven, pieces.models[0], causes)
     order.progress(f"judging the actuator of {pieces.joint} along its measured motion")
     problem = weigh_channels(converged(driven))
-    return Replay(
-        problem, problem, wide, tuned, causes, (*pieces.findings, limits_of_driven(driven, pieces.joint, hidden))
-    )
+    told = (*seen, limits_of_driven(driven, pieces.joint, hidden))
+    return Replay(problem, problem, wide, tuned, causes, told, stops)
 
 
 def _search(replay: Replay, order: Order) -> Search:
@@ -336,7 +268,7 @@ def _decide(
     if problem.kind == "free" and bench and unsettled:
         # a driven link has no load to choose and no motion of its own
         blind = verdict.because("still", "blind")
-        experiment = propose(problem, search, order.limits, order.seed, blind=blind)
+        experiment = propose(problem, search, order.limits, order.seed, blind, replay.stops)
     tuned = {p.number: measured.values[p.path] for p in search.tuned if p.path in measured.values}
     return JointDiagnosis(
         joint=joint,

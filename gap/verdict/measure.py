@@ -8,7 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from ..log.parts import FIT_A, FIT_B, TEST
-from ..replay.parameters import Parameter
+from ..replay.parameters import Parameter, absolute
 from ..replay.problem import Nominal, Problem
 from ..replay.robust import robust_loss
 from ..search.fit import Fit, fit, middle
@@ -192,5 +192,22 @@ def measured(parameter: Parameter, bounds: tuple[float, float]) -> float:
 def _value(parameter: Parameter, extended: Fit, bounds: Mapping[str, tuple[float, float]], nominal: Nominal) -> Value:
     found = (extended.values[parameter.path], *bounds[parameter.path])
     value, low, high = (float(parameter.physical(number, nominal)) for number in found)
+    if parameter.number in STOPS:
+        value, low, high = (_as_logged(angle, extended, nominal) for angle in (value, low, high))
     unit = nominal.unit(parameter.number) if parameter.factor else parameter.unit
     return Value(value, low, high, unit, float(nominal.value(parameter.number)))
+
+
+STOPS = ("load.stop_angle", "load.lower_stop")
+"""Angles of the link, which a person looks up in the log."""
+
+
+def _as_logged(angle: float, extended: Fit, nominal: Nominal) -> float:
+    """An angle of the link as the log reads it, with offset and scale of encoder and host as they were fitted."""
+    fitted = absolute(extended.values, nominal)
+
+    def number(path: str) -> float:
+        return fitted[path] if path in fitted else nominal.value(path)
+
+    read = number("encoder.scale") * angle + number("encoder.offset")
+    return float(number("host.scale") * read + number("host.offset"))

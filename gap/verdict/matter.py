@@ -1,0 +1,94 @@
+"""What is passed along the way of a log: what was asked for, a joint cut into parts, and its replay."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from ..causes.cause import Cause
+from ..checks.stops import Stop
+from ..experiment import Limits
+from ..log.finding import Finding
+from ..log.parts import Unit
+from ..log.types import MeasuredRun
+from ..replay.joint_model import JointModel
+from ..replay.parameters import Parameter
+from ..replay.problem import Problem
+from ..search.settings import DEFAULT, SearchSettings
+from .verdict import Replayable
+
+Progress = Callable[[str], None]
+
+
+@dataclass(frozen=True)
+class Order:
+    """What a person asked for; the attributes are the arguments of :func:`diagnose`."""
+
+    test_group: str | None = None
+    seed: int = 0
+    progress: Progress = lambda text: None
+    limits: Limits | None = None
+    causes: Sequence[str] | None = None
+    search: SearchSettings = DEFAULT
+    look_on: bool = False
+
+
+@dataclass(frozen=True, eq=False)
+class Cut:
+    """One joint of a log, cut into parts.
+
+    Attributes:
+        runs, models: the runs and the nominal joint of each.
+        units: pieces of runs, each in one part.
+        noise: of a position sample [rad].
+        terms: what a joint of a robot works against in each run (samples, T_COLUMNS).
+        findings: about the robot.
+    """
+
+    joint: str
+    runs: Sequence[MeasuredRun]
+    models: Sequence[JointModel]
+    units: Sequence[Unit]
+    noise: float
+    terms: Sequence[np.ndarray] | None = None
+    findings: tuple[Finding, ...] = ()
+
+
+@dataclass(frozen=True, eq=False)
+class Replay:
+    """A joint or the ground, ready to be searched.
+
+    Attributes:
+        problem: all data.
+        fitting: the same as the search sees them.
+        wide: what refitting alone may turn, and how far.
+        tuned: what every fit of the search turns.
+        causes: that may be sought.
+        findings: about what this replay can show, and the stops of the joint.
+        stops: that the log shows.
+    """
+
+    problem: Replayable
+    fitting: Problem
+    wide: Sequence[Parameter]
+    tuned: Sequence[Parameter]
+    causes: Sequence[Cause] = ()
+    findings: tuple[Finding, ...] = ()
+    stops: tuple[Stop, ...] = ()
+
+
+@dataclass(frozen=True, eq=False)
+class Case:
+    """What is known of a joint beside its replay.
+
+    Attributes:
+        joint: its name, or ``ground``.
+        findings: about its log.
+        still: whether it hardly moves in any run: what fits that best may not be what it is.
+    """
+
+    joint: str
+    findings: tuple[Finding, ...] = ()
+    still: bool = False

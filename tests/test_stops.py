@@ -1,0 +1,72 @@
+"""A stop is read off the log before anything is fitted, told in its frame, and bounds every motion that is proposed."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from sealegs.actuators import load_chain
+from sealegs.gap.causes.catalogue import catalogue
+from sealegs.gap.causes.contact import with_stops
+from sealegs.gap.checks.stops import Stop, stops_of
+from sealegs.gap.experiment.excitations import CLEAR, Limits, excitations, within
+from sealegs.gap.log.types import MeasuredSet
+from sealegs.gap.replay.joint_model import JointModel
+
+from testbed import hidden_bench
+from tests.smooth_bench import CHAIN, PARAMS
+from tests.test_data_errors import JOINT, with_log
+
+LIFTS = (("triangle", "steps"), ("lift_and_drop", "multisine"))
+
+
+def blocked(angle: float | None, shift: float = 0.0, side: int = 1) -> MeasuredSet:
+    """A bench whose link stands against a stop, and whose encoder and goals are shifted, perhaps mirrored."""
+    data, _ = hidden_bench(
+        {} if angle is None else {"contact.blocked": angle}, 3, runs=2, duration=8.0, schedules=LIFTS
+    )
+    runs = []
+    for run in data.runs:
+        log = run.joints[JOINT]
+        assert log.goal is not None
+        goal, position = side * log.goal + shift, side * log.position + shift
+        runs.append(with_log(run, goal=goal, position=position, velocity=None, duty=None, current=None))
+    return replace(data, runs=tuple(runs))
+
+
+@pytest.mark.parametrize("side", [1, -1])
+@pytest.mark.parametrize("shift", [0.0, 0.35])
+def test_a_stop_is_read_off_in_the_frame_of_the_log(shift: float, side: int) -> None:
+    """It was told at -0.69 rad, between an encoder offset and itself, where the log has it at -1.03."""
+    (stop,) = stops_of(blocked(0.75, shift, side).runs, JOINT)
+    assert stop.side == side
+    assert stop.angle == pytest.approx(side * 0.75 + shift, abs=0.01)
+    assert stop.beyond > 0.1
+
+
+def test_a_joint_that_is_free_has_no_stop() -> None:
+    assert stops_of(blocked(None).runs, JOINT) == ()
+
+
+@pytest.mark.parametrize("effect", ["friction.coulomb", "drive.deadband", "drive.saturation", "transmission.backlash"])
+def test_what_only_holds_a_joint_back_is_no_stop(effect: str) -> None:
+    data, _ = hidden_bench({effect: "clear"}, 3, "heavy", runs=2, duration=8.0, schedules=LIFTS)
+    assert stops_of(data.runs, JOINT) == ()
+
+
+def test_no_proposed_motion_goes_to_a_stop() -> None:
+    limits = within(Limits(-1.2, 1.2), (Stop(-0.6, -1, 0.2, 1.0), Stop(0.9, 1, 0.2, 1.0)))
+    assert limits is not None and limits == Limits(-0.6 + CLEAR, 0.9 - CLEAR)
+    for goal in excitations(limits, JointModel(load_chain(CHAIN)), PARAMS).values():
+        assert goal.min() >= limits.lower - 1e-9 and goal.max() <= limits.upper + 1e-9
+    assert within(Limits(-1.2, 1.2), (Stop(0.1, -1, 0.2, 1.0), Stop(0.15, 1, 0.2, 1.0))) is None
+
+
+def test_a_stop_that_was_seen_is_tried_from_where_it_is() -> None:
+    nominal = JointModel(load_chain(CHAIN))
+    causes = with_stops(catalogue(nominal), (Stop(-1.03, -1, 0.08, 3.0),), nominal)
+    (cause,) = [cause for cause in causes if cause.seen]
+    assert cause.name == "contact.blocked"
+    assert [(p.number, p.start) for p in cause.variants[0]] == [("load.lower_stop", -1.03)]
+    assert np.isfinite(cause.variants[0][0].low)
