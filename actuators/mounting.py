@@ -165,8 +165,9 @@ def rotor_inertia(chain: Chain, name: str) -> float:
 
 def native_coulomb(chain: Chain) -> float:
     """Native dry friction; never quite zero where a law sets the limit, because the engine makes no row for zero."""
-    friction = chain.find("friction")
+    friction, meshing = chain.find("friction"), chain.find("meshing")
     coulomb = friction.coulomb if friction else 0.0
+    coulomb += meshing.coulomb(chain) if meshing else 0.0
     return max(coulomb, 1e-6) if chain.friction_needs_law() else coulomb
 
 

@@ -100,12 +100,17 @@ class Meshing(Stage):
         units = {item.name: item.metadata["unit"] for item in dataclasses.fields(self)}
         return {key: value * factors.get(units[key], 1.0) for key, value in super().law_values(chain).items()}
 
+    def coulomb(self, chain: Any) -> float:
+        """Coulomb friction at the joint, mean of both directions [N.m]: what the engine alone knows of it."""
+        return 0.5 * (self.coulomb_positive + self.coulomb_negative) * chain.gear_ratio()
+
     def shapes_dry_friction(self) -> bool:
         return True
 
 
 MESHING = Meshing.offsets()
 NEGATIVE = 1  # numbers of a direction stand in pairs
+NO_DECAY = 1e-9  # below this, a decay is none: paper 000 prints some of 1e-10 over the whole speed
 
 
 @compiled()
@@ -121,10 +126,12 @@ def meshing_limit(p, i, q, w, push):
     if p[k + MESHING.ripple_1_positive] != 0.0:
         limit += p[k + MESHING.ripple_1_positive] * math.sin(p[i + MESHING.frequency_1] * q + p[i + MESHING.phase_1])
     if p[k + MESHING.ripple_2_positive] != 0.0:
-        amplitude = p[k + MESHING.ripple_2_positive] * math.exp(-p[k + MESHING.decay_2_positive] * speed)
+        amplitude, fallen = p[k + MESHING.ripple_2_positive], p[k + MESHING.decay_2_positive] * speed
+        amplitude *= math.exp(-fallen) if fallen > NO_DECAY else 1.0
         limit += amplitude * math.sin(p[i + MESHING.frequency_2] * q + p[i + MESHING.phase_2])
     if p[k + MESHING.ripple_3_positive] != 0.0:
-        amplitude = p[k + MESHING.ripple_3_positive] * math.exp(-p[k + MESHING.decay_3_positive] * speed)
+        amplitude, fallen = p[k + MESHING.ripple_3_positive], p[k + MESHING.decay_3_positive] * speed
+        amplitude *= math.exp(-fallen) if fallen > NO_DECAY else 1.0
         limit += amplitude * math.sin(p[i + MESHING.frequency_3] * q + p[i + MESHING.phase_3])
     return max(limit, 0.0)
 

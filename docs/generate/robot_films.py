@@ -1,4 +1,4 @@
-"""Draws and films each robot: ``python -m docs.generate.robot_films [bench|hopper|hexapod|biped ...]``.
+"""Draws and films each robot: ``python -m docs.generate.robot_films [bench|hopper|hexapod|biped|leg ...]``.
 
 Writes ``docs/pictures/<robot>.png`` and ``docs/pictures/<robot>.mp4``. Needs OpenGL (without a screen, EGL).
 """
@@ -77,6 +77,7 @@ ROBOTS: dict[str, Callable[[Path], None]] = {
     "hopper": hopper,
     "hexapod": _policy("hexapod/seed4"),
     "biped": _policy("biped/seed0", speed=0.8),
+    "leg": _policy("leg/seed0"),
 }
 
 

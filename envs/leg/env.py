@@ -22,9 +22,9 @@ class LegEnv(SingleEnv, task=LegTask):
 
     | Num | Action                  | Min | Max | Correction at -1 | Correction at 1 | Joint   | Type (Unit) |
     |-----|-------------------------|-----|-----|------------------|-----------------|---------|-------------|
-    | 0   | correction of joint 1   | -1  | 1   | -0.02            | 0.02            | joint_1 | angle (rad) |
-    | 1   | correction of joint 2   | -1  | 1   | -0.02            | 0.02            | joint_2 | angle (rad) |
-    | 2   | correction of joint 3   | -1  | 1   | -0.02            | 0.02            | joint_3 | angle (rad) |
+    | 0   | correction of joint 1   | -1  | 1   | -0.004           | 0.004           | joint_1 | angle (rad) |
+    | 1   | correction of joint 2   | -1  | 1   | -0.004           | 0.004           | joint_2 | angle (rad) |
+    | 2   | correction of joint 3   | -1  | 1   | -0.004           | 0.004           | joint_3 | angle (rad) |
 
     Joint 1 turns the leg about the vertical, joint 2 lifts link 2 from the horizontal, joint 3 lifts link 3 from the
     line of link 2; goals stay within -1.2 to 1.2, -0.7 to 0.9 and -2.3 to -0.5 rad.
@@ -47,7 +47,7 @@ class LegEnv(SingleEnv, task=LegTask):
     The reward is ***tracking - energy***; `info` holds each term, and the flags `net_out_of_range` and `unstable` (see
     `HopperEnv`).
 
-    - *reward_tracking*: $w_{tracking} (1 - \min(|p - p_{path}| / 0.01, 1))$ with the position $p$ of the foot [m].
+    - *reward_tracking*: $w_{tracking} (1 - \min(|p - p_{path}| / 0.001, 1))$ with the position $p$ of the foot [m].
     - *reward_energy*: $-w_{energy}$ times the mean power that the motors give [W].
 
     ## Starting State
@@ -72,7 +72,7 @@ class LegEnv(SingleEnv, task=LegTask):
     | `control_rate`    | float               | `100.0`        | actions per second [Hz] |
     | `speed`           | float or (low, high) | `(0.05, 0.15)` | mean speed of the foot, or the range it is drawn from [m/s]; the highest is twice that |
     | `preview`         | float               | `0.0`          | by which goals are ahead of the path [s] |
-    | `correction`      | float               | `0.02`         | see Action Space [rad] |
+    | `correction`      | float               | `0.004`        | see Action Space [rad] |
     | `correction_time` | float               | `0.01`         | see Action Space [s] |
     | `tracking_weight` | float               | `1.0`          | see Rewards |
     | `energy_weight`   | float               | `0.0`          | see Rewards [1/W] |

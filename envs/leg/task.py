@@ -13,7 +13,7 @@ from . import path
 from .kinematics import angles, foot
 from .robot import JOINTS, LEG
 
-LARGEST = 0.01  # [m] of the foot's error that the reward counts
+LARGEST = 0.001  # [m] of the foot's error that the reward counts
 AHEAD = 0.01  # [s] between the points of the reference that are observed
 TIME, CORRECTION = 0, slice(1, 4)  # in the memory
 
@@ -24,7 +24,7 @@ class LegTask(ModulatedTask):
 
     speed: float | Sequence[float] = (0.05, 0.15)
     preview: float = 0.0
-    correction: float = 0.02
+    correction: float = 0.004
     correction_time: float = 0.01
     tracking_weight: float = 1.0
     energy_weight: float = 0.0

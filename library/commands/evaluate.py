@@ -1,7 +1,8 @@
 """Compare: a robot with its published figures, or a policy in its models and on the machine.
 
     sealegs evaluate paper=hopper                 hopping with and without actuator, beside the paper's figures
-    sealegs evaluate paper=hexapod                also biped: what their papers print, repeated
+    sealegs evaluate paper=hexapod                also biped and leg: what their papers print, repeated
+    sealegs evaluate relevant robot=leg           what a robot's motor torque goes into, and what can be left out
     sealegs evaluate paper=hopper out=comparison  the same, into that folder
 
     sealegs evaluate policy=runs/first/final robot=hopper extended=diagnosis hw=virtual
@@ -22,6 +23,7 @@ PAPERS = {
     "hopper": "sealegs.envs.hopper.report",
     "biped": "sealegs.envs.biped.report",
     "hexapod": "sealegs.envs.hexapod.report",
+    "leg": "sealegs.envs.leg.report",
 }
 """Modules with a function ``compare(folder, seconds)``, by the word that the command line takes."""
 
@@ -31,10 +33,14 @@ PLAIN = ("paper", "out", "policy", "nominal", "extended", "port", "calibration",
 def main(arguments: list[str]) -> None:
     """Make the comparison that the command line names."""
     from sealegs.actuators.errors import SealegsError, nearest
+    from sealegs.commands import relevant
     from sealegs.configs.check import checked
     from sealegs.configs.compose import compose, split
     from sealegs.hw.own_robot import READERS
 
+    if arguments and arguments[0] == relevant.WORD:
+        relevant.main(arguments[1:])
+        return
     config = compose("evaluate", split(arguments, plain=PLAIN, first="policy"), readers=READERS)
     if config["policy"] is not None:
         compare_policy(config)

@@ -1,0 +1,78 @@
+"""Makes the actuator nets of the leg, from simulated runs of its printed motors under a PD, not from the machine.
+
+    python -m sealegs.envs.leg.nets
+
+Writes ``configs/actuator/silo4_net_1.npz`` to ``silo4_net_3.npz``; a net that is there already stays. A net stands for
+controller, supply and motor; the gear's friction stays the stage that it is.
+"""
+
+from __future__ import annotations
+
+import sys
+from pathlib import Path
+
+import mujoco
+import numpy as np
+
+from ...actuators.chain import LIBRARY
+from ...actuators.errors import SealegsError
+from ...actuators.layout import S_TORQUE
+from ...actuators.net_data import smooth_noise
+from ...actuators.net_file import write_net
+from ...actuators.net_training import Settings, TrainingRun, train
+from .control import paths
+from .kinematics import angles
+from .path import position
+from .robot import JOINTS, LEG, chains_of
+
+RATE = 500.0  # [Hz] that of the controllers
+SECONDS, RUNS = 4.0, 12
+NOISE = 0.01  # [rad] on the goals, so that nets see more than paths
+SETTINGS = Settings(rate=RATE, history=3, hidden=(16, 16), epochs=60, patience=10)
+
+
+def runs(seed: int = 0) -> dict[str, list[TrainingRun]]:
+    """Runs of each joint along paths whose goals are disturbed, with the motor's torque as target."""
+    rng, drivetrain, values = np.random.default_rng(seed), LEG.drivetrain(chains_of("silo4_pd")), LEG.parameters()
+    model, samples = drivetrain.model, round(SECONDS * RATE)
+    every, time = round(1.0 / (RATE * drivetrain.model.opt.timestep)), np.arange(samples) / RATE
+    found: dict[str, list[TrainingRun]] = {name: [] for name in JOINTS}
+    for number, command in enumerate(paths(RUNS, seed=seed)):
+        data = mujoco.MjData(model)
+        goals = angles(values, position(np.tile(command, (samples, 1)), time))
+        data.qpos[:3] = goals[0]
+        for k in range(3):
+            disturbance = smooth_noise(rng, samples, RATE, rng.uniform(0.5, 8.0))
+            goals[:, k] += NOISE * rng.uniform(0.0, 1.0) * (disturbance - disturbance[0])
+        rows = np.empty((samples, 3, 3))
+        for k in range(samples):
+            data.ctrl[:] = goals[k]
+            for j, name in enumerate(JOINTS):
+                rows[k, j] = data.qpos[j], data.qvel[j], drivetrain.state(name, data.userdata, S_TORQUE)
+            mujoco.mj_step(model, data, every)
+        for j, name in enumerate(JOINTS):
+            where, speed, torque = rows[:, j].T
+            found[name].append(TrainingRun(f"path {number}, {name}", time, goals[:, j], where, speed, torque))
+    return found
+
+
+def main() -> int:
+    """Make what is missing."""
+    targets = {name: Path(LIBRARY) / f"silo4_net_{name[-1]}.npz" for name in JOINTS}
+    missing = [name for name, path in targets.items() if not path.exists()]
+    recorded = runs() if missing else {}
+    for name, target in targets.items():
+        if name not in missing:
+            print(f"{target.name} is there already.")
+            continue
+        trained = train(recorded[name], SETTINGS)
+        write_net(trained.arrays, target)
+        print(f"{target.name}: rms {trained.rms:.3g} N.m, {trained.r2:.1%} of the variance on unseen runs", flush=True)
+    return 0
+
+
+if __name__ == "__main__":
+    try:
+        sys.exit(main())
+    except SealegsError as error:
+        sys.exit(str(error))
