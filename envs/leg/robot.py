@@ -18,7 +18,13 @@ JOINTS = tuple(LIMITS)
 FOOT = "foot"
 TIMESTEP = 0.001  # [s]; convergence in docs/leg.md
 REACH = 0.6  # [m] rough size, for light and shadows
-WORDS = {"silo4": "silo4", "silo4_pd": "silo4_pd", "ideal": "silo4_ideal", "regression": "silo4_regression", "net": "silo4_net"}
+WORDS = {
+    "silo4": "silo4",
+    "silo4_pd": "silo4_pd",
+    "ideal": "silo4_ideal",
+    "regression": "silo4_regression",
+    "net": "silo4_net",
+}
 
 _DARK, _METAL, _BLUE, _RUBBER = (
     (0.16, 0.18, 0.22, 1),
