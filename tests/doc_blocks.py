@@ -7,6 +7,7 @@ import importlib.util
 import re
 import shlex
 import shutil
+import xml.etree.ElementTree as ElementTree
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -14,6 +15,7 @@ from typing import Any
 
 import yaml
 from sealegs import cli
+from sealegs.commands import new_robot
 from sealegs.configs.compose import compose, split
 
 REPOSITORY = Path(__file__).resolve().parents[1]
@@ -33,6 +35,8 @@ COMPOSED_ONLY = {
     "demo": "make demo runs it",
 }
 """Commands whose arguments are checked here and which are run elsewhere."""
+ANY_FILE = {"robot": lambda _: compose("deploy", {})["robot"], "env": lambda _: compose("train", {})["env"]}
+"""What a robot or a task of the reader's own is taken for where a command is only checked."""
 SMALLER = {
     "train": "total_timesteps=256 n_envs=2 evaluate.every=0 video.seconds=0",
     "deploy": "hw.virtual.time=stepped silence=20 live=false duration=2",
@@ -98,6 +102,8 @@ def check(block: Block) -> None:
     """
     if block.language == "yaml":
         yaml.safe_load(block.text)
+    elif block.language == "xml":
+        ElementTree.fromstring(block.text)
     elif block.language == "python":
         compile(block.text, f"{block.page}:{block.line}", "exec")
         if (source := REPOSITORY / block.title).is_file():
@@ -106,7 +112,9 @@ def check(block: Block) -> None:
         for command in block.commands:
             check_command(shlex.split(command))
     else:
-        assert block.language in SHOWN, f"a block of language '{block.language}': sh, python, yaml, text, csv or json"
+        assert block.language in SHOWN, (
+            f"a block of language '{block.language}': sh, python, yaml, xml, text, csv or json"
+        )
 
 
 def check_command(words: list[str]) -> None:
@@ -122,7 +130,10 @@ def check_command(words: list[str]) -> None:
             assert word in cli.COMMANDS, f"no command {word}"
             if word == "import":
                 arguments = [f"source={arguments[0]}", *arguments[1:]]
-            compose(cli.COMMANDS[word][1], split(arguments, plain=()))
+            if word == "new-robot":
+                assert {item.partition("=")[0] for item in arguments[1:]} <= set(new_robot.KEYS)
+                return
+            compose(cli.COMMANDS[word][1], split(arguments, plain=()), readers=ANY_FILE)
         case _:
             raise AssertionError(f"'{' '.join(words)}' is of no kind that is checked")
 
@@ -137,7 +148,7 @@ class Reader:
 
     def do(self, block: Block) -> None:
         """Type one block."""
-        if block.language == "yaml" and block.title:
+        if block.language in ("yaml", "xml") and block.title:
             path = self.folder / block.title
             path.parent.mkdir(parents=True, exist_ok=True)
             path.write_text(block.text)
