@@ -5,8 +5,6 @@ from __future__ import annotations
 import dataclasses
 import json
 import math
-import subprocess
-import sys
 from pathlib import Path
 
 import mujoco
@@ -20,6 +18,8 @@ from sealegs.actuators.net_data import PENDULUM, commands, simulated_runs
 from sealegs.actuators.net_file import build, evaluate, flat_weights, require_torch, write_net
 from sealegs.actuators.net_training import Settings, TrainingRun, prepare, train
 from sealegs.actuators.stages.net import Net, read_net
+
+from tests.typed import Done, typed
 
 REPOSITORY = Path(__file__).resolve().parents[1]
 SHORT = Settings(epochs=40, patience=40, hidden=(16,), history=3)
@@ -258,9 +258,8 @@ def test_pushed_runs_visit_speeds_that_their_load_alone_would_not_tie_to_the_err
     assert abs(correlation) < 0.9
 
 
-def train_net(*arguments: str) -> subprocess.CompletedProcess[str]:
-    command = [sys.executable, "train_net.py", *arguments]
-    return subprocess.run(command, cwd=REPOSITORY, capture_output=True, text=True)
+def train_net(*arguments: str) -> Done:
+    return typed("train-net", *arguments)
 
 
 def test_the_script_learns_from_a_measured_log(tmp_path):

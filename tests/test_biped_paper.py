@@ -4,8 +4,6 @@ from __future__ import annotations
 
 import json
 import math
-import subprocess
-import sys
 from dataclasses import replace
 from pathlib import Path
 
@@ -37,6 +35,7 @@ from sealegs.envs.biped.rig import leg_load, leg_record
 from sealegs.envs.biped.robot import BIPED
 
 from testbed import biped_drive as plant
+from tests.typed import typed
 
 REPOSITORY = Path(__file__).resolve().parents[1]
 MOTOR = {"constant": 1.21, "inertia": 1.05e-3, "friction": 8e-3, "bias": -0.06}
@@ -333,8 +332,7 @@ def test_pictures_need_no_rigid_cables_that_got_so_far(tmp_path: Path, hopping: 
     ],
 )
 def test_a_wrong_evaluation_is_answered_in_one_sentence(arguments: list[str], sentence: str) -> None:
-    command = [sys.executable, str(REPOSITORY / "evaluate.py"), *arguments]
-    done = subprocess.run(command, capture_output=True, text=True, cwd=REPOSITORY, check=False)
+    done = typed("evaluate", *arguments)
     assert done.returncode == 2 and sentence in done.stderr and "Traceback" not in done.stderr
 
 

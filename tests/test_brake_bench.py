@@ -3,8 +3,6 @@
 from __future__ import annotations
 
 import json
-import subprocess
-import sys
 from pathlib import Path
 
 import numpy as np
@@ -22,6 +20,8 @@ from sealegs.actuators.gear_train import (
     total_ratio,
 )
 from sealegs.actuators.regression_fit import EQUATION_3, RPM, fit_regression, read_table, usable, write_table
+
+from tests.typed import Done, typed
 
 REPOSITORY = Path(__file__).resolve().parents[1]
 SILENT = Noise(0.0, 0.0, 0.0)
@@ -170,9 +170,8 @@ def test_a_disk_and_a_single_stage():
     assert output_inertia(4.0, [stage]) == pytest.approx((4.0 + 1.0) * 9.0 + 2.5)
 
 
-def characterize(*arguments: str) -> subprocess.CompletedProcess[str]:
-    command = [sys.executable, "characterize.py", *arguments]
-    return subprocess.run(command, cwd=REPOSITORY, capture_output=True, text=True)
+def characterize(*arguments: str) -> Done:
+    return typed("characterize", *arguments)
 
 
 def test_the_script_writes_a_chain_that_can_be_loaded_and_overwrites_nothing(tmp_path):

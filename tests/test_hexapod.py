@@ -3,8 +3,6 @@
 from __future__ import annotations
 
 import re
-import subprocess
-import sys
 import warnings
 from pathlib import Path
 
@@ -29,6 +27,8 @@ from sealegs.envs.robots import get_robot
 from sealegs.envs.sb3 import BatchVecEnv
 from sealegs.envs.single import SingleEnv
 from stable_baselines3.common.env_checker import check_env as check_sb3
+
+from tests.typed import typed
 
 REPOSITORY = Path(__file__).resolve().parents[1]
 ENV = "SeaLegs/Hexapod-v0"
@@ -460,7 +460,6 @@ def test_a_short_training_runs(tmp_path: Path) -> None:
         "evaluate.episodes=1",
         "video.seconds=0",
     ]
-    command = [sys.executable, "train.py", "env=hexapod", "actuator=ideal", *small, f"out={tmp_path}", "name=small"]
-    done = subprocess.run(command, capture_output=True, text=True, cwd=REPOSITORY, check=False)
+    done = typed("train", "env=hexapod", "actuator=ideal", *small, f"out={tmp_path}", "name=small")
     assert done.returncode == 0, done.stderr
     assert (tmp_path / "small" / "final" / "model.zip").is_file()

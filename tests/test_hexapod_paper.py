@@ -3,8 +3,6 @@
 from __future__ import annotations
 
 import json
-import subprocess
-import sys
 from pathlib import Path
 
 import numpy as np
@@ -13,6 +11,8 @@ from sealegs.actuators.errors import SealegsError
 from sealegs.envs.hexapod.gait import Tripod
 from sealegs.envs.hexapod.paper import Machine, Standing, Walk, stand_unpowered
 from sealegs.envs.hexapod.report import motors
+
+from tests.typed import Done, typed
 
 REPOSITORY = Path(__file__).resolve().parents[1]
 FAST = 0.03  # [m/s] a cycle takes 6 s
@@ -79,9 +79,8 @@ def test_an_unknown_friction_is_named() -> None:
         Machine("lugre")
 
 
-def _evaluate(*arguments: str) -> subprocess.CompletedProcess[str]:
-    command = [sys.executable, str(REPOSITORY / "evaluate.py"), "paper=hexapod", *arguments]
-    return subprocess.run(command, capture_output=True, text=True, cwd=REPOSITORY, check=False)
+def _evaluate(*arguments: str) -> Done:
+    return typed("evaluate", "paper=hexapod", *arguments)
 
 
 @pytest.mark.long

@@ -3,8 +3,6 @@
 from __future__ import annotations
 
 import json
-import subprocess
-import sys
 from pathlib import Path
 
 import numpy as np
@@ -13,6 +11,8 @@ from sealegs.actuators import load_chain
 from sealegs.actuators.errors import SealegsError
 from sealegs.envs.hopper.controller import BangBang, spring_stiffness
 from sealegs.envs.hopper.paper import CHAINS, PRINTED, Figures, Hops, Legs, by_period, flexions, measure
+
+from tests.typed import Done, typed
 
 REPOSITORY = Path(__file__).resolve().parents[1]
 
@@ -97,9 +97,8 @@ def test_the_controller_asks_for_a_spring() -> None:
         spring_stiffness(load_chain("sts3215"))
 
 
-def _evaluate(*arguments: str) -> subprocess.CompletedProcess[str]:
-    command = [sys.executable, str(REPOSITORY / "evaluate.py"), *arguments]
-    return subprocess.run(command, capture_output=True, text=True, cwd=REPOSITORY, check=False)
+def _evaluate(*arguments: str) -> Done:
+    return typed("evaluate", *arguments)
 
 
 def test_evaluate_writes_numbers_and_pictures_and_never_over_old_ones(tmp_path: Path) -> None:

@@ -1,0 +1,26 @@
+"""A command as somebody types it, run within the test's own process: the start of an interpreter takes seconds."""
+
+from __future__ import annotations
+
+import contextlib
+import io
+from dataclasses import dataclass
+
+from sealegs import cli
+
+
+@dataclass(frozen=True)
+class Done:
+    """How a command ended, and what it printed."""
+
+    returncode: int
+    stdout: str
+    stderr: str
+
+
+def typed(*words: str) -> Done:
+    """Run ``sealegs <words>`` here; what it prints is returned."""
+    out, err = io.StringIO(), io.StringIO()
+    with contextlib.redirect_stdout(out), contextlib.redirect_stderr(err):
+        code = cli.main(words)
+    return Done(code, out.getvalue(), err.getvalue())
