@@ -138,6 +138,7 @@ def test_logs_that_a_stage_cannot_use_are_refused_in_one_sentence() -> None:
             call()
 
 
+@pytest.mark.long
 def test_the_virtual_machine_is_recovered_from_its_own_logs(hopping: Hopping) -> None:
     name = "left_leg_shape"
     drive, found = DRIVES[name], paper.identify(name, hopping, np.random.default_rng(5))

@@ -31,6 +31,7 @@ def recorded(weight: dict[str, float]) -> tuple[FreeProblem, dict[str, float]]:
     return free_problem(data.runs, "servo", models, cut(data.runs, "servo"), weight), truth["nominal_factors"]
 
 
+@pytest.mark.long
 def test_columns_that_a_drive_holds_for_a_quarter_of_a_millisecond_are_not_taken_for_a_longer_delay() -> None:
     bare, factors = recorded(POSITION)
     problem = weigh_channels(converged(bare))

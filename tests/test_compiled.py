@@ -66,6 +66,7 @@ def test_the_first_compilation_says_what_it_does_and_the_next_process_finds_it_d
     assert finish(start(package)) == (6.0, 0, "")
 
 
+@pytest.mark.long
 def test_processes_that_compile_at_once_all_get_their_own_result(package):
     values = (1.0, 2.0, 3.0)
     running = [start(package, value) for value in values]

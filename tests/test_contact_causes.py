@@ -91,9 +91,9 @@ def test_a_ground_as_believed_leaves_no_more_than_the_noise() -> None:
 @pytest.mark.parametrize(
     ("name", "path", "truth", "near"),
     [
-        ("contact.friction", "contact.friction*", 0.3, 0.03),
+        pytest.param("contact.friction", "contact.friction*", 0.3, 0.03, marks=pytest.mark.long),
         ("contact.slope", "contact.slope", 0.07, 0.006),
-        ("contact.stiffness", "contact.stiffness", 1500.0, 100.0),
+        pytest.param("contact.stiffness", "contact.stiffness", 1500.0, 100.0, marks=pytest.mark.long),
     ],
 )
 def test_the_number_of_the_ground_is_recovered(name: str, path: str, truth: float, near: float) -> None:

@@ -153,7 +153,7 @@ def test_a_torque_column_of_the_other_side_of_the_gear_is_named(factor: float, s
 @pytest.mark.parametrize(
     ("name", "size"),
     [
-        ("degrees", 2),
+        pytest.param("degrees", 2, marks=pytest.mark.long),
         pytest.param("wrap", 0.3, marks=pytest.mark.long),
         pytest.param("unsigned current", 1.0, marks=pytest.mark.long),
         pytest.param("milliamperes", 1000.0, marks=pytest.mark.long),
@@ -168,6 +168,7 @@ def test_a_diagnosis_names_the_data_error_and_no_physics(name: str, size: float)
     assert found.reasons[0].sentence.startswith("The log is wrong")
 
 
+@pytest.mark.long
 def test_a_late_torque_column_is_named_by_the_diagnosis_and_no_physics() -> None:
     (found,) = diagnose(with_torque(1, delay=0.012))
     assert [error.name for error in found.data_errors] == ["sensor.delay"] and not found.causes, found.text

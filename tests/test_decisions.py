@@ -46,6 +46,7 @@ def named(*rounds: tuple[RoundRecord, str | None], settings: SearchSettings = DE
     return found.names, found.open
 
 
+@pytest.mark.long
 def test_a_record_decided_again_gives_the_names_of_the_search(tmp_path: Path) -> None:
     search = small_diagnosis()[0].search
     assert search is not None

@@ -112,6 +112,7 @@ def test_what_the_link_hides_is_not_sought_and_is_said() -> None:
     assert "load.mass" in limits(problem, "knee", hidden).sentence
 
 
+@pytest.mark.long
 def test_play_in_the_belt_of_a_hopping_leg_is_named() -> None:
     (hip, knee, _), _ = small_hopper()
     assert [cause.name for cause in knee.causes] == ["transmission.backlash"], knee.sentence

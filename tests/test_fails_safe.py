@@ -67,6 +67,7 @@ def test_a_servo_that_comes_back_after_a_failure_on_the_way_to_the_start_is_rele
     assert simulation.guard.heard[-1] == "released"
 
 
+@pytest.mark.long
 def test_the_last_line_of_deploy_says_that_torque_may_be_on(tmp_path: Path, capsys: Any) -> None:
     faults = tmp_path / "faults.yaml"
     faults.write_text("- {kind: silence, at: 0.3}\n")

@@ -133,6 +133,7 @@ def test_effects_have_the_promised_size(name: str) -> None:
     assert clear > moderate > faint
 
 
+@pytest.mark.long
 def test_effects_that_a_servo_can_hardly_show_still_order_by_size() -> None:
     from testbed.calibrate import gap
 

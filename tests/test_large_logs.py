@@ -106,6 +106,7 @@ def test_a_fault_of_a_whole_long_log_is_mended_once(unit: float, code: str, long
         np.testing.assert_allclose(run.joints["servo"].position, right, atol=1e-9)
 
 
+@pytest.mark.long
 def test_memory_does_not_grow_with_the_log(long_log: Path, tmp_path: Path) -> None:
     """Reading three times as many rows takes no more memory, beyond what allocators scatter."""
     shorter = tmp_path / "log.parquet"

@@ -45,6 +45,7 @@ def test_a_missed_bar_is_called_missed() -> None:
     assert "2 ± 13" in text
 
 
+@pytest.mark.long
 def test_a_seed_is_trained_once_and_its_policy_kept(tmp_path: Path) -> None:
     target = tmp_path / "policies" / "seed3"
     learning.train((*SMALL, "video.seconds=0"), 3, tmp_path / "runs", target)

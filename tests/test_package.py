@@ -90,6 +90,7 @@ def test_the_wheel_holds_one_package_with_all_that_it_reads(wheel: Path) -> None
     assert {"sealegs/py.typed", "sealegs/configs/train.yaml", "sealegs/hw/registers/sts3215.yaml"} <= set(files)
 
 
+@pytest.mark.long
 def test_a_source_distribution_builds_the_same_wheel(wheel: Path, tmp_path: Path) -> None:
     source = copied_checkout(tmp_path / "source")
     build = f"from setuptools import build_meta; print(build_meta.build_sdist({str(tmp_path)!r}))"
@@ -113,6 +114,7 @@ def test_import_loads_nothing_heavy(installed: Stranger) -> None:
     assert not heavy & set(loaded)
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("word", COMMANDS)
 def test_every_command_has_its_help_page_anywhere(word: str, installed: Stranger) -> None:
     page = installed.done("sealegs", word, "--help")
@@ -127,6 +129,7 @@ def test_a_command_reads_the_configs_of_the_package_and_the_paths_of_its_caller(
     assert answer.returncode == 2 and "did you mean 'diagnose'" in answer.stderr
 
 
+@pytest.mark.long
 def test_an_editable_installation_is_the_checkout(tmp_path: Path) -> None:
     source, made = copied_checkout(tmp_path / "checkout"), stranger(tmp_path)
     made.install("-e", str(source))

@@ -41,18 +41,21 @@ def test_a_clear_effect_is_named_with_its_size(effect: str, path: str, true: flo
     assert found.causes[0].parameters[path].value == pytest.approx(true, rel=0.1)
 
 
+@pytest.mark.long
 def test_nothing_hidden_is_nothing_to_explain() -> None:
     found = diagnosed({}, seed=12)
     assert found.verdict == NOTHING, found.sentence
     assert not found.causes
 
 
+@pytest.mark.long
 def test_a_machine_in_the_engine_that_is_as_believed_is_nothing_to_explain(tmp_path: Path) -> None:
     record(tmp_path, "sts3215", {}, loads=BENCH[1:], excitations=("chirp", "steps", "slow triangle"))
     (found,) = diagnose(read_measured(tmp_path))
     assert found.verdict == NOTHING, found.sentence
 
 
+@pytest.mark.long
 def test_a_stranger_is_not_explained_by_the_few_causes_that_are_considered() -> None:
     data, _ = hidden_bench({"stranger.jams": "clear"}, 13, LOADS, duration=6.0, schedules=SCHEDULES)
     (found,) = diagnose(data, causes=("friction.viscous", "drive.delay"))
