@@ -75,6 +75,7 @@ def test_a_payload_adds_to_the_terms_what_it_does_to_inverse_dynamics() -> None:
         np.testing.assert_allclose(terms[:, 2:7] + 0.3 * terms[:, 7:12], whole[:, 2:7], atol=2e-6)
 
 
+@pytest.mark.long
 def test_each_joint_of_an_arm_is_replayed_to_its_noise(tmp_path: Path) -> None:
     data, _ = hidden_arm(tmp_path, "six_joint", {}, seed=5, runs=1, duration=4.0, nominal_error=0.0)
     for joint in ("shoulder_lift", "wrist_flex"):
