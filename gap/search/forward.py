@@ -242,14 +242,14 @@ class Searcher:
             if cause.name in finalists and not outrun:
                 fits = self.fit_both(merge(extended, variant), start.values)
                 found.append(self.candidate(cause, variant, self.judged(fits)))
-        return self._simplest(found, extended, taken), screened.promise
+        return self.simplest(found, extended, taken), screened.promise
 
-    def _simplest(self, found: Sequence[Candidate], extended: Sequence[Parameter], taken: set[str]) -> list[Candidate]:
+    def simplest(self, found: Sequence[Candidate], extended: Sequence[Parameter], taken: set[str]) -> list[Candidate]:
         """Candidates less those at the edge of their own shape, where they are another cause, and that cause."""
-        kept = [candidate for candidate in found if not self._at_edge(candidate)]
+        kept = [candidate for candidate in found if not self.at_edge(candidate)]
         for candidate in found:
             limit = candidate.cause.degenerates_to
-            if limit is None or not self._at_edge(candidate):
+            if limit is None or not self.at_edge(candidate):
                 continue
             other = next((cause for cause in self.shown if cause.name == limit.cause), None)
             if other is None:  # what it is there is not to be considered
@@ -260,7 +260,7 @@ class Searcher:
                 kept.append(self.candidate(other, variant, self.judged(fits)))
         return kept
 
-    def _at_edge(self, candidate: Candidate) -> bool:
+    def at_edge(self, candidate: Candidate) -> bool:
         limit = candidate.cause.degenerates_to
         edge = next((p for p in candidate.variant if limit is not None and p.number == limit.edge), None)
         if edge is None:

@@ -37,6 +37,7 @@ from .verdict import (
 )
 from .words import also, certainty, change, fall, levels, size, some, subject, verb
 
+AS_GOOD = 1.05  # times the refitted torque error up to which the believed numbers are as good
 MOST_WORDS = 25  # of the sentence that a verdict is told in
 
 
@@ -266,21 +267,30 @@ def _balanced(found: Balanced, limit: Thresholds) -> Verdict:
         f"The torque that the motion needs differs from the logged one by {before:.2f} N.m with the sidecar's numbers, "
         f"{refitted:.2f} N.m refitted, {after:.2f} N.m with the shift (held-out blocks).",
     )
-    if found.causes:
-        shift = found.causes[0]
-        name = EXPLAINED if found.left < limit.torque_explained else PARTLY
-        value = next(iter(shift.parameters.values()))
+    told = (change, *(_open_reason(cause) for cause in found.open_causes))
+    error = f"torque error {before:.2f} to {after:.2f} N.m"
+    if not found.causes:
+        if before <= AS_GOOD * after and not found.open_causes:
+            sentence = f"Nothing to explain: neither refitted numbers nor a shift lower the {error}."
+            return Verdict(NOTHING, sentence, told)
+        sentence = f"No known cause holds for the torque of '{found.joint}': {error} when refitted."
+        return Verdict(NOT_IDENTIFIABLE, sentence, told)
+    reasons = (*(Reason("cause", cause.sentence) for cause in found.causes), *told)
+    doubtful = [cause for cause in found.causes if cause.standing == ONE_OF_SEVERAL]
+    firm = [cause for cause in found.causes if cause.standing != ONE_OF_SEVERAL]
+    if doubtful and not firm:
         sentence = (
-            f"The torque column is {1e3 * value.value:.0f} ms out of step: torque error {before:.2f} to {after:.2f} "
-            f"N.m, {certainty(found.causes)}."
+            f"The torque gap of '{found.joint}' may be {subject(doubtful)}, but {some(doubtful[0].rivals)} fit about "
+            f"as well; {error}."
         )
-        return Verdict(name, sentence, (Reason("shift", shift.sentence), change))
-    name = NOTHING if found.left < limit.torque_nothing else PARTLY
-    sentence = (
-        f"Refitted inertia, gravity and friction leave no shift between torque and motion: torque error {before:.2f} "
-        f"to {after:.2f} N.m."
+        return Verdict(NOT_IDENTIFIABLE, sentence, reasons)
+    name = EXPLAINED if found.left < limit.torque_explained and not doubtful else PARTLY
+    late = next((value for cause in firm for path, value in cause.parameters.items() if path == "torque.delay"), None)
+    what = (
+        f"{subject(firm)} {verb(firm, 'explains', 'explain')} {'' if name == EXPLAINED else 'part of '}the torque gap"
     )
-    return Verdict(name, sentence, (change,))
+    step = "" if late is None else f" (out of step by {1e3 * late.value:.0f} ms)"
+    return Verdict(name, f"{what}{step}: {error}, {certainty(firm)}.", reasons)
 
 
 def _refused(found: Refused) -> Verdict:

@@ -74,12 +74,13 @@ class Replayed:
 
 @dataclass(frozen=True)
 class Balanced:
-    """Evidence of a torque balance: errors of the torque on the test blocks, the shift if any, and what stays."""
+    """Evidence of a torque balance: errors on the test blocks, causes if any, what stays, and what was withdrawn."""
 
     joint: str
     errors: Mapping[str, Error]
     causes: Sequence[NamedCause]
     left: float
+    open_causes: Sequence[OpenCause] = ()
 
 
 @dataclass(frozen=True)

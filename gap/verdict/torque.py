@@ -5,19 +5,20 @@ Both come from :mod:`sealegs.gap.checks.torque_balance`.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 
 import numpy as np
 
 from ...actuators.chain import load_chain
-from ..checks.torque_balance import AT_ONCE, STEP, WINDOW, torque_balance, torque_shift
+from ..checks.torque_balance import AT_ONCE, STEP, WINDOW, Shift, torque_balance, torque_shift
 from ..load.pendulum import PendulumLoad, bench_parameters
 from ..log.finding import Finding
 from ..log.parts import held_out
 from ..log.types import LogError, MeasuredRun
-from .decide import decide
+from .decide import decide, standing
 from .evidence import Balanced
-from .verdict import Error, JointDiagnosis, NamedCause, Value, data_errors
+from .torque_causes import torque_causes
+from .verdict import WITHDRAWN, Error, JointDiagnosis, NamedCause, OpenCause, Value, data_errors
 
 NUMBERS = ("inertia [kg.m2]", "gravity torque [N.m]", "coulomb [N.m]", "viscous [N.m.s/rad]", "offset [N.m]")
 
@@ -70,30 +71,31 @@ def diagnose_torque(
     errors["extended"] = _error(terms[test] @ extended - torques[test, found.index])
     errors["noise_floor"] = Error(_noise(runs, joint), _noise(runs, joint) * 0.8)
 
-    shift, same_side = found.seconds, found.same_side
-    low, high = found.size
-    gain = 1.0 - errors["extended"].rmse / errors["refitted"].rmse
-    causes: tuple[NamedCause, ...] = ()
-    excess = max(errors["nominal"].rmse ** 2 - errors["noise_floor"].rmse ** 2, 1e-12)
-    left = float(np.clip((errors["extended"].rmse ** 2 - errors["noise_floor"].rmse ** 2) / excess, 0.0, 1.0))
+    open_causes: tuple[OpenCause, ...] = ()
     seen = [
         _error(terms[~test] @ values - torques[~test, at]).rmse
         for values, at in ((fitted.fit(AT_ONCE), AT_ONCE), (extended, found.index))
-    ]  # the test part measures the gain and has no say in what is named
-    if same_side > 0.9 and seen[1] < 0.995 * seen[0] and abs(shift) >= 2 * STEP:
-        way = "leads" if shift > 0 else "lags behind"
-        sentence = (
-            f"The torque column {way} the motion columns by {1e3 * abs(shift):.0f} ms: torque and motion were not read "
-            "at the same time."
-        )
-        value = Value(abs(shift), low, high, "s", 0.0)
-        share = max((errors["refitted"].rmse ** 2 - errors["extended"].rmse ** 2) / excess, 0.0)
-        causes = (
-            NamedCause(
-                "sensor.delay", sentence, joint, share, same_side, {"torque.delay": value}, gain, "data", "response"
-            ),
-        )
-    verdict = decide(Balanced(joint, errors, causes, left))
+    ]  # the test part has no say in what is named, only in what is withdrawn
+    causes: tuple[NamedCause, ...] = ()
+    at = AT_ONCE
+    excess = max(errors["nominal"].rmse ** 2 - errors["noise_floor"].rmse ** 2, 1e-12)
+    low = found.size[0]
+    if found.same_side > 0.9 and low > 0.0 and seen[1] < 0.995 * seen[0] and abs(found.seconds) >= 2 * STEP:
+        if errors["extended"].rmse < errors["refitted"].rmse:
+            at, causes = found.index, (_shifted(found, errors, excess, joint),)
+        else:
+            why = f"on held-out blocks the torque error rises: {_change(errors, 'refitted')}"
+            open_causes = (OpenCause("sensor.delay", WITHDRAWN, why),)
+    if at == AT_ONCE:
+        extended, errors["extended"] = fitted.fit(AT_ONCE), errors["refitted"]
+    causes += torque_causes(fitted, nominal, at, errors["noise_floor"].rmse, joint)
+    if causes and not errors["extended"].rmse < errors["nominal"].rmse:
+        why = f"on held-out blocks the torque error rises: {_change(errors, 'nominal')}"
+        open_causes += tuple(OpenCause(cause.name, WITHDRAWN, why) for cause in causes)
+        causes, extended = (), nominal
+        errors["withdrawn"], errors["extended"] = errors["extended"], errors["nominal"]
+    left = float(np.clip((errors["extended"].rmse ** 2 - errors["noise_floor"].rmse ** 2) / excess, 0.0, 1.0))
+    verdict = decide(Balanced(joint, errors, causes, left, open_causes))
     numbers: dict[str, float] = {key: float(value) for key, value in zip(NUMBERS, believed * extended, strict=True)}
     explained = 1.0 - left
     return JointDiagnosis(
@@ -112,7 +114,28 @@ def diagnose_torque(
         reasons=verdict.reasons,
         data_errors=data_errors(findings, joint),
         tuned_share=max(explained - sum(cause.share for cause in causes), 0.0),
+        open_causes=open_causes,
     )
+
+
+def _shifted(found: Shift, errors: Mapping[str, Error], excess: float, joint: str) -> NamedCause:
+    """A torque column that is out of step, as a fault of the data that is fitted."""
+    way = "leads" if found.seconds > 0 else "lags behind"
+    sentence = (
+        f"The torque column {way} the motion columns by {1e3 * abs(found.seconds):.0f} ms: torque and motion were not "
+        "read at the same time."
+    )
+    value = Value(abs(found.seconds), *found.size, "s", 0.0)
+    share = max((errors["refitted"].rmse ** 2 - errors["extended"].rmse ** 2) / excess, 0.0)
+    gain = 1.0 - errors["extended"].rmse / errors["refitted"].rmse
+    sure, numbers = found.same_side, {"torque.delay": value}
+    return NamedCause(
+        "sensor.delay", sentence, joint, share, sure, numbers, gain, "data", "response", (), standing(sure, ())
+    )
+
+
+def _change(errors: Mapping[str, Error], other: str) -> str:
+    return f"{errors[other].rmse:.3g} to {errors['extended'].rmse:.3g} N.m"
 
 
 def _nominal(run: MeasuredRun, joint: str) -> list[float]:
