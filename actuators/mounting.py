@@ -11,6 +11,7 @@ import numpy as np
 
 from .chain import Chain
 from .errors import SealegsError, nearest
+from .rotor import inertia_about, release, rotor_body
 from .stages import ChainError
 
 # Chosen by measurement: docs/numerics.md, reproduced by `python -m benchmarks.numerics`.
@@ -42,6 +43,9 @@ class DrivenCoordinate:
         rotor_mass: of the motor's rotating parts [kg], where it becomes a body of its own.
         pressed_by: coordinate whose contact load presses on this one's transmission and sets its load dependent
             friction, and that load per contact torque of the coordinate; default: the torque through the transmission.
+        rotor: body of the model that turns with the motor, with all its inertia: a jointless child of the first joint's
+            body, where it stays while motor and link are one. Behind a spring or play it turns on its own, carried by
+            ``motor_body``. The chain's armature counts from it on: what the body has about the axis is left out.
     """
 
     name: str
@@ -49,6 +53,7 @@ class DrivenCoordinate:
     motor_body: str | None = None
     rotor_mass: float = MASSLESS
     pressed_by: tuple[str, float] | None = None
+    rotor: str | None = None
 
     @staticmethod
     def of_joint(joint: str) -> DrivenCoordinate:
@@ -58,7 +63,10 @@ class DrivenCoordinate:
 
 @dataclass(frozen=True)
 class OwnValues:
-    """Armature [kg.m2], viscous friction [N.m.s/rad] and dry friction [N.m] of a joint before a chain was put on it."""
+    """Armature [kg.m2], viscous friction [N.m.s/rad] and dry friction [N.m] of a joint before a chain was put on it.
+
+    What a rotor that is a body of its own has about the axis counts as negative armature.
+    """
 
     armature: float = 0.0
     damping: float = 0.0
@@ -100,7 +108,7 @@ class Mounted:
         number, kind = self.friction_id(model), "tendon" if self.on_tendon else "dof"
         inertia = rotor_inertia(chain, self.motor_terms[0][0]) if self.coupling else chain.armature()
         rows: list[tuple[str, int, Any]] = [
-            (f"{kind}_armature", number, self.own.armature + inertia),
+            (f"{kind}_armature", number, max(self.own.armature + inertia, 0.0)),
             (f"{kind}_frictionloss", number, self.own.frictionloss + native_coulomb(chain)),
             (f"{kind}_damping", number, self.own.damping + viscous),
         ]
@@ -188,12 +196,17 @@ def mount(spec: mujoco.MjSpec, item: DrivenCoordinate, chain: Chain) -> Mounted:
     element, play, deflection = coupling_element(chain), chain.find("backlash"), None
     if (spring := chain.find("spring")) is not None and spring.has_coordinate:
         deflection = _mount_deflection(spec, item, spring)
+    axis, turning, held = spec.joint(item.terms[0][0]).axis, None, 0.0
+    if item.rotor is not None:
+        turning = rotor_body(spec, item.rotor, item.terms[0][0])
+        held = inertia_about(turning, axis)
     if element is None and play is None:
-        return _mount_stiff(spec, item, chain, viscous, deflection)
-    rotor = _rotor(spec, item, f"{item.name}_rotor")
+        return _mount_stiff(spec, item, chain, viscous, deflection, held)
+    carrier = _carrier(spec, item)
+    rotor = _massless(carrier, item, f"{item.name}_rotor") if turning is None else release(spec, turning, carrier)
     motor_joint = f"{item.name}_motor"
-    joint = rotor.add_joint(name=motor_joint, type=mujoco.mjtJoint.mjJNT_HINGE, axis=spec.joint(item.terms[0][0]).axis)
-    joint.armature = rotor_inertia(chain, item.name)
+    joint = rotor.add_joint(name=motor_joint, type=mujoco.mjtJoint.mjJNT_HINGE, axis=axis)
+    joint.armature = max(rotor_inertia(chain, item.name) - held, 0.0)
     _dissipate(joint, viscous, native_coulomb(chain))
     between = ((motor_joint, 1.0), *((name, -c) for name, c in item.terms))
     if deflection is not None:
@@ -212,18 +225,24 @@ def mount(spec: mujoco.MjSpec, item: DrivenCoordinate, chain: Chain) -> Mounted:
         tendon.limited = True
         tendon.range = [-half, half]
         tendon.solref_limit, tendon.solimp_limit = TOOTH_SOLREF, TOOTH_SOLIMP
-    return Mounted(((motor_joint, 1.0),), item.terms, motor_joint, False, tendon.name, deflection=deflection)
+    own = OwnValues(armature=-held)
+    return Mounted(((motor_joint, 1.0),), item.terms, motor_joint, False, tendon.name, own, deflection)
 
 
-def _rotor(spec: mujoco.MjSpec, item: DrivenCoordinate, name: str) -> mujoco.MjsBody:
-    """A body for a turning part whose inertia is its joint's armature, on the body that carries the motor."""
+def _carrier(spec: mujoco.MjSpec, item: DrivenCoordinate) -> mujoco.MjsBody:
+    """The body that carries the motor."""
     body = spec.body(item.motor_body) if item.motor_body else spec.joint(item.terms[0][0]).parent.parent
     if body is None:
         names = [other.name for other in spec.bodies]
         raise SealegsError(
             f"the model has no body '{item.motor_body}'{nearest(str(item.motor_body), names)} for a motor."
         )
-    return body.add_body(
+    return body
+
+
+def _massless(carrier: mujoco.MjsBody, item: DrivenCoordinate, name: str) -> mujoco.MjsBody:
+    """A body for a turning part whose inertia is its joint's armature."""
+    return carrier.add_body(
         name=name,
         mass=item.rotor_mass,
         ipos=[0.0, 0.0, 0.0],  # without it, MuJoCo writes no inertia at all into XML
@@ -234,7 +253,7 @@ def _rotor(spec: mujoco.MjSpec, item: DrivenCoordinate, name: str) -> mujoco.Mjs
 
 def _mount_deflection(spec: mujoco.MjSpec, item: DrivenCoordinate, spring: Any) -> str:
     """The joint that is the deflection of a spring which turns an inertia, against its stop where it has one."""
-    pulley = _rotor(spec, item, f"{item.name}_pulley")
+    pulley = _massless(_carrier(spec, item), item, f"{item.name}_pulley")
     name = f"{item.name}_spring"
     joint = pulley.add_joint(name=name, type=mujoco.mjtJoint.mjJNT_HINGE, axis=spec.joint(item.terms[0][0]).axis)
     joint.armature = spring.inertia
@@ -248,7 +267,12 @@ def _mount_deflection(spec: mujoco.MjSpec, item: DrivenCoordinate, spring: Any) 
 
 
 def _mount_stiff(
-    spec: mujoco.MjSpec, item: DrivenCoordinate, chain: Chain, viscous: float, deflection: str | None
+    spec: mujoco.MjSpec,
+    item: DrivenCoordinate,
+    chain: Chain,
+    viscous: float,
+    deflection: str | None,
+    held: float,
 ) -> Mounted:
     """Motor and link are one, but for the deflection of a spring that is a joint of its own: the chain acts on the
     joint itself, or on a tendon where the motor's position is a sum.
@@ -266,8 +290,8 @@ def _mount_stiff(
         target.armature = chain.armature()
     else:
         target = spec.joint(item.terms[0][0])
-        own = OwnValues(target.armature, float(np.ravel(target.damping)[0]), target.frictionloss)
-        target.armature += chain.armature()
+        own = OwnValues(target.armature - held, float(np.ravel(target.damping)[0]), target.frictionloss)
+        target.armature = max(own.armature + chain.armature(), 0.0)
         terms = ((target.name, 1.0),)
     _dissipate(target, viscous, native_coulomb(chain))
     return Mounted(terms, item.terms, target.name, on_tendon, own=own, deflection=deflection)

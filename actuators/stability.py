@@ -3,7 +3,8 @@
 The engine takes native damping implicitly, but a law's fall of torque over speed (back-EMF, a controller's damping)
 explicitly: the speed is multiplied by ``1 - h d / J`` per step, with time step ``h``, that fall ``d`` [N.m.s/rad] and
 the inertia ``J`` that it moves, or by the Runge-Kutta polynomial of ``-h d / J``. A spring of stiffness ``k`` on a
-rotor is stable below ``h sqrt(k / J) = 2``, or sqrt(8) in Runge-Kutta.
+rotor is stable below ``h sqrt(k / J) = 2``, or sqrt(8) in Runge-Kutta. The discrete integrator takes springs
+implicitly: they are stable at any step, and add ``h^2 k`` to the inertia that a law moves.
 """
 
 from __future__ import annotations
@@ -63,6 +64,8 @@ def check_step(name: str, chain: Chain, inertia: float, coupled: bool, option: m
     stiffness = sum(stage.stiffness for stage in springs) if coupled else 0.0
     pulley = min((stage.inertia for stage in springs if stage.parameters().get("inertia")), default=inertia)
     frequency = math.sqrt(stiffness / min(pulley, inertia))
+    if option.integrator == mujoco.mjtIntegrator.mjINT_DISCRETE:  # takes springs implicitly, which hold the rotor
+        inertia, frequency = inertia + step**2 * stiffness, 0.0
     if step * slope > most_damping * inertia:
         reason, longest = f"its torque falls by {slope:.3g} N.m per rad/s", most_damping * inertia / slope
     elif step * frequency > most_frequency:

@@ -37,7 +37,7 @@ from sealegs.configs.script import Interrupted, run
 
 REPOSITORY = Path(__file__).resolve().parents[1]
 RESULTS = Path(__file__).parent / "results"
-ROBOTS = ("hexapod", "biped", "biped_hopping", "leg")
+ROBOTS = ("hexapod", "biped", "biped_hopping", "leg", "arm")
 KEPT = ("model.zip", "vecnormalize.pkl", "policy.json", "policy.onnx")  # of the policy
 RECORDS = ("config.yaml", "actuators.yaml", "evaluations.npz")  # of its run
 

@@ -14,6 +14,7 @@ from mujoco.batch import Batch
 from sealegs.actuators import Chain, Drivetrain
 from sealegs.actuators.law import begin, torque
 from sealegs.actuators.layout import P_STATE_SIZE
+from sealegs.envs.arm.robot import ARM
 from sealegs.envs.bench.robot import BENCH
 from sealegs.envs.biped.robot import BIPED
 from sealegs.envs.hexapod.robot import HEXAPOD
@@ -21,10 +22,11 @@ from sealegs.envs.hopper.robot import HOPPER
 from sealegs.envs.leg.robot import LEG
 from sealegs.envs.robot import Robot
 
-ROBOTS = {"bench": BENCH, "hopper": HOPPER, "biped": BIPED, "hexapod": HEXAPOD, "leg": LEG}
+ROBOTS = {"bench": BENCH, "hopper": HOPPER, "biped": BIPED, "hexapod": HEXAPOD, "leg": LEG, "arm": ARM}
 CHAINS = {"ideal": 0.90, "regression": 0.90, "net": 0.60}  # and the ratio that each must reach
 CASES = [(name, chain, bar) for name in ("bench", "hopper") for chain, bar in CHAINS.items()]
-CASES += [("biped", "mabel", 0.85), ("hexapod", "amru5_lugre", 0.85), ("leg", "silo4", 0.85)]  # their printed chains
+CASES += [("biped", "mabel", 0.85), ("hexapod", "amru5_lugre", 0.85)]  # their printed chains
+CASES += [("leg", "silo4", 0.85), ("arm", "srlfj", 0.85)]
 SIMULATIONS = (1, 16, 64, 1024)
 PER_CALL = 20  # physics steps between two goals: 50 Hz
 FEWEST_TURNS, LONGEST_ROW = 9, 20.0  # [s] where one call takes long, there are fewer turns

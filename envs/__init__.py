@@ -10,7 +10,7 @@ from __future__ import annotations
 
 import gymnasium as gym
 
-ENVIRONMENTS = {"Bench": 250, "Hopper": 500, "Biped": 1000, "Hexapod": 30, "Leg": 400}
+ENVIRONMENTS = {"Bench": 250, "Hopper": 500, "Biped": 1000, "Hexapod": 30, "Leg": 400, "Arm": 500}
 """Robots with an environment, and the control steps of an episode."""
 
 TASKS = {"Track": 500, "Reach": 250}

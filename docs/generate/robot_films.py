@@ -1,4 +1,4 @@
-"""Draws and films each robot: ``python -m docs.generate.robot_films [bench|hopper|hexapod|biped|leg ...]``.
+"""Draws and films each robot: ``python -m docs.generate.robot_films [bench|hopper|hexapod|biped|leg|arm ...]``.
 
 Writes ``docs/pictures/<robot>.png`` and ``docs/pictures/<robot>.mp4``. Needs OpenGL (without a screen, EGL).
 """
@@ -78,6 +78,7 @@ ROBOTS: dict[str, Callable[[Path], None]] = {
     "hexapod": _policy("hexapod/seed4"),
     "biped": _policy("biped/seed0", speed=0.8),
     "leg": _policy("leg/seed0"),
+    "arm": _policy("arm/seed0"),
 }
 
 

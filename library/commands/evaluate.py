@@ -1,7 +1,7 @@
 """Compare: a robot with its published figures, or a policy in its models and on the machine.
 
     sealegs evaluate paper=hopper                 hopping with and without actuator, beside the paper's figures
-    sealegs evaluate paper=hexapod                also biped and leg: what their papers print, repeated
+    sealegs evaluate paper=hexapod                also biped, leg, arm: what their papers print, repeated
     sealegs evaluate relevant robot=leg           what a robot's motor torque goes into, and what can be left out
     sealegs evaluate paper=hopper out=comparison  the same, into that folder
 
@@ -24,6 +24,7 @@ PAPERS = {
     "biped": "sealegs.envs.biped.report",
     "hexapod": "sealegs.envs.hexapod.report",
     "leg": "sealegs.envs.leg.report",
+    "arm": "sealegs.envs.arm.report",
 }
 """Modules with a function ``compare(folder, seconds)``, by the word that the command line takes."""
 

@@ -1,0 +1,1 @@
+"""The flexible-joint arm SRLFJ of the paper (paper 002)."""

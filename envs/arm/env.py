@@ -1,0 +1,98 @@
+"""The flexible-joint arm as Gymnasium environments."""
+
+from __future__ import annotations
+
+from ..single import SingleEnv
+from ..vector import BatchVectorEnv
+from .task import ArmTask
+
+
+class ArmEnv(SingleEnv, task=ArmTask):
+    r"""
+    ## Description
+    An arm of three links of 8.9 kg without gravity, the SRLFJ of paper 002 ("Joints flexibility effect on the dynamic
+    performance of robots"). A spring lies between the rotor and the link of each joint, a damper between rotor and
+    stator, and the rotors are bodies of their own. The task is to lead the tool along the paper's straight line, from
+    the stretched arm to (-0.033, -0.372, 0.818) m in 5 s. Which servo drives the joints is one word, `actuator`.
+
+    ## Action Space
+    The action space is a `Box(-1, 1, (3,), float32)`: corrections of the servos' position goals. The goal at action 0 is
+    the joint angle on the line, plus `lead` times its speed. They go through the actuation chain (controller, motor,
+    friction, spring) inside the physics engine.
+
+    | Num | Action               | Min | Max | Change of the goal at 1 | Coordinate | Type (Unit) |
+    |-----|----------------------|-----|-----|-------------------------|------------|-------------|
+    | 0   | Correction of joint1 | -1  | 1   | 0.02 x `correction`     | joint1     | angle (rad) |
+    | 1   | Correction of joint2 | -1  | 1   | 0.02 x `correction`     | joint2     | angle (rad) |
+    | 2   | Correction of joint3 | -1  | 1   | 0.02 x `correction`     | joint3     | angle (rad) |
+
+    Angles are those of table I. With a `correction` of 0 the actions are goals, from -1 to 1 over (-pi, pi), (-0.5, 1.5)
+    and (-0.5, 2.5) rad.
+
+    ## Observation Space
+    The observation space is a `Box(-Inf, Inf, (25,), float32)` of what the computer on the robot knows.
+
+    | Num     | Observation                           | Source                                                | Unit   |
+    |---------|---------------------------------------|-------------------------------------------------------|--------|
+    | 0       | share of the time                     | clock                                                 | -      |
+    | 1 - 3   | wanted angles of joints 1 to 3        | the line                                              | rad    |
+    | 4 - 6   | wanted speeds                         | the line                                              | rad/s  |
+    | 7 - 9   | wanted accelerations                  | the line                                              | rad/s2 |
+    | 10 - 12 | angles of the links, less wanted      | link encoders, ideal                                  | rad    |
+    | 13 - 15 | angles of the motors, less wanted     | motor encoder of the chain: its ticks, offset, scale  | rad    |
+    | 16 - 18 | speeds of the links, less wanted      | differences of the link encoders                      | rad/s  |
+    | 19 - 21 | speeds of the motors, less wanted     | differences of the motor encoders                     | rad/s  |
+    | 22 - 24 | last actions                          | memory                                                | -      |
+
+    ## Rewards
+    The reward is ***tracking + fine + smooth***; `info` holds each term. $e$ is the distance of the tool from its place
+    on the line, from the link encoders.
+
+    - *reward_tracking*: $w_{tracking} (1 - \min(e / e_{range}, 1))$.
+    - *reward_fine*: $w_{fine} \exp(-e / 0.5\,mm)$.
+    - *reward_smooth*: $-w_{smooth} \sum (a_t - a_{t-1})^2$.
+
+    `info` also holds `net_out_of_range` (samples in this episode for which an actuator net was asked for motion that it
+    never saw in training) and `unstable` (the physics engine gave up; the episode ends).
+
+    ## Starting State
+    Stretched and at rest, each joint off by up to `start_noise` rad; goals are where the joints are. The time of the
+    line is drawn where `seconds` is a range. Then `randomization` is drawn.
+
+    ## Episode End
+    ### Termination
+    The tool is further than `largest_error` from its place, or the simulation is unstable.
+
+    ### Truncation
+    After 500 steps (5 s).
+
+    ## Arguments
+
+    | Parameter         | Type                | Default    | Description |
+    |-------------------|---------------------|------------|-------------------------------------------------------------|
+    | `actuator`        | str, list or dict   | `None`     | chain: a word (`srlfj`, `ideal`, `regression`, `net`), a name in `configs/actuator`, a path, stages, or one of these by coordinate; `None`: `srlfj` |
+    | `randomization`   | dict or path        | `None`     | what every episode draws anew, see `envs/randomization.py` |
+    | `params`          | dict                | `None`     | numbers of the robot, see `envs/arm/parameters.py` |
+    | `control_rate`    | float               | `100.0`    | actions per second [Hz] |
+    | `seconds`         | float or (low, high) | `5.0`     | time of the line, or the range it is drawn from [s] |
+    | `correction`      | float               | `1.0`      | how far actions correct the goals; 0: actions are goals |
+    | `lead`            | float               | `0.06`     | time by which goals run ahead of the line [s] |
+    | `tracking_weight` | float               | `1.0`      | see Rewards |
+    | `fine_weight`     | float               | `1.0`      | see Rewards |
+    | `smooth_weight`   | float               | `0.05`     | see Rewards |
+    | `tracking_range`  | float               | `0.005`    | error at which the coarse part of the reward is none [m] |
+    | `largest_error`   | float               | `0.15`     | see Termination [m] |
+    | `start_noise`     | float               | `0.0005`   | see Starting State [rad] |
+    | `width`, `height` | int                 | `640, 480` | of the picture [px] |
+
+    `gymnasium.make_vec("SeaLegs/Arm-v0", num_envs=64)` steps the simulations on all cores and starts new episodes in
+    the same step; `sealegs.envs.sb3.BatchVecEnv` does so for Stable-Baselines3. All three move bit for bit alike for
+    equal seeds.
+
+    ## Version History
+    * v0: initial version.
+    """  # noqa: E501
+
+
+class ArmVectorEnv(BatchVectorEnv, task=ArmTask):
+    """Many :class:`ArmEnv` side by side, with the same arguments."""

@@ -1,0 +1,153 @@
+"""The flexible-joint arm of paper 002: its tables, its joints, and its environment."""
+
+from __future__ import annotations
+
+import gymnasium
+import mujoco
+import numpy as np
+import pytest
+from gymnasium.utils.env_checker import check_env
+from sealegs.actuators import DrivenCoordinate, Drivetrain
+from sealegs.actuators.errors import SealegsError
+from sealegs.envs.arm.control import Robust, closed_loop
+from sealegs.envs.arm.dynamics import FINAL_MODEL, PERFECT, Joints, ideal_torques, model_of, open_loop
+from sealegs.envs.arm.kinematics import chain, jacobian, joints, tool
+from sealegs.envs.arm.paper import late_rise, mark
+from sealegs.envs.arm.parameters import without_rotors
+from sealegs.envs.arm.robot import ARM, LINKS, ROTORS
+from sealegs.envs.arm.rows import kinematic_rows, stiffness_rows
+from sealegs.envs.arm.tables import DAMPING, FINAL, JOINTS, STIFFNESS
+from sealegs.envs.arm.task import ArmTask
+from sealegs.envs.arm.trajectory import Line
+from sealegs.envs.batch import BatchEngine
+
+# --- tables and kinematics -------------------------------------------------------------------------------------------
+
+
+def test_tables_one_and_four_come_out_within_a_thousandth() -> None:
+    rows = [*kinematic_rows(), *stiffness_rows()]
+    assert len(rows) == 17
+    assert all(row.holds for row in rows), [row.name for row in rows if not row.holds]
+    assert {row.mark for row in rows} == {"follows from the inputs"}
+
+
+def test_the_tool_is_where_the_three_steps_of_table_one_put_it_and_joints_follow_from_it() -> None:
+    rng = np.random.default_rng(0)
+    for angles in rng.uniform((-3.0, -1.0, 0.1), (3.0, 1.0, 2.5), (10, 3)):
+        assert tool(angles) == pytest.approx(chain(angles)[:3, 3], abs=1e-12)
+        assert joints(tool(angles)) == pytest.approx(angles, abs=1e-9)
+        steps = 1e-6 * np.eye(3)
+        numeric = np.stack([(tool(angles + step) - tool(angles - step)) / 2e-6 for step in steps], axis=-1)
+        assert jacobian(angles) == pytest.approx(numeric, abs=1e-8)
+
+
+def test_the_model_has_its_tool_where_table_one_says() -> None:
+    model = ARM.build_spec().compile()
+    data = mujoco.MjData(model)
+    data.qpos[:] = np.deg2rad(FINAL)
+    mujoco.mj_forward(model, data)
+    assert data.site("tool").xpos == pytest.approx([-0.0333, -0.3720, 0.8177], abs=5e-5)
+
+
+def test_a_quintic_way_from_the_stretched_arm_has_no_bound_of_acceleration_and_a_septic_one_has() -> None:
+    times = np.array([1e-2, 1e-4, 1e-6])
+    quintic, septic = (np.abs(Line(way=way).joints(times)[2][:, 2]) for way in ("quintic", "septic"))
+    assert quintic[1] > 9.0 * quintic[0] and quintic[2] > 9.0 * quintic[1]
+    assert septic.max() < 1.4
+
+
+def test_the_line_is_straight_and_its_speeds_are_its_derivatives() -> None:
+    line, times = Line(), np.linspace(0.3, 4.7, 2001)
+    place, speed, acceleration = line.joints(times)
+    assert tool(place) == pytest.approx(line.tool(times), abs=1e-7)
+    assert np.gradient(place, times, axis=0)[1:-1] == pytest.approx(speed[1:-1], abs=1e-4)
+    assert np.gradient(speed, times, axis=0)[1:-1] == pytest.approx(acceleration[1:-1], abs=1e-4)
+
+
+# --- rotors and joints -----------------------------------------------------------------------------------------------
+
+
+def test_a_rotor_turns_with_its_link_until_a_spring_lies_between_and_nothing_is_lost() -> None:
+    stiff, elastic = model_of(PERFECT), model_of(FINAL_MODEL)
+    assert stiff.nv == 3 and elastic.nv == 6
+    assert sum(stiff.body_mass) == pytest.approx(sum(elastic.body_mass))
+    for k, rotor in enumerate(ROTORS):
+        assert stiff.body(stiff.body(rotor).parentid[0]).name == LINKS[k]
+        assert elastic.body(elastic.body(rotor).parentid[0]).name == ("stand", *LINKS)[k]
+    angles = np.array([0.4, 0.3, 0.9])
+    found = []
+    for model in (stiff, elastic):
+        data, matrix = mujoco.MjData(model), np.empty((model.nv, model.nv))
+        together = np.zeros((model.nv, 3))
+        for k, name in enumerate(JOINTS):
+            for joint in (name, f"{name}_motor")[: model.nv // 3]:
+                data.qpos[model.joint(joint).qposadr[0]] = angles[k]
+                together[model.joint(joint).dofadr[0], k] = 1.0
+        mujoco.mj_forward(model, data)
+        mujoco.mj_fullM(model, data, matrix)
+        found.append(together.T @ matrix @ together)
+    assert found[0] == pytest.approx(found[1], abs=1e-12)
+
+
+def test_a_rotor_that_is_no_part_of_its_link_is_refused() -> None:
+    chains = {"joint1": [{"torque_command": {"armature": 1e-4}}]}
+    wrong = DrivenCoordinate("joint1", (("joint1", 1.0),), motor_body="stand", rotor="rotor2")
+    with pytest.raises(SealegsError, match="'rotor2' must be a child of the body of joint 'joint1'"):
+        Drivetrain(ARM.build_spec(), chains, [wrong])
+    missing = DrivenCoordinate("joint1", (("joint1", 1.0),), motor_body="stand", rotor="roter1")
+    with pytest.raises(SealegsError, match="did you mean 'rotor1'"):
+        Drivetrain(ARM.build_spec(), chains, [missing])
+
+
+def test_the_ideal_arm_follows_its_own_torques_and_dampers_lead_it_away() -> None:
+    perfect, damped, third = open_loop([PERFECT, Joints(DAMPING), Joints((0.0, 0.0, 1e-3))])
+    assert perfect.largest < 1e-2
+    assert 2.0 < damped.largest < 2.6
+    assert third.largest > 100.0
+
+
+def test_springs_of_table_ten_hardly_move_the_tool_and_soft_ones_do() -> None:
+    printed, soft = open_loop([Joints(link_stiffness=STIFFNESS), Joints(link_stiffness=(1.0, 1.0, 1.0))])
+    assert printed.largest < 0.01 < 0.5 < soft.largest
+
+
+def test_torques_of_the_other_table_turn_the_tools_rise_into_a_fall() -> None:
+    found = open_loop([PERFECT], torques=ideal_torques(Line(), without_rotors()))[0]
+    rise, wanted = late_rise(found)
+    assert rise < -10.0 < 10.0 < wanted
+
+
+@pytest.mark.long
+def test_the_robust_controller_holds_the_tool_whatever_is_wrong_with_the_model() -> None:
+    for joints_, params, believed in (
+        (FINAL_MODEL, None, None),
+        (FINAL_MODEL, {"payload_mass": 0.1}, None),
+        (FINAL_MODEL, None, without_rotors()),
+    ):
+        assert closed_loop(Robust(), joints_, params, believed).largest < 0.2
+
+
+def test_a_mark_is_found_between_two_values() -> None:
+    values = np.array([1.0, 10.0, 100.0])
+    assert mark(values, values, 30.0) == pytest.approx(30.0)
+    assert np.isnan(mark(values, values, 1e3))
+
+
+# --- the environment -------------------------------------------------------------------------------------------------
+
+
+def test_the_environment_is_one_that_gymnasium_accepts() -> None:
+    import sealegs  # noqa: F401
+
+    check_env(gymnasium.make("SeaLegs/Arm-v0").unwrapped, skip_render_check=True)
+
+
+@pytest.mark.parametrize("word", ["srlfj", "ideal", "regression", "net"])
+def test_the_reference_leads_the_tool_with_each_actuator_model(word: str) -> None:
+    engine = BatchEngine(ArmTask(), 2, actuator=word, control_rate=100.0, autoreset=False)
+    engine.seed(0)
+    engine.reset()
+    for _ in range(300):
+        step = engine.step(np.zeros((2, 3)))
+    assert not step.terminated.any() and not step.flags["unstable"].any()
+    assert (step.reward > 0.5).all()
