@@ -62,6 +62,13 @@ def hopper(film: Path) -> None:
                 writer.append_data(renderer.render())
 
 
+def arm(film: Path) -> None:
+    """The tool follows the line of the paper, led by the goals that a policy would correct."""
+    env = make_single_env(checked_env({"id": "SeaLegs/Arm-v0"}), None, WIDTH, HEIGHT)
+    record_video(film, lambda observation: np.zeros((1, 3), np.float32), env, SECONDS, 0)
+    env.close()
+
+
 def _policy(folder: str, **changes: float) -> Callable[[Path], None]:
     def film_it(film: Path) -> None:
         act, description = load_policy(CHECKOUT / "policies" / folder)
@@ -78,7 +85,7 @@ ROBOTS: dict[str, Callable[[Path], None]] = {
     "hexapod": _policy("hexapod/seed4"),
     "biped": _policy("biped/seed0", speed=0.8),
     "leg": _policy("leg/seed0"),
-    "arm": _policy("arm/seed0"),
+    "arm": arm,
 }
 
 
