@@ -126,6 +126,8 @@ def check_command(words: list[str]) -> None:
             pass
         case ["python", "-m", module, *_]:
             assert importlib.util.find_spec(module), f"no module {module}"
+        case ["sealegs", "evaluate", "relevant", *arguments]:
+            compose("relevant", split(arguments, plain=()))
         case ["sealegs", word, *arguments]:
             assert word in cli.COMMANDS, f"no command {word}"
             if word == "import":
