@@ -5,7 +5,7 @@ from __future__ import annotations
 import io
 import json
 import math
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from pathlib import Path
 from typing import Any
 
@@ -65,14 +65,21 @@ def load_policy(folder: Path) -> tuple[Callable[[np.ndarray], np.ndarray], dict[
     except (OSError, ValueError, LookupError) as error:
         raise SealegsError(f"{folder} holds no policy that can be read ({error}).") from error
 
+    seen_by = seen_as_trained(seen)
+
     def act(observation: np.ndarray) -> np.ndarray:
-        if "mean" in seen:
-            scale = np.sqrt(np.asarray(seen["variance"]) + seen["epsilon"])
-            scaled = (observation - np.asarray(seen["mean"])) / scale
-            observation = np.clip(scaled, -seen["clip"], seen["clip"]).astype(np.float32)
-        return model.predict(observation, deterministic=True)[0]
+        return model.predict(seen_by(observation), deterministic=True)[0]
 
     return act, description
+
+
+def seen_as_trained(description: Mapping[str, Any]) -> Callable[[np.ndarray], np.ndarray]:
+    """The normaliser that ``observation`` of a policy's description holds, as a function of observations."""
+    if "mean" not in description:
+        return lambda observation: observation
+    mean, scale = np.asarray(description["mean"]), np.sqrt(np.asarray(description["variance"]) + description["epsilon"])
+    clip = description["clip"]
+    return lambda observation: np.clip((observation - mean) / scale, -clip, clip).astype(np.float32)
 
 
 def policy_of(model: BaseAlgorithm) -> Callable[[np.ndarray], np.ndarray]:

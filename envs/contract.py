@@ -5,7 +5,7 @@ from __future__ import annotations
 import hashlib
 import json
 from collections.abc import Mapping
-from dataclasses import asdict, dataclass, fields
+from dataclasses import asdict, dataclass, fields, replace
 from pathlib import Path
 from typing import Any
 
@@ -17,12 +17,15 @@ from ..actuators import Chain, load_chain
 from ..actuators.errors import SealegsError
 from . import registered_id
 from .arguments import task_arguments
+from .base import BaseLayout
 from .robot import Robot
-from .task import ModulatedTask, Task
+from .task import ModulatedTask, Motion, Task
 
-VERSION = 1
+VERSION = 2
 KEY = "sealegs.contract"
 """Name of the metadata entry of an ONNX file that holds the contract."""
+SPRUNG = ("compliance", "spring", "backlash")
+"""Stages behind which the link is elsewhere than the motor."""
 
 
 class ContractError(SealegsError):
@@ -37,12 +40,21 @@ class Contract:
         env: id and arguments of the environment it was trained in, the actuator left out.
         robot: name of the robot.
         robot_hash: of its numbers and driven coordinates.
-        joints: driven coordinates in the order of actions and goals.
-        goal_at_zero: goal of each joint at action 0 [rad].
-        goal_per_action: change of the goal per unit of action [rad].
+        joints: driven coordinates in the order of goals.
+        units: of their goals, rad or m.
+        start: goals that the robot holds before the first action.
+        goal_low, goal_high: between which all goals lie.
+        actions: what the elements of an action mean.
         control_rate: actions per second [Hz].
+        goals_per_action: goals in the time of an action: the policy is asked ``control_rate`` times this often.
+        delay: from a reading to the goal that follows from it, fixed [s].
         observation_names: name and unit of each element of the observation, in order.
+        sensors: encoders beside those of the servos that the observation needs: ``<joint>.link``, or quantities of
+            :mod:`sealegs.envs.base`.
         history: observations that the policy sees at once, the newest last; an earlier action is an element of its own.
+        commands: numbers that the task asks for.
+        state: of the policy at the start: goals given so far, the latest action and the one before, and the memory of
+            the generator whose gait it modulates.
         chains: stages of the chain on each joint, as the policy was trained with.
         chain_hash: of these chains, with the contents of their nets.
     """
@@ -51,19 +63,31 @@ class Contract:
     robot: str
     robot_hash: str
     joints: tuple[str, ...]
-    goal_at_zero: tuple[float, ...]
-    goal_per_action: tuple[float, ...]
+    units: tuple[str, ...]
+    start: tuple[float, ...]
+    goal_low: tuple[float, ...]
+    goal_high: tuple[float, ...]
+    actions: tuple[str, ...]
     control_rate: float
+    goals_per_action: int
+    delay: float
     observation_names: tuple[str, ...]
+    sensors: tuple[str, ...]
     history: int
+    commands: int
+    state: tuple[float, ...]
     chains: dict[str, list]
     chain_hash: str
 
     @property
+    def goal_rate(self) -> float:
+        """Goals per second [Hz]: how often the policy is asked."""
+        return self.control_rate * self.goals_per_action
+
+    @property
     def goal_limits(self) -> dict[str, tuple[float, float]]:
-        """Lowest and highest goal that the policy can give each joint [rad]."""
-        reach = zip(self.joints, self.goal_at_zero, self.goal_per_action, strict=True)
-        return {name: (zero - abs(per), zero + abs(per)) for name, zero, per in reach}
+        """Lowest and highest goal that the policy can give each joint [rad or m]."""
+        return {name: (low, high) for name, low, high in zip(self.joints, self.goal_low, self.goal_high, strict=True)}
 
     def to_json(self) -> str:
         """The contract as text."""
@@ -114,7 +138,8 @@ def robot_hash(robot: Robot, params: Mapping[str, float] | None = None) -> str:
     numbers = {
         name: value
         for name, value in robot.parameters(params).items()
-        if not (robot.numbers[name].neutral and value == robot.numbers[name].value)
+        if not robot.numbers[name].numerical
+        and not (robot.numbers[name].neutral and value == robot.numbers[name].value)
     }
     described = [] if robot.file is None else [robot.file.digest]
     return _hash([robot.name, numbers, coordinates, *described])
@@ -134,7 +159,6 @@ def make_contract(env: Mapping[str, Any], chains: Mapping[str, list], control_ra
         control_rate: actions per second [Hz].
 
     Raises:
-        ContractError: the task's actions correct goals that change with time, which a contract does not hold.
         SealegsError: as :func:`task_of`, or a chain that is none.
     """
     task, engine = task_of(env)
@@ -142,27 +166,113 @@ def make_contract(env: Mapping[str, Any], chains: Mapping[str, list], control_ra
     robot = task.robot
     numbers = robot.parameters(params)
     limits = robot.goal_limits(numbers)
-    start = np.zeros(1), task.commands(np.zeros((1, task.draws))), numbers
-    if isinstance(task, ModulatedTask) or task.reference(*start) is not None:
-        raise ContractError(
-            f"actions of {env['id']} with these arguments modulate or correct a gait, and a contract holds no "
-            "goals that change with time."
-        )
     names = tuple(item.name for item in robot.coordinates)
     kept = {key: value for key, value in env.items() if key != "actuator"}
+    loaded = {name: load_chain(list(chains[name])) for name in names}
+    units = BaseLayout(robot, params).units
+    start, state = start_of(task, numbers)
     return Contract(
         env=json.loads(json.dumps(kept)),
         robot=robot.name,
         robot_hash=robot_hash(robot, params),
         joints=names,
-        goal_at_zero=tuple(0.5 * (limits[name][0] + limits[name][1]) for name in names),
-        goal_per_action=tuple(0.5 * (limits[name][1] - limits[name][0]) for name in names),
+        units=tuple(units[item.terms[0][0]] for item in robot.coordinates),
+        start=tuple(start.tolist()),
+        goal_low=tuple(float(limits[name][0]) for name in names),
+        goal_high=tuple(float(limits[name][1]) for name in names),
+        actions=tuple(task.action_names()),
         control_rate=float(control_rate),
+        goals_per_action=goals_per_action(task, control_rate),
+        delay=float(engine.get("action_delay") or 0.0),
         observation_names=tuple(task.observation_names()),
+        sensors=needed_sensors(task, numbers, loaded),
         history=1,
+        commands=task.commands(np.zeros((1, task.draws))).shape[1],
+        state=tuple(state.tolist()),
         chains={name: list(chains[name]) for name in names},
-        chain_hash=chain_hash({name: load_chain(list(chains[name])) for name in names}),
+        chain_hash=chain_hash(loaded),
     )
+
+
+def start_pose(contract: Contract) -> dict[str, float]:
+    """Every joint of the robot at an undisturbed start, by quantity of :mod:`sealegs.envs.base` [rad or m]."""
+    task, engine = task_of(contract.env)
+    params = engine.get("params")
+    numbers = task.robot.parameters(params)
+    drivetrain = task.robot.drivetrain(None, numbers)
+    qpos = np.array(drivetrain.model.qpos0)[None].copy()
+    task.place(drivetrain, numbers, np.full((1, task.draws), 0.5), qpos, np.zeros((1, drivetrain.model.nv)))
+    return BaseLayout(task.robot, params).values_of(drivetrain.model, qpos[0])
+
+
+def goals_per_action(task: Task, control_rate: float) -> int:
+    """Goals that a task gives in the time of an action."""
+    return round(1.0 / (control_rate * task.goal_period)) if isinstance(task, ModulatedTask) else 1
+
+
+def start_of(task: Task, numbers: Mapping[str, float]) -> tuple[np.ndarray, np.ndarray]:
+    """Goals of an undisturbed start (k,), and the policy's state there (s,), see :class:`Contract`."""
+    drivetrain = task.robot.drivetrain(None, numbers)
+    random = np.full((1, task.draws), 0.5)
+    qpos = np.array(drivetrain.model.qpos0)[None].copy()
+    goals = task.place(drivetrain, numbers, random, qpos, np.zeros((1, drivetrain.model.nv)))
+    command = task.commands(random)
+    if isinstance(task, ModulatedTask):
+        action, memory = np.zeros(len(task.action_names())), task.begin(numbers, random, goals, command)[0]
+    else:
+        zero, per_action = goal_scale(task, numbers, np.zeros(1), command)
+        action, memory = np.clip((goals - zero) / per_action, -1.0, 1.0)[0], np.empty(0)
+    return goals[0], np.concatenate([[0.0], action, action, memory])
+
+
+def goal_scale(task: Task, numbers: Mapping[str, float], time: Any, command: Any) -> tuple[Any, Any]:
+    """Goals at action 0 (n, k) or (k,), and their change per unit of action (k,) [rad or m]."""
+    limits = np.array(list(task.robot.goal_limits(numbers).values()))
+    corrected = task.reference(time, command, numbers)
+    return corrected if corrected is not None else (limits.mean(axis=1), 0.5 * (limits[:, 1] - limits[:, 0]))
+
+
+def needed_sensors(task: Task, numbers: Mapping[str, float], chains: Mapping[str, Chain]) -> tuple[str, ...]:
+    """Encoders beside those of the servos on which the observation depends, see :class:`Contract`."""
+    robot = task.robot
+    layout = BaseLayout(robot, numbers)
+    driven = [item.name for item in robot.coordinates]
+    base = [
+        name for name in layout.names if name not in {joint for item in robot.coordinates for joint, _ in item.terms}
+    ]
+    links = [f"{name}.link" for name in driven if any(chains[name].find(stage) for stage in SPRUNG)]
+
+    def seen(moved: str | None) -> np.ndarray:
+        random = np.random.default_rng(0)
+        values = {name: random.normal(0.0, 0.3, 64) + 0.4 * (name == moved) for name in layout.names}
+        rates = {name: random.normal(0.0, 0.3, 64) + 0.4 * (name == moved) for name in layout.names}
+        motion = random_motion(task, numbers, random, 64)
+        link = np.stack([motion.link[:, k] + 0.4 * (f"{name}.link" == moved) for k, name in enumerate(driven)], axis=1)
+        speed = link - motion.link + motion.link_speed
+        qpos, qvel = layout.qpos(values, 64), layout.qvel(values, rates, 64)
+        with np.errstate(invalid="ignore"):
+            parts = task.observe(replace(motion, qpos=qpos, qvel=qvel, link=link, link_speed=speed))
+        return np.concatenate([np.reshape(part, (64, -1)) for part in parts], axis=1)
+
+    before = seen(None)
+    return tuple(name for name in (*links, *base) if not np.array_equal(seen(name), before, equal_nan=True))
+
+
+def random_motion(task: Task, numbers: Mapping[str, float], random: np.random.Generator, rows: int) -> Motion:
+    """Motion that means nothing, for finding out what depends on what."""
+    k, actions = len(task.robot.coordinates), len(task.action_names())
+    layout = BaseLayout(task.robot, numbers)
+    memory = task.memory if isinstance(task, ModulatedTask) else 0
+
+    def draw(*shape: int) -> np.ndarray:
+        return random.normal(0.0, 0.3, (rows, *shape))
+
+    return Motion(
+        qpos=draw(layout.nq), qvel=draw(layout.nv), link=draw(k), link_speed=draw(k), reading=draw(k),
+        reading_speed=draw(k), torque=draw(k), motor_speed=draw(k), action=draw(actions),
+        previous_action=draw(actions), command=draw(task.commands(np.zeros((1, task.draws))).shape[1]), time=draw(),
+        numbers=numbers, memory=draw(memory), power=draw(), qpos_rate=draw(layout.nq),
+    )  # fmt: skip
 
 
 def _contents(stage: dict[str, Any]) -> dict[str, Any]:

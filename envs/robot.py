@@ -37,6 +37,7 @@ class Number:
         high: largest accepted value.
         neutral: whether the default says that there is nothing of the kind (no stop, no further inertia); a robot that
             leaves it so has the same hash as one without the number.
+        numerical: whether it belongs to the simulation and not to the machine; the robot's hash leaves it out.
     """
 
     value: float
@@ -45,6 +46,7 @@ class Number:
     low: float = 0.0
     high: float = math.inf
     neutral: bool = False
+    numerical: bool = False
 
     @property
     def assumed(self) -> bool:

@@ -176,6 +176,8 @@ def as_row(joint: Joint) -> dict[str, Any]:
         "direction": joint.direction,
         "range": [round(joint.low, 4), round(joint.high, 4)],
     }
+    if joint.per_radian != 1.0:
+        row |= {"range": [joint.low, joint.high], "per_radian": joint.per_radian}
     return row if joint.homing_offset is None else {**row, "homing_offset": joint.homing_offset}
 
 

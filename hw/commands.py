@@ -12,6 +12,7 @@ import numpy as np
 
 from ..actuators.errors import SealegsError, nearest
 from ..configs.check import checked
+from ..envs.contract import start_pose
 from ..envs.hopper.controller import BangBang, spring_stiffness
 from .observer import Observer, Seen
 from .policy import Policy
@@ -52,6 +53,7 @@ class PolicyCommands:
     Attributes:
         observer: that makes its observations.
         history: every control step so far as the policy saw it.
+        pose: of the whole robot at the start, by joint [rad or m]: how a person holds it up.
     """
 
     def __init__(
@@ -69,22 +71,33 @@ class PolicyCommands:
         self._segment = segment
         self.observer = Observer(policy.contract, robot, None if self._schedule is None else self._schedule[0])
         self._policy = policy
-        self.name, self.rate, self.duration = "policy", policy.contract.control_rate, math.inf
+        self.name, self.rate, self.duration = "policy", policy.contract.goal_rate, math.inf
         self.description = {"policy": str(policy.path), "command": self.observer.command.tolist()}
         self.history: list[Seen] = []
+        self.pose = start_pose(policy.contract)
+        self._ticks, self._goal = 0, self.start()
+        self._observation = np.zeros(len(policy.contract.observation_names), np.float32)
 
     def start(self) -> np.ndarray:
-        return np.asarray(self._policy.contract.goal_at_zero)
+        return np.asarray(self._policy.contract.start)
 
     def goals(self, time: float, reading: Reading) -> np.ndarray:
         if self._schedule is not None:
             row = int((time + 1e-6) / self._segment) if math.isfinite(self._segment) else 0
             self.observer.command = self._schedule[min(row, len(self._schedule) - 1)]
-        seen = self.observer.see(reading)
-        self.history.append(seen)
-        action, goal = self._policy.act(seen.observation[None])
-        self.observer.acted(action[0].astype(np.float64))
-        return goal[0]
+        observer, contract = self.observer, self._policy.contract
+        wanted = round(time * contract.goal_rate) + 1  # goals so far; periods that were left out pass for the gait too
+        per_action = contract.goals_per_action
+        observer.glance(reading)
+        if (wanted - 1) // per_action > (self._ticks - 1) // per_action:
+            seen = observer.see(reading)
+            self.history.append(seen)
+            self._observation = seen.observation
+        while self._ticks < wanted:
+            _, goal, state = self._policy.act(self._observation[None], observer.command[None], observer.state[None])
+            self._goal, observer.state = goal[0], state[0]
+            self._ticks += 1
+        return self._goal
 
 
 class Trajectory:

@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 import contextlib
-from collections.abc import Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping
+from dataclasses import dataclass
 from typing import Any
 
 from ..actuators.errors import SealegsError
@@ -15,6 +16,19 @@ from .robot import Joint, ServoRobot
 SHORT = 16  # steps by which a servo may stop short of its joint's range
 
 
+@dataclass(frozen=True)
+class Opened:
+    """A port that is there.
+
+    Attributes:
+        port: its path.
+        let_go: takes away the hand that holds a virtual machine; does nothing on a real one.
+    """
+
+    port: str
+    let_go: Callable[[], None] = lambda: None
+
+
 @contextlib.contextmanager
 def opened_port(
     hw: Mapping[str, Any],
@@ -23,7 +37,8 @@ def opened_port(
     truth: Any,
     period: float = 0.01,
     params: Mapping[str, float] | None = None,
-) -> Iterator[str]:
+    pose: Mapping[str, float] | None = None,
+) -> Iterator[Opened]:
     """The port to use, and a virtual machine behind it where one is asked for.
 
     Args:
@@ -33,6 +48,7 @@ def opened_port(
         truth: chain of a virtual machine, before what it hides.
         params: numbers of a virtual machine, before what it hides; None: those of ``robot``.
         period: of the loop [s]; a virtual machine in stepped time advances by it in each cycle.
+        pose: in which a hand holds a virtual machine until the run begins; None: as it is, until torque comes on.
 
     Raises:
         SealegsError: no port is named, or the virtual machine does not start.
@@ -40,7 +56,7 @@ def opened_port(
     if hw["virtual"] is None:
         if port is None:
             raise SealegsError("port=<path> is missing: name the adapter's port, such as port=/dev/ttyUSB0.")
-        yield port
+        yield Opened(port)
         return
     if port is not None:
         raise SealegsError(
@@ -48,23 +64,26 @@ def opened_port(
         )
     from .virtual import VirtualBus
 
-    mounts = {j.name: {"id": j.id, "zero": j.zero, "direction": j.direction} for j in robot.joints}
+    mounts: dict[str, dict[str, float]] = {
+        j.name: {"id": j.id, "zero": j.zero, "direction": j.direction, "per_radian": j.per_radian} for j in robot.joints
+    }
     mounts |= {s.name: {"id": s.id, "zero": s.zero, "direction": 1 if s.per_radian > 0 else -1} for s in robot.sensors}
     known = {
         "robot": robot.robot.source,
         "params": robot.params if params is None else dict(params),
         "servos": mounts,
         "model": robot.servo.name,
-        "held": True,
+        "held": "order" if pose else "torque",
+        "pose": dict(pose or {}),
         "cycle": period,
-        "registers": ready_at(robot.servo, int(hw["baudrate"])),
+        "registers": {**ready_at(robot.servo, int(hw["baudrate"])), **robot.registers},
     }
     if robot.sensors:
         known["sensors"] = {sensor.name: abs(sensor.per_radian) for sensor in robot.sensors}
     if truth is not None:
         known["actuator"] = truth
     with VirtualBus(**{**known, **hw["virtual"]}) as bus:
-        yield bus.port
+        yield Opened(bus.port, bus.let_go)
 
 
 def ready_at(model: ServoModel, baudrate: int) -> dict[str, int]:
@@ -92,8 +111,8 @@ def check_joint(bus: ServoBus, joint: Joint) -> None:
         )
     names = [model.role(role) or "" for role in ("min_angle", "max_angle")]
     low, high = (bus.read_register(joint.id, name) for name in names)
-    per_radian = joint.direction / model.step
-    first, last = sorted(round(joint.zero + per_radian * angle) for angle in (joint.low, joint.high))
+    steps = joint.direction / (model.step * joint.per_radian)
+    first, last = sorted(round(joint.zero + steps * angle) for angle in (joint.low, joint.high))
     if low == high == 0:
         raise ConfigurationError(
             f"servo {joint.id} counts turns, since its registers {names[0]} and {names[1]} are 0; write 0 and "

@@ -19,7 +19,7 @@ from .bus import ServoBus
 from .calibration import as_row, newest
 from .clock import HIGHEST_RATE, LOWEST_RATE
 from .commands import Commands, PolicyCommands, Reference, Trajectory, park_motion, read_excitation, read_replay
-from .connection import opened_bus, opened_port
+from .connection import Opened, opened_bus, opened_port
 from .deadman import PATIENCE, keyboard, pressed_key
 from .emergency import emergency_stop
 from .live import live_view
@@ -146,14 +146,15 @@ def run(deployment: Deployment, say: Callable[[str], None] = print) -> Run | Non
     config, robot = deployment.config, deployment.robot
     stop = Stop()
     truth, params = config["robot"].get("actuator"), config["robot"].get("params") or {}
-    opened = opened_port(config["hw"], config["port"], robot, truth, 1.0 / deployment.rate, params)
-    with stop.on_signals(), opened as port:
-        bus = opened_bus(config["hw"], port, robot)
+    pose = getattr(deployment.commands, "pose", None)
+    opened = opened_port(config["hw"], config["port"], robot, truth, 1.0 / deployment.rate, params, pose)
+    with stop.on_signals(), opened as found:
+        bus = opened_bus(config["hw"], found.port, robot)
         with contextlib.closing(bus):
             if config["dry_run"]:
                 dry_run(deployment, bus, say)
                 return None
-            return _guarded(deployment, bus, port, stop, say)
+            return _guarded(deployment, bus, found, stop, say)
 
 
 def dry_run(deployment: Deployment, bus: ServoBus, say: Callable[[str], None]) -> None:
@@ -182,14 +183,14 @@ def dry_run(deployment: Deployment, bus: ServoBus, say: Callable[[str], None]) -
         last = admitted
 
 
-def _guarded(deployment: Deployment, bus: ServoBus, port: str, stop: Stop, say: Callable[[str], None]) -> Run:
-    config, robot = deployment.config, deployment.robot
+def _guarded(deployment: Deployment, bus: ServoBus, opened: Opened, stop: Stop, say: Callable[[str], None]) -> Run:
+    config, robot, port = deployment.config, deployment.robot, opened.port
     hw = config["hw"]
     with contextlib.ExitStack() as stack:
         each_cycle = stack.enter_context(keyboard(config["dead_man"]))
         rest: Rest = "hold" if config["rest"] == "hold" else "release"
         registers = {joint.name: bus.identity(joint.id) for joint in robot.joints}
-        for line in unlike_the_factory(registers, robot.servo):
+        for line in (*unlike_the_factory(registers, robot.servo), *unlike_the_file(registers, robot)):
             say(line)
         log = stack.enter_context(contextlib.closing(_log(deployment, port, registers)))
         if robot.robot.name == BENCH.name and hw["virtual"] is None and not {"mass", "length"} <= robot.params.keys():
@@ -215,6 +216,7 @@ def _guarded(deployment: Deployment, bus: ServoBus, port: str, stop: Stop, say: 
             stepped=(hw["virtual"] or {}).get("time") == "stepped",
             each_cycle=each_cycle,
             overruns=config["overruns"],
+            begins=opened.let_go,
         )
         say(
             f"Running {deployment.commands.name} at {deployment.rate:g} Hz for {deployment.duration:g} s, "
@@ -358,6 +360,20 @@ def unlike_the_factory(registers: Mapping[str, Mapping[str, int]], servo: ServoM
             found.append(
                 f"Joint {joint} moves otherwise than from the factory, which the chains of configs/actuator describe: "
                 f"{', '.join(changed)}."
+            )
+    return found
+
+
+def unlike_the_file(registers: Mapping[str, Mapping[str, int]], robot: ServoRobot) -> list[str]:
+    """A sentence for each joint whose servo is not set up as the robot's file says; counts by joint and name."""
+    found = []
+    for joint in robot.joints:
+        row = registers[joint.name]
+        if other := [name for name, count in robot.registers.items() if row.get(name, count) != count]:
+            counts = ", ".join(f"{name} {row[name]} ({robot.registers[name]})" for name in other)
+            mend = f"sealegs scan id={joint.id} set={other[0]}:{robot.registers[other[0]]}"
+            found.append(
+                f"Joint {joint.name} is set up otherwise than the robot's file says: {counts}; {mend} mends it."
             )
     return found
 

@@ -34,10 +34,10 @@ class Ability:
     speed: float
 
 
-def ability(chain: Chain) -> Ability:
-    """What a chain can do, as far as it tells."""
+def ability(chain: Chain, per_radian: float = 1.0) -> Ability:
+    """What a chain can do, as far as it tells, in units of the joint, which moves ``per_radian`` of the shaft."""
     duty = chain.value("duty_limit.limit") if chain.find("duty_limit") is not None else 1.0
-    error, speed = UNKNOWN_ERROR, UNKNOWN_SPEED
+    error, speed = UNKNOWN_ERROR * per_radian, UNKNOWN_SPEED * per_radian
     for stage in ("position_p", "position_pd", "position_pi"):
         if chain.find(stage) is not None and (gain := chain.value(f"{stage}.gain")) > 0.0:
             error = duty / gain
@@ -49,7 +49,7 @@ def ability(chain: Chain) -> Ability:
     elif chain.find("regression") is not None and chain.value("regression.speed_torque") < 0.0:
         speed = -duty * chain.value("regression.duty_torque") / chain.value("regression.speed_torque")
         speed = abs(speed) / chain.gear_ratio()
-    return Ability(max(error, LEAST), speed)
+    return Ability(max(error, LEAST * per_radian), speed)
 
 
 class Following:

@@ -62,6 +62,7 @@ class ControlLoop:
         alarm: Callable[[str], None] = to_stderr,
         overruns: Literal["log", "stop"] = "log",
         park: Commands | None = None,
+        begins: Callable[[], None] = lambda: None,
     ) -> None:
         """Prepare; nothing moves.
 
@@ -81,6 +82,7 @@ class ControlLoop:
             alarm: says at once what a person must know.
             park: motion along which the robot sits down before it is released, where it ends without a fault; a further
                 wish to stop, and an emergency stop at once, cut it short.
+            begins: called where the run begins, the robot being at its start; a hand may let go then.
             overruns: what becomes of a rate that cannot be kept: it is said and logged, or ends the run as well.
         """
         self.bus, self.robot, self.safety, self.commands = bus, robot, safety, commands
@@ -96,7 +98,7 @@ class ControlLoop:
         self._read_at = self._zero_time
         self.sent = np.zeros(len(robot.joints))
         self._current_sign = CurrentSign(robot)
-        self.park, self._torque_on = park, False
+        self.park, self._torque_on, self._begins = park, False, begins
         self._watch = TorqueWatch(self._metronome.period)
         self._overruns, self._overruns_stop = Overruns(self._metronome.period), overruns == "stop"
 
@@ -162,8 +164,6 @@ class ControlLoop:
         ids = self.robot.ids
         if fault := self._fit():
             return fault
-        assert self.reading is not None
-        self.sent = np.clip(self.reading.position, self.robot.low, self.robot.high)
         if self._stop.reason is not None:  # asked for while the bus and the supervisor were started
             return None
         self._event("torque on", servos=ids)
@@ -187,6 +187,7 @@ class ControlLoop:
             if slow is not None and (fault := self._named("slow", slow)) is not None:
                 return fault
         self.reading = self._read_once()
+        self.sent = np.clip(self.reading.position, self.robot.low, self.robot.high)  # nothing lags before it is told to
         fault = self._judge(self.reading)
         return None if fault is None else replace(fault, sentence=f"before torque came on: {fault.sentence}")
 
@@ -277,6 +278,7 @@ class ControlLoop:
             woke = self._metronome.wait()
             if begun is None:
                 begun = self._zero_time = woke
+                self._begins()
                 self._event("started", monotonic=time.monotonic())
             if (fault := self._beat()) is not None:
                 return fault

@@ -7,8 +7,9 @@ from dataclasses import dataclass
 import numpy as np
 
 from ..actuators.errors import SealegsError
-from ..envs.contract import Contract, task_of
-from ..envs.task import Motion, Task
+from ..envs.base import BaseLayout
+from ..envs.contract import Contract, goal_scale, task_of
+from ..envs.task import ModulatedTask, Motion, Task
 from .robot import Reading, ServoRobot
 
 
@@ -17,11 +18,13 @@ class Seen:
     """One control step as the task sees it.
 
     Attributes:
+        time: of its reading [s].
         observation: (size,), float32.
-        rewards: terms of the reward by name, from measured signals alone.
+        rewards: terms of the reward by name, from measured signals alone; NaN where one that it needs is not measured.
         failed: whether the task counts the robot as fallen.
     """
 
+    time: float
     observation: np.ndarray
     rewards: dict[str, float]
     failed: bool
@@ -36,7 +39,7 @@ class Observer:
     Attributes:
         task: of the policy.
         command: what is asked of the robot (c,), as in the task.
-        action: of the cycle before (k,), within [-1, 1].
+        state: of the policy (s,), see :class:`sealegs.envs.contract.Contract`.
     """
 
     def __init__(self, contract: Contract, robot: ServoRobot, command: np.ndarray | None = None) -> None:
@@ -56,32 +59,49 @@ class Observer:
         if self.command.shape != middle.shape:
             raise SealegsError(f"the task takes {len(middle)} command value(s), not {len(self.command)}.")
         self.numbers = robot.robot.parameters(robot.params)
-        self._dt = 1.0 / contract.control_rate
-        zero, per = np.asarray(contract.goal_at_zero), np.asarray(contract.goal_per_action)
-        self._zero, self._per = zero, per
+        self._base, self._base_names = BaseLayout(robot.robot, robot.params), robot.base_names
+        self._dt, self._count = 1.0 / contract.control_rate, len(contract.actions)
         self._constants = np.array([_motor_constant(robot, name) for name in robot.names])
-        self.action = self._previous_action = np.zeros(len(robot.names))
-        self._last: tuple[np.ndarray, np.ndarray] | None = None
+        self.state = np.array(contract.state)
+        self._last: tuple[np.ndarray, np.ndarray, np.ndarray] | None = None
         self._begun = self._seen = 0.0
+        self._drawn: list[float] = []
+
+    @property
+    def action(self) -> np.ndarray:
+        """The latest (a,), within [-1, 1]."""
+        return self.state[1 : 1 + self._count]
 
     def acted(self, action: np.ndarray) -> None:
-        """Note the action that was just commanded (k,)."""
-        self._previous_action, self.action = self.action, np.clip(action, -1.0, 1.0)
+        """Note the action that was just commanded (a,), where no policy's own state says it."""
+        self.state[1 + self._count : 1 + 2 * self._count] = self.action
+        self.state[1 : 1 + self._count] = np.clip(action, -1.0, 1.0)
+
+    def glance(self, reading: Reading) -> None:
+        """Note the power drawn at a reading between two control steps."""
+        if isinstance(self.task, ModulatedTask):
+            torque = (self._constants * reading.current)[None]
+            self._drawn.append(float(self.task.power(self.numbers, torque, reading.velocity[None])[0]))
 
     def see(self, reading: Reading) -> Seen:
         """The control step that ends with ``reading``."""
         position, link = reading.position, reading.link
-        if self._last is None:  # at rest, holding where it stands, as an episode starts
-            self._last = position, link
+        measured = dict(zip(self._base_names, reading.base_position.tolist(), strict=True))
+        rates = dict(zip(self._base_names, reading.base_velocity.tolist(), strict=True))
+        qpos = self._base.qpos(measured)
+        if self._last is None:
+            self._start(position)
+            self._last = position, link, qpos
             self._begun = self._seen = reading.time
-            self.action = self._previous_action = np.clip((position - self._zero) / self._per, -1.0, 1.0)
         # whole control steps: more than one where readings were missed or periods left out
         span = self._dt * max(round((reading.time - self._seen) / self._dt), 1)
         speed, link_speed = (position - self._last[0]) / span, (link - self._last[1]) / span
-        self._last, self._seen = (position, link), reading.time
+        qpos_rate = (qpos - self._last[2]) / span
+        self._last, self._seen = (position, link, qpos), reading.time
+        count = self._count
         motion = Motion(
-            qpos=reading.base_position[None],
-            qvel=reading.base_velocity[None],
+            qpos=qpos,
+            qvel=self._base.qvel(measured, rates),
             link=link[None],
             link_speed=link_speed[None],
             reading=position[None],
@@ -89,16 +109,31 @@ class Observer:
             torque=(self._constants * reading.current)[None],
             motor_speed=speed[None],
             action=self.action[None],
-            previous_action=self._previous_action[None],
+            previous_action=self.state[None, 1 + count : 1 + 2 * count],
             command=self.command[None],
             time=np.array([self._dt * round((reading.time - self._begun) / self._dt)]),
             numbers=self.numbers,
+            memory=self.state[None, 1 + 2 * count :],
+            power=np.array([np.mean(self._drawn) if self._drawn else 0.0]),
+            qpos_rate=qpos_rate,
         )
-        parts = [np.atleast_1d(np.asarray(part[0], np.float32)) for part in self.task.observe(motion)]
-        rewards = {name: float(term[0]) for name, term in self.task.rewards(motion).items()}
-        return Seen(np.concatenate(parts), rewards, bool(self.task.failed(motion)[0]))
+        self._drawn.clear()
+        with np.errstate(invalid="ignore"):
+            parts = [np.atleast_1d(np.asarray(part[0], np.float32)) for part in self.task.observe(motion)]
+            rewards = {name: float(term[0]) for name, term in self.task.rewards(motion).items()}
+            failed = bool(self.task.failed(motion)[0])
+        return Seen(reading.time, np.concatenate(parts), rewards, failed)
+
+    def _start(self, position: np.ndarray) -> None:
+        """The action that stands for where the robot is, as an episode starts at rest."""
+        if isinstance(self.task, ModulatedTask):
+            return
+        zero, per_action = goal_scale(self.task, self.numbers, np.zeros(1), self.command[None])
+        action = np.clip((position - np.reshape(zero, -1)) / per_action, -1.0, 1.0)
+        self.state[1 : 1 + 2 * self._count] = np.tile(action, 2)
 
 
 def _motor_constant(robot: ServoRobot, name: str) -> float:
+    """Torque or force of the joint per ampere."""
     motor = robot.chains[name].find("dc_motor")
-    return float(motor.motor_constant) if motor is not None else 0.0
+    return float(motor.motor_constant) * robot.chains[name].gear_ratio() if motor is not None else 0.0

@@ -52,7 +52,23 @@ class Policy:
             )
         self.contract = Contract.from_json(metadata[KEY], str(self.path))
 
-    def act(self, observation: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """Actions (n, k) in [-1, 1] and the goals they stand for (n, k) [rad], from observations (n, size)."""
-        action, goal = self._session.run(["action", "goal"], {"observation": np.asarray(observation, np.float32)})
-        return np.asarray(action), np.asarray(goal)
+    def act(
+        self, observation: np.ndarray, command: np.ndarray, state: np.ndarray
+    ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        """The next goals; to be asked ``contract.goal_rate`` times a second.
+
+        Args:
+            observation: (n, size); what the policy knows itself (clock, memory, latest action, command) is ignored.
+            command: what is asked for (n, c).
+            state: ``contract.state`` at the start, then the state that the call before gave (n, s).
+
+        Returns:
+            Actions in force (n, a) in [-1, 1], goals (n, k) [rad or m], and the next state (n, s).
+        """
+        feeds = {
+            "observation": np.asarray(observation, np.float32),
+            "command": np.asarray(command, np.float64),
+            "state": np.asarray(state, np.float64),
+        }
+        action, goal, following = self._session.run(["action", "goal", "next_state"], feeds)
+        return np.asarray(action), np.asarray(goal), np.asarray(following)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import fnmatch
 import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
@@ -13,6 +14,8 @@ import yaml
 
 from ..actuators import Chain, load_chain
 from ..actuators.errors import SealegsError, nearest
+from ..configs.check import checked
+from ..envs.base import BaseLayout
 from ..envs.contract import Contract, ContractError, chain_hash, robot_hash
 from ..envs.extended import read_extended
 from ..envs.robot import Robot
@@ -40,6 +43,7 @@ class Joint:
         direction: 1 where growing steps are the joint's positive direction, -1 where they are its negative one.
         low, high: range of the joint [rad].
         homing_offset: of the servo as it was calibrated [step], which shifts its steps; None: not known.
+        per_radian: how far the joint moves per radian of the servo's shaft, behind a gear or a screw [rad or m].
     """
 
     name: str
@@ -49,6 +53,7 @@ class Joint:
     low: float
     high: float
     homing_offset: int | None = None
+    per_radian: float = 1.0
 
 
 @dataclass(frozen=True)
@@ -56,7 +61,8 @@ class Sensor:
     """An encoder on the bus that drives nothing: a servo without torque, or a board that speaks like one.
 
     Attributes:
-        name: ``<joint>.link`` for the far side of a joint's spring, or a coordinate of the base such as ``base_z``.
+        name: ``<joint>.link`` for the far side of a joint's spring, or a quantity of the base such as ``base_z`` or
+            ``body.pitch`` (:mod:`sealegs.envs.base`).
         id: on the bus.
         zero: step at which what it measures is 0.
         per_radian: how far what it measures moves per radian of its own, with its sign [rad or m].
@@ -117,9 +123,11 @@ class ServoRobot:
         belief: the same as a log's sidecar names it: a name, or stages.
         ids: of the servos, in the order of joints.
         measures_links: whether the far sides of springs have encoders of their own.
+        registers: counts that the servos were set up with, by name.
         sensors: encoders that drive nothing; of the base in the order of the simulation's coordinates.
         all_ids: of the servos, and behind them of the sensors.
-        low, high: range of each joint (k,) [rad].
+        low, high: range of each joint (k,) [rad or m].
+        units: of the joints, rad or m.
     """
 
     def __init__(
@@ -130,6 +138,7 @@ class ServoRobot:
         joints: Sequence[Joint],
         belief: Mapping[str, Any],
         sensors: Sequence[Sensor] = (),
+        registers: Mapping[str, int] | None = None,
     ) -> None:
         """Put the parts together.
 
@@ -137,7 +146,7 @@ class ServoRobot:
             CalibrationError: two joints have one id, or a joint has a range that its servo or the robot cannot reach.
         """
         self.robot, self.params, self.servo, self.joints = robot, dict(params), servo, tuple(joints)
-        self.belief = dict(belief)
+        self.belief, self.registers = dict(belief), dict(registers or {})
         self.chains: dict[str, Chain] = {name: load_chain(source) for name, source in belief.items()}
         check_joints(self.joints, robot, servo, self.params)
         self.ids = [joint.id for joint in self.joints]
@@ -154,7 +163,12 @@ class ServoRobot:
         step = 2.0 * math.pi / servo.resolution
         mounted = [*self.joints, *self.sensors]
         self._zeros = np.array([(item.zero - servo.centre) * step for item in mounted])
-        self._scales = np.array([*(float(j.direction) for j in self.joints), *(s.per_radian for s in self.sensors)])
+        self._scales = np.array(
+            [*(j.direction * j.per_radian for j in self.joints), *(s.per_radian for s in self.sensors)]
+        )
+        self._signs = np.array([float(joint.direction) for joint in self.joints])
+        units = BaseLayout(robot, self.params).units
+        self.units = [units[item.terms[0][0]] for item in robot.coordinates]
 
     # --- units -------------------------------------------------------------------------------------------------
 
@@ -167,7 +181,7 @@ class ServoRobot:
         """
         k = len(self.joints)
         place = self._scales * (state.position - self._zeros)
-        side = self._scales[:k]
+        side, sign = self._scales[:k], self._signs
         base = place[self._base]
         speed = np.zeros(len(base))
         if last is not None and len(base):
@@ -181,8 +195,8 @@ class ServoRobot:
             after=state.after,
             position=position,
             velocity=side * state.velocity[:k],
-            duty=side * state.duty[:k],
-            current=side * state.current[:k],
+            duty=sign * state.duty[:k],
+            current=sign * state.current[:k],
             voltage=state.voltage[:k],
             temperature=state.temperature[:k],
             link=link,
@@ -194,7 +208,7 @@ class ServoRobot:
     def to_servo(self, position: np.ndarray) -> np.ndarray:
         """Angles of the servos' shafts (k,) [rad] from angles of the joints (k,) [rad]."""
         k = len(self.joints)
-        return self._scales[:k] * position + self._zeros[:k]
+        return position / self._scales[:k] + self._zeros[:k]
 
     # --- contract ----------------------------------------------------------------------------------------------
 
@@ -239,15 +253,22 @@ class ServoRobot:
                 f"{len(contract.observation_names)} values for {len(names)}",
             )
             refuse("observation_names", len(contract.observation_names), len(names), f"{first}: train it again")
-        if rate is not None and abs(rate - contract.control_rate) > 1e-6 * rate:
-            refuse("control_rate", f"{contract.control_rate:g} Hz", f"{rate:g} Hz", "leave rate= out")
-        for joint in self.joints:
+        if rate is not None and abs(rate - contract.goal_rate) > 1e-6 * rate:
+            field = "control_rate" if contract.goals_per_action == 1 else "goal_rate"
+            refuse(field, f"{contract.goal_rate:g} Hz", f"{rate:g} Hz", "leave rate= out")
+        mounted = [sensor.name for sensor in self.sensors]
+        if missing := [name for name in contract.sensors if name not in mounted]:
+            raise ContractError(
+                f"the policy does not fit the robot: it needs the sensors {', '.join(missing)}, which the robot lacks; "
+                f"mount them and name them under sensors in its file, such as {missing[0]}: {{id: 9}} (docs/deploy.md)."
+            )
+        for joint, unit in zip(self.joints, self.units, strict=True):
             low, high = contract.goal_limits[joint.name]
             if high < joint.low or low > joint.high:
                 refuse(
-                    "goal_at_zero",
-                    f"in {low:.2f} to {high:.2f} rad for {joint.name}",
-                    f"{joint.low:.2f} to {joint.high:.2f} rad",
+                    "goal_low",
+                    f"{low:.3g} {unit} for {joint.name}, up to {high:.3g} {unit}",
+                    f"{joint.low:.3g} to {joint.high:.3g} {unit}",
                     "calibrate the joint again",
                 )
         if contract.chain_hash != (here := chain_hash(self.chains)):
@@ -262,8 +283,9 @@ class ServoRobot:
 
     def _different_numbers(self, contract: Contract) -> str:
         params = contract.env.get("params") or {}
-        ours, theirs = self.robot.parameters(self.params), self.robot.parameters(params)
-        rows = [f"{key} {theirs[key]:g} and {ours[key]:g}" for key in ours if ours[key] != theirs[key]]
+        ours, theirs, numbers = self.robot.parameters(self.params), self.robot.parameters(params), self.robot.numbers
+        different = [key for key in ours if ours[key] != theirs[key] and not numbers[key].numerical]
+        rows = [f"{key} {theirs[key]:g} and {ours[key]:g}" for key in different]
         return ", ".join(rows) or "its code changed since"
 
 
@@ -301,7 +323,7 @@ def check_joints(joints: Sequence[Joint], robot: Robot, servo: ServoModel, param
         if not (math.isfinite(joint.low) and math.isfinite(joint.high) and joint.low < joint.high):
             raise CalibrationError(f"joint {joint.name} has the range {joint.low} to {joint.high} rad, which is none.")
         for angle in (joint.low, joint.high):
-            place = joint.zero + joint.direction * angle / step
+            place = joint.zero + joint.direction * angle / (joint.per_radian * step)
             if not -0.5 <= place <= servo.resolution - 0.5:
                 raise CalibrationError(
                     f"joint {joint.name} cannot reach {angle:.3f} rad: its encoder ends at step 0 and "
@@ -316,24 +338,34 @@ def check_joints(joints: Sequence[Joint], robot: Robot, servo: ServoModel, param
             )
 
 
-def nominal_joints(robot: Robot, servo: ServoModel, params: Mapping[str, float]) -> list[Joint]:
+def nominal_joints(
+    robot: Robot, servo: ServoModel, params: Mapping[str, float], gears: Mapping[str, float] | None = None
+) -> list[Joint]:
     """Joints of a machine built as drawn, or as the robot's file says.
 
     As drawn: ids 1, 2, ..., zero at the encoder's centre, range of the robot's goals.
+
+    Args:
+        robot: that has them.
+        servo: on each.
+        params: numbers of the robot other than its own.
+        gears: how far a joint moves per radian of its servo, by pattern of names; 1 where none fits. The middle of
+            such a joint's range is at the encoder's centre, unless the robot's file says where its zero is.
     """
     step = 2.0 * math.pi / servo.resolution
-    ends = (-servo.centre * step, (servo.resolution - 1 - servo.centre) * step)
     limits = robot.goal_limits(robot.parameters(params))
     said = {} if robot.file is None else {item.name: item.servo for item in robot.file.joints}
-    joints = []
+    found = []
     for number, item in enumerate(robot.coordinates, 1):
-        mounted = said.get(item.name) or ServoEntry(number)
-        zero = servo.centre if mounted.zero is None else mounted.zero
-        shift = mounted.direction * (zero - servo.centre) * step
-        low, high = (end - shift for end in sorted(mounted.direction * end for end in ends))
-        goals = limits[item.name]
-        joints.append(Joint(item.name, mounted.id, zero, mounted.direction, max(goals[0], low), min(goals[1], high)))
-    return joints
+        mounted, goals = said.get(item.name) or ServoEntry(number), limits[item.name]
+        geared = [value for key, value in (gears or {}).items() if fnmatch.fnmatch(item.name, key)]
+        scale = mounted.direction * (geared[0] if geared else 1.0) * step
+        zero = servo.centre if not geared else round(servo.centre - 0.5 * (goals[0] + goals[1]) / scale)
+        zero = zero if mounted.zero is None else mounted.zero
+        low, high = sorted(scale * (at - zero) for at in (0, servo.resolution - 1))
+        low, high = max(goals[0], low), min(goals[1], high)
+        found.append(Joint(item.name, mounted.id, zero, mounted.direction, low, high, None, abs(scale) / step))
+    return found
 
 
 def read_joints(path: Path, robot: Robot) -> list[Joint]:
@@ -355,6 +387,7 @@ def read_joints(path: Path, robot: Robot) -> list[Joint]:
                 float(row["range"][0]),
                 float(row["range"][1]),
                 None if row.get("homing_offset") is None else int(row["homing_offset"]),
+                float(row.get("per_radian", 1.0)),
             )
             for name, row in document["joints"].items()
         ]
@@ -380,9 +413,42 @@ def build_robot(config: Mapping[str, Any], actuator: Any = None, calibration: Pa
     robot, servo = get_robot(config["name"]), load_model(config["servo"])
     params = {str(key): value for key, value in (config.get("params") or {}).items()}
     belief = actuator if actuator is not None else config.get("actuator")
-    joints = nominal_joints(robot, servo, params) if calibration is None else read_joints(calibration, robot)
+    gears = checked_gears(config.get("gears") or {}, robot)
+    joints = nominal_joints(robot, servo, params, gears) if calibration is None else read_joints(calibration, robot)
     chains = {name: _plain(chain) for name, chain in robot.chains_for(belief).items()}
-    return ServoRobot(robot, params, servo, joints, chains, read_sensors(config.get("sensors") or {}, joints, servo))
+    sensors = read_sensors(config.get("sensors") or {}, joints, servo)
+    registers = set_up(config.get("registers") or {}, servo)
+    return ServoRobot(robot, params, servo, joints, chains, sensors, registers)
+
+
+def set_up(registers: Mapping[str, Any], servo: ServoModel) -> dict[str, int]:
+    """``registers`` of a robot's file, those that the servos have: another make has others.
+
+    Raises:
+        SealegsError: a name that no servo has, or a value that is no count.
+    """
+    known = load_model("sts3215").registers
+    for name in registers:
+        if name not in known:
+            servo[str(name)]  # or it is named here
+    counts = {str(name): checked(f"robot.registers.{name}", value, int) for name, value in registers.items()}
+    return {name: count for name, count in counts.items() if name in servo.registers}
+
+
+def checked_gears(gears: Mapping[str, Any], robot: Robot) -> dict[str, float]:
+    """``gears`` of a robot's file: how far joints move per radian of their servos, by pattern of names.
+
+    Raises:
+        CalibrationError: a pattern fits no joint, or a value is none.
+    """
+    names = [item.name for item in robot.coordinates]
+    found = {str(key): checked(f"robot.gears.{key}", value, float) for key, value in gears.items()}
+    for key, value in found.items():
+        if not fnmatch.filter(names, key):
+            raise CalibrationError(f"robot.gears.{key} fits no joint of '{robot.name}'; it has {', '.join(names)}.")
+        if value <= 0.0:
+            raise CalibrationError(f"robot.gears.{key} is {value:g}; it must be above 0.")
+    return found
 
 
 def extended_robot(config: Mapping[str, Any], extended: str | Path, calibration: Path | None = None) -> ServoRobot:

@@ -139,7 +139,7 @@ class Safety:
         self.lost: dict[int, float] = dict.fromkeys(robot.all_ids, 0.0)
         self._silent: dict[int, float] = dict.fromkeys(robot.all_ids, 0.0)
         self._over_current = np.zeros(len(robot.joints))
-        abilities = [ability(robot.chains[name]) for name in robot.names]
+        abilities = [ability(robot.chains[joint.name], joint.per_radian) for joint in robot.joints]
         self._goal_speed = np.array([item.speed * GOAL_SPEED for item in abilities])
         if limits.goal_speed is not None:
             self._goal_speed[:] = limits.goal_speed

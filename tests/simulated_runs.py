@@ -93,6 +93,7 @@ class Simulation:
         folder: Path | None = None,
         limits: Mapping[str, Any] | None = None,
         hidden: str | None = None,
+        pose: Mapping[str, float] | None = None,
         **keys: Any,
     ) -> None:
         row = robot == "row"
@@ -100,10 +101,19 @@ class Simulation:
         model = servo_row(4) if row else get_robot(robot)
         self.robot = row_of_servos(model) if row else build_robot(settings)
         sensors = {sensor.name: abs(sensor.per_radian) for sensor in self.robot.sensors}
-        machine = Machine(model, settings["actuator"], hidden, settings["params"], sensors)
-        placed = {j.name: {"id": j.id, "zero": j.zero, "direction": j.direction} for j in self.robot.joints}
+        machine = Machine(model, settings["actuator"], hidden, settings["params"], sensors, pose)
+        placed: dict[str, dict[str, float]] = {
+            j.name: {"id": j.id, "zero": j.zero, "direction": j.direction, "per_radian": j.per_radian}
+            for j in self.robot.joints
+        }
         placed |= {s.name: {"id": s.id, "zero": s.zero} for s in self.robot.sensors}
-        self.rig = Rig(machine, self.robot.servo, mounts(machine.encoders, placed, self.robot.servo), held=True)
+        self.rig = Rig(
+            machine,
+            self.robot.servo,
+            mounts(machine.encoders, placed, self.robot.servo),
+            "order" if pose else "torque",
+            self.robot.registers,
+        )
         self.wire = Wire(self.rig, [fault_from(row) for row in faults], seed)
         self.port = SimulatedPort(self.wire, timeout, latency=latency)
         self.bus = ServoBus("simulated", opened=self.port, timeout=timeout)
@@ -124,11 +134,15 @@ class Simulation:
             wanted(self.robot),
             rate,
             log=self.log,
+            begins=self._let_go,
             **{"supervisor": self.guard, "stop": self.stop, "alarm": self._say, **keys},
         )
 
     def _say(self, line: str) -> None:
         self.said.append((self.port.now(), line))
+
+    def _let_go(self) -> None:
+        self.rig.held = None
 
     def run(self, seconds: float = 2.0) -> Outcome:
         try:

@@ -6,12 +6,11 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from sealegs.actuators.errors import SealegsError
 from sealegs.envs.batch import BatchEngine
 from sealegs.envs.biped.gait import HoppingGait, WalkingGait
 from sealegs.envs.biped.robot import BIPED
 from sealegs.envs.biped.task import BipedTask
-from sealegs.envs.contract import make_contract
+from sealegs.envs.contract import robot_hash
 
 from benchmarks.biped_motion import load
 from benchmarks.learned_biped import JUDGED, walk
@@ -69,10 +68,8 @@ def test_the_gait_alone_does_not_walk() -> None:
     assert fallen.all()
 
 
-def test_a_policy_that_corrects_a_gait_has_no_contract() -> None:
-    env = {"id": "SeaLegs/Biped-v0", "correction": 0.4}
-    with pytest.raises(SealegsError, match="goals that change with time"):
-        make_contract(env, {name: ["ideal"] for name in BIPED.chains}, 50.0)
+def test_a_time_step_makes_no_other_robot() -> None:
+    assert robot_hash(BIPED, {"timestep": 0.002}) == robot_hash(BIPED) != robot_hash(BIPED, {"torso_mass": 41.0})
 
 
 @pytest.mark.parametrize("folder", POLICIES, ids=lambda folder: folder.name)

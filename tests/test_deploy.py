@@ -173,8 +173,8 @@ def test_a_policy_at_another_rate_or_for_a_heavier_load_is_refused(policy: Path)
     other = build_robot(config()["robot"], "xl330")
     with pytest.raises(ContractError, match="chain_hash"):
         other.check_contract(contract)
-    contract = changed(contract, goal_at_zero=(9.0,), goal_per_action=(0.1,))
-    with pytest.raises(ContractError, match=r"'goal_at_zero' is in 8\.90 to 9\.10 rad for joint"):
+    contract = changed(contract, goal_low=(8.9,), goal_high=(9.1,))
+    with pytest.raises(ContractError, match=r"'goal_low' is 8\.9 rad for joint, up to 9\.1 rad"):
         build_robot(config()["robot"]).check_contract(contract)
 
 

@@ -63,12 +63,18 @@ def test_an_exported_policy_acts_as_the_trained_one(
     normalizer = model.get_vec_normalize_env()
     seen = normalizer.normalize_obs(observations) if normalizer else observations
     wanted = model.predict(seen, deterministic=True)[0]
-    action, goal = policy.act(observations)
+    # what the policy knows itself is taken from its state, whatever stands in the observation
+    state = np.concatenate([np.zeros((10_000, 1)), observations[:, 12:], np.zeros((10_000, 2))], axis=1)
+    blind = observations.copy()
+    blind[:, [0, 12, 13]] = np.nan
+    action, goal, after = policy.act(blind, observations[:, :1], state)
     assert np.abs(wanted).min() < 0.5 and np.abs(wanted).max() == 1.0, "saturated actions and others"
     assert np.abs(action - wanted).max() < 1e-5
-    contract = policy.contract
-    assert np.allclose(goal, np.array(contract.goal_at_zero) + np.array(contract.goal_per_action) * action, atol=1e-12)
-    single = np.concatenate([policy.act(row[None])[0] for row in observations[:50]])
+    low, high = np.array(policy.contract.goal_low), np.array(policy.contract.goal_high)
+    assert np.allclose(goal, 0.5 * (low + high) + 0.5 * (high - low) * action, atol=1e-12)
+    assert (after[:, 0] == 1.0).all() and np.allclose(after[:, 1:3], action) and np.allclose(after[:, 3:], state[:, 1:3])
+    rows = zip(blind[:50], observations[:50, :1], state[:50], strict=True)
+    single = np.concatenate([policy.act(seen[None], asked[None], was[None])[0] for seen, asked, was in rows])
     assert np.abs(single - wanted[:50]).max() < 1e-5
 
 

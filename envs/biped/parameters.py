@@ -25,7 +25,9 @@ _UNUSED: dict[str, str] = dict.fromkeys(
 _FITTED = "fitted to the ground law of table VI, see docs/biped.md"
 
 NUMBERS = {
-    "timestep": Number(0.001, "s", "paper 003, VIII-C: period of the controller; of the engine", 1e-5, 2e-3),
+    "timestep": Number(
+        0.001, "s", "paper 003, VIII-C: period of the controller; of the engine", 1e-5, 2e-3, numerical=True
+    ),
     "thigh_length": Number(0.5, "m", "paper 003, I: 50 cm", 0.1),
     "shin_length": Number(0.5, "m", "paper 003, I: 50 cm; here to the sole", 0.1),
     **{f"{link}_mass": Number(row[0], "kg", "paper 003, table VII", 0.01) for link, row in _LINKS.items()},

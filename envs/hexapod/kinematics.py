@@ -62,7 +62,7 @@ def foot_from_joints(values: Mapping[str, float], joints: Joints) -> tuple[Array
 def joints_from_foot(values: Mapping[str, float], x: Array, y: Array, z: Array) -> Joints:
     """The coordinates that put the foot's centre at (x, y, z), as :func:`foot_from_joints` names it."""
     ratio = values["ratio"]
-    return Joints(-np.arctan2(y, x), -np.asarray(z) / (ratio - 1.0), np.hypot(x, y) / ratio)
+    return Joints(-np.arctan2(y, x), np.negative(z) / (ratio - 1.0), np.hypot(x, y) / ratio)
 
 
 def stance(values: Mapping[str, float]) -> Joints:

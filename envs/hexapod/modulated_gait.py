@@ -98,7 +98,7 @@ def advance(values: Mapping[str, float], action: np.ndarray, speed: np.ndarray, 
         memory: of the generator.
     """
     parameters = memory[:, PARAMETERS]
-    parameters += _FOLLOWED * (np.clip(_MIDDLE + _PER_ACTION * action, _LOW, _HIGH) - parameters)
+    parameters = parameters + _FOLLOWED * (np.clip(_MIDDLE + _PER_ACTION * action, _LOW, _HIGH) - parameters)
     length, double_stance, lift, lifting, width, spread = (column[:, None] for column in parameters.T)
     air = 0.5 - double_stance
     place = memory[:, _PLACE].reshape(-1, LEGS, 2)
@@ -108,8 +108,8 @@ def advance(values: Mapping[str, float], action: np.ndarray, speed: np.ndarray, 
     fits = np.where(phase < air, np.inf, free / np.maximum(1.0 - phase, 1e-9)).min(axis=1)
     cycle = np.minimum(length[:, 0], np.maximum(fits, SHORTEST))
     # the clock runs faster where a foot would be at the end of its range before it lifts off
-    memory[:, CLOCK] = (memory[:, CLOCK] + PERIOD * np.abs(speed) / cycle) % 1.0
-    phase = (memory[:, CLOCK, None] - 0.5 * double_stance + _OFFSET) % 1.0
+    clock = (memory[:, CLOCK] + PERIOD * np.abs(speed) / cycle) % 1.0
+    phase = (clock[:, None] - 0.5 * double_stance + _OFFSET) % 1.0
     moving, s = phase < air, np.minimum(phase / air, 1.0)
 
     way = np.sign(speed)[:, None] * length  # of the body in a cycle
@@ -123,13 +123,14 @@ def advance(values: Mapping[str, float], action: np.ndarray, speed: np.ndarray, 
     over_x = left[..., 0] - air * way * s + (land_x - left[..., 0] + air * way) * blend
     over_y = left[..., 1] + (land_y - left[..., 1]) * blend
     x, y = np.where(moving, over_x, x), np.where(moving, over_y, y)
-    memory[:, _PLACE] = np.stack([x, y], axis=2).reshape(len(memory), -1)
-    left[:] = np.where(moving[..., None], left, np.stack([x, y], axis=2))
-    memory[:, _LEFT] = left.reshape(len(memory), -1)
+    there = np.stack([x, y], axis=2)
+    memory[:, CLOCK], memory[:, PARAMETERS] = clock, parameters
+    memory[:, _PLACE] = there.reshape(len(memory), -1)
+    memory[:, _LEFT] = np.where(moving[..., None], left, there).reshape(len(memory), -1)
 
     rise = np.minimum(np.minimum(s, 1.0 - s) / lifting, 1.0)
     height = np.where(moving, 0.5 * lift * (1.0 - np.cos(np.pi * rise)), 0.0)
     reach = values["stance_radius"] - values["leg_radius"]
     z = values["foot_radius"] - values["stance_height"] + height
     joints = joints_from_foot(values, reach + x * _COSINE + y * _SINE, y * _COSINE - x * _SINE, z)
-    return np.stack([np.asarray(value) for value in joints], axis=2).reshape(len(memory), 3 * LEGS)
+    return np.stack(list(joints), axis=2).reshape(len(memory), 3 * LEGS)

@@ -21,10 +21,10 @@ from ...configs.check import checked, checked_seed
 from ...configs.compose import compose, split
 from ...configs.script import run
 from ...envs.robots import get_robot
-from ..registers import load_model
+from ..registers import ServoModel, load_model
 from .faults import read_faults
 from .machine import Machine
-from .rig import Rig, mounts
+from .rig import Held, Rig, mounts
 from .server import Server, announce
 from .wire import Wire
 
@@ -49,12 +49,13 @@ def build(config: dict[str, Any]) -> Server:
             raise SealegsError(f"{key} is {value:g} s; it cannot be negative.")
     model = load_model(checked("model", config["model"], str))
     machine = Machine(
-        robot, actuator, checked("hidden", config["hidden"], str | None), config["params"], config["sensors"]
-    )
+        robot, actuator, checked("hidden", config["hidden"], str | None), config["params"], config["sensors"],
+        config["pose"],
+    )  # fmt: skip
     faults = read_faults(config["faults"]) if config["faults"] is not None else []
     mounted = mounts(machine.encoders, config["servos"], model)
-    registers = {str(key): checked(f"registers.{key}", value, int) for key, value in config["registers"].items()}
-    rig = Rig(machine, model, mounted, checked("held", config["held"], bool), registers={"": registers})
+    counts = registers(config["registers"], model)
+    rig = Rig(machine, model, mounted, checked("held", config["held"], Held | None), registers={"": counts})
     wire = Wire(rig, faults, checked_seed(config["seed"]))
     return Server(
         wire,
@@ -64,6 +65,24 @@ def build(config: dict[str, Any]) -> Server:
         link=Path(config["link"]) if config["link"] is not None else None,
         linger=checked("linger", config["linger"], float | None),
     )
+
+
+def registers(given: dict[str, Any] | None, model: ServoModel) -> dict[str, int]:
+    """Counts that servos keep, checked.
+
+    Raises:
+        SealegsError: there is no such register, or it does not take the count.
+    """
+    found = {}
+    for name, value in (given or {}).items():
+        count, register = checked(f"registers.{name}", value, int), model[str(name)]
+        if register.area != "eeprom" or not register.low <= count <= register.high:
+            raise SealegsError(
+                f"registers.{name} is {count}; it must be a register that servos keep without power, and its count "
+                f"between {register.low} and {register.high}."
+            )
+        found[str(name)] = count
+    return found
 
 
 def main(arguments: list[str]) -> None:

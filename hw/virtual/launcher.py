@@ -104,6 +104,10 @@ class VirtualBus:
         """Take all faults away."""
         self.port = self._control.order("clear")["port"]
 
+    def let_go(self) -> None:
+        """Take away the hand that holds the robot."""
+        self._control.order("let_go")
+
     def advance(self, seconds: float) -> None:
         """Let time pass, in stepped time."""
         self._control.order("advance", seconds=seconds)

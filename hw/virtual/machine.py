@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 
 import mujoco
@@ -14,6 +14,7 @@ from ...actuators.errors import SealegsError, nearest
 from ...actuators.law import host_reading
 from ...actuators.layout import S_CURRENT, S_DUTY, S_READY
 from ...actuators.stages import build_stage
+from ...envs.base import BaseLayout
 from ...envs.robot import Robot
 from .hidden import hide
 
@@ -66,8 +67,9 @@ class Machine:
         hidden: str | None = None,
         params: Mapping[str, float] | None = None,
         sensors: Mapping[str, float] | None = None,
+        pose: Mapping[str, float] | None = None,
     ) -> None:
-        """Build the robot and place it at the middle of its goals' ranges.
+        """Build the robot and place it in ``pose``, or at the middle of its goals' ranges.
 
         Args:
             robot: of ``sealegs.envs.robots``.
@@ -76,6 +78,7 @@ class Machine:
             params: numbers of the robot other than its own.
             sensors: encoders that drive nothing: ``<coordinate>.link``, on the far side of a spring, or a joint of the
                 model; and how far what they measure moves per radian of theirs [rad or m].
+            pose: quantities of the model's joints, see :mod:`sealegs.envs.base`.
 
         Raises:
             SealegsError: one of them does not fit the robot.
@@ -89,9 +92,9 @@ class Machine:
         self.limits = robot.goal_limits(robot.parameters(params))
         self._step = self.model.opt.timestep
         count = len(self.names)
-        weights = [self.drivetrain.position(name, np.eye(self.model.nq)) for name in self.names]
-        weights += [self._sensed(name) / per_radian for name, per_radian in (sensors or {}).items()]
-        self._weights = np.stack(weights)
+        self.layout = BaseLayout(robot, params)
+        self._weights = np.stack([self.drivetrain.position(name, np.eye(self.model.nq)) for name in self.names])
+        self._sensors = [self._sensed(name, per_radian) for name, per_radian in (sensors or {}).items()]
         self.encoders = [*self.names, *(sensors or {})]
         self._drives = [Drive()] * count
         supplies = [self._base[name].find("supply") for name in self.names]
@@ -108,9 +111,22 @@ class Machine:
             middle = np.asarray(0.5 * (low + high))
             self.drivetrain.set_position(name, self.data.qpos, middle)
             self.data.ctrl[self.drivetrain.actuator_ids[name]] = middle
+        if pose:
+            self._place(pose)
         install()
         mujoco.mj_forward(self.model, self.data)
         self._check_stands(robot.name)
+
+    def _place(self, pose: Mapping[str, float]) -> None:
+        for name in pose:
+            if name not in self.layout.names:
+                known = self.layout.names
+                raise SealegsError(f"pose: there is no '{name}'{nearest(name, known)}; there are {', '.join(known)}.")
+        self.layout.place(self.model, self.data.qpos, pose)
+        for item in self.drivetrain.coordinates:
+            angle = self.drivetrain.position(item.name, self.data.qpos, "link")
+            self.drivetrain.set_position(item.name, self.data.qpos, np.asarray(angle))
+            self.data.ctrl[self.drivetrain.actuator_ids[item.name]] = angle
 
     def _check_stands(self, robot: str) -> None:
         """Refuse, before anybody relies on it, a machine that cannot even be simulated where it stands.
@@ -182,6 +198,8 @@ class Machine:
 
     def position(self, joint: int) -> float:
         """Position of a joint's motor side, or of an encoder that drives nothing [rad], true."""
+        if joint >= len(self.names):
+            return self._sensors[joint - len(self.names)](self.data.qpos)
         return float(self._weights[joint] @ self.data.qpos)
 
     def reading(self, joint: int) -> float:
@@ -215,16 +233,17 @@ class Machine:
     def _connected(self, joint: int) -> bool:
         return joint < len(self.names) and self._drives[joint].connected
 
-    def _sensed(self, name: str) -> np.ndarray:
-        """Weights of ``qpos`` in what a sensor measures (nq,)."""
+    def _sensed(self, name: str, per_radian: float) -> Callable[[np.ndarray], float]:
+        """What an encoder measures [rad of its own], from ``qpos``."""
         coordinate, _, side = name.rpartition(".")
         if side == "link" and coordinate in self.names:
-            return self.drivetrain.position(coordinate, np.eye(self.model.nq), "link")
-        joints = [self.model.joint(number).name for number in range(self.model.njnt)]
-        if name not in joints:
-            known = [*joints, *(f"{coordinate}.link" for coordinate in self.names)]
+            weights = self.drivetrain.position(coordinate, np.eye(self.model.nq), "link")
+            return lambda qpos: float(weights @ qpos) / per_radian
+        if name not in self.layout.names:
+            known = [*self.layout.names, *(f"{coordinate}.link" for coordinate in self.names)]
             raise SealegsError(f"sensors: there is no '{name}'{nearest(name, known)}; there are {', '.join(known)}.")
-        return np.eye(self.model.nq)[self.model.jnt_qposadr[joints.index(name)]]
+        measure = self.layout.measure(self.model, name)
+        return lambda qpos: measure(qpos) / per_radian
 
 
 def _unstable(data: mujoco.MjData) -> bool:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
-from typing import Any
+from typing import Any, Literal
 
 from ...actuators.errors import SealegsError, nearest
 from ..registers import ServoModel
@@ -13,6 +13,7 @@ from .firmware import OFF, TICK
 from .machine import SHORTEST_STEP, Machine
 from .servo import Servo
 
+Held = Literal["torque", "order"]
 PROFILE_STEP = 0.001  # [s] between two moves of a set-point that is on its way; assumed
 
 
@@ -25,12 +26,14 @@ class Mount:
         zero: step at which the joint is at 0 rad.
         direction: +1 where growing steps turn the joint in its positive sense, else -1.
         bus: name of the line that it is on; "": the first.
+        per_radian: how far the joint moves per radian of the servo's shaft [rad or m].
     """
 
     id: int
     zero: int
     direction: int = 1
     bus: str = ""
+    per_radian: float = 1.0
 
 
 def mounts(
@@ -54,8 +57,8 @@ def mounts(
     for name, row in (given or {}).items():
         if name not in found:
             raise SealegsError(f"servos: there is no joint '{name}'{nearest(str(name), joints)}; there are {joints}.")
-        if not isinstance(row, Mapping) or set(row) - {"id", "zero", "direction", "bus"}:
-            raise SealegsError(f"servos: '{name}' takes id, zero, direction and bus, not {row!r}.")
+        if not isinstance(row, Mapping) or set(row) - {"id", "zero", "direction", "bus", "per_radian"}:
+            raise SealegsError(f"servos: '{name}' takes id, zero, direction, bus and per_radian, not {row!r}.")
         bus = str(row.get("bus") or "")
         if bus and bus not in (others or {}):
             raise SealegsError(f"servos: '{name}' is on bus '{bus}'{nearest(bus, others or {})}, which there is not.")
@@ -63,6 +66,8 @@ def mounts(
         mount = replace(found[name], **{"zero": centre, **{str(key): value for key, value in row.items()}, "bus": bus})
         if not all(isinstance(value, int) for value in (mount.id, mount.zero, mount.direction)):
             raise SealegsError(f"servos: '{name}' takes whole numbers, not {row!r}.")
+        if not isinstance(mount.per_radian, int | float) or not mount.per_radian > 0.0:
+            raise SealegsError(f"servos: '{name}' needs a per_radian above 0, not {row!r}.")
         if not 0 <= mount.id <= 253 or mount.direction not in (-1, 1):
             raise SealegsError(f"servos: '{name}' needs an id from 0 to 253 and a direction of 1 or -1, not {row!r}.")
         found[name] = mount
@@ -77,7 +82,8 @@ class Rig:
         servos: one per joint, in their order.
         mounts: of the servos.
         volts: supply voltage that a fault forces on each servo [V]; None: the chain's.
-        held: whether a hand holds the robot still, as it does until a servo's torque is first switched on.
+        held: whether a hand holds the robot still: not at all (None), until a servo's torque is first switched on
+            ("torque"), or until it lets go ("order").
         history: (time [s], id, torque on) whenever a servo's torque was switched.
     """
 
@@ -86,7 +92,7 @@ class Rig:
         machine: Machine,
         model: ServoModel,
         mounted: list[Mount],
-        held: bool = False,
+        held: Held | None = None,
         others: Mapping[str, ServoModel] | None = None,
         registers: Mapping[str, Mapping[str, int]] | None = None,
     ) -> None:
@@ -96,7 +102,7 @@ class Rig:
             machine: the simulated robot.
             model: of the servos on the first line.
             mounted: one per joint and encoder.
-            held: whether a hand holds the robot still until torque is first switched on.
+            held: how long a hand holds the robot still.
             others: models on further lines, by their names.
             registers: counts that somebody set for good, by name of the line.
         """
@@ -141,8 +147,9 @@ class Rig:
                 for servo in moving:
                     servo.move_target(end - now)
                     self._steer(servo)
-            self.held = self.held and not any(self._on)
-            if self.held:
+            if self.held == "torque" and any(self._on):
+                self.held = None
+            if self.held is not None:
                 self.machine.data.time = end
             else:
                 self.machine.advance(end)
@@ -184,10 +191,10 @@ class Rig:
         goal = servo.goal_steps()
         if servo.frozen is not None:  # its loop sees the error to where the sensor is stuck
             goal += self.steps(servo.joint, self.machine.reading(servo.joint)) - servo.frozen
-        angle = mount.direction * (goal - mount.zero) * servo.model.step
+        angle = mount.direction * mount.per_radian * (goal - mount.zero) * servo.model.step
         self.machine.set_goal(servo.joint, angle)
 
     def steps(self, joint: int, angle: float) -> int:
-        """Step of the servo's encoder at an angle of its joint [rad], turns counted."""
+        """Step of the servo's encoder at a position of its joint [rad or m], turns counted."""
         mount = self.mounts[joint]
-        return round(mount.zero + mount.direction * angle / self.models[mount.bus].step)
+        return round(mount.zero + mount.direction * angle / (mount.per_radian * self.models[mount.bus].step))

@@ -185,6 +185,7 @@ class Server:
             "fault": self._fault,
             "clear": self._clear,
             "advance": self._advance,
+            "let_go": self._let_go,
             "stop": self._stop,
         }
         name = str(order.get("do"))
@@ -244,6 +245,12 @@ class Server:
         self._carry_on(self._stepped_now)
         self._flush(self._stepped_now)
         return {"time": self._stepped_now}
+
+    def _let_go(self, _: dict[str, Any]) -> dict[str, Any]:
+        if not self.stepped:
+            self._carry_on(self.now())
+        self.wire.rig.held = None
+        return {"time": self.now()}
 
     def _stop(self, _: dict[str, Any]) -> dict[str, Any]:
         self.stop()

@@ -1,0 +1,130 @@
+"""What a robot's base and its other undriven joints do, as scalar quantities that encoders can measure.
+
+A hinge or slide is one quantity, called as its joint. A free joint is six: ``<joint>.x``, ``.y``, ``.z`` in the world
+[m], and ``.yaw``, ``.pitch``, ``.roll`` [rad]: about the world's z axis, then the turned y axis, then the body's x.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+
+import mujoco
+import numpy as np
+
+from .robot import Robot
+
+POSES = ("x", "y", "z", "roll", "pitch", "yaw")
+
+
+class BaseLayout:
+    """Where the quantities of a robot's joints stand in ``qpos`` and ``qvel``.
+
+    Attributes:
+        names: of all quantities.
+        units: rad or m, by name.
+        nq, nv: sizes of ``qpos`` and ``qvel``, of the robot without what chains add behind.
+    """
+
+    def __init__(self, robot: Robot, params: Mapping[str, float] | None = None) -> None:
+        """Of ``robot`` with the numbers ``params``."""
+        model = robot.build_spec(params).compile()
+        self.nq, self.nv = model.nq, model.nv
+        self.units: dict[str, str] = {}
+        self._scalars: dict[str, tuple[int, int]] = {}
+        self._free: dict[str, tuple[int, int]] = {}
+        for number in range(model.njnt):
+            joint = model.joint(number)
+            place = int(joint.qposadr[0]), int(joint.dofadr[0])
+            if joint.type[0] == mujoco.mjtJoint.mjJNT_FREE:
+                self._free[joint.name] = place
+                self.units |= {f"{joint.name}.{key}": "m" if key in "xyz" else "rad" for key in POSES}
+            elif joint.type[0] != mujoco.mjtJoint.mjJNT_BALL:
+                self._scalars[joint.name] = place
+                self.units[joint.name] = "m" if joint.type[0] == mujoco.mjtJoint.mjJNT_SLIDE else "rad"
+        self.names = tuple(self.units)
+
+    def qpos(self, values: Mapping[str, float | np.ndarray], rows: int = 1) -> np.ndarray:
+        """Positions (rows, nq) from quantities by name; NaN where a joint is not measured, or not all of it."""
+        qpos = np.full((rows, self.nq), np.nan)
+        for name, (at, _) in self._scalars.items():
+            qpos[:, at] = values.get(name, np.nan)
+        for name, (at, _) in self._free.items():
+            pose = {key: values.get(f"{name}.{key}", np.nan) for key in POSES}
+            for k, key in enumerate("xyz"):
+                qpos[:, at + k] = pose[key]
+            qpos[:, at + 3 : at + 7] = quaternion(pose["roll"], pose["pitch"], pose["yaw"])
+        return qpos
+
+    def qvel(
+        self, values: Mapping[str, float | np.ndarray], rates: Mapping[str, float | np.ndarray], rows: int = 1
+    ) -> np.ndarray:
+        """Speeds (rows, nv) from quantities and their rates; turn rates of a free joint are about the body's axes."""
+        qvel = np.full((rows, self.nv), np.nan)
+        for name, (_, at) in self._scalars.items():
+            qvel[:, at] = rates.get(name, np.nan)
+        for name, (_, at) in self._free.items():
+            for k, key in enumerate("xyz"):
+                qvel[:, at + k] = rates.get(f"{name}.{key}", np.nan)
+            roll, pitch = (np.asarray(values.get(f"{name}.{key}", np.nan)) for key in ("roll", "pitch"))
+            about_x, about_y, about_z = (rates.get(f"{name}.{key}", np.nan) for key in ("roll", "pitch", "yaw"))
+            qvel[:, at + 3] = about_x - about_z * np.sin(pitch)
+            qvel[:, at + 4] = about_y * np.cos(roll) + about_z * np.sin(roll) * np.cos(pitch)
+            qvel[:, at + 5] = -about_y * np.sin(roll) + about_z * np.cos(roll) * np.cos(pitch)
+        return qvel
+
+    def values_of(self, model: mujoco.MjModel, qpos: np.ndarray) -> dict[str, float]:
+        """Quantities by name from positions (model.nq,) of ``model``, a robot with chains."""
+        found = {name: float(qpos[int(model.joint(name).qposadr[0])]) for name in self._scalars}
+        for name in self._free:
+            at = int(model.joint(name).qposadr[0])
+            angles = euler(qpos[at + 3 : at + 7])
+            found |= {f"{name}.{key}": float(v) for key, v in zip(POSES, (*qpos[at : at + 3], *angles), strict=True)}
+        return found
+
+    def measure(self, model: mujoco.MjModel, name: str) -> Callable[[np.ndarray], float]:
+        """What gives the quantity ``name`` from positions (model.nq,) of ``model``, a robot with chains."""
+        if name in self._scalars:
+            place = int(model.joint(name).qposadr[0])
+            return lambda qpos: float(qpos[place])
+        joint, _, key = name.rpartition(".")
+        at = int(model.joint(joint).qposadr[0])
+        if key in "xyz":
+            return lambda qpos: float(qpos["xyz".index(key) + at])
+        which = ("roll", "pitch", "yaw").index(key)
+        return lambda qpos: euler(qpos[at + 3 : at + 7])[which]
+
+    def place(self, model: mujoco.MjModel, qpos: np.ndarray, values: Mapping[str, float]) -> None:
+        """Write quantities into ``qpos`` (model.nq,) of ``model``, a robot with chains; others stay as they are."""
+        for name in self._scalars:
+            if name in values:
+                qpos[int(model.joint(name).qposadr[0])] = values[name]
+        for name in self._free:
+            at = int(model.joint(name).qposadr[0])
+            now = dict(zip(POSES, (*qpos[at : at + 3], *euler(qpos[at + 3 : at + 7])), strict=True))
+            pose = {key: values.get(f"{name}.{key}", now[key]) for key in POSES}
+            qpos[at : at + 3] = [pose[key] for key in "xyz"]
+            qpos[at + 3 : at + 7] = quaternion(pose["roll"], pose["pitch"], pose["yaw"])
+
+
+def quaternion(roll: float | np.ndarray, pitch: float | np.ndarray, yaw: float | np.ndarray) -> np.ndarray:
+    """Quaternion (..., 4), w first, of a turn by yaw, then pitch, then roll [rad]."""
+    (cr, sr), (cp, sp), (cy, sy) = (
+        (np.cos(0.5 * np.asarray(a)), np.sin(0.5 * np.asarray(a))) for a in (roll, pitch, yaw)
+    )
+    return np.stack(
+        [
+            cr * cp * cy + sr * sp * sy,
+            sr * cp * cy - cr * sp * sy,
+            cr * sp * cy + sr * cp * sy,
+            cr * cp * sy - sr * sp * cy,
+        ],
+        axis=-1,
+    )
+
+
+def euler(turn: np.ndarray) -> tuple[float, float, float]:
+    """Roll, pitch and yaw [rad] of a quaternion (4,)."""
+    w, x, y, z = (float(value) for value in turn / np.linalg.norm(turn))
+    roll = np.arctan2(2.0 * (w * x + y * z), 1.0 - 2.0 * (x * x + y * y))
+    pitch = np.arcsin(np.clip(2.0 * (w * y - z * x), -1.0, 1.0))
+    return float(roll), float(pitch), float(np.arctan2(2.0 * (w * z + x * y), 1.0 - 2.0 * (y * y + z * z)))
