@@ -112,7 +112,7 @@ class Simulation:
             self.robot.servo,
             mounts(machine.encoders, placed, self.robot.servo),
             "order" if pose else "torque",
-            self.robot.registers,
+            registers={"": self.robot.registers},
         )
         self.wire = Wire(self.rig, [fault_from(row) for row in faults], seed)
         self.port = SimulatedPort(self.wire, timeout, latency=latency)
