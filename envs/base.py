@@ -81,6 +81,14 @@ class BaseLayout:
             found |= {f"{name}.{key}": float(v) for key, v in zip(POSES, (*qpos[at : at + 3], *angles), strict=True)}
         return found
 
+    def rates_of(self, model: mujoco.MjModel, qvel: np.ndarray) -> dict[str, float]:
+        """Rates by name from speeds (model.nv,) of ``model``, a robot with chains; 0 for the turn of a free joint."""
+        found = {name: float(qvel[int(model.joint(name).dofadr[0])]) for name in self._scalars}
+        for name in self._free:
+            at = int(model.joint(name).dofadr[0])
+            found |= {f"{name}.{key}": float(qvel[at + k]) if k < 3 else 0.0 for k, key in enumerate(POSES)}
+        return found
+
     def measure(self, model: mujoco.MjModel, name: str) -> Callable[[np.ndarray], float]:
         """What gives the quantity ``name`` from positions (model.nq,) of ``model``, a robot with chains."""
         if name in self._scalars:

@@ -16,14 +16,16 @@ from ..envs.contract import ContractError
 from ..envs.extended import FILE as EXTENDED
 from ..gap.log import read_measured
 from . import deployment
+from .aligned import WINDOW, Aligned, errors
 from .commands import PolicyCommands
 from .policy import Policy
 from .robot import ServoRobot, build_robot, extended_robot
-from .simulated import Recording, rewards_of, simulate
+from .simulated import Recording, rewards_of, simulate, velocity_of
 
 MACHINE = "machine"
 DEPARTS = 0.25  # of the spread of a signal on the machine: a model further off than this has departed
 LASTS = 3  # cycles in a row that it takes
+GAP = 1.5  # times what is accounted for: from here on it is a gap
 SLOWEST = 0.3  # [Hz] below which nothing counts as a frequency
 
 
@@ -39,7 +41,11 @@ class Figures:
         frequency: strongest of the motion: of the base's height, else of the joint that moves most [Hz].
         height: of a hop, from lowest to highest point, mean over the hops [m]; NaN for robots without a base.
         energy: that the motors drew, electrical [J]; NaN where current or voltage is unknown.
-        same_goals: rms of the model's position error where it is given the machine's goals [rad]; 0 for the machine.
+        same_goals: rms of the model's position error over windows in which it starts where the machine was and is given
+            the machine's goals [rad or m]; 0 for the machine.
+        accounted: what encoders, bus and windows make of it where model and machine are one [rad or m].
+        gap: the largest ratio of the two over joints and base that is beyond :data:`GAP`; None: no gap.
+        gap_at: where that is; None: no gap.
         departs: signal by which it first departs from the machine, None where none does.
         departs_at: when [s].
         departures: time at which each signal departs [s], those that do.
@@ -53,6 +59,9 @@ class Figures:
     height: float
     energy: float
     same_goals: float = 0.0
+    accounted: float = 0.0
+    gap: float | None = None
+    gap_at: str | None = None
     departs: str | None = None
     departs_at: float | None = None
     departures: Mapping[str, float] | None = None
@@ -99,7 +108,7 @@ def compare(config: Mapping[str, Any], folder: Path, say: Callable[[str], None] 
     if config["extended"] is not None:
         models["extended"] = extended_model(config)
     check_policy(policy, config["robot"], list(models.values()))
-    rate, seconds = policy.contract.control_rate, float(config["seconds"])
+    rate, seconds = policy.contract.goal_rate, float(config["seconds"])
     schedule, segment = command_schedule(policy, seconds, int(config["seed"]))
 
     def commands() -> PolicyCommands:
@@ -108,6 +117,7 @@ def compare(config: Mapping[str, Any], folder: Path, say: Callable[[str], None] 
     deploy = {
         **config, "actuator": config["nominal"], "rate": None, "duration": seconds, "out": str(folder), "name": MACHINE,
         "excitation": None, "replay": None, "reference": False, "command": None, "dry_run": False, "dead_man": False,
+        "overruns": "log", "estop": None, "realtime": None,
     }  # fmt: skip
     say(f"On the machine ({'servos' if config['hw']['virtual'] is None else 'virtual bus'}), {seconds:g} s")
     own = commands()
@@ -121,22 +131,53 @@ def compare(config: Mapping[str, Any], folder: Path, say: Callable[[str], None] 
     spent = len(machine.time) / rate
     for name, model in models.items():
         say(f"In the {name} model")
-        run = simulate(model, model.chains, commands(), limits, rate, spent)
-        replay = simulate(model, model.chains, commands(), limits, rate, spent, machine.goal)
-        count = min(len(run.time), len(machine.time))
-        runs[name] = run.cut(count)
-        departures = find_departures(machine.cut(count), runs[name], robot)
+        run = simulate(model, commands(), limits, rate, spent)
+        runs[name] = run.cut(min(len(run.time), len(machine.time)))
+        aligned = Aligned(model)
+        twin, predicted = aligned.predict(run), aligned.predict(machine)
+        unpredictable = find_departures(run, twin, robot)  # from the measured state not even where nothing differs
+        departures = {
+            signal: at
+            for signal, at in find_departures(machine, predicted, robot).items()
+            if signal not in unpredictable
+        }
+        gap = gap_of(errors(machine, predicted), errors(run, twin), robot)
+        departures = departures if gap["gap"] is not None else {}
         first = min(departures, key=lambda signal: departures[signal], default=None)
-        error = replay.position[:count] - machine.position[: len(replay.position)][:count]
         figures[name] = measure(
             run,
-            same_goals=float(np.sqrt(np.mean(error**2))),
+            **gap,
             departs=first,
             departs_at=departures[first] if first else None,
             departures=departures,
         )
     runs[MACHINE], figures[MACHINE] = machine, measure(machine)
     return Comparison(str(policy.path), robot.robot.name, robot.names, robot.base_names, runs, figures, outcome, log)
+
+
+def gap_of(found: np.ndarray, accounted: np.ndarray, robot: ServoRobot) -> dict[str, Any]:
+    """The gap as :class:`Figures` has it, from errors of joints and base (k + b,) and what is accounted for of them."""
+    names = [*robot.names, *(f"base {name}" for name in robot.base_names)]
+    ratio = found / np.maximum(accounted, 1e-9)
+    worst, joints = int(np.argmax(ratio)), len(robot.names)
+    total, expected = (float(np.sqrt(np.mean(rms[:joints] ** 2))) for rms in (found, accounted))
+    there = bool(ratio[worst] > GAP)
+    return {
+        "same_goals": total,
+        "accounted": expected,
+        "gap": float(ratio[worst]) if there else None,
+        "gap_at": names[worst] if there else None,
+    }
+
+
+def verdict(figures: Figures) -> str:
+    """Whether the model and the machine differ, in a sentence."""
+    size = f"{1e3 * figures.same_goals:.3g} mrad over windows of {WINDOW:g} s"
+    known = f"{1e3 * figures.accounted:.3g} mrad are accounted for by encoders, bus and start"
+    if figures.gap is None:
+        return f"no gap: the model's position error is {size}, and {known}."
+    where = f"{figures.gap_at} is off {figures.gap:.1f} times as far"
+    return f"a gap: the model's position error is {size}, and {known}; {where}."
 
 
 def extended_model(config: Mapping[str, Any]) -> ServoRobot:
@@ -201,13 +242,15 @@ def from_log(path: Path, commands: PolicyCommands) -> Recording:
     def column(name: str) -> np.ndarray:
         return np.stack([getattr(joint, name) for joint in joints], axis=1)
 
-    rewards = rewards_of(commands)
-    count = min(len(run.time), *(len(term) for term in rewards.values())) if rewards else len(run.time)
+    begun = commands.history[0].time - run.time[0] if commands.history else 0.0
+    rewards = rewards_of(commands, run.time + begun)
     base = np.stack(list(run.base.values()), axis=1) if run.base else np.zeros((len(run.time), 0))
     columns = {name: column(name) for name in ("goal", "position", "duty", "current", "voltage")}
-    period = (run.time[-1] - run.time[0]) / max(len(run.time) - 1, 1) or 1.0
-    columns["velocity"] = np.diff(columns["position"], axis=0, prepend=columns["position"][:1]) / period
-    return Recording(time=run.time - run.time[0], **columns, base=base, rewards=rewards).cut(count)
+    columns["velocity"] = velocity_of(run.time, columns["position"])
+    links = [joint.link_position for joint in joints if joint.link_position is not None]
+    link = np.stack(links, axis=1) if len(links) == len(joints) else np.empty((0, 0))
+    sent = run.host["goal_sent"] - run.time[0] if "goal_sent" in run.host else np.empty(0)
+    return Recording(time=run.time - run.time[0], **columns, base=base, rewards=rewards, sent=sent, link=link)
 
 
 # --- figures -------------------------------------------------------------------------------------------------------
@@ -234,7 +277,8 @@ def measure(run: Recording, **more: Any) -> Figures:
 
 def strongest_frequency(values: np.ndarray, period: float) -> float:
     """Frequency of the largest line of the spectrum [Hz]; NaN where nothing moves."""
-    centred = (values - values.mean()) * np.hanning(len(values))
+    steps = np.arange(len(values))
+    centred = (values - np.polyval(np.polyfit(steps, values, 1), steps)) * np.hanning(len(values))
     if np.ptp(values) < 1e-6 or len(values) < 16:
         return math.nan
     length = 8 * len(values)
@@ -271,8 +315,8 @@ def find_departures(machine: Recording, model: Recording, robot: ServoRobot) -> 
     found = {}
     for name, (ours, theirs) in signals.items():
         spread = float(ours.std())
-        if spread < 1e-9 or not np.isfinite(theirs).all() or not theirs.any():
-            continue
+        if spread < 1e-9 or not np.isfinite(theirs).any() or not np.nan_to_num(theirs).any():
+            continue  # not measured, or not in the model
         off = np.abs(ours - theirs) > DEPARTS * spread
         lasting = np.convolve(off, np.ones(LASTS), "valid") >= LASTS
         if lasting.any():
@@ -288,7 +332,8 @@ ROWS: tuple[tuple[str, str, float], ...] = (
     ("frequency [Hz]", "frequency", 1.0),
     ("height of a hop [mm]", "height", 1e3),
     ("electrical energy [J]", "energy", 1.0),
-    ("gap: position error, same goals [mrad]", "same_goals", 1e3),
+    ("position error, same start and goals [mrad]", "same_goals", 1e3),
+    ("  of it accounted for [mrad]", "accounted", 1e3),
 )
 
 
@@ -334,6 +379,9 @@ def write_comparison(comparison: Comparison, folder: Path, say: Callable[[str], 
     header, rows = table(comparison)
     for row in [header, *rows]:
         say(f"  {row[0]:<40}" + "".join(f"{cell:>18}" for cell in row[1:]))
+    for name, figures in comparison.figures.items():
+        if name != MACHINE:
+            say(f"  The {name} model: {verdict(figures)}")
     if comparison.ending != "finished":
         say(f"  The machine's run ended early: {comparison.ending}")
     say(f"  Page  {paths['page']}")

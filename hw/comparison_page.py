@@ -11,7 +11,7 @@ from plotly.offline import get_plotlyjs
 from plotly.subplots import make_subplots
 
 from ..gap.output.pictures.style import COLOURS
-from .comparison import MACHINE, Comparison, table
+from .comparison import MACHINE, Comparison, table, verdict
 
 PEN = {"nominal": COLOURS["nominal"], "extended": COLOURS["extended"], MACHINE: COLOURS["measured"]}
 STYLE = """
@@ -39,9 +39,9 @@ def write_page(comparison: Comparison, path: Path) -> Path:
 <script>{get_plotlyjs()}</script></head><body>
 <h1>{html.escape(headline(comparison))}</h1>
 <p class="small">Policy {html.escape(comparison.policy)} on robot {html.escape(comparison.robot)}. Each column
-is the same policy, asked for the same, from the same start. The gap is the model's position error where it is given the
-goals that the machine got. The machine's run: {html.escape(comparison.ending)}; its log is
-{html.escape(str(comparison.log))}.</p>
+is the same policy, asked for the same, from the same start. The gap is the model's position error over short windows,
+in which it starts where the machine was and is given the goals that the machine got. What was not measured is not
+compared. The machine's run: {html.escape(comparison.ending)}; its log is {html.escape(str(comparison.log))}.</p>
 <div class="wide"><table><thead><tr>{head}</tr></thead><tbody>{body}</tbody></table></div>
 <h2>Signals over time</h2><p class="small">Drag to zoom, double-click to see all; a click in the legend hides a line.
 Dotted lines: where a model's signal first departs.</p>
@@ -57,18 +57,18 @@ Dotted lines: where a model's signal first departs.</p>
 
 def headline(comparison: Comparison) -> str:
     """The comparison in a sentence."""
-    figures = comparison.figures
-    gaps = {name: 1e3 * figures[name].same_goals for name in figures if name != MACHINE}
-    parts = " and ".join(f"{gap:.1f} mrad in the {name} model" for name, gap in gaps.items())
-    first = figures["nominal"]
-    departs = f"; {first.departs} departs first, after {first.departs_at:.2f} s" if first.departs else ""
-    return f"The machine is off by {parts}{departs}."
+    said = [f"The {name} model: {verdict(row)}" for name, row in comparison.figures.items() if name != MACHINE]
+    first = comparison.figures["nominal"]
+    departs = f" {first.departs} departs first, after {first.departs_at:.2f} s." if first.departs else ""
+    return " ".join(said) + departs
 
 
 def _signals(comparison: Comparison) -> str:
     joints = comparison.joints
     panels = [(f"{joint}: {label}", field, k) for k, joint in enumerate(joints) for label, field in _FIELDS]
-    panels += [(f"{name} [m]", "base", k) for k, name in enumerate(comparison.base)]
+    panels += [(name, "base", k) for k, name in enumerate(comparison.base)]
+    measured = comparison.runs[MACHINE]
+    panels = [panel for panel in panels if np.ptp(getattr(measured, panel[1])[:, panel[2]]) > 0.0]
     chart = make_subplots(
         rows=len(panels),
         cols=1,

@@ -39,6 +39,7 @@ class Observer:
     Attributes:
         task: of the policy.
         command: what is asked of the robot (c,), as in the task.
+        base_names: quantities of the base that readings hold, in their order.
         state: of the policy (s,), see :class:`sealegs.envs.contract.Contract`.
     """
 
@@ -59,7 +60,7 @@ class Observer:
         if self.command.shape != middle.shape:
             raise SealegsError(f"the task takes {len(middle)} command value(s), not {len(self.command)}.")
         self.numbers = robot.robot.parameters(robot.params)
-        self._base, self._base_names = BaseLayout(robot.robot, robot.params), robot.base_names
+        self._base, self.base_names = BaseLayout(robot.robot, robot.params), robot.base_names
         self._dt, self._count = 1.0 / contract.control_rate, len(contract.actions)
         self._constants = np.array([_motor_constant(robot, name) for name in robot.names])
         self.state = np.array(contract.state)
@@ -77,17 +78,23 @@ class Observer:
         self.state[1 + self._count : 1 + 2 * self._count] = self.action
         self.state[1 : 1 + self._count] = np.clip(action, -1.0, 1.0)
 
-    def glance(self, reading: Reading) -> None:
-        """Note the power drawn at a reading between two control steps."""
+    def glance(self, reading: Reading, torque: np.ndarray | None = None) -> None:
+        """Note the power drawn at a reading between two control steps; arguments as in :meth:`see`."""
         if isinstance(self.task, ModulatedTask):
-            torque = (self._constants * reading.current)[None]
-            self._drawn.append(float(self.task.power(self.numbers, torque, reading.velocity[None])[0]))
+            torque = self._constants * reading.current if torque is None else torque
+            self._drawn.append(float(self.task.power(self.numbers, torque[None], reading.velocity[None])[0]))
 
-    def see(self, reading: Reading) -> Seen:
-        """The control step that ends with ``reading``."""
+    def see(self, reading: Reading, torque: np.ndarray | None = None) -> Seen:
+        """The control step that ends with ``reading``.
+
+        Args:
+            reading: of servos and sensors.
+            torque: of the joints (k,) [N.m or N]; None: as the currents say.
+        """
+        torque = self._constants * reading.current if torque is None else torque
         position, link = reading.position, reading.link
-        measured = dict(zip(self._base_names, reading.base_position.tolist(), strict=True))
-        rates = dict(zip(self._base_names, reading.base_velocity.tolist(), strict=True))
+        measured = dict(zip(self.base_names, reading.base_position.tolist(), strict=True))
+        rates = dict(zip(self.base_names, reading.base_velocity.tolist(), strict=True))
         qpos = self._base.qpos(measured)
         if self._last is None:
             self._start(position)
@@ -106,7 +113,7 @@ class Observer:
             link_speed=link_speed[None],
             reading=position[None],
             reading_speed=speed[None],
-            torque=(self._constants * reading.current)[None],
+            torque=torque[None],
             motor_speed=speed[None],
             action=self.action[None],
             previous_action=self.state[None, 1 + count : 1 + 2 * count],

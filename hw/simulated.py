@@ -1,9 +1,9 @@
-"""A robot in the simulator, run like one on servos: the same readings, commands, limits and records."""
+"""A robot in the simulator, run like one on servos: the same bus, readings, commands, limits and records."""
 
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import Any
 
 import numpy as np
@@ -11,7 +11,7 @@ import numpy as np
 from .commands import Commands
 from .robot import Reading, ServoRobot
 from .safety import Limits, Safety
-from .virtual.machine import Machine
+from .virtual.in_process import bus_in_process
 
 SETTLING = 1.0  # [s] that the robot holds the start before the run, as on servos
 
@@ -21,11 +21,13 @@ class Recording:
     """One run at the control rate: n cycles of k joints.
 
     Attributes:
-        time: (n,) [s].
-        goal, position, velocity: (n, k) [rad], [rad/s].
+        time: of the readings (n,) [s].
+        goal, position, velocity: (n, k) [rad or m], per second.
         duty, current, voltage: (n, k) [-], [A], [V].
         base: of the robot's base, as far as it is measured (n, b).
-        rewards: terms of the reward by name (n,); of a policy only.
+        rewards: terms of the reward by name (n,), 0 in cycles without a control step; of a policy only.
+        sent: when each cycle's goals went out (n,) [s]; empty: with the reading.
+        link: position behind springs (n, k); empty: not measured.
     """
 
     time: np.ndarray
@@ -37,6 +39,8 @@ class Recording:
     voltage: np.ndarray
     base: np.ndarray
     rewards: Mapping[str, np.ndarray]
+    sent: np.ndarray = field(default_factory=lambda: np.empty(0))
+    link: np.ndarray = field(default_factory=lambda: np.empty((0, 0)))
 
     @property
     def period(self) -> float:
@@ -50,81 +54,81 @@ class Recording:
 
 
 def simulate(
-    robot: ServoRobot,
-    chains: Mapping[str, Any],
-    commands: Commands,
-    limits: Limits,
-    rate: float,
-    duration: float,
-    goals: np.ndarray | None = None,
+    robot: ServoRobot, commands: Commands, limits: Limits, rate: float, duration: float, hidden: str | None = None
 ) -> Recording:
-    """Run ``commands`` in the simulator.
+    """Run ``commands`` on virtual servos in this process, in simulated time.
 
     Args:
-        robot: its numbers and ranges.
-        chains: on its joints.
+        robot: its numbers, chains and ranges.
         commands: source of goals.
         limits: of safety; goals are cut as on servos, nothing else can stop a simulation.
         rate: cycles per second [Hz].
         duration: [s].
-        goals: to command instead of what ``commands`` says (n, k) [rad]; where it starts is still theirs.
+        hidden: file of what the machine really is; None: what ``robot`` is believed to be.
     """
-    machine = Machine(robot.robot, dict(chains), None, robot.params, {s.name: s.per_radian for s in robot.sensors})
-    count = round(duration * rate)
+    pose = getattr(commands, "pose", None)
+    bus, rig = bus_in_process(robot, hidden=hidden, pose=pose)
+    clock = bus.line.port
     safety = Safety(robot, limits, 1.0 / rate)
+    reading = robot.reading(bus.read_state(robot.all_ids))
     start = commands.start()
-    sent = np.clip(_read(machine, robot, None, 1.0).position if start is None else start, robot.low, robot.high)
-    for joint, goal in enumerate(sent):
-        machine.set_goal(joint, float(goal))
-    machine.advance(SETTLING)
-    rows: list[tuple[np.ndarray, ...]] = []
-    reading: Reading | None = None
-    for cycle in range(count):
-        machine.advance(SETTLING + cycle / rate)
-        reading = _read(machine, robot, reading, 1.0 / rate)
-        wanted = commands.goals(cycle / rate, reading) if goals is None else goals[min(cycle, len(goals) - 1)]
-        admitted = safety.admit(wanted, sent)
+    sent = np.clip(reading.position if start is None else start, robot.low, robot.high)
+    bus.torque_on(robot.ids)
+    bus.write_goals(robot.ids, robot.to_servo(sent))
+    clock.sleep(SETTLING)
+    rig.held = None
+    begun = clock.now()
+    rows: list[tuple[Any, ...]] = []
+    for cycle in range(round(duration * rate)):
+        clock.sleep(begun + cycle / rate - clock.now())
+        reading = robot.reading(bus.read_state(robot.all_ids), reading)
+        admitted = safety.admit(commands.goals(cycle / rate, reading), sent)
         if not isinstance(admitted, np.ndarray):
             break
         sent = admitted
-        for joint, goal in enumerate(sent):
-            machine.set_goal(joint, float(goal))
-        rows.append(
-            (sent, reading.position, reading.velocity, reading.duty, reading.current, reading.voltage,
-             reading.base_position)
-        )  # fmt: skip
+        went = bus.write_goals(robot.ids, robot.to_servo(sent))
+        rows.append((*_signals(reading), sent, went))
     columns = [np.array(column) for column in zip(*rows, strict=True)]
-    return Recording(np.arange(len(rows)) / rate, *columns, rewards=rewards_of(commands))  # type: ignore[arg-type]
+    time, position, duty, current, voltage, base, link, goal, went = columns
+    return Recording(
+        time=time - time[0],
+        goal=goal,
+        position=position,
+        velocity=velocity_of(time, position),
+        duty=duty,
+        current=current,
+        voltage=voltage,
+        base=base,
+        rewards=rewards_of(commands, time),
+        sent=went - time[0],
+        link=link if robot.measures_links else np.empty((0, 0)),
+    )
 
 
-def rewards_of(commands: Commands) -> dict[str, np.ndarray]:
-    """Terms of the reward by name (n,) that a policy's cycles earned; the first ends no step and earns nothing."""
+def _signals(reading: Reading) -> tuple[Any, ...]:
+    r = reading
+    return r.time, r.position, r.duty, r.current, r.voltage, r.base_position, r.link
+
+
+def velocity_of(time: np.ndarray, position: np.ndarray) -> np.ndarray:
+    """Differences over a cycle (n, k), as the models have them."""
+    period = (time[-1] - time[0]) / max(len(time) - 1, 1) or 1.0
+    return np.diff(position, axis=0, prepend=position[:1]) / period
+
+
+def rewards_of(commands: Commands, time: np.ndarray) -> dict[str, np.ndarray]:
+    """Terms of the reward by name (n,) that a policy's control steps earned; the first ends no step and earns nothing.
+
+    Args:
+        commands: of the run.
+        time: of its cycles (n,), on the clock of its readings [s].
+    """
     history = getattr(commands, "history", [])
     if not history:
         return {}
-    return {name: np.array([0.0, *(seen.rewards[name] for seen in history[1:])]) for name in history[0].rewards}
-
-
-def _read(machine: Machine, robot: ServoRobot, last: Reading | None, period: float) -> Reading:
-    """What servos would read; velocity as the difference over a cycle."""
-    joints = range(len(robot.joints))
-    position = np.array([machine.reading(k) for k in joints])
-    velocity = np.zeros(len(position)) if last is None else (position - last.position) / period
-    sensors = {s.name: s.per_radian * machine.reading(k) for k, s in enumerate(robot.sensors, len(position))}
-    link = np.array([sensors.get(f"{name}.link", position[k]) for k, name in enumerate(robot.names)])
-    base = np.array([sensors[name] for name in robot.base_names])
-    speed = np.zeros(len(base)) if last is None else (base - last.base_position) / period
-    return Reading(
-        before=machine.time,
-        after=machine.time,
-        position=position,
-        velocity=velocity,
-        duty=np.array([machine.duty(k) for k in joints]),
-        current=np.array([machine.current(k) for k in joints]),
-        voltage=np.array([machine.voltage(k) for k in joints]),
-        temperature=np.full(len(position), np.nan),
-        link=link,
-        base_position=base,
-        base_velocity=speed,
-        state=None,
-    )
+    at = [int(np.argmin(np.abs(time - seen.time))) for seen in history[1:]]
+    found = {name: np.zeros(len(time)) for name in history[0].rewards}
+    for row, seen in zip(at, history[1:], strict=True):
+        for name, value in seen.rewards.items():
+            found[name][row] += value
+    return found

@@ -20,6 +20,7 @@ from sealegs.hw.comparison import (
     measure,
     strongest_frequency,
     table,
+    verdict,
     write_comparison,
 )
 from sealegs.hw.robot import build_robot
@@ -51,9 +52,11 @@ def test_the_model_with_the_hidden_effect_is_nearer_to_the_machine(comparison: t
     assert comparison[0].ending == "finished"
     nominal, extended = figures["nominal"], figures["extended"]
     assert extended.same_goals < 0.5 * nominal.same_goals
+    assert nominal.gap is not None and nominal.gap_at == "joint" and "a gap" in verdict(nominal)
+    assert extended.gap is None and "no gap" in verdict(extended), "nothing is hidden from the extended model"
     assert figures[MACHINE].same_goals == 0.0 and figures[MACHINE].departs is None
     assert nominal.departs is not None and nominal.departs_at is not None and nominal.departs_at < 4.0
-    assert extended.departs_at is None or extended.departs_at >= nominal.departs_at
+    assert extended.departs is None
     assert math.isfinite(figures[MACHINE].reward) and set(figures[MACHINE].terms) == {
         "reward_tracking",
         "reward_energy",
@@ -72,7 +75,7 @@ def test_table_and_page_are_written_once_and_ask_no_network(comparison: tuple[Co
     assert document["figures"]["nominal"]["height"] is None, "JSON knows no NaN"
     page = written["page"].read_text()
     assert "joint: velocity" in page, "whatever may be named as first to depart is drawn"
-    assert "Signals over time" in page and 'src="http' not in page and "same goals" in page
+    assert "Signals over time" in page and 'src="http' not in page and "same start and goals" in page
     header, rows = table(result)
     assert header == ["", "nominal", "extended", "machine"]
     labels = [row[0] for row in rows]

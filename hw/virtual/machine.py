@@ -12,7 +12,7 @@ from ...actuators import Chain
 from ...actuators.engine import install
 from ...actuators.errors import SealegsError, nearest
 from ...actuators.law import host_reading
-from ...actuators.layout import S_CURRENT, S_DUTY, S_READY
+from ...actuators.layout import S_CURRENT, S_DUTY, S_READY, S_TORQUE
 from ...actuators.stages import build_stage
 from ...envs.base import BaseLayout
 from ...envs.robot import Robot
@@ -207,6 +207,22 @@ class Machine:
         if joint >= len(self.names):
             return self.position(joint)
         return float(host_reading(self._programs[joint], self._states[joint], self.data.time, self.position(joint)))
+
+    def link(self, joint: int) -> float:
+        """Position of a joint behind its spring, if any [rad or m], true."""
+        return float(self.drivetrain.position(self.names[joint], self.data.qpos, "link"))
+
+    def velocity(self, joint: int) -> float:
+        """Speed of a joint's motor side [rad/s or m/s], true."""
+        return float(self.drivetrain.speed(self.names[joint], self.data.qvel))
+
+    def torque(self, joint: int) -> float:
+        """Motor torque on a joint, dry friction excluded [N.m or N], true."""
+        return float(self._states[joint][S_TORQUE])
+
+    def base(self) -> tuple[dict[str, float], dict[str, float]]:
+        """Quantities of :mod:`sealegs.envs.base` and their rates, true; a free joint's turn rates are left at 0."""
+        return self.layout.values_of(self.model, self.data.qpos), self.layout.rates_of(self.model, self.data.qvel)
 
     def duty(self, joint: int) -> float:
         """Duty of the bridge [-1..1]; 0 for chains without one, and while the motor is disconnected."""
