@@ -6,8 +6,8 @@
 
 Each policy is exported and runs from its file in the control loop: servos with their encoders' steps, the time of the
 bytes on a line of 1 Mbit/s, sensors, limits of safety. Time is simulated. In simulation the same policy runs
-in the environment that it was trained in, from several starts. Both are asked for the middle of what it was trained for.
-The return on the bus is that of the machine's true motion; beside it stands what the servos' readings say.
+in the environment that it was trained in, from several starts. Both are asked for the middle of what it was trained
+for. The return on the bus is that of the machine's true motion; beside it stands what the servos' readings say.
 """
 
 from __future__ import annotations
@@ -161,8 +161,8 @@ def table(rows: list[dict[str, Any]]) -> str:
     lines = [
         "# Policies on the virtual bus",
         "",
-        f"Return over {SECONDS:g} s of each policy in `policies/` on the virtual machine of its robot with its sensors, "
-        f"beside the mean of {STARTS} starts in the environment that it was trained in. Return counts until the robot "
+        f"Return over {SECONDS:g} s of each policy in `policies/` on the virtual machine of its robot with its sensors,"
+        f" beside the mean of {STARTS} starts in the environment that it was trained in. Return counts until the robot "
         "falls. `python -m benchmarks.policies_on_the_bus`",
         "",
         "| policy | on the bus | as the readings say | s | in simulation | s | share | to reach | |",

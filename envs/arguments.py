@@ -19,6 +19,7 @@ ENGINE: dict[str, tuple[Any, Any]] = {
     "randomization": (Mapping[str, Any] | str | None, None),
     "params": (Mapping[str, float] | None, None),
     "control_rate": (float, None),  # the task's own
+    "action_delay": (float, 0.0),
 }
 """Arguments of the engine that an environment takes: type and default."""
 

@@ -72,6 +72,7 @@ class BatchEngine:
         randomization: Source = None,
         params: Mapping[str, float] | None = None,
         control_rate: float = 50.0,
+        action_delay: float = 0.0,
         max_episode_steps: int | None = None,
         autoreset: bool = True,
         threads: int = 0,
@@ -86,6 +87,8 @@ class BatchEngine:
             params: numbers of the robot other than its own.
             control_rate: actions per second [Hz]; the physics step must fit into their distance a whole number of
                 times.
+            action_delay: from an observation to the goal that follows from it [s], a whole number of physics steps
+                and less than the distance of two goals; the goal before holds meanwhile.
             max_episode_steps: control steps until truncation; None: never.
             autoreset: start a new episode in the step that ends one.
             threads: of the engine; 0: one per core.
@@ -104,6 +107,7 @@ class BatchEngine:
             self.drivetrain = task.robot.drivetrain(self.randomization.chains, params)
         model = self.drivetrain.model
         self.substeps = _substeps(control_rate, model.opt.timestep)
+        self._late = _late(action_delay, model.opt.timestep)
         self.dt = self.substeps * model.opt.timestep
         self.max_episode_steps, self.autoreset = max_episode_steps, autoreset
         self.batch = Batch(model, num_envs, 1 if num_envs == 1 else threads)
@@ -128,6 +132,10 @@ class BatchEngine:
         self._link_before, self._reading_before = np.zeros(shape), np.zeros(shape)
         self._generated = _Generated(task, self) if isinstance(task, ModulatedTask) else None
         self.goals_per_step = self._generated.goals_per_step if self._generated is not None else 1
+        longest = self.substeps if self._generated is None else self._generated.substeps
+        if self._late >= longest:
+            most = longest * model.opt.timestep
+            raise SealegsError(f"action_delay is {action_delay:g} s; here it must be less than {most:g} s.")
         self.watch: Callable[[], None] = _nobody  # called at each new goal, for films
         self._command = np.zeros((num_envs, task.commands(np.zeros((1, task.draws))).shape[1]))
         self.steps = np.zeros(num_envs, dtype=np.int64)
@@ -212,9 +220,12 @@ class BatchEngine:
         if self._generated is not None:
             self._generated.step(action)
         else:
-            self._ctrl[:] = self._goals(action)
+            goals = self._goals(action)
+            if self._late:
+                self.batch.step(nstep=self._late)
+            self._ctrl[:] = goals
             self.watch()
-            self.batch.step(nstep=self.substeps)
+            self.batch.step(nstep=self.substeps - self._late)
         self._action = action
         self.steps += 1
         motion = self.motion(previous)
@@ -314,7 +325,7 @@ class _Generated:
                 f"{task.sample_period:g} s and steps of {timestep:g} s do not fit into one another a whole number of "
                 "times; change control_rate."
             )
-        self.goals_per_step, self._samples, self._substeps = (round(count) for count in periods)
+        self.goals_per_step, self._samples, self.substeps = (round(count) for count in periods)
         self._memory = np.zeros((engine.num_envs, task.memory))
         self._power = np.zeros(engine.num_envs)
         self._qpos_rate = np.zeros_like(engine._qpos)
@@ -329,10 +340,12 @@ class _Generated:
         before, total = engine._qpos.copy(), np.zeros(engine.num_envs)
         for _ in range(self.goals_per_step):
             goals = task.generate(engine.numbers, action, engine._command, self._memory)
+            if engine._late:  # goals before it hold; power is sampled where it was
+                engine.batch.step(nstep=engine._late)
             engine._ctrl[:] = np.clip(goals, *engine._limits)
             engine.watch()
-            for _ in range(self._samples):
-                engine.batch.step(nstep=self._substeps)
+            for sample in range(self._samples):
+                engine.batch.step(nstep=self.substeps - (engine._late if sample == 0 else 0))
                 torque, speed = engine._userdata[:, engine._torques], engine._motor.speed(engine._qvel)
                 total += task.power(engine.numbers, torque, speed)
         self._power = total / (self.goals_per_step * self._samples)
@@ -370,6 +383,16 @@ class _Sides:
         for columns, weights in terms[1:]:
             total += values[:, columns] * weights
         return total
+
+
+def _late(action_delay: float, timestep: float) -> int:
+    """Physics steps in a delay [s]."""
+    count = action_delay / timestep
+    if action_delay < 0.0 or abs(count - round(count)) > 1e-6 * max(count, 1.0):
+        raise SealegsError(
+            f"action_delay is {action_delay:g} s; it must be a whole number of steps of {timestep:g} s, or 0."
+        )
+    return round(count)
 
 
 def _substeps(control_rate: float, timestep: float) -> int:

@@ -120,6 +120,11 @@ class Metronome:
         """The host's monotonic clock, or in stepped time the machine's [s]."""
         return self._woke if self.stepped else self._clock.now()
 
+    def hold(self, time: float) -> None:
+        """Wait within a cycle until ``time`` [s]; not at all where it has passed."""
+        if (left := time - self._clock.now()) > 0.0:
+            self._clock.sleep(left)
+
     def wait(self) -> float:
         """Sleep until the next cycle is due; :meth:`now` at its beginning [s]."""
         if self.stepped:

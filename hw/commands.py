@@ -53,6 +53,7 @@ class PolicyCommands:
     Attributes:
         observer: that makes its observations.
         history: every control step so far as the policy saw it.
+        delay: from a reading to the goals that follow from it, fixed [s]; 0: as soon as they are known.
         pose: of the whole robot at the start, by joint [rad or m]: how a person holds it up.
     """
 
@@ -72,6 +73,7 @@ class PolicyCommands:
         self.observer = Observer(policy.contract, robot, None if self._schedule is None else self._schedule[0])
         self._policy = policy
         self.name, self.rate, self.duration = "policy", policy.contract.goal_rate, math.inf
+        self.delay = policy.contract.delay
         self.description = {"policy": str(policy.path), "command": self.observer.command.tolist()}
         self.history: list[Seen] = []
         self.pose = start_pose(policy.contract)

@@ -117,7 +117,6 @@ def compare(config: Mapping[str, Any], folder: Path, say: Callable[[str], None] 
     deploy = {
         **config, "actuator": config["nominal"], "rate": None, "duration": seconds, "out": str(folder), "name": MACHINE,
         "excitation": None, "replay": None, "reference": False, "command": None, "dry_run": False, "dead_man": False,
-        "overruns": "log", "estop": None, "realtime": None,
     }  # fmt: skip
     say(f"On the machine ({'servos' if config['hw']['virtual'] is None else 'virtual bus'}), {seconds:g} s")
     own = commands()

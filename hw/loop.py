@@ -306,6 +306,8 @@ class ControlLoop:
         if isinstance(admitted, Fault):
             self._write(reading, NOWHERE)
             return admitted
+        if (delay := getattr(self.commands, "delay", 0.0)) > 0.0 and not self._metronome.stepped:
+            self._metronome.hold(reading.time + delay)
         try:
             sent = self.bus.write_goals(ids, self.robot.to_servo(admitted))
             sent = self._metronome.now() if self._metronome.stepped else sent

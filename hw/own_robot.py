@@ -26,7 +26,8 @@ def own_robot(word: str) -> dict[str, Any]:
     robot = get_robot(path)
     if robot.file is None:
         raise RobotError(f"robot={word} is no file of a robot.")
-    config = {**yaml.safe_load((FOLDER / "robot" / f"{DEFAULTS}.yaml").read_text()), "sensors": {}}
+    config = {**yaml.safe_load((FOLDER / "robot" / f"{DEFAULTS}.yaml").read_text())}
+    config |= {"sensors": {}, "gears": {}, "registers": {}}
     given = robot.file.deploy
     known = [key for key in config if key not in ("name", "params", "actuator")]
     for key in given:

@@ -8,13 +8,14 @@ from typing import Any
 
 import numpy as np
 import pytest
+from sealegs.actuators.errors import SealegsError
 from sealegs.agents.action_pipeline import ActionPipeline
 from sealegs.agents.export import export_policy
 from sealegs.agents.make_env import make_vec_env
 from sealegs.agents.onnx_graph import OnnxGraph
 from sealegs.agents.policy_files import load_policy
 from sealegs.agents.traced import ROWS, Traced, TracingError
-from sealegs.envs.contract import start_pose
+from sealegs.envs.contract import make_contract, start_pose
 from sealegs.hw.policy import Policy
 
 POLICIES = Path(__file__).resolve().parents[1] / "policies"
@@ -111,3 +112,18 @@ def test_what_a_file_cannot_say_is_refused_by_name() -> None:
     assert "plain one" in refused(lambda: np.asarray(traced))
     assert "in place" in refused(in_place)
     assert "measured" in refused(lambda: traced + np.arange(3 * ROWS).reshape(ROWS, 3))
+
+
+def test_a_fixed_delay_is_in_contract_and_environment() -> None:
+    env = {"id": "SeaLegs/Hopper-v0", "action_delay": 0.005}
+    late, prompt = (make_vec_env({**env, "action_delay": delay}, None, 1, seed=0) for delay in (0.005, 0.0))
+    chains = {name: chain.to_list() for name, chain in late.engine.chains.items()}
+    assert make_contract(env, chains, 50.0).delay == 0.005
+    late.reset(), prompt.reset()
+    action = np.full((1, 2), 0.5)
+    moved = [env.engine.step(action).observation for env in (late, prompt)]
+    assert np.abs(moved[0] - moved[1]).max() > 1e-3, "goals hold for 5 ms more"
+    with pytest.raises(SealegsError, match="whole number of steps"):
+        make_vec_env({**env, "action_delay": 0.0055}, None, 1, seed=0)
+    with pytest.raises(SealegsError, match=r"less than 0\.02 s"):
+        make_vec_env({**env, "action_delay": 0.02}, None, 1, seed=0)
