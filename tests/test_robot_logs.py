@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -15,7 +16,9 @@ from sealegs.gap.load.robot import LoggedRobot, robot_of
 from sealegs.gap.load.tree import ANGLE, Motion, terms_along
 from sealegs.gap.log.parts import cut
 from sealegs.gap.log.types import MeasuredRun
+from sealegs.gap.replay.frames import check_frames
 from sealegs.gap.replay.free import FreeProblem, free_problem
+from sealegs.gap.replay.joint_model import JointModel
 from sealegs.gap.replay.tree import joint_of_tree, not_free, terms_of
 from sealegs.gap.search.windows import split
 
@@ -103,6 +106,37 @@ def test_a_joint_whose_neighbour_was_not_logged_moves_as_measured(tmp_path: Path
     del run.joints["elbow"]
     why = not_free(robot(run), "shoulder", [run])
     assert why is not None and "'elbow.position'" in why.sentence
+
+
+def test_frames_of_the_sidecar_undo_another_zero_and_direction(tmp_path: Path) -> None:
+    data, _ = hidden_arm(tmp_path, "two_link", {}, seed=5, runs=1, duration=4.0, nominal_error=0.0)
+    run = data.runs[0]
+    elbow = run.joints["elbow"]
+    assert elbow.goal is not None
+    turned = replace(elbow, goal=0.7 - elbow.goal, position=0.7 - elbow.position, velocity=None)
+    other = replace(run, joints={**run.joints, "elbow": turned})
+    said = replace(other, meta={**run.meta, "frames": {"elbow": {"zero": 0.7, "direction": -1}}})
+    for joint in ("shoulder", "elbow"):
+        assert error(problem(other, joint)) > 3.0 * NOISE_FLOOR
+        assert error(problem(said, joint)) < 1.5 * NOISE_FLOOR
+
+
+def test_a_frame_that_is_none_is_told_in_a_sentence(tmp_path: Path) -> None:
+    data, _ = hidden_arm(tmp_path, "two_link", {}, seed=5, runs=1, duration=2.0)
+    with pytest.raises(SealegsError, match="meta.frames is by joint"):
+        robot_of(replace(data.runs[0], meta={"frames": {"elbow": {"zero": "left"}}}))
+
+
+def test_wrong_directions_are_doubted_and_right_ones_are_not(tmp_path: Path) -> None:
+    data, _ = hidden_arm(tmp_path, "two_link", {}, seed=5, runs=1, duration=4.0)
+    run = data.runs[0]
+    chains = {joint: JointModel(load_chain(run.actuators[joint])) for joint in run.joints}
+    assert "robot.frame" not in [finding.code for finding in check_frames(robot(run), [run], chains)]
+    shoulder = run.joints["shoulder"]
+    assert shoulder.goal is not None
+    moved = replace(shoulder, goal=shoulder.goal + 1.6, position=shoulder.position + 1.6)
+    other = replace(run, joints={**run.joints, "shoulder": moved})
+    assert "robot.frame" in [finding.code for finding in check_frames(robot(run), [other], chains)]
 
 
 def columns(run: MeasuredRun) -> dict[str, Any]:

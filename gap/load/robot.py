@@ -3,9 +3,10 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from functools import lru_cache
 from pathlib import Path
+from typing import Any
 
 import mujoco
 
@@ -101,7 +102,29 @@ def robot_of(run: MeasuredRun) -> LoggedRobot | None:
             "log's folder."
         )
     stamps = tuple(item.stat().st_mtime_ns for item in path.parent.iterdir() if is_robot_file(item) and item.is_file())
-    return _read(path, stamps, tuple(sorted(run.robot_params.items())))
+    found = _read(path, stamps, tuple(sorted(run.robot_params.items())))
+    frames = run.meta.get("frames")
+    return found if frames is None else replace(found, frames=_frames(frames, run.name, found))
+
+
+def _frames(said: Any, run: str, robot: LoggedRobot) -> dict[str, Frame]:
+    """``meta.frames`` of a sidecar: by joint the log's angle where the model is at zero, and the direction.
+
+    Raises:
+        SealegsError: it says something else.
+    """
+    frames = {}
+    for name, entry in said.items() if isinstance(said, dict) else [("frames", said)]:
+        zero, way = (entry.get("zero", 0.0), entry.get("direction", 1)) if isinstance(entry, dict) else (None, None)
+        sound = isinstance(zero, int | float) and way in (1, -1) and not set(entry) - {"zero", "direction"}
+        if not sound or not isinstance(zero, int | float):
+            raise LogError(
+                f"{run}: meta.frames is by joint, such as elbow: {{zero: -1.57, direction: -1}}, the log's angle [rad] "
+                f"where the model is at zero, and 1 or -1; not {name}: {entry!r}."
+            )
+        robot.joint(str(name))
+        frames[str(name)] = Frame(float(zero), 1.0 if way == 1 else -1.0)
+    return frames
 
 
 @lru_cache(maxsize=8)

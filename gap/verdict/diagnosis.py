@@ -22,11 +22,12 @@ from ..checks.off import released
 from ..checks.stops import stops_of, told_stops
 from ..experiment import Experiment, Limits, blind_spots, experiment_for_still, propose
 from ..ground.ground import GROUND, GroundSearch, search_ground
-from ..load.robot import robot_of
+from ..load.robot import LoggedRobot, robot_of
 from ..log.finding import Finding
 from ..log.parts import cut
 from ..log.types import LogError, MeasuredRun, MeasuredSet
 from ..replay.driven import driven_problem
+from ..replay.frames import check_frames
 from ..replay.free import free_problem
 from ..replay.joint_model import JointModel
 from ..replay.steps import converged
@@ -85,6 +86,7 @@ def diagnose(
         first = [_first_experiment(runs, joint, stop, order) for joint in joints]
         why = Refused("the log", stop.sentence)
         return [refuse(joint, why, findings, plan) for joint, plan in zip(joints, first, strict=True)]
+    findings = [*findings, *_frame_findings(runs, progress)]
     found: list[JointDiagnosis] = []
     for joint in joints:
         found.append(_whatever_happens(runs, joint, findings, order))
@@ -171,17 +173,32 @@ def _check(data: MeasuredSet, progress: Progress) -> tuple[MeasuredSet, list[Fin
     return data, merged(every), unusable(every, data)
 
 
+def _frame_findings(runs: Sequence[MeasuredRun], progress: Progress) -> list[Finding]:
+    """How the angles of the log stand to those of the robot's model, where every drive's chain is known."""
+    robot = robot_of(runs[0])
+    if robot is None or robot.file.base == "free":
+        return []
+    progress("comparing zeros and directions of log and model")
+    models = {joint: JointModel(_chain_of(runs[0], joint, robot)) for joint in runs[0].joints}
+    return check_frames(robot, runs, models)
+
+
+def _chain_of(run: MeasuredRun, joint: str, robot: LoggedRobot | None) -> Chain:
+    """The chain that the sidecar names, or else the robot's file."""
+    if robot is None:
+        return _chain(run, joint)
+    item = robot.joint(joint)
+    return item.carried(_chain(run, joint) if joint in run.actuators else item.chain)
+
+
 def _cut(runs: Sequence[MeasuredRun], joint: str, test_group: str | None) -> Cut:
     robot = robot_of(runs[0])
     missing = [run.name for run in runs if joint not in run.actuators]
     if missing and robot is None:
         raise LogError(f"{missing[0]}: the sidecar names no actuator for joint '{joint}'; add it under 'actuators'.")
-    chains = [
-        _chain(run, joint) if robot is None or joint in run.actuators else robot.joint(joint).chain for run in runs
-    ]
+    chains = [_chain_of(run, joint, robot) for run in runs]
     terms, findings = None, []
     if robot is not None:
-        chains = [robot.joint(joint).carried(chain) for chain in chains]
         why = not_free(robot, joint, runs)
         if why is None:
             terms = terms_of(robot, joint, runs)

@@ -1,0 +1,156 @@
+"""The finder against hidden arms: two links and six joints, one effect at one joint, nulls and strangers.
+
+``python -m benchmarks.hidden_arm`` (``make hidden-arm``) runs the matrix and writes ``results/hidden_arm.md`` from
+``hidden_arm.jsonl``, where every arm that is done is kept: it can be stopped and goes on. A part of it by words of its
+keys: ``python -m benchmarks.hidden_arm two_link friction``. Seeds below 900 are for development.
+"""
+
+from __future__ import annotations
+
+import json
+import sys
+import tempfile
+import time
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from sealegs.gap.verdict.diagnosis import diagnose
+
+from testbed.arm import ARMS, EFFECTS, STRANGERS
+from testbed.logs import hidden_arm
+
+RESULTS = Path(__file__).parent / "results"
+FIRST_SEED = 900
+SURE = 0.9
+"""Confidence from which a wrong name counts as wrong with confidence."""
+NULLS = 20
+
+
+@dataclass(frozen=True)
+class Case:
+    """One hidden arm: what it hides, at which joint, how large; nothing in a null."""
+
+    arm: str
+    effect: str
+    joint: str
+    size: str
+    seed: int
+
+    @property
+    def key(self) -> str:
+        """Name in the results."""
+        hidden = f"{self.effect} {self.joint} {self.size}" if self.effect else "null"
+        return f"{self.arm} {hidden} #{self.seed}"
+
+
+def cases() -> Iterator[Case]:
+    """The matrix in a fixed order; the joint is drawn with the seed."""
+    number = 0
+    for arm, bodies in ARMS.items():
+        names = [body.joint for body in bodies]
+        usable = names if arm == "two_link" else names[1:4]  # those that gravity acts on and that carry something
+        for size in ("clear", "moderate"):
+            for effect in (*EFFECTS, *STRANGERS):
+                seed = FIRST_SEED + number
+                yield Case(arm, effect, usable[seed % len(usable)], size, seed)
+                number += 1
+        for k in range(NULLS):
+            yield Case(arm, "", "", "", FIRST_SEED + 500 + k)
+
+
+def run(case: Case, causes: Sequence[str] | None = None, **recording: Any) -> dict[str, Any]:
+    """Record and diagnose one arm: a row of the results."""
+    effects = {case.effect: (case.joint, case.size)} if case.effect else {}
+    with tempfile.TemporaryDirectory() as folder:
+        data, truth = hidden_arm(Path(folder), case.arm, effects, case.seed, **recording)
+        began = time.perf_counter()
+        found = diagnose(data, causes=causes)
+    hidden = truth["effects"].get(case.effect)
+    return {
+        "key": case.key,
+        "hidden": hidden and {name: hidden[name] for name in ("cause", "joint", "value", "everywhere")},
+        "seconds": time.perf_counter() - began,
+        "joints": {
+            joint.joint: {
+                "verdict": joint.verdict,
+                "gap": {name: error.rmse for name, error in joint.gap.items()},
+                "causes": [
+                    {
+                        "name": cause.name,
+                        "confidence": cause.confidence,
+                        "share": cause.share,
+                        "rivals": list(cause.rivals),
+                        "parameters": {path: [v.value, v.low, v.high] for path, v in cause.parameters.items()},
+                    }
+                    for cause in joint.causes
+                ],
+            }
+            for joint in found
+        },
+    }
+
+
+def outcome(row: dict[str, Any]) -> str:
+    """``right``, ``doubtful`` (named among rivals, or not sure), ``missed``, or ``wrong`` with confidence; of a null
+    ``quiet`` or ``wrong``; of a stranger ``flagged``, ``missed`` or ``wrong``.
+    """
+    hidden, joints = row["hidden"], row["joints"]
+    named = [(joint, c) for joint, item in joints.items() for c in item["causes"] if c["confidence"] >= SURE]
+    if hidden is None:
+        return "wrong" if named else "quiet"
+    where = {joint for joint in joints if hidden["everywhere"] or joint == hidden["joint"]}
+    false = [(joint, c) for joint, c in named if joint not in where or c["name"] != hidden["cause"]]
+    if not hidden["cause"]:  # a stranger
+        at = joints[hidden["joint"]]["verdict"]
+        return "wrong" if named else "flagged" if at in ("not identifiable", "partly explained") else "missed"
+    first = [item["causes"][0] for joint, item in joints.items() if joint in where and item["causes"]]
+    if any(cause["name"] == hidden["cause"] for cause in first):
+        return "wrong" if any(joint not in where for joint, _ in false) else "right"
+    if any(hidden["cause"] in cause["rivals"] for cause in first):
+        return "doubtful"
+    return "wrong" if false else "missed"
+
+
+def page(rows: Sequence[dict[str, Any]]) -> str:
+    """The results as Markdown: one line per arm."""
+    counts: dict[str, int] = {}
+    for row in rows:
+        counts[outcome(row)] = counts.get(outcome(row), 0) + 1
+    lines = [
+        ", ".join(f"{name} {count}" for name, count in sorted(counts.items())) + f" of {len(rows)} arms.",
+        "",
+        "| arm | outcome | what was named | s per joint |",
+        "|---|---|---|---|",
+    ]
+    for row in rows:
+        named = "; ".join(
+            f"{joint}: " + ", ".join(f"{c['name']} {c['confidence']:.2f}" for c in item["causes"])
+            for joint, item in row["joints"].items()
+            if item["causes"]
+        )
+        seconds = row["seconds"] / max(len(row["joints"]), 1)
+        lines.append(f"| {row['key']} | {outcome(row)} | {named or '-'} | {seconds:.0f} |")
+    return "\n".join(lines) + "\n"
+
+
+def main(words: Sequence[str]) -> None:
+    """Run what is not done yet of the cases whose keys hold all words, and write the page of all that is done."""
+    kept = RESULTS / "hidden_arm.jsonl"
+    rows = [json.loads(line) for line in kept.read_text().splitlines()] if kept.is_file() else []
+    done = {row["key"] for row in rows}
+    for case in cases():
+        if case.key in done or not all(word in case.key for word in words):
+            continue
+        rows.append(run(case))
+        with kept.open("a", encoding="utf-8") as file:
+            file.write(json.dumps(rows[-1]) + "\n")
+        print(case.key, outcome(rows[-1]), f"{rows[-1]['seconds']:.0f} s", flush=True)
+    (RESULTS / "hidden_arm.md").write_text(page(rows), encoding="utf-8")
+    print(np.unique([outcome(row) for row in rows], return_counts=True))
+
+
+if __name__ == "__main__":
+    main(sys.argv[1:])

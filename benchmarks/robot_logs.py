@@ -1,0 +1,182 @@
+"""Measured logs of robots that others published, diagnosed joint by joint: ``python -m benchmarks.robot_logs``.
+
+Reads ``../shared/data`` (``data=`` another folder) and writes ``benchmarks/results/robot_logs.{json,md}``. Joints that
+are done are kept in ``robot_logs.jsonl`` while it runs, so that it can be stopped and goes on. One case by its name:
+``python -m benchmarks.robot_logs double_pendulum``.
+"""
+
+from __future__ import annotations
+
+import json
+import sys
+import time
+from collections.abc import Callable, Iterator
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pyarrow.parquet
+import scipy.io
+from sealegs.gap.log.arrays import measured_set
+from sealegs.gap.log.types import MeasuredSet
+from sealegs.gap.verdict.diagnosis import diagnose
+from sealegs.gap.verdict.verdict import JointDiagnosis
+
+RESULTS = Path(__file__).parent / "results"
+DATA = Path(__file__).resolve().parents[2] / "shared" / "data"
+
+TORQUE_CHAIN = [{"delay": {"seconds": 0.0}}, {"torque_command": {}}]
+"""Nothing between the commanded torque and the joint: what the published model believes."""
+FORCE_PER_COMMAND = 35.15  # [N] per unit of `vir` (README of the data)
+CARRIAGE_MASS = 95.0  # [kg] about (README of the data)
+CARRIAGE = f"""<mujoco model="emps"><worldbody><body name="carriage"><joint name="carriage" type="slide" axis="1 0 0"/>
+<inertial pos="0 0 0" mass="{CARRIAGE_MASS}" diaginertia="1 1 1"/></body></worldbody></mujoco>"""
+SO101_JOINTS = ("shoulder_pan", "shoulder_lift", "elbow_flex", "wrist_flex", "wrist_roll", "gripper")
+
+
+def double_pendulum(data: Path, work: Path) -> MeasuredSet:
+    """Two joints, torque in, position out; the model file has no friction."""
+    del work
+    folder = data / "double_pendulum"
+    runs = []
+    for path in sorted(folder.glob("*.parquet")):
+        table = pyarrow.parquet.read_table(path).to_pydict()
+        columns: dict[str, Any] = {"time": np.array(table["time"])}
+        for k in (1, 2):
+            columns[f"Joint{k}.torque_command"] = np.array(table[f"tau_con{k}"])
+            columns[f"Joint{k}.position"] = np.array(table[f"pos_meas{k}"])
+            columns[f"Joint{k}.velocity"] = np.array(table[f"vel_meas{k}"])
+        runs.append(columns)
+    sidecar = {"robot": str(folder / "design_A.urdf"), "actuators": {f"Joint{k}": TORQUE_CHAIN for k in (1, 2)}}
+    return measured_set(runs, sidecar, "double_pendulum")
+
+
+def emps(data: Path, work: Path) -> MeasuredSet:
+    """A carriage on a ball screw, force in, position out."""
+    table = scipy.io.loadmat(data / "emps" / "DATA_EMPS.mat")
+    time_, position, goal, command = (np.asarray(table[key], float).ravel() for key in ("t", "qm", "qg", "vir"))
+    work.mkdir(parents=True, exist_ok=True)
+    model = work / "carriage.xml"
+    model.write_text(CARRIAGE, encoding="utf-8")
+    columns = {
+        "time": time_,
+        "carriage.goal": goal,
+        "carriage.torque_command": FORCE_PER_COMMAND * command,
+        "carriage.position": position,
+    }
+    units = {"carriage.position": "m", "carriage.goal": "m"}
+    sidecar = {"robot": str(model), "actuators": {"carriage": TORQUE_CHAIN}, "units": units}
+    return measured_set(columns, sidecar, "emps")
+
+
+def so101(data: Path, work: Path, motion: str = "chirp_sweep") -> MeasuredSet:
+    """Six servos of an arm, position goals in; how zeros and directions of log and model stand is not recorded."""
+    del work
+    folder = data / "so101_arm"
+    table = pyarrow.parquet.read_table(folder / f"{motion}.parquet").to_pydict()
+    columns: dict[str, Any] = {"time": np.array(table["t"], float)}
+    for joint in SO101_JOINTS:
+        columns[f"{joint}.goal"] = np.array(table[f"goal_{joint}"], float)
+        columns[f"{joint}.position"] = np.array(table[f"pos_{joint}"], float)
+    sidecar = {
+        "robot": str(folder / "so101.xml"),
+        "actuators": dict.fromkeys(SO101_JOINTS, "sts3215"),
+        "units": {"gripper.position": "fraction", "gripper.goal": "fraction"},
+    }
+    return measured_set(columns, sidecar, f"so101_arm {motion}")
+
+
+CASES: dict[str, Callable[[Path, Path], MeasuredSet]] = {
+    "double_pendulum": double_pendulum,
+    "emps": emps,
+    "so101_arm": so101,
+}
+
+
+def row(case: str, found: JointDiagnosis, seconds: float) -> dict[str, Any]:
+    """What a page says of one joint."""
+    return {
+        "case": case,
+        "joint": found.joint,
+        "verdict": found.verdict,
+        "sentence": found.sentence,
+        "signal": found.signal,
+        "unit": found.unit,
+        "seconds": seconds,
+        "gap": {name: error.rmse for name, error in found.gap.items()},
+        "causes": [
+            {
+                "name": cause.name,
+                "confidence": cause.confidence,
+                "share": cause.share,
+                "rivals": list(cause.rivals),
+                "parameters": {k: [v.value, v.low, v.high, v.unit, v.nominal] for k, v in cause.parameters.items()},
+            }
+            for cause in found.causes
+        ],
+        "findings": [finding.sentence for finding in found.findings],
+    }
+
+
+def rows_of(case: str, data: Path, kept: Path) -> Iterator[dict[str, Any]]:
+    """One row per joint, those that are done from ``kept``."""
+    done = [json.loads(line) for line in kept.read_text().splitlines()] if kept.is_file() else []
+    known = {item["joint"]: item for item in done if item["case"] == case}
+    data_set = CASES[case](data, RESULTS.parent.parent / "build" / "robot_logs")
+    if known.keys() >= data_set.runs[0].joints.keys():
+        yield from known.values()
+        return
+    began = time.perf_counter()
+    fresh: list[dict[str, Any]] = []
+
+    def keep(found: JointDiagnosis) -> None:
+        nonlocal began
+        fresh.append(row(case, found, time.perf_counter() - began))
+        with kept.open("a", encoding="utf-8") as file:
+            file.write(json.dumps(fresh[-1]) + "\n")
+        print(f"{case} {found.joint}: {found.sentence} ({fresh[-1]['seconds']:.0f} s)", flush=True)
+        began = time.perf_counter()
+
+    diagnose(data_set, done=keep)
+    yield from fresh
+
+
+def page(rows: list[dict[str, Any]]) -> str:
+    """The results as Markdown."""
+    lines = [
+        "| machine | joint | verdict | error, before to after | noise | causes | s |",
+        "|---|---|---|---|---|---|---|",
+    ]
+    for item in rows:
+        gap = item["gap"]
+        size = f"{1e3 * gap['nominal']:.2f} to {1e3 * gap['extended']:.2f}" if gap else "-"
+        floor = f"{1e3 * gap['noise_floor']:.2f}" if gap else "-"
+        causes = "; ".join(
+            c["name"]
+            + " "
+            + ", ".join(f"{k} {v[0]:.3g} [{v[1]:.3g}, {v[2]:.3g}] {v[3]}" for k, v in c["parameters"].items())
+            for c in item["causes"]
+        )
+        unit = f"m{item['unit']}"
+        cells = (item["case"], item["joint"], item["verdict"], f"{size} {unit}", f"{floor} {unit}", causes or "-")
+        lines.append(f"| {' | '.join(cells)} | {item['seconds']:.0f} |")
+    return "\n".join(lines) + "\n"
+
+
+def main(arguments: list[str]) -> None:
+    """Run the cases that are named, or all whose data are there, and write the page."""
+    data = next((Path(word.removeprefix("data=")) for word in arguments if word.startswith("data=")), DATA)
+    names = [word for word in arguments if "=" not in word] or list(CASES)
+    kept = RESULTS / "robot_logs.jsonl"
+    rows: list[dict[str, Any]] = []
+    for name in names:
+        if not data.is_dir():
+            raise SystemExit(f"{data} is not there: give the folder of the data as data=<folder>.")
+        rows += rows_of(name, data, kept)
+    (RESULTS / "robot_logs.json").write_text(json.dumps(rows, indent=1) + "\n", encoding="utf-8")
+    (RESULTS / "robot_logs.md").write_text(page(rows), encoding="utf-8")
+    print(page(rows))
+
+
+if __name__ == "__main__":
+    main(sys.argv[1:])
