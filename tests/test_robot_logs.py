@@ -123,7 +123,7 @@ def test_frames_of_the_sidecar_undo_another_zero_and_direction(tmp_path: Path) -
 
 def test_a_frame_that_is_none_is_told_in_a_sentence(tmp_path: Path) -> None:
     data, _ = hidden_arm(tmp_path, "two_link", {}, seed=5, runs=1, duration=2.0)
-    with pytest.raises(SealegsError, match="meta.frames is by joint"):
+    with pytest.raises(SealegsError, match="frames is by joint"):
         robot_of(replace(data.runs[0], meta={"frames": {"elbow": {"zero": "left"}}}))
 
 

@@ -32,7 +32,9 @@ def inertia(nominal: JointModel) -> Cause:
     extra = Parameter("load.extra_inertia", "kg.m2", 0.0, 0.5, 0.002, 0.002)
     if isinstance(nominal.load, TreeLoad):
         whole = nominal.load.typical_inertia + nominal.chain.armature()
-        extra = Parameter("load.extra_inertia", "kg.m2", -0.9 * whole, 20.0 * whole, 0.1 * whole, 0.1 * whole)
+        extra = Parameter(
+            "load.extra_inertia", "kg.m2", -0.9 * nominal.load.typical_inertia, 20.0 * whole, 0.1 * whole, 0.1 * whole
+        )
     return Cause(
         sentence="The load has more inertia than its mass and length give.",
         picture="response",
