@@ -16,7 +16,7 @@ from .parameters import LIMITS, LINKS, NUMBERS
 
 JOINTS = tuple(LIMITS)
 FOOT = "foot"
-TIMESTEP = 0.001  # [s]; convergence in docs/leg.md
+TIMESTEP = 0.001  # [s] two in a period of the digital controllers
 REACH = 0.6  # [m] rough size, for light and shadows
 WORDS = {
     "silo4": "silo4",
