@@ -36,7 +36,8 @@ def left(velocity: float, *names: str, taken: tuple[str, ...] = ()) -> list[str]
     searcher: Any = object.__new__(Searcher)
     searcher.shown, searcher.parts = list(causes.values()), (Slow(), Slow())
     values = {"friction.stribeck": 0.04, "friction.stribeck_velocity": velocity}
-    fits = (Fit(values, np.zeros((3, 4)), 1.0),) * 2
+    fit = Fit(values, np.zeros((3, 4)), 1.0)
+    fits = (fit, fit)
     searcher.fit_both = lambda parameters, start: fits
     searcher.judged = lambda found: Judged(found, np.ones(60), 1.0)
 
