@@ -56,7 +56,12 @@ def replayed(
 
 
 NEAR = ("friction.coulomb",)
+HELD = Finding("robot.held", "note", "servo", None, "Log 'elbow.position'.")
 CASES = {
+    "nothing at a joint whose load was not logged": (
+        replayed(held=HELD, hidden=("load.mass", "friction.coulomb")),
+        NOT_IDENTIFIABLE,
+    ),
     "no cause and no structure": (replayed(), NOTHING),
     "no cause, and a motion that hides some": (replayed(blind_to=("drive.delay", "load.mass")), NOT_IDENTIFIABLE),
     "no cause once a column is mended": (replayed(data_errors=(POSITION,), fault_in_replay=True), EXPLAINED),

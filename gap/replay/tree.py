@@ -16,6 +16,8 @@ from .axis import Axis
 from .joint_model import JointModel
 from .terms import E_INERTIA, E_POSITION, E_SLOPE
 
+HELD = "robot.held"
+"""Code of the finding that says why a link is moved as measured."""
 MARGIN = 0.02  # of its range by which a joint may pass the end of it in the log before that is no stop
 
 
@@ -37,7 +39,7 @@ def not_free(robot: LoggedRobot, joint: str, runs: Sequence[MeasuredRun]) -> Fin
 
 def _held(joint: str, why: str) -> Finding:
     return Finding(
-        "robot.held", "note", joint, None, f"The link of joint '{joint}' is moved as measured, not simulated: {why}.",
+        HELD, "note", joint, None, f"The link of joint '{joint}' is moved as measured, not simulated: {why}.",
     )  # fmt: skip
 
 

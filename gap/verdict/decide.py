@@ -105,6 +105,13 @@ def _nothing(found: Replayed) -> Verdict:
         f"The simulation of '{found.joint}' is within {after} of the measurement, whose noise is {floor} ({before} "
         "before its numbers were tuned within their tolerance).",
     )
+    if found.held is not None and found.hidden:
+        sentence = (
+            f"The drive of '{found.joint}' is within {after} of the measurement, but this log cannot show "
+            f"{some(found.hidden)}."
+        )
+        hidden = Reason("hidden", f"This log cannot show {', '.join(found.hidden)}. {found.held.sentence}")
+        return Verdict(NOT_IDENTIFIABLE, sentence, (agreement, hidden))
     if found.blind_to:
         hidden = ", ".join(found.blind_to)
         sentence = (

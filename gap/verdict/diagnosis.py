@@ -31,7 +31,7 @@ from ..replay.frames import check_frames
 from ..replay.free import free_problem
 from ..replay.joint_model import JointModel
 from ..replay.steps import converged
-from ..replay.tree import joint_of_tree, not_free, owned, terms_of
+from ..replay.tree import HELD, joint_of_tree, not_free, owned, terms_of
 from ..search.channels import weigh_channels
 from ..search.forward import NUMERICAL, Searcher
 from ..search.result import Search
@@ -236,7 +236,7 @@ def _replay(pieces: Cut, order: Order) -> Replay | Refused:
     order.progress(f"judging the actuator of {pieces.joint} along its measured motion")
     problem = weigh_channels(converged(driven))
     told = (*seen, limits_of_driven(driven, pieces.joint, hidden))
-    return Replay(problem, problem, wide, tuned, causes, told, stops)
+    return Replay(problem, problem, wide, tuned, causes, told, stops, tuple(hidden))
 
 
 def _search(replay: Replay, order: Order) -> Search:
@@ -276,6 +276,8 @@ def _decide(
             unit == "rad" and any(error.column in (f"{joint}.goal", f"{joint}.position") for error in errors),
             measured.open_causes,
             measured.turned,
+            next((finding for finding in replay.findings if finding.code == HELD), None),
+            replay.hidden,
         )
     )
     rivals = _rivals(measured)

@@ -49,6 +49,8 @@ class Replayed:
         whole_runs: whether the test part is whole runs, not pieces of runs that were fitted elsewhere.
         still: whether the joint hardly moves in any run.
         blind_to: causes that the motion would hardly show; asked only where nothing was found.
+        held: why the link of a robot's joint moves as measured, and what to log instead.
+        hidden: causes that such a link cannot show.
         beyond: the test part goes further than what was fitted, and errs there.
         data_errors: faults of the log.
         fault_in_replay: whether one of them was in a column that the replay takes or is judged by.
@@ -70,6 +72,8 @@ class Replayed:
     fault_in_replay: bool = False
     open_causes: Sequence[OpenCause] = ()
     turned: str = ""
+    held: Finding | None = None
+    hidden: Sequence[str] = ()
 
 
 @dataclass(frozen=True)

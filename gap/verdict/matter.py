@@ -68,6 +68,7 @@ class Replay:
         causes: that may be sought.
         findings: about what this replay can show, and the stops of the joint.
         stops: that the log shows.
+        hidden: causes that a link which moves as measured cannot show.
     """
 
     problem: Replayable
@@ -77,6 +78,7 @@ class Replay:
     causes: Sequence[Cause] = ()
     findings: tuple[Finding, ...] = ()
     stops: tuple[Stop, ...] = ()
+    hidden: tuple[str, ...] = ()
 
 
 @dataclass(frozen=True, eq=False)
