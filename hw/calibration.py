@@ -10,10 +10,12 @@ overwritten.
 from __future__ import annotations
 
 import datetime
+import functools
 import sys
 import threading
 import time
 from collections.abc import Callable, Iterable, Mapping, Sequence
+from dataclasses import replace
 from pathlib import Path
 from typing import Any, Protocol
 
@@ -24,8 +26,8 @@ from ..actuators.atomic import write_text
 from ..actuators.errors import SealegsError
 from ..configs.script import run
 from ..envs.robot import Robot
+from .joints import MAIN, CalibrationError, Joint, Line, check_joints, line_of, read_joints, read_lines
 from .registers import ServoModel
-from .robot import CalibrationError, Joint, check_joints, read_joints
 
 FOLDER = Path("calibrations")
 HEAD = (
@@ -64,8 +66,10 @@ def guide(
     say: Callable[[str], None] = print,
     done: Sequence[Joint] = (),
     keep: Callable[[list[Joint]], None] = lambda _: None,
+    line: Line = MAIN,
+    names: Sequence[str] | None = None,
 ) -> list[Joint]:
-    """Ask a person through the calibration of every joint.
+    """Ask a person through the calibration of every joint on one bus.
 
     Args:
         bus: with the servos, open.
@@ -76,12 +80,15 @@ def guide(
         say: prints a line.
         done: joints of an earlier try, which are not asked for again.
         keep: called with the joints so far as soon as one is done.
+        line: the bus.
+        names: of the joints on it; None: all of the robot.
 
     Raises:
         CalibrationError: too few servos, or a range that cannot be reached.
         EOFError: the person has gone.
     """
-    names = [item.name for item in robot.coordinates]
+    every = [item.name for item in robot.coordinates]
+    names = every if names is None else list(names)
     say(f"Looking for the servos of '{robot.name}': {', '.join(names)}.")
     found = sorted(bus.scan())
     say(f"Found {len(found)}: {', '.join(map(str, found)) or 'none'}.")
@@ -99,10 +106,11 @@ def guide(
         say(f"Kept from before: {', '.join(joint.name for joint in joints)}.")
     for name in [name for name in names if name not in [joint.name for joint in joints]]:
         number = _choose(bus, name, [n for n in found if n not in [j.id for j in joints]], servo, ask, say)
-        joints.append(_joint(bus, name, number, limits[name], servo, ask, say))
+        joints.append(replace(_joint(bus, name, number, limits[name], servo, ask, say), line=line))
         keep(joints)
     joints.sort(key=lambda joint: names.index(joint.name))
-    check_joints(joints, robot, servo, params)
+    if names == every:
+        check_joints(joints, robot, servo, params)
     return joints
 
 
@@ -305,6 +313,10 @@ def _shortest(steps: int, servo: ServoModel) -> int:
     return (steps + servo.steps // 2) % servo.steps - servo.steps // 2
 
 
+def _with(others: Sequence[Joint], keep: Callable[[list[Joint]], None], joints: list[Joint]) -> None:
+    keep([*others, *joints])
+
+
 def main(arguments: list[str]) -> None:
     """Calibrate the robot that the command line names."""
     from ..configs.compose import compose, split
@@ -322,12 +334,30 @@ def main(arguments: list[str]) -> None:
     out = Path(str(config["out"] or FOLDER / f"{robot.name}-{stamp}.yaml"))
     if out.exists():
         raise CalibrationError(f"{out} exists, and a calibration is never overwritten; give another out=.")
-    with ServoBus(str(config["port"]), int(config["baudrate"]), servo.name) as bus:
-        joints = kept(unfinished(out, robot), robot, lambda done, keep: guide(
-            bus, robot, servo, settings.get("params") or {}, done=done, keep=keep
-        ), servo)  # fmt: skip
-        write_calibration(out, robot, servo, joints)
-        unfinished(out, robot).unlink(missing_ok=True)
+    params = settings.get("params") or {}
+    names = [item.name for item in robot.coordinates]
+    lines = read_lines(settings.get("buses") or {}, [*names, *(settings.get("sensors") or {})])
+
+    def work(done: Sequence[Joint], keep: Callable[[list[Joint]], None]) -> list[Joint]:
+        joints = [replace(joint, line=line_of(joint.name, lines)) for joint in done]
+        for line in (MAIN, *lines):
+            here = [name for name in names if line_of(name, lines) == line]
+            if not here:
+                continue
+            rest = [joint for joint in joints if joint.name not in here]
+            model, port = line.model(servo), line.port if line.name else config["port"]
+            with ServoBus(str(port), line.baudrate or int(config["baudrate"]), model.name) as bus:
+                mine = [joint for joint in joints if joint.name in here]
+                told = functools.partial(_with, rest, keep)
+                found = guide(bus, robot, model, params, done=mine, keep=told, line=line, names=here)
+            joints = [*rest, *found]
+        joints.sort(key=lambda joint: names.index(joint.name))
+        check_joints(joints, robot, servo, params)
+        return joints
+
+    joints = kept(unfinished(out, robot), robot, work, servo)
+    write_calibration(out, robot, servo, joints)
+    unfinished(out, robot).unlink(missing_ok=True)
     print(f"\nWritten: {out}. sealegs deploy takes the newest of {FOLDER}/, or calibration={out}.")
 
 

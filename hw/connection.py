@@ -3,29 +3,33 @@
 from __future__ import annotations
 
 import contextlib
+import os
 from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass
 from typing import Any
 
 from ..actuators.errors import SealegsError
 from .bus import ServoBus
+from .buses import BusGroup
+from .interface import Bus
 from .packets import ConfigurationError
 from .registers import ServoModel
 from .robot import Joint, ServoRobot
+from .supervisor import Charge, Opening, Rest
 
 SHORT = 16  # steps by which a servo may stop short of its joint's range
 
 
 @dataclass(frozen=True)
 class Opened:
-    """A port that is there.
+    """Ports that are there.
 
     Attributes:
-        port: its path.
+        ports: their paths, by name of the bus.
         let_go: takes away the hand that holds a virtual machine; does nothing on a real one.
     """
 
-    port: str
+    ports: Mapping[str, str]
     let_go: Callable[[], None] = lambda: None
 
 
@@ -39,7 +43,7 @@ def opened_port(
     params: Mapping[str, float] | None = None,
     pose: Mapping[str, float] | None = None,
 ) -> Iterator[Opened]:
-    """The port to use, and a virtual machine behind it where one is asked for.
+    """The ports to use, and a virtual machine behind them where one is asked for.
 
     Args:
         hw: of ``configs/hw``.
@@ -54,9 +58,12 @@ def opened_port(
         SealegsError: no port is named, or the virtual machine does not start.
     """
     if hw["virtual"] is None:
-        if port is None:
-            raise SealegsError("port=<path> is missing: name the adapter's port, such as port=/dev/ttyUSB0.")
-        yield Opened(port)
+        ports = {line.name: line.port if line.name else port for line in robot.lines}
+        for name, path in ports.items():
+            if path is None:
+                key = f"robot.buses.{name}.port" if name else "port"
+                raise SealegsError(f"{key}=<path> is missing: name the adapter's port, such as {key}=/dev/ttyUSB0.")
+        yield Opened({name: str(path) for name, path in ports.items()})
         return
     if port is not None:
         raise SealegsError(
@@ -64,10 +71,14 @@ def opened_port(
         )
     from .virtual import VirtualBus
 
-    mounts: dict[str, dict[str, float]] = {
+    mounts: dict[str, dict[str, Any]] = {
         j.name: {"id": j.id, "zero": j.zero, "direction": j.direction, "per_radian": j.per_radian} for j in robot.joints
     }
     mounts |= {s.name: {"id": s.id, "zero": s.zero, "direction": 1 if s.per_radian > 0 else -1} for s in robot.sensors}
+    for item in (*robot.joints, *robot.sensors):
+        if item.line.name:
+            mounts[item.name]["bus"] = item.line.name
+    others = {line.name: line.model(robot.servo) for line in robot.lines if line.name}
     known = {
         "robot": robot.robot.source,
         "params": robot.params if params is None else dict(params),
@@ -77,13 +88,19 @@ def opened_port(
         "pose": dict(pose or {}),
         "cycle": period,
         "registers": {**ready_at(robot.servo, int(hw["baudrate"])), **robot.registers},
+        "buses": {name: model.name for name, model in others.items()},
+        "bus_registers": {
+            line.name: ready_at(others[line.name], line.baudrate or int(hw["baudrate"]))
+            for line in robot.lines
+            if line.name
+        },
     }
     if robot.sensors:
         known["sensors"] = {sensor.name: abs(sensor.per_radian) for sensor in robot.sensors}
     if truth is not None:
         known["actuator"] = truth
     with VirtualBus(**{**known, **hw["virtual"]}) as bus:
-        yield Opened(bus.port, bus.let_go)
+        yield Opened({line.name: bus.ports[line.name] for line in robot.lines}, bus.let_go)
 
 
 def ready_at(model: ServoModel, baudrate: int) -> dict[str, int]:
@@ -128,19 +145,63 @@ def check_joint(bus: ServoBus, joint: Joint) -> None:
         )
 
 
-def opened_bus(hw: Mapping[str, Any], port: str, robot: ServoRobot) -> ServoBus:
-    """The bus, with every servo of the robot there and set up.
+def openings(hw: Mapping[str, Any], ports: Mapping[str, str], robot: ServoRobot) -> dict[str, Opening]:
+    """How to open each bus of a robot, by its name."""
+    return {
+        line.name: Opening(
+            ports[line.name],
+            line.baudrate or int(hw["baudrate"]),
+            line.model(robot.servo).name,
+            float(hw["timeout"]),
+        )
+        for line in robot.lines
+    }
+
+
+def opened_bus(hw: Mapping[str, Any], ports: Mapping[str, str], robot: ServoRobot) -> Bus:
+    """The bus, or several as one, with every servo of the robot there and set up.
 
     Raises:
-        BusError: the port cannot be opened, or a servo is missing or set up otherwise.
+        BusError: a port cannot be opened, or a servo is missing or set up otherwise.
     """
-    watchdog = hw.get("watchdog")
-    bus = ServoBus(port, int(hw["baudrate"]), robot.servo.name, float(hw["timeout"]), watchdog=watchdog)
+    parts: dict[str, ServoBus] = {}
     try:
+        for name, opening in openings(hw, ports, robot).items():
+            parts[name] = opening()
+            parts[name].watchdog = hw.get("watchdog")
+        alone = set(parts) == {""}
+        bus = parts[""] if alone else BusGroup(parts, {line.name: line.number for line in robot.lines})
         bus.check(robot.all_ids)
         for joint in robot.joints:
-            check_joint(bus, joint)
+            check_joint(parts[joint.line.name], joint)
     except BaseException:
-        bus.close()
+        for part in parts.values():
+            part.close()
         raise
     return bus
+
+
+def charge_of(
+    config: Mapping[str, Any], ports: Mapping[str, str], robot: ServoRobot, rest: Rest, events: str
+) -> Charge:
+    """What the supervisor of a run must know.
+
+    Args:
+        config: of ``configs/deploy.yaml``.
+        ports: by name of the bus.
+        robot: on them.
+        rest: what becomes of the servos.
+        events: file for events.
+    """
+    ids = {line.name: [joint.id for joint in robot.joints if joint.line == line] for line in robot.lines}
+    opening = openings(config["hw"], ports, robot)
+    first = opening.get("", next(iter(opening.values())))
+    others = [
+        {"bus": name, "port": item.port, "baudrate": item.baudrate, "servo": item.servo, "ids": ids[name]}
+        for name, item in opening.items()
+        if name and ids[name]
+    ]
+    return Charge(
+        first.port, first.baudrate, first.servo, first.timeout, ids.get("", []), rest,
+        config["silence"], os.getpid(), events, config["patience"], others,
+    )  # fmt: skip

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import contextlib
 import datetime
-import os
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from pathlib import Path
@@ -15,13 +14,13 @@ import numpy as np
 from ..actuators.errors import SealegsError, nearest
 from ..configs.check import checked, checked_seed
 from ..envs.bench.robot import BENCH
-from .bus import ServoBus
 from .calibration import as_row, newest
 from .clock import HIGHEST_RATE, LOWEST_RATE
 from .commands import Commands, PolicyCommands, Reference, Trajectory, park_motion, read_excitation, read_replay
-from .connection import Opened, opened_bus, opened_port
+from .connection import Opened, charge_of, opened_bus, opened_port
 from .deadman import PATIENCE, keyboard, pressed_key
 from .emergency import emergency_stop
+from .interface import Bus
 from .live import live_view
 from .loop import ControlLoop, Outcome, Stop
 from .measured_log import MeasuredLog, make_sidecar, read_events
@@ -30,7 +29,7 @@ from .realtime import realtime
 from .registers import ServoModel
 from .robot import ServoRobot, build_robot, extended_robot
 from .safety import Limits, Safety
-from .supervisor import Charge, Rest, Supervisor
+from .supervisor import Rest, Supervisor
 
 RATE = 100.0  # [Hz] of what does not say its own
 DURATION = 10.0  # [s] of what has no end of its own
@@ -149,7 +148,7 @@ def run(deployment: Deployment, say: Callable[[str], None] = print) -> Run | Non
     pose = getattr(deployment.commands, "pose", None)
     opened = opened_port(config["hw"], config["port"], robot, truth, 1.0 / deployment.rate, params, pose)
     with stop.on_signals(), opened as found:
-        bus = opened_bus(config["hw"], found.port, robot)
+        bus = opened_bus(config["hw"], found.ports, robot)
         with contextlib.closing(bus):
             if config["dry_run"]:
                 dry_run(deployment, bus, say)
@@ -157,7 +156,7 @@ def run(deployment: Deployment, say: Callable[[str], None] = print) -> Run | Non
             return _guarded(deployment, bus, found, stop, say)
 
 
-def dry_run(deployment: Deployment, bus: ServoBus, say: Callable[[str], None]) -> None:
+def dry_run(deployment: Deployment, bus: Bus, say: Callable[[str], None]) -> None:
     """Print the goals of the first cycles, computed from what the servos report, torque off throughout."""
     robot, period = deployment.robot, 1.0 / deployment.rate
     for error in bus.torque_off(robot.ids).values():
@@ -183,25 +182,25 @@ def dry_run(deployment: Deployment, bus: ServoBus, say: Callable[[str], None]) -
         last = admitted
 
 
-def _guarded(deployment: Deployment, bus: ServoBus, opened: Opened, stop: Stop, say: Callable[[str], None]) -> Run:
-    config, robot, port = deployment.config, deployment.robot, opened.port
+def _guarded(deployment: Deployment, bus: Bus, opened: Opened, stop: Stop, say: Callable[[str], None]) -> Run:
+    config, robot = deployment.config, deployment.robot
     hw = config["hw"]
     with contextlib.ExitStack() as stack:
         each_cycle = stack.enter_context(keyboard(config["dead_man"]))
         rest: Rest = "hold" if config["rest"] == "hold" else "release"
-        registers = {joint.name: bus.identity(joint.id) for joint in robot.joints}
-        for line in (*unlike_the_factory(registers, robot.servo), *unlike_the_file(registers, robot)):
+        registers = {joint.name: bus.identity(joint.address) for joint in robot.joints}
+        for joint in robot.joints:
+            for line in unlike_the_factory({joint.name: registers[joint.name]}, joint.line.model(robot.servo)):
+                say(line)
+        for line in unlike_the_file(registers, robot):
             say(line)
-        log = stack.enter_context(contextlib.closing(_log(deployment, port, registers)))
+        log = stack.enter_context(contextlib.closing(_log(deployment, bus.port, registers)))
         if robot.robot.name == BENCH.name and hw["virtual"] is None and not {"mass", "length"} <= robot.params.keys():
             say(
                 "A diagnosis needs to know what hangs on the servo: give robot.params.mass [kg] and "
                 "robot.params.length [m], or write them under robot_params in the log's sidecar."
             )
-        charge = Charge(
-            port, int(hw["baudrate"]), robot.servo.name, float(hw["timeout"]), robot.ids, rest,
-            config["silence"], os.getpid(), str(log.events_path.resolve()), config["patience"],
-        )  # fmt: skip
+        charge = charge_of(config, opened.ports, robot, rest, str(log.events_path.resolve()))
         loop = ControlLoop(
             bus,
             robot,
@@ -390,6 +389,7 @@ def _log(deployment: Deployment, port: str, registers: Mapping[str, Mapping[str,
         "rate": deployment.rate,
         "port": port,
         "servo": robot.servo.name,
+        **({"buses": buses} if (buses := {i.name: i.model(robot.servo).name for i in robot.lines if i.name}) else {}),
         "calibration": {
             "file": None if deployment.calibration is None else str(deployment.calibration),
             **{joint.name: as_row(joint) for joint in robot.joints},

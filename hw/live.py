@@ -41,7 +41,7 @@ def picture(loop: ControlLoop) -> Table:
     for k, joint in enumerate(loop.robot.joints):
         values = (reading.velocity[k], reading.duty[k], reading.current[k])
         table.add_row(
-            f"{joint.name} ({joint.id})",
+            f"{joint.name} ({joint.address})",
             f"{loop.sent[k]:+.3f}",
             f"{reading.position[k]:+.3f}",
             *(f"{value:+.2f}" for value in values),

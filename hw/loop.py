@@ -10,10 +10,11 @@ from typing import Any, Literal
 import numpy as np
 
 from ..actuators.errors import SealegsError
-from .bus import ServoBus
+from .address import named
 from .clock import Metronome
 from .commands import Commands
 from .current_sign import CurrentSign
+from .interface import Bus
 from .log_rows import write_cycle
 from .measured_log import MeasuredLog
 from .outcome import Outcome, fault_of, to_stderr
@@ -47,7 +48,7 @@ class ControlLoop:
 
     def __init__(
         self,
-        bus: ServoBus,
+        bus: Bus,
         robot: ServoRobot,
         safety: Safety,
         commands: Commands,
@@ -143,7 +144,7 @@ class ControlLoop:
         finally:
             if fault is not None and not self._stop.emergency:  # which itself takes the torque away
                 ending = "fault"
-                self._event("fault", name=fault.name, sentence=fault.sentence, servos=list(fault.servos))
+                self._event("fault", name=fault.name, sentence=fault.sentence, servos=named(fault.servos))
             elif self._stop.reason is not None and ending == "finished":
                 ending = "stopped"
             self.outcome = self._ended(ending, None if self._stop.emergency else fault)
@@ -154,7 +155,7 @@ class ControlLoop:
         seconds, failed, rest = self._to_rest()
         cut, bus = dict(self.safety.cut), dict(self.bus.counts)
         if magnitudes := self._current_sign.magnitudes:
-            self._event("current without sign", servos=magnitudes, made="signed as duty x voltage - back-EMF")
+            self._event("current without sign", servos=named(magnitudes), made="signed as duty x voltage - back-EMF")
         self._event("end", ending=ending, reason=self._stop.reason, cycles=timing.cycles, overruns=timing.overruns)
         return Outcome(ending, self._stop.reason, fault, timing, cut, bus, failed, seconds, rest)
 
@@ -166,7 +167,7 @@ class ControlLoop:
             return fault
         if self._stop.reason is not None:  # asked for while the bus and the supervisor were started
             return None
-        self._event("torque on", servos=ids)
+        self._event("torque on", servos=named(ids))
         self._torque_on = True
         self.bus.torque_on(ids)
         if (start := self.commands.start()) is None:
@@ -179,13 +180,12 @@ class ControlLoop:
 
     def _fit(self) -> Fault | None:
         """Whether the robot may get torque: everybody answers, in time, within the limits."""
-        ids = self.robot.all_ids
-        self.bus.read_state(ids)  # with all retries: who is missing here is missing
+        self.bus.read_state(self.robot.all_ids)  # with all retries: who is missing here is missing
         if not self._metronome.stepped:
-            taken = reading_time(self.bus, ids)
-            slow = too_slow(taken, self._metronome.period, self.bus.port)
-            if slow is not None and (fault := self._named("slow", slow)) is not None:
-                return fault
+            for adapter, own in self.bus.adapters(self.robot.all_ids):
+                slow = too_slow(reading_time(adapter, own), self._metronome.period, adapter.port)
+                if slow is not None and (fault := self._named("slow", slow)) is not None:
+                    return fault
         self.reading = self._read_once()
         self.sent = np.clip(self.reading.position, self.robot.low, self.robot.high)  # nothing lags before it is told to
         fault = self._judge(self.reading)
@@ -226,13 +226,13 @@ class ControlLoop:
         return fault or reading
 
     def _missed(self, error: BusError) -> None:
-        self._event("missed", error=type(error).__name__, sentence=str(error), servos=list(error.servos))
+        self._event("missed", error=type(error).__name__, sentence=str(error), servos=named(error.servos))
 
     def _judge(self, reading: Reading) -> Fault | None:
         lost = None if reading.state is None else self._watch.judge(reading.state, self.bus.marks)
         fault = lost or self.safety.judge(reading) or self.safety.follows(self.sent, reading)
         for noted in self.safety.noted:
-            self._event("limit", name=noted.name, sentence=noted.sentence, servos=list(noted.servos))
+            self._event("limit", name=noted.name, sentence=noted.sentence, servos=named(noted.servos))
         self.safety.noted.clear()
         return fault
 
@@ -383,7 +383,7 @@ class ControlLoop:
             by="loop",
             rest=rest,
             seconds=round(seconds, 4),
-            failed=reasons,
+            failed={str(servo): reason for servo, reason in reasons.items()},
         )
         if self._supervisor is not None and failed:
             asked = self._stop.asked

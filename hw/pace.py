@@ -6,7 +6,7 @@ import statistics
 from collections.abc import Sequence
 from pathlib import Path
 
-from .bus import ServoBus
+from .interface import Adapter
 
 READINGS = 12  # of which the median counts
 BUSY = 0.5  # share of a period that a reading may take: policy, goals and log need the rest
@@ -14,7 +14,7 @@ WINDOW = 1.0  # [s] over which overruns are counted
 SUSTAINED = 0.2  # share of the cycles from which overruns are no accident
 
 
-def reading_time(bus: ServoBus, ids: Sequence[int]) -> float:
+def reading_time(bus: Adapter, ids: Sequence[int]) -> float:
     """How long a reading of all servos takes [s]."""
     port, times = bus.clock, []
     for _ in range(READINGS):
@@ -35,7 +35,7 @@ def too_slow(seconds: float, period: float, port: str) -> str | None:
     if seconds <= BUSY * period:
         return None
     name, rate = Path(port).resolve().name, max(int(BUSY / seconds), 1)
-    mend = "use a faster adapter or a computer with less to do"
+    mend = "use a faster adapter or baud rate, let servos answer without return delay, or let the computer do less"
     if name.startswith("ttyUSB"):
         timer = f"/sys/bus/usb-serial/devices/{name}/latency_timer"
         mend = f"an FTDI adapter holds bytes for 16 ms, which `echo 1 | sudo tee {timer}` mends"

@@ -2,113 +2,32 @@
 
 from __future__ import annotations
 
-import fnmatch
-import math
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
 import numpy as np
-import yaml
 
 from ..actuators import Chain, load_chain
-from ..actuators.errors import SealegsError, nearest
 from ..configs.check import checked
 from ..envs.base import BaseLayout
 from ..envs.contract import Contract, ContractError, chain_hash, robot_hash
 from ..envs.extended import read_extended
 from ..envs.robot import Robot
-from ..envs.robot_file import ServoEntry
 from ..envs.robots import get_robot
+from .joints import (
+    Joint,
+    Sensor,
+    check_joints,
+    checked_gears,
+    nominal_joints,
+    read_joints,
+    read_lines,
+    read_sensors,
+)
+from .reading import Reading
 from .registers import ServoModel, load_model
 from .servo_state import ServoState
-
-ENCODER_TURN = math.pi  # [rad] to either side of the centre that a one-turn encoder reaches
-HIGHEST_ID = 252  # that the SDK addresses
-
-
-class CalibrationError(SealegsError):
-    """A calibration that is none, or does not fit the robot."""
-
-
-@dataclass(frozen=True)
-class Joint:
-    """One joint and its servo.
-
-    Attributes:
-        name: as in the robot.
-        id: of the servo.
-        zero: step of the encoder at which the joint is at 0 rad.
-        direction: 1 where growing steps are the joint's positive direction, -1 where they are its negative one.
-        low, high: range of the joint [rad].
-        homing_offset: of the servo as it was calibrated [step], which shifts its steps; None: not known.
-        per_radian: how far the joint moves per radian of the servo's shaft, behind a gear or a screw [rad or m].
-    """
-
-    name: str
-    id: int
-    zero: int
-    direction: int
-    low: float
-    high: float
-    homing_offset: int | None = None
-    per_radian: float = 1.0
-
-
-@dataclass(frozen=True)
-class Sensor:
-    """An encoder on the bus that drives nothing: a servo without torque, or a board that speaks like one.
-
-    Attributes:
-        name: ``<joint>.link`` for the far side of a joint's spring, or a quantity of the base such as ``base_z`` or
-            ``body.pitch`` (:mod:`sealegs.envs.base`).
-        id: on the bus.
-        zero: step at which what it measures is 0.
-        per_radian: how far what it measures moves per radian of its own, with its sign [rad or m].
-    """
-
-    name: str
-    id: int
-    zero: int
-    per_radian: float
-
-
-@dataclass(frozen=True)
-class Reading:
-    """One reading of all joints, in the order of the robot.
-
-    Attributes:
-        before: host's monotonic clock as the request went out [s].
-        after: the same once all replies had come in [s].
-        position: (k,) [rad].
-        velocity: (k,) [rad/s].
-        duty: (k,), 1 = full.
-        current: (k,) [A].
-        voltage: (k,) [V].
-        temperature: (k,) [degC].
-        link: position on the far side of a series spring (k,) [rad]; where nothing measures it, ``position``.
-        base_position, base_velocity: of the robot's base, as far as it is measured (b,) [m or rad], per second.
-        state: as the bus gave it; None in simulation.
-    """
-
-    before: float
-    after: float
-    position: np.ndarray
-    velocity: np.ndarray
-    duty: np.ndarray
-    current: np.ndarray
-    voltage: np.ndarray
-    temperature: np.ndarray
-    link: np.ndarray
-    base_position: np.ndarray
-    base_velocity: np.ndarray
-    state: ServoState | None
-
-    @property
-    def time(self) -> float:
-        """Middle of the transaction [s]: when the servos looked at their sensors, as well as the host can tell."""
-        return 0.5 * (self.before + self.after)
 
 
 class ServoRobot:
@@ -128,6 +47,7 @@ class ServoRobot:
         all_ids: of the servos, and behind them of the sensors.
         low, high: range of each joint (k,) [rad or m].
         units: of the joints, rad or m.
+        lines: buses that its servos are on, the first one first.
     """
 
     def __init__(
@@ -149,9 +69,11 @@ class ServoRobot:
         self.belief, self.registers = dict(belief), dict(registers or {})
         self.chains: dict[str, Chain] = {name: load_chain(source) for name, source in belief.items()}
         check_joints(self.joints, robot, servo, self.params)
-        self.ids = [joint.id for joint in self.joints]
+        self.ids = [joint.address for joint in self.joints]
         self.sensors = tuple(sensors)
-        self.all_ids = [*self.ids, *(sensor.id for sensor in self.sensors)]
+        self.all_ids = [*self.ids, *(sensor.address for sensor in self.sensors)]
+        used = {item.line.number: item.line for item in (*self.joints, *self.sensors)}
+        self.lines = tuple(used[number] for number in sorted(used))
         self.names = [joint.name for joint in self.joints]
         links = {sensor.name: k for k, sensor in enumerate(self.sensors, len(self.joints))}
         self._links = [links.get(f"{name}.link") for name in self.names]
@@ -160,9 +82,9 @@ class ServoRobot:
         self._base = [k for k, sensor in enumerate(self.sensors, len(self.joints)) if sensor.name in self.base_names]
         self.low = np.array([joint.low for joint in self.joints])
         self.high = np.array([joint.high for joint in self.joints])
-        step = 2.0 * math.pi / servo.resolution
         mounted = [*self.joints, *self.sensors]
-        self._zeros = np.array([(item.zero - servo.centre) * step for item in mounted])
+        models = [item.line.model(servo) for item in mounted]
+        self._zeros = np.array([(item.zero - m.centre) * m.step for item, m in zip(mounted, models, strict=True)])
         self._scales = np.array(
             [*(j.direction * j.per_radian for j in self.joints), *(s.per_radian for s in self.sensors)]
         )
@@ -185,7 +107,7 @@ class ServoRobot:
         base = place[self._base]
         speed = np.zeros(len(base))
         if last is not None and len(base):
-            turn = np.abs(2.0 * math.pi * self._scales[self._base])
+            turn = np.abs(2.0 * np.pi * self._scales[self._base])
             base = base + turn * np.round((last.base_position - base) / turn)
             speed = (base - last.base_position) / max(0.5 * (state.before + state.after) - last.time, 1e-6)
         position = place[:k]
@@ -289,121 +211,11 @@ class ServoRobot:
         return ", ".join(rows) or "its code changed since"
 
 
-def check_joints(joints: Sequence[Joint], robot: Robot, servo: ServoModel, params: Mapping[str, float]) -> None:
-    """Refuse joints that cannot be.
-
-    Raises:
-        CalibrationError: a joint is missing, unknown or doubled, two have one id, or a range cannot be reached.
-    """
-    wanted = [item.name for item in robot.coordinates]
-    for joint in joints:
-        if joint.name not in wanted:
-            raise CalibrationError(f"robot '{robot.name}' has no joint '{joint.name}'{nearest(joint.name, wanted)}.")
-    if (missing := [name for name in wanted if name not in [joint.name for joint in joints]]) or [
-        joint.name for joint in joints
-    ] != wanted:
-        raise CalibrationError(
-            f"robot '{robot.name}' has the joints {', '.join(wanted)}; "
-            + (f"{', '.join(missing)} {'is' if len(missing) == 1 else 'are'} missing." if missing else "order them so.")
-        )
-    users: dict[int, str] = {}
-    limits = robot.goal_limits(robot.parameters(params))
-    step = 2.0 * math.pi / servo.resolution
-    for joint in joints:
-        if not 0 <= joint.id <= HIGHEST_ID:
-            raise CalibrationError(f"joint {joint.name} has the id {joint.id}; ids are 0 to {HIGHEST_ID}.")
-        if joint.id in users:
-            raise CalibrationError(
-                f"joints {users[joint.id]} and {joint.name} both have the servo with id {joint.id}; "
-                "give each servo an id of its own (bus.change_id)."
-            )
-        users[joint.id] = joint.name
-        if joint.direction not in (-1, 1):
-            raise CalibrationError(f"joint {joint.name} has the direction {joint.direction}; it is 1 or -1.")
-        if not (math.isfinite(joint.low) and math.isfinite(joint.high) and joint.low < joint.high):
-            raise CalibrationError(f"joint {joint.name} has the range {joint.low} to {joint.high} rad, which is none.")
-        for angle in (joint.low, joint.high):
-            place = joint.zero + joint.direction * angle / (joint.per_radian * step)
-            if not -0.5 <= place <= servo.resolution - 0.5:
-                raise CalibrationError(
-                    f"joint {joint.name} cannot reach {angle:.3f} rad: its encoder ends at step 0 and "
-                    f"{servo.resolution - 1}, and that is step {place:.0f}; mount the horn so that the range keeps "
-                    "clear of the encoder's seam, or give a smaller range."
-                )
-        low, high = limits[joint.name]
-        if joint.high <= low or joint.low >= high:
-            raise CalibrationError(
-                f"joint {joint.name} has the range {joint.low:.2f} to {joint.high:.2f} rad, but robot '{robot.name}' "
-                f"works between {low:.2f} and {high:.2f} rad; zero or direction is wrong: calibrate it again."
-            )
-
-
-def nominal_joints(
-    robot: Robot, servo: ServoModel, params: Mapping[str, float], gears: Mapping[str, float] | None = None
-) -> list[Joint]:
-    """Joints of a machine built as drawn, or as the robot's file says.
-
-    As drawn: ids 1, 2, ..., zero at the encoder's centre, range of the robot's goals.
-
-    Args:
-        robot: that has them.
-        servo: on each.
-        params: numbers of the robot other than its own.
-        gears: how far a joint moves per radian of its servo, by pattern of names; 1 where none fits. The middle of
-            such a joint's range is at the encoder's centre, unless the robot's file says where its zero is.
-    """
-    step = 2.0 * math.pi / servo.resolution
-    limits = robot.goal_limits(robot.parameters(params))
-    said = {} if robot.file is None else {item.name: item.servo for item in robot.file.joints}
-    found = []
-    for number, item in enumerate(robot.coordinates, 1):
-        mounted, goals = said.get(item.name) or ServoEntry(number), limits[item.name]
-        geared = [value for key, value in (gears or {}).items() if fnmatch.fnmatch(item.name, key)]
-        scale = mounted.direction * (geared[0] if geared else 1.0) * step
-        zero = servo.centre if not geared else round(servo.centre - 0.5 * (goals[0] + goals[1]) / scale)
-        zero = zero if mounted.zero is None else mounted.zero
-        low, high = sorted(scale * (at - zero) for at in (0, servo.resolution - 1))
-        low, high = max(goals[0], low), min(goals[1], high)
-        found.append(Joint(item.name, mounted.id, zero, mounted.direction, low, high, None, abs(scale) / step))
-    return found
-
-
-def read_joints(path: Path, robot: Robot) -> list[Joint]:
-    """Joints from a calibration file.
-
-    Raises:
-        CalibrationError: the file cannot be read, or is of another robot.
-    """
-    try:
-        document = yaml.safe_load(path.read_text(encoding="utf-8"))
-        if document["robot"] != robot.name:
-            raise CalibrationError(f"{path} is the calibration of robot '{document['robot']}', not of '{robot.name}'.")
-        return [
-            Joint(
-                str(name),
-                int(row["id"]),
-                int(row["zero"]),
-                int(row["direction"]),
-                float(row["range"][0]),
-                float(row["range"][1]),
-                None if row.get("homing_offset") is None else int(row["homing_offset"]),
-                float(row.get("per_radian", 1.0)),
-            )
-            for name, row in document["joints"].items()
-        ]
-    except CalibrationError:
-        raise
-    except OSError as error:
-        raise CalibrationError(f"the calibration {path} cannot be read: {error.strerror}.") from None
-    except (yaml.YAMLError, UnicodeDecodeError, LookupError, TypeError, ValueError, AttributeError) as error:
-        raise CalibrationError(f"{path} is no calibration ({' '.join(str(error).split())}); calibrate again.") from None
-
-
 def build_robot(config: Mapping[str, Any], actuator: Any = None, calibration: Path | None = None) -> ServoRobot:
     """The robot of a ``configs/robot`` file.
 
     Args:
-        config: ``name``, ``params``, ``servo``, ``actuator``.
+        config: ``name``, ``params``, ``servo``, ``actuator``, ``sensors``, ``buses``.
         actuator: chain that the servos are taken for, in place of the file's.
         calibration: file; None: a machine built as drawn.
 
@@ -414,9 +226,14 @@ def build_robot(config: Mapping[str, Any], actuator: Any = None, calibration: Pa
     params = {str(key): value for key, value in (config.get("params") or {}).items()}
     belief = actuator if actuator is not None else config.get("actuator")
     gears = checked_gears(config.get("gears") or {}, robot)
-    joints = nominal_joints(robot, servo, params, gears) if calibration is None else read_joints(calibration, robot)
+    sensed = config.get("sensors") or {}
+    lines = read_lines(config.get("buses") or {}, [*(item.name for item in robot.coordinates), *sensed])
+    if calibration is None:
+        joints = nominal_joints(robot, servo, params, gears, lines)
+    else:
+        joints = read_joints(calibration, robot, lines)
     chains = {name: _plain(chain) for name, chain in robot.chains_for(belief).items()}
-    sensors = read_sensors(config.get("sensors") or {}, joints, servo)
+    sensors = read_sensors(sensed, joints, servo, lines)
     registers = set_up(config.get("registers") or {}, servo)
     return ServoRobot(robot, params, servo, joints, chains, sensors, registers)
 
@@ -435,22 +252,6 @@ def set_up(registers: Mapping[str, Any], servo: ServoModel) -> dict[str, int]:
     return {name: count for name, count in counts.items() if name in servo.registers}
 
 
-def checked_gears(gears: Mapping[str, Any], robot: Robot) -> dict[str, float]:
-    """``gears`` of a robot's file: how far joints move per radian of their servos, by pattern of names.
-
-    Raises:
-        CalibrationError: a pattern fits no joint, or a value is none.
-    """
-    names = [item.name for item in robot.coordinates]
-    found = {str(key): checked(f"robot.gears.{key}", value, float) for key, value in gears.items()}
-    for key, value in found.items():
-        if not fnmatch.filter(names, key):
-            raise CalibrationError(f"robot.gears.{key} fits no joint of '{robot.name}'; it has {', '.join(names)}.")
-        if value <= 0.0:
-            raise CalibrationError(f"robot.gears.{key} is {value:g}; it must be above 0.")
-    return found
-
-
 def extended_robot(config: Mapping[str, Any], extended: str | Path, calibration: Path | None = None) -> ServoRobot:
     """The robot of a ``configs/robot`` file as a diagnosis found it: chains and numbers.
 
@@ -466,35 +267,6 @@ def extended_robot(config: Mapping[str, Any], extended: str | Path, calibration:
     params = {str(key): value for key, value in (config.get("params") or {}).items()}
     found = {**config, "params": machine.params_on(robot, params)}
     return build_robot(found, machine.chains_on(robot), calibration)
-
-
-def read_sensors(config: Mapping[str, Any], joints: Sequence[Joint], servo: ServoModel) -> list[Sensor]:
-    """Sensors of a robot's file.
-
-    Raises:
-        CalibrationError: one has the id of a joint or of another one, or lacks something.
-    """
-    found: list[Sensor] = []
-    users = {joint.id: joint.name for joint in joints}
-    for name, row in config.items():
-        try:
-            per_radian = float(row.get("per_radian", 1.0))
-            sensor = Sensor(str(name), int(row["id"]), int(row.get("zero", servo.centre)), per_radian)
-        except (LookupError, TypeError, ValueError, AttributeError):
-            raise CalibrationError(
-                f"robot.sensors.{name} is {row!r}; it needs an id, and takes zero, per_radian."
-            ) from None
-        if sensor.id in users:
-            raise CalibrationError(
-                f"sensor {name} has the id {sensor.id}, and so has {users[sensor.id]}; ids are unique."
-            )
-        if per_radian == 0.0 or not math.isfinite(per_radian):
-            raise CalibrationError(
-                f"robot.sensors.{name}.per_radian is {per_radian:g}; it must be a number other than 0."
-            )
-        users[sensor.id] = sensor.name
-        found.append(sensor)
-    return found
 
 
 def _plain(chain: Any) -> str | list:

@@ -198,7 +198,7 @@ class Safety:
                 self._over.discard((name, k))
                 continue
             said = text.format(found[k], self.limits.following_time, limit[k])
-            fault = Fault(name, f"joint {joint.name} (servo {joint.id}) {said}.", (joint.id,))
+            fault = Fault(name, f"joint {joint.name} (servo {joint.address}) {said}.", (joint.address,))
             if (of or name) not in self.limits.log_only:
                 return fault
             if (name, k) not in self._over:
@@ -218,7 +218,7 @@ class Safety:
         """
         watch = self._following
         missing = () if reading.state is None else reading.state.missing
-        watch.see(goal, reading.position, np.array([joint.id not in missing for joint in self._robot.joints]))
+        watch.see(goal, reading.position, np.array([joint.address not in missing for joint in self._robot.joints]))
         text = "has been more than {2:.2f} rad behind its goal for {1:g} s, at last {0:.2f} rad: it is blocked or blind"
         if fault := self._first("following", watch.behind, text, watch.error, watch.limits):
             return fault
@@ -256,7 +256,7 @@ class Safety:
             if len(bad):
                 joint = self._robot.joints[bad[0]]
                 said = text.format(*(abs(v) if name == "voltage" else v for v in (found[bad[0]], limit)))
-                return Fault(name, f"joint {joint.name} (servo {joint.id}) {said}.", (joint.id,))
+                return Fault(name, f"joint {joint.name} (servo {joint.address}) {said}.", (joint.address,))
         return None
 
     def _counted(self, reading: Reading) -> Fault | None:

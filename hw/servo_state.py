@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 
@@ -147,7 +148,7 @@ class BlockReader:
             whole: whether torque and mark are among the bytes.
             known: whether these were read this time (n); None: all.
         """
-        more: dict[str, np.ndarray] = {}
+        more: dict[str, Any] = {}
         if whole and self.merged:
             fresh = [True] * len(ids) if known is None else known
             rows = [self.watched(block if is_new else None) for block, is_new in zip(blocks, fresh, strict=True)]

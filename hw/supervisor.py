@@ -17,10 +17,11 @@ import subprocess
 import sys
 import time
 from collections.abc import Callable, Sequence
-from dataclasses import asdict, dataclass
-from typing import Literal
+from dataclasses import asdict, dataclass, field
+from typing import Any, Literal
 
-from .bus import Failing, ServoBus
+from .bus import ServoBus
+from .interface import Bus, Failing
 from .packets import BusError, PortError
 
 BEAT, RESTING, DONE, HELD = b".", b"r", b"d", b"h"
@@ -48,6 +49,7 @@ class Charge:
         loop: process id of the loop, which is killed before the port is taken from it.
         events: file for events, of the run's log; None: nowhere.
         patience: time that it goes on trying to reach port and servos [s].
+        others: further buses of the robot; each a mapping of bus, port, baudrate, servo, ids.
     """
 
     port: str
@@ -60,9 +62,41 @@ class Charge:
     loop: int
     events: str | None = None
     patience: float = PATIENCE
+    others: list[dict[str, Any]] = field(default_factory=list)
+
+    def lines(self) -> list[tuple[str, Opening, list[int]]]:
+        """Each bus: its name, what opens it, and the ids of its servos."""
+        first = Opening(self.port, self.baudrate, self.servo, self.timeout)
+        rest = [
+            (row["bus"], Opening(row["port"], row["baudrate"], row["servo"], self.timeout), row["ids"])
+            for row in self.others
+        ]
+        return [("", first, self.ids), *rest] if self.ids else rest
 
 
-def bring_to_rest(bus: ServoBus, ids: Sequence[int], rest: Rest, failing: Failing | None = None) -> dict[int, BusError]:
+@dataclass(frozen=True)
+class Opening:
+    """How to open a bus.
+
+    Attributes:
+        port, baudrate, servo, timeout: as of :class:`~sealegs.hw.bus.ServoBus`.
+    """
+
+    port: str
+    baudrate: int
+    servo: str
+    timeout: float
+
+    def __call__(self) -> ServoBus:
+        """The bus, open.
+
+        Raises:
+            PortError: it cannot be opened.
+        """
+        return ServoBus(self.port, self.baudrate, self.servo, self.timeout)
+
+
+def bring_to_rest(bus: Bus, ids: Sequence[int], rest: Rest, failing: Failing | None = None) -> dict[int, BusError]:
     """Release or hold every servo that can be reached, whatever fails on the others.
 
     Args:
@@ -75,7 +109,7 @@ def bring_to_rest(bus: ServoBus, ids: Sequence[int], rest: Rest, failing: Failin
         Why, for each servo of which it is not sure.
     """
     if rest == "release":
-        return bus.torque_off(ids, failing)
+        return dict(bus.torque_off(ids, failing))
     failed: dict[int, BusError] = {}
     for servo in ids:
         try:
@@ -207,26 +241,31 @@ def take_over(charge: Charge, why: str, hangs: bool) -> None:
     if hangs and os.getppid() == charge.loop:  # it must not wake up and command the servos again
         with contextlib.suppress(ProcessLookupError):
             os.kill(charge.loop, signal.SIGKILL)
-    failed: dict[int, BusError] | None = None
-    while time.monotonic() < started + charge.patience:
-        try:
-            bus = ServoBus(charge.port, charge.baudrate, charge.servo, charge.timeout)
-        except PortError as error:
-            reason = str(error)
-            time.sleep(PAUSE)
-            continue
-        with bus:
-            failed = bring_to_rest(bus, charge.ids, charge.rest)
-        if not failed:
-            break
-        reason = str(next(iter(failed.values())))
-        time.sleep(20 * PAUSE)
+    left = {name: (opening, ids) for name, opening, ids in charge.lines()}
+    lost: dict[str, list[int]] = {}
+    reason = ""
+    while left and time.monotonic() < started + charge.patience:
+        pause = PAUSE
+        for name, (opening, ids) in list(left.items()):  # one adapter that is gone keeps no other servo waiting
+            try:
+                with opening() as bus:
+                    failed = bring_to_rest(bus, ids, charge.rest)
+            except PortError as error:
+                reason, lost[name] = str(error), lost.get(name, ids)
+                continue
+            if not failed:
+                del left[name]
+                continue
+            reason, lost[name] = str(next(iter(failed.values()))), sorted(failed)
+            pause = 20 * PAUSE
+        if left:
+            time.sleep(pause)
     took = round(time.monotonic() - started, 4)
-    if failed == {}:
+    if not left:
         note(charge, "at rest", by="supervisor", rest=charge.rest, seconds=took)
-    else:
-        lost = charge.ids if failed is None else sorted(failed)
-        note(charge, "not at rest", by="supervisor", servos=lost, reason=reason, seconds=took)
+        return
+    servos = [f"{name}:{servo}" if name else servo for name in left for servo in lost.get(name, left[name][1])]
+    note(charge, "not at rest", by="supervisor", servos=servos, reason=reason, seconds=took)
 
 
 def hold_watched(charge: Charge) -> None:
@@ -243,12 +282,13 @@ def hold_watched(charge: Charge) -> None:
     while True:
         why = "asked to" if asked else None
         try:
-            with ServoBus(charge.port, charge.baudrate, charge.servo, charge.timeout) as bus:
-                state = bus.read_state(charge.ids, whole=True)
-                if state.torque is not None and not state.torque.any():
+            with contextlib.ExitStack() as stack:
+                open_now = [(stack.enter_context(opening()), ids) for _, opening, ids in charge.lines()]
+                states = [bus.read_state(ids, whole=True) for bus, ids in open_now]
+                if not any(state.torque is not None and (state.torque == 1).any() for state in states):
                     return
-                why = why or next((str(fault) for fault in state.faults()), None)
-                if why is not None and not bus.torque_off(charge.ids):
+                why = why or next((str(fault) for state in states for fault in state.faults()), None)
+                if why is not None and not [bus for bus, ids in open_now if bus.torque_off(ids)]:
                     note(charge, "at rest", by="supervisor", rest="release", why=why)
                     return
         except PortError:

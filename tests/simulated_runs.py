@@ -11,6 +11,7 @@ from sealegs.envs.robot import Robot
 from sealegs.envs.robots import get_robot
 from sealegs.hw.bus import ServoBus
 from sealegs.hw.commands import Commands, Trajectory
+from sealegs.hw.connection import ready_at
 from sealegs.hw.loop import ControlLoop, Outcome
 from sealegs.hw.measured_log import MeasuredLog, make_sidecar
 from sealegs.hw.packets import BusError
@@ -63,7 +64,8 @@ class Guard:
         end = port.now() + self.patience
         while port.now() < end and not give_up():
             try:
-                with ServoBus("simulated", timeout=port.reply_timeout, opened=port) as bus:
+                model = self._simulation.robot.servo.name
+                with ServoBus("simulated", model=model, timeout=port.reply_timeout, opened=port) as bus:
                     if not bring_to_rest(bus, self._simulation.robot.ids, "release"):
                         self.heard.append("released")
                         return
@@ -107,16 +109,13 @@ class Simulation:
             for j in self.robot.joints
         }
         placed |= {s.name: {"id": s.id, "zero": s.zero} for s in self.robot.sensors}
-        self.rig = Rig(
-            machine,
-            self.robot.servo,
-            mounts(machine.encoders, placed, self.robot.servo),
-            "order" if pose else "torque",
-            registers={"": self.robot.registers},
-        )
+        servo = self.robot.servo
+        registers = {"": {**ready_at(servo, 1_000_000), **self.robot.registers}}
+        mounted = mounts(machine.encoders, placed, servo)
+        self.rig = Rig(machine, servo, mounted, "order" if pose else "torque", registers=registers)
         self.wire = Wire(self.rig, [fault_from(row) for row in faults], seed)
         self.port = SimulatedPort(self.wire, timeout, latency=latency)
-        self.bus = ServoBus("simulated", opened=self.port, timeout=timeout)
+        self.bus = ServoBus("simulated", model=servo.name, opened=self.port, timeout=timeout, watchdog=0.2)
         self.said: list[tuple[float, str]] = []
         self.stop = Stop()
         self.guard = Guard(self)

@@ -12,8 +12,9 @@ import pytest
 from sealegs.envs.robots import get_robot
 from sealegs.hw.bus import ServoBus
 from sealegs.hw.calibration import guide, kept, newest, unfinished, write_calibration
+from sealegs.hw.joints import CalibrationError, Joint, check_joints, nominal_joints, read_joints
 from sealegs.hw.registers import load_model
-from sealegs.hw.robot import CalibrationError, Joint, ServoRobot, check_joints, nominal_joints, read_joints
+from sealegs.hw.robot import ServoRobot
 from sealegs.hw.servo_state import ServoState
 from sealegs.hw.virtual import VirtualBus
 

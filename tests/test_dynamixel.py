@@ -7,6 +7,7 @@ import threading
 import time
 from collections.abc import Iterator
 from pathlib import Path
+from typing import Any
 
 import dynamixel_sdk as sdk
 import numpy as np
@@ -146,7 +147,8 @@ def test_the_bus_watchdog_stops_a_servo_and_refuses_goals_until_it_is_cleared(se
 
 def test_the_crc_is_that_of_the_sdk_and_headers_within_data_are_stuffed() -> None:
     data = bytes(np.random.default_rng(0).integers(0, 256, 60, dtype=np.uint8))
-    assert protocol2.crc(data) == sdk.PacketHandler(2.0).updateCRC(0, list(data), len(data))
+    theirs: Any = sdk.PacketHandler(2.0)
+    assert protocol2.crc(data) == theirs.updateCRC(0, list(data), len(data))
     tricky = b"\x01\xff\xff\xfd\xff\xff\xfd\x02"
     packet = protocol2.packet(3, bytes((READ,)) + tricky)
     stream = bytearray(b"\xff\xff" + packet[:-1] + b"\x00" + packet + packet[:4])

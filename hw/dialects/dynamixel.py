@@ -29,7 +29,7 @@ class DynamixelDialect:
     ping_data = 3
     longest = 1000
     chained = True  # assumed: each waits for the packet of the one before
-    rates = (9600, 57600, 115200, 1000000, 2000000, 3000000, 4000000)
+    rates: tuple[int, ...] = (9600, 57600, 115200, 1000000, 2000000, 3000000, 4000000)
 
     def __init__(self) -> None:
         self._sdk = sdk.PacketHandler(2.0)

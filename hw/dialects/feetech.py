@@ -17,7 +17,7 @@ class FeetechDialect:
     ping_data = 0
     longest = 250
     chained = False
-    rates = RATES
+    rates: tuple[int, ...] = RATES
 
     def __init__(self) -> None:
         self._sdk = sdk.PacketHandler(0)  # bytes of words are ours to order

@@ -22,7 +22,7 @@ from ...configs.compose import compose, split
 from ...configs.script import run
 from ...envs.robots import get_robot
 from ..registers import ServoModel, load_model
-from .faults import read_faults
+from .faults import Fault, read_faults
 from .machine import Machine
 from .rig import Held, Rig, mounts
 from .server import Server, announce
@@ -52,11 +52,15 @@ def build(config: dict[str, Any]) -> Server:
         robot, actuator, checked("hidden", config["hidden"], str | None), config["params"], config["sensors"],
         config["pose"],
     )  # fmt: skip
-    faults = read_faults(config["faults"]) if config["faults"] is not None else []
-    mounted = mounts(machine.encoders, config["servos"], model)
-    counts = registers(config["registers"], model)
-    rig = Rig(machine, model, mounted, checked("held", config["held"], Held | None), registers={"": counts})
-    wire = Wire(rig, faults, checked_seed(config["seed"]))
+    faults = faults_again(config)
+    others = {str(name): load_model(checked(f"buses.{name}", row, str)) for name, row in config["buses"].items()}
+    mounted = mounts(machine.encoders, config["servos"], model, others)
+    counts = {"": registers(config["registers"], model)}
+    counts |= {name: registers(config["bus_registers"].get(name), table) for name, table in others.items()}
+    held = checked("held", config["held"], Held | None)
+    rig = Rig(machine, model, mounted, held, others=others, registers=counts)
+    seed = checked_seed(config["seed"])
+    wire = Wire(rig, faults, seed)
     return Server(
         wire,
         stepped=mode == "stepped",
@@ -64,6 +68,7 @@ def build(config: dict[str, Any]) -> Server:
         latency=numbers["latency"],
         link=Path(config["link"]) if config["link"] is not None else None,
         linger=checked("linger", config["linger"], float | None),
+        others=[Wire(rig, faults_again(config), seed + k, name) for k, name in enumerate(others, 1)],
     )
 
 
@@ -83,6 +88,11 @@ def registers(given: dict[str, Any] | None, model: ServoModel) -> dict[str, int]
             )
         found[str(name)] = count
     return found
+
+
+def faults_again(config: dict[str, Any]) -> list[Fault]:
+    """The faults of a config; each line has its own, which it counts down."""
+    return read_faults(config["faults"]) if config["faults"] is not None else []
 
 
 def main(arguments: list[str]) -> None:

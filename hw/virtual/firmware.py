@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-from ..registers import ServoModel
+from ..registers import BYTE_ORDER, ServoModel
 
 TICK = 0.005  # [s] between two looks at protection, velocity and temperature; assumed
 VELOCITY_TICKS = 4  # velocity is the encoder's difference over so many; assumed
@@ -46,7 +46,7 @@ class Firmware:
 
     def __init__(self, model: ServoModel, servo_id: int, joint: int, bus: str = "") -> None:
         self.model, self.joint, self.bus = model, joint, bus
-        self._places = {
+        self._places: dict[str, tuple[int, int, int | None, BYTE_ORDER]] = {
             item.name: (item.address, item.bytes, item.sign if not item.complement else -1, item.order)
             for item in model.registers.values()
         }

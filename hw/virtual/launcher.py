@@ -23,6 +23,7 @@ class VirtualBus:
     Attributes:
         port: path to give to :class:`sealegs.hw.bus.ServoBus` or to any other client.
         control_path: of the control socket, for another process.
+        ports: paths by name of the line; "" is the first.
     """
 
     def __init__(self, **keys: Any) -> None:
@@ -55,6 +56,9 @@ class VirtualBus:
                 raise SealegsError(said[-1] if said else "the virtual bus did not start, and did not say why.")
             facts[key] = value
         self.port, self.control_path = facts["port"], facts["control"]
+        self.ports = {"": self.port}
+        for name in keys.get("buses") or {}:
+            _, _, self.ports[name] = self._process.stdout.readline().strip().partition(": ")
         self._control = Control(self.control_path)
 
     def __enter__(self) -> VirtualBus:

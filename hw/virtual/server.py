@@ -7,7 +7,7 @@ import os
 import select
 import sys
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -19,6 +19,56 @@ from .terminal import Terminal
 from .wire import Wire
 
 IDLE = 0.005  # [s] after which the machine moves on though nobody asks
+
+
+class Line:
+    """One port, and the servos behind it.
+
+    Attributes:
+        wire: the servos' line.
+        terminal: the port; None while the adapter is unplugged.
+        stream: bytes of requests that are not complete.
+    """
+
+    def __init__(self, wire: Wire, link: Path | None) -> None:
+        self.wire, self._link = wire, link
+        self.terminal: Terminal | None = Terminal(link)
+        self.stream = bytearray()
+        self._outgoing: list[tuple[float, int, bytes]] = []
+        self._sequence = 0
+
+    @property
+    def port(self) -> str:
+        """Path that clients open."""
+        return self.terminal.path if self.terminal else str(self._link)
+
+    @property
+    def next_due(self) -> float | None:
+        """When the next reply is to be sent [s]; None: nothing waits."""
+        return self._outgoing[0][0] if self._outgoing else None
+
+    def send_at(self, time: float, packet: bytes) -> None:
+        """Send a reply once its bytes have gone over the line [s]."""
+        heapq.heappush(self._outgoing, (time, self._sequence, packet))
+        self._sequence += 1
+
+    def flush(self, now: float) -> None:
+        """Send what is due."""
+        data = b""
+        while self._outgoing and self._outgoing[0][0] <= now:
+            data += heapq.heappop(self._outgoing)[2]
+        if data and self.terminal is not None:
+            self.terminal.write(data)
+
+    def plug(self, plugged: bool) -> None:
+        """Unplug the adapter, or plug it in."""
+        if not plugged and self.terminal is not None:
+            self.terminal.close()
+            self.terminal = None
+            self._outgoing.clear()
+            self.stream.clear()
+        elif plugged and self.terminal is None:
+            self.terminal = Terminal(self._link)
 
 
 class Server:
@@ -33,6 +83,7 @@ class Server:
         latency: float = 0.0,
         link: Path | None = None,
         linger: float | None = None,
+        others: Sequence[Wire] = (),
     ) -> None:
         """Open port and control socket.
 
@@ -42,15 +93,16 @@ class Server:
             cycle: in stepped time, every SYNC_READ waits for the next multiple of this [s]; 0: it does not.
             latency: of the adapter, on every reply [s].
             link: fixed name of the port.
+            others: further lines to the same machine, each on a port of its own; stepped time advances with the first.
             linger: end so long after the standard input is closed [s]; None: do not look at it.
         """
-        self.wire, self.stepped, self.cycle, self.latency = wire, stepped, cycle, latency
-        self._link = link
-        self._terminal: Terminal | None = Terminal(link)
+        self.stepped, self.cycle, self.latency = stepped, cycle, latency
+        self.wire = wire
+        self.lines = {"": Line(wire, link)}
+        for other in others:
+            beside = None if link is None else link.with_name(f"{link.name}-{other.bus}")
+            self.lines[other.bus] = Line(other, beside)
         self._control = ControlSocket()
-        self._stream = bytearray()
-        self._outgoing: list[tuple[float, int, bytes]] = []
-        self._sequence = 0
         self._stepped_now = 0.0
         self._start = time.monotonic()
         self._linger = linger
@@ -61,7 +113,7 @@ class Server:
     @property
     def port(self) -> str:
         """Path that clients open."""
-        return self._terminal.path if self._terminal else str(self._link)
+        return self.lines[""].port
 
     @property
     def control(self) -> str:
@@ -79,8 +131,8 @@ class Server:
 
     def __exit__(self, *_: object) -> None:
         self._control.close()
-        if self._terminal is not None:
-            self._terminal.close()
+        for line in self.lines.values():
+            line.plug(False)
 
     def run(self) -> None:
         """Serve until told to stop."""
@@ -93,89 +145,77 @@ class Server:
 
     def disturb(self, data: bytes) -> None:
         """Put bytes on the line that no servo sent."""
-        if self._terminal is not None:
-            self._terminal.write(data)
+        if (terminal := self.lines[""].terminal) is not None:
+            terminal.write(data)
 
     def _wait(self) -> None:
         readers: list[Any] = self._control.readers()
-        if self._terminal is not None:
-            readers.append(self._terminal.master)
+        open_lines = {line.terminal.master: line for line in self.lines.values() if line.terminal is not None}
+        readers += open_lines
         if self._parent is not None:
             readers.append(self._parent)
         ready, _, _ = select.select(readers, [], [], self._pause())
-        if self._terminal is not None and self._terminal.master in ready:
-            self._receive()
+        for descriptor, line in open_lines.items():
+            if descriptor in ready:
+                self._receive(line)
         if self._parent is not None and self._parent in ready and not os.read(self._parent, 64):
             self._parent, self._end = None, time.monotonic() + (self._linger or 0.0)
         self._control.serve(ready, self._command)
         if self._end is not None and time.monotonic() > self._end:
             self.stop()
         if not self.stepped:
-            self._flush(self.now())
+            for line in self.lines.values():
+                line.flush(self.now())
             if not ready:
                 self._carry_on(self.now())
 
     def _pause(self) -> float:
         if self.stepped:
             return 0.1
-        if not self._outgoing:
-            return IDLE
-        return min(max(self._outgoing[0][0] - self.now(), 0.0), IDLE)
+        due = [line.next_due for line in self.lines.values() if line.next_due is not None]
+        return min(max(min(due) - self.now(), 0.0), IDLE) if due else IDLE
 
     def _carry_on(self, now: float) -> None:
-        self.wire.apply_faults(now)
+        for line in self.lines.values():
+            line.wire.apply_faults(now)
         self.wire.rig.advance(now)
         self.wire.rig.apply()
-        unplugged = first(self.wire.faults, "unplug", now) is not None
-        if unplugged and self._terminal is not None:
-            self._terminal.close()
-            self._terminal = None
-            self._outgoing.clear()
-            self._stream.clear()
-        elif not unplugged and self._terminal is None:
-            self._terminal = Terminal(self._link)
+        for line in self.lines.values():
+            line.plug(first(line.wire.faults, "unplug", now) is None)
 
-    def _receive(self) -> None:
-        assert self._terminal is not None
+    def _receive(self, line: Line) -> None:
+        if line.terminal is None:
+            return
         try:
-            data = os.read(self._terminal.master, 4096)
+            data = os.read(line.terminal.master, 4096)
         except (BlockingIOError, OSError):
             return
-        if first(self.wire.faults, "echo", self.now()) is not None:
-            self._terminal.write(data)
-        self._stream += data
-        for request in self.wire.requests(self._stream):
-            self._handle(request)
-            if self._terminal is None:
+        if first(line.wire.faults, "echo", self.now()) is not None:
+            line.terminal.write(data)
+        line.stream += data
+        for request in line.wire.requests(line.stream):
+            self._handle(line, request)
+            if line.terminal is None:
                 return
 
-    def _handle(self, request: Request) -> None:
-        assert self._terminal is not None
-        if self.stepped and request.instruction == protocol.SYNC_READ and self.cycle > 0.0:
+    def _handle(self, line: Line, request: Request) -> None:
+        wire = line.wire
+        if self.stepped and request.instruction == protocol.SYNC_READ and self.cycle > 0.0 and wire is self.wire:
             cycles = int(self._stepped_now / self.cycle + 1e-6) + 1
             self._stepped_now = cycles * self.cycle
-            self._flush(self._stepped_now)
+            line.flush(self._stepped_now)
         self._carry_on(self.now())
-        if self._terminal is None:
+        if line.terminal is None:
             return
-        baudrate = self._terminal.baudrate()
-        for at, packet in self.wire.exchange(request, self.now(), baudrate):
-            heapq.heappush(self._outgoing, (at + self.latency, self._sequence, packet))
-            self._sequence += 1
-        for servo in self.wire.rig.servos:
+        for at, packet in wire.exchange(request, self.now(), line.terminal.baudrate()):
+            line.send_at(at + self.latency, packet)
+        for servo in wire.servos:
             if servo.refused is not None:
                 print(servo.refused, file=sys.stderr, flush=True)
                 servo.refused = None
         if self.stepped:
-            self._stepped_now = max(self._stepped_now, self.wire.free_at)
-            self._flush(self._stepped_now + self.latency + 1e-9)
-
-    def _flush(self, now: float) -> None:
-        data = b""
-        while self._outgoing and self._outgoing[0][0] <= now:
-            data += heapq.heappop(self._outgoing)[2]
-        if data and self._terminal is not None:
-            self._terminal.write(data)
+            self._stepped_now = max(self._stepped_now, wire.free_at)
+            line.flush(self._stepped_now + self.latency + 1e-9)
 
     # --- control -----------------------------------------------------------------------------------------------
 
@@ -201,7 +241,7 @@ class Server:
         servos = {}
         for servo, name in zip(rig.servos, rig.machine.encoders, strict=True):
             since = rig.since[servo.joint]
-            servos[str(servo.id)] = {
+            servos[f"{servo.bus}:{servo.id}" if servo.bus else str(servo.id)] = {
                 "joint": name,
                 "torque": rig.torque(servo.joint),
                 "since": since,
@@ -218,23 +258,31 @@ class Server:
         return {
             "time": now,
             "port": self.port,
-            "plugged": self._terminal is not None,
-            "requests": self.wire.heard,
+            "plugged": all(line.terminal is not None for line in self.lines.values()),
+            "requests": sum(line.wire.heard for line in self.lines.values()),
             "servos": servos,
             "history": rig.history[-1000:],
-            "faults": [{**vars(fault), "done": sorted(fault.done)} for fault in self.wire.faults],
+            "faults": [
+                {**vars(fault), "done": sorted(fault.done)}
+                for line in self.lines.values()
+                for fault in line.wire.faults
+            ],
             "qpos": rig.machine.data.qpos.tolist(),
             "qvel": rig.machine.data.qvel.tolist(),
         }
 
     def _fault(self, order: dict[str, Any]) -> dict[str, Any]:
         row = {key: value for key, value in order.items() if key != "do"}
-        self.wire.faults.append(fault_from(row, self.now()))
+        for line in self.lines.values():
+            fault = fault_from(row, self.now())
+            if fault.bus in (None, line.wire.bus):
+                line.wire.faults.append(fault)
         self._carry_on(self.now())
         return {"time": self.now()}
 
     def _clear(self, _: dict[str, Any]) -> dict[str, Any]:
-        self.wire.faults.clear()
+        for line in self.lines.values():
+            line.wire.faults.clear()
         self._carry_on(self.now())
         return {"time": self.now(), "port": self.port}
 
@@ -243,7 +291,8 @@ class Server:
             return {"error": "time runs with the clock here; start the virtual bus with time=stepped."}
         self._stepped_now += float(order.get("seconds", 0.0))
         self._carry_on(self._stepped_now)
-        self._flush(self._stepped_now)
+        for line in self.lines.values():
+            line.flush(self._stepped_now)
         return {"time": self._stepped_now}
 
     def _let_go(self, _: dict[str, Any]) -> dict[str, Any]:
@@ -260,4 +309,7 @@ class Server:
 def announce(server: Server) -> None:
     """Print where clients find the server, one fact a line."""
     print(f"port: {server.port}", f"control: {server.control}", sep="\n")
+    for name, line in server.lines.items():
+        if name:
+            print(f"port of {name}: {line.port}")
     sys.stdout.flush()

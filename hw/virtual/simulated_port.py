@@ -16,16 +16,35 @@ from .wire import Wire
 STEP = 0.005  # [s] between two looks at the faults while nobody asks
 
 
+class SimulatedClock:
+    """The time of one machine, for all ports to it.
+
+    Attributes:
+        time: [s].
+        wires: lines to its servos.
+    """
+
+    def __init__(self, time: float) -> None:
+        self.time = time
+        self.wires: list[Wire] = []
+
+
 class SimulatedPort(BusPort):
     """The port of a :class:`~sealegs.hw.bus.ServoBus` (``opened=``), and the clock of its loop.
 
     Attributes:
         wire: servos and their line.
+        clock: shared by all ports to one machine.
         latency: of the adapter, on every reply [s].
     """
 
     def __init__(
-        self, wire: Wire, reply_timeout: float = 0.02, baudrate: int = 1_000_000, latency: float = 0.0
+        self,
+        wire: Wire,
+        reply_timeout: float = 0.02,
+        baudrate: int = 1_000_000,
+        latency: float = 0.0,
+        clock: SimulatedClock | None = None,
     ) -> None:
         self.port_name, self.baudrate = "simulated", baudrate
         self.reply_timeout, self.latency = reply_timeout, latency
@@ -34,7 +53,9 @@ class SimulatedPort(BusPort):
         self.discarded = self.received = 0
         self.tx_time_per_byte = 10_000.0 / baudrate  # [ms]
         self.ser = None
-        self._time = wire.rig.time
+        self.clock = clock or SimulatedClock(wire.rig.time)
+        if wire not in self.clock.wires:
+            self.clock.wires.append(wire)
         self._deadline = 0.0
         self._coming: list[tuple[float, int, bytes]] = []
         self._sequence = 0
@@ -51,7 +72,8 @@ class SimulatedPort(BusPort):
         end = self._time + max(seconds, 0.0)
         while self._time < end:
             self._time = min(self._time + STEP, end)
-            self.wire.apply_faults(self._time)
+            for wire in self.clock.wires:
+                wire.apply_faults(self._time)
             self.wire.rig.advance(self._time)
             self.wire.rig.apply()
 
@@ -63,9 +85,15 @@ class SimulatedPort(BusPort):
 
     def reopened(self) -> SimulatedPort:
         """Another port of the same wire, at the same time, as another program would open it."""
-        port = SimulatedPort(self.wire, self.reply_timeout, self.baudrate, self.latency)
-        port._time = self._time
-        return port
+        return SimulatedPort(self.wire, self.reply_timeout, self.baudrate, self.latency, self.clock)
+
+    @property
+    def _time(self) -> float:
+        return self.clock.time
+
+    @_time.setter
+    def _time(self, time: float) -> None:
+        self.clock.time = time
 
     def clearPort(self) -> None:
         """Discard what has come in."""
