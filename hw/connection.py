@@ -13,7 +13,7 @@ from .bus import ServoBus
 from .buses import BusGroup
 from .interface import Bus
 from .packets import ConfigurationError
-from .registers import ServoModel
+from .registers import ready_at
 from .robot import Joint, ServoRobot
 from .supervisor import Charge, Opening, Rest
 
@@ -101,15 +101,6 @@ def opened_port(
         known["actuator"] = truth
     with VirtualBus(**{**known, **hw["virtual"]}) as bus:
         yield Opened({line.name: bus.ports[line.name] for line in robot.lines}, bus.let_go)
-
-
-def ready_at(model: ServoModel, baudrate: int) -> dict[str, int]:
-    """Registers of virtual servos whose factory settings nobody would work with: another baud rate, slow replies."""
-    if model.protocol != "dynamixel":
-        return {}
-    if baudrate not in model.baud_rates:
-        raise SealegsError(f"hw.baudrate is {baudrate}; a {model.name} knows {', '.join(map(str, model.baud_rates))}.")
-    return {"baud_rate": model.baud_rates.index(baudrate), "return_delay_time": 0}
 
 
 def check_joint(bus: ServoBus, joint: Joint) -> None:

@@ -27,10 +27,10 @@ from .loop import ControlLoop, Outcome, Stop
 from .measured_log import MeasuredLog, make_sidecar, read_events
 from .policy import Policy
 from .realtime import realtime
-from .registers import ServoModel
 from .robot import ServoRobot, build_robot, extended_robot
 from .safety import Limits, Safety
 from .supervisor import Rest, Supervisor
+from .unlike import unlike_the_factory, unlike_the_file
 
 RATE = 100.0  # [Hz] of what does not say its own
 DURATION = 10.0  # [s] of what has no end of its own
@@ -339,43 +339,6 @@ def library_excitation(word: str, robot: ServoRobot, reach: float, seed: int) ->
         columns.append(middle + shapes[word])
     goals = np.stack(columns, axis=1)
     return Trajectory(word, np.arange(len(goals)) / SAMPLES, goals, {"excitation": word, "reach": reach, "seed": seed})
-
-
-def unlike_the_factory(registers: Mapping[str, Mapping[str, int]], servo: ServoModel) -> list[str]:
-    """A sentence for each joint whose servo has been set up to move otherwise than it left the factory.
-
-    Args:
-        registers: counts by joint and name.
-        servo: model of the servos.
-    """
-    found = []
-    for joint, row in registers.items():
-        changed = [
-            f"{name} {row[name]} ({servo[name].default})"
-            for name in servo.moves
-            if row[name] != servo[name].default
-            and not (name == servo.role("mark") and row[name] == servo[name].default - 1)  # the mark of an earlier run
-        ]
-        if changed:
-            found.append(
-                f"Joint {joint} moves otherwise than from the factory, which the chains of configs/actuator describe: "
-                f"{', '.join(changed)}."
-            )
-    return found
-
-
-def unlike_the_file(registers: Mapping[str, Mapping[str, int]], robot: ServoRobot) -> list[str]:
-    """A sentence for each joint whose servo is not set up as the robot's file says; counts by joint and name."""
-    found = []
-    for joint in robot.joints:
-        row = registers[joint.name]
-        if other := [name for name, count in robot.registers.items() if row.get(name, count) != count]:
-            counts = ", ".join(f"{name} {row[name]} ({robot.registers[name]})" for name in other)
-            mend = f"sealegs scan id={joint.id} set={other[0]}:{robot.registers[other[0]]}"
-            found.append(
-                f"Joint {joint.name} is set up otherwise than the robot's file says: {counts}; {mend} mends it."
-            )
-    return found
 
 
 def _log(deployment: Deployment, port: str, registers: Mapping[str, Mapping[str, int]]) -> MeasuredLog:

@@ -11,11 +11,10 @@ from sealegs.envs.robot import Robot
 from sealegs.envs.robots import get_robot
 from sealegs.hw.bus import ServoBus
 from sealegs.hw.commands import Commands, Trajectory
-from sealegs.hw.connection import ready_at
 from sealegs.hw.loop import ControlLoop, Outcome
 from sealegs.hw.measured_log import MeasuredLog, make_sidecar
 from sealegs.hw.packets import BusError
-from sealegs.hw.registers import load_model
+from sealegs.hw.registers import load_model, ready_at
 from sealegs.hw.robot import ServoRobot, build_robot, nominal_joints
 from sealegs.hw.safety import Limits, Safety
 from sealegs.hw.stop import Stop

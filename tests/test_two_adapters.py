@@ -14,11 +14,11 @@ from sealegs.gap.log import read_measured
 from sealegs.hw.address import Address
 from sealegs.hw.bus import ServoBus
 from sealegs.hw.buses import BusGroup
-from sealegs.hw.connection import ready_at
 from sealegs.hw.joints import CalibrationError
 from sealegs.hw.loop import ControlLoop
 from sealegs.hw.measured_log import read_events
 from sealegs.hw.outcome import Outcome
+from sealegs.hw.registers import ready_at
 from sealegs.hw.robot import build_robot
 from sealegs.hw.safety import Limits, Safety
 from sealegs.hw.virtual.faults import fault_from

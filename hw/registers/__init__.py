@@ -232,6 +232,21 @@ def load_model(name: str) -> ServoModel:
     )
 
 
+def ready_at(model: ServoModel, baudrate: int) -> dict[str, int]:
+    """Registers of virtual servos whose factory settings nobody would work with: another baud rate, slow replies.
+
+    Raises:
+        RegisterError: the servo does not know the baud rate [bit/s].
+    """
+    if model.protocol != "dynamixel":
+        return {}
+    if baudrate not in model.baud_rates:
+        raise RegisterError(
+            f"the baud rate is {baudrate}; a {model.name} knows {', '.join(map(str, model.baud_rates))}."
+        )
+    return {"baud_rate": model.baud_rates.index(baudrate), "return_delay_time": 0}
+
+
 def _register(name: str, row: Mapping[str, Any], order: BYTE_ORDER) -> Register:
     bits = 8 * row["bytes"]
     low, high = (-(1 << (bits - 1)), (1 << (bits - 1)) - 1) if row.get("complement") else (0, (1 << bits) - 1)

@@ -6,11 +6,14 @@ from collections.abc import Mapping
 from typing import Any
 
 from ..bus import ServoBus
+from ..registers import ready_at
 from ..robot import ServoRobot
 from .machine import Machine
 from .rig import Rig, mounts
 from .simulated_port import SimulatedPort
 from .wire import Wire
+
+RATE = 1_000_000  # [bit/s]
 
 
 def bus_in_process(
@@ -43,6 +46,7 @@ def bus_in_process(
     }
     placed |= {s.name: {"id": s.id, "zero": s.zero, "direction": 1 if s.per_radian > 0 else -1} for s in robot.sensors}
     mounted = mounts(machine.encoders, placed, robot.servo)
-    rig = Rig(machine, robot.servo, mounted, "order" if pose else "torque", registers={"": robot.registers})
+    registers = {"": {**ready_at(robot.servo, RATE), **robot.registers}}
+    rig = Rig(machine, robot.servo, mounted, "order" if pose else "torque", registers=registers)
     port = SimulatedPort(Wire(rig, []), timeout, latency=latency)
     return ServoBus("simulated", model=robot.servo.name, timeout=timeout, opened=port), rig
