@@ -119,7 +119,8 @@ def test_a_fixed_delay_is_in_contract_and_environment() -> None:
     late, prompt = (make_vec_env({**env, "action_delay": delay}, None, 1, seed=0) for delay in (0.005, 0.0))
     chains = {name: chain.to_list() for name, chain in late.engine.chains.items()}
     assert make_contract(env, chains, 50.0).delay == 0.005
-    late.reset(), prompt.reset()
+    late.reset()
+    prompt.reset()
     action = np.full((1, 2), 0.5)
     moved = [env.engine.step(action).observation for env in (late, prompt)]
     assert np.abs(moved[0] - moved[1]).max() > 1e-3, "goals hold for 5 ms more"

@@ -84,7 +84,9 @@ def test_episodes_of_a_lerobot_data_set_become_logs(tmp_path: Path, version: str
     wanted = motion(8.0, 30.0, 0.1, seed=1)
     assert list(second.joints) == ["shoulder_pan", "gripper"] and second.meta["machine"] == "so100"
     np.testing.assert_allclose(second.joints["shoulder_pan"].position, wanted["smooth"], atol=1e-3)
-    np.testing.assert_allclose(second.joints["shoulder_pan"].goal, wanted["goal"], atol=1e-6)
+    goal = second.joints["shoulder_pan"].goal
+    assert goal is not None
+    np.testing.assert_allclose(goal, wanted["goal"], atol=1e-6)
 
 
 def test_normalised_positions_are_asked_about_together(tmp_path: Path) -> None:
@@ -166,6 +168,7 @@ def test_joint_states_and_their_commands_become_a_log(tmp_path: Path, kind: str)
     wanted = motion(6.0, 100.0, 0.05, seed=4)
     wrist = run.joints["wrist"]
     assert list(run.joints) == ["elbow", "wrist"] and wrist.torque is not None and wrist.velocity is not None
+    assert wrist.goal is not None
     np.testing.assert_allclose(wrist.position, wanted["smooth"][10:], atol=1e-9)
     np.testing.assert_allclose(wrist.goal, np.repeat(wanted["goal"][10::2], 2), atol=1e-9)
     assert run.time[0] == pytest.approx(0.1, abs=1e-6)

@@ -308,7 +308,7 @@ class _Proposer:
     def clock(self, run: Recording) -> Array:
         """Time of a recording [s], as far as it is known."""
         if not self.time:
-            return np.arange(run.length) * 0.01
+            return np.arange(run.length, dtype=np.float64) * 0.01
         factor = SECONDS.get(self.out.columns["time"].unit, 1.0)
         return np.asarray((run.columns[self.time] - run.columns[self.time][0]) * factor, np.float64)
 
