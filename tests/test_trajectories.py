@@ -50,5 +50,18 @@ def torques(chain: Chain) -> list[float]:
 @pytest.mark.parametrize("name", sorted(chains()))
 def test_a_chain_computes_the_torques_that_were_recorded(name):
     recorded = json.loads(RECORDED.read_text(encoding="utf-8"))
-    assert name in recorded, f"record it: add {name} to {RECORDED.name}"
+    assert name in recorded, "record it: python -m tests.test_trajectories"
     assert torques(chains()[name]) == pytest.approx(recorded[name], rel=1e-9, abs=1e-12)
+
+
+def record() -> None:
+    """Record chains that are new: ``python -m tests.test_trajectories``; what is recorded stays."""
+    recorded = json.loads(RECORDED.read_text(encoding="utf-8"))
+    found = {name: torques(chain) for name, chain in chains().items() if name not in recorded}
+    rows = [f" {json.dumps(name)}: {json.dumps(values)}" for name, values in sorted({**found, **recorded}.items())]
+    RECORDED.write_text("{\n" + ",\n".join(rows) + "\n}\n", encoding="utf-8")
+    print(f"Recorded: {', '.join(sorted(found)) or 'nothing new'}")
+
+
+if __name__ == "__main__":
+    record()
