@@ -21,6 +21,7 @@ from sealegs.hw.commands import read_excitation, read_replay
 from sealegs.hw.measured_log import MeasuredLog, make_sidecar, read_events
 from sealegs.hw.policy import Policy
 from sealegs.hw.robot import build_robot
+from sealegs.hw.unlike import unlike_the_factory
 
 from tests.servo_runs import PATIENT, config, excitation, gentle_policy
 
@@ -215,9 +216,9 @@ def test_goals_are_held_until_the_next_and_a_log_is_replayed_with_its_own(tmp_pa
 
 def test_servos_that_were_set_up_otherwise_are_named() -> None:
     servo = build_robot(config()["robot"]).servo
-    factory = {name: servo[name].default for name in deployment.MOVES}
-    assert deployment.unlike_the_factory({"hip": factory}, servo) == []
-    (line,) = deployment.unlike_the_factory({"hip": factory, "knee": {**factory, "p_gain": 16}}, servo)
+    factory = {name: servo[name].default for name in servo.moves}
+    assert unlike_the_factory({"hip": factory}, servo) == []
+    (line,) = unlike_the_factory({"hip": factory, "knee": {**factory, "p_gain": 16}}, servo)
     assert "knee" in line and "p_gain 16 (32)" in line
 
 
