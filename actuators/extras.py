@@ -18,13 +18,19 @@ EXTRAS = {
 }
 """Packages, as they are imported, by extra."""
 
+CORE = (
+    *("annotated_types", "gymnasium", "hydra", "mujoco", "numba", "numpy"),
+    *("pyarrow", "pydantic", "rich", "scipy", "sklearn", "yaml"),
+)
+"""Packages that every installation brings: one that is missing tells of an installation older than the code."""
+
 
 class MissingPackage(SealegsError):
     """A package that is not installed, and the extra that brings it."""
 
 
 def missing_package(error: ModuleNotFoundError, what: str, otherwise: str = "") -> MissingPackage | None:
-    """The sentence for a package of an extra that could not be imported; None where no extra brings it.
+    """The sentence for a package that could not be imported; None where neither sealegs nor an extra of it brings it.
 
     Args:
         error: of the import.
@@ -35,6 +41,11 @@ def missing_package(error: ModuleNotFoundError, what: str, otherwise: str = "") 
     for extra, packages in EXTRAS.items():
         if package in packages:
             return MissingPackage(f"{what} needs the package {package}: pip install 'sealegs[{extra}]'{otherwise}.")
+    if package in CORE:
+        return MissingPackage(
+            f"{what} needs the package {package}, which the installation of sealegs brings and this one has not: "
+            "install sealegs again (in the checkout: make setup)."
+        )
     return None
 
 

@@ -75,6 +75,8 @@ def test_causes_are_chosen_by_name_and_a_wrong_name_gets_a_hint() -> None:
     assert [cause.name for cause in catalogue(NOMINAL, ["drive.delay", "load.mass"])] == ["drive.delay", "load.mass"]
     with pytest.raises(SealegsError, match=r"no cause 'friction.columb'.*friction.coulomb"):
         catalogue(NOMINAL, ["friction.columb"])
+    with pytest.raises(SealegsError, match=r"no cause 'friction'; there are .*friction.coulomb, friction.viscous"):
+        catalogue(NOMINAL, ["friction"])
 
 
 @pytest.mark.parametrize(

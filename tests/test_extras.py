@@ -9,6 +9,7 @@ from pathlib import Path
 
 import pytest
 from packaging.requirements import Requirement
+from sealegs.actuators.extras import CORE as BROUGHT
 from sealegs.actuators.extras import EXTRAS, MissingPackage, needed_for
 
 REPOSITORY = Path(__file__).resolve().parents[1]
@@ -43,6 +44,15 @@ def test_the_table_of_extras_is_that_of_the_project() -> None:
     assert not {Requirement(line).name for line in project["dependencies"]} & {
         DISTRIBUTIONS.get(package, package.replace("_", "-")) for packages in EXTRAS.values() for package in packages
     }
+
+
+def test_a_command_in_an_installation_that_misses_a_package_says_so(monkeypatch: pytest.MonkeyPatch) -> None:
+    project = tomllib.loads((REPOSITORY / "pyproject.toml").read_text())["project"]
+    imported = {"hydra-core": "hydra", "pyyaml": "yaml", "scikit-learn": "sklearn"}
+    assert {imported.get(name, name.replace("-", "_")) for name in project["dependencies"]} == set(BROUGHT)
+    monkeypatch.setitem(sys.modules, "pydantic", None)
+    with pytest.raises(MissingPackage, match=r"the package pydantic.*install sealegs again"), needed_for("Flying"):
+        import pydantic  # noqa: F401
 
 
 def test_environments_need_the_core_only(tmp_path: Path) -> None:

@@ -157,6 +157,7 @@ BAD_SIDECARS = {
     "no robot": ({"actuators": {"servo": "sts3215"}}, "robot"),
     "unit in a number": (SIDECAR | {"robot_params": {"mass": "0.5 kg"}}, "robot_params.mass must be a finite number"),
     "wrong joint": (SIDECAR | {"actuators": {"sevro": "sts3215"}}, "did you mean 'servo'"),
+    "a joint's other name": (SIDECAR | {"actuators": {"motor": "sts3215"}}, "its joints are servo"),
     "no actuator": ({"robot": "bench"}, "has no entry under actuators"),
 }
 

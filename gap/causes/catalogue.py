@@ -49,7 +49,9 @@ def checked(names: Sequence[str] | None) -> Collection[str]:
     known = [*ENTRIES, *GROUND]
     for name in names or ():
         if name not in known:
-            raise SealegsError(f"causes: the catalogue has no cause '{name}'{nearest(name, known)}.")
+            kin = [cause for cause in known if cause.startswith(f"{name}.")]
+            hint = f"; there are {', '.join(kin)}" if kin else nearest(name, known)
+            raise SealegsError(f"causes: the catalogue has no cause '{name}'{hint}.")
     return known if names is None else names
 
 

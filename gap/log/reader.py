@@ -131,7 +131,7 @@ def build_run(name: str, table: dict[str, Array], sidecar: Sidecar, path: Path, 
         if joint not in signals:
             raise LogError(
                 f"{path}: the sidecar gives an actuator for joint '{joint}', which the log does not have"
-                f"{nearest(joint, signals)}"
+                f"{nearest(joint, signals)}; its joints are {', '.join(signals) or 'none'}"
             )
     for joint, recorded in signals.items():
         if joint not in sidecar.actuators and "goal" in recorded and not is_robot_file(sidecar.robot):
