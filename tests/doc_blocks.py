@@ -15,7 +15,7 @@ from typing import Any
 
 import yaml
 from sealegs import cli
-from sealegs.commands import new_robot, relevant
+from sealegs.commands import new_robot
 from sealegs.configs.compose import compose, split
 
 REPOSITORY = Path(__file__).resolve().parents[1]
@@ -135,8 +135,7 @@ def check_command(words: list[str]) -> None:
             if word == "new-robot":
                 assert {item.partition("=")[0] for item in arguments[1:]} <= set(new_robot.KEYS)
                 return
-            if (word, *arguments[:1]) == ("evaluate", relevant.WORD):
-                compose(relevant.WORD, split(arguments[1:], plain=("robot", "out")))
+            if not cli.COMMANDS[word][1]:  # its arguments are files
                 return
             compose(cli.COMMANDS[word][1], split(arguments, plain=()), readers=ANY_FILE)
         case _:

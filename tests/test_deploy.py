@@ -125,7 +125,7 @@ def test_a_dry_run_prints_goals_and_leaves_no_log(
         (["excitation=chirp", "hw=feetech"], "has no calibration yet"),
         (["excitation=chirp", "robot=benhc"], "did you mean 'bench'?"),
         (["excitation=chirp", "robot.safety.speed=null"], "safety.speed takes a number"),
-        (["excitation=chirp", "actuator=sts3125"], "did you mean 'sts3215'?"),
+        (["excitation=chirp", "actuator=sts3251"], "did you mean 'sts3250'?"),
         (["excitation=chirp", "robot.params={masss:1}"], "did you mean 'mass'?"),
         (["excitation=chirp", "port=/dev/null"], "hw=virtual starts a bus of its own"),
         (["exitation=chirp"], "did you mean 'excitation'?"),

@@ -64,6 +64,7 @@ class TrackEnv(SingleEnv, task=TrackTask):
     | `randomization`   | dict or path      | `None`       | what every episode draws anew, see `envs/randomization.py` |
     | `params`          | dict              | `None`       | numbers of the robot other than its own, such as `forearm_mass` |
     | `control_rate`    | float             | `50.0`       | actions per second [Hz] |
+    | `action_delay`    | float             | `0.0`        | from an observation to its goal [s]; a whole number of physics steps |
     | `amplitude`       | float             | `0.8`        | see Starting State |
     | `frequency`       | float or pair     | `(0.2, 0.8)` | of the sines, or from which to which [Hz] |
     | `preview`         | float             | `0.06`       | how far ahead the later target is [s] |
@@ -130,6 +131,7 @@ class ReachEnv(SingleEnv, task=ReachTask):
     | `randomization`   | dict or path      | `None`     | what every episode draws anew, see `envs/randomization.py` |
     | `params`          | dict              | `None`     | numbers of the robot other than its own, such as `forearm_mass` |
     | `control_rate`    | float             | `50.0`     | actions per second [Hz] |
+    | `action_delay`    | float             | `0.0`      | from an observation to its goal [s]; a whole number of physics steps |
     | `reach`           | float             | `0.8`      | see Starting State |
     | `tolerance`       | float             | `0.05`     | see `TrackEnv` |
     | `tracking_weight` | float             | `1.0`      | see `TrackEnv` |

@@ -86,6 +86,7 @@ class HexapodEnv(SingleEnv, task=HexapodTask):
     | `randomization`     | dict or path        | `None`     | what every episode draws anew, see `envs/randomization.py` |
     | `params`            | dict                | `None`     | numbers of the robot, see `envs/hexapod/parameters.py` |
     | `control_rate`      | float               | `1.0`      | actions per second [Hz] |
+    | `action_delay`      | float               | `0.0`      | from an observation to its goal [s]; a whole number of physics steps |
     | `speed`             | float or (low, high) | `0.03`    | commanded speed, or the range it is drawn from [m/s] |
     | `forward_weight`    | float               | `1.0`      | see Rewards |
     | `alive_weight`      | float               | `0.1`      | see Rewards |

@@ -70,6 +70,7 @@ class LegEnv(SingleEnv, task=LegTask):
     | `randomization`   | dict or path        | `None`         | what every episode draws anew, see `envs/randomization.py` |
     | `params`          | dict                | `None`         | numbers of the robot, see `envs/leg/parameters.py` |
     | `control_rate`    | float               | `100.0`        | actions per second [Hz] |
+    | `action_delay`    | float               | `0.0`          | from an observation to its goal [s]; a whole number of physics steps |
     | `speed`           | float or (low, high) | `(0.05, 0.15)` | mean speed of the foot, or the range it is drawn from [m/s]; the highest is twice that |
     | `preview`         | float               | `0.0`          | by which goals are ahead of the path [s] |
     | `correction`      | float               | `0.004`        | see Action Space [rad] |
