@@ -158,6 +158,10 @@ BAD_SIDECARS = {
     "unit in a number": (SIDECAR | {"robot_params": {"mass": "0.5 kg"}}, "robot_params.mass must be a finite number"),
     "wrong joint": (SIDECAR | {"actuators": {"sevro": "sts3215"}}, "did you mean 'servo'"),
     "a joint's other name": (SIDECAR | {"actuators": {"motor": "sts3215"}}, "its joints are servo"),
+    "an import that is not filled in": (
+        SIDECAR | {"robot": None},
+        "robot is left open, in it or in the log.yaml beside it",
+    ),
     "no actuator": ({"robot": "bench"}, "has no entry under actuators"),
 }
 

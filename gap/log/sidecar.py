@@ -102,6 +102,11 @@ def checked_sidecar(content: Mapping[str, Any], path: str | Path) -> Sidecar:
                 f"{path}: unknown key '{key}'{nearest(str(key), KEYS)}; put descriptions of your own under the key meta"
             )
     robot = content.get("robot")
+    if robot is None and "robot" in content:
+        raise LogError(
+            f"{path}: robot is left open, in it or in the {FOLDER_DEFAULTS} beside it; fill in the robot, for example "
+            "robot: bench"
+        )
     if not isinstance(robot, str) or not robot:
         raise LogError(f"{path}: the key robot must name the robot, for example robot: bench, not {robot!r}")
     for key in ("robot_params", "actuators", "meta", "units"):
