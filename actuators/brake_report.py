@@ -7,6 +7,7 @@ from pathlib import Path
 
 import numpy as np
 
+from .atomic import write_text
 from .brake_bench import BenchTable
 from .chain import Chain
 from .errors import SealegsError
@@ -71,9 +72,9 @@ def report(out: Path, table: BenchTable, fit: RegressionFit, chain: Chain, label
             for key, value in coefficients.items()
         },
     }
-    (out / "fit.json").write_text(json.dumps(document, indent=1) + "\n", encoding="utf-8")
+    write_text(out / "fit.json", json.dumps(document, indent=1) + "\n")
     head = f"# Regression of '{label}' from {fit.points} brake bench measurements; friction is contained in it.\n"
-    (out / "chain.yaml").write_text(head + chain.to_yaml(), encoding="utf-8")
+    write_text(out / "chain.yaml", head + chain.to_yaml())
     print(f"{label}: {len(table)} measurements, {document['invalid']} stalled, {document['outliers']} outliers dropped")
     print(
         f"fit           torque [N.mm] = {fit.printed()}   (PWM, n [rpm]; rms {1e3 * fit.rms:.1f} N.mm, R2 {fit.r2:.4f})"

@@ -7,6 +7,7 @@ from pathlib import Path
 
 import numpy as np
 
+from .atomic import write_text
 from .chain import Chain
 from .extras import needed_for
 from .net_file import predict, write_net
@@ -27,7 +28,7 @@ def report(trained: TrainedNet, out: Path, armature: float, behind: tuple[Stage,
     write_net(trained.arrays, out / "net.npz")
     chain = chain_from(out / "net.npz", armature, behind)
     text = chain.to_yaml().replace(str(out / "net.npz"), "net.npz")  # beside the chain: the folder can be moved
-    (out / "chain.yaml").write_text(f"# Actuator net trained by train_net.py from {source}.\n{text}", encoding="utf-8")
+    write_text(out / "chain.yaml", f"# Actuator net trained by train_net.py from {source}.\n{text}")
     period, layers = float(trained.arrays["period"]), [int(size) for size in trained.arrays["layers"]]
     document = {
         "source": source,
@@ -41,7 +42,7 @@ def report(trained: TrainedNet, out: Path, armature: float, behind: tuple[Stage,
         "learning": [{"train": a, "validation": b} for a, b in trained.history],
         "units": {"rms": "N.m", "rate": "Hz", "train": "N.m", "validation": "N.m"},
     }
-    (out / "training.json").write_text(json.dumps(document, indent=1) + "\n", encoding="utf-8")
+    write_text(out / "training.json", json.dumps(document, indent=1) + "\n")
     unseen = ", ".join(run.name for run in trained.validation)
     print(f"{1 / period:g} Hz, layers {' - '.join(map(str, layers))}, {trained.epochs} epochs")
     print(f"on unseen runs ({unseen}): rms {trained.rms:.4f} N.m, {100 * trained.r2:.2f} % of the torque's variance")

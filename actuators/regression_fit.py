@@ -9,6 +9,7 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
+from .atomic import written
 from .brake_bench import BenchTable
 from .errors import SealegsError, nearest
 
@@ -99,7 +100,7 @@ def fit_regression(table: BenchTable) -> RegressionFit:
 
 def write_table(table: BenchTable, path: Path) -> None:
     """Write a table as CSV with the columns duty, speed [rad/s], torque [N.m], temperature [degC], valid."""
-    with path.open("x", newline="", encoding="utf-8") as file:
+    with written(path) as fresh, fresh.open("w", newline="", encoding="utf-8") as file:
         writer = csv.writer(file)
         writer.writerow(COLUMNS)
         for row in zip(table.duty, table.speed, table.torque, table.temperature, table.valid, strict=True):

@@ -9,6 +9,7 @@ from typing import Any
 
 import yaml
 
+from ..actuators.atomic import write_text
 from ..actuators.errors import SealegsError
 from .model_file import UNITS, read_model
 from .robot import RobotError
@@ -48,8 +49,7 @@ def write_robot_yaml(model: Path, out: Path, chain: str | None = None) -> tuple[
     text, said = robot_yaml(model, out, chain)
     try:
         out.parent.mkdir(parents=True, exist_ok=True)
-        with open(out, "x", encoding="utf-8") as file:
-            file.write(text)
+        write_text(out, text)
     except FileExistsError:
         raise RobotError(f"{out} exists, and is not overwritten; give another out=.") from None
     load_robot_file(out)

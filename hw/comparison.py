@@ -11,6 +11,7 @@ from typing import Any
 
 import numpy as np
 
+from ..actuators.atomic import write_text
 from ..actuators.errors import SealegsError
 from ..envs.contract import ContractError
 from ..envs.extended import FILE as EXTENDED
@@ -372,8 +373,7 @@ def write_comparison(comparison: Comparison, folder: Path, say: Callable[[str], 
         "figures": {name: asdict(value) for name, value in comparison.figures.items()},
     }
     paths = {"json": folder / "comparison.json", "page": folder / "comparison.html"}
-    with paths["json"].open("x", encoding="utf-8") as file:
-        json.dump(_finite(document), file, indent=1)
+    write_text(paths["json"], json.dumps(_finite(document), indent=1))
     write_page(comparison, paths["page"])
     header, rows = table(comparison)
     for row in [header, *rows]:

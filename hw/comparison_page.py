@@ -10,6 +10,7 @@ import plotly.graph_objects as go
 from plotly.offline import get_plotlyjs
 from plotly.subplots import make_subplots
 
+from ..actuators.atomic import write_text
 from ..gap.output.pictures.style import COLOURS
 from .comparison import MACHINE, Comparison, table, verdict
 
@@ -50,8 +51,7 @@ Dotted lines: where a model's signal first departs.</p>
 {_rewards(comparison)}
 </body></html>
 """
-    with path.open("x", encoding="utf-8") as file:
-        file.write(text)
+    write_text(path, text)
     return path
 
 

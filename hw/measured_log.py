@@ -18,6 +18,7 @@ from typing import Any
 
 import numpy as np
 
+from ..actuators.atomic import write_text
 from ..actuators.errors import SealegsError
 from ..configs.script import run
 from ..gap.log.sidecar import Sidecar, read_sidecar, sidecar_text
@@ -94,7 +95,7 @@ class MeasuredLog:
                         f"{path}: exists already and a recording is never overwritten; choose another name or folder"
                     )
             made = [folder / f"{name}.yaml", self.path]
-            _write_new(made[0], sidecar_text(sidecar))
+            write_text(made[0], sidecar_text(sidecar))
             self._file = os.open(self.path, os.O_WRONLY | os.O_CREAT | os.O_EXCL | os.O_APPEND, 0o644)
             self._events = os.open(self.events_path, os.O_WRONLY | os.O_CREAT | os.O_APPEND, 0o644)
             _write_whole(self._file, (",".join(columns) + "\n").encode())
@@ -168,13 +169,6 @@ class MeasuredLog:
                 return
 
 
-def _write_new(path: Path, text: str) -> None:
-    with open(path, "x", encoding="utf-8") as file:
-        file.write(text)
-        file.flush()
-        os.fsync(file.fileno())
-
-
 def _write_whole(file: int, data: bytes) -> int:
     written = os.write(file, data)
     while written < len(data):  # a disk that fills up may take a part
@@ -227,8 +221,8 @@ def recover(path: Path) -> tuple[Path, int]:
     target = path.with_name(f"{path.stem}-recovered.csv")
     if target.exists():
         raise LogError(f"{target}: exists already and a recording is never overwritten.")
-    _write_new(target.with_suffix(".yaml"), sidecar_text(read_sidecar(path)))
-    _write_new(target, b"\n".join([*whole, b""]).decode())
+    write_text(target.with_suffix(".yaml"), sidecar_text(read_sidecar(path)))
+    write_text(target, b"\n".join([*whole, b""]).decode())
     return target, sum(line != b"" for line in lines) - len(whole)
 
 

@@ -11,6 +11,7 @@ import numpy as np
 from jinja2 import Environment, FileSystemLoader, StrictUndefined
 from matplotlib.figure import Figure
 
+from ...actuators.atomic import write_text, written
 from ..output.pictures.style import EXTENDED, NOMINAL, figure, styled
 from .table import FAILED, Row, Shared
 
@@ -78,7 +79,8 @@ def write_page(rows: Sequence[Row], shared: Sequence[Shared], folder: Path, name
     picture, page = folder / "fleet.png", folder / "fleet.html"
     buffer = io.BytesIO()
     chart.savefig(buffer, format="png")
-    picture.write_bytes(buffer.getvalue())
+    with written(picture, replace=True) as fresh:
+        fresh.write_bytes(buffer.getvalue())
     environment = Environment(
         loader=FileSystemLoader(HERE), autoescape=True, undefined=StrictUndefined, trim_blocks=True, lstrip_blocks=True
     )
@@ -90,5 +92,5 @@ def write_page(rows: Sequence[Row], shared: Sequence[Shared], folder: Path, name
         shared=shared,
         reports={row.folder for row in rows if (folder / row.folder / "report.html").is_file()},
     )
-    page.write_text(html, encoding="utf-8")
+    write_text(page, html, replace=True)
     return {"page": page, "picture": picture}

@@ -11,6 +11,7 @@ from typing import Any
 
 import numpy as np
 
+from ...actuators.atomic import written
 from .jobs import Outcome
 
 COLUMNS: tuple[str, ...] = (
@@ -165,7 +166,7 @@ def _common(values: Sequence[tuple[float, float, float]]) -> bool:
 
 def write_table(rows: Sequence[Row], path: Path) -> None:
     """Write ``fleet.csv``: one line per servo, cause and parameter; one line for a servo without a cause."""
-    with path.open("w", newline="", encoding="utf-8") as file:
+    with written(path, replace=True) as fresh, fresh.open("w", newline="", encoding="utf-8") as file:
         table = csv.DictWriter(file, COLUMNS, restval="", lineterminator="\n")
         table.writeheader()
         for row in rows:

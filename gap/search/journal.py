@@ -10,6 +10,7 @@ from __future__ import annotations
 import contextlib
 import hashlib
 import json
+import os
 from collections import Counter
 from collections.abc import Iterator, Mapping, Sequence
 from contextvars import ContextVar
@@ -45,7 +46,8 @@ class Journal:
             if not line.endswith(b"\n"):
                 break
             kept += line
-        path.write_bytes(kept)
+        if path.exists():
+            os.truncate(path, len(kept))  # what a kill tore off; never rewritten as a whole
         self._file: TextIO = path.open("a", encoding="utf-8")
 
     def __len__(self) -> int:

@@ -15,6 +15,7 @@ import sys
 from pathlib import Path
 from typing import Any
 
+from sealegs.actuators.atomic import write_text
 from sealegs.actuators.errors import SealegsError
 from sealegs.configs.check import checked
 from sealegs.configs.compose import compose, split
@@ -51,7 +52,7 @@ def main(arguments: list[str]) -> None:
         take(source, out, proposed, config)
         return
     file.parent.mkdir(parents=True, exist_ok=True)
-    file.write_text(proposed.text, encoding="utf-8")
+    write_text(file, proposed.text, replace=True)
     count = len(proposed.mapping.questions)
     open_ones = f" {count} question{'s are' if count > 1 else ' is'} open." if count else ""
     print(f"Nothing is imported yet.{open_ones} The mapping is in {file}; check it and run\n  {command}")

@@ -18,6 +18,7 @@ from pathlib import Path
 from typing import Any
 
 import yaml
+from sealegs.actuators.atomic import write_text
 from sealegs.actuators.errors import SealegsError
 from sealegs.configs.script import Interrupted
 
@@ -78,7 +79,7 @@ def machine_arguments(config: Mapping[str, Any], out: Path) -> list[str]:
         return [*shared, "hw=feetech", f"port={config['port']}"]
     hidden = out / "hidden.yaml"
     if not hidden.exists():
-        hidden.write_text(yaml.safe_dump(dict(config["hidden"] or {})))
+        write_text(hidden, yaml.safe_dump(dict(config["hidden"] or {})))
     clock = "stepped" if config["stepped"] else "real"
     return [*shared, "hw=virtual", f"hw.virtual.hidden={hidden.resolve()}", f"hw.virtual.time={clock}"]
 
@@ -211,9 +212,11 @@ def put_aside(folder: Path, out: Path) -> None:
 def keep(file: Path, config: Mapping[str, Any]) -> None:
     """Write down what the loop runs with; going on with other values is refused."""
     if not file.exists():
-        file.write_text(yaml.safe_dump(dict(config), sort_keys=False))
+        write_text(file, yaml.safe_dump(dict(config), sort_keys=False))
         return
     kept = yaml.safe_load(file.read_text())
+    if not isinstance(kept, dict):
+        raise SealegsError(f"{file}, by which the loop goes on, is damaged; give another out=<folder>.")
     for key, value in config.items():
         if kept.get(key) != value:
             raise SealegsError(

@@ -15,6 +15,8 @@ import json
 from pathlib import Path
 from typing import Any
 
+from sealegs.actuators.atomic import write_text
+
 WORD = "relevant"
 FLOATING, FIXED = 0.15, 0.8  # amplitude where it is not given
 
@@ -83,7 +85,7 @@ def analyse(
         "error_of_leaving_out": verdict.error,
         "balance": [run.balance() for run in runs],
     }
-    (out / "relevant.json").write_text(json.dumps(result, indent=1) + "\n")
+    write_text(out / "relevant.json", json.dumps(result, indent=1) + "\n")
     from sealegs.envs.relevant_plots import draw
 
     pictures = draw(mover.names, runs, out)

@@ -10,6 +10,7 @@ from typing import Any
 
 import yaml
 
+from ....actuators.atomic import write_text
 from ..sidecar import FOLDER_DEFAULTS
 from ..types import LogError
 from ..writer import write_run
@@ -142,9 +143,10 @@ def import_logs(
     text = text_with_blanks(shared, runs)
     if format is None:
         format = "parquet" if max(len(run.time) for run in runs) > MANY_ROWS else "csv"
+    sidecar.parent.mkdir(parents=True, exist_ok=True)
+    if not sidecar.exists():  # before the logs, which it describes
+        write_text(sidecar, text)
     files = []
     for run, content in zip(runs, own, strict=True):
         files.append(write_run(run, out, format, yaml.safe_dump(content, sort_keys=False, allow_unicode=True)))
-    if not sidecar.exists():
-        sidecar.write_text(text, encoding="utf-8")
     return Imported(tuple(files), tuple(blanks(runs)), tuple(left), sidecar)
