@@ -39,7 +39,7 @@ ANY_FILE = {"robot": lambda _: compose("deploy", {})["robot"], "env": lambda _: 
 """What a robot or a task of the reader's own is taken for where a command is only checked."""
 SMALLER = {
     "train": "total_timesteps=256 n_envs=2 evaluate.every=0 video.seconds=0",
-    "deploy": "hw.virtual.time=stepped silence=20 live=false duration=2",
+    "deploy": "hw.virtual.time=stepped hw.timeout=1 silence=20 live=false duration=2",
 }
 """What is added to a command, so that its page runs in seconds."""
 RESUMED = "total_timesteps=512 evaluate.every=0 video.seconds=0"
@@ -54,6 +54,7 @@ ELSEWHERE = {
     "env=hexapod": "tests/test_hexapod.py trains it",
     "env=biped": "tests/test_biped.py trains it",
     "reference=true": "tests/test_deploy.py runs it",
+    "hexapod.onnx": "tests/test_gait_export.py exports and runs it",
 }
 """Parts of commands that other tests run."""
 
