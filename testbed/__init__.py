@@ -16,7 +16,7 @@ The finder may not be tested by its own model. So nothing here knows sealegs: re
 
 from .bench import LOADS, NOISE_FLOOR, nominal_chain
 from .effects import EFFECTS, MAGNITUDES, STRANGERS, drawn, drawn_constants
-from .logs import hidden_bench, hidden_hopper, run_again
+from .logs import hidden_bench, hidden_hopper, hidden_wide, run_again
 from .physics import Machine, simulate
 
 __all__ = [
@@ -30,6 +30,7 @@ __all__ = [
     "drawn_constants",
     "hidden_bench",
     "hidden_hopper",
+    "hidden_wide",
     "nominal_chain",
     "run_again",
     "simulate",

@@ -12,6 +12,7 @@ from .arm import record_arm
 from .bench import JOINT, nominal_chain, record_again, record_bench
 from .hopper import record_hopper
 from .recording import Recording
+from .wide import record_wide
 
 Given = ParamSpec("Given")
 
@@ -46,6 +47,7 @@ def as_logs(
 hidden_bench = as_logs(record_bench)
 hidden_hopper = as_logs(record_hopper)
 hidden_arm = as_logs(record_arm)
+hidden_wide = as_logs(record_wide)
 
 
 def run_again(

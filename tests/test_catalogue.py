@@ -51,7 +51,7 @@ def test_a_joint_that_is_moved_as_measured_hides_what_is_behind_its_link_and_in_
     assert hidden(View(free_link=False)) == BEHIND_THE_LINK
     rigid = View(free_link=False, free_motor=False, columns=frozenset({"duty"}))
     friction = {name for name, cause in causes().items() if cause.needs.torque}
-    between = {"transmission.backlash", "transmission.compliance", "sensor.delay"}
+    between = {"transmission.backlash", "transmission.compliance"}
     assert hidden(rigid) == BEHIND_THE_LINK | between | friction and len(friction) == len(
         [name for name in ENTRIES if address(name).owner == "friction"]
     )

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from ..replay.joint_model import JointModel
 from ..replay.parameters import Parameter
-from .cause import Cause, Limit, Needs
+from .cause import Cause, Limit
 from .registry import entry
 
 
@@ -43,6 +43,5 @@ def delay(nominal: JointModel) -> Cause:
         sentence="Readings reach the host late.",
         picture="response",
         variants=((late,),),
-        needs=Needs(free_motor=True),
         degenerates_to=Limit("drive.delay", "neither duty nor current was logged"),
     )

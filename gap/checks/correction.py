@@ -10,6 +10,7 @@ import numpy as np
 from ..log.finding import Finding
 from ..log.types import Array, JointLog, MeasuredRun
 from .motion import TURN
+from .recording import held_again, regular, unheld
 
 Mend = Callable[[Array, float], Array]
 
@@ -26,9 +27,13 @@ CONVERTED: dict[str, Mend] = {
     "unit.velocity": lambda values, size: values / size,
     "velocity.gear_side": lambda values, size: values / size,
     "velocity.sign": lambda values, size: -values,
+    "goal.interpolated": lambda values, size: held_again(values, int(size)),
+    "column.behind": lambda values, size: np.concatenate([values[int(size) :], np.repeat(values[-1:], int(size))]),
 }
 """Column and the finding's value to the column as it should have been, by code."""
 WRAPS = ("position.wrap", "link_position.wrap")
+HELD = "column.held"
+STAMPS = "clock.late_stamps"
 
 SET_ASIDE = (
     "current.unsigned",
@@ -43,18 +48,20 @@ SET_ASIDE = (
 
 def mendable(finding: Finding) -> bool:
     """Whether a log can be diagnosed in spite of a finding, with its column converted or set aside."""
-    return finding.code in CONVERTED or finding.code in SET_ASIDE or finding.code in WRAPS
+    return finding.code in CONVERTED or finding.code in SET_ASIDE or finding.code in (*WRAPS, HELD, STAMPS)
 
 
 def mended(run: MeasuredRun, findings: Iterable[Finding]) -> MeasuredRun:
     """The run as its findings say that it should have been recorded; what was recorded stays in its file."""
-    joints = dict(run.joints)
+    joints, time = dict(run.joints), run.time
     for finding in findings:
+        if finding.code == STAMPS and (grid := regular(run.time)) is not None:
+            time = grid
         if finding.joint not in joints or finding.column is None or not mendable(finding):
             continue
         signal = finding.column.rpartition(".")[2]
         joints[finding.joint] = _mended(joints[finding.joint], signal, finding)
-    return replace(run, joints=joints)
+    return replace(run, joints=joints, time=time)
 
 
 def _mended(log: JointLog, signal: str, finding: Finding) -> JointLog:
@@ -66,6 +73,9 @@ def _mended(log: JointLog, signal: str, finding: Finding) -> JointLog:
     if finding.code in WRAPS:
         other = log.goal if signal == "position" else log.position
         return replace(log, **{signal: _unwrapped(values, other, float(finding.value or TURN))})
+    if finding.code == HELD:
+        angle = signal in ("position", "link_position")
+        return replace(log, **{signal: unheld(values, int(finding.value or 1.0), angle=angle)})
     return replace(log, **{signal: CONVERTED[finding.code](values, float(finding.value or 1.0))})
 
 

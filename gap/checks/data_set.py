@@ -16,6 +16,7 @@ from .correction import mendable, mended, told
 from .drive import check_drive
 from .machine import decided
 from .motion import check_motion
+from .recording import check_recording, check_stamps
 from .signal import sample_noise
 from .torque import check_torque
 
@@ -56,7 +57,10 @@ def _without_unit_of_magnitudes(findings: list[Finding]) -> list[Finding]:
     ]
 
 
-MENDED_FIRST = ("position.wrap", "link_position.wrap", "unit.degrees", "position.sign")
+MENDED_FIRST = (
+    *("position.wrap", "link_position.wrap", "unit.degrees", "position.sign"),
+    *("clock.late_stamps", "column.held", "column.behind", "goal.interpolated"),
+)
 """Errors that make others appear, one after the other."""
 UNSIGNED = ("current.unsigned",)
 """Findings of one run that hold for all of a machine: its register has no sign."""
@@ -181,6 +185,11 @@ def _without_torque(run: MeasuredRun) -> list[Finding]:
         if not joint.still and "unit.ticks" not in {finding.code for finding in of_motion}:
             findings += check_columns(joint)
             findings += check_drive(joint)
+            if not any(finding.severity == "error" for finding in of_motion):
+                findings += check_recording(joint)
+    fastest = max(joint_contexts(run), key=lambda joint: joint.span / max(joint.noise, 1e-12))
+    if not any(finding.severity == "error" for finding in findings):
+        findings += check_stamps(fastest)
     return [replace(finding, run=run.name) for finding in findings]
 
 

@@ -24,6 +24,11 @@ ONCE = (
     "unit.current",
     "unit.voltage",
     "unit.temperature",
+    "column.held",
+    "column.behind",
+    "goal.interpolated",
+    "columns.before_goal",
+    "position.late",
 )
 """Findings of single runs that hold for all of a machine, or for none of it."""
 ANGLES = ("position", "goal", "link_position")

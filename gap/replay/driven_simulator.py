@@ -13,7 +13,7 @@ import numba
 import numpy as np
 
 from ...actuators.law import advance, begin, idle_torque, torque
-from ...actuators.layout import P_STATE_SIZE, S_CURRENT, S_DUTY, S_LIMIT, S_TIME, S_VOLTAGE
+from ...actuators.layout import P_LATENCY, P_STATE_SIZE, S_CURRENT, S_DUTY, S_LIMIT, S_TIME, S_VOLTAGE
 from ...actuators.stages.friction import REST_SPEED
 from .compiled import compiled
 from .constants import K
@@ -21,6 +21,22 @@ from .simulator import coupling_torque, drive, host_reading_smooth, joint_state,
 from .terms import E_SIZE
 
 CHANNELS = ("position", "torque", "duty", "current")
+
+
+@compiled()
+def ahead(time, link, latency, out):
+    """Motion of a link (n, 3) as it was, from one that was read ``latency`` seconds later [s]: ``out`` (n, 3)."""
+    n, at = len(time), 0
+    for j in range(n):
+        then = time[j] + latency
+        while at + 2 < n and time[at + 1] <= then:
+            at += 1
+        part = (then - time[at]) / (time[at + 1] - time[at])
+        beyond = max(then - time[n - 1], 0.0)  # no reading tells of the last moments: as fast as it was
+        part = min(part, 1.0)
+        for c in range(3):
+            out[j, c] = link[at, c] + part * (link[at + 1, c] - link[at, c])
+        out[j, 0] += beyond * out[j, 1]
 
 
 @compiled()
@@ -42,6 +58,10 @@ def replay_driven(p, k, time, goal, on, temperature, link, q0, w0, step, out):
     x = np.empty(4)
     nothing = np.zeros(E_SIZE)  # that the link, which moves as measured, works against
     coupled = k[K.coupled] > 0.0
+    if not coupled and p[P_LATENCY] > 0.0:  # what moves the motor is the joint, which was read late
+        moved = np.empty(link.shape)
+        ahead(time, link, p[P_LATENCY], moved)
+        link = moved
     q0, w0 = joint_state(p, k, q0, w0)
     x[0], x[1], x[2], x[3] = q0, w0, link[0, 0], link[0, 1]
     if not coupled:

@@ -19,6 +19,7 @@ from ..causes.visible import limits as limits_of_driven
 from ..causes.visible import shown
 from ..checks.data_set import check_set, corrected, merged, noise_floor, shows_little, unusable
 from ..checks.off import released
+from ..checks.recording import MOMENT
 from ..checks.stops import stops_of, told_stops
 from ..experiment import Experiment, Limits, blind_spots, experiment_for_still, propose
 from ..ground.ground import GROUND, GroundSearch, search_ground
@@ -127,7 +128,7 @@ def diagnose_joint(
     if all(command is None for command in commands):  # without commands, only its torque can be judged
         return diagnose_torque(runs, joint, mine, order.test_group)
     pieces = _cut(runs, joint, order.test_group)
-    replay = _replay(pieces, order)
+    replay = _replay(pieces, order, before_goal=any(finding.code == "columns.before_goal" for finding in mine))
     if isinstance(replay, Refused):
         return refuse(joint, replay, mine)
     search = _search(replay, order)
@@ -216,8 +217,13 @@ def _cut(runs: Sequence[MeasuredRun], joint: str, test_group: str | None) -> Cut
     return Cut(joint, runs, models, cut(runs, joint, test_group), noise, terms, tuple(findings))
 
 
-def _replay(pieces: Cut, order: Order) -> Replay | Refused:
-    """Free on a bench; driven where what holds the link is not known."""
+def _replay(pieces: Cut, order: Order, *, before_goal: bool = False) -> Replay | Refused:
+    """Free on a bench; driven where what holds the link is not known.
+
+    Args:
+        pieces, order: of the joint.
+        before_goal: whether the columns of a row are of the moment before its goal acts.
+    """
     wide, tuned = adjustable(pieces.models[0], WIDE), adjustable(pieces.models[0])
     causes = catalogue(pieces.models[0], order.causes)
     layout = pieces.runs, pieces.joint, pieces.models, pieces.units
@@ -228,6 +234,9 @@ def _replay(pieces: Cut, order: Order) -> Replay | Refused:
         problem = weigh_channels(converged(free))
         causes = with_stops(causes, stops, pieces.models[0])
         return Replay(problem, in_windows(problem, wide), wide, tuned, causes, seen, stops)
+    if before_goal:  # on a bench the motion tells of the true delay; here nothing else does
+        late = [model.with_values({"delay.seconds": model.value("delay.seconds") + MOMENT}) for model in pieces.models]
+        layout = pieces.runs, pieces.joint, late, pieces.units
     try:
         driven = driven_problem(*layout, pieces.noise)
     except LogError as error:

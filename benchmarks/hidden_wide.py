@@ -1,0 +1,276 @@
+"""The finder against benches drawn from a wide prior, with a fresh run of each plant, and a reliability diagram.
+
+``python -m benchmarks.hidden_wide --cases 120`` draws motors, gears, loads, rates, lengths and noise
+(:mod:`testbed.wide`), hides nothing, one effect, two, or what the catalogue lacks, and puts faults of recording on top.
+It writes ``benchmarks/results/hidden_wide.{md,png}``; cases are kept in ``hidden_wide.jsonl`` beside them, so that it
+can be stopped and goes on. Seeds below 900 are for development.
+"""
+
+from __future__ import annotations
+
+import argparse
+import itertools
+import json
+import multiprocessing
+import sys
+import time
+from collections import Counter
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from benchmarks.hidden import RESULTS, SURE, revision
+
+FIRST = 1200
+NAMED = 0.6
+"""Confidence from which a cause counts as named; below it the diagnosis says itself that it may be another."""
+VISIBLE = 2.0
+"""Change of the position, in parts of the noise, from which a hidden effect is expected to be seen."""
+BINS = (0.0, 0.3, 0.5, 0.7, 0.85, 0.95, 1.0)
+SAME = {
+    "transmission.gear_ratio": {"drive.motor_constant"},
+    "load.centre_of_mass": {"load.mass"},
+    "drive.overload": {"drive.saturation"},
+}
+"""Names that one hidden number goes by: of an arm with one load, of a drive at its limit."""
+FAULT_CODES = {
+    "sign": ("position.sign",),
+    "degrees": ("unit.degrees",),
+    "held": ("column.held",),
+    "late stamps": ("clock.late_stamps", "clock.irregular"),
+    "velocity unit": ("unit.velocity",),
+    "columns behind": ("column.behind",),
+    "unsigned current": ("current.unsigned",),
+}
+"""Codes of findings that name a fault of recording."""
+
+
+def run(seed: int) -> dict[str, Any]:
+    """Record and diagnose one case, and judge the models on a fresh run of its plant."""
+    from sealegs.gap.verdict.diagnosis import diagnose
+
+    from testbed import hidden_wide
+
+    data, truth = hidden_wide(seed)
+    began = time.perf_counter()
+    (found,) = diagnose(data)
+    seconds = time.perf_counter() - began
+    return {
+        "key": f"#{seed}",
+        "revision": revision(),
+        **{key: truth[key] for key in ("kind", "effects", "fault", "recorder", "noise_floor")},
+        "seconds": seconds,
+        "verdict": found.verdict,
+        "sentence": found.sentence,
+        "model": found.model,
+        "gap": {name: error.rmse for name, error in found.gap.items()},
+        "fresh": _fresh(seed, found.values) if found.problem is not None else {},
+        "causes": [
+            {
+                "name": cause.name,
+                "confidence": cause.confidence,
+                "standing": cause.standing,
+                "rivals": list(cause.rivals),
+                "parameters": {path: [v.value, v.low, v.high] for path, v in cause.parameters.items()},
+            }
+            for cause in found.causes
+        ],
+        "open": [[cause.name, cause.standing] for cause in found.open_causes],
+        "codes": sorted({finding.code for finding in found.findings}),
+    }
+
+
+def _fresh(seed: int, values: Mapping[str, float]) -> dict[str, float]:
+    """Error of the nominal and the extended model on a run that was recorded after the diagnosis."""
+    from sealegs.actuators.chain import load_chain
+    from sealegs.gap.log.parts import cut
+    from sealegs.gap.replay.driven import driven_problem
+    from sealegs.gap.replay.free import free_problem
+    from sealegs.gap.replay.joint_model import JointModel
+    from sealegs.gap.replay.steps import converged
+
+    from testbed import hidden_wide
+
+    data, truth = hidden_wide(seed, fresh=True)
+    run, joint = data.runs[0], "servo"
+    models, units = [JointModel(load_chain(run.actuators[joint]))], cut(data.runs, joint)
+    if run.robot == "bench":
+        problem = converged(free_problem(data.runs, joint, models, units, {"position": 1.0 / truth["noise_floor"]}))
+    else:
+        problem = converged(driven_problem(data.runs, joint, models, units, truth["noise_floor"]))
+    errors = [problem.position_error(channels) for channels in problem.simulate([{}, values])]
+    nominal, extended = (float(np.sqrt(np.mean(error**2))) for error in errors)
+    return {"nominal": nominal, "extended": extended, "noise": problem.noise}
+
+
+# --- judging -----------------------------------------------------------------------------------------------------
+
+
+def is_right(cause: Mapping[str, Any], row: Mapping[str, Any]) -> bool:
+    """Whether a named cause is hidden, by its own name or by another of the same number."""
+    return bool({cause["name"], *SAME.get(cause["name"], set())} & set(row["effects"]))
+
+
+def outcome(row: Mapping[str, Any]) -> str:
+    """``right``, ``open``, ``missed``, ``wrong`` or ``confidently wrong``.
+
+    Open is a diagnosis that leaves what is hidden to the next experiment: it names no false cause with a confidence of
+    :data:`NAMED` or more. Missed is one that finds nothing to explain though the effect shows.
+    """
+    false = [cause for cause in row["causes"] if not is_right(cause, row)]
+    doubted = [cause for cause in false if set(row["effects"]) & set(cause["rivals"])]
+    if any(cause["confidence"] >= SURE for cause in false if cause not in doubted):
+        return "confidently wrong"
+    if any(cause["confidence"] >= NAMED for cause in false) and row["verdict"] != "not identifiable":
+        return "wrong"
+    known = [name for name in row["effects"] if not name.startswith("stranger")]
+    visible = [name for name, effect in row["effects"].items() if effect["noise_floors"] > VISIBLE]
+    if any(is_right(cause, row) for cause in row["causes"]):
+        return "right"
+    if row["verdict"] in ("nothing to explain", "explained") and not row["causes"]:
+        return "missed" if visible else "right"
+    return "open" if known or row["effects"] or row["verdict"] != "nothing to explain" else "right"
+
+
+def worse_than_nominal(row: Mapping[str, Any]) -> bool:
+    """Whether the model that is handed over does worse than the nominal one on a fresh run, by more than 2 %."""
+    fresh = row["fresh"]
+    return bool(fresh) and fresh["extended"] > 1.02 * fresh["nominal"]
+
+
+def reliability(rows: Sequence[Mapping[str, Any]]) -> list[tuple[float, float, int]]:
+    """Mean confidence, share right and number of the named causes of each bin of confidence that has any."""
+    told = [(c["confidence"], is_right(c, row)) for row in rows for c in row["causes"]]
+    table = []
+    for low, high in itertools.pairwise(BINS):
+        inside = [(c, right) for c, right in told if low < c <= high or (low == 0.0 and c == 0.0)]
+        if inside:
+            table.append((float(np.mean([c for c, _ in inside])), float(np.mean([r for _, r in inside])), len(inside)))
+    return table
+
+
+def calibration_error(rows: Sequence[Mapping[str, Any]]) -> float:
+    """Expected calibration error: mean distance of confidence and share right, weighted by the causes of each bin."""
+    table = reliability(rows)
+    count = sum(n for _, _, n in table)
+    return sum(n * abs(confidence - right) for confidence, right, n in table) / max(count, 1)
+
+
+# --- report ------------------------------------------------------------------------------------------------------
+
+
+def page(rows: Sequence[Mapping[str, Any]]) -> str:
+    """Figures and cases, as markdown."""
+    rows = sorted(rows, key=lambda row: int(row["key"][1:]))
+    count, results = len(rows), Counter(outcome(row) for row in rows)
+    fresh = [row for row in rows if row["fresh"]]
+    worse = sum(map(worse_than_nominal, fresh))
+    faulty = [row for row in rows if row["fault"]]
+    told = sum(bool(set(FAULT_CODES[row["fault"]]) & set(row["codes"])) for row in faulty)
+    seconds = np.array([row["seconds"] for row in rows])
+    named = sum(len(row["causes"]) for row in rows)
+    good = results["right"] + results["open"]
+    lines = [
+        "# Hidden effects, a wide prior",
+        "",
+        f"{count} benches with motors, gears, loads, rates, lengths and noise drawn anew for each "
+        "(`testbed/wide.py`). Made by `python -m benchmarks.hidden_wide`, which can be stopped and goes on.",
+        "",
+        "| | wanted | measured |",
+        "|---|---|---|",
+        f"| right or honestly open | 95 % | {good} of {count} ({good / count:.0%}); right {results['right']}, open "
+        f"{results['open']}, missed {results['missed']}, wrong {results['wrong']} |",
+        f"| a false cause named with confidence {SURE:g} or more | at most 1 % | {results['confidently wrong']} of "
+        f"{count} |",
+        f"| model worse than the nominal one on a fresh run | at most 1 % | {worse} of {len(fresh)} |",
+        f"| calibration error of confidences | under 5 points | {100 * calibration_error(rows):.1f} points over "
+        f"{named} named causes |",
+        f"| faults of recording named | | {told} of {len(faulty)} |",
+        f"| time per diagnosis | at most 120 s | median {np.median(seconds):.0f} s, largest {seconds.max():.0f} s |",
+        "",
+        f"Revisions of gap, actuators and testbed: {', '.join(sorted({row['revision'] for row in rows}))}. Right: a "
+        f"hidden cause is named and no false one with {NAMED:g} or more, or nothing is hidden and nothing named. Open: "
+        "left to the next experiment. Missed: nothing to explain, though the effect moves the position by more than "
+        f"{VISIBLE:g} noise floors.",
+        "",
+        "![reliability](hidden_wide.png)",
+        "",
+        "| case | outcome | hidden (noise floors) | fault | runs | verdict | named (confidence) | fresh run: nominal, "
+        "extended / noise |",
+        "|---|---|---|---|---|---|---|---|",
+    ]
+    for row in rows:
+        hidden = ", ".join(f"{n} ({e['noise_floors']:.1f})" for n, e in row["effects"].items()) or "-"
+        causes = ", ".join(f"{c['name']} ({c['confidence']:.2f})" for c in row["causes"]) or "-"
+        recorder, after = row["recorder"], row["fresh"]
+        runs = f"{recorder['runs']} x {recorder['duration']:g} s, {1 / recorder['period']:.0f} Hz"
+        runs += "" if recorder["load_known"] else ", load unknown"
+        errors = f"{after['nominal'] / after['noise']:.1f}, {after['extended'] / after['noise']:.1f}" if after else "-"
+        lines.append(
+            f"| {row['key']} | {outcome(row)} | {hidden} | {row['fault'] or '-'} | {runs} | {row['verdict']} | "
+            f"{causes} | {errors} |"
+        )
+    return "\n".join(lines) + "\n"
+
+
+def picture(rows: Sequence[Mapping[str, Any]], path: Path) -> None:
+    """The reliability diagram: how often a cause is right, over the confidence that it was named with."""
+    from matplotlib.figure import Figure
+
+    table = reliability(rows)
+    figure = Figure(figsize=(5.5, 4.5), layout="constrained")
+    axes = figure.subplots()
+    axes.plot([0, 1], [0, 1], color="0.6", linewidth=1, label="calibrated")
+    for confidence, right, count in table:
+        spread = np.sqrt(max(right * (1.0 - right), 0.25 / (count + 1)) / count)
+        low, high = max(right - 2 * spread, 0.0), min(right + 2 * spread, 1.0)
+        axes.plot([confidence, confidence], [low, high], color="C0", linewidth=1)
+        axes.annotate(str(count), (confidence, right), xytext=(6, -12), textcoords="offset points", fontsize=8)
+    if table:
+        axes.plot([c for c, _, _ in table], [r for _, r, _ in table], "o-", color="C0", label="named causes")
+    axes.set_xlim(0, 1.03)
+    axes.set_ylim(-0.02, 1.03)
+    axes.set_xlabel("confidence")
+    axes.set_ylabel("share that is hidden")
+    axes.set_title(f"{len(rows)} cases, calibration error {100 * calibration_error(rows):.1f} points", fontsize=10)
+    axes.legend(loc="lower right")
+    figure.savefig(path, dpi=110)
+
+
+def main(arguments: Sequence[str] | None = None) -> int:
+    """Command line."""
+    parser = argparse.ArgumentParser(
+        prog="python -m benchmarks.hidden_wide", description=(__doc__ or "").split("\n")[0]
+    )
+    parser.add_argument("--cases", type=int, default=120, help="how many")
+    parser.add_argument("--first", type=int, default=FIRST, help="seed of the first; below 900 for development")
+    parser.add_argument("--jobs", type=int, default=1, help="cases at a time")
+    parser.add_argument("--out", type=Path, default=RESULTS / "hidden_wide.jsonl", help="kept cases")
+    parser.add_argument("--report", action="store_true", help="only write the page of what is kept")
+    options = parser.parse_args(arguments)
+    kept = [json.loads(line) for line in options.out.read_text().splitlines()] if options.out.exists() else []
+    have = {row["key"] for row in kept}
+    todo = [seed for seed in range(options.first, options.first + options.cases) if f"#{seed}" not in have]
+    try:
+        with multiprocessing.get_context("spawn").Pool(options.jobs) as pool:
+            for row in pool.imap_unordered(run, [] if options.report else todo):
+                kept.append(row)
+                with options.out.open("a") as file:
+                    file.write(json.dumps(row) + "\n")
+                causes = ", ".join(f"{c['name']} {c['confidence']:.2f}" for c in row["causes"]) or "-"
+                hidden = ", ".join(f"{n} {e['noise_floors']:.1f}" for n, e in row["effects"].items()) or "-"
+                said = f"{outcome(row)}; {hidden} [{row['fault']}] -> {row['verdict']}: {causes}"
+                print(f"{len(kept)} {row['key']}: {said} ({row['seconds']:.0f} s)", flush=True)
+    except KeyboardInterrupt:
+        print(f"Stopped; {len(kept)} cases are kept in {options.out}; the same command goes on.", file=sys.stderr)
+        return 130
+    options.out.with_suffix(".md").write_text(page(kept))
+    picture(kept, options.out.with_suffix(".png"))
+    print(page(kept).partition("\n![")[0])
+    return 0
+
+
+if __name__ == "__main__":
+    sys.exit(main())

@@ -1,0 +1,322 @@
+"""Checks of how a host recorded: columns that hold a value or lag by rows, goals that were interpolated, late stamps.
+
+Each looks like an effect of the machine, most like a delay, and is none.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+
+import numpy as np
+
+from ...actuators.chain import load_chain
+from ...actuators.errors import SealegsError
+from ..log.finding import Finding
+from ..log.types import Array
+from .context import JointContext
+from .signal import derivatives, quantisation_step
+
+READ = ("position", "velocity", "link_position", "duty", "current", "torque")
+"""Columns that a host reads in every cycle; temperature and voltage are polled less often."""
+MOST_HELD = 8  # rows that a column may hold a value for; more is a column of its own rate
+MOST_KNOTS = 25  # rows between two goals that were joined by a line
+REGULAR = 0.95  # share of the stretches that must be whole multiples
+FEWEST = 40  # stretches from which a rule can be told
+REACH = 0.02  # [s] by which a position may be late, or columns early
+GOAL_REACH = 0.06  # [s] by which the goal may act late
+FOLLOWS = 0.9  # share of the duty's variance that goal and position must explain
+HALVED = 0.5  # of the squared error, from which another row is meant
+MOMENT = 2.5e-4  # [s] by which a reading may come before what is set in its row: a period of a drive's loop, assumed
+STAMP_NOISE = 0.03  # of the period: jitter of the stamps from which it is worth a word
+QUIETER = 0.7  # of the noise at speed that a regular clock must leave
+
+
+def check_recording(joint: JointContext) -> Iterator[Finding]:
+    """Yield how the host recorded a joint, where that is not what the format says."""
+    yield from _held(joint)
+    yield from _interpolated(joint)
+    yield from _rows(joint)
+
+
+# --- values that are held ------------------------------------------------------------------------------------------
+
+
+def _held(joint: JointContext) -> Iterator[Finding]:
+    for signal in READ:
+        values = getattr(joint.log, signal)
+        if values is None or not np.isfinite(values).all() or (rows := held_rows(values, joint.moving)) < 2:
+            continue
+        yield Finding(
+            "column.held", "warning", joint.name, joint.column(signal),
+            f"{joint.column(signal)} holds each value for {rows} rows: it was read at {1 / joint.period / rows:.4g} Hz "
+            f"and logged at {1 / joint.period:.4g} Hz, so that it is up to {1e3 * (rows - 1) * joint.period:.3g} ms "
+            "old; log it when it is read.",
+            value=float(rows), data_error=True,
+        )  # fmt: skip
+
+
+def held_rows(values: Array, moving: np.ndarray) -> int:
+    """For how many rows a column (n,) holds each value while the joint is ``moving`` (n,): 1 where it does not."""
+    change = np.flatnonzero(np.diff(values) != 0.0) + 1
+    if len(change) < FEWEST:
+        return 1
+    lengths = np.diff(change)[moving[change[1:]]]
+    return _common(lengths, MOST_HELD)
+
+
+def _common(lengths: np.ndarray, most: int) -> int:
+    """The largest number of rows that nearly all stretches are whole multiples of; 1 where there is none."""
+    if len(lengths) < FEWEST:
+        return 1
+    for rows in range(most, 1, -1):
+        # the number itself must be there: stretches of 4 and 8 rows are no stretches of 2
+        if (lengths % rows == 0).mean() > REGULAR and (lengths == rows).mean() > 0.3:
+            return rows
+    return 1
+
+
+def fresh(values: Array, rows: int) -> np.ndarray:
+    """At which samples (n,) a column that holds its values for so many rows was read."""
+    change = np.flatnonzero(np.diff(values) != 0.0) + 1
+    first = int(np.bincount(change % rows, minlength=rows).argmax()) if len(change) else 0
+    read = np.arange(len(values)) % rows == first
+    read[change] = True  # where a row was lost
+    read[0] = True
+    return read
+
+
+def unheld(values: Array, rows: int, *, angle: bool) -> Array:
+    """The column without what it held: an angle between its readings, anything else without a value there."""
+    read = fresh(values, rows)
+    if not angle:
+        return np.where(read, values, np.nan)
+    at = np.arange(len(values))
+    between = np.interp(at, at[read], values[read])
+    step = quantisation_step(values)
+    return np.where(read, values, step * np.round(between / step) if step > 0.0 else between)
+
+
+# --- goals that were interpolated ----------------------------------------------------------------------------------
+
+
+def _interpolated(joint: JointContext) -> Iterator[Finding]:
+    goal = joint.log.goal
+    if goal is None or not np.isfinite(goal).all() or (rows := knot_rows(joint.time, goal)) < 2:
+        return
+    apart = rows * joint.period
+    what = f"{joint.column('goal')} is made of straight lines over {rows} rows ({1e3 * apart:.3g} ms)"
+    shown = _follows_held(joint, goal, rows)
+    if shown is None:
+        yield Finding(
+            "goal.knots", "note", joint.name, joint.column("goal"),
+            f"{what}: if goals were sent at {1 / apart:.4g} Hz and held, the log was interpolated, which looks like a "
+            f"delay of {1e3 * apart / 2:.3g} ms; log the goals as sent, or the duty, which tells.",
+            value=0.5 * apart,
+        )  # fmt: skip
+    elif shown:
+        yield Finding(
+            "goal.interpolated", "warning", joint.name, joint.column("goal"),
+            f"{what}, but the duty follows goals that were held that long: the log was interpolated, which would look "
+            f"like a delay of {1e3 * apart / 2:.3g} ms; log the goals as sent.",
+            value=float(rows), data_error=True,
+        )  # fmt: skip
+
+
+def knot_rows(time: Array, goal: Array) -> int:
+    """Over how many rows a goal (n,) goes in straight lines; 1 where it bends anywhere."""
+    slope = np.diff(goal) / np.diff(time)
+    least = 1e-6 * np.ptp(goal) + 1.01 * quantisation_step(goal)
+    bends = np.flatnonzero(np.abs(np.diff(slope)) * np.median(np.diff(time)) > least) + 1
+    return _common(np.diff(bends), MOST_KNOTS)
+
+
+def held_again(goal: Array, rows: int, time: Array | None = None) -> Array:
+    """Goals (n,) that were sent every so many rows, and held."""
+    bend = np.abs(np.diff(goal, 2))
+    strong = np.flatnonzero(bend > 1e-6 * np.ptp(goal) + 1.01 * quantisation_step(goal)) + 1
+    first = int(np.bincount(strong % rows, minlength=rows).argmax()) if len(strong) else 0
+    at = np.arange(len(goal))
+    return goal[np.maximum(at - (at - first) % rows, 0)]
+
+
+def _follows_held(joint: JointContext, goal: Array, rows: int) -> bool | None:
+    """Whether the duty follows the goals held rather than as logged; None where nothing tells."""
+    duty = driving(joint)
+    if duty is None:
+        return None
+    logged, held = (following(joint, duty, values) for values in (goal, held_again(goal, rows)))
+    if logged is None or held is None or max(logged.explained, held.explained) < FOLLOWS:
+        return None
+    if held.error < HALVED * logged.error:
+        return True
+    return False if logged.error < HALVED * held.error else None
+
+
+# --- rows of a log that are of different times ---------------------------------------------------------------------
+
+
+@dataclass(frozen=True)
+class Following:
+    """How a duty follows goal and position.
+
+    Attributes:
+        goal_rows: by how many rows the goal acts late.
+        rows: how many rows older than its own the position is that the duty answers to; below zero a newer one.
+        error: what this leaves of the duty, mean square of all but the largest tenth.
+        error_now: the same, at best with the position of the same row.
+        explained: share of the variance that is explained.
+    """
+
+    goal_rows: int
+    rows: int
+    error: float
+    error_now: float
+    explained: float
+
+
+def driving(joint: JointContext) -> Array | None:
+    """The duty (n,), as logged or as current and speed give it; None where the firmware has more than a P loop."""
+    try:
+        chain = load_chain(joint.run.actuators[joint.name])
+    except (KeyError, SealegsError):
+        return None
+    if chain.find("position_p") is None or joint.log.goal is None or not joint.natural:
+        return None
+    if joint.log.duty is not None:
+        return joint.log.duty
+    motor, supply = chain.find("dc_motor"), chain.find("supply")
+    if joint.log.current is None or motor is None or supply is None or np.nanmin(joint.log.current) >= 0.0:
+        return None
+    back_emf = motor.back_emf * chain.gear_ratio() * joint.velocity
+    return (joint.log.current * motor.resistance + back_emf) / supply.volts
+
+
+def following(joint: JointContext, duty: Array, goal: Array) -> Following | None:
+    """Regress the duty on goal and position of earlier and later rows; None where too few samples are between limits.
+
+    A position loop answers to the position at the time, so the row that it answers to is of the same time.
+    """
+    reach, most = max(round(REACH / joint.period), 1), max(round(GOAL_REACH / joint.period), 2)
+    reach, most = min(reach, 6), min(most, 16)
+    count = len(duty)
+    at = np.arange(most + reach, count - reach)
+    good = np.isfinite(duty[at]) & (np.abs(duty[at]) < 0.95 * np.nanmax(np.abs(duty))) & joint.on[at] & joint.moving[at]
+    at = at[good]
+    if len(at) < 200:
+        return None
+    wanted = duty[at]
+    total = _trimmed((wanted - wanted.mean()) ** 2)
+    best: tuple[float, int, int] = (np.inf, 0, 0)
+    now = np.inf
+    for late in range(most + 1):
+        for rows in range(-reach, reach + 1):
+            terms = np.stack([goal[at - late], joint.log.position[at - rows], np.ones(len(at))], axis=1)
+            gram = terms.T @ terms
+            found = np.linalg.lstsq(gram, terms.T @ wanted, rcond=None)[0]
+            error = _trimmed((wanted - terms @ found) ** 2)
+            best = min(best, (error, late, rows))
+            now = min(now, error) if rows == 0 else now
+    error, late, rows = best
+    return Following(late, rows, error, now, 1.0 - error / max(total, 1e-300))
+
+
+def _before_goal(joint: JointContext, seen: int) -> bool:
+    """Whether the goal in force is one row older than the chain has it, and would be that a moment earlier."""
+    delay = load_chain(joint.run.actuators[joint.name]).find("delay")
+    believed = 0.0 if delay is None else delay.seconds
+    now, before = (_rows_late(joint.time, believed + more) for more in (0.0, MOMENT))
+    return seen == before == now + 1
+
+
+def _rows_late(time: Array, delay: float) -> int:
+    """By how many rows a goal acts later than its own when it takes so long [s]."""
+    at = np.arange(len(time))
+    return int(np.median(at - np.searchsorted(time + delay, time + 1e-9, side="right") + 1))
+
+
+def _trimmed(squares: np.ndarray) -> float:
+    """Mean of all but the largest tenth: where a goal jumps, a row may have either."""
+    kept = np.partition(squares, int(0.9 * len(squares)))[: int(0.9 * len(squares))]
+    return float(kept.mean())
+
+
+def _rows(joint: JointContext) -> Iterator[Finding]:
+    duty = driving(joint)
+    if duty is None or joint.log.goal is None:
+        return
+    seen = following(joint, duty, joint.log.goal)
+    if seen is None or seen.explained < FOLLOWS:
+        return
+    if seen.rows == 0 and _before_goal(joint, seen.goal_rows):
+        yield Finding(
+            "columns.before_goal", "note", joint.name, joint.column("current" if joint.log.duty is None else "duty"),
+            f"What {joint.name} reads of its drive is of the moment before the goal of the same row acts: up to a row "
+            f"({1e3 * joint.period:.3g} ms) of what looks like a delay is none.",
+            value=float(seen.goal_rows),
+        )  # fmt: skip
+    if seen.rows == 0 or seen.error > HALVED * seen.error_now:
+        return
+    seconds = abs(seen.rows) * joint.period
+    if seen.rows < 0:
+        yield Finding(
+            "position.late", "note", joint.name, joint.column("position"),
+            f"The drive of {joint.name} answers to positions that the log has {1e3 * seconds:.3g} ms later "
+            f"({-seen.rows} row{'s' * (seen.rows < -1)}): position readings reach the log late, not the commands the "
+            "drive.",
+            value=seconds, cause="sensor.delay",
+        )  # fmt: skip
+        return
+    for signal in ("duty", "current"):
+        if getattr(joint.log, signal) is None:
+            continue
+        yield Finding(
+            "column.behind", "warning", joint.name, joint.column(signal),
+            f"{joint.column(signal)} is {seen.rows} row{'s' * (seen.rows > 1)} behind ({1e3 * seconds:.3g} ms): the "
+            "drive answers to the position of an earlier row; log what is read with the row that it is read in.",
+            value=float(seen.rows), cause="sensor.delay", data_error=True,
+        )  # fmt: skip
+
+
+# --- stamps --------------------------------------------------------------------------------------------------------
+
+
+def check_stamps(joint: JointContext) -> Iterator[Finding]:
+    """Yield whether the time stamps of a run jitter more than its readings, judged by a joint that moves."""
+    if joint.still or len(joint.time) < 400:
+        return
+    grid = regular(joint.time)
+    if grid is None:
+        return
+    late = joint.time - grid
+    jitter = float(np.std(late))
+    if jitter < STAMP_NOISE * joint.period:
+        return
+    fast = np.abs(joint.velocity) > np.quantile(np.abs(joint.velocity), 0.8)
+    if fast.sum() < 200:
+        return
+    stamped, even = (_roughness(time, joint.log.position, fast) for time in (joint.time, grid))
+    if even < QUIETER * stamped:
+        yield Finding(
+            "clock.late_stamps", "warning", None, "time",
+            f"Time stamps jitter by {1e3 * jitter:.2g} ms (up to {1e3 * np.ptp(late):.2g} ms late), the readings do "
+            f"not: on a regular clock the position is {stamped / even:.2g} times smoother in motion; stamp a row when "
+            "it is read.",
+            value=jitter, data_error=True,
+        )  # fmt: skip
+
+
+def regular(time: Array) -> Array | None:
+    """The regular clock (n,) whose ticks the stamps follow, the earliest of them on time; None where rows are lost."""
+    at = np.arange(len(time))
+    slope, start = np.polyfit(at, time, 1)
+    grid = start + slope * at
+    if np.ptp(time - grid) > 1.5 * slope:
+        return None
+    return grid + float(np.quantile(time - grid, 0.02))
+
+
+def _roughness(time: Array, position: Array, keep: np.ndarray) -> float:
+    """Rms of what a local cubic cannot follow at some samples [rad]."""
+    smooth = derivatives(time, position, 9 * float(np.median(np.diff(time))))[0]
+    return float(np.sqrt(np.mean((position - smooth)[keep] ** 2)))
