@@ -14,6 +14,7 @@ from sealegs.gap.replay.joint_model import JointModel
 from sealegs.gap.search.fit import Fit
 from sealegs.gap.search.forward import Judged, Searcher
 from sealegs.gap.search.result import Candidate
+from sealegs.gap.search.settings import DEFAULT
 
 from tests.smooth_bench import CHAIN
 from tests.test_decisions import evidence
@@ -30,24 +31,40 @@ class Slow:
         return {"speed": np.array([-1.0, 0.2, 1.0])}
 
 
-def left(velocity: float, *names: str, taken: tuple[str, ...] = ()) -> list[str]:
-    """Names of what stays of a Stribeck friction that was found with a velocity [rad/s]."""
+def left(
+    value: float,
+    *names: str,
+    taken: tuple[str, ...] = (),
+    number: str = "friction.stribeck_velocity",
+    at: tuple[str, ...] = (),
+    simple: float = 1.0,
+) -> list[str]:
+    """Names of what stays of the first cause when it was found with a value of a number, in units of its own.
+
+    Args:
+        value: of the number.
+        names: of causes; the first was found.
+        taken: causes that the model has.
+        number: that has the value.
+        at: numbers that are at a bound.
+        simple: loss of what is fitted beside the first cause, whose loss is 1.
+    """
     causes = {cause.name: cause for cause in catalogue(JointModel(load_chain(CHAIN)), names)}
     searcher: Any = object.__new__(Searcher)
+    searcher.settings = DEFAULT
     searcher.shown, searcher.parts = list(causes.values()), (Slow(), Slow())
-    values = {"friction.stribeck": 0.04, "friction.stribeck_velocity": velocity}
-    fit = Fit(values, np.zeros((3, 4)), 1.0)
+    fit = Fit({number: value}, np.zeros((3, 4)), 1.0, at)
     fits = (fit, fit)
     searcher.fit_both = lambda parameters, start: fits
-    searcher.judged = lambda found: Judged(found, np.ones(60), 1.0)
+    searcher.judged = lambda found: Judged(found, simple * np.ones(60), 1.0)
 
     def made(cause: Cause, variant: Any, judged: Judged) -> Candidate:
         return Candidate(cause, variant, judged.fits, replace(evidence(cause.name, 0.3), blocks=judged.blocks))
 
     searcher.candidate = made
     searcher.at_edge = lambda candidate: Searcher.at_edge(searcher, candidate)
-    stribeck = causes["friction.stribeck"]
-    found = [made(stribeck, stribeck.variants[0], Judged(fits, np.ones(60), 1.0))]
+    first = causes[names[0]]
+    found = [made(first, first.variants[0], Judged(fits, np.ones(60), 1.0))]
     return [c.cause.name for c in Searcher.simplest(searcher, found, (), set(taken))]
 
 
@@ -60,5 +77,20 @@ def test_stribeck_friction_beyond_all_speeds_of_the_log_is_dry_friction(velocity
 
 
 def test_within_the_speeds_of_the_log_it_stays_what_it_is() -> None:
-    assert left(0.2, "friction.stribeck", "friction.coulomb") == ["friction.stribeck"]
+    assert "friction.stribeck" in left(0.2, "friction.stribeck", "friction.coulomb")
     assert left(3.0, "friction.stribeck") == ["friction.stribeck"]
+
+
+def test_a_number_at_a_bound_gives_way_to_a_simpler_cause_that_does_as_well() -> None:
+    assert left(0.3, "friction.load_dependent", "friction.coulomb", at=("friction.load",)) == ["friction.coulomb"]
+    kept = left(0.3, "friction.load_dependent", "friction.coulomb", at=("friction.load",), simple=1.1)
+    assert kept == ["friction.load_dependent", "friction.coulomb"]
+
+
+def test_bristles_as_stiff_as_any_are_dry_friction() -> None:
+    stiff = left(1e6, "friction.presliding", "friction.coulomb", number="friction.bristle_stiffness")
+    assert stiff == ["friction.coulomb"]
+
+
+def test_the_simpler_cause_is_tried_beside_the_best_one() -> None:
+    assert left(0.2, "friction.stribeck", "friction.coulomb") == ["friction.stribeck", "friction.coulomb"]

@@ -81,13 +81,14 @@ class Limit:
     Attributes:
         cause: name of the other.
         where: what the data are like.
-        edge: a number of the cause; where it is at its upper bound, or beyond all speeds of the log, the other cause is
-            meant.
+        edge: a number of the cause; where it is at its upper bound, the other cause is meant.
+        by_speed: the same where it is beyond all speeds of the log.
     """
 
     cause: str
     where: str
     edge: str = ""
+    by_speed: bool = False
 
 
 @dataclass(frozen=True)

@@ -60,7 +60,7 @@ def stribeck(nominal: JointModel) -> Cause:
         picture="friction_against_speed",
         variants=((extra, speed),),
         needs=SHOWN,
-        degenerates_to=Limit("friction.coulomb", "all motion is slow", edge="friction.stribeck_velocity"),
+        degenerates_to=Limit("friction.coulomb", "all motion is slow", "friction.stribeck_velocity", by_speed=True),
     )
 
 
@@ -105,7 +105,7 @@ def presliding(nominal: JointModel) -> Cause:
         picture="error_since_reversal",
         variants=tuple((stiffness,) for stiffness in bristles),
         needs=SHOWN,
-        degenerates_to=Limit("friction.coulomb", "the joint never rests"),
+        degenerates_to=Limit("friction.coulomb", "the joint never rests", "friction.bristle_stiffness"),
     )
 
 

@@ -29,6 +29,7 @@ def backlash(nominal: JointModel) -> Cause:
         picture="hysteresis",
         variants=tuple(variants),
         needs=APART,
+        degenerates_to=Limit("transmission.compliance", "the load never lets the teeth part"),
     )
 
 

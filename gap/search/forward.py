@@ -245,30 +245,43 @@ class Searcher:
         return self.simplest(found, extended, taken), screened.promise
 
     def simplest(self, found: Sequence[Candidate], extended: Sequence[Parameter], taken: set[str]) -> list[Candidate]:
-        """Candidates less those at the edge of their own shape, where they are another cause, and that cause."""
+        """Candidates less those that are the simpler cause which they degenerate to; that one is always tried.
+
+        At the edge of its own shape a cause is the simpler one. With any other number at a bound it is, where the
+        simpler one does about as well.
+        """
         kept = [candidate for candidate in found if not self.at_edge(candidate)]
+        best = min(found, key=lambda c: float(c.blocks.sum()), default=None)
+        tried = {candidate.cause.name: candidate for candidate in found}
         for candidate in found:
-            limit = candidate.cause.degenerates_to
-            if limit is None or not self.at_edge(candidate):
+            limit, edge = candidate.cause.degenerates_to, self.at_edge(candidate)
+            if limit is None or not (edge or candidate is best or at_bound(candidate)):
                 continue
             other = next((cause for cause in self.shown if cause.name == limit.cause), None)
             if other is None:  # what it is there is not to be considered
-                kept.append(candidate)
-            elif other.name not in taken and all(c.cause.name != other.name for c in kept):
-                variant = other.variants[0]
-                fits = self.fit_both(merge(extended, variant), middle(*candidate.fits))
-                kept.append(self.candidate(other, variant, self.judged(fits)))
+                kept += [candidate] * edge
+            elif other.name not in taken:
+                if other.name not in tried:
+                    fits = self.fit_both(merge(extended, other.variants[0]), middle(*candidate.fits))
+                    tried[other.name] = self.candidate(other, other.variants[0], self.judged(fits))
+                    kept.append(tried[other.name])
+                simple = float(tried[other.name].blocks.sum())
+                as_good = simple < (1.0 + self.settings.shared_error) * float(candidate.blocks.sum())
+                if as_good and not edge and at_bound(candidate):
+                    kept.remove(candidate)
         return kept
 
     def at_edge(self, candidate: Candidate) -> bool:
+        """Whether a cause is at the edge of its own shape, by its upper bound or by the speeds of the log."""
         limit = candidate.cause.degenerates_to
         edge = next((p for p in candidate.variant if limit is not None and p.number == limit.edge), None)
-        if edge is None:
+        if limit is None or edge is None:
             return False
-        simulated = self.parts[0].simulate([candidate.fits[0].values])[0]
-        speed = self.parts[0].covariates(simulated).get("speed", np.full(1, np.inf))
-        visited = float(np.nanquantile(np.abs(speed), FASTEST))
-        end = min(EDGE * edge.high, max(visited, edge.low))
+        end = EDGE * edge.high
+        if limit.by_speed:
+            simulated = self.parts[0].simulate([candidate.fits[0].values])[0]
+            speed = self.parts[0].covariates(simulated).get("speed", np.full(1, np.inf))
+            end = min(end, max(float(np.nanquantile(np.abs(speed), FASTEST)), edge.low))
         return min(found.values[edge.path] for found in candidate.fits) >= end
 
     def _with_usual_forms(
@@ -356,3 +369,8 @@ class Searcher:
         if not happened:
             return trial, None
         return trial, Round(step.before, tuple(self.ranked(instead, fitted)), True, step.excess)
+
+
+def at_bound(candidate: Candidate) -> bool:
+    """Whether a number of a candidate is at a bound in both parts of the data."""
+    return any(all(p.path in found.at_bound for found in candidate.fits) for p in candidate.variant)

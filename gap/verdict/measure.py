@@ -160,7 +160,10 @@ def _name_causes(
         removed = float((chosen.before.sum() - candidate.blocks.sum()) / search.counts.sum())
         rivals = tuple(c.cause.name for c in chosen.candidates[1:] if c.best > search.settings.rival_win_rate)
         sure = confidence(min(candidate.best, candidate.better), removed, residual)
-        sure *= min((measured(p, model.bounds[p.path]) for p in candidate.variant if p.is_size), default=1.0)
+        sizes = [p for p in candidate.variant if p.is_size]
+        sure *= min((measured(p, model.bounds[p.path]) for p in sizes), default=1.0)
+        if any(p.path in model.fitted.at_bound for p in sizes):
+            sure *= AT_BOUND
         named.append(
             NamedCause(
                 name=candidate.cause.name,
@@ -198,6 +201,7 @@ def _value(parameter: Parameter, extended: Fit, bounds: Mapping[str, tuple[float
     return Value(value, low, high, unit, float(nominal.value(parameter.number)))
 
 
+AT_BOUND = 0.5  # factor on the confidence of a size at an end of the range tried: there it is no measurement
 STOPS = ("load.stop_angle", "load.lower_stop")
 """Angles of the link, which a person looks up in the log."""
 
