@@ -66,6 +66,21 @@ def test_a_rigid_joint_asks_for_the_duty_that_its_measured_position_asks_for() -
     np.testing.assert_allclose(out[5:, 1], (0.664 * current - 0.35 * speed - 0.010 * link[:, 2])[5:], atol=1e-9)
 
 
+def test_a_rigid_joint_whose_position_is_read_late_asks_for_the_duty_of_where_it_is() -> None:
+    time = np.arange(0.0, 2.0, 0.005)
+
+    def motion(late: float) -> np.ndarray:
+        at = 5.0 * (time - late)
+        return np.stack([0.2 * np.sin(at), np.cos(at), -5.0 * np.sin(at)], axis=1)
+
+    goal = np.full(len(time), 0.05)
+    true, late = drive(RIGID, goal, motion(0.0), time), [*RIGID[:-1], {"encoder": {"ticks": 0, "latency": 0.012}}]
+    read = drive(late, goal, motion(0.012), time)
+    inside = slice(10, -5)
+    np.testing.assert_allclose(read[inside, 1:], true[inside, 1:], atol=2e-3)
+    np.testing.assert_allclose(read[inside, 0], motion(0.012)[inside, 0], atol=1e-3)
+
+
 def test_halving_the_step_changes_little() -> None:
     time = np.arange(0.0, 3.0, 0.005)
     goal = np.where(time % 0.5 < 0.25, 0.3, -0.3)
