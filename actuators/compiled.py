@@ -14,10 +14,12 @@ import ast
 import contextlib
 import functools
 import hashlib
+import json
 import os
 import sys
 import tempfile
 from collections.abc import Callable, Iterator
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, ClassVar
 
@@ -25,6 +27,8 @@ import numba
 from numba.core.caching import CompileResultCacheImpl, FunctionCache, _CacheLocator
 from numba.core.ccallback import CFunc
 from numba.core.dispatcher import Dispatcher
+
+from .atomic import written
 
 # error_model: a division by zero gives infinity as in C; the check for it would cost a branch at every division
 OPTIONS: dict[str, Any] = {"error_model": "numpy"}
@@ -106,7 +110,7 @@ def digest(file: Path) -> str:
     """Of what a module says, with all modules of this package that it imports, directly or not."""
     said = hashlib.sha256(numba.__version__.encode())
     for path in sorted(imported(file)):
-        said.update(path.name.encode() + _said(path))
+        said.update(path.name.encode() + _source(path).said.encode())
     return said.hexdigest()[:12]
 
 
@@ -122,29 +126,51 @@ def imported(file: Path) -> set[Path]:
     return found
 
 
+@dataclass(frozen=True)
+class _Source:
+    """What counts of a file: digest of its syntax without comments and docstrings, and its relative imports, each as
+    level, module and names.
+    """
+
+    said: str
+    imports: tuple[tuple[int, str, tuple[str, ...]], ...]
+
+
 @functools.cache
-def _syntax(path: Path) -> ast.Module:
-    tree = ast.parse(path.read_bytes())
+def _source(path: Path) -> _Source:
+    """Parsed once for each version of a file and kept beside the compiled code: parsing takes a third of a second."""
+    text = path.read_bytes()
+    kept = folder() / f"source-{hashlib.sha256(sys.version.encode() + text).hexdigest()[:16]}.json"
+    with contextlib.suppress(OSError, ValueError, KeyError):
+        found = json.loads(kept.read_text(encoding="utf-8"))
+        return _Source(found["said"], tuple((level, base, tuple(names)) for level, base, names in found["imports"]))
+    parsed = _parsed(text)
+    with contextlib.suppress(OSError):
+        kept.parent.mkdir(parents=True, exist_ok=True)
+        with written(kept, replace=True) as fresh:
+            fresh.write_text(json.dumps({"said": parsed.said, "imports": parsed.imports}), encoding="utf-8")
+    return parsed
+
+
+def _parsed(text: bytes) -> _Source:
+    tree = ast.parse(text)
     for node in ast.walk(tree):
         if isinstance(node, ast.Module | ast.ClassDef | ast.FunctionDef) and ast.get_docstring(node, False) is not None:
             node.body = node.body[1:]
-    return tree
-
-
-@functools.cache
-def _said(path: Path) -> bytes:
-    return hashlib.sha256(ast.dump(_syntax(path)).encode()).digest()
+    imports = tuple(
+        (node.level, node.module or "", tuple(alias.name for alias in node.names))
+        for node in ast.walk(tree)
+        if isinstance(node, ast.ImportFrom) and node.level
+    )
+    return _Source(hashlib.sha256(ast.dump(tree).encode()).hexdigest(), imports)
 
 
 @functools.cache
 def _relative_imports(path: Path) -> list[Path]:
     found: list[Path] = []
-    for node in ast.walk(_syntax(path)):
-        if not isinstance(node, ast.ImportFrom) or node.level == 0:
-            continue
-        base = path.parents[node.level - 1].joinpath(*(node.module or "").split("."))
-        names = [base / alias.name for alias in node.names]
-        for target in (base, *names):
+    for level, module, names in _source(path).imports:
+        base = path.parents[level - 1].joinpath(*module.split(".")) if module else path.parents[level - 1]
+        for target in (base, *(base / name for name in names)):
             if target.with_suffix(".py").is_file():
                 found.append(target.with_suffix(".py").resolve())
             elif target.is_dir() and target != path.parent:

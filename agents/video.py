@@ -46,7 +46,7 @@ def record_video(
     Raises:
         SealegsError: pictures cannot be drawn or written here.
     """
-    engine: BatchEngine = env.unwrapped.engine  # type: ignore[attr-defined]
+    engine: BatchEngine = env.get_wrapper_attr("engine")
     between = engine.dt / engine.goals_per_step
     stride = math.ceil(1.0 / (FASTEST * between) - 1e-9)
     episodes: list[Episode] = []
@@ -59,7 +59,7 @@ def record_video(
         def watch() -> None:
             if next(goals) % stride == 0:
                 with _drawing():
-                    film.append_data(np.asarray(env.render(), dtype=np.uint8))  # type: ignore[attr-defined]
+                    film.append_data(np.asarray(env.render(), dtype=np.uint8))
 
         engine.watch = watch
         for _ in range(max(1, round(seconds / engine.dt))):

@@ -13,13 +13,14 @@ import argparse
 import json
 import sys
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
 from sealegs.gap.search.decide import decide
 from sealegs.gap.search.record import from_dict
 from sealegs.gap.search.settings import DEFAULT, SearchSettings
+from sealegs.gap.search.structure import listed
 
 from benchmarks.hidden import Case, run
 from testbed import EFFECTS, STRANGERS
@@ -97,19 +98,6 @@ def tally(rows: Sequence[dict[str, Any]], settings: SearchSettings) -> Tally:
     return total
 
 
-def scaled(name: str, factor: float) -> SearchSettings:
-    """The default settings with one of them multiplied.
-
-    Of a probability near one its distance from one is multiplied, of a factor its excess over one.
-    """
-    value = getattr(DEFAULT, name)
-    if name == "least_certainty":
-        return replace(DEFAULT, least_certainty=1.0 - (1.0 - value) * factor)
-    if name == "form_charge":
-        return replace(DEFAULT, form_charge=1.0 + (value - 1.0) * factor)
-    return replace(DEFAULT, **{name: value * factor})
-
-
 def disagreeing(rows: Sequence[dict[str, Any]]) -> list[str]:
     """Cases whose record, decided again with the same settings, gives other names than the search gave: none."""
     found = []
@@ -143,20 +131,20 @@ def page(rows: Sequence[dict[str, Any]]) -> str:
         "|---|---|---|---|---|",
     ]
     for name in SearchSettings.deciding():
-        cells = [_cell(tally(rows, scaled(name, factor)), base) for factor in (0.5, 2.0)]
+        cells = [_cell(tally(rows, DEFAULT.scaled(name, factor)), base) for factor in (0.5, 2.0)]
         lines.append(
             f"| `{name}` | {getattr(DEFAULT, name):g} | {' | '.join(cells)} | {SearchSettings.meanings()[name]} |"
         )
     effort = [name for name in SearchSettings.meanings() if name not in SearchSettings.deciding()]
     lines += [
         "",
-        "Of `least_certainty` the distance from one is halved and doubled, of `form_charge` the excess over one. A "
-        "dash: nothing changes.",
+        f"Of {listed([f'`{name}`' for name in SearchSettings.from_one()])} the distance from one is halved and "
+        "doubled. A dash: nothing changes.",
         "",
         "![Right and false names](sensitivity.png)",
         "",
-        "The other settings bound the effort, so another value needs other fits, and no record tells what they would "
-        f"have found: {', '.join(f'`{name}`' for name in effort)}.",
+        "The other settings bound the effort, so that another value needs other fits and no record tells what they "
+        f"would have found, or decide what is told beside the verdict: {', '.join(f'`{name}`' for name in effort)}.",
         "",
         "## Cases",
         "",
@@ -184,7 +172,7 @@ def picture(rows: Sequence[dict[str, Any]], path: Path) -> None:
 
     names = SearchSettings.deciding()
     base = tally(rows, DEFAULT)
-    tallies = {factor: [tally(rows, scaled(name, factor)) for name in names] for factor in (0.5, 2.0)}
+    tallies = {factor: [tally(rows, DEFAULT.scaled(name, factor)) for name in names] for factor in (0.5, 2.0)}
     figure = Figure(figsize=(9.0, 0.32 * len(names) + 1.8), layout="constrained")
     panels = figure.subplots(1, 2, sharey=True)
     for axes, count, title in zip(panels, ("right", "false"), ("hidden effects named", "false names"), strict=True):

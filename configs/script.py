@@ -7,6 +7,7 @@ import importlib
 import os
 import re
 import sys
+import textwrap
 from collections.abc import Callable, Sequence
 from types import ModuleType
 
@@ -77,14 +78,25 @@ def load(module: str, name: str) -> ModuleType | int:
         return _missing(error, name)
 
 
+def _wrapped(key: str, words: Sequence[str]) -> list[str]:
+    """``key=`` and its words, as many a line as fit, the further lines indented under the first word."""
+    start = f"  {key}="
+    return textwrap.wrap(
+        ", ".join(words), 100, initial_indent=start, subsequent_indent=" " * len(start), break_on_hyphens=False
+    )
+
+
 def help_page(name: str, description: str) -> str:
     """Help page: the script's docstring, the names that stand for files, and its config file with its comments."""
     text = (FOLDER / f"{name}.yaml").read_text()
     page = [description.strip(), ""]
     named = {key: choices(key) for key in [*groups(name), *re.findall(r"^(\w+):", text, re.MULTILINE)]}
     if any(named.values()):
-        page += ["One word for a file in configs/<key>, whose own keys are given as <key>.<its key>=value:", ""]
-        page += [f"  {key}={'|'.join(words)}" for key, words in named.items() if words]
+        page += [
+            "One of these words for a file in configs/<key>, whose own keys are given as <key>.<its key>=value:",
+            "",
+        ]
+        page += [line for key, words in named.items() if words for line in _wrapped(key, words)]
         page += [""]
     page += [f"Keys and their defaults (configs/{name}.yaml), given as key=value:", ""]
     keys = re.sub(r"^defaults:\n(?:  .*\n)*\n?", "", text, flags=re.MULTILINE).strip()

@@ -302,13 +302,20 @@ def _joints(model: mujoco.MjModel, inertia: np.ndarray) -> list[ModelJoint]:
     return found
 
 
+def _three(values: np.ndarray) -> tuple[float, float, float]:
+    x, y, z = map(float, values)
+    return x, y, z
+
+
 def _bodies(model: mujoco.MjModel) -> list[ModelBody]:
     """Bodies with a name and a mass that some joint moves."""
     return [
         ModelBody(
             model.body(k).name,
             float(model.body_mass[k]),
-            *(tuple(map(float, rows[k])) for rows in (model.body_ipos, model.body_inertia, model.body_iquat)),  # type: ignore[arg-type]
+            _three(model.body_ipos[k]),
+            _three(model.body_inertia[k]),
+            (float(model.body_iquat[k, 0]), *_three(model.body_iquat[k, 1:])),
         )
         for k in range(1, model.nbody)
         if model.body_weldid[k] and model.body_mass[k] > 0.0 and model.body(k).name

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from abc import ABC, abstractmethod
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import ClassVar, Self
@@ -54,6 +54,12 @@ class Motion:
     memory: np.ndarray = field(default_factory=lambda: np.empty((0, 0)))
     power: np.ndarray = field(default_factory=lambda: np.empty(0))
     qpos_rate: np.ndarray = field(default_factory=lambda: np.empty((0, 0)))
+
+
+def drawn(span: float | Sequence[float], random: np.ndarray) -> np.ndarray:
+    """A number of a task, drawn from its range: uniform numbers in [0, 1) (any shape) in, numbers of that shape out."""
+    low, high = span if isinstance(span, Sequence) else (span, span)
+    return low + random * (high - low)
 
 
 @dataclass(frozen=True)

@@ -44,8 +44,8 @@ SMALLER = {
 """What is added to a command, so that its page runs in seconds."""
 RESUMED = "total_timesteps=512 evaluate.every=0 video.seconds=0"
 """What is added to a training that goes on: it keeps its settings, and ended already on this page."""
-HARDWARE = "hw=feetech"
-"""A command with it is run on the virtual bus instead: the words that need a real port are taken away."""
+HARDWARE = ("hw=feetech", "hw=dynamixel")
+"""A command with one of them is run on the virtual bus instead: the words that need a real port are taken away."""
 ABSENT = ("../shared/data", "logs/fleet", "logs/xl330", "logs/ak80", "logs/so101", "logs/servo", "bench.csv", "/tmp/")
 """What a reader has and a test has not: such commands are checked, not run."""
 ELSEWHERE = {
@@ -171,8 +171,9 @@ class Reader:
             self.skipped.append(command)
             return
         word, arguments = words[1], words[2:]
-        if HARDWARE in arguments:
-            arguments = [item for item in arguments if item != HARDWARE and not item.startswith(("port=", "dead_man"))]
+        if any(item in HARDWARE for item in arguments):
+            real = (*HARDWARE, "port=", "dead_man")
+            arguments = [item for item in arguments if not item.startswith(real)]
         given = {item.partition("=")[0] for item in arguments}
         smaller = RESUMED if "resume" in given else SMALLER.get(word, "")
         arguments += [item for item in smaller.split() if item.partition("=")[0] not in given]

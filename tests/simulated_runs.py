@@ -29,6 +29,13 @@ from benchmarks.bus import servo_row
 from tests.servo_runs import config
 
 SIGNALS = ("goal", "position", "velocity", "duty", "voltage", "current", "temperature")
+BEYOND_LIMITS: list[tuple[dict[str, Any], dict[str, Any], str]] = [
+    ({"kind": "brown_out", "value": 5.5}, {}, "voltage"),
+    ({"kind": "overheat", "value": 68.0}, {}, "temperature"),
+    ({"kind": "overheat", "value": 75.0}, {}, "OverheatFault"),
+    ({"kind": "drop", "count": 0}, {"voltage_low": 7.6}, "voltage"),
+]
+"""Faults, limits of the loop where they are others, and what is named before torque comes on."""
 
 
 class Guard:

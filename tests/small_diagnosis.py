@@ -16,7 +16,7 @@ CONSIDERED = ("friction.load_dependent", "friction.viscous", "drive.delay")
 def small_diagnosis() -> tuple[JointDiagnosis, MeasuredSet]:
     """A bench that hides friction which grows with load, and what was found."""
     data, _ = hidden_bench(
-        {"friction.load_dependent": "clear"}, seed=1, load=("medium", "heavy", "light"), duration=6.0
+        {"friction.load_dependent": "clear"}, seed=1, load=("medium", "heavy", "light"), duration=3.0
     )
     (found,) = diagnose(data, causes=CONSIDERED)
     return found, data

@@ -81,9 +81,9 @@ def stranger(folder: Path) -> Stranger:
 
 
 def copied_checkout(folder: Path) -> Path:
-    """What setuptools needs of the checkout, so that a build leaves nothing behind in it."""
-    for name in PARTS:
-        shutil.copytree(REPOSITORY / name, folder / name, ignore=shutil.ignore_patterns("__pycache__"))
+    """The code of the checkout, its tests and benches included, so that a build leaves nothing behind in it."""
+    for name in (*PARTS, "tests", "testbed", "benchmarks", "typings"):
+        shutil.copytree(REPOSITORY / name, folder / name, ignore=shutil.ignore_patterns("__pycache__", "results"))
     for name in ("pyproject.toml", "setup.py", "README.md", "LICENSE"):
         shutil.copy(REPOSITORY / name, folder)
     return folder

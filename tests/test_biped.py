@@ -277,6 +277,7 @@ def test_a_pulley_too_light_for_the_step_is_refused() -> None:
         BIPED.drivetrain({"left_leg_shape": chain})
 
 
+@pytest.mark.long
 def test_a_short_training_runs_with_the_printed_drives_and_can_be_read_back(tmp_path: Path) -> None:
     small = ["n_envs=2", "agent.n_steps=32", "agent.batch_size=64", "agent.n_epochs=1", "total_timesteps=128"]
     quiet = ["evaluate.every=64", "evaluate.episodes=1", "checkpoint.every=64", "video.seconds=0"]

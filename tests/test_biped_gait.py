@@ -14,6 +14,7 @@ from sealegs.envs.contract import robot_hash
 
 from benchmarks.biped_motion import load
 from benchmarks.learned_biped import JUDGED, walk
+from tests.quick import quick
 
 NUMBERS = BIPED.parameters()
 POLICIES = sorted((Path(__file__).resolve().parents[1] / "policies" / "biped").glob("seed*"))
@@ -72,7 +73,7 @@ def test_a_time_step_makes_no_other_robot() -> None:
     assert robot_hash(BIPED, {"timestep": 0.002}) == robot_hash(BIPED) != robot_hash(BIPED, {"torso_mass": 41.0})
 
 
-@pytest.mark.parametrize("folder", POLICIES, ids=lambda folder: folder.name)
+@pytest.mark.parametrize("folder", quick(POLICIES, 5), ids=lambda folder: folder.name)
 def test_a_learned_policy_walks_from_a_standing_start(folder: Path) -> None:
     env, actuator, act = load(folder)
     figures = walk({**env, "speed": JUDGED}, actuator, act, starts=2, seconds=8.0)

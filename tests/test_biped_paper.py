@@ -149,6 +149,7 @@ def test_the_virtual_machine_is_recovered_from_its_own_logs(hopping: Hopping) ->
     assert found.cable.damping == pytest.approx(drive.cable_damping, rel=0.1)
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("name", DRIVES)
 def test_friction_of_every_leg_is_recovered_where_cables_stretch(name: str) -> None:
     drive, rng = DRIVES[name], np.random.default_rng(5)
@@ -171,6 +172,7 @@ def hopping() -> Hopping:
     return HoppingExperiment().run(92)
 
 
+@pytest.mark.long
 def test_the_biped_hops_ninety_two_times_without_a_fall(hopping: Hopping) -> None:
     figures = paper.measure(hopping)
     assert figures.hops >= 92 and not figures.fell

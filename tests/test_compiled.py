@@ -59,6 +59,7 @@ def finish(process: subprocess.Popen[str]) -> tuple[float, int, str]:
     return float(value), int(misses), error
 
 
+@pytest.mark.long
 def test_the_first_compilation_says_what_it_does_and_the_next_process_finds_it_done(package):
     value, misses, told = finish(start(package))
     assert (value, misses) == (6.0, 1)
@@ -81,6 +82,7 @@ def test_a_comment_a_docstring_and_a_line_further_down_compile_nothing_anew(pack
     assert finish(start(package)) == (6.0, 0, "")
 
 
+@pytest.mark.long
 def test_a_changed_number_in_a_file_that_the_law_imports_compiles_it_anew(package):
     assert finish(start(package))[0] == 6.0
     (package / "numbers.py").write_text("FACTOR = 5.0\n")

@@ -57,6 +57,7 @@ def test_a_policy_runs_and_its_log_says_everything(
     assert "never overwritten" in capsys.readouterr().err
 
 
+@pytest.mark.long
 def test_what_a_diagnosis_proposes_is_run_and_can_be_diagnosed(tmp_path: Path) -> None:
     proposal = tmp_path / "next_experiment.csv"
     time = np.arange(0.0, 1.0, 0.01)
@@ -74,6 +75,7 @@ def test_what_a_diagnosis_proposes_is_run_and_can_be_diagnosed(tmp_path: Path) -
     assert abs(log.joints["joint"].position[0] - 0.2) < 0.15, "it was brought to the start slowly before"
 
 
+@pytest.mark.long
 def test_an_experiment_for_another_load_says_which_to_mount(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     proposal = tmp_path / "next_experiment.csv"
     proposal.write_text("time,servo.goal\n0,0\n0.1,0.1\n")
@@ -84,6 +86,7 @@ def test_an_experiment_for_another_load_says_which_to_mount(tmp_path: Path, caps
     assert run(f"excitation={proposal}", f"out={tmp_path / 'log'}", "name=next", "robot.params={mass: 0.8}") == 0
 
 
+@pytest.mark.long
 def test_an_arm_that_nobody_weighed_is_no_other_load(tmp_path: Path) -> None:
     proposal = tmp_path / "next_experiment.csv"
     proposal.write_text("time,servo.goal\n0,0\n0.1,0.1\n")

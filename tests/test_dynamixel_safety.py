@@ -10,7 +10,7 @@ import pytest
 from sealegs.gap.log import read_measured
 from sealegs.hw.commands import park_motion
 
-from tests.simulated_runs import Simulation, sine
+from tests.simulated_runs import BEYOND_LIMITS, Simulation, sine
 
 XL330 = ("robot.servo=xl330_m288", "robot.actuator=xl330", "robot.params.mass=0.05", "robot.params.length=0.05")
 LEGS = ("robot.servo=xl330_m288", "robot.actuator=sts3215")  # the protocol is what is tested
@@ -127,15 +127,7 @@ def test_a_slow_adapter_is_named_before_torque_comes_on() -> None:
     assert said < when_torque_came_on(simulation) and "latency_timer" in line
 
 
-@pytest.mark.parametrize(
-    ("fault", "limits", "name"),
-    [
-        ({"kind": "brown_out", "value": 5.5}, {}, "voltage"),
-        ({"kind": "overheat", "value": 68.0}, {}, "temperature"),
-        ({"kind": "overheat", "value": 75.0}, {}, "OverheatFault"),
-        ({"kind": "drop", "count": 0}, {"voltage_low": 7.6}, "voltage"),
-    ],
-)
+@pytest.mark.parametrize(("fault", "limits", "name"), BEYOND_LIMITS)
 def test_limits_are_judged_before_torque_comes_on(fault: dict[str, Any], limits: dict[str, Any], name: str) -> None:
     simulation = bench(faults=[fault], limits=limits)
     outcome = simulation.run()

@@ -71,12 +71,17 @@ print(gymnasium.make_vec("SeaLegs/Bench-v0", num_envs=2, actuator="ideal").reset
     ("words", "extra"),
     [
         (["train", "env=bench"], "train"),
-        (["watch", f"policy={REPOSITORY / 'policies' / 'biped' / 'seed0'}"], "train"),
-        (["demo"], "train"),
-        (["train-net", "log=logs/none"], "train"),
         (["deploy", "excitation=chirp"], "hw"),
-        (["scan", "port=/dev/none"], "hw"),
-        (["calibrate", "robot=bench", "port=/dev/none"], "hw"),
+        *(
+            pytest.param(words, extra, marks=pytest.mark.long)
+            for words, extra in (
+                (["watch", f"policy={REPOSITORY / 'policies' / 'biped' / 'seed0'}"], "train"),
+                (["demo"], "train"),
+                (["train-net", "log=logs/none"], "train"),
+                (["scan", "port=/dev/none"], "hw"),
+                (["calibrate", "robot=bench", "port=/dev/none"], "hw"),
+            )
+        ),
     ],
 )
 def test_a_command_names_the_extra_that_it_lacks(words: list[str], extra: str, tmp_path: Path) -> None:

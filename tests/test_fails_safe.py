@@ -31,7 +31,7 @@ from sealegs.hw.supervisor import Charge, Supervisor
 from sealegs.hw.virtual import VirtualBus
 
 from tests.servo_runs import PATIENT, config
-from tests.simulated_runs import Simulation, sine
+from tests.simulated_runs import BEYOND_LIMITS, Simulation, sine
 
 AWAY = sine(offset=0.9)
 """A start that the robot must first be brought to."""
@@ -307,15 +307,7 @@ def test_a_single_stall_is_no_sustained_overrun() -> None:
 # --- before torque, and beside the motion ------------------------------------------------------------------------
 
 
-@pytest.mark.parametrize(
-    ("fault", "limits", "name"),
-    [
-        ({"kind": "brown_out", "value": 5.5}, {}, "voltage"),
-        ({"kind": "overheat", "value": 68.0}, {}, "temperature"),
-        ({"kind": "overheat", "value": 75.0}, {}, "OverheatFault"),
-        ({"kind": "drop", "count": 0}, {"voltage_low": 7.6}, "voltage"),
-    ],
-)
+@pytest.mark.parametrize(("fault", "limits", "name"), BEYOND_LIMITS)
 def test_limits_are_judged_before_torque_comes_on(fault: dict[str, Any], limits: dict[str, Any], name: str) -> None:
     simulation = Simulation(faults=[fault], limits=limits)
     outcome = simulation.run()
@@ -421,7 +413,7 @@ def test_servos_that_are_held_are_left_to_the_supervisor() -> None:
     assert outcome.rest == "hold" and simulation.torque == [True] and simulation.loop.holder == 4711
 
 
-@pytest.mark.parametrize("how", ["fault", "asked"])
+@pytest.mark.parametrize("how", ["fault", pytest.param("asked", marks=pytest.mark.long)])
 def test_the_supervisor_watches_servos_that_are_held_and_releases_them(how: str, tmp_path: Path) -> None:
     with VirtualBus(robot="bench", link=tmp_path / "servos") as virtual:
         with ServoBus(virtual.port, timeout=0.5) as bus:
@@ -445,7 +437,7 @@ def test_the_supervisor_watches_servos_that_are_held_and_releases_them(how: str,
 # --- emergency stop ----------------------------------------------------------------------------------------------
 
 
-@pytest.mark.parametrize("closed", [False, True])
+@pytest.mark.parametrize("closed", [False, pytest.param(True, marks=pytest.mark.long)])
 def test_an_emergency_stop_acts_in_the_middle_of_a_cycle(closed: bool) -> None:
     button, pressed = os.pipe()
     with VirtualBus(robot="bench") as virtual:

@@ -17,7 +17,7 @@ from tests.servo_runs import gentle_policy
 from tests.simulated_runs import Simulation, sine
 
 SPAN = 2.5  # [s] of the machine's clock, the way to the start included
-QUICK, ALL = 9, 200
+QUICK, ALL = 5, 200
 
 
 @pytest.fixture(scope="module")

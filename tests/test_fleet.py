@@ -149,6 +149,7 @@ def test_ctrl_c_says_how_to_go_on(
     assert (tmp_path / "out" / "a" / "diagnosis.json").is_file()
 
 
+@pytest.mark.long
 def test_processes_of_their_own_diagnose_and_one_that_dies_takes_no_other_along(fleet: Path, tmp_path: Path) -> None:
     jobs = find_jobs(fleet, tmp_path / "out")
     lost = Job("lost", fleet / "absent", tmp_path / "out" / "lost")

@@ -280,6 +280,7 @@ def test_a_band_without_a_period_is_refused() -> None:
 # --- the environment -------------------------------------------------------------------------------------------------
 
 
+@pytest.mark.long
 def test_the_environment_passes_the_checks_of_gymnasium_and_sb3() -> None:
     env = gym.make(ENV).unwrapped
     with warnings.catch_warnings():

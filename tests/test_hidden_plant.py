@@ -22,6 +22,7 @@ from testbed import (
 )
 from testbed.effects import BOTH_SIGNS, BY_HAND, GAP_IN_NOISE_FLOORS, SPREAD
 from testbed.physics import GRAVITY
+from tests.quick import quick
 
 HARD_TO_SHOW = ("friction.presliding", "transmission.backlash", "contact.blocked", "drive.overload")
 NO_JAMS = np.zeros(0)
@@ -123,7 +124,7 @@ def test_loads_and_nominal_errors_are_what_they_say() -> None:
     assert all(abs(factor - 1) <= 0.05 for factor in truth["nominal_factors"].values())
 
 
-@pytest.mark.parametrize("name", [name for name in EFFECTS if name not in HARD_TO_SHOW])
+@pytest.mark.parametrize("name", quick([name for name in EFFECTS if name not in HARD_TO_SHOW], 5))
 def test_effects_have_the_promised_size(name: str) -> None:
     from testbed.calibrate import gap
 

@@ -44,6 +44,7 @@ def test_a_short_log_is_read_whole(tmp_path: Path) -> None:
     assert len(data.runs) == 1 and len(data.runs[0].time) == 3000 and not data.findings
 
 
+@pytest.mark.long
 def test_a_long_log_becomes_windows_of_every_kind_of_motion(long_log: Path) -> None:
     data = read_bounded(long_log, HELD)
     held = sum(len(run.time) for run in data.runs)
@@ -90,6 +91,7 @@ def test_a_fault_anywhere_in_a_long_log_is_found(long_log: Path, tmp_path: Path)
         read_bounded(backwards, HELD)
 
 
+@pytest.mark.long
 @pytest.mark.parametrize(("unit", "code"), [(180.0 / np.pi, "unit.degrees"), (-1.0, "position.sign")])
 def test_a_fault_of_a_whole_long_log_is_mended_once(unit: float, code: str, long_log: Path, tmp_path: Path) -> None:
     table = parquet.read_table(long_log).to_pandas()

@@ -69,6 +69,7 @@ def test_servos_are_mounted_as_the_file_says(arm: Path) -> None:
         config(robot=str(path))
 
 
+@pytest.mark.long
 def test_its_virtual_machine_is_its_own_model_with_its_chains_and_the_log_names_it(arm: Path) -> None:
     new_robot.main([str(arm), "chain=sts3215"])
     chosen = config(

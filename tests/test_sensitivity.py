@@ -6,7 +6,7 @@ import json
 
 from sealegs.gap.search.settings import DEFAULT, SearchSettings
 
-from benchmarks.sensitivity import RECORDS, disagreeing, page, scaled, tally
+from benchmarks.sensitivity import RECORDS, disagreeing, page, tally
 
 ROWS = [json.loads(line) for line in RECORDS.read_text().splitlines()]
 
@@ -19,7 +19,7 @@ def test_each_threshold_is_halved_and_doubled_and_the_page_has_it() -> None:
     text = page(ROWS[:2])
     for name in SearchSettings.deciding():
         assert f"| `{name}` |" in text
-        assert scaled(name, 0.5) != DEFAULT != scaled(name, 2.0)
+        assert DEFAULT.scaled(name, 0.5) != DEFAULT != DEFAULT.scaled(name, 2.0)
 
 
 def test_thresholds_that_nothing_passes_name_nothing() -> None:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import importlib.metadata
 import re
+import runpy
 import shutil
 import subprocess
 import sys
@@ -66,12 +67,15 @@ def test_the_pins_are_what_the_tests_run_with() -> None:
 
 
 @pytest.mark.parametrize("script", SCRIPTS)
-def test_every_script_has_a_help_page(script: str) -> None:
-    page = subprocess.run(
-        [sys.executable, script, "--help"], cwd=REPOSITORY, capture_output=True, text=True, timeout=60
-    )
-    assert page.returncode == 0 and not page.stderr
-    assert f"sealegs {script.removesuffix('.py').replace('_', '-')}" in page.stdout
+def test_every_script_has_a_help_page(
+    script: str, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    monkeypatch.setattr(sys, "argv", [script, "--help"])
+    with pytest.raises(SystemExit) as ended:
+        runpy.run_path(str(REPOSITORY / script), run_name="__main__")
+    page = capsys.readouterr()
+    assert not ended.value.code and not page.err
+    assert f"sealegs {script.removesuffix('.py').replace('_', '-')}" in page.out
 
 
 def test_make_help_lists_every_command() -> None:

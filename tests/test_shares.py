@@ -15,6 +15,7 @@ DELAY = 0.0225  # [s]
 SHOWN = ("steps", "multisine", "slow triangle")
 
 
+@pytest.mark.long
 def test_a_delay_that_is_all_of_the_gap_gets_all_of_what_is_explained(tmp_path: Path) -> None:
     """Tuned numbers took a third of it: alone, they imitate a delay; beside it, they stay where they were."""
     record(tmp_path, "sv1270tg", {"delay.seconds": DELAY}, seed=0, loads=LOADS[:1], excitations=SHOWN)

@@ -47,6 +47,7 @@ def comparison(tmp_path_factory: pytest.TempPathFactory) -> tuple[Comparison, Pa
     return compare(settings, folder, lambda _: None), folder
 
 
+@pytest.mark.long
 def test_the_model_with_the_hidden_effect_is_nearer_to_the_machine(comparison: tuple[Comparison, Path]) -> None:
     figures = comparison[0].figures
     assert comparison[0].ending == "finished"

@@ -61,7 +61,7 @@ def running(virtual: VirtualBus, folder: Path, *arguments: str) -> subprocess.Po
     return process
 
 
-def wait_until(done: Any, process: subprocess.Popen[str] | None = None, seconds: float = 60.0) -> None:
+def wait_until(done: Any, process: subprocess.Popen[str] | None = None, seconds: float = 180.0) -> None:
     end = time.monotonic() + seconds
     while not done():
         assert time.monotonic() < end, "timeout"
@@ -96,6 +96,7 @@ def stopped_at(process: subprocess.Popen[str], virtual: VirtualBus, folder: Path
     return len((folder / "run.csv").read_bytes().splitlines()) - 1, virtual.status()["requests"]
 
 
+@pytest.mark.long
 def test_after_a_kill_the_servos_are_held_where_that_is_configured(virtual: VirtualBus, tmp_path: Path) -> None:
     process = running(virtual, tmp_path, "rest=hold")
     os.kill(process.pid, signal.SIGKILL)
@@ -162,6 +163,7 @@ def test_every_servo_is_tried_even_when_one_fails(rest: Any) -> None:
     assert bus.told == [1, 2, 3]
 
 
+@pytest.mark.long
 def test_it_goes_on_trying_while_the_adapter_is_unplugged(virtual: VirtualBus, tmp_path: Path) -> None:
     process = running(virtual, tmp_path)
     virtual.fault("unplug", seconds=1.0)

@@ -296,6 +296,7 @@ def test_ctrl_c_in_the_final_evaluation_costs_none_of_the_training(
     assert run(f"resume={folder}") == 2, "nothing is left to do"
 
 
+@pytest.mark.long
 def test_a_disk_that_is_full_at_the_final_policy_is_made_up_for_by_a_resume(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
@@ -316,6 +317,7 @@ def test_a_disk_that_is_full_at_the_final_policy_is_made_up_for_by_a_resume(
     assert json.loads((folder / "final" / "policy.json").read_text())["step"] == 256
 
 
+@pytest.mark.long
 def test_a_film_that_is_missing_is_made_by_a_resume(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     def film(file: Path, *_: object) -> None:
         file.write_bytes(b"film")
@@ -331,6 +333,7 @@ def test_a_film_that_is_missing_is_made_by_a_resume(tmp_path: Path, monkeypatch:
     assert run(f"resume={folder}") == 0
 
 
+@pytest.mark.long
 def test_a_damaged_history_is_set_aside_and_the_run_goes_on(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     folder = tmp_path / "history"
     assert run(*SMALL, f"out={tmp_path}", "name=history", "total_timesteps=128") == 0
@@ -342,6 +345,7 @@ def test_a_damaged_history_is_set_aside_and_the_run_goes_on(tmp_path: Path, caps
     assert len(json.loads((folder / "run.json").read_text())["sessions"]) == 1
 
 
+@pytest.mark.long
 def test_a_best_policy_saved_after_the_last_checkpoint_stays(tmp_path: Path) -> None:
     folder = tmp_path / "best"
     assert run(*SMALL, f"out={tmp_path}", "name=best", "total_timesteps=256") == 0
@@ -399,6 +403,7 @@ def test_sac_goes_back_to_older_checkpoints_with_and_without_their_buffer(
     assert sessions[-1]["from_step"] == int(oldest.name)
 
 
+@pytest.mark.long
 def test_a_chain_given_by_path_stays_with_the_run(tmp_path: Path) -> None:
     chain = tmp_path / "extended.yaml"
     chain.write_text((REPOSITORY / "configs" / "actuator" / "ideal.yaml").read_text())
@@ -421,6 +426,7 @@ def test_a_randomisation_given_by_path_stays_with_the_run(tmp_path: Path) -> Non
     assert run(f"resume={folder}", "total_timesteps=384") == 0
 
 
+@pytest.mark.long
 def test_an_actuator_net_stays_with_the_run(tmp_path: Path) -> None:
     net = tmp_path / "mine.npz"
     net.write_bytes((REPOSITORY / "configs" / "actuator" / "sts3215_net.npz").read_bytes())

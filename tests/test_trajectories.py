@@ -12,6 +12,8 @@ from sealegs.actuators.chain import names, set_names
 from sealegs.actuators.law import advance, begin, torque
 from sealegs.actuators.layout import P_STATE_SIZE, S_STEP
 
+from tests.quick import quick
+
 RECORDED = Path(__file__).parent / "trajectories.json"
 STEP, SAMPLES, EVERY = 0.005, 600, 50
 
@@ -47,7 +49,7 @@ def torques(chain: Chain) -> list[float]:
     return found
 
 
-@pytest.mark.parametrize("name", sorted(chains()))
+@pytest.mark.parametrize("name", quick(sorted(chains()), 3))
 def test_a_chain_computes_the_torques_that_were_recorded(name):
     recorded = json.loads(RECORDED.read_text(encoding="utf-8"))
     assert name in recorded, "record it: python -m tests.test_trajectories"

@@ -134,6 +134,7 @@ def test_a_bus_that_is_wrong_is_refused_in_a_sentence() -> None:
             build_robot(config("robot=hopper", f"robot.buses={words}", patient=False)["robot"])
 
 
+@pytest.mark.long
 def test_deploy_runs_a_robot_on_two_virtual_adapters(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     hip_and_knee = tmp_path / "still.csv"
     rows = np.array([[0.0, -0.6, 0.6], [2.0, -0.6, 0.6]])

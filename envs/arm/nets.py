@@ -9,16 +9,13 @@ that of joint 1 to a twentieth of it, under goals like the line's and goals that
 from __future__ import annotations
 
 import sys
-from pathlib import Path
 
 import numpy as np
 
 from ...actuators import load_chain
-from ...actuators.chain import LIBRARY
-from ...actuators.errors import SealegsError
 from ...actuators.net_data import smooth_noise
-from ...actuators.net_file import write_net
 from ...actuators.net_training import Settings, TrainingRun, train
+from ..net_files import make_missing
 
 RATE, SECONDS, RUNS = 500.0, 6.0, 12
 STEPS = 4  # of the motion in a sample
@@ -52,20 +49,5 @@ def runs(seed: int = 0) -> list[TrainingRun]:
     return found
 
 
-def main() -> int:
-    """Make the net if it is missing."""
-    path = Path(LIBRARY) / "srlfj_net.npz"
-    if path.exists():
-        print(f"{path.name} is there already.")
-        return 0
-    trained = train(runs(), SETTINGS)
-    write_net(trained.arrays, path)
-    print(f"{path.name}: rms {trained.rms:.3g}, {trained.r2:.2%} of the variance on unseen runs", flush=True)
-    return 0
-
-
 if __name__ == "__main__":
-    try:
-        sys.exit(main())
-    except SealegsError as error:
-        sys.exit(str(error))
+    sys.exit(make_missing({"srlfj_net": lambda: train(runs(), SETTINGS)}))

@@ -5,25 +5,15 @@ from __future__ import annotations
 from pathlib import Path
 from typing import Any
 
-import matplotlib
 import numpy as np
 
-matplotlib.use("Agg")
-from matplotlib import pyplot as plt
-
+from ..paper_style import STYLE, plt
 from .dynamics import inverse
 from .paper import DAMPINGS, MARKS, SPRING, STATOR, Results
 from .tables import DAMPING, JOINTS, STIFFNESS
 from .trajectory import Line
 
 COLOURS = ("tab:blue", "tab:orange", "tab:green")
-STYLE: dict[Any, Any] = {
-    "axes.spines.top": False,
-    "axes.spines.right": False,
-    "axes.grid": True,
-    "grid.alpha": 0.25,
-    "font.size": 9,
-}
 
 
 def _save(figure: Any, path: Path) -> None:

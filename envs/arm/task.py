@@ -9,7 +9,7 @@ from functools import cache
 import numpy as np
 
 from ...actuators import Drivetrain
-from ..task import Motion, Task
+from ..task import Motion, Task, drawn
 from .kinematics import Lengths, tool
 from .robot import ARM
 from .tables import JOINTS
@@ -63,8 +63,7 @@ class ArmTask(Task):
         )
 
     def commands(self, random: np.ndarray) -> np.ndarray:
-        low, high = self.seconds if isinstance(self.seconds, Sequence) else (self.seconds, self.seconds)
-        return low + random[:, :1] * (high - low)
+        return drawn(self.seconds, random[:, :1])
 
     def place(
         self,

@@ -6,24 +6,14 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
-import matplotlib
 import numpy as np
 
-matplotlib.use("Agg")
-from matplotlib import pyplot as plt
-
+from ..paper_style import STYLE, plt
 from .drive import DRIVES
 from .hopping import NAMES, Hopping
 from .paper import SHOWN, SpringTest
 
 WITH, WITHOUT = ("tab:red", "with cable stretch"), ("tab:blue", "rigid cables, from the same touchdown")
-STYLE: dict[Any, Any] = {
-    "axes.spines.top": False,
-    "axes.spines.right": False,
-    "axes.grid": True,
-    "grid.alpha": 0.25,
-    "font.size": 9,
-}
 
 
 def _shown(hopping: Hopping) -> Hopping:

@@ -8,7 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from ...actuators import Drivetrain
-from ..task import Motion, Task
+from ..task import Motion, Task, drawn
 from .drive import ANGLE, SHAPE
 from .gait import HoppingGait, WalkingGait
 from .kinematics import feet, place, segments
@@ -62,8 +62,7 @@ class BipedTask(Task):
         )
 
     def commands(self, random: np.ndarray) -> np.ndarray:
-        low, high = self.speed if isinstance(self.speed, Sequence) else (self.speed, self.speed)
-        return low + random[:, :1] * (high - low)
+        return drawn(self.speed, random[:, :1])
 
     def place(
         self,

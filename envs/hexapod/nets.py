@@ -9,18 +9,16 @@ Writes ``configs/actuator/amru5_rotation_net.npz`` and ``amru5_screw_net.npz``; 
 from __future__ import annotations
 
 import sys
-from pathlib import Path
+from functools import cache
 
 import mujoco
 import numpy as np
 
 from ...actuators import Drivetrain
-from ...actuators.chain import LIBRARY
-from ...actuators.errors import SealegsError
 from ...actuators.layout import S_TORQUE
 from ...actuators.net_data import smooth_noise
-from ...actuators.net_file import write_net
 from ...actuators.net_training import Settings, TrainedNet, TrainingRun, train
+from ..net_files import make_missing
 from .gait import PERIOD, Tripod
 from .paper import Machine
 from .robot import HORIZONTAL, KINDS, ROTATION, VERTICAL, coordinate
@@ -101,21 +99,10 @@ def make(kinds: tuple[str, ...], recorded: dict[str, list[TrainingRun]]) -> Trai
 
 def main() -> int:
     """Make what is missing."""
-    paths = {name: Path(LIBRARY) / f"amru5_{name}_net.npz" for name in JOINTS}
-    missing = [name for name, path in paths.items() if not path.exists()]
-    recorded = walks() if missing else {}
-    for name, path in paths.items():
-        if name not in missing:
-            print(f"{path.name} is there already.")
-            continue
-        trained = make(JOINTS[name], recorded)
-        write_net(trained.arrays, path)
-        print(f"{path.name}: rms {trained.rms:.3g}, {trained.r2:.1%} of the variance on unseen runs", flush=True)
-    return 0
+    recorded = cache(walks)
+    nets = {f"amru5_{name}_net": lambda kinds=kinds: make(kinds, recorded()) for name, kinds in JOINTS.items()}
+    return make_missing(nets)
 
 
 if __name__ == "__main__":
-    try:
-        sys.exit(main())
-    except SealegsError as error:
-        sys.exit(str(error))
+    sys.exit(main())

@@ -4,25 +4,14 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from pathlib import Path
-from typing import Any
 
-import matplotlib
 import numpy as np
-
-matplotlib.use("Agg")
-from matplotlib import pyplot as plt
 from matplotlib.axes import Axes
 
+from ..paper_style import STYLE, plt
 from .paper import Standing, Walk
 
 COLOURS = {"none": "tab:gray", "dry/viscous": "tab:orange", "LuGre": "tab:blue", "dry/viscous 2": "tab:red"}
-STYLE: dict[Any, Any] = {
-    "axes.spines.top": False,
-    "axes.spines.right": False,
-    "axes.grid": True,
-    "grid.alpha": 0.25,
-    "font.size": 9,
-}
 
 
 def plot_standing(cases: Mapping[str, Standing], path: Path) -> None:

@@ -201,7 +201,8 @@ def _add_point(body: mujoco.MjsBody, mass: float, at: float) -> None:
 
 def _about(axis: tuple[float, float, float], angle: float) -> tuple[float, float, float, float]:
     """Quaternion of a turn by ``angle`` [rad]."""
-    return (float(np.cos(angle / 2.0)), *(float(part * np.sin(angle / 2.0)) for part in axis))  # type: ignore[return-value]
+    x, y, z = (float(part * np.sin(angle / 2.0)) for part in axis)
+    return float(np.cos(angle / 2.0)), x, y, z
 
 
 def _draw_body(body: mujoco.MjsBody, values: Mapping[str, float]) -> None:

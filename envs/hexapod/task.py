@@ -9,7 +9,7 @@ import numpy as np
 
 from ...actuators import Drivetrain
 from ...actuators.gravity import GRAVITY
-from ..task import ModulatedTask, Motion
+from ..task import ModulatedTask, Motion, drawn
 from . import modulated_gait
 from .gait import PERIOD
 from .ground import penetration
@@ -65,8 +65,7 @@ class HexapodTask(ModulatedTask):
         )
 
     def commands(self, random: np.ndarray) -> np.ndarray:
-        low, high = self.speed if isinstance(self.speed, Sequence) else (self.speed, self.speed)
-        return low + random[:, :1] * (high - low)
+        return drawn(self.speed, random[:, :1])
 
     def place(
         self,

@@ -183,7 +183,8 @@ class Legs:
         for source, target in ((1, 3), (2, 4)):
             pair[target] = np.gradient(pair[source], CONTROL_STEP, axis=0)
         goal, motor, link, motor_speed, link_speed, torque = pair
-        return Hops(*one, goal, motor, link, motor_speed, link_speed, torque)  # type: ignore[call-arg]
+        time, height, forward, clearance = one
+        return Hops(time, height, forward, clearance, goal, motor, link, motor_speed, link_speed, torque)
 
     def real_time_factor(self, seconds: float) -> float:
         """Simulated time over the time it takes, controller included."""

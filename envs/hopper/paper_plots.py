@@ -4,25 +4,14 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from pathlib import Path
-from typing import Any
 
-import matplotlib
 import numpy as np
 
-matplotlib.use("Agg")
-from matplotlib import pyplot as plt
-
+from ..paper_style import STYLE, plt
 from .paper import SETTLING, Hops, by_period, flexions
 
 COLOURS = {"with actuator": "tab:blue", "without actuator": "tab:red"}
 SHOWN = 2.0  # [s], as in Fig. 6
-STYLE: dict[Any, Any] = {
-    "axes.spines.top": False,
-    "axes.spines.right": False,
-    "axes.grid": True,
-    "grid.alpha": 0.25,
-    "font.size": 9,
-}
 
 
 def plot_time(cases: Mapping[str, Hops], path: Path) -> None:

@@ -8,7 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from ...actuators import Drivetrain
-from ..task import Motion, Task
+from ..task import Motion, Task, drawn
 from .robot import FOOT, HIP, HOPPER, KNEE, LOWER, leg_length
 
 SLOWEST = 0.1  # [m/s] below this, errors of speed count in absolute terms
@@ -52,8 +52,7 @@ class HopperTask(Task):
         )
 
     def commands(self, random: np.ndarray) -> np.ndarray:
-        low, high = self.speed if isinstance(self.speed, Sequence) else (self.speed, self.speed)
-        return low + random[:, :1] * (high - low)
+        return drawn(self.speed, random[:, :1])
 
     def place(
         self,

@@ -9,17 +9,15 @@ controller, supply and motor; the gear's friction stays the stage that it is.
 from __future__ import annotations
 
 import sys
-from pathlib import Path
+from functools import cache
 
 import mujoco
 import numpy as np
 
-from ...actuators.chain import LIBRARY
-from ...actuators.errors import SealegsError
 from ...actuators.layout import S_TORQUE
 from ...actuators.net_data import smooth_noise
-from ...actuators.net_file import write_net
 from ...actuators.net_training import Settings, TrainingRun, train
+from ..net_files import make_missing
 from .control import paths
 from .kinematics import angles
 from .path import position
@@ -58,21 +56,9 @@ def runs(seed: int = 0) -> dict[str, list[TrainingRun]]:
 
 def main() -> int:
     """Make what is missing."""
-    targets = {name: Path(LIBRARY) / f"silo4_net_{name[-1]}.npz" for name in JOINTS}
-    missing = [name for name, path in targets.items() if not path.exists()]
-    recorded = runs() if missing else {}
-    for name, target in targets.items():
-        if name not in missing:
-            print(f"{target.name} is there already.")
-            continue
-        trained = train(recorded[name], SETTINGS)
-        write_net(trained.arrays, target)
-        print(f"{target.name}: rms {trained.rms:.3g} N.m, {trained.r2:.1%} of the variance on unseen runs", flush=True)
-    return 0
+    recorded = cache(runs)
+    return make_missing({f"silo4_net_{n[-1]}": lambda n=n: train(recorded()[n], SETTINGS) for n in JOINTS})
 
 
 if __name__ == "__main__":
-    try:
-        sys.exit(main())
-    except SealegsError as error:
-        sys.exit(str(error))
+    sys.exit(main())

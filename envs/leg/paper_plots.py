@@ -6,24 +6,14 @@ from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
-import matplotlib
 import numpy as np
 
-matplotlib.use("Agg")
-from matplotlib import pyplot as plt
-
+from ..paper_style import STYLE, plt
 from .dynamics import gravity
 from .kinematics import lengthening
 from .paper import OWN_SPEED, Analysis, Contributions, coriolis_error, linear, peak
 from .robot import JOINTS
 
-STYLE: dict[Any, Any] = {
-    "axes.spines.top": False,
-    "axes.spines.right": False,
-    "axes.grid": True,
-    "grid.alpha": 0.25,
-    "font.size": 9,
-}
 COLOURS = ("tab:blue", "tab:orange", "tab:green")
 
 

@@ -8,7 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from ...actuators import Drivetrain
-from ..task import ModulatedTask, Motion
+from ..task import ModulatedTask, Motion, drawn
 from . import path
 from .kinematics import angles, foot
 from .robot import JOINTS, LEG
@@ -51,8 +51,7 @@ class LegTask(ModulatedTask):
         )
 
     def commands(self, random: np.ndarray) -> np.ndarray:
-        low, high = self.speed if isinstance(self.speed, Sequence) else (self.speed, self.speed)
-        return path.drawn(random[:, 1:7], low + random[:, 0] * (high - low))
+        return path.drawn(random[:, 1:7], drawn(self.speed, random[:, 0]))
 
     def reference_angles(self, numbers: Mapping[str, float], command: np.ndarray, time: np.ndarray) -> np.ndarray:
         """Joint angles of the path (n, 3) [rad]."""

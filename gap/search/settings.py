@@ -6,13 +6,15 @@ about one. ``python -m benchmarks.sensitivity`` shows what each threshold does w
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field, fields
+from dataclasses import dataclass, field, fields, replace
 from typing import Any
 
 
-def threshold(value: float, meaning: str, *, decides: bool = False) -> Any:
-    """A setting: default, meaning, and whether it decides what is named (else it only bounds the effort)."""
-    return field(default=value, metadata={"meaning": meaning, "decides": decides})
+def threshold(value: float, meaning: str, *, decides: bool = False, neutral: float = 0.0) -> Any:
+    """A setting: default, meaning, whether it decides what is named (else it only bounds the effort), and the value
+    from which its distance counts: one for a share that must be near one, and for a factor.
+    """
+    return field(default=value, metadata={"meaning": meaning, "decides": decides, "neutral": neutral})
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -38,7 +40,7 @@ class SearchSettings:
     coarse_step: float = threshold(
         2.0, "Factor on the largest step of play and of switching firmware while causes are sought."
     )
-    most_causes: int = threshold(6, "Causes that are named at most.")
+    most_causes: int = threshold(6, "Causes after which the search ends.")
     least_warming: float = threshold(2.0, "Change of the temperature [K] from which a thermal cause can show.")
 
     # --- when to look for another cause
@@ -61,18 +63,18 @@ class SearchSettings:
         0.04, "Loss that a cause must remove: ripple of ticks and of steps can do less.", decides=True
     )
     least_certainty: float = threshold(
-        0.975, "Share of bootstrap draws in which a cause must lower the loss at all.", decides=True
+        0.975, "Share of bootstrap draws in which a cause must lower the loss at all.", decides=True, neutral=1.0
     )
     least_certainty_agreeing: float = threshold(
-        0.9, "The same, for a cause that is strong in every other respect.", decides=True
+        0.9, "The same, for a cause that is strong in every other respect.", decides=True, neutral=1.0
     )
-    strong_win_rate: float = threshold(0.95, "Bootstrap win rate of such a cause.", decides=True)
+    strong_win_rate: float = threshold(0.95, "Bootstrap win rate of such a cause.", decides=True, neutral=1.0)
     strong_gain: float = threshold(0.5, "Share of the excess loss that such a cause removes.", decides=True)
     close_agreement: float = threshold(
-        0.75, "Ratio of the distances from doing nothing of such a cause in the two parts.", decides=True
+        0.75, "Ratio of the distances from doing nothing of such a cause in the two parts.", decides=True, neutral=1.0
     )
     near_certainty: float = threshold(
-        0.8, "Share of the draws in which a near miss must lower the loss; it is told, not named."
+        0.8, "Share of the draws in which a near miss must lower the loss: it is told beside the verdict, not named."
     )
     least_agreement: float = threshold(
         0.4,
@@ -115,13 +117,26 @@ class SearchSettings:
         decides=True,
     )
     form_charge: float = threshold(
-        1.4, "Factor by which another form of a cause must lower the loss against its usual form.", decides=True
+        1.4,
+        "Factor by which another form of a cause must lower the loss against its usual form.",
+        decides=True,
+        neutral=1.0,
     )
 
     @classmethod
     def meanings(cls) -> dict[str, str]:
         """Meaning of each setting, by its name."""
         return {item.name: item.metadata["meaning"] for item in fields(cls)}
+
+    @classmethod
+    def from_one(cls) -> tuple[str, ...]:
+        """Names of the settings whose distance from one counts."""
+        return tuple(item.name for item in fields(cls) if item.metadata["neutral"] == 1.0)
+
+    def scaled(self, name: str, factor: float) -> SearchSettings:
+        """With the distance of one setting from what is neutral multiplied."""
+        neutral = next(item.metadata["neutral"] for item in fields(self) if item.name == name)
+        return replace(self, **{name: neutral + (getattr(self, name) - neutral) * factor})
 
     @classmethod
     def deciding(cls) -> tuple[str, ...]:

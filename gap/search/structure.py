@@ -75,7 +75,12 @@ def listed(names: Sequence[str]) -> str:
 
 def fine(value: float, unit: str, digits: int = 1) -> str:
     """A small value for people: thousandths of its unit, parts per thousand of a number without one."""
-    return f"{1e3 * value:.{digits}f} {'per mille' if unit == '1' else f'm{unit}'}"
+    return f"{1e3 * value:.{digits}f} {thousandth(unit)}"
+
+
+def thousandth(unit: str) -> str:
+    """``mrad`` of ``rad``, ``per mille`` of a number without unit."""
+    return "per mille" if unit == "1" else f"m{unit}"
 
 
 def structure(problem: Problem, simulated: np.ndarray, seed: int = 0) -> Structure:

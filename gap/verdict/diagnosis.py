@@ -45,7 +45,7 @@ from .measure import Measured, measure, whole_runs
 from .refusal import refuse
 from .torque import diagnose_torque
 from .unseen_range import unseen_range
-from .verdict import NOT_IDENTIFIABLE, PARTLY, JointDiagnosis, data_errors
+from .verdict import NOT_IDENTIFIABLE, PARTLY, WITHDRAWN, JointDiagnosis, data_errors
 
 WIDE = 4.0  # how far refitting alone may turn each number the model has: up to five times, down to a fifth
 
@@ -295,8 +295,9 @@ def _decide(
     unsettled = verdict.name in (NOT_IDENTIFIABLE, PARTLY) or rivals or measured.open_causes
     if problem.kind == "free" and bench and unsettled:
         # a driven link has no load to choose and no motion of its own
-        blind = verdict.because("still", "blind")
-        experiment = propose(problem, search, order.limits, order.seed, blind, replay.stops)
+        withdrawn = [cause.name for cause in measured.open_causes if cause.standing == WITHDRAWN]
+        blind = verdict.because("still", "blind") or bool(withdrawn)
+        experiment = propose(problem, search.less(withdrawn), order.limits, order.seed, blind, replay.stops)
     tuned = {p.number: measured.values[p.path] for p in search.tuned if p.path in measured.values}
     return JointDiagnosis(
         joint=joint,

@@ -13,7 +13,7 @@ from ..replay.problem import Nominal, Problem
 from ..replay.robust import robust_loss
 from ..search.fit import Fit, fit, middle
 from ..search.result import Search
-from ..search.structure import Structure, fine, structure
+from ..search.structure import Structure, fine, structure, thousandth
 from .decide import confidence, standing
 from .shares import owed
 from .unseen import EVALUATIONS, Model, clearly_better, effective, holds, near_misses, outdone, refitted_numbers
@@ -125,7 +125,10 @@ def _rise(errors: Mapping[str, Error], unit: str) -> str:
     after = errors["extended"].rmse
     other = "nominal" if after >= errors["nominal"].rmse else "tuned"
     than = "" if other == "nominal" else " of the tuned numbers alone"
-    return f"rises from {1e3 * errors[other].rmse:.3g}{than} to {fine(after, unit)}"
+    first, last = (f"{1e3 * rmse:.3g}" for rmse in (errors[other].rmse, after))
+    if first == last:
+        return f"stays at {first} {thousandth(unit)}{than}"
+    return f"rises from {first}{than} to {last} {thousandth(unit)}"
 
 
 def _beaten(errors: Mapping[str, Error], unit: str) -> str:

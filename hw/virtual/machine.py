@@ -15,7 +15,7 @@ from ...actuators.law import host_reading
 from ...actuators.layout import S_CURRENT, S_DUTY, S_READY, S_TORQUE
 from ...actuators.stages import build_stage
 from ...envs.base import BaseLayout
-from ...envs.robot import Robot
+from ...envs.robot import ChainSource, Robot
 from .hidden import hide
 
 NOMINAL_VOLTAGE = 7.4  # [V] that a chain without a supply stage is taken to run on; assumed
@@ -63,7 +63,7 @@ class Machine:
     def __init__(
         self,
         robot: Robot,
-        actuator: object = None,
+        actuator: ChainSource | Mapping[str, ChainSource] | None = None,
         hidden: str | None = None,
         params: Mapping[str, float] | None = None,
         sensors: Mapping[str, float] | None = None,
@@ -83,7 +83,7 @@ class Machine:
         Raises:
             SealegsError: one of them does not fit the robot.
         """
-        chains, params = hide(robot, robot.chains_for(actuator), dict(params or {}), hidden)  # type: ignore[arg-type]
+        chains, params = hide(robot, robot.chains_for(actuator), dict(params or {}), hidden)
         self._base = {name: _switchable(chain) for name, chain in chains.items()}
         self.drivetrain = robot.drivetrain(dict(self._base), params)
         self.model = self.drivetrain.model

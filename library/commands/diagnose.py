@@ -136,7 +136,9 @@ def diagnose_fleet(log: Path, out: Path, settings: dict[str, Any], workers: int 
             for outcome in diagnose_fleet(jobs, workers, cluster, report):
                 outcomes.append(outcome)
                 doing.pop(outcome.name, None)
-                said = outcome.error or ("kept" if outcome.kept else outcome.document["verdict"])  # type: ignore[index]
+                said = outcome.error or (
+                    "kept" if outcome.kept or outcome.document is None else outcome.document["verdict"]
+                )
                 bar.console.print(f"  {outcome.name}: {said}", highlight=False, markup=False, soft_wrap=True)
                 bar.advance(task)
     except KeyboardInterrupt:

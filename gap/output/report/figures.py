@@ -46,7 +46,8 @@ def signals(diagnosis: JointDiagnosis, joints: int) -> tuple[str, tuple[float, f
         chart.add_trace(go.Scatter(x=x, y=_small(error), showlegend=False, **about), 2, 1)
     if "noise_floor" in diagnosis.gap:
         band = 2.0 * factor * diagnosis.gap["noise_floor"].rmse
-        chart.add_hrect(-band, band, fillcolor="#000000", opacity=0.12, line_width=0, row=2, col=1)  # type: ignore[arg-type]
+        place = {"xref": "x2 domain", "x0": 0, "x1": 1, "yref": "y2", "y0": -band, "y1": band}
+        chart.add_shape(type="rect", fillcolor="#000000", opacity=0.12, line_width=0, **place)
     for start, stop in line.tested:
         chart.add_vrect(start, stop, fillcolor=TEST_SHADE, line_width=0, layer="below")
     chart.update_traces(hovertemplate="%{y:.5g}", mode="lines", connectgaps=False)
