@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -12,6 +12,7 @@ import numpy as np
 from ..actuators.errors import SealegsError
 from .diagnosis import Diagnosis
 from .log.arrays import InMemory, measured_set
+from .log.progress import Progress
 from .log.types import MeasuredSet
 
 
@@ -24,7 +25,7 @@ def diagnose(
     limits: Sequence[float] | None = None,
     speed_limit: float | None = None,
     causes: Sequence[str] | None = None,
-    progress: Callable[[str], None] = lambda text: None,
+    progress: Progress = lambda text: None,
     keep: str | Path | None = None,
 ) -> Diagnosis:
     """Find what the simulation of a machine gets wrong, from measured runs of it.

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import shutil
-from collections.abc import Callable
 from dataclasses import dataclass
 from functools import cached_property
 from html import escape
@@ -12,6 +11,7 @@ from typing import TYPE_CHECKING, Any
 
 from ..actuators.errors import SealegsError
 from .log.finding import Finding
+from .log.progress import Progress
 from .log.types import MeasuredSet
 from .output.document import document_of, joints_of, read_document
 from .output.numbers import rounded, sureness, unit_of
@@ -94,7 +94,7 @@ class Diagnosis:
         """Everything as plain data: the document that :meth:`save` writes, less the names of the files beside it."""
         return dict(self._document)
 
-    def save(self, folder: str | Path, progress: Callable[[str], None] = lambda text: None) -> dict[str, Path]:
+    def save(self, folder: str | Path, progress: Progress = lambda text: None) -> dict[str, Path]:
         """Write ``diagnosis.json``, the extended model, the next experiment, pictures and ``report.html``.
 
         Args:

@@ -2,16 +2,14 @@
 
 from __future__ import annotations
 
-import json
 import math
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import asdict, dataclass
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
-from ..actuators.atomic import write_text
 from ..actuators.errors import SealegsError
 from ..envs.contract import ContractError
 from ..envs.extended import FILE as EXTENDED
@@ -355,39 +353,3 @@ def table(comparison: Comparison) -> tuple[list[str], list[list[str]]]:
     times = [comparison.figures[name].departs_at for name in names]
     rows.append(["  after [s]", *("-" if at is None else f"{at:.2f}" for at in times)])
     return ["", *names], rows
-
-
-def write_comparison(comparison: Comparison, folder: Path, say: Callable[[str], None] = print) -> dict[str, Path]:
-    """Write ``comparison.json`` and ``comparison.html`` into ``folder``, and print the table.
-
-    Raises:
-        FileExistsError: they are there already.
-    """
-    from .comparison_page import write_page
-
-    document = {
-        "policy": comparison.policy,
-        "robot": comparison.robot,
-        "ending": comparison.ending,
-        "log": str(comparison.log),
-        "figures": {name: asdict(value) for name, value in comparison.figures.items()},
-    }
-    paths = {"json": folder / "comparison.json", "page": folder / "comparison.html"}
-    write_text(paths["json"], json.dumps(_finite(document), indent=1))
-    write_page(comparison, paths["page"])
-    header, rows = table(comparison)
-    for row in [header, *rows]:
-        say(f"  {row[0]:<40}" + "".join(f"{cell:>18}" for cell in row[1:]))
-    for name, figures in comparison.figures.items():
-        if name != MACHINE:
-            say(f"  The {name} model: {verdict(figures)}")
-    if comparison.ending != "finished":
-        say(f"  The machine's run ended early: {comparison.ending}")
-    say(f"  Page  {paths['page']}")
-    return paths
-
-
-def _finite(value: Any) -> Any:
-    if isinstance(value, Mapping):
-        return {str(key): _finite(item) for key, item in value.items()}
-    return None if isinstance(value, float) and not math.isfinite(value) else value

@@ -21,8 +21,8 @@ from sealegs.hw.comparison import (
     strongest_frequency,
     table,
     verdict,
-    write_comparison,
 )
+from sealegs.hw.comparison_files import write_comparison
 from sealegs.hw.robot import build_robot
 from sealegs.hw.simulated import Recording
 

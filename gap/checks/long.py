@@ -8,7 +8,7 @@ middle and late: one for each part of the data. The second pass keeps their samp
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 
@@ -16,6 +16,7 @@ import numpy as np
 from pyarrow import parquet
 
 from ..log.finding import Finding
+from ..log.progress import Progress
 from ..log.reader import iterate_runs, log_files, read_measured
 from ..log.types import LogError, MeasuredRun, MeasuredSet
 from .data_set import check_run, middle_ones
@@ -29,8 +30,6 @@ PIECE_ROWS = 1 << 17
 GAP = 3.5  # sample periods without a sample after which a window is not used
 SPEED_SPAN = 0.025  # [s] over which speeds are taken, so that they are not noise of the encoder
 JUDGED_IN_WHOLE = ("motion.none", "goal.still", "excitation.little")  # a long log may rest for a piece
-
-Progress = Callable[[str], None]
 
 
 @dataclass(frozen=True, eq=False)

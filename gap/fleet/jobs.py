@@ -5,12 +5,13 @@ from __future__ import annotations
 import json
 import os
 import shutil
-from collections.abc import Callable, Mapping
+from collections.abc import Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from ...actuators.errors import SealegsError
+from ..log.progress import Progress
 from ..log.table import ENDINGS
 from ..log.types import LogError
 
@@ -102,7 +103,7 @@ def remove_unfinished(job: Job) -> None:
 
 
 def diagnose_folder(
-    log: Path, out: Path, progress: Callable[[str], None] = lambda text: None, **settings: Any
+    log: Path, out: Path, progress: Progress = lambda text: None, **settings: Any
 ) -> tuple[Diagnosis, dict[str, Path]]:
     """Diagnose one data set into a fresh folder, which keeps what is found while it is found.
 
@@ -130,7 +131,7 @@ def diagnose_folder(
     return found, found.save(out, progress)
 
 
-def run_job(job: Job, progress: Callable[[str], None] = lambda text: None) -> Outcome:
+def run_job(job: Job, progress: Progress = lambda text: None) -> Outcome:
     """Diagnose one servo; its folder appears whole or not at all.
 
     Whatever goes wrong becomes the outcome's sentence, so that one servo does not stop the others.

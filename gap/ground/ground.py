@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -11,6 +11,7 @@ from ...actuators import Chain, load_chain
 from ...actuators.errors import SealegsError
 from ..log.finding import Finding
 from ..log.parts import FIT_A, FIT_B, held_out
+from ..log.progress import Progress
 from ..log.types import LogError, MeasuredRun
 from ..replay.parameters import Parameter, numbers
 from ..search.fit import fit
@@ -71,7 +72,7 @@ def search_ground(
     runs: Sequence[MeasuredRun],
     chains: Mapping[str, Chain],
     seed: int,
-    progress: Callable[[str], None],
+    progress: Progress,
     test_group: str | None = None,
     causes: Sequence[str] | None = None,
 ) -> GroundSearch | str:

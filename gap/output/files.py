@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import os
 import shutil
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
@@ -14,6 +14,7 @@ from ...actuators.extras import missing_package
 from ..experiment import write_experiment
 from ..ground.files import write_leg
 from ..log.parts import TEST
+from ..log.progress import Milestone, Progress
 from ..log.types import LogError, MeasuredSet
 from ..replay.engine import STEP, bench, replay_in_engine
 from ..replay.free import FreeProblem
@@ -47,7 +48,7 @@ def write_diagnosis(
     diagnoses: Sequence[JointDiagnosis],
     data: MeasuredSet,
     folder: Path,
-    progress: Callable[[str], None] = lambda text: None,
+    progress: Progress = lambda text: None,
 ) -> dict[str, Path]:
     """Write everything into a fresh folder.
 
@@ -107,7 +108,7 @@ def _illustrate(
     data: MeasuredSet,
     folder: Path,
     differences: list[dict[str, Any]],
-    progress: Callable[[str], None],
+    progress: Progress,
 ) -> dict[str, Path]:
     """Pictures and report, where the packages of the extra ``report`` are installed; the findings need none of them."""
     try:
@@ -117,7 +118,7 @@ def _illustrate(
         missing = missing_package(error, "A report with pictures")
         if missing is None:
             raise
-        progress(str(missing))
+        progress(Milestone(str(missing)))
         return {}
     written = {"pictures": folder / "pictures", "report": folder / "report.html"}
     written["pictures"].mkdir()

@@ -17,6 +17,7 @@ from typing import Any
 
 from ...actuators.atomic import write_text
 from ...actuators.errors import SealegsError
+from ..log.progress import Milestone, Progress
 from ..log.sidecar import FOLDER_DEFAULTS
 from ..log.types import LogError, MeasuredSet
 from ..search.journal import keeping
@@ -82,8 +83,8 @@ class Partial:
 
 @contextmanager
 def going_on(
-    out: Path | None, source: Callable[[], Mapping[str, Any]], progress: Callable[[str], None]
-) -> Iterator[tuple[Callable[[str], None], Callable[[JointDiagnosis], None]]]:
+    out: Path | None, source: Callable[[], Mapping[str, Any]], progress: Progress
+) -> Iterator[tuple[Progress, Callable[[JointDiagnosis], None]]]:
     """Keep what is found under ``out``, and go on with what is there; None: keep nothing.
 
     Yields:
@@ -95,7 +96,7 @@ def going_on(
     fresh = not out.exists()
     partial = Partial(out, source())
     if partial.reused:
-        progress(f"going on with {partial.reused} fits of the session before")
+        progress(Milestone(f"going on with {partial.reused} fits of the session before"))
 
     def say(text: str) -> None:
         partial.say(text)

@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 
 import numpy as np
 
 from ..causes.cause import Cause, Variant
 from ..log.parts import FIT_A, FIT_B
+from ..log.progress import Milestone, Progress
 from ..replay.parameters import Parameter
 from ..replay.problem import Problem
 from ..replay.robust import robust_loss
@@ -74,7 +75,7 @@ class Searcher:
     problem: Problem
     causes: Sequence[Cause]
     tuned: tuple[Parameter, ...]
-    progress: Callable[[str], None] = lambda text: None
+    progress: Progress = lambda text: None
     seed: int = 0
     settings: SearchSettings = DEFAULT
     look_on: bool = False
@@ -129,7 +130,7 @@ class Searcher:
         winner = candidates[0]
         accepted.append(winner)
         found.current = self.of(winner)
-        self.progress(f"found {winner.cause.name} (removes {100 * winner.gain:.0f} % of what was left)")
+        self.progress(Milestone(f"found {winner.cause.name} (removes {100 * winner.gain:.0f} % of what was left)"))
         trials: list[Replacement] = []
         while len(accepted) > 1:
             trial, alone = self.replacement(accepted, rounds)

@@ -26,6 +26,7 @@ from ..ground.ground import GROUND, GroundSearch, search_ground
 from ..load.robot import LoggedRobot, robot_of
 from ..log.finding import Finding
 from ..log.parts import cut
+from ..log.progress import Progress
 from ..log.types import LogError, MeasuredRun, MeasuredSet
 from ..replay.driven import driven_problem
 from ..replay.frames import check_frames
@@ -40,7 +41,7 @@ from ..search.settings import DEFAULT, SearchSettings
 from ..search.windows import in_windows
 from .decide import decide
 from .evidence import Refused, Replayed
-from .matter import Case, Cut, Order, Progress, Replay
+from .matter import Case, Cut, Order, Replay
 from .measure import Measured, measure, whole_runs
 from .refusal import refuse
 from .torque import diagnose_torque

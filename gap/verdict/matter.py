@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -12,14 +12,13 @@ from ..checks.stops import Stop
 from ..experiment import Limits
 from ..log.finding import Finding
 from ..log.parts import Unit
+from ..log.progress import Progress
 from ..log.types import MeasuredRun
 from ..replay.joint_model import JointModel
 from ..replay.parameters import Parameter
 from ..replay.problem import Problem
 from ..search.settings import DEFAULT, SearchSettings
 from .verdict import Replayable
-
-Progress = Callable[[str], None]
 
 
 @dataclass(frozen=True)

@@ -68,6 +68,7 @@ def diagnose_one(log: Path, out: Path | None, settings: dict[str, Any]) -> None:
     from rich.console import Console
     from rich.markup import escape
     from sealegs.gap.fleet.jobs import diagnose_folder
+    from sealegs.gap.log.progress import Milestone
     from sealegs.gap.output.partial import source_of, unfinished
     from sealegs.gap.output.terminal import screen
     from sealegs.gap.verdict.verdict import UNUSABLE
@@ -82,8 +83,7 @@ def diagnose_one(log: Path, out: Path | None, settings: dict[str, Any]) -> None:
 
         def progress(text: str) -> None:
             status.update(f"{escape(text)}  ({time.perf_counter() - started:.0f} s)")
-            kept = text.startswith(("found", "going on", "A report"))
-            if kept or not console.is_terminal:  # a file or a pipe shows no status
+            if isinstance(text, Milestone) or not console.is_terminal:  # a file or a pipe shows no status
                 line = f"  {time.perf_counter() - started:5.0f} s  {text}"
                 console.print(line, highlight=False, markup=False, soft_wrap=True)
 

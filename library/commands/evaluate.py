@@ -60,7 +60,8 @@ def main(arguments: list[str]) -> None:
 def compare_policy(config: dict[str, Any]) -> None:
     """Compare a policy in its models and on the machine."""
     from sealegs.gap.output.files import fresh_folder
-    from sealegs.hw.comparison import compare, write_comparison
+    from sealegs.hw.comparison import compare
+    from sealegs.hw.comparison_files import write_comparison
 
     now = datetime.datetime.now().strftime("%Y%m%d-%H%M%S")
     out = fresh_folder(Path(str(config["out"] or f"runs/comparison-{now}")))
