@@ -22,6 +22,7 @@ from sealegs.gap.experiment import (
     write_experiment,
 )
 from sealegs.gap.experiment.excitations import HOLDS, abilities, excitations, slewed
+from sealegs.gap.experiment.exposure import too_many
 from sealegs.gap.experiment.proposal import Hypothesis, kept_within
 from sealegs.gap.log.sidecar import read_sidecar
 from sealegs.gap.log.types import LogError
@@ -186,3 +187,12 @@ def test_what_a_poor_log_leaves_open_the_proposed_experiment_names(
     assert (found.experiment.load["mass"] != data.runs[0].robot_params["mass"]) == other_load
     (found,) = diagnose(record_experiment(data, truth, found.experiment, 5), causes=considered)
     assert outcome(effect, summary(found)) == "right", found.sentence
+
+
+@pytest.mark.parametrize(
+    ("hidden", "considered", "worthless"), [(1, 3, False), (2, 3, True), (1, 1, True), (7, 28, False), (8, 28, True)]
+)
+def test_one_hidden_cause_of_a_few_that_were_asked_for_does_not_make_a_log_worthless(
+    hidden: int, considered: int, worthless: bool
+) -> None:
+    assert too_many(hidden, considered) == worthless

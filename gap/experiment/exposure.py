@@ -36,7 +36,15 @@ def unseen(problem: FreeProblem, search: Search) -> tuple[str, ...]:
 def blind_spots(problem: FreeProblem, search: Search) -> tuple[str, ...]:
     """Causes that a log could not show, where they are so many that finding nothing in it means nothing."""
     hidden = unseen(problem, search)
-    return hidden if len(hidden) > BLIND * (len(everything(problem, search)) - 1) else ()
+    return hidden if too_many(len(hidden), len(everything(problem, search)) - 1) else ()
+
+
+def too_many(hidden: int, considered: int) -> bool:
+    """Whether so many hidden causes, of those considered, make finding nothing worthless.
+
+    One of a few that somebody asked for does not: a number of the model may be a few per cent off unseen in any log.
+    """
+    return 0 < hidden == considered or hidden > max(BLIND * considered, 1)
 
 
 def experiment_for_still(
