@@ -215,6 +215,12 @@ class Drivetrain:
                 rest = rest + c * qpos[..., self._qpos_address(other)]
             qpos[..., self._qpos_address(joint)] = (value - rest) / coefficient
 
+    def set_speed(self, name: str, qvel: np.ndarray, value: float) -> None:
+        """Let motor and link of a coordinate that is one joint move alike [rad/s] in ``qvel`` (nv,)."""
+        for side in ("link", "motor"):
+            joint, coefficient = self._terms(name, side)[-1]
+            qvel[self.model.jnt_dofadr[self.model.joint(joint).id]] = value / coefficient
+
     def state(self, name: str, userdata: np.ndarray, slot: int) -> np.ndarray:
         """One slot (``sealegs.actuators.layout.S_*``) of a coordinate's law, from ``userdata`` (..., nuserdata)."""
         return userdata[..., self.state_addresses[name] + slot]

@@ -36,6 +36,7 @@ class ModelJoint:
         damping, armature, frictionloss: that the file gives it.
         force: largest force that the file lets actuators give it [N.m or N]; None: any.
         inertia: at the file's pose, armature left out [kg.m2 or kg].
+        axis: in the frame of the body.
     """
 
     name: str
@@ -47,6 +48,7 @@ class ModelJoint:
     frictionloss: float
     force: float | None
     inertia: float
+    axis: tuple[float, float, float]
 
 
 @dataclass(frozen=True)
@@ -71,13 +73,17 @@ class ModelDrive:
 
 @dataclass(frozen=True)
 class ModelBody:
-    """A moving body: mass [kg], centre of mass [m], principal inertia [kg.m2] and the axes of that (w, x, y, z)."""
+    """A moving body: mass [kg], centre of mass [m], principal inertia [kg.m2] and the axes of that (w, x, y, z).
+
+    ``tip`` is where it would carry something [m]: at its last site, or else at its centre of mass.
+    """
 
     name: str
     mass: float
     centre: tuple[float, float, float]
     inertia: tuple[float, float, float]
     axes: tuple[float, float, float, float]
+    tip: tuple[float, float, float]
 
 
 @dataclass(frozen=True)
@@ -297,6 +303,7 @@ def _joints(model: mujoco.MjModel, inertia: np.ndarray) -> list[ModelJoint]:
                 frictionloss=float(model.dof_frictionloss[dof]),
                 force=force,
                 inertia=float(inertia[dof]),
+                axis=tuple(map(float, model.jnt_axis[number])),  # type: ignore[arg-type]
             )
         )
     return found
@@ -316,10 +323,18 @@ def _bodies(model: mujoco.MjModel) -> list[ModelBody]:
             _three(model.body_ipos[k]),
             _three(model.body_inertia[k]),
             (float(model.body_iquat[k, 0]), *_three(model.body_iquat[k, 1:])),
+            tip=_tip(model, k),
         )
         for k in range(1, model.nbody)
         if model.body_weldid[k] and model.body_mass[k] > 0.0 and model.body(k).name
     ]
+
+
+def _tip(model: mujoco.MjModel, body: int) -> tuple[float, float, float]:
+    """Where a body would carry something, in its frame [m]."""
+    sites = np.flatnonzero(model.site_bodyid == body)
+    x, y, z = model.site_pos[sites[-1]] if len(sites) else model.body_ipos[body]
+    return float(x), float(y), float(z)
 
 
 def _drives(spec: mujoco.MjSpec, joints: Mapping[str, ModelJoint]) -> tuple[tuple[ModelDrive, ...], tuple[str, ...]]:

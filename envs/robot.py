@@ -129,10 +129,11 @@ class Robot:
         return self.name if self.file is None else str(self.file.path)
 
     def is_called(self, word: str) -> bool:
-        """Whether a log or a diagnosis means this robot by ``word``: its name, or the path of its file."""
+        """Whether a log or a diagnosis means this robot by ``word``: its name, or the path of its file or model."""
         if self.file is None or "." not in word:
             return word == self.name
-        return Path(word).absolute() == self.file.path or Path(word).name == self.file.path.name
+        names = {path.name for path in (self.file.path, self.file.model.path)}
+        return Path(word).absolute() == self.file.path or Path(word).name in names
 
     @property
     def limits(self) -> Mapping[str, tuple[float, float]]:

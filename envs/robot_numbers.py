@@ -9,7 +9,7 @@ import mujoco
 import numpy as np
 
 from .model_file import UNITS, ModelBody, ModelFile
-from .robot import Effect, Number
+from .robot import Effect, Number, RobotError
 
 FREE = 1e3  # [rad or m] a stop that nothing reaches: there is none
 AXES = ("x", "y", "z")
@@ -34,8 +34,12 @@ def model_numbers(model: ModelFile, joints: Sequence[str], timestep: float) -> d
         for axis, value in zip(AXES, body.centre, strict=True):
             numbers[f"{body.name}_centre_{axis}"] = Number(value, "m", source, -math.inf)
         numbers[f"{body.name}_inertia_factor"] = Number(1.0, "-", source, 1e-3, 1e3, neutral=True)
+        numbers[f"{body.name}_payload"] = Number(0.0, "kg", "assumed: it carries nothing", -math.inf, neutral=True)
     for name in joints:
         joint = model.joints[name]
+        about = "kg.m2" if joint.kind == "hinge" else "kg"
+        said = "assumed: no inertia but that of the bodies"
+        numbers[f"{name}_inertia"] = Number(0.0, about, said, -math.inf, neutral=True)
         low, high = joint.range or (-FREE, FREE)
         unit, free = UNITS[joint.kind][0], joint.range is None
         said = "assumed: nothing stops the joint" if free else source
@@ -55,9 +59,11 @@ def model_effects(model: ModelFile, joints: Mapping[str, str]) -> dict[str, Effe
     for coordinate, joint in joints.items():
         effects[f"{coordinate}.load.stop_angle"] = Effect(f"{joint}_upper_stop", "most")
         effects[f"{coordinate}.load.lower_stop"] = Effect(f"{joint}_lower_stop", "least")
+        effects[f"{coordinate}.load.extra_inertia"] = Effect(f"{joint}_inertia", "plus")
     for body in model.bodies:
         effects[f"{body}.body.mass_factor"] = Effect(f"{body}_mass", "times")
         effects[f"{body}.body.inertia_factor"] = Effect(f"{body}_inertia_factor", "times")
+        effects[f"{body}.body.payload"] = Effect(f"{body}_payload", "plus")
         for axis in AXES:
             effects[f"{body}.body.centre_{axis}"] = Effect(f"{body}_centre_{axis}", "plus")
     for axis in AXES[:2]:
@@ -70,8 +76,15 @@ def apply_numbers(spec: mujoco.MjSpec, model: ModelFile, values: Mapping[str, fl
     spec.option.timestep = values["timestep"]
     if values["tilt_x"] or values["tilt_y"]:
         spec.option.gravity = _tilted(np.asarray(spec.option.gravity), values["tilt_x"], values["tilt_y"])
+    excess: dict[str, np.ndarray] = {}  # what bodies have too much of inertia about their joint's axis
+    for name, joint in model.joints.items():
+        more = values.get(f"{name}_inertia", 0.0)
+        if more < 0.0 and joint.kind == "hinge" and joint.body in model.bodies:
+            excess[joint.body] = excess.get(joint.body, np.zeros((3, 3))) - more * np.outer(joint.axis, joint.axis)
+        elif more:
+            spec.joint(name).armature += more
     for body in model.bodies.values():
-        _weigh(spec, body, values)
+        _weigh(spec, body, values, excess.get(body.name))
     for name, joint in model.joints.items():
         if f"{name}_lower_stop" not in values:
             continue
@@ -91,14 +104,43 @@ def _tilted(gravity: np.ndarray, about_x: float, about_y: float) -> np.ndarray:
     return np.array([c * rolled[0] - s * rolled[2], rolled[1], s * rolled[0] + c * rolled[2]])
 
 
-def _weigh(spec: mujoco.MjSpec, body: ModelBody, values: Mapping[str, float]) -> None:
+def _weigh(spec: mujoco.MjSpec, body: ModelBody, values: Mapping[str, float], excess: np.ndarray | None = None) -> None:
+    """Write mass, centre and inertia of a body, less an excess (3, 3) [kg.m2]."""
     mass = values[f"{body.name}_mass"]
     centre = tuple(values[f"{body.name}_centre_{axis}"] for axis in AXES)
     factor = values[f"{body.name}_inertia_factor"]
-    if mass == body.mass and centre == body.centre and factor == 1.0:
+    payload = values[f"{body.name}_payload"]
+    if mass == body.mass and centre == body.centre and factor == 1.0 and payload == 0.0 and excess is None:
         return
+    if mass + payload <= 0.0:
+        raise RobotError(f"body '{body.name}' of {mass:g} kg cannot carry {payload:g} kg: nothing would be left of it.")
     item = spec.body(body.name)
     item.explicitinertial, item.fullinertia = True, [math.nan] * 6
-    item.mass, item.ipos, item.iquat = mass, centre, body.axes
-    item.inertia = factor * mass / body.mass * np.asarray(body.inertia)
     spec.compiler.inertiafromgeom = mujoco.mjtInertiaFromGeom.mjINERTIAFROMGEOM_AUTO
+    inertia = factor * mass / body.mass * np.asarray(body.inertia)
+    if payload == 0.0 and excess is None:
+        item.mass, item.ipos, item.iquat, item.inertia = mass, centre, body.axes, inertia
+        return
+    turn = np.zeros(9)
+    mujoco.mju_quat2Mat(turn, np.asarray(body.axes))
+    axes = turn.reshape(3, 3)
+    own, tip = np.asarray(centre), np.asarray(body.tip)
+    middle = (mass * own + payload * tip) / (mass + payload)
+    whole = axes @ np.diag(inertia) @ axes.T + mass * _about(own - middle) + payload * _about(tip - middle)
+    whole = whole if excess is None else whole - excess
+    principal, frame = np.linalg.eigh(whole)
+    if principal[0] <= 0.0:
+        raise RobotError(
+            f"body '{body.name}' would have a negative inertia: what was found at its joint is more than the model "
+            "file gives it; correct its inertia there."
+        )
+    principal[2] = min(principal[2], principal[0] + principal[1])  # no body has more, about whatever axis
+    frame[:, 0] *= np.linalg.det(frame)  # a rotation, not a mirror
+    quaternion = np.zeros(4)
+    mujoco.mju_mat2Quat(quaternion, frame.ravel())
+    item.mass, item.ipos, item.iquat, item.inertia = mass + payload, middle, quaternion, principal
+
+
+def _about(away: np.ndarray) -> np.ndarray:
+    """Inertia (3, 3) per kilogram of a point so far away (3,) [m]."""
+    return float(away @ away) * np.eye(3) - np.outer(away, away)

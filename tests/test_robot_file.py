@@ -7,6 +7,7 @@ import mujoco
 import numpy as np
 import pytest
 from sealegs.actuators import load_chain
+from sealegs.actuators.errors import SealegsError
 from sealegs.envs.contract import robot_hash
 from sealegs.envs.robot import RobotError
 from sealegs.envs.robot_file import load_robot_file
@@ -204,3 +205,38 @@ def test_robots_of_python_are_the_same_kind_of_object_and_a_wrong_name_says_both
         get_robot("benck")
     with pytest.raises(RobotError, match=r"there is no robot file .*nothing\.yaml; sealegs new-robot"):
         get_robot("nothing.yaml")
+
+
+def test_a_payload_and_another_inertia_of_a_joint_act_on_what_the_joints_feel() -> None:
+    robot = get_robot(ARM)
+
+    def felt(**params: float) -> tuple[np.ndarray, np.ndarray]:
+        model = robot.build_spec(params).compile()
+        data = mujoco.MjData(model)
+        data.qpos[:] = 0.3, -0.7
+        mujoco.mj_forward(model, data)
+        full = np.zeros((2, 2))
+        mujoco.mj_fullM(model, data, full)
+        return full, np.array(data.qfrc_bias)
+
+    inertia, gravity = felt()
+    loaded, heavier = felt(forearm_payload=0.05)
+    text = (ROBOTS / "arm.xml").read_text()
+    assert robot.file is not None
+    centre = robot.file.model.bodies["forearm"].tip
+    point = f'<geom type="sphere" size="1e-4" mass="0.05" pos="{" ".join(map(str, centre))}"/><geom name="weight"'
+    model = mujoco.MjModel.from_xml_string(text.replace('<geom name="weight"', point))
+    data = mujoco.MjData(model)
+    data.qpos[:] = 0.3, -0.7
+    mujoco.mj_forward(model, data)
+    np.testing.assert_allclose(heavier, data.qfrc_bias, atol=1e-5)
+    full = np.zeros((2, 2))
+    mujoco.mj_fullM(model, data, full)
+    np.testing.assert_allclose(loaded, full - np.diag(model.dof_armature), atol=1e-6)
+    more, _ = felt(elbow_inertia=0.003)
+    np.testing.assert_allclose(more - inertia, np.diag([0.0, 0.003]), atol=1e-9)
+    less, same = felt(elbow_inertia=-1e-4)
+    assert (inertia - less)[1, 1] == pytest.approx(1e-4, rel=1e-6)
+    np.testing.assert_allclose(same, gravity, atol=1e-9)
+    with pytest.raises(SealegsError, match="'forearm' would have a negative inertia"):
+        felt(elbow_inertia=-1.0)

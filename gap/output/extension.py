@@ -12,12 +12,14 @@ import yaml
 
 from ...actuators import Chain, load_chain
 from ...envs.extended import FILE, Change, Extended, Mounted, Owner
+from ..load.robot import robot_of
 from ..log.types import MeasuredRun, MeasuredSet
 from ..replay.joint_model import JointModel
 from ..replay.parameters import Target, address
 from ..replay.problem import JointProblem
 from ..verdict.verdict import JointDiagnosis
 from .mjcf import native_mjcf, not_native
+from .robot_extension import in_frame, of_robot
 
 __all__ = ["changes", "extended_of", "not_native", "write_extended", "write_extension"]
 
@@ -59,7 +61,9 @@ def extended_of(diagnoses: Sequence[JointDiagnosis], data: MeasuredSet) -> Exten
     if all(diagnosis.problem is None for diagnosis in diagnoses):
         return None
     several = len(diagnoses) > 1
-    chains, found, believed = {}, [], []
+    robot = robot_of(data.runs[0])
+    chains: dict[str, tuple[Mounted, ...]] = {}
+    found, believed = [], []
     for diagnosis in diagnoses:
         prefix = f"{diagnosis.joint}-" if several else ""
         if variants := _chains(diagnosis, data.runs, prefix):
@@ -71,6 +75,12 @@ def extended_of(diagnoses: Sequence[JointDiagnosis], data: MeasuredSet) -> Exten
             believed += [dict(params) for params in diagnosis.problem.params if params]
     believed = believed or [dict(run.robot_params) for run in data.runs]
     shared = believed[0] if all(params == believed[0] for params in believed) else None
+    if robot is not None:  # numbers of joints become those of bodies, in the frame of the robot's model
+        found = of_robot(robot, found)
+        chains = {
+            joint: tuple(Mounted(in_frame(item.chain, robot.frame(joint)), item.file) for item in variants)
+            for joint, variants in chains.items()
+        }
     return Extended(data.runs[0].robot, shared, chains, tuple(found))
 
 

@@ -23,6 +23,8 @@ from ..replay.steps import largest_step
 from ..verdict.verdict import JointDiagnosis
 from .document import FILE, to_document, whole, write_document
 from .extension import changes, extended_of, not_native, write_extended, write_extension
+from .robot_mjcf import write_robot
+from .whole import confirm_whole
 
 STAGED = ".writing"
 """Folder in which files grow before all of them appear at once."""
@@ -90,12 +92,17 @@ def write_diagnosis(
                 document["next_experiment"]["file"] = files["experiment"].name
                 written |= {f"{owner}{key}": path for key, path in files.items()}
             documents.append(document)
+        confirmed = None
         if (extended := extended_of(diagnoses, data)) is not None:
             written["extended"] = write_extended(extended, staged)
+            confirmed = confirm_whole(diagnoses, data, extended, progress)
+            if (robot := write_robot(extended, data, staged)) is not None:
+                written["robot"] = robot
         written["json"] = staged / FILE
-        write_document(whole(documents, data.name, [run.name for run in data.runs]), written["json"])
+        document = whole(documents, data.name, [run.name for run in data.runs])
+        write_document(document | ({} if confirmed is None else {"whole_robot": confirmed}), written["json"])
         progress("drawing")
-        written |= _illustrate(diagnoses, data, staged, differences, progress)
+        written |= _illustrate(diagnoses, data, staged, differences, confirmed, progress)
         _publish(staged, folder)
     except BaseException:
         shutil.rmtree(staged, ignore_errors=True)
@@ -108,6 +115,7 @@ def _illustrate(
     data: MeasuredSet,
     folder: Path,
     differences: list[dict[str, Any]],
+    robot: dict[str, Any] | None,
     progress: Progress,
 ) -> dict[str, Path]:
     """Pictures and report, where the packages of the extra ``report`` are installed; the findings need none of them."""
@@ -123,7 +131,7 @@ def _illustrate(
     written = {"pictures": folder / "pictures", "report": folder / "report.html"}
     written["pictures"].mkdir()
     draw_all(list(diagnoses), written["pictures"])
-    write_report(list(diagnoses), data, written["report"], changes=differences)
+    write_report(list(diagnoses), data, written["report"], changes=differences, robot=robot)
     return written
 
 

@@ -89,19 +89,29 @@ def native_mjcf(joint: JointModel, params: Mapping[str, float]) -> str:
 
     Where MuJoCo has no actuator for the chain, the joint moves freely and has no control.
     """
-    root = ElementTree.fromstring(bench(joint, params).spec.to_xml())
+    drivetrain = bench(joint, params)
+    return native_text(drivetrain.spec.to_xml(), drivetrain.chains)
+
+
+def native_text(xml: str, chains: Mapping[str, Chain]) -> str:
+    """A model with chains on it, by the name of what each drives, as MJCF text that plain MuJoCo simulates."""
+    root = ElementTree.fromstring(xml)
     size = root.find("size")
     if size is not None:
         root.remove(size)  # memory of the law
     actuators = root.find("actuator")
     assert actuators is not None
-    (law,) = list(actuators)
-    actuators.remove(law)
-    if drives_natively(joint.chain):
-        option = root.find("option")
-        timestep = float("0.002" if option is None else option.get("timestep", "0.002"))
-        actuators.append(_actuator(joint.chain, law, timestep))
-    else:
+    option = root.find("option")
+    timestep = float("0.002" if option is None else option.get("timestep", "0.002"))
+    for law in list(actuators):
+        actuators.remove(law)
+        chain = chains[law.attrib["name"]]
+        if drives_natively(chain):
+            actuators.append(_actuator(chain, law, timestep))
+        elif chain.find("torque_command") is not None:
+            on = {key: law.attrib[key] for key in ("name", "joint", "tendon") if key in law.attrib}
+            actuators.append(ElementTree.Element("motor", on))
+    if len(actuators) == 0:
         root.remove(actuators)
     ElementTree.indent(root)
     return ElementTree.tostring(root, encoding="unicode") + "\n"

@@ -21,6 +21,7 @@ def write_report(
     data: MeasuredSet,
     path: Path,
     changes: Sequence[Mapping[str, Any]] | None = None,
+    robot: Mapping[str, Any] | None = None,
 ) -> Path:
     """Write the page; it holds its scripts, styles and pictures, and asks nothing of any network.
 
@@ -30,6 +31,7 @@ def write_report(
         path: of the HTML file.
         changes: what the extended chain changes, rows of ``path``, ``from``, ``to``, ``why`` (and ``joint`` where there
             are several); default: as :func:`sealegs.gap.output.extension.changes` has it.
+        robot: what :func:`sealegs.gap.output.whole.confirm_whole` found.
 
     Raises:
         FileExistsError: the file is there already; nothing is overwritten.
@@ -38,7 +40,7 @@ def write_report(
         loader=FileSystemLoader(HERE), autoescape=True, undefined=StrictUndefined, trim_blocks=True, lstrip_blocks=True
     )
     html = environment.get_template("report.html.j2").render(
-        **page(diagnoses, data, changes), style=(HERE / "report.css").read_text(encoding="utf-8"), plotly=get_plotlyjs()
+        **page(diagnoses, data, changes, robot), style=(HERE / "report.css").read_text(encoding="utf-8"), plotly=get_plotlyjs()
     )
     with path.open("x", encoding="utf-8") as file:
         file.write(html)

@@ -73,13 +73,32 @@ MOST_CANDIDATES = 7
 
 
 def page(
-    diagnoses: Sequence[JointDiagnosis], data: MeasuredSet, changes: Sequence[Mapping[str, Any]] | None
+    diagnoses: Sequence[JointDiagnosis],
+    data: MeasuredSet,
+    changes: Sequence[Mapping[str, Any]] | None,
+    robot: Mapping[str, Any] | None = None,
 ) -> dict[str, Any]:
     """Everything the template prints."""
     joints = [_joint(diagnosis, changes, len(diagnoses)) for diagnosis in diagnoses]
     for position, joint in enumerate(joints, start=1):
         joint["id"] = f"joint-{position}"
-    return {"title": data.name, "joints": joints, "runs": [_run(run) for run in data.runs]}
+    return {
+        "title": data.name,
+        "joints": joints,
+        "runs": [_run(run) for run in data.runs],
+        "robot": None if robot is None else _robot(robot),
+    }
+
+
+def _robot(found: Mapping[str, Any]) -> dict[str, Any]:
+    """Error of each joint where the whole robot was simulated, or why it was not."""
+    rows = []
+    for name, item in found.get("joints", {}).items():
+        factor, unit = fine(item["unit"])
+        rows.append(
+            {"joint": name, "unit": unit, **{key: number(factor * item[key], 3) for key in ("nominal", "extended")}}
+        )
+    return {"reason": found.get("reason", ""), "rows": rows}
 
 
 def _joint(diagnosis: JointDiagnosis, changes: Sequence[Mapping[str, Any]] | None, joints: int) -> dict[str, Any]:

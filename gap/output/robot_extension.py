@@ -1,0 +1,156 @@
+"""What a diagnosis found at the joints of a robot, as numbers of the robot itself: bodies, stops, and its own frame.
+
+A joint of a tree is judged with its angle as the log has it and with what hangs behind it as one load. The robot's
+model has bodies and an angle of its own, so both are turned into those here.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+from collections.abc import Mapping, Sequence
+
+import mujoco
+import numpy as np
+
+from ...actuators import Chain
+from ...envs.extended import Change
+from ..load.robot import Frame, LoggedRobot
+from ..load.tree import tip_behind
+
+STOPS = {"load.stop_angle": 1.0, "load.lower_stop": -1.0}
+"""Paths of a joint's stops, and on which side of it they are."""
+CERTAINTY = 0.03  # of bodies to weigh as believed, beside what the joints say of those behind them
+ODD = {"offset": ("value",), "friction": ("asymmetry",)}
+"""Numbers of a chain that change sign with the direction of the angle."""
+
+
+def of_robot(robot: LoggedRobot, changes: Sequence[Change]) -> list[Change]:
+    """Changes of a robot, those of loads by body and in the frame of its model."""
+    kept: list[Change] = []
+    weights: dict[str, tuple[float, str]] = {}
+    payloads: dict[tuple[str, str], list[float]] = {}
+    for change in changes:
+        name = change.joint
+        if change.owner != "robot" or robot.number(name) < 0:
+            kept.append(change)
+        elif change.path in STOPS:
+            kept.append(_stop(robot.frame(name), change))
+        elif change.path == "load.mass_factor":
+            weights[name] = (change.after, change.cause)
+        elif change.path == "load.payload":
+            tip = tip_behind(robot.model, robot.number(name))
+            payloads.setdefault((robot.model.body(tip.body).name, change.cause), []).append(change.after)
+        elif change.path == "load.centre_shift":
+            kept += _shift(robot, change)
+        else:
+            kept.append(change)
+    kept += [
+        Change(body, "body.payload", 0.0, float(np.mean(found)), cause, "robot")
+        for (body, cause), found in payloads.items()
+    ]
+    return [*kept, *_masses(robot, weights)]
+
+
+def _stop(frame: Frame, change: Change) -> Change:
+    """A stop in the frame of the model, where a lower one may be an upper one."""
+    before, after = (frame.sign * (value - frame.zero) for value in (change.before, change.after))
+    path = change.path
+    if frame.sign < 0.0:
+        path = next(other for other in STOPS if other != path)
+    return dataclasses.replace(change, path=path, before=before, after=after)
+
+
+def _shift(robot: LoggedRobot, change: Change) -> list[Change]:
+    """The centre of mass of a joint's own body, further from the joint."""
+    model, number = robot.model, robot.number(change.joint)
+    body = int(model.jnt_bodyid[number])
+    arm = np.array(model.body_ipos[body] - model.jnt_pos[number])
+    if int(model.jnt_type[number]) == int(mujoco.mjtJoint.mjJNT_HINGE):
+        axis = np.array(model.jnt_axis[number])
+        arm = arm - axis * (arm @ axis)
+    size = float(np.linalg.norm(arm))
+    if size < 1e-6:
+        return [change]  # which is refused where it is applied
+    name = model.body(body).name
+    return [
+        Change(name, f"body.centre_{letter}", 0.0, change.after * float(part), change.cause, "robot")
+        for letter, part in zip("xyz", arm / size, strict=True)
+        if abs(part) > 1e-9
+    ]
+
+
+def _masses(robot: LoggedRobot, found: Mapping[str, tuple[float, str]]) -> list[Change]:
+    """Factors on the masses of bodies that agree best with what the joints found of all that hangs behind them."""
+    if not found:
+        return []
+    model = robot.model
+    owner = _owners(robot, [robot.number(name) for name in found])
+    names = {robot.number(name): name for name in found}
+    groups = sorted(set(owner.values()))
+    rows, wanted = [], []
+    for number, name in names.items():
+        share = np.array([_weight(model, number, [b for b, o in owner.items() if o == group]) for group in groups])
+        if (whole := share.sum()) > 0.0:
+            rows.append(share / whole)
+            wanted.append(found[name][0] - 1.0)
+    table = np.concatenate([np.array(rows).reshape(-1, len(groups)), CERTAINTY * np.eye(len(groups))])
+    change = np.linalg.lstsq(table, np.array([*wanted, *np.zeros(len(groups))]), rcond=None)[0]
+    changes = []
+    for group, more in zip(groups, change, strict=True):
+        cause = found[names[group]][1]
+        changes += [
+            Change(model.body(b).name, "body.mass_factor", 1.0, max(1.0 + float(more), 0.05), cause, "robot")
+            for b, o in owner.items()
+            if o == group and model.body_mass[b] > 0.0 and model.body(b).name
+        ]
+    return changes
+
+
+def _owners(robot: LoggedRobot, numbers: Sequence[int]) -> dict[int, int]:
+    """For each body behind any of these joints, the nearest of them above it."""
+    model = robot.model
+    at = {int(model.jnt_bodyid[number]): number for number in numbers}
+    owner: dict[int, int] = {}
+    for body in range(1, model.nbody):
+        number = at.get(body, owner.get(int(model.body_parentid[body])))
+        if number is not None:
+            owner[body] = number
+    return owner
+
+
+def _weight(model: mujoco.MjModel, joint: int, bodies: Sequence[int]) -> float:
+    """How much bodies weigh in what a joint feels: inertia at the file's pose [kg.m2], or mass of a slide [kg]."""
+    data = mujoco.MjData(model)
+    mujoco.mj_forward(model, data)
+    above = int(model.jnt_bodyid[joint])
+    total = 0.0
+    for body in bodies:
+        carrier = body
+        while carrier > 0 and carrier != above:
+            carrier = int(model.body_parentid[carrier])
+        if carrier != above:
+            continue
+        if int(model.jnt_type[joint]) != int(mujoco.mjtJoint.mjJNT_HINGE):
+            total += float(model.body_mass[body])
+            continue
+        axis, away = data.xaxis[joint], data.xipos[body] - data.xanchor[joint]
+        turn = data.ximat[body].reshape(3, 3).T @ axis
+        own = float(turn @ (model.body_inertia[body] * turn))
+        total += own + float(model.body_mass[body]) * float(away @ away - (away @ axis) ** 2)
+    return total
+
+
+def in_frame(chain: Chain, frame: Frame) -> Chain:
+    """A chain that was found with the angle as the log has it, for the angle of the model."""
+    if frame == Frame():
+        return chain
+    stages = []
+    for stage in chain.stages:
+        values = stage.parameters()
+        if stage.name == "encoder":
+            offset = values["offset"] + (values["scale"] - 1.0) * frame.zero
+            stage = dataclasses.replace(stage, offset=frame.sign * offset)
+        elif stage.name in ODD:
+            stage = dataclasses.replace(stage, **{key: frame.sign * values[key] for key in ODD[stage.name]})
+        stages.append(stage)
+    return dataclasses.replace(chain, stages=tuple(stages))

@@ -1,0 +1,94 @@
+"""The extended model as a whole robot: all joints together in the engine along the log, beside the nominal one."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+
+from ...actuators import Chain, load_chain
+from ...actuators.errors import SealegsError
+from ...envs.extended import Extended
+from ..load.robot import LoggedRobot, robot_of
+from ..log.types import MeasuredRun, MeasuredSet
+from ..replay.whole import Whole, replay_whole, whole, why_not_whole
+from ..verdict.verdict import JointDiagnosis
+from .robot_extension import in_frame
+
+MODELS = ("nominal", "extended")
+
+
+def confirm_whole(
+    diagnoses: Sequence[JointDiagnosis],
+    data: MeasuredSet,
+    extended: Extended,
+    progress: Callable[[str], None] = lambda text: None,
+) -> dict[str, Any] | None:
+    """Error of each joint when the whole robot is simulated along the log.
+
+    Returns:
+        By joint the root mean square of the error of each model, in the unit of the joint; a ``reason`` where the robot
+        cannot be simulated so; None where the log is of no robot with a file.
+    """
+    robot = robot_of(data.runs[0])
+    if robot is None:
+        return None
+    if (why := why_not_whole(robot, data.runs)) is not None:
+        return {"reason": f"The robot was not simulated as a whole: {why}."}
+    progress("simulating the whole robot along the log")
+    found = {diagnosis.joint: diagnosis for diagnosis in diagnoses}
+    squares: dict[str, dict[str, list[np.ndarray]]] = {name: {model: [] for model in MODELS} for name in found}
+    machines: dict[str, Whole] = {}
+    try:
+        numbers = {"nominal": dict(extended.params or {}), "extended": extended.params_on(robot.file.robot())}
+        for index, run in enumerate(data.runs):
+            for model in MODELS:
+                chains = {name: _chain(robot, run, name, found.get(name), index, model) for name in found}
+                key = model + "".join(chain.to_yaml() for chain in chains.values())
+                if key not in machines:
+                    machines[key] = whole(robot, chains, numbers[model])
+                for name, error in _errors(machines[key], run, index, found, model).items():
+                    squares[name][model].append(error**2)
+    except SealegsError as error:
+        return {"reason": f"The robot was not simulated as a whole: {error}"}
+    joints = {
+        name: {model: float(np.sqrt(np.mean(np.concatenate(parts)))) for model, parts in models.items()}
+        | {"unit": robot.joint(name).unit}
+        for name, models in squares.items()
+    }
+    return {"runs": [run.name for run in data.runs], "joints": joints}
+
+
+def _chain(
+    robot: LoggedRobot, run: MeasuredRun, name: str, found: JointDiagnosis | None, index: int, model: str
+) -> Chain:
+    """The chain of a joint in a run, in the frame of the robot's model."""
+    if found is not None and found.problem is not None and found.problem.kind != "ground":
+        joint = found.problem.models[index]
+        chain = joint.with_fitted(found.values).chain if model == "extended" else joint.chain
+    else:
+        item = robot.joint(name)
+        chain = item.carried(load_chain(run.actuators[name])) if name in run.actuators else item.chain
+    return in_frame(chain, robot.frame(name))
+
+
+def _errors(
+    machine: Whole, run: MeasuredRun, index: int, found: Mapping[str, JointDiagnosis], model: str
+) -> dict[str, np.ndarray]:
+    """Errors of the joints that were diagnosed (n,), each reading as the host's log has it."""
+    hosts = dict.fromkeys(found, (1.0, 0.0))
+    for name, diagnosis in found.items():
+        if model == "extended" and diagnosis.problem is not None and diagnosis.problem.kind != "ground":
+            joint = diagnosis.problem.models[index].with_fitted(diagnosis.values)
+            hosts[name] = joint.host_scale, joint.host_offset
+    joints = dict(run.joints)
+    for name, (scale, offset) in hosts.items():
+        joints[name] = replace(joints[name], position=(joints[name].position - offset) / scale)
+    readings = replay_whole(machine, replace(run, joints=joints))
+    errors = {}
+    for name, (scale, offset) in hosts.items():
+        error = scale * readings[name] + offset - run.joints[name].position
+        errors[name] = error[np.isfinite(error)]
+    return errors

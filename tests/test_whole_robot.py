@@ -1,0 +1,129 @@
+"""A whole robot: what was found at its joints becomes its own model, which moves in the engine as its log says."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from pathlib import Path
+
+import mujoco
+import numpy as np
+import pytest
+from sealegs.actuators.chain import load_chain
+from sealegs.envs.extended import Change, Extended, Mounted
+from sealegs.gap.load.robot import Frame, LoggedRobot, robot_of
+from sealegs.gap.load.tree import Motion, terms_along
+from sealegs.gap.log.types import MeasuredRun, MeasuredSet
+from sealegs.gap.output.robot_extension import in_frame, of_robot
+from sealegs.gap.output.robot_mjcf import write_robot
+from sealegs.gap.replay.whole import replay_whole, whole, why_not_whole
+
+from testbed.bench import NOISE_FLOOR
+from testbed.logs import hidden_arm
+
+JOINTS = ("shoulder", "elbow")
+
+
+@pytest.fixture(scope="module")
+def recorded(tmp_path_factory: pytest.TempPathFactory) -> MeasuredRun:
+    data, _ = hidden_arm(tmp_path_factory.mktemp("arm"), "two_link", {}, 5, runs=1, duration=3.0, nominal_error=0.0)
+    return data.runs[0]
+
+
+def robot(run: MeasuredRun) -> LoggedRobot:
+    found = robot_of(run)
+    assert found is not None
+    return found
+
+
+def chains(run: MeasuredRun, machine: LoggedRobot) -> dict[str, Mounted]:
+    return {
+        joint: Mounted(in_frame(load_chain(run.actuators[joint]), machine.frame(joint)), f"{joint}.yaml")
+        for joint in JOINTS
+    }
+
+
+def errors(run: MeasuredRun) -> list[float]:
+    machine = robot(run)
+    readings = replay_whole(whole(machine, {j: item.chain for j, item in chains(run, machine).items()}), run)
+    return [float(np.sqrt(np.mean((readings[j] - run.joints[j].position) ** 2))) for j in JOINTS]
+
+
+def test_a_whole_robot_moves_in_the_engine_as_it_was_logged(recorded: MeasuredRun) -> None:
+    assert why_not_whole(robot(recorded), [recorded]) is None
+    assert max(errors(recorded)) < 2.0 * NOISE_FLOOR
+
+
+def test_it_does_where_zeros_and_directions_of_the_log_are_others(recorded: MeasuredRun) -> None:
+    elbow = recorded.joints["elbow"]
+    assert elbow.goal is not None
+    turned = replace(elbow, goal=0.7 - elbow.goal, position=0.7 - elbow.position, velocity=None)
+    other = replace(recorded, joints={**recorded.joints, "elbow": turned})
+    said = replace(other, meta={**recorded.meta, "frames": {"elbow": {"zero": 0.7, "direction": -1}}})
+    assert max(errors(said)) < 2.0 * NOISE_FLOOR
+
+
+def test_a_robot_with_a_joint_that_nothing_commands_is_not_simulated_as_a_whole(recorded: MeasuredRun) -> None:
+    joints = {"shoulder": recorded.joints["shoulder"]}
+    assert why_not_whole(robot(recorded), [replace(recorded, joints=joints)]) == "run0 has no command of 'elbow'"
+
+
+def felt(run: MeasuredRun, changes: list[Change], joint: str) -> tuple[np.ndarray, np.ndarray]:
+    """What a joint works against in the robot's own model, and in that with changes (samples, columns)."""
+    machine = robot(run)
+    found = Extended(run.robot, {}, {}, tuple(of_robot(machine, changes)))
+    model = machine.file.bare_model(found.params_on(machine.file.robot()))
+    motion = Motion(*np.random.default_rng(3).normal(0.0, 0.6, (3, 4, 2)))
+    number = machine.number(joint)
+    return terms_along(machine.model, number, motion), terms_along(model, number, motion)
+
+
+def change(joint: str, path: str, value: float) -> Change:
+    return Change(joint, path, 0.0, value, "load.mass", "robot")
+
+
+@pytest.mark.parametrize(("path", "size", "block"), [("load.payload", 0.1, 7), ("load.centre_shift", 0.004, 12)])
+def test_a_load_that_was_found_at_a_joint_is_the_same_load_in_the_robots_model(
+    recorded: MeasuredRun, path: str, size: float, block: int
+) -> None:
+    believed, found = felt(recorded, [change("shoulder", path, size)], "shoulder")
+    linear = believed[:, 2:7] + size * believed[:, block : block + 5]
+    np.testing.assert_allclose(found[:, 2:7], linear, atol=2e-4)
+
+
+def test_masses_that_joints_agree_on_become_those_of_the_bodies(recorded: MeasuredRun) -> None:
+    changes = [change(joint, "load.mass_factor", 1.3) for joint in JOINTS]
+    for joint in JOINTS:
+        believed, found = felt(recorded, changes, joint)
+        np.testing.assert_allclose(found[:, 2:7], 1.3 * believed[:, 2:7], rtol=0.02, atol=1e-4)
+
+
+def test_an_inertia_that_is_less_than_the_models_is_taken_from_the_body(recorded: MeasuredRun) -> None:
+    believed, found = felt(recorded, [change("elbow", "load.extra_inertia", -1.5e-4)], "elbow")
+    np.testing.assert_allclose(found[:, 2], believed[:, 2] - 1.5e-4, atol=1e-7)
+    np.testing.assert_allclose(found[:, 4], believed[:, 4], atol=1e-4)
+
+
+def test_stops_and_offsets_change_sides_with_the_direction_of_the_log(recorded: MeasuredRun) -> None:
+    machine = replace(robot(recorded), frames={"elbow": Frame(0.5, -1.0)})
+    (stop,) = of_robot(machine, [change("elbow", "load.stop_angle", 0.9)])
+    assert (stop.path, stop.after) == ("load.lower_stop", pytest.approx(-0.4))
+    chain = load_chain("sts3215").with_value("encoder.offset", 0.1)
+    assert in_frame(chain, Frame(0.5, -1.0)).find("encoder").offset == pytest.approx(-0.1)
+
+
+def test_the_robots_own_model_file_is_written_with_what_plain_mujoco_can_simulate(
+    recorded: MeasuredRun, tmp_path: Path
+) -> None:
+    machine = robot(recorded)
+    mounted = chains(recorded, machine)
+    heavier = {j: (replace(m, chain=m.chain.with_value("friction.coulomb", 0.1)),) for j, m in mounted.items()}
+    changes = tuple(of_robot(machine, [change("elbow", "load.payload", 0.05)]))
+    path = write_robot(Extended(recorded.robot, {}, heavier, changes), MeasuredSet((recorded,), "log"), tmp_path)
+    assert path is not None
+    model = mujoco.MjModel.from_xml_path(str(path))
+    assert list(model.dof_frictionloss) == pytest.approx([0.1, 0.1]) and model.nu == 2
+    assert model.body("elbow_link").mass[0] == pytest.approx(0.18 + 0.05)
+    data = mujoco.MjData(model)
+    data.ctrl[:] = 0.3, -0.2
+    mujoco.mj_step(model, data, 1000)
+    np.testing.assert_allclose(data.qpos, [0.3, -0.2], atol=0.05)
