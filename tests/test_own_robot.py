@@ -1,10 +1,12 @@
 """A robot of one's own through the commands: its YAML is written, its virtual machine driven and logged."""
 
+import json
 from pathlib import Path
 
 import numpy as np
 import pytest
 import yaml
+from sealegs import cli
 from sealegs.actuators.errors import SealegsError
 from sealegs.commands import new_robot
 from sealegs.configs.compose import compose
@@ -85,3 +87,29 @@ def test_its_virtual_machine_is_its_own_model_with_its_chains_and_the_log_names_
     goal, position = run.joints["elbow"].goal, run.joints["elbow"].position
     assert goal is not None and position is not None
     assert np.abs(position - goal)[50:].max() < 0.3 and np.ptp(position) > 0.5
+
+
+@pytest.mark.long
+def test_twenty_lines_of_yaml_take_an_arm_from_its_model_over_a_log_to_a_verdict_and_a_tracking_policy(
+    arm: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.chdir(arm.parent)
+    text = (ROBOTS / "arm.yaml").read_text()
+    assert text.count("\n") <= 20
+    Path("arm.yaml").write_text(text)
+    Path("hidden.yaml").write_text("elbow: {friction.coulomb: 0.2}\n")
+    machine = ["robot=arm.yaml", "hw.virtual.hidden=hidden.yaml", "hw.virtual.time=stepped", "silence=20", "live=false"]
+    for number, word in enumerate(("multisine", "steps", "slow_triangle", "multisine")):
+        run = [f"excitation={word}", "duration=8", f"seed={number}", "out=logs", f"name={word}{number}"]
+        assert cli.main(["deploy", *machine, *run]) == 0
+    assert cli.main(["diagnose", "log=logs", "out=found", "causes=[friction.coulomb,drive.delay]"]) == 0
+    verdicts = {joint["joint"]: joint for joint in json.loads(Path("found/diagnosis.json").read_text())["joints"]}
+    assert verdicts["elbow"]["causes"][0]["name"] == "friction.coulomb"
+    assert verdicts["shoulder"]["verdict"] == "nothing to explain"
+    short = ["total_timesteps=60000", "evaluate.every=0", "video.seconds=0", "seed=1"]
+    assert cli.main(["train", "robot=arm.yaml", "extended=found", "name=policy", *short]) == 0
+    compared = ["policy=runs/policy/final", "extended=found", "seconds=5", "out=compared"]
+    assert cli.main(["evaluate", *machine, *compared]) == 0
+    figures = json.loads(Path("compared/comparison.json").read_text())["figures"]
+    assert figures["extended"]["same_goals"] < 0.5 * figures["nominal"]["same_goals"]
+    assert figures["machine"]["reward"] > 20.0  # of 50 a second; standing still at mid-range earns less than 10
