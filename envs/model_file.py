@@ -303,7 +303,7 @@ def _joints(model: mujoco.MjModel, inertia: np.ndarray) -> list[ModelJoint]:
                 frictionloss=float(model.dof_frictionloss[dof]),
                 force=force,
                 inertia=float(inertia[dof]),
-                axis=tuple(map(float, model.jnt_axis[number])),  # type: ignore[arg-type]
+                axis=_three(model.jnt_axis[number]),
             )
         )
     return found
@@ -333,8 +333,7 @@ def _bodies(model: mujoco.MjModel) -> list[ModelBody]:
 def _tip(model: mujoco.MjModel, body: int) -> tuple[float, float, float]:
     """Where a body would carry something, in its frame [m]."""
     sites = np.flatnonzero(model.site_bodyid == body)
-    x, y, z = model.site_pos[sites[-1]] if len(sites) else model.body_ipos[body]
-    return float(x), float(y), float(z)
+    return _three(model.site_pos[sites[-1]] if len(sites) else model.body_ipos[body])
 
 
 def _drives(spec: mujoco.MjSpec, joints: Mapping[str, ModelJoint]) -> tuple[tuple[ModelDrive, ...], tuple[str, ...]]:

@@ -83,7 +83,7 @@ def write_diagnosis(
                     "files": {key: path.name for key, path in files.items()},
                     "changes": changed,
                     "not_native": [] if chain is None else not_native(chain),
-                    "engine": confirm(diagnosis, problem) if problem.kind == "free" else {},
+                    "engine": confirm(diagnosis, problem) if problem.kind == "free" and problem.terms is None else {},
                 }
                 differences += changed
             if diagnosis.experiment is not None:

@@ -39,9 +39,9 @@ def write_report(
     environment = Environment(
         loader=FileSystemLoader(HERE), autoescape=True, undefined=StrictUndefined, trim_blocks=True, lstrip_blocks=True
     )
-    html = environment.get_template("report.html.j2").render(
-        **page(diagnoses, data, changes, robot), style=(HERE / "report.css").read_text(encoding="utf-8"), plotly=get_plotlyjs()
-    )
+    style = (HERE / "report.css").read_text(encoding="utf-8")
+    values = page(diagnoses, data, changes, robot)
+    html = environment.get_template("report.html.j2").render(**values, style=style, plotly=get_plotlyjs())
     with path.open("x", encoding="utf-8") as file:
         file.write(html)
     return path
