@@ -19,9 +19,14 @@ RATE = 1_000_000  # [bit/s]
 SET_UP = {"baud_rate": XL330.baud_rates.index(RATE), "return_delay_time": 0}
 
 
-def wired(robot: str = "bench", faults: Sequence[Mapping[str, Any]] = (), model: str = "xl330_m288") -> Wire:
+def wired(
+    robot: str = "bench",
+    faults: Sequence[Mapping[str, Any]] = (),
+    model: str = "xl330_m288",
+    chain: str = "xl330",
+) -> Wire:
     """Dynamixels at 1 Mbit/s that answer at once, one on each joint."""
-    machine = Machine(get_robot(robot), "xl330")
+    machine = Machine(get_robot(robot), chain)
     table = load_model(model)
     rig = Rig(machine, table, mounts(machine.encoders, None, table), registers={"": SET_UP})
     return Wire(rig, [fault_from(row) for row in faults])
