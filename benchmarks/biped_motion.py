@@ -12,7 +12,7 @@ import numpy as np
 from sealegs.agents.make_env import make_single_env
 from sealegs.agents.policy_files import load_policy
 from sealegs.envs.batch import BatchEngine
-from sealegs.envs.biped.task import TOUCH, BipedTask, soles
+from sealegs.envs.biped.task import TOUCH, BipedTask, sole_places
 from sealegs.envs.contract import task_of
 
 from benchmarks.learning import asked
@@ -31,12 +31,14 @@ class Moment:
         upright: whether it has not fallen so far (n,).
         forward: way of the hip (n,) [m].
         clearance: of the left and the right sole over the floor (n, 2) [m].
+        places: of both along the way (n, 2) [m].
         dt: time since the moment before [s].
     """
 
     upright: np.ndarray
     forward: np.ndarray
     clearance: np.ndarray
+    places: np.ndarray
     dt: float
 
     @property
@@ -79,8 +81,9 @@ def moments(
         step = engine.step(act(observation))
         observation = step.observation
         upright &= ~step.terminated
-        heights = soles(engine.numbers, observation[:, hip], observation[:, pitch], observation[:, legs])
-        yield Moment(upright.copy(), forward.copy(), heights, engine.dt)
+        angles = observation[:, pitch], observation[:, legs]
+        where = sole_places(engine.numbers, forward, observation[:, hip], *angles)
+        yield Moment(upright.copy(), forward.copy(), where[..., 1], where[..., 0], engine.dt)
         if not upright.any():
             return
 

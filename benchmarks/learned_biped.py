@@ -9,11 +9,12 @@ from typing import Any
 import numpy as np
 
 from benchmarks import biped_motion
-from benchmarks.biped_motion import SECONDS, STARTS, Act, load, moments, reference_gait
+from benchmarks.biped_motion import SECONDS, STARTS, Act, Moment, load, moments, reference_gait
 from benchmarks.learning import Bar
 
 TRAINING = ("env=biped", "video.seconds=0")
 COMMANDS = (0.4, 0.6, 0.8, 1.0)  # [m/s]
+HEIGHT, SLIP, ALIKE = 30.0, 0.05, 0.2  # [mm] of both feet's swings, of the way, of the higher foot: what a gait is
 JUDGED, SPEED = 0.6, 0.5  # [m/s] the command that the walk of a minute is judged at, and what it must reach
 
 
@@ -44,8 +45,10 @@ def walk(
     """Figures of a walk; who has fallen stands still from there on."""
     upright, feet = np.ones(starts, bool), np.zeros(3)
     lasted, way = np.zeros(starts), np.zeros(starts)
+    steps = Steps(starts)
     for moment in moments(env, actuator, act, starts, seconds):
         upright = moment.upright
+        steps.see(moment)
         lasted += upright * moment.dt
         way = np.where(upright, moment.forward, way)
         feet += np.bincount(moment.down[upright].sum(axis=1), minlength=3)
@@ -56,7 +59,49 @@ def walk(
         "slowest [m/s]": float((way / seconds).min()),
         "share on one foot": float(feet[1] / feet.sum()),
         "share in the air": float(feet[0] / feet.sum()),
+        **steps.figures(way),
     }
+
+
+class Steps:
+    """What tells a walk from a shuffle: how high each foot swings, how far it slides, and whether both do alike."""
+
+    def __init__(self, starts: int) -> None:
+        self._top, self._slid = np.zeros((starts, 2)), np.zeros((starts, 2))
+        self._before: Moment | None = None
+        self._peaks: tuple[list[float], list[float]] = ([], [])
+
+    def see(self, moment: Moment) -> None:
+        """The bipeds after a control step."""
+        down = moment.down
+        for k, side in enumerate(self._peaks):
+            landed = moment.upright & down[:, k] & (self._top[:, k] > 0.0)
+            side += self._top[landed, k].tolist()
+        self._top = np.where(down, 0.0, np.maximum(self._top, moment.clearance))
+        if self._before is not None:
+            stood = down & self._before.down & moment.upright[:, None]
+            self._slid += np.where(stood, np.abs(moment.places - self._before.places), 0.0)
+        self._before = moment
+
+    def figures(self, way: np.ndarray) -> dict[str, float]:
+        """Median height of each foot's swings [mm], each foot's slip over the way, and how far both heights differ."""
+        heights = [1e3 * float(np.median(side)) if side else 0.0 for side in self._peaks]
+        slips = self._slid.sum(axis=0) / max(float(np.abs(way).sum()), 1e-6)
+        return {
+            "left swings, median [mm]": heights[0],
+            "right swings, median [mm]": heights[1],
+            "left slip over the way": float(slips[0]),
+            "right slip over the way": float(slips[1]),
+            "heights differ by": 1.0 - min(heights) / max(*heights, 1e-6),
+        }
+
+
+def is_a_gait(row: dict[str, float]) -> bool:
+    """Whether both feet swing over :data:`HEIGHT`, slide less than :data:`SLIP` of the way, and swing alike."""
+    at = f"at {JUDGED:g} m/s"
+    heights = [row[f"{side} swings, median [mm] {at}"] for side in ("left", "right")]
+    slips = [row[f"{side} slip over the way {at}"] for side in ("left", "right")]
+    return min(heights) > HEIGHT and max(slips) < SLIP and row[f"heights differ by {at}"] < ALIKE
 
 
 def draw(policy: Path, file: Path) -> None:
@@ -78,6 +123,12 @@ def bars(rows: Sequence[dict[str, float]], reference: dict[str, float]) -> list[
             f"when told to walk at {JUDGED:g} m/s",
             f"{walked} of {len(rows)} seeds",
             walked == len(rows),
+        ),
+        Bar(
+            f"each seed: both feet swing over {HEIGHT:g} mm, slide less than {SLIP:.0%} of the way, and swing alike "
+            f"within {ALIKE:.0%}, when told to walk at {JUDGED:g} m/s",
+            f"{sum(map(is_a_gait, rows))} of {len(rows)} seeds",
+            all(map(is_a_gait, rows)),
         ),
         Bar("no fall at any command", f"{falls:.0f} of {STARTS * len(off)} walks", falls == 0.0),
         Bar(
