@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
@@ -19,14 +20,21 @@ from sealegs.envs.contract import make_contract, start_pose
 from sealegs.hw.policy import Policy
 
 POLICIES = Path(__file__).resolve().parents[1] / "policies"
-KINDS = ("hopper", "biped", "biped_hopping", "hexapod")
+KINDS = ("hopper", "biped", "biped_hopping", "hexapod", "leg", "arm")
+COMMITTED = sorted(f"{path.parent.parent.name}/{path.parent.name}" for path in POLICIES.glob("*/*/policy.json"))
 PARITY = 1e-5
 
 
 @pytest.fixture(scope="module")
-def exported(tmp_path_factory: pytest.TempPathFactory) -> dict[str, Policy]:
+def exported(tmp_path_factory: pytest.TempPathFactory) -> Mapping[str, Policy]:
     folder = tmp_path_factory.mktemp("policies")
-    return {kind: Policy(export_policy(POLICIES / kind / "seed0", folder / f"{kind}.onnx")) for kind in KINDS}
+
+    class Exported(dict[str, Policy]):
+        def __missing__(self, kind: str) -> Policy:
+            self[kind] = Policy(export_policy(POLICIES / kind / "seed0", folder / f"{kind}.onnx"))
+            return self[kind]
+
+    return Exported()
 
 
 def differences(policy: Policy, act: Any, rows: int, actions: int) -> dict[str, float]:
@@ -42,24 +50,32 @@ def differences(policy: Policy, act: Any, rows: int, actions: int) -> dict[str, 
     return found
 
 
-@pytest.mark.parametrize(("kind", "rows", "actions"), [("hopper", 100, 5), ("biped", 100, 5), ("hexapod", 50, 2)])
+@pytest.mark.parametrize(
+    ("kind", "rows", "actions"),
+    [("hopper", 100, 5), ("biped", 100, 5), ("hexapod", 50, 2), ("leg", 50, 4), ("arm", 50, 4)],
+)
 def test_the_file_gives_what_policy_and_gait_give(
-    kind: str, rows: int, actions: int, exported: dict[str, Policy]
+    kind: str, rows: int, actions: int, exported: Mapping[str, Policy]
 ) -> None:
     act, _ = load_policy(POLICIES / kind / "seed0")
     assert max(differences(exported[kind], act, rows, actions).values()) < PARITY
 
 
 @pytest.mark.long
-@pytest.mark.parametrize("kind", KINDS)
-def test_it_does_so_over_ten_thousand_observations(kind: str, exported: dict[str, Policy]) -> None:
-    act, _ = load_policy(POLICIES / kind / "seed0")
-    assert max(differences(exported[kind], act, 100, 100).values()) < PARITY
+@pytest.mark.parametrize("name", COMMITTED)
+def test_each_committed_policy_does_so_over_ten_thousand_observations(name: str, tmp_path: Path) -> None:
+    act, _ = load_policy(POLICIES / name)
+    policy = Policy(export_policy(POLICIES / name, tmp_path / "policy.onnx"))
+    assert max(differences(policy, act, 100, 100).values()) < PARITY
+
+
+def test_every_kind_of_committed_policy_is_tried() -> None:
+    assert {name.partition("/")[0] for name in COMMITTED} == set(KINDS)
 
 
 @pytest.mark.parametrize("kind", ["biped", "hexapod"])
 def test_the_file_keeps_step_with_the_environment(
-    kind: str, exported: dict[str, Policy], monkeypatch: pytest.MonkeyPatch
+    kind: str, exported: Mapping[str, Policy], monkeypatch: pytest.MonkeyPatch
 ) -> None:
     policy = exported[kind]
     contract, per_action = policy.contract, policy.contract.goals_per_action
@@ -86,7 +102,7 @@ def test_the_file_keeps_step_with_the_environment(
             assert np.abs(state[:, 1 + 2 * len(contract.actions) :] - motions[-1].memory).max() < PARITY
 
 
-def test_the_contract_says_what_the_policy_needs(exported: dict[str, Policy]) -> None:
+def test_the_contract_says_what_the_policy_needs(exported: Mapping[str, Policy]) -> None:
     hopper, biped, hexapod = (exported[kind].contract for kind in ("hopper", "biped", "hexapod"))
     assert hopper.sensors == ("hip.link", "knee.link", "base_x", "base_z")
     assert biped.sensors[-3:] == ("hip_x", "hip_z", "torso_pitch") and biped.control_rate == biped.goal_rate == 50.0

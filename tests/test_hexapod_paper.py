@@ -8,8 +8,9 @@ from pathlib import Path
 import numpy as np
 import pytest
 from sealegs.actuators.errors import SealegsError
+from sealegs.envs.hexapod.friction_bench import breakaway, steady
 from sealegs.envs.hexapod.gait import Tripod
-from sealegs.envs.hexapod.paper import Machine, Standing, Walk, stand_unpowered
+from sealegs.envs.hexapod.paper import Machine, Standing, Walk, friction_at_rest, limit_by_speed, stand_unpowered
 from sealegs.envs.hexapod.report import motors
 
 from tests.typed import Done, typed
@@ -74,6 +75,26 @@ def test_specific_resistance_is_alike_for_bristles_and_a_third_less_without_load
     assert 1.0 - dry / loaded == pytest.approx(0.35, abs=0.05)
 
 
+def test_friction_of_a_leg_is_found_for_each_direction_from_the_motors_current() -> None:
+    planted = {"coulomb": 100.0, "stribeck": 700.0, "asymmetry": 15.0}
+    found = steady(planted, (0.003, 0.008))
+    assert found.coulomb == pytest.approx((115.0, 85.0), rel=0.01)
+    assert found.viscous == pytest.approx((3000.0, 3000.0), rel=0.1)
+    assert breakaway(planted, 5.0) == pytest.approx((815.0, 785.0), rel=0.01), "whatever the foot carries"
+
+
+def test_a_load_that_overcomes_the_joint_is_told() -> None:
+    with pytest.raises(SealegsError, match="a load of 20 kg overcomes the joint"):
+        breakaway({"coulomb": 100.0, "stribeck": 700.0}, 20.0)
+
+
+def test_the_limit_of_bristles_falls_with_speed_and_changes_sides_with_its_sign() -> None:
+    rest = friction_at_rest()
+    limit = limit_by_speed(rest, np.array([0.0, 1e-5, 1e-2, -1e-2]))
+    assert limit[0] == pytest.approx(rest.coulomb + rest.stribeck) and 0.98 < limit[1] / limit[0] < 1.0
+    assert limit[2] == pytest.approx(rest.coulomb) == pytest.approx(-limit[3])
+
+
 def test_an_unknown_friction_is_named() -> None:
     with pytest.raises(SealegsError, match="no joint friction 'lugre'"):
         Machine("lugre")
@@ -89,10 +110,10 @@ def test_evaluate_writes_numbers_and_pictures_and_never_over_old_ones(tmp_path: 
     first = _evaluate(f"out={out}", "seconds=1")
     assert first.returncode == 0, first.stderr
     written = json.loads((out / "hexapod.json").read_text())
-    assert len(written["rows"]) == 11
+    assert len(written["rows"]) == 14
     missed = [row["name"] for row in written["rows"] if not row["holds"]]
     assert missed == ["slight current as the load on leg 0 grows"]
-    for name in ("height", "friction", "vertical", "horizontal", "resistance"):
+    for name in ("height", "friction", "limit", "vertical", "horizontal", "resistance"):
         assert (out / f"{name}.png").stat().st_size > 10_000
     again = _evaluate(f"out={out}", "seconds=1")
     assert again.returncode == 2

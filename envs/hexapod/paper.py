@@ -12,6 +12,7 @@ from ...actuators import Chain, Drivetrain
 from ...actuators.errors import SealegsError
 from ...actuators.gravity import GRAVITY
 from ...actuators.layout import S_CURRENT, S_LOAD, S_TORQUE, S_VOLTAGE
+from ...actuators.stages.friction import Friction
 from .gait import PERIOD, Tripod
 from .ground import penetration
 from .kinematics import link_angles
@@ -50,12 +51,14 @@ class Standing:
         height: of the body (n,) [m].
         friction: force at the vertical joint of leg 0 (n,) [N].
         load: that this force would have to be to hold the joint: of everything else, motor included, reversed (n,) [N].
+        speed: of that joint (n,) [m/s].
     """
 
     time: np.ndarray
     height: np.ndarray
     friction: np.ndarray
     load: np.ndarray
+    speed: np.ndarray
 
     @property
     def sinking(self) -> float:
@@ -180,13 +183,14 @@ class Machine:
         dof = int(self.model.joint(vertical).dofadr[0])
         loads = [self.drivetrain.state_addresses[vertical] + slot for slot in (S_LOAD, S_TORQUE)]
         count = round(seconds / PERIOD)
-        rows = np.empty((count + 1, 4))
+        rows = np.empty((count + 1, 5))
         mujoco.mj_forward(self.model, self.data)
         for k in range(count + 1):
             if k:
                 mujoco.mj_step(self.model, self.data, round(PERIOD / self.model.opt.timestep))
             load = -float(self.data.userdata[loads].sum())
-            rows[k] = self.data.time, self.data.qpos[2], self.friction_force(dof), load
+            speed = float(self.data.qvel[dof])
+            rows[k] = self.data.time, self.data.qpos[2], self.friction_force(dof), load, speed
         self._check()
         return Standing(*rows.T)
 
@@ -244,6 +248,30 @@ class Machine:
     def _check(self) -> None:
         if any(warning.number for warning in self.data.warning[int(mujoco.mjtWarning.mjWARN_BADQPOS) :]):
             raise SealegsError("the simulation of the hexapod became unstable; take a smaller step.")
+
+
+def friction_at_rest() -> Friction:
+    """LuGre friction of the vertical joints of a robot that stands on six legs.
+
+    Raises:
+        SealegsError: their chain has none.
+    """
+    chain = chains_with("LuGre", {"vertical.friction.stribeck": BREAKAWAY_AT_REST})[coordinate(0, VERTICAL)]
+    found = chain.find("friction")
+    if not isinstance(found, Friction):
+        raise SealegsError(f"{chain.label} has no friction.")
+    return found
+
+
+def limit_by_speed(friction: Friction, speed: np.ndarray) -> np.ndarray:
+    """What bristles hold at most, on the side that the joint moves to (n,) [N]: g of (28), times their stiffness.
+
+    Args:
+        friction: of the joint.
+        speed: of it (n,) [m/s].
+    """
+    fall = np.exp(-(np.abs(speed / friction.stribeck_velocity) ** friction.stribeck_exponent))
+    return np.where(speed < 0.0, -1.0, 1.0) * (friction.coulomb + friction.stribeck * fall)
 
 
 def stand_unpowered(

@@ -1,4 +1,4 @@
-"""The paper's figures 8, 9, 11 and 12, drawn from our recordings."""
+"""The paper's figures 8 to 12, drawn from our recordings."""
 
 from __future__ import annotations
 
@@ -40,6 +40,28 @@ def plot_friction(row: Standing, path: Path) -> None:
         axis.set_xlabel("time [s]")
         axis.set_ylabel("force at the vertical joint of leg 0 [N]")
         axis.legend(frameon=False)
+        figure.tight_layout()
+        figure.savefig(path, dpi=130)
+        plt.close(figure)
+
+
+def plot_limit(row: Standing, limit: np.ndarray, path: Path) -> None:
+    """Fig. 10: what the bristles of the vertical joint of leg 0 hold at most, over time and over the joint's speed.
+
+    Args:
+        row: the robot that stands on bristles.
+        limit: :func:`sealegs.envs.hexapod.paper.limit_by_speed` of its speeds (n,) [N].
+        path: of the picture.
+    """
+    with plt.rc_context(STYLE):
+        figure, (over_time, over_speed) = plt.subplots(1, 2, figsize=(8.0, 3.6), sharey=True)
+        shown = (row.time > 0.0) & (row.time <= 0.6)
+        over_time.plot(row.time[shown], limit[shown], color=COLOURS["LuGre"], linewidth=1.0)
+        over_time.set_xlabel("time [s]")
+        over_time.set_ylabel("limit of the bristles [N]")
+        order = np.argsort(row.speed[shown])
+        over_speed.plot(1e3 * row.speed[shown][order], limit[shown][order], ".", color=COLOURS["LuGre"], markersize=3.0)
+        over_speed.set_xlabel("speed of the vertical joint of leg 0 [mm/s]")
         figure.tight_layout()
         figure.savefig(path, dpi=130)
         plt.close(figure)

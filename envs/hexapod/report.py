@@ -12,8 +12,19 @@ import numpy as np
 
 from ...actuators.errors import SealegsError
 from ..published import Mark, Otherwise, Row, documents, row_lines
+from . import friction_bench
 from .gait import SPEED, Tripod
-from .paper import BREAKAWAY_AT_REST, Machine, Standing, Walk, chains_with, penetration_on, stand_unpowered
+from .paper import (
+    BREAKAWAY_AT_REST,
+    Machine,
+    Standing,
+    Walk,
+    chains_with,
+    friction_at_rest,
+    limit_by_speed,
+    penetration_on,
+    stand_unpowered,
+)
 from .parameters import NUMBERS
 from .robot import FRICTIONS, HORIZONTAL, KINDS, VERTICAL
 
@@ -39,7 +50,7 @@ def _statement(printed: str, where: str, ours: str, agrees: bool, mark: Mark, **
 
 
 def compare(out: Path, seconds: float = 10.0, say: Callable[[str], None] = print) -> dict[str, Any]:
-    """Run the paper's experiments; write ``hexapod.json`` and five pictures into ``out``, and tell the result.
+    """Run the paper's experiments; write ``hexapod.json`` and six pictures into ``out``, and tell the result.
 
     Args:
         out: folder; made if it is not there.
@@ -65,9 +76,15 @@ def compare(out: Path, seconds: float = 10.0, say: Callable[[str], None] = print
         walks[name] = Machine(name).walk(Tripod(), 2.0)
     resistance = sweep(walks, say)
     others = changed(say)
-    rows = statements(depth, standing, walks, resistance, seconds, others)
+    say("friction of six vertical joints from motor currents")
+    identified = friction_bench.identify()
+    rows = [
+        *statements(depth, standing, walks, resistance, seconds, others),
+        *friction_bench.identification_rows(identified),
+    ]
     result = {
         "rows": documents(rows),
+        "identified_friction": {name: np.asarray(value).tolist() for name, value in asdict(identified).items()},
         "sinking_m": {name: row.sinking for name, row in standing.items()},
         "penetration_m": depth,
         "motors_of_leg_0": {name: motors(walk) for name, walk in walks.items()},
@@ -89,12 +106,15 @@ def compare(out: Path, seconds: float = 10.0, say: Callable[[str], None] = print
 
     paper_plots.plot_standing(standing, out / "height.png")
     paper_plots.plot_friction(standing["LuGre"], out / "friction.png")
+    limit = limit_by_speed(friction_at_rest(), standing["LuGre"].speed)
+    paper_plots.plot_limit(standing["LuGre"], limit, out / "limit.png")
     paper_plots.plot_motors(walks, VERTICAL, out / "vertical.png")
     paper_plots.plot_motors(walks, HORIZONTAL, out / "horizontal.png")
     paper_plots.plot_resistance(resistance, out / "resistance.png")
     for line in table(rows, walks, resistance):
         say(line)
-    names = ("hexapod.json", "height.png", "friction.png", "vertical.png", "horizontal.png", "resistance.png")
+    pictures = ("height", "friction", "limit", "vertical", "horizontal", "resistance")
+    names = ("hexapod.json", *(f"{name}.png" for name in pictures))
     say("Written: " + ", ".join(f"{out}/{name}" for name in names))
     return result
 
