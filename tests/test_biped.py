@@ -23,7 +23,7 @@ from sealegs.envs.batch import BatchEngine
 from sealegs.envs.biped.drive import DRIVES, SPRING_RATIO, position_chain, torque_chain
 from sealegs.envs.biped.kinematics import centre_of_mass, feet, place, robot_mass, segments
 from sealegs.envs.biped.robot import BIPED, TORSO, coordinate, foot
-from sealegs.envs.biped.task import BipedTask
+from sealegs.envs.biped.task import BipedTask, sole_places, sole_speeds, soles
 from sealegs.envs.robots import get_robot
 from sealegs.envs.sb3 import BatchVecEnv
 from sealegs.envs.single import SingleEnv
@@ -117,6 +117,30 @@ def test_walking_pays_for_the_foot_in_the_air_whose_turn_it_is_and_hopping_for_b
     assert gait(0.0, *one_up) > 0.4 and gait(0.0, *one_up, time=0.1) < -0.4
     assert gait(0.0, *both_up) == gait(0.0, *both_down) == pytest.approx(0.0, abs=0.01)
     assert gait(1.0, *both_up) > 0.4 and gait(1.0, *one_up) == pytest.approx(0.0, abs=0.01)
+
+
+def test_soles_slide_as_they_move_less_what_their_round_feet_roll() -> None:
+    numbers = BIPED.parameters()
+    forward, height, pitch = np.array([0.3]), np.array([0.95]), np.array([0.1])
+    link, rates, dt = np.array([[-0.2, 0.3, 0.4, 0.15]]), np.array([[0.7, -0.4, 0.2, 0.9]]), 1e-6
+    speed, turning = np.array([0.5]), np.array([-0.3])
+    before = sole_places(numbers, forward, height, pitch, link)
+    after = sole_places(numbers, forward + speed * dt, height, pitch + turning * dt, link + rates * dt)
+    shins = segments(turning, rates)[:, [2, 4]]
+    wanted = (after - before)[..., 0] / dt + numbers["foot_radius"] * shins
+    np.testing.assert_allclose(sole_speeds(numbers, speed, pitch, link, turning, rates), wanted, atol=1e-5)
+    np.testing.assert_allclose(before[..., 1], soles(numbers, height, pitch, link))
+
+
+def test_a_foot_that_slides_on_the_floor_costs_what_it_is_told_to() -> None:
+    paid = BatchEngine(BipedTask(correction=0.4, slip_weight=2.0), 1)
+    paid.seed(0)
+    paid.reset()
+    slips = [float(paid.step(np.zeros((1, 4))).terms["reward_slip"][0]) for _ in range(30)]
+    assert min(slips) < -0.05 and max(slips) <= 0.0
+    free = BatchEngine(BipedTask(correction=0.4), 1)
+    free.reset()
+    assert "reward_slip" not in free.step(np.zeros((1, 4))).terms
 
 
 @pytest.mark.parametrize(

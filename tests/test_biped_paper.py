@@ -7,10 +7,11 @@ import math
 from dataclasses import replace
 from pathlib import Path
 
+import mujoco
 import numpy as np
 import pytest
 from sealegs.actuators.errors import SealegsError
-from sealegs.envs.biped import balance, paper, paper_plots, report
+from sealegs.envs.biped import balance, paper, paper_plots, report, validation
 from sealegs.envs.biped.controller import PERIOD, Gait, HoppingController, Phase
 from sealegs.envs.biped.drive import DRIVES, PULLEYS, RATIO, SHAPE
 from sealegs.envs.biped.ground import land
@@ -24,6 +25,7 @@ from sealegs.envs.biped.identification import (
     Pulleys,
     Record,
     Spring,
+    bias_by_arx,
     chirp,
     fit_cable,
     fit_leg,
@@ -31,6 +33,7 @@ from sealegs.envs.biped.identification import (
     fit_pulleys,
     fit_spring,
 )
+from sealegs.envs.biped.legs_together import LegLoad, fit_both
 from sealegs.envs.biped.rig import leg_load, leg_record
 from sealegs.envs.biped.robot import BIPED
 
@@ -112,6 +115,41 @@ def test_spring_stiffness_is_the_slope_of_the_postures() -> None:
     assert found.offset == pytest.approx(2.2, abs=1.0)
 
 
+def test_the_bias_of_an_amplifier_is_what_drifts_under_a_sine_without_a_mean() -> None:
+    machine = plant.pulleys(MOTOR["constant"], MOTOR["inertia"], MOTOR["friction"], MOTOR["bias"])
+    command = 0.3 * np.sin(2.0 * np.pi * 1e-3 * np.arange(6000))
+    place = plant.encoder(plant.log(command, machine, [0.0])[:, 0], 2048, np.random.default_rng(2))
+    assert bias_by_arx(recorded(command, place)) == pytest.approx(MOTOR["bias"], abs=1e-3)
+    with pytest.raises(IdentificationError, match="too short for speeds over 2 s"):
+        bias_by_arx(recorded(command, place), 2.0)
+
+
+def test_both_coordinates_of_a_leg_follow_the_equations_of_the_engine() -> None:
+    spec = mujoco.MjSpec.from_string(
+        """<mujoco><compiler angle="radian"/><option timestep="0.0005" gravity="0 0 -9.81"/><worldbody>
+        <body><joint name="thigh" axis="0 1 0"/>
+        <inertial pos="0.01 0 -0.2" mass="3" diaginertia="0.08 0.08 0.01"/>
+        <body pos="0 0 -0.5"><joint name="knee" axis="0 1 0"/>
+        <inertial pos="0.002 0 -0.16" mass="1.5" diaginertia="0.05 0.05 0.01"/></body></body>
+        </worldbody></mujoco>"""
+    )
+    model = spec.compile()
+    data = mujoco.MjData(model)
+    data.qpos[:] = -0.5, 1.0  # about y, forward is negative: leg angle 0, leg shape 0.5
+    places = np.empty((800, 2))
+    for k in range(len(places)):
+        thigh, shin = -data.qpos[0], -data.qpos[0] - data.qpos[1]
+        places[k] = 0.5 * (thigh + shin), 0.5 * (thigh - shin)
+        mujoco.mj_step(model, data, 2)
+    thigh = 0.08 + 3.0 * (0.2**2 + 0.01**2) + 1.5 * 0.5**2
+    shin = 0.05 + 1.5 * (0.16**2 + 0.002**2)
+    load = LegLoad(thigh, shin, 1.5 * 0.5 * 0.16, 0.0, (3.0 * 0.2 + 1.5 * 0.5, 3.0 * 0.01), (1.5 * 0.16, 1.5 * 0.002))
+    records = [recorded(np.full(len(places), 0.03), places[:, k]) for k in range(2)]
+    found = fit_both(records, load, [1.0, 1.0], [1.0, 1.0], [0.0, 0.0], [0.0, 0.0], [0.5, 0.5])
+    assert found.bias == pytest.approx((-0.03, -0.03), abs=0.02) and max(found.residual) < 2e-3
+    assert min(found.unadjusted) > 10.0 * max(found.residual)
+
+
 def test_the_chirp_grows_in_magnitude_and_frequency() -> None:
     command = chirp((0.2, 2.0), (0.5, 50.0), 17, 10)
     assert np.abs(command[:20_000]).max() == pytest.approx(0.2, rel=1e-3)
@@ -170,6 +208,20 @@ def test_pulley_inertias_follow_from_the_printed_tables_and_grow() -> None:
 @pytest.fixture(scope="module")
 def hopping() -> Hopping:
     return HoppingExperiment().run(92)
+
+
+def test_a_pulley_of_table_three_is_below_zero_on_one_side_and_its_mean_hides_it() -> None:
+    sides = [validation.pulley_inertia(f"{side}_leg_shape", 0) for side in ("left", "right")]
+    assert sides[0] > 0.0 > sides[1] and np.mean(sides) == pytest.approx(PULLEYS[SHAPE][0]) and PULLEYS[SHAPE][0] > 0.0
+
+
+@pytest.mark.long
+def test_biases_are_recovered_where_both_coordinates_of_a_leg_move_at_once() -> None:
+    found = validation.legs_together("left", np.random.default_rng(3))
+    printed = [DRIVES[f"left_leg_{kind}"].leg_bias for kind in ("angle", "shape")]
+    assert found.bias == pytest.approx(printed, abs=5e-3)
+    assert found.residual[0] < 0.1 * found.spread[0] and found.residual[1] < 0.1 * found.spread[1]
+    assert found.unadjusted[1] > found.unadjusted[0], "small errors of the bias show above all in the shape"
 
 
 @pytest.mark.long
@@ -303,6 +355,7 @@ def test_the_comparison_writes_numbers_and_pictures_and_never_over_old_ones(
     monkeypatch.setattr(paper, "identify", canned)
     monkeypatch.setattr(paper, "spring_test", lambda side, rng: spring)
     monkeypatch.setattr(paper, "sensitivity", lambda seconds, say: [paper.Change("boom_length", "2.6 m", figures)])
+    monkeypatch.setattr(validation, "validate", lambda *given: ([], {}))
     lines: list[str] = []
     out = tmp_path / "comparison"
     report.compare(out, 30.0, lines.append)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import importlib
 import importlib.util
 import sys
 import threading
@@ -52,12 +53,10 @@ def patiently(call: Callable[[], Any]) -> Any:
 
 
 def connected(kind: str, wire: Wire) -> Iterator[tuple[Any, Server]]:
-    from lerobot.motors import Motor, MotorNormMode
-    from lerobot.motors.dynamixel import DynamixelMotorsBus
-    from lerobot.motors.feetech import FeetechMotorsBus
-
-    made, model = (FeetechMotorsBus, "sts3215") if kind == "feetech" else (DynamixelMotorsBus, "xl330-m288")
-    motors = {name: Motor(k, model, MotorNormMode.DEGREES) for k, name in enumerate(("hip", "knee"), start=1)}
+    motors_of, name = importlib.import_module("lerobot.motors"), f"lerobot.motors.{kind}"
+    made: Any = getattr(importlib.import_module(name), f"{kind.capitalize()}MotorsBus")
+    model, unit = {"feetech": "sts3215", "dynamixel": "xl330-m288"}[kind], motors_of.MotorNormMode.DEGREES
+    motors = {name: motors_of.Motor(k, model, unit) for k, name in enumerate(("hip", "knee"), start=1)}
     with Server(wire, stepped=True) as server:
         thread = threading.Thread(target=server.run, daemon=True)
         thread.start()
@@ -94,11 +93,10 @@ def test_it_finds_the_servos(bus: tuple[Any, Server]) -> None:
 
 def test_it_sets_them_up_and_writes_a_calibration_that_reads_back(bus: tuple[Any, Server]) -> None:
     client, _ = bus
-    from lerobot.motors import MotorCalibration
-
+    calibration = importlib.import_module("lerobot.motors").MotorCalibration
     client.disable_torque(num_retry=TRIES)
     patiently(client.configure_motors)
-    wanted = {name: MotorCalibration(k, 0, 0, 500 + k, 3500) for k, name in enumerate(client.motors, start=1)}
+    wanted = {name: calibration(k, 0, 0, 500 + k, 3500) for k, name in enumerate(client.motors, start=1)}
     patiently(lambda: client.write_calibration(wanted))
     assert patiently(client.read_calibration) == wanted and patiently(lambda: client.is_calibrated)
 

@@ -74,7 +74,7 @@ class BipedEnv(SingleEnv, task=BipedTask):
     are one.
 
     ## Rewards
-    The reward is ***forward + alive + gait + upright - energy***; `info` holds each term.
+    The reward is ***forward + alive + gait + upright - energy - slip***; `info` holds each term.
 
     - *reward_forward*: $w_{forward} \max(1 - |v - v_{cmd}| / \max(|v_{cmd}|, 0.2), -1)$ with the forward speed $v$ of
       the hip.
@@ -84,6 +84,8 @@ class BipedEnv(SingleEnv, task=BipedTask):
       half of the clock's turn.
     - *reward_upright*: $w_{upright} \cos 2 p$ with the torso's pitch $p$.
     - *reward_energy*: $-w_{energy} \sum |\tau \omega|$ of the motors [W].
+    - *reward_slip*, where `slip_weight` is not 0: $-w_{slip}$ times the speed of the soles that touch the floor [m/s], at
+      most 1 m/s each.
 
     `info` also holds `net_out_of_range` (samples in this episode for which an actuator net was asked for motion that it
     never saw in training) and `unstable` (the physics engine gave up; the episode ends).
@@ -119,6 +121,7 @@ class BipedEnv(SingleEnv, task=BipedTask):
     | `gait_weight`     | float               | `0.5`      | see Rewards |
     | `upright_weight`  | float               | `0.5`      | see Rewards |
     | `energy_weight`   | float               | `3e-4`     | see Rewards [1/W] |
+    | `slip_weight`     | float               | `0.0`      | see Rewards [s/m] |
     | `healthy_height`  | float               | `0.65`     | lowest height of the hip [m] |
     | `healthy_pitch`   | float               | `0.7`      | largest pitch of the torso [rad] |
     | `start_noise`     | float               | `0.03`     | see Starting State |

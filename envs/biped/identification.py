@@ -5,7 +5,8 @@ No stage differentiates a position twice, and each takes what the stages before 
 1. :func:`fit_pulleys`: one motor, springs blocked and legs off, under a chirp of growing magnitude. Inertia, viscous
    friction and amplifier bias of a chain of pulleys, each times the motor constant.
 2. :func:`fit_motor`: from three such chains, motor constant and rotor inertia factor, (10) to (12).
-3. :func:`fit_leg`: one coordinate with the legs on, the others locked: friction and bias by simulation error, (19).
+3. :func:`fit_leg`: one coordinate with the legs on, the others locked: friction and bias by simulation error, (19);
+   then both at once (``legs_together.py``), which validates them, (20).
 4. :func:`fit_spring`: static, balancing on one leg: spring stiffness, (24).
 5. :func:`fit_cable`: under heavy load, as in hopping: stiffness and damping of the cable, (25) to (27).
 
@@ -144,6 +145,35 @@ def fit_pulleys(record: Record) -> Pulleys:
     return Pulleys(float(inertia), float(decay * inertia), float(constant / gain), float(np.sqrt(np.mean(best.fun**2))))
 
 
+def bias_by_arx(record: Record, period: float = 0.02) -> float:
+    """Bias of an amplifier [N.m] from the speed of its motor: the two-input ARX model of appendix A, (31) to (33).
+
+    The speed is the encoder differentiated over ``period``; the second input is a sequence of ones. The least squares
+    are those of errors in the equation: noise of the speed pulls a_1 towards zero and with it the bias away from zero,
+    so the period must be long for the encoder's step.
+
+    Args:
+        record: of a motor under a command without a mean.
+        period: between two speeds [s].
+
+    Raises:
+        IdentificationError: the record is too short, shows no motion, or the model found is none.
+    """
+    _check_motion(record)
+    stride = max(round(period / record.period), 1)
+    edges = np.arange(0, len(record.time), stride)
+    if len(edges) < 20:
+        raise IdentificationError(f"a record of {len(record.time)} samples is too short for speeds over {period:g} s.")
+    speed = np.diff(record.position[edges]) / (stride * record.period)
+    command = np.add.reduceat(record.command, edges)[: len(speed)] / stride
+    # the speed over an interval answers to the command of that interval and of the one before
+    columns = np.stack([speed[:-1], 0.5 * (command[1:] + command[:-1]), np.ones(len(speed) - 1)], axis=1)
+    _, gain, constant = np.linalg.lstsq(columns, speed[1:], rcond=None)[0]
+    if gain <= 0.0:
+        raise IdentificationError("the motor turns against its commands: check the sign of the torque or the encoder.")
+    return float(constant / gain)
+
+
 @dataclass(frozen=True)
 class Motor:
     """Motor constant and rotor inertia factor, table IV.
@@ -213,7 +243,9 @@ class Leg:
 
 
 def fit_leg(record: Record, load: Load, ratio: float, motor_constant: float, motor_inertia: float) -> Leg:
-    """Friction and bias that make a simulation of one coordinate follow its record best: (19) and (20).
+    """Friction and bias that make a simulation of one coordinate follow its record best: (19), and table V.
+
+    Biases of both coordinates at once, (20), are :func:`sealegs.envs.biped.legs_together.fit_both`.
 
     Args:
         record: of the coordinate's motor; it starts at rest.

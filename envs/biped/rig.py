@@ -16,6 +16,7 @@ from ...actuators.gravity import GRAVITY
 from .drive import ANGLE, DRIVES, ENCODER, PULLEYS, SHAPE, SPRING_RATIO, torque_chain
 from .hopping import JOINT_TICKS, NAMES, Hopping, quantised
 from .identification import Load, Record, chirp
+from .legs_together import both_segments
 from .parameters import SIDES
 from .robot import BIPED, coordinate, foot
 
@@ -29,6 +30,8 @@ POSTURES = np.radians(np.linspace(4.0, 20.0, 9))  # of the motor; the loaded leg
 STEADY = 3e3  # [N.s/m] with which the experimenter calms the robot's height
 TOE = {"foot_radius": 0.002}  # [m] "the wheel at the toe is removed for better accuracy", VI
 FINGERTIP = 3.0  # [N.m] at most with which the experimenter still holds a balanced robot, assumed
+SINE = (0.3, 1.0)  # [N.m, Hz] of the sine that shows an amplifier's bias, assumed
+BANDS = ((0.4, 3.0), (0.5, 3.5))  # [Hz] of leg angle and leg shape at once
 MAGNITUDES = {ANGLE: ((0.1, 1.0), (0.2, 1.5)), SHAPE: ((0.15, 1.5), (0.2, 4.0))}  # [N.m] of chirps: pulleys, legs
 
 
@@ -37,8 +40,8 @@ def _read(values: np.ndarray, ticks: float, rng: np.random.Generator) -> np.ndar
     return quantised(values + rng.normal(0.0, NOISE * step, np.shape(values)), ticks)
 
 
-def pulleys_record(name: str, combination: int, rng: np.random.Generator) -> Record:
-    """Motor ``name`` with the first, second or third combination of pulleys (0 to 2), under a chirp."""
+def pulleys_record(name: str, combination: int, rng: np.random.Generator, command: np.ndarray | None = None) -> Record:
+    """Motor ``name`` with the first, second or third combination of pulleys (0 to 2), under a chirp or ``command``."""
     drive = DRIVES[name]
     inertia = drive.inertia_factor * drive.rotor_inertia + PULLEYS[drive.kind][combination]
     chain = load_chain(
@@ -55,7 +58,7 @@ def pulleys_record(name: str, combination: int, rng: np.random.Generator) -> Rec
     spec.option.integrator = mujoco.mjtIntegrator.mjINT_IMPLICITFAST
     shaft = spec.worldbody.add_body(mass=1e-6, ipos=(0, 0, 0), inertia=(1e-9,) * 3, explicitinertial=True)
     shaft.add_joint(name="motor", type=mujoco.mjtJoint.mjJNT_HINGE, axis=(0.0, 1.0, 0.0))
-    command = chirp(MAGNITUDES[drive.kind][0], cycles=4)
+    command = chirp(MAGNITUDES[drive.kind][0], cycles=4) if command is None else command
     model = Drivetrain(spec, {"motor": chain}).model
     positions = _drive(model, lambda data, torque: data.ctrl.__setitem__(0, torque), command, SUBSTEPS, 0)
     return Record(STEP * np.arange(len(command)), command, _read(positions, ENCODER, rng))
@@ -128,6 +131,44 @@ def leg_record(name: str, rng: np.random.Generator) -> Record:
         data,
     )
     return Record(STEP * np.arange(len(command)), command, _read(positions * drive.ratio, ENCODER, rng))
+
+
+def drift_record(name: str, rng: np.random.Generator, seconds: float = 20.0) -> Record:
+    """The motor alone under a sine without a mean, of which only the amplifier's bias makes a drift (appendix A)."""
+    time = STEP * np.arange(round(seconds / STEP))
+    return pulleys_record(name, 0, rng, SINE[0] * np.sin(2.0 * np.pi * SINE[1] * time))
+
+
+def legs_record(side: str, rng: np.random.Generator) -> tuple[Record, Record]:
+    """Leg angle and leg shape of a leg at once, springs blocked, the other leg locked, each under its own chirp."""
+    angle, shape = (coordinate(side, kind) for kind in (ANGLE, SHAPE))
+    others = tuple(other for other in NAMES if other not in (angle, shape))
+
+    def chains(which: str) -> Chain:
+        return torque_chain(which).without_stage("spring")
+
+    drivetrain, data = _on_stand(chains, others, dict.fromkeys(SIDES, START_SHAPE), substeps=SUBSTEPS)
+    model, drives = drivetrain.model, (DRIVES[angle], DRIVES[shape])
+    load = both_segments(BIPED.parameters())
+    up, down = (
+        GRAVITY * (sign * along * np.sin(START_SHAPE) + across * np.cos(START_SHAPE))
+        for sign, (along, across) in ((1.0, load.thigh_moment), (-1.0, load.shin_moment))
+    )
+    weights = np.array([up + down, up - down])  # that hold leg angle and leg shape where they start
+    waves = [chirp(MAGNITUDES[drive.kind][1], band, 10, 3) for drive, band in zip(drives, BANDS, strict=True)]
+    commands = np.stack([wave[: min(map(len, waves))] for wave in waves], axis=1)
+    ratios = np.array([drive.ratio for drive in drives])
+    commands += np.array([drive.motor_constant for drive in drives]) * weights / ratios
+    numbers = [NAMES.index(name) for name in (angle, shape)]
+    places = [int(model.joint(f"{name}_motor").qposadr[0]) for name in (angle, shape)]
+    positions = np.empty_like(commands)
+    for k, torque in enumerate(commands):
+        positions[k] = data.qpos[places]
+        data.ctrl[numbers] = torque * ratios
+        mujoco.mj_step(model, data, SUBSTEPS)
+    time = STEP * np.arange(len(commands))
+    read = [_read(positions[:, k] * ratios[k], ENCODER, rng) for k in range(2)]
+    return Record(time, commands[:, 0], read[0]), Record(time, commands[:, 1], read[1])
 
 
 def leg_load(values: Mapping[str, float], kind: str) -> Load:

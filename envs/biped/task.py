@@ -35,6 +35,7 @@ class BipedTask(Task):
     gait_weight: float = 0.5
     upright_weight: float = 0.5
     energy_weight: float = 3e-4
+    slip_weight: float = 0.0
     healthy_height: float = 0.65
     healthy_pitch: float = 0.7
     start_noise: float = 0.03
@@ -114,7 +115,8 @@ class BipedTask(Task):
         swing = np.where(self._phase(motion.time) < np.pi, left - right, right - left)
         gait = self.hopping * np.minimum(left, right) + (1.0 - self.hopping) * swing
         power = np.abs(motion.torque * motion.motor_speed).sum(axis=1)
-        return {
+        slip = {} if self.slip_weight == 0.0 else {"reward_slip": -self.slip_weight * slipping(motion)}
+        return slip | {
             "reward_forward": self.forward_weight * np.maximum(1.0 - error, -1.0),
             "reward_alive": np.full(len(speed), self.alive_weight),
             "reward_gait": self.gait_weight * gait,
@@ -135,9 +137,57 @@ def soles(numbers: Mapping[str, float], height: np.ndarray, pitch: np.ndarray, l
         height, pitch: of the torso (n,) [m, rad].
         link: angle and shape of the left, then of the right leg (n, 4) [rad].
     """
+    return sole_places(numbers, np.zeros(len(height)), height, pitch, link)[..., 1]
+
+
+def sole_places(
+    numbers: Mapping[str, float], forward: np.ndarray, height: np.ndarray, pitch: np.ndarray, link: np.ndarray
+) -> np.ndarray:
+    """Where both soles are: forward, and over the floor (n, 2 sides, 2) [m]; arguments as of :func:`soles`.
+
+    Args:
+        numbers: of the robot.
+        forward, height, pitch: of the torso (n,) [m, m, rad].
+        link: angle and shape of the left, then of the right leg (n, 4) [rad].
+    """
     angles = segments(pitch, link)
-    ends = [place(end, angles)[:, 1] for end in feet(numbers)]
-    return np.stack(ends, axis=1) + (height - numbers["foot_radius"])[:, None]
+    ends = np.stack([place(end, angles) for end in feet(numbers)], axis=1)
+    return ends + np.stack([forward, height - numbers["foot_radius"]], axis=1)[:, None, :]
+
+
+def sole_speeds(
+    numbers: Mapping[str, float],
+    forward: np.ndarray,
+    pitch: np.ndarray,
+    link: np.ndarray,
+    pitch_speed: np.ndarray,
+    link_speed: np.ndarray,
+) -> np.ndarray:
+    """Forward speeds of both soles (n, 2) [m/s]: of the point of each round foot that touches the floor.
+
+    Args:
+        numbers: of the robot.
+        forward: speed of the hip (n,) [m/s].
+        pitch, pitch_speed: of the torso (n,) [rad, rad/s].
+        link, link_speed: angle and shape of the left, then of the right leg (n, 4) [rad, rad/s].
+    """
+    angles, turning = segments(pitch, link), segments(pitch_speed, link_speed)
+    found = []
+    for side, end in enumerate(feet(numbers)):
+        speed = np.zeros(len(forward))
+        for segment, (ahead, up) in enumerate(end):
+            sine, cosine = np.sin(angles[:, segment]), np.cos(angles[:, segment])
+            speed = speed - (sine * ahead + cosine * up) * turning[:, segment]
+        shin = turning[:, 2 + 2 * side]  # with which a round foot rolls
+        found.append(forward + speed + numbers["foot_radius"] * shin)
+    return np.stack(found, axis=1)
+
+
+def slipping(motion: Motion) -> np.ndarray:
+    """Speed of the soles over the floor, of feet that touch it, both together (n,) [m/s]; at most 1 each."""
+    m = motion
+    speeds = sole_speeds(m.numbers, m.qvel[:, FORWARD], m.qpos[:, PITCH], m.link, m.qvel[:, PITCH], m.link_speed)
+    return np.where(_clearance(m) < TOUCH, np.minimum(np.abs(speeds), 1.0), 0.0).sum(axis=1)
 
 
 def _clearance(motion: Motion) -> np.ndarray:
