@@ -105,6 +105,8 @@ class Cause:
         degenerates_to: the cause that it cannot be told from in poorer data.
         name: as in ``diagnosis.json``.
         seen: whether it was read off the log, so that every round tries it.
+        signature: key of the features that it must bring to where they were measured before it is certain
+            (:mod:`sealegs.gap.verdict.signatures`); empty where none is known.
     """
 
     sentence: str
@@ -116,6 +118,7 @@ class Cause:
     degenerates_to: Limit | None = None
     name: str = ""
     seen: bool = False
+    signature: str = ""
 
     @property
     def periodic(self) -> bool:

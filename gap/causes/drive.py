@@ -30,6 +30,7 @@ def delay(nominal: JointModel) -> Cause:
     delays = [Parameter("delay.seconds", "s", 0.0, 0.2, believed + more, 0.004) for more in (0.008, 0.002)]
     return Cause(
         sentence="Commands take effect later than the model believes.",
+        signature="lag",
         picture="response",
         variants=tuple((seconds,) for seconds in delays),
         error=has("delay")(nominal),
@@ -45,6 +46,7 @@ def rate_limit(nominal: JointModel) -> Cause:
     ]
     return Cause(
         sentence="The firmware moves its goal no faster than a limit.",
+        signature="lag",
         picture="response",
         variants=tuple((speed,) for speed in speeds),
         degenerates_to=Limit("drive.delay", "all steps of the goal are alike"),

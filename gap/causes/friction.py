@@ -20,6 +20,7 @@ def coulomb(nominal: JointModel) -> Cause:
         picture="friction_against_speed",
         variants=((dry,),),
         error=True,
+        signature="reversal",
         needs=SHOWN,
     )
 
@@ -59,6 +60,7 @@ def stribeck(nominal: JointModel) -> Cause:
         sentence="Friction is larger at rest and at low speed than while moving.",
         picture="friction_against_speed",
         variants=((extra, speed),),
+        signature="reversal",
         needs=SHOWN,
         degenerates_to=Limit("friction.coulomb", "all motion is slow", "friction.stribeck_velocity", by_speed=True),
     )
@@ -104,6 +106,7 @@ def presliding(nominal: JointModel) -> Cause:
         sentence="A joint that sticks gives way like a spring before it slips.",
         picture="error_since_reversal",
         variants=tuple((stiffness,) for stiffness in bristles),
+        signature="reversal",
         needs=SHOWN,
         degenerates_to=Limit("friction.coulomb", "the joint never rests", "friction.bristle_stiffness"),
     )

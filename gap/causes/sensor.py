@@ -41,6 +41,7 @@ def delay(nominal: JointModel) -> Cause:
     late = Parameter("encoder.latency", "s", 0.0, 0.2, 0.006, 0.003)
     return Cause(
         sentence="Readings reach the host late.",
+        signature="lag",
         picture="response",
         variants=((late,),),
         degenerates_to=Limit("drive.delay", "neither duty nor current was logged"),

@@ -26,6 +26,7 @@ def backlash(nominal: JointModel) -> Cause:
         variants.append((large, stiffness, damping))
     return Cause(
         sentence="There is play between motor and link.",
+        signature="play",
         picture="hysteresis",
         variants=tuple(variants),
         needs=APART,

@@ -16,6 +16,7 @@ from ..experiment import Experiment, read_goals
 from ..log.finding import Finding
 from ..search.structure import Structure
 from ..verdict.decide import overall as overall_verdict
+from ..verdict.signatures import Signature
 from ..verdict.verdict import DataError, Error, JointDiagnosis, NamedCause, OpenCause, Reason, Value
 from .extension import changes, not_native
 
@@ -96,6 +97,7 @@ def _cause(cause: NamedCause) -> dict[str, Any]:
         "parameters": {path: asdict(value) for path, value in cause.parameters.items()},
         "gain": cause.gain,
         "rivals": list(cause.rivals),
+        "signatures": [asdict(signature) for signature in cause.signatures],
     }
 
 
@@ -183,6 +185,7 @@ def _joint(row: Mapping[str, Any], folder: Path) -> JointDiagnosis:
                 cause,
                 parameters={path: _made(Value, value) for path, value in cause["parameters"].items()},
                 rivals=tuple(cause["rivals"]),
+                signatures=tuple(_made(Signature, seen) for seen in cause.get("signatures", ())),
             )
             for cause in row["causes"]
         ),

@@ -19,6 +19,7 @@ from collections.abc import Sequence
 
 from ..search.structure import listed
 from .evidence import THRESHOLDS, Balanced, Evidence, Refused, Replayed, Thresholds
+from .signatures import disagreeing
 from .verdict import (
     CERTAIN,
     EXPLAINED,
@@ -60,11 +61,13 @@ def confidence(win_rate: float, removed: float, residual: float) -> float:
     return win_rate * removed / (removed + residual) if removed > 0.0 else 0.0
 
 
-def standing(confidence: float, rivals: Sequence[str], limit: Thresholds = THRESHOLDS) -> str:
-    """What is said of one cause, whatever is said of others."""
+def standing(
+    confidence: float, rivals: Sequence[str], limit: Thresholds = THRESHOLDS, *, contradicted: bool = False
+) -> str:
+    """What is said of one cause, whatever is said of others; its own features may contradict it."""
     if rivals and confidence < limit.sure:
         return ONE_OF_SEVERAL
-    return CERTAIN if confidence >= limit.certain else LIKELY
+    return CERTAIN if confidence >= limit.certain and not contradicted else LIKELY
 
 
 def overall(verdicts: Sequence[str]) -> int:
@@ -85,7 +88,7 @@ def _replayed(found: Replayed, limit: Thresholds) -> Verdict:
         verdict = _unknown_cause(found, withdrawn)
     else:
         verdict = _nothing(found)
-    reasons = (*verdict.reasons, *(_open_reason(cause) for cause in found.open_causes))
+    reasons = (*verdict.reasons, *_contradictions(found), *(_open_reason(cause) for cause in found.open_causes))
     if found.data_errors:
         said = " ".join(error.sentence for error in found.data_errors)
         reasons = (Reason("data", f"The log is wrong: {said}"), *reasons)
@@ -150,6 +153,20 @@ def _refitted(found: Replayed) -> Verdict:
     )
     rest = (Reason("structure", found.structure.sentence),) if found.structure.noticed else ()
     return Verdict(NOT_IDENTIFIABLE, sentence, (why, *rest))
+
+
+def _contradictions(found: Replayed) -> list[Reason]:
+    """Causes that leave a feature of their own where it was."""
+    reasons = []
+    for cause in found.causes:
+        if (seen := disagreeing(cause.signatures)) is not None:
+            factor, unit = (1e3, f"m{seen.unit}")
+            said = (
+                f"{cause.name} does not do what it is named for: {seen.name} is {factor * seen.extended:+.2g} {unit} "
+                f"off with it, {factor * seen.nominal:+.2g} {unit} without."
+            )
+            reasons.append(Reason("signature", said))
+    return reasons
 
 
 def _open_reason(cause: OpenCause) -> Reason:

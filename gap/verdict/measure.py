@@ -16,6 +16,7 @@ from ..search.result import Search
 from ..search.structure import Structure, fine, structure, thousandth
 from .decide import confidence, standing
 from .shares import owed
+from .signatures import Signature, disagreeing, signatures
 from .unseen import EVALUATIONS, Model, clearly_better, effective, holds, near_misses, outdone, refitted_numbers
 from .verdict import Error, NamedCause, OpenCause, Value
 
@@ -103,7 +104,12 @@ def measure(
     if rest.noticed:  # structure that the test part shows less of than the rest is not explained for that
         before = float(np.mean(problem.position_error(simulated["nominal"]) ** 2)) - white
         unexplained = max(left, min(rest.rms**2 / max(before, 1e-12), 1.0))
-    causes, tuned_share = _name_causes(fitting, sought, model, joint, 1.0 - unexplained, rest)
+    features: dict[str, tuple[Signature, ...]] = {}
+    if any(c.cause.signature for c in sought.accepted):
+        before = problem.simulate([tuned.values])[0]
+        kept = {c.cause.name: c.cause.signature for c in sought.accepted}
+        features = {n: signatures(key, problem, before, simulated["extended"]) for n, key in kept.items()}
+    causes, tuned_share = _name_causes(fitting, sought, model, joint, 1.0 - unexplained, rest, features)
     return Measured(
         gap=gap,
         tuned=errors["tuned"],
@@ -148,7 +154,13 @@ def _error(test: Problem, simulated: np.ndarray) -> Error:
 
 
 def _name_causes(
-    fitting: Problem, search: Search, model: Model, joint: str, explained: float, rest: Structure
+    fitting: Problem,
+    search: Search,
+    model: Model,
+    joint: str,
+    explained: float,
+    rest: Structure,
+    features: Mapping[str, tuple[Signature, ...]],
 ) -> tuple[tuple[NamedCause, ...], float]:
     """Causes with shares, confidence, near misses and intervals, and the share of the tuned numbers."""
     if not search.accepted:
@@ -167,6 +179,9 @@ def _name_causes(
         sure *= min((measured(p, model.bounds[p.path]) for p in sizes), default=1.0)
         if any(p.path in model.fitted.at_bound for p in sizes):
             sure *= AT_BOUND
+        seen = features.get(candidate.cause.name, ())
+        contradicted = disagreeing(seen) is not None
+        sure *= CONTRADICTED if contradicted else 1.0
         named.append(
             NamedCause(
                 name=candidate.cause.name,
@@ -183,7 +198,8 @@ def _name_causes(
                 kind="number" if candidate.cause.error else "effect",
                 picture=candidate.cause.picture,
                 rivals=rivals,
-                standing=standing(sure, rivals),
+                standing=standing(sure, rivals, contradicted=contradicted),
+                signatures=seen,
             )
         )
     return tuple(sorted(named, key=lambda cause: -cause.share)), tuned_share
@@ -205,6 +221,7 @@ def _value(parameter: Parameter, extended: Fit, bounds: Mapping[str, tuple[float
 
 
 AT_BOUND = 0.5  # factor on the confidence of a size at an end of the range tried: there it is no measurement
+CONTRADICTED = 0.7  # factor on the confidence of a cause that leaves its own features where they were
 STOPS = ("load.stop_angle", "load.lower_stop")
 """Angles of the link, which a person looks up in the log."""
 

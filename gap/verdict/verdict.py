@@ -15,6 +15,7 @@ from ..replay.driven import DrivenProblem
 from ..replay.free import FreeProblem
 from ..search.result import Search
 from ..search.structure import Structure
+from .signatures import Signature
 
 EXPLAINED, PARTLY, NOTHING, NOT_IDENTIFIABLE, UNUSABLE = (
     "explained",
@@ -72,6 +73,7 @@ class NamedCause:
         picture: which picture shows it.
         rivals: near misses: candidates that win in more than 5 % of the draws of the round that this cause won.
         standing: :data:`CERTAIN`, :data:`LIKELY` or :data:`ONE_OF_SEVERAL`, whatever is said of other causes.
+        signatures: features that it must bring to where they were measured before it is certain.
     """
 
     name: str
@@ -85,6 +87,7 @@ class NamedCause:
     picture: str = ""
     rivals: tuple[str, ...] = ()
     standing: str = LIKELY
+    signatures: tuple[Signature, ...] = ()
 
 
 @dataclass(frozen=True)

@@ -17,6 +17,7 @@ from .driven import passed_torque
 from .evidence import Evidence
 from .friction import friction_against_speed, residual_against_load, residual_against_position
 from .ground import stance
+from .signatures import signature_pictures
 from .summary import budget, experiment, overview, rivals
 from .transmission import error_since_reversal, hysteresis
 
@@ -53,6 +54,7 @@ def pictures(diagnosis: JointDiagnosis) -> Iterator[tuple[str, Figure]]:
         if (chart := draw(diagnosis)) is not None:
             yield name, chart
     yield from cause_pictures(diagnosis)
+    yield from signature_pictures(diagnosis)
 
 
 def cause_pictures(diagnosis: JointDiagnosis) -> Iterator[tuple[str, Figure]]:
@@ -121,4 +123,13 @@ def draw_all(diagnoses: Sequence[JointDiagnosis], folder: Path) -> dict[str, Pat
     return drawn
 
 
-__all__ = ["CAUSES", "SUMMARIES", "cause_pictures", "draw_all", "picture_of", "pictures", "png"]
+__all__ = [
+    "CAUSES",
+    "SUMMARIES",
+    "cause_pictures",
+    "draw_all",
+    "picture_of",
+    "pictures",
+    "png",
+    "signature_pictures",
+]

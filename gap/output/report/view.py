@@ -22,7 +22,8 @@ from ...verdict.verdict import JointDiagnosis, NamedCause, Value
 from ..extension import changes as changes_of
 from ..extension import not_native
 from ..numbers import glued, number, percent, rounded, sureness, unit_of
-from ..pictures import cause_pictures, picture_of, png
+from ..pictures import cause_pictures, picture_of, png, signature_pictures
+from ..pictures.signatures import told
 from ..pictures.summary import budget_slices
 from ..pictures.timeline import fine
 from .figures import excitation, signals
@@ -192,13 +193,17 @@ def _causes(diagnosis: JointDiagnosis) -> list[dict[str, Any]]:
         _cause(cause, drawn.get(cause.name) if picture_of(cause) else None, diagnosis.problem)
         for cause in diagnosis.causes
     ]
+    features = {name: png(chart) for name, chart in signature_pictures(diagnosis)}
     for cause, row in zip(diagnosis.causes, rows, strict=True):
+        seen = features.get(f"{cause.name}.signature")
+        row["features"] = None if seen is None else _image(seen)
+        row["features_told"] = "; ".join(told(signature) for signature in cause.signatures)
         row["shown_by"] = by_key.get(picture_of(cause), "") if row["picture"] is None and not row["data"] else ""
     return rows
 
 
 def _cause(cause: NamedCause, picture: bytes | None, problem: Problem | None) -> dict[str, Any]:
-    image = None if picture is None else f"data:image/png;base64,{base64.b64encode(picture).decode()}"
+    image = None if picture is None else _image(picture)
     return {
         "name": cause.name,
         "kind": KINDS.get(cause.kind, cause.kind),
@@ -212,6 +217,10 @@ def _cause(cause: NamedCause, picture: bytes | None, problem: Problem | None) ->
         "caption": CAPTIONS.get(picture_of(cause), ""),
         "parameters": [_parameter(path, value, problem) for path, value in cause.parameters.items()],
     }
+
+
+def _image(picture: bytes) -> str:
+    return f"data:image/png;base64,{base64.b64encode(picture).decode()}"
 
 
 def _parameter(path: str, value: Value, problem: Problem | None) -> dict[str, str]:

@@ -1,0 +1,192 @@
+"""Signatures: what a cause does to one feature of the motion, read from the log and from each model alike.
+
+A fit may lower the error and be wrong about the physics. So each cause of friction, delay and play names a feature that
+it must bring to where it was measured: how far the joint lags on either side of a reversal, how late it follows at low
+and at high speed, how late its duty follows, what it does when the teeth change sides. A feature is read as a difference to what
+was measured, with the measured motion as the covariate of all models, so that noise biases none of them.
+"""
+
+from __future__ import annotations
+
+import itertools
+from collections.abc import Callable
+from dataclasses import dataclass
+
+import numpy as np
+
+from ..checks.signal import derivatives
+from ..replay.problem import Problem
+
+AGREES, SILENT, DISAGREES = "agrees", "silent", "disagrees"
+SURE = 2.5  # standard errors over the pieces of the log from which a difference is one
+CLOSE = 0.35  # of the nominal model's difference, up to which the extended model agrees
+HARDLY = 0.7  # of it, from which the cause has not done what it is named for
+SINCE = 0.15  # [s] after the drive pushes the other way in which play shows
+LEAST_LAG = 4e-4  # [s] a lag below it is one of the steps of command and sample
+LEAST_ANGLE = 0.15  # of the noise: less is no feature
+FEWEST = 5  # pieces of a log from which a spread can be told
+
+
+@dataclass(frozen=True)
+class Signature:
+    """One feature, as differences of the models to what was measured.
+
+    Attributes:
+        name: of the feature, for people.
+        unit: of the differences.
+        nominal, extended: of the tuned nominal and of the extended model.
+        nominal_error, extended_error: their standard errors over the pieces of the log.
+        verdict: :data:`AGREES`, :data:`SILENT` (the nominal model shows the feature as measured) or :data:`DISAGREES`.
+    """
+
+    name: str
+    unit: str
+    nominal: float
+    extended: float
+    nominal_error: float
+    extended_error: float
+    verdict: str
+
+
+@dataclass(frozen=True, eq=False)
+class Piece:
+    """A unit of a problem, along the measured motion; arrays are (n,)."""
+
+    time: np.ndarray
+    speed: np.ndarray
+    acceleration: np.ndarray
+    direction: np.ndarray  # from -1 to 1
+    judged: np.ndarray
+    error: np.ndarray  # measured position less that of a model
+    duty: np.ndarray  # of the model
+    duty_error: np.ndarray  # measured less that of the model
+
+
+Feature = Callable[[Piece], float]
+
+
+def _solved(columns: list[np.ndarray], values: np.ndarray, keep: np.ndarray) -> np.ndarray:
+    terms = np.stack([column[keep] for column in columns], axis=1)
+    scale = np.maximum(np.abs(terms).max(axis=0), 1e-12)
+    return np.linalg.lstsq(terms / scale, values[keep], rcond=None)[0] / scale
+
+
+def _reversal_step(piece: Piece) -> float:
+    """By how much the error differs between the two directions of motion, halved [rad]: dry friction."""
+    one = np.ones(len(piece.time))
+    return float(_solved([piece.direction, piece.speed, piece.acceleration, one], piece.error, piece.judged)[0])
+
+
+def _lag(piece: Piece, *, fast: bool) -> float:
+    """By how much the measured motion is later than the model's [s], at the faster or the slower half of speeds."""
+    size = np.abs(piece.speed)
+    moving = piece.judged & (size > 0.1 * np.quantile(size[piece.judged], 0.98))
+    middle = float(np.median(size[moving])) if moving.any() else 0.0
+    keep = moving & ((size >= middle) if fast else (size <= middle))
+    if keep.sum() < 40:
+        return float("nan")
+    one = np.ones(len(piece.time))
+    return -float(_solved([piece.speed, piece.direction, piece.acceleration, one], piece.error, keep)[0])
+
+
+def _duty_lag(piece: Piece) -> float:
+    """By how much the measured duty is later than the model's [s]."""
+    keep = piece.judged & np.isfinite(piece.duty_error)
+    if keep.sum() < 100 or not np.isfinite(piece.duty).all():
+        return float("nan")
+    width = max(round(0.025 / float(np.median(np.diff(piece.time)))), 1)
+    kernel = np.ones(width) / width
+
+    def smooth(values: np.ndarray) -> np.ndarray:
+        return np.convolve(np.nan_to_num(values), kernel, mode="same")
+
+    rate = np.gradient(smooth(piece.duty), piece.time)
+    inside = keep.copy()
+    inside[:width], inside[-width:] = False, False
+    if np.ptp(rate[inside]) == 0.0:
+        return float("nan")
+    one = np.ones(len(rate))
+    return -float(_solved([rate, piece.duty, piece.speed, one], smooth(piece.duty_error), inside)[0])
+
+
+def _after_unloading(piece: Piece) -> float:
+    """How much larger the error is just after the drive pushes the other way [rad, rms]: there teeth change sides."""
+    turns = np.flatnonzero(np.diff(np.sign(piece.duty)) != 0) + 1
+    soon = np.zeros(len(piece.time), bool)
+    for turn in turns:
+        soon[turn : int(np.searchsorted(piece.time, piece.time[turn] + SINCE))] = True
+    soon, rest = piece.judged & soon, piece.judged & ~soon
+    if soon.sum() < 20 or rest.sum() < 20:
+        return float("nan")
+    return float(np.sqrt(np.mean(piece.error[soon] ** 2)) - np.sqrt(np.mean(piece.error[rest] ** 2)))
+
+
+FEATURES: dict[str, tuple[tuple[str, str, Feature], ...]] = {
+    "reversal": (("lag on either side of a reversal", "rad", _reversal_step),),
+    "lag": (
+        ("lateness at low speed", "s", lambda piece: _lag(piece, fast=False)),
+        ("lateness at high speed", "s", lambda piece: _lag(piece, fast=True)),
+        ("lateness of the duty", "s", _duty_lag),
+    ),
+    "play": (("error after the drive pushes the other way", "rad", _after_unloading),),
+}
+"""Features by the key that a cause of the catalogue names."""
+
+
+def signatures(key: str, problem: Problem, tuned: np.ndarray, extended: np.ndarray) -> tuple[Signature, ...]:
+    """The features that a cause must bring to where they were measured; none where the replay is not free.
+
+    Args:
+        key: of the cause.
+        problem: all data.
+        tuned, extended: channels (n, 4) of the nominal model, tuned, and of the extended one.
+    """
+    if key not in FEATURES or problem.kind != "free":
+        return ()
+    pieces = [_pieces(problem, channels) for channels in (tuned, extended)]
+    found = []
+    for name, unit, feature in FEATURES[key]:
+        before, after = (np.array([feature(piece) for piece in of]) for of in pieces)
+        good = np.isfinite(before) & np.isfinite(after)
+        if good.sum() < FEWEST:
+            continue
+        least = LEAST_LAG if unit == "s" else LEAST_ANGLE / float(problem.weight[0])
+        found.append(_judged(name, unit, before[good], after[good], least))
+    return tuple(found)
+
+
+def _judged(name: str, unit: str, before: np.ndarray, after: np.ndarray, least: float) -> Signature:
+    (nominal, nominal_error), (extended, extended_error) = (
+        (float(np.mean(values)), float(np.std(values, ddof=1) / np.sqrt(len(values)))) for values in (before, after)
+    )
+    speaks = abs(nominal) > max(SURE * nominal_error, least)
+    off = abs(extended) > max(SURE * extended_error, least)
+    verdict = SILENT
+    if off and abs(extended) > HARDLY * abs(nominal):
+        verdict = DISAGREES
+    elif speaks and (not off or abs(extended) < CLOSE * abs(nominal)):
+        verdict = AGREES
+    return Signature(name, unit, nominal, extended, nominal_error, extended_error, verdict)
+
+
+def disagreeing(found: tuple[Signature, ...]) -> Signature | None:
+    """The first feature that a cause leaves where it was, or moves away."""
+    return next((signature for signature in found if signature.verdict == DISAGREES), None)
+
+
+def _pieces(problem: Problem, channels: np.ndarray) -> list[Piece]:
+    duty = problem.channels.index("duty")
+    pieces = []
+    for a, b in itertools.pairwise(problem.starts):
+        time, position = problem.time[a:b], problem.measured[a:b, 0]
+        if b - a < 60 or not np.isfinite(position).all():
+            continue
+        _, speed, acceleration = derivatives(time, position)
+        slow = max(0.05 * float(np.quantile(np.abs(speed), 0.99)), 1e-6)
+        pieces.append(
+            Piece(
+                time, speed, acceleration, np.tanh(speed / slow), problem.judged[a:b],
+                position - channels[a:b, 0], channels[a:b, duty], problem.measured[a:b, duty] - channels[a:b, duty],
+            )
+        )  # fmt: skip
+    return pieces

@@ -1,0 +1,69 @@
+"""A cause must bring its own features to where they were measured before it is certain."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from functools import cache
+
+import pytest
+from sealegs.actuators import load_chain
+from sealegs.gap.log.parts import cut
+from sealegs.gap.output.pictures import png
+from sealegs.gap.output.pictures.signatures import features
+from sealegs.gap.replay.free import FreeProblem, free_problem
+from sealegs.gap.replay.joint_model import JointModel
+from sealegs.gap.verdict.decide import standing
+from sealegs.gap.verdict.signatures import AGREES, DISAGREES, Signature, disagreeing, signatures
+from sealegs.gap.verdict.verdict import CERTAIN, LIKELY, NamedCause
+
+from testbed import NOISE_FLOOR, hidden_bench
+
+
+@cache
+def problem(name: str, value: float) -> FreeProblem:
+    """A bench whose numbers are right but for one effect."""
+    data, _ = hidden_bench({name: value}, 11, ("medium", "light"), runs=2, duration=12.0, nominal_error=0.0)
+    runs = data.runs
+    models = [JointModel(load_chain(run.actuators["servo"])) for run in runs]
+    return free_problem(runs, "servo", models, cut(runs, "servo"), {"position": 1.0 / NOISE_FLOOR})
+
+
+def read(key: str, found: FreeProblem, values: Mapping[str, float]) -> tuple[Signature, ...]:
+    nominal, extended = found.simulate([{}, values])
+    return signatures(key, found, nominal, extended)
+
+
+def test_a_late_reading_is_not_a_late_command_by_when_the_duty_follows():
+    found = problem("sensor.delay", 0.008)
+    right, wrong = (read("lag", found, v) for v in ({"encoder.latency": 0.008}, {"delay.seconds": 0.013}))
+    assert disagreeing(right) is None and AGREES in {seen.verdict for seen in right}
+    contradiction = disagreeing(wrong)
+    assert contradiction is not None and "duty" in contradiction.name
+    assert abs(contradiction.extended) == pytest.approx(0.008, rel=0.4)
+
+
+def test_dry_friction_shows_at_reversals_and_drag_does_not_bring_it_back():
+    found = problem("friction.coulomb", 0.09)
+    (right,), (wrong,) = (
+        read("reversal", found, v) for v in ({"friction.coulomb": 0.052 + 0.09}, {"friction.viscous": 0.059 + 0.03})
+    )
+    assert right.verdict == AGREES and wrong.verdict == DISAGREES
+
+
+def test_play_shows_when_the_drive_pushes_the_other_way():
+    found = problem("transmission.backlash", 0.05)
+    (right,) = read("play", found, {"backlash.width": 0.05})
+    assert right.verdict != DISAGREES and abs(right.extended) < 0.2 * right.nominal
+
+
+def test_nothing_hidden_contradicts_nothing():
+    found = problem("friction.coulomb", 0.0)
+    for key in ("lag", "reversal", "play"):
+        assert disagreeing(read(key, found, {})) is None
+
+
+def test_a_contradicted_cause_is_never_certain_and_its_features_are_drawn():
+    assert standing(0.99, ()) == CERTAIN and standing(0.99, (), contradicted=True) == LIKELY
+    seen = read("lag", problem("sensor.delay", 0.008), {"delay.seconds": 0.013})
+    cause = NamedCause("drive.delay", "Late.", "servo", 1.0, 0.9, {}, 0.5, "number", signatures=seen)
+    assert png(features(cause)).startswith(b"\x89PNG")
