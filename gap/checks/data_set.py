@@ -16,6 +16,7 @@ from .correction import mendable, mended, told
 from .drive import check_drive
 from .machine import decided
 from .motion import check_motion
+from .ratios import together
 from .recording import check_recording, check_stamps
 from .signal import sample_noise
 from .torque import check_torque
@@ -74,7 +75,7 @@ def corrected(
     A run is checked again after it was mended, since a column in degrees makes others look wrong. What mending did not
     cure (``done``) is told and left.
     """
-    findings = decided(_without_unit_of_magnitudes(findings), data)
+    findings = together(decided(_without_unit_of_magnitudes(findings), data))
     faults = [finding for finding in findings if mendable(finding) and _where(finding) not in done]
     if not faults:
         return data, findings

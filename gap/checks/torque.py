@@ -46,8 +46,8 @@ def check_torque(joints: Sequence[JointContext], run: str | None) -> Iterator[Fi
         relation = f"1/{abs(gear):.3g}" if abs(ratio) < 1.0 else f"{abs(gear):.3g} times"
         yield Finding(
             "torque.gear_side", "error", name, column,
-            f"{column} is {relation} of what the motion needs: it belongs to the other side of a gear "
-            "or to another unit.",
+            f"{column} is {relation} of what the motion needs, if the mass of {loads[0]['mass']:.3g} kg in the sidecar "
+            "is right, with which the ratio goes: it belongs to the other side of a gear or to another unit.",
             value=ratio, low=ratio - 2.0 * spread, high=ratio + 2.0 * spread,
             cause="sensor.scale", data_error=True, run=run,
         )  # fmt: skip

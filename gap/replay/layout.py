@@ -12,6 +12,7 @@ from ...actuators.stages.motor import Thermal
 from ..load.pendulum import bench_parameters
 from ..log.parts import Unit
 from ..log.types import LogError, MeasuredRun
+from .heating import heated
 from .simulator import CHANNELS
 
 BLOCK = 1.0  # [s] errors closer than this are taken as one observation, since they are not independent
@@ -77,7 +78,7 @@ def lay_out(runs: Sequence[MeasuredRun], joint: str, units: Sequence[Unit], by_t
         time.append(clock[part] - clock[0])
         goal.append(command[part])
         on.append(np.ones(count, bool) if log.enabled is None else log.enabled[part] > 0.5)
-        warm = np.full(count, ROOM) if log.temperature is None else log.temperature[part]
+        warm = np.full(count, ROOM) if log.temperature is None else heated(clock, log.temperature, log.current)[part]
         temperature.append(_without_gaps(clock[part], warm))
         judged.append(np.arange(count) >= unit.judged)
         since = clock[part] - clock[unit.start]

@@ -2,8 +2,8 @@
 
 A fit may lower the error and be wrong about the physics. So each cause of friction, delay and play names a feature that
 it must bring to where it was measured: how far the joint lags on either side of a reversal, how late it follows at low
-and at high speed, how late its duty follows, what it does when the teeth change sides. A feature is read as a difference to what
-was measured, with the measured motion as the covariate of all models, so that noise biases none of them.
+and at high speed, how late its duty follows, what it does when the teeth change sides. A feature is read as a
+difference to what was measured, with the measured motion as the covariate of all models, so that noise biases none.
 """
 
 from __future__ import annotations
