@@ -15,7 +15,7 @@ export MUJOCO_GL ?= egl
 endif
 
 .DEFAULT_GOAL := help
-.PHONY: help setup demo test test-all lint types pytest bench hidden hidden-arm sensitivity docs format clean
+.PHONY: help setup demo test test-all lint types pytest bench hidden hidden-wide hidden-arm sensitivity docs format clean
 
 help: ## list the commands
 	@awk -F ':.*## ' '/^[a-z-]+:.*## /{printf "  make %-8s %s\n", $$1, $$2}' $(MAKEFILE_LIST)
@@ -49,6 +49,9 @@ bench: $(INSTALLED) ## measure the speed, write benchmarks/results
 
 hidden: $(INSTALLED) ## the finder against every hidden effect, hours; can be stopped and goes on, writes benchmarks/results
 	$(PY) -m benchmarks.hidden
+
+hidden-wide: $(INSTALLED) ## the finder against machines drawn from a wide prior, hours; can be stopped and goes on
+	$(PY) -m benchmarks.hidden_wide
 
 hidden-arm: $(INSTALLED) ## the finder against hidden arms, joint by joint, hours; can be stopped and goes on
 	$(PY) -m benchmarks.hidden_arm

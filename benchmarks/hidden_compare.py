@@ -26,10 +26,21 @@ def case_of(row: dict[str, Any]) -> Case:
     return Case(effects, int(row["key"].rpartition("#")[2]), " drawn #" in row["key"])
 
 
-def sample(rows: Sequence[dict[str, Any]], count: int) -> list[dict[str, Any]]:
-    """The ``count`` quickest of the rows, one in seven a null; effects that the testbed lost are left out."""
-    known, nulls = set(all_names()), count // 7
+def sample(
+    rows: Sequence[dict[str, Any]], count: int, nulls: int | None = None, magnitudes: Sequence[str] = ()
+) -> list[dict[str, Any]]:
+    """The ``count`` quickest of the rows, one in seven a null; effects that the testbed lost are left out.
+
+    Args:
+        rows: of the earlier run.
+        count: how many, nulls included.
+        nulls: how many of them are nulls, where not one in seven.
+        magnitudes: of the effects; default: all.
+    """
+    known, nulls = set(all_names()), count // 7 if nulls is None else nulls
     rows = sorted((row for row in rows if set(row["effects"]) <= known), key=lambda row: row["seconds"])
+    if magnitudes:
+        rows = [row for row in rows if {effect["magnitude"] for effect in row["effects"].values()} <= set(magnitudes)]
     return [row for row in rows if row["effects"]][: count - nulls] + [row for row in rows if not row["effects"]][
         :nulls
     ]
@@ -62,12 +73,14 @@ def main(arguments: Sequence[str] | None = None) -> int:
     )
     parser.add_argument("--like", type=Path, default=RESULTS / "hidden_drawn.json", help="the earlier run")
     parser.add_argument("--sample", type=int, default=42, help="how many of its cases")
+    parser.add_argument("--nulls", type=int, help="how many of them are nulls; default: one in seven")
+    parser.add_argument("--magnitudes", nargs="+", default=(), help="of the effects; default: all")
     parser.add_argument("--jobs", type=int, default=1, help="cases at a time")
     parser.add_argument(
         "--out", type=Path, default=RESULTS / "hidden_compare.jsonl", help="kept cases, the page beside it"
     )
     options = parser.parse_args(arguments)
-    rows = sample(json.loads(options.like.read_text())["cases"], options.sample)
+    rows = sample(json.loads(options.like.read_text())["cases"], options.sample, options.nulls, options.magnitudes)
     kept = [json.loads(line) for line in options.out.read_text().splitlines()] if options.out.exists() else []
     have = {row["key"] for row in kept}
     todo = [case_of(row) for row in rows if row["key"] not in have]

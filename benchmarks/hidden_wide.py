@@ -9,7 +9,6 @@ can be stopped and goes on. Seeds below 900 are for development.
 from __future__ import annotations
 
 import argparse
-import itertools
 import json
 import multiprocessing
 import sys
@@ -21,6 +20,7 @@ from typing import Any
 
 import numpy as np
 
+from benchmarks.calibration import calibration_error, is_right, picture
 from benchmarks.hidden import RESULTS, SURE, revision
 
 FIRST = 1200
@@ -28,13 +28,6 @@ NAMED = 0.6
 """Confidence from which a cause counts as named; below it the diagnosis says itself that it may be another."""
 VISIBLE = 2.0
 """Change of the position, in parts of the noise, from which a hidden effect is expected to be seen."""
-BINS = (0.0, 0.3, 0.5, 0.7, 0.85, 0.95, 1.0)
-SAME = {
-    "transmission.gear_ratio": {"drive.motor_constant"},
-    "load.centre_of_mass": {"load.mass"},
-    "drive.overload": {"drive.saturation"},
-}
-"""Names that one hidden number goes by: of an arm with one load, of a drive at its limit."""
 FAULT_CODES = {
     "sign": ("position.sign",),
     "degrees": ("unit.degrees",),
@@ -108,11 +101,6 @@ def _fresh(seed: int, values: Mapping[str, float]) -> dict[str, float]:
 # --- judging -----------------------------------------------------------------------------------------------------
 
 
-def is_right(cause: Mapping[str, Any], row: Mapping[str, Any]) -> bool:
-    """Whether a named cause is hidden, by its own name or by another of the same number."""
-    return bool({cause["name"], *SAME.get(cause["name"], set())} & set(row["effects"]))
-
-
 def outcome(row: Mapping[str, Any]) -> str:
     """``right``, ``open``, ``missed``, ``wrong`` or ``confidently wrong``.
 
@@ -138,24 +126,6 @@ def worse_than_nominal(row: Mapping[str, Any]) -> bool:
     """Whether the model that is handed over does worse than the nominal one on a fresh run, by more than 2 %."""
     fresh = row["fresh"]
     return bool(fresh) and fresh["extended"] > 1.02 * fresh["nominal"]
-
-
-def reliability(rows: Sequence[Mapping[str, Any]]) -> list[tuple[float, float, int]]:
-    """Mean confidence, share right and number of the named causes of each bin of confidence that has any."""
-    told = [(c["confidence"], is_right(c, row)) for row in rows for c in row["causes"]]
-    table = []
-    for low, high in itertools.pairwise(BINS):
-        inside = [(c, right) for c, right in told if low < c <= high or (low == 0.0 and c == 0.0)]
-        if inside:
-            table.append((float(np.mean([c for c, _ in inside])), float(np.mean([r for _, r in inside])), len(inside)))
-    return table
-
-
-def calibration_error(rows: Sequence[Mapping[str, Any]]) -> float:
-    """Expected calibration error: mean distance of confidence and share right, weighted by the causes of each bin."""
-    table = reliability(rows)
-    count = sum(n for _, _, n in table)
-    return sum(n * abs(confidence - right) for confidence, right, n in table) / max(count, 1)
 
 
 # --- report ------------------------------------------------------------------------------------------------------
@@ -215,30 +185,6 @@ def page(rows: Sequence[Mapping[str, Any]]) -> str:
     return "\n".join(lines) + "\n"
 
 
-def picture(rows: Sequence[Mapping[str, Any]], path: Path) -> None:
-    """The reliability diagram: how often a cause is right, over the confidence that it was named with."""
-    from matplotlib.figure import Figure
-
-    table = reliability(rows)
-    figure = Figure(figsize=(5.5, 4.5), layout="constrained")
-    axes = figure.subplots()
-    axes.plot([0, 1], [0, 1], color="0.6", linewidth=1, label="calibrated")
-    for confidence, right, count in table:
-        spread = np.sqrt(max(right * (1.0 - right), 0.25 / (count + 1)) / count)
-        low, high = max(right - 2 * spread, 0.0), min(right + 2 * spread, 1.0)
-        axes.plot([confidence, confidence], [low, high], color="C0", linewidth=1)
-        axes.annotate(str(count), (confidence, right), xytext=(6, -12), textcoords="offset points", fontsize=8)
-    if table:
-        axes.plot([c for c, _, _ in table], [r for _, r, _ in table], "o-", color="C0", label="named causes")
-    axes.set_xlim(0, 1.03)
-    axes.set_ylim(-0.02, 1.03)
-    axes.set_xlabel("confidence")
-    axes.set_ylabel("share that is hidden")
-    axes.set_title(f"{len(rows)} cases, calibration error {100 * calibration_error(rows):.1f} points", fontsize=10)
-    axes.legend(loc="lower right")
-    figure.savefig(path, dpi=110)
-
-
 def main(arguments: Sequence[str] | None = None) -> int:
     """Command line."""
     parser = argparse.ArgumentParser(
@@ -267,7 +213,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
         print(f"Stopped; {len(kept)} cases are kept in {options.out}; the same command goes on.", file=sys.stderr)
         return 130
     options.out.with_suffix(".md").write_text(page(kept))
-    picture(kept, options.out.with_suffix(".png"))
+    picture({"hidden_wide": kept}, options.out.with_suffix(".png"))
     print(page(kept).partition("\n![")[0])
     return 0
 

@@ -28,6 +28,7 @@ GOAL_REACH = 0.06  # [s] by which the goal may act late
 FOLLOWS = 0.9  # share of the duty's variance that goal and position must explain
 HALVED = 0.5  # of the squared error, from which another row is meant
 MOMENT = 2.5e-4  # [s] by which a reading may come before what is set in its row: a period of a drive's loop, assumed
+KNOWN = 0.06  # relative error of a delay that is believed: the tolerance that every fit has
 STAMP_NOISE = 0.03  # of the period: jitter of the stamps from which it is worth a word
 QUIETER = 0.7  # of the noise at speed that a regular clock must leave
 
@@ -225,8 +226,8 @@ def _before_goal(joint: JointContext, seen: int) -> bool:
     """Whether the goal in force is one row older than the chain has it, and would be that a moment earlier."""
     delay = load_chain(joint.run.actuators[joint.name]).find("delay")
     believed = 0.0 if delay is None else delay.seconds
-    now, before = (_rows_late(joint.time, believed + more) for more in (0.0, MOMENT))
-    return seen == before == now + 1
+    now, tuned, before = (_rows_late(joint.time, s) for s in (believed, (1.0 + KNOWN) * believed, believed + MOMENT))
+    return seen == before == now + 1 and tuned == now  # the delay's own tolerance may be all there is
 
 
 def _rows_late(time: Array, delay: float) -> int:

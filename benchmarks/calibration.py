@@ -1,0 +1,151 @@
+"""How often a named cause is right, over the confidence that it was named with: kept cases of the hidden benches.
+
+``python -m benchmarks.calibration`` reads ``hidden``, ``hidden_drawn`` and ``hidden_wide`` and writes
+``benchmarks/results/calibration.{md,png}``. It computes nothing anew.
+"""
+
+from __future__ import annotations
+
+import itertools
+import json
+import sys
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+RESULTS = Path(__file__).parent / "results"
+BINS = (0.0, 0.3, 0.6, 0.8, 0.9, 0.97, 1.0)
+SAME = {
+    "transmission.gear_ratio": {"drive.motor_constant"},
+    "load.centre_of_mass": {"load.mass"},
+    "drive.overload": {"drive.saturation"},
+}
+"""Names that one hidden number goes by: of an arm with one load, of a drive at its limit."""
+SURE, CERTAIN = 0.6, 0.9
+"""Thresholds of the verdict that are judged: ``sure`` and ``certain`` of `sealegs.gap.verdict.evidence.Thresholds`."""
+
+
+@dataclass(frozen=True)
+class Bin:
+    """Named causes of about one confidence: its mean, the share that is hidden, and how many there are."""
+
+    confidence: float
+    right: float
+    count: int
+
+    @property
+    def interval(self) -> tuple[float, float]:
+        """95 % interval of the share (Wilson)."""
+        z, n, p = 1.96, self.count, self.right
+        middle, half = p + z * z / (2 * n), z * np.sqrt(p * (1 - p) / n + z * z / (4 * n * n))
+        return float((middle - half) / (1 + z * z / n)), float((middle + half) / (1 + z * z / n))
+
+
+def is_right(cause: Mapping[str, Any], row: Mapping[str, Any]) -> bool:
+    """Whether a named cause is hidden, by its own name or by another of the same number."""
+    return bool({cause["name"], *SAME.get(cause["name"], set())} & set(row["effects"]))
+
+
+def told(rows: Sequence[Mapping[str, Any]]) -> list[tuple[float, bool]]:
+    """Confidence of each named cause, and whether it is right; faults of the data are not among them."""
+    return [(c["confidence"], is_right(c, row)) for row in rows for c in row["causes"] if c.get("kind") != "data"]
+
+
+def reliability(rows: Sequence[Mapping[str, Any]]) -> list[Bin]:
+    """The bins of confidence that have any cause."""
+    every, table = told(rows), []
+    for low, high in itertools.pairwise(BINS):
+        inside = [(c, right) for c, right in every if low < c <= high or (low == 0.0 and c == 0.0)]
+        if inside:
+            confidence, right = (float(np.mean(values)) for values in zip(*inside, strict=True))
+            table.append(Bin(confidence, right, len(inside)))
+    return table
+
+
+def calibration_error(rows: Sequence[Mapping[str, Any]]) -> float:
+    """Expected calibration error: mean distance of confidence and share right, weighted by the causes of each bin."""
+    table = reliability(rows)
+    return sum(b.count * abs(b.confidence - b.right) for b in table) / max(sum(b.count for b in table), 1)
+
+
+def picture(sets: Mapping[str, Sequence[Mapping[str, Any]]], path: Path) -> None:
+    """The reliability diagram."""
+    from matplotlib.figure import Figure
+
+    figure = Figure(figsize=(6.0, 4.8), layout="constrained")
+    axes = figure.subplots()
+    axes.plot([0, 1], [0, 1], color="0.6", linewidth=1, label="calibrated")
+    for k, (name, rows) in enumerate(sets.items()):
+        table = reliability(rows)
+        if not table:
+            continue
+        at = [b.confidence + 0.006 * k for b in table]
+        count, off = sum(b.count for b in table), 100 * calibration_error(rows)
+        errors = np.abs(np.array([b.interval for b in table]) - np.array([[b.right] for b in table])).T
+        axes.errorbar(
+            at, [b.right for b in table], yerr=errors, fmt="o-", capsize=3, color=f"C{k}",
+            label=f"{name}: {count} named causes, error {off:.1f} points",
+        )  # fmt: skip
+        for x, b in zip(at, table, strict=True):
+            axes.annotate(str(b.count), (x, b.right), xytext=(5, -11), textcoords="offset points", fontsize=8)
+    axes.set_xlim(0, 1.04)
+    axes.set_ylim(-0.02, 1.04)
+    axes.set_xlabel("confidence that a cause is named with")
+    axes.set_ylabel("share that is hidden (95 %)")
+    axes.legend(loc="lower left", bbox_to_anchor=(0.0, 1.0), fontsize=8)
+    figure.savefig(path, dpi=110)
+
+
+def page(sets: Mapping[str, Sequence[Mapping[str, Any]]]) -> str:
+    """The figures, as markdown."""
+    lines = [
+        "# Calibration of confidences",
+        "",
+        "Made by `python -m benchmarks.calibration` from the kept cases of the hidden benches.",
+        "",
+        "![reliability](calibration.png)",
+        "",
+        "| bench | named causes | calibration error | right of those named with "
+        f"{CERTAIN:g} or more | with {SURE:g} to {CERTAIN:g} | with less |",
+        "|---|---|---|---|---|---|",
+    ]
+    for name, rows in sets.items():
+        every = told(rows)
+        parts = [
+            [right for c, right in every if low <= c < high]
+            for low, high in ((CERTAIN, 2.0), (SURE, CERTAIN), (-1.0, SURE))
+        ]
+        shares = [f"{sum(part)} of {len(part)}" for part in parts]
+        lines.append(f"| {name} | {len(every)} | {100 * calibration_error(rows):.1f} points | {' | '.join(shares)} |")
+    lines += ["", "| bench | confidence (mean of the bin) | share right (95 %) | causes |", "|---|---|---|---|"]
+    for name, rows in sets.items():
+        for b in reliability(rows):
+            low, high = b.interval
+            lines.append(f"| {name} | {b.confidence:.2f} | {b.right:.2f} ({low:.2f} to {high:.2f}) | {b.count} |")
+    return "\n".join(lines) + "\n"
+
+
+def kept() -> dict[str, list[dict[str, Any]]]:
+    """Cases of each bench that has any."""
+    tables = {name: RESULTS / f"{name}.json" for name in ("hidden", "hidden_drawn")}
+    sets = {name: json.loads(path.read_text())["cases"] for name, path in tables.items() if path.exists()}
+    wide = RESULTS / "hidden_wide.jsonl"
+    if wide.exists():
+        sets["hidden_wide"] = [json.loads(line) for line in wide.read_text().splitlines()]
+    return sets
+
+
+def main() -> int:
+    """Command line."""
+    sets = kept()
+    (RESULTS / "calibration.md").write_text(page(sets))
+    picture(sets, RESULTS / "calibration.png")
+    print(page(sets))
+    return 0
+
+
+if __name__ == "__main__":
+    sys.exit(main())
