@@ -12,7 +12,7 @@ from .brake_bench import BenchTable
 from .chain import Chain
 from .errors import SealegsError
 from .extras import needed_for
-from .regression_fit import EQUATION_3, RPM, RegressionFit, usable, write_table
+from .regression_fit import EQUATION_3, RPM, RegressionFit, misses, usable, write_table
 from .stages import Quantity
 from .stages.controller import PositionP
 from .stages.motor import Regression
@@ -55,7 +55,7 @@ def report(out: Path, table: BenchTable, fit: RegressionFit, chain: Chain, label
     except FileExistsError:
         raise SealegsError(f"{out} exists already and nothing is overwritten; give another folder with out=.") from None
     write_table(table, out / "table.csv")
-    kept = usable(table)
+    kept, off = usable(table), misses(table, fit)
     coefficients = {key: getattr(fit, key) for key in ("duty_torque", "speed_torque", "constant")}
     document = {
         "actuator": label,
@@ -67,6 +67,7 @@ def report(out: Path, table: BenchTable, fit: RegressionFit, chain: Chain, label
         "units": {"duty_torque": "N.m", "speed_torque": "N.m.s/rad", "constant": "N.m", "rms": "N.m"},
         "rms": fit.rms,
         "r2": fit.r2,
+        "rms_where": {name: value for name, value in off.items() if np.isfinite(value)},
         "equation_3": {
             key: {"printed": getattr(EQUATION_3, key), "ratio": value / getattr(EQUATION_3, key)}
             for key, value in coefficients.items()
@@ -79,6 +80,8 @@ def report(out: Path, table: BenchTable, fit: RegressionFit, chain: Chain, label
     print(
         f"fit           torque [N.mm] = {fit.printed()}   (PWM, n [rpm]; rms {1e3 * fit.rms:.1f} N.mm, R2 {fit.r2:.4f})"
     )
+    where = ", ".join(f"{name}: {1e3 * value:.1f}" for name, value in off.items() if np.isfinite(value))
+    print(f"the line misses by, rms [N.mm]: {where}")
     print(f"equation (3)  torque [N.mm] = {EQUATION_3.printed()}")
     draw(table, fit, out / "fit.png", label)
     print(f"Written: {out}/chain.yaml, table.csv, fit.json, fit.png")

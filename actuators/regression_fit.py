@@ -48,6 +48,30 @@ class RegressionFit:
         return self.duty_torque * duty + self.speed_torque * speed + self.constant
 
 
+HIGH, SLOW, USED = 0.6, 3.0, 0.8
+"""From which PWM [-], up to which speed [rad/s] and torque [N.m] the parts of :func:`misses` reach; the torque is the
+paper's range of use, the others are assumed."""
+
+
+def misses(table: BenchTable, fit: RegressionFit) -> dict[str, float]:
+    """How far a line misses the usable rows of a table, rms [N.m], where the paper looks at it (III-C); nan: no rows.
+
+    A servo is no line where its supply sags, its gear loses more under load or its friction falls with speed.
+    """
+    rows = table.where(usable(table))
+    predicted = fit.torque(rows.duty, rows.speed)
+    error, small = rows.torque - predicted, np.abs(predicted) < USED
+    parts = {
+        "high PWM, low speed": (np.abs(rows.duty) >= HIGH) & (np.abs(rows.speed) <= SLOW),
+        f"below {USED:g} N.m": small,
+        f"above {USED:g} N.m": ~small,
+    }
+    return {
+        name: float(np.sqrt(np.mean(np.square(error[chosen])))) if chosen.any() else float("nan")
+        for name, chosen in parts.items()
+    }
+
+
 EQUATION_3 = RegressionFit(1.80438, -16.96e-3 / RPM, -0.13978, points=4419)
 """Paper 004, equation (3): torque [N.mm] = 1804.38 PWM - 16.96 n [rpm] - 139.78."""
 

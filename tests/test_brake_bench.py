@@ -19,7 +19,7 @@ from sealegs.actuators.gear_train import (
     output_inertia,
     total_ratio,
 )
-from sealegs.actuators.regression_fit import EQUATION_3, RPM, fit_regression, read_table, usable, write_table
+from sealegs.actuators.regression_fit import EQUATION_3, RPM, fit_regression, misses, read_table, usable, write_table
 
 from tests.typed import Done, typed
 
@@ -75,6 +75,17 @@ def test_a_dc_motor_runs_where_its_equations_balance():
     stalled = way * 1.2 * 7.4 * table.duty / ohm - 0.05
     points = Protocol().points(np.random.default_rng(0))
     assert np.array_equal(table.valid, (stalled > points[:, 1]) & (table.duty != 0.0))
+
+
+def test_a_line_misses_a_motor_where_it_pulls_hard_and_slowly_and_a_line_nowhere():
+    off = {}
+    for name in ("sv1270tg_motor", "sv1270tg_bench"):
+        table = measure(load_chain(name), Protocol(repeats=1), Noise(), 0)
+        off[name] = misses(table, fit_regression(table))
+        assert list(off[name]) == ["high PWM, low speed", "below 0.8 N.m", "above 0.8 N.m"]
+    corner, small, large = off["sv1270tg_motor"].values()
+    assert min(corner, large) > 1.3 * small > 0.01
+    assert max(off["sv1270tg_bench"].values()) < 1.5 * Noise().torque
 
 
 MOTOR = [{"supply": {"volts": 7.4}}, {"dc_motor": {"motor_constant": 1.2, "resistance": 2.7}}]

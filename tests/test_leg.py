@@ -11,6 +11,7 @@ from sealegs.actuators import Drivetrain, load_chain
 from sealegs.actuators.law import begin, torque
 from sealegs.actuators.layout import P_STATE_SIZE, S_LIMIT
 from sealegs.actuators.stages import ChainError
+from sealegs.actuators.stages.meshing import fallen
 from sealegs.envs.leg import dynamics, inertia, kinematics
 from sealegs.envs.leg.robot import JOINTS, LEG, chains_of
 from sealegs.envs.leg.task import LegTask
@@ -122,6 +123,12 @@ def test_friction_is_equation_16_with_three_sines_by_motor_angle_and_direction()
         ripple = first * math.sin(angle / 287.0 + math.pi / 2.0) + second * math.sin(angle / 14.0 + math.pi / 2.0)
         ripple += third * math.sin(angle + math.pi)
         assert state[S_LIMIT] == pytest.approx(1e-3 * ratio * (mean + ripple), rel=1e-4)
+
+
+def test_what_falls_with_speed_falls_as_an_exponential_to_rounding():
+    exponents = np.concatenate([np.geomspace(1e-12, 1e-3, 60), np.linspace(0.0, 39.0, 60)])
+    assert [fallen(x) for x in exponents] == pytest.approx(np.exp(-exponents), rel=3e-16, abs=0.0)
+    assert fallen(50.0) == 0.0
 
 
 def test_a_joint_at_rest_is_held_up_to_breakaway_and_no_further():

@@ -110,7 +110,15 @@ class Meshing(Stage):
 
 MESHING = Meshing.offsets()
 NEGATIVE = 1  # numbers of a direction stand in pairs
-NO_DECAY = 1e-9  # below this, a decay is none: paper 000 prints some of 1e-10 over the whole speed
+SMALL, LARGE = 1e-4, 40.0  # exponents below which a series of four terms, and from which 0, is exp(-x) to rounding
+
+
+@compiled()
+def fallen(x):
+    """exp(-x) for x from 0 on."""
+    if x < SMALL:
+        return 1.0 - x * (1.0 - 0.5 * x * (1.0 - x / 3.0))
+    return 0.0 if x > LARGE else math.exp(-x)
 
 
 @compiled()
@@ -122,16 +130,14 @@ def meshing_limit(p, i, q, w, push):
     limit = p[k + MESHING.coulomb_positive] + p[k + MESHING.viscous_positive] * speed
     extra = p[k + MESHING.breakaway_positive] - p[k + MESHING.coulomb_positive]
     if extra != 0.0:
-        limit += extra * math.exp(-speed / p[k + MESHING.stribeck_velocity_positive])
+        limit += extra * fallen(speed / p[k + MESHING.stribeck_velocity_positive])
     if p[k + MESHING.ripple_1_positive] != 0.0:
         limit += p[k + MESHING.ripple_1_positive] * math.sin(p[i + MESHING.frequency_1] * q + p[i + MESHING.phase_1])
     if p[k + MESHING.ripple_2_positive] != 0.0:
-        amplitude, fallen = p[k + MESHING.ripple_2_positive], p[k + MESHING.decay_2_positive] * speed
-        amplitude *= math.exp(-fallen) if fallen > NO_DECAY else 1.0
+        amplitude = p[k + MESHING.ripple_2_positive] * fallen(p[k + MESHING.decay_2_positive] * speed)
         limit += amplitude * math.sin(p[i + MESHING.frequency_2] * q + p[i + MESHING.phase_2])
     if p[k + MESHING.ripple_3_positive] != 0.0:
-        amplitude, fallen = p[k + MESHING.ripple_3_positive], p[k + MESHING.decay_3_positive] * speed
-        amplitude *= math.exp(-fallen) if fallen > NO_DECAY else 1.0
+        amplitude = p[k + MESHING.ripple_3_positive] * fallen(p[k + MESHING.decay_3_positive] * speed)
         limit += amplitude * math.sin(p[i + MESHING.frequency_3] * q + p[i + MESHING.phase_3])
     return max(limit, 0.0)
 

@@ -13,13 +13,13 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from ...actuators.errors import SealegsError
-from .controller import PERIOD, Gait
+from .controller import PERIOD, Gait, Phase
 from .hopping import HoppingExperiment
 
 SETTLING = 25  # hops before the torso is put off
 FINE = 2**26  # steps per turn of the encoders on joints and boom
 LONGEST = 1.6  # [s] from one highest point to the next
-AFTER = 0.3  # [s] before the next highest point counts
+AIR = (Phase.RETRACT, Phase.FLIGHT)  # of the highest point that counts: the hip has another one in the stance
 OFF = 1e-3  # [rad] by which the pitch is put off, to either side
 HOPS = 10  # after which it is looked at
 
@@ -86,15 +86,15 @@ def healing(apex: HoppingExperiment, update: bool, hops: int = HOPS) -> Healing:
 
 
 def to_apex(experiment: HoppingExperiment) -> float:
-    """Pitch at the next highest point of the hip [rad], between two periods of the controller; nan: it fell."""
-    data = experiment.data
+    """Pitch at the next highest point of a flight [rad], between two periods of the controller; nan: it fell."""
+    data, controller = experiment.data, experiment.controller
     begun, before, rising = data.time, float(data.qpos[2]), float(data.qvel[1])
     while data.time - begun < LONGEST:
         experiment.step()
         pitch, speed = float(data.qpos[2]), float(data.qvel[1])
         if data.qpos[1] < 0.5 or abs(pitch) > 1.0:
             return math.nan
-        if rising > 0.0 >= speed and data.time - begun > max(AFTER, 2.0 * PERIOD):
+        if rising > 0.0 >= speed and controller.phase in AIR and data.time - begun > 2.0 * PERIOD:
             return before + rising / (rising - speed) * (pitch - before)
         before, rising = pitch, speed
     return math.nan
