@@ -137,7 +137,7 @@ def rows_of(case: str, data: Path, kept: Path) -> Iterator[dict[str, Any]]:
         print(f"{case} {found.joint}: {found.sentence} ({fresh[-1]['seconds']:.0f} s)", flush=True)
         began = time.perf_counter()
 
-    diagnose(data_set, done=keep)
+    diagnose(data_set, done=keep, workers=None)
     yield from fresh
 
 

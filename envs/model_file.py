@@ -37,6 +37,7 @@ class ModelJoint:
         force: largest force that the file lets actuators give it [N.m or N]; None: any.
         inertia: at the file's pose, armature left out [kg.m2 or kg].
         axis: in the frame of the body.
+        place: in the frame of the body [m].
     """
 
     name: str
@@ -49,6 +50,7 @@ class ModelJoint:
     force: float | None
     inertia: float
     axis: tuple[float, float, float]
+    place: tuple[float, float, float]
 
 
 @dataclass(frozen=True)
@@ -304,6 +306,7 @@ def _joints(model: mujoco.MjModel, inertia: np.ndarray) -> list[ModelJoint]:
                 force=force,
                 inertia=float(inertia[dof]),
                 axis=_three(model.jnt_axis[number]),
+                place=_three(model.jnt_pos[number]),
             )
         )
     return found

@@ -28,6 +28,7 @@ import yaml
 
 from ..actuators import Chain, DrivenCoordinate, load_chain
 from ..actuators.errors import SealegsError, nearest
+from ..actuators.published import PREFIX, bam_file
 from ..actuators.stages import build_stage
 from ..configs.check import checked, checked_fields
 from .model_file import SUFFIXES, UNITS, ModelDrive, ModelFile, ModelJoint, read_model
@@ -455,6 +456,8 @@ def _chain(
         source: Any = entry.chain
         if isinstance(source, str) and Path(source).suffix in YAML_SUFFIXES:
             source = path.parent / source
+        elif isinstance(source, str) and (fit := bam_file(source)) is not None:
+            source = f"{PREFIX}{path.parent / fit}"
         try:
             return load_chain(source)
         except SealegsError as error:

@@ -39,6 +39,8 @@ def model_numbers(model: ModelFile, joints: Sequence[str], timestep: float) -> d
         joint = model.joints[name]
         about = "kg.m2" if joint.kind == "hinge" else "kg"
         said = "assumed: no inertia but that of the bodies"
+        share = "assumed: the file gives the inertia of its body about the centre of mass"
+        numbers[f"{name}_about_joint"] = Number(0.0, "-", share, -1.0, 2.0, neutral=True)
         numbers[f"{name}_inertia"] = Number(0.0, about, said, -math.inf, neutral=True)
         low, high = joint.range or (-FREE, FREE)
         unit, free = UNITS[joint.kind][0], joint.range is None
@@ -60,6 +62,7 @@ def model_effects(model: ModelFile, joints: Mapping[str, str]) -> dict[str, Effe
         effects[f"{coordinate}.load.stop_angle"] = Effect(f"{joint}_upper_stop", "most")
         effects[f"{coordinate}.load.lower_stop"] = Effect(f"{joint}_lower_stop", "least")
         effects[f"{coordinate}.load.extra_inertia"] = Effect(f"{joint}_inertia", "plus")
+        effects[f"{coordinate}.load.about_joint"] = Effect(f"{joint}_about_joint", "plus")
     for body in model.bodies:
         effects[f"{body}.body.mass_factor"] = Effect(f"{body}_mass", "times")
         effects[f"{body}.body.inertia_factor"] = Effect(f"{body}_inertia_factor", "times")
@@ -83,6 +86,10 @@ def apply_numbers(spec: mujoco.MjSpec, model: ModelFile, values: Mapping[str, fl
             excess[joint.body] = excess.get(joint.body, np.zeros((3, 3))) - more * np.outer(joint.axis, joint.axis)
         elif more:
             spec.joint(name).armature += more
+        if (share := values.get(f"{name}_about_joint", 0.0)) and joint.body in model.bodies:
+            body = model.bodies[joint.body]
+            too_much = share * body.mass * _about(np.asarray(body.centre) - np.asarray(joint.place))
+            excess[joint.body] = excess.get(joint.body, np.zeros((3, 3))) + too_much
     for body in model.bodies.values():
         _weigh(spec, body, values, excess.get(body.name))
     for name, joint in model.joints.items():

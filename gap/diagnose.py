@@ -27,6 +27,7 @@ def diagnose(
     causes: Sequence[str] | None = None,
     progress: Progress = lambda text: None,
     keep: str | Path | None = None,
+    workers: int | None = 1,
 ) -> Diagnosis:
     """Find what the simulation of a machine gets wrong, from measured runs of it.
 
@@ -41,6 +42,8 @@ def diagnose(
         speed_limit: of its goals [rad/s].
         causes: names of those to consider; None: all of the catalogue.
         progress: is told what goes on.
+        workers: joints at a time, each in a process of its own (call it under ``if __name__ == "__main__"`` then);
+            None: one per core where a machine has several joints.
         keep: folder in which what is found is kept as it is found; the same call goes on with what is there.
 
     Raises:
@@ -80,7 +83,7 @@ def diagnose(
         elif speed_limit is not None:
             moved = np.concatenate([run.joints[j].position for run in data.runs for j in run.joints])
             kept = default_limits(moved, speed)
-        joints = search.diagnose(data, test, seed, say, kept, causes, done=done)
+        joints = search.diagnose(data, test, seed, say, kept, causes, done=done, workers=workers)
     return Diagnosis(data.name, tuple(run.name for run in data.runs), tuple(joints), data)
 
 

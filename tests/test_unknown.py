@@ -2,11 +2,16 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+from pathlib import Path
+
 import numpy as np
 import pytest
 from sealegs.actuators import load_chain
 from sealegs.gap.causes.catalogue import catalogue
 from sealegs.gap.causes.unknown import UNKNOWN, unknown_parameters, with_believed_load
+from sealegs.gap.load.tree import TreeLoad
+from sealegs.gap.log.sidecar import read_sidecar
 from sealegs.gap.log.types import JointLog, LogError, MeasuredRun
 from sealegs.gap.replay.joint_model import JointModel
 
@@ -45,3 +50,19 @@ def test_a_number_that_the_chain_has_at_zero_stays_in_the_catalogue() -> None:
     assert [p.path for p in joint.unknown] == ["friction.coulomb*"]
     names = [cause.name for cause in catalogue(joint)]
     assert "friction.viscous" in names and "friction.coulomb" not in names
+
+
+def test_what_the_file_of_a_robot_leaves_open_is_open_and_its_load_starts_from_the_model() -> None:
+    chain, load = load_chain("sts3215"), TreeLoad(typical_inertia=0.01, typical_gravity=0.5)
+    run = replace(run_with([]), robot="my_arm.yaml")
+    found = [p.number for p in unknown_parameters(run, chain, ("load", "friction", "direction"), load)]
+    assert found == ["load.mass_factor", "load.extra_inertia", "friction.coulomb", "friction.viscous"]
+    assert with_believed_load(replace(run_with("load"), robot="my_arm.yaml")).robot == "my_arm.yaml"
+
+
+def test_chains_and_published_fits_are_found_beside_the_log_that_names_them(tmp_path: Path) -> None:
+    for name in ("fit.json", "mine.yaml"):
+        (tmp_path / name).write_text("{}")
+    (tmp_path / "log.yaml").write_text("robot: bench\nactuators: {a: 'bam:fit.json', b: mine.yaml, c: sts3215}\n")
+    found = read_sidecar(tmp_path / "run.csv").actuators
+    assert found == {"a": f"bam:{tmp_path}/fit.json", "b": f"{tmp_path}/mine.yaml", "c": "sts3215"}

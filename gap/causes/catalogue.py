@@ -12,7 +12,7 @@ from ..replay.joint_model import JointModel
 from ..replay.parameters import TIGHT, Parameter, Target, factor
 from . import contact, drive, friction, load, sensor, transmission
 from .cause import Cause
-from .registry import ENTRIES, GROUND
+from .registry import ENTRIES, GROUND, ROBOT
 
 FAMILIES = (friction, drive, transmission, load, contact, sensor)
 """Importing a family enters its causes, in this order."""
@@ -46,7 +46,7 @@ def checked(names: Sequence[str] | None) -> Collection[str]:
     Raises:
         SealegsError: a name is of no cause.
     """
-    known = [*ENTRIES, *GROUND]
+    known = [*ENTRIES, *GROUND, *ROBOT]
     for name in names or ():
         if name not in known:
             kin = [cause for cause in known if cause.startswith(f"{name}.")]

@@ -33,6 +33,8 @@ ENTRIES: dict[str, Entry] = {}
 """Causes of a joint by name, in the order of the catalogue."""
 GROUND = ("contact.friction", "contact.stiffness", "contact.slope")
 """Names of the causes of the ground under a leg (:mod:`sealegs.gap.ground.causes`)."""
+ROBOT = ("load.tilt",)
+"""Names of the causes that only a whole robot has (:mod:`sealegs.gap.shared.search`)."""
 
 
 def always(nominal: JointModel) -> bool:

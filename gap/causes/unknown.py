@@ -8,9 +8,12 @@ from __future__ import annotations
 
 import dataclasses
 import math
+from collections.abc import Sequence
 
 from ...actuators import Chain
 from ...actuators.errors import nearest
+from ...envs.robot_file import is_robot_file
+from ..load.load import Load
 from ..log.types import LogError, MeasuredRun
 from ..replay.parameters import Parameter, address, factor
 
@@ -32,13 +35,22 @@ BELIEVED = {"mass": 0.2, "length": 0.1, "arm_mass": 0.0}
 """Where the fit of an unknown load starts: a point mass [kg] at a distance [m]; assumed."""
 
 
-def unknown_parameters(run: MeasuredRun, chain: Chain) -> tuple[Parameter, ...]:
+def unknown_parameters(
+    run: MeasuredRun, chain: Chain, words: Sequence[str] = (), load: Load | None = None
+) -> tuple[Parameter, ...]:
     """What was not measured in a run of a joint with that chain.
+
+    Args:
+        run: whose sidecar says it.
+        chain: of the joint.
+        words: what the robot's file says beside it.
+        load: of a joint of a robot: what of it a fit may turn then.
 
     Raises:
         LogError: the sidecar uses a word that is not in :data:`UNKNOWN`, or one for a number that the chain lacks.
     """
-    for word in _words(run):
+    said = list(dict.fromkeys([*_words(run), *(word for word in words if word in UNKNOWN)]))
+    for word in said:
         factors = [p.number for p in UNKNOWN[word] if p.factor]
         missing = [number for number in factors if not _has(chain, number)]
         if factors and len(missing) == len(factors):
@@ -46,8 +58,21 @@ def unknown_parameters(run: MeasuredRun, chain: Chain) -> tuple[Parameter, ...]:
                 f"{run.name}: meta.unknown holds {word!r}, and the chain has no {' and no '.join(missing)} to start "
                 "from; give the chain a guess of it, or take the word out."
             )
-    known = {p.path: p for word in _words(run) for p in UNKNOWN[word]}
+    known = {p.path: p for word in said for p in UNKNOWN[word]}
+    if load is not None and "load" in said:
+        known |= {p.path: p for p in _of_tree(load, chain)}
+        if "zero" not in said:
+            del known["encoder.offset"]
     return tuple(p for p in known.values() if not p.factor or _has(chain, p.number))
+
+
+def _of_tree(load: Load, chain: Chain) -> tuple[Parameter, ...]:
+    """What is not known of the load of a joint of a robot: what hangs behind it by a factor, and more inertia."""
+    whole = load.inertia({}) + chain.armature()
+    return (
+        Parameter("load.mass_factor", "1", 0.05, 20.0, 1.0, 0.3, logarithmic=True),
+        Parameter("load.extra_inertia", "kg.m2", -0.9 * load.inertia({}), 20.0 * whole, 0.0, 0.1 * whole),
+    )
 
 
 def _has(chain: Chain, number: str) -> bool:
@@ -62,7 +87,7 @@ def with_believed_load(run: MeasuredRun) -> MeasuredRun:
     Raises:
         LogError: as :func:`unknown_parameters`.
     """
-    if "load" not in _words(run):
+    if "load" not in _words(run) or is_robot_file(run.robot):  # whose own file is where the search starts
         return run
     return dataclasses.replace(run, robot="bench", robot_params={**BELIEVED, **run.robot_params})
 

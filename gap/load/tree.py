@@ -151,6 +151,14 @@ def terms_along(model: mujoco.MjModel, joint: int, motion: Motion, sign: float =
     return table
 
 
+def block_along(model: mujoco.MjModel, joint: int, motion: Motion, sign: float = 1.0) -> Array:
+    """The first block alone of what :func:`terms_along` gives (n, 5)."""
+    table = _block(model, int(model.jnt_dofadr[joint]), motion)
+    if sign < 0.0:
+        table[:, [1, 3]] *= -1.0
+    return table
+
+
 def _block(model: mujoco.MjModel, dof: int, motion: Motion) -> Array:
     """Inertia, bias, slope, curve and drag (n, 5) of one degree of freedom."""
     data = mujoco.MjData(model)

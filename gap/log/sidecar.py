@@ -11,6 +11,7 @@ from typing import Any
 import yaml
 
 from ...actuators.errors import nearest
+from ...actuators.published import PREFIX
 from ...envs.robot_file import is_robot_file
 from .types import LogError
 
@@ -51,7 +52,8 @@ def read_sidecar(log: Path) -> Sidecar:
             both = isinstance(value, dict) and isinstance(merged.get(key), dict)
             merged[key] = merged[key] | value if both else value
     found = checked_sidecar(merged, sources[-1])
-    return replace(found, robot=_beside(found.robot, log.parent))
+    chains = {joint: _chain_beside(chain, log.parent) for joint, chain in found.actuators.items()}
+    return replace(found, robot=_beside(found.robot, log.parent), actuators=chains)
 
 
 def _beside(robot: str, folder: Path) -> str:
@@ -60,6 +62,16 @@ def _beside(robot: str, folder: Path) -> str:
     if not is_robot_file(path) or path.is_absolute():
         return robot
     return str((folder / path).resolve() if (folder / path).is_file() else path)
+
+
+def _chain_beside(chain: str | list, folder: Path) -> str | list:
+    """The path of a chain's file or published fit that is named as it lies beside the log; any other as it is."""
+    if not isinstance(chain, str):
+        return chain
+    prefix = PREFIX if chain.startswith(PREFIX) else ""
+    path = folder / chain.removeprefix(prefix)
+    file = bool(prefix) or path.suffix in (".yaml", ".yml")
+    return f"{prefix}{path.resolve()}" if file and path.is_file() else chain
 
 
 def sidecar_text(sidecar: Sidecar) -> str:

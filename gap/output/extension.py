@@ -17,9 +17,10 @@ from ..log.types import MeasuredRun, MeasuredSet
 from ..replay.joint_model import JointModel
 from ..replay.parameters import Target, address
 from ..replay.problem import JointProblem
+from ..shared import ROBOT
 from ..verdict.verdict import JointDiagnosis
 from .mjcf import native_mjcf, not_native
-from .robot_extension import in_frame, of_robot
+from .robot_extension import in_frame, of_robot, shared_changes
 
 __all__ = ["changes", "extended_of", "not_native", "write_extended", "write_extension"]
 
@@ -60,6 +61,7 @@ def extended_of(diagnoses: Sequence[JointDiagnosis], data: MeasuredSet) -> Exten
     """The machine as diagnosed, as an environment takes it; None where no joint has an extended model."""
     if all(diagnosis.problem is None for diagnosis in diagnoses):
         return None
+    diagnoses, every = [item for item in diagnoses if item.joint != ROBOT], diagnoses
     several = len(diagnoses) > 1
     robot = robot_of(data.runs[0])
     chains: dict[str, tuple[Mounted, ...]] = {}
@@ -76,7 +78,8 @@ def extended_of(diagnoses: Sequence[JointDiagnosis], data: MeasuredSet) -> Exten
     believed = believed or [dict(run.robot_params) for run in data.runs]
     shared = believed[0] if all(params == believed[0] for params in believed) else None
     if robot is not None:  # numbers of joints become those of bodies, in the frame of the robot's model
-        found = of_robot(robot, found)
+        common = [change for item in every for change in shared_changes(robot, item)]
+        found = [*of_robot(robot, found), *common]
         chains = {
             joint: tuple(Mounted(in_frame(item.chain, robot.frame(joint)), item.file) for item in variants)
             for joint, variants in chains.items()

@@ -52,7 +52,8 @@ class Partial:
             self._document["earlier"] = before.get("said", [])
         self.folder.mkdir(parents=True, exist_ok=True)
         self.fits = self.folder / FITS
-        self.reused = self.fits.read_bytes().count(b"\n") if self.fits.exists() else 0
+        journals = [self.fits, *self.folder.glob(f"{self.fits.stem}-*{self.fits.suffix}")]  # one more for each joint
+        self.reused = sum(path.read_bytes().count(b"\n") for path in journals if path.exists())
         self._write()
 
     def say(self, text: str) -> None:

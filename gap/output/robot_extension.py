@@ -16,6 +16,9 @@ from ...actuators import Chain
 from ...envs.extended import Change
 from ..load.robot import Frame, LoggedRobot
 from ..load.tree import tip_behind
+from ..shared import ROBOT
+from ..shared.directions import ABOUT_JOINTS, too_much
+from ..verdict.verdict import JointDiagnosis
 
 STOPS = {"load.stop_angle": 1.0, "load.lower_stop": -1.0}
 """Paths of a joint's stops, and on which side of it they are."""
@@ -49,6 +52,26 @@ def of_robot(robot: LoggedRobot, changes: Sequence[Change]) -> list[Change]:
         for (body, cause), found in payloads.items()
     ]
     return [*kept, *_masses(robot, weights)]
+
+
+def shared_changes(robot: LoggedRobot, found: JointDiagnosis) -> list[Change]:
+    """Changes of what all joints share."""
+    if found.joint != ROBOT:
+        return []
+    owner = {number: cause.name for cause in found.causes for number in cause.parameters}
+    changes = []
+    for number, value in found.values.items():
+        kind, _, rest = number.partition(".")
+        cause = owner.get(number, "")
+        if number == ABOUT_JOINTS:
+            joints = [robot.column(joint) for joint in too_much(robot.model)]
+            changes += [Change(name, "load.about_joint", 0.0, value, cause, "robot") for name in joints]
+        elif kind == "base":
+            changes.append(Change(kind, rest, 0.0, value, cause, "robot"))
+        else:
+            body, _, key = rest.rpartition(".")
+            changes.append(Change(body, f"{kind}.{key}", float(key == "mass_factor"), value, cause, "robot"))
+    return changes
 
 
 def _stop(frame: Frame, change: Change) -> Change:

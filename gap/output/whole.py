@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from typing import Any
 
@@ -12,8 +12,10 @@ from ...actuators import Chain, load_chain
 from ...actuators.errors import SealegsError
 from ...envs.extended import Extended
 from ..load.robot import LoggedRobot, robot_of
+from ..log.progress import Progress
 from ..log.types import MeasuredRun, MeasuredSet
 from ..replay.whole import Whole, replay_whole, whole, why_not_whole
+from ..shared import ROBOT
 from ..verdict.verdict import JointDiagnosis
 from .robot_extension import in_frame
 
@@ -24,7 +26,7 @@ def confirm_whole(
     diagnoses: Sequence[JointDiagnosis],
     data: MeasuredSet,
     extended: Extended,
-    progress: Callable[[str], None] = lambda text: None,
+    progress: Progress = lambda text: None,
 ) -> dict[str, Any] | None:
     """Error of each joint when the whole robot is simulated along the log.
 
@@ -38,7 +40,7 @@ def confirm_whole(
     if (why := why_not_whole(robot, data.runs)) is not None:
         return {"reason": f"The robot was not simulated as a whole: {why}."}
     progress("simulating the whole robot along the log")
-    found = {diagnosis.joint: diagnosis for diagnosis in diagnoses}
+    found = {diagnosis.joint: diagnosis for diagnosis in diagnoses if diagnosis.joint != ROBOT}
     squares: dict[str, dict[str, list[np.ndarray]]] = {name: {model: [] for model in MODELS} for name in found}
     machines: dict[str, Whole] = {}
     try:

@@ -57,6 +57,11 @@ class Axis:
         return span / USUAL_REACH if self.slide and math.isfinite(span) and span > 0.0 else 1.0
 
     @property
+    def span(self) -> float:
+        """How far it goes in the log [rad] or [m]; 0 where that is not known."""
+        return self.high - self.low if math.isfinite(self.high - self.low) else 0.0
+
+    @property
     def stop_stiffness(self) -> float:
         """Of what stops it [N.m/rad]: as of the bench, by this axis' effort and reach; assumed."""
         return STOP_STIFFNESS * max((self.effort or USUAL_EFFORT) / USUAL_EFFORT, 1.0) / self.reach

@@ -27,12 +27,14 @@ class Journal:
     """The fits of one diagnosis.
 
     Attributes:
+        path: of the file.
         reused: fits that were read.
         made: fits that were added.
     """
 
     def __init__(self, path: Path) -> None:
         """Open the journal at ``path`` or begin it; a line that a kill tore is dropped."""
+        self.path = path
         self._known: dict[str, dict[str, Any]] = {}
         self._asked: Counter[str] = Counter()
         self.reused = self.made = 0
@@ -94,6 +96,12 @@ def keeping(path: Path | None) -> Iterator[Journal | None]:
     finally:
         _JOURNAL.reset(token)
         journal.close()
+
+
+def kept_at() -> Path | None:
+    """Where the fits of this context are kept; None where they are not."""
+    journal = _JOURNAL.get()
+    return None if journal is None else journal.path
 
 
 def recalled(

@@ -3,21 +3,18 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from dataclasses import replace
 from typing import Any
 
-import numpy as np
-
-from ...actuators.chain import Chain, load_chain
+from ...actuators.chain import Chain
 from ...actuators.errors import SealegsError, nearest
 from ...envs.hopper.robot import HOPPER
 from ...envs.robot_file import is_robot_file
 from ..causes.catalogue import adjustable, catalogue, checked
 from ..causes.contact import with_stops
-from ..causes.unknown import unknown_parameters, with_believed_load
+from ..causes.unknown import with_believed_load
 from ..causes.visible import limits as limits_of_driven
 from ..causes.visible import shown
-from ..checks.data_set import check_set, corrected, merged, noise_floor, shows_little, unusable
+from ..checks.data_set import check_set, corrected, merged, shows_little, unusable
 from ..checks.off import released
 from ..checks.recording import MOMENT
 from ..checks.stops import stops_of, told_stops
@@ -25,15 +22,13 @@ from ..experiment import Experiment, Limits, blind_spots, experiment_for_still, 
 from ..ground.ground import GROUND, GroundSearch, search_ground
 from ..load.robot import LoggedRobot, robot_of
 from ..log.finding import Finding
-from ..log.parts import cut
 from ..log.progress import Progress
-from ..log.types import LogError, MeasuredRun, MeasuredSet
+from ..log.types import Array, LogError, MeasuredRun, MeasuredSet
 from ..replay.driven import driven_problem
-from ..replay.frames import check_frames
 from ..replay.free import free_problem
 from ..replay.joint_model import JointModel
 from ..replay.steps import converged
-from ..replay.tree import HELD, joint_of_tree, not_free, owned, terms_of
+from ..replay.tree import HELD
 from ..search.channels import weigh_channels
 from ..search.forward import NUMERICAL, Searcher
 from ..search.result import Search
@@ -43,7 +38,10 @@ from .decide import decide
 from .evidence import Refused, Replayed
 from .matter import Case, Cut, Order, Replay
 from .measure import Measured, measure, whole_runs
+from .parallel import side_by_side
+from .pieces import cut_joint, frame_findings, named_chain
 from .refusal import refuse
+from .robot import with_robot
 from .torque import diagnose_torque
 from .unseen_range import unseen_range
 from .verdict import NOT_IDENTIFIABLE, PARTLY, WITHDRAWN, JointDiagnosis, data_errors
@@ -63,6 +61,7 @@ def diagnose(
     settings: SearchSettings = DEFAULT,
     look_on: bool = False,
     done: Callable[[JointDiagnosis], None] = lambda joint: None,
+    workers: int | None = 1,
 ) -> list[JointDiagnosis]:
     """Diagnose every joint of a data set.
 
@@ -76,6 +75,7 @@ def diagnose(
         settings: thresholds of the search.
         look_on: whether the search of a joint records rounds that it would skip (:mod:`sealegs.gap.search.record`).
         done: is given each joint as soon as it is diagnosed.
+        workers: joints at a time, each in a process of its own; None: as many as there are cores for.
 
     Raises:
         SealegsError: the runs have no joint that can be diagnosed, or the catalogue has no such cause.
@@ -88,14 +88,32 @@ def diagnose(
         first = [_first_experiment(runs, joint, stop, order) for joint in joints]
         why = Refused("the log", stop.sentence)
         return [refuse(joint, why, findings, plan) for joint, plan in zip(joints, first, strict=True)]
-    findings = [*findings, *_frame_findings(runs, progress)]
-    found: list[JointDiagnosis] = []
-    for joint in joints:
-        found.append(_whatever_happens(runs, joint, findings, order))
-        done(found[-1])
+    findings = [*findings, *frame_findings(runs, progress)]
+    found = side_by_side(_whatever_happens, runs, joints, findings, order, workers, done)
     if all(run.robot == HOPPER.name for run in runs):
         found.append(_diagnose_ground(runs, found, order))
+    if (robot := robot_of(runs[0])) is not None:
+        found = _with_robot(robot, runs, findings, found, order)
     return found
+
+
+def _with_robot(
+    robot: LoggedRobot,
+    runs: Sequence[MeasuredRun],
+    findings: Sequence[Finding],
+    found: list[JointDiagnosis],
+    order: Order,
+) -> list[JointDiagnosis]:
+    """What joints share, and the joints in its light; what was found of single joints where its numbers fail."""
+
+    def again(joint: str, more: Sequence[Array], note: Finding) -> JointDiagnosis:
+        return diagnose_joint(runs, joint, [*findings, note], order, more)
+
+    try:
+        return with_robot(robot, runs, found, order, WIDE, again)
+    except (*NUMERICAL, ValueError, LookupError) as error:
+        order.progress(f"the search for what joints share failed: {type(error).__name__}: {error}")
+        return found
 
 
 def _whatever_happens(
@@ -116,9 +134,20 @@ def _whatever_happens(
 
 
 def diagnose_joint(
-    runs: Sequence[MeasuredRun], joint: str, findings: Sequence[Finding], order: Order
+    runs: Sequence[MeasuredRun],
+    joint: str,
+    findings: Sequence[Finding],
+    order: Order,
+    more: Sequence[Array] | None = None,
 ) -> JointDiagnosis:
     """Diagnose one joint of runs whose faults are mended.
+
+    Args:
+        runs: of one machine.
+        joint: its name.
+        findings: about the log.
+        order: what was asked for.
+        more: of a joint of a robot, what is added to the load that its file gives, in each run (samples, 5).
 
     Raises:
         LogError: the runs name no actuator for it, or are too short.
@@ -128,7 +157,7 @@ def diagnose_joint(
     commands = [getattr(run.joints[joint], kind) for run in runs for kind in ("goal", "torque_command")]
     if all(command is None for command in commands):  # without commands, only its torque can be judged
         return diagnose_torque(runs, joint, mine, order.test_group)
-    pieces = _cut(runs, joint, order.test_group)
+    pieces = cut_joint(runs, joint, order.test_group, more)
     replay = _replay(pieces, order, before_goal=any(finding.code == "columns.before_goal" for finding in mine))
     if isinstance(replay, Refused):
         return refuse(joint, replay, mine)
@@ -173,49 +202,6 @@ def _check(data: MeasuredSet, progress: Progress) -> tuple[MeasuredSet, list[Fin
     data, off = released(data)
     data, every = corrected(data, [*data.findings, *off, *check_set(data)])
     return data, merged(every), unusable(every, data)
-
-
-def _frame_findings(runs: Sequence[MeasuredRun], progress: Progress) -> list[Finding]:
-    """How the angles of the log stand to those of the robot's model, where every drive's chain is known."""
-    robot = robot_of(runs[0])
-    if robot is None or robot.file.base == "free":
-        return []
-    progress("comparing zeros and directions of log and model")
-    models = {joint: JointModel(_chain_of(runs[0], joint, robot)) for joint in runs[0].joints}
-    return check_frames(robot, runs, models)
-
-
-def _chain_of(run: MeasuredRun, joint: str, robot: LoggedRobot | None) -> Chain:
-    """The chain that the sidecar names, or else the robot's file."""
-    if robot is None:
-        return _chain(run, joint)
-    item = robot.joint(joint)
-    return item.carried(_chain(run, joint) if joint in run.actuators else item.chain)
-
-
-def _cut(runs: Sequence[MeasuredRun], joint: str, test_group: str | None) -> Cut:
-    robot = robot_of(runs[0])
-    missing = [run.name for run in runs if joint not in run.actuators]
-    if missing and robot is None:
-        raise LogError(f"{missing[0]}: the sidecar names no actuator for joint '{joint}'; add it under 'actuators'.")
-    chains = [_chain_of(run, joint, robot) for run in runs]
-    terms, findings = None, []
-    if robot is not None:
-        why = not_free(robot, joint, runs)
-        if why is None:
-            terms = terms_of(robot, joint, runs)
-        findings += [said for said in (owned(robot, joint), why) if said is not None]
-        models = [joint_of_tree(robot, joint, chain, runs, terms) for chain in chains]
-        models = [
-            replace(model, unknown=unknown_parameters(run, model.chain))
-            for run, model in zip(runs, models, strict=True)
-        ]
-    else:
-        models = [
-            JointModel(chain, unknown=unknown_parameters(run, chain)) for run, chain in zip(runs, chains, strict=True)
-        ]
-    noise = float(np.median([noise_floor(run, joint) for run in runs]))
-    return Cut(joint, runs, models, cut(runs, joint, test_group), noise, terms, tuple(findings))
 
 
 def _replay(pieces: Cut, order: Order, *, before_goal: bool = False) -> Replay | Refused:
@@ -346,18 +332,6 @@ def _rivals(measured: Measured) -> tuple[dict[str, Any], ...]:
 # --- small things --------------------------------------------------------------------------------------------------
 
 
-def _chain(run: MeasuredRun, joint: str) -> Chain:
-    """The chain that a sidecar names.
-
-    Raises:
-        LogError: it cannot be had; the message names the run.
-    """
-    try:
-        return load_chain(run.actuators[joint])
-    except SealegsError as error:
-        raise LogError(f"{run.name}: actuator of joint '{joint}': {error}") from None
-
-
 def _found_chain(joint: JointDiagnosis) -> Chain | None:
     """The chain of a joint as its diagnosis left it."""
     if joint.problem is None:
@@ -371,5 +345,5 @@ def _first_experiment(runs: Sequence[MeasuredRun], joint: str, reason: Finding, 
     if asked or runs[0].robot != "bench" or joint not in runs[0].actuators or runs[0].joints[joint].goal is None:
         return None
     return experiment_for_still(
-        runs, joint, [JointModel(_chain(runs[0], joint))], order.limits, order.seed, order.causes
+        runs, joint, [JointModel(named_chain(runs[0], joint))], order.limits, order.seed, order.causes
     )

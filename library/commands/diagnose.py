@@ -43,7 +43,7 @@ def main(arguments: list[str]) -> None:
         out = out or DIAGNOSES / f"{log.stem}-{time.strftime('%Y%m%d-%H%M%S')}"
         diagnose_fleet(log, out, settings, values["workers"], values["fleet"] == "ray")
     else:
-        diagnose_one(log, out, settings)
+        diagnose_one(log, out, settings, values["workers"])
 
 
 def _checked(config: Mapping[str, Any]) -> dict[str, Any]:
@@ -63,8 +63,8 @@ def _checked(config: Mapping[str, Any]) -> dict[str, Any]:
 # --- one data set --------------------------------------------------------------------------------------------------
 
 
-def diagnose_one(log: Path, out: Path | None, settings: dict[str, Any]) -> None:
-    """Diagnose one data set and print what was found."""
+def diagnose_one(log: Path, out: Path | None, settings: dict[str, Any], workers: int | None = None) -> None:
+    """Diagnose one data set, so many joints at a time, and print what was found."""
     from rich.console import Console
     from rich.markup import escape
     from sealegs.gap.fleet.jobs import diagnose_folder
@@ -88,7 +88,7 @@ def diagnose_one(log: Path, out: Path | None, settings: dict[str, Any]) -> None:
                 console.print(line, highlight=False, markup=False, soft_wrap=True)
 
         try:
-            diagnosis, written = diagnose_folder(log, out, progress, **settings)
+            diagnosis, written = diagnose_folder(log, out, progress, workers=workers, **settings)
         except KeyboardInterrupt:
             raise Interrupted(_how_to_go_on(log, out)) from None
     if diagnosis.verdict == UNUSABLE:

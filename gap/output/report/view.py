@@ -18,6 +18,7 @@ from ...log.types import MeasuredRun, MeasuredSet
 from ...replay.parameters import address
 from ...replay.problem import Problem
 from ...search.result import Search
+from ...shared import ROBOT
 from ...verdict.verdict import JointDiagnosis, NamedCause, Value
 from ..extension import changes as changes_of
 from ..extension import not_native
@@ -39,6 +40,7 @@ KINDS = {
     "number": "wrong number in the model",
     "data": "fault of a column, fitted",
 }
+HEADINGS = {GROUND: "The ground", ROBOT: "The whole robot"}
 SEVERITIES = {"error": "Error", "warning": "Warning", "note": "Note"}
 THROUGH = "A right model runs through the black dots."
 CAPTIONS = {
@@ -108,7 +110,7 @@ def _joint(diagnosis: JointDiagnosis, changes: Sequence[Mapping[str, Any]] | Non
     chain = None if problem is None else problem.chain(diagnosis.values)
     return {
         "name": diagnosis.joint,
-        "heading": "The ground" if diagnosis.joint == GROUND else f"Joint {diagnosis.joint}",
+        "heading": HEADINGS.get(diagnosis.joint, f"Joint {diagnosis.joint}"),
         "verdict": diagnosis.verdict,
         "sentence": glued(diagnosis.sentence),
         "reasons": [glued(reason.sentence) for reason in diagnosis.reasons if reason.code != "data"],

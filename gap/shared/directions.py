@@ -1,0 +1,197 @@
+"""What a body, a payload or the base does to the load of each joint, per unit of a number of the robot.
+
+The load of a joint is linear in masses and inertias of the bodies, and nearly so in where their centres are and in how
+little the base is tilted. So a number of the robot adds its size times rows of its own to the terms of every joint.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import dataclass
+
+import mujoco
+import numpy as np
+
+from ..load.robot import LoggedRobot
+from ..load.tree import Motion, block_along, tip_behind
+from ..log.types import Array, MeasuredRun
+from ..replay.parameters import Parameter
+from ..replay.tree import motion_of
+
+ABOUT_JOINTS = "robot.about_joints"
+"""Number that says how much of mass times distance squared the file's inertias have too much."""
+RATE = 60.0  # [Hz] at which rows are computed; between them they are straight lines
+SHIFT = 1e-3  # [m] and
+TILT = 0.02  # [rad] over which derivatives are taken
+LIGHT = 0.02  # share of the robot's moving mass below which a body's own mass and centre are not sought
+
+
+@dataclass(frozen=True, eq=False)
+class Direction:
+    """One number of a robot that all its joints may feel.
+
+    Attributes:
+        parameter: the number: ``body.<name>.mass_factor`` or the like, as :mod:`sealegs.envs.robot_numbers` has it.
+        neutral: its value where the model is right.
+        change: model before and after, and by how much the number differs between them.
+    """
+
+    parameter: Parameter
+    neutral: float
+    change: Callable[[], tuple[mujoco.MjModel | None, mujoco.MjModel, float]]
+
+    @property
+    def number(self) -> str:
+        """The number that it turns."""
+        return self.parameter.number
+
+
+def rows_of(direction: Direction, robot: LoggedRobot, joint: str, runs: Sequence[MeasuredRun]) -> list[Array] | None:
+    """What the number adds to the terms of a joint in each run, per unit (samples, 5); None where it adds nothing."""
+    before, after, by = direction.change()
+    number, sign = robot.number(joint), robot.frame(joint).sign
+    found = []
+    for run in runs:
+        whole = motion_of(robot, run)
+        every = max(round(1.0 / (RATE * run.period)), 1)
+        at = np.unique(np.append(np.arange(0, len(run.time), every), len(run.time) - 1))
+        motion = Motion(whole.position[at], whole.speed[at], whole.acceleration[at])
+        rows = block_along(after, number, motion, sign)
+        if before is not None:
+            rows = rows - block_along(before, number, motion, sign)
+        samples = np.arange(len(run.time))
+        found.append(np.stack([np.interp(samples, at, column) for column in (rows / by).T], axis=1))
+    return found if max(float(np.abs(rows).max()) for rows in found) > 1e-9 else None
+
+
+# --- which numbers there are ---------------------------------------------------------------------------------------
+
+
+def payload(robot: LoggedRobot, joint: str) -> Direction | None:
+    """Something carried at the end of the robot behind a joint."""
+    tip = tip_behind(robot.model, robot.number(joint))
+    name = robot.model.body(tip.body).name
+    if not name:
+        return None
+
+    def change() -> tuple[None, mujoco.MjModel, float]:
+        other = _empty(robot.model)
+        _weigh(other, tip.body, 1.0, tip.point, np.zeros(3))
+        return None, other, 1.0
+
+    mass = _whole(robot.model)
+    return Direction(Parameter(f"body.{name}.payload", "kg", -2.0 * mass, 5.0 * mass, 0.0, 0.05 * mass), 0.0, change)
+
+
+def masses(robot: LoggedRobot) -> Iterator[Direction]:
+    """The mass of each body that is more than a small part of the robot."""
+    for body in _heavy(robot.model):
+
+        def change(body: int = body) -> tuple[None, mujoco.MjModel, float]:
+            model, other = robot.model, _empty(robot.model)
+            _weigh(other, body, model.body_mass[body], model.body_ipos[body], model.body_inertia[body])
+            return None, other, 1.0
+
+        name = robot.model.body(body).name
+        parameter = Parameter(f"body.{name}.mass_factor", "1", 0.2, 6.0, 1.0, 0.1, logarithmic=True)
+        yield Direction(parameter, 1.0, change)
+
+
+def centres(robot: LoggedRobot) -> Iterator[tuple[Direction, ...]]:
+    """The centre of mass of each such body, along the axes of its frame."""
+    for body in _heavy(robot.model):
+        name = robot.model.body(body).name
+        yield tuple(_centre(robot.model, body, axis, f"body.{name}.centre_{'xyz'[axis]}") for axis in range(3))
+
+
+def _centre(model: mujoco.MjModel, body: int, axis: int, number: str) -> Direction:
+    def change() -> tuple[mujoco.MjModel, mujoco.MjModel, float]:
+        other = model.__copy__()
+        other.body_ipos[body, axis] += SHIFT
+        return model, other, SHIFT
+
+    return Direction(Parameter(number, "m", -0.15, 0.15, 0.0, 0.005), 0.0, change)
+
+
+def tilt(robot: LoggedRobot) -> tuple[Direction, Direction]:
+    """The base does not stand level."""
+    return _tilt(robot.model, 0), _tilt(robot.model, 1)
+
+
+def _tilt(model: mujoco.MjModel, axis: int) -> Direction:
+    def change() -> tuple[mujoco.MjModel, mujoco.MjModel, float]:
+        other = model.__copy__()
+        x, y, z = (float(part) for part in model.opt.gravity)
+        c, s = math.cos(TILT), math.sin(TILT)
+        other.opt.gravity[:] = (x, c * y + s * z, c * z - s * y) if axis == 0 else (c * x - s * z, y, s * x + c * z)
+        return model, other, TILT
+
+    return Direction(Parameter(f"base.tilt_{'xy'[axis]}", "rad", -0.5, 0.5, 0.0, 0.01), 0.0, change)
+
+
+def about_joints(robot: LoggedRobot) -> Direction | None:
+    """Inertias that the model file gives about the joints instead of the centres of mass: 1 where it does.
+
+    None where for no body that could be: what is given about a joint is at least mass times distance squared.
+    """
+    model = robot.model
+    found = too_much(model)
+    if not found:
+        return None
+
+    def change() -> tuple[None, mujoco.MjModel, float]:
+        other = _empty(model)
+        for number, (inertia, quaternion) in found.items():
+            body = int(model.jnt_bodyid[number])
+            other.body_inertia[body], other.body_iquat[body] = inertia, quaternion
+        return None, other, -1.0
+
+    return Direction(Parameter(ABOUT_JOINTS, "1", -0.5, 1.5, 0.0, 0.2), 0.0, change)
+
+
+def too_much(model: mujoco.MjModel) -> dict[int, tuple[np.ndarray, np.ndarray]]:
+    """By joint whose body's inertia may be given about it: mass times distance squared as principal inertia (3,) and
+    axes (4,).
+    """
+    found: dict[int, tuple[np.ndarray, np.ndarray]] = {}
+    for number in range(model.njnt):
+        body = int(model.jnt_bodyid[number])
+        away = np.array(model.body_ipos[body] - model.jnt_pos[number])
+        size = float(np.linalg.norm(away))
+        if size < 1e-6 or int(model.body_jntnum[body]) != 1:
+            continue
+        more = float(model.body_mass[body]) * size**2
+        least = float(np.sort(model.body_inertia[body])[1])  # of what is across the arm
+        if 0.0 < more < least:
+            quaternion = np.zeros(4)
+            mujoco.mju_quatZ2Vec(quaternion, away / size)
+            found[number] = np.array([more, more, 0.0]), quaternion
+    return found
+
+
+def _whole(model: mujoco.MjModel) -> float:
+    return float(model.body_mass[model.body_weldid > 0].sum())
+
+
+def _heavy(model: mujoco.MjModel) -> list[int]:
+    least = LIGHT * _whole(model)
+    return [
+        b for b in range(1, model.nbody) if model.body_weldid[b] and model.body_mass[b] > least and model.body(b).name
+    ]
+
+
+def _empty(model: mujoco.MjModel) -> mujoco.MjModel:
+    """The robot without any mass."""
+    other = model.__copy__()
+    other.body_mass[:] = other.body_inertia[:] = other.body_subtreemass[:] = 0.0
+    return other
+
+
+def _weigh(model: mujoco.MjModel, body: int, mass: float, centre: np.ndarray, inertia: np.ndarray) -> None:
+    """Give one body of an empty robot its mass."""
+    model.body_mass[body], model.body_ipos[body], model.body_inertia[body] = mass, centre, inertia
+    while body > 0:
+        model.body_subtreemass[body] = mass
+        body = int(model.body_parentid[body])
+    model.body_subtreemass[0] = mass

@@ -1,0 +1,276 @@
+"""All joints of a robot as one problem: each replayed by itself, with loads that numbers of the whole robot change.
+
+Paths of a joint's own parameters begin with its name and a bar: ``elbow|friction.coulomb*``. What joints share has
+paths of the robot: ``body.forearm.mass_factor``.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+from functools import cached_property
+from typing import Literal, Self
+
+import numpy as np
+
+from ..log.parts import Unit
+from ..log.types import Array
+from ..replay.free import FreeProblem
+from ..replay.parameters import Parameter
+from ..replay.problem import CALIBRATION
+from ..replay.robust import robust_loss
+from ..replay.selection import select
+from ..replay.terms import T_OWN, T_SIZE
+from ..search.correlated import excess
+
+BAR = "|"
+
+
+def of_joint(joint: str, parameter: Parameter) -> Parameter:
+    """A parameter of a joint as one of the robot."""
+    return replace(parameter, number=f"{joint}{BAR}{parameter.number}")
+
+
+@dataclass(frozen=True, eq=False)
+class RobotModel:
+    """What is believed of a robot.
+
+    Attributes:
+        joints: believed of each joint in the first run.
+        neutral: value by number at which what joints share changes nothing.
+        units: of those numbers.
+    """
+
+    joints: Mapping[str, FreeProblem]
+    neutral: Mapping[str, float]
+    units: Mapping[str, str]
+
+    def value(self, path: str) -> float:
+        """A number by path."""
+        joint, bar, own = path.partition(BAR)
+        return self.joints[joint].models[0].value(own) if bar else self.neutral[path]
+
+    def unit(self, path: str) -> str:
+        """Its unit."""
+        joint, bar, own = path.partition(BAR)
+        return self.joints[joint].models[0].unit(own) if bar else self.units[path]
+
+    def __repr__(self) -> str:
+        return f"RobotModel({ {name: problem.models for name, problem in self.joints.items()} })"
+
+
+@dataclass(frozen=True, eq=False)
+class Laid:
+    """Samples of all joints, one joint after the other; attributes as of :class:`RobotProblem`, and each joint's."""
+
+    units: tuple[Unit, ...]
+    time: np.ndarray
+    measured: np.ndarray
+    judged: np.ndarray
+    starts: np.ndarray
+    slices: dict[str, slice]
+
+
+@dataclass(frozen=True, eq=False)
+class RobotProblem:
+    """Joints of a robot, a :class:`sealegs.gap.replay.problem.Problem` whose samples are those of one after the other.
+
+    Attributes:
+        joints: by name.
+        rows: by number of the robot and joint, what the number adds to the joint's terms per unit (n, 5).
+        models: what is believed.
+    """
+
+    joints: Mapping[str, FreeProblem]
+    rows: Mapping[str, Mapping[str, Array]]
+    models: tuple[RobotModel, ...]
+
+    @property
+    def kind(self) -> Literal["free"]:
+        """How it is replayed."""
+        return "free"
+
+    @cached_property
+    def _laid(self) -> Laid:
+        starts, slices, at = [np.zeros(1, int)], {}, 0
+        for name, problem in self.joints.items():
+            starts.append(problem.starts[1:] + at)
+            slices[name] = slice(at, at + len(problem.time))
+            at += len(problem.time)
+        every = list(self.joints.values())
+        return Laid(
+            tuple(unit for problem in every for unit in problem.units),
+            np.concatenate([problem.time for problem in every]),
+            np.concatenate([problem.measured for problem in every]),
+            np.concatenate([problem.judged for problem in every]),
+            np.concatenate(starts),
+            slices,
+        )
+
+    @property
+    def units(self) -> tuple[Unit, ...]:
+        """Pieces of runs of all joints."""
+        return self._laid.units
+
+    @property
+    def time(self) -> np.ndarray:
+        """Since the start of the run (n,) [s]."""
+        return self._laid.time
+
+    @property
+    def measured(self) -> np.ndarray:
+        """Channels as logged (n, 4)."""
+        return self._laid.measured
+
+    @property
+    def judged(self) -> np.ndarray:
+        """Samples that count (n,)."""
+        return self._laid.judged
+
+    @property
+    def starts(self) -> np.ndarray:
+        """First sample of each unit and the end of the last (u + 1,)."""
+        return self._laid.starts
+
+    @property
+    def _slices(self) -> dict[str, slice]:
+        return self._laid.slices
+
+    @property
+    def weight(self) -> np.ndarray:
+        """One over the noise of the position (4,), the mean of the joints."""
+        return np.array([np.mean([problem.weight[0] for problem in self.joints.values()]), 0.0, 0.0, 0.0])
+
+    @property
+    def step(self) -> float:
+        """Shortest of the joints' [s]."""
+        return min(problem.step for problem in self.joints.values())
+
+    @property
+    def channels(self) -> tuple[str, ...]:
+        """Names of the channels."""
+        return next(iter(self.joints.values())).channels
+
+    @property
+    def sampled(self) -> tuple[int, ...]:
+        """The position."""
+        return (0,)
+
+    @property
+    def groups(self) -> int:
+        """Groups of samples of all joints."""
+        return sum(problem.groups for problem in self.joints.values())
+
+    @property
+    def signal(self) -> tuple[str, str]:
+        """The position, and its unit."""
+        return next(iter(self.joints.values())).signal
+
+    @property
+    def noise(self) -> float:
+        """Noise floor of the position."""
+        return 1.0 / float(self.weight[0])
+
+    @property
+    def warming(self) -> float:
+        """None: no number of the robot depends on a temperature [K]."""
+        return 0.0
+
+    def part(self, *parts: int) -> Self:
+        """The problem that has only the units of these parts."""
+        joints, kept = {}, {}
+        for name, problem in self.joints.items():
+            joints[name] = problem.part(*parts)
+            kept[name] = select(problem.units, problem.starts, parts).rows
+        rows = {number: {j: table[kept[j]] for j, table in found.items()} for number, found in self.rows.items()}
+        return replace(self, joints=joints, rows=rows)
+
+    def coarsened(self, factor: float) -> Self:
+        """The problem with so many times longer a step of what plays and switches."""
+        return replace(self, joints={name: problem.coarsened(factor) for name, problem in self.joints.items()})
+
+    def simulate(self, variants: Sequence[Mapping[str, float]], step: float | None = None) -> np.ndarray:
+        """Channels (v, n, 4) of every variant; what is alike for a joint is replayed once."""
+        out = np.empty((len(variants), len(self.time), len(self.channels)))
+        for name, problem in self.joints.items():
+            asked: dict[tuple, dict[tuple, tuple[dict[str, float], list[int]]]] = {}
+            for k, values in enumerate(variants):
+                own = {path.partition(BAR)[2]: x for path, x in values.items() if path.startswith(f"{name}{BAR}")}
+                shared = tuple((path, x) for path, x in values.items() if name in self.rows.get(path, {}))
+                alike = asked.setdefault(shared, {}).setdefault(tuple(own.items()), (own, []))
+                alike[1].append(k)
+            for shared, each in asked.items():
+                moved = replace(problem, terms=self.terms(name, dict(shared)))
+                found = moved.simulate([own for own, _ in each.values()], step)
+                for row, (_, numbers) in zip(found, each.values(), strict=True):
+                    out[numbers, self._slices[name]] = row
+        return out
+
+    def terms(self, joint: str, shared: Mapping[str, float]) -> np.ndarray:
+        """What a joint works against with other numbers of the robot (n, T_COLUMNS)."""
+        terms = self.joints[joint].terms
+        assert terms is not None
+        terms = terms.copy()
+        for number, value in shared.items():
+            if joint in self.rows.get(number, {}):
+                terms[:, T_OWN : T_OWN + T_SIZE] += (value - self.models[0].neutral[number]) * self.rows[number][joint]
+        return terms
+
+    def residual(self, simulated: np.ndarray, every: int = 1) -> np.ndarray:
+        """Weighted errors (v, m) of simulated channels (v, n, 4): of all positions, then of all else."""
+        first, rest = [], []
+        for name, problem in self.joints.items():
+            errors = problem.residual(simulated[:, self._slices[name]], every)
+            count = -(-int(problem.judged.sum()) // every)
+            first.append(errors[:, :count])
+            rest.append(errors[:, count:])
+        return np.concatenate([*first, *rest], axis=1)
+
+    def blocks(self) -> tuple[np.ndarray, np.ndarray]:
+        """Block number of each entry of :meth:`residual` (m,), and entries per block (b,)."""
+        return self._blocks
+
+    @cached_property
+    def _blocks(self) -> tuple[np.ndarray, np.ndarray]:
+        first, rest, at = [], [], 0
+        for problem in self.joints.values():
+            numbers, sizes = problem.blocks()
+            count = int(problem.judged.sum())
+            first.append(numbers[:count] + at)
+            rest.append(numbers[count:] + at)
+            at += len(sizes)
+        numbers = np.concatenate([*first, *rest])
+        return numbers, np.bincount(numbers, minlength=at)
+
+    def block_errors(self, simulated: np.ndarray) -> np.ndarray:
+        """Sum of the losses of weighted errors per block (b,), of one variant (n, 4)."""
+        numbers, sizes = self._blocks
+        return np.bincount(numbers, robust_loss(self.residual(simulated[None])[0]), len(sizes))
+
+    def position_error(self, simulated: np.ndarray) -> np.ndarray:
+        """Errors of the positions of one variant (n, 4) at the judged samples."""
+        return (simulated[:, 0] - self.measured[:, 0])[self.judged]
+
+    def covariates(self, simulated: np.ndarray) -> dict[str, np.ndarray]:
+        """None: no signal is that of all joints."""
+        del simulated
+        return {}
+
+    def left_over(self, simulated: np.ndarray) -> float | None:
+        """As :meth:`beyond_noise`."""
+        return self.beyond_noise(simulated)
+
+    def beyond_noise(self, simulated: np.ndarray) -> float | None:
+        """Loss per judged value beyond that of noise, the mean of the joints."""
+        counts = [len(problem.blocks()[0]) for problem in self.joints.values()]
+        levels = [excess(problem, simulated[self._slices[name]]) for name, problem in self.joints.items()]
+        return float(np.average(levels, weights=counts))
+
+    def chain(self, values: Mapping[str, float]) -> None:
+        """None: a robot has a chain for each of its joints."""
+        del values
+
+    def doubt(self, path: str) -> float:
+        """Relative error of a number that columns and simulation share in all data."""
+        del path
+        return CALIBRATION

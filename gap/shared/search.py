@@ -1,0 +1,180 @@
+"""The search for what joints of a robot share, on top of what each of them was found to have by itself.
+
+A payload is more load at every joint that carries it. Sought joint by joint, it is named as often as there are joints,
+each time with another number, or hidden in the friction of one of them. Here one number explains all joints at once, or
+none: numbers of single joints are tuned beside it, and what their own searches named stays unless it is of their load.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from ..causes.cause import Cause
+from ..load.robot import LoggedRobot
+from ..log.parts import FIT_A, FIT_B
+from ..log.progress import Progress
+from ..log.types import Array, MeasuredRun
+from ..replay.free import FreeProblem
+from ..replay.parameters import Parameter
+from ..search.fit import merge, middle
+from ..search.forward import Searcher
+from ..search.result import Search
+from ..search.settings import DEFAULT, SearchSettings
+from .directions import Direction, about_joints, centres, masses, payload, rows_of, tilt
+from .problem import RobotModel, RobotProblem, of_joint
+
+ROBOT = "robot"
+"""What stands in the place of a joint's name for what joints share."""
+LOADS = ("load.mass", "load.inertia", "load.centre_of_mass")
+"""Causes of a joint that may be a part of what the robot has."""
+FEWEST = 2  # joints
+ENOUGH = 0.1  # share of the loss it removes, that a joint must have of a cause that it shares
+
+
+@dataclass(frozen=True, eq=False)
+class SharedFound:
+    """What a search over all joints found.
+
+    Attributes:
+        problem: the joints.
+        search: of what they share.
+        tuned: numbers of single joints.
+        rows: by number of the robot and joint, what the number adds to the joint's terms in each run (samples, 5).
+    """
+
+    problem: RobotProblem
+    search: Search
+    tuned: tuple[Parameter, ...]
+    rows: Mapping[str, Mapping[str, Sequence[Array]]]
+
+    def widespread(self) -> bool:
+        """Whether what was found helps several joints: what helps one alone is of that joint, whatever it is."""
+        fits = self.search.accepted[-1].fits if self.search.accepted else self.search.base
+        losses = [self._losses(middle(*pair)) for pair in (self.search.base, fits)]
+        removed = {joint: max(loss - losses[1][joint], 0.0) for joint, loss in losses[0].items()}
+        return sum(part > ENOUGH * sum(removed.values()) for part in removed.values()) >= FEWEST
+
+    def _losses(self, values: Mapping[str, float]) -> dict[str, float]:
+        """Loss of each joint on what was fitted."""
+        fitted = self.problem.part(FIT_A, FIT_B)
+        simulated, at, found = fitted.simulate([values])[0], 0, {}
+        for joint, problem in fitted.joints.items():
+            found[joint] = float(problem.block_errors(simulated[at : at + len(problem.time)]).sum())
+            at += len(problem.time)
+        return found
+
+    def more(self, joint: str, values: Mapping[str, float]) -> list[Array] | None:
+        """What numbers of the robot add to the terms of a joint in each run (samples, 5); None where nothing."""
+        model = self.problem.models[0]
+        parts = [
+            [(value - model.neutral[number]) * table for table in self.rows[number][joint]]
+            for number, value in values.items()
+            if joint in self.rows.get(number, {})
+        ]
+        return [np.sum(tables, axis=0) for tables in zip(*parts, strict=True)] if parts else None
+
+
+def affected(named: Mapping[str, Iterable[str]], noticed: Mapping[str, bool]) -> bool:
+    """Whether anything at the joints may be of the whole robot: a load is named, or something is left unexplained.
+
+    Args:
+        named: causes of each joint.
+        noticed: whether its errors have structure that none of them explains.
+    """
+    return any(noticed.values()) or any(name in LOADS for names in named.values() for name in names)
+
+
+def search_shared(
+    robot: LoggedRobot,
+    runs: Sequence[MeasuredRun],
+    problems: Mapping[str, FreeProblem],
+    searches: Mapping[str, Search],
+    seed: int,
+    progress: Progress = lambda text: None,
+    causes: Sequence[str] | None = None,
+    settings: SearchSettings = DEFAULT,
+) -> SharedFound | None:
+    """Seek causes that joints share; None where there are too few joints, or none that could.
+
+    Args:
+        robot: that was logged.
+        runs: of it.
+        problems: of the joints that were replayed freely, as they were searched.
+        searches: what was found at each.
+        seed: of all resampling.
+        progress: is told what goes on.
+        causes: names of those to consider; default: all.
+        settings: thresholds of the search.
+    """
+    if len(problems) < FEWEST:
+        return None
+    progress("looking for what joints share")
+    every = [(name, group) for name, group in _groups(robot, problems) if causes is None or name in causes]
+    rows: dict[str, dict[str, Sequence[Array]]] = {}
+    for direction in {d.number: d for _, group in every for d in group}.values():
+        for joint in problems:
+            found = rows_of(direction, robot, joint, runs)
+            if found is not None:
+                rows.setdefault(direction.number, {})[joint] = found
+    # what only one joint feels is that joint's own
+    wide = [(name, group) for name, group in every if any(len(rows.get(d.number, {})) >= FEWEST for d in group)]
+    if not wide:
+        return None
+    directions = [d for _, group in wide for d in group]
+    model = RobotModel(
+        problems, {d.number: d.neutral for d in directions}, {d.number: d.parameter.unit for d in directions}
+    )
+    tables = {number: {j: laid(found, problems[j]) for j, found in each.items()} for number, each in rows.items()}
+    problem = RobotProblem(dict(problems), tables, (model,))
+    tuned = tuple(of_joint(joint, p) for joint, search in searches.items() for p in _own(search))
+    return SharedFound(problem, Searcher(problem, _causes(wide), tuned, progress, seed, settings).run(), tuned, rows)
+
+
+def laid(rows: Sequence[Array], problem: FreeProblem) -> Array:
+    """Rows of runs at the samples of a joint's units (n, 5)."""
+    return np.concatenate([rows[unit.run][unit.start : unit.stop] for unit in problem.units])
+
+
+def _own(search: Search) -> list[Parameter]:
+    """What a joint's own search left to turn, without causes of its load."""
+    kept = [candidate.variant for candidate in search.accepted if candidate.cause.name not in LOADS]
+    return merge(search.tuned, *kept)
+
+
+def _groups(robot: LoggedRobot, joints: Iterable[str]) -> list[tuple[str, tuple[Direction, ...]]]:
+    """Directions by the cause that they are of."""
+    carried = [direction for joint in joints if (direction := payload(robot, joint)) is not None]
+    found = [("load.mass", (direction,)) for direction in {d.number: d for d in carried}.values()]
+    found += [("load.mass", (direction,)) for direction in masses(robot)]
+    found += [("load.centre_of_mass", group) for group in centres(robot)]
+    if (about := about_joints(robot)) is not None:
+        found.append(("load.inertia", (about,)))
+    return [*found, ("load.tilt", tilt(robot))]
+
+
+SENTENCES = {
+    "load.mass": "The robot, or what it carries, is lighter or heavier than believed.",
+    "load.centre_of_mass": "The centre of mass of a body sits elsewhere.",
+    "load.inertia": "The model file gives inertias about the joints, where they are meant about the centres of mass.",
+    "load.tilt": "The base of the robot does not stand level.",
+}
+
+
+def _causes(groups: Sequence[tuple[str, tuple[Direction, ...]]]) -> list[Cause]:
+    """Causes of the search: one for all masses, the payload first; centres of mass body by body."""
+    found: dict[str, list[tuple[Parameter, ...]]] = {}
+    for name, group in groups:
+        key = f"{name} ({group[0].number})" if name == "load.centre_of_mass" else name
+        found.setdefault(key, []).append(tuple(direction.parameter for direction in group))
+    return [
+        Cause(sentence=SENTENCES[plain(name)], picture="", variants=tuple(variants), error=True, name=name)
+        for name, variants in found.items()
+    ]
+
+
+def plain(name: str) -> str:
+    """The name of a cause without what tells it apart."""
+    return name.partition(" (")[0]

@@ -1,0 +1,101 @@
+"""One joint of a log, cut into parts: its chain, its model, and what it works against."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import replace
+
+import numpy as np
+
+from ...actuators.chain import Chain, load_chain
+from ...actuators.errors import SealegsError
+from ..causes.unknown import unknown_parameters
+from ..checks.data_set import noise_floor
+from ..load.robot import LoggedRobot, robot_of
+from ..log.finding import Finding
+from ..log.parts import cut
+from ..log.progress import Progress
+from ..log.types import Array, LogError, MeasuredRun
+from ..replay.frames import check_frames
+from ..replay.joint_model import JointModel
+from ..replay.terms import T_OWN, T_SIZE
+from ..replay.tree import joint_of_tree, not_free, owned, terms_of
+from ..search.structure import fine
+from .matter import Cut
+
+PRECISION = 1e-4  # of a joint's motion, to which no rigid model of a robot is right: assumed
+
+
+def cut_joint(
+    runs: Sequence[MeasuredRun], joint: str, test_group: str | None, more: Sequence[Array] | None = None
+) -> Cut:
+    robot = robot_of(runs[0])
+    missing = [run.name for run in runs if joint not in run.actuators]
+    if missing and robot is None:
+        raise LogError(f"{missing[0]}: the sidecar names no actuator for joint '{joint}'; add it under 'actuators'.")
+    chains = [chain_of(run, joint, robot) for run in runs]
+    terms, findings = None, []
+    if robot is not None:
+        why = not_free(robot, joint, runs)
+        if why is None:
+            terms = terms_of(robot, joint, runs)
+            for table, added in zip(terms, more or (), strict=False):
+                table[:, T_OWN : T_OWN + T_SIZE] += added
+        findings += [said for said in (owned(robot, joint), why) if said is not None]
+        models = [joint_of_tree(robot, joint, chain, runs, terms) for chain in chains]
+        models = [
+            replace(
+                model,
+                unknown=unknown_parameters(
+                    run, model.chain, robot.joint(joint).unknown, model.load if model.load.tree else None
+                ),
+            )
+            for run, model in zip(runs, models, strict=True)
+        ]
+    else:
+        models = [
+            JointModel(chain, unknown=unknown_parameters(run, chain)) for run, chain in zip(runs, chains, strict=True)
+        ]
+    logged = float(np.median([noise_floor(run, joint) for run in runs]))
+    noise = max(logged, PRECISION * models[0].axis.span)
+    if noise > logged:
+        findings.append(_finer(joint, noise, models[0].axis.unit("rad")))
+    return Cut(joint, runs, models, cut(runs, joint, test_group), noise, terms, tuple(findings))
+
+
+def frame_findings(runs: Sequence[MeasuredRun], progress: Progress) -> list[Finding]:
+    """How the angles of the log stand to those of the robot's model, where every drive's chain is known."""
+    robot = robot_of(runs[0])
+    if robot is None or robot.file.base == "free":
+        return []
+    progress("comparing zeros and directions of log and model")
+    models = {joint: JointModel(chain_of(runs[0], joint, robot)) for joint in runs[0].joints}
+    return check_frames(robot, runs, models)
+
+
+def chain_of(run: MeasuredRun, joint: str, robot: LoggedRobot | None) -> Chain:
+    """The chain that the sidecar names, or else the robot's file."""
+    if robot is None:
+        return named_chain(run, joint)
+    item = robot.joint(joint)
+    return item.carried(named_chain(run, joint) if joint in run.actuators else item.chain)
+
+
+def named_chain(run: MeasuredRun, joint: str) -> Chain:
+    """The chain that a sidecar names.
+
+    Raises:
+        LogError: it cannot be had; the message names the run.
+    """
+    try:
+        return load_chain(run.actuators[joint])
+    except SealegsError as error:
+        raise LogError(f"{run.name}: actuator of joint '{joint}': {error}") from None
+
+
+def _finer(joint: str, noise: float, unit: str) -> Finding:
+    return Finding(
+        "noise.finer", "note", joint, f"{joint}.position",
+        f"{joint}.position is finer than models of machines are: errors below {fine(noise, unit, 3)} "
+        f"({PRECISION:g} of the motion, assumed) count as noise.",
+    )  # fmt: skip

@@ -1,0 +1,142 @@
+"""What joints of a robot share, decided on top of their own diagnoses, and their diagnoses in its light."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, replace
+
+from ..causes.catalogue import adjustable
+from ..load.robot import LoggedRobot
+from ..log.finding import Finding
+from ..log.types import Array, MeasuredRun
+from ..replay.free import FreeProblem
+from ..search.result import Search
+from ..search.windows import in_windows
+from ..shared import ROBOT, SharedFound, affected, search_shared
+from ..shared.search import plain
+from .decide import decide
+from .evidence import THRESHOLDS, Replayed
+from .matter import Order
+from .measure import Measured, measure, whole_runs
+from .verdict import JointDiagnosis
+
+SHARED = "robot.shared"
+"""Code of the finding that says with what of the whole robot a joint is judged."""
+Again = Callable[[str, Sequence[Array], Finding], JointDiagnosis]
+"""Diagnoses a joint again: its name, what is added to its terms in each run, and the finding that says so."""
+
+
+@dataclass(frozen=True, eq=False)
+class Joints:
+    """What is known of the joints that were replayed freely: problem and search by name."""
+
+    problems: Mapping[str, FreeProblem]
+    searches: Mapping[str, Search]
+
+
+def with_robot(
+    robot: LoggedRobot,
+    runs: Sequence[MeasuredRun],
+    found: Sequence[JointDiagnosis],
+    order: Order,
+    wide: float,
+    again: Again,
+) -> list[JointDiagnosis]:
+    """Diagnoses of the joints with one of the robot behind them, where they share a cause; else as they are.
+
+    Args:
+        robot: that was logged.
+        runs: of it.
+        found: about each joint.
+        order: what was asked for.
+        wide: how far refitting alone may turn a number.
+        again: diagnoses a joint again.
+    """
+    joints = _joints(found, wide)
+    named = {d.joint: [cause.name for cause in d.causes] for d in found}
+    noticed = {d.joint: d.structure is not None and d.structure.noticed for d in found}
+    if not affected(named, noticed):
+        return list(found)
+    sought = search_shared(
+        robot, runs, joints.problems, joints.searches, order.seed, order.progress, order.causes, order.search
+    )
+    if sought is None or not sought.search.accepted or not sought.widespread():
+        return list(found)
+    order.progress("measuring what joints share on runs that nothing has seen")
+    measured = measure(sought.problem, sought.problem, sought.search, ROBOT, (), order.seed)
+    values = {number: value for number, value in measured.values.items() if number in sought.rows}
+    if not any(cause.confidence >= THRESHOLDS.sure for cause in measured.causes):  # what joints say stands
+        return list(found)
+    said = ", ".join(f"{number} {value:.3g}" for number, value in values.items())
+    judged = []
+    for diagnosis in found:
+        more = sought.more(diagnosis.joint, values)
+        if more is None:
+            judged.append(diagnosis)
+            continue
+        order.progress(f"judging {diagnosis.joint} with what the robot was found to have")
+        note = Finding(
+            SHARED, "note", diagnosis.joint, None,
+            f"'{diagnosis.joint}' is judged with what was found of the whole robot: {said}.",
+        )  # fmt: skip
+        judged.append(_beside(again(diagnosis.joint, more, note), diagnosis))
+    return [*judged, _of_robot(sought, measured, values)]
+
+
+def _joints(found: Sequence[JointDiagnosis], wide: float) -> Joints:
+    problems, searches = {}, {}
+    for diagnosis in found:
+        problem, search = diagnosis.problem, diagnosis.search
+        if isinstance(problem, FreeProblem) and problem.terms is not None and search is not None:
+            problems[diagnosis.joint] = in_windows(problem, adjustable(problem.models[0], wide))
+            searches[diagnosis.joint] = search
+    return Joints(problems, searches)
+
+
+def _beside(now: JointDiagnosis, before: JointDiagnosis) -> JointDiagnosis:
+    """A joint judged anew, beside what its nominal model was before anything of the robot was known."""
+    gap = now.gap | {name: before.gap[name] for name in ("nominal",) if name in before.gap and name in now.gap}
+    simulated = dict(now.simulated)
+    if "nominal" in before.simulated:
+        simulated["nominal"] = before.simulated["nominal"]
+    return replace(now, gap=gap, simulated=simulated)
+
+
+def _of_robot(sought: SharedFound, measured: Measured, values: dict[str, float]) -> JointDiagnosis:
+    """What is said of the robot."""
+    causes = tuple(
+        replace(cause, name=plain(cause.name), rivals=tuple(plain(rival) for rival in cause.rivals))
+        for cause in measured.causes
+    )
+    verdict = decide(
+        Replayed(
+            ROBOT,
+            measured.gap,
+            measured.tuned,
+            causes,
+            measured.left,
+            measured.structure,
+            whole_runs(sought.problem),
+            open_causes=measured.open_causes,
+            turned=measured.turned,
+        )
+    )
+    return JointDiagnosis(
+        joint=ROBOT,
+        verdict=verdict.name,
+        sentence=verdict.sentence,
+        signal=f"{ROBOT}.position",
+        unit=sought.problem.signal[1],
+        gap=measured.gap,
+        causes=causes,
+        unexplained=measured.unexplained,
+        rivals=(),
+        experiment=None,
+        findings=(),
+        values=values,
+        structure=measured.structure,
+        reasons=verdict.reasons,
+        tuned_share=measured.tuned_share,
+        open_causes=measured.open_causes,
+        model=measured.model,
+    )

@@ -1,0 +1,107 @@
+"""Causes that joints of a robot share: one number of the robot, with the same effect as in the engine's own model."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import mujoco
+import numpy as np
+import pytest
+from sealegs.envs.extended import Extended
+from sealegs.gap.diagnose import diagnose
+from sealegs.gap.load.robot import LoggedRobot, robot_of
+from sealegs.gap.load.tree import block_along
+from sealegs.gap.log.types import MeasuredRun
+from sealegs.gap.output.robot_extension import shared_changes
+from sealegs.gap.replay.tree import motion_of
+from sealegs.gap.shared import ROBOT, affected
+from sealegs.gap.shared.directions import Direction, about_joints, centres, masses, payload, rows_of, tilt
+from sealegs.gap.verdict.verdict import JointDiagnosis
+
+from testbed.logs import hidden_arm
+
+JOINTS = ("shoulder", "elbow")
+
+
+@pytest.fixture(scope="module")
+def recorded(tmp_path_factory: pytest.TempPathFactory) -> MeasuredRun:
+    data, _ = hidden_arm(tmp_path_factory.mktemp("arm"), "two_link", {}, 5, runs=1, duration=2.0, nominal_error=0.0)
+    return data.runs[0]
+
+
+def robot(run: MeasuredRun) -> LoggedRobot:
+    found = robot_of(run)
+    assert found is not None
+    return found
+
+
+def found_of_robot(number: str, value: float) -> JointDiagnosis:
+    return JointDiagnosis(ROBOT, "explained", "", "", "rad", {}, (), 0.0, (), None, (), values={number: value})
+
+
+def numbers(machine: LoggedRobot) -> dict[str, tuple[Direction, float]]:
+    """A number of each kind with a size that shows."""
+    carried = payload(machine, "elbow")
+    assert carried is not None
+    every = [(carried, 0.1), *((d, 1.3) for d in masses(machine)), (tilt(machine)[1], 0.03)]
+    every += [(group[1], 0.003) for group in centres(machine)]
+    return {direction.number: (direction, size) for direction, size in every}
+
+
+@pytest.mark.parametrize("joint", JOINTS)
+def test_a_number_of_the_robot_does_to_each_joint_what_it_does_in_the_robots_model(
+    recorded: MeasuredRun, joint: str
+) -> None:
+    machine = robot(recorded)
+    every = max(round(1.0 / (60.0 * recorded.period)), 1)
+    at = np.arange(0, len(recorded.time), every)[:40]
+    whole = motion_of(machine, recorded)
+    motion = type(whole)(whole.position[at], whole.speed[at], whole.acceleration[at])
+    believed = block_along(machine.model, machine.number(joint), motion)
+    for number, (direction, size) in numbers(machine).items():
+        found = Extended(recorded.robot, {}, {}, tuple(shared_changes(machine, found_of_robot(number, size))))
+        model = machine.file.bare_model(found.params_on(machine.file.robot()))
+        change = block_along(model, machine.number(joint), motion) - believed
+        rows = rows_of(direction, machine, joint, [recorded])
+        said = np.zeros_like(change) if rows is None else (size - direction.neutral) * rows[0][at]
+        np.testing.assert_allclose(said, change, atol=0.02 * np.abs(change).max() + 1e-5, err_msg=number)
+
+
+def test_inertias_that_a_file_gives_about_the_joints_are_one_number(tmp_path: Path, recorded: MeasuredRun) -> None:
+    text = Path(recorded.robot).read_text()
+    model = mujoco.MjModel.from_xml_string(text)
+    wrong = text
+    for body in ("shoulder_link", "elbow_link"):
+        mass, centre = model.body(body).mass[0], model.body(body).ipos
+        own = model.body(body).inertia
+        about = np.sort(own)[::-1] + mass * float(centre @ centre) * np.array([1.0, 1.0, 0.0])
+        a = wrong.index("fullinertia", wrong.index(f'name="{body}"'))
+        b = wrong.index('"', wrong.index('"', a) + 1)
+        wrong = wrong[:a] + f'fullinertia="{about[0]} {about[2]} {about[1]} 0 0 0' + wrong[b:]
+    assert about_joints(robot(recorded)) is None
+    (tmp_path / "arm.xml").write_text(wrong)
+    machine = robot(type(recorded)(**{**vars(recorded), "robot": str(tmp_path / "arm.xml")}))
+    assert about_joints(machine) is not None
+    changes = tuple(shared_changes(machine, found_of_robot("robot.about_joints", 1.0)))
+    mended = machine.file.bare_model(
+        Extended(str(tmp_path / "arm.xml"), {}, {}, changes).params_on(machine.file.robot())
+    )
+    for body in ("shoulder_link", "elbow_link"):
+        np.testing.assert_allclose(np.sort(mended.body(body).inertia), np.sort(model.body(body).inertia), rtol=1e-3)
+
+
+def test_joints_that_have_nothing_left_are_not_searched_together() -> None:
+    assert not affected({"elbow": ["friction.coulomb"]}, {"elbow": False})
+    assert affected({"elbow": ["load.mass"]}, {"elbow": False}) and affected({"elbow": []}, {"elbow": True})
+
+
+@pytest.mark.long
+def test_a_payload_is_named_once_and_not_joint_by_joint(tmp_path: Path) -> None:
+    data, _ = hidden_arm(tmp_path, "two_link", {"payload": ("elbow", "clear")}, seed=2, runs=2, duration=10.0)
+    found = diagnose(data, causes=["load.mass", "friction.coulomb"])
+    (cause,) = found.joint(ROBOT).causes
+    assert cause.name == "load.mass"
+    value = cause.parameters["body.elbow_link.payload"]
+    assert value.low < 0.15 * 1.03 and value.high > 0.15 * 0.97
+    for joint in JOINTS:
+        assert not found.joint(joint).causes
