@@ -126,15 +126,20 @@ def torque(virtual: VirtualBus) -> dict[int, bool]:
 @pytest.mark.parametrize(
     ("kind", "values", "names", "unreachable"),
     [
-        ("drop", {"servos": [2]}, {"NoReplyError"}, set()),
         ("corrupt", {"servos": [2]}, {"CorruptReplyError"}, set()),
-        ("short", {"servos": [1]}, {"ShortReplyError"}, set()),
-        ("late", {"servos": [2], "delay": 0.5}, {"NoReplyError", "StaleReplyError"}, set()),
         ("silence", {"servos": [2]}, {"NoReplyError"}, {2}),
         ("overheat", {"servos": [1]}, {"OverheatFault"}, set()),
-        ("brown_out", {"value": 3.8}, {"VoltageFault"}, set()),
-        ("overload", {"servos": [2]}, {"OverloadFault"}, set()),
         ("unplug", {}, {"UnpluggedError"}, {1, 2}),
+        *(
+            pytest.param(*row, marks=pytest.mark.long)
+            for row in (
+                ("drop", {"servos": [2]}, {"NoReplyError"}, set()),
+                ("short", {"servos": [1]}, {"ShortReplyError"}, set()),
+                ("late", {"servos": [2], "delay": 0.5}, {"NoReplyError", "StaleReplyError"}, set()),
+                ("brown_out", {"value": 3.8}, {"VoltageFault"}, set()),
+                ("overload", {"servos": [2]}, {"OverloadFault"}, set()),
+            )
+        ),
     ],
 )
 def test_a_fault_is_named_in_three_cycles_and_what_can_be_reached_is_released(
@@ -163,7 +168,7 @@ def test_a_fault_is_named_in_three_cycles_and_what_can_be_reached_is_released(
         assert set(outcome.not_at_rest) == {2}, "and it is said which servo could not be reached"
 
 
-@pytest.mark.parametrize(("kind", "servo"), [("overheat", 1), ("silence", 2)])
+@pytest.mark.parametrize(("kind", "servo"), [("overheat", 1), pytest.param("silence", 2, marks=pytest.mark.long)])
 def test_in_real_time_a_fault_is_named_and_the_servos_in_reach_are_released(
     kind: str, servo: int, real_machine: VirtualBus, policy: Path, tmp_path: Path
 ) -> None:

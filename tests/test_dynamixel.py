@@ -297,6 +297,7 @@ def test_scan_shows_dynamixels_and_sets_their_registers(server: Server, capsys: 
     server.wire.servos[1].silent_until = 0.0
 
 
+@pytest.mark.long
 def test_deploy_and_its_log_know_a_robot_with_a_dynamixel(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     words = [
         "robot.servo=xl330_m288",

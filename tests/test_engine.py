@@ -356,6 +356,7 @@ for _ in range(2):  # before and after one of ours exists
     assert done.returncode == 0, done.stderr
 
 
+@pytest.mark.long
 def test_models_without_our_actuators_are_untouched():
     foreign_script("", "[0, 2, 0, 2]")
 
@@ -364,6 +365,7 @@ def test_a_python_callback_of_another_library_keeps_its_actuators():
     foreign_script("mujoco.set_mjcb_act_bias(lambda model, data, actuator: 0.25)", "[0.25, 2, 0.25, 2]")
 
 
+@pytest.mark.long
 def test_a_c_callback_of_another_library_keeps_its_actuators():
     foreign_script(
         "kind = ctypes.CFUNCTYPE(ctypes.c_double, ctypes.c_void_p, ctypes.c_void_p, ctypes.c_int)\n"

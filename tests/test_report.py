@@ -20,6 +20,7 @@ from sealegs.gap.output.numbers import GLUE, rounded
 from sealegs.gap.output.report import write_report
 from sealegs.gap.verdict.verdict import UNUSABLE, DataError, Error, JointDiagnosis, NamedCause, Value
 
+from tests.quick import quick
 from tests.small_diagnosis import small_diagnosis
 
 CHROMIUM = next(
@@ -232,8 +233,15 @@ def opened(browser: Any, path: Path, width: int, height: int = 900) -> Opened:
     return Opened(tab, complaints)
 
 
-@pytest.mark.parametrize("width", [1280, 390])
-@pytest.mark.parametrize("name", ["page", "rich_page"])
+@pytest.mark.parametrize(
+    ("name", "width"),
+    [
+        ("page", 1280),
+        ("rich_page", 390),
+        pytest.param("page", 390, marks=pytest.mark.long),
+        pytest.param("rich_page", 1280, marks=pytest.mark.long),
+    ],
+)
 def test_every_figure_is_drawn_without_complaint(
     browser: Any, name: str, width: int, request: pytest.FixtureRequest
 ) -> None:
@@ -249,7 +257,7 @@ def test_every_figure_is_drawn_without_complaint(
     view.tab.close()
 
 
-@pytest.mark.parametrize("name", ["page", "rich_page"])
+@pytest.mark.parametrize("name", quick(["page", "rich_page"], 2))
 def test_a_phone_never_scrolls_sideways(browser: Any, name: str, request: pytest.FixtureRequest) -> None:
     view = opened(browser, request.getfixturevalue(name), 390, 844)
     assert view.tab.evaluate("document.documentElement.scrollWidth") <= 390

@@ -130,6 +130,7 @@ def test_ctrl_c_releases_the_servos_without_the_supervisor(virtual: VirtualBus, 
     assert events[-2:] == ["at rest", "end"] and "supervisor" not in events
 
 
+@pytest.mark.long
 def test_ctrl_c_in_a_terminal_ends_the_loop_and_not_the_virtual_servos(tmp_path: Path) -> None:
     process = start("excitation=chirp", f"out={tmp_path}", "name=run", terminal=True)
     log = tmp_path / "run.csv"
@@ -175,6 +176,7 @@ def test_it_goes_on_trying_while_the_adapter_is_unplugged(virtual: VirtualBus, t
     assert any(event.get("by") == "supervisor" for event in read_events(tmp_path / "run.csv"))
 
 
+@pytest.mark.long
 def test_an_adapter_that_stays_away_leaves_torque_on_and_that_is_said(virtual: VirtualBus, tmp_path: Path) -> None:
     process = running(virtual, tmp_path)
     virtual.fault("unplug")
@@ -183,6 +185,7 @@ def test_an_adapter_that_stays_away_leaves_torque_on_and_that_is_said(virtual: V
     assert all(torque(virtual))
 
 
+@pytest.mark.long
 def test_the_supervisor_ends_with_its_loop_and_its_own_end_is_noticed() -> None:
     code = (
         "import os, signal, time\nfrom sealegs.hw.supervisor import Charge, Supervisor\n"

@@ -130,6 +130,7 @@ def test_tensorboard_reads_the_keys_people_look_for(finished: Path) -> None:
     assert [event.step for event in reader.Scalars("eval/mean_reward")] == [256, 512]
 
 
+@pytest.mark.long
 def test_reward_terms_add_up_to_the_episode_reward(tmp_path: Path) -> None:
     assert run(*SMALL, f"out={tmp_path}", "name=terms", "total_timesteps=640") == 0
     reader = events(tmp_path / "terms")
@@ -139,6 +140,7 @@ def test_reward_terms_add_up_to_the_episode_reward(tmp_path: Path) -> None:
     assert "actuator/net_out_of_range" in reader.Tags()["scalars"]
 
 
+@pytest.mark.long
 @pytest.mark.rendering
 def test_the_trained_policy_is_filmed(tmp_path: Path) -> None:
     small = [argument for argument in SMALL if not argument.startswith("video")]
@@ -149,6 +151,7 @@ def test_the_trained_policy_is_filmed(tmp_path: Path) -> None:
     assert any(not np.array_equal(pictures[0], picture) for picture in pictures)
 
 
+@pytest.mark.long
 def test_a_film_that_cannot_be_drawn_fails_no_run(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
@@ -170,6 +173,7 @@ def test_policy_json_says_what_the_numbers_mean(finished: Path) -> None:
     assert list(description["actuators"]) == ["joint"]
 
 
+@pytest.mark.long
 def test_a_policy_can_be_tried_on_another_actuator(finished: Path) -> None:
     trained_with = mean_reward(finished / "final", "sts3215")
     assert trained_with == mean_reward(finished / "final", "sts3215")

@@ -211,6 +211,7 @@ def test_ctrl_c_ends_it_with_one_sentence_and_no_trace(tmp_path: Path):
     assert not link.is_symlink() and not control.exists()
 
 
+@pytest.mark.long
 def test_the_servos_outlive_a_killed_parent_for_a_while():
     code = "import os\nfrom sealegs.hw.virtual import VirtualBus\nbus = VirtualBus(linger=0.5)\n"
     code += "print(bus.pid, flush=True)\n"
