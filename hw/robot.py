@@ -182,7 +182,7 @@ class ServoRobot:
         if missing := [name for name in contract.sensors if name not in mounted]:
             raise ContractError(
                 f"the policy does not fit the robot: it needs the sensors {', '.join(missing)}, which the robot lacks; "
-                f"mount them and name them under sensors in its file, such as {missing[0]}: {{id: 9}} (docs/deploy.md)."
+                f"mount them and name them under sensors in its file, such as {missing[0]}: {{id: 9}}."
             )
         for joint, unit in zip(self.joints, self.units, strict=True):
             low, high = contract.goal_limits[joint.name]

@@ -32,7 +32,8 @@ def main(arguments: list[str]) -> None:
     config = compose("diagnose", split(arguments, plain=("log", "out", "test"), first="log"))
     if config["log"] is None:
         raise SealegsError(
-            "log=<file or folder> is missing: name the measured log (docs/log-format.md), or try sealegs demo."
+            "log=<file or folder> is missing: name the measured log (CSV or Parquet, with a YAML beside it), or try "
+            "sealegs demo."
         )
     values = _checked(config)
     log = Path(str(config["log"]))

@@ -99,7 +99,7 @@ def _checked(content: Any, file: Path) -> Mapping:
         raise LogError(f"{file}: the key constants must be a mapping of names to numbers.")
     sidecar = content.get("sidecar") or {}
     if not isinstance(sidecar, dict):
-        raise LogError(f"{file}: the key sidecar must be a mapping, what docs/log-format.md calls the sidecar.")
+        raise LogError(f"{file}: the key sidecar must be a mapping, which becomes the sidecar of the log.")
     for key in sidecar:
         if key not in SIDECAR_KEYS:
             raise LogError(f"{file}: sidecar has the unknown key '{key}'{nearest(str(key), SIDECAR_KEYS)}.")
