@@ -26,7 +26,7 @@ from onnx import TensorProto, helper
 from ..envs.contract import Contract, goal_scale, random_motion, task_of
 from ..envs.task import ModulatedTask, Motion, Task
 from .onnx_graph import OnnxGraph
-from .traced import ROWS, Traced, TracingError, traced
+from .traced import ROWS, MixingError, Traced, TracingError, traced
 
 TICKS = 0  # goals given so far, in the state
 
@@ -104,13 +104,17 @@ class PolicyGraph:
         fields = {name: getattr(motion, name) for name in Motion.__slots__}
         try:
             with np.errstate(invalid="ignore", divide="ignore"):
-                parts: Sequence[Any] = self.task.observe(Motion(**{**fields, **known}))
+                try:
+                    parts: Sequence[Any] = self.task.observe(Motion(**{**fields, **known}))
+                except MixingError:  # such as a reading less its reference: that element is the host's
+                    measured = {name: self._measured(name, value) for name, value in fields.items()}
+                    parts = self.task.observe(Motion(**{**measured, **known}))
         except TracingError as error:
             raise TracingError(f"{type(self.task).__name__}.observe cannot be exported: {error}") from None
         names, at = [], 0
         for part in parts:
             width = 1 if part.ndim == 1 else part.shape[1]
-            if isinstance(part, Traced):
+            if isinstance(part, Traced) and not part.measured:
                 column = traced(part[:, None] if part.ndim == 1 else part)
                 names.append(self.graph.add("Cast", column.full().name, to=TensorProto.FLOAT))
             else:
@@ -118,6 +122,12 @@ class PolicyGraph:
                 names.append(self.graph.add("Slice", "observation", *ends))
             at += width
         return self.graph.add("Concat", *names, axis=1)
+
+    def _measured(self, name: str, value: Any) -> Any:
+        """A field of the motion that marks whatever it goes into as measured; the graph has no such input."""
+        if not isinstance(value, np.ndarray):
+            return value
+        return Traced(self.graph, f"measured {name}", value, measured=True)
 
     def _normalised(self, value: str) -> str:
         if "mean" not in self._observation:

@@ -37,6 +37,10 @@ class TracingError(SealegsError):
     """A function that does what an ONNX file cannot say."""
 
 
+class MixingError(TracingError):
+    """What the file knows and what is measured, put together where only one of them was expected."""
+
+
 def traced(value: Any) -> Traced:
     """What a NumPy function gives for traced arrays, which its annotations cannot say."""
     assert isinstance(value, Traced)
@@ -51,13 +55,20 @@ class Traced(NDArrayOperatorsMixin):
         name: in it.
         value: samples.
         batched: whether it has a row for each robot; a constant has one row for all.
+        measured: whether it comes, in whole or in part, from what the host measures, which the graph does not know.
     """
 
     def __init__(
-        self, graph: OnnxGraph, name: str, value: np.ndarray, batched: bool = True, view: bool = False
+        self,
+        graph: OnnxGraph,
+        name: str,
+        value: np.ndarray,
+        batched: bool = True,
+        view: bool = False,
+        measured: bool = False,
     ) -> None:
         self.graph, self.name, self.value, self.batched = graph, name, np.asarray(value), batched
-        self._view = view
+        self._view, self.measured = view, measured
 
     @property
     def shape(self) -> tuple[int, ...]:
@@ -105,6 +116,7 @@ class Traced(NDArrayOperatorsMixin):
         if not isinstance(target, Traced) or target._view:
             raise TracingError("it changes part of an array in place; assign to the part of the whole array instead.")
         target.name, target.value, target.batched = result.name, result.value, result.batched
+        target.measured |= result.measured
         return target
 
     def __array_function__(self, function: Callable, _types: Any, args: Any, keywords: Any) -> Any:
@@ -179,7 +191,9 @@ class Traced(NDArrayOperatorsMixin):
     def _np_concatenate(self, arrays: Sequence[Any], axis: int = 0) -> Traced:
         items = [self.lift(item).cast(np.dtype(float)) for item in arrays]
         value = np.concatenate([item.value for item in items], axis)
-        return self._made("Concat", value, *(item.full().name for item in items), axis=axis % value.ndim)
+        joined = self._made("Concat", value, *(item.full().name for item in items), axis=axis % value.ndim)
+        joined.measured |= any(item.measured for item in items)
+        return joined
 
     def _np_zeros_like(self, values: Any) -> Traced:
         return self.lift(np.zeros(values.shape))
@@ -238,7 +252,7 @@ class Traced(NDArrayOperatorsMixin):
 
     def copy(self) -> Traced:
         """Another array of the same values."""
-        return Traced(self.graph, self.name, self.value, self.batched)
+        return Traced(self.graph, self.name, self.value, self.batched, measured=self.measured)
 
     def astype(self, kind: Any) -> Traced:
         """As NumPy's, to float or bool."""
@@ -292,7 +306,7 @@ class Traced(NDArrayOperatorsMixin):
             result = result._made("Squeeze", result.value.squeeze(tuple(squeezed)), result.name, axes, of=[self])
         for k in added:
             result = result.unsqueezed(k)
-        return Traced(self.graph, result.name, result.value, result.batched, view=True)
+        return Traced(self.graph, result.name, result.value, result.batched, view=True, measured=self.measured)
 
     def __setitem__(self, index: Any, values: Any) -> None:
         whole = index == slice(None)
@@ -311,6 +325,7 @@ class Traced(NDArrayOperatorsMixin):
             inner = inner + np.zeros((ROWS, stop - start))
             result = self._np_concatenate([self[:, :start], inner, self[:, stop:]], 1)
         self.name, self.value, self.batched = result.name, value, result.batched
+        self.measured |= result.measured
 
     # --- making ------------------------------------------------------------------------------------------------
 
@@ -326,7 +341,7 @@ class Traced(NDArrayOperatorsMixin):
         kept = value
         if value.shape[:1] == (ROWS,):
             if not (value[:1] == value).all():
-                raise TracingError("it mixes what the file knows with what is measured, in one value.")
+                raise MixingError("it mixes what the file knows with what is measured, in one value.")
             kept = value[:1]
         return Traced(self.graph, self.graph.constant(kept), value, batched=False)
 
@@ -348,7 +363,7 @@ class Traced(NDArrayOperatorsMixin):
             return self
         shape = self.graph.constant(np.array(self.shape[1:], np.int64))
         rows = self.graph.add("Concat", "rows", shape, axis=0)
-        return Traced(self.graph, self.graph.add("Expand", self.name, rows), self.value)
+        return Traced(self.graph, self.graph.add("Expand", self.name, rows), self.value, measured=self.measured)
 
     def _sliced(self, at: int, item: slice) -> Traced:
         start, stop, step = item.indices(self.shape[at])
@@ -362,4 +377,5 @@ class Traced(NDArrayOperatorsMixin):
         self, operator: str, value: np.ndarray, *names: str, of: Sequence[Traced] | None = None, **attributes: Any
     ) -> Traced:
         batched = True if of is None else any(item.batched for item in of)
-        return Traced(self.graph, self.graph.add(operator, *names, **attributes), value, batched)
+        measured = any(item.measured for item in of or (self,))
+        return Traced(self.graph, self.graph.add(operator, *names, **attributes), value, batched, measured=measured)

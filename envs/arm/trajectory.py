@@ -25,6 +25,18 @@ WAYS: dict[str, tuple[float, ...]] = {
 DEGREE = 50  # of the polynomials of the root of the way: angles to 1e-8 rad
 
 
+def clenshaw(x: np.ndarray, coefficients: np.ndarray) -> np.ndarray:
+    """Several Chebyshev series at once (n, k) at places (n,), by coefficients (degree + 1, k).
+
+    As ``chebval``, but written so that an exported policy can carry it.
+    """
+    twice = 2.0 * x[:, None]
+    later, last = coefficients[-1], 0.0 * twice
+    for row in coefficients[-2:0:-1]:
+        later, last = row + twice * later - last, later
+    return coefficients[0] + x[:, None] * later - last
+
+
 @dataclass(frozen=True)
 class Line:
     """A straight line of the tool from the stretched arm.
@@ -73,7 +85,7 @@ class Line:
 
         Before its start and after its end the arm rests.
         """
-        share = np.clip(np.asarray(time, dtype=float) / self.seconds, 0.0, 1.0)
+        share = np.clip(np.true_divide(time, self.seconds), 0.0, 1.0)
         moving = (share > 0.0) & (share < 1.0)
         coefficients = np.array(WAYS[self.way])
         lowest = int(np.flatnonzero(coefficients)[0])
@@ -86,7 +98,7 @@ class Line:
         speed = half * t ** (half - 1.0) * s + t**half * s1
         rate = half * (half - 1.0) * t ** (half - 2.0) * s + 2.0 * half * t ** (half - 1.0) * s1 + t**half * s2
         speed, rate = speed / self.seconds, rate / self.seconds**2
-        values = chebyshev.chebval(2.0 * root - 1.0, self._polynomials).T
+        values = clenshaw(2.0 * root - 1.0, self._polynomials)
         place, slope, bend = values[:, :3], values[:, 3:6], values[:, 6:]
         velocity = slope * speed[:, None] * moving[:, None]
         acceleration = (bend * speed[:, None] ** 2 + slope * rate[:, None]) * moving[:, None]

@@ -82,9 +82,10 @@ class LegTask(ModulatedTask):
         self, numbers: Mapping[str, float], action: np.ndarray, command: np.ndarray, memory: np.ndarray
     ) -> np.ndarray:
         follow = min(self.goal_period / self.correction_time, 1.0) if self.correction_time > 0.0 else 1.0
-        memory[:, CORRECTION] += follow * (self.correction * action - memory[:, CORRECTION])
+        held = memory[:, CORRECTION]
+        memory[:, CORRECTION] = held + follow * (self.correction * action - held)
         goals = self.reference_angles(numbers, command, memory[:, TIME] + self.preview)
-        memory[:, TIME] += self.goal_period
+        memory[:, TIME] = memory[:, TIME] + self.goal_period
         return goals + memory[:, CORRECTION]
 
     def power(self, numbers: Mapping[str, float], torque: np.ndarray, motor_speed: np.ndarray) -> np.ndarray:
