@@ -7,14 +7,16 @@ from functools import cache
 
 import pytest
 from sealegs.actuators import load_chain
+from sealegs.gap.log.finding import Finding
 from sealegs.gap.log.parts import cut
 from sealegs.gap.output.pictures import png
 from sealegs.gap.output.pictures.signatures import features
 from sealegs.gap.replay.free import FreeProblem, free_problem
 from sealegs.gap.replay.joint_model import JointModel
 from sealegs.gap.verdict.decide import standing
+from sealegs.gap.verdict.recorded import recording_reasons
 from sealegs.gap.verdict.signatures import AGREES, DISAGREES, Signature, disagreeing, signatures
-from sealegs.gap.verdict.verdict import CERTAIN, LIKELY, NamedCause
+from sealegs.gap.verdict.verdict import CERTAIN, LIKELY, NamedCause, Value
 
 from testbed import NOISE_FLOOR, hidden_bench
 
@@ -67,3 +69,15 @@ def test_a_contradicted_cause_is_never_certain_and_its_features_are_drawn():
     seen = read("lag", problem("sensor.delay", 0.008), {"delay.seconds": 0.013})
     cause = NamedCause("drive.delay", "Late.", "servo", 1.0, 0.9, {}, 0.5, "number", signatures=seen)
     assert png(features(cause)).startswith(b"\x89PNG")
+
+
+def test_a_delay_that_recording_makes_is_told_as_that():
+    knots = Finding("goal.knots", "note", "servo", "servo.goal", "Lines.", value=0.010)
+
+    def reasons(seconds: float) -> list[str]:
+        value = Value(seconds, seconds - 1e-4, seconds + 1e-4, "s", 0.005)
+        cause = NamedCause("drive.delay", "Late.", "servo", 1.0, 0.9, {"delay.seconds": value}, 0.5, "number")
+        return [reason.code for reason in recording_reasons([cause], [knots])]
+
+    assert reasons(0.0145) == ["interpolated"]
+    assert reasons(0.030) == [] and reasons(0.001) == ["stamps"]

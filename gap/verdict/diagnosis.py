@@ -40,6 +40,7 @@ from .matter import Case, Cut, Order, Replay
 from .measure import Measured, measure, whole_runs
 from .parallel import side_by_side
 from .pieces import cut_joint, frame_findings, named_chain
+from .recorded import recording_reasons
 from .refusal import refuse
 from .robot import with_robot
 from .torque import diagnose_torque
@@ -304,7 +305,7 @@ def _decide(
         search=search,
         simulated=measured.simulated,
         structure=measured.structure,
-        reasons=verdict.reasons,
+        reasons=(*verdict.reasons, *recording_reasons(measured.causes, case.findings)),
         data_errors=errors,
         tuned_share=measured.tuned_share,
         open_causes=measured.open_causes,
