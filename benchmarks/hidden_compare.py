@@ -89,7 +89,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
     lines = options.out.read_text().splitlines() if options.out.exists() else []
     kept = list({row["key"]: row for row in map(json.loads, lines)}.values())  # of each case the last
     have = {row["key"] for row in kept if row["revision"] == revision()}
-    todo = [case_of(row) for row in rows if row["key"] not in have]
+    todo = [case_of(row) for row in sorted(rows, key=lambda row: row["seconds"]) if row["key"] not in have]
     by_key = {row["key"]: row for row in rows}
     with multiprocessing.get_context("spawn").Pool(options.jobs) as pool:
         for row in pool.imap_unordered(run, todo):
