@@ -22,6 +22,7 @@ READ = ("position", "velocity", "link_position", "duty", "current", "torque")
 MOST_HELD = 8  # rows that a column may hold a value for; more is a column of its own rate
 MOST_KNOTS = 25  # rows between two goals that were joined by a line
 REGULAR = 0.95  # share of the stretches that must be whole multiples
+MOST_ROWS = 12_000  # of a run that the duty is followed over: more tell no more
 FEWEST = 40  # stretches from which a rule can be told
 REACH = 0.02  # [s] by which a position may be late, or columns early
 GOAL_REACH = 0.06  # [s] by which the goal may act late
@@ -206,6 +207,7 @@ def following(joint: JointContext, duty: Array, goal: Array) -> Following | None
     at = at[good]
     if len(at) < 200:
         return None
+    at = at[:: -(-len(at) // MOST_ROWS)]
     wanted = duty[at]
     total = _trimmed((wanted - wanted.mean()) ** 2)
     best: tuple[float, int, int] = (np.inf, 0, 0)
