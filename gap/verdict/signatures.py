@@ -21,6 +21,7 @@ AGREES, SILENT, DISAGREES = "agrees", "silent", "disagrees"
 SURE = 2.5  # standard errors over the pieces of the log from which a difference is one
 CLOSE = 0.35  # of the nominal model's difference, up to which the extended model agrees
 HARDLY = 0.7  # of it, from which the cause has not done what it is named for
+AWAY = 2.0  # times the doubt, and what the nominal model is off, from which a cause has moved a feature away
 SINCE = 0.15  # [s] after the drive pushes the other way in which play shows
 LEAST_LAG = 4e-4  # [s] a lag below it is one of the steps of command and sample
 LEAST_ANGLE = 0.15  # of the noise: less is no feature
@@ -160,11 +161,13 @@ def _judged(name: str, unit: str, before: np.ndarray, after: np.ndarray, least: 
         (float(np.mean(values)), float(np.std(values, ddof=1) / np.sqrt(len(values)))) for values in (before, after)
     )
     speaks = abs(nominal) > max(SURE * nominal_error, least)
-    off = abs(extended) > max(SURE * extended_error, least)
+    doubt = max(SURE * extended_error, least)
+    stays = speaks and abs(extended) > max(doubt, HARDLY * abs(nominal))
+    moved_away = not speaks and abs(extended) > AWAY * max(doubt, abs(nominal))
     verdict = SILENT
-    if off and abs(extended) > HARDLY * abs(nominal):
+    if stays or moved_away:
         verdict = DISAGREES
-    elif speaks and (not off or abs(extended) < CLOSE * abs(nominal)):
+    elif speaks and abs(extended) < max(doubt, CLOSE * abs(nominal)):
         verdict = AGREES
     return Signature(name, unit, nominal, extended, nominal_error, extended_error, verdict)
 
