@@ -11,16 +11,22 @@ import numpy as np
 import pytest
 from sealegs.actuators.chain import load_chain
 from sealegs.actuators.errors import SealegsError
+from sealegs.gap.causes.catalogue import adjustable, catalogue
 from sealegs.gap.diagnose import diagnose
+from sealegs.gap.experiment import propose, write_experiment
 from sealegs.gap.load.robot import LoggedRobot, robot_of
 from sealegs.gap.load.tree import ANGLE, Motion, terms_along
-from sealegs.gap.log.parts import cut
+from sealegs.gap.log.parts import FIT_A, FIT_B, cut
+from sealegs.gap.log.sidecar import read_sidecar
 from sealegs.gap.log.types import MeasuredRun
 from sealegs.gap.replay.frames import check_frames
 from sealegs.gap.replay.free import FreeProblem, free_problem
 from sealegs.gap.replay.joint_model import JointModel
-from sealegs.gap.replay.tree import joint_of_tree, not_free, terms_of
+from sealegs.gap.replay.tree import held_terms, joint_of_tree, not_free, terms_of
+from sealegs.gap.search.fit import fit
+from sealegs.gap.search.result import Search
 from sealegs.gap.search.windows import split
+from sealegs.gap.verdict.measure import whole_fit
 
 from testbed.arm import ARMS, mjcf
 from testbed.bench import NOISE_FLOOR
@@ -169,3 +175,32 @@ def test_friction_of_the_elbow_is_named_at_the_elbow(tmp_path: Path) -> None:
     assert (cause.name, cause.joint) == ("friction.coulomb", "elbow")
     value = cause.parameters["friction.coulomb"]
     assert value.low < 0.172 * 1.05 and value.high > 0.172 * 0.95
+
+
+@pytest.mark.long
+def test_a_fit_to_windows_of_a_joint_driven_by_torque_is_carried_on_to_whole_pieces(tmp_path: Path) -> None:
+    data, _ = hidden_arm(tmp_path, "two_link", {}, seed=8, runs=1, duration=6.0, by_torque=True)
+    whole = problem(data.runs[0], "shoulder")
+    turned = adjustable(whole.models[0])
+    found = fit(split(whole).part(FIT_A, FIT_B), turned, evaluations=3)
+    again = whole_fit(whole, turned, found)
+    fitted = whole.part(FIT_A, FIT_B)
+    before, after = (fitted.position_error(fitted.simulate([one.values])[0]) for one in (found, again))
+    assert np.mean(after**2) < 0.8 * np.mean(before**2)
+
+
+@pytest.mark.long
+def test_a_next_experiment_of_a_joint_stays_where_the_log_went_and_holds_the_other_joints(tmp_path: Path) -> None:
+    data, _ = hidden_arm(tmp_path, "two_link", {}, seed=5, runs=1, duration=3.0)
+    run = data.runs[0]
+    whole, position = problem(run, "elbow"), run.joints["elbow"].position
+    along = held_terms(robot(run), "elbow", [run])
+    tuned = tuple(adjustable(whole.models[0]))
+    base = fit(whole, [])
+    considered = tuple(catalogue(whole.models[0], ["friction.coulomb", "friction.load_dependent"]))
+    search = Search(tuned, (), (), np.ones(1), (base, base), considered)
+    best = propose(whole, search, blind=True, along=along)
+    assert best is not None and "other joints held" in best.sentence
+    assert best.goal.min() >= position.min() - 1e-9 and best.goal.max() <= position.max() + 1e-9
+    files = write_experiment(best, "elbow", tmp_path, None, robot=run.robot)
+    assert read_sidecar(files["experiment"]).robot == run.robot

@@ -3,11 +3,12 @@
 from .excitations import DURATION, RATE, Limits, default_limits, library
 from .exposure import blind_spots, experiment_for_still, unseen
 from .files import goal_table, read_goals, write_experiment
-from .proposal import Experiment, propose
+from .proposal import Along, Experiment, propose
 
 __all__ = [
     "DURATION",
     "RATE",
+    "Along",
     "Experiment",
     "Limits",
     "blind_spots",

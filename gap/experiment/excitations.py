@@ -63,6 +63,12 @@ def default_limits(position: np.ndarray, speed: float = math.inf) -> Limits:
     return Limits(min(-REACH, float(seen.min())), max(REACH, float(seen.max())), speed)
 
 
+def visited(position: np.ndarray) -> Limits | None:
+    """Limits of a joint of a robot where nobody gave any: where the log (n,) [rad] went; None where that is nowhere."""
+    seen = position[np.isfinite(position)]
+    return Limits(float(seen.min()), float(seen.max())) if np.ptp(seen) > LEAST else None
+
+
 def within(limits: Limits, stops: Sequence[Stop]) -> Limits | None:
     """Limits less what lies behind stops, and :data:`CLEAR` of them; None where that leaves no room."""
     lower = max([limits.lower, *(stop.angle + CLEAR for stop in stops if stop.side < 0)])
@@ -118,7 +124,7 @@ def excitations(
         By name; none where that leaves less than :data:`LEAST` of the limits.
     """
     stall, no_load = abilities(nominal)
-    gravity = nominal.load.gravity_torque(params)
+    gravity = 0.0 if nominal.load.tree else nominal.load.gravity_torque(params)  # a robot goes where it went before
     lower, upper = limits.lower, limits.upper
     if HOLDS * stall < gravity:
         most = math.asin(HOLDS * stall / gravity)

@@ -27,7 +27,12 @@ def goal_table(experiment: Experiment, joint: str) -> str:
 
 
 def write_experiment(
-    experiment: Experiment, joint: str, folder: Path, actuator: str | list, prefix: str = ""
+    experiment: Experiment,
+    joint: str,
+    folder: Path,
+    actuator: str | list | None,
+    prefix: str = "",
+    robot: str = "bench",
 ) -> dict[str, Path]:
     """Write ``next_experiment.csv`` and ``next_experiment.yaml``.
 
@@ -35,8 +40,9 @@ def write_experiment(
         experiment: to write.
         joint: that it moves.
         folder: to write into.
-        actuator: chain of the joint as the sidecars name it.
+        actuator: chain of the joint as the sidecars name it; None where the robot's file does.
         prefix: of the file names.
+        robot: as the sidecars name it.
 
     Returns:
         Paths by ``experiment`` and ``experiment_sidecar``.
@@ -45,7 +51,8 @@ def write_experiment(
     goals.write_text(goal_table(experiment, joint), encoding="utf-8")
     notes = {"notes": f"{experiment.name}: {experiment.sentence}"}
     sidecar.write_text(
-        sidecar_text(Sidecar("bench", dict(experiment.load), {joint: actuator}, notes)), encoding="utf-8"
+        sidecar_text(Sidecar(robot, dict(experiment.load), {} if actuator is None else {joint: actuator}, notes)),
+        encoding="utf-8",
     )
     return {"experiment": goals, "experiment_sidecar": sidecar}
 

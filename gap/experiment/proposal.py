@@ -9,7 +9,7 @@ friction would hide tells nothing apart.
 from __future__ import annotations
 
 import dataclasses
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 
@@ -26,8 +26,10 @@ from ..search.bounded import bounded_step
 from ..search.fit import merge, middle
 from ..search.result import Search
 from ..search.structure import listed
-from .excitations import HOLDS, RATE, Limits, abilities, default_limits, excitations, within
+from .excitations import HOLDS, RATE, Limits, abilities, default_limits, excitations, visited, within
 
+Along = Callable[[np.ndarray, np.ndarray], np.ndarray]
+"""What a joint of a robot works against (n, T_COLUMNS) on a planned motion: of times (n,) [s] and goals (n,) [rad]."""
 ENOUGH = 1.0  # noise floors (rms) by which rivals must differ; below that another load is proposed
 SHOWS = 0.3  # noise floors (rms) that a search can still see: below that nothing is told apart
 CAP = 3.0  # noise floors beyond which a pair needs no more
@@ -116,6 +118,7 @@ def propose(
     seed: int = 0,
     blind: bool = False,
     stops: Sequence[Stop] = (),
+    along: Along | None = None,
 ) -> Experiment | None:
     """The measurement that best tells the rivals of a search apart.
 
@@ -126,6 +129,7 @@ def propose(
         seed: of the excitations.
         blind: the log shows too little: tell all causes of the catalogue apart, not only rivals.
         stops: of the joint, which no motion goes near.
+        along: of a joint of a robot, its load on a planned motion; it stays within what the log has visited.
 
     Returns:
         None where the search left nothing open, or where the servo can hold no load within the limits.
@@ -133,7 +137,9 @@ def propose(
     hypotheses = everything(problem, search) if blind else _rivals(search)
     if len(hypotheses) < 2:
         return None
-    limits = within(limits or default_limits(problem.measured[:, 0]), stops)
+    position = problem.measured[:, 0]
+    limits = limits or (default_limits(position) if along is None else visited(position))
+    limits = limits and within(limits, stops)
     if limits is None:
         return None
     old = thinned(problem.part(FIT_A, FIT_B))
@@ -146,9 +152,9 @@ def propose(
         if step >= len(loads) and best is not None and best.separation >= ENOUGH:
             break
         for name, goal in excitations(limits, nominal, load, seed).items():
-            goal = kept_within(problem, load, goal, hypotheses, limits)
+            goal = kept_within(problem, load, goal, hypotheses, limits, along)
             label = name if load == loads[0] else f"{name}, {load['mass']:.3g} kg"
-            new = measurement(problem, load, goal)
+            new = measurement(problem, load, goal, along)
             predicted = [predict(new, h) for h in hypotheses]
             apart = _distances(known, predicted)
             score = float(np.mean(np.minimum(apart, CAP))) if blind else float(apart.min())
@@ -162,15 +168,17 @@ def propose(
                 )
     if best is None:
         return None
-    return dataclasses.replace(best, sentence=_sentence(best, loads, blind))
+    return dataclasses.replace(best, sentence=_sentence(best, loads, blind, alone=along is None))
 
 
-def _sentence(best: Experiment, loads: Sequence[Mapping[str, float]], blind: bool) -> str:
+def _sentence(best: Experiment, loads: Sequence[Mapping[str, float]], blind: bool, *, alone: bool = True) -> str:
     seconds = best.time[-1] + 1.0 / RATE
     what = (
         f"Run '{best.name}' {best.repeats} times ({seconds:g} s each, goals between {best.goal.min():.2f} and "
         f"{best.goal.max():.2f} rad; see that the joint is free there)"
     )
+    if not alone:
+        what += " with the other joints held in the middle of where they were"
     if best.load not in loads:
         what += f" with {best.load['mass']:.3g} kg on the arm instead of {loads[0]['mass']:.3g} kg"
     elif len(loads) > 1:
@@ -240,29 +248,38 @@ def _distinct(params: Sequence[Mapping[str, float]]) -> list[dict[str, float]]:
 def _other_loads(nominal: JointModel, load: Mapping[str, float]) -> list[dict[str, float]]:
     """The same arm with another mass that the servo can still hold."""
     found = []
-    for factor in LOAD_FACTORS if load["mass"] > 0.0 else ():  # what to hang on an empty shaft is not known
+    for factor in LOAD_FACTORS if load.get("mass", 0.0) > 0.0 else ():  # what to hang on an empty shaft is not known
         changed = {**load, "mass": float(f"{load['mass'] * factor:.2g}")}
         if nominal.load.gravity_torque(changed) <= HOLDS * abilities(nominal)[0]:
             found.append(changed)
     return found
 
 
-def measurement(problem: FreeProblem, load: Mapping[str, float], goal: np.ndarray) -> FreeProblem:
+def measurement(
+    problem: FreeProblem, load: Mapping[str, float], goal: np.ndarray, along: Along | None = None
+) -> FreeProblem:
     """A measurement yet to be made, laid out as the log is; its measured signals are zero."""
     time = np.arange(len(goal)) / RATE
     nothing = np.zeros(len(goal))
     logged = {c: nothing for c in CHANNELS if c != "position" and problem.weight[CHANNELS.index(c)] > 0.0}
     warm = np.full(len(goal), float(np.median(problem.temperature)))
     log = JointLog(goal=goal, position=nothing, temperature=warm, **logged)
-    run = MeasuredRun("next", time, {"joint": log}, robot_params=dict(load))
+    robot = "bench" if along is None else "robot"
+    run = MeasuredRun("next", time, {"joint": log}, robot=robot, robot_params=dict(load))
     unit = Unit(0, FIT_A, 0, len(goal), 1, (float(goal[0]), 0.0))
     weight: dict[str, float] = dict(zip(map(str, CHANNELS), problem.weight, strict=True))
-    laid = free_problem([run], "joint", problem.models[:1], [unit], weight)
+    terms = None if along is None else [along(time, goal)]
+    laid = free_problem([run], "joint", problem.models[:1], [unit], weight, terms)
     return dataclasses.replace(laid, step=problem.step)
 
 
 def kept_within(
-    problem: FreeProblem, load: Mapping[str, float], goal: np.ndarray, hypotheses: Sequence[Hypothesis], limits: Limits
+    problem: FreeProblem,
+    load: Mapping[str, float],
+    goal: np.ndarray,
+    hypotheses: Sequence[Hypothesis],
+    limits: Limits,
+    along: Along | None = None,
 ) -> np.ndarray:
     """The goals (n,), smaller where a hypothesis predicts that the joint shoots beyond its limits.
 
@@ -271,7 +288,8 @@ def kept_within(
     spare = 0.05 * limits.reach
     centre = 0.5 * (goal.min() + goal.max())
     for _ in range(3):
-        out = measurement(problem, load, goal).simulate([h.values for h in hypotheses])[:, :, 0]
+        planned = measurement(problem, load, goal) if along is None else measurement(problem, load, goal, along)
+        out = planned.simulate([h.values for h in hypotheses])[:, :, 0]
         out = np.clip(out, -1e2, 1e2) - centre
         beyond = max(
             float(out.max()) / (limits.upper + spare - centre), float(-out.min()) / (centre - limits.lower + spare)

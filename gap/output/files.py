@@ -11,6 +11,7 @@ from typing import Any
 import numpy as np
 
 from ...actuators.extras import missing_package
+from ...envs.robot_file import is_robot_file
 from ..experiment import write_experiment
 from ..ground.files import write_leg
 from ..log.parts import TEST
@@ -87,8 +88,10 @@ def write_diagnosis(
                 }
                 differences += changed
             if diagnosis.experiment is not None:
-                actuator = data.runs[0].actuators[diagnosis.joint]
-                files = write_experiment(diagnosis.experiment, diagnosis.joint, staged, actuator, prefix)
+                run = data.runs[0]
+                actuator = run.actuators.get(diagnosis.joint)
+                machine = run.robot if is_robot_file(run.robot) else "bench"
+                files = write_experiment(diagnosis.experiment, diagnosis.joint, staged, actuator, prefix, machine)
                 document["next_experiment"]["file"] = files["experiment"].name
                 written |= {f"{owner}{key}": path for key, path in files.items()}
             documents.append(document)

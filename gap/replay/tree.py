@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 
 import numpy as np
 
@@ -70,6 +70,31 @@ def terms_of(robot: LoggedRobot, joint: str, runs: Sequence[MeasuredRun]) -> lis
         terms[:, E_POSITION] = frame.sign * terms[:, E_POSITION] + frame.zero
         found.append(terms)
     return found
+
+
+def held_terms(
+    robot: LoggedRobot, joint: str, runs: Sequence[MeasuredRun]
+) -> Callable[[np.ndarray, np.ndarray], np.ndarray]:
+    """What a joint works against on a planned motion, the others held in the middle of where they were.
+
+    Returns:
+        A function of times (n,) [s] and goals (n,) of the log's frame that gives terms (n, T_COLUMNS).
+    """
+    frame, number = robot.frame(joint), robot.number(joint)
+    dof = int(robot.model.jnt_dofadr[number])
+    middle = np.median(np.concatenate([motion_of(robot, run).position for run in runs]), axis=0)
+
+    def along(time: np.ndarray, goal: np.ndarray) -> np.ndarray:
+        position, speed, acceleration = (np.zeros((len(time), robot.model.nv)) for _ in range(3))
+        position[:] = middle
+        smooth, rate, change = derivatives(time, goal)
+        position[:, dof] = frame.sign * (smooth - frame.zero)
+        speed[:, dof], acceleration[:, dof] = frame.sign * rate, frame.sign * change
+        terms = terms_along(robot.model, number, Motion(position, speed, acceleration), frame.sign)
+        terms[:, E_POSITION] = frame.sign * terms[:, E_POSITION] + frame.zero
+        return terms
+
+    return along
 
 
 def owned(robot: LoggedRobot, joint: str) -> Finding | None:

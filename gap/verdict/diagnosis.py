@@ -221,7 +221,7 @@ def _replay(pieces: Cut, order: Order, *, before_goal: bool = False) -> Replay |
         free = free_problem(*layout, {"position": 1.0 / pieces.noise}, pieces.terms)
         problem = weigh_channels(converged(free))
         causes = with_stops(causes, stops, pieces.models[0])
-        return Replay(problem, in_windows(problem, wide), wide, tuned, causes, seen, stops)
+        return Replay(problem, in_windows(problem, wide), wide, tuned, causes, seen, stops, along=pieces.along)
     if before_goal:  # on a bench the motion tells of the true delay; here nothing else does
         late = [model.with_values({"delay.seconds": model.value("delay.seconds") + MOMENT}) for model in pieces.models]
         layout = pieces.runs, pieces.joint, late, pieces.units
@@ -279,13 +279,14 @@ def _decide(
     )
     rivals = _rivals(measured)
     experiment = None
-    bench = not problem.models[0].load.tree if problem.kind == "free" else False
+    planned = replay.along is not None or (problem.kind == "free" and not problem.models[0].load.tree)
     unsettled = verdict.name in (NOT_IDENTIFIABLE, PARTLY) or rivals or measured.open_causes
-    if problem.kind == "free" and bench and unsettled:
+    if problem.kind == "free" and planned and unsettled:
         # a driven link has no load to choose and no motion of its own
         withdrawn = [cause.name for cause in measured.open_causes if cause.standing == WITHDRAWN]
         blind = verdict.because("still", "blind") or bool(withdrawn)
-        experiment = propose(problem, search.less(withdrawn), order.limits, order.seed, blind, replay.stops)
+        left = search.less(withdrawn)
+        experiment = propose(problem, left, order.limits, order.seed, blind, replay.stops, replay.along)
     tuned = {p.number: measured.values[p.path] for p in search.tuned if p.path in measured.values}
     return JointDiagnosis(
         joint=joint,

@@ -9,7 +9,7 @@ import numpy as np
 
 from ..causes.cause import Cause
 from ..checks.stops import Stop
-from ..experiment import Limits
+from ..experiment import Along, Limits
 from ..log.finding import Finding
 from ..log.parts import Unit
 from ..log.progress import Progress
@@ -44,6 +44,7 @@ class Cut:
         noise: of a position sample [rad].
         terms: what a joint of a robot works against in each run (samples, T_COLUMNS).
         findings: about the robot.
+        along: as of :class:`Replay`.
     """
 
     joint: str
@@ -53,6 +54,7 @@ class Cut:
     noise: float
     terms: Sequence[np.ndarray] | None = None
     findings: tuple[Finding, ...] = ()
+    along: Along | None = None
 
 
 @dataclass(frozen=True, eq=False)
@@ -68,6 +70,7 @@ class Replay:
         findings: about what this replay can show, and the stops of the joint.
         stops: that the log shows.
         hidden: causes that a link which moves as measured cannot show.
+        along: of a hinge of a robot that takes position goals, its load on a motion that is planned.
     """
 
     problem: Replayable
@@ -78,6 +81,7 @@ class Replay:
     findings: tuple[Finding, ...] = ()
     stops: tuple[Stop, ...] = ()
     hidden: tuple[str, ...] = ()
+    along: Along | None = None
 
 
 @dataclass(frozen=True, eq=False)

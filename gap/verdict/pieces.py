@@ -19,7 +19,7 @@ from ..log.types import Array, LogError, MeasuredRun
 from ..replay.frames import check_frames
 from ..replay.joint_model import JointModel
 from ..replay.terms import T_OWN, T_SIZE
-from ..replay.tree import joint_of_tree, not_free, owned, terms_of
+from ..replay.tree import held_terms, joint_of_tree, not_free, owned, terms_of
 from ..search.structure import fine
 from .matter import Cut
 
@@ -60,7 +60,10 @@ def cut_joint(
     noise = max(logged, PRECISION * models[0].axis.span)
     if noise > logged:
         findings.append(_finer(joint, noise, models[0].axis.unit("rad")))
-    return Cut(joint, runs, models, cut(runs, joint, test_group), noise, terms, tuple(findings))
+    along = None
+    if robot is not None and terms is not None and not (robot.slides(joint) or models[0].by_torque):
+        along = held_terms(robot, joint, runs)
+    return Cut(joint, runs, models, cut(runs, joint, test_group), noise, terms, tuple(findings), along)
 
 
 def frame_findings(runs: Sequence[MeasuredRun], progress: Progress) -> list[Finding]:

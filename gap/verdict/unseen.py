@@ -8,7 +8,7 @@ numbers alone does clearly better there, that is the finding, and the model that
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -43,6 +43,14 @@ class Model:
     fitted: Fit
     bounds: Mapping[str, tuple[float, float]]
     withdrawn: tuple[OpenCause, ...] = ()
+
+    def with_fit(self, fitted: Fit) -> Model:
+        """The model with other values; its intervals reach them."""
+        bounds = {
+            path: (min(low, fitted.values.get(path, low)), max(high, fitted.values.get(path, high)))
+            for path, (low, high) in self.bounds.items()
+        }
+        return replace(self, fitted=fitted, bounds=bounds)
 
 
 def effective(fitting: Problem, search: Search, seed: int) -> Model:
