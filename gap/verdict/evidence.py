@@ -19,7 +19,9 @@ class Thresholds:
             causes must be certain, and the structure no larger than the noise.
         feeble: least share of the mean squared error of the tuned model that causes must remove beside structure.
         sure: least confidence of a cause that is named alone.
-        certain: least confidence of a cause that is certain, whatever is said of others.
+        certain: least confidence of a cause that is certain, whatever is said of others. Of the causes that the hidden
+            benches named with as much, 173 of 175 were right; between ``sure`` and it, 12 of 15; below, 10 of 18
+            (``python -m benchmarks.calibration``).
         torque_explained: most unexplained share of a torque gap that counts as explained by a shift.
         torque_nothing: most unexplained share of it, without a shift, that counts as nothing to explain.
     """
