@@ -137,8 +137,12 @@ def rows_of(case: str, data: Path, kept: Path) -> Iterator[dict[str, Any]]:
         print(f"{case} {found.joint}: {found.sentence} ({fresh[-1]['seconds']:.0f} s)", flush=True)
         began = time.perf_counter()
 
-    diagnose(data_set, done=keep, workers=None)
-    yield from fresh
+    found = diagnose(data_set, done=keep, workers=None)
+    seconds = {item["joint"]: item["seconds"] for item in reversed(fresh)}  # of the first time it was judged
+    final = [row(case, joint, seconds.get(joint.joint, 0.0)) for joint in found]  # with what joints share
+    lines = [item for item in done if item["case"] != case] + final
+    kept.write_text("".join(json.dumps(item) + "\n" for item in lines), encoding="utf-8")
+    yield from final
 
 
 def page(rows: list[dict[str, Any]]) -> str:

@@ -94,7 +94,10 @@ def diagnose(
     if all(run.robot == HOPPER.name for run in runs):
         found.append(_diagnose_ground(runs, found, order))
     if (robot := robot_of(runs[0])) is not None:
-        found = _with_robot(robot, runs, findings, found, order)
+        before, found = found, _with_robot(robot, runs, findings, found, order)
+        for joint in found:
+            if all(joint is not other for other in before):  # of the robot, or judged again
+                done(joint)
     return found
 
 
