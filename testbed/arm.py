@@ -82,6 +82,21 @@ SIX_JOINT = (
 
 ARMS = {"two_link": TWO_LINK, "six_joint": SIX_JOINT}
 
+LEG = (
+    Body("joint_1", (0.0, 0.0, 0.45), (1.0, 0.0, 0.0, 0.0), 1.22, (0.048, 0.0, -0.05), (6e-3, 6e-3, 2e-3, 0, 0, 0)),
+    Body("joint_2", (0.06, 0.0, 0.0), (SWING, SWING, 0.0, 0.0), 1.26, (0.129, 0.0, 0.0), (1e-3, 7e-3, 7e-3, 0, 0, 0)),
+    Body("joint_3", (0.2384, 0.0, 0.0), (1.0, 0.0, 0.0, 0.0), 0.63, (0.154, 0.0, 0.0), (4e-4, 6e-3, 6e-3, 0, 0, 0)),
+)
+"""A leg of SILO4's masses and lengths (paper 000, table I); inertias of rods, assumed."""
+
+FLAT = (
+    Body("joint_1", (0.0, 0.0, 0.5), (1.0, 0.0, 0.0, 0.0), 2.0, (0.25, 0.0, 0.0), (2e-3, 5e-2, 5e-2, 0, 0, 0)),
+    Body("joint_2", (0.5, 0.0, 0.0), (1.0, 0.0, 0.0, 0.0), 0.6, (0.15, 0.0, 0.0), (5e-4, 6e-3, 6e-3, 0, 0, 0)),
+)
+"""An arm that moves level, so that gravity does nothing; numbers assumed."""
+
+MACHINES = {**ARMS, "leg": LEG, "flat": FLAT}
+
 SERVO = {
     "gain": 5.3,
     "duty_limit": 0.97,
@@ -93,8 +108,17 @@ SERVO = {
     "viscous": 0.059,
 }
 """Of every joint, like an STS3215; assumed."""
+SERVOS: dict[str, dict[str, float]] = {
+    "leg": {
+        "gain": 2.0, "duty_limit": 1.0, "volts": 24.0, "motor_constant": 11.8, "resistance": 5.5, "armature": 0.4,
+        "coulomb": 2.0, "viscous": 10.5,
+    },
+    "flat": SERVO | {"gain": 12.0, "motor_constant": 2.4},
+}  # fmt: skip
+"""Of machines whose servos are others: the leg's are motor 3 of paper 000 behind 287:1, under a softer loop."""
 DELAY = 0.005
 DRIVEN_COULOMB, DRIVEN_VISCOUS = 0.05, 0.02  # of an arm that is driven by torque, without a gear; assumed
+MESHING_COUNT = 20.5  # periods per turn: the second sine of paper 000, table IV, behind its skew-axis gear
 UNCERTAIN = ("motor_constant", "resistance", "armature", "coulomb", "viscous")
 
 
@@ -128,6 +152,17 @@ def _servo(field: str, change: Callable[[float, float], float]) -> Callable[...,
 
 def _delay(links: Links, servos: Servos, joint: int, size: float) -> tuple[Links, Servos]:
     return links, servos._replace(delay=servos.delay + size)
+
+
+def _softer(links: Links, servos: Servos, joint: int, size: float) -> tuple[Links, Servos]:
+    return links, servos._replace(soft=size, play_joint=joint)
+
+
+def _meshing(links: Links, servos: Servos, joint: int, size: float) -> tuple[Links, Servos]:
+    """Dry friction that rises and falls as teeth mesh."""
+    ripple, count, phase = servos.ripple.copy(), servos.ripple_count.copy(), servos.ripple_phase.copy()
+    ripple[joint], count[joint], phase[joint] = size, MESHING_COUNT, 0.7
+    return links, servos._replace(ripple=ripple, ripple_count=count, ripple_phase=phase)
 
 
 def _play(links: Links, servos: Servos, joint: int, size: float) -> tuple[Links, Servos]:
@@ -166,6 +201,11 @@ EFFECTS: dict[str, Hidden] = {
     "stop": Hidden("contact.blocked", "load.stop_angle", (0.4, 0.5), _servo("upper_stop", lambda v, s: s)),
     "encoder_scale": Hidden("sensor.scale", "encoder.scale", (0.9, 0.95), _servo("encoder_scale", lambda v, s: v * s)),
 }
+FURTHER: dict[str, Hidden] = {
+    "meshing": Hidden("friction.position_dependent", "friction.ripple", (0.5, 0.25), _meshing),
+    "softer": Hidden("transmission.compliance", "compliance.stiffness", (12.0, 20.0), _softer),
+}
+"""Effects of single machines, which the matrix of arms does not hide."""
 STRANGERS: dict[str, Hidden] = {
     "cable": Hidden("", "", (0.6, 0.3), _servo("cable", lambda v, s: s)),
     "friction_drift": Hidden("", "", (0.01, 0.005), _servo("drift", lambda v, s: s)),
@@ -200,22 +240,26 @@ def links_of(bodies: tuple[Body, ...], masses: np.ndarray) -> Links:
     )
 
 
-def servos_of(count: int, by_torque: bool = False) -> Servos:
+def servos_of(count: int, by_torque: bool = False, servo: Mapping[str, float] = SERVO) -> Servos:
     """Nominal servos of so many joints."""
 
     def each(value: float) -> np.ndarray:
         return np.full(count, value)
 
     servos = Servos(
-        **{name: each(value) for name, value in SERVO.items()},
+        **{name: each(value) for name, value in servo.items()},
         load=each(0.0),
         drift=each(0.0),
         cable=each(0.0),
+        ripple=each(0.0),
+        ripple_count=each(0.0),
+        ripple_phase=each(0.0),
         upper_stop=each(math.inf),
         encoder_scale=each(1.0),
         delay=DELAY,
         play=0.0,
         play_joint=-1,
+        soft=0.0,
         by_torque=by_torque,
     )
     if by_torque:
@@ -225,7 +269,7 @@ def servos_of(count: int, by_torque: bool = False) -> Servos:
     return servos
 
 
-def nominal_chain(by_torque: bool = False) -> list[dict[str, dict[str, float]]]:
+def nominal_chain(by_torque: bool = False, servo: Mapping[str, float] = SERVO) -> list[dict[str, dict[str, float]]]:
     """The chain that the sidecar believes in."""
     if by_torque:
         return [
@@ -233,14 +277,14 @@ def nominal_chain(by_torque: bool = False) -> list[dict[str, dict[str, float]]]:
             {"torque_command": {"armature": 0.005}},
             {"friction": {"coulomb": DRIVEN_COULOMB, "viscous": DRIVEN_VISCOUS}},
         ]
-    motor = {key: SERVO[key] for key in ("motor_constant", "resistance", "armature")}
+    motor = {key: servo[key] for key in ("motor_constant", "resistance", "armature")}
     return [
         {"delay": {"seconds": DELAY}},
-        {"position_p": {"gain": SERVO["gain"]}},
-        {"duty_limit": {"limit": SERVO["duty_limit"]}},
-        {"supply": {"volts": SERVO["volts"], "resistance": 0.0}},
+        {"position_p": {"gain": servo["gain"]}},
+        {"duty_limit": {"limit": servo["duty_limit"]}},
+        {"supply": {"volts": servo["volts"], "resistance": 0.0}},
         {"dc_motor": motor},
-        {"friction": {"coulomb": SERVO["coulomb"], "viscous": SERVO["viscous"]}},
+        {"friction": {"coulomb": servo["coulomb"], "viscous": servo["viscous"]}},
         {"encoder": {"ticks": 4096}},
     ]
 
@@ -290,7 +334,7 @@ def record_arm(
 
     Args:
         folder: where ``arm.xml`` goes.
-        arm: one of :data:`ARMS`.
+        arm: one of :data:`MACHINES`.
         effects: by name, the joint that has it and ``clear``, ``moderate`` or a value.
         seed: of everything random.
         runs, duration: how many, and how long [s].
@@ -301,18 +345,18 @@ def record_arm(
     Returns:
         The recordings, and the truth.
     """
-    bodies = ARMS[arm]
+    bodies, servo = MACHINES[arm], SERVOS.get(arm, SERVO)
     rng = np.random.default_rng([seed, 11])
     names = [body.joint for body in bodies]
     masses = np.array([body.mass for body in bodies]) * (1.0 + nominal_error * rng.uniform(-1, 1, len(bodies)))
-    links, servos = links_of(bodies, masses), servos_of(len(bodies), by_torque)
+    links, servos = links_of(bodies, masses), servos_of(len(bodies), by_torque, servo)
     for name in UNCERTAIN:
         values = getattr(servos, name) * (1.0 + nominal_error * rng.uniform(-1, 1, len(bodies)))
         servos = servos._replace(**{name: values})
     servos = servos._replace(delay=DELAY * (1.0 + nominal_error * rng.uniform(-1, 1)))
     truth: dict[str, Any] = {"seed": seed, "effects": {}, "masses": masses}
     for name, (joint, size) in (effects or {}).items():
-        hidden = (EFFECTS | STRANGERS)[name]
+        hidden = (EFFECTS | FURTHER | STRANGERS)[name]
         value = hidden.sizes[("clear", "moderate").index(size)] if isinstance(size, str) else size
         links, servos = hidden.apply(links, servos, names.index(joint), value)
         truth["effects"][name] = {
@@ -323,7 +367,7 @@ def record_arm(
         }
     truth["links"], truth["servos"] = links, servos
     (folder / "arm.xml").write_text(mjcf(bodies), encoding="utf-8")
-    chain = nominal_chain(by_torque)
+    chain = nominal_chain(by_torque, servo)
     recorded = [
         Recording(
             f"run{k}",

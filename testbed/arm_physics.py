@@ -43,17 +43,22 @@ class Servos(NamedTuple):
     load: np.ndarray  # dry friction per torque through the gearbox
     drift: np.ndarray  # growth of dry friction [N.m/s]
     cable: np.ndarray  # stiffness of a cable that relaxes [N.m/rad]
+    ripple: np.ndarray  # amplitude of dry friction over the angle [N.m]
+    ripple_count: np.ndarray  # its periods per turn
+    ripple_phase: np.ndarray  # [rad]
     upper_stop: np.ndarray  # [rad]
     encoder_scale: np.ndarray
     delay: float  # of all commands [s]
     play: float  # [rad]
     play_joint: int  # that has it; -1: none
+    soft: float  # stiffness of a spring in place of the teeth [N.m/rad]; 0: teeth
     by_torque: bool  # goals are torques [N.m]
 
 
 CABLE_TIME = 2.0  # [s] over which a cable relaxes
 STOP_STIFFNESS, STOP_DAMPING = 300.0, 1.5
 TOOTH_STIFFNESS, TOOTH_DAMPING = 800.0, 0.6
+SOFT_DAMPING = 0.02  # [N.m.s/rad] of the spring in place of teeth
 
 
 @numba.njit(cache=True)
@@ -212,6 +217,8 @@ def simulate(links, servos, goal_time, goal, duration):
                 current[i] = (duty[i] * servos.volts[i] - servos.motor_constant[i] * rate) / servos.resistance[i]
                 value = servos.motor_constant[i] * current[i]
             limit = servos.coulomb[i] + servos.drift[i] * now + servos.load[i] * abs(value + bias[i])
+            if servos.ripple[i] > 0.0:
+                limit += servos.ripple[i] * math.cos(servos.ripple_count[i] * angle + servos.ripple_phase[i])
             dry[i] = max(limit, 0.0) * STEP
             relaxed[i] += STEP / CABLE_TIME * (q[i] - relaxed[i])
             outside = servos.cable[i] * (relaxed[i] - q[i])
@@ -221,7 +228,9 @@ def simulate(links, servos, goal_time, goal, duration):
                 motor_torque = value - servos.viscous[i] * rate
                 twist, apart = motor - q[i], 0.5 * servos.play
                 tooth = 0.0
-                if twist > apart:
+                if servos.soft > 0.0:
+                    tooth = servos.soft * twist + SOFT_DAMPING * (motor_w - w[i])
+                elif twist > apart:
                     tooth = max(TOOTH_STIFFNESS * (twist - apart) + TOOTH_DAMPING * (motor_w - w[i]), 0.0)
                 elif twist < -apart:
                     tooth = min(TOOTH_STIFFNESS * (twist + apart) + TOOTH_DAMPING * (motor_w - w[i]), 0.0)

@@ -170,7 +170,8 @@ def test_training_deploying_and_diagnosing_work_from_a_strangers_folder(installe
 
 def test_the_policies_that_come_along_load() -> None:
     folders = sorted((REPOSITORY / "policies").glob("*/seed*"))
-    assert {folder.parent.name for folder in folders} == {"arm", "biped", "biped_hopping", "hexapod", "hopper", "leg"}
+    kinds = {"arm", "biped", "biped_hopping", "biped_steps", "hexapod", "hopper", "leg"}
+    assert {folder.parent.name for folder in folders} == kinds
     for folder in folders:
         act, description = load_policy(folder)
         actions = act(np.zeros((2, *description["observation"]["shape"]), np.float32))
