@@ -33,7 +33,8 @@ from sealegs.envs.biped.identification import (
     fit_pulleys,
     fit_spring,
 )
-from sealegs.envs.biped.legs_together import LegLoad, fit_both
+from sealegs.envs.biped.legs_together import LegLoad, Together, fit_both
+from sealegs.envs.biped.return_map import Healing
 from sealegs.envs.biped.rig import leg_load, leg_record
 from sealegs.envs.biped.robot import BIPED
 
@@ -213,6 +214,25 @@ def hopping() -> Hopping:
 def test_a_pulley_of_table_three_is_below_zero_on_one_side_and_its_mean_hides_it() -> None:
     sides = [validation.pulley_inertia(f"{side}_leg_shape", 0) for side in ("left", "right")]
     assert sides[0] > 0.0 > sides[1] and np.mean(sides) == pytest.approx(PULLEYS[SHAPE][0]) and PULLEYS[SHAPE][0] > 0.0
+
+
+def test_a_deviation_that_grows_or_ends_in_a_fall_is_no_stable_hop() -> None:
+    heals, grows = (Healing(np.full((2, 10), size)) for size in (1e-4, 4e-3))
+    falls = Healing(np.full((2, 10), np.nan))
+    assert heals.multiplier == pytest.approx(0.1**0.1) and not heals.fell
+    assert grows.multiplier > 1.0 and falls.fell and math.isinf(falls.multiplier)
+    stable, unstable = validation.heal_rows((heals, falls), {"lean 4 deg": (heals, heals)})
+    assert stable.holds and unstable.holds and unstable.ours == "falls"
+    assert [item.ours for item in unstable.sensitivity] == ["0.10 mrad, 0.79 times a hop"]
+    assert not validation.heal_rows((grows, heals), {})[0].holds
+
+
+def test_rows_of_both_coordinates_at_once_judge_bias_and_motion() -> None:
+    printed = [DRIVES[f"left_leg_{kind}"].leg_bias for kind in ("angle", "shape")]
+    good = Together((printed[0], printed[1]), (0.01, 0.003), (0.36, 0.16), (0.08, 0.27))
+    assert all(row.holds for row in validation.leg_rows({"left": good}))
+    bad = replace(good, bias=(printed[0] + 0.02, printed[1]), residual=(0.2, 0.003))
+    assert [row.holds for row in validation.leg_rows({"left": bad})] == [False, False, True, True, True]
 
 
 @pytest.mark.long

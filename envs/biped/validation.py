@@ -73,8 +73,8 @@ def validate(
     rows = [
         *_pulleys(),
         *_biases(biases),
-        *_both(together),
-        *_heals(heals, others),
+        *leg_rows(together),
+        *heal_rows(heals, others),
         *_way(stretched),
         _flight(stretched),
     ]
@@ -121,7 +121,8 @@ def _biases(found: dict[str, float]) -> list[Row]:
     ]  # fmt: skip
 
 
-def _both(together: dict[str, Together]) -> list[Row]:
+def leg_rows(together: dict[str, Together]) -> list[Row]:
+    """Biases, motion and what small errors of the bias do, of both coordinates at once, by side."""
     rows = []
     for side, found in together.items():
         for k, kind in enumerate((ANGLE, SHAPE)):
@@ -149,7 +150,14 @@ def _both(together: dict[str, Together]) -> list[Row]:
     return rows
 
 
-def _heals(heals: tuple[Healing, Healing], others: dict[str, tuple[Healing, Healing]]) -> list[Row]:
+def heal_rows(heals: tuple[Healing, Healing], others: dict[str, tuple[Healing, Healing]]) -> list[Row]:
+    """What becomes of a hop that is off, with the update of the lean and without.
+
+    Args:
+        heals: with and without.
+        others: likewise, by what is assumed otherwise.
+    """
+
     def said(found: Healing) -> str:
         return "falls" if found.fell else f"{1e3 * found.left:.2f} mrad, {found.multiplier:.2f} times a hop"
 
