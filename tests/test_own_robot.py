@@ -98,7 +98,8 @@ def test_twenty_lines_of_yaml_take_an_arm_from_its_model_over_a_log_to_a_verdict
     assert text.count("\n") <= 20
     Path("arm.yaml").write_text(text)
     Path("hidden.yaml").write_text("elbow: {friction.coulomb: 0.2}\n")
-    machine = ["robot=arm.yaml", "hw.virtual.hidden=hidden.yaml", "hw.virtual.time=stepped", "silence=20", "live=false"]
+    stepped = ["hw.virtual.time=stepped", "hw.timeout=1", "silence=20", "live=false"]
+    machine = ["robot=arm.yaml", "hw.virtual.hidden=hidden.yaml", *stepped]
     for number, word in enumerate(("multisine", "steps", "slow_triangle", "multisine")):
         run = [f"excitation={word}", "duration=8", f"seed={number}", "out=logs", f"name={word}{number}"]
         assert cli.main(["deploy", *machine, *run]) == 0
