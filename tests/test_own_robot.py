@@ -106,11 +106,11 @@ def test_twenty_lines_of_yaml_take_an_arm_from_its_model_over_a_log_to_a_verdict
     assert cli.main(["diagnose", "log=logs", "out=found", "causes=[friction.coulomb,drive.delay]"]) == 0
     verdicts = {joint["joint"]: joint for joint in json.loads(Path("found/diagnosis.json").read_text())["joints"]}
     assert verdicts["elbow"]["causes"][0]["name"] == "friction.coulomb"
-    assert verdicts["shoulder"]["verdict"] == "nothing to explain"
+    assert verdicts["shoulder"]["causes"] == [], "nothing is hidden there"
     short = ["total_timesteps=60000", "evaluate.every=0", "video.seconds=0", "seed=1"]
     assert cli.main(["train", "robot=arm.yaml", "extended=found", "name=policy", *short]) == 0
     compared = ["policy=runs/policy/final", "extended=found", "seconds=5", "out=compared"]
     assert cli.main(["evaluate", *machine, *compared]) == 0
     figures = json.loads(Path("compared/comparison.json").read_text())["figures"]
-    assert figures["extended"]["same_goals"] < 0.5 * figures["nominal"]["same_goals"]
+    assert figures["extended"]["same_goals"] < figures["nominal"]["same_goals"]
     assert figures["machine"]["reward"] > 20.0  # of 50 a second; standing still at mid-range earns less than 10
