@@ -413,6 +413,7 @@ def test_servos_that_are_held_are_left_to_the_supervisor() -> None:
     assert outcome.rest == "hold" and simulation.torque == [True] and simulation.loop.holder == 4711
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("how", ["fault", "asked"])
 def test_the_supervisor_watches_servos_that_are_held_and_releases_them(how: str, tmp_path: Path) -> None:
     with VirtualBus(robot="bench", link=tmp_path / "servos") as virtual:

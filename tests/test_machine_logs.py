@@ -4,10 +4,13 @@ from __future__ import annotations
 
 from pathlib import Path
 
+import pytest
+
 from testbed.arm import DELAY, MACHINES, SERVOS, mjcf
 from testbed.logs import hidden_arm
 
 
+@pytest.mark.long
 def test_what_the_machines_hide_is_seen_at_the_joint_that_has_it(tmp_path: Path) -> None:
     for machine, effect, joint in (("leg", "meshing", "joint_3"), ("flat", "softer", "joint_2")):
         runs = []
