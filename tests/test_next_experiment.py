@@ -76,7 +76,7 @@ def test_a_motion_made_smaller_stays_within_the_limits_and_where_its_load_is_hel
     held = math.asin(HOLDS * abilities(NOMINAL)[0] / NOMINAL.load.gravity_torque(heavy))
     overshoot = 6.0
 
-    def measurement(problem: object, load: object, goal: np.ndarray) -> SimpleNamespace:
+    def measurement(problem: object, load: object, goal: np.ndarray, along: object = None) -> SimpleNamespace:
         middle = 0.5 * (goal.min() + goal.max())
         return SimpleNamespace(simulate=lambda variants: (middle + overshoot * (goal - middle))[None, :, None])
 

@@ -14,7 +14,7 @@ from sealegs.actuators.errors import SealegsError
 from sealegs.gap.causes.catalogue import adjustable, catalogue
 from sealegs.gap.diagnose import diagnose
 from sealegs.gap.experiment import propose, write_experiment
-from sealegs.gap.load.robot import LoggedRobot, robot_of
+from sealegs.gap.load.robot import robot_of
 from sealegs.gap.load.tree import ANGLE, Motion, terms_along
 from sealegs.gap.log.parts import FIT_A, FIT_B, cut
 from sealegs.gap.log.sidecar import read_sidecar
@@ -31,12 +31,7 @@ from sealegs.gap.verdict.measure import whole_fit
 from testbed.arm import ARMS, mjcf
 from testbed.bench import NOISE_FLOOR
 from testbed.logs import hidden_arm
-
-
-def robot(run: MeasuredRun) -> LoggedRobot:
-    found = robot_of(run)
-    assert found is not None
-    return found
+from tests.logged_robots import robot
 
 
 def problem(run: MeasuredRun, joint: str) -> FreeProblem:

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 from sealegs.envs.extended import Extended
 from sealegs.gap.diagnose import diagnose
-from sealegs.gap.load.robot import LoggedRobot, robot_of
+from sealegs.gap.load.robot import LoggedRobot
 from sealegs.gap.load.tree import block_along
 from sealegs.gap.log.types import MeasuredRun
 from sealegs.gap.output.robot_extension import shared_changes
@@ -19,20 +19,12 @@ from sealegs.gap.shared.directions import Direction, about_joints, centres, mass
 from sealegs.gap.verdict.verdict import JointDiagnosis
 
 from testbed.logs import hidden_arm
-
-JOINTS = ("shoulder", "elbow")
+from tests.logged_robots import JOINTS, robot, two_link_run
 
 
 @pytest.fixture(scope="module")
 def recorded(tmp_path_factory: pytest.TempPathFactory) -> MeasuredRun:
-    data, _ = hidden_arm(tmp_path_factory.mktemp("arm"), "two_link", {}, 5, runs=1, duration=2.0, nominal_error=0.0)
-    return data.runs[0]
-
-
-def robot(run: MeasuredRun) -> LoggedRobot:
-    found = robot_of(run)
-    assert found is not None
-    return found
+    return two_link_run(tmp_path_factory.mktemp("arm"), 2.0)
 
 
 def found_of_robot(number: str, value: float) -> JointDiagnosis:

@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 from sealegs.actuators.chain import load_chain
 from sealegs.envs.extended import Change, Extended, Mounted
-from sealegs.gap.load.robot import Frame, LoggedRobot, robot_of
+from sealegs.gap.load.robot import Frame, LoggedRobot
 from sealegs.gap.load.tree import Motion, terms_along
 from sealegs.gap.log.types import MeasuredRun, MeasuredSet
 from sealegs.gap.output.robot_extension import in_frame, of_robot
@@ -18,21 +18,12 @@ from sealegs.gap.output.robot_mjcf import write_robot
 from sealegs.gap.replay.whole import replay_whole, whole, why_not_whole
 
 from testbed.bench import NOISE_FLOOR
-from testbed.logs import hidden_arm
-
-JOINTS = ("shoulder", "elbow")
+from tests.logged_robots import JOINTS, robot, two_link_run
 
 
 @pytest.fixture(scope="module")
 def recorded(tmp_path_factory: pytest.TempPathFactory) -> MeasuredRun:
-    data, _ = hidden_arm(tmp_path_factory.mktemp("arm"), "two_link", {}, 5, runs=1, duration=3.0, nominal_error=0.0)
-    return data.runs[0]
-
-
-def robot(run: MeasuredRun) -> LoggedRobot:
-    found = robot_of(run)
-    assert found is not None
-    return found
+    return two_link_run(tmp_path_factory.mktemp("arm"), 3.0)
 
 
 def chains(run: MeasuredRun, machine: LoggedRobot) -> dict[str, Mounted]:

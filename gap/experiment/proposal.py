@@ -288,7 +288,7 @@ def kept_within(
     spare = 0.05 * limits.reach
     centre = 0.5 * (goal.min() + goal.max())
     for _ in range(3):
-        planned = measurement(problem, load, goal) if along is None else measurement(problem, load, goal, along)
+        planned = measurement(problem, load, goal, along)
         out = planned.simulate([h.values for h in hypotheses])[:, :, 0]
         out = np.clip(out, -1e2, 1e2) - centre
         beyond = max(

@@ -160,10 +160,9 @@ def _contradictions(found: Replayed) -> list[Reason]:
     reasons = []
     for cause in found.causes:
         if (seen := disagreeing(cause.signatures)) is not None:
-            factor, unit = (1e3, f"m{seen.unit}")
             said = (
-                f"{cause.name} does not do what it is named for: {seen.name} is {factor * seen.extended:+.2g} {unit} "
-                f"off with it, {factor * seen.nominal:+.2g} {unit} without."
+                f"{cause.name} does not do what it is named for: {seen.name} is "
+                f"{1e3 * seen.extended:+.2g} m{seen.unit} off with it, {1e3 * seen.nominal:+.2g} m{seen.unit} without."
             )
             reasons.append(Reason("signature", said))
     return reasons

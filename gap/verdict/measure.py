@@ -108,10 +108,10 @@ def measure(
         before = float(np.mean(problem.position_error(simulated["nominal"]) ** 2)) - white
         unexplained = max(left, min(rest.rms**2 / max(before, 1e-12), 1.0))
     features: dict[str, tuple[Signature, ...]] = {}
-    if any(c.cause.signature for c in sought.accepted):
-        before = problem.simulate([tuned.values])[0]
-        kept = {c.cause.name: c.cause.signature for c in sought.accepted}
-        features = {n: signatures(key, problem, before, simulated["extended"]) for n, key in kept.items()}
+    keys = {c.cause.name: c.cause.signature for c in sought.accepted if c.cause.signature}
+    if keys:
+        without = problem.simulate([tuned.values])[0]
+        features = {name: signatures(key, problem, without, simulated["extended"]) for name, key in keys.items()}
     causes, tuned_share = _name_causes(fitting, sought, model, joint, 1.0 - unexplained, rest, features)
     return Measured(
         gap=gap,
