@@ -68,6 +68,11 @@ class LegProblem:
         return "ground"
 
     @property
+    def drifts(self) -> bool:
+        """Goals hold its joints."""
+        return False
+
+    @property
     def sampled(self) -> tuple[int, ...]:
         """All columns are compared sample by sample."""
         return tuple(range(len(COLUMNS)))

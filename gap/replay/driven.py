@@ -47,6 +47,11 @@ class DrivenProblem(JointReplay):
         return "driven"
 
     @property
+    def drifts(self) -> bool:
+        """It moves as measured."""
+        return False
+
+    @property
     def channels(self) -> tuple[str, ...]:
         """Names of the channels, the judged one first."""
         return tuple(CHANNELS[c] for c in _exchanged(self.first))

@@ -42,6 +42,11 @@ class FreeProblem(JointReplay):
         return "free"
 
     @property
+    def drifts(self) -> bool:
+        """A torque is commanded; a goal would hold the joint."""
+        return self.models[0].by_torque
+
+    @property
     def channels(self) -> tuple[str, ...]:
         """Names of the channels that are replayed."""
         return CHANNELS

@@ -75,6 +75,11 @@ class JointReplay(ABC):
 
     @property
     @abstractmethod
+    def drifts(self) -> bool:
+        """Whether its small errors add up, see :class:`sealegs.gap.replay.problem.Problem`."""
+
+    @property
+    @abstractmethod
     def channels(self) -> tuple[str, ...]:
         """Names of the channels, the one that is judged sample by sample first."""
 

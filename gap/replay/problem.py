@@ -41,6 +41,11 @@ class Problem(Protocol):
         ...
 
     @property
+    def drifts(self) -> bool:
+        """Whether nothing holds a replay near what was measured, so that its small errors add up."""
+        ...
+
+    @property
     def units(self) -> tuple[Unit, ...]:
         """Pieces of runs, each in one part of the data."""
         ...
