@@ -90,6 +90,11 @@ class RobotProblem:
         """How it is replayed."""
         return "free"
 
+    @property
+    def drifts(self) -> bool:
+        """Whether nothing holds one of the joints near what was measured."""
+        return any(problem.drifts for problem in self.joints.values())
+
     @cached_property
     def _laid(self) -> Laid:
         starts, slices, at = [np.zeros(1, int)], {}, 0
