@@ -86,11 +86,12 @@ def main(arguments: Sequence[str] | None = None) -> int:
     )
     options = parser.parse_args(arguments)
     rows = sample(json.loads(options.like.read_text())["cases"], options.sample, options.nulls, options.magnitudes)
+    by_key = {row["key"]: row for row in rows}
     lines = options.out.read_text().splitlines() if options.out.exists() else []
-    kept = list({row["key"]: row for row in map(json.loads, lines)}.values())  # of each case the last
+    ran = {row["key"]: row for row in map(json.loads, lines)}  # of each case the last
+    kept = [row for key, row in ran.items() if key in by_key]
     have = {row["key"] for row in kept if row["revision"] == revision()}
     todo = [case_of(row) for row in sorted(rows, key=lambda row: row["seconds"]) if row["key"] not in have]
-    by_key = {row["key"]: row for row in rows}
     with multiprocessing.get_context("spawn").Pool(options.jobs) as pool:
         for row in pool.imap_unordered(run, todo):
             kept = [other for other in kept if other["key"] != row["key"]] + [row]
