@@ -16,7 +16,7 @@ from sealegs.gap.search.channels import weigh_channels
 from sealegs.gap.search.correlated import excess
 from sealegs.gap.search.fit import fit
 from sealegs.gap.search.settings import DEFAULT
-from sealegs.gap.search.structure import NOTICED, structure
+from sealegs.gap.search.structure import LIMITS, structure
 
 from testbed import NOISE_FLOOR, hidden_bench
 
@@ -39,7 +39,7 @@ def test_columns_that_a_drive_holds_for_a_quarter_of_a_millisecond_are_not_taken
     found = fit(problem, adjustable(problem.models[0]))
     believed = problem.models[0].value("delay.seconds")
     assert abs(found.values["delay.seconds*"] - factors["command_delay"]) * believed < 1e-4
-    assert structure(problem, found.simulated).level < NOTICED
+    assert structure(problem, found.simulated).level < LIMITS.noticed
 
 
 @pytest.mark.parametrize("margin", [0.8, 1.0, 1.25])

@@ -73,19 +73,19 @@ CASES = {
     "structure without a cause": (replayed(level=0.5, after=0.009), NOT_IDENTIFIABLE),
     "structure that is barely noticed": (replayed(level=0.081), NOT_IDENTIFIABLE),
     "a certain cause": (replayed(cause()), EXPLAINED),
-    "an uncertain cause without a near miss": (replayed(cause(sure=0.3)), EXPLAINED),
-    "a near miss beside a certain cause": (replayed(cause(rivals=NEAR)), EXPLAINED),
-    "a near miss beside an uncertain cause": (replayed(cause(sure=0.59, rivals=NEAR)), NOT_IDENTIFIABLE),
+    "an uncertain cause without a rival": (replayed(cause(sure=0.3)), EXPLAINED),
+    "a rival beside a certain cause": (replayed(cause(rivals=NEAR)), EXPLAINED),
+    "a rival beside an uncertain cause": (replayed(cause(sure=0.59, rivals=NEAR)), NOT_IDENTIFIABLE),
     "the same, with structure": (replayed(cause(sure=0.5, rivals=NEAR), level=0.5, left=0.2), NOT_IDENTIFIABLE),
-    "a near miss of a lesser cause": (
+    "a rival of a lesser cause": (
         replayed(cause(), cause("load.mass", 0.5, NEAR, 0.1)),
         PARTLY,
     ),
-    "a near miss of a lesser cause beside a likely one": (
+    "a rival of a lesser cause beside a likely one": (
         replayed(cause(sure=0.7), cause("load.mass", 0.5, NEAR, 0.1)),
         NOT_IDENTIFIABLE,
     ),
-    "a near miss of the largest cause beside a certain one": (
+    "a rival of the largest cause beside a certain one": (
         replayed(cause("load.mass", 0.5, NEAR), cause("contact.blocked", 0.97, share=0.1)),
         PARTLY,
     ),
@@ -102,11 +102,11 @@ CASES = {
         replayed(level=0.5, after=0.02, open_causes=(OpenCause("friction.drag", WITHDRAWN, "worse"),)),
         NOT_IDENTIFIABLE,
     ),
-    "a near miss where nothing is left": (
+    "a rival where nothing is left": (
         replayed(open_causes=(OpenCause("friction.drag", NEAR_MISS, "it wins rarely"),)),
         NOTHING,
     ),
-    "a near miss of a lesser cause beside structure": (
+    "a rival of a lesser cause beside structure": (
         replayed(cause(), cause("load.mass", 0.5, NEAR, 0.1), level=0.5, left=0.2),
         PARTLY,
     ),

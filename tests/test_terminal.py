@@ -42,7 +42,7 @@ FOUND = JointDiagnosis(
     "servo", NOT_IDENTIFIABLE,
     "The gap of 'servo' may be drive.delay and friction.position_dependent, but load.mass fits about as well.",
     "servo.position", "rad", {}, CAUSES, 0.001, (), PLAN, (), data_errors=(STUCK,), tuned_share=0.028,
-    reasons=(Reason("near miss", "The error falls from 24.1 mrad to 0.6 mrad (noise 0.62 mrad)."),),
+    reasons=(Reason("rivals", "The error falls from 24.1 mrad to 0.6 mrad (noise 0.62 mrad)."),),
 )  # fmt: skip
 FILES = {"json": Path("/a/path/that/is/longer/than/any/window/is/wide/so/that/it/runs/over/diagnosis.json")}
 VALUES = ("0.02251 s", "7.4 V", "0.5 kg", "0.12 m", "1.2 rad", "24 s", "2.5 rad/s", "35 %", "27.4 N.m.s/rad", "93 %")

@@ -1,4 +1,4 @@
-"""Writes docs/thresholds.md from the settings of the search: ``python -m docs.generate.thresholds``."""
+"""Writes docs/thresholds.md from the settings themselves: ``python -m docs.generate.thresholds``."""
 
 from __future__ import annotations
 
@@ -6,26 +6,35 @@ from dataclasses import fields
 from pathlib import Path
 
 from sealegs.gap.search.settings import SearchSettings
+from sealegs.gap.search.structure import StructureLimits
+from sealegs.gap.verdict.evidence import Thresholds
+from sealegs.gap.verdict.signatures import SignatureLimits
 
 PAGE = Path(__file__).resolve().parents[1] / "thresholds.md"
 HEAD = """# Thresholds
 
-Written by `python -m docs.generate.thresholds` from `sealegs.gap.search.settings.SearchSettings`; do not edit. Losses
-are per judged value, in parts of that of the noise: a right model has about one. How the rules work together:
-[Choosing causes](choosing-causes.md). What happens when one is halved or doubled: `python -m benchmarks.sensitivity`.
+Written by `python -m docs.generate.thresholds`; do not edit. Losses are per judged value, in parts of that of the
+noise: a right model has about one. How the rules work together: [Choosing causes](choosing-causes.md) and
+[The verdict](verdict.md). What happens when one of the search is halved or doubled: `python -m benchmarks.sensitivity`.
 """
+TABLES: tuple[tuple[str, type, bool], ...] = (
+    ("What decides a name", SearchSettings, True),
+    ("What bounds the effort", SearchSettings, False),
+    ("What counts as structure", StructureLimits, False),
+    ("What decides a verdict", Thresholds, False),
+    ("What a feature must show", SignatureLimits, False),
+)
+"""Heading, class of the settings, and of the search whether they decide what is named."""
 
 
 def page() -> str:
     """The text of docs/thresholds.md."""
     parts = [HEAD]
-    for title, decides in (("What decides a name", True), ("What bounds the effort", False)):
-        parts.append(f"\n## {title}\n\n| setting | value | meaning |\n|---|---|---|\n")
-        parts += [
-            f"| `{item.name}` | {item.default:g} | {item.metadata['meaning']} |\n"
-            for item in fields(SearchSettings)
-            if item.metadata["decides"] is decides
-        ]
+    for title, settings, decides in TABLES:
+        rows = [item for item in fields(settings) if item.metadata["decides"] is decides]
+        parts.append(f"\n## {title}\n\n`{settings.__module__}.{settings.__name__}`\n")
+        parts.append("\n| setting | value | meaning |\n|---|---|---|\n")
+        parts += [f"| `{item.name}` | {item.default:g} | {item.metadata['meaning']} |\n" for item in rows]
     return "".join(parts)
 
 

@@ -67,7 +67,7 @@ def _cause(cause: NamedCause, longest: int, width: int) -> Iterable[str]:
     for path, value in cause.parameters.items():
         yield from _parameter(path, value, width)
     if cause.rivals:
-        yield from _wrapped(f"near miss: {', '.join(cause.rivals)}", width, 4)
+        yield from _wrapped(f"{'rival' if len(cause.rivals) == 1 else 'rivals'}: {', '.join(cause.rivals)}", width, 4)
 
 
 def _share(share: float) -> str:

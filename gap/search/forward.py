@@ -22,8 +22,6 @@ from .screen import screen
 from .settings import DEFAULT, SearchSettings
 
 NEVER = float("nan")  # promise of a screen that was not run
-EDGE = 0.98  # of its upper bound, from which a number is at it
-FASTEST = 0.99  # quantile of the speeds of a log that counts as its highest
 NUMERICAL = (np.linalg.LinAlgError, ArithmeticError)
 
 
@@ -278,11 +276,12 @@ class Searcher:
         edge = next((p for p in candidate.variant if limit is not None and p.number == limit.edge), None)
         if limit is None or edge is None:
             return False
-        end = EDGE * edge.high
+        end = self.settings.shape_edge * edge.high
         if limit.by_speed:
             simulated = self.parts[0].simulate([candidate.fits[0].values])[0]
             speed = self.parts[0].covariates(simulated).get("speed", np.full(1, np.inf))
-            end = min(end, max(float(np.nanquantile(np.abs(speed), FASTEST)), edge.low))
+            fastest = float(np.nanquantile(np.abs(speed), self.settings.speed_quantile))
+            end = min(end, max(fastest, edge.low))
         return min(found.values[edge.path] for found in candidate.fits) >= end
 
     def _with_usual_forms(

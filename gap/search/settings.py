@@ -36,6 +36,13 @@ class SearchSettings:
         1.15, "Rough cost, in parts of its cause's best variant, from which a variant is not fitted to convergence."
     )
     rough_iterations: int = threshold(3, "Iterations of a rough fit.")
+    shape_edge: float = threshold(
+        0.98, "Share of the upper bound of a shape parameter from which the simpler law of its cause is tried."
+    )
+    speed_quantile: float = threshold(
+        0.99,
+        "Quantile of the simulated speeds that counts as the highest: a characteristic speed above it is at its edge.",
+    )
     iterations: int = threshold(25, "Iterations of a fit to convergence, at most.")
     coarse_step: float = threshold(
         2.0, "Factor on the largest step of play and of switching firmware while causes are sought."

@@ -15,17 +15,31 @@ import numpy as np
 
 from ..replay.problem import Problem
 from .correlated import reading_error, shared
+from .settings import threshold
 from .where import where
 
-# structure over the noise's mean square from which it is reported; right models leave up to 0.03, and up to 0.09 where
-# ticks of the encoder decide where the joint sticks
-NOTICED = 0.08
 FOLDS = 3  # parts of the pieces, each predicted from the others
 PASTS = (0.02, 0.06, 0.12)  # [s] how long ago the past values lie that the learner sees
 MOST_SAMPLES = 30_000  # for training; more teach it nothing
 CLIP = 8.0  # noise floors: a jam must not be all that it learns
-LEARNT = 0.1  # least share of the structure that the learner must predict for its variables to be named
-MATTERS = 0.15  # least share of the learner's success that a variable must carry to be named
+
+
+@dataclass(frozen=True, kw_only=True)
+class StructureLimits:
+    """From when on what is left counts as structure, and what of it is told."""
+
+    noticed: float = threshold(
+        0.08,
+        "Structure over the mean square of the noise from which it is reported: right models leave up to 0.03, and up "
+        "to 0.09 where ticks of the encoder decide where the joint sticks.",
+    )
+    learnt: float = threshold(
+        0.1, "Least share of the structure that the learner must predict for its signals to be named."
+    )
+    matters: float = threshold(0.15, "Least share of the learner's success that a signal must carry to be named.")
+
+
+LIMITS = StructureLimits()
 
 
 @dataclass(frozen=True)
@@ -52,7 +66,7 @@ class Structure:
     @property
     def noticed(self) -> bool:
         """Whether it is more than a right model leaves."""
-        return self.level > NOTICED
+        return self.level > LIMITS.noticed
 
     @property
     def sentence(self) -> str:
@@ -91,7 +105,7 @@ def structure(problem: Problem, simulated: np.ndarray, seed: int = 0) -> Structu
     error = np.where(problem.judged & np.isfinite(error), error, np.nan)
     level = max(shared(problem, error) - shared(problem, reading_error(problem, simulated, error, seed)), 0.0)
     rms = float(np.sqrt(level)) * problem.noise
-    if level <= NOTICED:
+    if level <= LIMITS.noticed:
         return Structure(level, rms, unit=problem.signal[1])
     predicted, depends_on = _learn(problem, simulated, error, level, seed)
     return Structure(level, rms, predicted, depends_on, problem.signal[1], where(problem, simulated, error))
@@ -161,9 +175,9 @@ def _learn(
                 worse[j] += weight * max(float(((target - learner.predict(shuffled)) ** 2).sum()) - here, 0.0)
     count = float(good.sum())
     share = float(np.clip((before - after) / count / level, 0.0, 1.0)) if count else 0.0
-    if share < LEARNT:
+    if share < LIMITS.learnt:
         return share, ()
     parts = worse / max(worse.sum(), 1e-12)
-    order = [j for j in np.argsort(-parts) if parts[j] > MATTERS][:3]
+    order = [j for j in np.argsort(-parts) if parts[j] > LIMITS.matters][:3]
     names = list(features)
     return share, tuple((names[j], float(parts[j])) for j in order)

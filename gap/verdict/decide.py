@@ -38,7 +38,6 @@ from .verdict import (
 )
 from .words import also, certainty, change, fall, levels, size, some, subject, verb
 
-AS_GOOD = 1.05  # times the refitted torque error up to which the believed numbers are as good
 MOST_WORDS = 25  # of the sentence that a verdict is told in
 
 
@@ -222,7 +221,7 @@ def _beside(found: Replayed, certain: Sequence[NamedCause], doubtful: NamedCause
     reasons = [Reason("error", f"With {names} the error falls {change(found)}.")]
     if found.structure.noticed:
         reasons.append(Reason("structure", found.structure.sentence))
-    return Verdict(PARTLY, sentence, (*reasons, Reason("near miss", also(found.causes))))
+    return Verdict(PARTLY, sentence, (*reasons, Reason("rivals", also(found.causes))))
 
 
 def _rivalled(found: Replayed, doubtful: NamedCause) -> Verdict:
@@ -235,7 +234,7 @@ def _rivalled(found: Replayed, doubtful: NamedCause) -> Verdict:
     return Verdict(
         NOT_IDENTIFIABLE,
         sentence,
-        (Reason("near miss", f"The data fit {others}{place} about as well. The error falls {change(found)}."),),
+        (Reason("rivals", f"The data fit {others}{place} about as well. The error falls {change(found)}."),),
     )
 
 
@@ -257,7 +256,7 @@ def _explained(found: Replayed) -> Verdict:
     names = listed([cause.name for cause in causes])
     reasons = [Reason("error", f"With {names} the error falls {change(found)}.")]
     if any(cause.rivals for cause in causes):
-        reasons.append(Reason("near miss", also(causes)))
+        reasons.append(Reason("rivals", also(causes)))
     return Verdict(EXPLAINED, sentence, tuple(reasons))
 
 
@@ -293,7 +292,7 @@ def _balanced(found: Balanced, limit: Thresholds) -> Verdict:
     told = (change, *(_open_reason(cause) for cause in found.open_causes))
     error = f"torque error {before:.2f} to {after:.2f} N.m"
     if not found.causes:
-        if before <= AS_GOOD * after and not found.open_causes:
+        if before <= limit.torque_as_good * after and not found.open_causes:
             sentence = f"Nothing to explain: neither refitted numbers nor a shift lower the {error}."
             return Verdict(NOTHING, sentence, told)
         sentence = f"No known cause holds for the torque of '{found.joint}': {error} when refitted."

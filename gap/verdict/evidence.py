@@ -6,32 +6,48 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
 from ..log.finding import Finding
+from ..search.settings import threshold
 from ..search.structure import Structure
 from .verdict import DataError, Error, NamedCause, OpenCause
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, kw_only=True)
 class Thresholds:
-    """What the decision compares with.
+    """What the decision compares with."""
 
-    Attributes:
-        negligible: most unexplained share of the gap that still counts as explained while structure is noticed; its
-            causes must be certain, and the structure no larger than the noise.
-        feeble: least share of the mean squared error of the tuned model that causes must remove beside structure.
-        sure: least confidence of a cause that is named alone.
-        certain: least confidence of a cause that is certain, whatever is said of others. Of the causes that the hidden
-            benches named with as much, 173 of 175 were right; between ``sure`` and it, 12 of 15; below, 10 of 18
-            (``python -m benchmarks.calibration``).
-        torque_explained: most unexplained share of a torque gap that counts as explained by a shift.
-        torque_nothing: most unexplained share of it, without a shift, that counts as nothing to explain.
-    """
-
-    negligible: float = 0.03
-    feeble: float = 0.3
-    sure: float = 0.6
-    certain: float = 0.9
-    torque_explained: float = 0.15
-    torque_nothing: float = 0.05
+    negligible: float = threshold(
+        0.03,
+        "Most unexplained share of the gap that still counts as explained while structure is noticed; its causes must "
+        "be certain, and the structure no larger than the noise.",
+    )
+    feeble: float = threshold(
+        0.3, "Least share of the tuned model's mean squared error that causes must remove beside structure."
+    )
+    sure: float = threshold(0.6, "Least confidence of a cause that is named alone.")
+    # Of the causes that the hidden benches named with as much, 173 of 175 were right; between ``sure`` and it, 12 of
+    # 15; below, 10 of 18 (``python -m benchmarks.calibration``).
+    certain: float = threshold(0.9, "Least confidence of a cause that is certain, whatever is said of others.")
+    at_bound: float = threshold(
+        0.5, "Factor on the confidence of a size at an end of the range tried: there it is no measurement."
+    )
+    contradicted: float = threshold(
+        0.7, "Factor on the confidence of a cause that leaves its own features where they were."
+    )
+    clearly: float = threshold(
+        0.9,
+        "Share of another model's mean squared error on the test part below which refitted numbers are better than the "
+        "causes.",
+    )
+    certainly: float = threshold(0.975, "Share of the bootstrap draws in which they must be better.")
+    at_rest: float = threshold(
+        1e-3, "Share of the range tried: an interval that comes as near to doing nothing reaches it."
+    )
+    torque_explained: float = threshold(
+        0.15, "Most unexplained share of a torque gap that counts as explained by a shift."
+    )
+    torque_as_good: float = threshold(
+        1.05, "Times the refitted torque error up to which the numbers of the sidecar are as good."
+    )
 
 
 THRESHOLDS = Thresholds()
@@ -45,7 +61,7 @@ class Replayed:
         joint: its name.
         errors: of the models on the test part, as :attr:`JointDiagnosis.gap`.
         tuned: error there of the nominal model with its numbers tuned within their tolerance.
-        causes: that the search named, largest share first, with confidence and near misses.
+        causes: that the search named, largest share first, with confidence and rivals.
         left: share of the nominal mean squared error beyond the noise that stays on the test part.
         structure: what is left that is not noise.
         whole_runs: whether the test part is whole runs, not pieces of runs that were fitted elsewhere.

@@ -15,6 +15,7 @@ from ..search.fit import Fit, fit, middle
 from ..search.result import Search
 from ..search.structure import Structure, fine, structure, thousandth
 from .decide import confidence, standing
+from .evidence import THRESHOLDS
 from .shares import owed
 from .signatures import Signature, disagreeing, signatures
 from .unseen import EVALUATIONS, Model, clearly_better, effective, holds, near_misses, outdone, refitted_numbers
@@ -181,7 +182,7 @@ def _name_causes(
     rest: Structure,
     features: Mapping[str, tuple[Signature, ...]],
 ) -> tuple[tuple[NamedCause, ...], float]:
-    """Causes with shares, confidence, near misses and intervals, and the share of the tuned numbers."""
+    """Causes with shares, confidence, rivals and intervals, and the share of the tuned numbers."""
     if not search.accepted:
         return (), explained
     debts = owed(fitting.coarsened(search.settings.coarse_step), search)
@@ -197,10 +198,10 @@ def _name_causes(
         sizes = [p for p in candidate.variant if p.is_size]
         sure *= min((measured(p, model.bounds[p.path]) for p in sizes), default=1.0)
         if any(p.path in model.fitted.at_bound for p in sizes):
-            sure *= AT_BOUND
+            sure *= THRESHOLDS.at_bound
         seen = features.get(candidate.cause.name, ())
         contradicted = disagreeing(seen) is not None
-        sure *= CONTRADICTED if contradicted else 1.0
+        sure *= THRESHOLDS.contradicted if contradicted else 1.0
         named.append(
             NamedCause(
                 name=candidate.cause.name,
@@ -239,8 +240,6 @@ def _value(parameter: Parameter, extended: Fit, bounds: Mapping[str, tuple[float
     return Value(value, low, high, unit, float(nominal.value(parameter.number)))
 
 
-AT_BOUND = 0.5  # factor on the confidence of a size at an end of the range tried: there it is no measurement
-CONTRADICTED = 0.7  # factor on the confidence of a cause that leaves its own features where they were
 STOPS = ("load.stop_angle", "load.lower_stop")
 """Angles of the link, which a person looks up in the log."""
 

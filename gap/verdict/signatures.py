@@ -16,16 +16,32 @@ import numpy as np
 
 from ..checks.signal import derivatives
 from ..replay.problem import Problem
+from ..search.settings import threshold
 
 AGREES, SILENT, DISAGREES = "agrees", "silent", "disagrees"
-SURE = 2.5  # standard errors over the pieces of the log from which a difference is one
-CLOSE = 0.35  # of the nominal model's difference, up to which the extended model agrees
-HARDLY = 0.7  # of it, from which the cause has not done what it is named for
-AWAY = 2.0  # times the doubt, and what the nominal model is off, from which a cause has moved a feature away
 SINCE = 0.15  # [s] after the drive pushes the other way in which play shows
-LEAST_LAG = 4e-4  # [s] a lag below it is one of the steps of command and sample
-LEAST_ANGLE = 0.15  # of the noise: less is no feature
-FEWEST = 5  # pieces of a log from which a spread can be told
+
+
+@dataclass(frozen=True, kw_only=True)
+class SignatureLimits:
+    """When a feature agrees with what was measured, and when it disagrees."""
+
+    sure: float = threshold(2.5, "Standard errors over the pieces of the log from which a difference is one.")
+    close: float = threshold(0.35, "Share of the nominal model's difference up to which the extended model agrees.")
+    hardly: float = threshold(
+        0.7, "Share of the nominal model's difference from which a cause left the feature where it was: it disagrees."
+    )
+    away: float = threshold(
+        2.0,
+        "Times the detection limit, and times the nominal model's difference, from which a cause moved a feature away: "
+        "it disagrees.",
+    )
+    least_lag: float = threshold(4e-4, "Lag [s] below which it is one of the steps of command and sample.")
+    least_angle: float = threshold(0.15, "Angle, in noise floors, below which it is no feature.")
+    fewest: int = threshold(5, "Pieces of a log from which a spread can be told.")
+
+
+LIMITS = SignatureLimits()
 
 
 @dataclass(frozen=True)
@@ -149,9 +165,9 @@ def signatures(key: str, problem: Problem, tuned: np.ndarray, extended: np.ndarr
     for name, unit, feature in FEATURES[key]:
         before, after = (np.array([feature(piece) for piece in of]) for of in pieces)
         good = np.isfinite(before) & np.isfinite(after)
-        if good.sum() < FEWEST:
+        if good.sum() < LIMITS.fewest:
             continue
-        least = LEAST_LAG if unit == "s" else LEAST_ANGLE / float(problem.weight[0])
+        least = LIMITS.least_lag if unit == "s" else LIMITS.least_angle / float(problem.weight[0])
         found.append(_judged(name, unit, before[good], after[good], least))
     return tuple(found)
 
@@ -160,14 +176,14 @@ def _judged(name: str, unit: str, before: np.ndarray, after: np.ndarray, least: 
     (nominal, nominal_error), (extended, extended_error) = (
         (float(np.mean(values)), float(np.std(values, ddof=1) / np.sqrt(len(values)))) for values in (before, after)
     )
-    speaks = abs(nominal) > max(SURE * nominal_error, least)
-    doubt = max(SURE * extended_error, least)
-    stays = speaks and abs(extended) > max(doubt, HARDLY * abs(nominal))
-    moved_away = not speaks and abs(extended) > AWAY * max(doubt, abs(nominal))
+    speaks = abs(nominal) > max(LIMITS.sure * nominal_error, least)
+    detectable = max(LIMITS.sure * extended_error, least)
+    stays = speaks and abs(extended) > max(detectable, LIMITS.hardly * abs(nominal))
+    moved_away = not speaks and abs(extended) > LIMITS.away * max(detectable, abs(nominal))
     verdict = SILENT
     if stays or moved_away:
         verdict = DISAGREES
-    elif speaks and abs(extended) < max(doubt, CLOSE * abs(nominal)):
+    elif speaks and abs(extended) < max(detectable, LIMITS.close * abs(nominal)):
         verdict = AGREES
     return Signature(name, unit, nominal, extended, nominal_error, extended_error, verdict)
 

@@ -19,13 +19,11 @@ from ..replay.problem import Nominal, Problem
 from ..search.fit import Fit, fit, middle
 from ..search.intervals import intervals
 from ..search.result import Candidate, Search
+from .evidence import THRESHOLDS
 from .verdict import NEAR_MISS, WITHDRAWN, OpenCause
 
 EVALUATIONS = 25  # iterations of each final fit
-CLEARLY = 0.9  # of the mean squared error of another model: below it a model is better by more than chance and rounding
-CERTAINLY = 0.975  # share of the bootstrap draws in which it must be the better one
 DRAWS = 1000
-AT_REST = 1e-3  # of the range tried: an interval that comes as near to doing nothing reaches it
 
 
 @dataclass(frozen=True, eq=False)
@@ -84,7 +82,7 @@ def does_nothing(parameter: Parameter, bounds: tuple[float, float], nominal: Nom
     neutral = parameter.neutral(nominal)
     least = parameter.low if not parameter.logarithmic else max(parameter.low, 1e-12)
     none = parameter.to_fit(min(max(neutral, least), parameter.high))
-    margin = AT_REST * (high - low)
+    margin = THRESHOLDS.at_rest * (high - low)
     return parameter.to_fit(bounds[0]) <= none + margin and parameter.to_fit(bounds[1]) >= none - margin
 
 
@@ -100,15 +98,15 @@ def holds(test: Problem, model: np.ndarray, other: np.ndarray) -> bool:
 
 
 def clearly_better(test: Problem, model: np.ndarray, other: np.ndarray, seed: int) -> bool:
-    """The same, by more than :data:`CLEARLY` and in most draws of a bootstrap over stretches of the test part."""
+    """The same, by more than chance and rounding, and in most draws of a bootstrap over stretches of the test part."""
     a, b = (_squares(test, simulated) for simulated in (model, other))
-    if not a.mean() < CLEARLY * b.mean():
+    if not a.mean() < THRESHOLDS.clearly * b.mean():
         return False
     count = max(min(len(a) // 50, 40), 2)
     blocks = np.array_split(np.stack([a, b], axis=1), count)
     sums = np.stack([block.sum(axis=0) for block in blocks])
     drawn = block_weights(count, DRAWS, np.random.default_rng(seed)) @ sums
-    return bool((drawn[:, 0] < drawn[:, 1]).mean() > CERTAINLY)
+    return bool((drawn[:, 0] < drawn[:, 1]).mean() > THRESHOLDS.certainly)
 
 
 def _squares(test: Problem, simulated: np.ndarray) -> np.ndarray:

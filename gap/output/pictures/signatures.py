@@ -7,7 +7,7 @@ from collections.abc import Iterator
 import numpy as np
 from matplotlib.figure import Figure
 
-from ...verdict.signatures import SURE, Signature
+from ...verdict.signatures import LIMITS, Signature
 from ...verdict.verdict import JointDiagnosis, NamedCause
 from .style import EXTENDED, NOMINAL, figure, styled
 
@@ -29,7 +29,14 @@ def features(cause: NamedCause) -> Figure:
                 (0.0, signature.extended, signature.extended_error, EXTENDED, f"with {cause.name}"))  # fmt: skip
         for height, value, error, colour, label in rows:
             axes.errorbar(
-                1e3 * value, height, xerr=1e3 * SURE * error, fmt="o", color=colour, label=label, capsize=3, lw=1.4
+                1e3 * value,
+                height,
+                xerr=1e3 * LIMITS.sure * error,
+                fmt="o",
+                color=colour,
+                label=label,
+                capsize=3,
+                lw=1.4,
             )
         axes.axvline(0.0, color="0.4", lw=0.8)
         axes.set_ylim(-0.6, 1.6)
