@@ -156,7 +156,7 @@ def _surplus(p, s, duty, load, speed):
     return way * value - s[S_LIMIT] - p[P_VISCOUS] * speed - load
 
 
-@compiled()
+@compiled(allocates=True)
 def _steady_speeds(p, duties, loads):
     """Signed speed at each duty and brake torque [rad/s], NaN where the servo stalls."""
     out = np.full(len(duties), np.nan)

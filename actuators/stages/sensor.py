@@ -94,7 +94,7 @@ def late_position(p, s, time, q):
     return later
 
 
-@compiled()
+@compiled(allocates=True)
 def late_positions(programs, states, time, positions):
     """:func:`late_position` for a batch: arrays (n, length), (n, state size), (n,), (n,)."""
     late = positions.copy()

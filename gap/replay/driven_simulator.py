@@ -39,7 +39,7 @@ def ahead(time, link, latency, out):
         out[j, 0] += beyond * out[j, 1]
 
 
-@compiled()
+@compiled(allocates=True)
 def replay_driven(p, k, time, goal, on, temperature, link, q0, w0, step, out):
     """Replay the commands of one run while its link moves as measured.
 
@@ -121,7 +121,7 @@ def replay_driven(p, k, time, goal, on, temperature, link, q0, w0, step, out):
     s[S_TIME] = time[n - 1]
 
 
-@compiled(parallel=True)
+@compiled(parallel=True, allocates=True)
 def replay_driven_many(programs, constants, time, goal, on, temperature, link, starts, states, steps, out):
     """Replay many units with many variants of the model, on all cores; as :func:`gap.replay.simulator.replay_many`."""
     variants, units = constants.shape[0], constants.shape[1]
@@ -143,7 +143,7 @@ def replay_driven_many(programs, constants, time, goal, on, temperature, link, s
         )
 
 
-@compiled()
+@compiled(allocates=True)
 def law_along(p, k, warm, time, goal, on, q, w, external, out):
     """Run a chain's law along a given motion of its motor side.
 

@@ -151,7 +151,7 @@ def joint_state(p, k, reading, speed):
     return angle, speed / (k[K.host_scale] * p[P_SCALE])
 
 
-@compiled()
+@compiled(allocates=True)
 def replay(p, k, terms, time, goal, on, temperature, q0, w0, step, out):
     """Replay the commands of one run from the state ``(q0, w0)`` at its first sample.
 
@@ -246,7 +246,7 @@ def host_reading_smooth(p, s, time, q):
     return p[P_SCALE] * q + p[P_OFFSET]
 
 
-@compiled(parallel=True)
+@compiled(parallel=True, allocates=True)
 def replay_many(programs, constants, terms, time, goal, on, temperature, starts, states, steps, out):
     """Replay many units with many variants of the model, on all cores.
 
