@@ -8,6 +8,7 @@ from typing import Protocol
 import numpy as np
 
 from ...actuators.stages.base import ChainError
+from .joint_model import JointModel
 from .problem import JointProblem
 from .simulator import CHANNELS
 from .steps import largest_step
@@ -57,21 +58,19 @@ def simulate_joint(
         Channels (v, n, 4). A variant whose values make no chain is far from anything measured.
     """
     programs, constants, steps, valid = [], [], [], []
+    first = _first_alike(problem.models)
     for values in variants:
         try:
-            joints = [model.with_fitted(values) for model in problem.models]
+            made = {k: problem.models[k].with_fitted(values) for k in set(first)}
         except ChainError:
-            joints = None
-        valid.append(joints is not None)
-        joints = joints or list(problem.models)
-        per_run = [joint.chain.program() for joint in joints]
-        programs.append(per_run)
-        rows = [
-            joint.constants(params, program)
-            for joint, params, program in zip(joints, problem.params, per_run, strict=True)
-        ]
+            made = None
+        valid.append(made is not None)
+        made = made or {k: problem.models[k] for k in set(first)}
+        program = {k: joint.chain.program() for k, joint in made.items()}
+        programs.append([program[k] for k in first])
+        rows = [made[k].constants(params, program[k]) for k, params in zip(first, problem.params, strict=True)]
         constants.append(rows)
-        steps.append(min(step or problem.step, largest_step(joints[0].chain, problem.coarse)))
+        steps.append(min(step or problem.step, largest_step(made[first[0]].chain, problem.coarse)))
     out = np.empty((len(variants), len(problem.time), len(CHANNELS)))
     # The chain may differ between runs (a gain per run), so each run of a variant is a variant of its own for the
     # simulator.
@@ -89,3 +88,8 @@ def simulate_joint(
         out[:, lo:hi] = part
     out[~np.array(valid)] = FAR
     return out
+
+
+def _first_alike(models: Sequence[JointModel]) -> list[int]:
+    """Of each run's model the first that is the same: most logs have one for all runs, which is made once."""
+    return [models.index(model) for model in models]
