@@ -25,12 +25,13 @@ setup: $(INSTALLED) ## make .venv with the pinned packages
 demo: $(INSTALLED) ## the main job: log, diagnosis, training; under 10 minutes
 	$(PY) demo.py
 
-test: $(INSTALLED) $(LINKS) ## lint, format and type check, and the tests that take seconds
+test: $(INSTALLED) $(LINKS) ## lint, and the tests that take seconds
 	$(RUFF)
 	$(LAYERS)
-	@$(MAKE) --no-print-directory -j 2 types pytest # pyright runs while the tests compile the laws on one core
+	@$(MAKE) --no-print-directory pytest
 
-test-all: $(INSTALLED) ## the tests that `make test` leaves out: half an hour
+test-all: $(INSTALLED) $(LINKS) ## what `make test` leaves out: types, and the tests that take half an hour
+	@$(MAKE) --no-print-directory types
 	$(PYTEST) -m long
 
 lint: $(INSTALLED) $(LINKS) ## ruff, layers of imports, pyright

@@ -56,7 +56,8 @@ class Compiler:
         """
 
         def decorate(function: Callable[..., Any]) -> Any:
-            dispatcher: Any = numba.njit(**{**OPTIONS, "_nrt": allocates, **options})(function)
+            every: dict[str, Any] = {**OPTIONS, "_nrt": allocates, **options}
+            dispatcher: Any = numba.njit(**every)(function)
             dispatcher._cache = _Cache(function, self)
             return dispatcher
 

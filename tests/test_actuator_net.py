@@ -53,6 +53,7 @@ def trained():
     return train(bench_runs(), dataclasses.replace(SHORT, epochs=100))
 
 
+@pytest.mark.long
 def test_a_net_predicts_the_torque_of_runs_it_has_not_seen(trained):
     names = {run.name for run in trained.validation}
     assert names and not names & set(trained.arrays["training_runs"].tolist())

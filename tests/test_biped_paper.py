@@ -125,6 +125,7 @@ def test_the_bias_of_an_amplifier_is_what_drifts_under_a_sine_without_a_mean() -
         bias_by_arx(recorded(command, place), 2.0)
 
 
+@pytest.mark.long
 def test_both_coordinates_of_a_leg_follow_the_equations_of_the_engine() -> None:
     spec = mujoco.MjSpec.from_string(
         """<mujoco><compiler angle="radian"/><option timestep="0.0005" gravity="0 0 -9.81"/><worldbody>
@@ -252,6 +253,7 @@ def test_the_biped_hops_ninety_two_times_without_a_fall(hopping: Hopping) -> Non
     assert figures.flight > 0.1
 
 
+@pytest.mark.long
 def test_both_feet_leave_the_floor_in_every_hop(hopping: Hopping) -> None:
     phases = [set(hopping.phase[hopping.hop == hop].astype(int)) for hop in range(1, hopping.hops)]
     for phase in (Phase.TOUCHDOWN, Phase.KICK_OFF, Phase.RETRACT, Phase.FLIGHT):

@@ -187,6 +187,7 @@ def test_a_machine_built_as_drawn_has_ids_from_one_and_the_robots_range() -> Non
     assert (hip.id, knee.id, hip.zero) == (1, 2, 2048) and (hip.low, hip.high) == pytest.approx((-1.21, -0.01))
 
 
+@pytest.mark.long
 def test_servos_of_a_bus_are_calibrated(monkeypatch: pytest.MonkeyPatch) -> None:
     """The whole way over the SDK and a virtual bus whose pendulum stands in for a hand."""
     monkeypatch.setattr("sealegs.hw.calibration.MOVED", 0.03)

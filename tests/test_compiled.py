@@ -75,6 +75,7 @@ def test_processes_that_compile_at_once_all_get_their_own_result(package):
     assert finish(start(package)) == (6.0, 0, "")
 
 
+@pytest.mark.long
 def test_a_comment_a_docstring_and_a_line_further_down_compile_nothing_anew(package):
     assert finish(start(package))[1] == 1
     text = MODULE.replace("# or thrice", "# or not").replace("Twice as much.", "Double.").replace("@", "\n\n\n@")

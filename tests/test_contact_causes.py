@@ -92,7 +92,7 @@ def test_a_ground_as_believed_leaves_no_more_than_the_noise() -> None:
     ("name", "path", "truth", "near"),
     [
         pytest.param("contact.friction", "contact.friction*", 0.3, 0.03, marks=pytest.mark.long),
-        ("contact.slope", "contact.slope", 0.07, 0.006),
+        pytest.param("contact.slope", "contact.slope", 0.07, 0.006, marks=pytest.mark.long),
         pytest.param("contact.stiffness", "contact.stiffness", 1500.0, 100.0, marks=pytest.mark.long),
     ],
 )

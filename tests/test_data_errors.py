@@ -17,6 +17,7 @@ from sealegs.gap.verdict.diagnosis import diagnose
 from sealegs.gap.verdict.verdict import EXPLAINED, NOTHING
 
 from testbed import hidden_bench
+from tests.quick import quick
 
 JOINT = "servo"
 SCHEDULES = (("chirp", "steps"), ("multisine", "triangle"), ("lift_and_drop", "chirp"))
@@ -119,12 +120,12 @@ def with_torque(seed: int, delay: float = 0.0, factor: float = 1.0) -> MeasuredS
     return replace(data, runs=tuple(runs))
 
 
-@pytest.mark.parametrize("seed", [1, 2, 3])
+@pytest.mark.parametrize("seed", quick((1, 2, 3), 3))
 def test_clean_logs_with_every_column_have_no_data_error(seed: int) -> None:
     assert [f.code for f in check_set(with_torque(seed)) if f.data_error] == []
 
 
-@pytest.mark.parametrize("seed", [1, 2])
+@pytest.mark.parametrize("seed", quick((1, 2), 2))
 @pytest.mark.parametrize(("name", "size"), CASES)
 def test_a_data_error_is_found_alone_and_mended(name: str, size: float, seed: int) -> None:
     data = planted(name, size, seed)
@@ -133,7 +134,7 @@ def test_a_data_error_is_found_alone_and_mended(name: str, size: float, seed: in
     assert [f.code for f in check_set(data) if f.data_error] == []
 
 
-@pytest.mark.parametrize("seed", [1, 2])
+@pytest.mark.parametrize("seed", quick((1, 2), 2))
 @pytest.mark.parametrize(("delay", "code"), [(0.010, "torque.lag"), (0.020, "torque.lag"), (-0.012, "torque.lead")])
 def test_a_torque_column_out_of_step_is_measured(delay: float, code: str, seed: int) -> None:
     faults = [f for f in check_set(with_torque(seed, delay=delay)) if f.data_error]
@@ -142,7 +143,7 @@ def test_a_torque_column_out_of_step_is_measured(delay: float, code: str, seed: 
     assert faults[0].low <= abs(delay) <= faults[0].high
 
 
-@pytest.mark.parametrize("seed", [1, 2])
+@pytest.mark.parametrize("seed", quick((1, 2), 2))
 @pytest.mark.parametrize("factor", [1 / GEAR, 1 / 6, 6.0, 1000.0])
 def test_a_torque_column_of_the_other_side_of_the_gear_is_named(factor: float, seed: int) -> None:
     faults = [f for f in check_set(with_torque(seed, factor=factor)) if f.data_error]

@@ -55,6 +55,7 @@ def test_a_command_in_an_installation_that_misses_a_package_says_so(monkeypatch:
         import pydantic  # noqa: F401
 
 
+@pytest.mark.long
 def test_environments_need_the_core_only(tmp_path: Path) -> None:
     program = """
 import gymnasium, sealegs

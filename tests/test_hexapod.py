@@ -304,6 +304,7 @@ def test_the_documented_tables_are_those_of_the_environment() -> None:
     assert int(last) + 1 == engine.observation_size == len(engine.task.observation_names())
 
 
+@pytest.mark.long
 def test_three_forms_of_the_environment_move_alike() -> None:
     single, vector, batch = gym.make(ENV), gym.make_vec(ENV, num_envs=2), BatchVecEnv(ENV, 2, seed=5)
     seen = [single.reset(seed=5)[0], vector.reset(seed=5)[0][0], batch.reset()[0]]

@@ -101,6 +101,7 @@ def _evaluate(*arguments: str) -> Done:
     return typed("evaluate", *arguments)
 
 
+@pytest.mark.long
 def test_evaluate_writes_numbers_and_pictures_and_never_over_old_ones(tmp_path: Path) -> None:
     out = tmp_path / "comparison"
     first = _evaluate("paper=hopper", f"out={out}", "seconds=4")

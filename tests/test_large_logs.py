@@ -56,6 +56,7 @@ def test_a_long_log_becomes_windows_of_every_kind_of_motion(long_log: Path) -> N
     assert "300,000" in note.sentence and "All of them were checked" in note.sentence
 
 
+@pytest.mark.long
 def test_each_part_of_the_data_gets_lively_motion_after_a_warm_up(long_log: Path) -> None:
     data = read_bounded(long_log, HELD)
     kinds: dict[int, set[int]] = {part: set() for part in range(3)}
@@ -67,6 +68,7 @@ def test_each_part_of_the_data_gets_lively_motion_after_a_warm_up(long_log: Path
         assert 3 in seen and len({5, 7} & seen) > 0 and len(seen) >= 4
 
 
+@pytest.mark.long
 def test_the_samples_of_a_window_are_those_of_the_log(long_log: Path) -> None:
     table = parquet.read_table(long_log).to_pandas()
     for run in read_bounded(long_log, HELD).runs[::5]:
@@ -75,6 +77,7 @@ def test_the_samples_of_a_window_are_those_of_the_log(long_log: Path) -> None:
         np.testing.assert_array_equal(run.joints["servo"].position, table["servo.position"][start:stop])
 
 
+@pytest.mark.long
 def test_a_fault_anywhere_in_a_long_log_is_found(long_log: Path, tmp_path: Path) -> None:
     table = parquet.read_table(long_log).to_pandas()
     table.loc[250_000:, "servo.position"] += 2 * np.pi

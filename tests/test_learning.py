@@ -70,6 +70,7 @@ def test_a_policy_of_another_config_is_not_taken_for_this_one(tmp_path: Path) ->
 ONE_SEED = ("arm", "leg")
 
 
+@pytest.mark.long
 def test_kept_policies_are_those_of_the_tuned_settings() -> None:
     for robot in learning.ROBOTS:
         training = importlib.import_module(f"benchmarks.learned_{robot}").TRAINING

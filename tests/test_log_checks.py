@@ -14,6 +14,7 @@ from sealegs.gap.checks.data_set import Finding, check_run, check_set, corrected
 from sealegs.gap.log.types import JointLog, MeasuredRun, MeasuredSet
 
 from testbed import NOISE_FLOOR, hidden_bench
+from tests.quick import quick
 
 JOINT = "servo"
 TICK = 2 * np.pi / 4096
@@ -38,7 +39,7 @@ def signal(run: MeasuredRun, name: str) -> np.ndarray:
     return run.joints[JOINT].signals()[name]
 
 
-@pytest.mark.parametrize("seed", range(4))
+@pytest.mark.parametrize("seed", quick(range(4), 4))
 def test_clean_logs_raise_no_error_and_no_warning(seed: int) -> None:
     data = hidden_bench({}, seed, load=("light", "medium", "heavy"))[0]
     assert [finding for finding in check_set(data) if finding.severity != "note"] == []

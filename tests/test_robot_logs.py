@@ -86,6 +86,7 @@ def test_each_joint_of_an_arm_is_replayed_to_its_noise(tmp_path: Path) -> None:
         assert error(problem(data.runs[0], joint)) < 1.5 * NOISE_FLOOR
 
 
+@pytest.mark.long
 def test_friction_of_one_joint_is_an_error_of_that_joint_alone(tmp_path: Path) -> None:
     data, _ = hidden_arm(
         tmp_path, "two_link", {"friction": ("elbow", "clear")}, seed=5, runs=1, duration=4.0, nominal_error=0.0

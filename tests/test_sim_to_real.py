@@ -68,6 +68,7 @@ def test_the_model_with_the_hidden_effect_is_nearer_to_the_machine(comparison: t
     assert math.isfinite(figures[MACHINE].energy) and math.isnan(figures[MACHINE].height), "the bench has no base"
 
 
+@pytest.mark.long
 def test_table_and_page_are_written_once_and_ask_no_network(comparison: tuple[Comparison, Path]) -> None:
     result, folder = comparison
     lines: list[str] = []

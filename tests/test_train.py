@@ -190,6 +190,7 @@ def test_linear_schedule_falls_to_zero(finished: Path) -> None:
     assert rates == sorted(rates, reverse=True) and rates[0] <= 2e-3 and rates[-1] < 1e-3
 
 
+@pytest.mark.long
 def test_equal_seeds_give_equal_policies(finished: Path, tmp_path: Path) -> None:
     for name, seed in (("same", 0), ("other", 1)):
         assert run(*SMALL, f"out={tmp_path}", f"name={name}", f"seed={seed}", "total_timesteps=512") == 0
@@ -225,6 +226,7 @@ def test_a_finished_run_goes_on_when_given_more_steps(finished: Path, capsys: py
     assert list(np.load(finished / "evaluations.npz")["timesteps"]) == [256, 512, 768]
 
 
+@pytest.mark.long
 def test_a_killed_run_resumes_from_its_newest_complete_checkpoint(tmp_path: Path) -> None:
     folder = tmp_path / "killed"
     process = start(*SMALL, f"out={tmp_path}", "name=killed", "total_timesteps=1000000")

@@ -197,6 +197,7 @@ def test_wrong_arguments_are_refused_in_a_sentence(argument, words, capsys):
     assert errors.count("\n") == 1
 
 
+@pytest.mark.long
 def test_ctrl_c_ends_it_with_one_sentence_and_no_trace(tmp_path: Path):
     link = tmp_path / "servos"
     process = start(f"link={link}")

@@ -23,6 +23,7 @@ def policy(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return out / "small" / "final"
 
 
+@pytest.mark.long
 def test_a_policy_is_filmed_and_its_episodes_are_told(policy: Path, capsys: pytest.CaptureFixture[str]) -> None:
     film = policy.parent / "film.mp4"
     assert run(watch.main, "watch", "", [f"policy={policy}", f"out={film}", *SIZE]) == 0
