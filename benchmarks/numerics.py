@@ -35,9 +35,9 @@ TEMPLATE = """# Numerics: what a simulation step costs
 
 Written by `python -m benchmarks.numerics`; do not edit. Step error looks like a physical cause, so it is measured
 here against an exact integration (`benchmarks/exact_joint.py`, 2 us, a joint at rest is held, not slowed down). The
-joint is a position servo with 0.5 kg at 0.12 m and 0.06 N.m of Coulomb friction; 24 s of chirp, steps, slow triangle
-and multisine, a new goal every 10 ms. The noise and ticks of a real encoder are {noise_floor:g} mrad rms; the same
-exact integration at 20 us differs by {exact_20us:.2f} mrad.
+joint is a position servo with 0.5 kg at 0.12 m and 0.06 N.m of Coulomb friction. It follows 24 s of chirp, steps, slow
+triangle and multisine, with a new goal every 10 ms. The noise and ticks of a real encoder are {noise_floor:g} mrad rms;
+the same exact integration at 20 us differs by {exact_20us:.2f} mrad.
 
 ## Position error
 
@@ -67,10 +67,10 @@ A pendulum with 0.55 N.m of gravity, held by 0.7 N.m of dry friction, sinks at
 ## Largest step
 
 A law reads the speed at the start of a step (or of a Runge-Kutta stage), so back-EMF and the controller's damping are
-explicit: with a damping `b` [N.m.s/rad] on an inertia `I` [kg.m2] a step `h` is stable while `b h / I` < 2 (Euler,
+explicit. With a damping `b` [N.m.s/rad] on an inertia `I` [kg.m2], a step `h` is stable while `b h / I` < 2 (Euler,
 implicitfast) or 2.8 (RK4). For a DC motor `b = k^2 / R` at the joint, so a light rotor with a strong motor needs the
-shortest step. Largest step [ms] of those tried (0.25 to {largest:g}) at which each chain comes to rest after a step
-of its goal, with a light link (20 g at 5 cm) and with the heavy pendulum:
+shortest step. The table has the largest step [ms] of those tried (0.25 to {largest:g}) at which each chain comes to
+rest after a step of its goal. The link is light (20 g at 5 cm), or the heavy pendulum.
 
 | chain | {stable_head} |
 {stable_rule}

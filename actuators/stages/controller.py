@@ -58,8 +58,7 @@ class PositionPI(PositionController):
 
     With a ``period`` it is a digital controller: it computes once a period and holds its duty between (paper 001,
     equations (24) and (25)). With a ``band``, an error within it counts as none and lets the integral run out in its
-    own time constant ``gain / integral``, so that a joint which sticks near its goal draws no current and does not
-    hunt.
+    own time constant ``gain / integral``. So a joint that sticks near its goal draws no current and does not hunt.
     """
 
     name: ClassVar[str] = "position_pi"

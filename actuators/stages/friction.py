@@ -37,14 +37,14 @@ class Friction(Stage):
     ripple: gear meshing, paper 000 equation (16)). Where another coordinate's load presses on the transmission, it
     stands in place of ``|m - e|``.
 
-    A gearbox that is driven and one that is driven back lose differently (M5): with ``load_external`` and
-    ``load_stribeck_external``, ``load |m - e|`` is ``|load m - (load + load_external) e|``, and likewise at rest. M6
+    A gearbox that is driven and one that is driven back lose differently (M5). With ``load_external``, ``load |m - e|``
+    is ``|load m - (load + load_external) e|``; ``load_stribeck_external`` does likewise at rest. M6
     adds ``S`` times ``quadratic_external e^2`` while the motor lifts against the load (``m`` and ``e`` opposed,
     ``|m| > |e|``) and ``quadratic_motor m^2`` while the load drives it (``|m| < |e|``).
 
-    What the limit does near rest is one of four: sticking is rigid; it is elastic (``bristle_stiffness``); bristles
-    yield gradually and are stable at any stiffness (``lugre``: paper 001, equations (26) to (28)); or nothing sticks,
-    and the dry friction grows in a line up to ``slip_speed`` (paper 001, equation (34)).
+    What the limit does near rest is one of four. Sticking is rigid, or elastic (``bristle_stiffness``). With ``lugre``
+    bristles yield gradually and are stable at any stiffness (paper 001, equations (26) to (28)). With ``slip_speed``
+    nothing sticks, and the dry friction grows in a line up to that speed (paper 001, equation (34)).
     """
 
     name: ClassVar[str] = "friction"

@@ -13,9 +13,8 @@ from .base import ChainError, Quantity, Stage, parameter, register
 class Gear(Stage):
     """Reduction between the motor and the joint.
 
-    The motor's constants are carried to the joint side (torque times ratio, inertia times its square); the loss is a
-    dry friction of ``1 - efficiency`` times the transmitted torque, so that a gear that is hard to drive backwards
-    really holds.
+    The motor's constants are carried to the joint side (torque times ratio, inertia times its square). The loss is a
+    dry friction of ``1 - efficiency`` times the transmitted torque, so a gear that is hard to drive backwards holds.
     """
 
     name: ClassVar[str] = "gear"
@@ -35,7 +34,7 @@ class Spring(Stage):
     """Series spring between the motor (behind its gears) and the link, which become two bodies in the engine.
 
     With an ``inertia`` its deflection, link minus motor, is a coordinate of its own, as that of a pulley in a
-    differential that winds a spring; only then may it be ``unilateral``, and a ``compliance`` follow in series.
+    differential that winds a spring. Only then may it be ``unilateral``, and a ``compliance`` follow in series.
     """
 
     name: ClassVar[str] = "spring"
@@ -78,9 +77,9 @@ class Backlash(Stage):
     """Play between motor and link.
 
     With the damping of a spring or compliance, that damping acts inside the play too: the engine's springs know a gap,
-    its dampers do not. Where that matters, leave the damping at zero. The teeth of a play alone have their own: by
-    default stiff ones that hardly bounce, else with a contact stiffness and a damping that say how much they bounce
-    when they meet (as far as a time step resolves). Beside a spring or compliance these are not used.
+    its dampers do not. Where that matters, leave the damping at zero. The teeth of a play alone have stiffness
+    and damping of their own, by default such that they hardly bounce. A contact stiffness and a damping say how much
+    they bounce when they meet, as far as a time step resolves it. Beside a spring or compliance these are not used.
     """
 
     name: ClassVar[str] = "backlash"

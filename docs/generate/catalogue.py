@@ -29,9 +29,9 @@ Written by `python -m docs.generate.catalogue` from `gap/causes/`; do not edit. 
 named for. Bounds are those of the joint `sts3215` (`spring.stiffness`: of `sv1270tg`); they scale with a joint's stall
 torque. A factor multiplies the number of the nominal model.
 
-The pictures are those of a report. A bench with code of its own hides the effect, clearly, and the diagnosis draws
-what shows it: points are measured, orange is the nominal model, blue the extended one
-(`python -m docs.generate.cause_pictures`).
+The pictures are those of a report (`python -m docs.generate.cause_pictures`). A bench with code of its own hides the
+effect, clearly, and the diagnosis draws what shows it. Points are measured, orange is the nominal model, blue the
+extended one.
 """
 NEEDS = {
     "free_link": "a link that moves freely (a bench with a known load)",

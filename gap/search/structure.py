@@ -30,7 +30,7 @@ class StructureLimits:
 
     noticed: float = threshold(
         0.08,
-        "Structure over the mean square of the noise from which it is reported: right models leave up to 0.03, and up "
+        "Structure over the mean square of the noise from which it is reported. Right models leave up to 0.03, and up "
         "to 0.09 where ticks of the encoder decide where the joint sticks.",
     )
     learnt: float = threshold(
