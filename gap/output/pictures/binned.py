@@ -33,6 +33,18 @@ def equal_widths(x: np.ndarray, count: int = 20) -> np.ndarray:
     return np.linspace(low, high, count + 1)
 
 
+def filled(x: np.ndarray, edges: np.ndarray) -> np.ndarray:
+    """Edges without those of bins with fewer than :data:`LEAST` samples: each such bin joins the next (c,)."""
+    counts = np.histogram(x, edges)[0] if len(edges) > 1 else np.zeros(0)
+    kept, inside = [0], 0
+    for b, count in enumerate(counts, start=1):
+        inside += int(count)
+        if inside >= LEAST:
+            kept.append(b)
+            inside = 0
+    return edges[kept] if len(edges) else edges
+
+
 def bins(x: np.ndarray, y: np.ndarray, edges: np.ndarray) -> Bins:
     """Bin samples; bins with fewer than :data:`LEAST` are left out."""
     number = np.digitize(x, edges[1:-1]) if len(edges) > 1 else np.zeros(len(x), int)

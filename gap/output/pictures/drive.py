@@ -6,7 +6,7 @@ import numpy as np
 from matplotlib.figure import Figure
 
 from ...verdict.verdict import NamedCause
-from .binned import bins, cloud, draw_measured, draw_model, equal_counts, equal_widths, limits
+from .binned import bins, cloud, draw_measured, draw_model, equal_counts, equal_widths, filled, limits
 from .evidence import Evidence
 from .style import EXTENDED, MEASURED, NOMINAL, figure, legend_above, styled
 from .timeline import fine, timeline, worst_window
@@ -86,7 +86,7 @@ def duty_against_error(evidence: Evidence, cause: NamedCause) -> Figure:
     reach = _reach(cause, error[rows])
     rows &= np.abs(error) < reach
     cloud(axes, error[rows], logged[rows])
-    edges = equal_widths(error[rows], 48)
+    edges = filled(error[rows], equal_widths(error[rows], 48))  # at full duty samples are few
     for values, label, colour in zip(models, ("nominal model", "extended model"), (NOMINAL, EXTENDED), strict=True):
         draw_model(axes, bins(error[rows], values[rows], edges), label, colour)
     draw_measured(axes, bins(error[rows], logged[rows], edges), "measured")
