@@ -93,3 +93,11 @@ def test_a_path_says_whose_number_it_is(path: str, target: Target, factor: bool)
     found = address(path)
     assert (found.target, found.factor) == (target, factor)
     assert f"{found.number}{'*' if factor else ''}" == path
+
+
+@pytest.mark.parametrize(("believed", "turned"), [(0.0, {"asymmetry", "coulomb"}), (0.02, {"asymmetry"})])
+def test_a_model_without_dry_friction_gets_it_together_with_its_asymmetry(believed: float, turned: set[str]) -> None:
+    """Alone it would be friction in one direction only, which an offset then hides."""
+    joint = JointModel(load_chain("sts3215")).with_values({"friction.coulomb": believed})
+    (cause,) = (cause for cause in catalogue(joint) if cause.name == "friction.asymmetric")
+    assert {address(parameter.number).key for parameter in cause.variants[0]} == turned

@@ -68,12 +68,13 @@ def stribeck(nominal: JointModel) -> Cause:
 
 @entry("friction.asymmetric")
 def asymmetric(nominal: JointModel) -> Cause:
+    """A model without dry friction gets it with its asymmetry: alone, that would be friction in one direction only."""
     top = stall_torque(nominal)
     half = Parameter("friction.asymmetry", "N.m", -0.5 * top, 0.5 * top, 0.0, 0.02 * top)
     return Cause(
         sentence="Dry friction differs between the two directions.",
         picture="friction_against_speed",
-        variants=((half,),),
+        variants=((half,),) if nominal.value("friction.coulomb") > 0.0 else ((half, *coulomb(nominal).variants[0]),),
         needs=SHOWN,
         degenerates_to=Limit("drive.offset", "the joint holds a load and hardly moves"),
     )
