@@ -6,6 +6,7 @@ import re
 from pathlib import Path
 
 import pytest
+from sealegs.gap.causes.catalogue import checked
 from sealegs.gap.causes.registry import ENTRIES
 from sealegs.gap.virtual.bench import record
 
@@ -42,9 +43,15 @@ def test_the_catalogue_page_is_that_of_the_causes() -> None:
     assert catalogue_page.PAGE.read_text(encoding="utf-8") == catalogue_page.page(), "python -m docs.generate.catalogue"
 
 
-def test_every_picture_of_a_cause_is_of_one_that_there_is() -> None:
+def test_every_cause_of_a_joint_has_its_picture_and_every_picture_its_cause() -> None:
     folder = catalogue_page.PAGE.parent / "pictures" / "causes"
-    assert {path.stem for path in folder.glob("*.png")} <= set(catalogue_page.causes())
+    assert {path.stem for path in folder.glob("*.png")} == set(catalogue_page.causes())
+
+
+@pytest.mark.parametrize("name", sorted(checked(None)))
+def test_every_cause_is_on_the_page_of_the_catalogue(name: str) -> None:
+    page = catalogue_page.PAGE.read_text(encoding="utf-8")
+    assert f"### {name}\n" in page or f"`{name}`" in page.rpartition("## ")[2]
 
 
 def test_the_page_of_thresholds_is_that_of_the_settings() -> None:

@@ -8,7 +8,10 @@ from pathlib import Path
 from sealegs.actuators import load_chain
 from sealegs.gap.causes.catalogue import catalogue
 from sealegs.gap.causes.cause import Cause, Needs
+from sealegs.gap.causes.registry import GROUND, ROBOT
 from sealegs.gap.replay.joint_model import JointModel
+from sealegs.gap.shared.directions import TILTS
+from sealegs.gap.shared.search import SENTENCES
 
 DOCS = Path(__file__).resolve().parents[1]
 PAGE = DOCS / "catalogue.md"
@@ -33,6 +36,9 @@ The pictures are those of a report (`python -m docs.generate.cause_pictures`). A
 effect, clearly, and the diagnosis draws what shows it. Points are measured, orange is the nominal model, blue the
 extended one.
 """
+TABLE = "\n| parameter | unit | lowest | highest |\n|---|---|---|---|\n"
+PARAMETERS = {"load.tilt": TILTS}
+"""Numbers of the causes that only a whole robot has."""
 NEEDS = {
     "free_link": "a link that moves freely (a bench with a known load)",
     "free_motor": "a motor that moves on its own (a bench, or a motor behind a spring)",
@@ -59,13 +65,24 @@ def page() -> str:
         members = [cause for name, cause in every.items() if name.partition(".")[0] == family]
         parts.append(f"\n## {title}\n")
         parts += [_section(cause) for cause in members]
+    parts.append("\n## The whole robot\n\nCauses of the load are also sought over all joints of a robot together")
+    parts.append(" ([What joints share](diagnose-your-robot.md#what-joints-share)). Only there is sought:\n")
+    parts += [_of_robot(name) for name in ROBOT]
+    parts.append("\n## The ground under a leg\n\n")
+    parts.append(f"{', '.join(f'`{name}`' for name in GROUND)}: [The ground under a leg](ground.md).\n")
     return "".join(parts)
+
+
+def _of_robot(name: str) -> str:
+    rows = [f"| `{p.path}` | {p.unit} | {p.low:.3g} | {p.high:.3g} |\n" for p in PARAMETERS[name]]
+    head = f"\n### {name}\n\n{SENTENCES[name]} *A number of the nominal model that is wrong.*\n"
+    return f"{head}{TABLE}{''.join(rows)}\nNeeds: the robot's model file.\n"
 
 
 def _section(cause: Cause) -> str:
     kind = "A number of the nominal model that is wrong." if cause.error else "An effect that the model lacks."
     rows = [f"\n### {cause.name}\n\n{cause.sentence} *{kind}*\n"]
-    rows.append("\n| parameter | unit | lowest | highest |\n|---|---|---|---|\n")
+    rows.append(TABLE)
     bounds: dict[tuple[str, str], list[float]] = {}
     for variant in cause.variants:
         for number in variant:

@@ -24,6 +24,8 @@ ABOUT_JOINTS = "robot.about_joints"
 RATE = 60.0  # [Hz] at which rows are computed; between them they are straight lines
 SHIFT = 1e-3  # [m] and
 TILT = 0.02  # [rad] over which derivatives are taken
+TILTS = tuple(Parameter(f"base.tilt_{axis}", "rad", -0.5, 0.5, 0.0, 0.01) for axis in "xy")
+"""How far the base is tilted about either axis."""
 LIGHT = 0.02  # share of the robot's moving mass below which a body's own mass and centre are not sought
 
 
@@ -127,7 +129,7 @@ def _tilt(model: mujoco.MjModel, axis: int) -> Direction:
         other.opt.gravity[:] = (x, c * y + s * z, c * z - s * y) if axis == 0 else (c * x - s * z, y, s * x + c * z)
         return model, other, TILT
 
-    return Direction(Parameter(f"base.tilt_{'xy'[axis]}", "rad", -0.5, 0.5, 0.0, 0.01), 0.0, change)
+    return Direction(TILTS[axis], 0.0, change)
 
 
 def about_joints(robot: LoggedRobot) -> Direction | None:
