@@ -1,15 +1,20 @@
-"""Files that appear whole or not at all."""
+"""Files and folders that appear whole or not at all."""
 
 from __future__ import annotations
 
 import contextlib
 import errno
 import os
+import shutil
 from collections.abc import Iterator
 from pathlib import Path
 
 UNFINISHED = ".writing-"
 """Prefix of what is being written; what a killed process left begins with it."""
+REPLACED = ".replaced-"
+"""Prefix of an older folder while a new one takes its place."""
+STAGED = ".writing"
+"""Folder within another in which entries grow before all of them appear in it."""
 NO_LINKS = (errno.EPERM, errno.ENOTSUP, errno.ENOSYS, errno.EMLINK)
 """What a file system without hard links answers."""
 
@@ -53,6 +58,75 @@ def write_text(path: Path, text: str, replace: bool = False) -> None:
     """Write a text; see :func:`written`."""
     with written(path, replace) as fresh:
         fresh.write_text(text, encoding="utf-8")
+
+
+def staged_folder(path: Path) -> Path:
+    """Where what will be the folder ``path`` grows, in any process: what a killed one left is found again."""
+    return path.with_name(f"{UNFINISHED}{path.name}")
+
+
+@contextlib.contextmanager
+def folder_written(path: Path, replace: bool = False, last: str | None = None) -> Iterator[Path]:
+    """A folder to fill, which becomes ``path`` when the block ends, and is removed where the block fails.
+
+    Args:
+        path: what it becomes.
+        replace: take the place of an older folder, which stays until the new one is complete.
+        last: ``path`` is a folder that may be there and hold other things. What was filled is moved into it, the entry
+            of this name last: a folder with it is complete.
+
+    Raises:
+        OSError: the disk refuses, or ``path`` is there and must not be replaced.
+    """
+    staged = staged_folder(path) if last is None else path / STAGED
+    shutil.rmtree(staged, ignore_errors=True)  # of a session that was killed
+    staged.mkdir(parents=True)
+    try:
+        yield staged
+        for file in staged.rglob("*"):
+            if file.is_file():
+                flush(file)
+        if last is not None:
+            _moved_into(path, staged, last)
+        elif replace:
+            _replaced(path, staged)
+        else:
+            os.rename(staged, path)
+    except BaseException:
+        shutil.rmtree(staged, ignore_errors=True)
+        raise
+
+
+def _moved_into(path: Path, staged: Path, last: str) -> None:
+    for entry in sorted(staged.iterdir(), key=lambda entry: entry.name == last):
+        target = path / entry.name
+        if target.is_dir():  # half moved by a session that was killed
+            shutil.rmtree(target)
+        os.replace(entry, target)
+    staged.rmdir()
+
+
+def _replaced(path: Path, staged: Path) -> None:
+    older = path.with_name(f"{REPLACED}{path.name}")
+    if path.exists():
+        os.replace(path, older)
+    os.replace(staged, path)
+    shutil.rmtree(older, ignore_errors=True)
+
+
+def finish_replacements(folder: Path) -> None:
+    """Put right what a kill between two renames left in a folder, and remove what was never complete."""
+    for older in folder.glob(f"{REPLACED}*"):
+        target = folder / older.name.removeprefix(REPLACED)
+        if target.exists():
+            shutil.rmtree(older, ignore_errors=True)
+        else:
+            os.replace(older, target)
+    for incomplete in folder.glob(f"{UNFINISHED}*"):
+        if incomplete.is_dir():
+            shutil.rmtree(incomplete, ignore_errors=True)
+        else:
+            incomplete.unlink()
 
 
 def _publish(fresh: Path, path: Path) -> None:

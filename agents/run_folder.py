@@ -16,10 +16,8 @@ import contextlib
 import datetime
 import importlib.metadata
 import json
-import os
 import platform
 import shlex
-import shutil
 import subprocess
 import sys
 from collections.abc import Iterator
@@ -28,7 +26,7 @@ from typing import Any
 
 import yaml
 
-from ..actuators.atomic import UNFINISHED, flush, write_text
+from ..actuators.atomic import finish_replacements, folder_written, write_text
 from ..actuators.errors import SealegsError
 
 try:
@@ -37,7 +35,6 @@ except ImportError:  # Windows has no such lock
     fcntl = None
 
 REPOSITORY = Path(__file__).resolve().parents[1]
-_REPLACED = ".replaced-"
 
 
 class RunFolder:
@@ -55,7 +52,8 @@ class RunFolder:
                 fcntl.flock(self._lock, fcntl.LOCK_EX | fcntl.LOCK_NB)
             except OSError as error:
                 raise SealegsError(f"Another process is training in {path}: wait for it, or stop it.") from error
-        self._finish_replacements()
+        for folder in (path, path / "checkpoints"):
+            finish_replacements(folder)
 
     def close(self) -> None:
         """Let other processes train in the folder."""
@@ -134,22 +132,8 @@ class RunFolder:
 
         An older folder of that name stays until the new one is complete.
         """
-        target = self.path / name
-        temporary = target.with_name(f"{UNFINISHED}{target.name}")
-        replaced = target.with_name(f"{_REPLACED}{target.name}")
-        shutil.rmtree(temporary, ignore_errors=True)
-        temporary.mkdir(parents=True)
-        try:
-            yield temporary
-            for file in temporary.iterdir():
-                flush(file)
-        except BaseException:
-            shutil.rmtree(temporary, ignore_errors=True)
-            raise
-        if target.exists():
-            os.replace(target, replaced)
-        os.replace(temporary, target)
-        shutil.rmtree(replaced, ignore_errors=True)
+        with folder_written(self.path / name, replace=True) as folder:
+            yield folder
 
     def record_session(self, from_step: int) -> None:
         """Append to ``run.json`` who trains from here: command line, time, git revision, versions."""
@@ -184,21 +168,6 @@ class RunFolder:
         file.rename(aside)
         print(f"{file} is damaged: it is kept as {aside.name}, and a new one begins.", file=sys.stderr)
         return {"sessions": []}
-
-    def _finish_replacements(self) -> None:
-        """Put right what a kill between two renames left, and remove what was never complete."""
-        for folder in (self.path, self.path / "checkpoints"):
-            for replaced in folder.glob(f"{_REPLACED}*"):
-                target = folder / replaced.name.removeprefix(_REPLACED)
-                if target.exists():
-                    shutil.rmtree(replaced, ignore_errors=True)
-                else:
-                    os.replace(replaced, target)
-            for unfinished in folder.glob(f"{UNFINISHED}*"):
-                if unfinished.is_dir():
-                    shutil.rmtree(unfinished, ignore_errors=True)
-                else:
-                    unfinished.unlink()
 
 
 def git_revision(*paths: str) -> dict[str, Any]:

@@ -5,9 +5,17 @@ from __future__ import annotations
 import errno
 import os
 from pathlib import Path
+from typing import Any
 
 import pytest
-from sealegs.actuators.atomic import UNFINISHED, write_text, written
+from sealegs.actuators.atomic import (
+    REPLACED,
+    UNFINISHED,
+    finish_replacements,
+    folder_written,
+    write_text,
+    written,
+)
 
 
 def test_a_file_appears_when_its_block_ends(tmp_path: Path) -> None:
@@ -41,3 +49,45 @@ def test_a_file_that_is_there_is_replaced_only_where_that_is_asked(
     assert target.read_text() == "first"
     write_text(target, "third", replace=True)
     assert target.read_text() == "third" and list(tmp_path.iterdir()) == [target]
+
+
+def filled(folder: Path, text: str, **how: Any) -> None:
+    with folder_written(folder, **how) as staged:
+        (staged / "inner").mkdir()
+        (staged / "inner" / "a.txt").write_text(text)
+        (staged / "index").write_text(text)
+
+
+def test_a_folder_appears_when_its_block_ends_and_an_older_one_stays_unless_asked(tmp_path: Path) -> None:
+    target = tmp_path / "run"
+    filled(target, "first")
+    with pytest.raises(OSError):
+        filled(target, "second")
+    assert (target / "inner" / "a.txt").read_text() == "first"
+    filled(target, "third", replace=True)
+    assert (target / "inner" / "a.txt").read_text() == "third" and list(tmp_path.iterdir()) == [target]
+
+
+@pytest.mark.parametrize("how", [{}, {"replace": True}, {"last": "index"}], ids=["new", "replaced", "moved into"])
+def test_a_folder_whose_block_fails_leaves_nothing(tmp_path: Path, how: dict[str, Any]) -> None:
+    target = tmp_path / "run"
+    with pytest.raises(RuntimeError), folder_written(target, **how) as staged:
+        (staged / "a.txt").write_text("half")
+        raise RuntimeError
+    assert not [path for path in tmp_path.rglob("*") if path.is_file()]
+
+
+def test_what_is_moved_into_a_folder_leaves_what_else_is_there(tmp_path: Path) -> None:
+    (tmp_path / "kept").write_text("before")
+    (tmp_path / "inner").mkdir()  # half moved by a session that was killed
+    (tmp_path / "inner" / "old").write_text("half")
+    filled(tmp_path, "new", last="index")
+    assert sorted(path.name for path in tmp_path.iterdir()) == ["index", "inner", "kept"]
+    assert [path.name for path in (tmp_path / "inner").iterdir()] == ["a.txt"]
+
+
+def test_what_a_kill_between_two_renames_left_is_put_right(tmp_path: Path) -> None:
+    (tmp_path / f"{REPLACED}run").mkdir()
+    (tmp_path / f"{UNFINISHED}other").mkdir()
+    finish_replacements(tmp_path)
+    assert [path.name for path in tmp_path.iterdir()] == ["run"]

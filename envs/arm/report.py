@@ -8,6 +8,7 @@ from dataclasses import asdict
 from pathlib import Path
 from typing import Any
 
+from ...actuators.atomic import write_text
 from ...actuators.errors import SealegsError
 from ..published import documents, row_lines
 from . import paper
@@ -46,7 +47,7 @@ def compare(out: Path, seconds: float = 5.0, say: Callable[[str], None] = print)
         "robust": asdict(Robust()),
         "numbers": {name: asdict(number) for name, number in NUMBERS.items()},
     }
-    (out / "arm.json").write_text(json.dumps(document, indent=1) + "\n")
+    write_text(out / "arm.json", json.dumps(document, indent=1) + "\n", replace=True)
     from . import paper_plots  # matplotlib is slow to load
 
     paper_plots.plot_trajectory(out / "trajectory.png")

@@ -11,6 +11,7 @@ from typing import Any
 
 import numpy as np
 
+from ...actuators.atomic import write_text
 from ...actuators.errors import SealegsError
 from ..published import Mark, Otherwise, Row, documents, row_lines
 from . import balance, paper, validation
@@ -69,7 +70,7 @@ def compare(out: Path, seconds: float = SHORTEST, say: Callable[[str], None] = p
         "numbers": {name: asdict(number) for name, number in NUMBERS.items()},
         "seed": SEED,
     }
-    (out / "biped.json").write_text(json.dumps(_plain(result), indent=1, allow_nan=False) + "\n")
+    write_text(out / "biped.json", json.dumps(_plain(result), indent=1, allow_nan=False) + "\n", replace=True)
     from . import paper_plots  # matplotlib is slow to load
 
     paper_plots.plot_positions(stretched, rigid, out / "positions.png")

@@ -10,6 +10,7 @@ from typing import Any
 
 import numpy as np
 
+from ...actuators.atomic import write_text
 from ...actuators.errors import SealegsError
 from ..published import Mark, Otherwise, Row, documents, row_lines
 from . import friction_bench
@@ -101,7 +102,7 @@ def compare(out: Path, seconds: float = 10.0, say: Callable[[str], None] = print
         "numbers": {name: asdict(number) for name, number in NUMBERS.items()},
         "seconds": seconds,
     }
-    (out / "hexapod.json").write_text(json.dumps(result, indent=1) + "\n")
+    write_text(out / "hexapod.json", json.dumps(result, indent=1) + "\n", replace=True)
     from . import paper_plots  # matplotlib is slow to load
 
     paper_plots.plot_standing(standing, out / "height.png")

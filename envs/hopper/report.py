@@ -8,6 +8,7 @@ from dataclasses import asdict
 from pathlib import Path
 from typing import Any
 
+from ...actuators.atomic import write_text
 from ...actuators.errors import SealegsError
 from ..published import documents, row_lines
 from . import rows as printed_rows
@@ -55,7 +56,7 @@ def compare(out: Path, seconds: float = 10.0, say: Callable[[str], None] = print
         "numbers": {name: asdict(number) for name, number in NUMBERS.items()},
         "seconds": seconds,
     }
-    (out / "hopper.json").write_text(json.dumps(result, indent=1) + "\n")
+    write_text(out / "hopper.json", json.dumps(result, indent=1) + "\n", replace=True)
     from .paper_plots import plot_periods, plot_time  # matplotlib is slow to load
 
     plot_time(cases, out / "time.png")

@@ -10,6 +10,7 @@ from typing import Any
 
 import numpy as np
 
+from ...actuators.atomic import write_text
 from ...actuators.errors import SealegsError
 from ..published import Otherwise, Row, documents, row_lines
 from .control import Lines, Model, errors, paths, rms
@@ -96,7 +97,7 @@ def compare(out: Path, seconds: float = 3.0, say: Callable[[str], None] = print)
         "numbers": {name: asdict(number) for name, number in NUMBERS.items()},
         "chains": {name: chain.to_list() for name, chain in chains_of("silo4").items()},
     }
-    (out / "leg.json").write_text(json.dumps(result, indent=1) + "\n")
+    write_text(out / "leg.json", json.dumps(result, indent=1) + "\n", replace=True)
     from . import paper_plots  # matplotlib is slow to load
 
     names = paper_plots.draw(analysis, found, sweeps, out)

@@ -3,13 +3,13 @@
 from __future__ import annotations
 
 import json
-import os
 import shutil
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+from ...actuators.atomic import folder_written, staged_folder
 from ...actuators.errors import SealegsError
 from ..log.progress import Progress
 from ..log.table import ENDINGS
@@ -20,7 +20,6 @@ if TYPE_CHECKING:
 
 SOURCE = "source.json"
 """What a diagnosis was made from: settings, and name and checksum of each log and sidecar."""
-UNFINISHED = ".unfinished-"
 
 
 @dataclass(frozen=True)
@@ -92,14 +91,9 @@ def source(job: Job) -> dict[str, Any]:
     return source_of(job.log, job.settings)
 
 
-def staging(job: Job) -> Path:
-    """Where a diagnosis grows before it is finished."""
-    return job.out.with_name(UNFINISHED + job.out.name)
-
-
 def remove_unfinished(job: Job) -> None:
     """Remove what a stopped diagnosis left."""
-    shutil.rmtree(staging(job), ignore_errors=True)
+    shutil.rmtree(staged_folder(job.out), ignore_errors=True)
 
 
 def diagnose_folder(
@@ -136,12 +130,10 @@ def run_job(job: Job, progress: Progress = lambda text: None) -> Outcome:
 
     Whatever goes wrong becomes the outcome's sentence, so that one servo does not stop the others.
     """
-    staged = staging(job)
     try:
-        remove_unfinished(job)
-        diagnose_folder(job.log, staged, progress, **job.settings)
-        (staged / SOURCE).write_text(json.dumps(source(job), indent=1) + "\n", encoding="utf-8")
-        os.rename(staged, job.out)
+        with folder_written(job.out) as staged:
+            diagnose_folder(job.log, staged, progress, **job.settings)
+            (staged / SOURCE).write_text(json.dumps(source(job), indent=1) + "\n", encoding="utf-8")
         return Outcome(job.name, json.loads((job.out / "diagnosis.json").read_text()))
     except SealegsError as error:
         return Outcome(job.name, error=str(error))
@@ -153,5 +145,3 @@ def run_job(job: Job, progress: Progress = lambda text: None) -> Outcome:
         return Outcome(
             job.name, error=f"{job.log}: {type(error).__name__}: {error} (a bug of sealegs; please report it)."
         )
-    finally:
-        remove_unfinished(job)

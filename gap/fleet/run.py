@@ -14,9 +14,10 @@ from multiprocessing.connection import Connection, wait
 from pathlib import Path
 from typing import Any
 
+from ...actuators.atomic import folder_written
 from ...actuators.errors import SealegsError
 from ...actuators.extras import needed_for
-from .jobs import Job, Outcome, finished, remove_unfinished, run_job, staging
+from .jobs import Job, Outcome, finished, remove_unfinished, run_job
 
 PACKAGE = __name__.partition(".")[0]
 PARTS = ("actuators", "configs", "envs", "gap")  # what a worker of a cluster needs of the package
@@ -197,13 +198,11 @@ def diagnosed_elsewhere(name: str, files: dict[str, bytes], settings: dict[str, 
 
 def received(job: Job, files: dict[str, bytes]) -> Outcome:
     """Write what a worker sent back."""
-    staged = staging(job)
-    remove_unfinished(job)  # of a session that was killed
     try:
-        for name, content in files.items():
-            (staged / name).parent.mkdir(parents=True, exist_ok=True)
-            (staged / name).write_bytes(content)
-        os.rename(staged, job.out)
+        with folder_written(job.out) as staged:
+            for name, content in files.items():
+                (staged / name).parent.mkdir(parents=True, exist_ok=True)
+                (staged / name).write_bytes(content)
     except OSError as error:
         return Outcome(job.name, error=f"{job.out} cannot be written: {error.strerror or error}.")
     found = finished(job)

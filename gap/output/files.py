@@ -2,14 +2,13 @@
 
 from __future__ import annotations
 
-import os
-import shutil
 from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
+from ...actuators.atomic import STAGED, folder_written
 from ...actuators.extras import missing_package
 from ...envs.robot_file import is_robot_file
 from ..experiment import write_experiment
@@ -26,9 +25,6 @@ from .document import FILE, to_document, whole, write_document
 from .extension import changes, extended_of, not_native, write_extended, write_extension
 from .robot_mjcf import write_robot
 from .whole import confirm_whole
-
-STAGED = ".writing"
-"""Folder in which files grow before all of them appear at once."""
 
 
 def fresh_folder(path: Path, besides: Sequence[str] = ()) -> Path:
@@ -59,13 +55,10 @@ def write_diagnosis(
         Paths by what they hold: ``json``, ``report``, ``pictures``; with an extension also ``chain`` and ``mjcf``, with
         a proposal ``experiment``; of several joints ``<joint> chain`` and so on.
     """
-    staged = folder / STAGED
-    shutil.rmtree(staged, ignore_errors=True)  # of a session that was killed
-    staged.mkdir(parents=True)
     written: dict[str, Path] = {}
     documents = []
     differences: list[dict[str, Any]] = []
-    try:
+    with folder_written(folder, last=FILE) as staged:  # a folder with the document is finished
         for diagnosis in diagnoses:
             several = len(diagnoses) > 1
             prefix, owner = (f"{diagnosis.joint}-", f"{diagnosis.joint} ") if several else ("", "")
@@ -106,10 +99,6 @@ def write_diagnosis(
         write_document(document | ({} if confirmed is None else {"whole_robot": confirmed}), written["json"])
         progress("drawing")
         written |= _illustrate(diagnoses, data, staged, differences, confirmed, progress)
-        _publish(staged, folder)
-    except BaseException:
-        shutil.rmtree(staged, ignore_errors=True)
-        raise
     return {key: folder / path.name for key, path in written.items()}
 
 
@@ -136,16 +125,6 @@ def _illustrate(
     draw_all(list(diagnoses), written["pictures"])
     write_report(list(diagnoses), data, written["report"], changes=differences, robot=robot)
     return written
-
-
-def _publish(staged: Path, folder: Path) -> None:
-    """Move what is complete to where it belongs, the document last: a folder with one is finished."""
-    for path in sorted(staged.iterdir(), key=lambda path: path.name == FILE):
-        target = folder / path.name
-        if target.is_dir():  # half published by a session that was killed
-            shutil.rmtree(target)
-        os.replace(path, target)
-    staged.rmdir()
 
 
 def confirm(diagnosis: JointDiagnosis, problem: FreeProblem) -> dict[str, float]:

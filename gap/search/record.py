@@ -13,6 +13,8 @@ from typing import Any
 
 import numpy as np
 
+from ...actuators.atomic import write_text
+
 DIGITS = 9
 
 
@@ -136,7 +138,7 @@ def from_dict(document: Mapping[str, Any]) -> SearchRecord:
 
 def save(record: SearchRecord, path: Path) -> None:
     """Write a record as JSON."""
-    path.write_text(json.dumps(to_dict(record)) + "\n", encoding="utf-8")
+    write_text(path, json.dumps(to_dict(record)) + "\n", replace=True)
 
 
 def load(path: Path) -> SearchRecord:
