@@ -186,3 +186,8 @@ def sine(amplitude: float = 0.3, hertz: float = 0.5, offset: float = 0.0, second
         return Trajectory("sine", time, middle + amplitude * np.sin(2.0 * np.pi * hertz * time)[:, None])
 
     return made
+
+
+def when_torque_came_on(simulation: Simulation) -> float:
+    """Time of the machine [s]."""
+    return next(time for time, _, on in simulation.rig.history if on)

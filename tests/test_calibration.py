@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-import time
 from collections.abc import Callable, Iterable, Sequence
 from pathlib import Path
 
@@ -17,6 +16,8 @@ from sealegs.hw.registers import load_model
 from sealegs.hw.robot import ServoRobot
 from sealegs.hw.servo_state import ServoState
 from sealegs.hw.virtual import VirtualBus
+
+from tests.waiting import wait_until
 
 SERVO = load_model("sts3215")
 HOPPER, BENCH = get_robot("hopper"), get_robot("bench")
@@ -214,9 +215,8 @@ def test_servos_of_a_bus_are_calibrated(monkeypatch: pytest.MonkeyPatch) -> None
         def swing() -> None:
             for angle in (-0.8, 0.8):
                 pushed(angle)()
-                seen, until = len(readings), time.monotonic() + 30.0
-                while len(readings) < seen + 2 and time.monotonic() < until:  # whoever watches has seen it there
-                    time.sleep(0.01)
+                seen = len(readings)
+                wait_until(lambda seen=seen: len(readings) >= seen + 2)  # whoever watches has seen it there
 
         monkeypatch.setattr(bus, "read_register", counted)
         scan = bus.scan

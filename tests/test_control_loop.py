@@ -28,6 +28,7 @@ from sealegs.hw.supervisor import bring_to_rest
 from sealegs.hw.virtual import VirtualBus
 
 from tests.servo_runs import config, gentle_policy
+from tests.waiting import GIVE_UP, wait_until
 
 TIMEOUT = 1.0
 """For a reply [s]: what shares the processors with this test must not look like a fault."""
@@ -65,8 +66,8 @@ class Run:
             self.bus, self.robot, safety, commands, rate, log=self.log, rest=rest, stop=self.stop, stepped=stepped
         )
         self.outcome: Outcome | None = None
-        self._thread = threading.Thread(target=self._run)
-        self._thread.start()
+        self.thread = threading.Thread(target=self._run)
+        self.thread.start()
 
     def _run(self) -> None:
         try:
@@ -76,14 +77,11 @@ class Run:
 
     def under_way(self) -> None:
         """Wait until the policy has been in command for some cycles."""
-        end = time.monotonic() + 60.0
-        while self.log.rows < 10:
-            assert self._thread.is_alive() and time.monotonic() < end, read_events(self.log.path)
-            time.sleep(0.005)
+        wait_until(lambda: self.log.rows >= 10, self.thread, lambda: read_events(self.log.path))
 
     def ended(self) -> Outcome:
         """Wait for the end."""
-        self._thread.join(60.0)
+        self.thread.join(GIVE_UP)
         assert self.outcome is not None, read_events(self.log.path)
         return self.outcome
 
@@ -191,8 +189,7 @@ def test_a_single_lost_reply_is_counted_cured_and_does_not_stop_the_robot(
     run.under_way()
     rows = run.log.rows
     virtual.fault("drop", servos=[2], count=1)
-    while run.log.rows < rows + 20:
-        time.sleep(0.01)
+    wait_until(lambda: run.log.rows >= rows + 20, run.thread)
     run.stop.ask("enough")
     outcome = run.ended()
     assert outcome.ending == "stopped" and outcome.bus["NoReplyError"] == 1
@@ -425,10 +422,7 @@ def test_rows_and_events_are_brought_to_the_disk_while_the_robot_moves(
 
     log = small_log(tmp_path, 3)
     monkeypatch.setattr("sealegs.hw.measured_log.os.fsync", noted)
-    end = time.monotonic() + 30.0
-    while sum(path.endswith("run.csv") for path in synced) < 3:
-        assert time.monotonic() < end
-        time.sleep(0.01)
+    wait_until(lambda: sum(path.endswith("run.csv") for path in synced) >= 3)
     monkeypatch.undo()
     log.close()
     assert SYNC <= 0.1 and (any(path.endswith("events.jsonl") for path in synced) or not os.path.isdir("/proc/self/fd"))

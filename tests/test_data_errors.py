@@ -17,9 +17,9 @@ from sealegs.gap.verdict.diagnosis import diagnose
 from sealegs.gap.verdict.verdict import EXPLAINED, NOTHING
 
 from testbed import hidden_bench
+from tests.changed_logs import signal, with_log
 from tests.quick import quick
 
-JOINT = "servo"
 SCHEDULES = (("chirp", "steps"), ("multisine", "triangle"), ("lift_and_drop", "chirp"))
 GEAR = 345.0
 
@@ -30,14 +30,6 @@ Plant = Callable[[MeasuredRun, float, np.random.Generator], dict[str, Any]]
 def clean(seed: int) -> tuple[MeasuredSet, tuple[np.ndarray, ...]]:
     data, truth = hidden_bench({}, seed, ("light", "medium", "heavy"), duration=8.0, schedules=SCHEDULES)
     return data, tuple(truth["clean_position"])
-
-
-def with_log(run: MeasuredRun, **signals: np.ndarray | None) -> MeasuredRun:
-    return replace(run, joints={JOINT: replace(run.joints[JOINT], **signals)})
-
-
-def signal(run: MeasuredRun, name: str) -> np.ndarray:
-    return run.joints[JOINT].signals()[name]
 
 
 def times(name: str) -> Plant:

@@ -11,13 +11,12 @@ import pandas as pd
 import pytest
 import yaml
 from sealegs.actuators import load_chain
-from sealegs.commands import diagnose as script
-from sealegs.configs.script import run
 from sealegs.gap.log import read_measured
 from sealegs.gap.verdict.diagnosis import diagnose
 from sealegs.gap.virtual.bench import LOADS, record
 
 from testbed import hidden_bench
+from tests.diagnose_command import diagnose_command
 from tests.made_once import folder_made_once
 
 DATA = Path(__file__).resolve().parent.parent.parent / "shared" / "data"
@@ -25,10 +24,6 @@ DATA = Path(__file__).resolve().parent.parent.parent / "shared" / "data"
 
 CONSIDERED = ("friction.load_dependent", "friction.viscous", "drive.delay")
 """Causes that the shared diagnosis considers, so that it takes seconds; a long test has the whole catalogue."""
-
-
-def call(*arguments: str) -> int:
-    return run(script.main, "diagnose", script.__doc__ or "", list(arguments))
 
 
 @pytest.fixture(scope="session")
@@ -46,7 +41,7 @@ def diagnosis(hidden: Path) -> Path:
     """What diagnose.py writes about them."""
 
     def made(folder: Path) -> None:
-        assert call(f"log={hidden}", f"out={folder}", f"causes=[{','.join(CONSIDERED)}]") == 0
+        assert diagnose_command(f"log={hidden}", f"out={folder}", f"causes=[{','.join(CONSIDERED)}]") == 0
 
     return folder_made_once("diagnosis of the virtual bench", made)
 
@@ -107,7 +102,7 @@ def test_training_takes_the_extended_chain_as_it_is(diagnosis: Path) -> None:
 
 @pytest.mark.long
 def test_the_whole_catalogue_names_the_hidden_effect_too(hidden: Path, tmp_path: Path) -> None:
-    assert call(f"log={hidden}", f"out={tmp_path / 'whole'}") == 0
+    assert diagnose_command(f"log={hidden}", f"out={tmp_path / 'whole'}") == 0
     test_names_the_hidden_effect_with_its_size(tmp_path / "whole")
 
 
@@ -123,7 +118,7 @@ def test_an_existing_diagnosis_is_never_overwritten(
     hidden: Path, diagnosis: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     before = (diagnosis / "diagnosis.json").read_bytes()
-    assert call(f"log={hidden}", f"out={diagnosis}") == 2
+    assert diagnose_command(f"log={hidden}", f"out={diagnosis}") == 2
     assert "not empty" in capsys.readouterr().err
     assert (diagnosis / "diagnosis.json").read_bytes() == before
 
@@ -230,7 +225,7 @@ def test_wrong_input_gets_one_sentence(
     spoil, hint = BAD[name]
     spoil(log)
     before = {path.name: path.read_bytes() for path in log.parent.iterdir()}
-    assert call(f"log={log}", f"out={tmp_path / 'out'}") == 2
+    assert diagnose_command(f"log={log}", f"out={tmp_path / 'out'}") == 2
     said = capsys.readouterr().err.strip()
     assert hint.lower() in said.lower()
     assert "Traceback" not in said and len(said.splitlines()) == 1
@@ -240,12 +235,12 @@ def test_wrong_input_gets_one_sentence(
 
 
 def test_a_mistyped_key_names_the_nearest(capsys: pytest.CaptureFixture[str]) -> None:
-    assert call("lgo=x") == 2
+    assert diagnose_command("lgo=x") == 2
     assert "'log'" in capsys.readouterr().err
 
 
 def test_a_missing_log_says_so(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    assert call(f"log={tmp_path / 'none.csv'}", f"out={tmp_path / 'out'}") == 2
+    assert diagnose_command(f"log={tmp_path / 'none.csv'}", f"out={tmp_path / 'out'}") == 2
     assert "none.csv" in capsys.readouterr().err
 
 

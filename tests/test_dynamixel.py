@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import sys
 import threading
-import time
 from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
@@ -33,6 +32,7 @@ from sealegs.hw.virtual.server import Server
 from sealegs.hw.virtual.wire import Wire
 
 from tests.simulated_dynamixels import RATE, XL330, bus_on, wired
+from tests.waiting import wait_until
 
 IDS = [1, 2]
 
@@ -290,10 +290,7 @@ def test_scan_shows_dynamixels_and_sets_their_registers(server: Server, capsys: 
     out = capsys.readouterr().out
     assert "position_p_gain" in out and "(from the factory 400)" in out and "temperature_limit" in out
     assert run(scan.main, "scan", "", [*words, "id=2", "reboot=true"]) == 0
-    end = time.monotonic() + 10.0
-    while server.wire.servos[1].get("position_p_gain") != 400:  # memory that does not persist
-        assert time.monotonic() < end
-        time.sleep(0.01)
+    wait_until(lambda: server.wire.servos[1].get("position_p_gain") == 400)  # memory that does not persist
     server.wire.servos[1].silent_until = 0.0
 
 

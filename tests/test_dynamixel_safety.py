@@ -10,7 +10,7 @@ import pytest
 from sealegs.gap.log import read_measured
 from sealegs.hw.commands import park_motion
 
-from tests.simulated_runs import BEYOND_LIMITS, Simulation, sine
+from tests.simulated_runs import BEYOND_LIMITS, Simulation, sine, when_torque_came_on
 
 XL330 = ("robot.servo=xl330_m288", "robot.actuator=xl330", "robot.params.mass=0.05", "robot.params.length=0.05")
 LEGS = ("robot.servo=xl330_m288", "robot.actuator=sts3215")  # the protocol is what is tested
@@ -22,10 +22,6 @@ QUIET = {"range_margin": 9.0, "speed": 200.0, "following_error": 9.0, "current":
 
 def bench(**keys: Any) -> Simulation:
     return Simulation("bench", *XL330, **keys)
-
-
-def when_torque_came_on(simulation: Simulation) -> float:
-    return next(time for time, _, on in simulation.rig.history if on)
 
 
 def test_a_run_ends_released_and_its_log_has_signed_currents(tmp_path: Path) -> None:

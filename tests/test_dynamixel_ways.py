@@ -6,7 +6,6 @@ import functools
 import io
 import shutil
 import threading
-import time
 from pathlib import Path
 
 import numpy as np
@@ -25,6 +24,7 @@ from sealegs.hw.virtual.server import Server
 
 from tests.simulated_dynamixels import RATE, wired
 from tests.simulated_runs import Simulation
+from tests.waiting import wait_until
 
 CHAIN = ("robot.servo=xl330_m288", "robot.actuator=xl330", "robot.params.mass=0.05", "robot.params.length=0.05")
 QUIET = {"speed": 99.0, "range_margin": 9.0, "following_error": 9.0}
@@ -62,9 +62,8 @@ def test_a_joint_with_a_dynamixel_is_calibrated_by_hand(
     def sweep() -> None:
         for angle in (-0.8, 0.8):
             push(angle)
-            seen, until = len(readings), time.monotonic() + 20.0
-            while len(readings) < seen + 2 and time.monotonic() < until:
-                time.sleep(0.005)  # whoever watches has seen it there
+            seen = len(readings)
+            wait_until(lambda seen=seen: len(readings) >= seen + 2)  # whoever watches has seen it there
 
     script = [lambda: push(0.0), lambda: push(0.5), sweep]  # 0 rad, its positive direction, from stop to stop
 

@@ -10,8 +10,6 @@ from pathlib import Path
 
 import pytest
 from sealegs.actuators.errors import SealegsError
-from sealegs.commands import diagnose as script
-from sealegs.configs.script import run
 from sealegs.gap.fleet import Job, Outcome, diagnose_fleet, find_jobs, rows_of, shared_causes, write_table
 from sealegs.gap.fleet import jobs as jobs_module
 from sealegs.gap.fleet.jobs import finished, run_job, source
@@ -19,10 +17,7 @@ from sealegs.gap.fleet.page import draw_fleet, write_page
 from sealegs.gap.log import write_run
 
 from testbed import hidden_bench
-
-
-def call(*arguments: str) -> int:
-    return run(script.main, "diagnose", script.__doc__ or "", list(arguments))
+from tests.diagnose_command import diagnose_command
 
 
 def document(name: str, cause: str | None, value: float = 0.0) -> dict:
@@ -90,7 +85,7 @@ def test_a_broken_folder_does_not_stop_the_others(
     fleet: Path, tmp_path: Path, quick: list[str], capsys: pytest.CaptureFixture[str]
 ) -> None:
     out = tmp_path / "out"
-    assert call(f"log={fleet}", f"out={out}", "fleet=true") == 0
+    assert diagnose_command(f"log={fleet}", f"out={out}", "fleet=true") == 0
     assert quick == ["a", "b"]
     assert sorted(path.name for path in out.iterdir()) == ["a", "b", "fleet.csv", "fleet.html", "fleet.png"]
     table = list(csv.DictReader((out / "fleet.csv").open()))
@@ -144,7 +139,7 @@ def test_ctrl_c_says_how_to_go_on(
         raise KeyboardInterrupt
 
     monkeypatch.setattr("sealegs.gap.fleet.run.in_processes", interrupted)
-    assert call(f"log={fleet}", f"out={tmp_path / 'out'}", "fleet=true") == 130
+    assert diagnose_command(f"log={fleet}", f"out={tmp_path / 'out'}", "fleet=true") == 130
     assert "1 of 3 servos are kept" in capsys.readouterr().err
     assert (tmp_path / "out" / "a" / "diagnosis.json").is_file()
 
@@ -162,7 +157,7 @@ def test_ray_is_named_where_it_is_missing(
     fleet: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
     monkeypatch.setitem(sys.modules, "ray", None)
-    assert call(f"log={fleet}", f"out={tmp_path / 'out'}", "fleet=ray") == 2
+    assert diagnose_command(f"log={fleet}", f"out={tmp_path / 'out'}", "fleet=ray") == 2
     said = capsys.readouterr().err
     assert "pip install 'sealegs[fleet]'" in said and "fleet=true" in said and len(said.splitlines()) == 1
 
@@ -179,7 +174,7 @@ def test_ray_is_named_where_it_is_missing(
 def test_wrong_words_get_one_sentence(
     argument: str, hint: str, fleet: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    assert call(f"log={fleet}", argument) == 2
+    assert diagnose_command(f"log={fleet}", argument) == 2
     said = capsys.readouterr().err.strip()
     assert hint in said and len(said.splitlines()) == 1
 

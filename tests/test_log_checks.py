@@ -14,9 +14,9 @@ from sealegs.gap.checks.data_set import Finding, check_run, check_set, corrected
 from sealegs.gap.log.types import JointLog, MeasuredRun, MeasuredSet
 
 from testbed import NOISE_FLOOR, hidden_bench
+from tests.changed_logs import JOINT, signal, with_log
 from tests.quick import quick
 
-JOINT = "servo"
 TICK = 2 * np.pi / 4096
 
 
@@ -25,18 +25,10 @@ def clean(seed: int = 0) -> MeasuredSet:
     return hidden_bench({}, seed)[0]
 
 
-def with_log(run: MeasuredRun, **signals: np.ndarray | None) -> MeasuredRun:
-    return replace(run, joints={JOINT: replace(run.joints[JOINT], **signals)})
-
-
 def found(run: MeasuredRun, code: str) -> Finding:
     findings = [finding for finding in check_run(run) if finding.code == code]
     assert findings, f"{code} not among {[finding.code for finding in check_run(run)]}"
     return findings[0]
-
-
-def signal(run: MeasuredRun, name: str) -> np.ndarray:
-    return run.joints[JOINT].signals()[name]
 
 
 @pytest.mark.parametrize("seed", quick(range(4), 4))

@@ -20,6 +20,7 @@ from sealegs.hw.supervisor import bring_to_rest
 from sealegs.hw.virtual import VirtualBus
 
 from tests.servo_runs import excitation, start
+from tests.waiting import wait_until
 
 
 @pytest.fixture(scope="module")
@@ -59,14 +60,6 @@ def running(virtual: VirtualBus, folder: Path, *arguments: str) -> subprocess.Po
     )
     assert all(torque(virtual))
     return process
-
-
-def wait_until(done: Any, process: subprocess.Popen[str] | None = None, seconds: float = 180.0) -> None:
-    end = time.monotonic() + seconds
-    while not done():
-        assert time.monotonic() < end, "timeout"
-        assert process is None or process.poll() is None, process.communicate() if process else ""
-        time.sleep(0.01)
 
 
 def test_after_a_kill_the_servos_are_released_and_the_log_is_whole(virtual: VirtualBus, tmp_path: Path) -> None:

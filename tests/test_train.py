@@ -11,7 +11,6 @@ import shutil
 import signal
 import subprocess
 import sys
-import time
 from pathlib import Path
 from types import SimpleNamespace
 from typing import Any
@@ -28,6 +27,8 @@ from sealegs.configs.script import run as run_script
 from stable_baselines3 import PPO
 from stable_baselines3.common.vec_env import VecNormalize
 from tensorboard.backend.event_processing.event_accumulator import EventAccumulator
+
+from tests.waiting import wait_until
 
 REPOSITORY = Path(__file__).resolve().parents[1]
 SMALL = [
@@ -57,12 +58,7 @@ def start(*arguments: str) -> subprocess.Popen[str]:
 
 def wait_for(path: Path, pattern: str, process: subprocess.Popen[str]) -> None:
     """Wait until ``path`` holds a file that fits ``pattern``."""
-    for _ in range(600):
-        if any(path.glob(pattern)):
-            return
-        assert process.poll() is None, process.communicate()
-        time.sleep(0.1)
-    raise AssertionError(f"no {pattern} in {path} after a minute")
+    wait_until(lambda: any(path.glob(pattern)), process, lambda: f"no {pattern} in {path}")
 
 
 def steps(run_folder: Path) -> list[int]:

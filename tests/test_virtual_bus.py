@@ -24,6 +24,7 @@ from sealegs.hw.virtual.machine import Drive, Machine
 from sealegs.hw.virtual.protocol import Request, status_packet, take_requests
 
 from tests.served_bus import RATE, STEP, STS, ask, wired, write
+from tests.waiting import wait_until
 
 # --- packets -----------------------------------------------------------------------------------------------------
 
@@ -222,15 +223,20 @@ def test_the_servos_outlive_a_killed_parent_for_a_while():
     )
     pid = int(parent.stdout)
     os.kill(pid, 0)  # raises where the process is gone
-    end = time.monotonic() + 20.0
-    while time.monotonic() < end:
-        try:
-            os.kill(pid, 0)
-        except ProcessLookupError:
-            return
-        time.sleep(0.2)
-    os.kill(pid, signal.SIGKILL)
-    pytest.fail("the virtual bus did not end")
+    try:
+        wait_until(lambda: not alive(pid))
+    finally:
+        if alive(pid):
+            os.kill(pid, signal.SIGKILL)
+
+
+def alive(pid: int) -> bool:
+    """Whether there is a process of that number."""
+    try:
+        os.kill(pid, 0)
+    except ProcessLookupError:
+        return False
+    return True
 
 
 @pytest.fixture(scope="module")
