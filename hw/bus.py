@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections import Counter, deque
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 
 import numpy as np
 
@@ -39,7 +39,10 @@ class ServoBus(ServoReadings):
         status: latest error byte of each servo by id.
         marks: what each servo got with its torque in the register that tells a restart, by id; None: it has none.
         watchdog: time without a request after which the servos stop by themselves [s], where they can; None: never.
+        threads: none but the caller's read it.
     """
+
+    threads: Sequence[int] = ()
 
     def __init__(
         self,
@@ -189,24 +192,42 @@ class ServoBus(ServoReadings):
 
     # --- torque ------------------------------------------------------------------------------------------------
 
-    def torque_on(self, ids: Sequence[int]) -> None:
+    def torque_on(self, ids: Sequence[int], wanted: Callable[[], bool] = lambda: True) -> bool:
         """Switch torque on where each servo stands: its goal becomes its position first, or it would jump.
 
         Each is marked besides, so that a restart can be told: see :attr:`marks`. Servos with a bus watchdog then watch
         for requests themselves, where :attr:`watchdog` says so.
 
+        Args:
+            ids: of the servos.
+            wanted: asked before each servo, while no other thread can use the line: whether torque is still wanted. A
+                thread that takes the wish back and then calls :meth:`torque_off` leaves no servo with torque.
+
+        Returns:
+            Whether torque is on; where it was no longer wanted, it is off on all of them.
+
         Raises:
             BusError: a servo failed; torque is then off on all of them.
         """
         try:
-            self.hold(ids)
-            for servo in ids:
-                self._mark(servo)
-                self.write_register(servo, "torque_enable", 1)
-            self._watch(ids, self.watchdog)
+            if wanted():
+                self.hold(ids)
+                if all(self._switch_on(servo, wanted) for servo in ids):
+                    self._watch(ids, self.watchdog)
+                    return True
         except BusError:
             self.torque_off(ids)
             raise
+        self.torque_off(ids)
+        return False
+
+    def _switch_on(self, servo: int, wanted: Callable[[], bool]) -> bool:
+        self._mark(servo)
+        with self.line.lock:
+            if not wanted():
+                return False
+            self.write_register(servo, "torque_enable", 1)
+            return True
 
     def _mark(self, servo: int) -> None:
         """Make sure that a register is another one than after power-on: a torque limit a thousandth less, or an LED."""

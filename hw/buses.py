@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import threading
 from collections import Counter
 from collections.abc import Callable, Mapping, MutableMapping, Sequence
 from concurrent.futures import ThreadPoolExecutor
@@ -28,6 +29,7 @@ class BusGroup:
     Attributes:
         port: paths of all ports.
         parts: the buses by name; "" is the first.
+        threads: those that read the buses, as the system numbers them.
     """
 
     def __init__(
@@ -44,7 +46,16 @@ class BusGroup:
         self.port = " and ".join(part.port for part in self.parts.values())
         self._numbers = dict(numbers or {name: number for number, name in enumerate(self.parts)})
         self._latest: dict[str, ServoState] = {}
-        self._pool = ThreadPoolExecutor(len(self.parts)) if parallel and len(self.parts) > 1 else None
+        self.threads: list[int] = []
+        self._pool = self._readers(len(self.parts)) if parallel and len(self.parts) > 1 else None
+
+    def _readers(self, count: int) -> ThreadPoolExecutor:
+        """A pool whose threads are all there, so that they can get the loop's priority."""
+        pool = ThreadPoolExecutor(count, initializer=lambda: self.threads.append(threading.get_native_id()))
+        together = threading.Barrier(count)
+        for started in [pool.submit(together.wait) for _ in range(count)]:
+            started.result()
+        return pool
 
     def close(self) -> None:
         """Close the ports. Torque stays as it is."""
@@ -223,18 +234,31 @@ class BusGroup:
 
     # --- torque ------------------------------------------------------------------------------------------------
 
-    def torque_on(self, ids: Sequence[int]) -> None:
+    def torque_on(self, ids: Sequence[int], wanted: Callable[[], bool] = lambda: True) -> bool:
         """Switch torque on where each servo stands, one bus after the other.
+
+        Args:
+            ids: addresses.
+            wanted: asked before each servo: whether torque is still wanted.
+
+        Returns:
+            Whether torque is on; where it was no longer wanted, it is off on all of them, on every bus.
 
         Raises:
             BusError: a servo failed; torque is then off on all of them, on every bus.
         """
         try:
             for name, at in self._shares(ids).items():
-                self._told(name, lambda part, own: part.torque_on(own), [local(ids[k]) for k in at])
+                own = [local(ids[k]) for k in at]
+                if not self._told(name, lambda part, servos: part.torque_on(servos, wanted), own):
+                    break
+            else:
+                return True
         except BusError:
             self.torque_off(ids)
             raise
+        self.torque_off(ids)
+        return False
 
     def hold(self, ids: Sequence[int]) -> None:
         """Make each servo's position its goal.

@@ -194,5 +194,5 @@ def charge_of(
     ]
     return Charge(
         first.port, first.baudrate, first.servo, first.timeout, ids.get("", []), rest,
-        config["silence"], os.getpid(), events, config["patience"], others,
+        config["silence"], os.getpid(), events, config["patience"], others, config["hw"]["virtual"] is None,
     )  # fmt: skip

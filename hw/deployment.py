@@ -201,7 +201,15 @@ def _guarded(deployment: Deployment, bus: Bus, opened: Opened, stop: Stop, say: 
                 "A diagnosis needs to know what hangs on the servo: give robot.params.mass [kg] and "
                 "robot.params.length [m], or write them under robot_params in the log's sidecar."
             )
-        charge = charge_of(config, opened.ports, robot, rest, str(log.events_path.resolve()))
+        if config["dead_man"]:
+            say(f"Hold the space bar down: the run ends {PATIENCE:g} s after it is let go.")
+        button = stack.enter_context(pressed_key()) if config["estop"] == "key" else config["estop"]
+        pressed = stack.enter_context(emergency_stop(button, stop, lambda: bus.torque_off(robot.ids)))
+        say(
+            f"Running {deployment.commands.name} at {deployment.rate:g} Hz for {deployment.duration:g} s, "
+            f"into {log.path}"
+        )
+        supervisor = Supervisor(charge_of(config, opened.ports, robot, rest, str(log.events_path.resolve())))
         loop = ControlLoop(
             bus,
             robot,
@@ -209,7 +217,7 @@ def _guarded(deployment: Deployment, bus: Bus, opened: Opened, stop: Stop, say: 
             deployment.commands,
             deployment.rate,
             log=log,
-            supervisor=Supervisor(charge),
+            supervisor=supervisor,
             rest=rest,
             park=deployment.park,
             stop=stop,
@@ -218,15 +226,7 @@ def _guarded(deployment: Deployment, bus: Bus, opened: Opened, stop: Stop, say: 
             overruns=config["overruns"],
             begins=opened.let_go,
         )
-        say(
-            f"Running {deployment.commands.name} at {deployment.rate:g} Hz for {deployment.duration:g} s, "
-            f"into {log.path}"
-        )
-        if config["dead_man"]:
-            say(f"Hold the space bar down: the run ends {PATIENCE:g} s after it is let go.")
-        button = stack.enter_context(pressed_key()) if config["estop"] == "key" else config["estop"]
-        stack.enter_context(realtime(config["realtime"]))
-        stack.enter_context(emergency_stop(button, stop, lambda: bus.torque_off(robot.ids)))
+        stack.enter_context(realtime(config["realtime"], [*bus.threads, *pressed]))
         with live_view(loop, config["live"]):
             try:
                 outcome = loop.run(deployment.duration)

@@ -17,7 +17,11 @@ REASON = "the emergency stop was pressed"
 
 
 class EmergencyStop:
-    """Watches one descriptor until it is closed."""
+    """Watches one descriptor until it is closed.
+
+    Attributes:
+        thread: number of the thread that does so, as the system counts.
+    """
 
     def __init__(self, descriptor: int, stop: Stop, act: Callable[[], object]) -> None:
         """Watch from now on.
@@ -31,6 +35,7 @@ class EmergencyStop:
         self._wake, self._woken = os.pipe()
         self._thread = threading.Thread(target=self._watch, daemon=True)
         self._thread.start()
+        self.thread = self._thread.native_id or 0
 
     def _watch(self) -> None:
         ready, _, _ = select.select([self._descriptor, self._wake], [], [])
@@ -48,10 +53,10 @@ class EmergencyStop:
 
 
 @contextlib.contextmanager
-def emergency_stop(descriptor: int | None, stop: Stop, act: Callable[[], object]) -> Iterator[None]:
-    """Watch ``descriptor`` for the length of a ``with``; None: nothing."""
+def emergency_stop(descriptor: int | None, stop: Stop, act: Callable[[], object]) -> Iterator[list[int]]:
+    """Watch ``descriptor`` for the length of a ``with``, which gets the thread that does so; None: nothing."""
     if descriptor is None:
-        yield
+        yield []
         return
-    with contextlib.closing(EmergencyStop(descriptor, stop, act)):
-        yield
+    with contextlib.closing(EmergencyStop(descriptor, stop, act)) as watcher:
+        yield [watcher.thread]

@@ -43,6 +43,11 @@ class Bus(Protocol):
     port: str
 
     @property
+    def threads(self) -> Sequence[int]:
+        """Threads beside the caller's that read the servos, as the system numbers them."""
+        ...
+
+    @property
     def clock(self) -> Clock:
         """That replies are waited for by."""
         ...
@@ -87,8 +92,8 @@ class Bus(Protocol):
         """Send goals [rad]; clock behind it [s]."""
         ...
 
-    def torque_on(self, ids: Sequence[int]) -> None:
-        """Switch torque on where each servo stands."""
+    def torque_on(self, ids: Sequence[int], wanted: Callable[[], bool] = ...) -> bool:
+        """Switch torque on where each servo stands, as long as it is ``wanted``; whether it is on."""
         ...
 
     def hold(self, ids: Sequence[int]) -> None:

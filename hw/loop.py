@@ -11,13 +11,14 @@ import numpy as np
 
 from ..actuators.errors import SealegsError
 from .address import named
+from .alarm import to_stderr
 from .clock import Metronome
 from .commands import Commands
 from .current_sign import CurrentSign
 from .interface import Bus
 from .log_rows import write_cycle
 from .measured_log import MeasuredLog
-from .outcome import Outcome, fault_of, to_stderr
+from .outcome import Outcome, fault_of
 from .pace import Overruns, reading_time, too_slow
 from .packets import BusError, ReplyError
 from .robot import Reading, ServoRobot
@@ -169,7 +170,11 @@ class ControlLoop:
             return None
         self._event("torque on", servos=named(ids))
         self._torque_on = True
-        self.bus.torque_on(ids)
+        self._torque_on = self.bus.torque_on(ids, self._still_wanted)
+        if not self._torque_on:
+            return self._beat()
+        if self._stop.reason is not None:
+            return None
         if (start := self.commands.start()) is None:
             return None
         try:
@@ -177,6 +182,11 @@ class ControlLoop:
         except SealegsError as error:
             fault = fault_of(error)
         return None if fault is None else replace(fault, sentence=f"on the way to the start: {fault.sentence}")
+
+    def _still_wanted(self) -> bool:
+        """Asked before each servo gets its torque: whether nobody wants to stop. The supervisor watches from now on."""
+        heard = self._supervisor is None or self._supervisor.starting()
+        return heard and self._stop.reason is None
 
     def _fit(self) -> Fault | None:
         """Whether the robot may get torque: everybody answers, in time, within the limits."""
@@ -196,7 +206,7 @@ class ControlLoop:
         self._event("pace", name=name, sentence=sentence)
         if self._overruns_stop:
             return Fault(name, sentence)
-        self.alarm(sentence)
+        self._say(sentence)
         return None
 
     def _read_once(self) -> Reading:
@@ -222,7 +232,7 @@ class ControlLoop:
             self._missed(reading.state.problem)
         self.reading = reading
         if (fault := self._judge(reading)) is not None and self.state == "running":
-            self._write(reading, NOWHERE)
+            self._write_last(reading)
         return fault or reading
 
     def _missed(self, error: BusError) -> None:
@@ -304,7 +314,7 @@ class ControlLoop:
             return reading
         admitted = self.safety.admit(self.commands.goals(now, reading), self.sent)
         if isinstance(admitted, Fault):
-            self._write(reading, NOWHERE)
+            self._write_last(reading)
             return admitted
         if (delay := getattr(self.commands, "delay", 0.0)) > 0.0 and not self._metronome.stepped:
             self._metronome.hold(reading.time + delay)
@@ -312,7 +322,7 @@ class ControlLoop:
             sent = self.bus.write_goals(ids, self.robot.to_servo(admitted))
             sent = self._metronome.now() if self._metronome.stepped else sent
         except BusError as error:
-            self._write(reading, NOWHERE)
+            self._write_last(reading)
             return fault_of(error)
         self.sent = admitted
         self._write(reading, sent)
@@ -323,6 +333,13 @@ class ControlLoop:
     def _write(self, reading: Reading, sent: float) -> None:
         if self._log is not None:
             write_cycle(self._log, reading, self.sent, sent, self._zero_time)
+
+    def _write_last(self, reading: Reading) -> None:
+        """Write the cycle in which a fault ends the run: a log that fails as well must not take its place."""
+        try:
+            self._write(reading, NOWHERE)
+        except SealegsError as error:
+            self._event("log", sentence=str(error))
 
     def _beat(self) -> Fault | None:
         if self._supervisor is None or self._supervisor.beat():
@@ -366,10 +383,12 @@ class ControlLoop:
         clock = self.bus.clock
         started = clock.now()
         self.state = "to rest"
-        if self._supervisor is not None:
-            self._supervisor.resting()
         failed: Mapping[int, Exception]
         rest: Rest = "release" if self._stop.emergency or not self._torque_on else self._rest
+        if self._supervisor is not None:
+            if rest != self._rest:
+                self._supervisor.release_only()
+            self._supervisor.resting()
         try:
             failed = bring_to_rest(self.bus, self.robot.ids, rest, self._failing)
         except Exception as error:  # whatever it is, it must not hide that torque may be on
@@ -387,8 +406,9 @@ class ControlLoop:
         )
         if self._supervisor is not None and failed:
             asked = self._stop.asked
-            self.alarm("The supervisor goes on trying to reach them; Ctrl-C ends the wait.")
-            self._supervisor.call(lambda: self._stop.asked > asked)
+            self._say("The supervisor goes on trying to reach them; Ctrl-C ends the wait.")
+            if self._supervisor.call(lambda: self._stop.asked > asked) and rest == "hold":
+                self.holder = self._supervisor.pid
         elif self._supervisor is not None and rest == "hold":
             self.holder = self._supervisor.leave_held()
         elif self._supervisor is not None:
@@ -399,6 +419,13 @@ class ControlLoop:
     def _failing(self, servos: Sequence[int], error: Exception) -> None:
         """Say at once that servos could not be brought to rest; others may still be."""
         self.state = "NOT AT REST"
-        self.alarm(f"TORQUE MAY BE ON at servo(s) {', '.join(map(str, servos))}: CUT THE POWER. {error}")
+        self._say(f"TORQUE MAY BE ON at servo(s) {', '.join(map(str, servos))}: CUT THE POWER. {error}")
         if self._supervisor is not None:
             self._supervisor.resting()  # each servo may take its time
+
+    def _say(self, line: str) -> None:
+        """Tell a person at once; whatever becomes of that ends neither the run nor the way to rest."""
+        try:
+            self.alarm(line)
+        except Exception as error:
+            self._event("not said", line=line, error=repr(error))

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import sys
 from dataclasses import dataclass, field
 
 from ..actuators.errors import SealegsError
@@ -36,11 +35,6 @@ class Outcome:
     not_at_rest: dict[int, str] = field(default_factory=dict)
     rest_seconds: float = 0.0
     rest: str = "release"
-
-
-def to_stderr(line: str) -> None:
-    """Print what must not wait for the end of a run."""
-    print(line, file=sys.stderr, flush=True)
 
 
 def fault_of(error: SealegsError) -> Fault:

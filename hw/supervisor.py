@@ -1,9 +1,9 @@
 """A small process that outlives the control loop: when the loop dies or hangs, it brings the servos to rest.
 
-The servos' registers offer no watchdog; left alone, they hold their last goal for ever. So the loop starts this process
-before it switches torque on, sends it a byte each cycle, and says when it has brought the servos to rest itself. If the
-bytes stop without that (an exception, a ``kill -9``, a loop that hangs), the supervisor takes the port. It releases
-every servo or holds it where it is, even where another one fails.
+Left alone, most servos hold their last goal for ever. So the loop starts this process before it switches torque on,
+sends it a byte each cycle, and says when it has brought the servos to rest itself. If the bytes stop without that (an
+exception, a ``kill -9``, a loop that hangs), the supervisor takes the port. It releases every servo or holds it where
+it is, even where another one fails. Here is the loop's end of it; :mod:`sealegs.hw.supervision` is the process.
 """
 
 from __future__ import annotations
@@ -12,7 +12,6 @@ import contextlib
 import json
 import os
 import select
-import signal
 import subprocess
 import sys
 import time
@@ -21,18 +20,17 @@ from dataclasses import asdict, dataclass, field
 from typing import Any, Literal
 
 from .bus import ServoBus
+from .dialects import dialect_of
 from .interface import Bus, Failing
 from .packets import BusError, PortError
+from .registers import load_model
 
-BEAT, RESTING, DONE, HELD = b".", b"r", b"d", b"h"
-LEFT_HELD = "the loop left the servos held"
-READY = b"ready\n"
-PATIENCE = 10.0  # [s] that it goes on trying to reach port and servos
-AT_REST = 2.0  # [s] that the loop may take to bring the servos to rest itself
-PAUSE = 0.002  # [s] between two tries to get the port: the dead loop's lock goes with its last file
-LOOK = 0.5  # [s] between two looks at servos that are held
+BEAT, STARTING, RESTING, DONE, HELD, RELEASE = b".", b"s", b"r", b"d", b"h", b"o"
+READY, AT_REST = b"ready\n", b"at rest\n"
+PATIENCE = 10.0  # [s] that a run waits for servos that could not be brought to rest
 ASKING = 0.05  # [s] between two looks whether a person still waits
-STARTING = 60.0  # [s] that the process may take to start
+STARTS = 60.0  # [s] that the process may take to start
+ENDS = 2.0  # [s] that it may take to end
 
 Rest = Literal["release", "hold"]
 
@@ -48,8 +46,9 @@ class Charge:
         silence: time without a beat at which the loop counts as hanging [s].
         loop: process id of the loop, which is killed before the port is taken from it.
         events: file for events, of the run's log; None: nowhere.
-        patience: time that it goes on trying to reach port and servos [s].
+        patience: time that a run waits for servos that could not be brought to rest [s].
         others: further buses of the robot; each a mapping of bus, port, baudrate, servo, ids.
+        lasting: whether the servos outlive the run; those of a virtual machine that it started do not.
     """
 
     port: str
@@ -63,15 +62,25 @@ class Charge:
     events: str | None = None
     patience: float = PATIENCE
     others: list[dict[str, Any]] = field(default_factory=list)
+    lasting: bool = True
 
-    def lines(self) -> list[tuple[str, Opening, list[int]]]:
-        """Each bus: its name, what opens it, and the ids of its servos."""
-        first = Opening(self.port, self.baudrate, self.servo, self.timeout)
+    def lines(self) -> list[Line]:
+        """Each bus with servos."""
+        first = Line("", Opening(self.port, self.baudrate, self.servo, self.timeout), self.ids)
         rest = [
-            (row["bus"], Opening(row["port"], row["baudrate"], row["servo"], self.timeout), row["ids"])
+            Line(row["bus"], Opening(row["port"], row["baudrate"], row["servo"], self.timeout), row["ids"])
             for row in self.others
         ]
-        return [("", first, self.ids), *rest] if self.ids else rest
+        return [first, *rest] if self.ids else rest
+
+    def load(self) -> None:
+        """Read from the disk what opening a bus needs: register tables and SDKs may be gone or changed later.
+
+        Raises:
+            SealegsError: there is no such table, or its SDK is not installed.
+        """
+        for servo in (self.servo, *(row["servo"] for row in self.others)):
+            dialect_of(load_model(servo).protocol)
 
 
 @dataclass(frozen=True)
@@ -94,6 +103,25 @@ class Opening:
             PortError: it cannot be opened.
         """
         return ServoBus(self.port, self.baudrate, self.servo, self.timeout)
+
+
+@dataclass(frozen=True)
+class Line:
+    """One bus of a robot.
+
+    Attributes:
+        name: of the bus; "" is the first.
+        opening: opens it.
+        ids: of the servos there.
+    """
+
+    name: str
+    opening: Callable[[], ServoBus]
+    ids: Sequence[int]
+
+    def named(self, servos: Sequence[int]) -> list[str]:
+        """Servos as the host addresses them."""
+        return [f"{self.name}:{servo}" if self.name else str(servo) for servo in servos]
 
 
 def bring_to_rest(bus: Bus, ids: Sequence[int], rest: Rest, failing: Failing | None = None) -> dict[int, BusError]:
@@ -132,17 +160,17 @@ class Supervisor:
         """
         self._patience = charge.patience
         self._process = subprocess.Popen(
-            [sys.executable, "-P", "-m", "sealegs.hw.supervisor"],
+            [sys.executable, "-P", "-m", "sealegs.hw.supervision"],
             stdin=subprocess.PIPE,
             stdout=subprocess.PIPE,
             start_new_session=True,  # a Ctrl-C in the terminal is the loop's business
         )
         assert self._process.stdin is not None and self._process.stdout is not None
-        self._pipe = self._process.stdin
+        self._pipe, self._answers = self._process.stdin, self._process.stdout
         self._pipe.write(json.dumps(asdict(charge)).encode() + b"\n")
         self._pipe.flush()
-        ready, _, _ = select.select([self._process.stdout], [], [], STARTING)
-        if not ready or self._process.stdout.readline() != READY:
+        ready, _, _ = select.select([self._answers], [], [], STARTS)
+        if not ready or self._answers.readline() != READY:
             self._process.kill()
             raise PortError(
                 "the supervisor that guards the servos does not start; without it no torque is switched on."
@@ -153,9 +181,17 @@ class Supervisor:
         """Say that the loop is alive; never blocks. False: nobody listens any more."""
         return self._say(BEAT)
 
+    def starting(self) -> bool:
+        """Say that torque comes on, servo by servo; from now on the loop is watched. False: nobody listens any more."""
+        return self._say(STARTING)
+
     def resting(self) -> None:
         """Say that the loop has ended and brings the servos to rest, which may take longer than a cycle."""
         self._say(RESTING)
+
+    def release_only(self) -> None:
+        """Say that the servos are to be released, whatever was to become of them: an emergency stop."""
+        self._say(RELEASE)
 
     @property
     def pid(self) -> int:
@@ -170,7 +206,11 @@ class Supervisor:
     def dismiss(self) -> None:
         """Say that the servos are at rest and the port is closed; the process ends."""
         self._say(DONE)
-        self._finish(lambda: False)
+        with contextlib.suppress(OSError):
+            self._pipe.close()
+        with contextlib.suppress(subprocess.TimeoutExpired):
+            self._process.wait(ENDS)
+        self._answers.close()
 
     def leave_held(self) -> int:
         """Say that the servos are held and the port is closed; the process goes on watching them.
@@ -181,148 +221,33 @@ class Supervisor:
         self._say(HELD)
         with contextlib.suppress(OSError):
             self._pipe.close()
-        if self._process.stdout is not None:
-            self._process.stdout.close()
+        self._answers.close()
         return self._process.pid
 
-    def call(self, give_up: Callable[[], bool] = lambda: False) -> None:
+    def call(self, give_up: Callable[[], bool] = lambda: False) -> bool:
         """Hand the servos over, because bringing them to rest failed; waits for the supervisor's tries.
 
         Args:
             give_up: asked meanwhile: whether a person ends the wait. The supervisor goes on alone then.
+
+        Returns:
+            Whether it brought them to rest; where they are held, it goes on watching them.
         """
-        self._finish(give_up)
+        with contextlib.suppress(OSError):
+            self._pipe.close()
+        end = time.monotonic() + self._patience
+        answer = b""
+        while time.monotonic() < end and not give_up():
+            if select.select([self._answers], [], [], ASKING)[0]:
+                answer = self._answers.readline()
+                break
+        self._answers.close()
+        return answer == AT_REST
 
     def _say(self, word: bytes) -> bool:
         with contextlib.suppress(BlockingIOError):  # the pipe is full: it listens, but has not read for long
             try:
                 os.write(self._pipe.fileno(), word)
-            except BrokenPipeError:
+            except (BrokenPipeError, ValueError):  # ValueError: it was called, and acts on its own
                 return False
         return True
-
-    def _finish(self, give_up: Callable[[], bool]) -> None:
-        with contextlib.suppress(OSError):
-            self._pipe.close()
-        end = time.monotonic() + self._patience + 2.0
-        while time.monotonic() < end and not give_up():
-            with contextlib.suppress(subprocess.TimeoutExpired):
-                self._process.wait(ASKING)
-                break
-        if self._process.stdout is not None:
-            self._process.stdout.close()
-
-
-def watch(charge: Charge, pipe: int) -> tuple[str, bool] | None:
-    """Wait for the end of the loop.
-
-    Returns:
-        None where the loop brought the servos to rest; else what happened, and whether the loop hangs.
-    """
-    patience: float | None = None
-    last = b""
-    while True:
-        ready, _, _ = select.select([pipe], [], [], patience)
-        if not ready:
-            return f"the loop was silent for {patience:g} s", True
-        data = os.read(pipe, 4096)
-        if not data and last == HELD:
-            return LEFT_HELD, False
-        if not data:
-            return None if last == DONE else ("the loop ended without bringing the servos to rest", False)
-        last = data[-1:]
-        patience = AT_REST if last == RESTING else charge.silence
-
-
-def take_over(charge: Charge, why: str, hangs: bool) -> None:
-    """Bring the servos to rest, and write down what became of it."""
-    started = time.monotonic()
-    note(charge, "supervisor", why=why, rest=charge.rest)
-    if hangs and os.getppid() == charge.loop:  # it must not wake up and command the servos again
-        with contextlib.suppress(ProcessLookupError):
-            os.kill(charge.loop, signal.SIGKILL)
-    left = {name: (opening, ids) for name, opening, ids in charge.lines()}
-    lost: dict[str, list[int]] = {}
-    reason = ""
-    while left and time.monotonic() < started + charge.patience:
-        pause = PAUSE
-        for name, (opening, ids) in list(left.items()):  # one adapter that is gone keeps no other servo waiting
-            try:
-                with opening() as bus:
-                    failed = bring_to_rest(bus, ids, charge.rest)
-            except PortError as error:
-                reason, lost[name] = str(error), lost.get(name, ids)
-                continue
-            if not failed:
-                del left[name]
-                continue
-            reason, lost[name] = str(next(iter(failed.values()))), sorted(failed)
-            pause = 20 * PAUSE
-        if left:
-            time.sleep(pause)
-    took = round(time.monotonic() - started, 4)
-    if not left:
-        note(charge, "at rest", by="supervisor", rest=charge.rest, seconds=took)
-        return
-    servos = [f"{name}:{servo}" if name else servo for name in left for servo in lost.get(name, left[name][1])]
-    note(charge, "not at rest", by="supervisor", servos=servos, reason=reason, seconds=took)
-
-
-def hold_watched(charge: Charge) -> None:
-    """Look at servos that are held now and then, and release them where one reports a fault, or on SIGTERM.
-
-    Ends when their torque is off, or the port belongs to another program, or is gone.
-    """
-    nowhere = os.open(os.devnull, os.O_RDWR)
-    for descriptor in (0, 1, 2):  # whoever reads what the loop printed must not wait for this process
-        os.dup2(nowhere, descriptor)
-    asked = list[int]()
-    for number in (signal.SIGINT, signal.SIGTERM):
-        signal.signal(number, lambda number, _: asked.append(number))
-    while True:
-        why = "asked to" if asked else None
-        try:
-            with contextlib.ExitStack() as stack:
-                open_now = [(stack.enter_context(opening()), ids) for _, opening, ids in charge.lines()]
-                states = [bus.read_state(ids, whole=True) for bus, ids in open_now]
-                if not any(state.torque is not None and (state.torque == 1).any() for state in states):
-                    return
-                why = why or next((str(fault) for state in states for fault in state.faults()), None)
-                if why is not None and not [bus for bus, ids in open_now if bus.torque_off(ids)]:
-                    note(charge, "at rest", by="supervisor", rest="release", why=why)
-                    return
-        except PortError:
-            return
-        except BusError:
-            pass  # another look follows
-        time.sleep(ASKING if asked or why else LOOK)
-
-
-def note(charge: Charge, kind: str, **details: object) -> None:
-    """Append an event to the run's."""
-    if charge.events is None:
-        return
-    line = json.dumps({"monotonic": round(time.monotonic(), 6), "event": kind, **details}) + "\n"
-    with contextlib.suppress(OSError), open(charge.events, "ab", buffering=0) as file:
-        file.write(line.encode())
-        os.fsync(file.fileno())
-
-
-def main(read_line: Callable[[], bytes]) -> None:
-    """Serve one loop."""
-    for number in (signal.SIGINT, signal.SIGTERM, signal.SIGHUP):
-        signal.signal(number, signal.SIG_IGN)  # it ends with its loop, not before
-    charge = Charge(**json.loads(read_line()))
-    sys.stdout.buffer.write(READY)
-    sys.stdout.buffer.flush()
-    end = watch(charge, sys.stdin.fileno())
-    if end is None:
-        return
-    if end[0] != LEFT_HELD:
-        take_over(charge, *end)
-    if charge.rest == "hold":
-        hold_watched(charge)
-
-
-if __name__ == "__main__":
-    main(lambda: os.read(0, 65536))

@@ -54,6 +54,12 @@ class Guard:
     def beat(self) -> bool:
         return self.lives
 
+    def starting(self) -> bool:
+        return self.lives
+
+    def release_only(self) -> None:
+        self.heard.append("release only")
+
     def resting(self) -> None:
         self.heard.append("resting")
 

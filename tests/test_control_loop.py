@@ -207,7 +207,7 @@ class Guard:
     """A supervisor that lives as long as it is told to."""
 
     def __init__(self, lives: Callable[[], bool]) -> None:
-        self.beat, self.heard = lives, list[str]()
+        self.beat, self.starting, self.heard = lives, lives, list[str]()
 
     def resting(self) -> None:
         self.heard.append("resting")

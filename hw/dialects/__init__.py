@@ -71,10 +71,6 @@ class Dialect(Protocol):
         """The next packet, and whether none came in time."""
         ...
 
-    def status(self, error: int) -> int:
-        """The servo's own faults in the error byte of a reply, as far as it tells them."""
-        ...
-
     def refusal(self, error: int) -> str | None:
         """Why the servo did not do what was asked, from the error byte; None: it did."""
         ...

@@ -54,10 +54,6 @@ class DynamixelDialect:
         length = packet[5] | packet[6] << 8  # without the bytes that were stuffed
         return Reply(packet[ID], packet[ERROR], list(packet[DATA : 5 + length]), list(packet)), False
 
-    def status(self, error: int) -> int:
-        del error  # a register names the faults
-        return 0
-
     def refusal(self, error: int) -> str | None:
         number = error & ~ALERT
         return REFUSALS.get(number, f"error {number}") if number else None

@@ -40,9 +40,6 @@ class FeetechDialect:
             return None, result == sdk.COMM_RX_TIMEOUT
         return Reply(packet[ID], packet[ERROR], packet[DATA:-1], packet), False
 
-    def status(self, error: int) -> int:
-        return error
-
     def refusal(self, error: int) -> str | None:
         del error  # it says how the servo is, not what became of the request
         return None

@@ -1,0 +1,183 @@
+"""Servos that are held after a run: looked at now and then, released where one reports a fault, and never forgotten."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+
+from .bus import ServoBus
+from .packets import PortBusyError, PortError
+from .servo_state import ServoState
+from .supervisor import Line
+from .take_over import Way, sentence
+
+LOOK = 0.5  # [s] between two looks
+SOON = 0.05  # [s] between two tries to release
+LONGEST = 0.08  # [s] that a look may keep the port from other programs, which wait a little longer for it
+SILENT = 2.0  # [s] without an answer, and
+ASKED = 3  # times in a row, after which a servo is named
+
+
+@dataclass
+class Held:
+    """One servo that is held.
+
+    Attributes:
+        servo: its id on its bus.
+        name: as the host addresses it.
+        since: when it was first asked in vain [s]; None: it answers.
+        failed: how often in a row.
+        torque: as it was read last; None: never.
+        off: in how many looks in a row it had no torque.
+        named: whether a person was told that it is silent, or has lost its torque.
+    """
+
+    servo: int
+    name: str
+    since: float | None = None
+    failed: int = 0
+    torque: bool | None = None
+    off: int = 0
+    named: bool = False
+
+
+class HoldWatch:
+    """Looks at held servos until their torque is off."""
+
+    def __init__(self, lines: Sequence[Line], way: Way) -> None:
+        """Watch the servos of ``lines``; ``way``: how to tell."""
+        self._lines = [(line, [Held(servo, line.named([servo])[0]) for servo in line.ids]) for line in lines]
+        self._way = way
+        self._why: str | None = None  # they are to be released
+        self._released: set[str] = set()
+        self._unreleased: list[str] = []
+        self._busy = False
+
+    def watch(self) -> None:
+        """Look until nothing is held any more, a person ends it, or a virtual machine has ended."""
+        while not self.look():
+            self._way.clock.sleep(LOOK if self._why is None else SOON)
+
+    def look(self) -> bool:
+        """Ask the servos, or release them where that is due; whether the watch is over."""
+        if self._why is None and self._way.asked():
+            self._why = "asked to"
+        if self._why is None and self._ask_all():
+            return True
+        return self._why is not None and self._release()
+
+    # --- watching ----------------------------------------------------------------------------------------------
+
+    def _ask_all(self) -> bool:
+        gone = 0
+        for line, held in self._lines:
+            try:
+                with line.opening() as bus:
+                    self._busy = False
+                    for one in self._in_turn(bus, held):
+                        self._ask(bus, one)
+            except PortBusyError as error:  # whoever has the port is in charge of its servos
+                if not self._busy:
+                    self._way.note("not watched", reason=str(error))
+                self._busy = True
+            except Exception as error:  # whatever it is: the next look may be better
+                gone += isinstance(error, PortError)
+                for one in held:
+                    self._silent(one, error)
+        if gone == len(self._lines) and not self._way.lasting:
+            return True
+        everyone = [one for _, held in self._lines for one in held]
+        if all(one.torque is False for one in everyone):
+            self._way.note("torque off", by="somebody else")
+            return True
+        for one in everyone:
+            if one.off == 2:  # one look may have come into the middle of somebody's release
+                line = f"servo {one.name} was held and has lost its torque; the others are held on."
+                self._tell("torque lost", one, line)
+                one.off += 1
+        return False
+
+    def _in_turn(self, bus: ServoBus, held: list[Held]) -> Iterator[Held]:
+        """Each servo, as far as there is time; the next look begins with those that were left out."""
+        begun = bus.clock.now()
+        for _ in range(len(held)):
+            if bus.clock.now() - begun > LONGEST:
+                return
+            held.append(held.pop(0))
+            yield held[-1]
+
+    def _ask(self, bus: ServoBus, one: Held) -> None:
+        try:
+            state = bus.read_state([one.servo], retries=0, whole=True)
+        except PortError:
+            raise
+        except Exception as error:  # a servo that is silent keeps no other one from being watched
+            self._silent(one, error)
+            return
+        torque = torque_of(state)
+        if torque is None:
+            return
+        if one.since is not None and one.named:
+            self._tell("watched again", one, f"servo {one.name} answers again.")
+            one.named = False
+        one.since, one.failed = None, 0
+        one.torque, one.off = torque, 0 if torque else one.off + 1
+        if (fault := next(iter(state.faults()), None)) is not None:
+            self._why = str(fault)
+
+    def _silent(self, one: Held, error: Exception) -> None:
+        now = self._way.clock.now()
+        one.since = now if one.since is None else one.since
+        one.failed += 1
+        if one.torque is not False and not one.named and one.failed >= ASKED and now - one.since >= SILENT:
+            one.named = True
+            self._tell(
+                "not watched",
+                one,
+                f"TORQUE MAY BE ON at servo(s) {one.name}, held and no longer watched: {sentence(error).rstrip('.')}. "
+                f"Cut the power, or mend that; process {self._way.pid} goes on looking.",
+            )
+
+    def _tell(self, kind: str, one: Held, line: str) -> None:
+        self._way.note(kind, by="supervisor", servos=[one.name], sentence=line)
+        self._way.say(line)
+
+    # --- releasing ---------------------------------------------------------------------------------------------
+
+    def _release(self) -> bool:
+        reason, left, gone = "", list[str](), 0
+        for line, held in self._lines:
+            names = {one.servo: one.name for one in held if one.name not in self._released}
+            if not names:
+                continue
+            failed: Sequence[int] = list(names)
+            try:
+                with line.opening() as bus:
+                    answers = bus.torque_off(list(names))
+                failed = list(answers)
+                reason = reason or next((str(error) for error in answers.values()), "")
+            except Exception as error:
+                reason = reason or sentence(error)
+                gone += isinstance(error, PortError) and not isinstance(error, PortBusyError)
+            self._released |= {name for servo, name in names.items() if servo not in failed}
+            left += [names[servo] for servo in failed]
+        if not left:
+            self._way.note("at rest", by="supervisor", rest="release", why=self._why)
+            self._way.say(f"The servos that were held are released: {self._why}")
+            return True
+        if left != self._unreleased:
+            self._unreleased = left
+            self._way.note("not at rest", by="supervisor", servos=left, reason=reason, why=self._why)
+            self._way.say(
+                f"TORQUE MAY BE ON at servo(s) {', '.join(left)}: CUT THE POWER. They are to be released "
+                f"({str(self._why).rstrip('.')}), and cannot be reached: {reason.rstrip('.')}. Process {self._way.pid} "
+                "goes on trying."
+            )
+        return (not self._way.lasting and gone == len(self._lines)) or self._way.asked() > 1
+
+
+def torque_of(state: ServoState) -> bool | None:
+    """Whether the one servo of a reading has torque; None: that was not read."""
+    if state.torque is None or int(state.torque[0]) < 0:
+        return None
+    return int(state.torque[0]) != 0

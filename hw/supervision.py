@@ -1,0 +1,157 @@
+"""The supervisor's process: it waits for the end of the loop, takes over, and watches servos that are held."""
+
+from __future__ import annotations
+
+import contextlib
+import json
+import os
+import select
+import signal
+import stat
+import sys
+from collections.abc import Callable
+from dataclasses import dataclass
+from time import monotonic
+
+from .alarm import to_stderr
+from .clock import HostClock
+from .hold_watch import HoldWatch
+from .supervisor import AT_REST, DONE, HELD, READY, RELEASE, RESTING, STARTING, Charge
+from .take_over import Way, bring_all_to_rest
+
+PATIENT = 2.0  # [s] that the loop may take over what lasts longer than a cycle: torque on, and the way to rest
+
+
+@dataclass(frozen=True)
+class End:
+    """How the loop ended.
+
+    Attributes:
+        why: for people.
+        hangs: whether it still lives.
+        called: whether it said before that it brings the servos to rest: it may wait for this process.
+        held: whether it left the servos held.
+        release: whether the servos are to be released, whatever was to become of them.
+    """
+
+    why: str
+    hangs: bool = False
+    called: bool = False
+    held: bool = False
+    release: bool = False
+
+
+def watch(charge: Charge, pipe: int) -> End | None:
+    """Wait for the end of the loop; None where it brought the servos to rest."""
+    patience: float | None = None
+    last, release = b"", False
+    while True:
+        ready, _, _ = select.select([pipe], [], [], patience)
+        if not ready:
+            return End(f"the loop was silent for {patience:g} s", hangs=True, release=release)
+        data = os.read(pipe, 4096)
+        release |= RELEASE in data
+        if data:
+            last = data.replace(RELEASE, b"")[-1:] or last
+            patience = PATIENT if last in (STARTING, RESTING) else charge.silence
+        elif last == DONE or not last:  # without a word, torque never came on
+            return None
+        elif last == HELD:
+            return End("the loop left the servos held", held=True)
+        else:
+            why = "the loop ended without bringing the servos to rest"
+            return End(why, called=last == RESTING, release=release)
+
+
+class Process:
+    """This process, as far as others notice it."""
+
+    def __init__(self, charge: Charge) -> None:
+        self._charge = charge
+        self._asked = list[int]()
+        self._on_its_own = False
+
+    def note(self, kind: str, **details: object) -> None:
+        """Append an event to the run's."""
+        if self._charge.events is None:
+            return
+        line = json.dumps({"monotonic": round(monotonic(), 6), "event": kind, **details}, default=str) + "\n"
+        with contextlib.suppress(OSError), open(self._charge.events, "ab", buffering=0) as file:
+            file.write(line.encode())
+            os.fsync(file.fileno())
+
+    def way(self, died: bool) -> Way:
+        """How it tells; ``died``: whether the loop is known to be gone. From now on a person can end this process."""
+        for number in (signal.SIGINT, signal.SIGTERM):
+            signal.signal(number, lambda number, _: self._asked.append(number))
+        return Way(
+            note=self.note,
+            say=to_stderr,
+            clock=HostClock(),
+            alone=lambda: died or self._on_its_own or os.getppid() != self._charge.loop or not awaited(1),
+            asked=lambda: len(self._asked),
+            pid=os.getpid(),
+            lasting=self._charge.lasting,
+        )
+
+    def on_its_own(self) -> None:
+        """Let go of what a program may read to its end, before it goes on for long; a terminal and a file are kept."""
+        if self._on_its_own:
+            return
+        self._on_its_own = True
+        to_stderr.flush()
+        nowhere = os.open(os.devnull, os.O_RDWR)
+        with contextlib.suppress(OSError):
+            piped = stat.S_ISFIFO(os.fstat(2).st_mode)
+            for descriptor in (0, 1, 2) if piped else (0, 1):
+                os.dup2(nowhere, descriptor)
+
+
+def awaited(descriptor: int) -> bool:
+    """Whether the loop still reads what comes through ``descriptor``: it waits for this process."""
+    poll = select.poll()
+    poll.register(descriptor, 0)
+    return not poll.poll(0)
+
+
+def kill(loop: int) -> None:
+    """End a loop that hangs: it must not wake up and command the servos again."""
+    if os.getppid() == loop:
+        with contextlib.suppress(ProcessLookupError):
+            os.kill(loop, signal.SIGKILL)
+
+
+def main(read_line: Callable[[], bytes]) -> None:
+    """Serve one loop."""
+    for number in (signal.SIGINT, signal.SIGTERM, signal.SIGHUP):
+        signal.signal(number, signal.SIG_IGN)  # it ends with its loop, not before
+    charge = Charge(**json.loads(read_line()))
+    charge.load()
+    sys.stdout.buffer.write(READY)
+    sys.stdout.buffer.flush()
+    end = watch(charge, sys.stdin.fileno())
+    if end is None:
+        return
+    process = Process(charge)
+    rest = "release" if end.release else charge.rest
+    way = process.way(died=not end.called and not end.held)
+    if not end.held:
+        process.note("supervisor", why=end.why, rest=rest)
+        if end.hangs:
+            kill(charge.loop)
+
+        def waited(seconds: float) -> None:
+            if seconds > charge.patience:
+                process.on_its_own()
+
+        if not bring_all_to_rest(charge.lines(), rest, way, end.why, waited):
+            return
+        with contextlib.suppress(OSError):
+            os.write(1, AT_REST)
+    if rest == "hold":
+        process.on_its_own()
+        HoldWatch(charge.lines(), way).watch()
+
+
+if __name__ == "__main__":
+    main(lambda: os.read(0, 65536))

@@ -1,0 +1,158 @@
+"""Servos that their loop did not bring to rest: tried again and again, until they are, and said."""
+
+from __future__ import annotations
+
+import contextlib
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from typing import Protocol
+
+from ..actuators.errors import SealegsError
+from .bus import ServoBus
+from .clock import Clock
+from .packets import PortBusyError, PortError
+from .supervisor import Line, Rest, bring_to_rest
+
+PAUSE = 0.002  # [s] between two tries to get a port: a dead loop's lock goes with its last file
+YOUNG = 1.0  # [s] for which it hurries so
+TIRED = 0.1  # [s] between two tries later on, and of servos that do not answer
+
+
+class Note(Protocol):
+    """Writes an event into the run's."""
+
+    def __call__(self, kind: str, **details: object) -> None: ...
+
+
+@dataclass(frozen=True)
+class Failure:
+    """Servos of one bus that are not at rest.
+
+    Attributes:
+        servos: as the host addresses them.
+        reason: of the first.
+        unreachable: whether the port itself is gone.
+    """
+
+    servos: Sequence[str]
+    reason: str
+    unreachable: bool = False
+
+
+@dataclass(frozen=True)
+class Way:
+    """What a supervisor's way with servos has in common, whatever it does with them.
+
+    Attributes:
+        note: writes an event.
+        say: prints a line at once.
+        clock: that passes meanwhile.
+        alone: whether the loop is gone, so that nobody else says what becomes of the servos.
+        asked: how often a person asked this process to end.
+        pid: of this process.
+        lasting: whether the servos outlive the run.
+    """
+
+    note: Note
+    say: Callable[[str], None]
+    clock: Clock
+    alone: Callable[[], bool]
+    asked: Callable[[], int]
+    pid: int
+    lasting: bool = True
+
+
+def sentence(error: Exception) -> str:
+    """What went wrong, for people; an exception that nobody foresaw by its name."""
+    return str(error) if isinstance(error, SealegsError) else f"{type(error).__name__}: {error}"
+
+
+def bring_all_to_rest(
+    lines: Sequence[Line], rest: Rest, way: Way, why: str, waited: Callable[[float], None] = lambda seconds: None
+) -> bool:
+    """Bring the servos of all buses to rest, for as long as that takes.
+
+    Args:
+        lines: of the robot.
+        rest: what becomes of the servos.
+        way: how to tell.
+        why: it is not the loop that does so.
+        waited: called with the time so far [s] after each try that failed.
+
+    Returns:
+        Whether they are at rest; else a person ended the tries, or a virtual machine has ended.
+    """
+    started = way.clock.now()
+    left = list(lines)
+    everyone = ", ".join(servo for line in lines for servo in line.named(line.ids))
+    done = "released" if rest == "release" else "held"
+    noted: list[str] | None = None
+    said = False
+    while True:
+        failures = one_try(left, rest)
+        took = way.clock.now() - started
+        left = [line for line in left if line.name in failures]
+        if not left:
+            break
+        servos = [servo for failure in failures.values() for servo in failure.servos]
+        reason = next(iter(failures.values())).reason
+        if servos != noted:
+            way.note("not at rest", by="supervisor", servos=servos, reason=reason, seconds=round(took, 4))
+            noted = servos
+        listed = ", ".join(servos)
+        alone = way.alone()
+        if alone and not way.lasting and all(failure.unreachable for failure in failures.values()):
+            way.note("gone", by="supervisor", reason=reason)
+            return False
+        if alone and not said:
+            way.say(
+                f"TORQUE MAY BE ON at servo(s) {listed}: CUT THE POWER. {_begun(why)}, and the supervisor cannot reach "
+                f"them: {reason.rstrip('.')}. It goes on trying; `kill {way.pid}` ends that."
+            )
+            said = True
+        if way.asked():
+            way.note("not at rest", by="supervisor", servos=servos, reason="a person ended the tries")
+            way.say(f"TORQUE MAY BE ON at servo(s) {listed}: CUT THE POWER. The supervisor was asked to end its tries.")
+            return False
+        waited(took)
+        hurried = took < YOUNG and all(failure.unreachable for failure in failures.values())
+        way.clock.sleep(PAUSE if hurried else TIRED)
+    way.note("at rest", by="supervisor", rest=rest, seconds=round(took, 4))
+    if way.alone():
+        way.say(f"{_begun(why)}; the supervisor has {done} servo(s) {everyone} after {took:.2g} s.")
+    return True
+
+
+def one_try(lines: Sequence[Line], rest: Rest) -> dict[str, Failure]:
+    """Bring servos to rest once; what is not, by the name of the bus.
+
+    Servos that are to be released are told so as soon as their port is open, before any servo is asked: none waits for
+    one that is silent, on its bus or on another.
+    """
+    failures: dict[str, Failure] = {}
+    with contextlib.ExitStack() as stack:
+        opened: list[tuple[Line, ServoBus]] = []
+        for line in lines:
+            try:
+                bus = stack.enter_context(line.opening())
+                if rest == "release":
+                    bus.tell_off(line.ids)
+                opened.append((line, bus))
+            except Exception as error:  # whatever it is, another try may help
+                failures[line.name] = _failure(line, line.ids, error)
+        for line, bus in opened:
+            try:
+                if failed := bring_to_rest(bus, line.ids, rest):
+                    failures[line.name] = _failure(line, sorted(failed), next(iter(failed.values())))
+            except Exception as error:
+                failures[line.name] = _failure(line, line.ids, error)
+    return failures
+
+
+def _failure(line: Line, servos: Sequence[int], error: Exception) -> Failure:
+    gone = isinstance(error, PortError) and not isinstance(error, PortBusyError)
+    return Failure(line.named(servos), sentence(error), gone)
+
+
+def _begun(why: str) -> str:
+    return why[:1].upper() + why[1:]
