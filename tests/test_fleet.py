@@ -64,7 +64,7 @@ def quick(monkeypatch: pytest.MonkeyPatch) -> Iterator[list[str]]:
         if log.name == "c":
             raise SealegsError(f"{log}: its sidecar is missing.")
         done.append(log.name)
-        out.mkdir(parents=True)
+        out.mkdir(parents=True, exist_ok=True)
         (out / "diagnosis.json").write_text(json.dumps(document(log.name, "drive.delay", 0.01)))
 
     def here(jobs: list[Job], workers: int, report: object) -> Iterator[Outcome]:
@@ -121,7 +121,7 @@ def test_a_diagnosis_of_other_logs_or_settings_is_never_overwritten(
 
 def test_nothing_unfinished_stays(fleet: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     def stopped(log: Path, out: Path, progress: object = None, **settings: object) -> None:
-        out.mkdir(parents=True)
+        out.mkdir(parents=True, exist_ok=True)
         (out / "half").write_text("")
         raise KeyboardInterrupt
 
