@@ -68,7 +68,7 @@ class LegProblem:
         return "ground"
 
     @property
-    def drifts(self) -> bool:
+    def open_loop(self) -> bool:
         """Goals hold its joints."""
         return False
 

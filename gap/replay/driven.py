@@ -47,7 +47,7 @@ class DrivenProblem(JointReplay):
         return "driven"
 
     @property
-    def drifts(self) -> bool:
+    def open_loop(self) -> bool:
         """It moves as measured."""
         return False
 

@@ -42,7 +42,7 @@ class FreeProblem(JointReplay):
         return "free"
 
     @property
-    def drifts(self) -> bool:
+    def open_loop(self) -> bool:
         """A torque is commanded; a goal would hold the joint."""
         return self.models[0].by_torque
 

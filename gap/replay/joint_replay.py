@@ -75,7 +75,7 @@ class JointReplay(ABC):
 
     @property
     @abstractmethod
-    def drifts(self) -> bool:
+    def open_loop(self) -> bool:
         """Whether its small errors add up, see :class:`sealegs.gap.replay.problem.Problem`."""
 
     @property

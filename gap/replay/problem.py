@@ -41,7 +41,7 @@ class Problem(Protocol):
         ...
 
     @property
-    def drifts(self) -> bool:
+    def open_loop(self) -> bool:
         """Whether nothing holds a replay near what was measured, so that its small errors add up."""
         ...
 

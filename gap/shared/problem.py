@@ -91,9 +91,9 @@ class RobotProblem:
         return "free"
 
     @property
-    def drifts(self) -> bool:
+    def open_loop(self) -> bool:
         """Whether nothing holds one of the joints near what was measured."""
-        return any(problem.drifts for problem in self.joints.values())
+        return any(problem.open_loop for problem in self.joints.values())
 
     @cached_property
     def _laid(self) -> Laid:

@@ -71,7 +71,7 @@ def measure(
     fitted, test = fitting.part(FIT_A, FIT_B), problem.part(TEST)
     refitted = fit(fitted, wide, evaluations=EVALUATIONS)
     model = effective(fitting, search, seed)
-    if problem.drifts and len(fitting.units) > len(problem.units):  # sought in windows, judged on whole pieces
+    if problem.open_loop and len(fitting.units) > len(problem.units):  # sought in windows, judged on whole pieces
         refitted = whole_fit(problem, wide, refitted)
         model = model.with_fit(whole_fit(problem, model.search.parameters(), model.fitted))
     sought, open_causes = model.search, model.withdrawn
