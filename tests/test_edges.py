@@ -12,7 +12,7 @@ from sealegs.gap.causes.catalogue import catalogue
 from sealegs.gap.causes.cause import Cause
 from sealegs.gap.replay.joint_model import JointModel
 from sealegs.gap.search.fit import Fit
-from sealegs.gap.search.forward import Judged, Searcher
+from sealegs.gap.search.forward import Judged, Searcher, elaborates
 from sealegs.gap.search.result import Candidate
 from sealegs.gap.search.settings import DEFAULT
 
@@ -94,3 +94,33 @@ def test_bristles_as_stiff_as_any_are_dry_friction() -> None:
 
 def test_the_simpler_cause_is_tried_beside_the_best_one() -> None:
     assert left(0.2, "friction.stribeck", "friction.coulomb") == ["friction.stribeck", "friction.coulomb"]
+
+
+@pytest.mark.parametrize(("gain", "stays"), [(1.1, False), (3.0, True)])
+def test_friction_that_differs_by_direction_is_dry_friction_unless_that_makes_much_of_a_difference(
+    gain: float, stays: bool
+) -> None:
+    """Of a model without dry friction both turn it: they were rivals, and neither was sure."""
+    nothing = JointModel(load_chain(CHAIN)).with_values({"friction.coulomb": 0.0})
+    causes = {cause.name: cause for cause in catalogue(nothing)}
+    fit = Fit({}, np.zeros((3, 4)), 1.0, ())
+
+    def candidate(name: str, loss: float) -> Candidate:
+        blocks = loss * np.ones(60)
+        return Candidate(
+            causes[name], causes[name].variants[0], (fit, fit), replace(evidence(name, 0.3), blocks=blocks)
+        )
+
+    plain, more = candidate("friction.coulomb", gain), candidate("friction.asymmetric", 1.0)
+    assert elaborates(more, plain, DEFAULT) is not stays
+    assert not elaborates(plain, more, DEFAULT)
+
+
+@pytest.mark.parametrize("far", [False, True])
+def test_every_cause_is_tried_where_the_model_is_far_from_the_data(far: bool) -> None:
+    """The inertia of a published arm was wrong, and the screen, a first order, left it out."""
+    causes = [cause for cause in catalogue(JointModel(load_chain(CHAIN))) if not (cause.seen or cause.error)]
+    searcher: Any = object.__new__(Searcher)
+    searcher.shown, searcher.numbers = causes, set()
+    tried = Searcher.with_usual_forms(searcher, [(causes[0], causes[0].variants[0])], set(), blind=far)
+    assert len({cause.name for cause, _ in tried}) == (len(causes) if far else 1)

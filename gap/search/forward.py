@@ -225,7 +225,7 @@ class Searcher:
         screened = screen(self.both, [c for c in self.shown if c.name not in taken], extended, here, settings)
         if not self.look_on and not decide.promising(left, screened.promise, settings):
             return [], screened.promise
-        chosen = self._with_usual_forms(screened.chosen, taken)
+        chosen = self.with_usual_forms(screened.chosen, taken, blind=left > settings.far)
         self.progress(f"trying {', '.join(dict.fromkeys(cause.name for cause, _ in chosen))}")
         rough = self._rough_fits(chosen, extended, here)
         order = list(dict.fromkeys(cause.name for _, cause, _ in rough))
@@ -268,7 +268,7 @@ class Searcher:
                 as_good = simple < (1.0 + self.settings.shared_error) * float(candidate.blocks.sum())
                 if as_good and not edge and at_bound(candidate):
                     kept.remove(candidate)
-        return kept
+        return [one for one in kept if not any(elaborates(one, other, self.settings) for other in kept)]
 
     def at_edge(self, candidate: Candidate) -> bool:
         """Whether a cause is at the edge of its own shape, by its upper bound or by the speeds of the log."""
@@ -284,12 +284,13 @@ class Searcher:
             end = min(end, max(fastest, edge.low))
         return min(found.values[edge.path] for found in candidate.fits) >= end
 
-    def _with_usual_forms(
-        self, chosen: Sequence[tuple[Cause, Variant]], taken: set[str]
+    def with_usual_forms(
+        self, chosen: Sequence[tuple[Cause, Variant]], taken: set[str], *, blind: bool
     ) -> list[tuple[Cause, Variant]]:
         """What the screen chose, with the usual form of each cause, and every wrong number of the nominal model.
 
         A number that is several times wrong is far from what a first order can foresee, and the likeliest error.
+        Where the model is far from the data altogether, no order foresees anything: every cause is tried (``blind``).
         """
         every = list(chosen)
         for cause in dict.fromkeys(cause for cause, _ in chosen):
@@ -298,7 +299,8 @@ class Searcher:
         known = taken | {cause.name for cause, _ in chosen}
         every += [(cause, cause.variants[0]) for cause in self.shown if cause.seen and cause.name not in known]
         for cause in self.shown:
-            if cause.error and cause.name not in known and cause.variants[0][0].number in self.numbers:
+            wrong = cause.error and cause.variants[0][0].number in self.numbers
+            if (wrong or (blind and not cause.seen)) and cause.name not in known:
                 every.append((cause, cause.variants[0]))
         return every
 
@@ -369,6 +371,13 @@ class Searcher:
         if not happened:
             return trial, None
         return trial, Round(step.before, tuple(self.ranked(instead, fitted)), True, step.excess)
+
+
+def elaborates(candidate: Candidate, simple: Candidate, settings: SearchSettings) -> bool:
+    """Whether a candidate turns all that another cause turns and more, and is not much the better for it."""
+    more, fewer = ({p.number for p in c.variant} for c in (candidate, simple))
+    charged = settings.form_charge * float(candidate.blocks.sum())
+    return candidate.cause is not simple.cause and more > fewer and charged > float(simple.blocks.sum())
 
 
 def at_bound(candidate: Candidate) -> bool:

@@ -35,6 +35,9 @@ class SearchSettings:
     outrun_cost: float = threshold(
         1.15, "Rough cost, in parts of its cause's best variant, from which a variant is not fitted to convergence."
     )
+    far: float = threshold(
+        1000.0, "Excess loss from which the screen foresees nothing: every cause gets an iteration of a rough fit."
+    )
     rough_iterations: int = threshold(3, "Iterations of a rough fit.")
     shape_edge: float = threshold(
         0.98, "Share of the upper bound of a shape parameter from which the simpler law of its cause is tried."
