@@ -53,7 +53,7 @@ class Comparison:
         sampled, averaged: channels compared sample by sample, and as means over groups.
         measured: channels (n, 4), NaN where not logged.
         weight: one over the noise of each channel (4,), 0 where it does not count.
-        trust: factor on the weight of averaged channels (n, 4).
+        reliability: factor on the weight of averaged channels (n, 4).
         judged: samples that count (n,).
         block: number of the block of each sample (n,).
         groups: of the averaged channels.
@@ -63,7 +63,7 @@ class Comparison:
     averaged: tuple[int, ...]
     measured: np.ndarray
     weight: np.ndarray
-    trust: np.ndarray
+    reliability: np.ndarray
     judged: np.ndarray
     block: np.ndarray
     groups: Groups
@@ -81,7 +81,9 @@ class Comparison:
         ]
         first, means = self.groups.first, self.groups.means
         errors += [
-            (means(simulated[:, :, c] - self.measured[:, c]) * (self.weight[c] * self.trust[first, c]))[:, ::every]
+            (means(simulated[:, :, c] - self.measured[:, c]) * (self.weight[c] * self.reliability[first, c]))[
+                :, ::every
+            ]
             for c in self.averaged
             if self.weight[c] > 0.0
         ]

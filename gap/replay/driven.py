@@ -147,7 +147,7 @@ def driven_problem(
         judged=plain.judged & np.isfinite(measured[:, 0]),  # torque, current and duty may have empty cells
         block=plain.block,
         group=plain.group,
-        trust=np.ones(measured.shape),
+        reliability=np.ones(measured.shape),
         models=tuple(models),
         link=link,
         first=first,

@@ -106,7 +106,7 @@ def free_problem(
         judged=laid.judged,
         block=laid.block,
         group=laid.group,
-        trust=np.ones((len(laid.time), len(CHANNELS))),
+        reliability=np.ones((len(laid.time), len(CHANNELS))),
         models=tuple(models),
         terms=None if terms is None else np.concatenate([terms[u.run][u.start : u.stop] for u in laid.units]),
     )

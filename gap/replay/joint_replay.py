@@ -29,7 +29,7 @@ class JointReplay(ABC):
             :class:`sealegs.gap.replay.layout.Layout`.
         measured: channels (n, 4) in the order of :attr:`channels`, NaN where not logged.
         weight: one over the noise of each channel (4,), 0 where it does not count.
-        trust: factor on the weight of averaged channels (n, 4), the same for all samples of a group
+        reliability: factor on the weight of averaged channels (n, 4), the same for all samples of a group
             (:mod:`sealegs.gap.search.channels`).
         models: nominal joint of each run (they may differ, for example in their gain).
         step: largest step of the simulator [s], see :func:`sealegs.gap.replay.steps.converged`.
@@ -52,7 +52,7 @@ class JointReplay(ABC):
     judged: np.ndarray
     block: np.ndarray
     group: np.ndarray
-    trust: np.ndarray
+    reliability: np.ndarray
     models: tuple[JointModel, ...]
     step: float = 1e-3
     coarse: float = 1.0
@@ -60,7 +60,7 @@ class JointReplay(ABC):
     by_sample: ClassVar[tuple[int, ...]]
     by_group: ClassVar[tuple[int, ...]]
     per_sample: ClassVar[tuple[str, ...]] = (
-        *("time", "goal", "on", "temperature", "measured", "judged", "block", "group", "trust"),
+        *("time", "goal", "on", "temperature", "measured", "judged", "block", "group", "reliability"),
     )
 
     @property
@@ -141,7 +141,7 @@ class JointReplay(ABC):
             averaged=self.by_group,
             measured=self.measured,
             weight=self.weight,
-            trust=self.trust,
+            reliability=self.reliability,
             judged=self.judged,
             block=self.block,
             groups=Groups.of(self.group),

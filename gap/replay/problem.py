@@ -208,7 +208,7 @@ class JointProblem(Problem, Protocol):
         ...
 
     @property
-    def trust(self) -> np.ndarray:
+    def reliability(self) -> np.ndarray:
         """Factor on the weight of averaged channels (n, 4), the same for all samples of a group
         (:mod:`sealegs.gap.search.channels`).
         """

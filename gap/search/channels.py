@@ -46,7 +46,7 @@ def weigh_channels(problem: Joint) -> Joint:
     tuned = fit(fitted, adjustable(problem.models[0]))
     simulated = tuned.simulated
     late = _late_or_early(problem, tuned.values)
-    weight, trust = problem.weight.copy(), problem.trust.copy()
+    weight, reliability = problem.weight.copy(), problem.reliability.copy()
     for c in logged:
         if problem.channels[c] == "link_position":
             weight[c] = 1.0 / typical_noise(fitted.time, fitted.measured[:, c], fitted.starts)
@@ -64,8 +64,8 @@ def weigh_channels(problem: Joint) -> Joint:
         share = noise / np.hypot(noise, doubt)
         rows = np.flatnonzero(problem.group >= 0)
         _, number = np.unique(problem.group[rows], return_inverse=True)
-        trust[rows, c] = share[number]
-    return replace(problem, weight=weight, trust=trust)
+        reliability[rows, c] = share[number]
+    return replace(problem, weight=weight, reliability=reliability)
 
 
 def _late_or_early(problem: JointProblem, values: Mapping[str, float]) -> np.ndarray:
