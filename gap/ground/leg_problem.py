@@ -23,7 +23,7 @@ from .leg_replay import STEP, LegReplay
 from .stances import COLUMNS, Stance, columns
 
 FLOOR = 0.8  # squared error over that of the noise that a right model reaches: the noise is known with a margin
-CONTACT_DOUBT = 0.1  # relative, of friction, stiffness and damping: assumed, about what an independent leg showed
+CONTACT_ERROR = 0.1  # relative, of friction, stiffness and damping: assumed, about what an independent leg showed
 FIRST = 0.015  # [s] of a piece that is not judged: the start state was fitted to it
 MODEL = np.array([1.5e-4, 2e-4, 1e-3, 1e-3])
 """What two right models of hard contact differ by over a stance, in the judged columns [m, m, rad, rad]: assumed, from
@@ -124,9 +124,9 @@ class LegProblem:
         """None: a leg on the ground has a chain for each of its joints."""
         del values
 
-    def doubt(self, path: str) -> float:
+    def systematic_error(self, path: str) -> float:
         """Two right models of contact agree on the slope, and only roughly on what the ground does with a force."""
-        return CALIBRATION if path == "contact.slope" else CONTACT_DOUBT
+        return CALIBRATION if path == "contact.slope" else CONTACT_ERROR
 
     def part(self, *parts: int) -> Self:
         """The problem that has only the stances of these parts."""

@@ -189,7 +189,7 @@ class JointReplay(ABC):
         """The chain of the first run with fitted values."""
         return self.models[0].with_fitted(values).chain
 
-    def doubt(self, path: str) -> float:
+    def systematic_error(self, path: str) -> float:
         """Relative error of a number that columns and simulation share in all data."""
         del path
         return CALIBRATION

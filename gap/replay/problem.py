@@ -162,7 +162,7 @@ class Problem(Protocol):
         """The chain of the first run with fitted values; None where the problem is not that of one joint."""
         ...
 
-    def doubt(self, path: str) -> float:
+    def systematic_error(self, path: str) -> float:
         """Relative error of a number that columns and simulation share in all data."""
         ...
 

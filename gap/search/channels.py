@@ -5,7 +5,7 @@ Duty, current and link position, each weighted by its own noise.
 Position alone cannot tell a late command from a late reading, or a weak motor from a heavy load; the duty and the
 current can. But a column may be in a wrong unit, unsigned or of another joint, and the model is never perfect: a
 channel counts only if
-the tuned nominal model roughly predicts it, and no more than its unpredictable part and a general doubt about
+the tuned nominal model roughly predicts it, and no more than its unpredictable part and its calibration error,
 calibration allow.
 """
 
@@ -29,7 +29,7 @@ SLOPE = (0.5, 2.0)  # measured over predicted size: beyond it the column has ano
 FEWEST = 50  # groups of samples from which a channel can be judged
 LAG = 2.5e-4  # [s] by which a column may be later than the time stamp of its row: a period of a drive's loop, assumed
 DELAY = "delay.seconds"
-DOUBT = 0.02  # calibration error of a column, as a share of its rms
+CALIBRATION = 0.02  # calibration error of a column, as a share of its rms
 
 Joint = TypeVar("Joint", bound=JointProblem)
 
@@ -111,7 +111,7 @@ def _noise(measured: np.ndarray, predicted: np.ndarray) -> tuple[float, float]:
         return np.inf, 0.0
     jump, change = jump[good], change[good]
     slow = change <= np.median(change)
-    noise = max(float(np.sqrt(np.mean(_trimmed(jump[slow]) ** 2))), DOUBT * float(np.nanstd(measured)), 1e-9)
+    noise = max(float(np.sqrt(np.mean(_trimmed(jump[slow]) ** 2))), CALIBRATION * float(np.nanstd(measured)), 1e-9)
     fast = change >= np.quantile(change, 0.75)
     timing = float(np.sqrt(np.mean(_trimmed(jump[fast]) ** 2) / max(np.mean(change[fast] ** 2), 1e-18)))
     return noise, min(timing, 1.0)

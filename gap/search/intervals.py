@@ -66,7 +66,7 @@ def intervals(
     for k, p in enumerate(parameters):
         value, least, most = (p.from_fit(x) for x in (u[k], lows[k], highs[k]))
         values = [fit.values[p.path] for fit in halves if p.path in fit.values]
-        shared = CLOCK * period if p.unit == "s" else problem.doubt(p.path) * abs(value)
+        shared = CLOCK * period if p.unit == "s" else problem.systematic_error(p.path) * abs(value)
         wide = float(np.linalg.norm([0.5 * (most - least), max(values) - min(values) if values else 0.0, shared]))
         found_intervals[p.path] = (max(min(least, value - wide), p.low), min(max(most, value + wide), p.high))
     return found_intervals

@@ -275,7 +275,7 @@ class RobotProblem:
         """None: a robot has a chain for each of its joints."""
         del values
 
-    def doubt(self, path: str) -> float:
+    def systematic_error(self, path: str) -> float:
         """Relative error of a number that columns and simulation share in all data."""
         del path
         return CALIBRATION
