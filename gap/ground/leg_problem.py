@@ -116,7 +116,7 @@ class LegProblem:
         """Mean squared error beyond the noise, in parts of it; errors are independent here, so it needs no learner."""
         return max(float(np.mean(self.residual(simulated[None])[0] ** 2)) - FLOOR, 0.0)
 
-    def beyond_noise(self, simulated: np.ndarray) -> float | None:
+    def excess_loss(self, simulated: np.ndarray) -> float | None:
         """Loss per judged value beyond that of noise, whose size is known with a margin."""
         return float(robust_loss(self.residual(simulated[None])[0]).mean()) - FLOOR
 

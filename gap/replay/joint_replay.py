@@ -181,7 +181,7 @@ class JointReplay(ABC):
         """None: the noise of a log is known with a margin only."""
         del simulated
 
-    def beyond_noise(self, simulated: np.ndarray) -> None:
+    def excess_loss(self, simulated: np.ndarray) -> None:
         """None: the noise of a log is known with a margin only."""
         del simulated
 

@@ -154,7 +154,7 @@ class Problem(Protocol):
         """Mean squared error of a model (n, 4) beyond the noise, in parts of it, where the problem itself can tell."""
         ...
 
-    def beyond_noise(self, simulated: np.ndarray) -> float | None:
+    def excess_loss(self, simulated: np.ndarray) -> float | None:
         """Loss per judged value of a model (n, 4) beyond that of noise, where the problem itself can tell."""
         ...
 

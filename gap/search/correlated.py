@@ -20,7 +20,7 @@ def excess(problem: Problem, simulated: np.ndarray, seed: int = 0) -> float:
 
     Of what is judged sample by sample, and of the means of groups of samples.
     """
-    if (known := problem.beyond_noise(simulated)) is not None:
+    if (known := problem.excess_loss(simulated)) is not None:
         return known
     total, count = 0.0, 0
     for c in problem.sampled:

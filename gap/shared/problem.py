@@ -262,10 +262,10 @@ class RobotProblem:
         return {}
 
     def left_over(self, simulated: np.ndarray) -> float | None:
-        """As :meth:`beyond_noise`."""
-        return self.beyond_noise(simulated)
+        """As :meth:`excess_loss`."""
+        return self.excess_loss(simulated)
 
-    def beyond_noise(self, simulated: np.ndarray) -> float | None:
+    def excess_loss(self, simulated: np.ndarray) -> float | None:
         """Loss per judged value beyond that of noise, the mean of the joints."""
         counts = [len(problem.blocks()[0]) for problem in self.joints.values()]
         levels = [excess(problem, simulated[self._slices[name]]) for name, problem in self.joints.items()]
