@@ -60,7 +60,7 @@ class RobotModel:
 
 
 @dataclass(frozen=True, eq=False)
-class Laid:
+class Stacked:
     """Samples of all joints, one joint after the other; attributes as of :class:`RobotProblem`, and each joint's."""
 
     units: tuple[Unit, ...]
@@ -96,14 +96,14 @@ class RobotProblem:
         return any(problem.open_loop for problem in self.joints.values())
 
     @cached_property
-    def _laid(self) -> Laid:
+    def _stacked(self) -> Stacked:
         starts, slices, at = [np.zeros(1, int)], {}, 0
         for name, problem in self.joints.items():
             starts.append(problem.starts[1:] + at)
             slices[name] = slice(at, at + len(problem.time))
             at += len(problem.time)
         every = list(self.joints.values())
-        return Laid(
+        return Stacked(
             tuple(unit for problem in every for unit in problem.units),
             np.concatenate([problem.time for problem in every]),
             np.concatenate([problem.measured for problem in every]),
@@ -115,31 +115,31 @@ class RobotProblem:
     @property
     def units(self) -> tuple[Unit, ...]:
         """Pieces of runs of all joints."""
-        return self._laid.units
+        return self._stacked.units
 
     @property
     def time(self) -> np.ndarray:
         """Since the start of the run (n,) [s]."""
-        return self._laid.time
+        return self._stacked.time
 
     @property
     def measured(self) -> np.ndarray:
         """Channels as logged (n, 4)."""
-        return self._laid.measured
+        return self._stacked.measured
 
     @property
     def judged(self) -> np.ndarray:
         """Samples that count (n,)."""
-        return self._laid.judged
+        return self._stacked.judged
 
     @property
     def starts(self) -> np.ndarray:
         """First sample of each unit and the end of the last (u + 1,)."""
-        return self._laid.starts
+        return self._stacked.starts
 
     @property
     def _slices(self) -> dict[str, slice]:
-        return self._laid.slices
+        return self._stacked.slices
 
     @property
     def weight(self) -> np.ndarray:
