@@ -3,10 +3,9 @@
 Duty, current and link position, each weighted by its own noise.
 
 Position alone cannot tell a late command from a late reading, or a weak motor from a heavy load; the duty and the
-current can. But a column may be in a wrong unit, unsigned or of another joint, and the model is never perfect: a
-channel counts only if
-the tuned nominal model roughly predicts it, and no more than its unpredictable part and its calibration error,
-calibration allow.
+current can. But a column may be in a wrong unit, unsigned or of another joint, and the model is never perfect. A
+channel counts only if the tuned nominal model roughly predicts it, and no more than its unpredictable part and its
+calibration error allow.
 """
 
 from __future__ import annotations
