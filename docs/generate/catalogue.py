@@ -44,7 +44,7 @@ NEEDS = {
     "free_motor": "a motor that moves on its own (a bench, or a motor behind a spring)",
     "torque": "a bench; or, on a driven joint, a measured torque",
     "claimed_load": "a load that the sidecar claims to know",
-    "warming": "a temperature that changes",
+    "temperature_range": "a temperature that changes",
 }
 
 

@@ -37,14 +37,14 @@ class Needs:
         free_motor: a motor that moves on its own: a prescribed position does not show the cause.
         torque: where the motor's motion is prescribed, a measured torque.
         claimed_load: a load that somebody claims to know; nobody can be wrong about one that is unknown.
-        warming: a temperature that changes.
+        temperature_range: a temperature that changes.
     """
 
     free_link: bool = False
     free_motor: bool = False
     torque: bool = False
     claimed_load: bool = False
-    warming: bool = False
+    temperature_range: bool = False
 
     def met_by(self, view: View) -> bool:
         """Whether a replay can show it; the temperature is up to the log."""

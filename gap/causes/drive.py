@@ -152,7 +152,7 @@ def thermal(nominal: JointModel) -> Cause:
         sentence="The motor grows weaker as it warms up.",
         picture="residual_against_temperature",
         variants=((loss,),),
-        needs=Needs(warming=True),
+        needs=Needs(temperature_range=True),
         degenerates_to=Limit("drive.motor_constant", "the temperature hardly changes"),
     )
 

@@ -222,7 +222,7 @@ def everything(problem: FreeProblem, search: Search) -> list[Hypothesis]:
     found = [_hypothesis("nothing more", here, moving, ())]
     for cause in search.causes:
         variant = cause.variants[0]
-        if cause.name in taken or (cause.needs.warming and np.ptp(problem.temperature) == 0.0):
+        if cause.name in taken or (cause.needs.temperature_range and np.ptp(problem.temperature) == 0.0):
             continue
         turned = {p.number for p in variant}
         values = {path: here[path] for number, path in numbers(here).items() if number not in turned}

@@ -88,7 +88,7 @@ class LegProblem:
         return STEP
 
     @property
-    def warming(self) -> float:
+    def temperature_range(self) -> float:
         """None: contact depends on no temperature [K]."""
         return 0.0
 

@@ -111,7 +111,7 @@ class JointReplay(ABC):
         return 1.0 / float(self.weight[0])
 
     @property
-    def warming(self) -> float:
+    def temperature_range(self) -> float:
         """By how much the motor's temperature varies [K]."""
         return float(np.ptp(self.temperature))
 

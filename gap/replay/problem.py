@@ -111,7 +111,7 @@ class Problem(Protocol):
         ...
 
     @property
-    def warming(self) -> float:
+    def temperature_range(self) -> float:
         """By how much the logged temperature of a motor varies [K]; 0 where nothing that is replayed depends on it."""
         ...
 

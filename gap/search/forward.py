@@ -83,8 +83,12 @@ class Searcher:
         self.problem = self.problem.coarsened(self.settings.coarse_step)
         self.nominal = self.problem.models[0]
         self.considered = tuple(self.causes)
-        warming = self.problem.warming
-        self.shown = [c for c in self.considered if not (c.needs.warming and warming < self.settings.least_warming)]
+        temperature_range = self.problem.temperature_range
+        self.shown = [
+            c
+            for c in self.considered
+            if not (c.needs.temperature_range and temperature_range < self.settings.least_temperature_range)
+        ]
         self.numbers = {parameter.number for parameter in self.tuned}
         self.parts = (self.problem.part(FIT_A), self.problem.part(FIT_B))
         self.both = self.problem.part(FIT_A, FIT_B)

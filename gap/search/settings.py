@@ -51,7 +51,9 @@ class SearchSettings:
         2.0, "Factor on the largest step of play and of switching firmware while causes are sought."
     )
     most_causes: int = threshold(6, "Causes after which the search ends.")
-    least_warming: float = threshold(1.0, "Change of the temperature [K] from which a thermal cause can show.")
+    least_temperature_range: float = threshold(
+        1.0, "Change of the temperature [K] from which a thermal cause can show."
+    )
 
     # --- when to look for another cause
     least_excess: float = threshold(

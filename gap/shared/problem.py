@@ -177,7 +177,7 @@ class RobotProblem:
         return 1.0 / float(self.weight[0])
 
     @property
-    def warming(self) -> float:
+    def temperature_range(self) -> float:
         """None: no number of the robot depends on a temperature [K]."""
         return 0.0
 
