@@ -143,7 +143,7 @@ class LegProblem:
             correction=tuple(self.correction[k] for k in kept.numbers),
         )
 
-    def coarsened(self, factor: float) -> Self:
+    def with_step_factor(self, factor: float) -> Self:
         """The problem itself: the engine's step is the same whatever plays or switches."""
         del factor
         return self

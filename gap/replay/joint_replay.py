@@ -126,7 +126,7 @@ class JointReplay(ABC):
             **{name: values[kept.rows] for name in self.per_sample if (values := getattr(self, name)) is not None},
         )
 
-    def coarsened(self, factor: float) -> Self:
+    def with_step_factor(self, factor: float) -> Self:
         """The problem with so many times longer a step of what plays and switches."""
         return replace(self, coarse=factor)
 

@@ -119,7 +119,7 @@ class Problem(Protocol):
         """The problem that has only the units of these parts: what is not in it cannot be seen by accident."""
         ...
 
-    def coarsened(self, factor: float) -> Self:
+    def with_step_factor(self, factor: float) -> Self:
         """The problem with so many times longer a step of what plays and switches, where the replay has such a step."""
         ...
 

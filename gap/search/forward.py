@@ -80,7 +80,7 @@ class Searcher:
     replaced: set[str] = field(default_factory=set, init=False)  # causes that a later one made redundant
 
     def __post_init__(self) -> None:
-        self.problem = self.problem.coarsened(self.settings.coarse_step)
+        self.problem = self.problem.with_step_factor(self.settings.coarse_step)
         self.nominal = self.problem.models[0]
         self.considered = tuple(self.causes)
         temperature_range = self.problem.temperature_range

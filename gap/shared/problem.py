@@ -190,9 +190,9 @@ class RobotProblem:
         rows = {number: {j: table[kept[j]] for j, table in found.items()} for number, found in self.rows.items()}
         return replace(self, joints=joints, rows=rows)
 
-    def coarsened(self, factor: float) -> Self:
+    def with_step_factor(self, factor: float) -> Self:
         """The problem with so many times longer a step of what plays and switches."""
-        return replace(self, joints={name: problem.coarsened(factor) for name, problem in self.joints.items()})
+        return replace(self, joints={name: problem.with_step_factor(factor) for name, problem in self.joints.items()})
 
     def simulate(self, variants: Sequence[Mapping[str, float]], step: float | None = None) -> np.ndarray:
         """Channels (v, n, 4) of every variant; what is alike for a joint is replayed once."""

@@ -185,7 +185,7 @@ def _name_causes(
     """Causes with shares, confidence, rivals and intervals, and the share of the tuned numbers."""
     if not search.accepted:
         return (), explained
-    debts = owed(fitting.coarsened(search.settings.coarse_step), search)
+    debts = owed(fitting.with_step_factor(search.settings.coarse_step), search)
     shares, tuned_share = debts.shares(explained)
     final = search.accepted[-1]
     rounds = [r for r in search.rounds if r.accepted]
