@@ -15,7 +15,7 @@ from ..actuators import Chain, DrivenCoordinate, Drivetrain, load_chain, load_ch
 from ..actuators.errors import SealegsError, nearest
 
 if TYPE_CHECKING:
-    from .robot_file import RobotFile
+    from .robot_described import RobotFile
 
 ChainSource = str | Path | list | Chain
 """What :func:`actuators.load_chain` reads: a name, a path, a list of stages, or a chain."""

@@ -13,7 +13,10 @@ from ..actuators.atomic import write_text
 from ..actuators.errors import SealegsError
 from .model_file import UNITS, read_model
 from .robot import RobotError
-from .robot_file import FileEntry, FileJoint, assembled, load_robot_file
+from .robot_assembly import assembled
+from .robot_described import FileJoint
+from .robot_entries import FileEntry
+from .robot_file import load_robot_file
 
 HEAD = """\
 # Robot {name}, written from {model} by sealegs new-robot; edit what is wrong. docs/your-own-robot.md explains it.

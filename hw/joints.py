@@ -14,7 +14,7 @@ import yaml
 from ..actuators.errors import SealegsError, nearest
 from ..configs.check import checked
 from ..envs.robot import Robot
-from ..envs.robot_file import ServoEntry
+from ..envs.robot_entries import ServoEntry
 from .address import Address
 from .registers import ServoModel, load_model
 

@@ -10,7 +10,7 @@ import numpy as np
 
 from ..paper_style import STYLE, plt
 from .drive import DRIVES
-from .hopping import NAMES, Hopping
+from .hopping import NAMES, Hopping, hop_times
 from .paper import SHOWN, SpringTest
 
 WITH, WITHOUT = ("tab:red", "with cable stretch"), ("tab:blue", "rigid cables, from the same touchdown")
@@ -33,7 +33,7 @@ def _two_hops(panels: list[tuple[str, Any]], stretched: Hopping, rigid: Hopping,
                 if len(hopping.time):
                     axis.plot(hopping.time - start, values(hopping), color=colour, linewidth=1.2, label=name)
             axis.set_ylabel(label)
-            for touchdown in _touchdowns(cases[0][0]) - start:
+            for touchdown in hop_times(cases[0][0]) - start:
                 axis.axvline(touchdown, color="black", linewidth=0.7)
         for axis in axes.flat[len(panels) :]:
             axis.axis("off")
@@ -48,10 +48,6 @@ def _two_hops(panels: list[tuple[str, Any]], stretched: Hopping, rigid: Hopping,
         figure.tight_layout(rect=(0.0, 0.0, 1.0, 1.0 - 0.42 / height))
         figure.savefig(path, dpi=130)
         plt.close(figure)
-
-
-def _touchdowns(hopping: Hopping) -> np.ndarray:
-    return hopping.time[np.flatnonzero(np.diff(hopping.hop, prepend=0.0) > 0.0)]
 
 
 def plot_positions(stretched: Hopping, rigid: Hopping, path: Path) -> None:

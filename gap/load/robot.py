@@ -10,7 +10,8 @@ from typing import Any
 
 import mujoco
 
-from ...envs.robot_file import FileJoint, RobotFile, is_robot_file, load_robot_file
+from ...envs.robot_described import FileJoint, RobotFile
+from ...envs.robot_file import is_robot_file, load_robot_file
 from ..log.types import LogError, MeasuredRun
 
 KINDS = (int(mujoco.mjtJoint.mjJNT_HINGE), int(mujoco.mjtJoint.mjJNT_SLIDE))

@@ -1,0 +1,197 @@
+"""A robot put together from its model file and from what its YAML says; what neither says is assumed, and told."""
+
+from __future__ import annotations
+
+import dataclasses
+import math
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Any, Literal
+
+from ..actuators import Chain, load_chain
+from ..actuators.errors import SealegsError, nearest
+from ..actuators.published import PREFIX, bam_file
+from ..configs.check import checked, checked_fields
+from .model_file import UNITS, ModelDrive, ModelFile, ModelJoint, read_model
+from .robot import RobotError
+from .robot_described import FileJoint, RobotFile, stated, with_owned
+from .robot_entries import UNKNOWN, YAML_SUFFIXES, FileEntry, JointEntry, Owner, ServoEntry
+
+TIMESTEP = 0.002  # [s] with RK4 accurate to 0.1 mrad (docs/numerics.md)
+BANDWIDTH = 4.0  # [Hz] of the ideal servo that stands for a drive which the file says nothing of: assumed
+SLIDE_REACH = 0.5  # [m] to either side, of a slide without a range: assumed
+
+
+def assembled(path: Path, entry: FileEntry, said: list[str] | None = None) -> RobotFile:
+    """A robot from what its YAML says.
+
+    Args:
+        path: of the YAML, which need not exist: paths are relative to it.
+        entry: what it says.
+        said: sentences to go on with.
+
+    Raises:
+        SealegsError: something in it does not fit.
+    """
+    said = [] if said is None else said
+    model = read_model(path.parent / entry.model)
+    said += model.said
+    drives = {drive.name: drive for drive in model.drives}
+    if entry.joints is None:
+        chosen = list(drives) or [name for name in model.joints if name not in model.followers]
+        why = "as its actuators do" if drives else "since it has no actuators"
+        said.append(f"{model.path.name} says which joints are driven, {why}: {', '.join(chosen)}.")
+        entries = {name: _default_entry(drives.get(name)) for name in chosen}
+        if model.undriveable:
+            raise RobotError(
+                f"{model.path}: {model.undriveable[0]}; write which joints to drive into a YAML "
+                f"(sealegs new-robot {model.path.name})."
+            )
+    else:
+        entries = {name: checked_fields(f"joints.{name}", row or {}, JointEntry) for name, row in entry.joints.items()}
+    if not entries:
+        raise RobotError(f"{path}: no joint is driven; the model has {', '.join(model.joints) or 'no named joint'}.")
+    joints = tuple(_joint(path, model, name, row, drives.get(name), said) for name, row in entries.items())
+    _check_driven(path, model, joints)
+    left = [name for drive in model.drives for name in drive.actuators if drive.name not in entries]
+    if entry.joints is not None and left:
+        said.append(f"{model.path.name}: the actuators {', '.join(left)} drive nothing here and are left out.")
+    base: Literal["fixed", "free"] = entry.base or ("free" if model.free else "fixed")
+    if base == "free" and not model.floor:
+        said.append(f"{model.path.name} has no floor: a robot with a free base falls for ever.")
+    if base == "free" and not model.root:
+        raise RobotError(f"{path}: base is free, but the joints {', '.join(entries)} hang on the world itself.")
+    if base == "free" and not model.free and any(joint.body == model.root for joint in model.joints.values()):
+        raise RobotError(f"{path}: base is free, but a joint ties '{model.root}' to the world; give the model a base.")
+    timestep = entry.timestep
+    if timestep is None:
+        timestep = min(TIMESTEP, model.timestep)
+        said.append(f"{model.path.name}: the simulation steps by {1e3 * timestep:g} ms, with {entry.integrator}.")
+    if not 1e-5 <= timestep <= 0.05:
+        raise RobotError(f"{path}: timestep is {timestep:g} s; it must lie between 0.00001 and 0.05 s.")
+    name = entry.name or path.stem
+    return RobotFile(path, name, model, joints, base, timestep, entry.integrator, entry.deploy, tuple(said))
+
+
+def _default_entry(drive: ModelDrive | None) -> JointEntry:
+    return JointEntry(belt=dict(drive.terms) if drive is not None and len(drive.terms) > 1 else None)
+
+
+def _joint(
+    path: Path, model: ModelFile, name: str, entry: JointEntry, drive: ModelDrive | None, said: list[str]
+) -> FileJoint:
+    where = f"{path}: joints.{name}"
+    terms = _terms(where, model, name, entry)
+    joint = model.joints[terms[-1][0]]
+    single = terms == ((joint.name, 1.0),)
+    limits = entry.range
+    if limits is None:
+        limits = joint.range if single and joint.range is not None else None
+        if limits is None:
+            limits = (-math.pi, math.pi) if joint.kind == "hinge" else (-SLIDE_REACH, SLIDE_REACH)
+            said.append(
+                f"joint {name} has no range; {limits[0]:.4g} to {limits[1]:.4g} {UNITS[joint.kind][0]} is assumed."
+            )
+    if not limits[0] < limits[1]:
+        raise RobotError(f"{where}.range is {limits[0]:g} to {limits[1]:g}; it goes from its low to its high end.")
+    ratio = abs(terms[-1][1])  # of the coordinate by the joint
+    in_file = {
+        "damping": joint.damping / ratio**2,
+        "armature": joint.armature / ratio**2,
+        "frictionloss": joint.frictionloss / ratio,
+    }
+    chain = _chain(where, path, entry, joint, drive, said, name)
+    owners: dict[str, Owner] = {}
+    for key, value in in_file.items():
+        of_chain = stated(chain, key)
+        owners[key] = getattr(entry, key) or ("chain" if of_chain > 0.0 or value == 0.0 else "file")
+        if of_chain > 0.0 and value > 0.0 and getattr(entry, key) is None:
+            said.append(
+                f"joint {name}: {key} is {value:g} in {model.path.name} and {of_chain:g} in its chain; the chain's "
+                f"counts ({key}: chain), the other is left out."
+            )
+        if owners[key] == "file":
+            chain = with_owned(chain, key, value)
+            if getattr(entry, key) is None:
+                said.append(f"joint {name}: {key} {value:g} of {model.path.name} counts, its chain states none.")
+    for word in entry.unknown:
+        if word not in UNKNOWN:
+            raise RobotError(f"{where}.unknown holds '{word}'{nearest(word, UNKNOWN)}; words are {', '.join(UNKNOWN)}.")
+    start = entry.start
+    if start is None:
+        start = sum(c * model.start.get(other, 0.0) for other, c in terms)
+        start = min(max(start, limits[0]), limits[1])
+    servo = None if entry.servo is None else checked_fields(f"joints.{name}.servo", entry.servo, ServoEntry)
+    return FileJoint(name, terms, joint.kind, limits, chain, owners, in_file, start, tuple(entry.unknown), servo)
+
+
+def _terms(where: str, model: ModelFile, name: str, entry: JointEntry) -> tuple[tuple[str, float], ...]:
+    """Joints of the model that a coordinate is made of."""
+    if entry.joint is not None and entry.belt is not None:
+        raise RobotError(f"{where} has a joint and a belt; give one of them.")
+    if entry.belt is not None:
+        belt = {str(key): checked(f"{where}.belt.{key}", value, float) for key, value in entry.belt.items()}
+        if not 1 <= len(belt) <= 2 or 0.0 in belt.values():
+            raise RobotError(f"{where}.belt runs over one or two joints, each with a coefficient other than 0.")
+    else:
+        belt = {entry.joint or name: 1.0}
+    for joint in belt:
+        if joint not in model.joints:
+            known = ", ".join(model.joints) or "none with a name"
+            raise RobotError(
+                f"{where}: {model.path.name} has no hinge or slide '{joint}'{nearest(joint, model.joints)}; "
+                f"it has {known}."
+            )
+    return tuple(belt.items())
+
+
+def _check_driven(path: Path, model: ModelFile, joints: Sequence[FileJoint]) -> None:
+    """Refuse joints that are driven twice, or that another one carries along."""
+    users: dict[str, str] = {}
+    for item in joints:
+        if item.joint in users:
+            raise RobotError(f"{path}: {users[item.joint]} and {item.name} both drive the joint '{item.joint}'.")
+        users[item.joint] = item.name
+        for name, _ in item.terms:
+            if (leader := model.followers.get(name)) is not None:
+                tied = f"follows '{leader}'" if leader else "is held in place"
+                raise RobotError(f"{path}: joint '{name}' {tied} by an equality of the model; leave it out of joints.")
+
+
+def _chain(
+    where: str,
+    path: Path,
+    entry: JointEntry,
+    joint: ModelJoint,
+    drive: ModelDrive | None,
+    said: list[str],
+    name: str,
+) -> Chain:
+    """The chain as the YAML names it, or an ideal servo as the model file has it."""
+    if entry.chain is not None:
+        source: Any = entry.chain
+        if isinstance(source, str) and Path(source).suffix in YAML_SUFFIXES:
+            source = path.parent / source
+        elif isinstance(source, str) and (fit := bam_file(source)) is not None:
+            source = f"{PREFIX}{path.parent / fit}"
+        try:
+            return load_chain(source)
+        except SealegsError as error:
+            raise RobotError(f"{where}.chain: {error}") from None
+    limit = next((force for force in (drive.force if drive else None, joint.force) if force is not None), None)
+    if drive is not None and drive.stiffness > 0.0:
+        stiffness, damping, why = drive.stiffness, drive.damping, "its position actuator's"
+    else:
+        inertia, rate = joint.inertia + joint.armature, 2.0 * math.pi * BANDWIDTH
+        stiffness, damping = inertia * rate**2, 2.0 * inertia * rate
+        why = f"assumed, {BANDWIDTH:g} Hz with the joint's inertia"
+    values = {"stiffness": _rounded(stiffness), "damping": _rounded(damping)}
+    if limit is not None:
+        values["torque_limit"] = _rounded(limit)
+    unit = "/".join(reversed(UNITS[joint.kind]))
+    said.append(f"joint {name} has no chain; an ideal servo of {values['stiffness']:g} {unit} drives it ({why}).")
+    return dataclasses.replace(load_chain([{"ideal": values}]), label=f"ideal on {name}")
+
+
+def _rounded(value: float) -> float:
+    return float(f"{value:.4g}")

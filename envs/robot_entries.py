@@ -1,0 +1,78 @@
+"""What the YAML of a robot says, as it stands there: of the robot, of a driven joint, and of its servo."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+from typing import Any, Literal
+
+YAML_SUFFIXES = (".yaml", ".yml")
+Owner = Literal["chain", "file"]
+"""Whose number counts: the chain's, or the model file's."""
+
+UNKNOWN = ("zero", "direction", "friction", "armature", "motor", "load")
+"""Words for what nobody measured at a joint; fits may turn it."""
+
+
+@dataclass(frozen=True)
+class ServoEntry:
+    """Which servo drives a joint, for deployment.
+
+    Attributes:
+        id: on the bus.
+        zero: step of its encoder at which the joint is at 0; None: the centre.
+        direction: 1 where growing steps are the joint's positive direction, else -1.
+    """
+
+    id: int
+    zero: int | None = None
+    direction: Literal[1, -1] = 1
+
+
+@dataclass(frozen=True)
+class JointEntry:
+    """What the YAML says of a driven coordinate.
+
+    Attributes:
+        chain: word, path (relative to the YAML) or stages; None: an ideal servo as the model file has it.
+        joint: of the model; None: the one of the same name.
+        belt: joints of the model and coefficients whose sum is driven, in place of one joint.
+        range: of its goals [rad or m]; None: that of the model's joint.
+        damping, armature, frictionloss: their owner; None: the chain where it states the number, else the file.
+        start: where episodes start [rad or m]; None: the model's keyframe, else 0.
+        unknown: words of :data:`UNKNOWN`.
+        servo: that drives it; None: ids from 1 in order, zero at the encoder's centre.
+    """
+
+    chain: str | list[Any] | None = None
+    joint: str | None = None
+    belt: dict[str, Any] | None = None
+    range: tuple[float, float] | None = None
+    damping: Owner | None = None
+    armature: Owner | None = None
+    frictionloss: Owner | None = None
+    start: float | None = None
+    unknown: list[str] = field(default_factory=list)
+    servo: dict[str, Any] | None = None
+
+
+@dataclass(frozen=True)
+class FileEntry:
+    """What the YAML says of the robot.
+
+    Attributes:
+        model: MJCF or URDF, relative to the YAML.
+        joints: by driven coordinate; None: those that the model's actuators drive, else all.
+        name: of the robot; None: that of the YAML.
+        base: fixed to the ground, or free; None: as in the model.
+        timestep: of the simulation [s]; None: 2 ms, or the model's where it is shorter.
+        integrator: of the engine.
+        deploy: what ``configs/robot`` holds of built-in robots: servo, sensors, rest, park, safety.
+    """
+
+    model: str
+    joints: dict[str, Any] | None = None
+    name: str | None = None
+    base: Literal["fixed", "free"] | None = None
+    timestep: float | None = None
+    integrator: Literal["RK4", "Euler", "implicit", "implicitfast"] = "RK4"
+    deploy: dict[str, Any] = field(default_factory=dict)
