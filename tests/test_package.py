@@ -168,6 +168,26 @@ def test_training_deploying_and_diagnosing_work_from_a_strangers_folder(installe
     assert (found / "diagnosis.json").is_file() and (found / "report.html").is_file()
 
 
+SCANNED = """
+import subprocess, sys
+from sealegs.hw.virtual import VirtualBus
+
+with VirtualBus(robot="bench") as virtual:
+    command = [sys.argv[1], "scan", f"port={virtual.port}", "baudrate=1000000", "last=3"]
+    sys.exit(subprocess.run(command).returncode)
+"""
+
+
+@pytest.mark.long
+def test_characterising_and_scanning_work_from_a_strangers_folder(installed: Stranger) -> None:
+    installed.done("sealegs", "characterize", "repeats=1", "out=bench", timeout=900)
+    written = {path.name for path in (installed.folder / "bench").iterdir()}
+    assert written == {"chain.yaml", "table.csv", "fit.json", "fit.png"}
+    (installed.folder / "scanned.py").write_text(SCANNED)
+    said = installed.done("python", "scanned.py", str(installed.root / "bin" / "sealegs"), timeout=900)
+    assert "sts3215" in said
+
+
 def test_the_policies_that_come_along_load() -> None:
     folders = sorted((REPOSITORY / "policies").glob("*/seed*"))
     kinds = {"arm", "biped", "biped_hopping", "biped_steps", "hexapod", "hopper", "leg"}
