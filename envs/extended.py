@@ -6,6 +6,7 @@ change that the robot at hand cannot take is refused with a sentence that names 
 
 from __future__ import annotations
 
+import logging
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -18,6 +19,7 @@ from ..actuators.errors import SealegsError, nearest
 from .contract import task_of
 from .robot import Robot
 
+LOGGER = logging.getLogger("sealegs")
 FILE = "extended-robot.yaml"
 VERSION = 1
 Owner = Literal["chain", "robot", "log"]
@@ -36,8 +38,9 @@ class Change:
         joint: joint of the log; ``ground`` for what a leg stands on.
         path: such as ``friction.coulomb`` or ``load.mass_factor``.
         before, after: in the unit of the number.
-        cause: that was named for it; empty where it was tuned within its tolerance.
+        cause: that was named for it; empty where it was tuned within its tolerance, or refitted.
         owner: ``log`` for numbers that say how the log reads the machine: the machine has nothing of them.
+        refitted: whether it moved up to fivefold without a cause, since that does better than all causes.
     """
 
     joint: str
@@ -46,6 +49,11 @@ class Change:
     after: float
     cause: str
     owner: Owner
+    refitted: bool = False
+
+    def __str__(self) -> str:
+        what = self.cause or ("refitted numbers" if self.refitted else "tuned numbers")
+        return f"{what} ({self.path} {self.before:.4g} -> {self.after:.4g})"
 
 
 @dataclass(frozen=True)
@@ -106,6 +114,8 @@ class Extended:
     def params_on(self, robot: Robot, params: Mapping[str, float] | None = None) -> dict[str, float]:
         """Numbers of ``robot``, as believed and with everything that was found.
 
+        What was tuned within its tolerance and is no number of this robot is left out, and told.
+
         Args:
             robot: at hand.
             params: numbers believed of it, in place of those of the log.
@@ -115,7 +125,7 @@ class Extended:
         """
         same = robot.is_called(self.robot)
         believed = {**(self.params or {} if same else {}), **(params or {})}
-        values, refused = robot.parameters(believed), {}
+        values, refused, left_out = robot.parameters(believed), {}, []
         for change in self.changes:
             if change.owner != "robot":
                 continue
@@ -124,14 +134,23 @@ class Extended:
             if effect is not None:
                 values[effect.number] = effect.on(values[effect.number], change.after)
                 believed[effect.number] = values[effect.number]
-            elif change.cause:
-                refused.setdefault(change.cause, change)
+            elif change.cause or change.refitted:
+                refused.setdefault(change.cause or change.path, change)
+            else:
+                left_out.append(change)
         if refused:
-            raise ExtensionError(self._refusal(robot, refused))
+            raise ExtensionError(self._refusal(robot, list(refused.values())))
+        if left_out:
+            LOGGER.warning("%s", self._left_out(robot, left_out))
         return {name: value for name, value in robot.parameters(believed).items() if name in believed}
 
-    def _refusal(self, robot: Robot, refused: Mapping[str, Change]) -> str:
-        rows = ", ".join(f"{cause} ({c.path} {c.before:.4g} -> {c.after:.4g})" for cause, c in refused.items())
+    def _left_out(self, robot: Robot, left_out: Sequence[Change]) -> str:
+        rows = ", ".join(f"{c.path} {c.before:.4g} -> {c.after:.4g}" for c in left_out)
+        count = f"{len(left_out)} numbers" if len(left_out) > 1 else "one number"
+        return f"{self.where} tuned {count} within tolerance that robot '{robot.name}' has not; left out: {rows}."
+
+    def _refusal(self, robot: Robot, refused: Sequence[Change]) -> str:
+        rows = ", ".join(str(change) for change in refused)
         several = len(refused) > 1
         why = (
             f"robot '{robot.name}' has no number for {'them' if several else 'it'}"
@@ -248,4 +267,9 @@ def _missing(path: Path, folder: Path) -> str:
         return f"extended={path}: {folder} holds no diagnosis; give the folder that sealegs diagnose wrote."
     if any(folder.glob("*extended*.yaml")):
         return f"{folder} was written before robots could be extended; diagnose again, or give actuator=<its chain>."
-    return f"{folder} holds no extended model: its diagnosis could not say what the machine is (see its report.html)."
+    return f"{no_model(str(folder))[:-1]} (see its report.html)."
+
+
+def no_model(where: str) -> str:
+    """The sentence for a diagnosis that has no model to hand over."""
+    return f"{where} holds no extended model: its diagnosis could not say what the machine is."

@@ -67,16 +67,23 @@ class Diagnosis:
         return tuple(dict.fromkeys(finding for joint in self.joints for finding in joint.findings))
 
     @cached_property
-    def extended(self) -> Extended | None:
-        """The machine as found, for ``sealegs.make_env(..., extended=diagnosis.extended)``; None without a model."""
-        if self.data is None:
-            from ..envs.extended import FILE, read_extended
+    def extended(self) -> Extended:
+        """The machine as found, for ``sealegs.make_env(..., extended=diagnosis.extended)``.
 
+        Raises:
+            SealegsError: no joint has a model to hand over: the log is unusable, or shows the torque alone.
+        """
+        from ..envs.extended import ExtensionError, no_model, read_extended
+
+        if self.data is None:
             assert self.folder is not None
-            return read_extended(self.folder) if (self.folder / FILE).is_file() else None
+            return read_extended(self.folder)
         from .output.extension import extended_of
 
-        return extended_of(self.joints, self.data)
+        found = extended_of(self.joints, self.data)
+        if found is None:  # None would be taken for the nominal machine, and train the model that was refuted
+            raise ExtensionError(no_model(f"the diagnosis of {self.name}"))
+        return found
 
     def joint(self, name: str) -> JointDiagnosis:
         """What was found about one joint.

@@ -135,3 +135,27 @@ def test_the_loop_is_for_one_servo(capsys: pytest.CaptureFixture[str], tmp_path:
     assert run(loop.main, "loop", "", ["robot=hopper", f"out={out}"]) == 2
     assert "robot=hopper has the joints hip, knee" in capsys.readouterr().err
     assert not out.exists()
+
+
+@pytest.mark.parametrize(
+    ("wrong", "said"),
+    [
+        ("loads=3", "loads=3 must be a list of numbers of the robot"),
+        ("loads=[{mas:0.3}]", "has no parameter 'mas'"),
+        ("excitations=chirp", "excitations=chirp must be a list of names"),
+        ("excitations=[chrip]", "there is no excitation 'chrip'; did you mean 'chirp'?"),
+        ("excitations=[]", "nothing would be measured"),
+        ("further=two", "further takes a whole number"),
+        ("reach=-1", "reach must be more than 0"),
+        ("stepped=soon", "stepped takes true or false"),
+        ("hidden=much", "hidden=much must be a mapping"),
+    ],
+)
+def test_the_loop_refuses_a_wrong_value_before_anything_moves(
+    wrong: str, said: str, capsys: pytest.CaptureFixture[str], tmp_path: Path
+) -> None:
+    """``loads=3`` ended in a TypeError, ``excitations=chirp`` in letters, ``further=two`` after the measurement."""
+    out = tmp_path / "loop"
+    assert run(loop.main, "loop", "", [wrong, f"out={out}"]) == 2
+    told = capsys.readouterr().err
+    assert said in " ".join(told.split()) and "Traceback" not in told and not out.exists()

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -20,6 +21,8 @@ from sealegs.gap.replay.engine import bench, replay_in_engine
 from sealegs.gap.replay.free import FreeProblem, free_problem
 from sealegs.gap.replay.joint_model import JointModel
 from sealegs.gap.replay.parameters import Parameter, address
+from sealegs.gap.search.fit import Fit
+from sealegs.gap.search.result import Search
 from sealegs.gap.verdict.verdict import JointDiagnosis
 
 from tests.smooth_bench import CHAIN, PARAMS
@@ -27,6 +30,8 @@ from tests.smooth_bench import CHAIN, PARAMS
 NOMINAL = JointModel(load_chain(CHAIN))
 LARGE = ("drive.deadband", "drive.minimum_duty")  # whose first variant is too small to show in this motion
 FIRST = {cause.name: cause.variants[1 if cause.name in LARGE else 0] for cause in catalogue(NOMINAL)}
+NO_FIT = Fit({}, np.zeros((0, 4)), 0.0)
+NO_SEARCH = Search((), (), (), np.zeros(0), (NO_FIT, NO_FIT))
 WARM = 60.0  # [degC]
 TIME = np.arange(300.0) * 0.005
 
@@ -107,6 +112,39 @@ def machine(path: str, value: float, robot: str, owner: Owner = "robot") -> Exte
 def test_a_load_of_the_bench_is_refused_by_another_robot() -> None:
     with pytest.raises(SealegsError, match=r"load\.mass_factor.*cannot be applied.*actuator=diagnosis/extended\.yaml"):
         sealegs.make_env("hopper", extended=machine("load.mass_factor", 1.3, "bench"))
+
+
+def test_refitted_numbers_that_a_robot_has_not_are_refused_and_tuned_ones_are_told(
+    caplog: pytest.LogCaptureFixture,
+) -> None:
+    """Both were dropped without a word: a load refitted threefold trained the robot as it was believed."""
+    change = Change("joint", "load.mass_factor", 1.0, 3.0, "", "robot", refitted=True)
+    found = replace(machine("load.mass_factor", 3.0, "bench"), changes=(change,))
+    with pytest.raises(SealegsError, match=r"refitted numbers \(load\.mass_factor 1 -> 3\).*cannot be applied"):
+        found.params_on(HOPPER)
+    assert Extended.from_dict(found.to_dict()).changes[0].refitted
+    tuned = replace(found, changes=(replace(change, after=1.04, refitted=False),))
+    assert tuned.params_on(HOPPER) == {}
+    assert "tuned one number within tolerance that robot 'hopper' has not" in caplog.text
+    assert "load.mass_factor 1 -> 1.04" in caplog.text
+
+
+def test_numbers_of_a_refitted_model_are_marked_as_refitted() -> None:
+    _, problem = diagnosed({})
+    found = JointDiagnosis(
+        "servo", "partly explained", "", "servo.position", "rad", {}, (), 0.0, (), None, (),
+        values={"friction.coulomb*": 4.0}, problem=problem, search=NO_SEARCH, model="refitted",
+    )  # fmt: skip
+    extended = extended_of([found], MeasuredSet((measured(),), "log"))
+    assert extended is not None and [(c.cause, c.refitted) for c in extended.changes] == [("", True)]
+
+
+def test_a_diagnosis_without_a_model_says_so_instead_of_standing_for_the_nominal_machine() -> None:
+    """It was None, which make_env takes for the machine as believed."""
+    refused = JointDiagnosis("servo", "unusable log", "", "servo.position", "rad", {}, (), 1.0, (), None, ())
+    diagnosis = sealegs.Diagnosis("bench", ("run",), (refused,), MeasuredSet((measured(),), "bench"))
+    with pytest.raises(SealegsError, match="the diagnosis of bench holds no extended model"):
+        sealegs.make_env("bench", extended=diagnosis.extended)
 
 
 def test_a_servo_alone_drives_every_joint_of_another_robot() -> None:

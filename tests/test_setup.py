@@ -56,6 +56,16 @@ def test_every_package_is_pinned() -> None:
     assert needed() <= set(constraints())
 
 
+@pytest.mark.parametrize("name", ["mujoco", "numba", "gymnasium", "pydantic", "stable-baselines3"])
+def test_what_an_older_release_lacks_has_a_floor_that_the_pin_is_above(name: str) -> None:
+    """``pip install .`` was content with a MuJoCo that has no batches, and failed at the first environment."""
+    project = tomllib.loads((REPOSITORY / "pyproject.toml").read_text())["project"]
+    lines = [*project["dependencies"], *project["optional-dependencies"]["train"]]
+    (asked,) = (r for r in map(Requirement, lines) if r.name == name)
+    assert any(bound.operator == ">=" for bound in asked.specifier)
+    assert asked.specifier.contains(constraints()[canonicalize_name(name)])
+
+
 def test_the_pins_are_what_the_tests_run_with() -> None:
     here: dict[str, str] = {canonicalize_name(item.name): item.version for item in importlib.metadata.distributions()}
     wrong = {

@@ -10,6 +10,7 @@ import pytest
 from sealegs.actuators import load_chain
 from sealegs.gap.causes.catalogue import catalogue
 from sealegs.gap.causes.unknown import UNKNOWN, unknown_parameters, with_believed_load
+from sealegs.gap.load.pendulum import PendulumLoad
 from sealegs.gap.load.tree import TreeLoad
 from sealegs.gap.log.sidecar import read_sidecar
 from sealegs.gap.log.types import JointLog, LogError, MeasuredRun
@@ -58,6 +59,16 @@ def test_what_the_file_of_a_robot_leaves_open_is_open_and_its_load_starts_from_t
     found = [p.number for p in unknown_parameters(run, chain, ("load", "friction", "direction"), load)]
     assert found == ["load.mass_factor", "load.extra_inertia", "friction.coulomb", "friction.viscous"]
     assert with_believed_load(replace(run_with("load"), robot="my_arm.yaml")).robot == "my_arm.yaml"
+
+
+def test_an_unknown_load_that_a_sidecar_starts_from_has_the_arm_of_every_other_bench() -> None:
+    """An arm that was left out weighed 0 kg with ``unknown: [load]``, and 0.03 kg without."""
+    described = replace(run_with("load"), robot="bench", robot_params={"mass": 0.5, "length": 0.12})
+    load, open_load = PendulumLoad(), with_believed_load(described).robot_params
+    assert load.inertia(open_load) == load.inertia(described.robot_params)
+    assert load.gravity_torque(open_load) == load.gravity_torque(described.robot_params)
+    untold = with_believed_load(run_with("load")).robot_params  # nothing that no fit turns is invented
+    assert load.inertia(untold) == pytest.approx(untold["mass"] * untold["length"] ** 2)
 
 
 def test_chains_and_published_fits_are_found_beside_the_log_that_names_them(tmp_path: Path) -> None:

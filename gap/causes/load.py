@@ -36,7 +36,7 @@ def inertia(nominal: JointModel) -> Cause:
             "load.extra_inertia", "kg.m2", -0.9 * nominal.load.typical_inertia, 20.0 * whole, 0.1 * whole, 0.1 * whole
         )
     return Cause(
-        sentence="The load has more inertia than its mass and length give.",
+        sentence="The load has another inertia than its mass and length give.",
         picture="response",
         variants=((extra,),),
         error=True,

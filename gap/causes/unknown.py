@@ -31,8 +31,10 @@ UNKNOWN: dict[str, tuple[Parameter, ...]] = {
 }
 """Parameters per word of the sidecar."""
 
-BELIEVED = {"mass": 0.2, "length": 0.1, "arm_mass": 0.0}
-"""Where the fit of an unknown load starts: a point mass [kg] at a distance [m]; assumed."""
+POINT_MASS = {"mass": 0.2, "length": 0.1, "arm_mass": 0.0}
+"""Where the fit of an unknown load starts that nobody said anything of: a point mass [kg] at a distance [m]; assumed.
+It has no arm, since no fit turns an arm: one that is not there would stay.
+"""
 
 
 def unknown_parameters(
@@ -89,7 +91,10 @@ def with_believed_load(run: MeasuredRun) -> MeasuredRun:
     """
     if "load" not in _words(run) or is_robot_file(run.robot):  # whose own file is where the search starts
         return run
-    return dataclasses.replace(run, robot="bench", robot_params={**BELIEVED, **run.robot_params})
+    said = dict(run.robot_params)
+    if "mass" in said:  # a bench that somebody described: what is left out is as on any bench
+        return dataclasses.replace(run, robot="bench", robot_params={"length": POINT_MASS["length"], **said})
+    return dataclasses.replace(run, robot="bench", robot_params={**POINT_MASS, **said})
 
 
 def _words(run: MeasuredRun) -> list[str]:

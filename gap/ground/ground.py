@@ -17,6 +17,7 @@ from ..replay.parameters import Parameter, numbers
 from ..search.fit import fit
 from ..search.forward import Searcher
 from ..search.result import Search
+from ..search.settings import DEFAULT, SearchSettings
 from .causes import contact_causes, ground_numbers
 from .leg_model import LegModel
 from .leg_problem import LegProblem, leg_problem
@@ -75,6 +76,8 @@ def search_ground(
     progress: Progress,
     test_group: str | None = None,
     causes: Sequence[str] | None = None,
+    settings: SearchSettings = DEFAULT,
+    look_on: bool = False,
 ) -> GroundSearch | str:
     """Seek contact causes under a leg, on top of what its joints were found to be.
 
@@ -85,6 +88,8 @@ def search_ground(
         progress: is told what goes on.
         test_group: group of runs that no fit and no choice may see.
         causes: names of those to consider; default: all of the ground's.
+        settings: thresholds of the search.
+        look_on: whether it records rounds that it would skip.
 
     Returns:
         The search, or a sentence that says why the log shows nothing of the ground.
@@ -127,7 +132,7 @@ def search_ground(
     progress(f"replaying {len(stances)} stances")
     tuned = tuple(ground_numbers(leg))
     problem = problem.weighed(_pilot(problem, leg, tuned))
-    search = Searcher(problem, contact_causes(leg, causes), tuned, progress, seed).run()
+    search = Searcher(problem, contact_causes(leg, causes), tuned, progress, seed, settings, look_on).run()
     return GroundSearch(problem, search, tuned, noise)
 
 

@@ -71,8 +71,10 @@ def extended_of(diagnoses: Sequence[JointDiagnosis], data: MeasuredSet) -> Exten
         if variants := _chains(diagnosis, data.runs, prefix):
             chains[diagnosis.joint] = variants
         for row in changes(diagnosis):
-            cause = "" if row["why"] in (TUNED, REFITTED) else row["why"]
-            found.append(Change(diagnosis.joint, row["path"], row["from"], row["to"], cause, _owner(row["path"])))
+            why, number = row["why"], row["path"]
+            cause = "" if why in (TUNED, REFITTED) else why
+            change = Change(diagnosis.joint, number, row["from"], row["to"], cause, _owner(number), why == REFITTED)
+            found.append(change)
         if diagnosis.problem is not None and diagnosis.problem.kind != "ground":
             believed += [dict(params) for params in diagnosis.problem.params if params]
     believed = believed or [dict(run.robot_params) for run in data.runs]

@@ -30,7 +30,7 @@ ODD = {"offset": ("value",), "friction": ("asymmetry",)}
 def of_robot(robot: LoggedRobot, changes: Sequence[Change]) -> list[Change]:
     """Changes of a robot, those of loads by body and in the frame of its model."""
     kept: list[Change] = []
-    weights: dict[str, tuple[float, str]] = {}
+    weights: dict[str, Change] = {}
     payloads: dict[tuple[str, str], list[float]] = {}
     for change in changes:
         name = change.joint
@@ -39,7 +39,7 @@ def of_robot(robot: LoggedRobot, changes: Sequence[Change]) -> list[Change]:
         elif change.path in STOPS:
             kept.append(_stop(robot.frame(name), change))
         elif change.path == "load.mass_factor":
-            weights[name] = (change.after, change.cause)
+            weights[name] = change
         elif change.path == "load.payload":
             tip = tip_behind(robot.model, robot.number(name))
             payloads.setdefault((robot.model.body(tip.body).name, change.cause), []).append(change.after)
@@ -102,7 +102,7 @@ def _shift(robot: LoggedRobot, change: Change) -> list[Change]:
     ]
 
 
-def _masses(robot: LoggedRobot, found: Mapping[str, tuple[float, str]]) -> list[Change]:
+def _masses(robot: LoggedRobot, found: Mapping[str, Change]) -> list[Change]:
     """Factors on the masses of bodies that agree best with what the joints found of all that hangs behind them."""
     if not found:
         return []
@@ -115,14 +115,16 @@ def _masses(robot: LoggedRobot, found: Mapping[str, tuple[float, str]]) -> list[
         share = np.array([_weight(model, number, [b for b, o in owner.items() if o == group]) for group in groups])
         if (whole := share.sum()) > 0.0:
             rows.append(share / whole)
-            wanted.append(found[name][0] - 1.0)
+            wanted.append(found[name].after - 1.0)
     table = np.concatenate([np.array(rows).reshape(-1, len(groups)), CERTAINTY * np.eye(len(groups))])
     change = np.linalg.lstsq(table, np.array([*wanted, *np.zeros(len(groups))]), rcond=None)[0]
     changes = []
     for group, more in zip(groups, change, strict=True):
-        cause = found[names[group]][1]
+        of = found[names[group]]
         changes += [
-            Change(model.body(b).name, "body.mass_factor", 1.0, max(1.0 + float(more), 0.05), cause, "robot")
+            dataclasses.replace(
+                of, joint=model.body(b).name, path="body.mass_factor", before=1.0, after=max(1.0 + float(more), 0.05)
+            )
             for b, o in owner.items()
             if o == group and model.body_mass[b] > 0.0 and model.body(b).name
         ]

@@ -96,6 +96,7 @@ def search_shared(
     progress: Progress = lambda text: None,
     causes: Sequence[str] | None = None,
     settings: SearchSettings = DEFAULT,
+    look_on: bool = False,
 ) -> SharedFound | None:
     """Seek causes that joints share; None where there are too few joints, or none that could.
 
@@ -108,6 +109,7 @@ def search_shared(
         progress: is told what goes on.
         causes: names of those to consider; default: all.
         settings: thresholds of the search.
+        look_on: whether it records rounds that it would skip.
     """
     if len(problems) < FEWEST:
         return None
@@ -130,7 +132,8 @@ def search_shared(
     tables = {number: {j: laid(found, problems[j]) for j, found in each.items()} for number, each in rows.items()}
     problem = RobotProblem(dict(problems), tables, (model,))
     tuned = tuple(of_joint(joint, p) for joint, search in searches.items() for p in _own(search))
-    return SharedFound(problem, Searcher(problem, _causes(wide), tuned, progress, seed, settings).run(), tuned, rows)
+    search = Searcher(problem, _causes(wide), tuned, progress, seed, settings, look_on).run()
+    return SharedFound(problem, search, tuned, rows)
 
 
 def laid(rows: Sequence[Array], problem: FreeProblem) -> Array:

@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
+import logging
 from collections.abc import Callable, Sequence
-from typing import Any
+from dataclasses import replace
 
 from ...actuators.chain import Chain
 from ...actuators.errors import SealegsError, nearest
@@ -45,8 +46,9 @@ from .refusal import refuse
 from .robot import with_robot
 from .torque import diagnose_torque
 from .unseen_range import unseen_range
-from .verdict import NOT_IDENTIFIABLE, PARTLY, WITHDRAWN, JointDiagnosis, data_errors
+from .verdict import NOT_IDENTIFIABLE, PARTLY, WITHDRAWN, JointDiagnosis, data_errors, rivals_of
 
+LOGGER = logging.getLogger("sealegs")
 WIDE = 4.0  # how far refitting alone may turn each number the model has: up to five times, down to a fifth
 
 ROBOTS = ("bench", "hopper")  # any other is taken for a machine whose load nobody knows
@@ -115,9 +117,15 @@ def _with_robot(
 
     try:
         return with_robot(robot, runs, found, order, WIDE, again)
+    except SealegsError:  # which a person can mend
+        raise
     except (*NUMERICAL, ValueError, LookupError) as error:
-        order.progress(f"the search for what joints share failed: {type(error).__name__}: {error}")
-        return found
+        LOGGER.exception("the search for what joints share failed")
+        why = f"the search for what joints share failed ({type(error).__name__}: {error})"
+        order.progress(why)
+        said = f"{why}; what was found of each joint stands. Please report it with the log."
+        fault = Finding("search.fault", "warning", None, None, said[0].upper() + said[1:])
+        return [replace(joint, findings=(*joint.findings, fault)) for joint in found]
 
 
 def _whatever_happens(
@@ -129,6 +137,7 @@ def _whatever_happens(
     except SealegsError:
         raise
     except (*NUMERICAL, ValueError, LookupError) as error:
+        LOGGER.exception("the diagnosis of %s failed", joint)
         order.progress(f"the diagnosis of {joint} failed: {type(error).__name__}: {error}")
         why = (
             f"its numbers failed in a way that nobody foresaw ({type(error).__name__}: {error}); please report it with "
@@ -160,7 +169,7 @@ def diagnose_joint(
     runs = [with_believed_load(run) for run in runs]
     commands = [getattr(run.joints[joint], kind) for run in runs for kind in ("goal", "torque_command")]
     if all(command is None for command in commands):  # without commands, only its torque can be judged
-        return diagnose_torque(runs, joint, mine, order.test_group)
+        return diagnose_torque(runs, joint, mine, order)
     pieces = cut_joint(runs, joint, order.test_group, more)
     replay = _replay(pieces, order, before_goal=any(finding.code == "columns.before_goal" for finding in mine))
     if isinstance(replay, Refused):
@@ -174,7 +183,9 @@ def diagnose_joint(
 def _diagnose_ground(runs: Sequence[MeasuredRun], joints: Sequence[JointDiagnosis], order: Order) -> JointDiagnosis:
     """The ground under a leg, sought with the actuators as their diagnoses left them."""
     chains = {joint.joint: chain for joint in joints if (chain := _found_chain(joint)) is not None}
-    sought = search_ground(runs, chains, order.seed, order.progress, order.test_group, order.causes)
+    sought = search_ground(
+        runs, chains, order.seed, order.progress, order.test_group, order.causes, order.search, order.look_on
+    )
     if not isinstance(sought, GroundSearch):
         return refuse(GROUND, Refused("the ground", sought, usable=True), signal="base.z", unit="m", unexplained=0.0)
     replay = Replay(sought.problem, sought.problem, sought.numbers, sought.numbers)
@@ -280,7 +291,7 @@ def _decide(
             replay.hidden,
         )
     )
-    rivals = _rivals(measured)
+    rivals = rivals_of(measured.causes)
     experiment = None
     planned = replay.along is not None or (problem.kind == "free" and not problem.models[0].load.tree)
     unsettled = verdict.name in (NOT_IDENTIFIABLE, PARTLY) or rivals or measured.open_causes
@@ -323,15 +334,6 @@ def _faults(search: Search, joint: str) -> tuple[Finding, ...]:
         return ()
     sentence = f"'{joint}': {search.fault}; what was found until then stands, and more may be there."
     return (Finding("search.fault", "warning", joint, None, sentence),)
-
-
-def _rivals(measured: Measured) -> tuple[dict[str, Any], ...]:
-    """Near misses, by the cause that they might stand in for."""
-    return tuple(
-        {"of": cause.name, "names": [cause.name, *cause.rivals], "confidence": cause.confidence}
-        for cause in measured.causes
-        if cause.rivals
-    )
 
 
 # --- small things --------------------------------------------------------------------------------------------------

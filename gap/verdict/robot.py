@@ -18,7 +18,7 @@ from .decide import decide
 from .evidence import THRESHOLDS, Replayed
 from .matter import Order
 from .measure import Measured, measure, whole_runs
-from .verdict import JointDiagnosis
+from .verdict import JointDiagnosis, rivals_of
 
 SHARED = "robot.shared"
 """Code of the finding that says with what of the whole robot a joint is judged."""
@@ -58,7 +58,15 @@ def with_robot(
     if not affected(named, noticed):
         return list(found)
     sought = search_shared(
-        robot, runs, joints.problems, joints.searches, order.seed, order.progress, order.causes, order.search
+        robot,
+        runs,
+        joints.problems,
+        joints.searches,
+        order.seed,
+        order.progress,
+        order.causes,
+        order.search,
+        order.look_on,
     )
     if sought is None or not sought.search.accepted or not sought.widespread():
         return list(found)
@@ -130,10 +138,11 @@ def _of_robot(sought: SharedFound, measured: Measured, values: dict[str, float])
         gap=measured.gap,
         causes=causes,
         unexplained=measured.unexplained,
-        rivals=(),
+        rivals=rivals_of(causes),
         experiment=None,
         findings=(),
         values=values,
+        search=sought.search,
         structure=measured.structure,
         reasons=verdict.reasons,
         tuned_share=measured.tuned_share,

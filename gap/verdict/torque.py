@@ -6,6 +6,7 @@ Both come from :mod:`sealegs.gap.checks.torque_balance`.
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+from dataclasses import replace
 
 import numpy as np
 
@@ -17,14 +18,16 @@ from ..log.parts import held_out
 from ..log.types import LogError, MeasuredRun
 from .decide import decide, standing
 from .evidence import Balanced
-from .torque_causes import torque_causes
+from .matter import Order
+from .torque_causes import SHIFT, Sought, owed_by, sought_in, torque_causes
 from .verdict import WITHDRAWN, Error, JointDiagnosis, NamedCause, OpenCause, Value, data_errors
 
+NO_WISHES = Order()
 NUMBERS = ("inertia [kg.m2]", "gravity torque [N.m]", "coulomb [N.m]", "viscous [N.m.s/rad]", "offset [N.m]")
 
 
 def diagnose_torque(
-    runs: Sequence[MeasuredRun], joint: str, findings: tuple[Finding, ...], test_group: str | None = None
+    runs: Sequence[MeasuredRun], joint: str, findings: tuple[Finding, ...], order: Order = NO_WISHES
 ) -> JointDiagnosis:
     """Diagnose a torque-driven log of a bench.
 
@@ -37,7 +40,7 @@ def diagnose_torque(
         runs: of one machine.
         joint: that is judged.
         findings: about its log.
-        test_group: group of runs to keep for the test.
+        order: what was asked for.
 
     Raises:
         LogError: the runs are too short or have no torque, or the test group does not exist.
@@ -45,7 +48,7 @@ def diagnose_torque(
     findings = tuple(
         f for f in findings if not (f.cause == "sensor.delay" and f.column == f"{joint}.torque")
     )  # judged here, by the same balance
-    held = held_out(runs, test_group)
+    held = held_out(runs, order.test_group)
     logs = {k: (run.time, run.joints[joint].position, run.joints[joint].torque) for k, run in enumerate(runs)}
     logs = {k: (time, position, torque) for k, (time, position, torque) in logs.items() if torque is not None}
     if not logs:
@@ -57,7 +60,7 @@ def diagnose_torque(
     test = np.isin(balance.run, [n for n, k in enumerate(logs) if k in held]) if held else (balance.block // 2) % 2 == 1
     if test.all() or not test.any():
         use = "fit" if test.all() else "test"
-        group = f" with the group '{test_group}' held out" if held else ""
+        group = f" with the group '{order.test_group}' held out" if held else ""
         raise LogError(f"joint '{joint}': no torque is left to {use} on{group}; record more runs or longer ones.")
     terms, torques = balance.terms, balance.torques
     fitted = balance.only(~test)
@@ -66,6 +69,7 @@ def diagnose_torque(
     believed = np.array([*first[:2], 1.0, 1.0, 1.0])
     errors = {"nominal": _error(terms[test] @ nominal - torques[test, AT_ONCE])}
     errors["refitted"] = _error(terms[test] @ fitted.fit(AT_ONCE) - torques[test, AT_ONCE])
+    sought = sought_in(runs[next(iter(logs))], joint, order)
     found = torque_shift(fitted)
     extended = fitted.fit(found.index)
     errors["extended"] = _error(terms[test] @ extended - torques[test, found.index])
@@ -80,24 +84,27 @@ def diagnose_torque(
     at = AT_ONCE
     excess = max(errors["nominal"].rmse ** 2 - errors["noise_floor"].rmse ** 2, 1e-12)
     low = found.size[0]
-    if found.same_side > 0.9 and low > 0.0 and seen[1] < 0.995 * seen[0] and abs(found.seconds) >= 2 * STEP:
+    shifted = found.same_side > 0.9 and low > 0.0 and seen[1] < 0.995 * seen[0] and abs(found.seconds) >= 2 * STEP
+    if shifted and SHIFT in sought.causes:
         if errors["extended"].rmse < errors["refitted"].rmse:
-            at, causes = found.index, (_shifted(found, errors, excess, joint),)
+            at, causes = found.index, (_shifted(found, errors, sought),)
         else:
             why = f"on held-out blocks the torque error rises: {_change(errors, 'refitted')}"
-            open_causes = (OpenCause("sensor.delay", WITHDRAWN, why),)
+            open_causes = (OpenCause(SHIFT, WITHDRAWN, why),)
     if at == AT_ONCE:
         extended, errors["extended"] = fitted.fit(AT_ONCE), errors["refitted"]
-    causes += torque_causes(fitted, nominal, at, errors["noise_floor"].rmse, joint)
+    causes += torque_causes(fitted, nominal, at, errors["noise_floor"].rmse, sought)
     if causes and not errors["extended"].rmse < errors["nominal"].rmse:
         why = f"on held-out blocks the torque error rises: {_change(errors, 'nominal')}"
         open_causes += tuple(OpenCause(cause.name, WITHDRAWN, why) for cause in causes)
         causes, extended = (), nominal
         errors["withdrawn"], errors["extended"] = errors["extended"], errors["nominal"]
     left = float(np.clip((errors["extended"].rmse ** 2 - errors["noise_floor"].rmse ** 2) / excess, 0.0, 1.0))
+    shares, tuned_share = owed_by(fitted, nominal, at, [cause.name for cause in causes]).shares(1.0 - left)
+    every = [replace(cause, share=share) for cause, share in zip(causes, shares, strict=True)]
+    causes = tuple(sorted(every, key=lambda cause: -cause.share))
     verdict = decide(Balanced(joint, errors, causes, left, open_causes))
     numbers: dict[str, float] = {key: float(value) for key, value in zip(NUMBERS, believed * extended, strict=True)}
-    explained = 1.0 - left
     return JointDiagnosis(
         joint=joint,
         verdict=verdict.name,
@@ -113,24 +120,23 @@ def diagnose_torque(
         tuned=numbers,
         reasons=verdict.reasons,
         data_errors=data_errors(findings, joint),
-        tuned_share=max(explained - sum(cause.share for cause in causes), 0.0),
+        tuned_share=tuned_share,
         open_causes=open_causes,
     )
 
 
-def _shifted(found: Shift, errors: Mapping[str, Error], excess: float, joint: str) -> NamedCause:
-    """A torque column that is out of step, as a fault of the data that is fitted."""
+def _shifted(found: Shift, errors: Mapping[str, Error], sought: Sought) -> NamedCause:
+    """A torque column that is out of step, as a fault of the data that is fitted; without its share."""
     way = "leads" if found.seconds > 0 else "lags behind"
     sentence = (
         f"The torque column {way} the motion columns by {1e3 * abs(found.seconds):.0f} ms: torque and motion were not "
         "read at the same time."
     )
     value = Value(abs(found.seconds), *found.size, "s", 0.0)
-    share = max((errors["refitted"].rmse ** 2 - errors["extended"].rmse ** 2) / excess, 0.0)
     gain = 1.0 - errors["extended"].rmse / errors["refitted"].rmse
-    sure, numbers = found.same_side, {"torque.delay": value}
+    cause, sure, numbers = sought.causes[SHIFT], found.same_side, {"torque.delay": value}
     return NamedCause(
-        "sensor.delay", sentence, joint, share, sure, numbers, gain, "data", "response", (), standing(sure, ())
+        cause.name, sentence, sought.joint, 0.0, sure, numbers, gain, "data", cause.picture, (), standing(sure, ())
     )
 
 

@@ -204,6 +204,15 @@ class JointDiagnosis:
         return " ".join((self.sentence, *(reason.sentence for reason in self.reasons)))
 
 
+def rivals_of(causes: Sequence[NamedCause]) -> tuple[dict[str, Any], ...]:
+    """Rivals of named causes, by the cause that they might stand in for."""
+    return tuple(
+        {"of": cause.name, "names": [cause.name, *cause.rivals], "confidence": cause.confidence}
+        for cause in causes
+        if cause.rivals
+    )
+
+
 DATA_UNITS = {"sensor.delay": "s", "sensor.scale": "1", "sensor.offset": "rad"}
 
 

@@ -19,7 +19,7 @@ from typing import Any
 
 import yaml
 from sealegs.actuators.atomic import write_text
-from sealegs.actuators.errors import SealegsError
+from sealegs.actuators.errors import SealegsError, nearest
 from sealegs.configs.script import Interrupted
 
 BENCH_LOADS = [{"mass": 0.25, "length": 0.10}, {"mass": 0.5, "length": 0.12}]
@@ -28,14 +28,13 @@ BENCH_LOADS = [{"mass": 0.25, "length": 0.10}, {"mass": 0.5, "length": 0.12}]
 
 def main(arguments: list[str]) -> None:
     """Run every step that is not done yet."""
-    from sealegs.configs.check import Count, checked, checked_seed
     from sealegs.configs.compose import compose, split
     from sealegs.envs.robots import get_robot
     from sealegs.hw.own_robot import READERS
 
     config = compose("loop", split(arguments, plain=("out", "port", "calibration")), readers=READERS)
-    seed = checked_seed(config["seed"])
-    steps = checked("total_timesteps", config["total_timesteps"], Count)
+    config = dict(config) | checked_settings(config)
+    seed, steps = config["seed"], config["total_timesteps"]
     robot = get_robot(config["robot"]["name"])
     joints = [item.name for item in robot.coordinates]
     if len(joints) > 1 and robot.file is None:
@@ -46,6 +45,8 @@ def main(arguments: list[str]) -> None:
         )
     if config["loads"] is None:
         config["loads"] = BENCH_LOADS if robot.file is None else [{}]
+    for load in config["loads"]:
+        robot.parameters(load)  # says at once that it has no such number
     out = Path(str(config["out"] or f"runs/loop-{datetime.datetime.now():%Y%m%d-%H%M%S}"))
     out.mkdir(parents=True, exist_ok=True)
     keep(out / "loop.yaml", {key: value for key, value in config.items() if key != "out"})
@@ -66,6 +67,39 @@ def main(arguments: list[str]) -> None:
         command = " ".join(["sealegs loop", f"out={out}", *others])
         raise Interrupted(f"{str(stop) or 'Stopped.'} The loop goes on with: {command}") from stop
     tell(out, pages)
+
+
+def checked_settings(config: Mapping[str, Any]) -> dict[str, Any]:
+    """The keys that are the loop's own, each of its type; those of machine and robot are checked where they are used.
+
+    Raises:
+        SealegsError: a value of the wrong type or size.
+    """
+    from sealegs.configs.check import Count, Natural, NotNegative, Positive, checked, or_null
+    from sealegs.gap.experiment import library
+
+    known = [name.replace(" ", "_") for name in library(0.0, 1.0, 0)]
+    types: dict[str, tuple[Any, str]] = {
+        "excitations": (list[str], "excitations={} must be a list of names, such as [chirp,steps]."),
+        "loads": (
+            or_null(list[dict[str, float]]),
+            "loads={} must be a list of numbers of the robot, such as [{{mass:0.25,length:0.1}}], or null.",
+        ),
+        "hidden": (or_null(dict[str, Any]), "hidden={} must be a mapping, such as {{delay.seconds:0.03}}, or null."),
+        "stepped": (bool, ""),
+        **dict.fromkeys(("reach", "rate", "seconds"), (Positive, "")),
+        **dict.fromkeys(("silence", "energy_weight"), (NotNegative, "")),
+        **dict.fromkeys(("further", "seed"), (Natural, "")),
+        "total_timesteps": (Count, ""),
+    }
+    values = {key: checked(key, config[key], kind, words.format(config[key])) for key, (kind, words) in types.items()}
+    for word in values["excitations"]:
+        if word not in known:
+            raise SealegsError(f"there is no excitation '{word}'{nearest(word, known)}; there are {', '.join(known)}.")
+    for key in ("excitations", "loads"):
+        if values[key] == []:
+            raise SealegsError(f"{key} is an empty list: nothing would be measured.")
+    return values
 
 
 def machine_arguments(config: Mapping[str, Any], out: Path) -> list[str]:
@@ -147,14 +181,14 @@ def diagnose(config: Mapping[str, Any], out: Path, machine: list[str], seed: int
     from sealegs.gap.log.sidecar import read_sidecar
 
     folder = out / "diagnosis"
-    for further in range(int(config["further"]) + 1):
+    for further in range(config["further"] + 1):
         folder = out / ("diagnosis" if further == 0 else f"diagnosis-{further + 1}")
         if not (folder / "diagnosis.json").exists():  # one that was stopped goes on by itself
             arguments = [f"log={out / 'log'}", f"out={folder}", f"seed={seed}"]
             heading(f"sealegs diagnose {' '.join(arguments)}")
             script.main(arguments)
         proposal = folder / "next_experiment.csv"
-        if not proposal.exists() or further == int(config["further"]):
+        if not proposal.exists() or further == config["further"]:
             break
         if not complete(out, f"further{further}"):
             load = read_sidecar(proposal).robot_params

@@ -1,0 +1,101 @@
+"""What a person asks for reaches every search, and what fails on the way is said."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import replace
+from pathlib import Path
+from types import SimpleNamespace
+from typing import Any
+
+import numpy as np
+import pytest
+from sealegs.actuators.errors import SealegsError
+from sealegs.gap.log.types import MeasuredSet
+from sealegs.gap.search.settings import DEFAULT
+from sealegs.gap.search.structure import Structure
+from sealegs.gap.shared import ROBOT
+from sealegs.gap.verdict import diagnosis as way
+from sealegs.gap.verdict import robot as shared
+from sealegs.gap.verdict.evidence import Refused
+from sealegs.gap.verdict.matter import Order
+from sealegs.gap.verdict.measure import Measured
+from sealegs.gap.verdict.refusal import refuse
+from sealegs.gap.verdict.robot import with_robot
+from sealegs.gap.verdict.verdict import Error, JointDiagnosis, NamedCause
+
+from testbed import hidden_hopper
+from tests.logged_robots import robot, two_link_run
+
+
+def not_diagnosed(runs: Any, joint: str, *more: Any) -> JointDiagnosis:
+    del runs, more
+    return refuse(joint, Refused(joint, "it is only a test", usable=True))
+
+
+def raising(error: Exception) -> Callable[..., Any]:
+    def fails(*given: Any) -> Any:
+        raise error
+
+    return fails
+
+
+def test_a_joint_search_that_fails_is_a_finding_and_leaves_its_traceback(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, caplog: pytest.LogCaptureFixture
+) -> None:
+    """It reached the progress line alone, and the report said nothing."""
+    data = MeasuredSet((two_link_run(tmp_path, 2.0),), "arm")
+    monkeypatch.setattr(way, "diagnose_joint", not_diagnosed)
+    monkeypatch.setattr(way, "with_robot", raising(np.linalg.LinAlgError("Singular matrix")))
+    found = way.diagnose(data)
+    assert [joint.joint for joint in found] == ["shoulder", "elbow"]
+    for joint in found:
+        (fault,) = (finding for finding in joint.findings if finding.code == "search.fault")
+        assert "Singular matrix" in fault.sentence
+    assert caplog.records[-1].exc_info is not None
+    monkeypatch.setattr(way, "with_robot", raising(SealegsError("correct the sidecar.")))
+    with pytest.raises(SealegsError, match="correct the sidecar"):  # which a person can mend
+        way.diagnose(data)
+
+
+def test_the_ground_is_sought_with_the_settings_that_were_asked_for(monkeypatch: pytest.MonkeyPatch) -> None:
+    asked: list[Any] = []
+
+    def sought(*given: Any) -> str:
+        asked.extend(given)
+        return "it is only a test."
+
+    monkeypatch.setattr(way, "diagnose_joint", not_diagnosed)
+    monkeypatch.setattr(way, "search_ground", sought)
+    settings = replace(DEFAULT, least_gain=0.5)
+    way.diagnose(hidden_hopper({}, 21, runs=1, duration=1.5)[0], settings=settings, look_on=True)
+    assert settings in asked and True in asked
+
+
+def test_what_joints_share_has_rivals_and_rounds(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Its rivals were dropped, and its report had no rounds."""
+    run = two_link_run(tmp_path, 2.0)
+    cause = NamedCause("load.mass", "Heavier.", ROBOT, 0.9, 0.95, {}, 0.5, "number", rivals=("load.inertia",))
+    errors = {name: Error(rmse, rmse) for name, rmse in (("nominal", 0.02), ("extended", 6e-4), ("noise_floor", 6e-4))}
+    errors["refitted"] = errors["nominal"]
+    measured = Measured(
+        errors, errors["nominal"], {}, {}, 0.0, 0.0, Structure(0.0, 0.0), (cause,), 0.1
+    )  # fmt: skip
+    search = SimpleNamespace(accepted=[cause], rounds=())
+    problem = SimpleNamespace(units=(), signal=("position", "rad"))
+    asked: list[Any] = []
+
+    def sought(*given: Any) -> Any:
+        asked.extend(given)
+        return SimpleNamespace(
+            search=search, problem=problem, rows={}, widespread=lambda: True, more=lambda joint, values: None
+        )
+
+    monkeypatch.setattr(shared, "affected", lambda named, noticed: True)
+    monkeypatch.setattr(shared, "search_shared", sought)
+    monkeypatch.setattr(shared, "measure", lambda *given: measured)
+    order = Order(search=replace(DEFAULT, least_gain=0.5), look_on=True)
+    *_, found = with_robot(robot(run), [run], [not_diagnosed([run], "elbow")], order, 4.0, raising(KeyError("none")))
+    assert found.joint == ROBOT and found.search is search
+    assert found.rivals == ({"of": "load.mass", "names": ["load.mass", "load.inertia"], "confidence": 0.95},)
+    assert order.search in asked and True in asked
