@@ -143,7 +143,7 @@ def test_the_loop_is_for_one_servo(capsys: pytest.CaptureFixture[str], tmp_path:
         ("loads=3", "loads=3 must be a list of numbers of the robot"),
         ("loads=[{mas:0.3}]", "has no parameter 'mas'"),
         ("excitations=chirp", "excitations=chirp must be a list of names"),
-        ("excitations=[chrip]", "there is no excitation 'chrip'; did you mean 'chirp'?"),
+        ("excitations=[chrip]", "there is no excitation 'chrip' (did you mean 'chirp'?)"),
         ("excitations=[]", "nothing would be measured"),
         ("further=two", "further takes a whole number"),
         ("reach=-1", "reach must be more than 0"),

@@ -6,6 +6,7 @@
 
 from __future__ import annotations
 
+import functools
 import hashlib
 import json
 import shutil
@@ -15,6 +16,7 @@ from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
 
+from ... import actuators, envs
 from ...actuators.atomic import write_text
 from ...actuators.errors import SealegsError
 from ..log.progress import Milestone, Progress
@@ -42,8 +44,16 @@ class Partial:
             LogError: what is there is of other data or other settings.
         """
         self.folder, self._begun = out / FOLDER, time.monotonic()
-        self._document: dict[str, Any] = {"source": plain(dict(source)), "seconds": 0.0, "said": [], "joints": {}}
+        code = code_digest()
+        self._document: dict[str, Any] = {
+            "source": plain(dict(source)), "code": code, "seconds": 0.0, "said": [], "joints": {}
+        }  # fmt: skip
         if (before := _read(self.folder)) is not None:
+            if before.get("code") != code:
+                raise LogError(
+                    f"{out} holds an unfinished diagnosis that another version of sealegs began, which this one does "
+                    "not go on with and does not overwrite; give another out=<folder>."
+                )
             if before["source"] != self._document["source"]:
                 raise LogError(
                     f"{out} holds an unfinished diagnosis of other logs or settings, which is not overwritten; give "
@@ -136,10 +146,21 @@ def source_in_memory(data: MeasuredSet, settings: Mapping[str, Any]) -> dict[str
     return {"settings": json.loads(json.dumps(dict(settings))), "files": sums}
 
 
+@functools.cache
+def code_digest() -> str:
+    """A digest of the modules that a fit depends on: fits of other code are not gone on with."""
+    digest, top = hashlib.sha256(), Path(__file__).resolve().parents[1]
+    for package in (top, Path(actuators.__file__).resolve().parent, Path(envs.__file__).resolve().parent):
+        for path in sorted(package.rglob("*.py")):
+            digest.update(path.relative_to(package).as_posix().encode() + path.read_bytes())
+    return digest.hexdigest()[:16]
+
+
 def unfinished(folders: Iterator[Path], source: Mapping[str, Any]) -> Path | None:
-    """The newest of some output folders that holds an unfinished diagnosis of the same data and settings."""
+    """The newest of some output folders that holds an unfinished diagnosis of the same data, settings and code."""
     for out in sorted(folders, reverse=True):
-        if (before := _read(out / FOLDER)) is not None and before["source"] == plain(dict(source)):
+        before = _read(out / FOLDER)
+        if before is not None and (before["source"], before.get("code")) == (plain(dict(source)), code_digest()):
             return out
     return None
 

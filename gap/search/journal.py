@@ -2,7 +2,8 @@
 
 A diagnosis is deterministic: begun again with the same data it asks for the same fits in the same order. Each fit is a
 line of the journal; a fit that is there already is read instead of made. One that differs in anything (start, bounds,
-data) is not found and made anew, so that a journal can slow nothing down and change no result.
+data, step) is not found and made anew, so that a journal can slow nothing down and change no result. Fits of other code
+are not read: :mod:`sealegs.gap.output.partial` sees to that.
 """
 
 from __future__ import annotations
@@ -14,13 +15,15 @@ import os
 from collections import Counter
 from collections.abc import Iterator, Mapping, Sequence
 from contextvars import ContextVar
+from dataclasses import fields, is_dataclass
 from pathlib import Path
 from typing import Any, TextIO
+from weakref import WeakKeyDictionary
+
+import numpy as np
 
 from ..replay.parameters import Parameter
 from ..replay.problem import Problem
-
-ENDS = 64  # samples at either end of a problem that stand for its data
 
 
 class Journal:
@@ -127,10 +130,41 @@ def recorded(
 
 def _question(problem: Problem, parameters: Sequence[Parameter], start: Mapping[str, float], evaluations: int) -> str:
     """What tells one fit from another, as a hash."""
-    digest = hashlib.sha256()
-    said = [[repr(parameter) for parameter in parameters], sorted(start.items()), evaluations, len(problem.time)]
+    digest = hashlib.sha256(_digest(problem))
+    said = [[repr(parameter) for parameter in parameters], sorted(start.items()), evaluations]
     digest.update(json.dumps(said).encode())
-    digest.update(repr(problem.models).encode())  # the same log can be given other chains
-    for array in (problem.measured, problem.weight, problem.time):
-        digest.update(array[:ENDS].tobytes() + array[-ENDS:].tobytes())
     return digest.hexdigest()[:32]
+
+
+_DIGESTS: WeakKeyDictionary[Problem, bytes] = WeakKeyDictionary()
+
+
+def _digest(problem: Problem) -> bytes:
+    """Hash of all that a problem is made of: data, commands, models, weights and step."""
+    if problem not in _DIGESTS:
+        digest = hashlib.sha256()
+        _feed(digest, problem)
+        _DIGESTS[problem] = digest.digest()
+    return _DIGESTS[problem]
+
+
+def _feed(digest: Any, value: Any) -> None:
+    """Add a value to a hash: arrays by their bytes, dataclasses and collections by their parts."""
+    if isinstance(value, np.ndarray):
+        digest.update(f"{value.dtype}{value.shape}".encode() + np.ascontiguousarray(value).tobytes())
+    elif is_dataclass(value) and not isinstance(value, type):
+        digest.update(type(value).__name__.encode())
+        for item in fields(value):
+            _feed(digest, getattr(value, item.name))
+    elif isinstance(value, Mapping):
+        for key, item in value.items():
+            _feed(digest, key)
+            _feed(digest, item)
+    elif isinstance(value, Sequence) and not isinstance(value, str | bytes):
+        digest.update(f"{len(value)}[".encode())
+        for item in value:
+            _feed(digest, item)
+    elif type(value).__repr__ is object.__repr__:  # which tells where it lies in memory
+        _feed(digest, value.__reduce__()[1])
+    else:
+        digest.update(f"{value!r};".encode())
