@@ -36,7 +36,7 @@ def numbers(machine: LoggedRobot) -> dict[str, tuple[Direction, float]]:
     carried = payload(machine, "elbow")
     assert carried is not None
     every = [(carried, 0.1), *((d, 1.3) for d in masses(machine)), (tilt(machine)[1], 0.03)]
-    every += [(group[1], 0.003) for group in centres(machine)]
+    every += [(group[1], 0.003) for _, group in centres(machine)]
     return {direction.number: (direction, size) for direction, size in every}
 
 

@@ -3,11 +3,14 @@
 from __future__ import annotations
 
 import re
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 import pytest
+from sealegs.envs.extended import Extended
 from sealegs.gap.experiment import Experiment
+from sealegs.gap.output.extension import write_extended
 from sealegs.gap.output.numbers import number, percent, rounded, sureness
 from sealegs.gap.output.terminal import screen
 from sealegs.gap.verdict.verdict import (
@@ -75,6 +78,23 @@ def test_without_a_cause_the_reasons_are_told() -> None:
         reasons=(Reason("agrees", "The noise is 0.62 mrad."),),
     )  # fmt: skip
     assert any("The noise is 0.62 mrad." in line for line in screen([bare], {}))
+
+
+@pytest.mark.parametrize(
+    ("robot", "task"), [("bench", " env=bench"), ("/a/my_arm.yaml", " env=track robot=/a/my_arm.yaml"), ("arm", "")]
+)
+def test_where_no_experiment_is_proposed_the_screen_says_what_to_type_next(
+    robot: str, task: str, tmp_path: Path
+) -> None:
+    """An explained gap ended in a list of files."""
+    extended = tmp_path / "out" / "extended-robot.yaml"
+    extended.parent.mkdir()
+    write_extended(Extended(robot, {}, {}), extended.parent)
+    explained = replace(FOUND, verdict=EXPLAINED, experiment=None)
+    lines = screen([explained], {"extended": extended}, 60)
+    assert f"  sealegs train{task} extended={extended.parent}" in lines
+    assert not any("sealegs train" in line for line in screen([FOUND], {"extended": extended}, 60))
+    assert not any("sealegs train" in line for line in screen([explained], {}, 60)), "there is nothing to train on"
 
 
 def test_numbers_are_rounded_by_their_interval() -> None:

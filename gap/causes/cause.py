@@ -104,6 +104,7 @@ class Cause:
         refuted_by: what in a log shows that it is not there.
         degenerates_to: the cause that it cannot be told from in poorer data.
         name: as in ``diagnosis.json``.
+        about: body of a robot that it is of, where several causes of a search have one name.
         seen: whether it was read off the log, so that every round tries it.
         signature: key of the features that it must bring to where they were measured before it is certain
             (:mod:`sealegs.gap.verdict.signatures`); empty where none is known.
@@ -117,8 +118,14 @@ class Cause:
     refuted_by: Ceiling | None = None
     degenerates_to: Limit | None = None
     name: str = ""
+    about: str = ""
     seen: bool = False
     signature: str = ""
+
+    @property
+    def key(self) -> str:
+        """What tells it from the other causes of a search: the name, with the body where it is of one."""
+        return f"{self.name} ({self.about})" if self.about else self.name
 
     @property
     def periodic(self) -> bool:

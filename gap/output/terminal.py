@@ -6,6 +6,9 @@ import textwrap
 from collections.abc import Iterable, Mapping, Sequence
 from pathlib import Path
 
+from ...envs.extended import read_extended
+from ...envs.robot_file import is_robot_file
+from ...envs.robots import ROBOTS
 from ..verdict.verdict import JointDiagnosis, NamedCause, Value
 from .numbers import GLUE, glued, number, percent, rounded, sureness, unit_of
 
@@ -25,10 +28,25 @@ def screen(diagnoses: Sequence[JointDiagnosis], written: Mapping[str, Path], wid
     lines: list[str] = []
     for diagnosis in diagnoses:
         lines += ["", *_joint(diagnosis, width)]
+    if (command := next_command(diagnoses, written)) is not None:
+        lines += ["", "Next", *_wrapped("No further experiment is proposed. Train on the machine as found:", width, 2)]
+        lines.append(f"  {command}")  # to be copied, so never broken
     lines.append("")
     longest = max((len(name) for name in written), default=0)
     lines += [f"  {name:{longest}s}  {path}" for name, path in written.items()]  # a path is one word, whatever it takes
     return lines
+
+
+def next_command(diagnoses: Sequence[JointDiagnosis], written: Mapping[str, Path]) -> str | None:
+    """What to type where no experiment is proposed; None where one is, or where there is no model that was found."""
+    proposed = any(diagnosis.experiment is not None for diagnosis in diagnoses)
+    found = any(diagnosis.causes or diagnosis.model == "refitted" for diagnosis in diagnoses)
+    if proposed or not found or "extended" not in written:
+        return None
+    folder = written["extended"].parent
+    robot = read_extended(folder).robot
+    task = f" env=track robot={robot}" if is_robot_file(robot) else f" env={robot}" if robot in ROBOTS else ""
+    return f"sealegs train{task} extended={folder}"
 
 
 def _joint(diagnosis: JointDiagnosis, width: int) -> Iterable[str]:

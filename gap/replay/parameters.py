@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterable, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from enum import Enum
 from functools import cache
 from typing import Protocol
@@ -29,6 +29,8 @@ OWNERS = {"load": Target.LOAD, "host": Target.HOST, "gear_ratio": Target.GEAR, "
 """Targets by the first word of a path; any other word is the name of a stage."""
 FACTOR = "*"
 """Last character of a path whose value is a factor on the nominal value."""
+BAR = "|"
+"""Between the joint of a robot and the path of a number of that joint."""
 
 
 @dataclass(frozen=True)
@@ -40,17 +42,25 @@ class Address:
         owner: name of the stage; of any other target its word in paths.
         key: the number's name there.
         factor: whether the value is a factor on the nominal value.
+        joint: of a robot, whose number it is; empty where the joint is understood.
     """
 
     target: Target
     owner: str
     key: str
     factor: bool = False
+    joint: str = ""
 
     @property
     def number(self) -> str:
-        """``owner.key``: the number itself, whether given as a value or as a factor."""
-        return f"{self.owner}.{self.key}"
+        """``owner.key``, behind its joint where it has one: the number itself, whether given as a value or a factor."""
+        own = f"{self.owner}.{self.key}"
+        return f"{self.joint}{BAR}{own}" if self.joint else own
+
+    @property
+    def own(self) -> str:
+        """The path as the joint itself has it."""
+        return f"{self.owner}.{self.key}{FACTOR * self.factor}"
 
 
 @cache
@@ -59,8 +69,9 @@ def address(path: str) -> Address:
 
     This is the only place that takes a path apart.
     """
-    owner, _, key = path.removesuffix(FACTOR).partition(".")
-    return Address(OWNERS.get(owner, Target.STAGE), owner, key, path.endswith(FACTOR))
+    joint, _, own = path.rpartition(BAR)
+    owner, _, key = own.removesuffix(FACTOR).partition(".")
+    return Address(OWNERS.get(owner, Target.STAGE), owner, key, own.endswith(FACTOR), joint)
 
 
 def numbers(paths: Iterable[str]) -> dict[str, str]:
@@ -123,6 +134,15 @@ class Parameter:
     def path(self) -> str:
         """Key of its value among those of a fit: the number, with :data:`FACTOR` behind it where it is a factor."""
         return f"{self.number}{FACTOR}" if self.factor else self.number
+
+    @property
+    def joint(self) -> str:
+        """Joint of a robot whose number it is; empty where the joint is understood."""
+        return address(self.number).joint
+
+    def of_joint(self, joint: str) -> Parameter:
+        """The same parameter among those of a robot."""
+        return replace(self, number=f"{joint}{BAR}{self.number}")
 
     @property
     def target(self) -> Target:

@@ -15,6 +15,9 @@ from .joint_model import JointModel
 CALIBRATION = 0.01
 """Relative error that columns and simulation share in all data of a joint: assumed."""
 
+NOISE_FLOORS = "noise floors"
+"""Unit of errors of joints whose own units differ: each in parts of its joint's noise."""
+
 
 class Nominal(Protocol):
     """A model whose numbers are believed, and that a fit changes."""

@@ -132,18 +132,18 @@ class Searcher:
         winner = candidates[0]
         accepted.append(winner)
         found.current = self.of(winner)
-        self.progress(Milestone(f"found {winner.cause.name} (removes {100 * winner.gain:.0f} % of what was left)"))
+        self.progress(Milestone(f"found {winner.cause.key} (removes {100 * winner.gain:.0f} % of what was left)"))
         trials: list[Replacement] = []
         while len(accepted) > 1:
             trial, alone = self.replacement(accepted, rounds)
             trials.append(trial)
             if alone is None:
                 break
-            self.progress(f"which leaves nothing to explain for {accepted[-2].cause.name}")
-            self.replaced.add(accepted[-2].cause.name)
+            self.progress(f"which leaves nothing to explain for {accepted[-2].cause.key}")
+            self.replaced.add(accepted[-2].cause.key)
             accepted[-2:], rounds[-2:] = [alone.candidates[0]], [alone]
             found.current = self.of(alone.candidates[0])
-        steps[-1] = Step(record, winner.cause.name, tuple(trials))
+        steps[-1] = Step(record, winner.cause.key, tuple(trials))
         return True
 
     # --- fits and their judgement ----------------------------------------------------------------------------------
@@ -189,7 +189,7 @@ class Searcher:
         # another cause may have taken the number over
         a, b = (float(first.to_fit(found.values.get(first.path, neutral)) - none) for found in judged.fits)
         evidence = Evidence(
-            name=cause.name,
+            name=cause.key,
             number=cause.error,
             parameters=len(variant),
             usual=cause.is_usual(variant),
@@ -223,26 +223,26 @@ class Searcher:
             left: its loss per value beyond that of the noise.
         """
         settings = self.settings
-        taken = {candidate.cause.name for candidate in accepted} | self.replaced
+        taken = {candidate.cause.key for candidate in accepted} | self.replaced
         extended = merge(self.tuned, *(candidate.variant for candidate in accepted))
         here = middle(*current.fits)
-        screened = screen(self.both, [c for c in self.shown if c.name not in taken], extended, here, settings)
+        screened = screen(self.both, [c for c in self.shown if c.key not in taken], extended, here, settings)
         if not self.look_on and not decide.promising(left, screened.promise, settings):
             return [], screened.promise
         chosen = self.with_usual_forms(screened.chosen, taken, blind=left > settings.far)
-        self.progress(f"trying {', '.join(dict.fromkeys(cause.name for cause, _ in chosen))}")
+        self.progress(f"trying {', '.join(dict.fromkeys(cause.key for cause, _ in chosen))}")
         rough = self._rough_fits(chosen, extended, here)
-        order = list(dict.fromkeys(cause.name for _, cause, _ in rough))
-        near = {cause.name for found, cause, _ in rough if found.cost < settings.finalist_cost * rough[0][0].cost}
+        order = list(dict.fromkeys(cause.key for _, cause, _ in rough))
+        near = {cause.key for found, cause, _ in rough if found.cost < settings.finalist_cost * rough[0][0].cost}
         finalists = [n for k, n in enumerate(order[: settings.finalists]) if k < settings.sure_finalists or n in near]
-        finalists += [cause.name for cause in self.shown if cause.seen and cause.name not in (*finalists, *taken)]
+        finalists += [cause.key for cause in self.shown if cause.seen and cause.key not in (*finalists, *taken)]
         found: list[Candidate] = []
         best: dict[str, float] = {}
         for start, cause, variant in rough:
             cost = self._charged(start, cause, variant)
             # a rough fit may have left the usual form far from its optimum
-            outrun = cost > settings.outrun_cost * best.setdefault(cause.name, cost) and variant != cause.variants[0]
-            if cause.name in finalists and not outrun:
+            outrun = cost > settings.outrun_cost * best.setdefault(cause.key, cost) and variant != cause.variants[0]
+            if cause.key in finalists and not outrun:
                 fits = self.fit_both(merge(extended, variant), start.values)
                 found.append(self.candidate(cause, variant, self.judged(fits)))
         return self.simplest(found, extended, taken), screened.promise
@@ -255,7 +255,7 @@ class Searcher:
         """
         kept = [candidate for candidate in found if not self.at_edge(candidate)]
         best = min(found, key=lambda c: float(c.blocks.sum()), default=None)
-        tried = {candidate.cause.name: candidate for candidate in found}
+        tried = {candidate.cause.key: candidate for candidate in found}
         for candidate in found:
             limit, edge = candidate.cause.degenerates_to, self.at_edge(candidate)
             if limit is None or not (edge or candidate is best or at_bound(candidate)):
@@ -263,12 +263,12 @@ class Searcher:
             other = next((cause for cause in self.shown if cause.name == limit.cause), None)
             if other is None:  # what it is there is not to be considered
                 kept += [candidate] * edge
-            elif other.name not in taken:
-                if other.name not in tried:
+            elif other.key not in taken:
+                if other.key not in tried:
                     fits = self.fit_both(merge(extended, other.variants[0]), middle(*candidate.fits))
-                    tried[other.name] = self.candidate(other, other.variants[0], self.judged(fits))
-                    kept.append(tried[other.name])
-                simple = float(tried[other.name].blocks.sum())
+                    tried[other.key] = self.candidate(other, other.variants[0], self.judged(fits))
+                    kept.append(tried[other.key])
+                simple = float(tried[other.key].blocks.sum())
                 as_good = simple < (1.0 + self.settings.shared_error) * float(candidate.blocks.sum())
                 if as_good and not edge and at_bound(candidate):
                     kept.remove(candidate)
@@ -300,11 +300,11 @@ class Searcher:
         for cause in dict.fromkeys(cause for cause, _ in chosen):
             if not any(variant == cause.variants[0] for other, variant in chosen if other is cause):
                 every.append((cause, cause.variants[0]))
-        known = taken | {cause.name for cause, _ in chosen}
-        every += [(cause, cause.variants[0]) for cause in self.shown if cause.seen and cause.name not in known]
+        known = taken | {cause.key for cause, _ in chosen}
+        every += [(cause, cause.variants[0]) for cause in self.shown if cause.seen and cause.key not in known]
         for cause in self.shown:
             wrong = cause.error and cause.variants[0][0].number in self.numbers
-            if (wrong or (blind and not cause.seen)) and cause.name not in known:
+            if (wrong or (blind and not cause.seen)) and cause.key not in known:
                 every.append((cause, cause.variants[0]))
         return every
 
@@ -367,7 +367,7 @@ class Searcher:
         again = RoundRecord(self.counts, alone.blocks, alone.sampled, left, left, NEVER, (added.evidence,))
         step = rounds[-2]
         fitted = [self.candidate(last.cause, last.variant, alone)]
-        fitted += [candidate for candidate in step.candidates if candidate.cause.name != last.cause.name]
+        fitted += [candidate for candidate in step.candidates if candidate.cause.key != last.cause.key]
         evidence = tuple(candidate.evidence for candidate in fitted)
         instead = RoundRecord(self.counts, step.before, NEVER, step.excess, step.excess, NEVER, evidence)
         happened = decide.stands_in(Replacement(again, instead, False), self.settings, self.seed)

@@ -88,13 +88,13 @@ class Search:
     fault: str = ""
 
     def parameters(self, without: str | None = None) -> list[Parameter]:
-        """All parameters of the extended model, or of the one that lacks a cause."""
-        groups: list[Sequence[Parameter]] = [c.variant for c in self.accepted if c.cause.name != without]
+        """All parameters of the extended model, or of the one that lacks a cause, given by its key."""
+        groups: list[Sequence[Parameter]] = [c.variant for c in self.accepted if c.cause.key != without]
         return merge(self.tuned, *groups)
 
-    def less(self, names: Collection[str]) -> Search:
+    def less(self, keys: Collection[str]) -> Search:
         """The search without some of the causes that it accepted; its record stays."""
         rounds = [r for r in self.rounds if r.accepted]
-        kept = [(c, r) for c, r in zip(self.accepted, rounds, strict=True) if c.cause.name not in names]
+        kept = [(c, r) for c, r in zip(self.accepted, rounds, strict=True) if c.cause.key not in keys]
         others = [r for r in self.rounds if not r.accepted]
         return replace(self, accepted=tuple(c for c, _ in kept), rounds=(*(r for _, r in kept), *others))

@@ -81,7 +81,7 @@ def _shortlist(
     chosen: list[tuple[Cause, Variant]] = []
     per_cause: dict[str, int] = {}
     for k in order:
-        name = variants[k][0].name
+        name = variants[k][0].key
         taken = per_cause.get(name, 0)
         if taken >= settings.screened_variants or (not taken and len(per_cause) >= settings.screened):
             continue

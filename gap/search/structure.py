@@ -13,7 +13,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from ..replay.problem import Problem
+from ..replay.problem import NOISE_FLOORS, Problem
 from .correlated import reading_error, shared
 from .settings import threshold
 from .where import where
@@ -88,13 +88,16 @@ def listed(names: Sequence[str]) -> str:
 
 
 def fine(value: float, unit: str, digits: int = 1) -> str:
-    """A small value for people: thousandths of its unit, parts per thousand of a number without one."""
-    return f"{1e3 * value:.{digits}f} {thousandth(unit)}"
+    """A small value for people, in the words of :func:`told_in`."""
+    factor, words = told_in(unit)
+    return f"{factor * value:.{digits}f} {words}"
 
 
-def thousandth(unit: str) -> str:
-    """``mrad`` of ``rad``, ``per mille`` of a number without unit."""
-    return "per mille" if unit == "1" else f"m{unit}"
+def told_in(unit: str) -> tuple[float, str]:
+    """Factor and unit for people: ``mrad`` for ``rad``, ``per mille`` for a number without unit, noise floors as is."""
+    if unit == NOISE_FLOORS:
+        return 1.0, unit
+    return 1e3, "per mille" if unit == "1" else f"m{unit}"
 
 
 def structure(problem: Problem, simulated: np.ndarray, seed: int = 0) -> Structure:

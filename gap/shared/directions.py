@@ -100,11 +100,11 @@ def masses(robot: LoggedRobot) -> Iterator[Direction]:
         yield Direction(parameter, 1.0, change)
 
 
-def centres(robot: LoggedRobot) -> Iterator[tuple[Direction, ...]]:
-    """The centre of mass of each such body, along the axes of its frame."""
+def centres(robot: LoggedRobot) -> Iterator[tuple[str, tuple[Direction, ...]]]:
+    """The centre of mass of each such body, along the axes of its frame, by its name."""
     for body in _heavy(robot.model):
         name = robot.model.body(body).name
-        yield tuple(_centre(robot.model, body, axis, f"body.{name}.centre_{'xyz'[axis]}") for axis in range(3))
+        yield name, tuple(_centre(robot.model, body, axis, f"body.{name}.centre_{'xyz'[axis]}") for axis in range(3))
 
 
 def _centre(model: mujoco.MjModel, body: int, axis: int, number: str) -> Direction:

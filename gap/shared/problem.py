@@ -1,7 +1,7 @@
 """All joints of a robot as one problem: each replayed by itself, with loads that numbers of the whole robot change.
 
-Paths of a joint's own parameters begin with its name and a bar: ``elbow|friction.coulomb*``. What joints share has
-paths of the robot: ``body.forearm.mass_factor``.
+Paths of a joint's own parameters begin with its name: ``elbow|friction.coulomb*``. What joints share has paths of the
+robot: ``body.forearm.mass_factor``.
 """
 
 from __future__ import annotations
@@ -16,19 +16,12 @@ import numpy as np
 from ..log.parts import Unit
 from ..log.types import Array
 from ..replay.free import FreeProblem
-from ..replay.parameters import Parameter
-from ..replay.problem import CALIBRATION
+from ..replay.parameters import address
+from ..replay.problem import CALIBRATION, NOISE_FLOORS
 from ..replay.robust import robust_loss
 from ..replay.selection import select
 from ..replay.terms import T_OWN, T_SIZE
 from ..search.correlated import excess
-
-BAR = "|"
-
-
-def of_joint(joint: str, parameter: Parameter) -> Parameter:
-    """A parameter of a joint as one of the robot."""
-    return replace(parameter, number=f"{joint}{BAR}{parameter.number}")
 
 
 @dataclass(frozen=True, eq=False)
@@ -47,13 +40,13 @@ class RobotModel:
 
     def value(self, path: str) -> float:
         """A number by path."""
-        joint, bar, own = path.partition(BAR)
-        return self.joints[joint].models[0].value(own) if bar else self.neutral[path]
+        at = address(path)
+        return self.joints[at.joint].models[0].value(at.own) if at.joint else self.neutral[path]
 
     def unit(self, path: str) -> str:
         """Its unit."""
-        joint, bar, own = path.partition(BAR)
-        return self.joints[joint].models[0].unit(own) if bar else self.units[path]
+        at = address(path)
+        return self.joints[at.joint].models[0].unit(at.own) if at.joint else self.units[path]
 
     def __repr__(self) -> str:
         return f"RobotModel({ {name: problem.models for name, problem in self.joints.items()} })"
@@ -143,8 +136,8 @@ class RobotProblem:
 
     @property
     def weight(self) -> np.ndarray:
-        """One over the noise of the position (4,), the mean of the joints."""
-        return np.array([np.mean([problem.weight[0] for problem in self.joints.values()]), 0.0, 0.0, 0.0])
+        """One over the noise of the position (4,)."""
+        return np.array([1.0 / self.noise, 0.0, 0.0, 0.0])
 
     @property
     def step(self) -> float:
@@ -168,13 +161,22 @@ class RobotProblem:
 
     @property
     def signal(self) -> tuple[str, str]:
-        """The position, and its unit."""
-        return next(iter(self.joints.values())).signal
+        """The position, and the unit of all joints; noise floors where hinges and slides have units of their own."""
+        units = {problem.signal[1] for problem in self.joints.values()}
+        return "position", units.pop() if len(units) == 1 else NOISE_FLOORS
+
+    @property
+    def _scales(self) -> dict[str, float]:
+        """By joint what its position is multiplied by to be in the unit of the signal."""
+        mixed = self.signal[1] == NOISE_FLOORS
+        return {name: float(problem.weight[0]) if mixed else 1.0 for name, problem in self.joints.items()}
 
     @property
     def noise(self) -> float:
-        """Noise floor of the position."""
-        return 1.0 / float(self.weight[0])
+        """Noise floor of the position: root of the mean square over the judged samples of all joints."""
+        floors = [scale * self.joints[name].noise for name, scale in self._scales.items()]
+        counts = [int(problem.judged.sum()) for problem in self.joints.values()]
+        return float(np.sqrt(np.average(np.square(floors), weights=counts)))
 
     @property
     def temperature_range(self) -> float:
@@ -200,7 +202,7 @@ class RobotProblem:
         for name, problem in self.joints.items():
             asked: dict[tuple, dict[tuple, tuple[dict[str, float], list[int]]]] = {}
             for k, values in enumerate(variants):
-                own = {path.partition(BAR)[2]: x for path, x in values.items() if path.startswith(f"{name}{BAR}")}
+                own = {at.own: x for at, x in ((address(path), x) for path, x in values.items()) if at.joint == name}
                 shared = tuple((path, x) for path, x in values.items() if name in self.rows.get(path, {}))
                 alike = asked.setdefault(shared, {}).setdefault(tuple(own.items()), (own, []))
                 alike[1].append(k)
@@ -253,8 +255,13 @@ class RobotProblem:
         return np.bincount(numbers, robust_loss(self.residual(simulated[None])[0]), len(sizes))
 
     def position_error(self, simulated: np.ndarray) -> np.ndarray:
-        """Errors of the positions of one variant (n, 4) at the judged samples."""
-        return (simulated[:, 0] - self.measured[:, 0])[self.judged]
+        """Errors of the positions of one variant (n, 4) at the judged samples, in the unit of the signal."""
+        return np.concatenate(
+            [
+                scale * self.joints[name].position_error(simulated[self._slices[name]])
+                for name, scale in self._scales.items()
+            ]
+        )
 
     def covariates(self, simulated: np.ndarray) -> dict[str, np.ndarray]:
         """None: no signal is that of all joints."""

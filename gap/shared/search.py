@@ -24,7 +24,7 @@ from ..search.forward import Searcher
 from ..search.result import Search
 from ..search.settings import DEFAULT, SearchSettings
 from .directions import Direction, about_joints, centres, masses, payload, rows_of, tilt
-from .problem import RobotModel, RobotProblem, of_joint
+from .problem import RobotModel, RobotProblem
 
 ROBOT = "robot"
 """What stands in the place of a joint's name for what joints share."""
@@ -114,24 +114,24 @@ def search_shared(
     if len(problems) < FEWEST:
         return None
     progress("looking for what joints share")
-    every = [(name, group) for name, group in _groups(robot, problems) if causes is None or name in causes]
+    every = [group for group in _groups(robot, problems) if causes is None or group.name in causes]
     rows: dict[str, dict[str, Sequence[Array]]] = {}
-    for direction in {d.number: d for _, group in every for d in group}.values():
+    for direction in {d.number: d for group in every for d in group.directions}.values():
         for joint in problems:
             found = rows_of(direction, robot, joint, runs)
             if found is not None:
                 rows.setdefault(direction.number, {})[joint] = found
     # what only one joint feels is that joint's own
-    wide = [(name, group) for name, group in every if any(len(rows.get(d.number, {})) >= FEWEST for d in group)]
+    wide = [group for group in every if any(len(rows.get(d.number, {})) >= FEWEST for d in group.directions)]
     if not wide:
         return None
-    directions = [d for _, group in wide for d in group]
+    directions = [d for group in wide for d in group.directions]
     model = RobotModel(
         problems, {d.number: d.neutral for d in directions}, {d.number: d.parameter.unit for d in directions}
     )
     tables = {number: {j: laid(found, problems[j]) for j, found in each.items()} for number, each in rows.items()}
     problem = RobotProblem(dict(problems), tables, (model,))
-    tuned = tuple(of_joint(joint, p) for joint, search in searches.items() for p in _own(search))
+    tuned = tuple(p.of_joint(joint) for joint, search in searches.items() for p in _own(search))
     search = Searcher(problem, _causes(wide), tuned, progress, seed, settings, look_on).run()
     return SharedFound(problem, search, tuned, rows)
 
@@ -147,15 +147,30 @@ def _own(search: Search) -> list[Parameter]:
     return merge(search.tuned, *kept)
 
 
-def _groups(robot: LoggedRobot, joints: Iterable[str]) -> list[tuple[str, tuple[Direction, ...]]]:
-    """Directions by the cause that they are of."""
+@dataclass(frozen=True)
+class Group:
+    """Directions that act together.
+
+    Attributes:
+        name: of the cause that they are of.
+        directions: of it; those of one cause are its variants.
+        about: body that tells the cause from others of its name.
+    """
+
+    name: str
+    directions: tuple[Direction, ...]
+    about: str = ""
+
+
+def _groups(robot: LoggedRobot, joints: Iterable[str]) -> list[Group]:
+    """Directions by the cause that they are of: one for all masses, the payload first; centres of mass body by body."""
     carried = [direction for joint in joints if (direction := payload(robot, joint)) is not None]
-    found = [("load.mass", (direction,)) for direction in {d.number: d for d in carried}.values()]
-    found += [("load.mass", (direction,)) for direction in masses(robot)]
-    found += [("load.centre_of_mass", group) for group in centres(robot)]
+    found = [Group("load.mass", (direction,)) for direction in {d.number: d for d in carried}.values()]
+    found += [Group("load.mass", (direction,)) for direction in masses(robot)]
+    found += [Group("load.centre_of_mass", group, body) for body, group in centres(robot)]
     if (about := about_joints(robot)) is not None:
-        found.append(("load.inertia", (about,)))
-    return [*found, ("load.tilt", tilt(robot))]
+        found.append(Group("load.inertia", (about,)))
+    return [*found, Group("load.tilt", tilt(robot))]
 
 
 SENTENCES = {
@@ -166,18 +181,13 @@ SENTENCES = {
 }
 
 
-def _causes(groups: Sequence[tuple[str, tuple[Direction, ...]]]) -> list[Cause]:
-    """Causes of the search: one for all masses, the payload first; centres of mass body by body."""
-    found: dict[str, list[tuple[Parameter, ...]]] = {}
-    for name, group in groups:
-        key = f"{name} ({group[0].number})" if name == "load.centre_of_mass" else name
-        found.setdefault(key, []).append(tuple(direction.parameter for direction in group))
+def _causes(groups: Sequence[Group]) -> list[Cause]:
+    """Causes of the search."""
+    found: dict[tuple[str, str], list[tuple[Parameter, ...]]] = {}
+    for group in groups:
+        variants = found.setdefault((group.name, group.about), [])
+        variants.append(tuple(direction.parameter for direction in group.directions))
     return [
-        Cause(sentence=SENTENCES[plain(name)], picture="", variants=tuple(variants), error=True, name=name)
-        for name, variants in found.items()
+        Cause(sentence=SENTENCES[name], picture="", variants=tuple(variants), error=True, name=name, about=about)
+        for (name, about), variants in found.items()
     ]
-
-
-def plain(name: str) -> str:
-    """The name of a cause without what tells it apart."""
-    return name.partition(" (")[0]

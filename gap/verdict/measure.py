@@ -13,7 +13,7 @@ from ..replay.problem import Nominal, Problem
 from ..replay.robust import robust_loss
 from ..search.fit import Fit, fit, middle
 from ..search.result import Search
-from ..search.structure import Structure, fine, structure, thousandth
+from ..search.structure import Structure, fine, structure, told_in
 from .decide import confidence, standing
 from .evidence import THRESHOLDS
 from .shares import owed
@@ -109,7 +109,7 @@ def measure(
         before = float(np.mean(problem.position_error(simulated["nominal"]) ** 2)) - white
         unexplained = max(left, min(rest.rms**2 / max(before, 1e-12), 1.0))
     features: dict[str, tuple[Signature, ...]] = {}
-    keys = {c.cause.name: c.cause.signature for c in sought.accepted if c.cause.signature}
+    keys = {c.cause.key: c.cause.signature for c in sought.accepted if c.cause.signature}
     if keys:
         without = problem.simulate([tuned.values])[0]
         features = {name: signatures(key, problem, without, simulated["extended"]) for name, key in keys.items()}
@@ -151,15 +151,16 @@ def _rise(errors: Mapping[str, Error], unit: str) -> str:
     after = errors["extended"].rmse
     other = "nominal" if after >= errors["nominal"].rmse else "tuned"
     than = "" if other == "nominal" else " of the tuned numbers alone"
-    first, last = (f"{1e3 * rmse:.3g}" for rmse in (errors[other].rmse, after))
+    factor, words = told_in(unit)
+    first, last = (f"{factor * rmse:.3g}" for rmse in (errors[other].rmse, after))
     if first == last:
-        return f"stays at {first} {thousandth(unit)}{than}"
-    return f"rises from {first}{than} to {last} {thousandth(unit)}"
+        return f"stays at {first} {words}{than}"
+    return f"rises from {first}{than} to {last} {words}"
 
 
 def _beaten(errors: Mapping[str, Error], unit: str) -> str:
     """``3.8 against 13.0 mrad``."""
-    return f"{1e3 * errors['refitted'].rmse:.3g} against {fine(errors['extended'].rmse, unit)}"
+    return f"{told_in(unit)[0] * errors['refitted'].rmse:.3g} against {fine(errors['extended'].rmse, unit)}"
 
 
 def whole_runs(problem: Problem) -> bool:
@@ -193,13 +194,15 @@ def _name_causes(
     named = []
     for candidate, share, without, chosen in zip(search.accepted, shares, debts.without, rounds, strict=True):
         removed = float((chosen.before.sum() - candidate.blocks.sum()) / search.counts.sum())
-        rivals = tuple(c.cause.name for c in chosen.candidates[1:] if c.best > search.settings.rival_win_rate)
+        close = [c.cause for c in chosen.candidates[1:] if c.best > search.settings.rival_win_rate]
+        # a rival of the same name is another body's
+        rivals = tuple(dict.fromkeys(c.key if c.name == candidate.cause.name else c.name for c in close))
         sure = confidence(min(candidate.best, candidate.better), removed, residual)
         sizes = [p for p in candidate.variant if p.is_size]
         sure *= min((measured(p, model.bounds[p.path]) for p in sizes), default=1.0)
         if any(p.path in model.fitted.at_bound for p in sizes):
             sure *= THRESHOLDS.at_bound
-        seen = features.get(candidate.cause.name, ())
+        seen = features.get(candidate.cause.key, ())
         contradicted = disagreeing(seen) is not None
         sure *= THRESHOLDS.contradicted if contradicted else 1.0
         named.append(

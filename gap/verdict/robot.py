@@ -13,7 +13,6 @@ from ..replay.free import FreeProblem
 from ..search.result import Search
 from ..search.windows import in_windows
 from ..shared import ROBOT, SharedFound, affected, search_shared
-from ..shared.search import plain
 from .decide import decide
 from .evidence import THRESHOLDS, Replayed
 from .matter import Order
@@ -112,16 +111,12 @@ def _beside(now: JointDiagnosis, before: JointDiagnosis) -> JointDiagnosis:
 
 def _of_robot(sought: SharedFound, measured: Measured, values: dict[str, float]) -> JointDiagnosis:
     """What is said of the robot."""
-    causes = tuple(
-        replace(cause, name=plain(cause.name), rivals=tuple(plain(rival) for rival in cause.rivals))
-        for cause in measured.causes
-    )
     verdict = decide(
         Replayed(
             ROBOT,
             measured.gap,
             measured.tuned,
-            causes,
+            measured.causes,
             measured.left,
             measured.structure,
             whole_runs(sought.problem),
@@ -136,9 +131,9 @@ def _of_robot(sought: SharedFound, measured: Measured, values: dict[str, float])
         signal=f"{ROBOT}.position",
         unit=sought.problem.signal[1],
         gap=measured.gap,
-        causes=causes,
+        causes=measured.causes,
         unexplained=measured.unexplained,
-        rivals=rivals_of(causes),
+        rivals=rivals_of(measured.causes),
         experiment=None,
         findings=(),
         values=values,

@@ -54,6 +54,6 @@ def owed(problem: Problem, search: Search) -> Owed:
         return float(np.concatenate([p.block_errors(p.simulate([f.values])[0]) for p, f in crossed]).sum())
 
     whole = float(final.blocks.sum())
-    without = tuple(loss(search.parameters(without=candidate.cause.name)) for candidate in search.accepted)
+    without = tuple(loss(search.parameters(without=candidate.cause.key)) for candidate in search.accepted)
     untuned = loss(merge(*(candidate.variant for candidate in search.accepted)))
     return Owed(tuple(max(value - whole, 0.0) for value in without), max(untuned - whole, 0.0), without)

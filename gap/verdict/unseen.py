@@ -68,7 +68,7 @@ def effective(fitting: Problem, search: Search, seed: int) -> Model:
             OpenCause(c.cause.name, WITHDRAWN, f"its size cannot be told from none ({_interval(c, bounds)})")
             for c in idle
         ]
-        search = search.less([c.cause.name for c in idle])
+        search = search.less([c.cause.key for c in idle])
 
 
 def _idle(candidate: Candidate, bounds: Mapping[str, tuple[float, float]], nominal: Nominal) -> bool:
@@ -115,8 +115,8 @@ def _squares(test: Problem, simulated: np.ndarray) -> np.ndarray:
 
 def outdone(search: Search, why: str) -> tuple[Search, tuple[OpenCause, ...]]:
     """The search without any cause, and the causes that it named as withdrawn."""
-    names = [c.cause.name for c in search.accepted]
-    return search.less(names), tuple(OpenCause(name, WITHDRAWN, why) for name in names)
+    names = dict.fromkeys(c.cause.name for c in search.accepted)
+    return search.less([c.cause.key for c in search.accepted]), tuple(OpenCause(n, WITHDRAWN, why) for n in names)
 
 
 def near_misses(search: Search, most: int = 3) -> tuple[OpenCause, ...]:
@@ -133,11 +133,12 @@ def near_misses(search: Search, most: int = 3) -> tuple[OpenCause, ...]:
         if not decide.is_near(lacks, standing, search.settings):
             continue
         evidence = record.candidates[standing.index]
-        first = next((p for c in search.causes if c.name == evidence.name for p in c.variants[0][:1]), None)
+        cause = next((c for c in search.causes if c.key == evidence.name), None)
+        first = None if cause is None else cause.variants[0][0]
         sizes = [v[first.path] for v in evidence.values if first is not None and first.path in v]
         told = f"{first.number} {sizes[0]:.3g} and {sizes[1]:.3g} in the two parts" if first and len(sizes) == 2 else ""
         sentence = f"{' and '.join(lack.sentence for lack in lacks)}{'; ' * bool(told)}{told}"
-        found.append(OpenCause(evidence.name, NEAR_MISS, sentence))
+        found.append(OpenCause(evidence.name if cause is None else cause.name, NEAR_MISS, sentence))
     return tuple(found[:most])
 
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 
-from ..search.structure import fine, listed
+from ..search.structure import fine, listed, told_in
 from .evidence import Replayed
 from .verdict import NamedCause
 
@@ -31,7 +31,8 @@ def fall(found: Replayed) -> str:
 
 def size(value: float, unit: str) -> str:
     """A size above zero, which rounding never makes zero."""
-    return fine(value, unit, next((digits for digits in range(1, 6) if round(1e3 * value, digits) > 0.0), 6))
+    told = told_in(unit)[0] * value
+    return fine(value, unit, next((digits for digits in range(1, 6) if round(told, digits) > 0.0), 6))
 
 
 def certainty(causes: Sequence[NamedCause]) -> str:
