@@ -17,7 +17,7 @@ from sealegs.gap.ground.ground import GROUND, search_ground
 from sealegs.gap.ground.leg_model import DEPTH, GROUND_MASS, IMMOBILE, LegModel
 from sealegs.gap.ground.leg_problem import LegProblem, leg_problem
 from sealegs.gap.ground.leg_replay import LegReplay
-from sealegs.gap.ground.stances import column_noise, columns, find_stances, touchdowns
+from sealegs.gap.ground.stances import COLUMNS, column_noise, columns, find_stances, touchdowns
 from sealegs.gap.log.parts import FIT_A, FIT_B, TEST
 from sealegs.gap.log.types import LogError, MeasuredSet
 from sealegs.gap.output.files import fresh_folder, write_diagnosis
@@ -115,6 +115,13 @@ def test_every_number_of_the_ground_that_a_fit_may_turn_has_value_and_unit() -> 
         assert np.isfinite(nominal.value(path))
         assert parameter.path.endswith("*") or nominal.unit(path) == parameter.unit
     assert nominal.unit("contact.friction") == "1"
+
+
+def test_causes_of_the_ground_say_themselves_how_large_and_in_which_column_they_show() -> None:
+    for cause in contact_causes(leg_of(recorded()[0])):
+        assert cause.against in COLUMNS
+        assert set(cause.plausible) <= {p.path for p in cause.variants[0]}
+        assert cause.plausible, cause.name
 
 
 @pytest.mark.parametrize("time", [0.002, 0.006])

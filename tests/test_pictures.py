@@ -11,6 +11,7 @@ from matplotlib import rcParams
 from matplotlib.image import imread
 from sealegs.gap.causes.catalogue import catalogue
 from sealegs.gap.output.pictures import CAUSES, draw_all, picture_of, pictures, png
+from sealegs.gap.output.pictures.drive import UNITS, response
 from sealegs.gap.output.pictures.evidence import Evidence
 from sealegs.gap.output.pictures.summary import budget_slices
 from sealegs.gap.output.pictures.timeline import timeline, worst_window
@@ -60,6 +61,13 @@ def test_the_catalogue_names_only_pictures_that_exist(found: JointDiagnosis) -> 
     assert found.problem is not None and found.problem.kind == "free"
     for cause in catalogue(found.problem.models[0]):
         assert picture_of(named(cause.name, cause.picture)) in CAUSES, cause.name
+        assert cause.against in UNITS, cause.name
+
+
+def test_an_error_is_drawn_against_what_its_cause_says_whatever_its_name(evidence: Evidence) -> None:
+    """A table of names said it, and a cause that was new to it was drawn against the speed."""
+    cause = replace(named("drive.new", "response"), against="acceleration")
+    assert response(evidence, cause).axes[1].get_xlabel().startswith("acceleration")
 
 
 @pytest.mark.parametrize("key", CAUSES)

@@ -81,7 +81,7 @@ def test_without_a_cause_the_reasons_are_told() -> None:
 
 
 @pytest.mark.parametrize(
-    ("robot", "task"), [("bench", " env=bench"), ("/a/my_arm.yaml", " env=track robot=/a/my_arm.yaml"), ("arm", "")]
+    ("robot", "task"), [("bench", " env=bench"), ("/a/my_arm.yaml", " env=track robot=/a/my_arm.yaml"), ("crane", "")]
 )
 def test_where_no_experiment_is_proposed_the_screen_says_what_to_type_next(
     robot: str, task: str, tmp_path: Path

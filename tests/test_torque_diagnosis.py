@@ -6,7 +6,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from sealegs.gap.checks.torque_balance import SYSTEMATIC, Shift
+from sealegs.gap.checks.torque_balance import SYSTEMATIC, WINDOW, Shift
 from sealegs.gap.log.types import JointLog, LogError, MeasuredRun, MeasuredSet
 from sealegs.gap.search.settings import DEFAULT
 from sealegs.gap.verdict.diagnosis import diagnose
@@ -146,6 +146,11 @@ def test_a_torque_out_of_step_is_found_with_an_interval_that_allows_for_the_meth
     assert value == pytest.approx(0.010, abs=SYSTEMATIC)
     assert low <= value - SYSTEMATIC and high >= value + SYSTEMATIC
     assert low <= 0.010 <= high
+
+
+def test_the_noise_floor_of_a_torque_log_is_that_of_its_samples_averaged() -> None:
+    floor = diagnose_torque(RUNS, "servo", ()).gap["noise_floor"].rmse
+    assert floor == pytest.approx(0.005 / np.sqrt(WINDOW / RUNS[0].period / 2.0), rel=0.15)
 
 
 def test_a_torque_log_needs_no_actuator() -> None:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 import numpy as np
 
@@ -106,6 +106,9 @@ class Cause:
         name: as in ``diagnosis.json``.
         about: body of a robot that it is of, where several causes of a search have one name.
         seen: whether it was read off the log, so that every round tries it.
+        against: what the error of the nominal model follows where it is there: a quantity of the picture ``response``,
+            or the column that shows a cause of the ground best.
+        plausible: size by path at which it ought to show, so that finding none of it means something.
         signature: key of the features that it must bring to where they were measured before it is certain
             (:mod:`sealegs.gap.verdict.signatures`); empty where none is known.
     """
@@ -121,6 +124,8 @@ class Cause:
     about: str = ""
     seen: bool = False
     signature: str = ""
+    against: str = "speed"
+    plausible: Mapping[str, float] = field(default_factory=dict, hash=False)
 
     @property
     def key(self) -> str:

@@ -29,6 +29,7 @@ def blocked(nominal: JointModel) -> Cause:
     return Cause(
         sentence="Something stops the link at an angle.",
         picture="response",
+        against="position",
         variants=tuple(variants),
         needs=Needs(free_link=True),
     )

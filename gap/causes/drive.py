@@ -18,6 +18,7 @@ def gain(nominal: JointModel) -> Cause:
     return Cause(
         sentence="The position loop is weaker or stronger than its setting says.",
         picture="response",
+        against="control error",
         variants=((factor(path, 0.1, 10.0),),),
         error=True,
     )
@@ -88,6 +89,7 @@ def offset(nominal: JointModel) -> Cause:
     return Cause(
         sentence="Commands arrive shifted by a constant.",
         picture="response",
+        against="control error",
         variants=((shift,),),
     )
 
@@ -125,6 +127,7 @@ def overload(nominal: JointModel) -> Cause:
     return Cause(
         sentence="The firmware limits the torque.",
         picture="response",
+        against="motor torque",
         variants=tuple((limit,) for limit in limits),
         degenerates_to=Limit("drive.saturation", "the torque is largest at one speed"),
     )
@@ -165,6 +168,7 @@ def motor_constant(nominal: JointModel) -> Cause:
         if motor
         else "The drive gives more or less torque than it is commanded.",
         picture="response",
+        against="motor torque",
         variants=((factor("dc_motor.motor_constant", 0.3, 3.0) if motor else PER_COMMAND,),),
         error=True,
     )

@@ -38,6 +38,7 @@ def inertia(nominal: JointModel) -> Cause:
     return Cause(
         sentence="The load has another inertia than its mass and length give.",
         picture="response",
+        against="acceleration",
         variants=((extra,),),
         error=True,
         needs=CLAIMED,

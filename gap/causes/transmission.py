@@ -57,6 +57,7 @@ def gear_ratio(nominal: JointModel) -> Cause:
     return Cause(
         sentence="The reduction differs: torque scales with it, reflected inertia with its square.",
         picture="response",
+        against="motor torque",
         variants=((ratio,),),
         error=True,
         degenerates_to=Limit("drive.motor_constant", "the joint accelerates little"),

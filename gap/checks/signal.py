@@ -69,24 +69,41 @@ def _local_fit(t: Array, x: Array, order: int) -> Array:
     return fit if order >= 2 else np.pad(fit, ((0, 0), (0, 2 - order)))
 
 
-def high_frequency_noise(time: Array, values: Array) -> float:
-    """Return the standard deviation of what a local cubic cannot follow, over the samples where the signal moves."""
+NORMAL = 1.4826  # standard deviation of normal noise over the median of its size
+CENTRE = {3: 0.567, 4: 0.417}
+"""Weight of the middle sample in the local fit to it and so many neighbours on each side: the fit follows that part."""
+
+
+def high_frequency_noise(time: Array, values: Array, *, half: int = 4, jumps: bool = False) -> float:
+    """Return the standard deviation of what a local polynomial cannot follow, over the samples where the signal moves.
+
+    Args:
+        time, values: of the column (n,).
+        half: neighbours on either side that the polynomial is fitted to, of :data:`CENTRE`.
+        jumps: whether the column jumps often, as a height does on impacts: the median counts then.
+    """
     if len(values) < 16:
         return 0.0
-    half = 4
     window = (2 * half + 1) * float(np.median(np.diff(time)))
     smooth, _, _ = derivatives(time, values, window)
     residual = (values - smooth)[half:-half]
     moving = np.abs(values[2 * half :] - values[: -2 * half]) > 0
     residual = residual[moving] if moving.sum() > 50 else residual
-    # Trimmed: impacts and reversals are no noise. The fit follows part of it: its centre weight is 0.417.
+    if jumps:
+        return NORMAL * float(np.median(np.abs(residual))) / float(np.sqrt(1.0 - CENTRE[half]))
+    # trimmed: impacts and reversals are no noise
     residual = residual[np.abs(residual) <= np.quantile(np.abs(residual), 0.99)]
-    return float(np.sqrt(np.mean(residual**2) / (1.0 - 0.417)))
+    return float(np.sqrt(np.mean(residual**2) / (1.0 - CENTRE[half])))
 
 
-def sample_noise(time: Array, values: Array) -> float:
-    """Return the rms error of one sample of a column: quantisation, or the faster noise where that is larger."""
-    return max(quantisation_step(values) / float(np.sqrt(12.0)), high_frequency_noise(time, values))
+def sample_noise(time: Array, values: Array, *, half: int = 4, jumps: bool = False) -> float:
+    """Return the rms error of one sample of a column: quantisation, or the faster noise where that is larger.
+
+    Args:
+        time, values, half, jumps: as of :func:`high_frequency_noise`.
+    """
+    faster = high_frequency_noise(time, values, half=half, jumps=jumps)
+    return max(quantisation_step(values) / float(np.sqrt(12.0)), faster)
 
 
 def typical_noise(time: Array, values: Array, starts: np.ndarray) -> float:

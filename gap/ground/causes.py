@@ -42,6 +42,8 @@ def contact_causes(nominal: LegModel, names: Sequence[str] | None = None) -> lis
             name="contact.friction",
             sentence="The foot slides on less, or holds on more, friction than the model has.",
             picture="stance",
+            against="base.x",
+            plausible={"contact.friction*": 0.5},
             variants=tuple(friction),
             error=True,
         ),
@@ -49,9 +51,18 @@ def contact_causes(nominal: LegModel, names: Sequence[str] | None = None) -> lis
             name="contact.stiffness",
             sentence="The ground gives way under the foot.",
             picture="stance",
+            against="base.z",
+            plausible={"contact.stiffness": 4000.0},
             variants=tuple(soft),
         ),
-        Cause(name="contact.slope", sentence="The ground is not level.", picture="stance", variants=((slope,),)),
+        Cause(
+            name="contact.slope",
+            sentence="The ground is not level.",
+            picture="stance",
+            against="base.x",
+            plausible={"contact.slope": 0.02},
+            variants=((slope,),),
+        ),
     ]
     return [cause for cause in every if cause.name in checked(names)]
 

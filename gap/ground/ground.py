@@ -27,11 +27,6 @@ from .stances import column_noise, find_stances
 GROUND = "ground"
 PILOT = 6  # iterations
 FEWEST = 9  # stances, three for each part of the data
-PLAUSIBLE = {  # sizes at which a cause ought to show, or finding none of it means nothing
-    "contact.friction": {"contact.friction*": 0.5},
-    "contact.stiffness": {"contact.stiffness": 4000.0},
-    "contact.slope": {"contact.slope": 0.02},
-}
 VISIBLE = 0.1  # mean squared change of the errors, in parts of the noise, from which an effect shows
 
 
@@ -146,7 +141,8 @@ def _pilot(problem: LegProblem, leg: LegModel, tuned: Sequence[Parameter]) -> di
 def _blind(problem: LegProblem, values: Mapping[str, float], logged: np.ndarray) -> list[Finding]:
     """Causes that these stances would hardly show beside what was found, and columns that were missed."""
     named = set(numbers(values))
-    sizes = {name: change for name, change in PLAUSIBLE.items() if not named & set(numbers(change))}
+    every = {cause.name: cause.plausible for cause in contact_causes(problem.models[0])}
+    sizes = {name: change for name, change in every.items() if not named & set(numbers(change))}
     names = list(sizes)
     simulated = problem.simulate([values, *({**values, **change} for change in sizes.values())])
     errors = problem.residual(simulated)

@@ -8,7 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from ...actuators.gravity import GRAVITY
-from ..checks.signal import derivatives, quantisation_step
+from ..checks.signal import derivatives, sample_noise
 from ..log.types import MeasuredRun
 from .leg_model import LegModel
 
@@ -19,7 +19,7 @@ LENGTH = 0.3  # [s]
 BASE_FIT, LINK_FIT = 0.03, 0.013  # [s] to both sides of the start, from which its state is fitted
 FLIGHT = 0.08  # [s] shortest flight after which a stance counts
 FREE_FALL = 0.6  # of gravity: downward acceleration of the centre of mass from which the leg counts as flying
-NOISE_WINDOW = 7  # samples
+NOISE_HALF = 3  # samples to either side: a leg moves fast
 MARGIN = 1.5  # standard deviations of a start state, over those of the parabola: it is no parabola exactly
 UNKNOWN_SPEED = 0.5  # [m/s] standard deviation of a speed that no column tells
 MOST = 48  # stances of a data set; more cost time and teach little
@@ -66,11 +66,7 @@ def _noise(time: np.ndarray, values: np.ndarray) -> float:
     good = np.isfinite(values)
     if good.sum() < 20:
         return np.nan
-    time, values = time[good], values[good]
-    smooth, _, _ = derivatives(time, values, NOISE_WINDOW * float(np.median(np.diff(time))))
-    # the median, since impacts are no noise; the fit follows part of it: its centre weight is 0.567
-    rest = 1.48 * float(np.median(np.abs(values - smooth))) / np.sqrt(1.0 - 0.567)
-    return max(quantisation_step(values) / np.sqrt(12.0), rest)
+    return sample_noise(time[good], values[good], half=NOISE_HALF, jumps=True)  # impacts are no noise
 
 
 def touchdowns(run: MeasuredRun, leg: LegModel) -> np.ndarray:

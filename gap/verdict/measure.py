@@ -223,6 +223,7 @@ def _name_causes(
                 rivals=rivals,
                 standing=standing(sure, rivals, contradicted=contradicted),
                 signatures=seen,
+                against=candidate.cause.against,
             )
         )
     return tuple(sorted(named, key=lambda cause: -cause.share)), tuned_share

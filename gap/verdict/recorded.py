@@ -16,7 +16,7 @@ def recording_reasons(causes: Sequence[NamedCause], findings: Sequence[Finding])
     reasons = []
     for cause in causes:
         delay = cause.parameters.get(DELAY)
-        if cause.name != "drive.delay" or delay is None:
+        if delay is None:
             continue
         more = delay.value - delay.nominal
         if more < 0.0:

@@ -163,7 +163,10 @@ def _nominal(run: MeasuredRun, joint: str) -> list[float]:
 
 
 def _noise(runs: Sequence[MeasuredRun], joint: str) -> float:
-    """Noise of the torque column after averaging [N.m], from differences of neighbouring samples."""
+    """Noise of the torque column after averaging [N.m], from differences of neighbouring samples.
+
+    The estimator of the checks has a margin, which would hide causes here: it reads a fifth more.
+    """
     values = []
     for run in runs:
         torque = run.joints[joint].torque

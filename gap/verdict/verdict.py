@@ -74,6 +74,7 @@ class NamedCause:
         rivals: candidates that win in more than 5 % of the draws of the round that this cause won.
         standing: :data:`CERTAIN`, :data:`LIKELY` or :data:`ONE_OF_SEVERAL`, whatever is said of other causes.
         signatures: features that it must bring to where they were measured before it is certain.
+        against: as of the cause in the catalogue.
     """
 
     name: str
@@ -88,6 +89,7 @@ class NamedCause:
     rivals: tuple[str, ...] = ()
     standing: str = LIKELY
     signatures: tuple[Signature, ...] = ()
+    against: str = "speed"
 
 
 @dataclass(frozen=True)

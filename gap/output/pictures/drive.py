@@ -12,19 +12,6 @@ from .style import EXTENDED, MEASURED, NOMINAL, figure, legend_above, styled
 from .timeline import fine, timeline, worst_window
 
 RESPONSE = 0.4  # [s] shown of a response
-AGAINST = {
-    "drive.delay": "speed",
-    "sensor.delay": "speed",
-    "drive.rate_limit": "speed",
-    "drive.gain": "control error",
-    "drive.offset": "control error",
-    "drive.motor_constant": "motor torque",
-    "drive.overload": "motor torque",
-    "transmission.gear_ratio": "motor torque",
-    "load.inertia": "acceleration",
-    "contact.blocked": "position",
-}
-"""What the error of the nominal model follows, by cause."""
 UNITS = {"speed": "rad/s", "control error": "rad", "motor torque": "N.m", "acceleration": "rad/s²", "position": "rad"}
 
 
@@ -49,7 +36,7 @@ def response(evidence: Evidence, cause: NamedCause) -> Figure:
     legend_above(over_time, 4)
 
     factor, unit = fine(line.unit)
-    what = AGAINST.get(cause.name, "speed")
+    what = cause.against
     values = _variable(evidence, what)
     rows = evidence.motion.judged & np.isfinite(values)
     edges = equal_counts(values[rows], 24)

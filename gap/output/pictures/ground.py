@@ -6,23 +6,23 @@ import numpy as np
 from matplotlib.figure import Figure
 
 from ...ground.leg_problem import LegProblem
+from ...ground.stances import COLUMNS
 from ...log.parts import TEST
 from ...verdict.verdict import JointDiagnosis, NamedCause
 from .style import EXTENDED, MEASURED, NOMINAL, figure, legend_above, styled
 
-SHOWN = {  # column that shows a cause best: its number among the judged ones, its name, factor and unit
-    "contact.friction": (1, "way of the hip along the ground", 1e3, "mm"),
-    "contact.slope": (1, "way of the hip along the ground", 1e3, "mm"),
-    "contact.stiffness": (0, "height of the hip", 1e3, "mm"),
-}
+SHOWN = {"base.z": "height of the hip", "base.x": "way of the hip along the ground"}
+"""Columns that show a cause."""
+FACTOR, UNIT = 1e3, "mm"
 
 
 @styled
 def stance(diagnosis: JointDiagnosis, problem: LegProblem, cause: NamedCause) -> Figure:
     """The stance of the test part where the nominal model is most wrong, and the errors of all stances of it."""
-    column, name, factor, unit = SHOWN.get(cause.name, SHOWN["contact.stiffness"])
-    if not np.isfinite(problem.measured[:, column]).any():
-        column, name, factor, unit = SHOWN["contact.stiffness"]
+    shown = cause.against if cause.against in SHOWN else "base.z"
+    if not np.isfinite(problem.measured[:, COLUMNS.index(shown)]).any():
+        shown = "base.z"
+    column, factor, unit = COLUMNS.index(shown), FACTOR, UNIT
     errors = {model: problem.corrected(diagnosis.simulated[model])[:, column] for model in ("nominal", "extended")}
     units = [k for k, one in enumerate(problem.units) if one.part == TEST] or list(range(len(problem.units)))
     rows = [np.arange(problem.starts[k], problem.starts[k + 1]) for k in units]
@@ -36,7 +36,7 @@ def stance(diagnosis: JointDiagnosis, problem: LegProblem, cause: NamedCause) ->
         path = problem.measured[worst, column] + errors[model][worst] - zero
         one.plot(time, factor * path, color=colour, label=f"{model} model")
     one.plot(time, factor * (problem.measured[worst, column] - zero), ".", color=MEASURED, ms=4, label="measured")
-    one.set_ylabel(f"{name} [{unit}]")
+    one.set_ylabel(f"{SHOWN[shown]} [{unit}]")
     legend_above(one)
     for model, colour in (("nominal", NOMINAL), ("extended", EXTENDED)):
         for k, row in enumerate(rows):
