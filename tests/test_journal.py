@@ -46,8 +46,8 @@ def test_a_fit_is_read_again_for_the_same_data_commands_weights_and_step_only(tm
     others = {
         "a sample in the middle": problem_with(0.01),
         "goal": replace(problem, goal=problem.goal + 0.1),
-        "trust": replace(problem, trust=0.5 * problem.trust),
-        "step": problem.coarsened(2.0),
+        "reliability": replace(problem, reliability=0.5 * problem.reliability),
+        "step": problem.with_step_factor(2.0),
         "drive": replace(problem, on=~problem.on),
         "chain": replace(problem, models=(problem.models[0].with_values({"delay.seconds": 0.01}),)),
     }
