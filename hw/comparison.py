@@ -17,6 +17,7 @@ from ..gap.log import read_measured
 from . import deployment
 from .aligned import WINDOW, Aligned, errors
 from .commands import PolicyCommands
+from .measured_log import read_events
 from .policy import Policy
 from .robot import ServoRobot, build_robot, extended_robot
 from .simulated import Recording, rewards_of, simulate, velocity_of
@@ -248,7 +249,9 @@ def from_log(path: Path, commands: PolicyCommands) -> Recording:
     links = [joint.link_position for joint in joints if joint.link_position is not None]
     link = np.stack(links, axis=1) if len(links) == len(joints) else np.empty((0, 0))
     sent = run.host["goal_sent"] - run.time[0] if "goal_sent" in run.host else np.empty(0)
-    return Recording(time=run.time - run.time[0], **columns, base=base, rewards=rewards, sent=sent, link=link)
+    found = Recording(time=run.time - run.time[0], **columns, base=base, rewards=rewards, sent=sent, link=link)
+    sat = next((event["time"] for event in read_events(path) if event["event"] == "sitting down"), math.inf)
+    return found.cut(int((run.time < sat).sum()))
 
 
 # --- figures -------------------------------------------------------------------------------------------------------

@@ -130,6 +130,7 @@ def prepare(config: Mapping[str, Any]) -> Deployment:
             f"least three periods ({3.0 / rate:g} s)."
         )
     limits = Limits.from_config(config["robot"].get("safety") or {})
+    Safety(robot, limits, 1.0 / rate)  # limits that do not fit the joints are refused here
     park = park_motion(config["robot"].get("park"), robot) if config["rest"] == "sit" else None
     return Deployment(config, robot, commands, limits, rate, duration, calibration, park)
 

@@ -24,7 +24,7 @@ def picture(loop: ControlLoop) -> Table:
     failures = ", ".join(f"{name} {count}" for name, count in loop.bus.counts.items()) or "none"
     title = f"{loop.elapsed:6.1f} s   {cycles} cycles, {overruns} overruns   goals cut: {sum(cut.values())}"
     title += f"   bus: {failures}"
-    stale = loop.state not in ("start", "running") or loop.reading_age > STALE
+    stale = loop.state not in ("start", "running", "sitting down") or loop.reading_age > STALE
     caption = "Ctrl-C stops"
     if loop.state == "NOT AT REST":
         caption = "TORQUE MAY BE ON: CUT THE POWER. Ctrl-C ends the wait"

@@ -26,9 +26,8 @@ from .safety import Fault, Safety
 from .stop import Stop
 from .supervisor import Rest, Supervisor, bring_to_rest
 from .torque_watch import TorqueWatch
+from .way import Way
 
-APPROACH_SPEED = 1.0  # [rad/s] on the way to where a trajectory begins
-ARRIVED = 0.15  # [rad] from it that counts as there: friction and load leave a position servo short of its goal
 RETRYING = 0.5  # share of the period after which no servo is asked again
 SEATED = 0.3  # [s] that the park pose is held before the release
 SETTLING = 3.0  # [s] that the approach may take longer than planned
@@ -42,7 +41,8 @@ class ControlLoop:
         reading: the latest.
         sent: goals of the latest cycle (k,) [rad].
         elapsed: since the start of the run [s].
-        state: ``start``, ``running``, ``to rest``, ``at rest``, or ``NOT AT REST`` while torque may be on.
+        state: ``start``, ``running``, ``sitting down``, ``to rest``, ``at rest``, or ``NOT AT REST`` while torque may
+            be on.
         holder: process that watches the servos that are held; None: they are not.
         outcome: of the run once the servos are at rest, after an exception too; None before.
     """
@@ -79,8 +79,8 @@ class ControlLoop:
             rest: what becomes of the servos at the end.
             stop: a person's wish to stop.
             stepped: the machine's time advances by a period in each cycle, however long that takes; of a virtual bus.
-            each_cycle: called in every cycle, and on the way to the start; a text that it returns stops the run, such
-                as the dead-man's switch.
+            each_cycle: called in every cycle, and on the ways to the start and to the park pose; a text that it
+                returns stops all motion, such as the dead-man's switch.
             alarm: says at once what a person must know.
             park: motion along which the robot sits down before it is released, where it ends without a fault; a further
                 wish to stop, and an emergency stop at once, cut it short.
@@ -100,7 +100,7 @@ class ControlLoop:
         self._read_at = self._zero_time
         self.sent = np.zeros(len(robot.joints))
         self._current_sign = CurrentSign(robot)
-        self.park, self._torque_on, self._begins = park, False, begins
+        self.park, self._torque_on, self._let_go, self._begins = park, False, False, begins
         self._watch = TorqueWatch(self._metronome.period)
         self._overruns, self._overruns_stop = Overruns(self._metronome.period), overruns == "stop"
 
@@ -134,7 +134,7 @@ class ControlLoop:
             fault = self._begin()
             if fault is None and self._stop.reason is None:
                 fault = self._cycles(min(duration, self.commands.duration))
-            if fault is None and self.park is not None and self._torque_on:
+            if fault is None and self.park is not None and self._torque_on and not self._let_go:
                 fault = self._sit(self.park)
         except SealegsError as error:
             fault = fault_of(error)
@@ -212,7 +212,7 @@ class ControlLoop:
     def _read_once(self) -> Reading:
         stepped = self._metronome.stepped
         until = None if stepped else self.bus.clock.now() + RETRYING * self._metronome.period
-        state = self.bus.read_cycle(self.robot.all_ids, self._watch.due(), until)
+        state = self.bus.read_cycle(self.robot.all_ids, self._watch.due(self._metronome.now()), until)
         self._read_at = state.after
         if self._metronome.stepped:
             state = replace(state, before=self._metronome.now(), after=self._metronome.now())
@@ -224,14 +224,14 @@ class ControlLoop:
             reading = self._read_once()
         except ReplyError as error:
             self._missed(error)
-            return self.safety.missed(error, error.servos or self.robot.all_ids)
+            return self.safety.missed(error, error.servos or self.robot.all_ids, self._metronome.now())
         except BusError as error:  # no other try helps
             self._missed(error)
             return fault_of(error)
         if reading.state is not None and reading.state.problem is not None:
             self._missed(reading.state.problem)
         self.reading = reading
-        if (fault := self._judge(reading)) is not None and self.state == "running":
+        if (fault := self._judge(reading)) is not None and self.state in ("running", "sitting down"):
             self._write_last(reading)
         return fault or reading
 
@@ -255,25 +255,22 @@ class ControlLoop:
         Raises:
             BusError: a servo cannot be reached.
         """
-        first = self.sent
-        span = float(np.abs(start - first).max()) / APPROACH_SPEED
+        way = Way(self.robot, self.sent, start)
         begun = self._metronome.wait()
         while True:
             now = self._metronome.now() - begun
             reading = self._reading()
             if isinstance(reading, Fault):
                 return reading
-            self.sent = first + (start - first) * min(now / max(span, 1e-9), 1.0)
+            self.sent = way.goal(now)
             self.bus.write_goals(self.robot.ids, self.robot.to_servo(self.sent))
             if (fault := self._beat()) is not None:
                 return fault
-            if (reason := self.each_cycle()) is not None:
-                self._stop.ask(reason)
-            if self._stop.reason is not None:
+            if self._not_held() or self._stop.reason is not None:
                 return None
-            if reading is not None and now > span + 0.3 and (np.abs(reading.position - start) < ARRIVED).all():
+            if reading is not None and now > way.span + 0.3 and way.is_there(reading.position):
                 return None
-            if now > span + SETTLING:
+            if now > way.span + SETTLING:
                 return Fault("start", "the robot does not reach the start of the trajectory; is it blocked?")
             self._metronome.wait()
 
@@ -292,8 +289,7 @@ class ControlLoop:
                 self._event("started", monotonic=time.monotonic())
             if (fault := self._beat()) is not None:
                 return fault
-            if (reason := self.each_cycle()) is not None:
-                self._stop.ask(reason)
+            if self._not_held():
                 return None
             # goals belong to the grid of cycles: half a period of tolerance keeps them from slipping by one
             now = woke - begun
@@ -312,7 +308,7 @@ class ControlLoop:
             return None
         if isinstance(reading, Fault):
             return reading
-        admitted = self.safety.admit(self.commands.goals(now, reading), self.sent)
+        admitted = self.safety.admit(self.commands.goals(now, reading), self.sent, now)
         if isinstance(admitted, Fault):
             self._write_last(reading)
             return admitted
@@ -346,6 +342,14 @@ class ControlLoop:
             return None
         return Fault("supervisor", "the supervisor that guards the servos has ended; without it no torque stays on.")
 
+    def _not_held(self) -> bool:
+        """Whether ``each_cycle`` stops all motion; nobody then holds a switch for a way to the park pose."""
+        if (reason := self.each_cycle()) is None:
+            return False
+        self._let_go = True
+        self._stop.ask(reason)
+        return True
+
     def _event(self, kind: str, **details: Any) -> None:
         if self._log is not None:
             self._log.event(self.elapsed, kind, **details)
@@ -353,24 +357,27 @@ class ControlLoop:
     def _sit(self, park: Commands) -> Fault | None:
         """Go slowly to where ``park`` begins, and along it; under the same limits as all else."""
         heeded, self.state = self._stop.asked, "sitting down"
-        first, start = self.sent, park.start()
-        start = first if start is None else np.clip(start, self.robot.low, self.robot.high)
-        span = float(np.abs(start - first).max()) / APPROACH_SPEED
+        start = park.start()
+        way = Way(
+            self.robot, self.sent, self.sent if start is None else np.clip(start, self.robot.low, self.robot.high)
+        )
         begun = self._metronome.wait()
         self._event("sitting down")
-        while (now := self._metronome.now() - begun) < span + park.duration + SEATED:
+        while (now := self._metronome.now() - begun) < way.span + park.duration + SEATED:
             reading = self._reading()
             if isinstance(reading, Fault):
                 return replace(reading, sentence=f"while sitting down: {reading.sentence}")
-            if self._stop.asked > heeded or self._stop.emergency:
+            if self._not_held() or self._stop.asked > heeded or self._stop.emergency:
                 return None
-            goal = first + (start - first) * min(now / max(span, 1e-9), 1.0)
-            if now > span and reading is not None:
-                goal = park.goals(min(now - span, park.duration), reading)
-            if isinstance(admitted := self.safety.admit(goal, self.sent), Fault):
+            goal, seen = way.goal(now), reading or self.reading
+            if now > way.span and seen is not None:  # where nobody answers, the motion goes on all the same
+                goal = park.goals(min(now - way.span, park.duration), seen)
+            if isinstance(admitted := self.safety.admit(goal, self.sent, now), Fault):
                 return admitted
+            sent = self.bus.write_goals(self.robot.ids, self.robot.to_servo(admitted))
             self.sent = admitted
-            self.bus.write_goals(self.robot.ids, self.robot.to_servo(admitted))
+            if reading is not None:
+                self._write(reading, self._metronome.now() if self._metronome.stepped else sent)
             if (fault := self._beat()) is not None:
                 return fault
             self._metronome.wait()

@@ -11,6 +11,8 @@ from .interface import Adapter
 READINGS = 12  # of which the median counts
 BUSY = 0.5  # share of a period that a reading may take: policy, goals and log need the rest
 WINDOW = 1.0  # [s] over which overruns are counted
+DEVICES = Path("/sys/bus/usb-serial/devices")
+"""Where Linux shows what a USB adapter is set to; only FTDI's have a ``latency_timer`` [ms]."""
 SUSTAINED = 0.2  # share of the cycles from which overruns are no accident
 
 
@@ -34,15 +36,26 @@ def too_slow(seconds: float, period: float, port: str) -> str | None:
     """
     if seconds <= BUSY * period:
         return None
-    name, rate = Path(port).resolve().name, max(int(BUSY / seconds), 1)
-    mend = "use a faster adapter or baud rate, let servos answer without return delay, or let the computer do less"
-    if name.startswith("ttyUSB"):
-        timer = f"/sys/bus/usb-serial/devices/{name}/latency_timer"
-        mend = f"an FTDI adapter holds bytes for 16 ms, which `echo 1 | sudo tee {timer}` mends"
+    rate = max(int(BUSY / seconds), 1)
+    timer = DEVICES / Path(port).resolve().name / "latency_timer"
+    mend = (
+        "use a higher baud rate or a faster adapter, let the servos answer without return delay (sealegs scan id=1 "
+        "set=return_delay:0), or let the computer do less"
+    )
+    if (held := _held(timer)) > 1:
+        mend = f"its latency_timer holds bytes for {held} ms, which `echo 1 | sudo tee {timer}` mends"
     return (
         f"the adapter at {port} takes {1e3 * seconds:.1f} ms for a reading, and a cycle has {1e3 * period:.1f} ms: at "
         f"{1.0 / period:g} Hz that leaves too little for the rest; {mend}, or give rate={rate}."
     )
+
+
+def _held(timer: Path) -> int:
+    """How long an adapter holds bytes back [ms]; 0: nothing says so."""
+    try:
+        return int(timer.read_text())
+    except (OSError, ValueError):
+        return 0
 
 
 class Overruns:

@@ -1,109 +1,24 @@
 """Limits that hold whatever commands the robot: goals are kept within them, and measurements beyond them end the run.
 
-Pure bookkeeping on numbers; no bus and no clock of its own. The loop asks it in every cycle and cannot switch it off.
+Pure bookkeeping on numbers; no bus and no clock of its own: times are those of the readings. The loop asks it in every
+cycle and cannot switch it off.
 """
 
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, fields
-from typing import Any
+from collections.abc import Sequence
+from dataclasses import dataclass
 
 import numpy as np
 
-from ..actuators.errors import SealegsError, nearest
-from ..configs.check import checked
 from .following import GOAL_SPEED, Following, ability
+from .limits import Limits as Limits
 from .packets import BusError, in_words
 from .robot import Reading, ServoRobot
 
-FROM_CHAIN = ("goal_speed", "following_error")
-"""Limits that may be null: they follow from the servo's chain."""
-LOGGABLE = ("following", "goal_speed")
 WINDOW = 2.0  # [s] over which lost replies are counted, and 50 cycles at least
-
-
-@dataclass(frozen=True)
-class Limits:
-    """Limits of a machine; numbers in ``configs/robot``.
-
-    Attributes:
-        range_margin: how far beyond its calibrated range a joint may be found [rad].
-        speed: largest measured speed of a joint [rad/s].
-        goal_speed: largest speed of a goal [rad/s]; faster ones are cut, and end the run where they stay so fast for
-            ``following_time``. None: four times the no-load speed of the servo's chain.
-        following_error: by which a joint may stay behind its goal [rad], for longer than ``following_time``. None:
-            that at which the servo's chain gives full duty.
-        following_time: [s].
-        current: largest current of a servo [A], for longer than ``current_time``.
-        current_time: [s]; starting and braking take more for some milliseconds.
-        temperature: highest temperature of a servo [degC].
-        voltage_low: lowest supply voltage [V].
-        voltage_high: highest supply voltage [V].
-        late: time that a reading may take; the replies of a later one count as lost [s].
-        silent: time without a reply of a servo that is tolerated [s], and two cycles at least.
-        loss: share of the replies of a servo that may be lost, over :data:`WINDOW`.
-        log_only: of ``following`` and ``goal_speed``, those that are noted in the log and neither cut nor stop.
-    """
-
-    range_margin: float
-    speed: float
-    goal_speed: float | None
-    following_error: float | None
-    following_time: float
-    current: float
-    current_time: float
-    temperature: float
-    voltage_low: float
-    voltage_high: float
-    late: float
-    silent: float
-    loss: float
-    log_only: tuple[str, ...] = ()
-
-    def __post_init__(self) -> None:
-        for name in (
-            "speed",
-            "goal_speed",
-            "following_error",
-            "following_time",
-            "current",
-            "temperature",
-            "late",
-            "silent",
-            "loss",
-        ):
-            if (value := getattr(self, name)) is not None and value <= 0.0:
-                raise SealegsError(f"safety.{name} is {value:g}; it must be above 0.")
-        for name in self.log_only:
-            if name not in LOGGABLE:
-                raise SealegsError(f"safety.log_only holds '{name}'; it may hold {' and '.join(LOGGABLE)}.")
-        for name in ("range_margin", "current_time"):
-            if getattr(self, name) < 0:
-                raise SealegsError(f"safety.{name} is {getattr(self, name):g}; it must not be negative.")
-        if self.voltage_low >= self.voltage_high:
-            raise SealegsError(
-                f"safety.voltage_low is {self.voltage_low:g} V, not below voltage_high, {self.voltage_high:g} V."
-            )
-
-    @classmethod
-    def from_config(cls, config: Mapping[str, Any]) -> Limits:
-        """Limits from the ``safety`` block of a robot's file.
-
-        Raises:
-            SealegsError: a limit is missing, unknown or no number; there is no way to leave one out.
-        """
-        kinds: dict[str, Any] = {"log_only": list[str], **dict.fromkeys(FROM_CHAIN, float | None)}
-        types = {field.name: kinds.get(field.name, float) for field in fields(cls)}
-        for name in config:
-            if name not in types:
-                raise SealegsError(f"safety.{name} is no limit{nearest(name, types)}; there are {', '.join(types)}.")
-        for name in types:
-            if name not in config:
-                raise SealegsError(f"safety.{name} is missing; every limit needs a value.")
-        values = {name: checked(f"safety.{name}", config[name], kind) for name, kind in types.items()}
-        return cls(**{**values, "log_only": tuple(values["log_only"])})
+JUMP = 5.0  # periods at most for which a goal may make up after a stall
 
 
 @dataclass(frozen=True)
@@ -132,53 +47,70 @@ class Safety:
     """
 
     def __init__(self, robot: ServoRobot, limits: Limits, period: float) -> None:
-        """Watch ``robot``, whose loop has the period ``period`` [s]."""
+        """Watch ``robot``, whose loop has the period ``period`` [s].
+
+        Raises:
+            SealegsError: limits do not fit the robot's joints.
+        """
         self.limits, self._robot, self._period = limits, robot, period
         self.cut = {"range": 0, "speed": 0}
         self.noted: list[Fault] = []
         self.lost: dict[int, float] = dict.fromkeys(robot.all_ids, 0.0)
-        self._silent: dict[int, float] = dict.fromkeys(robot.all_ids, 0.0)
+        self._silent: dict[int, tuple[float, int]] = dict.fromkeys(robot.all_ids, (0.0, 0))  # for how long [s], cycles
         self._over_current = np.zeros(len(robot.joints))
+        self._margin, self._speed = limits.by_joint("range_margin", robot), limits.by_joint("speed", robot)
         abilities = [ability(robot.chains[joint.name], joint.per_radian) for joint in robot.joints]
-        self._goal_speed = np.array([item.speed * GOAL_SPEED for item in abilities])
-        if limits.goal_speed is not None:
-            self._goal_speed[:] = limits.goal_speed
-        self._following = Following(abilities, limits.following_error, period)
+        fastest, given = np.array([item.speed * GOAL_SPEED for item in abilities]), limits.by_joint("goal_speed", robot)
+        self._goal_speed = np.where(np.isnan(given), fastest, given)
+        self._following = Following(abilities, limits.by_joint("following_error", robot), period)
         self._too_fast = np.zeros(len(robot.joints))
         self._wanted: np.ndarray | None = None
         self._over: set[tuple[str, int]] = set()
+        self._read_at = self._asked_at = math.nan
+
+    def _lasting(self, beyond: np.ndarray, lasted: np.ndarray, dt: float) -> np.ndarray:
+        """How long each joint has been beyond a limit (k,) [s]; what was before the first reading beyond is unknown."""
+        return np.where(beyond, lasted + np.where(lasted > 0.0, dt, min(dt, self._period)), 0.0)
+
+    def _since_reading(self, now: float) -> float:
+        """Time since the latest reading, or attempt at one, which is now the one at ``now`` [s]."""
+        last, self._read_at = self._read_at, now
+        return max(now - last, 0.0) if math.isfinite(last) else self._period
 
     # --- goals -------------------------------------------------------------------------------------------------
 
-    def admit(self, goals: np.ndarray, last: np.ndarray) -> np.ndarray | Fault:
+    def admit(self, goals: np.ndarray, last: np.ndarray, now: float | None = None) -> np.ndarray | Fault:
         """Goals as they may be sent.
 
         Args:
-            goals: wanted, in the order of joints (k,) [rad].
-            last: sent in the cycle before, or the position at the start (k,) [rad].
+            goals: wanted, in the order of joints (k,) [rad or m].
+            last: sent in the cycle before, or the position at the start (k,) [rad or m].
+            now: clock [s]; None: a period after the goals before.
 
         Returns:
-            Goals within range and speed (k,) [rad]; a fault where one is not a finite number.
+            Goals within range and speed (k,) [rad or m]; a fault where one is not a finite number.
         """
+        dt, self._asked_at = (self._period if now is None else now - self._asked_at), math.nan if now is None else now
+        dt = min(max(dt, self._period), JUMP * self._period) if math.isfinite(dt) else self._period
         goals = np.asarray(goals, np.float64)
         if goals.shape != last.shape or not np.isfinite(goals).all():
             names = [j.name for j, goal in zip(self._robot.joints, goals, strict=False) if not math.isfinite(goal)]
             return Fault("goal", f"the goal of {', '.join(names) or 'the robot'} is not a finite number.")
         stepped = goals
         if "goal_speed" not in self.limits.log_only:
-            step = self._goal_speed * self._period
+            step = self._goal_speed * dt
             stepped = np.clip(goals, last - step, last + step)
         admitted = np.clip(stepped, self._robot.low, self._robot.high)
         self.cut["speed"] += int((stepped != goals).any())
         self.cut["range"] += int((admitted != stepped).any())
-        return self._sustained(goals) or admitted
+        return self._sustained(goals, dt) or admitted
 
-    def _sustained(self, goals: np.ndarray) -> Fault | None:
+    def _sustained(self, goals: np.ndarray, dt: float) -> Fault | None:
         """Goals that stay faster than they may be."""
-        speed = np.zeros(len(goals)) if self._wanted is None else np.abs(goals - self._wanted) / self._period
+        speed = np.zeros(len(goals)) if self._wanted is None else np.abs(goals - self._wanted) / dt
         self._wanted = goals
-        self._too_fast = np.where(speed > self._goal_speed, self._too_fast + self._period, 0.0)
-        text = "is commanded at {0:.0f} rad/s for more than {1:g} s; its limit is {2:.0f} rad/s"
+        self._too_fast = self._lasting(speed > self._goal_speed, self._too_fast, dt)
+        text = "is commanded at {0:.3g} {3}/s for more than {1:g} s; its limit is {2:.3g} {3}/s"
         return self._first("goal_speed", self._too_fast, text, speed, self._goal_speed)
 
     def _first(
@@ -189,7 +121,7 @@ class Safety:
         Args:
             name: of the fault.
             lasted: how long (k,) [s].
-            text: takes what was found, the time and the limit.
+            text: takes what was found, the time, the limit, and the joint's unit.
             found, limit: (k,).
             of: name of the limit in ``log_only``; "": as ``name``.
         """
@@ -197,7 +129,7 @@ class Safety:
             if lasted[k] <= self.limits.following_time:
                 self._over.discard((name, k))
                 continue
-            said = text.format(found[k], self.limits.following_time, limit[k])
+            said = text.format(found[k], self.limits.following_time, limit[k], self._robot.units[k])
             fault = Fault(name, f"joint {joint.name} (servo {joint.address}) {said}.", (joint.address,))
             if (of or name) not in self.limits.log_only:
                 return fault
@@ -210,7 +142,7 @@ class Safety:
         """Whether joints follow.
 
         Args:
-            goal: that the servos have (k,) [rad].
+            goal: that the servos have (k,) [rad or m].
             reading: of this cycle.
 
         Returns:
@@ -218,8 +150,9 @@ class Safety:
         """
         watch = self._following
         missing = () if reading.state is None else reading.state.missing
-        watch.see(goal, reading.position, np.array([joint.address not in missing for joint in self._robot.joints]))
-        text = "has been more than {2:.2f} rad behind its goal for {1:g} s, at last {0:.2f} rad: it is blocked or blind"
+        fresh = np.array([joint.address not in missing for joint in self._robot.joints])
+        watch.see(goal, reading.position, fresh, reading.after)
+        text = "has been more than {2:.2g} {3} behind its goal for {1:g} s, at last {0:.2g} {3}: it is blocked or blind"
         if fault := self._first("following", watch.behind, text, watch.error, watch.limits):
             return fault
         text = "has reported the same position for {1:g} s although its goal has moved: its encoder is stuck, or it is"
@@ -229,17 +162,18 @@ class Safety:
 
     def judge(self, reading: Reading) -> Fault | None:
         """What is wrong with a reading, if anything."""
-        if (fault := self._counted(reading)) is not None:
+        dt = self._since_reading(reading.after)
+        if (fault := self._counted(reading, dt)) is not None:
             return fault
         faults = reading.state.faults() if reading.state is not None else []
         if faults:
             return Fault(type(faults[0]).__name__, str(faults[0]), faults[0].servos)
         limits, values = self.limits, reading
-        self._over_current = np.where(np.abs(values.current) > limits.current, self._over_current + self._period, 0.0)
+        self._over_current = self._lasting(np.abs(values.current) > limits.current, self._over_current, dt)
         beyond = np.maximum(self._robot.low - values.position, values.position - self._robot.high)
         checks = (
-            ("range", beyond, limits.range_margin, "is {0:.3f} rad beyond its range; {1:g} rad are tolerated"),
-            ("speed", np.abs(values.velocity), limits.speed, "turns at {0:.1f} rad/s; its limit is {1:g} rad/s"),
+            ("range", beyond, self._margin, "is {0:.3f} {2} beyond its range; {1:g} {2} are tolerated"),
+            ("speed", np.abs(values.velocity), self._speed, "moves at {0:.3g} {2}/s; its limit is {1:g} {2}/s"),
             (
                 "current",
                 self._over_current,
@@ -255,43 +189,51 @@ class Safety:
             bad = np.flatnonzero(~(found <= limit))
             if len(bad):
                 joint = self._robot.joints[bad[0]]
-                said = text.format(*(abs(v) if name == "voltage" else v for v in (found[bad[0]], limit)))
+                both = found[bad[0]], np.broadcast_to(limit, found.shape)[bad[0]]
+                said = text.format(*(abs(v) if name == "voltage" else v for v in both), self._robot.units[bad[0]])
                 return Fault(name, f"joint {joint.name} (servo {joint.address}) {said}.", (joint.address,))
         return None
 
-    def _counted(self, reading: Reading) -> Fault | None:
+    def _counted(self, reading: Reading, dt: float) -> Fault | None:
         took = reading.after - reading.before
         if took > self.limits.late:
             late = f"a reading took {1e3 * took:.1f} ms, and {1e3 * self.limits.late:g} ms are tolerated."
-            return self.missed(BusError(late), self._robot.all_ids, "late")
+            return self._replies(BusError(late), self._robot.all_ids, dt, "late")
         if reading.state is None or reading.state.problem is None:
-            return self.missed(None, ())
-        return self.missed(reading.state.problem, reading.state.missing)
+            return self._replies(None, (), dt)
+        return self._replies(reading.state.problem, reading.state.missing, dt)
 
-    def missed(self, error: BusError | None, servos: Sequence[int], name: str | None = None) -> Fault | None:
-        """Count the replies of a cycle.
+    def missed(self, error: BusError | None, servos: Sequence[int], now: float) -> Fault | None:
+        """Count the replies of a cycle without a reading.
 
         Args:
             error: why some are missing.
             servos: ids of these; of all others a reply came.
-            name: of the fault; None: after the error.
+            now: clock [s].
 
         Returns:
             A fault, once a servo has been silent for too long or loses too many replies.
         """
-        tolerated = max(self.limits.silent, 1.5 * self._period)
-        share = self._period / max(WINDOW, 50.0 * self._period)
+        return self._replies(error, servos, self._since_reading(now))
+
+    def _replies(
+        self, error: BusError | None, servos: Sequence[int], dt: float, name: str | None = None
+    ) -> Fault | None:
+        """As :meth:`missed`, ``dt`` after the cycle before [s]; ``name``: of the fault, None: after the error."""
+        share = min(dt / WINDOW, 1.0 / 50.0)
         for servo in self.lost:
             gone = servo in servos
-            self._silent[servo] = self._silent[servo] + self._period if gone else 0.0
+            time, cycles = self._silent[servo]
+            self._silent[servo] = (time + dt, cycles + 1) if gone else (0.0, 0)
             self.lost[servo] += share * (float(gone) - self.lost[servo])
         if error is None:
             return None
         kind = name or type(error).__name__
-        if silent := tuple(servo for servo in servos if self._silent[servo] > tolerated):
+        silences = {servo: self._silent[servo] for servo in servos}
+        if silent := tuple(s for s, (time, cycles) in silences.items() if time > self.limits.silent and cycles > 1):
             if name is not None:
                 return Fault(kind, str(error))
-            why = f"{in_words(silent)} gave no usable reply for {1e3 * self._silent[silent[0]]:.0f} ms: {error}"
+            why = f"{in_words(silent)} gave no usable reply for {1e3 * silences[silent[0]][0]:.0f} ms: {error}"
             return Fault(kind, why, silent)
         if lossy := tuple(servo for servo in servos if self.lost[servo] > self.limits.loss):
             share_lost = 100.0 * self.lost[lossy[0]]

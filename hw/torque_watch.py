@@ -20,13 +20,14 @@ class TorqueWatch:
 
     def __init__(self, period: float) -> None:
         """Watch a loop of the period ``period`` [s]."""
-        self._every = max(math.floor(LOOK / period), 1)
-        self._cycle = 0
+        self._least, self._looked = LOOK - 0.75 * period, -math.inf
 
-    def due(self) -> bool:
-        """Whether this cycle reads the registers back."""
-        self._cycle += 1
-        return self._cycle % self._every == 0
+    def due(self, now: float) -> bool:
+        """Whether the cycle at ``now`` [s] reads the registers back."""
+        if now - self._looked < self._least:
+            return False
+        self._looked = now
+        return True
 
     def judge(self, state: ServoState, marks: Mapping[int, int | None]) -> Fault | None:
         """The servo that has lost its torque or has stopped by itself, if any.

@@ -120,7 +120,7 @@ def test_a_slow_adapter_is_named_before_torque_comes_on() -> None:
     simulation.bus.port = "/dev/ttyUSB7"
     simulation.run(1.0)
     said, line = simulation.said[0]
-    assert said < when_torque_came_on(simulation) and "latency_timer" in line
+    assert said < when_torque_came_on(simulation) and "takes 16" in line
 
 
 @pytest.mark.parametrize(("fault", "limits", "name"), BEYOND_LIMITS)

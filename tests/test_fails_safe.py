@@ -222,16 +222,16 @@ QUIET = {"range_margin": 9.0, "speed": 200.0, "following_error": 9.0, "current":
 """For a hopper that falls over: what is tested is the bus."""
 
 
-@pytest.mark.parametrize("minutes", [0.25, pytest.param(10.0, marks=pytest.mark.long)])
+@pytest.mark.parametrize("minutes", [0.1, pytest.param(10.0, marks=pytest.mark.long)])
 def test_one_lost_reply_in_a_hundred_is_survived_with_every_servo_inside_its_limits(minutes: float) -> None:
     loss = {"kind": "drop", "probability": 0.01}
-    simulation = Simulation("hopper", commands=sine(0.1), faults=[loss], limits=QUIET)
+    simulation = Simulation("row", commands=sine(0.4, 0.7), faults=[loss])  # limits are those of configs/robot
     outcome = simulation.run(60.0 * minutes)
     assert outcome.ending == "finished", outcome.fault
-    assert outcome.bus["NoReplyError"] > 300 * minutes, "six replies a cycle, a hundred cycles a second"
-    assert outcome.timing.cycles == pytest.approx(6000 * minutes, rel=1e-3)
+    assert outcome.bus["NoReplyError"] > 200 * minutes, "four replies a cycle, a hundred cycles a second"
+    assert outcome.timing.cycles == pytest.approx(6000 * minutes, rel=1e-2)
     assert outcome.timing.overrun_share < 0.01, "a second try has its time within the cycle"
-    assert simulation.torque == [False, False] and simulation.said == []
+    assert not any(simulation.torque) and simulation.said == [] and outcome.cut == {"range": 0, "speed": 0}
 
 
 def test_the_replies_that_came_are_used_while_one_servo_is_silent_and_then_it_is_named() -> None:
@@ -246,7 +246,7 @@ def test_the_replies_that_came_are_used_while_one_servo_is_silent_and_then_it_is
     simulation.loop.each_cycle = noted
     outcome = simulation.run(5.0)
     assert outcome.fault is not None and (outcome.fault.name, outcome.fault.servos) == ("NoReplyError", (2,))
-    assert 0.05 < simulation.rig.history[-1][0] - 2.0 < 0.1, "the timeout that is set, and a cycle"
+    assert 0.04 < simulation.rig.history[-1][0] - 2.0 < 0.1, "50 ms after its latest reply"
     during = [row for row in seen if row[0] > 2.0][1:]
     assert len(during) >= 4
     assert len({position[0] for _, position, _ in during}) > 2, "servo 1 is still read"
@@ -267,14 +267,19 @@ def test_a_lost_reply_is_waited_for_as_long_as_round_trips_take_and_not_for_the_
 # --- a rate that cannot be kept ----------------------------------------------------------------------------------
 
 
-def test_a_slow_adapter_is_named_before_torque_comes_on_with_the_command_that_mends_it() -> None:
+def test_a_slow_adapter_is_named_before_torque_comes_on_with_the_command_that_mends_it(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    (tmp_path / "ttyUSB7").mkdir()
+    (tmp_path / "ttyUSB7" / "latency_timer").write_text("16")
+    monkeypatch.setattr("sealegs.hw.pace.DEVICES", tmp_path)
     simulation = Simulation(latency=0.016)
     simulation.bus.port = "/dev/ttyUSB7"
     simulation.run(1.0)
     said, line = simulation.said[0]
     assert said < when_torque_came_on(simulation)
     assert "takes 16" in line and "rate=30" in line
-    assert "echo 1 | sudo tee /sys/bus/usb-serial/devices/ttyUSB7/latency_timer" in line
+    assert "echo 1 | sudo tee" in line and "ttyUSB7/latency_timer" in line
     strict = Simulation(latency=0.016, overruns="stop")
     outcome = strict.run(1.0)
     assert outcome.fault is not None and outcome.fault.name == "slow" and not strict.switched_on
@@ -369,7 +374,12 @@ def parked(**keys: Any) -> Simulation:
 def test_a_robot_sits_down_before_it_is_released(stopped: bool) -> None:
     simulation = parked()
     if stopped:
-        simulation.loop.each_cycle = lambda: "enough" if simulation.loop.elapsed > 1.0 else None
+        asks = iter(["enough"])
+        simulation.loop.each_cycle = lambda: (
+            simulation.stop.ask(next(asks))
+            if simulation.loop.elapsed > 1.0 and simulation.stop.reason is None
+            else None
+        )
     places: list[float] = []
     beat = simulation.guard.beat
 

@@ -1,0 +1,61 @@
+"""Joints that do not follow: blocked or blind ones are named, loaded and slow ones are left alone."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from sealegs.hw.commands import Trajectory
+
+from tests.simulated_runs import Simulation, sine
+
+XL330 = ("robot.servo=xl330_m288", "robot.actuator=xl330", "robot.params.mass=0.05", "robot.params.length=0.05")
+LOOSE = {"range_margin": 9.0, "speed": 99.0, "current": 99.0}
+"""Limits other than those of following."""
+
+
+@pytest.mark.parametrize(
+    ("servo", "amplitude"),
+    [
+        ((), 0.04),
+        (XL330, 0.1),
+        *(pytest.param(*row, marks=pytest.mark.long) for row in (((), 0.02), (XL330, 0.06), (XL330, 0.2))),
+    ],
+    ids=str,
+)
+def test_a_servo_that_goes_blind_is_stopped_before_it_turns_away(servo: tuple[str, ...], amplitude: float) -> None:
+    frozen = {"kind": "frozen", "at": 3.3}
+    simulation = Simulation("bench", *servo, commands=sine(amplitude), faults=[frozen], limits=LOOSE)
+    outcome = simulation.run(5.0)
+    assert outcome.fault is not None and outcome.fault.name in ("following", "frozen"), simulation.port.now()
+    assert abs(simulation.rig.machine.position(0)) < 1.5, "it would turn by a radian in each second"
+    assert simulation.port.now() - 3.3 < 2.0, "a period of the sine"
+
+
+@pytest.mark.parametrize("servo", [(), XL330], ids=str)
+@pytest.mark.parametrize(("hertz", "seconds"), [(0.1, 7.0), pytest.param(0.02, 30.0, marks=pytest.mark.long)])
+def test_a_servo_that_sticks_and_slips_under_its_load_is_left_alone(
+    servo: tuple[str, ...], hertz: float, seconds: float
+) -> None:
+    heavy = ("robot.params.mass=0.6", "robot.params.length=0.12") if not servo else ()
+    simulation = Simulation("bench", *servo, *heavy, commands=sine(0.3, hertz, offset=0.5), limits=LOOSE)
+    assert simulation.run(seconds).ending == "finished"
+
+
+@pytest.mark.parametrize("amplitude", [0.01, 0.05])
+def test_twice_the_friction_that_the_chain_has_is_no_blind_servo(amplitude: float, tmp_path: Path) -> None:
+    hidden = tmp_path / "stiff.yaml"
+    hidden.write_text("friction.coulomb: 0.1\n")
+    outcome = Simulation(hidden=str(hidden), commands=sine(amplitude, 0.2), limits=LOOSE).run(4.0)
+    assert outcome.ending == "finished", outcome.fault
+
+
+def test_a_joint_that_is_told_to_stand_still_is_not_taken_for_blind() -> None:
+    def step(robot: Any) -> Trajectory:
+        time = np.arange(0.0, 20.0, 0.01)
+        return Trajectory("step", time, np.where(time > 1.0, 0.8, 0.0)[:, None])
+
+    outcome = Simulation(commands=step, limits=LOOSE).run(4.0)
+    assert outcome.ending == "finished", outcome.fault

@@ -1,0 +1,101 @@
+"""A robot that sits down at the end of a run: along its motion whatever is lost, logged, and let go at once."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from sealegs.gap.log import read_measured
+from sealegs.hw.commands import Reference, Trajectory, park_motion
+from sealegs.hw.deployment import prepare
+from sealegs.hw.live import picture
+from sealegs.hw.measured_log import read_events
+
+from tests.servo_runs import config
+from tests.simulated_runs import Simulation, sine
+
+
+def sitting(motion: bool = True, **keys: Any) -> Simulation:
+    """A bench that sits down over 1.5 s, along a stored motion or to a pose."""
+    simulation = Simulation(commands=sine(0.1), **keys)
+    time = np.arange(0.0, 1.5, 0.01)
+    stored = Trajectory("park", time, 0.2 - 0.6 * time[:, None])
+    simulation.loop.park = stored if motion else park_motion({"joint": -0.7}, simulation.robot)
+    return simulation
+
+
+def test_a_cycle_in_which_nobody_answers_does_not_send_it_back_to_where_the_motion_began() -> None:
+    simulation = sitting(limits={"log_only": ["goal_speed", "following"]})
+    sent: list[float] = []
+    beat = simulation.guard.beat
+
+    def noted() -> bool:
+        if simulation.loop.state == "sitting down":
+            sent.append(float(simulation.loop.sent[0]))
+            if len(sent) in (80, 100, 101):
+                simulation.fault("drop", seconds=0.015)
+        return beat()
+
+    simulation.guard.beat = noted  # type: ignore[method-assign]
+    outcome = simulation.run(1.0)
+    assert outcome.ending == "finished" and outcome.bus["NoReplyError"] >= 4
+    assert np.abs(np.diff(sent)).max() < 0.02, "1 rad/s at most, in a cycle of 10 ms"
+    assert sent[-1] == pytest.approx(-0.69, abs=0.02)
+
+
+@pytest.mark.parametrize("when", ["running", "sitting down"])
+def test_a_dead_mans_switch_that_is_let_go_releases_at_once(when: str) -> None:
+    simulation = sitting()
+    let_go: list[float] = []
+
+    def held() -> str | None:
+        loop = simulation.loop
+        if loop.state == when and loop.elapsed > (0.5 if when == "running" else 1.5):
+            let_go.append(simulation.port.now())
+            return "the dead-man's switch was let go"
+        return None
+
+    simulation.loop.each_cycle = held
+    outcome = simulation.run(1.0)
+    assert outcome.reason == "the dead-man's switch was let go" and simulation.torque == [False]
+    assert len(let_go) == 1 and simulation.rig.history[-1][0] - let_go[0] < 0.02
+
+
+def test_the_way_down_is_logged_and_shown(tmp_path: Path) -> None:
+    simulation = sitting(folder=tmp_path, motion=False)
+    titles: list[str] = []
+    beat = simulation.guard.beat
+
+    def noted() -> bool:
+        if simulation.loop.state == "sitting down":
+            titles.append(str(picture(simulation.loop).title))
+        return beat()
+
+    simulation.guard.beat = noted  # type: ignore[method-assign]
+    simulation.run(1.0)
+    (begun,) = [e["time"] for e in read_events(tmp_path / "run.csv") if e["event"] == "sitting down"]
+    run = read_measured(tmp_path / "run.csv").runs[0]
+    rows = run.time > begun
+    joint = run.joints["joint"]
+    assert rows.sum() > 80 and joint.goal is not None and joint.goal[-1] == pytest.approx(-0.7, abs=1e-3)
+    assert joint.position[-1] == pytest.approx(-0.7, abs=0.05) and "STALE" not in titles[-1]
+
+
+def test_the_hopper_folds_its_leg_before_it_is_released_as_its_file_says() -> None:
+    settings = config("robot=hopper", patient=False)
+    assert settings["robot"]["rest"] == "sit" and prepare({**settings, "reference": True}).park is not None
+    simulation = Simulation("hopper", commands=Reference, limits={"range_margin": 3.0})
+    simulation.loop.park = park_motion(settings["robot"]["park"], simulation.robot)
+    machine, heights = simulation.rig.machine, list[float]()
+    beat = simulation.guard.beat
+
+    def noted() -> bool:
+        heights.append(machine.base()[0]["base_z"])
+        return beat()
+
+    simulation.guard.beat = noted  # type: ignore[method-assign]
+    outcome = simulation.run(0.5)
+    assert outcome.ending == "finished", outcome.fault
+    assert heights[-1] < 0.7 * heights[0] and abs(machine.base()[1]["base_z"]) < 0.1, "low, and at rest"
