@@ -58,20 +58,41 @@ class ServoReadings(ServoMemory):
         def read() -> ServoState:
             before = self.clock.now()
             start, length = self._block.span(whole)
-            replies = self._sync_read(ids, start, length)
+            replies = self._read_all(ids, start, length)
             rows = [replies[servo] for servo in ids]
             state = self._block.state(ids, rows, before, self.clock.now(), whole)
-            more = self._sync_read(ids, *self._block.whole) if whole and not self._block.merged else {}
+            more = self._read_all(ids, *self._block.whole) if whole and not self._block.merged else {}
             return self._with_torque(state, more if whole else None)
 
         return self.line.retry(read, retries)
 
-    def _sync_read(
-        self, ids: Sequence[int], start: int, length: int, wait: float | None = None
-    ) -> dict[int, list[int]]:
+    def _read_all(self, ids: Sequence[int], start: int, length: int, wait: float | None = None) -> dict[int, list[int]]:
+        """A block of each servo, in one transaction where the servos know how; ``wait``: for a reply [s].
+
+        Raises:
+            ReplyError: of the last servo that failed; ``replies`` holds those that came.
+        """
+        if self.model.sync_read:
+            asked = self.line.no_late_length(length)
+            parameters = [*self.line.dialect.block(start, asked), *ids]
+            return self.line.transact(ids, SYNC_READ, parameters, asked, wait)
+        replies: dict[int, list[int]] = {}
+        problem: ReplyError | None = None
+        for servo in ids:
+            try:
+                replies |= self._read_one(servo, start, length, wait)
+            except ReplyError as error:
+                problem = error
+                if wait is not None and isinstance(error, NoReplyError):
+                    self.line.expect_nothing_more()
+        if problem is not None:
+            problem.replies = replies
+            raise problem
+        return replies
+
+    def _read_one(self, servo: int, start: int, length: int, wait: float | None) -> dict[int, list[int]]:
         asked = self.line.no_late_length(length)
-        parameters = [*self.line.dialect.block(start, asked), *ids]
-        return self.line.transact(ids, SYNC_READ, parameters, asked, wait)
+        return self.line.transact([servo], READ, self.line.dialect.block(start, asked), asked, wait)
 
     def _with_torque(self, state: ServoState, watched: Mapping[int, list[int]] | None) -> ServoState:
         """The state with torque and mark out of blocks of their own, and with faults that a register names.
@@ -124,18 +145,21 @@ class ServoReadings(ServoMemory):
         with self.line.lock:
             replies: dict[int, list[int]] = {}
             try:
-                replies |= self._sync_read(ids, start, length, wait)
+                replies |= self._read_all(ids, start, length, wait)
             except ReplyError as error:
                 self.line.note(error)
                 problem = error
                 replies |= error.replies
                 if until is not None and isinstance(error, NoReplyError):
                     self.line.expect_nothing_more()  # what comes late all the same has another length
+                    if not replies:
+                        self.line.round_trip.nobody()
+                        wait = self.line.round_trip.timeout(self.timeout)
                 problem = self._ask_again(ids, replies, start, length, wait, until) or problem
             watched: dict[int, list[int]] = {}
             if whole and not self._block.merged and replies:
                 try:
-                    watched |= self._sync_read([servo for servo in ids if servo in replies], *self._block.whole, wait)
+                    watched |= self._read_all([servo for servo in ids if servo in replies], *self._block.whole, wait)
                 except ReplyError as error:
                     self.line.note(error)
                     watched |= error.replies
@@ -148,7 +172,8 @@ class ServoReadings(ServoMemory):
         replies = {servo: data[:length] for servo, data in replies.items()}
         self._latest |= {servo: data[offset:] for servo, data in replies.items()}
         rows = [replies.get(servo) or [*self._blank[:offset], *self._latest[servo]] for servo in ids]
-        state = self._block.state(ids, rows, before, self.clock.now(), whole)
+        known = [servo in replies for servo in ids]
+        state = self._block.state(ids, rows, before, self.clock.now(), whole, known)
         state = self._with_torque(state, watched if whole else None)
         if not missing or problem is None:
             return state
@@ -174,14 +199,13 @@ class ServoReadings(ServoMemory):
         while left or alone:
             if until is not None and self.clock.now() > until:
                 break
-            asked = self.line.no_late_length(length)
             try:
                 if self.line.dialect.chained and len(left) > 1:
                     alone.append(left.pop(0))
-                    replies |= self._sync_read(left, start, length, wait)
+                    replies |= self._read_all(left, start, length, wait)
                 else:
                     servo = left.pop(0) if left else alone.pop(0)
-                    replies |= self.line.transact([servo], READ, self.line.dialect.block(start, asked), asked, wait)
+                    replies |= self._read_one(servo, start, length, wait)
             except ReplyError as error:
                 self.line.note(error)
                 problem = error

@@ -17,18 +17,23 @@ class RoundTrip:
 
     def __init__(self) -> None:
         self.mean = self._spread = 0.0
-        self._count = 0
+        self._count, self._patience = 0, 1.0
 
     def add(self, seconds: float) -> None:
         """A transaction was answered in full."""
+        self._patience = 1.0
         if self._count == 0:
             self.mean, self._spread = seconds, 0.5 * seconds
         self._spread += SPREAD_SHARE * (abs(seconds - self.mean) - self._spread)
         self.mean += SHARE * (seconds - self.mean)
         self._count += 1
 
+    def nobody(self) -> None:
+        """Nobody answered in time: the adapter may have become slower, so the next timeout is twice as long."""
+        self._patience *= 2.0
+
     def timeout(self, longest: float) -> float:
         """How long to wait for a reply [s], at most ``longest``."""
         if self._count < SAMPLES:
             return longest
-        return min(self.mean + SPREADS * self._spread + MARGIN, longest)
+        return min(self._patience * (self.mean + SPREADS * self._spread + MARGIN), longest)

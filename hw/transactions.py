@@ -186,38 +186,55 @@ class Transactions:
     def _collect(self, ids: Sequence[int], request: list[int], length: int, wait: float) -> dict[int, list[int]]:
         replies: dict[int, list[int]] = {}
         problem: ReplyError | None = None
-        while len(replies) < len(ids):
+        overdue = {late for _, late in self._overdue}
+        spoiled, strange, broken = (
+            set[int](),
+            0,
+            False,
+        )  # who sent what cannot be used, its bytes, whether it had no sense
+        while len(replies) + len(spoiled) < len(ids):
             reply, nothing = self.dialect.receive(self.port)
             if reply is None:
-                missing = [servo for servo in ids if servo not in replies]
-                if nothing:
-                    whole = (self.dialect.overhead + length) * len(replies)
-                    broken = problem is not None or self.port.received > whole  # an SDK drops what has no header
-                    problem = self._corrupt(missing) if broken else self._no_reply(missing, wait)
-                else:
-                    problem = self._corrupt(missing)
-                problem.replies = replies
+                silent = [servo for servo in ids if servo not in replies and servo not in spoiled]
+                whole = (self.dialect.overhead + length) * len(replies) + strange
+                broken |= not nothing or self.port.received > whole  # an SDK drops what has no header
+                problem = self._corrupt(silent) if broken else self._no_reply(silent, wait)
                 if nothing or self.port.isPacketTimeout():
-                    raise problem
+                    break
                 continue
             servo = reply.servo
             if reply.whole == request and len(request) > self.dialect.overhead:
                 self._check_echo()
             if servo in replies or servo not in ids:
-                raise StaleReplyError(
+                problem = StaleReplyError(
                     f"servo {servo} on {self.path} answered a question that was not the latest; it was ignored.",
                     [servo],
                 )
+                strange += len(reply.whole)
+                if replies.pop(servo, None) is not None:  # nobody knows which of the two is the answer
+                    spoiled.add(servo)
+                    strange += self.dialect.overhead + length
+                continue
             if (why := self.dialect.refusal(reply.error)) is not None:
                 raise RefusedError(f"servo {servo} on {self.path} refuses: {why}.", [servo])
             if len(reply.data) != length:
-                raise ShortReplyError(
+                problem = ShortReplyError(
                     f"servo {servo} on {self.path} answered {len(reply.data)} bytes to a question for {length}; "
                     "it was ignored.",
                     [servo],
                 )
+                strange += len(reply.whole)
+                if len(reply.data) not in overdue:  # or its answer is behind it
+                    spoiled.add(servo)
+                continue
+            spoiled.discard(servo)
             self.status[servo] = reply.error
             replies[servo] = reply.data
+        if problem is not None and len(replies) < len(ids):
+            problem.replies = replies
+            raise problem
+        if isinstance(problem, StaleReplyError | ShortReplyError):
+            self.note(problem)
         return replies
 
     # --- several tries -----------------------------------------------------------------------------------------

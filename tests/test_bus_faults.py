@@ -160,9 +160,8 @@ def test_a_late_reply_after_the_next_question_has_another_length(rigged: Rigged)
     rigged.fault("late", servos=[1], count=1, delay=0.005)
     with pytest.raises(NoReplyError):
         rigged.bus.read_state([1], retries=0)
-    with pytest.raises(ShortReplyError):  # it comes behind this question, in front of its answer
-        rigged.bus.read_state([1], retries=0)
-    state = rigged.bus.read_state([1], retries=0)
+    state = rigged.bus.read_state([1], retries=0)  # it comes behind this question, in front of its answer
+    assert rigged.bus.counts["ShortReplyError"] == 1
     assert state.position[0] == pytest.approx(position(rigged, 0), abs=1e-3)
 
 

@@ -141,6 +141,7 @@ class ServoModel:
         requires: how its registers must be set.
         moves: registers that decide how a servo answers a goal.
         high_id: largest id that it can have.
+        sync_read: whether several can be asked in one request.
     """
 
     name: str
@@ -157,6 +158,7 @@ class ServoModel:
     requires: tuple[Requirement, ...]
     moves: tuple[str, ...]
     high_id: int
+    sync_read: bool
 
     @property
     def step(self) -> float:
@@ -229,6 +231,7 @@ def load_model(name: str) -> ServoModel:
         requires=tuple(Requirement(**row) for row in table["requires"]),
         moves=tuple(table["moves"]),
         high_id=int(table["high_id"]),
+        sync_read=bool(table.get("sync_read", True)),
     )
 
 

@@ -120,7 +120,7 @@ class Wire:
         start, length, ids = self._block(data)
         answers = []
         for number in ids:
-            found = [servo for servo in hearing if servo.id == number]
+            found = [servo for servo in hearing if servo.id == number and servo.model.sync_read]
             if not found and self.dynamixel:
                 break  # assumed: each waits for the packet of the one before
             if found:

@@ -1,0 +1,80 @@
+"""What comes of a transaction of which a part was lost, and of an adapter that becomes slower."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import pytest
+from sealegs.hw import pace
+from sealegs.hw.packets import NoReplyError, ShortReplyError, StaleReplyError
+
+from tests.simulated_runs import Simulation, sine
+
+LOOSE = {"range_margin": 9.0, "speed": 200.0, "following_error": 9.0, "current": 9.0}
+
+
+def test_a_short_reply_costs_no_other_servo_its_own() -> None:
+    simulation = Simulation("hopper")
+    ids = simulation.robot.all_ids
+    simulation.fault("short", servos=[2], count=1)
+    with pytest.raises(ShortReplyError) as caught:
+        simulation.bus.read_state(ids, retries=0)
+    assert caught.value.servos == (2,) and sorted(caught.value.replies) == [1, 3, 4, 5, 6]
+    simulation = Simulation("hopper")
+    simulation.fault("short", servos=[2], count=1)
+    simulation.fault("silence", servos=[5], seconds=0.05)
+    with pytest.raises(NoReplyError) as silent:
+        simulation.bus.read_state(ids, retries=0)
+    assert silent.value.servos == (5,) and sorted(silent.value.replies) == [1, 3, 4, 6]
+
+
+def test_a_servo_that_answers_twice_is_not_believed_and_costs_no_other_its_reply() -> None:
+    simulation = Simulation("hopper")
+    exchange = simulation.wire.exchange
+
+    def doubled(*arguments: object) -> list[tuple[float, bytes]]:
+        found = exchange(*arguments)  # type: ignore[arg-type]
+        return [row for at, packet in found for row in [(at, packet)] * (1 + (packet[2] == 3))]
+
+    simulation.wire.exchange = doubled  # type: ignore[method-assign]
+    with pytest.raises(StaleReplyError) as caught:
+        simulation.bus.read_state(simulation.robot.all_ids, retries=0)
+    assert caught.value.servos == (3,) and sorted(caught.value.replies) == [1, 2, 4, 5, 6]
+
+
+def test_the_torque_of_a_servo_that_did_not_answer_is_not_known() -> None:
+    simulation = Simulation("hopper")
+    bus, ids = simulation.bus, simulation.robot.all_ids
+    bus.torque_on([1, 2])
+    bus.read_cycle(ids, True)
+    simulation.fault("silence", servos=[2])
+    state = bus.read_cycle(ids, True, simulation.port.now() + 0.005)
+    assert state.torque is not None and state.missing == (2,)
+    assert state.torque.tolist()[:2] == [1, -1]
+
+
+@pytest.mark.parametrize("latency", [0.0045, 0.012])
+def test_an_adapter_that_becomes_slower_for_good_is_waited_for(latency: float) -> None:
+    simulation = Simulation(latency=0.001, commands=sine(0.1), limits=LOOSE)
+
+    def slower() -> None:
+        simulation.port.latency = 0.001 if simulation.loop.elapsed < 1.0 else latency
+
+    simulation.loop.each_cycle = slower
+    outcome = simulation.run(3.0)
+    assert outcome.ending == "finished", outcome.fault
+    assert outcome.bus["NoReplyError"] < 20, "then its round trip is known"
+
+
+@pytest.mark.parametrize(("held", "mends"), [("16", True), ("1", False), (None, False)])
+def test_the_latency_timer_is_named_where_the_adapter_has_one_that_holds_bytes(
+    held: str | None, mends: bool, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    if held is not None:  # a CH340 has no such file
+        (tmp_path / "ttyUSB7").mkdir()
+        (tmp_path / "ttyUSB7" / "latency_timer").write_text(held + "\n")
+    monkeypatch.setattr(pace, "DEVICES", tmp_path)
+    said = pace.too_slow(0.017, 0.01, "/dev/ttyUSB7")
+    assert said is not None and "rate=29" in said
+    assert (f"holds bytes for 16 ms, which `echo 1 | sudo tee {tmp_path}/ttyUSB7/latency_timer`" in said) == mends
+    assert ("higher baud rate" in said and "return_delay" in said) != mends
