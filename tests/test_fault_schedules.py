@@ -8,13 +8,16 @@ from typing import Any
 
 import numpy as np
 import pytest
+from sealegs.envs.contract import start_pose
 from sealegs.gap.log import read_measured
 from sealegs.hw.commands import PolicyCommands, Reference
 from sealegs.hw.measured_log import read_events
 from sealegs.hw.policy import Policy
+from sealegs.hw.robot import build_robot
 from sealegs.hw.virtual.faults import KINDS
 
-from tests.servo_runs import gentle_policy
+from tests.committed_policies import committed
+from tests.servo_runs import config, gentle_policy
 from tests.simulated_runs import Simulation, sine
 
 SPAN = 2.5  # [s] of the machine's clock, the way to the start included
@@ -78,6 +81,23 @@ def run_of(seed: int, folder: Path, policy: Policy, makers: Mapping[str, tuple[s
     return simulation
 
 
+def run_of_committed(kind: str, seed: int, folder: Path) -> Simulation:
+    """A policy of ``policies/`` on its robot, with all its servos and sensors."""
+    policy = committed(kind)
+    servos = len(build_robot(config(f"robot={kind}", patient=False)["robot"]).all_ids)
+    simulation = Simulation(
+        kind,
+        commands=lambda robot: PolicyCommands(policy, robot),
+        rate=policy.contract.goal_rate,
+        faults=schedule(np.random.default_rng([seed, servos]), list(range(1, servos + 1))),
+        seed=seed,
+        folder=folder,
+        pose=start_pose(policy.contract),
+    )
+    simulation.guard.patience = 0.3
+    return simulation
+
+
 def judge(simulation: Simulation) -> None:
     """Run to the end, and look at what it leaves."""
     faults = [vars(fault) for fault in simulation.wire.faults]
@@ -109,3 +129,13 @@ def test_no_run_ends_with_torque_on_and_nothing_said_and_every_log_reads_back(
 @pytest.mark.parametrize("seed", seeds(QUICK_DYNAMIXEL))
 def test_nor_does_a_run_on_dynamixels(seed: int, tmp_path: Path, policy: Policy) -> None:
     judge(run_of(seed, tmp_path, policy, DYNAMIXEL))
+
+
+COMMITTED = {"hopper": 12, "biped": 6, "hexapod": 4}
+"""Schedules over the committed policy of each robot."""
+
+
+@pytest.mark.long
+@pytest.mark.parametrize(("kind", "seed"), [(kind, seed) for kind, count in COMMITTED.items() for seed in range(count)])
+def test_nor_does_a_run_of_a_committed_policy(kind: str, seed: int, tmp_path: Path) -> None:
+    judge(run_of_committed(kind, seed, tmp_path))
