@@ -19,7 +19,8 @@ from typing import Any
 import numpy as np
 from sealegs.gap.verdict.diagnosis import diagnose
 
-from testbed.arm import ARMS, EFFECTS, STRANGERS
+from testbed.arm import ARMS
+from testbed.arm_effects import EFFECTS, STRANGERS
 from testbed.logs import hidden_arm
 
 RESULTS = Path(__file__).parent / "results"

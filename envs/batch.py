@@ -13,12 +13,12 @@ import mujoco
 import numpy as np
 from mujoco.batch import Batch
 
-from ..actuators import Drivetrain
 from ..actuators.engine import install
 from ..actuators.errors import SealegsError
 from ..actuators.layout import S_OUT_OF_RANGE, S_TORQUE
 from .randomization import Randomization, Source
 from .robot import ChainSource
+from .sides import Sides
 from .task import ModulatedTask, Motion, Task
 
 
@@ -120,7 +120,7 @@ class BatchEngine:
         names = [item.name for item in self.drivetrain.coordinates]
         addresses = np.array([self.drivetrain.state_addresses[name] for name in names])
         self._torques, self._out_of_range = addresses + S_TORQUE, addresses + S_OUT_OF_RANGE
-        self._motor, self._link = (_Sides(self.drivetrain, names, side) for side in ("motor", "link"))
+        self._motor, self._link = (Sides(self.drivetrain, names, side) for side in ("motor", "link"))
         limits = np.array([task.robot.goal_limits(self.numbers)[name] for name in names])
         self.goal_centre, self.goal_half = limits.mean(axis=1), 0.5 * (limits[:, 1] - limits[:, 0])
         self._limits = limits.T
@@ -353,36 +353,6 @@ class _Generated:
 
     def motion(self) -> dict[str, np.ndarray]:
         return {"memory": self._memory, "power": self._power, "qpos_rate": self._qpos_rate}
-
-
-class _Sides:
-    """Positions and speeds of all coordinates at once, each summed in one order at any batch size."""
-
-    def __init__(self, drivetrain: Drivetrain, names: Sequence[str], side: str) -> None:
-        model = drivetrain.model
-        weights = np.stack([drivetrain.position(name, np.eye(model.nq), side) for name in names])
-        speeds = np.stack([drivetrain.speed(name, np.eye(model.nv), side) for name in names])
-        self._positions, self._speeds = self._terms(weights), self._terms(speeds)
-
-    @staticmethod
-    def _terms(weights: np.ndarray) -> list[tuple[np.ndarray, np.ndarray]]:
-        order = np.argsort(weights == 0.0, axis=1, kind="stable")
-        count = int((weights != 0.0).sum(axis=1).max())
-        return [(order[:, k], np.take_along_axis(weights, order[:, k : k + 1], axis=1)[:, 0]) for k in range(count)]
-
-    def __call__(self, qpos: np.ndarray) -> np.ndarray:
-        return self._sum(self._positions, qpos)
-
-    def speed(self, qvel: np.ndarray) -> np.ndarray:
-        return self._sum(self._speeds, qvel)
-
-    @staticmethod
-    def _sum(terms: list[tuple[np.ndarray, np.ndarray]], values: np.ndarray) -> np.ndarray:
-        columns, weights = terms[0]
-        total = values[:, columns] * weights
-        for columns, weights in terms[1:]:
-            total += values[:, columns] * weights
-        return total
 
 
 def _late(action_delay: float, timestep: float) -> int:

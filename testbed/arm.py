@@ -1,15 +1,16 @@
-"""Hidden arms: what they are, what they hide, what their nominal model file says, and what they log."""
+"""Hidden arms: what they are, what their nominal model file says, and what they log."""
 
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Mapping
+from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
+from .arm_effects import EFFECTS, FURTHER, STRANGERS, end_of
 from .arm_physics import Links, Servos, simulate
 from .excitation import SEGMENT, trajectory
 from .recording import Recording
@@ -118,98 +119,7 @@ SERVOS: dict[str, dict[str, float]] = {
 """Of machines whose servos are others: the leg's are motor 3 of paper 000 behind 287:1, under a softer loop."""
 DELAY = 0.005
 DRIVEN_COULOMB, DRIVEN_VISCOUS = 0.05, 0.02  # of an arm that is driven by torque, without a gear; assumed
-MESHING_COUNT = 20.5  # periods per turn: the second sine of paper 000, table IV, behind its skew-axis gear
 UNCERTAIN = ("motor_constant", "resistance", "armature", "coulomb", "viscous")
-
-
-@dataclass(frozen=True)
-class Hidden:
-    """One effect: what it changes.
-
-    Attributes:
-        cause: name that the catalogue has for it; empty for a stranger.
-        number: of the cause that carries its size.
-        sizes: clear, moderate.
-        apply: links, servos, joint and size to the arm with the effect.
-        everywhere: whether all joints have it.
-    """
-
-    cause: str
-    number: str
-    sizes: tuple[float, float]
-    apply: Callable[[Links, Servos, int, float], tuple[Links, Servos]]
-    everywhere: bool = False
-
-
-def _servo(field: str, change: Callable[[float, float], float]) -> Callable[..., tuple[Links, Servos]]:
-    def apply(links: Links, servos: Servos, joint: int, size: float) -> tuple[Links, Servos]:
-        values = getattr(servos, field).copy()
-        values[joint] = change(values[joint], size)
-        return links, servos._replace(**{field: values})
-
-    return apply
-
-
-def _delay(links: Links, servos: Servos, joint: int, size: float) -> tuple[Links, Servos]:
-    return links, servos._replace(delay=servos.delay + size)
-
-
-def _softer(links: Links, servos: Servos, joint: int, size: float) -> tuple[Links, Servos]:
-    return links, servos._replace(soft=size, play_joint=joint)
-
-
-def _meshing(links: Links, servos: Servos, joint: int, size: float) -> tuple[Links, Servos]:
-    """Dry friction that rises and falls as teeth mesh."""
-    ripple, count, phase = servos.ripple.copy(), servos.ripple_count.copy(), servos.ripple_phase.copy()
-    ripple[joint], count[joint], phase[joint] = size, MESHING_COUNT, 0.7
-    return links, servos._replace(ripple=ripple, ripple_count=count, ripple_phase=phase)
-
-
-def _play(links: Links, servos: Servos, joint: int, size: float) -> tuple[Links, Servos]:
-    return links, servos._replace(play=size, play_joint=joint)
-
-
-def _payload(links: Links, servos: Servos, joint: int, size: float) -> tuple[Links, Servos]:
-    """A point mass at the end of the arm, where the model file has its site."""
-    last = len(links.mass) - 1
-    mass, centre, inertia = links.mass.copy(), links.centre.copy(), links.inertia.copy()
-    point = end_of(centre[last])
-    total = mass[last] + size
-    middle = (mass[last] * centre[last] + size * point) / total
-    for part, at in ((mass[last], centre[last]), (size, point)):
-        away = at - middle
-        inertia[last] += part * (away @ away * np.eye(3) - np.outer(away, away))
-    mass[last], centre[last] = total, middle
-    return links._replace(mass=mass, centre=centre, inertia=inertia), servos
-
-
-def end_of(centre: np.ndarray) -> np.ndarray:
-    """Where the last link ends: twice as far as its centre of mass (3,) [m]."""
-    return 2.0 * centre
-
-
-EFFECTS: dict[str, Hidden] = {
-    "friction": Hidden("friction.coulomb", "friction.coulomb", (0.12, 0.05), _servo("coulomb", lambda v, s: v + s)),
-    "viscous": Hidden("friction.viscous", "friction.viscous", (0.06, 0.025), _servo("viscous", lambda v, s: v + s)),
-    "load_friction": Hidden("friction.load_dependent", "friction.load", (0.25, 0.12), _servo("load", lambda v, s: s)),
-    "delay": Hidden("drive.delay", "delay.seconds", (0.015, 0.006), _delay, everywhere=True),
-    "play": Hidden("transmission.backlash", "backlash.width", (0.12, 0.06), _play),
-    "payload": Hidden("load.mass", "load.payload", (0.15, 0.08), _payload, everywhere=True),
-    "weak_motor": Hidden(
-        "drive.motor_constant", "dc_motor.motor_constant", (0.7, 0.85), _servo("motor_constant", lambda v, s: v * s)
-    ),
-    "stop": Hidden("contact.blocked", "load.stop_angle", (0.4, 0.5), _servo("upper_stop", lambda v, s: s)),
-    "encoder_scale": Hidden("sensor.scale", "encoder.scale", (0.9, 0.95), _servo("encoder_scale", lambda v, s: v * s)),
-}
-FURTHER: dict[str, Hidden] = {
-    "meshing": Hidden("friction.position_dependent", "friction.ripple", (0.5, 0.25), _meshing),
-    "softer": Hidden("transmission.compliance", "compliance.stiffness", (12.0, 20.0), _softer),
-}
-"""Effects of single machines, which the matrix of arms does not hide."""
-STRANGERS: dict[str, Hidden] = {
-    "cable": Hidden("", "", (0.6, 0.3), _servo("cable", lambda v, s: s)),
-    "friction_drift": Hidden("", "", (0.01, 0.005), _servo("drift", lambda v, s: s)),
-}
 
 
 def rotation(quaternion: tuple[float, float, float, float]) -> np.ndarray:

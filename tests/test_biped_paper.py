@@ -12,12 +12,12 @@ import numpy as np
 import pytest
 from sealegs.actuators.errors import SealegsError
 from sealegs.envs.biped import balance, paper, paper_plots, report, validation
+from sealegs.envs.biped.cable_fit import Cable, fit_cable
 from sealegs.envs.biped.controller import PERIOD, Gait, HoppingController, Phase
 from sealegs.envs.biped.drive import DRIVES, PULLEYS, RATIO, SHAPE
 from sealegs.envs.biped.ground import land
 from sealegs.envs.biped.hopping import Hopping, HoppingExperiment, hop_times, rigid_cables
 from sealegs.envs.biped.identification import (
-    Cable,
     IdentificationError,
     Leg,
     Load,
@@ -27,7 +27,6 @@ from sealegs.envs.biped.identification import (
     Spring,
     bias_by_arx,
     chirp,
-    fit_cable,
     fit_leg,
     fit_motor,
     fit_pulleys,

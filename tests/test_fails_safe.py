@@ -455,7 +455,7 @@ def test_an_emergency_stop_acts_in_the_middle_of_a_cycle(closed: bool) -> None:
         )
         released: list[int] = []  # the cycle in which torque went off
 
-        def release() -> dict[int, str]:
+        def release() -> object:
             failed = bus.torque_off(robot.ids)
             released.append(loop.counts[0])
             return failed

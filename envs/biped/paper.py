@@ -9,16 +9,15 @@ from typing import Any
 
 import numpy as np
 
+from .cable_fit import Cable, fit_cable
 from .controller import Gait
 from .drive import DRIVES, PULLEYS, SPRING_RATIO, torque_chain
 from .hopping import Hopping, HoppingExperiment, flight_share, hop_times, rigid_cables
 from .identification import (
-    Cable,
     Leg,
     Motor,
     Pulleys,
     Spring,
-    fit_cable,
     fit_leg,
     fit_motor,
     fit_pulleys,
