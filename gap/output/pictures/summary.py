@@ -179,7 +179,7 @@ def rivals(diagnosis: JointDiagnosis) -> Figure | None:
         axes.text(
             before, -0.85, f"without any of them {before:.2f} ", ha="right", va="center", fontsize=8, color="#555555"
         )
-        axes.set_yticks(range(len(candidates)), [c.cause.name for c in candidates], fontsize=9)
+        axes.set_yticks(range(len(candidates)), [c.cause.key for c in candidates], fontsize=9)
         axes.set_ylim(len(candidates) - 0.4, -1.3)
         axes.set_xlim(0.0, 1.35 * max(before, *levels))
         axes.grid(axis="y", visible=False)

@@ -255,7 +255,7 @@ def _rounds(search: Search) -> list[dict[str, Any]]:
         top = max(before, *levels)
         rows = [
             {
-                "name": c.cause.name,
+                "name": c.cause.key,
                 "level": f"{level:.2f}",
                 "width": f"{100.0 * level / top:.2f}",
                 "best": percent(c.best) if c.best > 0.005 else "",
