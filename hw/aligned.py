@@ -19,6 +19,7 @@ from .simulated import Recording, velocity_of
 from .virtual.machine import Machine
 
 WINDOW = 0.2  # [s]
+DRAWS = 2000  # of the bootstrap
 LOOPS = 5  # Newton steps that close a mechanism's loops
 
 
@@ -111,10 +112,30 @@ class Aligned:
         return np.array(data.qpos)
 
 
-def errors(run: Recording, predicted: Recording) -> np.ndarray:
-    """Rms over all windows of the position error of each joint, and behind them of the base (k + b,) [rad or m]."""
-    found = []
-    for ours, theirs in ((run.position, predicted.position), (run.base, predicted.base)):
-        difference = theirs - ours
-        found += [float(np.sqrt(np.nanmean(column**2))) for column in difference.T]
-    return np.array(found)
+def squares(run: Recording, predicted: Recording, window: float = WINDOW) -> np.ndarray:
+    """Mean squares in each whole window of the position error of the joints, and behind them of the base (w, k + b)."""
+    per_window = max(round(window / run.period), 2)
+    difference = np.concatenate([predicted.position - run.position, predicted.base - run.base], axis=1)
+    count = (len(difference) - 2) // per_window
+    whole = difference[2 : 2 + count * per_window].reshape(count, per_window, -1)
+    return np.nanmean(whole**2, axis=1)
+
+
+def ratios(found: np.ndarray, accounted: np.ndarray, share: float) -> tuple[np.ndarray, np.ndarray]:
+    """How many times what is accounted for an error is (s,), and a lower confidence bound of that.
+
+    Windows differ: in one of them a foot lands. So the bound is a bootstrap's, over the windows of both runs.
+
+    Args:
+        found, accounted: mean squares (w, s), (v, s).
+        share: probability of a ratio below the bound.
+    """
+    rng = np.random.default_rng(0)
+
+    def drawn(rows: np.ndarray) -> np.ndarray:
+        weights = rng.multinomial(len(rows), np.full(len(rows), 1.0 / len(rows)), size=DRAWS)
+        return np.sqrt(weights @ rows / len(rows))
+
+    least = 1e-9  # [rad or m]
+    ratio = np.sqrt(found.mean(axis=0)) / np.maximum(np.sqrt(accounted.mean(axis=0)), least)
+    return ratio, np.quantile(drawn(found) / np.maximum(drawn(accounted), least), share, axis=0)

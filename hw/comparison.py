@@ -15,7 +15,7 @@ from ..envs.contract import ContractError
 from ..envs.extended import FILE as EXTENDED
 from ..gap.log import read_measured
 from . import deployment
-from .aligned import WINDOW, Aligned, errors
+from .aligned import WINDOW, Aligned, ratios, squares
 from .commands import PolicyCommands
 from .measured_log import read_events
 from .policy import Policy
@@ -25,7 +25,8 @@ from .simulated import Recording, rewards_of, simulate, velocity_of
 MACHINE = "machine"
 DEPARTS = 0.25  # of the spread of a signal on the machine: a model further off than this has departed
 LASTS = 3  # cycles in a row that it takes
-GAP = 1.5  # times what is accounted for: from here on it is a gap
+GAP = 1.5  # times what is accounted for: from here on it is a gap, where that is no chance
+CHANCE = 0.05  # that a gap is named where there is none, over all joints and the base
 SLOWEST = 0.3  # [Hz] below which nothing counts as a frequency
 
 
@@ -44,7 +45,7 @@ class Figures:
         same_goals: rms of the model's position error over windows in which it starts where the machine was and is given
             the machine's goals [rad or m]; 0 for the machine.
         accounted: what encoders, bus and windows make of it where model and machine are one [rad or m].
-        gap: the largest ratio of the two over joints and base that is beyond :data:`GAP`; None: no gap.
+        gap: the largest ratio of the two over joints and base that is beyond :data:`GAP` for sure; None: no gap.
         gap_at: where that is; None: no gap.
         departs: signal by which it first departs from the machine, None where none does.
         departs_at: when [s].
@@ -140,7 +141,7 @@ def compare(config: Mapping[str, Any], folder: Path, say: Callable[[str], None] 
             for signal, at in find_departures(machine, predicted, robot).items()
             if signal not in unpredictable
         }
-        gap = gap_of(errors(machine, predicted), errors(run, twin), robot)
+        gap = gap_of(squares(machine, predicted), squares(run, twin), robot)
         departures = departures if gap["gap"] is not None else {}
         first = min(departures, key=lambda signal: departures[signal], default=None)
         figures[name] = measure(
@@ -155,11 +156,12 @@ def compare(config: Mapping[str, Any], folder: Path, say: Callable[[str], None] 
 
 
 def gap_of(found: np.ndarray, accounted: np.ndarray, robot: ServoRobot) -> dict[str, Any]:
-    """The gap as :class:`Figures` has it, from errors of joints and base (k + b,) and what is accounted for of them."""
+    """The gap as :class:`Figures` has it, from mean squares of joints and base (w, k + b), found and accounted for."""
     names = [*robot.names, *(f"base {name}" for name in robot.base_names)]
-    ratio = found / np.maximum(accounted, 1e-9)
+    ratio, bound = ratios(found, accounted, CHANCE / len(names))
+    ratio = np.where(bound > 1.0, ratio, 0.0)  # else the two runs differ by chance
     worst, joints = int(np.argmax(ratio)), len(robot.names)
-    total, expected = (float(np.sqrt(np.mean(rms[:joints] ** 2))) for rms in (found, accounted))
+    total, expected = (float(np.sqrt(np.mean(rows[:, :joints]))) for rows in (found, accounted))
     there = bool(ratio[worst] > GAP)
     return {
         "same_goals": total,

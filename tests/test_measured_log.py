@@ -231,3 +231,13 @@ def test_a_full_disk_leaves_earlier_files_and_no_half_ones(tmp_path: Path, monke
 def test_a_run_name_cannot_leave_its_folder(tmp_path: Path) -> None:
     with pytest.raises(LogError, match="plain file name"):
         write_run(sine_run("../escape"), tmp_path / "logs")
+
+
+def test_a_base_that_is_measured_in_six_directions_reads_back(tmp_path: Path) -> None:
+    columns = ["time", "leg.goal", "leg.position", "base.body.x", "base.body.yaw", "base.body_z", "host.leg_status"]
+    rows = ["0.0,0.1,0.1,1.0,2.0,3.0,0", "0.1,0.1,0.1,1.5,2.5,3.5,0"]
+    (tmp_path / "run.csv").write_text("\n".join([",".join(columns), *rows]) + "\n")
+    (tmp_path / "run.yaml").write_text("robot: hexapod\nactuators: {leg: sts3215}\n")
+    run = read_measured(tmp_path / "run.csv").runs[0]
+    assert list(run.base) == ["body.x", "body.yaw", "body_z"] and list(run.host) == ["leg_status"]
+    assert run.base["body.yaw"].tolist() == [2.0, 2.5] and list(run.joints) == ["leg"]

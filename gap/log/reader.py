@@ -10,7 +10,7 @@ import numpy as np
 from ...actuators.errors import nearest
 from ...envs.robot_file import is_robot_file
 from .sidecar import Sidecar, read_sidecar
-from .table import ENDINGS, ONLY_JOINT, check_columns, read_batches
+from .table import ENDINGS, ONLY_JOINT, check_columns, group_of, read_batches
 from .types import OTHER, REQUIRED_EVERYWHERE, Array, JointLog, LogError, MeasuredRun, MeasuredSet
 
 MINIMUM_SAMPLES = 2
@@ -122,7 +122,7 @@ def build_run(name: str, table: dict[str, Array], sidecar: Sidecar, path: Path, 
     signals: dict[str, dict[str, Array]] = {}
     other: dict[str, dict[str, Array]] = {group: {} for group in OTHER}
     for column, values in table.items():
-        joint, _, signal = column.rpartition(".")
+        joint, signal = group_of(column)
         if joint in OTHER:
             other[joint][signal] = values
         elif joint:

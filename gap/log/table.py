@@ -127,6 +127,13 @@ def with_joint(names: list[str], only_joint: str) -> list[str]:
     return names if named else [f"{only_joint}.{name}" if name in bare else name for name in names]
 
 
+def group_of(column: str) -> tuple[str, str]:
+    """What a column belongs to, and its name there: a joint and its signal, or ``base`` and ``body.x``."""
+    joint, _, signal = column.rpartition(".")
+    head, _, rest = column.partition(".")
+    return (head, rest) if head in OTHER and signal not in SIGNAL_UNITS else (joint, signal)
+
+
 def check_columns(names: list[str], path: Path) -> None:
     """Refuse columns that the format does not know, columns named twice, and a missing ``time`` or ``position``."""
     seen: set[str] = set()
@@ -137,7 +144,7 @@ def check_columns(names: list[str], path: Path) -> None:
         if name in seen:
             raise LogError(f"{path}: column '{name}' is there twice; keep one")
         seen.add(name)
-        joint, _, signal = name.rpartition(".")
+        joint, signal = group_of(name)
         if name in SIGNAL_UNITS:
             raise LogError(
                 f"{path}: column '{name}' names no joint, as {joints[0]}.{signal} does; write <joint>.{name}"
