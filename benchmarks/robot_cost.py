@@ -18,8 +18,8 @@ from typing import Any
 
 from sealegs.gap.log.types import MeasuredSet
 from sealegs.gap.verdict.diagnosis import diagnose, diagnose_joint
-from sealegs.gap.verdict.matter import Order
 from sealegs.gap.verdict.pieces import cut_joint
+from sealegs.gap.verdict.request import Request
 
 from testbed.logs import hidden_arm, hidden_bench
 
@@ -59,9 +59,9 @@ def row(kind: str, length: float) -> dict[str, Any]:
     """Time of one joint: of its load along the log, of a hundred replays, and of its diagnosis."""
     data = bench(length) if kind == "bench" else arm(length)
     joint = next(iter(data.runs[0].joints)) if kind == "bench" else JOINT
-    order = Order(causes=CAUSES)
+    request = Request(causes=CAUSES)
     load, _ = spent(lambda: cut_joint(data.runs, joint, None))
-    whole, found = spent(lambda: diagnose_joint(data.runs, joint, (), order))
+    whole, found = spent(lambda: diagnose_joint(data.runs, joint, (), request))
     problem = found.problem
     assert problem is not None
     replays, _ = spent(lambda: problem.simulate([{}] * 100))

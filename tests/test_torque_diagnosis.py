@@ -10,7 +10,7 @@ from sealegs.gap.checks.torque_balance import SYSTEMATIC, WINDOW, Shift
 from sealegs.gap.log.types import JointLog, LogError, MeasuredRun, MeasuredSet
 from sealegs.gap.search.settings import DEFAULT
 from sealegs.gap.verdict.diagnosis import diagnose
-from sealegs.gap.verdict.matter import Order
+from sealegs.gap.verdict.request import Request
 from sealegs.gap.verdict.torque import diagnose_torque
 from sealegs.gap.verdict.verdict import NOTHING, WITHDRAWN, JointDiagnosis
 
@@ -83,10 +83,10 @@ def test_a_torque_log_names_what_is_wrong_with_friction_and_load(
 def test_only_the_causes_that_were_asked_for_are_named_in_a_torque_log() -> None:
     """``causes=[friction.coulomb]`` was dropped, and load.mass was named."""
     runs = [believing(swung(name, 0.0, seed), mass=MASS / 1.5) for name, seed in (("a", 1), ("b", 2))]
-    found = diagnose_torque(runs, "servo", (), Order(causes=("friction.coulomb",)))
+    found = diagnose_torque(runs, "servo", (), Request(causes=("friction.coulomb",)))
     named = [cause.name for cause in found.causes] + [rival for cause in found.causes for rival in cause.rivals]
     assert set(named) <= {"friction.coulomb"}
-    shifted = diagnose_torque(RUNS, "servo", (), Order(causes=("friction.coulomb",)))
+    shifted = diagnose_torque(RUNS, "servo", (), Request(causes=("friction.coulomb",)))
     assert "sensor.delay" not in [cause.name for cause in shifted.causes]
     open_load = [replace(run, meta={**run.meta, "unknown": ["load"]}) for run in runs]
     assert not {"load.mass", "load.inertia"} & {c.name for c in diagnose_torque(open_load, "servo", ()).causes}
@@ -104,7 +104,7 @@ def test_shares_of_a_torque_log_split_what_is_explained() -> None:
 
 def test_thresholds_of_the_search_hold_for_torque_logs_too() -> None:
     runs = [believing(swung(name, 0.0, seed), coulomb=0.15) for name, seed in (("a", 1), ("b", 2))]
-    asked = Order(search=replace(DEFAULT, least_gain=2.0))
+    asked = Request(search=replace(DEFAULT, least_gain=2.0))
     assert diagnose_torque(runs, "servo", ()).causes and not diagnose_torque(runs, "servo", (), asked).causes
 
 
@@ -116,7 +116,7 @@ def test_a_torque_log_as_believed_is_nothing_to_explain() -> None:
 def test_a_shift_that_raises_the_error_on_held_out_blocks_is_withdrawn() -> None:
     """A shift of 35 ms was named with confidence 0.93 while the error rose from 0.87 to 0.93 N.m."""
     runs = [believing(swung("a", 0.010, 1)), believing(swung("b", 0.010, 2)), believing(swung("c", -0.030, 3))]
-    found = diagnose_torque(runs, "servo", (), Order("c"))
+    found = diagnose_torque(runs, "servo", (), Request("c"))
     assert "sensor.delay" not in [cause.name for cause in found.causes]
     assert ("sensor.delay", WITHDRAWN) in [(cause.name, cause.standing) for cause in found.open_causes]
     assert found.gap["extended"].rmse <= found.gap["nominal"].rmse
@@ -216,7 +216,7 @@ def test_an_unknown_test_group_is_refused() -> None:
     with pytest.raises(LogError, match="there is no group 'd' to test on; the logs have a, b"):
         diagnose(MeasuredSet(RUNS, "two"), "d")
     with pytest.raises(LogError, match="all runs are in the group 'a'"):
-        diagnose_torque(RUNS[:1], "servo", (), Order("a"))
+        diagnose_torque(RUNS[:1], "servo", (), Request("a"))
     untold = [RUNS[0], with_torque(RUNS[1], None)]
     with pytest.raises(LogError, match="no torque is left to test on with the group 'b' held out"):
-        diagnose_torque(untold, "servo", (), Order("b"))
+        diagnose_torque(untold, "servo", (), Request("b"))

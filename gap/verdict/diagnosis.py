@@ -35,14 +35,15 @@ from ..search.forward import NUMERICAL, Searcher
 from ..search.result import Search
 from ..search.settings import DEFAULT, SearchSettings
 from ..search.windows import in_windows
+from .case import Case, Cut, Replay
 from .decide import decide
 from .evidence import Refused, Replayed
-from .matter import Case, Cut, Order, Replay
 from .measure import Measured, measure, whole_runs
 from .parallel import side_by_side
 from .pieces import cut_joint, frame_findings, named_chain
 from .recorded import recording_reasons
 from .refusal import refuse
+from .request import Request
 from .robot import with_robot
 from .torque import diagnose_torque
 from .unseen_range import unseen_range
@@ -83,20 +84,20 @@ def diagnose(
     Raises:
         SealegsError: the runs have no joint that can be diagnosed, or the catalogue has no such cause.
     """
-    order = Order(test_group, seed, progress, limits, causes, settings, look_on)
+    request = Request(test_group, seed, progress, limits, causes, settings, look_on)
     checked(causes)
     data, findings, stop = _check(data, progress)
     runs, joints = data.runs, list(data.runs[0].joints)
     if stop is not None:
-        first = [_first_experiment(runs, joint, stop, order) for joint in joints]
+        first = [_first_experiment(runs, joint, stop, request) for joint in joints]
         why = Refused("the log", stop.sentence)
         return [refuse(joint, why, findings, plan) for joint, plan in zip(joints, first, strict=True)]
     findings = [*findings, *frame_findings(runs, progress)]
-    found = side_by_side(_whatever_happens, runs, joints, findings, order, workers, done)
+    found = side_by_side(_whatever_happens, runs, joints, findings, request, workers, done)
     if all(run.robot == HOPPER.name for run in runs):
-        found.append(_diagnose_ground(runs, found, order))
+        found.append(_diagnose_ground(runs, found, request))
     if (robot := robot_of(runs[0])) is not None:
-        before, found = found, _with_robot(robot, runs, findings, found, order)
+        before, found = found, _with_robot(robot, runs, findings, found, request)
         for joint in found:
             if all(joint is not other for other in before):  # of the robot, or judged again
                 done(joint)
@@ -108,37 +109,37 @@ def _with_robot(
     runs: Sequence[MeasuredRun],
     findings: Sequence[Finding],
     found: list[JointDiagnosis],
-    order: Order,
+    request: Request,
 ) -> list[JointDiagnosis]:
     """What joints share, and the joints in its light; what was found of single joints where its numbers fail."""
 
     def again(joint: str, more: Sequence[Array], note: Finding) -> JointDiagnosis:
-        return diagnose_joint(runs, joint, [*findings, note], order, more)
+        return diagnose_joint(runs, joint, [*findings, note], request, more)
 
     try:
-        return with_robot(robot, runs, found, order, WIDE, again)
+        return with_robot(robot, runs, found, request, WIDE, again)
     except SealegsError:  # which a person can mend
         raise
     except (*NUMERICAL, ValueError, LookupError) as error:
         LOGGER.exception("the search for what joints share failed")
         why = f"the search for what joints share failed ({type(error).__name__}: {error})"
-        order.progress(why)
+        request.progress(why)
         said = f"{why}; what was found of each joint stands. Please report it with the log."
         fault = Finding("search.fault", "warning", None, None, said[0].upper() + said[1:])
         return [replace(joint, findings=(*joint.findings, fault)) for joint in found]
 
 
 def _whatever_happens(
-    runs: Sequence[MeasuredRun], joint: str, findings: Sequence[Finding], order: Order
+    runs: Sequence[MeasuredRun], joint: str, findings: Sequence[Finding], request: Request
 ) -> JointDiagnosis:
     """The diagnosis of a joint; a refusal where its numbers fail, so that what was found of other joints is kept."""
     try:
-        return diagnose_joint(runs, joint, findings, order)
+        return diagnose_joint(runs, joint, findings, request)
     except SealegsError:
         raise
     except (*NUMERICAL, ValueError, LookupError) as error:
         LOGGER.exception("the diagnosis of %s failed", joint)
-        order.progress(f"the diagnosis of {joint} failed: {type(error).__name__}: {error}")
+        request.progress(f"the diagnosis of {joint} failed: {type(error).__name__}: {error}")
         why = (
             f"its numbers failed in a way that nobody foresaw ({type(error).__name__}: {error}); please report it with "
             "the log"
@@ -150,7 +151,7 @@ def diagnose_joint(
     runs: Sequence[MeasuredRun],
     joint: str,
     findings: Sequence[Finding],
-    order: Order,
+    request: Request,
     more: Sequence[Array] | None = None,
 ) -> JointDiagnosis:
     """Diagnose one joint of runs whose faults are mended.
@@ -159,7 +160,7 @@ def diagnose_joint(
         runs: of one machine.
         joint: its name.
         findings: about the log.
-        order: what was asked for.
+        request: what was asked for.
         more: of a joint of a robot, what is added to the load that its file gives, in each run (samples, 5).
 
     Raises:
@@ -169,36 +170,43 @@ def diagnose_joint(
     runs = [with_believed_load(run) for run in runs]
     commands = [getattr(run.joints[joint], kind) for run in runs for kind in ("goal", "torque_command")]
     if all(command is None for command in commands):  # without commands, only its torque can be judged
-        return diagnose_torque(runs, joint, mine, order)
-    pieces = cut_joint(runs, joint, order.test_group, more)
-    replay = _replay(pieces, order, before_goal=any(finding.code == "columns.before_goal" for finding in mine))
+        return diagnose_torque(runs, joint, mine, request)
+    pieces = cut_joint(runs, joint, request.test_group, more)
+    replay = _replay(pieces, request, before_goal=any(finding.code == "columns.before_goal" for finding in mine))
     if isinstance(replay, Refused):
         return refuse(joint, replay, mine)
-    search = _search(replay, order)
-    order.progress("measuring the gain on runs that nothing has seen")
+    search = _search(replay, request)
+    request.progress("measuring the gain on runs that nothing has seen")
     case = Case(joint, (*mine, *replay.findings), shows_little(runs, joint))
-    return conclude(case, replay, search, order)
+    return conclude(case, replay, search, request)
 
 
-def _diagnose_ground(runs: Sequence[MeasuredRun], joints: Sequence[JointDiagnosis], order: Order) -> JointDiagnosis:
+def _diagnose_ground(runs: Sequence[MeasuredRun], joints: Sequence[JointDiagnosis], request: Request) -> JointDiagnosis:
     """The ground under a leg, sought with the actuators as their diagnoses left them."""
     chains = {joint.joint: chain for joint in joints if (chain := _found_chain(joint)) is not None}
     sought = search_ground(
-        runs, chains, order.seed, order.progress, order.test_group, order.causes, order.search, order.look_on
+        runs,
+        chains,
+        request.seed,
+        request.progress,
+        request.test_group,
+        request.causes,
+        request.search,
+        request.look_on,
     )
     if not isinstance(sought, GroundSearch):
         return refuse(GROUND, Refused("the ground", sought, usable=True), signal="base.z", unit="m", unexplained=0.0)
     replay = Replay(sought.problem, sought.problem, sought.numbers, sought.numbers)
-    order.progress("measuring the gain on stances that nothing has seen")
-    measured = measure(replay.problem, replay.fitting, sought.search, GROUND, replay.wide, order.seed)
+    request.progress("measuring the gain on stances that nothing has seen")
+    measured = measure(replay.problem, replay.fitting, sought.search, GROUND, replay.wide, request.seed)
     findings = tuple(sought.findings(measured.values, complete=len(chains) == len(joints)))
-    return _decide(Case(GROUND), replay, sought.search, measured, order, findings)
+    return _decide(Case(GROUND), replay, sought.search, measured, request, findings)
 
 
-def conclude(case: Case, replay: Replay, search: Search, order: Order) -> JointDiagnosis:
+def conclude(case: Case, replay: Replay, search: Search, request: Request) -> JointDiagnosis:
     """Measure what a search found, and decide what is said of it."""
-    measured = measure(replay.problem, replay.fitting, search, case.joint, replay.wide, order.seed)
-    return _decide(case, replay, search, measured, order)
+    measured = measure(replay.problem, replay.fitting, search, case.joint, replay.wide, request.seed)
+    return _decide(case, replay, search, measured, request)
 
 
 # --- the steps ---------------------------------------------------------------------------------------------------
@@ -219,15 +227,15 @@ def _check(data: MeasuredSet, progress: Progress) -> tuple[MeasuredSet, list[Fin
     return data, merged(every), unusable(every, data)
 
 
-def _replay(pieces: Cut, order: Order, *, before_goal: bool = False) -> Replay | Refused:
+def _replay(pieces: Cut, request: Request, *, before_goal: bool = False) -> Replay | Refused:
     """Free on a bench; driven where what holds the link is not known.
 
     Args:
-        pieces, order: of the joint.
+        pieces, request: of the joint.
         before_goal: whether the columns of a row are of the moment before its goal acts.
     """
     wide, tuned = adjustable(pieces.models[0], WIDE), adjustable(pieces.models[0])
-    causes = catalogue(pieces.models[0], order.causes)
+    causes = catalogue(pieces.models[0], request.causes)
     layout = pieces.runs, pieces.joint, pieces.models, pieces.units
     stops = stops_of(pieces.runs, pieces.joint)
     seen = (*pieces.findings, *told_stops(stops, pieces.joint))
@@ -244,16 +252,16 @@ def _replay(pieces: Cut, order: Order, *, before_goal: bool = False) -> Replay |
     except LogError as error:
         return Refused(f"'{pieces.joint}'", str(error), usable=True)
     causes, hidden = shown(driven, pieces.models[0], causes)
-    order.progress(f"judging the actuator of {pieces.joint} along its measured motion")
+    request.progress(f"judging the actuator of {pieces.joint} along its measured motion")
     problem = weigh_channels(converged(driven))
     told = (*seen, limits_of_driven(driven, pieces.joint, hidden))
     return Replay(problem, problem, wide, tuned, causes, told, stops, tuple(hidden))
 
 
-def _search(replay: Replay, order: Order) -> Search:
+def _search(replay: Replay, request: Request) -> Search:
     causes = list(replay.causes)
     return Searcher(
-        replay.fitting, causes, tuple(replay.tuned), order.progress, order.seed, order.search, order.look_on
+        replay.fitting, causes, tuple(replay.tuned), request.progress, request.seed, request.search, request.look_on
     ).run()
 
 
@@ -262,7 +270,7 @@ def _decide(
     replay: Replay,
     search: Search,
     measured: Measured,
-    order: Order,
+    request: Request,
     findings: tuple[Finding, ...] = (),
 ) -> JointDiagnosis:
     """The verdict, and the next experiment where it leaves something open."""
@@ -300,7 +308,7 @@ def _decide(
         withdrawn = [cause.name for cause in measured.open_causes if cause.standing == WITHDRAWN]
         blind = verdict.because("still", "blind") or bool(withdrawn)
         left = search.less(withdrawn)
-        experiment = propose(problem, left, order.limits, order.seed, blind, replay.stops, replay.along)
+        experiment = propose(problem, left, request.limits, request.seed, blind, replay.stops, replay.along)
     tuned = {p.number: measured.values[p.path] for p in search.tuned if p.path in measured.values}
     return JointDiagnosis(
         joint=joint,
@@ -346,11 +354,11 @@ def _found_chain(joint: JointDiagnosis) -> Chain | None:
     return joint.problem.chain(joint.values)
 
 
-def _first_experiment(runs: Sequence[MeasuredRun], joint: str, reason: Finding, order: Order) -> Experiment | None:
+def _first_experiment(runs: Sequence[MeasuredRun], joint: str, reason: Finding, request: Request) -> Experiment | None:
     """What to run on a joint of a bench that nobody has moved yet."""
     asked = reason.code != "motion.none" or reason.data_error
     if asked or runs[0].robot != "bench" or joint not in runs[0].actuators or runs[0].joints[joint].goal is None:
         return None
     return experiment_for_still(
-        runs, joint, [JointModel(named_chain(runs[0], joint))], order.limits, order.seed, order.causes
+        runs, joint, [JointModel(named_chain(runs[0], joint))], request.limits, request.seed, request.causes
     )

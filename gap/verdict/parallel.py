@@ -14,11 +14,11 @@ from ..log.finding import Finding
 from ..log.progress import Milestone
 from ..log.types import MeasuredRun
 from ..search.journal import keeping, kept_at
-from .matter import Order
+from .request import Request
 from .verdict import JointDiagnosis
 
 MANY = 3  # joints from which processes pay for what it costs to start them
-Diagnose = Callable[[Sequence[MeasuredRun], str, Sequence[Finding], Order], JointDiagnosis]
+Diagnose = Callable[[Sequence[MeasuredRun], str, Sequence[Finding], Request], JointDiagnosis]
 """Diagnoses one joint of runs; a function of a module, so that another process finds it."""
 
 
@@ -27,7 +27,7 @@ def side_by_side(
     runs: Sequence[MeasuredRun],
     joints: Sequence[str],
     findings: Sequence[Finding],
-    order: Order,
+    request: Request,
     workers: int | None,
     done: Callable[[JointDiagnosis], None],
 ) -> list[JointDiagnosis]:
@@ -35,7 +35,7 @@ def side_by_side(
 
     Args:
         diagnose: of one joint.
-        runs, findings, order: what it is called with.
+        runs, findings, request: what it is called with.
         joints: their names.
         workers: processes; None: one per core where there are at least :data:`MANY` joints.
         done: is given each joint as soon as it is diagnosed.
@@ -45,11 +45,11 @@ def side_by_side(
     """
     workers = (_cores() if len(joints) >= MANY else 1) if workers is None else workers
     if min(workers, len(joints)) < 2:
-        return [_told(diagnose(runs, joint, findings, order), done) for joint in joints]
-    fits, quiet = kept_at(), replace(order, progress=_quiet)
+        return [_told(diagnose(runs, joint, findings, request), done) for joint in joints]
+    fits, quiet = kept_at(), replace(request, progress=_quiet)
     threads = max(_cores() // workers, 1)
     found: dict[str, JointDiagnosis] = {}
-    order.progress(f"diagnosing {len(joints)} joints, {min(workers, len(joints))} at a time")
+    request.progress(f"diagnosing {len(joints)} joints, {min(workers, len(joints))} at a time")
     context, before = multiprocessing.get_context("spawn"), set(multiprocessing.active_children())
     with ProcessPoolExecutor(min(workers, len(joints)), context, _begin, (threads,)) as pool:
         asked: dict[str, Future[JointDiagnosis]] = {
@@ -58,9 +58,9 @@ def side_by_side(
         try:
             for joint, future in asked.items():
                 found[joint] = _told(future.result(), done)
-                order.progress(Milestone(f"{joint}: {found[joint].verdict}"))
+                request.progress(Milestone(f"{joint}: {found[joint].verdict}"))
         except BrokenProcessPool:
-            order.progress("a process ended without a result; going on in this one")
+            request.progress("a process ended without a result; going on in this one")
         except BaseException:  # also when the person stops it
             pool.shutdown(wait=False, cancel_futures=True)
             for process in set(multiprocessing.active_children()) - before:
@@ -69,7 +69,7 @@ def side_by_side(
     for joint in joints:
         if joint not in found:
             with keeping(_beside(fits, joint)):
-                found[joint] = _told(diagnose(runs, joint, findings, order), done)
+                found[joint] = _told(diagnose(runs, joint, findings, request), done)
     return [found[joint] for joint in joints]
 
 
@@ -97,12 +97,12 @@ def _one(
     runs: Sequence[MeasuredRun],
     joint: str,
     findings: Sequence[Finding],
-    order: Order,
+    request: Request,
     fits: Path | None,
 ) -> JointDiagnosis:
     """Body of a process: its fits are kept in a journal of their own, by which another one goes on."""
     with keeping(_beside(fits, joint)):
-        return diagnose(runs, joint, findings, order)
+        return diagnose(runs, joint, findings, request)
 
 
 def _beside(fits: Path | None, joint: str) -> Path | None:

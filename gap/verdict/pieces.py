@@ -21,7 +21,7 @@ from ..replay.joint_model import JointModel
 from ..replay.terms import T_OWN, T_SIZE
 from ..replay.tree import held_terms, joint_of_tree, not_free, owned, terms_of
 from ..search.structure import fine
-from .matter import Cut
+from .case import Cut
 
 PRECISION = 1e-4  # of a joint's motion, to which no rigid model of a robot is right: assumed
 

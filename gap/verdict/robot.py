@@ -15,8 +15,8 @@ from ..search.windows import in_windows
 from ..shared import ROBOT, SharedFound, affected, search_shared
 from .decide import decide
 from .evidence import THRESHOLDS, Replayed
-from .matter import Order
 from .measure import Measured, measure, whole_runs
+from .request import Request
 from .verdict import JointDiagnosis, rivals_of
 
 SHARED = "robot.shared"
@@ -37,7 +37,7 @@ def with_robot(
     robot: LoggedRobot,
     runs: Sequence[MeasuredRun],
     found: Sequence[JointDiagnosis],
-    order: Order,
+    request: Request,
     wide: float,
     again: Again,
 ) -> list[JointDiagnosis]:
@@ -47,7 +47,7 @@ def with_robot(
         robot: that was logged.
         runs: of it.
         found: about each joint.
-        order: what was asked for.
+        request: what was asked for.
         wide: how far refitting alone may turn a number.
         again: diagnoses a joint again.
     """
@@ -61,16 +61,16 @@ def with_robot(
         runs,
         joints.problems,
         joints.searches,
-        order.seed,
-        order.progress,
-        order.causes,
-        order.search,
-        order.look_on,
+        request.seed,
+        request.progress,
+        request.causes,
+        request.search,
+        request.look_on,
     )
     if sought is None or not sought.search.accepted or not sought.widespread():
         return list(found)
-    order.progress("measuring what joints share on runs that nothing has seen")
-    measured = measure(sought.problem, sought.problem, sought.search, ROBOT, (), order.seed)
+    request.progress("measuring what joints share on runs that nothing has seen")
+    measured = measure(sought.problem, sought.problem, sought.search, ROBOT, (), request.seed)
     values = {number: value for number, value in measured.values.items() if number in sought.rows}
     if not any(cause.confidence >= THRESHOLDS.sure for cause in measured.causes):  # what joints say stands
         return list(found)
@@ -81,7 +81,7 @@ def with_robot(
         if more is None:
             judged.append(diagnosis)
             continue
-        order.progress(f"judging {diagnosis.joint} with what the robot was found to have")
+        request.progress(f"judging {diagnosis.joint} with what the robot was found to have")
         note = Finding(
             SHARED, "note", diagnosis.joint, None,
             f"'{diagnosis.joint}' is judged with what was found of the whole robot: {said}.",

@@ -18,16 +18,16 @@ from ..log.parts import held_out
 from ..log.types import LogError, MeasuredRun
 from .decide import decide, standing
 from .evidence import Balanced
-from .matter import Order
+from .request import Request
 from .torque_causes import SHIFT, Sought, owed_by, sought_in, torque_causes
 from .verdict import WITHDRAWN, Error, JointDiagnosis, NamedCause, OpenCause, Value, data_errors
 
-NO_WISHES = Order()
+NO_WISHES = Request()
 NUMBERS = ("inertia [kg.m2]", "gravity torque [N.m]", "coulomb [N.m]", "viscous [N.m.s/rad]", "offset [N.m]")
 
 
 def diagnose_torque(
-    runs: Sequence[MeasuredRun], joint: str, findings: tuple[Finding, ...], order: Order = NO_WISHES
+    runs: Sequence[MeasuredRun], joint: str, findings: tuple[Finding, ...], request: Request = NO_WISHES
 ) -> JointDiagnosis:
     """Diagnose a torque-driven log of a bench.
 
@@ -40,7 +40,7 @@ def diagnose_torque(
         runs: of one machine.
         joint: that is judged.
         findings: about its log.
-        order: what was asked for.
+        request: what was asked for.
 
     Raises:
         LogError: the runs are too short or have no torque, or the test group does not exist.
@@ -48,7 +48,7 @@ def diagnose_torque(
     findings = tuple(
         f for f in findings if not (f.cause == "sensor.delay" and f.column == f"{joint}.torque")
     )  # judged here, by the same balance
-    held = held_out(runs, order.test_group)
+    held = held_out(runs, request.test_group)
     logs = {k: (run.time, run.joints[joint].position, run.joints[joint].torque) for k, run in enumerate(runs)}
     logs = {k: (time, position, torque) for k, (time, position, torque) in logs.items() if torque is not None}
     if not logs:
@@ -60,7 +60,7 @@ def diagnose_torque(
     test = np.isin(balance.run, [n for n, k in enumerate(logs) if k in held]) if held else (balance.block // 2) % 2 == 1
     if test.all() or not test.any():
         use = "fit" if test.all() else "test"
-        group = f" with the group '{order.test_group}' held out" if held else ""
+        group = f" with the group '{request.test_group}' held out" if held else ""
         raise LogError(f"joint '{joint}': no torque is left to {use} on{group}; record more runs or longer ones.")
     terms, torques = balance.terms, balance.torques
     fitted = balance.only(~test)
@@ -69,7 +69,7 @@ def diagnose_torque(
     believed = np.array([*first[:2], 1.0, 1.0, 1.0])
     errors = {"nominal": _error(terms[test] @ nominal - torques[test, AT_ONCE])}
     errors["refitted"] = _error(terms[test] @ fitted.fit(AT_ONCE) - torques[test, AT_ONCE])
-    sought = sought_in(runs[next(iter(logs))], joint, order)
+    sought = sought_in(runs[next(iter(logs))], joint, request)
     found = torque_shift(fitted)
     extended = fitted.fit(found.index)
     errors["extended"] = _error(terms[test] @ extended - torques[test, found.index])

@@ -20,7 +20,7 @@ from ..log.types import MeasuredRun
 from ..replay.joint_model import JointModel
 from ..search.settings import DEFAULT, SearchSettings
 from .decide import confidence, standing
-from .matter import Order
+from .request import Request
 from .shares import Owed
 from .verdict import NamedCause, Value
 
@@ -87,7 +87,7 @@ class Sought:
         return tuple(term for term in TERMS if term.name in self.causes)
 
 
-def sought_in(run: MeasuredRun, joint: str, order: Order) -> Sought:
+def sought_in(run: MeasuredRun, joint: str, request: Request) -> Sought:
     """What may be sought in the torque of a joint.
 
     A torque log need not name an actuator. The catalogue is then asked what it has for a servo like any other.
@@ -96,11 +96,11 @@ def sought_in(run: MeasuredRun, joint: str, order: Order) -> Sought:
         SealegsError: the catalogue has no such cause, or the chain lacks what the sidecar says is unknown.
     """
     chain = load_chain(run.actuators.get(joint, LIKE_ANY))
-    every = catalogue(JointModel(chain, unknown=unknown_parameters(run, chain)), order.causes)
+    every = catalogue(JointModel(chain, unknown=unknown_parameters(run, chain)), request.causes)
     causes = {cause.name: cause for cause in every}
-    faults = [term.name for term in TERMS if term.column and term.name in checked(order.causes)]
+    faults = [term.name for term in TERMS if term.column and term.name in checked(request.causes)]
     causes |= {cause.name: cause for cause in catalogue(JointModel(chain), faults)}  # whatever is known of the encoder
-    return Sought(joint, causes, order.search, order.seed)
+    return Sought(joint, causes, request.search, request.seed)
 
 
 def torque_causes(

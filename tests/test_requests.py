@@ -18,9 +18,9 @@ from sealegs.gap.shared import ROBOT
 from sealegs.gap.verdict import diagnosis as way
 from sealegs.gap.verdict import robot as shared
 from sealegs.gap.verdict.evidence import Refused
-from sealegs.gap.verdict.matter import Order
 from sealegs.gap.verdict.measure import Measured
 from sealegs.gap.verdict.refusal import refuse
+from sealegs.gap.verdict.request import Request
 from sealegs.gap.verdict.robot import with_robot
 from sealegs.gap.verdict.verdict import Error, JointDiagnosis, NamedCause
 
@@ -94,8 +94,8 @@ def test_what_joints_share_has_rivals_and_rounds(tmp_path: Path, monkeypatch: py
     monkeypatch.setattr(shared, "affected", lambda named, noticed: True)
     monkeypatch.setattr(shared, "search_shared", sought)
     monkeypatch.setattr(shared, "measure", lambda *given: measured)
-    order = Order(search=replace(DEFAULT, least_gain=0.5), look_on=True)
-    *_, found = with_robot(robot(run), [run], [not_diagnosed([run], "elbow")], order, 4.0, raising(KeyError("none")))
+    request = Request(search=replace(DEFAULT, least_gain=0.5), look_on=True)
+    *_, found = with_robot(robot(run), [run], [not_diagnosed([run], "elbow")], request, 4.0, raising(KeyError("none")))
     assert found.joint == ROBOT and found.search is search
     assert found.rivals == ({"of": "load.mass", "names": ["load.mass", "load.inertia"], "confidence": 0.95},)
-    assert order.search in asked and True in asked
+    assert request.search in asked and True in asked

@@ -1,4 +1,4 @@
-"""What is passed along the way of a log: what was asked for, a joint cut into parts, and its replay."""
+"""What is passed along the way of a log: a joint cut into parts, its replay, and what else is known of it."""
 
 from __future__ import annotations
 
@@ -9,29 +9,14 @@ import numpy as np
 
 from ..causes.cause import Cause
 from ..checks.stops import Stop
-from ..experiment import Along, Limits
+from ..experiment import Along
 from ..log.finding import Finding
 from ..log.parts import Unit
-from ..log.progress import Progress
 from ..log.types import MeasuredRun
 from ..replay.joint_model import JointModel
 from ..replay.parameters import Parameter
 from ..replay.problem import Problem
-from ..search.settings import DEFAULT, SearchSettings
 from .verdict import Replayable
-
-
-@dataclass(frozen=True)
-class Order:
-    """What a person asked for; the attributes are the arguments of :func:`diagnose`."""
-
-    test_group: str | None = None
-    seed: int = 0
-    progress: Progress = lambda text: None
-    limits: Limits | None = None
-    causes: Sequence[str] | None = None
-    search: SearchSettings = DEFAULT
-    look_on: bool = False
 
 
 @dataclass(frozen=True, eq=False)
