@@ -28,6 +28,11 @@ LASTS = 3  # cycles in a row that it takes
 GAP = 1.5  # times what is accounted for: from here on it is a gap, where that is no chance
 CHANCE = 0.05  # that a gap is named where there is none, over all joints and the base
 SLOWEST = 0.3  # [Hz] below which nothing counts as a frequency
+NOTHING_ELSE: dict[str, Any] = {
+    "excitation": None, "replay": None, "reference": False, "command": None, "reach": 0.9, "dry_run": False,
+    "dead_man": False, "overruns": "log", "estop": None, "realtime": None,
+}  # fmt: skip
+"""Keys of ``configs/deploy.yaml`` that ``configs/evaluate.yaml`` has not."""
 
 
 @dataclass(frozen=True)
@@ -108,24 +113,26 @@ def compare(config: Mapping[str, Any], folder: Path, say: Callable[[str], None] 
     models = {"nominal": robot}
     if config["extended"] is not None:
         models["extended"] = extended_model(config)
-    check_policy(policy, config["robot"], list(models.values()))
+    check_policy(policy, config["robot"], list(models.values()), deployment.calibration_of(config))
     rate, seconds = policy.contract.goal_rate, float(config["seconds"])
     schedule, segment = command_schedule(policy, seconds, int(config["seed"]))
 
-    def commands() -> PolicyCommands:
+    def commands(robot: ServoRobot = robot) -> PolicyCommands:
         return PolicyCommands(policy, robot, schedule, segment)
 
     deploy = {
-        **config, "actuator": config["nominal"], "rate": None, "duration": seconds, "out": str(folder), "name": MACHINE,
-        "excitation": None, "replay": None, "reference": False, "command": None, "dry_run": False, "dead_man": False,
+        **config, "actuator": config["nominal"], "extended": None, "rate": rate, "duration": seconds,
+        "out": str(folder), "name": MACHINE, **NOTHING_ELSE,
     }  # fmt: skip
+    prepared = deployment.prepare(deploy, commands)  # the policy was checked: its chains are what is compared
+    own = prepared.commands
+    assert isinstance(own, PolicyCommands)
     say(f"On the machine ({'servos' if config['hw']['virtual'] is None else 'virtual bus'}), {seconds:g} s")
-    own = commands()
-    outcome, log = on_machine(deploy, own, rate, seconds, say)
+    outcome, log = on_machine(prepared, say)
     machine = from_log(log, own)
     if len(machine.time) < rate:
         raise SealegsError(f"the machine's run ended after {len(machine.time)} cycles: {outcome}; the log is {log}.")
-    limits = deployment.Limits.from_config(config["robot"]["safety"])
+    limits = prepared.limits
     runs: dict[str, Recording] = {}
     figures: dict[str, Figures] = {}
     spent = len(machine.time) / rate
@@ -193,15 +200,23 @@ def extended_model(config: Mapping[str, Any]) -> ServoRobot:
     return extended_robot(config["robot"], path)
 
 
-def check_policy(policy: Policy, config: Mapping[str, Any], models: Sequence[ServoRobot]) -> None:
+def check_policy(
+    policy: Policy, config: Mapping[str, Any], models: Sequence[ServoRobot], calibration: Path | None = None
+) -> None:
     """Make sure that a policy is for one of the models but for the chains it was trained with, which are compared.
+
+    Args:
+        policy: to check.
+        config: of ``configs/robot``.
+        models: that it may be for.
+        calibration: file with the ranges of the joints; None: as drawn.
 
     Raises:
         ContractError: it is not; the message is that of the first model.
     """
     refused: list[ContractError] = []
     for model in models:
-        trained = build_robot({**config, "params": model.params}, dict(policy.contract.chains), None)
+        trained = build_robot({**config, "params": model.params}, dict(policy.contract.chains), calibration)
         try:
             trained.check_contract(policy.contract)
             return
@@ -210,20 +225,24 @@ def check_policy(policy: Policy, config: Mapping[str, Any], models: Sequence[Ser
     raise refused[0]
 
 
-def on_machine(
-    config: dict[str, Any], commands: PolicyCommands, rate: float, seconds: float, say: Callable[[str], None]
-) -> tuple[str, Path]:
-    """Run on servos; how the run ended, in words, and its log."""
-    config = {"overruns": "log", "estop": None, "realtime": None, **config}  # what evaluate leaves to deploy
-    calibration = deployment.calibration_of(config)
-    robot = build_robot(config["robot"], config["actuator"], calibration)
-    limits = deployment.Limits.from_config(config["robot"]["safety"])
-    prepared = deployment.Deployment(config, robot, commands, limits, rate, seconds, calibration)
+def on_machine(prepared: deployment.Deployment, say: Callable[[str], None]) -> tuple[str, Path]:
+    """Run on servos; how the run ended, in words, and its log. A fault is told, and what was run is compared.
+
+    Raises:
+        NotAtRestError: torque may be on; that is then the last that is said.
+    """
     done = deployment.run(prepared, say)
     assert done is not None
-    say(done.outcome.timing.sentence())
-    fault = done.outcome.fault
-    return (f"{fault.name}: {fault.sentence}" if fault else done.outcome.ending), done.log
+    outcome = done.outcome
+    try:
+        deployment.report(prepared, done, say)
+    except deployment.NotAtRestError:
+        raise
+    except SealegsError as error:
+        say(str(error))
+        return (f"{outcome.fault.name}: {outcome.fault.sentence}" if outcome.fault else outcome.ending), done.log
+    say(f"{outcome.ending.capitalize()}; {deployment.at_rest_sentence(done, prepared.config['rest'])}")
+    return outcome.ending, done.log
 
 
 def command_schedule(policy: Policy, seconds: float, seed: int, segment: float = 2.5) -> tuple[np.ndarray, float]:

@@ -9,7 +9,7 @@ from .bus import ServoBus
 from .packets import PortBusyError, PortError
 from .servo_state import ServoState
 from .supervisor import Line
-from .take_over import Way, sentence
+from .take_over import Aftermath, sentence
 
 LOOK = 0.5  # [s] between two looks
 SOON = 0.05  # [s] between two tries to release
@@ -44,10 +44,10 @@ class Held:
 class HoldWatch:
     """Looks at held servos until their torque is off."""
 
-    def __init__(self, lines: Sequence[Line], way: Way) -> None:
-        """Watch the servos of ``lines``; ``way``: how to tell."""
+    def __init__(self, lines: Sequence[Line], after: Aftermath) -> None:
+        """Watch the servos of ``lines``; ``after``: how to tell."""
         self._lines = [(line, [Held(servo, line.named([servo])[0]) for servo in line.ids]) for line in lines]
-        self._way = way
+        self._after = after
         self._why: str | None = None  # they are to be released
         self._released: set[str] = set()
         self._unreleased: list[str] = []
@@ -56,11 +56,11 @@ class HoldWatch:
     def watch(self) -> None:
         """Look until nothing is held any more, a person ends it, or a virtual machine has ended."""
         while not self.look():
-            self._way.clock.sleep(LOOK if self._why is None else SOON)
+            self._after.clock.sleep(LOOK if self._why is None else SOON)
 
     def look(self) -> bool:
         """Ask the servos, or release them where that is due; whether the watch is over."""
-        if self._why is None and self._way.asked():
+        if self._why is None and self._after.asked():
             self._why = "asked to"
         if self._why is None and self._ask_all():
             return True
@@ -78,17 +78,17 @@ class HoldWatch:
                         self._ask(bus, one)
             except PortBusyError as error:  # whoever has the port is in charge of its servos
                 if not self._busy:
-                    self._way.note("not watched", reason=str(error))
+                    self._after.note("not watched", reason=str(error))
                 self._busy = True
             except Exception as error:  # whatever it is: the next look may be better
                 gone += isinstance(error, PortError)
                 for one in held:
                     self._silent(one, error)
-        if gone == len(self._lines) and not self._way.lasting:
+        if gone == len(self._lines) and not self._after.lasting:
             return True
         everyone = [one for _, held in self._lines for one in held]
         if all(one.torque is False for one in everyone):
-            self._way.note("torque off", by="somebody else")
+            self._after.note("torque off", by="somebody else")
             return True
         for one in everyone:
             if one.off == 2:  # one look may have come into the middle of somebody's release
@@ -126,7 +126,7 @@ class HoldWatch:
             self._why = str(fault)
 
     def _silent(self, one: Held, error: Exception) -> None:
-        now = self._way.clock.now()
+        now = self._after.clock.now()
         one.since = now if one.since is None else one.since
         one.failed += 1
         if one.torque is not False and not one.named and one.failed >= ASKED and now - one.since >= SILENT:
@@ -135,12 +135,12 @@ class HoldWatch:
                 "not watched",
                 one,
                 f"TORQUE MAY BE ON at servo(s) {one.name}, held and no longer watched: {sentence(error).rstrip('.')}. "
-                f"Cut the power, or mend that; process {self._way.pid} goes on looking.",
+                f"Cut the power, or mend that; process {self._after.pid} goes on looking.",
             )
 
     def _tell(self, kind: str, one: Held, line: str) -> None:
-        self._way.note(kind, by="supervisor", servos=[one.name], sentence=line)
-        self._way.say(line)
+        self._after.note(kind, by="supervisor", servos=[one.name], sentence=line)
+        self._after.say(line)
 
     # --- releasing ---------------------------------------------------------------------------------------------
 
@@ -162,18 +162,18 @@ class HoldWatch:
             self._released |= {name for servo, name in names.items() if servo not in failed}
             left += [names[servo] for servo in failed]
         if not left:
-            self._way.note("at rest", by="supervisor", rest="release", why=self._why)
-            self._way.say(f"The servos that were held are released: {self._why}")
+            self._after.note("at rest", by="supervisor", rest="release", why=self._why)
+            self._after.say(f"The servos that were held are released: {self._why}")
             return True
         if left != self._unreleased:
             self._unreleased = left
-            self._way.note("not at rest", by="supervisor", servos=left, reason=reason, why=self._why)
-            self._way.say(
+            self._after.note("not at rest", by="supervisor", servos=left, reason=reason, why=self._why)
+            self._after.say(
                 f"TORQUE MAY BE ON at servo(s) {', '.join(left)}: CUT THE POWER. They are to be released "
-                f"({str(self._why).rstrip('.')}), and cannot be reached: {reason.rstrip('.')}. Process {self._way.pid} "
-                "goes on trying."
+                f"({str(self._why).rstrip('.')}), and cannot be reached: {reason.rstrip('.')}. "
+                f"Process {self._after.pid} goes on trying."
             )
-        return (not self._way.lasting and gone == len(self._lines)) or self._way.asked() > 1
+        return (not self._after.lasting and gone == len(self._lines)) or self._after.asked() > 1
 
 
 def torque_of(state: ServoState) -> bool | None:

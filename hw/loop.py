@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable
 from dataclasses import replace
 from typing import Any, Literal
 
@@ -24,7 +24,8 @@ from .packets import BusError, ReplyError
 from .robot import Reading, ServoRobot
 from .safety import Fault, Safety
 from .stop import Stop
-from .supervisor import Rest, Supervisor, bring_to_rest
+from .supervisor import Rest, Supervisor
+from .to_rest import WayToRest
 from .torque_watch import TorqueWatch
 from .way import Way
 
@@ -153,12 +154,22 @@ class ControlLoop:
 
     def _ended(self, ending: str, fault: Fault | None) -> Outcome:
         timing = self._metronome.timing()
-        seconds, failed, rest = self._to_rest()
+        release = self._stop.emergency or not self._torque_on
+        at_rest = self._way_to_rest().take("release" if release else self._rest, self._rest)
+        self.holder = at_rest.holder
         cut, bus = dict(self.safety.cut), dict(self.bus.counts)
         if magnitudes := self._current_sign.magnitudes:
             self._event("current without sign", servos=named(magnitudes), made="signed as duty x voltage - back-EMF")
         self._event("end", ending=ending, reason=self._stop.reason, cycles=timing.cycles, overruns=timing.overruns)
-        return Outcome(ending, self._stop.reason, fault, timing, cut, bus, failed, seconds, rest)
+        return Outcome(
+            ending, self._stop.reason, fault, timing, cut, bus, at_rest.failed, at_rest.seconds, at_rest.rest
+        )
+
+    def _way_to_rest(self) -> WayToRest:
+        def enter(state: str) -> None:
+            self.state = state
+
+        return WayToRest(self.bus, self.robot.ids, self._supervisor, self._stop, self.alarm, self._event, enter)
 
     # --- start -------------------------------------------------------------------------------------------------
 
@@ -206,7 +217,7 @@ class ControlLoop:
         self._event("pace", name=name, sentence=sentence)
         if self._overruns_stop:
             return Fault(name, sentence)
-        self._say(sentence)
+        self._way_to_rest().say(sentence)
         return None
 
     def _read_once(self) -> Reading:
@@ -382,57 +393,3 @@ class ControlLoop:
                 return fault
             self._metronome.wait()
         return None
-
-    # --- end ---------------------------------------------------------------------------------------------------
-
-    def _to_rest(self) -> tuple[float, dict[int, str], Rest]:
-        """Bring every servo to rest; what cannot be done here is left to the supervisor."""
-        clock = self.bus.clock
-        started = clock.now()
-        self.state = "to rest"
-        failed: Mapping[int, Exception]
-        rest: Rest = "release" if self._stop.emergency or not self._torque_on else self._rest
-        if self._supervisor is not None:
-            if rest != self._rest:
-                self._supervisor.release_only()
-            self._supervisor.resting()
-        try:
-            failed = bring_to_rest(self.bus, self.robot.ids, rest, self._failing)
-        except Exception as error:  # whatever it is, it must not hide that torque may be on
-            failed = dict.fromkeys(self.robot.ids, error)
-            self._failing(self.robot.ids, error)
-        seconds = clock.now() - started
-        self.bus.close()
-        reasons = {servo: str(error) for servo, error in failed.items()}
-        self._event(
-            "not at rest" if failed else "at rest",
-            by="loop",
-            rest=rest,
-            seconds=round(seconds, 4),
-            failed={str(servo): reason for servo, reason in reasons.items()},
-        )
-        if self._supervisor is not None and failed:
-            asked = self._stop.asked
-            self._say("The supervisor goes on trying to reach them; Ctrl-C ends the wait.")
-            if self._supervisor.call(lambda: self._stop.asked > asked) and rest == "hold":
-                self.holder = self._supervisor.pid
-        elif self._supervisor is not None and rest == "hold":
-            self.holder = self._supervisor.leave_held()
-        elif self._supervisor is not None:
-            self._supervisor.dismiss()
-        self.state = self.state if failed else "at rest"
-        return seconds, reasons, rest
-
-    def _failing(self, servos: Sequence[int], error: Exception) -> None:
-        """Say at once that servos could not be brought to rest; others may still be."""
-        self.state = "NOT AT REST"
-        self._say(f"TORQUE MAY BE ON at servo(s) {', '.join(map(str, servos))}: CUT THE POWER. {error}")
-        if self._supervisor is not None:
-            self._supervisor.resting()  # each servo may take its time
-
-    def _say(self, line: str) -> None:
-        """Tell a person at once; whatever becomes of that ends neither the run nor the way to rest."""
-        try:
-            self.alarm(line)
-        except Exception as error:
-            self._event("not said", line=line, error=repr(error))

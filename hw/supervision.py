@@ -17,7 +17,7 @@ from .alarm import to_stderr
 from .clock import HostClock
 from .hold_watch import HoldWatch
 from .supervisor import AT_REST, DONE, HELD, READY, RELEASE, RESTING, STARTING, Charge
-from .take_over import Way, bring_all_to_rest
+from .take_over import Aftermath, bring_all_to_rest
 
 PATIENT = 2.0  # [s] that the loop may take over what lasts longer than a cycle: torque on, and the way to rest
 
@@ -80,11 +80,11 @@ class Process:
             file.write(line.encode())
             os.fsync(file.fileno())
 
-    def way(self, died: bool) -> Way:
+    def after(self, died: bool) -> Aftermath:
         """How it tells; ``died``: whether the loop is known to be gone. From now on a person can end this process."""
         for number in (signal.SIGINT, signal.SIGTERM):
             signal.signal(number, lambda number, _: self._asked.append(number))
-        return Way(
+        return Aftermath(
             note=self.note,
             say=to_stderr,
             clock=HostClock(),
@@ -134,9 +134,9 @@ def main(read_line: Callable[[], bytes]) -> None:
         return
     process = Process(charge)
     rest = "release" if end.release else charge.rest
-    way = process.way(died=not end.called and not end.held)
+    after = process.after(died=not end.called and not end.held)
     if not end.held:
-        process.note("supervisor", why=end.why, rest=rest)
+        process.note("supervisor", why=end.why, rest=rest, process=os.getpid())
         if end.hangs:
             kill(charge.loop)
 
@@ -144,13 +144,13 @@ def main(read_line: Callable[[], bytes]) -> None:
             if seconds > charge.patience:
                 process.on_its_own()
 
-        if not bring_all_to_rest(charge.lines(), rest, way, end.why, waited):
+        if not bring_all_to_rest(charge.lines(), rest, after, end.why, waited):
             return
         with contextlib.suppress(OSError):
             os.write(1, AT_REST)
     if rest == "hold":
         process.on_its_own()
-        HoldWatch(charge.lines(), way).watch()
+        HoldWatch(charge.lines(), after).watch()
 
 
 if __name__ == "__main__":

@@ -40,8 +40,8 @@ class Failure:
 
 
 @dataclass(frozen=True)
-class Way:
-    """What a supervisor's way with servos has in common, whatever it does with them.
+class Aftermath:
+    """What a supervisor has to do with once its loop is over: whom it tells, and who asks.
 
     Attributes:
         note: writes an event.
@@ -68,21 +68,25 @@ def sentence(error: Exception) -> str:
 
 
 def bring_all_to_rest(
-    lines: Sequence[Line], rest: Rest, way: Way, why: str, waited: Callable[[float], None] = lambda seconds: None
+    lines: Sequence[Line],
+    rest: Rest,
+    after: Aftermath,
+    why: str,
+    waited: Callable[[float], None] = lambda seconds: None,
 ) -> bool:
     """Bring the servos of all buses to rest, for as long as that takes.
 
     Args:
         lines: of the robot.
         rest: what becomes of the servos.
-        way: how to tell.
+        after: how to tell.
         why: it is not the loop that does so.
         waited: called with the time so far [s] after each try that failed.
 
     Returns:
         Whether they are at rest; else a person ended the tries, or a virtual machine has ended.
     """
-    started = way.clock.now()
+    started = after.clock.now()
     left = list(lines)
     everyone = ", ".join(servo for line in lines for servo in line.named(line.ids))
     done = "released" if rest == "release" else "held"
@@ -90,36 +94,38 @@ def bring_all_to_rest(
     said = False
     while True:
         failures = one_try(left, rest)
-        took = way.clock.now() - started
+        took = after.clock.now() - started
         left = [line for line in left if line.name in failures]
         if not left:
             break
         servos = [servo for failure in failures.values() for servo in failure.servos]
         reason = next(iter(failures.values())).reason
         if servos != noted:
-            way.note("not at rest", by="supervisor", servos=servos, reason=reason, seconds=round(took, 4))
+            after.note("not at rest", by="supervisor", servos=servos, reason=reason, seconds=round(took, 4))
             noted = servos
         listed = ", ".join(servos)
-        alone = way.alone()
-        if alone and not way.lasting and all(failure.unreachable for failure in failures.values()):
-            way.note("gone", by="supervisor", reason=reason)
+        alone = after.alone()
+        if alone and not after.lasting and all(failure.unreachable for failure in failures.values()):
+            after.note("gone", by="supervisor", reason=reason)
             return False
         if alone and not said:
-            way.say(
+            after.say(
                 f"TORQUE MAY BE ON at servo(s) {listed}: CUT THE POWER. {_begun(why)}, and the supervisor cannot reach "
-                f"them: {reason.rstrip('.')}. It goes on trying; `kill {way.pid}` ends that."
+                f"them: {reason.rstrip('.')}. It goes on trying; `kill {after.pid}` ends that."
             )
             said = True
-        if way.asked():
-            way.note("not at rest", by="supervisor", servos=servos, reason="a person ended the tries")
-            way.say(f"TORQUE MAY BE ON at servo(s) {listed}: CUT THE POWER. The supervisor was asked to end its tries.")
+        if after.asked():
+            after.note("not at rest", by="supervisor", servos=servos, reason="a person ended the tries")
+            after.say(
+                f"TORQUE MAY BE ON at servo(s) {listed}: CUT THE POWER. The supervisor was asked to end its tries."
+            )
             return False
         waited(took)
         hurried = took < YOUNG and all(failure.unreachable for failure in failures.values())
-        way.clock.sleep(PAUSE if hurried else TIRED)
-    way.note("at rest", by="supervisor", rest=rest, seconds=round(took, 4))
-    if way.alone():
-        way.say(f"{_begun(why)}; the supervisor has {done} servo(s) {everyone} after {took:.2g} s.")
+        after.clock.sleep(PAUSE if hurried else TIRED)
+    after.note("at rest", by="supervisor", rest=rest, seconds=round(took, 4))
+    if after.alone():
+        after.say(f"{_begun(why)}; the supervisor has {done} servo(s) {everyone} after {took:.2g} s.")
     return True
 
 

@@ -29,7 +29,7 @@ def test_a_run_ends_released_and_its_log_has_signed_currents(tmp_path: Path) -> 
     assert simulation.run(3.0).ending == "finished" and simulation.torque == [False]
     log = read_measured(tmp_path / "run.csv").runs[0].joints["joint"]
     assert log.current is not None and log.current.min() < -0.05 < 0.05 < log.current.max()
-    assert simulation.bus.read_register is not None and simulation.said == []
+    assert simulation.rig.servos[0].get("bus_watchdog") > 0 and simulation.said == [], "its own second line was on"
 
 
 @pytest.mark.parametrize(

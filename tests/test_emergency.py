@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import os
 import threading
+import time
 from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import Any
@@ -12,15 +13,19 @@ import pytest
 from sealegs.actuators.errors import SealegsError
 from sealegs.gap.log import LogError
 from sealegs.hw import realtime as module
+from sealegs.hw.bus import ServoBus
 from sealegs.hw.buses import BusGroup
 from sealegs.hw.emergency import emergency_stop
 from sealegs.hw.measured_log import read_events
 from sealegs.hw.packets import UnpluggedError
 from sealegs.hw.realtime import realtime
 from sealegs.hw.safety import Fault
+from sealegs.hw.stop import Stop
+from sealegs.hw.virtual import VirtualBus
 
 from tests.simulated_runs import Simulation
 from tests.test_two_adapters import Both
+from tests.waiting import wait_until
 
 SLOW = 0.016  # [s] that an FTDI adapter holds bytes
 
@@ -105,6 +110,23 @@ def test_without_a_supervisor_that_listens_no_torque_comes_on() -> None:
     simulation.guard.lives = False
     outcome = simulation.run(0.5)
     assert outcome.fault is not None and outcome.fault.name == "supervisor" and not simulation.switched_on
+
+
+@pytest.mark.long
+def test_an_emergency_stop_takes_less_than_20_ms(tmp_path: Path) -> None:
+    took: list[float] = []
+    with VirtualBus(robot="bench") as virtual, ServoBus(virtual.port, timeout=0.5) as bus:
+        for _ in range(10):
+            reader, writer = os.pipe()
+            bus.torque_on([1])
+            with emergency_stop(reader, Stop(), lambda: bus.torque_off([1])):
+                before = time.monotonic()
+                os.write(writer, b"!")
+                wait_until(lambda: not virtual.status()["servos"]["1"]["torque"])
+            took.append(virtual.status()["servos"]["1"]["since_monotonic"] - before)
+            os.close(reader)
+            os.close(writer)
+    assert min(took) < 0.02, "the best of ten, since others may keep the machine busy"
 
 
 # --- what ends a run is what is told -----------------------------------------------------------------------------

@@ -17,7 +17,7 @@ from sealegs.hw.hold_watch import HoldWatch
 from sealegs.hw.packets import PortBusyError, PortError
 from sealegs.hw.supervision import End, watch
 from sealegs.hw.supervisor import BEAT, DONE, HELD, READY, RELEASE, RESTING, STARTING, Charge, Line
-from sealegs.hw.take_over import Way, bring_all_to_rest
+from sealegs.hw.take_over import Aftermath, bring_all_to_rest
 
 from tests.simulated_runs import Simulation
 
@@ -39,7 +39,7 @@ class Left:
         self.simulation.bus.torque_on([1, 2, 3, 4])
         self.said, self.noted, self.opened = list[str](), list[dict[str, Any]](), 0
         self._refused, self.asked, self.alone = opening, 0, True
-        self.way = Way(
+        self.after = Aftermath(
             note=lambda kind, **details: self.noted.append({"event": kind, **details}),
             say=self.said.append,
             clock=self.simulation.port,
@@ -58,7 +58,7 @@ class Left:
         return ServoBus("simulated", opened=self.simulation.port.reopened(), timeout=0.02)
 
     def release(self, rest: Any = "release") -> bool:
-        return bring_all_to_rest(self.lines, rest, self.way, WHY)
+        return bring_all_to_rest(self.lines, rest, self.after, WHY)
 
     @property
     def now(self) -> float:
@@ -74,7 +74,7 @@ def test_servos_that_cannot_be_reached_are_said_at_the_first_failure_and_never_g
     begun.append(left.now)
     at: list[float] = []
     say = left.said.append
-    left.way = Way(**{**vars(left.way), "say": lambda line: (at.append(left.now), say(line))})
+    left.after = Aftermath(**{**vars(left.after), "say": lambda line: (at.append(left.now), say(line))})
     assert left.release() and left.simulation.torque == [False] * 4
     assert left.said[0].startswith("TORQUE MAY BE ON at servo(s) 1, 2, 3, 4: CUT THE POWER.") and at[0] == begun[0]
     assert "there is no port" in left.said[0] and "`kill 4711`" in left.said[0] and len(left.said) == 2
@@ -113,7 +113,7 @@ def test_no_servo_waits_for_those_of_another_bus_that_are_silent() -> None:
     lines = [Line("", silent.open, [1, 2, 3, 4]), Line("legs", fine.open, [1, 2, 3, 4])]
     begun = silent.now
     fine.simulation.port.clock.time = begun
-    assert bring_all_to_rest(lines, "release", silent.way, WHY)
+    assert bring_all_to_rest(lines, "release", silent.after, WHY)
     off = [time for time, _, on in fine.simulation.rig.history if not on]
     assert max(off) - begun < 0.02, "on its own clock: nothing was waited for"
     assert "servo(s) 1, 2, 3, 4: CUT" in silent.said[0] and silent.simulation.torque == [False] * 4
@@ -129,12 +129,12 @@ def test_a_virtual_machine_that_has_ended_is_not_waited_for() -> None:
 
 def looked_at(left: Left, seconds: float, until: Callable[[], bool] = lambda: False) -> bool:
     """Look for so long; whether the watch ended."""
-    left.watcher = watcher = left.watcher or HoldWatch(left.lines, left.way)
+    left.watcher = watcher = left.watcher or HoldWatch(left.lines, left.after)
     end = left.now + seconds
     while left.now < end and not until():
         if watcher.look():
             return True
-        left.way.clock.sleep(0.25)
+        left.after.clock.sleep(0.25)
     return False
 
 
@@ -178,9 +178,9 @@ def test_a_look_is_short_enough_for_another_program_to_get_the_port() -> None:
         took.append(left.now - begun)
         return len(took) > 12
 
-    watcher = HoldWatch(left.lines, left.way)
+    watcher = HoldWatch(left.lines, left.after)
     while not timed():
-        left.way.clock.sleep(0.5)
+        left.after.clock.sleep(0.5)
     assert max(took) < 0.15, "for which a bus waits that finds its port in use"
     assert len(left.said) == 4, "each has its turn all the same"
 

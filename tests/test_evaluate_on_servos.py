@@ -1,0 +1,75 @@
+"""`evaluate` brings a robot to rest, checks what it is told, and reports, as `deploy` does."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+import pytest
+from sealegs.actuators.errors import SealegsError
+from sealegs.commands.evaluate import PLAIN
+from sealegs.configs.compose import compose, split
+from sealegs.hw import deployment
+from sealegs.hw.clock import Metronome
+from sealegs.hw.comparison import compare
+from sealegs.hw.deployment import Deployment, NotAtRestError, Run
+from sealegs.hw.outcome import Outcome
+from sealegs.hw.safety import Fault
+
+from tests.servo_runs import gentle_policy
+
+
+@pytest.fixture(scope="module")
+def policy(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    return gentle_policy(tmp_path_factory.mktemp("policy") / "policy.onnx")
+
+
+class Reached(Exception):
+    """A run would begin now."""
+
+
+@pytest.fixture
+def run(policy: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Any:
+    """Evaluates with some arguments up to the run on the machine, and returns what would be run."""
+    begun: list[Deployment] = []
+
+    def begin(prepared: Deployment, say: Any) -> Run:
+        begun.append(prepared)
+        raise Reached
+
+    def evaluated(*arguments: str) -> Deployment:
+        monkeypatch.setattr(deployment, "run", begin)
+        with pytest.raises(Reached):
+            compare(compose("evaluate", split([f"policy={policy}", *arguments], PLAIN)), tmp_path, lambda _: None)
+        return begun[-1]
+
+    return evaluated
+
+
+def test_the_end_that_the_robots_file_asks_for_is_that_of_evaluate(run: Any) -> None:
+    assert run().config["rest"] == "release"
+    assert run("robot.rest=hold").config["rest"] == "hold", "a hexapod that is released drops"
+    sitting = run("rest=sit", "robot.park={joint: 0.2}")
+    assert sitting.config["rest"] == "sit" and sitting.park is not None
+    assert sitting.rate == 50.0 and sitting.commands.name == "policy"
+
+
+@pytest.mark.parametrize(
+    ("argument", "said"), [("rest=lie", "release, hold or sit"), ("silence=0.01", "three periods"), ("live=7", "live")]
+)
+def test_what_deploy_refuses_is_refused(argument: str, said: str, policy: Path, tmp_path: Path) -> None:
+    config = compose("evaluate", split([f"policy={policy}", argument], PLAIN))
+    with pytest.raises(SealegsError, match=said):
+        compare(config, tmp_path, lambda _: None)
+
+
+def test_torque_that_may_be_on_is_the_last_that_is_said(
+    policy: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    log = tmp_path / "machine.csv"
+    log.with_name("machine.events.jsonl").write_text("")
+    fault = Fault("NoReplyError", "servo 1 did not answer.", (1,))
+    ended = Outcome("fault", None, fault, Metronome(50.0).timing(), {}, {}, {1: "silent"})
+    monkeypatch.setattr(deployment, "run", lambda prepared, say: Run(ended, log))
+    with pytest.raises(NotAtRestError, match=r"^TORQUE MAY BE ON at servo.s. 1, .*cut their power.*did not answer"):
+        compare(compose("evaluate", split([f"policy={policy}"], PLAIN)), tmp_path, lambda _: None)
