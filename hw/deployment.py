@@ -284,7 +284,7 @@ def _not_at_rest(done: Run) -> list[int]:
     if not done.outcome.not_at_rest:
         return []
     for event in reversed(read_events(done.log)):
-        if event.get("by") == "supervisor":
+        if event.get("by") == "supervisor" and event["event"] in ("at rest", "not at rest"):
             return event.get("servos", [])
     return sorted(done.outcome.not_at_rest)
 

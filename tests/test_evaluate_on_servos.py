@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 from pathlib import Path
 from typing import Any
 
@@ -67,7 +68,9 @@ def test_torque_that_may_be_on_is_the_last_that_is_said(
     policy: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     log = tmp_path / "machine.csv"
-    log.with_name("machine.events.jsonl").write_text("")
+    events = [{"event": "not at rest", "servos": ["1"]}, {"event": "gone"}]  # with a virtual machine that has ended
+    lines = [json.dumps({**event, "by": "supervisor"}) + "\n" for event in events]
+    log.with_name("machine.events.jsonl").write_text("".join(lines))
     fault = Fault("NoReplyError", "servo 1 did not answer.", (1,))
     ended = Outcome("fault", None, fault, Metronome(50.0).timing(), {}, {}, {1: "silent"})
     monkeypatch.setattr(deployment, "run", lambda prepared, say: Run(ended, log))

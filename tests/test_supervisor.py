@@ -163,7 +163,8 @@ def test_it_goes_on_trying_while_the_adapter_is_unplugged(virtual: VirtualBus, t
     virtual.fault("unplug", seconds=1.0)
     _, errors = process.communicate(timeout=40.0)
     lines = errors.strip().splitlines()
-    assert process.returncode == 2 and lines[0].startswith("TORQUE MAY BE ON at servo(s) 1, 2: CUT THE POWER")
+    assert process.returncode == 2  # a busy host may be called slow before
+    assert any(line.startswith("TORQUE MAY BE ON at servo(s) 1, 2: CUT THE POWER") for line in lines)
     assert "adapter" in lines[-1] and "the servos are released" in lines[-1], "in the end it has them"
     assert not any(torque(virtual))
     assert any(event.get("by") == "supervisor" for event in read_events(tmp_path / "run.csv"))
