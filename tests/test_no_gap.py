@@ -4,12 +4,12 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from pathlib import Path
-from typing import Any
 
 import pytest
 from sealegs.hw import comparison
 from sealegs.hw.commands import PolicyCommands
 from sealegs.hw.comparison import compare, verdict
+from sealegs.hw.deployment import Deployment
 
 from tests.committed_policies import committed
 from tests.servo_runs import config
@@ -21,13 +21,13 @@ from tests.simulated_runs import Simulation
 def test_a_machine_that_hides_nothing_has_no_gap(
     robot: str, seconds: float, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    def simulated(
-        config: dict[str, Any], commands: PolicyCommands, rate: float, seconds: float, say: Callable[[str], None]
-    ) -> tuple[str, Path]:
+    def simulated(prepared: Deployment, say: Callable[[str], None]) -> tuple[str, Path]:
         """The machine in this process, on the clock of its own line: other programs do not delay it."""
-        del config, say
-        run = Simulation(robot, commands=lambda _: commands, rate=rate, folder=tmp_path, pose=commands.pose)
-        outcome = run.run(seconds)
+        del say
+        commands = prepared.commands
+        assert isinstance(commands, PolicyCommands)
+        run = Simulation(robot, commands=lambda _: commands, rate=prepared.rate, folder=tmp_path, pose=commands.pose)
+        outcome = run.run(prepared.duration)
         assert run.log is not None
         return outcome.ending if outcome.fault is None else outcome.fault.sentence, run.log.path
 
