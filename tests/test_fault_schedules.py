@@ -81,15 +81,16 @@ def run_of(seed: int, folder: Path, policy: Policy, makers: Mapping[str, tuple[s
     return simulation
 
 
-def run_of_committed(kind: str, seed: int, folder: Path) -> Simulation:
-    """A policy of ``policies/`` on its robot, with all its servos and sensors."""
+def run_of_committed(kind: str, seed: int, folder: Path, faults: list[dict[str, Any]] | None = None) -> Simulation:
+    """A policy of ``policies/`` on its robot, with all its servos and sensors; faults of the seed, or those given."""
     policy = committed(kind)
     servos = len(build_robot(config(f"robot={kind}", patient=False)["robot"]).all_ids)
+    drawn = schedule(np.random.default_rng([seed, servos]), list(range(1, servos + 1)))
     simulation = Simulation(
         kind,
         commands=lambda robot: PolicyCommands(policy, robot),
         rate=policy.contract.goal_rate,
-        faults=schedule(np.random.default_rng([seed, servos]), list(range(1, servos + 1))),
+        faults=drawn if faults is None else faults,
         seed=seed,
         folder=folder,
         pose=start_pose(policy.contract),
@@ -139,3 +140,11 @@ COMMITTED = {"hopper": 12, "biped": 6, "hexapod": 4}
 @pytest.mark.parametrize(("kind", "seed"), [(kind, seed) for kind, count in COMMITTED.items() for seed in range(count)])
 def test_nor_does_a_run_of_a_committed_policy(kind: str, seed: int, tmp_path: Path) -> None:
     judge(run_of_committed(kind, seed, tmp_path))
+
+
+@pytest.mark.long
+@pytest.mark.parametrize("kind", ["hopper", "biped"])
+def test_a_policy_survives_one_lost_reply_in_a_hundred_within_the_limits_of_its_file(kind: str, tmp_path: Path) -> None:
+    simulation = run_of_committed(kind, 0, tmp_path, [{"kind": "drop", "probability": 0.01}])
+    outcome = simulation.run(6.0)
+    assert outcome.ending == "finished" and outcome.bus["NoReplyError"] > 10, outcome.fault
