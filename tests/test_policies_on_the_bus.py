@@ -9,6 +9,7 @@ from sealegs.configs.compose import compose
 from sealegs.envs import ENVIRONMENTS
 from sealegs.hw.robot import build_robot
 from sealegs.hw.safety import Limits, Safety
+from sealegs.hw.virtual.__main__ import build
 
 from benchmarks.policies_on_the_bus import on_the_bus
 from tests.committed_policies import POLICIES, committed
@@ -22,6 +23,11 @@ def test_every_robot_of_the_collection_is_known_to_deploy(name: str) -> None:
     robot = build_robot(config)
     assert robot.robot.name == name and len(robot.chains) == len(robot.joints)
     Safety(robot, Limits.from_config(config["safety"]), 0.01)
+
+
+def test_a_virtual_bus_takes_the_robots_own_words_for_its_chains() -> None:
+    with build(compose("virtual", {"robot": "leg", "actuator": "silo4_pd"})) as server:
+        assert len(server.wire.servos) == 3
 
 
 def test_no_committed_policy_is_for_another_robot() -> None:

@@ -15,7 +15,6 @@ import sys
 from pathlib import Path
 from typing import Any
 
-from ...actuators import load_chain
 from ...actuators.errors import SealegsError
 from ...configs.check import checked, checked_seed
 from ...configs.compose import compose, split
@@ -39,8 +38,6 @@ def build(config: dict[str, Any]) -> Server:
     """
     robot = get_robot(checked("robot", config["robot"], str))
     actuator = config["actuator"]
-    if isinstance(actuator, str):
-        actuator = load_chain(actuator)
     if (mode := checked("time", config["time"], str)) not in ("real", "stepped"):
         raise SealegsError(f"time is '{mode}'; it may be real or stepped.")
     numbers = {key: checked(key, config[key], float) for key in ("cycle", "latency")}
