@@ -11,7 +11,8 @@ from sealegs.gap.checks.off import released
 from sealegs.gap.log.types import MeasuredRun, MeasuredSet
 
 from testbed import hidden_bench
-from tests.test_data_errors import JOINT, SCHEDULES, signal, with_log
+from tests.changed_logs import JOINT, signal, with_log
+from tests.test_data_errors import SCHEDULES
 
 
 @cache

@@ -16,7 +16,7 @@ from sealegs.gap.replay.joint_model import JointModel
 
 from testbed import hidden_bench
 from tests.smooth_bench import CHAIN, PARAMS
-from tests.test_data_errors import JOINT, with_log
+from tests.changed_logs import JOINT, with_log
 
 LIFTS = (("triangle", "steps"), ("lift_and_drop", "multisine"))
 

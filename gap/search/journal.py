@@ -165,7 +165,7 @@ def _feed(digest: Any, value: Any) -> None:
         for item in value:
             _feed(digest, item)
     elif type(value).__repr__ is object.__repr__:  # which tells where it lies in memory
-        made_from: Any = value.__reduce_ex__(2)
+        made_from: Any = object.__reduce_ex__(value, 2)
         _feed(digest, made_from[1:3])
     else:
         digest.update(f"{value!r};".encode())
