@@ -15,8 +15,8 @@ from sealegs.gap.log.types import MeasuredSet
 from sealegs.gap.replay.joint_model import JointModel
 
 from testbed import hidden_bench
-from tests.smooth_bench import CHAIN, PARAMS
 from tests.changed_logs import JOINT, with_log
+from tests.smooth_bench import CHAIN, PARAMS
 
 LIFTS = (("triangle", "steps"), ("lift_and_drop", "multisine"))
 
