@@ -198,7 +198,10 @@ class Transactions:
                 silent = [servo for servo in ids if servo not in replies and servo not in spoiled]
                 whole = (self.dialect.overhead + length) * len(replies) + strange
                 broken |= not nothing or self.port.received > whole  # an SDK drops what has no header
-                problem = self._corrupt(silent) if broken else self._no_reply(silent, wait)
+                if broken:
+                    problem = self._corrupt(silent)
+                elif not (isinstance(problem, ShortReplyError) and set(problem.servos) >= set(silent)):
+                    problem = self._no_reply(silent, wait)  # one whose answer was short has not been silent
                 if nothing or self.port.isPacketTimeout():
                     break
                 continue
