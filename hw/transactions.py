@@ -187,11 +187,8 @@ class Transactions:
         replies: dict[int, list[int]] = {}
         problem: ReplyError | None = None
         overdue = {late for _, late in self._overdue}
-        spoiled, strange, broken = (
-            set[int](),
-            0,
-            False,
-        )  # who sent what cannot be used, its bytes, whether it had no sense
+        spoiled: set[int] = set()  # who sent what cannot be used
+        strange, broken = 0, False  # bytes of that; whether something had no sense
         while len(replies) + len(spoiled) < len(ids):
             reply, nothing = self.dialect.receive(self.port)
             if reply is None:
