@@ -24,6 +24,7 @@ from .packets import BusError, ConfigurationError, PortError, WrongModelError, f
 from .registers import load_model, model_names
 
 TIMEOUT = 0.02  # [s] for a reply, until it is known how fast this adapter is
+TRIES = 3  # a servo that is asked for by its id is not given up for one reply that came late
 
 
 def rows(bus: ServoBus, ids: Iterable[int], say: Callable[[str], None] = print) -> int:
@@ -130,7 +131,7 @@ def main(arguments: list[str]) -> None:
             continue
         tried.append(speed)
         with bus:
-            if one is not None and one not in bus.scan([one]):
+            if one is not None and not any(one in bus.scan([one]) for _ in range(TRIES)):
                 continue
             if one is not None:
                 return _single(bus, one, new, wanted, reboot)
