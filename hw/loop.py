@@ -250,10 +250,7 @@ class ControlLoop:
         self._event("missed", error=type(error).__name__, sentence=str(error), servos=named(error.servos))
 
     def _judge(self, reading: Reading) -> Fault | None:
-        state = reading.state
-        lost = None if state is None else self._watch.judge(state, self.bus.marks)
-        if state is not None and lost is not None and any(set(f.servos) & set(lost.servos) for f in state.faults()):
-            lost = None  # it says itself why, which is judged next
+        lost = None if reading.state is None else self._watch.judge(reading.state, self.bus.marks)
         fault = lost or self.safety.judge(reading) or self.safety.follows(self.sent, reading)
         for noted in self.safety.noted:
             self._event("limit", name=noted.name, sentence=noted.sentence, servos=named(noted.servos))

@@ -30,7 +30,7 @@ class TorqueWatch:
         return True
 
     def judge(self, state: ServoState, marks: Mapping[int, int | None]) -> Fault | None:
-        """The servo that has lost its torque or has stopped by itself, if any.
+        """The servo that has lost its torque or has stopped by itself, if any; not one that says itself what is wrong.
 
         Args:
             state: as read.
@@ -38,9 +38,10 @@ class TorqueWatch:
         """
         if state.torque is None or state.mark is None or state.watchdog is None:
             return None
+        told = {servo for fault in state.faults() for servo in fault.servos}  # who says itself what is wrong
         rows = zip(state.ids, state.torque.tolist(), state.mark.tolist(), state.watchdog.tolist(), strict=True)
         for servo, torque, mark, watchdog in rows:
-            if servo not in marks or servo in state.missing or torque < 0:
+            if servo not in marks or servo in state.missing or servo in told or torque < 0:
                 continue
             if torque == 0 and marks[servo] is not None and mark != marks[servo]:
                 sentence = (
