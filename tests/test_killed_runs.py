@@ -12,10 +12,10 @@ from typing import Any
 import numpy as np
 import pytest
 from sealegs.gap.log import read_measured
-from sealegs.hw.bus import ServoBus
 from sealegs.hw.measured_log import read_events
 from sealegs.hw.virtual import VirtualBus
 
+from tests.hopper_bus import hopper_bus, left_clean
 from tests.test_supervisor import running, torque
 from tests.waiting import wait_until
 
@@ -32,17 +32,14 @@ WIRE: list[dict[str, Any]] = [
 
 @pytest.fixture(scope="module")
 def machine(tmp_path_factory: pytest.TempPathFactory) -> Iterator[VirtualBus]:
-    with VirtualBus(robot="hopper", link=tmp_path_factory.mktemp("bus") / "servos") as bus:
+    with hopper_bus(tmp_path_factory.mktemp("bus")) as bus:
         yield bus
 
 
 @pytest.fixture
 def virtual(machine: VirtualBus) -> Iterator[VirtualBus]:
-    """The machine, released and without faults."""
-    yield machine
-    machine.clear()
-    with ServoBus(machine.port, timeout=0.5) as bus:
-        assert bus.torque_off([1, 2]) == {}
+    with left_clean(machine):
+        yield machine
 
 
 def last(folder: Path) -> dict[str, Any]:

@@ -19,24 +19,21 @@ from sealegs.hw.packets import BusError, NoReplyError
 from sealegs.hw.supervisor import bring_to_rest
 from sealegs.hw.virtual import VirtualBus
 
+from tests.hopper_bus import hopper_bus, left_clean
 from tests.servo_runs import excitation, start
 from tests.waiting import wait_until
 
 
 @pytest.fixture(scope="module")
 def machine(tmp_path_factory: pytest.TempPathFactory) -> Iterator[VirtualBus]:
-    # a fixed name: after an unplugging, the system may give the port's number to another process
-    with VirtualBus(robot="hopper", link=tmp_path_factory.mktemp("bus") / "servos") as bus:
+    with hopper_bus(tmp_path_factory.mktemp("bus")) as bus:
         yield bus
 
 
 @pytest.fixture
 def virtual(machine: VirtualBus) -> Iterator[VirtualBus]:
-    """The machine, released and without faults."""
-    yield machine
-    machine.clear()
-    with ServoBus(machine.port, timeout=0.5) as bus:
-        assert bus.torque_off([1, 2]) == {}
+    with left_clean(machine):
+        yield machine
 
 
 def torque(virtual: VirtualBus) -> list[bool]:
