@@ -19,15 +19,6 @@ import importlib
 from pathlib import Path
 from typing import Any
 
-PAPERS = {
-    "hopper": "sealegs.envs.hopper.report",
-    "biped": "sealegs.envs.biped.report",
-    "hexapod": "sealegs.envs.hexapod.report",
-    "leg": "sealegs.envs.leg.report",
-    "arm": "sealegs.envs.arm.report",
-}
-"""Modules with a function ``compare(folder, seconds)``, by the word that the command line takes."""
-
 PLAIN = ("paper", "out", "policy", "nominal", "extended", "port", "calibration", "hw.virtual.hidden")
 
 
@@ -37,6 +28,7 @@ def main(arguments: list[str]) -> None:
     from sealegs.commands import relevant
     from sealegs.configs.check import checked
     from sealegs.configs.compose import compose, split
+    from sealegs.envs import PAPERS
     from sealegs.hw.own_robot import READERS
 
     if arguments and arguments[0] == relevant.WORD:
@@ -54,7 +46,7 @@ def main(arguments: list[str]) -> None:
     seconds = checked("seconds", config["seconds"], float)
     now = datetime.datetime.now().strftime("%Y%m%d-%H%M%S")
     out = Path(str(config["out"] or f"runs/paper-{paper}-{now}"))
-    importlib.import_module(PAPERS[paper]).compare(out, seconds)  # only now, so that --help does not wait
+    importlib.import_module(f"sealegs.envs.{paper}.report").compare(out, seconds)  # only now, so that --help does not wait
 
 
 def compare_policy(config: dict[str, Any]) -> None:
