@@ -165,7 +165,7 @@ def test_a_late_reply_after_the_next_question_has_another_length(rigged: Rigged)
     assert state.position[0] == pytest.approx(position(rigged, 0), abs=1e-3)
 
 
-def test_a_late_register_does_not_pass_for_another_of_its_size(rigged: Rigged):
+def test_a_late_register_does_not_pass_for_another_of_its_size(rigged: Rigged, monkeypatch: pytest.MonkeyPatch):
     rigged.bus.line.port.reply_timeout = 0.05
     rigged.fault("late", servos=[1], count=1, delay=0.02)
     with pytest.raises(NoReplyError):
@@ -178,8 +178,8 @@ def test_a_late_register_does_not_pass_for_another_of_its_size(rigged: Rigged):
         time.sleep(0.02)
         return found
 
-    rigged.bus.line.port.settle = late  # type: ignore[method-assign]
-    rigged.bus.line.port.clearPort = lambda: None  # type: ignore[method-assign]
+    monkeypatch.setattr(rigged.bus.line.port, "settle", late)
+    monkeypatch.setattr(rigged.bus.line.port, "clearPort", lambda: None)
     assert rigged.bus.read_register(1, "model_number") == 777
     assert rigged.bus.read_register(1, "model_number") == 777
 

@@ -138,11 +138,11 @@ def test_a_shutdown_of_the_servo_is_named_with_what_frees_it() -> None:
     assert "sealegs scan id=1 reboot=true" in outcome.fault.sentence and outcome.not_at_rest == {}
 
 
-def test_a_robot_sits_down_before_it_is_released() -> None:
+def test_a_robot_sits_down_before_it_is_released(monkeypatch: pytest.MonkeyPatch) -> None:
     simulation = bench(commands=sine(0.3))
     simulation.loop.park = park_motion({"joint": -0.9}, simulation.robot)
     places: list[float] = []
-    simulation.guard.beat = lambda: places.append(simulation.rig.machine.position(0)) or True  # type: ignore[method-assign]
+    monkeypatch.setattr(simulation.guard, "beat", lambda: places.append(simulation.rig.machine.position(0)) or True)
     assert simulation.run(2.0).ending == "finished" and simulation.torque == [False]
     assert places[-1] == pytest.approx(-0.9, abs=0.12) and np.abs(np.diff(places)).max() < 0.05
 

@@ -38,7 +38,9 @@ def button() -> Iterator[tuple[int, Callable[[], object]]]:
     os.close(writer)
 
 
-def pressed_as_torque_comes_on(simulation: Simulation, button: tuple[int, Callable[[], object]], count: int) -> float:
+def pressed_as_torque_comes_on(
+    simulation: Simulation, button: tuple[int, Callable[[], object]], count: int, monkeypatch: pytest.MonkeyPatch
+) -> float:
     """Run, and press the button as soon as ``count`` servos have torque; when that was [s]."""
     at: list[float] = []
     read = simulation.port.readPort
@@ -47,11 +49,10 @@ def pressed_as_torque_comes_on(simulation: Simulation, button: tuple[int, Callab
         if not at and sum(simulation.torque) == count:
             at.append(simulation.port.now())
             button[1]()
-            while not simulation.stop.emergency:
-                pass
+            wait_until(lambda: simulation.stop.emergency)
         return read(length)
 
-    simulation.port.readPort = pressing  # type: ignore[method-assign]
+    monkeypatch.setattr(simulation.port, "readPort", pressing)
     with emergency_stop(button[0], simulation.stop, lambda: simulation.bus.torque_off(simulation.robot.ids)):
         outcome = simulation.run(1.0)
     assert outcome.ending == "stopped" and outcome.reason == "the emergency stop was pressed"
@@ -60,9 +61,11 @@ def pressed_as_torque_comes_on(simulation: Simulation, button: tuple[int, Callab
 
 
 @pytest.mark.parametrize("count", [1, 2, 4])
-def test_an_emergency_stop_while_torque_comes_on_lets_no_further_servo_have_it(count: int, button: Any) -> None:
+def test_an_emergency_stop_while_torque_comes_on_lets_no_further_servo_have_it(
+    count: int, button: Any, monkeypatch: pytest.MonkeyPatch
+) -> None:
     simulation = Simulation("row", latency=SLOW)
-    at = pressed_as_torque_comes_on(simulation, button, count)
+    at = pressed_as_torque_comes_on(simulation, button, count, monkeypatch)
     on = [time for time, _, on in simulation.rig.history if on]
     assert len(on) == count and max(on) - at < 1e-3, "what is on the wire then arrives"
     off = [time for time, _, on in simulation.rig.history if not on]
@@ -70,13 +73,13 @@ def test_an_emergency_stop_while_torque_comes_on_lets_no_further_servo_have_it(c
     assert "held" not in simulation.guard.heard
 
 
-def test_an_emergency_stop_releases_servos_that_were_to_be_held(button: Any) -> None:
+def test_an_emergency_stop_releases_servos_that_were_to_be_held(button: Any, monkeypatch: pytest.MonkeyPatch) -> None:
     simulation = Simulation("row", rest="hold")
-    pressed_as_torque_comes_on(simulation, button, 2)
+    pressed_as_torque_comes_on(simulation, button, 2, monkeypatch)
     assert simulation.guard.heard[0] == "release only" and simulation.guard.heard[-1] == "dismiss"
 
 
-def test_ctrl_c_while_torque_comes_on_ends_that_too() -> None:
+def test_ctrl_c_while_torque_comes_on_ends_that_too(monkeypatch: pytest.MonkeyPatch) -> None:
     simulation = Simulation("row", latency=SLOW)
     starting = simulation.guard.starting
 
@@ -85,7 +88,7 @@ def test_ctrl_c_while_torque_comes_on_ends_that_too() -> None:
             simulation.stop.ask("Ctrl-C")
         return starting()
 
-    simulation.guard.starting = asked  # type: ignore[method-assign]
+    monkeypatch.setattr(simulation.guard, "starting", asked)
     assert simulation.run(1.0).ending == "stopped"
     assert len([on for _, _, on in simulation.rig.history if on]) == 2 and not any(simulation.torque)
 
@@ -97,10 +100,10 @@ def test_on_two_adapters_no_further_servo_gets_torque_either() -> None:
     assert both.torque == [False, False] and len([on for _, _, on in both.rig.history if on]) == 1
 
 
-def test_the_supervisor_watches_before_the_first_servo_gets_torque() -> None:
+def test_the_supervisor_watches_before_the_first_servo_gets_torque(monkeypatch: pytest.MonkeyPatch) -> None:
     simulation = Simulation("row")
     heard: list[list[bool]] = []
-    simulation.guard.starting = lambda: not heard.append(simulation.torque)  # type: ignore[method-assign]
+    monkeypatch.setattr(simulation.guard, "starting", lambda: not heard.append(simulation.torque))
     assert simulation.run(0.5).ending == "finished"
     assert heard[0] == [False] * 4 and [sum(row) for row in heard] == [0, 0, 1, 2, 3]
 

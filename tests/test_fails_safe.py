@@ -98,7 +98,9 @@ def test_an_exception_ends_in_the_release_and_its_report(silent: bool) -> None:
 # --- a release that fails ----------------------------------------------------------------------------------------
 
 
-def test_a_release_that_fails_is_said_at_the_first_servo_and_before_anybody_waits() -> None:
+def test_a_release_that_fails_is_said_at_the_first_servo_and_before_anybody_waits(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
     simulation = Simulation("hopper", limits={"range_margin": 3.0, "speed": 200.0})
     begun: list[float] = []
     resting = simulation.guard.resting
@@ -107,7 +109,7 @@ def test_a_release_that_fails_is_said_at_the_first_servo_and_before_anybody_wait
         begun.append(simulation.port.now())
         resting()
 
-    simulation.guard.resting = noted  # type: ignore[method-assign]
+    monkeypatch.setattr(simulation.guard, "resting", noted)
     simulation.loop.each_cycle = lambda: simulation.fault("silence", servos=[1, 2]) or "enough"
     outcome = simulation.run()
     assert set(outcome.not_at_rest) == {1, 2}
@@ -116,7 +118,7 @@ def test_a_release_that_fails_is_said_at_the_first_servo_and_before_anybody_wait
     assert [word for word in simulation.guard.heard if word != "resting"] == ["call"]
 
 
-def test_ctrl_c_ends_the_wait_for_servos_that_cannot_be_reached() -> None:
+def test_ctrl_c_ends_the_wait_for_servos_that_cannot_be_reached(monkeypatch: pytest.MonkeyPatch) -> None:
     simulation = Simulation()
     simulation.guard.patience = 1000.0
     simulation.loop.each_cycle = lambda: simulation.fault("unplug") or "enough"
@@ -131,7 +133,7 @@ def test_ctrl_c_ends_the_wait_for_servos_that_cannot_be_reached() -> None:
                     simulation.stop.ask("Ctrl-C")
                 return reopened()
 
-            simulation.port.reopened = later  # type: ignore[method-assign]
+            monkeypatch.setattr(simulation.port, "reopened", later)
 
     simulation.loop.alarm = pressed
     assert simulation.run().not_at_rest, "it has not waited for a thousand seconds"
@@ -371,7 +373,7 @@ def parked(**keys: Any) -> Simulation:
 
 
 @pytest.mark.parametrize("stopped", [False, True])
-def test_a_robot_sits_down_before_it_is_released(stopped: bool) -> None:
+def test_a_robot_sits_down_before_it_is_released(stopped: bool, monkeypatch: pytest.MonkeyPatch) -> None:
     simulation = parked()
     if stopped:
         asks = iter(["enough"])
@@ -387,14 +389,14 @@ def test_a_robot_sits_down_before_it_is_released(stopped: bool) -> None:
         places.append(simulation.rig.machine.position(0))
         return beat()
 
-    simulation.guard.beat = noted  # type: ignore[method-assign]
+    monkeypatch.setattr(simulation.guard, "beat", noted)
     outcome = simulation.run(2.0)
     assert outcome.ending == ("stopped" if stopped else "finished") and simulation.torque == [False]
     assert places[-1] == pytest.approx(-0.9, abs=0.1), "it is at its park pose when torque goes off"
     assert np.abs(np.diff(places)).max() < 0.05, "without a jump"
 
 
-def test_a_further_stop_and_a_fault_cut_the_way_down_short() -> None:
+def test_a_further_stop_and_a_fault_cut_the_way_down_short(monkeypatch: pytest.MonkeyPatch) -> None:
     simulation = parked()
     begun: list[float] = []
 
@@ -405,7 +407,7 @@ def test_a_further_stop_and_a_fault_cut_the_way_down_short() -> None:
                 simulation.stop.ask("Ctrl-C")
         return True
 
-    simulation.guard.beat = beat  # type: ignore[method-assign]
+    monkeypatch.setattr(simulation.guard, "beat", beat)
     simulation.run(1.0)
     assert simulation.torque == [False] and simulation.port.now() - begun[4] < 0.05
     simulation = parked(faults=[{"kind": "overheat", "at": 2.2}])

@@ -28,7 +28,9 @@ def test_a_short_reply_costs_no_other_servo_its_own() -> None:
     assert silent.value.servos == (5,) and sorted(silent.value.replies) == [1, 3, 4, 6]
 
 
-def test_a_servo_that_answers_twice_is_not_believed_and_costs_no_other_its_reply() -> None:
+def test_a_servo_that_answers_twice_is_not_believed_and_costs_no_other_its_reply(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
     simulation = Simulation("hopper")
     exchange = simulation.wire.exchange
 
@@ -36,7 +38,7 @@ def test_a_servo_that_answers_twice_is_not_believed_and_costs_no_other_its_reply
         found = exchange(*arguments)  # type: ignore[arg-type]
         return [row for at, packet in found for row in [(at, packet)] * (1 + (packet[2] == 3))]
 
-    simulation.wire.exchange = doubled  # type: ignore[method-assign]
+    monkeypatch.setattr(simulation.wire, "exchange", doubled)
     with pytest.raises(StaleReplyError) as caught:
         simulation.bus.read_state(simulation.robot.all_ids, retries=0)
     assert caught.value.servos == (3,) and sorted(caught.value.replies) == [1, 2, 4, 5, 6]

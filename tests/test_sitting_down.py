@@ -26,7 +26,9 @@ def sitting(motion: bool = True, **keys: Any) -> Simulation:
     return simulation
 
 
-def test_a_cycle_in_which_nobody_answers_does_not_send_it_back_to_where_the_motion_began() -> None:
+def test_a_cycle_in_which_nobody_answers_does_not_send_it_back_to_where_the_motion_began(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
     simulation = sitting(limits={"log_only": ["goal_speed", "following"]})
     sent: list[float] = []
     beat = simulation.guard.beat
@@ -38,7 +40,7 @@ def test_a_cycle_in_which_nobody_answers_does_not_send_it_back_to_where_the_moti
                 simulation.fault("drop", seconds=0.015)
         return beat()
 
-    simulation.guard.beat = noted  # type: ignore[method-assign]
+    monkeypatch.setattr(simulation.guard, "beat", noted)
     outcome = simulation.run(1.0)
     assert outcome.ending == "finished" and outcome.bus["NoReplyError"] >= 4
     assert np.abs(np.diff(sent)).max() < 0.02, "1 rad/s at most, in a cycle of 10 ms"
@@ -63,7 +65,7 @@ def test_a_dead_mans_switch_that_is_let_go_releases_at_once(when: str) -> None:
     assert len(let_go) == 1 and simulation.rig.history[-1][0] - let_go[0] < 0.02
 
 
-def test_the_way_down_is_logged_and_shown(tmp_path: Path) -> None:
+def test_the_way_down_is_logged_and_shown(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     simulation = sitting(folder=tmp_path, motion=False)
     titles: list[str] = []
     beat = simulation.guard.beat
@@ -73,7 +75,7 @@ def test_the_way_down_is_logged_and_shown(tmp_path: Path) -> None:
             titles.append(str(picture(simulation.loop).title))
         return beat()
 
-    simulation.guard.beat = noted  # type: ignore[method-assign]
+    monkeypatch.setattr(simulation.guard, "beat", noted)
     simulation.run(1.0)
     (begun,) = [e["time"] for e in read_events(tmp_path / "run.csv") if e["event"] == "sitting down"]
     run = read_measured(tmp_path / "run.csv").runs[0]
@@ -83,7 +85,7 @@ def test_the_way_down_is_logged_and_shown(tmp_path: Path) -> None:
     assert joint.position[-1] == pytest.approx(-0.7, abs=0.05) and "STALE" not in titles[-1]
 
 
-def test_the_hopper_folds_its_leg_before_it_is_released_as_its_file_says() -> None:
+def test_the_hopper_folds_its_leg_before_it_is_released_as_its_file_says(monkeypatch: pytest.MonkeyPatch) -> None:
     settings = config("robot=hopper", patient=False)
     assert settings["robot"]["rest"] == "sit" and prepare({**settings, "reference": True}).park is not None
     simulation = Simulation("hopper", commands=Reference, limits={"range_margin": 3.0})
@@ -95,7 +97,7 @@ def test_the_hopper_folds_its_leg_before_it_is_released_as_its_file_says() -> No
         heights.append(machine.base()[0]["base_z"])
         return beat()
 
-    simulation.guard.beat = noted  # type: ignore[method-assign]
+    monkeypatch.setattr(simulation.guard, "beat", noted)
     outcome = simulation.run(0.5)
     assert outcome.ending == "finished", outcome.fault
     assert heights[-1] < 0.7 * heights[0] and abs(machine.base()[1]["base_z"]) < 0.1, "low, and at rest"
