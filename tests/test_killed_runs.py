@@ -65,14 +65,20 @@ def test_a_loop_that_is_killed_or_hangs_while_the_wire_fails_leaves_no_torque_un
         taken = next(event for event in read_events(tmp_path / "run.csv") if event["event"] == "supervisor")
         os.kill(taken["process"], signal.SIGTERM)
         wait_until(lambda: not any(torque(virtual)))
+    handed_over = any(event["event"] == "fault" for event in read_events(tmp_path / "run.csv"))
+    if handed_over:  # it found the wire broken before the signal came: stopped, it commands nothing any more
+        process.send_signal(signal.SIGCONT)
     _, said = process.communicate()
-    assert process.returncode == -signal.SIGKILL, "it cannot wake up again"
+    assert handed_over or process.returncode == -signal.SIGKILL, "it cannot wake up again"
     events = read_events(tmp_path / "run.csv")
     failed = [event for event in events if event["event"] == "not at rest" and event["by"] == "supervisor"]
     assert bool(failed) == ("TORQUE MAY BE ON" in said), said
-    assert f"the supervisor has {'held' if rest == 'hold' else 'released'} servo(s) 1, 2" in said
+    if process.returncode == -signal.SIGKILL:  # else the loop woke up and said so itself
+        assert f"the supervisor has {'held' if rest == 'hold' else 'released'} servo(s) 1, 2" in said
+    else:
+        assert f"the servos are {'held' if rest == 'hold' else 'released'}" in said
     taken = next(event for event in events if event["event"] == "supervisor")
-    assert taken["monotonic"] > before and len(read_measured(tmp_path / "run.csv").runs[0].time) > 20
+    assert (handed_over or taken["monotonic"] > before) and len(read_measured(tmp_path / "run.csv").runs[0].time) > 20
 
 
 @pytest.mark.long
