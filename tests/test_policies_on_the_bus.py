@@ -40,5 +40,5 @@ def test_no_committed_policy_is_for_another_robot() -> None:
 @pytest.mark.parametrize("kind", KINDS)
 def test_a_committed_policy_runs_on_the_virtual_bus_of_its_robot(kind: str) -> None:
     policy = committed(kind)
-    found = on_the_bus(kind, policy, 2.0)
+    found = on_the_bus(policy.contract.robot, policy, 2.0)
     assert found["ending"] == "finished" and found["seconds"] > 0.9, found
