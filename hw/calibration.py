@@ -25,19 +25,32 @@ import yaml
 from ..actuators.atomic import write_text
 from ..actuators.errors import SealegsError
 from ..configs.script import run
+from ..envs.base import BaseLayout
 from ..envs.robot import Robot
-from .joints import MAIN, CalibrationError, Joint, Line, check_joints, line_of, read_joints, read_lines
+from .joints import (
+    MAIN,
+    CalibrationError,
+    Joint,
+    Line,
+    check_gears,
+    check_joints,
+    checked_gears,
+    gear_of,
+    line_of,
+    read_joints,
+    read_lines,
+)
 from .registers import ServoModel
 
 FOLDER = Path("calibrations")
 HEAD = (
-    "# zero: step of the encoder at 0 rad; direction: 1 where steps grow with the angle; range: rad;\n"
-    "# homing_offset: of the servo, with which these steps hold\n"
+    "# zero: step of the encoder at 0; direction: 1 where steps grow with the joint; range: rad or m; per_radian:\n"
+    "# how far the joint moves per radian of its servo; homing_offset: of the servo, with which these steps hold\n"
 )
 STILL = 8  # steps that a joint at rest may wander
-MOVED = 0.092  # [rad] that count as moved; 60 steps of 4096 a turn
+MOVED = 0.092  # [rad] of the servo's shaft that count as moved; 60 steps of 4096 a turn
 SEAM = 0.5  # share of a turn: a jump beyond it between two readings went over the encoder's seam
-INSIDE = 0.02  # [rad] by which the range stays inside the stops that were found
+INSIDE = 0.02  # [rad] of the servo's shaft by which the range stays inside the stops that were found
 PERIOD = 0.02  # [s] between two readings
 
 
@@ -68,6 +81,7 @@ def guide(
     keep: Callable[[list[Joint]], None] = lambda _: None,
     line: Line = MAIN,
     names: Sequence[str] | None = None,
+    gears: Mapping[str, float] | None = None,
 ) -> list[Joint]:
     """Ask a person through the calibration of every joint on one bus.
 
@@ -82,6 +96,7 @@ def guide(
         keep: called with the joints so far as soon as one is done.
         line: the bus.
         names: of the joints on it; None: all of the robot.
+        gears: how far a joint moves per radian of its servo, by pattern of names; 1 where none fits.
 
     Raises:
         CalibrationError: too few servos, or a range that cannot be reached.
@@ -90,23 +105,26 @@ def guide(
     every = [item.name for item in robot.coordinates]
     names = every if names is None else list(names)
     say(f"Looking for the servos of '{robot.name}': {', '.join(names)}.")
-    found = sorted(bus.scan())
-    say(f"Found {len(found)}: {', '.join(map(str, found)) or 'none'}.")
-    if len(found) < len(names):
+    ids = sorted(bus.scan())
+    say(f"Found {len(ids)}: {', '.join(map(str, ids)) or 'none'}.")
+    if len(ids) < len(names):
         raise CalibrationError(
-            f"robot '{robot.name}' has {len(names)} joint(s), but {len(found)} servo(s) answer; check power and "
+            f"robot '{robot.name}' has {len(names)} joint(s), but {len(ids)} servo(s) answer; check power and "
             "wiring, and that no two have one id: connect them one at a time and give each its own."
         )
-    if failed := bus.torque_off(found):
+    if failed := bus.torque_off(ids):
         raise CalibrationError(f"torque cannot be switched off: {next(iter(failed.values()))}")
     say("Torque is off. Support the robot: it may sag.")
-    limits = robot.goal_limits(robot.parameters(params))
-    joints = [joint for joint in done if joint.name in names and joint.id in found]
+    limits, units = robot.goal_limits(robot.parameters(params)), BaseLayout(robot, params).units
+    units = {item.name: units[item.terms[0][0]] for item in robot.coordinates}
+    joints = [joint for joint in done if joint.name in names and joint.id in ids]
     if joints:
         say(f"Kept from before: {', '.join(joint.name for joint in joints)}.")
     for name in [name for name in names if name not in [joint.name for joint in joints]]:
-        number = _choose(bus, name, [n for n in found if n not in [j.id for j in joints]], servo, ask, say)
-        joints.append(replace(_joint(bus, name, number, limits[name], servo, ask, say), line=line))
+        number = _choose(bus, name, [n for n in ids if n not in [j.id for j in joints]], servo, ask, say)
+        gear = gear_of(name, gears or {}) or 1.0
+        found = _joint(bus, name, number, limits[name], servo, ask, say, gear, units[name])
+        joints.append(replace(found, line=line))
         keep(joints)
     joints.sort(key=lambda joint: names.index(joint.name))
     if names == every:
@@ -235,19 +253,25 @@ def _joint(
     servo: ServoModel,
     ask: Callable[[str], str],
     say: Callable[[str], None],
+    per_radian: float,
+    unit: str,
 ) -> Joint:
-    step, needed = servo.step, round(MOVED / servo.step)
-    ask(f"{name}: bring it to 0 rad as the robot's documentation defines it, hold it still, press Enter. ")
-    zero = _still(bus, number)
+    step, needed = servo.step * per_radian, round(MOVED / servo.step)
+    (low, high), digits = limits, 2 if unit == "rad" else 4
+    reach = max(high, 0.0) - min(low, 0.0)
+    at = 0.0 if reach < step * servo.steps else round(0.5 * (low + high), digits)  # 0 may be beyond the encoder's turn
+    ask(f"{name}: bring it to {at:g} {unit} as the robot's documentation defines it, hold it still, press Enter. ")
+    place = _still(bus, number)
+    far = "" if per_radian == 1.0 else " of its servo's shaft"
     while True:
-        ask(f"{name}: move it in its positive direction, between 5 and 90 degrees; press Enter. ")
-        moved = _shortest(_still(bus, number) - zero, servo)
+        ask(f"{name}: move it in its positive direction, between 5 and 90 degrees{far}; press Enter. ")
+        moved = _shortest(_still(bus, number) - place, servo)
         if abs(moved) >= needed:
             break
         say(f"It moved by {moved} steps only, and {needed} are needed; try again.")
     direction = 1 if moved > 0 else -1
-    low, high = limits
-    say(f"{name}: the robot works between {low:.2f} and {high:.2f} rad.")
+    zero = round(place - direction * at / step)
+    say(f"{name}: the robot works between {low:.{digits}f} and {high:.{digits}f} {unit}.")
     steps = _sweep(bus, number, lambda: ask(f"{name}: move it slowly from stop to stop; press Enter when done. "))
     jump = np.abs(np.diff(steps)).max(initial=0)
     if jump > SEAM * servo.steps:
@@ -258,8 +282,9 @@ def _joint(
     ends = sorted(direction * (float(edge) - zero) * step for edge in (steps.min(), steps.max()))
     shifts = servo.role("homing_offset")
     offset = None if shifts is None else bus.read_register(number, shifts)
-    joint = Joint(name, number, int(zero), direction, ends[0] + INSIDE, ends[1] - INSIDE, offset)
-    say(f"{name}: zero at step {zero}, direction {direction:+d}, range {joint.low:.2f} to {joint.high:.2f} rad.")
+    low, high = ends[0] + INSIDE * per_radian, ends[1] - INSIDE * per_radian
+    joint = Joint(name, number, zero, direction, low, high, offset, per_radian)
+    say(f"{name}: zero at step {zero}, direction {direction:+d}, range {low:.{digits}f} to {high:.{digits}f} {unit}.")
     return joint
 
 
@@ -337,8 +362,10 @@ def main(arguments: list[str]) -> None:
     params = settings.get("params") or {}
     names = [item.name for item in robot.coordinates]
     lines = read_lines(settings.get("buses") or {}, [*names, *(settings.get("sensors") or {})])
+    gears = checked_gears(settings.get("gears") or {}, robot)
 
     def work(done: Sequence[Joint], keep: Callable[[list[Joint]], None]) -> list[Joint]:
+        check_gears(done, gears, unfinished(out, robot))
         joints = [replace(joint, line=line_of(joint.name, lines)) for joint in done]
         for line in (MAIN, *lines):
             here = [name for name in names if line_of(name, lines) == line]
@@ -349,7 +376,7 @@ def main(arguments: list[str]) -> None:
             with ServoBus(str(port), line.baudrate or int(config["baudrate"]), model.name) as bus:
                 mine = [joint for joint in joints if joint.name in here]
                 told = functools.partial(_with, rest, keep)
-                found = guide(bus, robot, model, params, done=mine, keep=told, line=line, names=here)
+                found = guide(bus, robot, model, params, done=mine, keep=told, line=line, names=here, gears=gears)
             joints = [*rest, *found]
         joints.sort(key=lambda joint: names.index(joint.name))
         check_joints(joints, robot, servo, params)

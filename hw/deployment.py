@@ -15,6 +15,7 @@ import numpy as np
 from ..actuators.errors import SealegsError, nearest
 from ..configs.check import checked, checked_seed
 from ..envs.bench.robot import BENCH
+from ..envs.robots import get_robot
 from .calibration import as_row, newest
 from .clock import HIGHEST_RATE, LOWEST_RATE
 from .commands import Commands, PolicyCommands, Reference, Trajectory, park_motion, read_excitation, read_replay
@@ -300,7 +301,7 @@ def calibration_of(config: Mapping[str, Any]) -> Path | None:
     if config["hw"]["virtual"] is not None:
         return None
     name = config["robot"]["name"]
-    if (found := newest(name)) is None:
+    if (found := newest(get_robot(name).name)) is None:
         raise SealegsError(
             f"robot '{name}' has no calibration yet: make one with sealegs calibrate robot={name} "
             f"port={config['port'] or '<path>'}, or give calibration=<file>."

@@ -222,9 +222,9 @@ def nominal_joints(
         model = line.model(servo)
         number = numbers[line.name] = numbers.get(line.name, 0) + 1
         mounted, goals = said.get(item.name) or ServoEntry(number), limits[item.name]
-        geared = [value for key, value in (gears or {}).items() if fnmatch.fnmatch(item.name, key)]
-        scale = mounted.direction * (geared[0] if geared else 1.0) * model.step
-        zero = model.centre if not geared else round(model.centre - 0.5 * (goals[0] + goals[1]) / scale)
+        gear = gear_of(item.name, gears or {})
+        scale = mounted.direction * (1.0 if gear is None else gear) * model.step
+        zero = model.centre if gear is None else round(model.centre - 0.5 * (goals[0] + goals[1]) / scale)
         zero = zero if mounted.zero is None else mounted.zero
         low, high = sorted(scale * (at - zero) for at in (0, model.steps - 1))
         low, high = max(goals[0], low), min(goals[1], high)
@@ -312,3 +312,28 @@ def checked_gears(gears: Mapping[str, Any], robot: Robot) -> dict[str, float]:
         if value <= 0.0:
             raise CalibrationError(f"robot.gears.{key} is {value:g}; it must be above 0.")
     return found
+
+
+def gear_of(name: str, gears: Mapping[str, float]) -> float | None:
+    """How far a joint moves per radian of its servo [rad or m], from ``gears`` of a robot's file; None: not said."""
+    return next((value for key, value in gears.items() if fnmatch.fnmatch(name, key)), None)
+
+
+def check_gears(joints: Sequence[Joint], gears: Mapping[str, float], path: Path) -> None:
+    """Refuse joints that were calibrated behind other gears than the robot's file names.
+
+    Args:
+        joints: as calibrated.
+        gears: of the robot's file.
+        path: of the calibration.
+
+    Raises:
+        CalibrationError: one was; its goals and all its limits would be in wrong units.
+    """
+    for joint in joints:
+        said = gear_of(joint.name, gears) or 1.0
+        if not math.isclose(joint.per_radian, said, rel_tol=1e-6):
+            raise CalibrationError(
+                f"joint {joint.name} moves {joint.per_radian:g} per radian of its servo in {path}, and {said:g} by "
+                "robot.gears: calibrate it again, or correct the one that is wrong."
+            )

@@ -18,6 +18,7 @@ from ..envs.robots import get_robot
 from .joints import (
     Joint,
     Sensor,
+    check_gears,
     check_joints,
     checked_gears,
     nominal_joints,
@@ -215,7 +216,7 @@ def build_robot(config: Mapping[str, Any], actuator: Any = None, calibration: Pa
     """The robot of a ``configs/robot`` file.
 
     Args:
-        config: ``name``, ``params``, ``servo``, ``actuator``, ``sensors``, ``buses``.
+        config: ``name``, ``params``, ``servo``, ``actuator``, ``gears``, ``sensors``, ``buses``.
         actuator: chain that the servos are taken for, in place of the file's.
         calibration: file; None: a machine built as drawn.
 
@@ -232,6 +233,7 @@ def build_robot(config: Mapping[str, Any], actuator: Any = None, calibration: Pa
         joints = nominal_joints(robot, servo, params, gears, lines)
     else:
         joints = read_joints(calibration, robot, lines)
+        check_gears(joints, gears, calibration)
     chains = {name: _plain(chain) for name, chain in robot.chains_for(belief).items()}
     sensors = read_sensors(sensed, joints, servo, lines)
     registers = set_up(config.get("registers") or {}, servo)

@@ -4,16 +4,18 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Iterable, Sequence
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 import pytest
+from sealegs.configs.compose import compose
 from sealegs.envs.robots import get_robot
 from sealegs.hw.bus import ServoBus
 from sealegs.hw.calibration import guide, kept, newest, unfinished, write_calibration
 from sealegs.hw.joints import CalibrationError, Joint, check_joints, nominal_joints, read_joints
 from sealegs.hw.registers import load_model
-from sealegs.hw.robot import ServoRobot
+from sealegs.hw.robot import ServoRobot, build_robot
 from sealegs.hw.servo_state import ServoState
 from sealegs.hw.virtual import VirtualBus
 
@@ -87,6 +89,34 @@ def test_a_person_is_guided_to_ids_zeros_directions_and_ranges(monkeypatch: pyte
     assert knee.high == pytest.approx(852 * step - 0.02)
     assert hand.off == [3, 7], "torque is off before anybody touches a joint"
     assert hip.homing_offset == 17
+
+
+def test_a_joint_behind_a_gear_is_calibrated_in_its_own_units(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
+    monkeypatch.setattr("sealegs.hw.calibration.PERIOD", 0.0)
+    settings = compose("calibrate", {"robot": "hexapod"})["robot"]
+    robot, drawn = get_robot("hexapod"), build_robot(settings).joints[1]
+    assert drawn.name == "leg0_vertical" and drawn.per_radian == 0.006, "a screw, 6 mm per radian"
+    place = round(drawn.zero + 0.0379 / (0.006 * SERVO.step))  # 0 m is beyond the encoder's turn
+    script: list[dict[int, int | list[int]]] = [{5: place}, {5: place + 300}, {5: [1200, *sweep(100, 4000)]}]
+    hand, names = Hand(script, {5: 2048}), ["leg0_vertical"]
+    (joint,) = guide(hand, robot, SERVO, {}, hand.ask, hand.said.append, names=names, gears=settings["gears"])
+    assert joint.per_radian == 0.006 and "bring it to 0.0379 m" in hand.asked[0] and hand.said[-1].endswith(" m.")
+    assert (joint.direction, joint.zero) == (1, pytest.approx(drawn.zero, abs=1))
+    assert joint.low == pytest.approx(0.006 * ((100 - drawn.zero) * SERVO.step + 0.02), abs=1e-5)
+    assert joint.high == pytest.approx(0.006 * ((4000 - drawn.zero) * SERVO.step - 0.02), abs=1e-5)
+    assert joint.low < drawn.low and drawn.high < joint.high, "the robot's goals, in metres"
+
+
+def test_a_calibration_behind_other_gears_than_the_robots_file_names_is_refused(tmp_path: Path) -> None:
+    settings = compose("calibrate", {"robot": "hexapod"})["robot"]
+    robot = build_robot(settings)
+    fits, direct = tmp_path / "fits.yaml", tmp_path / "direct.yaml"
+    write_calibration(fits, robot.robot, SERVO, robot.joints)
+    assert build_robot(settings, None, fits).joints == robot.joints
+    low_and_high = {"zero": 2048, "low": -1.5, "high": 1.5, "per_radian": 1.0}  # as if a radian were a metre
+    write_calibration(direct, robot.robot, SERVO, [replace(joint, **low_and_high) for joint in robot.joints])
+    with pytest.raises(CalibrationError, match=r"moves 1 per radian of its servo in .*direct.yaml, and 0.15 by"):
+        build_robot(settings, None, direct)
 
 
 def test_it_asks_again_when_nothing_moved_or_two_joints_did(monkeypatch: pytest.MonkeyPatch) -> None:

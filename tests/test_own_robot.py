@@ -13,6 +13,7 @@ from sealegs.configs.compose import compose
 from sealegs.envs.robot_file import load_robot_file
 from sealegs.gap.log import read_measured
 from sealegs.hw import deployment
+from sealegs.hw.calibration import write_calibration
 from sealegs.hw.own_robot import READERS
 from sealegs.hw.robot import build_robot
 
@@ -69,6 +70,21 @@ def test_servos_are_mounted_as_the_file_says(arm: Path) -> None:
     path.write_text("model: arm.xml\njoints: {elbow: {chain: sts3215}}\ndeploy: {safty: {}}\n")
     with pytest.raises(SealegsError, match=r"deploy.safty is unknown \(did you mean 'safety'\?\)"):
         config(robot=str(path))
+
+
+def test_a_robot_of_ones_own_finds_the_calibration_that_was_made_for_it(
+    arm: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.chdir(arm.parent)
+    new_robot.main([str(arm), "chain=sts3215"])
+    chosen = config(robot="arm.yaml", hw="feetech", port="/dev/ttyUSB0")
+    with pytest.raises(SealegsError, match=r"has no calibration yet: make one with sealegs calibrate robot="):
+        deployment.calibration_of(chosen)
+    robot = build_robot(chosen["robot"])
+    path = Path("calibrations/arm-20260101-000000.yaml")  # as `sealegs calibrate robot=arm.yaml` calls it
+    write_calibration(path, robot.robot, robot.servo, robot.joints)
+    assert deployment.calibration_of(chosen) == path
+    assert build_robot(chosen["robot"], None, path).joints == robot.joints
 
 
 @pytest.mark.long
