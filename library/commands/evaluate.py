@@ -46,7 +46,8 @@ def main(arguments: list[str]) -> None:
     seconds = checked("seconds", config["seconds"], float)
     now = datetime.datetime.now().strftime("%Y%m%d-%H%M%S")
     out = Path(str(config["out"] or f"runs/paper-{paper}-{now}"))
-    importlib.import_module(f"sealegs.envs.{paper}.report").compare(out, seconds)  # only now, so that --help does not wait
+    report = importlib.import_module(f"sealegs.envs.{paper}.report")  # only now, so that --help does not wait
+    report.compare(out, seconds)
 
 
 def compare_policy(config: dict[str, Any]) -> None:
