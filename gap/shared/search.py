@@ -12,6 +12,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from ..causes.catalogue import ENTRIES
 from ..causes.cause import Cause
 from ..load.robot import LoggedRobot
 from ..log.parts import FIT_A, FIT_B
@@ -30,8 +31,9 @@ ROBOT = "robot"
 """What stands in the place of a joint's name for what joints share."""
 LOADS = ("load.mass", "load.inertia", "load.centre_of_mass")
 """Causes of a joint that may be a part of what the robot has."""
+PLAIN = ("friction.coulomb", "friction.viscous")
 FEWEST = 2  # joints
-ENOUGH = 0.1  # share of the loss it removes, that a joint must have of a cause that it shares
+ENOUGH = 0.1  # share of a joint's own loss that a cause must remove that it shares
 
 
 @dataclass(frozen=True, eq=False)
@@ -54,8 +56,12 @@ class SharedFound:
         """Whether what was found helps several joints: what helps one alone is of that joint, whatever it is."""
         fits = self.search.accepted[-1].fits if self.search.accepted else self.search.base
         losses = [self._losses(middle(*pair)) for pair in (self.search.base, fits)]
-        removed = {joint: max(loss - losses[1][joint], 0.0) for joint, loss in losses[0].items()}
-        return sum(part > ENOUGH * sum(removed.values()) for part in removed.values()) >= FEWEST
+        return sum(before - losses[1][joint] > ENOUGH * before for joint, before in losses[0].items()) >= FEWEST
+
+    def loss(self) -> float:
+        """Loss of all joints on what was fitted, with what was found."""
+        fits = self.search.accepted[-1].fits if self.search.accepted else self.search.base
+        return sum(self._losses(middle(*fits)).values())
 
     def _losses(self, values: Mapping[str, float]) -> dict[str, float]:
         """Loss of each joint on what was fitted."""
@@ -131,9 +137,13 @@ def search_shared(
     )
     tables = {number: {j: laid(found, problems[j]) for j, found in each.items()} for number, each in rows.items()}
     problem = RobotProblem(dict(problems), tables, (model,))
-    tuned = tuple(p.of_joint(joint) for joint, search in searches.items() for p in _own(search))
-    search = Searcher(problem, _causes(wide), tuned, progress, seed, settings, look_on).run()
-    return SharedFound(problem, search, tuned, rows)
+    found: list[SharedFound] = []
+    for beside in (_own, _friction):  # what a joint was said to have may only have stood in for what all of them share
+        of_joints = {joint: beside(problems[joint], search) for joint, search in searches.items()}
+        tuned = tuple(p.of_joint(joint) for joint, own in of_joints.items() for p in own)
+        search = Searcher(problem, _causes(wide), tuned, progress, seed, settings, look_on).run()
+        found.append(SharedFound(problem, search, tuned, rows))
+    return min((item for item in found if item.search.accepted), key=SharedFound.loss, default=found[0])
 
 
 def laid(rows: Sequence[Array], problem: FreeProblem) -> Array:
@@ -141,10 +151,18 @@ def laid(rows: Sequence[Array], problem: FreeProblem) -> Array:
     return np.concatenate([rows[unit.run][unit.start : unit.stop] for unit in problem.units])
 
 
-def _own(search: Search) -> list[Parameter]:
+def _own(problem: FreeProblem, search: Search) -> list[Parameter]:
     """What a joint's own search left to turn, without causes of its load."""
+    del problem
     kept = [candidate.variant for candidate in search.accepted if candidate.cause.name not in LOADS]
     return merge(search.tuned, *kept)
+
+
+def _friction(problem: FreeProblem, search: Search) -> list[Parameter]:
+    """What is tuned anyway and plain friction, which every joint has, in place of what its own search named."""
+    nominal = problem.models[0]
+    plain = [ENTRIES[name] for name in PLAIN if ENTRIES[name].applies(nominal)]
+    return merge(search.tuned, *(entry.cause(nominal).variants[0] for entry in plain))
 
 
 @dataclass(frozen=True)
