@@ -137,13 +137,13 @@ def search_shared(
     )
     tables = {number: {j: laid(found, problems[j]) for j, found in each.items()} for number, each in rows.items()}
     problem = RobotProblem(dict(problems), tables, (model,))
-    found: list[SharedFound] = []
+    sought: list[SharedFound] = []
     for beside in (_own, _friction):  # what a joint was said to have may only have stood in for what all of them share
         of_joints = {joint: beside(problems[joint], search) for joint, search in searches.items()}
         tuned = tuple(p.of_joint(joint) for joint, own in of_joints.items() for p in own)
         search = Searcher(problem, _causes(wide), tuned, progress, seed, settings, look_on).run()
-        found.append(SharedFound(problem, search, tuned, rows))
-    return min((item for item in found if item.search.accepted), key=SharedFound.loss, default=found[0])
+        sought.append(SharedFound(problem, search, tuned, rows))
+    return min((item for item in sought if item.search.accepted), key=SharedFound.loss, default=sought[0])
 
 
 def laid(rows: Sequence[Array], problem: FreeProblem) -> Array:
