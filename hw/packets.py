@@ -72,7 +72,7 @@ class NoReplyError(ReplyError):
 
 
 class CorruptReplyError(ReplyError):
-    """Bytes came, but no packet with a right checksum: noise, a cut packet, or two servos with one id."""
+    """A packet with a wrong checksum, to the host or by its own word to a servo: noise, or two servos with one id."""
 
 
 class ShortReplyError(ReplyError):

@@ -1,7 +1,8 @@
 """Torque that is no longer on, though nobody switched it off: a servo that restarted, or lost its torque otherwise.
 
-After a restart a servo answers as before, with its torque off and its torque limit as at power-on. So both registers
-are read back, with the readings of a cycle, often enough to name the loss within a tenth of a second.
+After a restart a servo answers as before. Its torque is off, or on again where its firmware sees to that, and the
+register that marked it is as at power-on. So both are read back, with the readings of a cycle, often enough to name
+the loss within a tenth of a second.
 """
 
 from __future__ import annotations
@@ -43,10 +44,11 @@ class TorqueWatch:
         for servo, torque, mark, watchdog in rows:
             if servo not in marks or servo in state.missing or servo in told or torque < 0:
                 continue
-            if torque == 0 and marks[servo] is not None and mark != marks[servo]:
+            if marks[servo] is not None and mark != marks[servo]:
+                now = "its torque is off" if torque == 0 else f"register 'torque_enable' is {torque} again"
                 sentence = (
-                    f"servo {servo} has restarted: its torque is off, and what marked it at torque on is {mark} as "
-                    f"after power-on, no longer {marks[servo]}; check its supply, wires and connectors."
+                    f"servo {servo} has restarted: {now}, and what marked it at torque on is {mark} as after power-on, "
+                    f"no longer {marks[servo]}; check its supply, wires and connectors."
                 )
                 return Fault("restart", sentence, (servo,))
             if torque != 1:

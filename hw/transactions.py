@@ -215,6 +215,13 @@ class Transactions:
                     spoiled.add(servo)
                     strange += self.dialect.overhead + length
                 continue
+            if self.dialect.garbled(reply.error):
+                problem = CorruptReplyError(
+                    f"a request reached servo {servo} on {self.path} with a wrong checksum; check the wiring.", [servo]
+                )
+                strange += len(reply.whole)
+                spoiled.add(servo)
+                continue
             if (why := self.dialect.refusal(reply.error)) is not None:
                 raise RefusedError(f"servo {servo} on {self.path} refuses: {why}.", [servo])
             if len(reply.data) != length:

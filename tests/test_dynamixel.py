@@ -200,6 +200,11 @@ def test_a_servo_set_up_otherwise_or_of_another_model_is_refused() -> None:
     bus.write_register(1, "operating_mode", 4)
     with pytest.raises(ConfigurationError, match="write 3, position mode"):
         bus.check([1])
+    bus.write_register(1, "operating_mode", 3)
+    bus.write_register(1, "startup_configuration", 1)
+    with pytest.raises(ConfigurationError, match="clear bit 0, so that a restart does not switch torque on"):
+        bus.check([1])
+    bus_on(wired(model="xm430_w350", chain="xm430_w350"), "xm430_w350").check([1])
     with pytest.raises(WrongModelError):
         bus_on(wired(), "xm430_w350").check([1])
 

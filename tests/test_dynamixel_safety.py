@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 from sealegs.gap.log import read_measured
 from sealegs.hw.commands import park_motion
+from sealegs.hw.packets import CorruptReplyError
 
 from tests.simulated_runs import BEYOND_LIMITS, Simulation, sine, when_torque_came_on
 
@@ -87,6 +88,17 @@ def test_a_servo_that_lost_its_torque_is_named_within_100_ms(fault: dict[str, An
     assert off[1] - 2.0 < 0.1 and not any(simulation.torque)
 
 
+def test_a_servo_whose_restart_gives_it_torque_again_is_named_within_100_ms() -> None:
+    restart = {"kind": "restart", "value": 0.015, "servos": [2], "at": 2.0}
+    simulation = Simulation("hopper", *LEGS, commands=sine(0.1), limits=QUIET, faults=[restart])
+    simulation.rig.servos[1].set_up("startup_configuration", 1)
+    outcome = simulation.run(5.0)
+    assert outcome.fault is not None and (outcome.fault.name, outcome.fault.servos) == ("restart", (2,)), outcome.fault
+    assert "'torque_enable' is 1 again" in outcome.fault.sentence
+    off = {servo: time for time, servo, on in simulation.rig.history if not on}
+    assert off[1] - 2.0 < 0.1 and not any(simulation.torque)
+
+
 def test_a_frozen_encoder_ends_the_run() -> None:
     simulation = bench(
         commands=sine(0.8), faults=[{"kind": "frozen", "at": 3.0}], limits={"range_margin": 9.0, "speed": 99.0}
@@ -103,6 +115,26 @@ def test_one_lost_reply_in_a_hundred_is_survived() -> None:
     assert outcome.ending == "finished", outcome.fault
     assert outcome.bus["NoReplyError"] + outcome.bus.get("CorruptReplyError", 0) > 30
     assert outcome.timing.overrun_share < 0.01 and simulation.torque == [False, False] and simulation.said == []
+
+
+def test_a_garbled_request_is_asked_again() -> None:
+    noise = {"kind": "garble", "probability": 0.01}
+    simulation = Simulation("hopper", *LEGS, commands=sine(0.1), faults=[noise], limits=QUIET)
+    outcome = simulation.run(10.0)
+    assert outcome.ending == "finished", outcome.fault
+    assert outcome.bus["CorruptReplyError"] > 30 and "RefusedError" not in outcome.bus
+    assert simulation.torque == [False, False] and outcome.not_at_rest == {} and simulation.said == []
+
+
+def test_a_garbled_request_costs_no_other_servo_its_reply_and_leaves_no_torque() -> None:
+    simulation = Simulation("hopper", *LEGS)
+    simulation.bus.torque_on([1, 2])
+    simulation.fault("garble", servos=[1], count=1)
+    with pytest.raises(CorruptReplyError, match="reached servo 1 on simulated with a wrong checksum") as caught:
+        simulation.bus.read_state(simulation.robot.all_ids, retries=0)
+    assert caught.value.servos == (1,) and sorted(caught.value.replies) == simulation.robot.all_ids[1:]
+    simulation.fault("garble", count=6)
+    assert simulation.bus.torque_off([1, 2]) == {} and simulation.torque == [False, False]
 
 
 def test_a_silent_servo_is_named_alone_though_others_wait_for_its_packet() -> None:

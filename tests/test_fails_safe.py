@@ -169,6 +169,20 @@ def test_a_servo_that_lost_its_torque_is_named_within_100_ms(fault: dict[str, An
     assert off[1] - 2.0 < 0.1 and not any(simulation.torque)
 
 
+def test_a_restart_is_named_though_the_servo_has_torque_again() -> None:
+    simulation = Simulation("hopper", commands=sine(0.1), limits={"range_margin": 3.0, "speed": 200.0})
+    servo, at = simulation.rig.servos[1], 1.0
+
+    def restarted() -> None:  # as one whose firmware takes a goal for a wish for torque looks 10 ms later
+        if simulation.loop.elapsed > at:
+            servo.put("torque_limit", servo.get("max_torque"))
+
+    simulation.loop.each_cycle = restarted
+    outcome = simulation.run(5.0)
+    assert outcome.fault is not None and (outcome.fault.name, outcome.fault.servos) == ("restart", (2,)), outcome.fault
+    assert not any(simulation.torque) and simulation.loop.elapsed - at < 0.2
+
+
 # --- joints that do not follow -----------------------------------------------------------------------------------
 
 

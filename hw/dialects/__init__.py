@@ -75,6 +75,10 @@ class Dialect(Protocol):
         """Why the servo did not do what was asked, from the error byte; None: it did."""
         ...
 
+    def garbled(self, error: int) -> bool:
+        """Whether the error byte says that the request came broken: it was not looked at, and can be repeated."""
+        ...
+
     def alert(self, error: int) -> bool:
         """Whether the error byte says no more than that a register names faults."""
         ...

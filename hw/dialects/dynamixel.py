@@ -10,11 +10,10 @@ with needed_for("the Dynamixel protocol"):
     import dynamixel_sdk as sdk
 
 ID, PARAMETERS, ERROR, DATA = 4, 8, 8, 9  # places in a packet
-ALERT = 0x80
+ALERT, GARBLED = 0x80, 3
 REFUSALS = {
     1: "it could not process the request",
     2: "it does not know the instruction",
-    3: "the request arrived with a wrong checksum",
     4: "the value is outside what the register takes, or its bus watchdog has stopped it",
     5: "the value has another length than the register",
     6: "the value is outside the limits that are set in the servo",
@@ -57,6 +56,9 @@ class DynamixelDialect:
     def refusal(self, error: int) -> str | None:
         number = error & ~ALERT
         return REFUSALS.get(number, f"error {number}") if number else None
+
+    def garbled(self, error: int) -> bool:
+        return error & ~ALERT == GARBLED
 
     def alert(self, error: int) -> bool:
         return bool(error & ALERT)

@@ -44,6 +44,10 @@ class FeetechDialect:
         del error  # it says how the servo is, not what became of the request
         return None
 
+    def garbled(self, error: int) -> bool:
+        del error
+        return False
+
     def alert(self, error: int) -> bool:
         del error
         return False

@@ -138,7 +138,7 @@ class ServoModel:
         roles: names of registers by what they are for, where that is another name; "" where the servo has none.
         readings: what a control cycle reads, by quantity: names of registers that lie close together.
         move: registers of a goal with speed and ramp, which lie one behind the other.
-        requires: how its registers must be set.
+        requires: how its registers must be set, of those that it has.
         moves: registers that decide how a servo answers a goal.
         high_id: largest id that it can have.
         sync_read: whether several can be asked in one request.
@@ -228,7 +228,7 @@ def load_model(name: str) -> ServoModel:
         roles=table.get("roles", {}),
         readings=table["readings"],
         move=tuple(table["move"]),
-        requires=tuple(Requirement(**row) for row in table["requires"]),
+        requires=tuple(Requirement(**row) for row in table["requires"] if row["register"] in registers),
         moves=tuple(table["moves"]),
         high_id=int(table["high_id"]),
         sync_read=bool(table.get("sync_read", True)),

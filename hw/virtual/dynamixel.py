@@ -18,6 +18,7 @@ BOOT = 0.5  # [s] silent after a reboot; assumed
 OVERLOADED, LOADED_FOR = 0.9, 2.0  # share of the duty limit, and for how long [s], that count as overload; assumed
 POSITION, EXTENDED = 3, 4  # operating modes that are simulated
 STOPPED = -1
+TORQUE_AT_BOOT = 1  # bit of startup_configuration
 GOALS = ("goal_pwm", "goal_current", "goal_velocity", "goal_position")
 """Read-only while the bus watchdog has stopped the servo."""
 BITS = {bit: number for number, bit in HARDWARE_ERRORS.items()}
@@ -42,7 +43,10 @@ class DynamixelServo(Firmware):
         self._put(self._stored, "min_voltage_limit", min(low, math.floor(8.0 * volts)))
 
     def boot(self, now: float, silent: float = BOOT) -> None:
-        """Start as after power-on: EEPROM into memory, torque off, faults forgotten, silent for a while."""
+        """Start as after power-on: EEPROM into memory, faults forgotten, silent for a while.
+
+        Torque is off, unless ``startup_configuration`` says otherwise.
+        """
         self.memory = bytearray(self._stored)
         self.put("goal_pwm", self.get("pwm_limit"))
         self.put("goal_current", self.get("current_limit"))
@@ -56,6 +60,8 @@ class DynamixelServo(Firmware):
         self._goal = self.target = float(self.sensors.steps)
         self._heard = now
         self.put("goal_position", self._shown())
+        if "startup_configuration" in self.model.registers and self.get("startup_configuration") & TORQUE_AT_BOOT:
+            self.put("torque_enable", ON)
 
     # --- requests ----------------------------------------------------------------------------------------------
 

@@ -15,6 +15,7 @@ from ...actuators.errors import SealegsError, nearest
 KINDS = {
     "drop": "replies are lost",
     "corrupt": "a bit of a reply is flipped",
+    "garble": "a bit of a request is flipped where it reaches a servo: a Dynamixel says so, others keep quiet",
     "short": "a reply lacks its last data bytes, with a right checksum",
     "late": "replies come so many 'delay' seconds late",
     "silence": "a servo does not hear and does not answer; it holds what it was told last",
@@ -46,8 +47,8 @@ class Fault:
         servos: ids concerned; empty: all.
         at: when it begins, on the machine's clock [s].
         seconds: how long it lasts; None: for good.
-        count: how many replies it spoils at most; None: all.
-        probability: with which it spoils a reply.
+        count: how many replies or requests it spoils at most; None: all.
+        probability: with which it spoils one.
         delay: of late replies [s].
         value: temperature [degC], voltage [V] or time [s] where the kind has one; None: 80 degC, 3.8 V, 0.8 s.
         bus: name of the line concerned; None: all.

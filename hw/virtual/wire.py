@@ -94,18 +94,19 @@ class Wire:
     def _answers(self, request: Request, now: float, baudrate: int) -> list[list[tuple[AnyServo, int, bytes]]]:
         """Who answers what, in the order of the replies; servos that answer at the same time stand together."""
         hearing = [servo for servo in self.servos if self._hears(servo, now, baudrate)]
+        garbled = [servo for servo in hearing if self._garbled(servo, now)]
         code, data = request.instruction, request.parameters
         if code == protocol.SYNC_WRITE:
-            self._sync_write(hearing, data, now)
+            self._sync_write([servo for servo in hearing if servo not in garbled], data, now)
             return []
         if code == protocol.SYNC_READ:
-            return self._sync_read(hearing, data, now)
+            return self._sync_read(hearing, garbled, data, now)
         answers: dict[int, list[tuple[AnyServo, int, bytes]]] = {}
         for servo in hearing:
             if request.target not in (servo.id, BROADCAST):
                 continue
             name = servo.id
-            reply = servo.execute(code, data, now)
+            reply = self._complaint if servo in garbled else servo.execute(code, data, now)
             if reply is not None and (request.target == name or code == protocol.PING):
                 answers.setdefault(name, []).append((servo, *reply))
         return [answers[name] for name in sorted(answers)]
@@ -116,15 +117,18 @@ class Wire:
         address, length = (int.from_bytes(data[k * width : (k + 1) * width], "little") for k in (0, 1))
         return address, length, data[2 * width :]
 
-    def _sync_read(self, hearing: list[AnyServo], data: bytes, now: float) -> list[list[tuple[AnyServo, int, bytes]]]:
+    def _sync_read(
+        self, hearing: list[AnyServo], garbled: list[AnyServo], data: bytes, now: float
+    ) -> list[list[tuple[AnyServo, int, bytes]]]:
         start, length, ids = self._block(data)
         answers = []
         for number in ids:
             found = [servo for servo in hearing if servo.id == number and servo.model.sync_read]
             if not found and self.dynamixel:
                 break  # assumed: each waits for the packet of the one before
-            if found:
-                answers.append([(servo, *servo.answer(start, length, now)) for servo in found])
+            replies = [(s, self._complaint if s in garbled else s.answer(start, length, now)) for s in found]
+            if said := [(servo, *reply) for servo, reply in replies if reply is not None]:
+                answers.append(said)
         return answers
 
     def _fast_sync_read(self, data: bytes, now: float, baudrate: int, at: float) -> list[tuple[float, bytes]]:
@@ -151,6 +155,20 @@ class Wire:
         return right and now >= servo.silent_until and first(self.faults, "silence", now, servo.id) is None
 
     # --- faults ------------------------------------------------------------------------------------------------
+
+    @property
+    def _complaint(self) -> tuple[int, bytes] | None:
+        """What a servo says to a request with a wrong checksum; Feetech's say nothing (assumed)."""
+        return (protocol2.CHECKSUM, b"") if self.dynamixel else None
+
+    def _garbled(self, servo: AnyServo, now: float) -> bool:
+        """Whether a request reaches a servo with a flipped bit."""
+        fault = first(self.faults, "garble", now, servo.id)
+        if fault is None or self._random.random() >= fault.probability:
+            return False
+        if fault.count is not None:
+            fault.count -= 1
+        return True
 
     def _spoiled(self, servo: int, packet: bytes, at: float) -> list[tuple[float, bytes]]:
         for fault in self.faults:
