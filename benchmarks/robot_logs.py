@@ -2,7 +2,7 @@
 
 Reads ``../shared/data`` (``data=`` another folder) and writes ``benchmarks/results/robot_logs.{json,md}``. Joints that
 are done are kept in ``robot_logs.jsonl`` while it runs, so that it can be stopped and goes on. One case by its name:
-``python -m benchmarks.robot_logs double_pendulum``.
+``python -m benchmarks.robot_logs double_pendulum``; the rows of the others stay on the page.
 """
 
 from __future__ import annotations
@@ -172,12 +172,14 @@ def main(arguments: list[str]) -> None:
     data = next((Path(word.removeprefix("data=")) for word in arguments if word.startswith("data=")), DATA)
     names = [word for word in arguments if "=" not in word] or list(CASES)
     kept = RESULTS / "robot_logs.jsonl"
-    rows: list[dict[str, Any]] = []
-    for name in names:
-        if not data.is_dir():
-            raise SystemExit(f"{data} is not there: give the folder of the data as data=<folder>.")
-        rows += rows_of(name, data, kept)
-    (RESULTS / "robot_logs.json").write_text(json.dumps(rows, indent=1) + "\n", encoding="utf-8")
+    if not data.is_dir():
+        raise SystemExit(f"{data} is not there: give the folder of the data as data=<folder>.")
+    page_file = RESULTS / "robot_logs.json"
+    before: list[dict[str, Any]] = json.loads(page_file.read_text()) if page_file.is_file() else []
+    measured = {name: list(rows_of(name, data, kept)) for name in names}
+    others = {name: [item for item in before if item["case"] == name] for name in CASES}
+    rows = [item for name in CASES for item in measured.get(name, others[name])]
+    page_file.write_text(json.dumps(rows, indent=1) + "\n", encoding="utf-8")
     (RESULTS / "robot_logs.md").write_text(page(rows), encoding="utf-8")
     print(page(rows))
 

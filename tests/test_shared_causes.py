@@ -16,6 +16,7 @@ from sealegs.gap.output.robot_extension import shared_changes
 from sealegs.gap.replay.tree import motion_of
 from sealegs.gap.shared import ROBOT, affected
 from sealegs.gap.shared.directions import Direction, about_joints, centres, masses, payload, rows_of, tilt
+from sealegs.gap.shared.search import helps_several
 from sealegs.gap.verdict.verdict import JointDiagnosis
 
 from testbed.logs import hidden_arm
@@ -59,19 +60,24 @@ def test_a_number_of_the_robot_does_to_each_joint_what_it_does_in_the_robots_mod
         np.testing.assert_allclose(said, change, atol=0.02 * np.abs(change).max() + 1e-5, err_msg=number)
 
 
-def test_inertias_that_a_file_gives_about_the_joints_are_one_number(tmp_path: Path, recorded: MeasuredRun) -> None:
-    text = Path(recorded.robot).read_text()
+def with_inertias_about_joints(text: str) -> str:
+    """The arm's file as somebody writes it who takes inertias about the joints for those about the centres of mass."""
     model = mujoco.MjModel.from_xml_string(text)
-    wrong = text
     for body in ("shoulder_link", "elbow_link"):
         mass, centre = model.body(body).mass[0], model.body(body).ipos
         own = model.body(body).inertia
         about = np.sort(own)[::-1] + mass * float(centre @ centre) * np.array([1.0, 1.0, 0.0])
-        a = wrong.index("fullinertia", wrong.index(f'name="{body}"'))
-        b = wrong.index('"', wrong.index('"', a) + 1)
-        wrong = wrong[:a] + f'fullinertia="{about[0]} {about[2]} {about[1]} 0 0 0' + wrong[b:]
+        a = text.index("fullinertia", text.index(f'name="{body}"'))
+        b = text.index('"', text.index('"', a) + 1)
+        text = text[:a] + f'fullinertia="{about[0]} {about[2]} {about[1]} 0 0 0' + text[b:]
+    return text
+
+
+def test_inertias_that_a_file_gives_about_the_joints_are_one_number(tmp_path: Path, recorded: MeasuredRun) -> None:
+    text = Path(recorded.robot).read_text()
+    model = mujoco.MjModel.from_xml_string(text)
     assert about_joints(robot(recorded)) is None
-    (tmp_path / "arm.xml").write_text(wrong)
+    (tmp_path / "arm.xml").write_text(with_inertias_about_joints(text))
     machine = robot(type(recorded)(**{**vars(recorded), "robot": str(tmp_path / "arm.xml")}))
     assert about_joints(machine) is not None
     changes = tuple(shared_changes(machine, found_of_robot("robot.about_joints", 1.0)))
@@ -97,3 +103,22 @@ def test_a_payload_is_named_once_and_not_joint_by_joint(tmp_path: Path) -> None:
     assert value.low < 0.15 * 1.03 and value.high > 0.15 * 0.97
     for joint in JOINTS:
         assert not found.joint(joint).causes
+
+
+@pytest.mark.long
+def test_inertias_about_the_joints_are_named_of_the_robot_and_friction_at_its_joint(tmp_path: Path) -> None:
+    hidden = {"friction": ("elbow", "clear")}
+    data, _ = hidden_arm(tmp_path, "two_link", hidden, seed=5, runs=2, duration=10.0, by_torque=True)
+    file = Path(data.runs[0].robot)
+    file.write_text(with_inertias_about_joints(file.read_text()))
+    found = diagnose(data, causes=["load.inertia", "friction.coulomb"])
+    (cause,) = found.joint(ROBOT).causes
+    assert cause.name == "load.inertia" and cause.parameters["robot.about_joints"].value == pytest.approx(1.0, abs=0.05)
+    assert [cause.name for cause in found.joint("elbow").causes] == ["friction.coulomb"]
+    assert not found.joint("shoulder").causes
+
+
+def test_a_joint_shares_a_cause_that_removes_a_good_part_of_its_own_loss() -> None:
+    before = {"shoulder": 17.0, "elbow": 71.0}  # of a double pendulum whose inertias are about the joints
+    assert helps_several(before, {"shoulder": 11.0, "elbow": 11.0})
+    assert not helps_several(before, {"shoulder": 17.0, "elbow": 11.0})

@@ -55,8 +55,7 @@ class SharedFound:
     def widespread(self) -> bool:
         """Whether what was found helps several joints: what helps one alone is of that joint, whatever it is."""
         fits = self.search.accepted[-1].fits if self.search.accepted else self.search.base
-        losses = [self._losses(middle(*pair)) for pair in (self.search.base, fits)]
-        return sum(before - losses[1][joint] > ENOUGH * before for joint, before in losses[0].items()) >= FEWEST
+        return helps_several(*(self._losses(middle(*pair)) for pair in (self.search.base, fits)))
 
     def loss(self) -> float:
         """Loss of all joints on what was fitted, with what was found."""
@@ -81,6 +80,11 @@ class SharedFound:
             if joint in self.rows.get(number, {})
         ]
         return [np.sum(tables, axis=0) for tables in zip(*parts, strict=True)] if parts else None
+
+
+def helps_several(before: Mapping[str, float], after: Mapping[str, float]) -> bool:
+    """Whether several joints lose a good part of their own loss, however much larger that of another is."""
+    return sum(loss - after[joint] > ENOUGH * loss for joint, loss in before.items()) >= FEWEST
 
 
 def affected(named: Mapping[str, Iterable[str]], noticed: Mapping[str, bool]) -> bool:
@@ -143,6 +147,8 @@ def search_shared(
         tuned = tuple(p.of_joint(joint) for joint, own in of_joints.items() for p in own)
         search = Searcher(problem, _causes(wide), tuned, progress, seed, settings, look_on).run()
         sought.append(SharedFound(problem, search, tuned, rows))
+        if search.rounds and search.rounds[-1].excess < settings.far:
+            break
     return min((item for item in sought if item.search.accepted), key=SharedFound.loss, default=sought[0])
 
 
