@@ -17,12 +17,14 @@ from typing import Any
 import numpy as np
 import pyarrow.parquet
 import scipy.io
+import yaml
 from sealegs.gap.log.arrays import measured_set
 from sealegs.gap.log.types import MeasuredSet
 from sealegs.gap.verdict.diagnosis import diagnose
 from sealegs.gap.verdict.verdict import JointDiagnosis
 
 RESULTS = Path(__file__).parent / "results"
+CONFIGS = Path(__file__).resolve().parents[1] / "configs"
 DATA = Path(__file__).resolve().parents[2] / "shared" / "data"
 
 TORQUE_CHAIN = [{"delay": {"seconds": 0.0}}, {"torque_command": {}}]
@@ -69,6 +71,13 @@ def emps(data: Path, work: Path) -> MeasuredSet:
     return measured_set(columns, sidecar, "emps")
 
 
+def so101_chain() -> list[dict[str, Any]]:
+    """The library's servo, set up as the publisher says: P 16, where the factory's 32 is 5.3 duty per rad; 12 V."""
+    known = {"position_p": {"gain": 5.3 * 16 / 32}, "supply": {"volts": 12.0}}
+    stages: list[dict[str, Any]] = yaml.safe_load((CONFIGS / "actuator" / "sts3215.yaml").read_text(encoding="utf-8"))
+    return [{name: {**values, **known.get(name, {})} for name, values in stage.items()} for stage in stages]
+
+
 def so101(data: Path, work: Path, motion: str = "chirp_sweep") -> MeasuredSet:
     """Six servos of an arm, position goals in; how zeros and directions of log and model stand is not recorded."""
     del work
@@ -80,7 +89,7 @@ def so101(data: Path, work: Path, motion: str = "chirp_sweep") -> MeasuredSet:
         columns[f"{joint}.position"] = np.array(table[f"pos_{joint}"], float)
     sidecar = {
         "robot": str(folder / "so101.xml"),
-        "actuators": dict.fromkeys(SO101_JOINTS, "sts3215"),
+        "actuators": dict.fromkeys(SO101_JOINTS, so101_chain()),
         "units": {"gripper.position": "fraction", "gripper.goal": "fraction"},
     }
     return measured_set(columns, sidecar, f"so101_arm {motion}")
