@@ -210,16 +210,33 @@ class ServoBus(ServoReadings):
             BusError: a servo failed; torque is then off on all of them.
         """
         try:
-            if wanted():
-                self.hold(ids)
-                if all(self._switch_on(servo, wanted) for servo in ids):
-                    self._watch(ids, self.watchdog)
-                    return True
+            if self.switch_on(ids, wanted):
+                self.watch(ids)
+                return True
         except BusError:
             self.torque_off(ids)
             raise
         self.torque_off(ids)
         return False
+
+    def switch_on(self, ids: Sequence[int], wanted: Callable[[], bool] = lambda: True) -> bool:
+        """As :meth:`torque_on`, without watchdogs; where it fails or is no longer wanted, torque stays as it is then.
+
+        Raises:
+            BusError: a servo failed.
+        """
+        if not wanted():
+            return False
+        self.hold(ids)
+        return all(self._switch_on(servo, wanted) for servo in ids)
+
+    def watch(self, ids: Sequence[int]) -> None:
+        """Let servos that can do so stop by themselves after :attr:`watchdog` without a request.
+
+        Raises:
+            BusError: a servo failed.
+        """
+        self._watch(ids, self.watchdog)
 
     def _switch_on(self, servo: int, wanted: Callable[[], bool]) -> bool:
         self._mark(servo)

@@ -237,6 +237,8 @@ class BusGroup:
     def torque_on(self, ids: Sequence[int], wanted: Callable[[], bool] = lambda: True) -> bool:
         """Switch torque on where each servo stands, one bus after the other.
 
+        Bus watchdogs come last: those of one bus would stop its servos while another bus is switched on.
+
         Args:
             ids: addresses.
             wanted: asked before each servo: whether torque is still wanted.
@@ -250,9 +252,10 @@ class BusGroup:
         try:
             for name, at in self._shares(ids).items():
                 own = [local(ids[k]) for k in at]
-                if not self._told(name, lambda part, servos: part.torque_on(servos, wanted), own):
+                if not self._told(name, lambda part, servos: part.switch_on(servos, wanted), own):
                     break
             else:
+                self._all(ids, lambda part, servos: part.watch(servos))
                 return True
         except BusError:
             self.torque_off(ids)

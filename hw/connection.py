@@ -9,6 +9,7 @@ from dataclasses import dataclass
 from typing import Any
 
 from ..actuators.errors import SealegsError
+from ..configs.check import checked
 from .bus import ServoBus
 from .buses import BusGroup
 from .interface import Bus
@@ -17,6 +18,7 @@ from .registers import ready_at
 from .robot import Joint, ServoRobot
 from .supervisor import Charge, Opening, Rest
 
+WATCHED_CYCLES = 3  # without a request, at least, before servos with a bus watchdog stop by themselves
 SHORT = 16  # steps by which a servo may stop short of its joint's range
 
 
@@ -149,17 +151,40 @@ def openings(hw: Mapping[str, Any], ports: Mapping[str, str], robot: ServoRobot)
     }
 
 
-def opened_bus(hw: Mapping[str, Any], ports: Mapping[str, str], robot: ServoRobot) -> Bus:
+def bus_watchdog(hw: Mapping[str, Any], period: float) -> float | None:
+    """Time without a request after which servos that can do so stop by themselves [s]; None: never.
+
+    Args:
+        hw: of ``configs/hw``.
+        period: of the loop [s].
+
+    Raises:
+        SealegsError: it is none.
+    """
+    seconds = checked("hw.watchdog", hw["watchdog"], float | None)
+    if seconds is not None and seconds <= 0.0:
+        raise SealegsError(f"hw.watchdog is {seconds:g} s; it must be above 0, or null: never.")
+    return None if seconds is None else max(seconds, WATCHED_CYCLES * period)
+
+
+def opened_bus(hw: Mapping[str, Any], ports: Mapping[str, str], robot: ServoRobot, period: float) -> Bus:
     """The bus, or several as one, with every servo of the robot there and set up.
+
+    Args:
+        hw: of ``configs/hw``.
+        ports: by name of the bus.
+        robot: on them.
+        period: of the loop [s].
 
     Raises:
         BusError: a port cannot be opened, or a servo is missing or set up otherwise.
     """
+    watchdog = bus_watchdog(hw, period)
     parts: dict[str, ServoBus] = {}
     try:
         for name, opening in openings(hw, ports, robot).items():
             parts[name] = opening()
-            parts[name].watchdog = hw.get("watchdog")
+            parts[name].watchdog = watchdog
         alone = set(parts) == {""}
         bus = parts[""] if alone else BusGroup(parts, {line.name: line.number for line in robot.lines})
         bus.check(robot.all_ids)

@@ -11,6 +11,7 @@ from sealegs.envs.robot import Robot
 from sealegs.envs.robots import get_robot
 from sealegs.hw.bus import ServoBus
 from sealegs.hw.commands import Commands, Trajectory
+from sealegs.hw.connection import bus_watchdog
 from sealegs.hw.loop import ControlLoop, Outcome
 from sealegs.hw.measured_log import MeasuredLog, make_sidecar
 from sealegs.hw.packets import BusError
@@ -127,7 +128,8 @@ class Simulation:
         self.rig = Rig(machine, servo, mounted, "order" if pose else "torque", registers=registers)
         self.wire = Wire(self.rig, [fault_from(row) for row in faults], seed)
         self.port = SimulatedPort(self.wire, timeout, latency=latency)
-        self.bus = ServoBus("simulated", model=servo.name, opened=self.port, timeout=timeout, watchdog=0.2)
+        self.bus = ServoBus("simulated", model=servo.name, opened=self.port, timeout=timeout)
+        self.bus.watchdog = bus_watchdog({"watchdog": 0.2}, 1.0 / rate)
         self.said: list[tuple[float, str]] = []
         self.stop = Stop()
         self.guard = Guard(self)

@@ -74,6 +74,14 @@ def test_a_stall_of_the_computer_that_the_watchdog_ended_is_named_within_100_ms(
     assert simulation.rig.history[-1][0] - when_torque_came_on(simulation) < 4.0
 
 
+def test_a_slow_loop_is_not_stopped_by_the_servos_own_watchdog() -> None:
+    limits = {"range_margin": 9.0, "speed": 99.0, "following_error": 9.0}
+    simulation = bench(rate=4.0, commands=sine(0.1, 0.2), limits=limits)
+    outcome = simulation.run(4.0)
+    assert outcome.ending == "finished", outcome.fault
+    assert simulation.rig.servos[0].get("bus_watchdog") == 38, "three periods of 0.25 s, in 20 ms"
+
+
 @pytest.mark.parametrize("rate", [20.0, 100.0])
 @pytest.mark.parametrize(
     ("fault", "name"), [({"kind": "restart", "value": 0.015}, "restart"), ({"kind": "limp"}, "torque")]

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import contextlib
 from pathlib import Path
 from typing import Any
 
@@ -11,6 +12,7 @@ from sealegs.commands import deploy
 from sealegs.configs.script import run as run_script
 from sealegs.envs.robots import get_robot
 from sealegs.gap.log import read_measured
+from sealegs.hw import connection
 from sealegs.hw.address import Address
 from sealegs.hw.bus import ServoBus
 from sealegs.hw.buses import BusGroup
@@ -90,6 +92,36 @@ def test_joints_are_on_the_buses_that_the_robots_file_names() -> None:
     for k, servo in enumerate(both.rig.servos[:2]):
         assert state.position[k] == pytest.approx((servo.sensors.steps - 2048) * servo.model.step, abs=1e-9)
     assert state.ids == tuple(both.robot.all_ids) and state.torque is not None and state.torque[:2].tolist() == [0, 0]
+
+
+@pytest.mark.parametrize("hw", ["feetech", "virtual", "dynamixel"])
+def test_dynamixels_on_a_further_bus_have_their_watchdog_whatever_the_first_bus_has(
+    hw: str, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    both = Both()
+    parts = both.bus.parts
+    for part in parts.values():
+        part.watchdog = None
+    monkeypatch.setattr(connection, "openings", lambda *_: {name: lambda p=part: p for name, part in parts.items()})
+    settings = config("robot=hopper", BUSES, f"hw={hw}", patient=False)["hw"]
+    bus = connection.opened_bus(settings, {}, both.robot, 0.01)
+    with contextlib.closing(bus):
+        assert bus.torque_on(both.robot.ids)
+        assert bus.read_register(KNEE, "bus_watchdog") == 10, "0.2 s, in 20 ms"
+
+
+def test_no_watchdog_stops_the_servos_of_one_bus_while_another_bus_gets_its_torque() -> None:
+    both = Both()
+    asked: list[float] = []
+
+    def slowly() -> bool:  # as 18 servos on an adapter that holds bytes take their time
+        asked.append(both.bus.clock.now())
+        if len(asked) > 2:
+            both.bus.clock.sleep(0.3)
+        return True
+
+    assert both.bus.torque_on([KNEE, 1], slowly) and len(asked) == 4 and both.torque == [True, True]
+    assert both.bus.read_register(KNEE, "bus_watchdog") == 10
 
 
 def test_one_loop_runs_both_and_releases_both() -> None:
