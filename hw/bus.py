@@ -240,6 +240,9 @@ class ServoBus(ServoReadings):
 
     def _switch_on(self, servo: int, wanted: Callable[[], bool]) -> bool:
         self._mark(servo)
+        if not wanted():  # what follows takes a while
+            return False
+        self.hold([servo])  # again: the servos before it may have moved its joint, or a hand has
         with self.line.lock:
             if not wanted():
                 return False

@@ -115,6 +115,7 @@ class Metronome:
         self._times = np.zeros((4, max(expected, 16)))  # late, work, read, command; grown when full
         self.cycles, self.overruns, self._skipped = 0, 0, 0
         self._began = self._woke = self._cpu = 0.0
+        self._ended: tuple[float, float] | None = None
 
     def now(self) -> float:
         """The host's monotonic clock, or in stepped time the machine's [s]."""
@@ -149,8 +150,12 @@ class Metronome:
 
     def restart(self) -> None:
         """Count and keep time anew from the next :meth:`wait` on."""
-        self._due = None
+        self._due = self._ended = None
         self.cycles, self.overruns, self._skipped = 0, 0, 0
+
+    def stop(self) -> None:
+        """The last cycle has ended: what is done from now on is not the loop's."""
+        self._ended = self.now(), time.process_time()
 
     def done(self, read: float, command: float) -> None:
         """Count a cycle, at the end of its work.
@@ -168,7 +173,8 @@ class Metronome:
     def timing(self) -> Timing:
         """How well the rate was kept so far."""
         late, work, read, command = self._times[:, : max(self.cycles, 1)]
-        wall = max(self.now() - self._began, 1e-9)
+        ended, cpu = self._ended or (self.now(), time.process_time())
+        wall = max(ended - self._began, 1e-9)
         return Timing(
             cycles=self.cycles,
             overruns=self.overruns,
@@ -180,6 +186,6 @@ class Metronome:
             read_p99=float(np.nanquantile(read, 0.99)) if np.isfinite(read).any() else 0.0,
             command_mean=float(np.nanmean(command)) if np.isfinite(command).any() else 0.0,
             command_p99=float(np.nanquantile(command, 0.99)) if np.isfinite(command).any() else 0.0,
-            cpu_share=(time.process_time() - self._cpu) / wall if self._began else 0.0,
+            cpu_share=(cpu - self._cpu) / wall if self._began else 0.0,
             stepped=self.stepped,
         )

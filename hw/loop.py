@@ -153,9 +153,11 @@ class ControlLoop:
         return self.outcome
 
     def _ended(self, ending: str, fault: Fault | None) -> Outcome:
-        timing = self._metronome.timing()
-        release = self._stop.emergency or not self._torque_on
+        self._metronome.stop()
+        unguarded = self._supervisor is not None and not self._supervisor.beat()
+        release = self._stop.emergency or not self._torque_on or unguarded
         at_rest = self._way_to_rest().take("release" if release else self._rest, self._rest)
+        timing = self._metronome.timing()  # takes the longer the longer the run was: no servo waits for it
         self.holder = at_rest.holder
         cut, bus = dict(self.safety.cut), dict(self.bus.counts)
         if magnitudes := self._current_sign.magnitudes:
@@ -186,9 +188,10 @@ class ControlLoop:
             return self._beat()
         if self._stop.reason is not None:
             return None
-        if (start := self.commands.start()) is None:
-            return None
         try:
+            self._goals_from_here()
+            if (start := self.commands.start()) is None:
+                return None
             fault = self._approach(np.clip(start, self.robot.low, self.robot.high))
         except SealegsError as error:
             fault = fault_of(error)
@@ -198,6 +201,11 @@ class ControlLoop:
         """Asked before each servo gets its torque: whether nobody wants to stop. The supervisor watches from now on."""
         heard = self._supervisor is None or self._supervisor.starting()
         return heard and self._stop.reason is None
+
+    def _goals_from_here(self) -> None:
+        """Goals go on from where the joints stand now, not from where they were before torque came on."""
+        reading = self.robot.reading(self.bus.read_state(self.robot.all_ids), self.reading)
+        self.sent = np.clip(reading.position, self.robot.low, self.robot.high)
 
     def _fit(self) -> Fault | None:
         """Whether the robot may get torque: everybody answers, in time, within the limits."""

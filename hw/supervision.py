@@ -53,7 +53,7 @@ def watch(charge: Charge, pipe: int) -> End | None:
         release |= RELEASE in data
         if data:
             last = data.replace(RELEASE, b"")[-1:] or last
-            patience = PATIENT if last in (STARTING, RESTING) else charge.silence
+            patience = PATIENT if last in (STARTING, RESTING, HELD) else charge.silence
         elif last == DONE or not last:  # without a word, torque never came on
             return None
         elif last == HELD:

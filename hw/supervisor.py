@@ -185,9 +185,17 @@ class Supervisor:
         """Say that torque comes on, servo by servo; from now on the loop is watched. False: nobody listens any more."""
         return self._say(STARTING)
 
-    def resting(self) -> None:
-        """Say that the loop has ended and brings the servos to rest, which may take longer than a cycle."""
-        self._say(RESTING)
+    def resting(self) -> bool:
+        """Say that the loop has ended and brings the servos to rest, which may take longer than a cycle.
+
+        Returns:
+            False: nobody listens any more.
+        """
+        return self._say(RESTING)
+
+    def holding(self) -> bool:
+        """Say that the servos are held and are to be watched from :meth:`leave_held` on. False: nobody listens."""
+        return self._say(HELD)
 
     def release_only(self) -> None:
         """Say that the servos are to be released, whatever was to become of them: an emergency stop."""
@@ -213,12 +221,11 @@ class Supervisor:
         self._answers.close()
 
     def leave_held(self) -> int:
-        """Say that the servos are held and the port is closed; the process goes on watching them.
+        """The port is closed: the process takes it and watches the servos, as :meth:`holding` said.
 
         Returns:
             Its id: ``kill <id>`` makes it release the servos.
         """
-        self._say(HELD)
         with contextlib.suppress(OSError):
             self._pipe.close()
         self._answers.close()

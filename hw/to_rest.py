@@ -75,12 +75,9 @@ class WayToRest:
             if rest != meant:
                 self._supervisor.release_only()
             self._supervisor.resting()
-        failed: Mapping[int, Exception]
-        try:
-            failed = bring_to_rest(self._bus, self._ids, rest, self._failing)
-        except Exception as error:  # whatever it is, it must not hide that torque may be on
-            failed = dict.fromkeys(self._ids, error)
-            self._failing(self._ids, error)
+        failed = self._brought(rest)
+        if rest == "hold" and not failed and not self._watched():
+            rest, failed = "release", self._brought("release")
         seconds = clock.now() - started
         self._bus.close()
         reasons = {servo: str(error) for servo, error in failed.items()}
@@ -96,11 +93,24 @@ class WayToRest:
             self._enter("at rest")
         return AtRest(rest, seconds, reasons, holder)
 
+    def _brought(self, rest: Rest) -> Mapping[int, Exception]:
+        try:
+            return bring_to_rest(self._bus, self._ids, rest, self._failing)
+        except Exception as error:  # whatever it is, it must not hide that torque may be on
+            self._failing(self._ids, error)
+            return dict.fromkeys(self._ids, error)
+
+    def _watched(self) -> bool:
+        """Whether servos that are held may stay so: a supervisor that lives was told to watch them."""
+        return self._supervisor is None or self._supervisor.holding()
+
     def _leave(self, rest: Rest, failed: bool) -> int | None:
         """Tell the supervisor how the servos are; the process that watches them from now on."""
         if self._supervisor is None:
             return None
-        if failed:
+        if failed and not self._supervisor.resting():
+            self.say("The supervisor that guards the servos has ended: nobody goes on trying to reach them.")
+        elif failed:
             asked = self._stop.asked
             self.say("The supervisor goes on trying to reach them; Ctrl-C ends the wait.")
             reached = self._supervisor.call(lambda: self._stop.asked > asked)

@@ -61,11 +61,15 @@ class Guard:
     def release_only(self) -> None:
         self.heard.append("release only")
 
-    def resting(self) -> None:
+    def resting(self) -> bool:
         self.heard.append("resting")
+        return self.lives
+
+    def holding(self) -> bool:
+        self.heard.append("held")
+        return self.lives
 
     def leave_held(self) -> int:
-        self.heard.append("held")
         return 4711
 
     def dismiss(self) -> None:

@@ -209,8 +209,9 @@ class Guard:
     def __init__(self, lives: Callable[[], bool]) -> None:
         self.beat, self.starting, self.heard = lives, lives, list[str]()
 
-    def resting(self) -> None:
+    def resting(self) -> bool:
         self.heard.append("resting")
+        return self.beat()
 
     def dismiss(self) -> None:
         self.heard.append("dismiss")

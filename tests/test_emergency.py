@@ -95,7 +95,7 @@ def test_ctrl_c_while_torque_comes_on_ends_that_too(monkeypatch: pytest.MonkeyPa
 
 def test_on_two_adapters_no_further_servo_gets_torque_either() -> None:
     both = Both()
-    wishes = iter([True, True, True, False])  # the first bus asks at its beginning, and before its servo
+    wishes = iter([True, True, True, True, True, False])  # the first bus asks at its beginning, and twice for its servo
     assert not both.bus.torque_on(both.robot.ids, lambda: next(wishes, False))
     assert both.torque == [False, False] and len([on for _, _, on in both.rig.history if on]) == 1
 
@@ -105,7 +105,7 @@ def test_the_supervisor_watches_before_the_first_servo_gets_torque(monkeypatch: 
     heard: list[list[bool]] = []
     monkeypatch.setattr(simulation.guard, "starting", lambda: not heard.append(simulation.torque))
     assert simulation.run(0.5).ending == "finished"
-    assert heard[0] == [False] * 4 and [sum(row) for row in heard] == [0, 0, 1, 2, 3]
+    assert heard[0] == [False] * 4 and [sum(row) for row in heard] == [0, 0, 0, 1, 1, 2, 2, 3, 3]
 
 
 def test_without_a_supervisor_that_listens_no_torque_comes_on() -> None:

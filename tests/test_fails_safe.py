@@ -105,9 +105,9 @@ def test_a_release_that_fails_is_said_at_the_first_servo_and_before_anybody_wait
     begun: list[float] = []
     resting = simulation.guard.resting
 
-    def noted() -> None:
+    def noted() -> bool:
         begun.append(simulation.port.now())
-        resting()
+        return resting()
 
     monkeypatch.setattr(simulation.guard, "resting", noted)
     simulation.loop.each_cycle = lambda: simulation.fault("silence", servos=[1, 2]) or "enough"
@@ -447,7 +447,9 @@ def test_the_supervisor_watches_servos_that_are_held_and_releases_them(how: str,
         charge = Charge(
             virtual.port, 1_000_000, "sts3215", 0.5, [1], "hold", 60.0, os.getpid(), str(events)
         )  # fmt: skip
-        holder = Supervisor(charge).leave_held()
+        supervisor = Supervisor(charge)
+        assert supervisor.holding()
+        holder = supervisor.leave_held()
         time.sleep(1.0)
         assert virtual.status()["servos"]["1"]["torque"], "nothing is wrong yet"
         virtual.fault("overheat") if how == "fault" else os.kill(holder, signal.SIGTERM)
