@@ -4,7 +4,9 @@ from __future__ import annotations
 
 import multiprocessing
 import os
+import threading
 from collections.abc import Sequence
+from functools import partial
 from pathlib import Path
 
 import pytest
@@ -16,6 +18,8 @@ from sealegs.gap.verdict.parallel import side_by_side
 from sealegs.gap.verdict.refusal import refuse
 from sealegs.gap.verdict.request import Request
 from sealegs.gap.verdict.verdict import JointDiagnosis
+
+from tests.waiting import wait_until
 
 
 @pytest.mark.long
@@ -35,3 +39,38 @@ def dies_in_a_process(
     if joint == "b" and multiprocessing.parent_process() is not None:
         os._exit(1)
     return refuse(joint, Refused(joint, "it is only a test"))
+
+
+@pytest.mark.long
+def test_processes_of_joints_end_with_a_program_that_is_killed(tmp_path: Path) -> None:
+    program = multiprocessing.get_context("spawn").Process(target=diagnoses_for_ever, args=(tmp_path,))
+    program.start()
+    wait_until(lambda: len(list(tmp_path.glob("*.pid"))) == 2, said=lambda: str(program.exitcode))
+    workers = [int(file.stem) for file in tmp_path.glob("*.pid")]
+    program.kill()
+    program.join()
+    wait_until(lambda: not any(lives(worker) for worker in workers))
+
+
+def diagnoses_for_ever(folder: Path) -> None:
+    request = Request()
+    with keeping(folder / "fits.jsonl"):
+        side_by_side(partial(waits_for_ever, folder), (), ["a", "b", "c"], (), request, 2, lambda joint: None)
+
+
+def waits_for_ever(
+    folder: Path, runs: Sequence[MeasuredRun], joint: str, findings: Sequence[Finding], request: Request
+) -> JointDiagnosis:
+    del runs, findings, request
+    (folder / f"{os.getpid()}.pid").touch()
+    threading.Event().wait()
+    return refuse(joint, Refused(joint, "it is only a test"))
+
+
+def lives(process: int) -> bool:
+    """Whether it runs; one that has ended and that nobody asked after does not."""
+    file = Path(f"/proc/{process}/stat")
+    try:
+        return file.read_text().rpartition(")")[2].split()[0] != "Z"
+    except OSError:
+        return False
