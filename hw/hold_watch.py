@@ -2,10 +2,11 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 
 from .bus import ServoBus
+from .in_charge import InCharge
 from .packets import PortBusyError, PortError
 from .servo_state import ServoState
 from .supervisor import Line
@@ -42,10 +43,17 @@ class Held:
 
 
 class HoldWatch:
-    """Looks at held servos until their torque is off."""
+    """Looks at held servos until their torque is off, or a later run has them in its charge."""
 
-    def __init__(self, lines: Sequence[Line], after: Aftermath) -> None:
-        """Watch the servos of ``lines``; ``after``: how to tell."""
+    def __init__(self, lines: Sequence[Line], after: Aftermath, claims: Mapping[str, InCharge] | None = None) -> None:
+        """Watch.
+
+        Args:
+            lines: with the servos.
+            after: how to tell.
+            claims: of this process on them, by name of the bus; None: nobody else can have any.
+        """
+        self._claims = claims or {}
         self._lines = [(line, [Held(servo, line.named([servo])[0]) for servo in line.ids]) for line in lines]
         self._after = after
         self._why: str | None = None  # they are to be released
@@ -60,11 +68,22 @@ class HoldWatch:
 
     def look(self) -> bool:
         """Ask the servos, or release them where that is due; whether the watch is over."""
+        if self._taken_over():
+            return True
         if self._why is None and self._after.asked():
             self._why = "asked to"
         if self._why is None and self._ask_all():
             return True
         return self._why is not None and self._release()
+
+    def _taken_over(self) -> bool:
+        """Leave to a later run what is its own; whether nothing is left."""
+        taken = [line.name for line, _ in self._lines if line.name in self._claims and self._claims[line.name].lost]
+        for line, held in self._lines:
+            if line.name in taken:
+                self._after.note("watched by a later run", by="supervisor", servos=[one.name for one in held])
+        self._lines = [(line, held) for line, held in self._lines if line.name not in taken]
+        return not self._lines
 
     # --- watching ----------------------------------------------------------------------------------------------
 

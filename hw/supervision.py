@@ -16,6 +16,7 @@ from time import monotonic
 from .alarm import to_stderr
 from .clock import HostClock
 from .hold_watch import HoldWatch
+from .in_charge import claims
 from .supervisor import AT_REST, DONE, HELD, READY, RELEASE, RESTING, STARTING, Charge
 from .take_over import Aftermath, bring_all_to_rest
 
@@ -41,16 +42,25 @@ class End:
     release: bool = False
 
 
-def watch(charge: Charge, pipe: int) -> End | None:
-    """Wait for the end of the loop; None where it brought the servos to rest."""
+def watch(charge: Charge, pipe: int, starting: Callable[[], None] = lambda: None) -> End | None:
+    """Wait for the end of the loop; None where it brought the servos to rest.
+
+    Args:
+        charge: of this process.
+        pipe: through which the loop speaks.
+        starting: called once, as torque comes on.
+    """
     patience: float | None = None
-    last, release = b"", False
+    last, release, started = b"", False, False
     while True:
         ready, _, _ = select.select([pipe], [], [], patience)
         if not ready:
             return End(f"the loop was silent for {patience:g} s", hangs=True, release=release)
         data = os.read(pipe, 4096)
         release |= RELEASE in data
+        if STARTING in data and not started:
+            started = True
+            starting()
         if data:
             last = data.replace(RELEASE, b"")[-1:] or last
             patience = PATIENT if last in (STARTING, RESTING, HELD) else charge.silence
@@ -129,7 +139,13 @@ def main(read_line: Callable[[], bytes]) -> None:
     charge.load()
     sys.stdout.buffer.write(READY)
     sys.stdout.buffer.flush()
-    end = watch(charge, sys.stdin.fileno())
+    mine = claims(charge)
+
+    def starting() -> None:
+        for claim in mine.values():
+            claim.claim()
+
+    end = watch(charge, sys.stdin.fileno(), starting)
     if end is None:
         return
     process = Process(charge)
@@ -150,7 +166,7 @@ def main(read_line: Callable[[], bytes]) -> None:
             os.write(1, AT_REST)
     if rest == "hold":
         process.on_its_own()
-        HoldWatch(charge.lines(), after).watch()
+        HoldWatch(charge.lines(), after, mine).watch()
 
 
 if __name__ == "__main__":

@@ -437,7 +437,7 @@ def test_servos_that_are_held_are_left_to_the_supervisor() -> None:
 
 
 @pytest.mark.long
-@pytest.mark.parametrize("how", ["fault", "asked"])
+@pytest.mark.parametrize("how", ["fault", "asked", "later run"])
 def test_the_supervisor_watches_servos_that_are_held_and_releases_them(how: str, tmp_path: Path) -> None:
     with VirtualBus(robot="bench", link=tmp_path / "servos") as virtual:
         with ServoBus(virtual.port, timeout=0.5) as bus:
@@ -448,10 +448,18 @@ def test_the_supervisor_watches_servos_that_are_held_and_releases_them(how: str,
             virtual.port, 1_000_000, "sts3215", 0.5, [1], "hold", 60.0, os.getpid(), str(events)
         )  # fmt: skip
         supervisor = Supervisor(charge)
-        assert supervisor.holding()
+        assert supervisor.starting() and supervisor.holding()
         holder = supervisor.leave_held()
         time.sleep(1.0)
         assert virtual.status()["servos"]["1"]["torque"], "nothing is wrong yet"
+        if how == "later run":
+            later = Supervisor(charge)
+            assert later.starting() and later.beat()
+            wait_until(lambda: events.is_file() and "watched by a later run" in events.read_text())
+            wait_until(lambda: not supervisor.alive)
+            assert virtual.status()["servos"]["1"]["torque"], "which is the later run's business"
+            later.dismiss()
+            return
         virtual.fault("overheat") if how == "fault" else os.kill(holder, signal.SIGTERM)
         wait_until(lambda: not virtual.status()["servos"]["1"]["torque"] and events.is_file())
         assert ("hotter" if how == "fault" else "asked to") in events.read_text()

@@ -14,6 +14,7 @@ import pytest
 from sealegs.hw.alarm import Alarm
 from sealegs.hw.bus import ServoBus
 from sealegs.hw.hold_watch import HoldWatch
+from sealegs.hw.in_charge import InCharge
 from sealegs.hw.packets import PortBusyError, PortError
 from sealegs.hw.supervision import End, watch
 from sealegs.hw.supervisor import BEAT, DONE, HELD, READY, RELEASE, RESTING, STARTING, Charge, Line
@@ -195,6 +196,34 @@ def test_a_held_servo_that_lost_its_torque_is_named_and_the_others_are_held_on()
     assert looked_at(left, 2.0), "somebody else released them"
 
 
+def test_the_watch_ends_where_a_later_run_has_the_servos_even_if_they_were_to_be_released(tmp_path: Path) -> None:
+    left = Left()
+    older, other, later = (InCharge("/dev/ttyUSB0", ids, tmp_path) for ids in ([1, 2, 3, 4], [5], [4, 3, 2, 1]))
+    older.claim()
+    watcher = HoldWatch(left.lines, left.after, {"": older})
+    assert not watcher.look() and not older.lost
+    other.claim()
+    assert not watcher.look(), "other servos on the same port are none of its business"
+    left.asked = 1  # it is told to release them, and the port is in use
+    left._refused = lambda count: BUSY
+    assert not watcher.look()
+    later.claim()
+    left._refused = lambda count: None
+    opened = left.opened
+    assert watcher.look() and left.opened == opened and left.simulation.torque == [True] * 4
+    assert left.noted[-1] == {"event": "watched by a later run", "by": "supervisor", "servos": ["1", "2", "3", "4"]}
+    assert not later.lost
+    for file in tmp_path.iterdir():
+        file.unlink()
+    assert not later.lost, "who clears temporary files away is no later run"
+
+
+def test_servos_are_watched_without_a_place_for_claims(tmp_path: Path) -> None:
+    left, nowhere = Left(), InCharge("/dev/ttyUSB0", [1, 2, 3, 4], tmp_path / "missing")
+    nowhere.claim()
+    assert not HoldWatch(left.lines, left.after, {"": nowhere}).look() and not nowhere.lost
+
+
 def test_being_asked_twice_ends_a_watch_that_cannot_release() -> None:
     left = Left()
     left.simulation.fault("silence", servos=[1])
@@ -212,13 +241,13 @@ def charge(**keys: Any) -> Charge:
     return Charge("/dev/null", 1_000_000, "sts3215", 0.02, [1], "hold", 0.02, os.getpid(), **keys)
 
 
-def ended(words: bytes, closed: bool = True) -> End | None:
+def ended(words: bytes, closed: bool = True, starting: Callable[[], None] = lambda: None) -> End | None:
     pipe, other = os.pipe()
     os.write(other, words)
     if closed:
         os.close(other)
     try:
-        return watch(charge(), pipe)
+        return watch(charge(), pipe, starting)
     finally:
         os.close(pipe)
         if not closed:
@@ -231,6 +260,10 @@ def test_a_loop_is_watched_from_the_moment_at_which_torque_comes_on(monkeypatch:
         end = ended(words, closed=False)
         assert end is not None and end.hangs and "silent for 0.0" in end.why
     assert ended(b"") is None, "torque never came on"
+    begun: list[str] = []
+    for words in (b"", RESTING + DONE, STARTING + STARTING + BEAT + RESTING + DONE):
+        ended(words, starting=lambda: begun.append("claimed"))
+    assert begun == ["claimed"], "from then on these servos are the new run's, and once is enough"
     assert ended(STARTING + BEAT + RESTING + DONE) is None
     end = ended(STARTING + BEAT)
     assert end is not None and not end.hangs and not end.called
