@@ -6,7 +6,7 @@ import contextlib
 import datetime
 import os
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
@@ -21,7 +21,8 @@ from .clock import HIGHEST_RATE, LOWEST_RATE
 from .commands import Commands, PolicyCommands, Reference, Trajectory, park_motion, read_excitation, read_replay
 from .connection import Opened, charge_of, opened_bus, opened_port
 from .deadman import PATIENCE, keyboard, pressed_key
-from .emergency import emergency_stop
+from .emergency import REASON as EMERGENCY
+from .emergency import check_descriptor, emergency_stop, release
 from .interface import Bus
 from .live import live_view
 from .loop import ControlLoop, Outcome, Stop
@@ -112,6 +113,8 @@ def prepare(config: Mapping[str, Any], source: Callable[[ServoRobot], Commands] 
     estop = config["estop"]
     if estop not in (None, "key") and (isinstance(estop, bool) or not isinstance(estop, int)):
         raise SealegsError(f"estop is {estop!r}; it may be key, or the number of a file descriptor.")
+    if isinstance(estop, int):
+        check_descriptor(estop)
     if estop == "key" and config["dead_man"]:
         raise SealegsError("estop=key and dead_man=true both need the keyboard: give one of them.")
     if config["overruns"] not in ("log", "stop"):
@@ -197,7 +200,7 @@ def _guarded(deployment: Deployment, bus: Bus, opened: Opened, stop: Stop, say: 
     config, robot = deployment.config, deployment.robot
     hw = config["hw"]
     with contextlib.ExitStack() as stack:
-        each_cycle = stack.enter_context(keyboard(config["dead_man"]))
+        switch = stack.enter_context(keyboard(config["dead_man"]))
         rest: Rest = "hold" if config["rest"] == "hold" else "release"
         registers = {joint.name: bus.identity(joint.address) for joint in robot.joints}
         for joint in robot.joints:
@@ -212,14 +215,17 @@ def _guarded(deployment: Deployment, bus: Bus, opened: Opened, stop: Stop, say: 
                 "robot.params.length [m], or write them under robot_params in the log's sidecar."
             )
         if config["dead_man"]:
-            say(f"Hold the space bar down: the run ends {PATIENCE:g} s after it is let go.")
-        button = stack.enter_context(pressed_key()) if config["estop"] == "key" else config["estop"]
-        pressed = stack.enter_context(emergency_stop(button, stop, lambda: bus.torque_off(robot.ids)))
+            say(f"Hold the space bar down: torque comes on then, and the run ends {PATIENCE:g} s after it is let go.")
+        by_key = config["estop"] == "key"
+        button = stack.enter_context(pressed_key()) if by_key else config["estop"]
         say(
             f"Running {deployment.commands.name} at {deployment.rate:g} Hz for {deployment.duration:g} s, "
             f"into {log.path}"
         )
-        supervisor = Supervisor(charge_of(config, opened.ports, robot, rest, str(log.events_path.resolve())))
+        charge = charge_of(config, opened.ports, robot, rest, str(log.events_path.resolve()))
+        # a terminal's keys are the shell's again when the run is over
+        supervisor = Supervisor(replace(charge, button=None if by_key else button))
+        pressed = stack.enter_context(emergency_stop(button, stop, lambda: release(supervisor, bus, robot.ids)))
         loop = ControlLoop(
             bus,
             robot,
@@ -232,7 +238,8 @@ def _guarded(deployment: Deployment, bus: Bus, opened: Opened, stop: Stop, say: 
             park=deployment.park,
             stop=stop,
             stepped=(hw["virtual"] or {}).get("time") == "stepped",
-            each_cycle=each_cycle,
+            each_cycle=switch or (lambda: None),
+            armed=(lambda: switch.armed(lambda: stop.reason is not None)) if switch else (lambda: None),
             overruns=config["overruns"],
             begins=opened.let_go,
         )
@@ -244,8 +251,11 @@ def _guarded(deployment: Deployment, bus: Bus, opened: Opened, stop: Stop, say: 
                 if loop.outcome is not None:
                     say(at_rest_sentence(Run(loop.outcome, log.path), config["rest"]))
                 raise
-        if loop.holder is not None:
-            say(f"The servos are held, and watched by process {loop.holder}: `kill {loop.holder}` releases them.")
+        if loop.holder is not None and stop.emergency:
+            say(f"{EMERGENCY}: process {loop.holder}, which watches the servos, releases them.")
+        elif loop.holder is not None:
+            also = "; the key no longer does" if by_key else "" if button is None else ", as does the emergency stop"
+            say(f"The servos are held, and watched by process {loop.holder}: `kill {loop.holder}` releases them{also}.")
     return Run(outcome, log.path)
 
 

@@ -1,6 +1,7 @@
 """An emergency stop: a key, or a file descriptor that somebody else's button writes to or closes.
 
-It waits in a thread of its own and switches torque off itself, without waiting for the loop's cycle to end.
+It waits in a thread of its own and switches torque off itself, without waiting for the loop's cycle to end. Where the
+loop is over or dead, the supervisor looks at the descriptor.
 """
 
 from __future__ import annotations
@@ -8,10 +9,14 @@ from __future__ import annotations
 import contextlib
 import os
 import select
+import stat
 import threading
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 
+from ..actuators.errors import SealegsError
+from .interface import Bus
 from .stop import Stop
+from .supervisor import Supervisor
 
 REASON = "the emergency stop was pressed"
 
@@ -38,10 +43,18 @@ class EmergencyStop:
         self.thread = self._thread.native_id or 0
 
     def _watch(self) -> None:
-        ready, _, _ = select.select([self._descriptor, self._wake], [], [])
-        if self._wake not in ready:
-            self._stop.press(REASON)
-            self._act()
+        try:
+            poll = select.poll()
+            for descriptor in (self._descriptor, self._wake):
+                poll.register(descriptor, select.POLLIN)
+            found = dict(poll.poll())
+        except Exception:  # whatever it is: an emergency stop that breaks must stop
+            found = {}
+        if self._wake in found:
+            return
+        self._stop.press(REASON)
+        self._act()
+        if found.get(self._descriptor, 0) & select.POLLIN:
             with contextlib.suppress(OSError):
                 os.read(self._descriptor, 64)  # a key is for nobody else
 
@@ -50,6 +63,32 @@ class EmergencyStop:
         os.close(self._woken)  # its other end becomes readable
         self._thread.join(1.0)
         os.close(self._wake)
+
+
+def check_descriptor(number: int) -> None:
+    """Make sure that a button can be behind a file descriptor.
+
+    Raises:
+        SealegsError: it is not open, or a file on a disk, which nobody presses.
+    """
+    try:
+        mode = os.fstat(number).st_mode
+    except (OSError, OverflowError):
+        raise SealegsError(
+            f"estop is {number}, but no file descriptor {number} is open; open it in the same command, such as "
+            "estop=3 3< /dev/hidraw0."
+        ) from None
+    if stat.S_ISREG(mode) or stat.S_ISDIR(mode):
+        raise SealegsError(
+            f"estop is {number}, but file descriptor {number} is a file on a disk; give a button's device or a pipe."
+        )
+
+
+def release(supervisor: Supervisor, bus: Bus, ids: Sequence[int]) -> None:
+    """Switch torque off; the supervisor hears first, since it goes on where the bus cannot."""
+    supervisor.release_only()
+    supervisor.resting()
+    bus.torque_off(ids)
 
 
 @contextlib.contextmanager

@@ -72,6 +72,8 @@ class HoldWatch:
             return True
         if self._why is None and self._after.asked():
             self._why = "asked to"
+        if self._why is None and self._after.pressed():
+            self._why = "the emergency stop was pressed"
         if self._why is None and self._ask_all():
             return True
         return self._why is not None and self._release()
@@ -120,7 +122,7 @@ class HoldWatch:
         """Each servo, as far as there is time; the next look begins with those that were left out."""
         begun = bus.clock.now()
         for _ in range(len(held)):
-            if bus.clock.now() - begun > LONGEST:
+            if bus.clock.now() - begun > LONGEST or self._after.pressed():
                 return
             held.append(held.pop(0))
             yield held[-1]

@@ -5,6 +5,7 @@ from __future__ import annotations
 import time
 from collections.abc import Callable
 from dataclasses import replace
+from functools import partial
 from typing import Any, Literal
 
 import numpy as np
@@ -66,6 +67,7 @@ class ControlLoop:
         overruns: Literal["log", "stop"] = "log",
         park: Commands | None = None,
         begins: Callable[[], None] = lambda: None,
+        armed: Callable[[], str | None] = lambda: None,
     ) -> None:
         """Prepare; nothing moves.
 
@@ -86,13 +88,14 @@ class ControlLoop:
             park: motion along which the robot sits down before it is released, where it ends without a fault; a further
                 wish to stop, and an emergency stop at once, cut it short.
             begins: called where the run begins, the robot being at its start; a hand may let go then.
+            armed: asked at first, where it may wait, and before each servo gets torque; a text lets no further have it.
             overruns: what becomes of a rate that cannot be kept: it is said and logged, or ends the run as well.
         """
         self.bus, self.robot, self.safety, self.commands = bus, robot, safety, commands
         self._metronome = Metronome(rate, stepped, clock=bus.clock)
         self._log, self._supervisor = log, supervisor
         self._rest: Rest = rest
-        self._stop, self.each_cycle, self.alarm = stop or Stop(), each_cycle, alarm
+        self._stop, self.each_cycle, self.alarm, self._armed = stop or Stop(), each_cycle, alarm, armed
         self._zero_time = self._metronome.now()
         self.reading: Reading | None = None
         self.outcome: Outcome | None = None
@@ -154,11 +157,9 @@ class ControlLoop:
 
     def _ended(self, ending: str, fault: Fault | None) -> Outcome:
         self._metronome.stop()
-        unguarded = self._supervisor is not None and not self._supervisor.beat()
-        release = self._stop.emergency or not self._torque_on or unguarded
+        release = self._stop.emergency or not self._torque_on or self._beat() is not None  # or nobody would watch them
         at_rest = self._way_to_rest().take("release" if release else self._rest, self._rest)
-        timing = self._metronome.timing()  # takes the longer the longer the run was: no servo waits for it
-        self.holder = at_rest.holder
+        self.holder, timing = at_rest.holder, self._metronome.timing()  # which takes a while: no servo waits for it
         cut, bus = dict(self.safety.cut), dict(self.bus.counts)
         if magnitudes := self._current_sign.magnitudes:
             self._event("current without sign", servos=named(magnitudes), made="signed as duty x voltage - back-EMF")
@@ -168,15 +169,15 @@ class ControlLoop:
         )
 
     def _way_to_rest(self) -> WayToRest:
-        def enter(state: str) -> None:
-            self.state = state
-
-        return WayToRest(self.bus, self.robot.ids, self._supervisor, self._stop, self.alarm, self._event, enter)
+        to = partial(setattr, self, "state")
+        return WayToRest(self.bus, self.robot.ids, self._supervisor, self._stop, self.alarm, self._event, to)
 
     # --- start -------------------------------------------------------------------------------------------------
 
     def _begin(self) -> Fault | None:
         ids = self.robot.ids
+        if self._said(self._armed()):
+            return None
         if fault := self._fit():
             return fault
         if self._stop.reason is not None:  # asked for while the bus and the supervisor were started
@@ -189,7 +190,8 @@ class ControlLoop:
         if self._stop.reason is not None:
             return None
         try:
-            self._goals_from_here()
+            here = self.robot.reading(self.bus.read_state(self.robot.all_ids), self.reading)
+            self.sent = np.clip(here.position, self.robot.low, self.robot.high)  # goals go on from there
             if (start := self.commands.start()) is None:
                 return None
             fault = self._approach(np.clip(start, self.robot.low, self.robot.high))
@@ -200,12 +202,7 @@ class ControlLoop:
     def _still_wanted(self) -> bool:
         """Asked before each servo gets its torque: whether nobody wants to stop. The supervisor watches from now on."""
         heard = self._supervisor is None or self._supervisor.starting()
-        return heard and self._stop.reason is None
-
-    def _goals_from_here(self) -> None:
-        """Goals go on from where the joints stand now, not from where they were before torque came on."""
-        reading = self.robot.reading(self.bus.read_state(self.robot.all_ids), self.reading)
-        self.sent = np.clip(reading.position, self.robot.low, self.robot.high)
+        return heard and not self._said(self._armed()) and self._stop.reason is None
 
     def _fit(self) -> Fault | None:
         """Whether the robot may get torque: everybody answers, in time, within the limits."""
@@ -285,7 +282,7 @@ class ControlLoop:
             self.bus.write_goals(self.robot.ids, self.robot.to_servo(self.sent))
             if (fault := self._beat()) is not None:
                 return fault
-            if self._not_held() or self._stop.reason is not None:
+            if self._said(self.each_cycle()) or self._stop.reason is not None:
                 return None
             if reading is not None and now > way.span + 0.3 and way.is_there(reading.position):
                 return None
@@ -308,7 +305,7 @@ class ControlLoop:
                 self._event("started", monotonic=time.monotonic())
             if (fault := self._beat()) is not None:
                 return fault
-            if self._not_held():
+            if self._said(self.each_cycle()):
                 return None
             # goals belong to the grid of cycles: half a period of tolerance keeps them from slipping by one
             now = woke - begun
@@ -361,9 +358,9 @@ class ControlLoop:
             return None
         return Fault("supervisor", "the supervisor that guards the servos has ended; without it no torque stays on.")
 
-    def _not_held(self) -> bool:
-        """Whether ``each_cycle`` stops all motion; nobody then holds a switch for a way to the park pose."""
-        if (reason := self.each_cycle()) is None:
+    def _said(self, reason: str | None) -> bool:
+        """Whether a reason stops all motion; nobody then holds a switch for a way to the park pose."""
+        if reason is None:
             return False
         self._let_go = True
         self._stop.ask(reason)
@@ -386,7 +383,7 @@ class ControlLoop:
             reading = self._reading()
             if isinstance(reading, Fault):
                 return replace(reading, sentence=f"while sitting down: {reading.sentence}")
-            if self._not_held() or self._stop.asked > heeded or self._stop.emergency:
+            if self._said(self.each_cycle()) or self._stop.asked > heeded or self._stop.emergency:
                 return None
             goal, seen = way.goal(now), reading or self.reading
             if now > way.span and seen is not None:  # where nobody answers, the motion goes on all the same

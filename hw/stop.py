@@ -30,7 +30,7 @@ class Stop:
     def press(self, reason: str) -> None:
         """Stop now, without sitting down or holding."""
         self.emergency = True
-        self.ask(reason)
+        self.reason = self.reason or reason  # it ends no wait: who presses wants the servos released
 
     @contextlib.contextmanager
     def on_signals(self) -> Iterator[None]:

@@ -17,7 +17,7 @@ from .alarm import to_stderr
 from .clock import HostClock
 from .hold_watch import HoldWatch
 from .in_charge import claims
-from .supervisor import AT_REST, DONE, HELD, READY, RELEASE, RESTING, STARTING, Charge
+from .supervisor import AT_REST, DONE, HELD, READY, RELEASE, RESTING, STARTING, Charge, Rest
 from .take_over import Aftermath, bring_all_to_rest
 
 PATIENT = 2.0  # [s] that the loop may take over what lasts longer than a cycle: torque on, and the way to rest
@@ -67,17 +67,46 @@ def watch(charge: Charge, pipe: int, starting: Callable[[], None] = lambda: None
         elif last == DONE or not last:  # without a word, torque never came on
             return None
         elif last == HELD:
-            return End("the loop left the servos held", held=True)
+            return End("the loop left the servos held", held=not release, release=release)
         else:
             why = "the loop ended without bringing the servos to rest"
             return End(why, called=last == RESTING, release=release)
 
 
+class Button:
+    """The emergency stop as this process sees it: a descriptor of its own, and the loop's word by a signal."""
+
+    def __init__(self, descriptor: int | None) -> None:
+        """Look at ``descriptor``; None: the loop's word is all there is."""
+        told, tell = os.pipe()
+        signal.signal(signal.SIGUSR1, lambda *_: os.write(tell, b"!"))
+        self._poll = select.poll()
+        for number in (told,) if descriptor is None else (told, descriptor):
+            self._poll.register(number, select.POLLIN)
+        self._pressed = False
+
+    def pressed(self, seconds: float = 0.0) -> bool:
+        """Whether it was pressed or has broken, after at most so long [s]."""
+        self._pressed = self._pressed or bool(self._poll.poll(1e3 * seconds))
+        return self._pressed
+
+
+class WakingClock(HostClock):
+    """The host's clock; whoever sleeps is woken by the emergency stop."""
+
+    def __init__(self, button: Button) -> None:
+        self._button = button
+
+    def sleep(self, seconds: float) -> None:
+        """Leave the processor to others."""
+        super().sleep(seconds) if self._button.pressed() else self._button.pressed(seconds)
+
+
 class Process:
     """This process, as far as others notice it."""
 
-    def __init__(self, charge: Charge) -> None:
-        self._charge = charge
+    def __init__(self, charge: Charge, button: Button) -> None:
+        self._charge, self._button = charge, button
         self._asked = list[int]()
         self._on_its_own = False
 
@@ -97,11 +126,12 @@ class Process:
         return Aftermath(
             note=self.note,
             say=to_stderr,
-            clock=HostClock(),
+            clock=WakingClock(self._button),
             alone=lambda: died or self._on_its_own or os.getppid() != self._charge.loop or not awaited(1),
             asked=lambda: len(self._asked),
             pid=os.getpid(),
             lasting=self._charge.lasting,
+            pressed=self._button.pressed,
         )
 
     def on_its_own(self) -> None:
@@ -137,6 +167,7 @@ def main(read_line: Callable[[], bytes]) -> None:
         signal.signal(number, signal.SIG_IGN)  # it ends with its loop, not before
     charge = Charge(**json.loads(read_line()))
     charge.load()
+    button = Button(charge.button)
     sys.stdout.buffer.write(READY)
     sys.stdout.buffer.flush()
     mine = claims(charge)
@@ -148,8 +179,8 @@ def main(read_line: Callable[[], bytes]) -> None:
     end = watch(charge, sys.stdin.fileno(), starting)
     if end is None:
         return
-    process = Process(charge)
-    rest = "release" if end.release else charge.rest
+    process = Process(charge, button)
+    rest: Rest | None = "release" if end.release else charge.rest
     after = process.after(died=not end.called and not end.held)
     if not end.held:
         process.note("supervisor", why=end.why, rest=rest, process=os.getpid())
@@ -160,7 +191,8 @@ def main(read_line: Callable[[], bytes]) -> None:
             if seconds > charge.patience:
                 process.on_its_own()
 
-        if not bring_all_to_rest(charge.lines(), rest, after, end.why, waited):
+        rest = bring_all_to_rest(charge.lines(), rest, after, end.why, waited)
+        if rest is None:
             return
         with contextlib.suppress(OSError):
             os.write(1, AT_REST)

@@ -12,11 +12,12 @@ import contextlib
 import json
 import os
 import select
+import signal
 import subprocess
 import sys
 import time
-from collections.abc import Callable, Sequence
-from dataclasses import asdict, dataclass, field
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import asdict, dataclass, field, replace
 from typing import Any, Literal
 
 from .bus import ServoBus
@@ -49,6 +50,7 @@ class Charge:
         patience: time that a run waits for servos that could not be brought to rest [s].
         others: further buses of the robot; each a mapping of bus, port, baudrate, servo, ids.
         lasting: whether the servos outlive the run; those of a virtual machine that it started do not.
+        button: file descriptor of an emergency stop, which the supervisor looks at once the loop is over; None: none.
     """
 
     port: str
@@ -63,6 +65,7 @@ class Charge:
     patience: float = PATIENCE
     others: list[dict[str, Any]] = field(default_factory=list)
     lasting: bool = True
+    button: int | None = None
 
     def lines(self) -> list[Line]:
         """Each bus with servos."""
@@ -149,6 +152,21 @@ def bring_to_rest(bus: Bus, ids: Sequence[int], rest: Rest, failing: Failing | N
     return failed
 
 
+@contextlib.contextmanager
+def _passed_on(button: int | None) -> Iterator[int | None]:
+    """A descriptor as another process gets it: none of those of its standard input, output and errors."""
+    if button is None:
+        yield None
+        return
+    import fcntl
+
+    copy = fcntl.fcntl(button, fcntl.F_DUPFD, 3)
+    try:
+        yield copy
+    finally:
+        os.close(copy)
+
+
 class Supervisor:
     """The loop's end of it."""
 
@@ -159,12 +177,15 @@ class Supervisor:
             PortError: it does not start.
         """
         self._patience = charge.patience
-        self._process = subprocess.Popen(
-            [sys.executable, "-P", "-m", "sealegs.hw.supervision"],
-            stdin=subprocess.PIPE,
-            stdout=subprocess.PIPE,
-            start_new_session=True,  # a Ctrl-C in the terminal is the loop's business
-        )
+        with _passed_on(charge.button) as button:
+            self._process = subprocess.Popen(
+                [sys.executable, "-P", "-m", "sealegs.hw.supervision"],
+                stdin=subprocess.PIPE,
+                stdout=subprocess.PIPE,
+                start_new_session=True,  # a Ctrl-C in the terminal is the loop's business
+                pass_fds=() if button is None else (button,),
+            )
+            charge = replace(charge, button=button)
         assert self._process.stdin is not None and self._process.stdout is not None
         self._pipe, self._answers = self._process.stdin, self._process.stdout
         self._pipe.write(json.dumps(asdict(charge)).encode() + b"\n")
@@ -199,7 +220,8 @@ class Supervisor:
 
     def release_only(self) -> None:
         """Say that the servos are to be released, whatever was to become of them: an emergency stop."""
-        self._say(RELEASE)
+        if not self._say(RELEASE):  # it has taken over, or watches servos that are held
+            self._process.send_signal(signal.SIGUSR1)
 
     @property
     def pid(self) -> int:

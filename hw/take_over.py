@@ -51,6 +51,7 @@ class Aftermath:
         asked: how often a person asked this process to end.
         pid: of this process.
         lasting: whether the servos outlive the run.
+        pressed: whether the emergency stop was pressed, after which servos are released whatever was to become of them.
     """
 
     note: Note
@@ -60,6 +61,7 @@ class Aftermath:
     asked: Callable[[], int]
     pid: int
     lasting: bool = True
+    pressed: Callable[[], bool] = lambda: False
 
 
 def sentence(error: Exception) -> str:
@@ -73,26 +75,27 @@ def bring_all_to_rest(
     after: Aftermath,
     why: str,
     waited: Callable[[float], None] = lambda seconds: None,
-) -> bool:
+) -> Rest | None:
     """Bring the servos of all buses to rest, for as long as that takes.
 
     Args:
         lines: of the robot.
-        rest: what becomes of the servos.
+        rest: what becomes of the servos, unless the emergency stop is pressed meanwhile.
         after: how to tell.
         why: it is not the loop that does so.
         waited: called with the time so far [s] after each try that failed.
 
     Returns:
-        Whether they are at rest; else a person ended the tries, or a virtual machine has ended.
+        What was done to them; None: a person ended the tries, or a virtual machine has ended.
     """
     started = after.clock.now()
     left = list(lines)
     everyone = ", ".join(servo for line in lines for servo in line.named(line.ids))
-    done = "released" if rest == "release" else "held"
     noted: list[str] | None = None
     said = False
     while True:
+        if rest == "hold" and after.pressed():
+            rest, left = "release", list(lines)  # those that are held already as well
         failures = one_try(left, rest)
         took = after.clock.now() - started
         left = [line for line in left if line.name in failures]
@@ -107,7 +110,7 @@ def bring_all_to_rest(
         alone = after.alone()
         if alone and not after.lasting and all(failure.unreachable for failure in failures.values()):
             after.note("gone", by="supervisor", reason=reason)
-            return False
+            return None
         if alone and not said:
             after.say(
                 f"TORQUE MAY BE ON at servo(s) {listed}: CUT THE POWER. {_begun(why)}, and the supervisor cannot reach "
@@ -119,14 +122,15 @@ def bring_all_to_rest(
             after.say(
                 f"TORQUE MAY BE ON at servo(s) {listed}: CUT THE POWER. The supervisor was asked to end its tries."
             )
-            return False
+            return None
         waited(took)
         hurried = took < YOUNG and all(failure.unreachable for failure in failures.values())
         after.clock.sleep(PAUSE if hurried else TIRED)
+    done = "released" if rest == "release" else "held"
     after.note("at rest", by="supervisor", rest=rest, seconds=round(took, 4))
     if after.alone():
         after.say(f"{_begun(why)}; the supervisor has {done} servo(s) {everyone} after {took:.2g} s.")
-    return True
+    return rest
 
 
 def one_try(lines: Sequence[Line], rest: Rest) -> dict[str, Failure]:

@@ -76,7 +76,7 @@ class WayToRest:
                 self._supervisor.release_only()
             self._supervisor.resting()
         failed = self._brought(rest)
-        if rest == "hold" and not failed and not self._watched():
+        if rest == "hold" and (self._pressed() or (not failed and not self._watched())):
             rest, failed = "release", self._brought("release")
         seconds = clock.now() - started
         self._bus.close()
@@ -89,6 +89,7 @@ class WayToRest:
             failed={str(servo): reason for servo, reason in reasons.items()},
         )
         holder = self._leave(rest, bool(failed))
+        rest = "release" if self._stop.emergency else rest
         if not failed:
             self._enter("at rest")
         return AtRest(rest, seconds, reasons, holder)
@@ -99,6 +100,12 @@ class WayToRest:
         except Exception as error:  # whatever it is, it must not hide that torque may be on
             self._failing(self._ids, error)
             return dict.fromkeys(self._ids, error)
+
+    def _pressed(self) -> bool:
+        """Whether the emergency stop was pressed meanwhile; the supervisor knows it then."""
+        if self._stop.emergency and self._supervisor is not None:
+            self._supervisor.release_only()
+        return self._stop.emergency
 
     def _watched(self) -> bool:
         """Whether servos that are held may stay so: a supervisor that lives was told to watch them."""
@@ -114,7 +121,7 @@ class WayToRest:
             asked = self._stop.asked
             self.say("The supervisor goes on trying to reach them; Ctrl-C ends the wait.")
             reached = self._supervisor.call(lambda: self._stop.asked > asked)
-            return self._supervisor.pid if reached and rest == "hold" else None
+            return self._supervisor.pid if reached and rest == "hold" and not self._stop.emergency else None
         if rest == "hold":
             return self._supervisor.leave_held()
         self._supervisor.dismiss()

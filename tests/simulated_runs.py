@@ -75,7 +75,7 @@ class Guard:
     def dismiss(self) -> None:
         self.heard.append("dismiss")
 
-    def call(self, give_up: Callable[[], bool]) -> None:
+    def call(self, give_up: Callable[[], bool]) -> bool:
         self.heard.append("call")
         port = self._simulation.port.reopened()
         end = port.now() + self.patience
@@ -85,11 +85,12 @@ class Guard:
                 with ServoBus("simulated", model=model, timeout=port.reply_timeout, opened=port) as bus:
                     if not bring_to_rest(bus, self._simulation.robot.ids, "release"):
                         self.heard.append("released")
-                        return
+                        return True
             except BusError:
                 pass
             port = port.reopened()
             port.sleep(0.05)
+        return False
 
 
 class Simulation:

@@ -55,8 +55,19 @@ def test_the_end_that_the_robots_file_asks_for_is_that_of_evaluate(run: Any) -> 
     assert sitting.rate == 50.0 and sitting.commands.name == "policy"
 
 
+def test_a_real_robot_has_its_emergency_stop_and_dead_mans_switch_here_too(run: Any) -> None:
+    assert run("estop=key").config["estop"] == "key" and run("dead_man=true").config["dead_man"] is True
+    assert run().config["estop"] is None and run().config["dead_man"] is False
+
+
 @pytest.mark.parametrize(
-    ("argument", "said"), [("rest=lie", "release, hold or sit"), ("silence=0.01", "three periods"), ("live=7", "live")]
+    ("argument", "said"),
+    [
+        ("rest=lie", "release, hold or sit"),
+        ("silence=0.01", "three periods"),
+        ("live=7", "live"),
+        ("estop=-1", "estop"),
+    ],
 )
 def test_what_deploy_refuses_is_refused(argument: str, said: str, policy: Path, tmp_path: Path) -> None:
     config = compose("evaluate", split([f"policy={policy}", argument], PLAIN))

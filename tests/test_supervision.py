@@ -7,6 +7,7 @@ import os
 import subprocess
 import sys
 from collections.abc import Callable
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -39,7 +40,7 @@ class Left:
         self.simulation = Simulation("row")
         self.simulation.bus.torque_on([1, 2, 3, 4])
         self.said, self.noted, self.opened = list[str](), list[dict[str, Any]](), 0
-        self._refused, self.asked, self.alone = opening, 0, True
+        self._refused, self.asked, self.alone, self.pressed = opening, 0, True, False
         self.after = Aftermath(
             note=lambda kind, **details: self.noted.append({"event": kind, **details}),
             say=self.said.append,
@@ -48,6 +49,7 @@ class Left:
             asked=lambda: self.asked,
             pid=4711,
             lasting=lasting,
+            pressed=lambda: self.pressed,
         )
         self.lines = [Line("", self.open, [1, 2, 3, 4])]
         self.watcher: HoldWatch | None = None
@@ -58,7 +60,7 @@ class Left:
             raise error
         return ServoBus("simulated", opened=self.simulation.port.reopened(), timeout=0.02)
 
-    def release(self, rest: Any = "release") -> bool:
+    def release(self, rest: Any = "release") -> str | None:
         return bring_all_to_rest(self.lines, rest, self.after, WHY)
 
     @property
@@ -123,6 +125,19 @@ def test_no_servo_waits_for_those_of_another_bus_that_are_silent() -> None:
 def test_a_virtual_machine_that_has_ended_is_not_waited_for() -> None:
     left = Left(lambda count: GONE, lasting=False)
     assert not left.release() and left.said == [] and left.opened == 1
+
+
+def test_an_emergency_stop_has_servos_released_that_could_not_be_held() -> None:
+    left = Left()
+    left.simulation.fault("silence", servos=[2], seconds=0.5)
+    left.pressed = True
+    assert left.release("hold") == "release" and left.simulation.torque == [False] * 4
+    left = Left()
+    left.simulation.fault("silence", servos=[2], seconds=0.5)
+    say = left.said.append
+    left.after = replace(left.after, say=lambda line: (setattr(left, "pressed", True), say(line))[1])
+    assert left.release("hold") == "release", "pressed after the others were held"
+    assert left.simulation.torque == [False] * 4 and "released" in left.said[-1]
 
 
 # --- servos that are held ----------------------------------------------------------------------------------------
@@ -224,6 +239,14 @@ def test_servos_are_watched_without_a_place_for_claims(tmp_path: Path) -> None:
     assert not HoldWatch(left.lines, left.after, {"": nowhere}).look() and not nowhere.lost
 
 
+def test_an_emergency_stop_releases_servos_that_are_held() -> None:
+    left = Left()
+    assert not looked_at(left, 1.0)
+    left.pressed = True
+    assert looked_at(left, 0.3) and left.simulation.torque == [False] * 4
+    assert left.said == ["The servos that were held are released: the emergency stop was pressed"]
+
+
 def test_being_asked_twice_ends_a_watch_that_cannot_release() -> None:
     left = Left()
     left.simulation.fault("silence", servos=[1])
@@ -275,6 +298,9 @@ def test_a_loop_is_watched_from_the_moment_at_which_torque_comes_on(monkeypatch:
     assert end is not None and end.release
     end = ended(RESTING + HELD)
     assert end is not None and end.held
+    for words in (RELEASE + RESTING + HELD, RESTING + HELD + RELEASE + RESTING, RESTING + HELD + RELEASE):
+        end = ended(words)
+        assert end is not None and end.release and not end.held, "pressed as they became held"
 
 
 def test_tables_are_read_before_it_watches(tmp_path: Path) -> None:
