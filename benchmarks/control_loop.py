@@ -9,6 +9,10 @@ fault, of another kind each time, that must stop the loop. A stop is missed if t
 comes after more than seven cycles that began with the fault in force; under another name or with another servo; if the
 virtual machine still shows torque on a servo that can be reached, or showed it 100 ms after the fault was named; or if
 the log lacks a cycle.
+
+After each part a bare loop runs for half as long: a process that wakes at the same rate and spins for the processor
+time that a cycle of the part took. What it misses is the machine's and not the loop's; so is time that a hypervisor
+stole.
 """
 
 from __future__ import annotations
@@ -47,10 +51,12 @@ from sealegs.hw.virtual.rig import Rig, mounts
 from sealegs.hw.virtual.server import Server
 from sealegs.hw.virtual.wire import Wire
 
+from benchmarks.bare_loop import bare_loop, processor_times, stolen_share
 from benchmarks.bus import end_with_parent, servo_row
 from benchmarks.speed import RESULTS
 
 RATE, PARTS = 100.0, 10
+BARE = 0.5  # time of the bare loop over that of a part
 SILENCE = 2.0  # [s] of the loop until the supervisor kills it; longer than in deploy.py, so that a stall is counted
 OVERRUN_BARS = {6: 0.005, 12: 0.01}  # share of the cycles, by number of servos
 STOP_CYCLES, RELEASE_BAR = 7, 0.1
@@ -124,7 +130,7 @@ def part(servos: int, number: int, seconds: float, port: str, control: Control, 
             ended.append(error)
 
     fault = FAULTS[number % len(FAULTS)]
-    planted = None
+    planted, before = None, processor_times()
     thread = threading.Thread(target=work)
     thread.start()
     try:
@@ -144,6 +150,7 @@ def part(servos: int, number: int, seconds: float, port: str, control: Control, 
         raise
     finally:
         log.close()
+    stolen = stolen_share(before, processor_times())
     (outcome,) = ended
     if isinstance(outcome, SealegsError):
         raise SealegsError(f"part {number + 1} did not start: {outcome}")
@@ -152,6 +159,7 @@ def part(servos: int, number: int, seconds: float, port: str, control: Control, 
         "named": outcome.fault.name if outcome.fault else None,
         "at_rest_after_seconds": outcome.rest_seconds,
         "bus": outcome.bus,
+        "stolen": stolen,
         **asdict(outcome.timing),
     }
     if planted is not None:
@@ -181,12 +189,9 @@ def stop_of(
     events = read_events(path)
     origin = next(event["monotonic"] for event in events if event["event"] == "started")
     data = read_measured(path).runs[0]
-    missed = [event["time"] + origin - timeout for event in events if event["event"] == "missed"]
+    missed = [event["time"] + origin - timeout for event in without_row(events)]
     cycles = int((data.host["read_sent"] + origin > begin + planted).sum())
     cycles += sum(begun > begin + planted for begun in missed)
-    judged = outcome.fault is not None and not outcome.fault.name.endswith(
-        "ReplyError"
-    )  # a last row, of no whole cycle
     reachable = [row for name, row in servos.items() if fault["kind"] != "silence" or int(name) not in fault["servos"]]
     named = [event["time"] + origin for event in events if event["event"] == "fault"]
     off = max(row["since_monotonic"] for row in reachable)
@@ -197,8 +202,23 @@ def stop_of(
         "released_after_naming": off - named[0] if named else None,
         "released_after_fault": off - begin - planted,
         "rows": len(data.time),
-        "rows_lacking": outcome.timing.cycles + judged - len(missed) - len(data.time),
+        "rows_lacking": rows_lacking(events, outcome, len(data.time)),
     }
+
+
+def without_row(events: list[dict[str, Any]]) -> list[dict[str, Any]]:
+    """The cycles of a run in which a servo stayed silent: each left an event in place of a row.
+
+    Nor does the way to the start leave rows, but it is no part of the cycles that are counted.
+    """
+    begun = next((k for k, event in enumerate(events) if event["event"] == "started"), len(events))
+    return [event for event in events[begun:] if event["event"] == "missed"]
+
+
+def rows_lacking(events: list[dict[str, Any]], outcome: Outcome, rows: int) -> int:
+    """Cycles that left neither a row nor an event in its place; a fault ends one that the timing does not count."""
+    begun = outcome.timing.cycles + (outcome.fault is not None)
+    return begun - len(without_row(events)) - rows
 
 
 def missed_because(row: dict[str, Any]) -> str | None:
@@ -234,7 +254,9 @@ def main() -> int:
         port, path = here.recv()
         with tempfile.TemporaryDirectory() as folder:
             for number in range(PARTS):
-                rows.append(part(servos, number, seconds / PARTS, port, Control(path), Path(folder)))
+                row = part(servos, number, seconds / PARTS, port, Control(path), Path(folder))
+                need = row["cpu_share"] / RATE * (1.0 + row["skipped"] / max(row["cycles"], 1))
+                rows.append({**row, "bare": bare_loop(RATE, BARE * seconds / PARTS, need)})
                 print(f"\r{line(rows[-1])}", flush=True)
     except KeyboardInterrupt:
         print("\nStopped; the servos are released, nothing is written.", file=sys.stderr)
@@ -277,6 +299,8 @@ def table(servos: int, rows: list[dict[str, Any]], machine: dict[str, Any]) -> s
         for key in ("released_after_naming", "released_after_fault")
     )
     bar = OVERRUN_BARS[servos]
+    bare_cycles, bare_overruns = (sum(row["bare"][key] for row in rows) for key in ("cycles", "overruns"))
+    stolen, bare_stolen = _share([row["stolen"] for row in rows]), _share([row["bare"]["stolen"] for row in rows])
     lines = [
         "# Control loop",
         "",
@@ -287,12 +311,16 @@ def table(servos: int, rows: list[dict[str, Any]], machine: dict[str, Any]) -> s
         "| | measured | to reach | |",
         "|---|---|---|---|",
         f"| overruns | {100 * share:.2f} % | under {100 * bar:g} % | {_verdict(share < bar)} |",
+        f"| overruns of a bare loop | {100 * bare_overruns / max(bare_cycles, 1):.2f} % | | the machine's own |",
+        f"| processor time stolen by the hypervisor | {stolen}; {bare_stolen} from the bare loop | | |",
         f"| safety stops missed | {len(missed)} of {len(rows)} | 0 | {_verdict(not missed)} |",
         f"| cycles from fault to stop, most | {max((row['cycles_to_stop'] for row in stopped), default='-')} | "
         f"{STOP_CYCLES} | |",
         f"| fault named to torque off, slowest | {1e3 * named:.1f} ms | {1e3 * RELEASE_BAR:g} ms | |",
         f"| fault in force to torque off, slowest | {1e3 * fault:.1f} ms | | |",
         f"| periods left out | {skipped} of {cycles + skipped} | | |",
+        "| bare loop begins late by (99 %, worst part) | "
+        f"{1e3 * max(row['bare']['late_p99'] for row in rows):.2f} ms | | |",
         f"| cycles begin late by (99 %, worst part) | {1e3 * max(row['late_p99'] for row in rows):.2f} ms | | |",
         f"| cycles begin late by (worst) | {1e3 * max(row['late_worst'] for row in rows):.2f} ms | | |",
         f"| reading, mean | {1e3 * np.mean([row['read_mean'] for row in rows]):.2f} ms | | |",
@@ -300,11 +328,19 @@ def table(servos: int, rows: list[dict[str, Any]], machine: dict[str, Any]) -> s
         f"| processor | {100 * np.mean([row['cpu_share'] for row in rows]):.0f} % of a core | | |",
         "",
         "Torque as the virtual machine records it, on every servo that can be reached. Cycles that wait for a reply "
-        "that a fault keeps back overrun, and count.",
+        "that a fault keeps back overrun, and count. The bare loop runs after each part, for half as long, at the same "
+        f"rate. It sleeps, spins for the {1e3 * np.mean([row['bare']['need'] for row in rows]):.1f} ms of processor "
+        "time that a cycle of the part took, and counts overruns alike. It waits for nobody: what it misses is the "
+        "machine's.",
         *[f"\nMissed, {text}." for text in missed],
         "",
     ]
     return "\n".join(lines)
+
+
+def _share(shares: list[float | None]) -> str:
+    known = [share for share in shares if share is not None]
+    return f"{100 * np.mean(known):.1f} %" if known else "not counted here"
 
 
 def _verdict(reached: bool) -> str:

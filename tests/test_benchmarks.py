@@ -2,15 +2,24 @@
 
 from __future__ import annotations
 
+import multiprocessing
+import signal
+from pathlib import Path
+from typing import Any
+
 import mujoco
 import numpy as np
 import pytest
 from sealegs.envs.bench.robot import BENCH
 from sealegs.envs.hopper.robot import HOPPER
+from sealegs.gap.log import read_measured
+from sealegs.hw.measured_log import read_events
 
-from benchmarks import bus, control_loop
+from benchmarks import bare_loop, bus, control_loop
+from benchmarks.bare_loop import spin
 from benchmarks.python_hopper import FRAME_SKIP, PythonHopper
 from benchmarks.speed import CHAINS, bare_model, table
+from tests.simulated_runs import Simulation, sine
 
 
 def test_the_python_hopper_moves_as_the_compiled_one():
@@ -81,6 +90,50 @@ def test_a_safety_stop_counts_only_if_it_is_in_time_right_and_whole():
         assert control_loop.missed_because({**STOPPED, key: value}) is not None, key
     early = {key: STOPPED[key] for key in ("fault", "named")}
     assert "before the fault" in str(control_loop.missed_because(early))
+
+
+@pytest.mark.parametrize(
+    "last", [{"kind": "overheat", "servos": [1]}, {"kind": "silence", "servos": [3]}, {"kind": "silence"}]
+)
+def test_no_cycle_is_counted_as_lacking_where_all_or_some_servos_were_silent(
+    last: dict[str, Any], tmp_path: Path
+) -> None:
+    faults = [
+        {"kind": "silence", "at": 0.15, "seconds": 0.02},  # on the way to the start
+        {"kind": "drop", "servos": [2], "probability": 0.4, "at": 1.0, "seconds": 1.0},
+        {"kind": "silence", "at": 2.5, "seconds": 0.03},
+        {**last, "at": 3.5},
+    ]
+    limits = {"loss": 0.9, "silent": 0.2, "range_margin": 9.0}
+    simulation = Simulation("row", commands=sine(0.1), faults=faults, limits=limits, folder=tmp_path)
+    outcome = simulation.run(6.0)
+    events, rows = read_events(tmp_path / "run.csv"), len(read_measured(tmp_path / "run.csv").runs[0].time)
+    missed = [event for event in events if event["event"] == "missed"]
+    assert outcome.fault is not None and any(len(event["servos"]) < 4 for event in missed)
+    assert any(len(event["servos"]) == 4 for event in missed)
+    assert len(control_loop.without_row(events)) < len(missed), "not those on the way to the start"
+    assert control_loop.rows_lacking(events, outcome, rows) == 0
+    assert control_loop.rows_lacking(events, outcome, rows - 1) == 1
+
+
+def test_a_bare_loop_counts_its_overruns_as_the_control_loop_does() -> None:
+    here, there = multiprocessing.Pipe(duplex=False)
+    before = signal.getsignal(signal.SIGINT)
+    spin(1000.0, 0.05, 0.0025, there)
+    signal.signal(signal.SIGINT, before)
+    timing = here.recv()
+    assert timing["cycles"] > 5 and timing["overruns"] >= timing["cycles"] - 1, "2.5 ms of work each millisecond"
+    assert timing["skipped"] >= timing["overruns"] - 1
+
+
+def test_stolen_time_is_a_share_of_all_or_not_known(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    stat = tmp_path / "stat"
+    monkeypatch.setattr(bare_loop, "STAT", stat)
+    assert bare_loop.processor_times() is None
+    stat.write_text("cpu  100 0 50 800 10 0 5 35 7 0\ncpu0 50 0 25 400 5 0 3 17 0 0\n")
+    assert bare_loop.processor_times() == (35, 1000)
+    assert bare_loop.stolen_share((35, 1000), (85, 1200)) == 0.25
+    assert bare_loop.stolen_share(None, (85, 1200)) is None and bare_loop.stolen_share((1, 9), (1, 9)) is None
 
 
 def test_a_bus_that_loses_cycles_says_so_in_the_table():
