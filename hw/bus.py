@@ -312,11 +312,11 @@ class ServoBus(ServoReadings):
         register, failed = self.model["torque_enable"], dict[int, BusError]()
         with self.line.lock:
             for _ in range(2):
-                if (lost := self.tell_off(ids)) is not None:
+                if (lost := self.tell_off(ids)) is not None and not failed:
                     failed = dict.fromkeys(ids, lost)
+                    if failing is not None:
+                        failing(ids, lost)
             if failed:
-                if failing is not None:
-                    failing(ids, next(iter(failed.values())))
                 return failed
             for servo in ids:
                 try:

@@ -30,6 +30,7 @@ from .port import BusPort
 from .round_trip import RoundTrip
 
 LATEST, OVERDUE = 1.0, 4  # [s] after which no answer comes any more; failed requests whose answers are still expected
+USELESS = 8  # packets that are no answer, behind which the timeout counts though more come
 ECHO_WAIT = 0.005  # [s] within which an adapter's echo would be back
 
 T = TypeVar("T")
@@ -188,8 +189,11 @@ class Transactions:
         problem: ReplyError | None = None
         overdue = {late for _, late in self._overdue}
         spoiled: set[int] = set()  # who sent what cannot be used
-        strange, broken = 0, False  # bytes of that; whether something had no sense
+        strange, broken, packets = 0, False, 0  # bytes of that; whether something had no sense; packets in all
         while len(replies) + len(spoiled) < len(ids):
+            packets += 1
+            if packets > len(ids) + USELESS and self.port.isPacketTimeout():  # somebody else talks without an end
+                break
             reply, nothing = self.dialect.receive(self.port)
             if reply is None:
                 silent = [servo for servo in ids if servo not in replies and servo not in spoiled]

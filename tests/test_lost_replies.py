@@ -6,7 +6,8 @@ from pathlib import Path
 
 import pytest
 from sealegs.hw import pace
-from sealegs.hw.packets import NoReplyError, ShortReplyError, StaleReplyError
+from sealegs.hw.dialects import Reply
+from sealegs.hw.packets import NoReplyError, ShortReplyError, StaleReplyError, StalledError
 
 from tests.simulated_runs import Simulation, sine
 
@@ -26,6 +27,39 @@ def test_a_short_reply_costs_no_other_servo_its_own() -> None:
     with pytest.raises(NoReplyError) as silent:
         simulation.bus.read_state(ids, retries=0)
     assert silent.value.servos == (5,) and sorted(silent.value.replies) == [1, 3, 4, 6]
+
+
+def test_a_second_master_that_never_ends_does_not_keep_the_loop(monkeypatch: pytest.MonkeyPatch) -> None:
+    simulation = Simulation("hopper")
+    bus, port = simulation.bus, simulation.port
+    heard: list[float] = []
+
+    def babble(_: object) -> tuple[Reply, bool]:
+        assert len(heard) < 1000, "for ever"
+        port.sleep(0.001)
+        heard.append(port.now())
+        return Reply(99, 0, [0], [99]), False
+
+    monkeypatch.setattr(bus.line.dialect, "receive", babble)
+    with pytest.raises(StaleReplyError, match="servo 99 on simulated"):
+        bus.read_state([1, 2], retries=0)
+    assert heard[-1] - heard[0] < 0.03
+
+
+def test_an_adapter_that_takes_no_bytes_is_said_before_the_second_try_to_release(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    simulation = Simulation("hopper")
+    said: list[float] = []
+
+    def stalled(*_: object) -> float:
+        simulation.port.sleep(0.5)
+        raise StalledError("the adapter takes no more bytes.")
+
+    monkeypatch.setattr(simulation.bus.line, "send_all", stalled)
+    begun = simulation.port.now()
+    failed = simulation.bus.torque_off([1, 2], lambda servos, error: said.append(simulation.port.now() - begun))
+    assert sorted(failed) == [1, 2] and said == [pytest.approx(0.5)]
 
 
 def test_a_servo_that_answers_twice_is_not_believed_and_costs_no_other_its_reply(
