@@ -76,7 +76,7 @@ class WayToRest:
                 self._supervisor.release_only()
             self._supervisor.resting()
         failed = self._brought(rest)
-        if rest == "hold" and (self._pressed() or (not failed and not self._watched())):
+        if rest == "hold" and (self._pressed() or not self._watched(bool(failed))):
             rest, failed = "release", self._brought("release")
         seconds = clock.now() - started
         self._bus.close()
@@ -107,9 +107,11 @@ class WayToRest:
             self._supervisor.release_only()
         return self._stop.emergency
 
-    def _watched(self) -> bool:
-        """Whether servos that are held may stay so: a supervisor that lives was told to watch them."""
-        return self._supervisor is None or self._supervisor.holding()
+    def _watched(self, failed: bool) -> bool:
+        """Whether servos that are held may stay so: a supervisor lives that watches them, or reaches the others."""
+        if self._supervisor is None:
+            return True
+        return self._supervisor.resting() if failed else self._supervisor.holding()
 
     def _leave(self, rest: Rest, failed: bool) -> int | None:
         """Tell the supervisor how the servos are; the process that watches them from now on."""

@@ -12,6 +12,8 @@ from sealegs.envs.robots import get_robot
 from sealegs.hw.bus import ServoBus
 from sealegs.hw.commands import Commands, Trajectory
 from sealegs.hw.connection import bus_watchdog
+from sealegs.hw.emergency import REASON as PRESSED
+from sealegs.hw.emergency import release
 from sealegs.hw.loop import ControlLoop, Outcome
 from sealegs.hw.measured_log import MeasuredLog, make_sidecar
 from sealegs.hw.packets import BusError
@@ -19,7 +21,7 @@ from sealegs.hw.registers import load_model, ready_at
 from sealegs.hw.robot import ServoRobot, build_robot, nominal_joints
 from sealegs.hw.safety import Limits, Safety
 from sealegs.hw.stop import Stop
-from sealegs.hw.supervisor import bring_to_rest
+from sealegs.hw.supervisor import Rest, Supervisor, bring_to_rest
 from sealegs.hw.virtual.faults import fault_from
 from sealegs.hw.virtual.machine import Machine
 from sealegs.hw.virtual.rig import Rig, mounts
@@ -45,32 +47,52 @@ class Guard:
     Attributes:
         heard: words of the loop, in their order.
         patience: time that it goes on trying [s].
+        rest: what becomes of the servos.
+        lives: whether it listens.
+        dies, pressed: when it dies, and when the emergency stop is pressed, as seen at the next word [s]; None: never.
+        called_at: when the loop first said that it brings the servos to rest [s]; None: never.
     """
 
-    def __init__(self, simulation: Simulation, patience: float = 1.0) -> None:
+    def __init__(self, simulation: Simulation, rest: Rest = "release", patience: float = 1.0) -> None:
         self._simulation, self.patience = simulation, patience
+        self.rest: Rest = rest
         self.heard: list[str] = []
-        self.lives = True
+        self.lives, self.pid = True, 4711
+        self.dies: float | None = None
+        self.pressed: float | None = None
+        self.called_at: float | None = None
+
+    def _listens(self) -> bool:
+        now = self._simulation.port.now()
+        if self.dies is not None and now >= self.dies:
+            self.lives = False
+        if self.pressed is not None and now >= self.pressed:
+            self.pressed = None
+            self._simulation.stop.press(PRESSED)
+            release(as_supervisor(self), self._simulation.bus, self._simulation.robot.ids)
+        return self.lives
 
     def beat(self) -> bool:
-        return self.lives
+        return self._listens()
 
     def starting(self) -> bool:
-        return self.lives
+        return self._listens()
 
     def release_only(self) -> None:
         self.heard.append("release only")
+        self.rest = "release"
 
     def resting(self) -> bool:
         self.heard.append("resting")
-        return self.lives
+        self.called_at = self._simulation.port.now() if self.called_at is None else self.called_at
+        return self._listens()
 
     def holding(self) -> bool:
         self.heard.append("held")
-        return self.lives
+        return self._listens()
 
     def leave_held(self) -> int:
-        return 4711
+        return self.pid
 
     def dismiss(self) -> None:
         self.heard.append("dismiss")
@@ -83,14 +105,19 @@ class Guard:
             try:
                 model = self._simulation.robot.servo.name
                 with ServoBus("simulated", model=model, timeout=port.reply_timeout, opened=port) as bus:
-                    if not bring_to_rest(bus, self._simulation.robot.ids, "release"):
-                        self.heard.append("released")
+                    if not bring_to_rest(bus, self._simulation.robot.ids, self.rest):
+                        self.heard.append("released" if self.rest == "release" else "brought to hold")
                         return True
             except BusError:
                 pass
             port = port.reopened()
             port.sleep(0.05)
         return False
+
+
+def as_supervisor(guard: Any) -> Supervisor:
+    """A stand-in where a supervisor is asked for."""
+    return guard
 
 
 class Simulation:
@@ -137,7 +164,7 @@ class Simulation:
         self.bus.watchdog = bus_watchdog({"watchdog": 0.2}, 1.0 / rate)
         self.said: list[tuple[float, str]] = []
         self.stop = Stop()
-        self.guard = Guard(self)
+        self.guard = Guard(self, keys.get("rest", "release"))
         self.log = None
         if folder is not None:
             sidecar = make_sidecar(robot, settings["params"], self.robot.belief, {})

@@ -10,11 +10,12 @@ import numpy as np
 import pytest
 from sealegs.envs.contract import start_pose
 from sealegs.gap.log import read_measured
-from sealegs.hw.commands import PolicyCommands, Reference
+from sealegs.hw.commands import PolicyCommands, Reference, park_motion
 from sealegs.hw.measured_log import read_events
 from sealegs.hw.policy import Policy
 from sealegs.hw.robot import build_robot
-from sealegs.hw.virtual.faults import KINDS
+from sealegs.hw.supervisor import Rest
+from sealegs.hw.virtual.faults import KINDS, Fault
 
 from tests.committed_policies import committed
 from tests.servo_runs import config, gentle_policy
@@ -50,6 +51,22 @@ def schedule(random: np.random.Generator, servos: list[int]) -> list[dict[str, A
     return faults
 
 
+def end_of(random: np.random.Generator, simulation: Simulation) -> None:
+    """How a run is to end, the moment at which the emergency stop is pressed, and that at which the supervisor dies."""
+    if random.random() < 0.3:  # sits down about the middle of its range
+        middle = 0.5 * (simulation.robot.low + simulation.robot.high)
+        pose = dict(zip(simulation.robot.names, middle.tolist(), strict=True))
+        simulation.loop.park = park_motion(pose, simulation.robot)
+    if random.random() < 0.2:
+        simulation.guard.pressed = float(random.uniform(0.0, 1.5 * SPAN))
+    if random.random() < 0.2:
+        simulation.guard.dies = float(random.uniform(0.0, 1.5 * SPAN))
+
+
+def rest_of(random: np.random.Generator) -> Rest:
+    return "hold" if random.random() < 0.4 else "release"
+
+
 FEETECH = {"bench": (), "hopper": (), "row": ()}
 DYNAMIXEL = {
     "bench": ("robot.servo=xl330_m288", "robot.actuator=xl330", "robot.params.mass=0.05", "robot.params.length=0.05"),
@@ -62,11 +79,14 @@ def run_of(seed: int, folder: Path, policy: Policy, makers: Mapping[str, tuple[s
     random = np.random.default_rng(seed)
     robot = list(makers)[seed % len(makers)]
     servos = {"bench": [1], "hopper": [1, 2, 3, 4, 5, 6], "row": [1, 2, 3, 4]}[robot]
+    if robot == "hopper" and makers is FEETECH:
+        return run_of_committed("hopper", seed, folder)
     commands = {
         "bench": lambda robot: PolicyCommands(policy, robot),
         "hopper": Reference,
         "row": sine(0.4, 0.7),
     }[robot]
+    rest = rest_of(np.random.default_rng([seed, 1]))
     simulation = Simulation(
         robot,
         *makers[robot],
@@ -76,8 +96,10 @@ def run_of(seed: int, folder: Path, policy: Policy, makers: Mapping[str, tuple[s
         seed=seed,
         folder=folder,
         limits={"range_margin": 3.0} if robot == "hopper" else {},
+        rest=rest,
     )
     simulation.guard.patience = 0.3
+    end_of(np.random.default_rng([seed, 2]), simulation)
     return simulation
 
 
@@ -94,26 +116,59 @@ def run_of_committed(kind: str, seed: int, folder: Path, faults: list[dict[str, 
         seed=seed,
         folder=folder,
         pose=start_pose(policy.contract),
+        rest="release" if faults is not None else rest_of(np.random.default_rng([seed, 1])),
     )
     simulation.guard.patience = 0.3
+    if faults is None:
+        end_of(np.random.default_rng([seed, 2]), simulation)
     return simulation
+
+
+SURE = {"silence": "NoReplyError", "unplug": "UnpluggedError", "limp": "torque"}
+"""Faults that show whatever else is wrong, where they are for good, and what they are called."""
+NAMED = 0.3  # [s] within which they end a run: 0.1 s, and cycles whose replies other faults spoil
+
+
+def certain(simulation: Simulation, since: float) -> list[Fault]:
+    """Faults from ``since`` on [s] that certainly show."""
+    joints = {joint.id for joint in simulation.robot.joints}
+
+    def shows(fault: Fault) -> bool:
+        lasts = fault.seconds is None or fault.kind == "limp"
+        of_a_joint = not fault.servos or bool(joints & set(fault.servos))
+        return fault.kind in SURE and lasts and fault.probability == 1.0 and of_a_joint and fault.at > since
+
+    return [fault for fault in simulation.wire.faults if shows(fault)]
 
 
 def judge(simulation: Simulation) -> None:
     """Run to the end, and look at what it leaves."""
     faults = [vars(fault) for fault in simulation.wire.faults]
+    guard, pressed = simulation.guard, simulation.guard.pressed
     outcome = simulation.run(SPAN)
     simulation.port.sleep(0.01)
-    assert outcome.ending in ("finished", "fault"), faults
+    context = (faults, guard.dies, pressed, outcome, guard.heard, simulation.said)
+    assert outcome.ending in ("finished", "fault") or simulation.stop.emergency, context
     left_on = {joint.id for joint, on in zip(simulation.robot.joints, simulation.torque, strict=True) if on}
     said = " ".join(line for _, line in simulation.said)
-    assert left_on <= set(outcome.not_at_rest), (faults, outcome)
-    assert not left_on or "TORQUE MAY BE ON" in said, faults
-    if left_on:
-        assert simulation.guard.heard[-1] == "call", "it was tried until patience was over"
-    assert simulation.log is not None and read_events(simulation.log.path)[-1]["event"] == "end", faults
+    assert not outcome.not_at_rest or "TORQUE MAY BE ON" in said, context
+    trying = not outcome.not_at_rest or guard.heard[-1] in ("call", "released", "brought to hold")
+    if outcome.rest == "hold":
+        assert guard.lives and not simulation.stop.emergency and "release only" not in guard.heard, context
+        assert trying and (outcome.not_at_rest or guard.heard[-1] == "held"), context
+    else:
+        assert left_on <= set(outcome.not_at_rest), context
+        assert trying or "nobody goes on trying" in said, context
+    assert simulation.log is not None and read_events(simulation.log.path)[-1]["event"] == "end", context
     if simulation.log.rows > 1:
-        assert len(read_measured(simulation.log.path).runs[0].time) == simulation.log.rows, faults
+        assert len(read_measured(simulation.log.path).runs[0].time) == simulation.log.rows, context
+    torque = [time for time, _, on in simulation.rig.history if on]
+    for fault in certain(simulation, max(torque) if torque else 0.0):
+        assert guard.called_at is not None and guard.called_at < fault.at + NAMED, ("not named", fault, context)
+        alone = len(faults) == 1 and guard.dies is None and pressed is None
+        if alone and guard.called_at > fault.at:
+            assert outcome.fault is not None and outcome.fault.name == SURE[fault.kind], context
+            assert not fault.servos or set(fault.servos) & set(outcome.fault.servos) or fault.kind == "unplug", context
 
 
 def seeds(quick: int) -> list[Any]:
