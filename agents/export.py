@@ -4,9 +4,8 @@
     sealegs export runs/first/best leg.onnx
 
 The graph is the normaliser, the network, and the way from actions to goals: a scale, a gait that they correct, or a
-generator that they modulate, with its clock and memory (:mod:`agents.policy_graph`). Its metadata holds the contract
-with the robot (:mod:`envs.contract`). It is written node by node, so that it does not change with the exporter that a
-torch version happens to have.
+generator that they modulate, with its clock and memory. Its metadata holds the contract with the robot. It is written
+node by node, so that it does not change with the exporter that a torch version happens to have.
 """
 
 from __future__ import annotations

@@ -149,8 +149,9 @@ class Session:
     def _learn(self, signals: StopSignals) -> None:
         config = self.config
         start = f" from step {self.from_step}" if self.from_step else ""
+        env = str(config.env["id"]) + (f" with robot={config.env['robot']}" if "robot" in config.env else "")
         print(
-            f"Training{start} to {config.total_timesteps} on {config.n_envs} simulations, into {self.run.path}",
+            f"Training {env}{start} to {config.total_timesteps} on {config.n_envs} simulations, into {self.run.path}",
             flush=True,
         )
         progress = ProgressReport(config.total_timesteps)

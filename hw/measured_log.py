@@ -1,8 +1,10 @@
 """A measured log that is written while the robot moves, and is complete up to the last cycle whatever happens.
 
-Each cycle is one line and one ``write`` to the file, so that a ``kill -9`` leaves whole lines; a thread brings them to
-the disk every 50 ms, so that a power cut costs no more than that. ``read_measured`` reads the file as it is;
-only a power cut can leave a torn line, which ``sealegs repair-log <file>`` leaves out of a copy.
+    sealegs repair-log logs/run.csv    writes its whole samples into a copy beside it
+
+Each cycle is one line and one write to the file, so that a kill -9 leaves whole lines; a thread brings them to the disk
+every 50 ms, so that a power cut costs no more than that. The other commands read the file as it is. Only a power cut
+can leave a torn line, which the copy leaves out.
 """
 
 from __future__ import annotations

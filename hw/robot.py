@@ -14,7 +14,7 @@ from ..envs.base import BaseLayout
 from ..envs.contract import Contract, ContractError, chain_hash, robot_hash
 from ..envs.extended import read_extended
 from ..envs.robot import Robot
-from ..envs.robots import get_robot
+from ..envs.robots import ROBOTS, get_robot
 from .joints import (
     Joint,
     Sensor,
@@ -154,7 +154,8 @@ class ServoRobot:
 
         robot = self.robot
         if contract.robot != robot.name:
-            refuse("robot", contract.robot, robot.name, f"give robot={contract.robot}, or another policy")
+            theirs = contract.robot if contract.robot in ROBOTS else f"<the file of {contract.robot}>"
+            refuse("robot", contract.robot, robot.name, f"give robot={theirs}, or another policy")
         if list(contract.joints) != self.names:
             refuse("joints", ", ".join(contract.joints), ", ".join(self.names), "train it again")
         if contract.robot_hash != (here := robot_hash(robot, self.params)):

@@ -98,8 +98,9 @@ SIGNALS: tuple[tuple[str, frozenset[str]], ...] = (
 )
 """Signals by the words that say them; the first one that a name has is its signal."""
 UNITS = {
-    "deg": "deg", "degree": "deg", "degrees": "deg", "degs": "deg", "rad": "rad", "rads": "rad", "radian": "rad",
-    "radians": "rad", "mrad": "mrad", "turn": "turn", "turns": "turn", "rev": "turn", "revs": "turn", "rpm": "rpm",
+    "deg": "deg", "degree": "deg", "degrees": "deg", "degs": "deg", "grad": "deg", "rad": "rad", "rads": "rad",
+    "radian": "rad", "radians": "rad", "mrad": "mrad", "turn": "turn", "turns": "turn", "rev": "turn",
+    "revs": "turn", "rpm": "rpm",
     "dps": "deg/s", "rps": "turn/s", "tick": "tick", "ticks": "tick", "count": "tick", "counts": "tick",
     "steps": "tick", "raw": "tick", "ms": "ms", "msec": "ms",
     "millis": "ms", "us": "us", "usec": "us", "micros": "us", "ns": "ns",

@@ -234,7 +234,7 @@ class _Proposer:
         position = run.columns[base.name]
         unit = self.unit or base.unit
         slide = any(column.unit in ("m", "mm", "cm", "N", "m/s", "mm/s") for column in chosen.values())
-        read = read_position(base.name, position, unit, "you" if self.unit else base.how, slide)
+        read = read_position(base.name, position, unit, "unit=" if self.unit else base.how, slide)
         if read.unit in ("m", "mm", "cm"):
             self.out.slides.add(joint)
         self.put(f"{joint}.position", read)
