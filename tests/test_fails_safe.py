@@ -468,7 +468,8 @@ def test_the_supervisor_watches_servos_that_are_held_and_releases_them(how: str,
 # --- emergency stop ----------------------------------------------------------------------------------------------
 
 
-@pytest.mark.parametrize("closed", [False, pytest.param(True, marks=pytest.mark.long)])
+@pytest.mark.long
+@pytest.mark.parametrize("closed", [False, True])
 def test_an_emergency_stop_acts_in_the_middle_of_a_cycle(closed: bool) -> None:
     button, pressed = os.pipe()
     with VirtualBus(robot="bench") as virtual:

@@ -123,7 +123,7 @@ def test_evaluate_writes_numbers_and_pictures_and_never_over_old_ones(tmp_path: 
 @pytest.mark.parametrize(
     ("arguments", "sentence"),
     [
-        ([], "say what to compare: paper=hopper"),
+        ([], "say what to compare: paper=arm|biped|hexapod|hopper|leg"),
         (["paper=hoper"], "no paper 'hoper' (did you mean 'hopper'?)"),
         (["paper=hopper", "ot=x"], "no key 'ot' (did you mean 'out'?)"),
         (["paper=hopper", "seconds=1"], "at least 4"),
