@@ -271,7 +271,8 @@ def report(deployment: Deployment, done: Run, say: Callable[[str], None] = print
     if any(outcome.cut.values()):
         say(f"Safety cut goals: {outcome.cut['speed']} cycles by their speed, {outcome.cut['range']} by their range.")
     if outcome.bus:
-        say("Bus: " + ", ".join(f"{name} {count}" for name, count in outcome.bus.items()) + ".")
+        kinds = ", ".join(f"{name} {count}" for name, count in outcome.bus.items())
+        say(f"Replies that did not come or could not be used, within what safety allows: {kinds}.")
     say(f"Log: {done.log if done.log.exists() else 'none, since the run ended before its first reading'}")
     where = f"; the log is {done.log}" if done.log.exists() else ""
     ended = at_rest_sentence(done, deployment.config["rest"])
