@@ -152,19 +152,25 @@ class Diagnosis:
             for cause in self.causes
             for row in _rows(cause)
         )
-        heads = "".join(f"<th>{head}</th>" for head in ("cause", "joint", "confidence", "number", "value", "95 %"))
+        heads = "".join(
+            f"<th>{head}</th>" for head in ("cause", "joint", "confidence", "number", "value", "95 %", "model")
+        )
         table = f"<table><thead><tr>{heads}</tr></thead><tbody>{rows}</tbody></table>" if rows else ""
         faults = "".join(f"<p>Error of the log: {escape(error.sentence)}</p>" for error in self.data_errors)
         return f"<div><p><b>{escape(self.verdict)}</b>: {escape(self.sentence)}</p>{faults}{table}</div>"
 
 
+HEADS = ("cause", "joint", "confidence", "number", "value", "95 %", "model")
+"""Of the table in a notebook; the last is what the model believed."""
+
+
 def _rows(cause: NamedCause) -> list[tuple[str, ...]]:
     first = (cause.name, cause.joint, sureness(cause.confidence))
-    numbers = [(path, *_size(value)) for path, value in cause.parameters.items()] or [("", "", "")]
+    numbers = [(path, *_size(value)) for path, value in cause.parameters.items()] or [("", "", "", "")]
     return [(*(first if k == 0 else ("", "", "")), *number) for k, number in enumerate(numbers)]
 
 
-def _size(value: Value) -> tuple[str, str]:
-    """A value with its unit, and its interval, as exact as the interval is."""
+def _size(value: Value) -> tuple[str, str, str]:
+    """A value with its unit, its interval, and what the model believed, as exact as the interval is."""
     found, low, high = rounded(value)
-    return f"{found} {unit_of(value)}".strip(), f"{low} to {high}"
+    return f"{found} {unit_of(value)}".strip(), f"{low} to {high}", f"{value.nominal:.4g}"

@@ -101,3 +101,10 @@ def test_a_page_can_be_typed_from_top_to_bottom(
     with world(tmp_path, {place: made[place] for place in places}) as reader:
         for block in blocks(path):
             reader.do(block)
+
+
+def test_every_page_of_results_is_in_the_sites_navigation() -> None:
+    root = Path(__file__).parents[1]
+    named = (root / "mkdocs.yml").read_text(encoding="utf-8")
+    measured = sorted(path.name for path in (root / "benchmarks" / "results").glob("*.md"))
+    assert measured and [name for name in measured if f"results/{name}" not in named] == []

@@ -8,10 +8,12 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from sealegs.commands.diagnose import how_to_go_on
 from sealegs.envs.extended import Extended
 from sealegs.gap.experiment import Experiment
 from sealegs.gap.output.extension import write_extended
 from sealegs.gap.output.numbers import number, percent, rounded, sureness
+from sealegs.gap.output.partial import FOLDER, TOLD
 from sealegs.gap.output.terminal import screen
 from sealegs.gap.verdict.verdict import (
     EXPLAINED,
@@ -114,3 +116,12 @@ def test_a_share_that_is_not_zero_is_not_told_as_zero() -> None:
 def test_no_confidence_is_told_as_certain() -> None:
     assert sureness(1.0) == sureness(0.9999) == "99 %"
     assert sureness(0.6) == "60 %"
+
+
+def test_who_stops_a_diagnosis_is_given_the_whole_command_that_goes_on(tmp_path: Path) -> None:
+    told = tmp_path / FOLDER / TOLD
+    assert how_to_go_on(["log=a"], tmp_path) == "Stopped before anything was found."
+    told.parent.mkdir()
+    told.touch()
+    said = how_to_go_on(["log=my logs", "out=elsewhere", "causes=[drive.delay,friction.coulomb]"], tmp_path)
+    assert said.endswith(f"sealegs diagnose 'log=my logs' 'causes=[drive.delay,friction.coulomb]' out={tmp_path}")

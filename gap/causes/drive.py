@@ -30,7 +30,7 @@ def delay(nominal: JointModel) -> Cause:
     # the response has steps of its own, a sample each, so that a fit from afar may end between them
     delays = [Parameter("delay.seconds", "s", 0.0, 0.2, believed + more, 0.004) for more in (0.008, 0.002)]
     return Cause(
-        sentence="Commands take effect later than the model believes.",
+        sentence="Commands take effect at another time than the model believes.",
         signature="lag",
         picture="response",
         variants=tuple((seconds,) for seconds in delays),

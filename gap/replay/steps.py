@@ -29,9 +29,9 @@ def largest_step(chain: Chain, coarse: float = 1.0) -> float:
 
 
 def converged(problem: Joint) -> Joint:
-    """The problem with the largest step that is not a gap of its own.
+    """The problem with the largest step whose discretisation error is below a tenth of the noise.
 
-    Halving it changes the replay by less than a tenth of the noise; :func:`largest_step` bounds it where that is less.
+    That is how much the replay changes as it is halved; :func:`largest_step` bounds it where that is less.
 
     A quarter would be invisible in the error, but not to a search that looks for structure in it.
     """

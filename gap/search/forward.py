@@ -230,7 +230,8 @@ class Searcher:
         if not self.look_on and not decide.promising(left, screened.promise, settings):
             return [], screened.promise
         chosen = self.with_usual_forms(screened.chosen, taken, blind=left > settings.far)
-        self.progress(f"trying {', '.join(dict.fromkeys(cause.key for cause, _ in chosen))}")
+        if chosen:
+            self.progress(f"trying {', '.join(dict.fromkeys(cause.key for cause, _ in chosen))}")
         rough = self._rough_fits(chosen, extended, here)
         order = list(dict.fromkeys(cause.key for _, cause, _ in rough))
         near = {cause.key for found, cause, _ in rough if found.cost < settings.finalist_cost * rough[0][0].cost}

@@ -13,8 +13,9 @@ kill, a diagnosis goes on with the same command; until it is done, partial/parti
 
 from __future__ import annotations
 
+import shlex
 import time
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any, Literal
 
@@ -44,7 +45,7 @@ def main(arguments: list[str]) -> None:
         out = out or DIAGNOSES / f"{log.stem}-{time.strftime('%Y%m%d-%H%M%S')}"
         diagnose_fleet(log, out, settings, values["workers"], values["fleet"] == "ray")
     else:
-        diagnose_one(log, out, settings, values["workers"])
+        diagnose_one(log, out, settings, values["workers"], arguments)
 
 
 def _checked(config: Mapping[str, Any]) -> dict[str, Any]:
@@ -64,8 +65,10 @@ def _checked(config: Mapping[str, Any]) -> dict[str, Any]:
 # --- one data set --------------------------------------------------------------------------------------------------
 
 
-def diagnose_one(log: Path, out: Path | None, settings: dict[str, Any], workers: int | None = None) -> None:
-    """Diagnose one data set, so many joints at a time, and print what was found."""
+def diagnose_one(
+    log: Path, out: Path | None, settings: dict[str, Any], workers: int | None, arguments: Sequence[str]
+) -> None:
+    """Diagnose one data set, so many joints at a time, and print what was found; ``arguments`` asked for it."""
     from rich.console import Console
     from rich.markup import escape
     from sealegs.gap.fleet.jobs import diagnose_folder
@@ -91,7 +94,7 @@ def diagnose_one(log: Path, out: Path | None, settings: dict[str, Any], workers:
         try:
             diagnosis, written = diagnose_folder(log, out, progress, workers=workers, **settings)
         except KeyboardInterrupt:
-            raise Interrupted(_how_to_go_on(log, out)) from None
+            raise Interrupted(how_to_go_on(arguments, out)) from None
     if diagnosis.verdict == UNUSABLE:
         first = next(joint for joint in diagnosis.joints if joint.verdict == UNUSABLE)
         raise SealegsError(f"{first.text} The findings are in {out}; give another out= for the next try.")
@@ -99,14 +102,16 @@ def diagnose_one(log: Path, out: Path | None, settings: dict[str, Any], workers:
         console.print(line, highlight=False, markup=False, soft_wrap=True)
 
 
-def _how_to_go_on(log: Path, out: Path) -> str:
+def how_to_go_on(arguments: Sequence[str], out: Path) -> str:
+    """What is said where a person stops a diagnosis that ``arguments`` asked for: the command that goes on with it."""
     from sealegs.gap.output.partial import FOLDER, TOLD
 
     if not (out / FOLDER / TOLD).is_file():
         return "Stopped before anything was found."
+    same = shlex.join([*(word for word in arguments if not word.startswith("out=")), f"out={out}"])
     return (
         f"Stopped; what was found so far is in {out / FOLDER / TOLD}. Go on with the same command and out={out}: "
-        f"sealegs diagnose log={log} out={out}"
+        f"sealegs diagnose {same}"
     )
 
 

@@ -227,11 +227,13 @@ def _image(picture: bytes) -> str:
 
 def _parameter(path: str, value: Value, problem: Problem | None) -> dict[str, str]:
     found, low, high = rounded(value)
+    nominal = _before(problem, path, value.nominal)
     return {
         "path": path,
         "value": found,
         "interval": f"{low} to {high}" if value.low < value.high else "",
-        "nominal": _before(problem, path, value.nominal),
+        "nominal": nominal,
+        "believed": "" if nominal == ABSENT else nominal,
         "unit": unit_of(value),
     }
 
