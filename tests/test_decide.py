@@ -4,6 +4,8 @@ from __future__ import annotations
 
 import itertools
 import re
+from collections.abc import Iterator
+from dataclasses import replace
 
 import pytest
 from sealegs.gap.log.finding import Finding
@@ -145,9 +147,9 @@ def shift(seconds: float) -> NamedCause:
     return NamedCause("sensor.delay", "It lags.", "servo", 0.4, 0.99, {"torque.delay": value}, 0.3, "data")
 
 
-def balanced(*causes: NamedCause, left: float, nominal: float = 0.5) -> Balanced:
+def balanced(*causes: NamedCause, left: float, nominal: float = 0.5, **more) -> Balanced:
     gap = {"nominal": nominal, "refitted": 0.2, "extended": 0.1, "noise_floor": 0.02}
-    return Balanced("servo", {name: error(rmse) for name, rmse in gap.items()}, causes, left)
+    return Balanced("servo", {name: error(rmse) for name, rmse in gap.items()}, causes, left, **more)
 
 
 CASES |= {
@@ -170,6 +172,45 @@ def test_the_sentence_is_short_enough_to_be_read_at_once(name: str) -> None:
     sentence = decide(CASES[name][0]).sentence
     assert len(sentence.split()) <= MOST_WORDS == 25, sentence
     assert (sentence.endswith(".") and sentence[0].isupper()) or sentence.split()[0].count(".") == 1
+
+
+LONG = "left front knee"
+THREE = ("friction.coulomb", "friction.viscous", "drive.gain")
+NUMBERS = (1, 2, 3)
+
+
+def many(count: int, sure: float = 0.95, rivals: tuple[str, ...] = ()) -> list[NamedCause]:
+    return [cause(name, sure, rivals, 0.3) for name in ("drive.delay", "load.mass", "contact.blocked")[:count]]
+
+
+def of_long_joint() -> Iterator[Replayed | Balanced]:
+    """Every branch with none to three causes, withdrawn ones and rivals."""
+    levels = [(level, left, after) for level in (0.0, 0.5, 5.0) for left in (0.0, 0.2) for after in (NOISE, 0.009)]
+    opened = [tuple(OpenCause(name, WITHDRAWN, "worse") for name in THREE[:count]) for count in (0, *NUMBERS)]
+    for (level, left, after), withdrawn, still in itertools.product(levels, opened, (False, True)):
+        state = {"level": level, "left": left, "after": after, "still": still, "open_causes": withdrawn}
+        yield replayed(**state)
+        yield replayed(**state, turned="friction.coulomb x 2.1")
+        for count, others, sure in itertools.product(NUMBERS, (0, *NUMBERS), (0.5, 0.7, 0.95)):
+            yield replayed(*many(count, sure, THREE[:others]), **state)
+            yield replayed(*many(count), cause("sensor.delay", 0.5, THREE[:others], 0.1), **state)
+    for names in (THREE[:count] for count in NUMBERS):
+        yield replayed(held=HELD, hidden=names)
+        yield replayed(blind_to=names)
+        for count, left, sure in itertools.product(NUMBERS, (0.1, 0.2), (0.5, 0.95)):
+            yield balanced(*many(count, sure, names), left=left)
+            yield balanced(shift(0.01), *many(count - 1, sure, names), left=left)
+    yield replayed(data_errors=(POSITION,), fault_in_replay=True)
+    for withdrawn, nominal in itertools.product(opened, (0.1, 0.5)):
+        yield balanced(left=0.1, nominal=nominal, open_causes=withdrawn)
+
+
+def test_no_number_of_causes_and_no_long_name_makes_a_sentence_too_long() -> None:
+    """Three certain causes beside a doubtful one took 28 words."""
+    said = {decide(replace(evidence, joint=LONG)).sentence for evidence in of_long_joint()}
+    assert len(said) > 100
+    longest = max(said, key=lambda sentence: len(sentence.split()))
+    assert len(longest.split()) <= MOST_WORDS, longest
 
 
 @pytest.mark.parametrize("structure", [0.09, 1.0, 1.01, 5.0])

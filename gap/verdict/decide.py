@@ -214,8 +214,8 @@ def _beside(found: Replayed, certain: Sequence[NamedCause], doubtful: NamedCause
     """Certain causes, which doubt about another does not touch."""
     others = " or ".join((doubtful.name, *doubtful.rivals[:1]))
     sentence = (
-        f"{subject(certain)} {verb(certain, 'is', 'are')} certain in the gap of '{found.joint}': error "
-        f"{fall(found)} in all, {certainty(certain)}; {others} unexplained."
+        f"{subject(certain)} {verb(certain, 'is', 'are')} certain at '{found.joint}': error "
+        f"{fall(found)}, {certainty(certain)}; {others} unexplained."
     )
     names = listed([cause.name for cause in found.causes])
     reasons = [Reason("error", f"With {names} the error falls {change(found)}.")]
@@ -264,7 +264,7 @@ def _partly(found: Replayed, sure: bool) -> Verdict:
     """What stays is told by its size, which is never zero where structure is noticed."""
     causes, rest = found.causes, found.structure
     sentence = (
-        f"{subject(causes)} {verb(causes, 'explains', 'explain')} part of the gap of '{found.joint}': error "
+        f"{subject(causes)} partly {verb(causes, 'explains', 'explain')} the gap of '{found.joint}': error "
         f"{fall(found)}, {size(rest.rms, rest.unit)} unexplained, {certainty(causes)}."
     )
     doubt = "" if sure else f", if {'that is the cause' if len(causes) == 1 else 'those are the causes'} at all"
@@ -290,10 +290,10 @@ def _balanced(found: Balanced, limit: Thresholds) -> Verdict:
         f"{refitted:.2f} N.m refitted, {after:.2f} N.m with the shift (held-out blocks).",
     )
     told = (change, *(_open_reason(cause) for cause in found.open_causes))
-    error = f"torque error {before:.2f} to {after:.2f} N.m"
+    error = f"error {before:.2f} to {after:.2f} N.m"
     if not found.causes:
         if before <= limit.torque_as_good * after and not found.open_causes:
-            sentence = f"Nothing to explain: neither refitted numbers nor a shift lower the {error}."
+            sentence = f"Nothing to explain: neither refitted numbers nor a shift lower the torque {error}."
             return Verdict(NOTHING, sentence, told)
         sentence = f"No known cause holds for the torque of '{found.joint}': {error} when refitted."
         return Verdict(NOT_IDENTIFIABLE, sentence, told)
@@ -302,16 +302,14 @@ def _balanced(found: Balanced, limit: Thresholds) -> Verdict:
     firm = [cause for cause in found.causes if cause.standing != ONE_OF_SEVERAL]
     if doubtful and not firm:
         sentence = (
-            f"The torque gap of '{found.joint}' may be {subject(doubtful)}, but {some(doubtful[0].rivals)} fit about "
-            f"as well; {error}."
+            f"{subject(doubtful)} {verb(doubtful, 'fits', 'fit')} the torque of '{found.joint}' about as well as "
+            f"{some(doubtful[0].rivals)}; {error}."
         )
         return Verdict(NOT_IDENTIFIABLE, sentence, reasons)
     name = EXPLAINED if found.left < limit.torque_explained and not doubtful else PARTLY
     late = next((value for cause in firm for path, value in cause.parameters.items() if path == "torque.delay"), None)
-    what = (
-        f"{subject(firm)} {verb(firm, 'explains', 'explain')} {'' if name == EXPLAINED else 'part of '}the torque gap"
-    )
-    step = "" if late is None else f" (out of step by {1e3 * late.value:.0f} ms)"
+    what = f"{subject(firm)} {'' if name == EXPLAINED else 'partly '}{verb(firm, 'explains', 'explain')} the torque gap"
+    step = "" if late is None else f" ({1e3 * late.value:.0f} ms out of step)"
     return Verdict(name, f"{what}{step}: {error}, {certainty(firm)}.", reasons)
 
 
