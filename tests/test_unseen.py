@@ -7,6 +7,7 @@ from typing import Any
 
 import numpy as np
 import pytest
+from sealegs.gap.causes.catalogue import catalogue
 from sealegs.gap.log.types import MeasuredSet
 from sealegs.gap.replay.joint_model import JointModel
 from sealegs.gap.replay.parameters import Parameter, factor
@@ -15,7 +16,7 @@ from sealegs.gap.search.decide import Standing, is_near, shortfalls
 from sealegs.gap.search.forward import Searcher
 from sealegs.gap.search.settings import DEFAULT
 from sealegs.gap.verdict.diagnosis import diagnose
-from sealegs.gap.verdict.measure import measured
+from sealegs.gap.verdict.measure import measured, not_excluded
 from sealegs.gap.verdict.unseen import does_nothing
 from sealegs.gap.verdict.verdict import NOT_IDENTIFIABLE, WITHDRAWN
 
@@ -128,3 +129,11 @@ def test_equations_that_data_leave_undetermined_are_solved() -> None:
     root = root_of(same)
     np.testing.assert_allclose(root.T @ root, same, atol=1e-9)
     assert np.isfinite(root_of(np.zeros((2, 2)))).all()
+
+
+def test_a_law_whose_shape_may_be_the_simpler_laws_does_not_exclude_that() -> None:
+    (stribeck,) = catalogue(nominal(), ["friction.stribeck"])
+    size, velocity = stribeck.variants[0]
+    for interval, simpler in (((0.05, 0.4), ""), ((1.06, 3.0), "friction.coulomb")):  # [rad/s]; all motion was slower
+        bounds = {size.path: (0.05, 0.08), velocity.path: interval}
+        assert not_excluded(stribeck, (size, velocity), bounds, DEFAULT.shape_edge) == simpler

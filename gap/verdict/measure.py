@@ -7,6 +7,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from ..causes.cause import Cause
 from ..log.parts import FIT_A, FIT_B, TEST
 from ..replay.parameters import Parameter, absolute
 from ..replay.problem import Nominal, Problem
@@ -198,6 +199,9 @@ def _name_causes(
         # a rival of the same name is another body's
         rivals = tuple(dict.fromkeys(c.key if c.name == candidate.cause.name else c.name for c in close))
         sure = confidence(min(candidate.best, candidate.better), removed, residual)
+        simpler = not_excluded(candidate.cause, candidate.variant, model.bounds, search.settings.shape_edge)
+        if simpler and simpler not in {c.cause.name for c in search.accepted}:
+            rivals, sure = tuple(dict.fromkeys((*rivals, simpler))), sure * THRESHOLDS.at_bound
         sizes = [p for p in candidate.variant if p.is_size]
         sure *= min((measured(p, model.bounds[p.path]) for p in sizes), default=1.0)
         if any(p.path in model.fitted.at_bound for p in sizes):
@@ -227,6 +231,26 @@ def _name_causes(
             )
         )
     return tuple(sorted(named, key=lambda cause: -cause.share)), tuned_share
+
+
+def not_excluded(
+    cause: Cause, variant: Sequence[Parameter], bounds: Mapping[str, tuple[float, float]], edge: float
+) -> str:
+    """The simpler law that a cause is at the edge of its shape, where the shape's interval reaches that; else "".
+
+    Args:
+        cause: that was named.
+        variant: its parameters.
+        bounds: intervals by path.
+        edge: share of the shape's upper bound from which it is the simpler law.
+    """
+    limit = cause.degenerates_to
+    if limit is None:
+        return ""
+    shape = next((p for p in variant if p.number == limit.edge), None)
+    if shape is None or shape.path not in bounds:
+        return ""
+    return limit.cause if bounds[shape.path][1] >= edge * shape.high else ""
 
 
 def measured(parameter: Parameter, bounds: tuple[float, float]) -> float:
