@@ -76,8 +76,8 @@ def test_actions_can_correct_the_trajectory_and_zero_follows_it() -> None:
     env.reset(seed=2)
     rewards = [float(env.step(np.zeros(2, np.float32))[1]) for _ in range(100)]
     engine = env.unwrapped.engine  # type: ignore[attr-defined]
-    target = engine.task.target(engine.steps * engine.dt, engine._command)
-    assert np.abs(engine.motion(engine._action).link - target).max() < 0.35
+    motion = engine.motion(np.zeros((1, 2)))
+    assert np.abs(motion.link - engine.task.target(motion.time, motion.command)).max() < 0.35
     assert np.mean(rewards) > 0.2
 
 

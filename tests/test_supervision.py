@@ -33,6 +33,7 @@ class Left:
 
     Attributes:
         said, noted: lines and events.
+        opening: with what error the port answers when it is asked for, by how often it was; None: it opens.
         opened: how often the port was asked for.
     """
 
@@ -40,7 +41,7 @@ class Left:
         self.simulation = Simulation("row")
         self.simulation.bus.torque_on([1, 2, 3, 4])
         self.said, self.noted, self.opened = list[str](), list[dict[str, Any]](), 0
-        self._refused, self.asked, self.alone, self.pressed = opening, 0, True, False
+        self.opening, self.asked, self.alone, self.pressed = opening, 0, True, False
         self.after = Aftermath(
             note=lambda kind, **details: self.noted.append({"event": kind, **details}),
             say=self.said.append,
@@ -56,7 +57,7 @@ class Left:
 
     def open(self) -> ServoBus:
         self.opened += 1
-        if (error := self._refused(self.opened)) is not None:
+        if (error := self.opening(self.opened)) is not None:
             raise error
         return ServoBus("simulated", opened=self.simulation.port.reopened(), timeout=0.02)
 
@@ -97,7 +98,7 @@ def test_a_release_that_succeeds_is_said_too_where_nobody_else_does() -> None:
 def test_a_person_ends_the_tries_and_reads_that_torque_may_be_on() -> None:
     left = Left(lambda count: GONE)
     left.alone = False
-    left._refused = lambda count: (setattr(left, "asked", int(count > 5)), GONE)[1]
+    left.opening = lambda count: (setattr(left, "asked", int(count > 5)), GONE)[1]
     assert not left.release()
     assert left.said == [left.said[-1]] and left.said[-1].startswith("TORQUE MAY BE ON at servo(s) 1, 2, 3, 4")
     assert left.noted[-1]["servos"] == ["1", "2", "3", "4"]
@@ -220,10 +221,10 @@ def test_the_watch_ends_where_a_later_run_has_the_servos_even_if_they_were_to_be
     other.claim()
     assert not watcher.look(), "other servos on the same port are none of its business"
     left.asked = 1  # it is told to release them, and the port is in use
-    left._refused = lambda count: BUSY
+    left.opening = lambda count: BUSY
     assert not watcher.look()
     later.claim()
-    left._refused = lambda count: None
+    left.opening = lambda count: None
     opened = left.opened
     assert watcher.look() and left.opened == opened and left.simulation.torque == [True] * 4
     assert left.noted[-1] == {"event": "watched by a later run", "by": "supervisor", "servos": ["1", "2", "3", "4"]}
