@@ -14,6 +14,7 @@ import mujoco
 import numpy as np
 
 from ..actuators.engine import install
+from ..gap.checks.bootstrap import block_weights
 from .robot import ServoRobot
 from .simulated import Recording, velocity_of
 from .virtual.machine import Machine
@@ -133,8 +134,7 @@ def ratios(found: np.ndarray, accounted: np.ndarray, share: float) -> tuple[np.n
     rng = np.random.default_rng(0)
 
     def drawn(rows: np.ndarray) -> np.ndarray:
-        weights = rng.multinomial(len(rows), np.full(len(rows), 1.0 / len(rows)), size=DRAWS)
-        return np.sqrt(weights @ rows / len(rows))
+        return np.sqrt(block_weights(len(rows), DRAWS, rng) @ rows / len(rows))
 
     least = 1e-9  # [rad or m]
     ratio = np.sqrt(found.mean(axis=0)) / np.maximum(np.sqrt(accounted.mean(axis=0)), least)
