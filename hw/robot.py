@@ -15,6 +15,7 @@ from ..envs.contract import Contract, ContractError, chain_hash, robot_hash
 from ..envs.extended import read_extended
 from ..envs.robot import Robot
 from ..envs.robots import ROBOTS, get_robot
+from .chain_names import told_chains
 from .joints import (
     Joint,
     Sensor,
@@ -195,14 +196,13 @@ class ServoRobot:
                     f"{joint.low:.3g} to {joint.high:.3g} {unit}",
                     "calibrate the joint again",
                 )
-        if contract.chain_hash != (here := chain_hash(self.chains)):
-            trained = ", ".join(f"{name}: {_said(chain)}" for name, chain in contract.chains.items())
-            believed = ", ".join(f"{name}: {_said(chain.to_list())}" for name, chain in self.chains.items())
-            refuse(
-                "chain_hash",
-                f"{contract.chain_hash} ({trained})",
-                f"{here} ({believed})",
-                "say which chain these servos are taken for by actuator=<name or path>",
+        if contract.chain_hash != chain_hash(self.chains):
+            trained = told_chains(contract.chains)
+            here = told_chains({name: chain.to_list() for name, chain in self.chains.items()})
+            here = here if here != trained else f"{here} with other numbers"
+            raise ContractError(
+                f"the policy does not fit the robot ('chain_hash'): it was trained with {trained}, and here it is "
+                f"{here}; say which chain these servos are taken for by actuator=<name or path>."
             )
 
     def _different_numbers(self, contract: Contract) -> str:
@@ -277,7 +277,3 @@ def _plain(chain: Any) -> str | list:
     if isinstance(chain, str) and not chain.endswith((".yaml", ".yml")):
         return chain
     return load_chain(chain).to_list()
-
-
-def _said(stages: Sequence[Mapping[str, Any]]) -> str:
-    return "+".join(next(iter(stage)) for stage in stages)
