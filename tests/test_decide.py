@@ -153,8 +153,8 @@ def balanced(*causes: NamedCause, left: float, nominal: float = 0.5, **more) -> 
 
 
 CASES |= {
-    "a torque column out of step": (balanced(shift(0.01), left=0.149), EXPLAINED),
-    "the same, with more left": (balanced(shift(0.01), left=0.15), PARTLY),
+    "a torque column out of step": (balanced(shift(0.01), left=0.149, shift=0.01), EXPLAINED),
+    "the same, with more left": (balanced(shift(0.01), left=0.15, shift=-0.01), PARTLY),
     "a torque column in step": (balanced(left=0.049, nominal=0.104), NOTHING),
     "a torque that refitted numbers explain, and no single cause": (balanced(left=0.05), NOT_IDENTIFIABLE),
     "a torque whose cause has rivals": (balanced(cause("load.mass", 0.5, NEAR), left=0.1), NOT_IDENTIFIABLE),
@@ -199,7 +199,7 @@ def of_long_joint() -> Iterator[Replayed | Balanced]:
         yield replayed(blind_to=names)
         for count, left, sure in itertools.product(NUMBERS, (0.1, 0.2), (0.5, 0.95)):
             yield balanced(*many(count, sure, names), left=left)
-            yield balanced(shift(0.01), *many(count - 1, sure, names), left=left)
+            yield balanced(shift(0.01), *many(count - 1, sure, names), left=left, shift=0.01)
     yield replayed(data_errors=(POSITION,), fault_in_replay=True)
     for withdrawn, nominal in itertools.product(opened, (0.1, 0.5)):
         yield balanced(left=0.1, nominal=nominal, open_causes=withdrawn)
@@ -235,6 +235,10 @@ def test_errors_of_the_log_come_before_all_other_reasons() -> None:
 def test_a_range_that_only_the_test_part_has_is_no_reason_for_what_is_explained() -> None:
     assert not decide(replayed(cause(), beyond=BEYOND)).because("beyond")
     assert not decide(replayed(blind_to=("load.mass",), beyond=BEYOND)).because("beyond")
+
+
+def test_how_far_a_torque_column_is_out_of_step_is_told_without_its_sign() -> None:
+    assert "(10 ms out of step)" in decide(balanced(shift(0.01), left=0.1, shift=-0.01)).sentence
 
 
 def test_confidence_is_the_win_rate_less_by_what_no_cause_explains() -> None:

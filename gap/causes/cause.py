@@ -106,6 +106,7 @@ class Cause:
         name: as in ``diagnosis.json``.
         about: body of a robot that it is of, where several causes of a search have one name.
         seen: whether it was read off the log, so that every round tries it.
+        at_stops: whether it acts at stops, so that those that were read off the log are its first form.
         against: what the error of the nominal model follows where it is there: a quantity of the picture ``response``,
             or the column that shows a cause of the ground best.
         plausible: size by path at which it ought to show, so that finding none of it means something.
@@ -123,6 +124,7 @@ class Cause:
     name: str = ""
     about: str = ""
     seen: bool = False
+    at_stops: bool = False
     signature: str = ""
     against: str = "speed"
     plausible: Mapping[str, float] = field(default_factory=dict, hash=False)

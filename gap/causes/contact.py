@@ -32,6 +32,7 @@ def blocked(nominal: JointModel) -> Cause:
         against="position",
         variants=tuple(variants),
         needs=Needs(free_link=True),
+        at_stops=True,
     )
 
 
@@ -55,6 +56,5 @@ def with_stops(causes: Sequence[Cause], stops: Sequence[Stop], nominal: JointMod
     }  # fmt: skip
     read: list[Variant] = [tuple(at.values())]
     return [
-        replace(cause, variants=(*read, *cause.variants), seen=True) if cause.name == "contact.blocked" else cause
-        for cause in causes
+        replace(cause, variants=(*read, *cause.variants), seen=True) if cause.at_stops else cause for cause in causes
     ]

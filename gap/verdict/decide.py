@@ -307,9 +307,8 @@ def _balanced(found: Balanced, limit: Thresholds) -> Verdict:
         )
         return Verdict(NOT_IDENTIFIABLE, sentence, reasons)
     name = EXPLAINED if found.left < limit.torque_explained and not doubtful else PARTLY
-    late = next((value for cause in firm for path, value in cause.parameters.items() if path == "torque.delay"), None)
     what = f"{subject(firm)} {'' if name == EXPLAINED else 'partly '}{verb(firm, 'explains', 'explain')} the torque gap"
-    step = "" if late is None else f" ({1e3 * late.value:.0f} ms out of step)"
+    step = "" if found.shift is None else f" ({1e3 * abs(found.shift):.0f} ms out of step)"
     return Verdict(name, f"{what}{step}: {error}, {certainty(firm)}.", reasons)
 
 

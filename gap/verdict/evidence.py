@@ -96,13 +96,18 @@ class Replayed:
 
 @dataclass(frozen=True)
 class Balanced:
-    """Evidence of a torque balance: errors on the test blocks, causes if any, what stays, and what was withdrawn."""
+    """Evidence of a torque balance: errors on the test blocks, causes if any, what stays, and what was withdrawn.
+
+    Attributes:
+        shift: by which the torque column is out of step, where that is among the causes [s].
+    """
 
     joint: str
     errors: Mapping[str, Error]
     causes: Sequence[NamedCause]
     left: float
     open_causes: Sequence[OpenCause] = ()
+    shift: float | None = None
 
 
 @dataclass(frozen=True)

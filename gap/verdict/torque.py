@@ -103,7 +103,8 @@ def diagnose_torque(
     shares, tuned_share = owed_by(fitted, nominal, at, [cause.name for cause in causes]).shares(1.0 - left)
     every = [replace(cause, share=share) for cause, share in zip(causes, shares, strict=True)]
     causes = tuple(sorted(every, key=lambda cause: -cause.share))
-    verdict = decide(Balanced(joint, errors, causes, left, open_causes))
+    shift = found.seconds if any(cause.kind == "data" for cause in causes) else None
+    verdict = decide(Balanced(joint, errors, causes, left, open_causes, shift))
     numbers: dict[str, float] = {key: float(value) for key, value in zip(NUMBERS, believed * extended, strict=True)}
     return JointDiagnosis(
         joint=joint,
