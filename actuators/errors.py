@@ -15,5 +15,11 @@ class SealegsError(ValueError):
 
 def nearest(name: str, options: Iterable[str]) -> str:
     """`` (did you mean 'x'?)`` for the option closest to ``name``, or an empty string."""
+    close = closest(name, options)
+    return f" (did you mean '{close}'?)" if close is not None else ""
+
+
+def closest(name: str, options: Iterable[str]) -> str | None:
+    """The option closest to ``name``, or None where none is close."""
     close = difflib.get_close_matches(str(name), [str(option) for option in options], n=1, cutoff=0.5)
-    return f" (did you mean '{close[0]}'?)" if close else ""
+    return close[0] if close else None

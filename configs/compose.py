@@ -18,7 +18,7 @@ from hydra.errors import HydraException
 from omegaconf import DictConfig, OmegaConf
 from omegaconf.errors import OmegaConfBaseException
 
-from ..actuators.errors import SealegsError, nearest
+from ..actuators.errors import SealegsError, closest, nearest
 
 FOLDER = Path(__file__).resolve().parent
 
@@ -161,8 +161,16 @@ def _open(config: Any, prefix: str = "") -> Iterable[str]:
 
 
 def _suggestion(key: str, known: list[str]) -> str:
-    """Hint at the key that was meant: one of the same last word in another place comes first."""
-    word = key.rpartition(".")[2]
+    """Hint at the key that was meant: one of the same last word in another place comes first.
+
+    Below a prefix that there is, only its own keys are meant.
+    """
+    prefix, dot, word = key.rpartition(".")
+    below = {name[len(prefix) + 1 :]: name for name in known if name.startswith(prefix + dot)} if dot else {}
+    if below:
+        same = next((name for rest, name in below.items() if rest.rpartition(".")[2] == word), None)
+        meant = same or below.get(closest(word, below) or "")
+        return f" (did you mean '{meant}'?)" if meant else ""
     same_word = [name for name in known if name.rpartition(".")[2] == word]
     if same_word:
         return f" (did you mean '{same_word[0]}'?)"

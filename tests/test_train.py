@@ -449,6 +449,7 @@ def test_an_actuator_net_stays_with_the_run(tmp_path: Path) -> None:
         ("agent.learning_rat=1e-3", "did you mean 'agent.learning_rate'?"),
         ("learning_rate=1e-3", "did you mean 'agent.learning_rate'?"),
         ("checkpoint.evry=3", "did you mean 'checkpoint.every'?"),
+        ("env.gamma=3", "There is no key 'env.gamma'; --help"),
         ("agent=pppo", "did you mean 'ppo'?"),
         ("env=hoper", "did you mean 'hopper'?"),
         ("env.id=SeaLegs/Hoper-v0", "did you mean 'SeaLegs/Hopper-v0'?"),
