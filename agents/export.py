@@ -32,7 +32,7 @@ from ..configs.script import run
 from ..envs.contract import KEY, Contract, ContractError, make_contract
 from .action_pipeline import ActionPipeline
 from .algorithms import algorithm
-from .policy_files import seen_as_trained
+from .policy_files import seen_as_trained, unreadable
 from .policy_graph import PolicyGraph
 from .traced import TracingError
 
@@ -61,9 +61,7 @@ def export_policy(folder: Path, out: Path | None = None) -> Path:
         description = json.loads((folder / "policy.json").read_text())
         model = algorithm(description["algorithm"]).load(folder / "model.zip", device="cpu")
     except (OSError, ValueError, LookupError) as error:
-        raise ExportError(
-            f"{folder} holds no policy that can be read ({error}); give a run's best/ or final/."
-        ) from error
+        raise ExportError(unreadable(folder, error)) from error
     return write_onnx(out, model, description)
 
 

@@ -52,6 +52,13 @@ def describe(model: BaseAlgorithm, normalizer: VecNormalize | None) -> dict[str,
     return {"step": model.num_timesteps, "observation": observation, "action": action}
 
 
+def unreadable(folder: Path, error: Exception) -> str:
+    """A sentence on a folder that :func:`load_policy` cannot load."""
+    missing = next((name for name in ("policy.json", "model.zip") if not (folder / name).is_file()), None)
+    why = f"it has no {missing}" if missing else str(error)
+    return f"{folder} holds no policy that can be read ({why}); give a run's best/ or final/."
+
+
 def load_policy(folder: Path) -> tuple[Callable[[np.ndarray], np.ndarray], dict[str, Any]]:
     """A saved policy as a function from observations (n, size) to deterministic actions (n, k), and its description.
 
@@ -63,7 +70,7 @@ def load_policy(folder: Path) -> tuple[Callable[[np.ndarray], np.ndarray], dict[
         model = algorithm(description["algorithm"]).load(folder / "model.zip", device="cpu")
         seen = description["observation"]
     except (OSError, ValueError, LookupError) as error:
-        raise SealegsError(f"{folder} holds no policy that can be read ({error}).") from error
+        raise SealegsError(unreadable(folder, error)) from error
 
     seen_by = seen_as_trained(seen)
 

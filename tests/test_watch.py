@@ -73,7 +73,7 @@ def test_a_machine_that_cannot_draw_is_told_what_films_need(
     ("arguments", "words"),
     [
         ([], "say which policy"),
-        (["policy=nowhere"], "holds no policy"),
+        (["policy=nowhere"], "holds no policy that can be read (it has no policy.json); give a run's best/ or final/."),
         (["policy={policy}", "env.sped=1"], "env.sped is not an argument"),
         (["policy={policy}", "actuator=idael"], "did you mean 'ideal'"),
         (["policy={policy}", "env.params=fast"], "env.params"),
