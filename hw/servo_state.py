@@ -144,7 +144,8 @@ class BlockReader:
         Args:
             ids: of the servos (n).
             blocks: bytes, which begin at ``whole`` where that is so and the blocks are merged.
-            before, after: clock [s].
+            before: clock as they were asked for [s].
+            after: clock as the last answer was there [s].
             whole: whether torque and mark are among the bytes.
             known: whether these were read this time (n); None: all.
         """

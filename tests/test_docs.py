@@ -2,7 +2,10 @@
 
 from __future__ import annotations
 
+import os
 import re
+import subprocess
+import sys
 from pathlib import Path
 
 import pytest
@@ -108,3 +111,15 @@ def test_every_page_of_results_is_in_the_sites_navigation() -> None:
     named = (root / "mkdocs.yml").read_text(encoding="utf-8")
     measured = sorted(path.name for path in (root / "benchmarks" / "results").glob("*.md"))
     assert measured and [name for name in measured if f"results/{name}" not in named] == []
+
+
+@pytest.mark.long
+def test_the_site_is_built_without_a_warning(tmp_path: Path) -> None:
+    pytest.importorskip("mkdocs")
+    root = Path(__file__).parents[1]
+    build = [sys.executable, "-m", "mkdocs", "build", "--strict", "--site-dir", str(tmp_path / "site")]
+    done = subprocess.run(
+        build, cwd=root, capture_output=True, text=True, env={**os.environ, "NO_MKDOCS_2_WARNING": "1"}
+    )
+    assert done.returncode == 0, done.stderr
+    assert (tmp_path / "site" / "index.html").is_file()
