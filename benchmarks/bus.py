@@ -22,7 +22,6 @@ import os
 import platform
 import signal
 import sys
-import threading
 import time
 from collections.abc import Callable, Mapping
 from multiprocessing.connection import Connection
@@ -32,6 +31,7 @@ import mujoco
 import numpy as np
 import scservo_sdk as sdk
 from sealegs.actuators import DrivenCoordinate
+from sealegs.actuators.processes import end_with_parent
 from sealegs.envs.robot import Robot
 from sealegs.hw.bus import ServoBus
 from sealegs.hw.packets import ReplyError
@@ -83,20 +83,8 @@ def serve(count: int, connection: Connection) -> None:
     machine = Machine(servo_row(count))
     with Server(Wire(Rig(machine, model, mounts(machine.names, None, model)))) as server:
         connection.send(server.port)
-        end_with_parent(server)
+        end_with_parent(server.stop)
         server.run()
-
-
-def end_with_parent(server: Server) -> None:
-    """Stop a server in a process of its own once the process that started it is gone, a killed one included."""
-    parent = multiprocessing.parent_process()
-    assert parent is not None
-
-    def wait() -> None:
-        parent.join()
-        server.stop()
-
-    threading.Thread(target=wait, daemon=True).start()
 
 
 def bare_cycle(port: str, ids: list[int]) -> tuple[Callable[[list[int]], bool], Callable[[], None]]:

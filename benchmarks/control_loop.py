@@ -34,6 +34,7 @@ from typing import Any
 
 import numpy as np
 from sealegs.actuators.errors import SealegsError
+from sealegs.actuators.processes import end_with_parent
 from sealegs.gap.log import read_measured
 from sealegs.hw.bus import ServoBus
 from sealegs.hw.commands import Trajectory
@@ -52,7 +53,7 @@ from sealegs.hw.virtual.server import Server
 from sealegs.hw.virtual.wire import Wire
 
 from benchmarks.bare_loop import bare_loop, processor_times, stolen_share
-from benchmarks.bus import end_with_parent, servo_row
+from benchmarks.bus import servo_row
 from benchmarks.speed import RESULTS
 
 RATE, PARTS = 100.0, 10
@@ -87,7 +88,7 @@ def serve(servos: int, connection: Connection) -> None:
     machine = Machine(servo_row(servos))
     with Server(Wire(Rig(machine, model, mounts(machine.names, None, model)))) as server:
         connection.send((server.port, server.control))
-        end_with_parent(server)
+        end_with_parent(server.stop)
         server.run()
 
 

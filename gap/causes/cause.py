@@ -139,6 +139,11 @@ class Cause:
         """Whether it repeats over something, so that it has a phase."""
         return any(p.phase for variant in self.variants for p in variant)
 
+    def edge(self, variant: Variant) -> Parameter | None:
+        """The parameter of a variant at whose upper bound the cause is the one that it degenerates to."""
+        limit = self.degenerates_to
+        return None if limit is None else next((p for p in variant if p.number == limit.edge), None)
+
     def is_usual(self, variant: Variant) -> bool:
         """Whether a variant turns the parameters of the usual form, from whatever start.
 

@@ -216,7 +216,7 @@ def _rivals(search: Search) -> list[Hypothesis]:
 def everything(problem: FreeProblem, search: Search) -> list[Hypothesis]:
     """Every cause of the catalogue at a plausible size on top of what was found, and none of them."""
     nominal = problem.models[0]
-    last = search.accepted[-1].fits if search.accepted else search.base
+    last = search.fits
     here, moving = middle(*last), search.parameters()
     taken = {c.cause.name for c in search.accepted}
     found = [_hypothesis("nothing more", here, moving, ())]

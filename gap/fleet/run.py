@@ -17,7 +17,7 @@ from typing import Any
 from ...actuators.atomic import folder_written
 from ...actuators.errors import SealegsError
 from ...actuators.extras import needed_for
-from ..verdict.parallel import end_with_parent
+from ...actuators.processes import end_with_parent
 from .jobs import Job, Outcome, finished, remove_unfinished, run_job
 
 PACKAGE = __name__.partition(".")[0]
@@ -114,7 +114,7 @@ def in_processes(jobs: Sequence[Job], workers: int, report: Report) -> Iterator[
 def _work(job: Job, connection: Connection, threads: int) -> None:
     """Body of a worker process: tells progress as text, and at last the outcome."""
     signal.signal(signal.SIGINT, signal.SIG_IGN)  # Ctrl-C is the parent's to handle
-    end_with_parent()
+    end_with_parent(lambda: os._exit(1))
     from numba import get_num_threads, set_num_threads
 
     set_num_threads(min(threads, get_num_threads()))

@@ -277,8 +277,7 @@ class Searcher:
 
     def at_edge(self, candidate: Candidate) -> bool:
         """Whether a cause is at the edge of its own shape, by its upper bound or by the speeds of the log."""
-        limit = candidate.cause.degenerates_to
-        edge = next((p for p in candidate.variant if limit is not None and p.number == limit.edge), None)
+        limit, edge = candidate.cause.degenerates_to, candidate.cause.edge(candidate.variant)
         if limit is None or edge is None:
             return False
         end = self.settings.shape_edge * edge.high

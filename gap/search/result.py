@@ -87,6 +87,11 @@ class Search:
     record: SearchRecord = NOTHING
     fault: str = ""
 
+    @property
+    def fits(self) -> tuple[Fit, Fit]:
+        """Fits with all that was found."""
+        return self.accepted[-1].fits if self.accepted else self.base
+
     def parameters(self, without: str | None = None) -> list[Parameter]:
         """All parameters of the extended model, or of the one that lacks a cause, given by its key."""
         groups: list[Sequence[Parameter]] = [c.variant for c in self.accepted if c.cause.key != without]

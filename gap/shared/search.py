@@ -32,6 +32,7 @@ ROBOT = "robot"
 LOADS = ("load.mass", "load.inertia", "load.centre_of_mass")
 """Causes of a joint that may be a part of what the robot has."""
 PLAIN = ("friction.coulomb", "friction.viscous")
+"""Friction that every joint has."""
 FEWEST = 2  # joints
 ENOUGH = 0.1  # share of a joint's own loss that a cause must remove that it shares
 
@@ -54,13 +55,11 @@ class SharedFound:
 
     def widespread(self) -> bool:
         """Whether what was found helps several joints: what helps one alone is of that joint, whatever it is."""
-        fits = self.search.accepted[-1].fits if self.search.accepted else self.search.base
-        return helps_several(*(self._losses(middle(*pair)) for pair in (self.search.base, fits)))
+        return helps_several(*(self._losses(middle(*pair)) for pair in (self.search.base, self.search.fits)))
 
     def loss(self) -> float:
         """Loss of all joints on what was fitted, with what was found."""
-        fits = self.search.accepted[-1].fits if self.search.accepted else self.search.base
-        return sum(self._losses(middle(*fits)).values())
+        return sum(self._losses(middle(*self.search.fits)).values())
 
     def _losses(self, values: Mapping[str, float]) -> dict[str, float]:
         """Loss of each joint on what was fitted."""
@@ -142,9 +141,10 @@ def search_shared(
     tables = {number: {j: laid(found, problems[j]) for j, found in each.items()} for number, each in rows.items()}
     problem = RobotProblem(dict(problems), tables, (model,))
     sought: list[SharedFound] = []
-    for beside in (_own, _friction):  # what a joint was said to have may only have stood in for what all of them share
-        of_joints = {joint: beside(problems[joint], search) for joint, search in searches.items()}
-        tuned = tuple(p.of_joint(joint) for joint, own in of_joints.items() for p in own)
+    own = {joint: _own(found) for joint, found in searches.items()}
+    plain = {joint: _friction(problems[joint], found) for joint, found in searches.items()}
+    for beside in (own, plain):  # what a joint was said to have may only have stood in for what all of them share
+        tuned = tuple(p.of_joint(joint) for joint, numbers in beside.items() for p in numbers)
         search = Searcher(problem, _causes(wide), tuned, progress, seed, settings, look_on).run()
         sought.append(SharedFound(problem, search, tuned, rows))
         if search.rounds and search.rounds[-1].excess < settings.far:
@@ -157,9 +157,8 @@ def laid(rows: Sequence[Array], problem: FreeProblem) -> Array:
     return np.concatenate([rows[unit.run][unit.start : unit.stop] for unit in problem.units])
 
 
-def _own(problem: FreeProblem, search: Search) -> list[Parameter]:
+def _own(search: Search) -> list[Parameter]:
     """What a joint's own search left to turn, without causes of its load."""
-    del problem
     kept = [candidate.variant for candidate in search.accepted if candidate.cause.name not in LOADS]
     return merge(search.tuned, *kept)
 

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from ..causes.cause import Cause
+from ..causes.cause import Cause, Variant
 from ..log.parts import FIT_A, FIT_B, TEST
 from ..replay.parameters import Parameter, absolute
 from ..replay.problem import Nominal, Problem
@@ -233,9 +233,7 @@ def _name_causes(
     return tuple(sorted(named, key=lambda cause: -cause.share)), tuned_share
 
 
-def not_excluded(
-    cause: Cause, variant: Sequence[Parameter], bounds: Mapping[str, tuple[float, float]], edge: float
-) -> str:
+def not_excluded(cause: Cause, variant: Variant, bounds: Mapping[str, tuple[float, float]], edge: float) -> str:
     """The simpler law that a cause is at the edge of its shape, where the shape's interval reaches that; else "".
 
     Args:
@@ -244,11 +242,8 @@ def not_excluded(
         bounds: intervals by path.
         edge: share of the shape's upper bound from which it is the simpler law.
     """
-    limit = cause.degenerates_to
-    if limit is None:
-        return ""
-    shape = next((p for p in variant if p.number == limit.edge), None)
-    if shape is None or shape.path not in bounds:
+    limit, shape = cause.degenerates_to, cause.edge(variant)
+    if limit is None or shape is None or shape.path not in bounds:
         return ""
     return limit.cause if bounds[shape.path][1] >= edge * shape.high else ""
 

@@ -4,13 +4,13 @@ from __future__ import annotations
 
 import multiprocessing
 import os
-import threading
 from collections.abc import Callable, Sequence
 from concurrent.futures import Future, ProcessPoolExecutor
 from concurrent.futures.process import BrokenProcessPool
 from dataclasses import replace
 from pathlib import Path
 
+from ...actuators.processes import end_with_parent
 from ..log.finding import Finding
 from ..log.progress import Milestone
 from ..log.types import MeasuredRun
@@ -87,21 +87,8 @@ def _quiet(text: str) -> None:
     del text
 
 
-def end_with_parent() -> None:
-    """End this process once the one that started it is gone, a killed one included: nobody waits for its result."""
-    parent = multiprocessing.parent_process()
-    if parent is None:
-        return
-
-    def wait() -> None:
-        parent.join()
-        os._exit(1)
-
-    threading.Thread(target=wait, daemon=True).start()
-
-
 def _begin(threads: int) -> None:
-    end_with_parent()
+    end_with_parent(lambda: os._exit(1))
     from numba import get_num_threads, set_num_threads
 
     set_num_threads(min(threads, get_num_threads()))

@@ -56,7 +56,7 @@ def effective(fitting: Problem, search: Search, seed: int) -> Model:
     fitted = fitting.part(FIT_A, FIT_B)
     withdrawn: list[OpenCause] = []
     while True:
-        last = search.accepted[-1].fits if search.accepted else search.base
+        last = search.fits
         found = fit(fitted, search.parameters(), middle(*last), evaluations=EVALUATIONS)
         if not search.accepted:
             return Model(search, found, {}, tuple(withdrawn))
