@@ -24,6 +24,11 @@ FILE = "extended-robot.yaml"
 VERSION = 1
 Owner = Literal["chain", "robot", "log"]
 """What a number belongs to: the actuation chain, the rest of the robot, or the log, which misreads the machine."""
+CORRECTED = {
+    "host.offset": "subtract {after:.4g} from its position",
+    "host.scale": "divide its position by {after:.4g}",
+}
+"""How a log is corrected that reads a joint wrongly, by the number that was found."""
 
 
 class ExtensionError(SealegsError):
@@ -39,7 +44,8 @@ class Change:
         path: such as ``friction.coulomb`` or ``load.mass_factor``.
         before, after: in the unit of the number.
         cause: that was named for it; empty where it was tuned within its tolerance, or refitted.
-        owner: ``log`` for numbers that say how the log reads the machine: the machine has nothing of them.
+        owner: ``log`` for numbers that say how the log reads the machine: the machine has nothing of them, and the log
+            is to be corrected.
         refitted: whether it moved up to fivefold without a cause, since that does better than all causes.
     """
 
@@ -144,6 +150,32 @@ class Extended:
             LOGGER.warning("%s", self._left_out(robot, left_out))
         return {name: value for name, value in robot.parameters(believed).items() if name in believed}
 
+    def check_log(self) -> None:
+        """Make sure that the log read the machine rightly: no simulation can take how it did not.
+
+        Raises:
+            ExtensionError: a reading of the log was found to be wrong; says how to correct it.
+        """
+        misread = [c for c in self.changes if c.path in CORRECTED and (c.cause or c.refitted)]
+        if not misread:
+            return
+        rows = ", ".join(f"{change} at joint '{change.joint}'" for change in misread)
+        mended = "; ".join(f"{c.joint}: {CORRECTED[c.path].format(after=c.after)}" for c in misread)
+        raise ExtensionError(
+            f"{self.where} found {rows}, which cannot be applied: it is how the log reads the joint, and neither the "
+            f"actuator nor the robot has it; correct the log ({mended}) or calibrate the joint and record again, then "
+            f"diagnose again{self._chains_alone()}."
+        )
+
+    def _chains_alone(self) -> str:
+        """How the actuators of the diagnosis are taken without the rest of it."""
+        files = {joint: f"{self.where}/{variants[0].file}" for joint, variants in self.chains.items()}
+        if not files:
+            return ""
+        given = ",".join(f"{joint}:{file}" for joint, file in files.items())
+        alone = next(iter(files.values())) if len(files) == 1 else f"{{{given}}}"
+        return f"; or give actuator={alone} for the actuators alone"
+
     def _left_out(self, robot: Robot, left_out: Sequence[Change]) -> str:
         rows = ", ".join(f"{c.path} {c.before:.4g} -> {c.after:.4g}" for c in left_out)
         count = f"{len(left_out)} numbers" if len(left_out) > 1 else "one number"
@@ -157,10 +189,7 @@ class Extended:
             if robot.is_called(self.robot)
             else f"{'they are' if several else 'it is'} of robot '{self.robot}', not of robot '{robot.name}'"
         )
-        files = {joint: f"{self.where}/{variants[0].file}" for joint, variants in self.chains.items()}
-        given = ",".join(f"{joint}:{file}" for joint, file in files.items())
-        alone = next(iter(files.values())) if len(files) == 1 else f"{{{given}}}"
-        remedy = f"give actuator={alone} for the actuators alone" if files else "put it into the robot's model"
+        remedy = self._chains_alone().removeprefix("; or ") or "put it into the robot's model"
         return f"{self.where} found {rows}, which cannot be applied: {why}; {remedy}."
 
     def _chain(self, joint: str) -> Chain:
@@ -251,11 +280,12 @@ def extended_arguments(
     """Chains by joint and numbers of the robot of an environment, as a diagnosis found them.
 
     Raises:
-        SealegsError: a chain is given too, or the robot cannot take what was found.
+        SealegsError: a chain is given too, or neither robot nor simulation can take what was found.
     """
     machine = extended if isinstance(extended, Extended) else read_extended(extended)
     if actuator is not None:
         raise ExtensionError("actuator= and extended= both say which chain drives the robot; give one of them.")
+    machine.check_log()
     found = task_of({"id": name} if robot is None else {"id": name, "robot": robot})[0].robot
     return dict(machine.chains_on(found)), machine.params_on(found, params)
 

@@ -267,6 +267,7 @@ def extended_robot(config: Mapping[str, Any], extended: str | Path, calibration:
         SealegsError: as :func:`build_robot`, or the robot cannot take what was found.
     """
     machine, robot = read_extended(extended), get_robot(config["name"])
+    machine.check_log()
     params = {str(key): value for key, value in (config.get("params") or {}).items()}
     found = {**config, "params": machine.params_on(robot, params)}
     return build_robot(found, machine.chains_on(robot), calibration)

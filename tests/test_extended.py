@@ -98,10 +98,28 @@ def test_an_environment_moves_as_the_extended_replay(name: str, nominal: np.ndar
     assert float(np.sqrt(np.mean((moved - replayed) ** 2))) < 0.02 * change
 
 
-def test_numbers_of_how_the_log_reads_the_machine_need_no_application(nominal: np.ndarray) -> None:
+def test_a_log_that_misreads_the_machine_is_to_be_corrected_before_its_model_is_used(tmp_path: Path) -> None:
+    """It stood in a comment of the file: the policy was trained as if the log had been right."""
+    from sealegs.agents.config import read_config
+    from sealegs.hw.robot import extended_robot
+
     extended, _ = diagnosed({"host.offset": 0.1, "host.scale": 1.2})
     assert {change.owner for change in extended.changes} == {"log"}
-    np.testing.assert_allclose(in_environment(extended), nominal, atol=1e-6)
+    says = r"some\.cause \(host\.offset 0 -> 0\.1\).*cannot be applied.*subtract 0\.1 from its position.*by 1\.2"
+    with pytest.raises(SealegsError, match=says):
+        in_environment(extended)
+    write_extended(extended, tmp_path)
+    alone = rf"actuator={tmp_path}/extended\.yaml for the actuators alone"
+    with pytest.raises(SealegsError, match=alone):
+        read_config(["env=bench", f"extended={tmp_path}"])
+    with pytest.raises(SealegsError, match=alone):  # deploy and evaluate
+        extended_robot({"name": "bench", "servo": "sts3215", "params": {}}, tmp_path)
+
+
+def test_a_reading_that_was_only_tuned_within_its_tolerance_stops_nobody(nominal: np.ndarray) -> None:
+    extended, _ = diagnosed({"host.offset": 0.001})
+    tuned = replace(extended, changes=tuple(replace(change, cause="") for change in extended.changes))
+    np.testing.assert_allclose(in_environment(tuned), nominal, atol=1e-6)
 
 
 def machine(path: str, value: float, robot: str, owner: Owner = "robot") -> Extended:

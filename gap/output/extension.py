@@ -34,10 +34,10 @@ OWNERS: dict[Target, Owner] = {
     Target.HOST: "log",
 }
 """What the targets of a diagnosis are of a machine. How its host reads it (an offset, a scale of the log) is nothing of
-the machine, so there is nothing to apply.
+the machine: whoever uses the extended model is told to correct the log.
 """
 HEIGHT = "contact.height"
-"""Zero of the height column, likewise of the log."""
+"""Zero of the height column, likewise of the log; it is fitted with every ground, and nothing is wrong with it."""
 
 
 def changes(diagnosis: JointDiagnosis) -> list[dict[str, Any]]:
@@ -141,7 +141,8 @@ def write_extended(extended: Extended, folder: Path) -> Path:
     """Write the machine as diagnosed, for ``extended=<folder>``."""
     lines = [
         "# The machine as diagnosed; give this folder as extended=<folder> to train, deploy, evaluate or",
-        "# sealegs.make_env. Changes with owner 'log' are of how the log reads the machine: nothing to apply.",
+        "# sealegs.make_env. Changes with owner 'log' are of how the log reads the machine: no model has them.",
+        "# Where one was named as a cause, the folder is refused until the log is corrected.",
     ]
     text = yaml.safe_dump(_plain(extended.to_dict()), sort_keys=False, width=120)
     path = folder / FILE
