@@ -2,15 +2,19 @@
 
 from __future__ import annotations
 
+import contextlib
 from pathlib import Path
 
 import imageio.v2 as imageio
 import numpy as np
 import pytest
+from sealegs.actuators import load_chain
 from sealegs.agents.make_env import make_single_env
 from sealegs.agents.video import record_video
 from sealegs.commands import train, watch
 from sealegs.configs.script import run
+from sealegs.envs.extended import Change, Extended, Mounted
+from sealegs.gap.output.extension import write_extended
 
 SMALL = ("env=bench", "total_timesteps=64", "n_envs=2", "agent.n_steps=16", "agent.batch_size=16", "evaluate.every=0")
 SIZE = ("width=64", "height=48", "seconds=0.5")
@@ -44,6 +48,26 @@ def test_other_actuators_and_arguments_change_what_it_earns(policy: Path, capsys
         )
         said.append(capsys.readouterr().out.splitlines()[0])
     assert len(set(said)) == 3
+
+
+def test_a_policy_is_watched_on_the_machine_that_a_diagnosis_found(
+    policy: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """Only the chain could be given: a load that was found stayed away from the film."""
+    late = Mounted(load_chain("sts3215").with_value("delay.seconds", 0.03), "extended.yaml")
+    heavier = Change("servo", "load.mass_factor", 1.0, 1.5, "load.mass", "robot")
+    write_extended(Extended("bench", {"mass": 0.4}, {"servo": [late]}, (heavier,)), tmp_path)
+    seen = []
+    monkeypatch.setattr("sealegs.agents.video.record_video", lambda file, act, env, *_: seen.append(env) or [])
+    monkeypatch.setattr("sealegs.commands.watch.written", contextlib.nullcontext)
+    arguments = [f"policy={policy}", f"out={tmp_path / 'film.mp4'}", f"extended={tmp_path}", *SIZE]
+    for more in ([], ["env.params.mass=0.2"]):
+        assert run(watch.main, "watch", "", [*arguments, *more]) == 0, capsys.readouterr().err
+    engines = [env.unwrapped.engine for env in seen]
+    assert [engine.numbers["mass"] for engine in engines] == pytest.approx([0.6, 0.3])
+    assert all(engine.chains["joint"].find("delay").seconds == 0.03 for engine in engines)
+    assert run(watch.main, "watch", "", [*arguments, "actuator=ideal"]) == 2
+    assert "give one of them" in capsys.readouterr().err
 
 
 @pytest.mark.long

@@ -1,7 +1,8 @@
 """Film a trained policy, as it was trained or with other actuators and commands.
 
-    sealegs watch policy=policies/biped/seed0 env.speed=0.8           told to walk at 0.8 m/s
-    sealegs watch policy=runs/first/best actuator=diagnosis/extended.yaml   with the chain that a diagnosis found
+    sealegs watch policy=policies/biped/seed0 env.speed=0.8                 told to walk at 0.8 m/s
+    sealegs watch policy=runs/first/best extended=diagnosis                 on the machine as a diagnosis found it
+    sealegs watch policy=runs/first/best actuator=diagnosis/extended.yaml   with the chain alone that it found
     sealegs watch policy=policies/hexapod/seed1 env.params.timestep=0.0005 seconds=60
 
 Writes an mp4 and prints how long each episode in it lasts and what it earns.
@@ -11,7 +12,9 @@ from __future__ import annotations
 
 import contextlib
 import datetime
+from collections.abc import Mapping
 from pathlib import Path
+from typing import Any
 
 from sealegs.actuators.atomic import written
 from sealegs.actuators.errors import SealegsError
@@ -25,7 +28,7 @@ def main(arguments: list[str]) -> None:
     from sealegs.configs.check import Pixels, Positive, checked, checked_seed
     from sealegs.configs.compose import compose, split
 
-    config = compose("watch", split(arguments, plain=("policy", "actuator", "out"), first="policy"))
+    config = compose("watch", split(arguments, plain=("policy", "actuator", "extended", "out"), first="policy"))
     if config["policy"] is None:
         raise SealegsError("say which policy to watch: policy=<folder>, such as policies/biped/seed0.")
     folder = Path(checked("policy", config["policy"], str))
@@ -34,8 +37,11 @@ def main(arguments: list[str]) -> None:
     act, description = load_policy(folder)
     stored, changed = description["env"], checked("env", config["env"], dict)
     numbers = [checked("env.params", env.get("params") or {}, dict) for env in (stored, changed)]
-    env_config = checked_env({**stored, **changed, "params": numbers[0] | numbers[1]})
     actuator = description["actuators"] if config["actuator"] == "keep" else config["actuator"]
+    if config["extended"] is not None:
+        actuator, found = _as_found(config, {**stored, **changed}, numbers[1])
+        numbers.append(found)
+    env_config = checked_env({**stored, **changed, "params": {k: v for n in numbers for k, v in n.items()}})
     now = datetime.datetime.now().strftime("%Y%m%d-%H%M%S")
     name = "-".join(folder.resolve().parts[-2:])
     out = Path(str(config["out"] or f"runs/film-{name}-{now}.mp4"))
@@ -48,3 +54,15 @@ def main(arguments: list[str]) -> None:
     for number, episode in enumerate(episodes, 1):
         print(f"Episode {number}: {episode.seconds:.1f} s, reward {episode.reward:.4g}, {episode.ending}")
     print(f"Film: {out}")
+
+
+def _as_found(
+    config: Mapping[str, Any], env: Mapping[str, Any], believed: Mapping[str, float]
+) -> tuple[dict[str, Any], dict[str, float]]:
+    """Chains and numbers of the diagnosis, on what is believed now, since the policy may have been trained on them."""
+    from sealegs.configs.check import checked
+    from sealegs.envs.extended import extended_arguments
+
+    actuator = None if config["actuator"] == "keep" else config["actuator"]
+    folder = checked("extended", config["extended"], str)
+    return extended_arguments(str(env["id"]), folder, actuator, believed, env.get("robot"))
