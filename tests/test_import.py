@@ -85,9 +85,9 @@ def test_what_is_imported_is_what_was_recorded(tmp_path: Path) -> None:
     path = table(
         tmp_path, {"t_ms": 1e3 * m["time"], "target_deg": np.degrees(m["goal"]), "q_deg": np.degrees(m["smooth"])}
     )
-    done = import_logs(
-        path, tmp_path / "log", propose_for(path, tmp_path / "log", robot="bench", actuator="sts3215").mapping
-    )
+    load = {"mass": 0.5, "length": 0.1}
+    found = propose_for(path, tmp_path / "log", robot="bench", actuator="sts3215", params=load)
+    done = import_logs(path, tmp_path / "log", found.mapping)
     log = yaml.safe_load(done.sidecar.read_text())
     assert log["robot"] == "bench" and log["actuators"] == {"joint": "sts3215"} and not done.missing
     run = read_measured(tmp_path / "log").runs[0]
@@ -169,11 +169,58 @@ def test_the_first_call_shows_and_stops_and_the_second_imports(
     file = tmp_path / "log.mapping.yaml"
     assert read_mapping(file).columns["joint.position"] == "pos_deg*pi/180"
     assert main(["import", str(path), f"out={out}", f"mapping={file}"]) == 0
-    assert "Fill in robot and actuators" in capsys.readouterr().out
+    assert "Fill in robot, robot_params (of a bench) and actuators in" in capsys.readouterr().out
     text = (out / "log.yaml").read_text()
-    assert text.count("FILL IN") == 3 and (out / "run.csv").is_file()
+    assert text.count("FILL IN") == 4 and (out / "run.csv").is_file()
     assert main(["import", str(path), f"out={out}", f"mapping={file}"]) == 2
     assert "never overwritten" in capsys.readouterr().err
+
+
+def test_the_load_of_a_bench_is_asked_for_with_the_rest(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    """The offered command ended at once: the bench's load was missing, and nobody had said so."""
+    m = motion()
+    path = table(tmp_path, {"t_ms": 1e3 * m["time"], "goal_deg": m["goal"], "pos_deg": m["smooth"]})
+    known = ["yes=true", "robot=bench", "actuator=sts3215"]
+    assert main(["import", str(path), f"out={tmp_path / 'open'}", *known]) == 0
+    assert "Fill in robot_params in" in capsys.readouterr().out
+    text = (tmp_path / "open" / "log.yaml").read_text()
+    assert "robot_params:  # FILL IN the load: mass [kg]" in text
+    (tmp_path / "open" / "log.yaml").write_text(text.replace("# mass", "mass").replace("# length", "length"))
+    assert read_measured(tmp_path / "open").runs[0].robot_params == {"mass": 0.5, "length": 0.12}
+    given = "robot_params={mass: 0.4, length: 0.1}"
+    assert main(["import", str(path), f"out={tmp_path / 'given'}", *known, given]) == 0
+    assert "Fill in" not in capsys.readouterr().out
+    assert read_measured(tmp_path / "given").runs[0].robot_params == {"mass": 0.4, "length": 0.1}
+
+
+def test_a_supply_that_never_changes_is_a_voltage(tmp_path: Path) -> None:
+    """Named Vbat or supply, it was left out: 'it never changes'."""
+    m = motion(seed=1)
+    volts = {"Vbat": 7.4 + 0.0 * m["time"]}
+    one = {"time": m["time"], "goal": m["goal"], "pos": m["position"], **volts}
+    assert proposed(table(tmp_path, one))[0]["joint.voltage"] == "Vbat"
+    two = {"time": m["time"], "goal_elbow": m["goal"], "pos_elbow": m["position"], **volts}
+    other = motion(seed=2)
+    two |= {"goal_wrist": other["goal"], "pos_wrist": other["position"]}
+    texts = proposed(table(tmp_path, two))[0]
+    assert texts["elbow.voltage"] == texts["wrist.voltage"] == "Vbat", "a bus has one supply"
+
+
+def test_a_goal_is_known_whatever_the_position_is_called(tmp_path: Path) -> None:
+    """'Goal [Grad]' beside 'Arm measured [Grad]' was 'goal of '', which has no position'."""
+    m = motion()
+    time, goal, position = m["time"], np.degrees(m["goal"]), np.degrees(m["smooth"])
+    for names in (
+        ("Goal [Grad]", "Arm measured [Grad]"),
+        ("Sollwert [Grad]", "Istwert [Grad]"),
+        ("Soll [°]", "Winkel"),
+    ):
+        texts, _, asked = proposed(table(tmp_path, {"Zeit [s]": time, names[0]: goal, names[1]: position}))
+        joint = next(name for name in texts if name.endswith(".goal")).partition(".")[0]
+        assert texts[f"{joint}.goal"] == f"`{names[0]}`*pi/180" and f"{joint}.position" in texts
+        assert not asked or names[1] == "Winkel", "which says no unit"
+    strays = {"time": time, "goal_wrist": np.cos(9.0 * time), "pos_elbow": m["smooth"]}
+    assert "wrist" not in str(proposed(table(tmp_path, strays))[0]), "what does not move it is not its goal"
 
 
 def test_an_open_question_holds_the_import_and_yes_leaves_its_columns_out(

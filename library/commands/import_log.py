@@ -3,6 +3,8 @@
     sealegs import run.csv out=logs/arm                                 proposes a mapping, shows it and stops
     sealegs import run.csv out=logs/arm mapping=logs/arm.mapping.yaml   imports with it, edited or not
     sealegs import run.csv out=logs/arm yes=true                        imports with the proposal, less what is asked
+    sealegs import run.csv out=logs/mine robot=bench actuator=sts3215 "robot_params={mass: 0.5, length: 0.12}"
+                                                                        fills in what no file says
 
 Units in names, encoder steps and what follows what are looked at; each line of the proposal says its reason. What they
 do not tell is a question, never a guess.
@@ -46,7 +48,8 @@ def main(arguments: list[str]) -> None:
         return
     file = _free(out)
     command = shlex.join(["sealegs", "import", str(source), f"out={out}", f"mapping={file}"])
-    proposed = propose_for(source, out, config["unit"], config["robot"], config["actuator"], command)
+    params = checked("robot_params", config["robot_params"], dict[str, float])
+    proposed = propose_for(source, out, config["unit"], config["robot"], config["actuator"], command, params)
     print(proposed.text)
     if checked("yes", config["yes"], bool) or _confirmed(proposed):
         take(source, out, proposed, config)
@@ -84,7 +87,9 @@ def tell(done: Imported, out: Path) -> None:
         print(f"Left out: {sentence}.")
     print(f"{len(done.files)} measured log{'s' * (len(done.files) != 1)} in {out}")
     if done.missing:
-        print(f"Fill in {' and '.join(done.missing)} in {done.sidecar}, where FILL IN stands. Then")
+        *first, last = done.missing
+        what = f"{', '.join(first)} and {last}" if first else last
+        print(f"Fill in {what} in {done.sidecar}, where FILL IN stands. Then")
     print(f"  sealegs diagnose log={out} out=diagnosis")
 
 

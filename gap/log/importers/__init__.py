@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections import Counter
+from collections.abc import Mapping as AnyMapping
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -70,6 +71,7 @@ def propose_for(
     robot: str | None = None,
     actuator: str | None = None,
     command: str = "",
+    params: AnyMapping[str, float] | None = None,
 ) -> Proposed:
     """Propose how the recordings of a source become logs.
 
@@ -80,13 +82,14 @@ def propose_for(
         robot: for the sidecar.
         actuator: of all joints, for the sidecar.
         command: that imports with the mapping, for its head.
+        params: numbers of the robot, for the sidecar.
 
     Raises:
         LogError: the source cannot be read.
     """
     recordings, left = _alike(read_recordings(source))
     proposal = propose(recordings, unit)
-    sidecar = proposed_sidecar(recordings, proposal, beside(robot, out), checked_actuator(actuator))
+    sidecar = proposed_sidecar(recordings, proposal, beside(robot, out), checked_actuator(actuator), params)
     text = proposal_text(proposal, sidecar, recordings, command, left)
     mapping = replace(proposal.mapping(), sidecar=sidecar)
     return Proposed(text, mapping, _certain(proposal, sidecar), tuple(recordings), tuple(left))

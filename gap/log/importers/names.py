@@ -25,6 +25,9 @@ COMMANDED = frozenset(
         "requested",
         "wanted",
         "soll",
+        "sollwert",
+        "sollwinkel",
+        "sollposition",
     ]
 )
 MEASURED = frozenset(
@@ -37,6 +40,9 @@ MEASURED = frozenset(
         "fb",
         "feedback",
         "ist",
+        "istwert",
+        "istwinkel",
+        "istposition",
         "real",
         "observation",
         "state",
@@ -86,17 +92,21 @@ FILLERS = frozenset(
 SIGNALS: tuple[tuple[str, frozenset[str]], ...] = (
     ("enabled", frozenset(["enable", "enabled"])),
     ("acceleration", frozenset(["acc", "accel", "acceleration", "ddq", "qdd", "qddot", "ddtheta", "jerk"])),
-    ("velocity", frozenset(["vel", "velocity", "speed", "dq", "qdot", "qvel", "dtheta", "thetadot", "omega", "dpos"])),
-    ("temperature", frozenset(["temp", "temperature"])),
-    ("voltage", frozenset(["volt", "volts", "voltage", "vin", "vbus", "ubat"])),
+    ("velocity", frozenset(["vel", "velocity", "speed", "dq", "qdot", "qvel", "dtheta", "thetadot", "omega", "dpos",
+                            "geschwindigkeit", "winkelgeschwindigkeit", "drehzahl"])),
+    ("temperature", frozenset(["temp", "temperature", "temperatur"])),
+    ("voltage", frozenset(["volt", "volts", "voltage", "vin", "vbus", "ubat", "spannung"])),
     ("duty", frozenset(["duty", "pwm"])),
-    ("torque", frozenset(["torque", "tau", "effort", "force", "trq", "moment"])),
-    ("position", frozenset(["pos", "position", "angle", "q", "theta", "phi", "qpos", "encoder", "enc"])),
-    ("current", frozenset(["current", "curr", "amps", "ampere", "iq"])),
+    ("torque", frozenset(["torque", "tau", "effort", "force", "trq", "moment", "drehmoment"])),
+    ("position", frozenset(["pos", "position", "angle", "q", "theta", "phi", "qpos", "encoder", "enc",
+                            "winkel", "sollwinkel", "istwinkel", "sollposition", "istposition"])),
+    ("current", frozenset(["current", "curr", "amps", "ampere", "iq", "strom"])),
     ("load", frozenset(("load",))),
-    ("time", frozenset(["time", "timestamp", "stamp", "t", "clock", "elapsed"])),
-)
+    ("time", frozenset(["time", "timestamp", "stamp", "t", "clock", "elapsed", "zeit"])),
+)  # fmt: skip
 """Signals by the words that say them; the first one that a name has is its signal."""
+SUPPLY = frozenset(["supply", "vsupply", "battery", "batt", "bat", "vbat", "vbatt", "vcc", "vdd", "psu", "versorgung"])
+"""What a voltage is of; a name that says no other signal and no other unit means the voltage."""
 UNITS = {
     "deg": "deg", "degree": "deg", "degrees": "deg", "degs": "deg", "grad": "deg", "rad": "rad", "rads": "rad",
     "radian": "rad", "radians": "rad", "mrad": "mrad", "turn": "turn", "turns": "turn", "rev": "turn",
@@ -113,6 +123,7 @@ UNITS = {
 """Units by the words that say them."""
 SPELT = {
     "rad/s": "rad/s", "rad/sec": "rad/s", "rads/s": "rad/s", "deg/s": "deg/s", "deg/sec": "deg/s", "°/s": "deg/s",
+    "grad/s": "deg/s", "u/min": "rpm",
     "°": "deg", "°c": "degC", "n.m": "N.m", "n*m": "N.m", "nm": "N.m", "n m": "N.m", "mm/s": "mm/s", "m/s": "m/s",
     "rev/s": "turn/s", "rev/min": "rpm", "1/min": "rpm", "%": "%", "µs": "us", "n·m": "N.m", "c": "degC",
 }  # fmt: skip
@@ -182,6 +193,9 @@ def said(name: str) -> Said:
                 break
     if not signal and unit in ONLY_UNIT:
         signal, how = ONLY_UNIT[unit], f"[{unit}]"
+    if not signal and not commanded and unit in ("", "V", "mV") and (named := [w for w in low if w in SUPPLY]):
+        signal, how = "voltage", named[0]
+        used |= {k for k, word in enumerate(low) if word in SUPPLY}
     if not signal and commanded:
         signal, how = "position", next(word for word in words if word.lower() in COMMANDED)
     if sides & DROPPED:
@@ -218,7 +232,7 @@ def _unit(words: list[str]) -> tuple[str, int | None]:
         word = words[k]
         last = all(other.isdigit() for other in words[k + 1 :])
         if word in UNITS and (word not in SINGLE or last):
-            if word == "s" and words[k - 1] in ("rad", "deg"):
+            if word == "s" and words[k - 1] in ("rad", "deg", "grad"):
                 continue
             return UNITS[word], k
     if len(words) == 1 and words[0] in ("ms", "seconds", "sec", "secs", "us", "ns"):

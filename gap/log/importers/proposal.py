@@ -172,6 +172,28 @@ class _Proposer:
             if not column.by_format:
                 joint = self.joint_of(joint, single, joints, moving)
             self.groups.setdefault(joint, {}).setdefault(signal, []).append(column)
+        self.join_strays()
+
+    def join_strays(self) -> None:
+        """What drives a joint goes to the only position there is, whatever else their names say."""
+        measured = [joint for joint, signals in self.groups.items() if signals.get("position")]
+        if len(measured) != 1:
+            return
+        own = self.groups[measured[0]]
+        for joint, signals in list(self.groups.items()):
+            for signal in [*COMMANDS, "velocity"]:
+                if joint == measured[0] or signal not in signals or signal in own:
+                    continue
+                if _plain(joint) and not self.goes_along(signals[signal][0], own["position"][0]):
+                    continue
+                own[signal] = signals.pop(signal)
+
+    def goes_along(self, column: _Column, base: _Column) -> bool:
+        """Whether a position moves as a goal, or its derivative as a velocity."""
+        run = self.moved(base.name)
+        time, position, values = self.clock(run), run.columns[base.name], run.columns[column.name]
+        goes = following(time, values, position)
+        return (goes.fit > FOLLOWS and goes.lag >= 0.0) or as_derivative(time, position, values).fit > 0.9
 
     def joint_of(self, joint: str, single: bool, joints: set[str], moving: set[str]) -> str:
         """The joint that a name's rest means."""
@@ -268,7 +290,9 @@ class _Proposer:
                 for column in columns:
                     only = self.out.joints[0] if len(self.out.joints) == 1 else None
                     target = f"{only}.{signal}"
-                    if (
+                    if signal == "voltage" and not only and not _plain(joint):
+                        self.share(column)
+                    elif (
                         only
                         and signal in ("voltage", "temperature", "enabled", "current", "duty")
                         and target not in self.out.columns
@@ -280,6 +304,13 @@ class _Proposer:
         if not self.out.joints:
             ask = "which column is the position of a joint? Write <joint>.position: <column>, in rad (slide: m)."
             self.out.questions.append(Question((f"{ONLY_JOINT}.position",), ask))
+
+    def share(self, column: _Column) -> None:
+        """A supply that all joints have."""
+        values = self.moved(column.name).columns[column.name]
+        for joint in self.out.joints:
+            if f"{joint}.voltage" not in self.out.columns:
+                self.put(f"{joint}.voltage", read_other("voltage", column.name, values, column.unit, column.how))
 
     def ask_for_commands(self) -> None:
         """A joint that nothing drives is no log of a drive."""

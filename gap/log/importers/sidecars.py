@@ -16,6 +16,7 @@ from ..types import MeasuredRun
 from .proposal import Proposal
 from .recording import Recording
 
+BENCH = "bench"
 UNMEASURED = {
     "unknown": ["zero", "friction", "armature"],
     "notes": "Neither the mass of the pendulum's rod was recorded (arm_mass 0 is a placeholder) nor where the "
@@ -23,7 +24,12 @@ UNMEASURED = {
 }
 BLANK_ROBOT = """\
 robot:  # FILL IN: bench (a mass on the shaft), or the file of your robot's model: my_arm.yaml, .xml, .urdf
-# robot_params: {mass: 0.5, length: 0.12, arm_mass: 0.03}   # of a bench [kg], [m], [kg]; mass: 0 is an empty shaft
+"""
+BLANK_LOAD = """\
+robot_params:  # FILL IN the load{of}: mass [kg], its distance from the shaft [m], mass of the rod [kg]
+  # mass: 0.5   # 0 is an empty shaft, and needs no length
+  # length: 0.12
+  # arm_mass: 0.03
 """
 BLANK_ACTUATORS = """\
 actuators:  # FILL IN: what drives each joint: a name such as sts3215, bam:fit.json, or a list of stages
@@ -31,7 +37,11 @@ actuators:  # FILL IN: what drives each joint: a name such as sts3215, bam:fit.j
 
 
 def proposed_sidecar(
-    recordings: Sequence[Recording], proposal: Proposal, robot: str | None, actuator: str | None
+    recordings: Sequence[Recording],
+    proposal: Proposal,
+    robot: str | None,
+    actuator: str | None,
+    params: Mapping[str, float] | None = None,
 ) -> dict[str, Any]:
     """The sidecar that files and answers give; what nobody says is left out."""
     first = recordings[0]
@@ -39,10 +49,12 @@ def proposed_sidecar(
     sidecar: dict[str, Any] = {}
     pendulum = {"mass", "length"} <= facts.keys() and len(joints) == 1
     if robot or pendulum:
-        sidecar["robot"] = robot or "bench"
-    if pendulum and sidecar["robot"] == "bench":
+        sidecar["robot"] = robot or BENCH
+    if pendulum and sidecar["robot"] == BENCH:
         given = {key: f"${{{key}}}" for key in ("mass", "length", "arm_mass") if key in facts}
         sidecar["robot_params"] = {"arm_mass": 0.0, **given}
+    if params:
+        sidecar["robot_params"] = {**sidecar.get("robot_params", {}), **params}
     driven = [joint for joint in joints if f"{joint}.goal" in proposal.columns]
     if actuator:
         sidecar["actuators"] = dict.fromkeys(joints, actuator)
@@ -56,7 +68,7 @@ def proposed_sidecar(
     if units := {f"{joint}.{signal}": "m" for joint in sorted(proposal.slides) for signal in ("position", "goal")
                  if f"{joint}.{signal}" in proposal.columns}:  # fmt: skip
         sidecar["units"] = units
-    if pendulum and sidecar.get("robot") == "bench" and "arm_mass" not in facts:
+    if pendulum and sidecar.get("robot") == BENCH and "arm_mass" not in {**facts, **(params or {})}:
         sidecar["notes"] = UNMEASURED["notes"]
         sidecar["meta"] = {"unknown": UNMEASURED["unknown"]}
     return sidecar
@@ -96,8 +108,9 @@ def text_with_blanks(content: Mapping[str, Any], runs: Sequence[MeasuredRun]) ->
     joints = list(runs[0].joints)
     if "robot" not in known and not all(run.robot for run in runs):
         lines.append(BLANK_ROBOT.rstrip())
+    load = BLANK_LOAD.format(of="" if known.get("robot") == BENCH else " of a bench") if _without_load(runs) else ""
     missing = [joint for joint in joints if joint not in everywhere]
-    text = yaml.safe_dump(known, sort_keys=False, allow_unicode=True) if known else ""
+    text = load + (yaml.safe_dump(known, sort_keys=False, allow_unicode=True) if known else "")
     if missing and not everywhere:
         text += BLANK_ACTUATORS + "".join(f"  # {joint}: sts3215\n" for joint in missing)
     return "\n".join(lines) + "\n" + text
@@ -107,8 +120,15 @@ def blanks(runs: Sequence[MeasuredRun]) -> list[str]:
     """What must be filled in before the logs can be diagnosed."""
     run = runs[0]
     out = [] if run.robot else ["robot"]
+    if _without_load(runs):
+        out.append("robot_params" if run.robot else "robot_params (of a bench)")
     driven = [joint for joint, log in run.joints.items() if log.goal is not None and joint not in run.actuators]
     return out + (["actuators"] if driven else [])
+
+
+def _without_load(runs: Sequence[MeasuredRun]) -> bool:
+    """Whether these may be of a bench, and none says what hangs on its shaft."""
+    return all(run.robot in ("", BENCH) and not run.robot_params for run in runs) and len(runs[0].joints) == 1
 
 
 def beside(robot: str | None, out: Path) -> str | None:
