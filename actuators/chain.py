@@ -241,6 +241,11 @@ class Chain:
         return any(stage.shapes_dry_friction() for stage in self.stages)
 
 
+def listed() -> list[str]:
+    """All names in ``configs/actuator``, of chains and of sets, as the help pages list them."""
+    return sorted(path.stem for path in LIBRARY.glob("*.yaml"))
+
+
 def names() -> list[str]:
     """Names of the chains in ``configs/actuator``, without the sets for the joints of one robot."""
     return sorted(path.stem for path in LIBRARY.glob("*.yaml") if isinstance(_read(path), list))
@@ -287,9 +292,10 @@ def load_chain(source: str | Path | Sequence[Any] | Chain) -> Chain:
             raise ChainError(f"the actuator {path} is no YAML file; give it the ending .yaml.")
         path = LIBRARY / f"{source}.yaml"
         if not path.is_file():
+            known = listed()
             raise ChainError(
-                f"there is no actuator '{source}'{nearest(str(source), names())}; "
-                f"give one of {', '.join(names())} or the path of a YAML file."
+                f"there is no actuator '{source}'{nearest(str(source), known)}; "
+                f"give one of {', '.join(known)} or the path of a YAML file."
             )
     document = _read(path)
     if isinstance(document, Mapping):

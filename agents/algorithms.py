@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import logging
+import warnings
 from collections.abc import Mapping
 from typing import Any
 
@@ -14,6 +16,7 @@ from stable_baselines3.common.vec_env import VecEnv, VecNormalize
 from ..actuators.errors import SealegsError, nearest
 from ..configs.check import arguments, checked
 
+LOGGER = logging.getLogger("sealegs")
 ALGORITHMS: dict[str, type[BaseAlgorithm]] = {"ppo": PPO, "sac": SAC}
 ACTIVATIONS = {"tanh": torch.nn.Tanh, "relu": torch.nn.ReLU, "elu": torch.nn.ELU}
 
@@ -85,11 +88,34 @@ def build(agent: Mapping[str, Any], env: VecEnv, seed: int) -> BaseAlgorithm:
             keywords[key] = LinearSchedule(_schedule(value) or 0.0, 0.0, 1.0)
     if keywords.get("policy_kwargs"):
         keywords["policy_kwargs"] = _policy_keywords(keywords["policy_kwargs"])
+    _fit_batches(keywords, agent["algorithm"], env.num_envs)
     try:
-        return algorithm(agent["algorithm"])(env=env, seed=seed, **keywords)
+        with warnings.catch_warnings():
+            warnings.filterwarnings("ignore", "You have specified a mini-batch size", UserWarning)  # said above
+            return algorithm(agent["algorithm"])(env=env, seed=seed, **keywords)
     except (AssertionError, TypeError, ValueError, RuntimeError) as error:
         reason = str(error).strip().splitlines() or [type(error).__name__]
         raise SealegsError(f"Stable-Baselines3 refuses the agent's arguments: {reason[0]}") from error
+
+
+def _fit_batches(keywords: dict[str, Any], name: str, num_envs: int) -> None:
+    """Let PPO's minibatches not be larger than what is collected between updates, and say where they do not divide it.
+
+    A larger one is what was collected: nothing changes but Stable-Baselines3's warning, which speaks of keys that no
+    config has.
+    """
+    size, steps = keywords.get("batch_size"), keywords.get("n_steps")
+    if name != "ppo" or not isinstance(size, int) or not isinstance(steps, int) or size < 2 or steps * num_envs < 2:
+        return  # which is refused
+    collected = steps * num_envs
+    keywords["batch_size"] = min(size, collected)
+    if rest := collected % keywords["batch_size"]:
+        near = max(part for part in range(1, size + 1) if collected % part == 0)
+        LOGGER.warning(
+            "agent.batch_size=%d leaves a minibatch of %d of the %d steps between updates (agent.n_steps=%d times "
+            "n_envs=%d); agent.batch_size=%d divides them.",
+            size, rest, collected, steps, num_envs, near,
+        )  # fmt: skip
 
 
 def _normalize_arguments() -> dict[str, Any]:

@@ -15,6 +15,7 @@ from sealegs.actuators.layout import P_STATE_SIZE
 from sealegs.actuators.stages import STAGES, Stage, build_stage
 from sealegs.actuators.stages.base import in_order
 from sealegs.actuators.stages.friction import Friction
+from sealegs.configs.script import help_page
 
 MOTOR = [{"supply": {"volts": 7.4}}, {"dc_motor": {"motor_constant": 1.2, "resistance": 2.7}}]
 SERVO = [{"position_p": {"gain": 5.0}}, *MOTOR]
@@ -98,6 +99,16 @@ def test_a_wrong_chain_is_refused_with_one_sentence(stages, words):
 def test_a_wrong_name_is_answered_with_the_nearest_right_one():
     assert "did you mean 'sts3215'?" in refusal("sts321")
     assert "not 5" in refusal(5)
+
+
+def test_help_and_error_list_the_same_actuators():
+    """The error left out the sets for the joints of one robot, which the help page lists and robots take."""
+    page = help_page("train", "").partition("actuator=")[2].partition("  agent")[0]
+    listed = set(re.findall(r"\w+", page.partition("\n\n")[0]))
+    with pytest.raises(ChainError) as refusal:
+        load_chain("no such chain")
+    said = str(refusal.value).partition("give one of ")[2].partition(" or the path")[0]
+    assert set(said.split(", ")) == listed and {"sts3215", "silo4_pd"} <= listed
 
 
 def test_a_typing_error_in_a_file_is_named_with_its_line(tmp_path):

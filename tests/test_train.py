@@ -11,6 +11,7 @@ import shutil
 import signal
 import subprocess
 import sys
+import warnings
 from pathlib import Path
 from types import SimpleNamespace
 from typing import Any
@@ -20,10 +21,12 @@ import numpy as np
 import pytest
 import yaml
 from sealegs.agents import run_folder
+from sealegs.agents.algorithms import build
 from sealegs.agents.cross_evaluation import mean_reward
 from sealegs.agents.make_env import stream_seed
 from sealegs.commands import train
 from sealegs.configs.script import run as run_script
+from sealegs.envs.sb3 import BatchVecEnv
 from stable_baselines3 import PPO
 from stable_baselines3.common.vec_env import VecNormalize
 from tensorboard.backend.event_processing.event_accumulator import EventAccumulator
@@ -124,6 +127,18 @@ def test_tensorboard_reads_the_keys_people_look_for(finished: Path) -> None:
     keys = set(reader.Tags()["scalars"])
     assert {"rollout/ep_rew_mean", "eval/mean_reward", "time/fps", "train/value_loss", "train/learning_rate"} <= keys
     assert [event.step for event in reader.Scalars("eval/mean_reward")] == [256, 512]
+
+
+def test_short_runs_are_not_met_by_a_librarys_warning(caplog: pytest.LogCaptureFixture) -> None:
+    """Stable-Baselines3 spoke of a RolloutBuffer and of keys that no config has."""
+    env = BatchVecEnv("SeaLegs/Bench-v0", 2, seed=0)
+    agent = {"algorithm": "ppo", "policy": "MlpPolicy", "n_steps": 64}
+    with warnings.catch_warnings():
+        warnings.simplefilter("error", UserWarning)
+        assert getattr(build({**agent, "batch_size": 1024}, env, 0), "batch_size") == 128  # noqa: B009
+        assert not caplog.messages, "a minibatch of all that was collected is nothing to tell"
+        build({**agent, "batch_size": 100}, env, 0)
+    assert len(caplog.messages) == 1 and "agent.batch_size=64 divides them" in caplog.messages[0]
 
 
 @pytest.mark.long
