@@ -13,10 +13,11 @@ from ..configs.check import checked
 from .bus import ServoBus
 from .buses import BusGroup
 from .interface import Bus
+from .limits import Limits
 from .packets import ConfigurationError
 from .registers import ready_at
 from .robot import Joint, ServoRobot
-from .supervisor import Charge, Opening, Rest
+from .supervisor import Bearable, Charge, Opening, Rest
 
 WATCHED_CYCLES = 3  # without a request, at least, before servos with a bus watchdog stop by themselves
 SHORT = 16  # steps by which a servo may stop short of its joint's range
@@ -198,7 +199,7 @@ def opened_bus(hw: Mapping[str, Any], ports: Mapping[str, str], robot: ServoRobo
 
 
 def charge_of(
-    config: Mapping[str, Any], ports: Mapping[str, str], robot: ServoRobot, rest: Rest, events: str
+    config: Mapping[str, Any], ports: Mapping[str, str], robot: ServoRobot, rest: Rest, events: str, limits: Limits
 ) -> Charge:
     """What the supervisor of a run must know.
 
@@ -208,6 +209,7 @@ def charge_of(
         robot: on them.
         rest: what becomes of the servos.
         events: file for events.
+        limits: of the run.
     """
     ids = {line.name: [joint.id for joint in robot.joints if joint.line == line] for line in robot.lines}
     opening = openings(config["hw"], ports, robot)
@@ -220,4 +222,5 @@ def charge_of(
     return Charge(
         first.port, first.baudrate, first.servo, first.timeout, ids.get("", []), rest,
         config["silence"], os.getpid(), events, config["patience"], others, config["hw"]["virtual"] is None,
+        bearable=Bearable(limits.temperature, limits.current, limits.current_time),
     )  # fmt: skip

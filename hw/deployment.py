@@ -222,7 +222,7 @@ def _guarded(deployment: Deployment, bus: Bus, opened: Opened, stop: Stop, say: 
             f"Running {deployment.commands.name} at {deployment.rate:g} Hz for {deployment.duration:g} s, "
             f"into {log.path}"
         )
-        charge = charge_of(config, opened.ports, robot, rest, str(log.events_path.resolve()))
+        charge = charge_of(config, opened.ports, robot, rest, str(log.events_path.resolve()), deployment.limits)
         # a terminal's keys are the shell's again when the run is over
         supervisor = Supervisor(replace(charge, button=None if by_key else button))
         pressed = stack.enter_context(emergency_stop(button, stop, lambda: release(supervisor, bus, robot.ids)))

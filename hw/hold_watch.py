@@ -9,7 +9,7 @@ from .bus import ServoBus
 from .in_charge import InCharge
 from .packets import PortBusyError, PortError
 from .servo_state import ServoState
-from .supervisor import Line
+from .supervisor import Bearable, Line
 from .take_over import Aftermath, sentence
 
 LOOK = 0.5  # [s] between two looks
@@ -31,6 +31,7 @@ class Held:
         torque: as it was read last; None: never.
         off: in how many looks in a row it had no torque.
         named: whether a person was told that it is silent, or has lost its torque.
+        strained: since when its current has been beyond what it may bear [s]; None: it is not.
     """
 
     servo: int
@@ -40,20 +41,28 @@ class Held:
     torque: bool | None = None
     off: int = 0
     named: bool = False
+    strained: float | None = None
 
 
 class HoldWatch:
     """Looks at held servos until their torque is off, or a later run has them in its charge."""
 
-    def __init__(self, lines: Sequence[Line], after: Aftermath, claims: Mapping[str, InCharge] | None = None) -> None:
+    def __init__(
+        self,
+        lines: Sequence[Line],
+        after: Aftermath,
+        claims: Mapping[str, InCharge] | None = None,
+        bearable: Bearable | None = None,
+    ) -> None:
         """Watch.
 
         Args:
             lines: with the servos.
             after: how to tell.
             claims: of this process on them, by name of the bus; None: nobody else can have any.
+            bearable: beyond which all are released; None: at faults that a servo reports only.
         """
-        self._claims = claims or {}
+        self._claims, self._bearable = claims or {}, bearable
         self._lines = [(line, [Held(servo, line.named([servo])[0]) for servo in line.ids]) for line in lines]
         self._after = after
         self._why: str | None = None  # they are to be released
@@ -145,6 +154,20 @@ class HoldWatch:
         one.torque, one.off = torque, 0 if torque else one.off + 1
         if (fault := next(iter(state.faults()), None)) is not None:
             self._why = str(fault)
+        elif (strain := self._strain(one, state)) is not None:
+            self._why = f"servo {one.name} {strain}"
+
+    def _strain(self, one: Held, state: ServoState) -> str | None:
+        """What the servo may not bear for long, if anything."""
+        if (most := self._bearable) is None:
+            return None
+        temperature, current = float(state.temperature[0]), abs(float(state.current[0]))
+        one.strained = None if current <= most.current else state.after if one.strained is None else one.strained
+        if temperature > most.temperature:
+            return f"is at {temperature:.0f} degC; its limit is {most.temperature:g} degC."
+        if one.strained is not None and (lasted := state.after - one.strained) > most.current_time:
+            return f"drew more than {most.current:g} A for {lasted:.1f} s; {most.current_time:g} s are tolerated."
+        return None
 
     def _silent(self, one: Held, error: Exception) -> None:
         now = self._after.clock.now()

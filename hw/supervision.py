@@ -165,7 +165,7 @@ def main(read_line: Callable[[], bytes]) -> None:
     """Serve one loop."""
     for number in (signal.SIGINT, signal.SIGTERM, signal.SIGHUP):
         signal.signal(number, signal.SIG_IGN)  # it ends with its loop, not before
-    charge = Charge(**json.loads(read_line()))
+    charge = Charge.read(read_line())
     charge.load()
     button = Button(charge.button)
     sys.stdout.buffer.write(READY)
@@ -198,7 +198,7 @@ def main(read_line: Callable[[], bytes]) -> None:
             os.write(1, AT_REST)
     if rest == "hold":
         process.on_its_own()
-        HoldWatch(charge.lines(), after, mine).watch()
+        HoldWatch(charge.lines(), after, mine, charge.bearable).watch()
 
 
 if __name__ == "__main__":

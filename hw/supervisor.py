@@ -37,6 +37,21 @@ Rest = Literal["release", "hold"]
 
 
 @dataclass(frozen=True)
+class Bearable:
+    """What servos may bear for long while they are held; those of a run's limits that holding still can pass.
+
+    Attributes:
+        temperature: highest of a servo [degC].
+        current: largest of a servo [A], for longer than ``current_time``.
+        current_time: [s].
+    """
+
+    temperature: float
+    current: float
+    current_time: float
+
+
+@dataclass(frozen=True)
 class Charge:
     """What a supervisor must know.
 
@@ -51,6 +66,7 @@ class Charge:
         others: further buses of the robot; each a mapping of bus, port, baudrate, servo, ids.
         lasting: whether the servos outlive the run; those of a virtual machine that it started do not.
         button: file descriptor of an emergency stop, which the supervisor looks at once the loop is over; None: none.
+        bearable: beyond which held servos are released; None: at their own faults only.
     """
 
     port: str
@@ -66,6 +82,17 @@ class Charge:
     others: list[dict[str, Any]] = field(default_factory=list)
     lasting: bool = True
     button: int | None = None
+    bearable: Bearable | None = None
+
+    @classmethod
+    def read(cls, text: bytes) -> Charge:
+        """The charge that :meth:`written` wrote."""
+        row = json.loads(text)
+        return cls(**{**row, "bearable": row["bearable"] and Bearable(**row["bearable"])})
+
+    def written(self) -> bytes:
+        """As one line."""
+        return json.dumps(asdict(self)).encode() + b"\n"
 
     def lines(self) -> list[Line]:
         """Each bus with servos."""
@@ -188,7 +215,7 @@ class Supervisor:
             charge = replace(charge, button=button)
         assert self._process.stdin is not None and self._process.stdout is not None
         self._pipe, self._answers = self._process.stdin, self._process.stdout
-        self._pipe.write(json.dumps(asdict(charge)).encode() + b"\n")
+        self._pipe.write(charge.written())
         self._pipe.flush()
         ready, _, _ = select.select([self._answers], [], [], STARTS)
         if not ready or self._answers.readline() != READY:

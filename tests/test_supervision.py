@@ -18,7 +18,7 @@ from sealegs.hw.hold_watch import HoldWatch
 from sealegs.hw.in_charge import InCharge
 from sealegs.hw.packets import PortBusyError, PortError
 from sealegs.hw.supervision import End, watch
-from sealegs.hw.supervisor import BEAT, DONE, HELD, READY, RELEASE, RESTING, STARTING, Charge, Line
+from sealegs.hw.supervisor import BEAT, DONE, HELD, READY, RELEASE, RESTING, STARTING, Bearable, Charge, Line
 from sealegs.hw.take_over import Aftermath, bring_all_to_rest
 
 from tests.simulated_runs import Simulation
@@ -210,6 +210,28 @@ def test_a_held_servo_that_lost_its_torque_is_named_and_the_others_are_held_on()
     assert left.said == ["servo 3 was held and has lost its torque; the others are held on."]
     assert left.simulation.bus.torque_off([1, 2, 4]) == {}
     assert looked_at(left, 2.0), "somebody else released them"
+
+
+@pytest.mark.parametrize(
+    ("bearable", "said"),
+    [(Bearable(20.0, 9.0, 1.0), "degC; its limit is 20 degC"), (Bearable(99.0, 0.0, 1.0), "drew more than 0 A for 1")],
+)
+def test_held_servos_are_released_at_the_limits_of_the_run_that_left_them(bearable: Bearable, said: str) -> None:
+    left = Left()
+    left.simulation.bus.write_goals([1, 2, 3, 4], [0.5] * 4)
+    watcher, begun = HoldWatch(left.lines, left.after, bearable=bearable), left.now
+    while not watcher.look() and left.now < begun + 5.0:
+        left.after.clock.sleep(0.25)
+    assert left.simulation.torque == [False] * 4 and said in left.said[-1]
+    assert said.startswith("degC") or left.now - begun > 1.0, "a moment is tolerated"
+    patient = Left()
+    patient.watcher = HoldWatch(patient.lines, patient.after, bearable=Bearable(99.0, 9.0, 1.0))
+    assert not looked_at(patient, 3.0)
+
+
+def test_a_charge_is_read_as_it_was_written() -> None:
+    for given in (charge(), charge(bearable=Bearable(65.0, 1.0, 0.3), others=[{"bus": "legs"}])):
+        assert Charge.read(given.written()) == given
 
 
 def test_the_watch_ends_where_a_later_run_has_the_servos_even_if_they_were_to_be_released(tmp_path: Path) -> None:

@@ -6,9 +6,12 @@ import re
 from pathlib import Path
 
 from sealegs.actuators import load_chain
+from sealegs.envs.hopper.robot import HOPPER
 from sealegs.gap.causes.catalogue import catalogue
 from sealegs.gap.causes.cause import Cause, Needs
-from sealegs.gap.causes.registry import GROUND, ROBOT
+from sealegs.gap.causes.registry import ROBOT
+from sealegs.gap.ground.causes import contact_causes
+from sealegs.gap.ground.leg_model import LegModel
 from sealegs.gap.replay.joint_model import JointModel
 from sealegs.gap.shared.directions import TILTS
 from sealegs.gap.shared.search import SENTENCES
@@ -68,8 +71,11 @@ def page() -> str:
     parts.append("\n## The whole robot\n\nCauses of the load are also sought over all joints of a robot together")
     parts.append(" ([What joints share](diagnose-your-robot.md#what-joints-share)). Only there is sought:\n")
     parts += [_of_robot(name) for name in ROBOT]
-    parts.append("\n## The ground under a leg\n\n")
-    parts.append(f"{', '.join(f'`{name}`' for name in GROUND)}: [The ground under a leg](ground.md).\n")
+    parts.append(
+        "\n## The ground under a leg\n\nSought in the stances of a hopper ([The ground under a leg](ground.md)).\n"
+    )
+    leg = LegModel.of({}, {joint: load_chain(chain) for joint, chain in HOPPER.chains.items()})
+    parts += [_section(cause, "a hopper's log with the motion of its base") for cause in contact_causes(leg)]
     return "".join(parts)
 
 
@@ -79,7 +85,7 @@ def _of_robot(name: str) -> str:
     return f"{head}{TABLE}{''.join(rows)}\nNeeds: the robot's model file.\n"
 
 
-def _section(cause: Cause) -> str:
+def _section(cause: Cause, needs: str | None = None) -> str:
     kind = "A number of the nominal model that is wrong." if cause.error else "An effect that the model lacks."
     rows = [f"\n### {cause.name}\n\n{cause.sentence} *{kind}*\n"]
     rows.append(TABLE)
@@ -90,7 +96,7 @@ def _section(cause: Cause) -> str:
             key = (number.path.rstrip("*"), "factor" if factor else number.unit)
             bounds.setdefault(key, []).extend((number.low, number.high))
     rows += [f"| `{path}` | {unit} | {min(ends):.3g} | {max(ends):.3g} |\n" for (path, unit), ends in bounds.items()]
-    rows.append(f"\nNeeds: {_needs(cause.needs)}.")
+    rows.append(f"\nNeeds: {needs or _needs(cause.needs)}.")
     if cause.refuted_by is not None:
         rows.append(f" Refuted by: samples of `{cause.refuted_by.channel}` above the fitted limit.")
     if cause.degenerates_to is not None:
