@@ -24,6 +24,7 @@ UNKNOWN_ERROR, UNKNOWN_SPEED = 0.3, 10.0  # [rad], [rad/s] for chains that tell 
 UNKNOWN_REST = 0.05  # share of the error of full duty that friction holds, where the chain tells none; assumed
 LEAST = 0.1  # [rad] that any joint may be behind: stiff controllers reach full duty within their own lag
 LEAST_REST = 0.015  # [rad] that any goal may move without a step: ten steps of an encoder with 4096
+SHAKING = 0.1  # [s] time constant over which a goal is smoothed: what is faster moves no joint by a step; assumed
 BOUNDLESS = 1e3  # torque limits from here on are none [N.m]
 
 
@@ -105,7 +106,7 @@ class Following:
         self._speed = REACHED * np.array([item.speed for item in abilities])
         self._period, self._time = period, 0.0
         self._reachable: np.ndarray | None = None
-        self._position = self._least = self._most = np.zeros(0)
+        self._position = self._smooth = self._least = self._most = np.zeros(0)
         self.error, self.behind, self.stuck = (np.zeros(len(abilities)) for _ in range(3))
 
     def see(self, goal: np.ndarray, position: np.ndarray, fresh: np.ndarray, time: float) -> None:
@@ -119,7 +120,7 @@ class Following:
         """
         if self._reachable is None:
             self._reachable, self._position, self._time = position.copy(), position, time - self._period
-            self._least = self._most = goal
+            self._smooth = self._least = self._most = goal
         dt, self._time = max(time - self._time, 0.0), time
         step = dt * self._speed
         self._reachable = self._reachable + np.clip(goal - self._reachable, -step, step)
@@ -128,10 +129,11 @@ class Following:
         self.behind = self._lasting(self.error > self.limits, self.behind, dt)
         changed = fresh & (position != self._position)
         self._position = np.where(changed, position, self._position)
-        self._least = np.where(changed, goal, np.minimum(self._least, goal))
-        self._most = np.where(changed, goal, np.maximum(self._most, goal))
+        self._smooth = goal + (self._smooth - goal) * np.exp(-dt / SHAKING)
+        self._least = np.where(changed, self._smooth, np.minimum(self._least, self._smooth))
+        self._most = np.where(changed, self._smooth, np.maximum(self._most, self._smooth))
         held = self._rest + self._loaded * np.minimum(np.abs(goal - self._position), self._full)
-        moved = (self.stuck > 0.0) | (self._most - self._least > held)
+        moved = np.maximum(self._most - self._smooth, self._smooth - self._least) > held
         self.stuck = self._lasting(moved & ~changed, self.stuck, dt)
 
     def _lasting(self, beyond: np.ndarray, lasted: np.ndarray, dt: float) -> np.ndarray:

@@ -8,6 +8,7 @@ from typing import Any
 import numpy as np
 import pytest
 from sealegs.hw.commands import Trajectory
+from sealegs.hw.following import Ability, Following
 
 from tests.simulated_runs import Simulation, sine
 
@@ -50,6 +51,16 @@ def test_twice_the_friction_that_the_chain_has_is_no_blind_servo(amplitude: floa
     hidden.write_text("friction.coulomb: 0.1\n")
     outcome = Simulation(hidden=str(hidden), commands=sine(amplitude, 0.2), limits=LOOSE).run(4.0)
     assert outcome.ending == "finished", outcome.fault
+
+
+def test_a_goal_that_shakes_about_one_place_makes_no_servo_blind_and_one_that_goes_away_does() -> None:
+    for drift, blind in ((0.0, False), (0.02, True)):  # [rad/s]
+        following = Following([Ability(0.3, 10.0, 0.3, 0.0075, 0.3)], np.array([np.nan]), 0.01)
+        random, here = np.random.default_rng(0), np.array([1.4])
+        for k in range(200):
+            goal = here + random.choice((-0.009, 0.0, 0.009), 1) + drift * 0.01 * k
+            following.see(goal, here, np.array([True]), 0.01 * k)
+        assert (following.stuck[0] > 0.3) == blind
 
 
 def test_a_joint_that_is_told_to_stand_still_is_not_taken_for_blind() -> None:
