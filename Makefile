@@ -5,6 +5,7 @@ PY := $(VENV)/bin/python
 INSTALLED := $(VENV)/.installed
 LINKS := $(VENV)/types/sealegs
 EXTRAS := train report video hw dynamixel ros docs dev
+FOREIGN := lerobot deepdiff orderly-set
 RUFF = $(PY) -m ruff check . && $(PY) -m ruff format --check .
 LAYERS = PYTHONPATH=$(VENV)/types $(VENV)/bin/lint-imports --no-logo --no-cache
 PYTEST = $(PY) -m pytest -n 2 --dist worksteal --durations=15
@@ -87,6 +88,8 @@ $(INSTALLED): pyproject.toml setup.py constraints.txt
 	    > $(VENV)/requirements.txt
 	@# what is imported gets compiled then; compiling all of it takes a minute
 	$(PY) -m pip install --disable-pip-version-check --no-compile -c constraints.txt -r $(VENV)/requirements.txt
+	@# a foreign client that the tests run unchanged on the virtual servos; of what it needs, its buses need this
+	$(PY) -m pip install --disable-pip-version-check --no-compile --no-deps -c constraints.txt $(FOREIGN)
 	$(PY) -m pip install --disable-pip-version-check --no-deps --no-build-isolation -e .
 	@touch $@
 

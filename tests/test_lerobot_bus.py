@@ -18,7 +18,7 @@ from sealegs.hw.virtual.wire import Wire
 
 from tests import served_bus, simulated_dynamixels
 
-WITHOUT = "needs LeRobot's buses: pip install --no-deps lerobot==0.4.4 deepdiff==8.6.1 orderly-set==5.5.0"
+WITHOUT = "needs LeRobot's buses: make setup, or pip install --no-deps -c constraints.txt lerobot deepdiff orderly-set"
 TRIES = 20  # of each request: the SDKs wait for 50 ms at most, which a machine that runs tests may take
 
 
