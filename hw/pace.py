@@ -9,7 +9,7 @@ from pathlib import Path
 from .interface import Adapter
 
 READINGS = 12  # of which the median counts
-BUSY = 0.5  # share of a period that a reading may take: policy, goals and log need the rest
+BUSY = 0.7  # share of a period that a reading may take, before policy, goals and log; 18 servos at 100 Hz take 0.6
 WINDOW = 1.0  # [s] over which overruns are counted
 DEVICES = Path("/sys/bus/usb-serial/devices")
 """Where Linux shows what a USB adapter is set to; only FTDI's have a ``latency_timer`` [ms]."""

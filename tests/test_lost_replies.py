@@ -111,6 +111,10 @@ def test_the_latency_timer_is_named_where_the_adapter_has_one_that_holds_bytes(
         (tmp_path / "ttyUSB7" / "latency_timer").write_text(held + "\n")
     monkeypatch.setattr(pace, "DEVICES", tmp_path)
     said = pace.too_slow(0.017, 0.01, "/dev/ttyUSB7")
-    assert said is not None and "rate=29" in said
+    assert said is not None and "rate=41" in said
     assert (f"holds bytes for 16 ms, which `echo 1 | sudo tee {tmp_path}/ttyUSB7/latency_timer`" in said) == mends
     assert ("higher baud rate" in said and "return_delay" in said) != mends
+
+
+def test_eighteen_servos_at_a_hundred_hertz_are_not_called_too_slow() -> None:
+    assert pace.too_slow(0.0061, 0.01, "/dev/ttyUSB7") is None
