@@ -4,8 +4,11 @@ from __future__ import annotations
 
 import csv
 import json
+import os
+import signal
 import sys
 from collections.abc import Iterator
+from multiprocessing.connection import Connection
 from pathlib import Path
 
 import pytest
@@ -14,6 +17,7 @@ from sealegs.gap.fleet import Job, Outcome, diagnose_fleet, find_jobs, rows_of, 
 from sealegs.gap.fleet import jobs as jobs_module
 from sealegs.gap.fleet.jobs import finished, run_job, source
 from sealegs.gap.fleet.page import draw_fleet, write_page
+from sealegs.gap.fleet.run import in_processes
 from sealegs.gap.log import write_run
 
 from testbed import hidden_bench
@@ -151,6 +155,24 @@ def test_processes_of_their_own_diagnose_and_one_that_dies_takes_no_other_along(
     outcomes = {o.name: o for o in diagnose_fleet([lost, jobs[2]], workers=2)}
     assert "no such file" in outcomes["lost"].error
     assert "sidecar" in outcomes["c"].error
+
+
+def dies(job: Job, connection: Connection, joints: int) -> None:
+    """Body of a process that dies, the first time or always."""
+    mark = job.log.with_suffix(".seen")
+    if job.name == "always" or not mark.exists():
+        mark.touch()
+        os.kill(os.getpid(), signal.SIGKILL)
+    connection.send(Outcome(job.name, document(job.name, None)))
+
+
+@pytest.mark.long
+def test_a_servo_whose_process_dies_is_begun_once_more(tmp_path: Path) -> None:
+    jobs = [Job(name, tmp_path / name, tmp_path / "out" / name) for name in ("once", "always")]
+    told: list[tuple[str, str]] = []
+    outcomes = {o.name: o for o in in_processes(jobs, 2, lambda name, text: told.append((name, text)), dies)}
+    assert outcomes["once"].document is not None and "SIGKILL" in outcomes["always"].error
+    assert sum(text == "starting" for _, text in told) == 4 and any("Once more" in text for _, text in told)
 
 
 def test_ray_is_named_where_it_is_missing(

@@ -125,14 +125,14 @@ def diagnose_folder(
     return found, found.save(out, progress)
 
 
-def run_job(job: Job, progress: Progress = lambda text: None) -> Outcome:
-    """Diagnose one servo; its folder appears whole or not at all.
+def run_job(job: Job, progress: Progress = lambda text: None, joints: int = 1) -> Outcome:
+    """Diagnose one servo or robot, so many joints at a time; its folder appears whole or not at all.
 
     Whatever goes wrong becomes the outcome's sentence, so that one servo does not stop the others.
     """
     try:
         with folder_written(job.out) as staged:
-            diagnose_folder(job.log, staged, progress, **job.settings)
+            diagnose_folder(job.log, staged, progress, workers=joints, **job.settings)
             (staged / SOURCE).write_text(json.dumps(source(job), indent=1) + "\n", encoding="utf-8")
         return Outcome(job.name, json.loads((job.out / "diagnosis.json").read_text()))
     except SealegsError as error:

@@ -67,18 +67,30 @@ def diagnose_fleet(
 # --- processes of this machine -------------------------------------------------------------------------------------
 
 
-def in_processes(jobs: Sequence[Job], workers: int, report: Report) -> Iterator[Outcome]:
-    """A process per job: one that dies takes no other with it."""
+def in_processes(
+    jobs: Sequence[Job], workers: int, report: Report, work: Callable[[Job, Connection, int], None] | None = None
+) -> Iterator[Outcome]:
+    """A process per job: one that dies takes no other with it, and its job is begun once more.
+
+    Cores that are left over take the joints of a robot side by side.
+
+    Args:
+        jobs: to do.
+        workers: jobs at a time.
+        report: for progress.
+        work: body of a process, a function of a module: sends progress and at last the outcome of a job, so many
+            joints at a time; None: the diagnosis.
+    """
     context = multiprocessing.get_context("spawn")
-    threads = max((os.cpu_count() or 1) // workers, 1)
-    waiting = list(jobs)
+    joints = max((os.cpu_count() or 1) // workers, 1)
+    waiting, died = list(jobs), set[str]()
     running: dict[Connection, tuple[Any, Job]] = {}
     try:
         while waiting or running:
             while waiting and len(running) < workers:
                 job = waiting.pop(0)
                 ours, theirs = context.Pipe(duplex=False)
-                process = context.Process(target=_work, args=(job, theirs, threads), daemon=True)
+                process = context.Process(target=work or _work, args=(job, theirs, joints))
                 process.start()
                 theirs.close()
                 running[ours] = (process, job)
@@ -91,6 +103,9 @@ def in_processes(jobs: Sequence[Job], workers: int, report: Report) -> Iterator[
                 except (EOFError, OSError):  # OSError: killed while it sent something
                     process.join()
                     message = Outcome(job.name, error=_died(job, process.exitcode))
+                    if job.name not in died:
+                        died.add(job.name)
+                        waiting.append(job)
                 if isinstance(message, str):
                     report(job.name, message)
                     continue
@@ -98,7 +113,10 @@ def in_processes(jobs: Sequence[Job], workers: int, report: Report) -> Iterator[
                 connection.close()
                 remove_unfinished(job)  # of one that died
                 del running[connection]
-                yield message
+                if job in waiting:
+                    report(job.name, f"{message.error} Once more")
+                else:
+                    yield message
     finally:  # also when the person stops it
         for process, _ in running.values():
             process.terminate()
@@ -111,14 +129,14 @@ def in_processes(jobs: Sequence[Job], workers: int, report: Report) -> Iterator[
             remove_unfinished(job)
 
 
-def _work(job: Job, connection: Connection, threads: int) -> None:
-    """Body of a worker process: tells progress as text, and at last the outcome."""
+def _work(job: Job, connection: Connection, joints: int) -> None:
+    """Body of a worker process, with so many joints at a time: tells progress as text, and at last the outcome."""
     signal.signal(signal.SIGINT, signal.SIG_IGN)  # Ctrl-C is the parent's to handle
     end_with_parent(lambda: os._exit(1))
     from numba import get_num_threads, set_num_threads
 
-    set_num_threads(min(threads, get_num_threads()))
-    connection.send(run_job(job, connection.send))
+    set_num_threads(min(joints, get_num_threads()))
+    connection.send(run_job(job, connection.send, joints))
 
 
 def _died(job: Job, code: int | None) -> str:

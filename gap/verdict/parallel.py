@@ -48,7 +48,7 @@ def side_by_side(
     if min(workers, len(joints)) < 2:
         return [_told(diagnose(runs, joint, findings, request), done) for joint in joints]
     fits, quiet = kept_at(), replace(request, progress=_quiet)
-    threads = max(_cores() // workers, 1)
+    threads = max(_threads() // workers, 1)
     found: dict[str, JointDiagnosis] = {}
     request.progress(f"diagnosing {len(joints)} joints, {min(workers, len(joints))} at a time")
     context, before = multiprocessing.get_context("spawn"), set(multiprocessing.active_children())
@@ -76,6 +76,12 @@ def side_by_side(
 
 def _cores() -> int:
     return len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
+
+
+def _threads() -> int:
+    from numba import get_num_threads
+
+    return get_num_threads()  # a worker of a fleet has a part of the cores
 
 
 def _told(joint: JointDiagnosis, done: Callable[[JointDiagnosis], None]) -> JointDiagnosis:
