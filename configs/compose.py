@@ -6,6 +6,8 @@ the right key in it.
 
 from __future__ import annotations
 
+import contextlib
+import json
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from pathlib import Path
 from typing import Any
@@ -134,7 +136,10 @@ def override(base: Any, pairs: Mapping[str, str], extra_keys: ExtraKeys | None =
 
 
 def _parse(key: str, value: str) -> Any:
-    """Value of one argument, read with Hydra's grammar."""
+    """Value of one argument, read with Hydra's grammar, or as JSON: its keys may be patterns of names."""
+    if value.startswith("{"):
+        with contextlib.suppress(ValueError):
+            return json.loads(value)
     try:
         parsed: Override = OverridesParser.create().parse_override(f"{key}={value}")
         if parsed.is_sweep_override():

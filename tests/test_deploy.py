@@ -11,6 +11,7 @@ import pytest
 import yaml
 from sealegs.actuators.errors import SealegsError
 from sealegs.commands import deploy, loop
+from sealegs.configs.compose import compose, split
 from sealegs.configs.script import run as run_script
 from sealegs.envs.bench.robot import BENCH
 from sealegs.envs.contract import Contract, ContractError
@@ -18,6 +19,7 @@ from sealegs.gap.checks.data_set import check_set, unusable
 from sealegs.gap.log import JointLog, MeasuredRun, read_measured, write_run
 from sealegs.hw import deployment
 from sealegs.hw.commands import read_excitation, read_replay
+from sealegs.hw.limits import Limits
 from sealegs.hw.measured_log import MeasuredLog, make_sidecar, read_events
 from sealegs.hw.policy import Policy
 from sealegs.hw.robot import build_robot
@@ -240,6 +242,16 @@ def test_the_loop_goes_on_with_what_is_done_and_puts_unfinished_logs_aside(tmp_p
     assert not loop.complete(tmp_path, "never begun")
     assert {path.suffix for path in (tmp_path / "unfinished").iterdir()} == {".csv", ".yaml", ".jsonl"}
     assert {path.name for path in (tmp_path / "log").glob("*.csv")} == {"whole.csv"}
+
+
+@pytest.mark.parametrize("robot", ["bench", "hexapod"])
+def test_the_loop_gives_its_steps_the_safety_limits_that_it_was_given(robot: str, tmp_path: Path) -> None:
+    """It ended at its first step, with 'safety.goal_speed takes a number or null, not None'."""
+    settings = compose("loop", {"robot": robot, "robot.safety.log_only": "[following]"})
+    arguments = loop.machine_arguments(settings, tmp_path)
+    given = compose("deploy", split(arguments, deploy.PLAIN))["robot"]["safety"]
+    assert given == settings["robot"]["safety"] and given["log_only"] == ["following"]
+    Limits.from_config(given)
 
 
 def test_the_loop_needs_a_person_where_loads_change(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:

@@ -107,7 +107,7 @@ def machine_arguments(config: Mapping[str, Any], out: Path) -> list[str]:
     shared = [f"robot={config['robot']['name']}", "live=false"]
     if config["calibration"] is not None:
         shared.append(f"calibration={config['calibration']}")
-    shared += [f"robot.safety.{key}={value}" for key, value in config["robot"]["safety"].items()]
+    shared += [f"robot.safety.{key}={json.dumps(value)}" for key, value in config["robot"]["safety"].items()]
     shared += [f"hw.timeout={config['hw']['timeout']}", f"silence={config['silence']}"]
     if config["hw"]["virtual"] is None:
         return [*shared, "hw=feetech", f"port={config['port']}"]
