@@ -107,11 +107,11 @@ class Cause:
         about: body of a robot that it is of, where several causes of a search have one name.
         seen: whether it was read off the log, so that every round tries it.
         at_stops: whether it acts at stops, so that those that were read off the log are its first form.
-        against: what the error of the nominal model follows where it is there: a quantity of the picture ``response``,
-            or the column that shows a cause of the ground best.
+        against: signal that the nominal model's error depends on where the cause is present: a quantity of the picture
+            ``response``, or the column that shows a cause of the ground best.
         plausible: size by path at which it ought to show, so that finding none of it means something.
-        signature: key of the features that it must bring to where they were measured before it is certain
-            (:mod:`sealegs.gap.verdict.signatures`); empty where none is known.
+        signature: key of the features in which the extended model must agree with the measurement before the cause is
+            certain (:mod:`sealegs.gap.verdict.signatures`); empty where none is known.
     """
 
     sentence: str
