@@ -13,13 +13,17 @@ class SealegsError(ValueError):
     """
 
 
-def nearest(name: str, options: Iterable[str]) -> str:
+LIKE = 0.5
+"""Likeness, from 0 to 1, from which an option may be meant by another word."""
+
+
+def nearest(name: str, options: Iterable[str], like: float = LIKE) -> str:
     """`` (did you mean 'x'?)`` for the option closest to ``name``, or an empty string."""
-    close = closest(name, options)
+    close = closest(name, options, like)
     return f" (did you mean '{close}'?)" if close is not None else ""
 
 
-def closest(name: str, options: Iterable[str]) -> str | None:
-    """The option closest to ``name``, or None where none is close."""
-    close = difflib.get_close_matches(str(name), [str(option) for option in options], n=1, cutoff=0.5)
+def closest(name: str, options: Iterable[str], like: float = LIKE) -> str | None:
+    """The option closest to ``name``, or None where none is so close."""
+    close = difflib.get_close_matches(str(name), [str(option) for option in options], n=1, cutoff=like)
     return close[0] if close else None

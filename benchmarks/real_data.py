@@ -131,8 +131,8 @@ def draw(found: dict[int, JointDiagnosis], data: MeasuredSet, path: Path) -> Non
 
     figure, axes = plt.subplots(len(found), 4, figsize=(16, 3.2 * len(found)), squeeze=False, layout="constrained")
     for row, (gain, diagnosis) in zip(axes, found.items(), strict=True):
-        problem = diagnosis.problem
-        assert problem is not None and problem.kind == "free"
+        problem = None if diagnosis.problem is None else diagnosis.problem.joint
+        assert problem is not None
         shown = [k for k, unit in enumerate(problem.units) if unit.part == TEST][:4]
         for axis, k in zip(row, shown, strict=False):
             part = slice(problem.starts[k], problem.starts[k + 1])

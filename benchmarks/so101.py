@@ -39,9 +39,9 @@ def only(data: MeasuredSet, joint: str) -> MeasuredSet:
 
 def drive(found: JointDiagnosis) -> dict[str, float]:
     """Delays and friction of the extended joint."""
-    if found.problem is None:
+    if found.problem is None or found.problem.joint is None:
         return {}
-    joint = found.problem.models[0].with_fitted(found.values)
+    joint = found.problem.joint.models[0].with_fitted(found.values)
     paths = ("delay.seconds", "encoder.latency", "friction.coulomb", "friction.viscous", "friction.stribeck",
              "friction.load", "friction.load_quadratic", "friction.load_stribeck")  # fmt: skip
     return {path: float(joint.value(path)) for path in paths}

@@ -156,7 +156,12 @@ CASES |= {
     "a torque column out of step": (balanced(shift(0.01), left=0.149, shift=0.01), EXPLAINED),
     "the same, with more left": (balanced(shift(0.01), left=0.15, shift=-0.01), PARTLY),
     "a torque column in step": (balanced(left=0.049, nominal=0.104), NOTHING),
-    "a torque that refitted numbers explain, and no single cause": (balanced(left=0.05), NOT_IDENTIFIABLE),
+    "a torque that tuned numbers explain": (balanced(left=0.05), NOTHING),
+    "a torque that they do not, without a cause": (balanced(left=0.3), NOT_IDENTIFIABLE),
+    "a torque that refitted numbers explain, and no single cause": (
+        balanced(left=0.05, turned="friction.coulomb x 0.33"),
+        NOT_IDENTIFIABLE,
+    ),
     "a torque whose cause has rivals": (balanced(cause("load.mass", 0.5, NEAR), left=0.1), NOT_IDENTIFIABLE),
 }
 

@@ -9,11 +9,14 @@ import pytest
 import yaml
 from scipy.io import savemat
 from sealegs.cli import main
+from sealegs.envs.bench.robot import BARE, NUMBERS
+from sealegs.gap.load.pendulum import completed
 from sealegs.gap.log import LogError, read_measured
 from sealegs.gap.log.importers import import_logs, propose_for, read_mapping, read_recordings
 from sealegs.gap.log.importers.expression import evaluate
 from sealegs.gap.log.importers.mapping import Mapping
 from sealegs.gap.log.importers.proposal import propose
+from sealegs.gap.virtual.bench import LOADS
 
 DATA = Path(__file__).resolve().parents[1] / "../shared/data"
 needs_data = pytest.mark.skipif(not DATA.is_dir(), reason=f"no measured data in {DATA}")
@@ -256,6 +259,19 @@ def test_matlab_vectors_and_numbers_become_columns_and_constants(tmp_path: Path)
         read_recordings(tmp_path / "b.mat")
 
 
+def test_a_rod_that_nobody_weighed_is_the_benchs_own_in_an_import_too(tmp_path: Path) -> None:
+    """It weighed 0 kg in an imported log, and 0.03 kg everywhere else."""
+    m = motion(5.0)
+    columns = {"time": m["time"], "goal": m["goal"], "position": m["smooth"]}
+    savemat(tmp_path / "a.mat", {**columns, "mass": 0.5, "length": 0.1})
+    found = propose_for(tmp_path / "a.mat", tmp_path / "log", actuator="sts3215")
+    import_logs(tmp_path / "a.mat", tmp_path / "log", found.mapping)
+    run = read_measured(tmp_path / "log").runs[0]
+    assert run.robot == "bench" and completed(run.robot_params)["arm_mass"] == NUMBERS["arm_mass"].value
+    assert completed({"mass": 0.0})["arm_mass"] == BARE["arm_mass"] == 0.0, "an empty shaft has none"
+    assert all(load["arm_mass"] == NUMBERS["arm_mass"].value for load in LOADS)
+
+
 # --- expressions -----------------------------------------------------------------------------------------------------
 
 
@@ -291,7 +307,7 @@ def test_a_bam_recording_is_imported_with_its_pendulum_and_its_gain(tmp_path: Pa
     source = DATA / "xl330_pendulum" / "raw_2026-01-15_10h28m10.json"
     import_logs(source, tmp_path, propose_for(source, tmp_path).mapping)
     run = read_measured(tmp_path).runs[0]
-    assert run.robot_params == {"mass": 0.49, "length": 0.1, "arm_mass": 0.0} and run.meta["group"] == "kp100"
+    assert run.robot_params == {"mass": 0.49, "length": 0.1} and run.meta["group"] == "kp100"
     chain = run.actuators["servo"]
     assert isinstance(chain, list) and chain[0]["position_p"]["gain"] == pytest.approx(
         100 * 4096 / (2 * np.pi) / 256 / 885

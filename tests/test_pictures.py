@@ -58,8 +58,8 @@ def test_several_joints_do_not_share_files(found: JointDiagnosis, tmp_path: Path
 
 
 def test_the_catalogue_names_only_pictures_that_exist(found: JointDiagnosis) -> None:
-    assert found.problem is not None and found.problem.kind == "free"
-    for cause in catalogue(found.problem.models[0]):
+    assert found.problem is not None and found.problem.joint is not None
+    for cause in catalogue(found.problem.joint.models[0]):
         assert picture_of(named(cause.name, cause.picture)) in CAUSES, cause.name
         assert cause.against in UNITS, cause.name
 

@@ -95,7 +95,7 @@ def test_what_joints_share_has_rivals_and_rounds(tmp_path: Path, monkeypatch: py
     monkeypatch.setattr(shared, "search_shared", sought)
     monkeypatch.setattr(shared, "measure", lambda *given: measured)
     request = Request(search=replace(DEFAULT, least_gain=0.5), look_on=True)
-    *_, found = with_robot(robot(run), [run], [not_diagnosed([run], "elbow")], request, 4.0, raising(KeyError("none")))
+    *_, found = with_robot(robot(run), [run], [not_diagnosed([run], "elbow")], request, raising(KeyError("none")))
     assert found.joint == ROBOT and found.search is search
     assert found.rivals == ({"of": "load.mass", "names": ["load.mass", "load.inertia"], "confidence": 0.95},)
     assert request.search in asked and True in asked

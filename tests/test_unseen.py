@@ -17,7 +17,7 @@ from sealegs.gap.search.forward import Searcher
 from sealegs.gap.search.settings import DEFAULT
 from sealegs.gap.verdict.diagnosis import diagnose
 from sealegs.gap.verdict.measure import measured, not_excluded
-from sealegs.gap.verdict.unseen import does_nothing
+from sealegs.gap.verdict.unseen import does_nothing, handed_over
 from sealegs.gap.verdict.verdict import NOT_IDENTIFIABLE, WITHDRAWN
 
 from testbed import hidden_bench
@@ -38,6 +38,28 @@ def nominal() -> JointModel:
     from sealegs.actuators import load_chain
 
     return JointModel(load_chain(CHAIN))
+
+
+@pytest.mark.parametrize(
+    ("sizes", "named", "model", "why"),
+    [
+        ((1.0, 0.9, 0.8, 0.5), True, "extended", ""),
+        ((1.0, 0.4, 0.45, 0.5), True, "tuned", "rises from 400 of the tuned numbers alone to 500"),
+        ((1.0, 1.1, 1.2, 1.3), True, "nominal", "rises from 1e+03 to 1.3e+03"),
+        ((1.0, 0.9, 0.2, 0.5), True, "refitted", "refitted numbers do better: 200 against 500.0"),
+        ((1.0, 1.1, 1.2, 1.1), False, "nominal", ""),
+        ((1.0, 0.9, 0.2, 0.9), False, "refitted", ""),
+    ],
+)
+def test_the_model_that_is_handed_over_is_the_one_that_unseen_data_support(
+    sizes: tuple[float, ...], named: bool, model: str, why: str
+) -> None:
+    """Of logs with commands and of torque logs alike: each kind had a rule of its own."""
+    wave = np.sign(np.sin(np.arange(2000) / 7.0 + 0.1))
+    off = {name: size * wave for name, size in zip(("nominal", "tuned", "refitted", "extended"), sizes, strict=True)}
+    found = handed_over(off, "rad", 0, DEFAULT.verdict_draws, named=named)
+    assert found.model == model
+    assert why in found.why and bool(found.why) == bool(why)
 
 
 @pytest.mark.long

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -11,6 +12,7 @@ from sealegs.gap.log.parts import LEAST_START, cut
 from sealegs.gap.replay.free import FreeProblem, free_problem
 from sealegs.gap.replay.joint_model import JointModel
 from sealegs.gap.search.forward import Searcher
+from sealegs.gap.search.settings import DEFAULT
 from sealegs.gap.search.windows import SHORTEST, WINDOW, in_windows, split
 from sealegs.gap.verdict.diagnosis import diagnose
 from sealegs.gap.verdict.verdict import EXPLAINED
@@ -50,11 +52,11 @@ def test_a_model_that_is_near_keeps_its_whole_runs() -> None:
     assert in_windows(whole, []) is whole
 
 
-def test_a_joint_with_a_state_that_nobody_measured_keeps_its_whole_runs(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr("sealegs.gap.search.windows.FAR", 0.0)
-    assert len(in_windows(problem(), []).units) > len(problem().units)
+def test_a_joint_with_a_state_that_nobody_measured_keeps_its_whole_runs() -> None:
+    always = replace(DEFAULT, window_error=0.0)
+    assert len(in_windows(problem(), [], always).units) > len(problem().units)
     springy = problem(JointModel(CHAIN).with_values({"compliance.stiffness": 20.0}).chain)
-    assert in_windows(springy, []) is springy
+    assert in_windows(springy, [], always) is springy
 
 
 @pytest.mark.long
@@ -65,11 +67,10 @@ def test_an_effect_found_in_windows_is_judged_on_whole_runs(monkeypatch: pytest.
         searched.append(len(problem.units))
         return Searcher(problem, *rest, **more)
 
-    monkeypatch.setattr("sealegs.gap.search.windows.FAR", 0.5)
     monkeypatch.setattr("sealegs.gap.verdict.diagnosis.Searcher", searcher)
     near = ("friction.load_dependent", "friction.stribeck", "friction.coulomb", "drive.delay")
     data, _ = hidden_bench({"friction.load_dependent": "clear"}, 11, ("light", "medium", "heavy"), duration=9.0)
-    (found,) = diagnose(data, causes=near)
+    (found,) = diagnose(data, causes=near, settings=replace(DEFAULT, window_error=0.5))
     assert found.verdict == EXPLAINED and found.causes[0].name == "friction.load_dependent", found.sentence
     assert found.causes[0].parameters["friction.load"].value == pytest.approx(0.133, rel=0.1)
     assert found.problem is not None and searched[0] > 3 * len(found.problem.units)

@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import fields
 from pathlib import Path
 
-from sealegs.gap.search.settings import SearchSettings
+from sealegs.gap.search.settings import COLUMNS, EFFORT, ROBOT, TOLD, TORQUE, SearchSettings
 from sealegs.gap.search.structure import StructureLimits
 from sealegs.gap.verdict.evidence import Thresholds
 from sealegs.gap.verdict.signatures import SignatureLimits
@@ -19,12 +19,14 @@ noise: a right model has about one. How the rules work together: [Choosing cause
 """
 TABLES: tuple[tuple[str, type, bool], ...] = (
     ("What decides a name", SearchSettings, True),
-    ("What bounds the effort", SearchSettings, False),
+    *((about, SearchSettings, False) for about in (EFFORT, COLUMNS, ROBOT, TORQUE, TOLD)),
     ("What counts as structure", StructureLimits, False),
     ("What decides a verdict", Thresholds, False),
     ("What a feature must show", SignatureLimits, False),
 )
-"""Heading, class of the settings, and of the search whether they decide what is named."""
+"""Heading, class of the settings, and of the search whether they decide what is named; those that do not are listed by
+what they are about.
+"""
 
 
 def page() -> str:
@@ -32,6 +34,8 @@ def page() -> str:
     parts = [HEAD]
     for title, settings, decides in TABLES:
         rows = [item for item in fields(settings) if item.metadata["decides"] is decides]
+        if settings is SearchSettings and not decides:
+            rows = [item for item in rows if item.metadata["about"] == title]
         parts.append(f"\n## {title}\n\n`{settings.__module__}.{settings.__name__}`\n")
         parts.append("\n| setting | value | meaning |\n|---|---|---|\n")
         parts += [f"| `{item.name}` | {item.default:g} | {item.metadata['meaning']} |\n" for item in rows]

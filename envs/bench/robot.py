@@ -28,6 +28,8 @@ NUMBERS = {
     "lower_stop": Number(-FREE, "rad", "assumed: nothing stops the pendulum", -FREE, FREE, neutral=True),
     "upper_stop": Number(FREE, "rad", "assumed: nothing stops the pendulum", -FREE, FREE, neutral=True),
 }
+BARE = {"arm_mass": 0.0}
+"""What has no arm by definition: an empty shaft, and a point mass that stands for a load that nobody knows."""
 
 
 def pendulum(values: Mapping[str, float]) -> tuple[float, float, float]:

@@ -71,8 +71,7 @@ def adjustable(nominal: JointModel, width: float = TIGHT) -> list[Parameter]:
             ]
     if nominal.by_torque:  # per torque that is commanded
         found.append(Parameter("scale.factor", "1", low, high, 1.0, 0.05, logarithmic=True))
-    if nominal.load.tree:  # of bodies that somebody weighed or computed
-        found.append(Parameter("load.mass_factor", "1", low, high, 1.0, 0.05, logarithmic=True))
+    found += [Parameter(f"load.{key}", "1", low, high, 1.0, 0.05, logarithmic=True) for key in nominal.load.tunable]
     return [*found, *nominal.unknown]
 
 

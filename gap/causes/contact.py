@@ -14,17 +14,12 @@ from .registry import entry
 
 @entry("contact.blocked")
 def blocked(nominal: JointModel) -> Cause:
+    axis = nominal.axis  # which scales the ranges back to what it goes through
+    middle, half = (0.5 * length / axis.reach for length in (axis.low + axis.high, axis.high - axis.low))
     variants: list[Variant] = []
     for start in (0.9, 0.5, 0.25):
-        if nominal.load.tree:  # the middle of its motion need not be at zero
-            axis = nominal.axis
-            middle, half = 0.5 * (axis.low + axis.high), 0.5 * (axis.high - axis.low) / axis.reach
-            away = 1.05 * start * half  # of what it reached, which is less than it would have
-            upper = _end("load.stop_angle", middle, axis.reach, -0.25 * half, 2.0 * half, away)
-            lower = _end("load.lower_stop", middle, axis.reach, -2.0 * half, 0.25 * half, -away)
-        else:
-            upper = Parameter("load.stop_angle", "rad", -0.5, 2.0, start, 0.03)
-            lower = Parameter("load.lower_stop", "rad", -2.0, 0.5, -start, 0.03)
+        above, below = nominal.load.stop_ranges(middle, half, start)
+        upper, lower = Parameter("load.stop_angle", "rad", *above), Parameter("load.lower_stop", "rad", *below)
         variants += [(upper,), (lower,), (upper, lower)]
     return Cause(
         sentence="Something stops the link at an angle.",
@@ -36,17 +31,11 @@ def blocked(nominal: JointModel) -> Cause:
     )
 
 
-def _end(number: str, middle: float, reach: float, low: float, high: float, start: float) -> Parameter:
-    """A stop by its distance from the middle of the motion, in parts of the reach (which scales it back)."""
-    shift = middle / reach
-    return Parameter(number, "rad", shift + low, shift + high, shift + start, 0.03)
-
-
 def with_stops(causes: Sequence[Cause], stops: Sequence[Stop], nominal: JointModel) -> list[Cause]:
     """Causes with the stops that were read off a log as the first form of what blocks a joint."""
     if not stops:
         return list(causes)
-    reach = nominal.axis.reach if nominal.load.tree else 1.0
+    reach = nominal.axis.reach
     at = {
         stop.side: Parameter(
             "load.stop_angle" if stop.side > 0 else "load.lower_stop", nominal.axis.unit("rad"),

@@ -2,25 +2,25 @@
 
 from __future__ import annotations
 
-from ..load.tree import TreeLoad
 from ..replay.joint_model import JointModel
 from ..replay.parameters import Parameter
-from .cause import Cause, Limit, Needs, Variant
+from .cause import Cause, Limit, Needs
 from .registry import entry
 
 CLAIMED = Needs(free_link=True, claimed_load=True)
+MASSES = {
+    "mass_factor": Parameter("load.mass_factor", "1", 0.2, 6.0, 1.0, 0.1, logarithmic=True),
+    "payload": Parameter("load.payload", "kg", -2.0, 20.0, 0.0, 0.05),
+}
+"""Numbers of a load that a wrong mass may be, by key."""
 
 
 @entry("load.mass")
 def mass(nominal: JointModel) -> Cause:
-    share = Parameter("load.mass_factor", "1", 0.2, 6.0, 1.0, 0.1, logarithmic=True)
-    variants: tuple[Variant, ...] = ((share,),)
-    if isinstance(nominal.load, TreeLoad):  # all that hangs behind the joint, or something at the end of it
-        variants += ((Parameter("load.payload", "kg", -2.0, 20.0, 0.0, 0.05),),)
     return Cause(
         sentence="The load is lighter or heavier than believed.",
         picture="residual_against_position",
-        variants=variants,
+        variants=tuple((MASSES[key],) for key in nominal.load.mass_keys),
         error=True,
         needs=CLAIMED,
         degenerates_to=Limit("load.centre_of_mass", "one load hangs on one arm and moves slowly"),
@@ -29,12 +29,7 @@ def mass(nominal: JointModel) -> Cause:
 
 @entry("load.inertia")
 def inertia(nominal: JointModel) -> Cause:
-    extra = Parameter("load.extra_inertia", "kg.m2", 0.0, 0.5, 0.002, 0.002)
-    if isinstance(nominal.load, TreeLoad):
-        whole = nominal.load.typical_inertia + nominal.chain.armature()
-        extra = Parameter(
-            "load.extra_inertia", "kg.m2", -0.9 * nominal.load.typical_inertia, 20.0 * whole, 0.1 * whole, 0.1 * whole
-        )
+    extra = Parameter("load.extra_inertia", "kg.m2", *nominal.load.inertia_range(nominal.chain.armature()))
     return Cause(
         sentence="The load has another inertia than its mass and length give.",
         picture="response",

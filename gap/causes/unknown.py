@@ -12,10 +12,23 @@ from collections.abc import Sequence
 
 from ...actuators import Chain
 from ...actuators.errors import nearest
+from ...envs.bench.robot import BARE
 from ...envs.robot_file import is_robot_file
 from ..load.load import Load
+from ..load.pendulum import PendulumLoad
 from ..log.types import LogError, MeasuredRun
 from ..replay.parameters import Parameter, address, factor
+
+POINT = PendulumLoad()  # the load of a bench
+IN_UNIT = {"mass_factor": "1", "extra_inertia": "kg.m2"}
+"""Unit by number of a load that a fit may turn where nobody measured it; a factor is moved as a logarithm."""
+
+
+def _of_load(load: Load, chain: Chain | None = None) -> tuple[Parameter, ...]:
+    """What is not known of a load that nobody measured."""
+    ranges = load.unknown_ranges(0.0 if chain is None else chain.armature())
+    return tuple(Parameter(f"load.{key}", unit, *ranges[key], logarithmic=unit == "1") for key, unit in IN_UNIT.items())
+
 
 UNKNOWN: dict[str, tuple[Parameter, ...]] = {
     "zero": (Parameter("encoder.offset", "rad", -0.1, 0.1, 0.0, 0.01),),
@@ -23,22 +36,21 @@ UNKNOWN: dict[str, tuple[Parameter, ...]] = {
     "armature": (factor("dc_motor.armature", 0.2, 5.0, 0.1),),
     "motor": (factor("dc_motor.motor_constant", 0.4, 2.5, 0.1), factor("dc_motor.resistance", 0.4, 2.5, 0.1)),
     "load": (
-        Parameter("load.mass_factor", "1", 0.005, 20.0, 1.0, 0.3, logarithmic=True),
-        Parameter("load.extra_inertia", "kg.m2", 0.0, 0.1, 0.002, 0.002),
+        *_of_load(POINT),
         # where gravity pulls to; the zero of the encoder is a pose of the arm
         Parameter("encoder.offset", "rad", -math.pi, math.pi, 0.0, 0.2),
     ),
 }
 """Parameters per word of the sidecar."""
 
-POINT_MASS = {"mass": 0.2, "length": 0.1, "arm_mass": 0.0}
+POINT_MASS = {"mass": 0.2, "length": 0.1, **BARE}
 """Where the fit of an unknown load starts that nobody said anything of: a point mass [kg] at a distance [m]; assumed.
 It has no arm, since no fit turns an arm: one that is not there would stay.
 """
 
 
 def unknown_parameters(
-    run: MeasuredRun, chain: Chain, words: Sequence[str] = (), load: Load | None = None
+    run: MeasuredRun, chain: Chain, words: Sequence[str] = (), load: Load = POINT
 ) -> tuple[Parameter, ...]:
     """What was not measured in a run of a joint with that chain.
 
@@ -46,7 +58,7 @@ def unknown_parameters(
         run: whose sidecar says it.
         chain: of the joint.
         words: what the robot's file says beside it.
-        load: of a joint of a robot: what of it a fit may turn then.
+        load: of the joint.
 
     Raises:
         LogError: the sidecar uses a word that is not in :data:`UNKNOWN`, or one for a number that the chain lacks.
@@ -61,20 +73,11 @@ def unknown_parameters(
                 "from; give the chain a guess of it, or take the word out."
             )
     known = {p.path: p for word in said for p in UNKNOWN[word]}
-    if load is not None and "load" in said:
-        known |= {p.path: p for p in _of_tree(load, chain)}
-        if "zero" not in said:
+    if "load" in said:
+        known |= {p.path: p for p in _of_load(load, chain)}
+        if load.pose_known and "zero" not in said:
             del known["encoder.offset"]
     return tuple(p for p in known.values() if not p.factor or _has(chain, p.number))
-
-
-def _of_tree(load: Load, chain: Chain) -> tuple[Parameter, ...]:
-    """What is not known of the load of a joint of a robot: what hangs behind it by a factor, and more inertia."""
-    whole = load.inertia({}) + chain.armature()
-    return (
-        Parameter("load.mass_factor", "1", 0.05, 20.0, 1.0, 0.3, logarithmic=True),
-        Parameter("load.extra_inertia", "kg.m2", -0.9 * load.inertia({}), 20.0 * whole, 0.0, 0.1 * whole),
-    )
 
 
 def _has(chain: Chain, number: str) -> bool:

@@ -124,7 +124,7 @@ def excitations(
         By name; none where that leaves less than :data:`LEAST` of the limits.
     """
     stall, no_load = abilities(nominal)
-    gravity = 0.0 if nominal.load.tree else nominal.load.gravity_torque(params)  # a robot goes where it went before
+    gravity = nominal.load.planned_gravity(params)
     lower, upper = limits.lower, limits.upper
     if HOLDS * stall < gravity:
         most = math.asin(HOLDS * stall / gravity)

@@ -9,8 +9,9 @@ import numpy as np
 from ..causes.catalogue import adjustable, catalogue
 from ..log.parts import FIT_A, FIT_B, Unit
 from ..log.types import MeasuredRun
-from ..replay.free import FreeProblem, free_problem
+from ..replay.free import free_problem
 from ..replay.joint_model import JointModel
+from ..replay.problem import JointProblem
 from ..search.fit import Fit
 from ..search.result import Search
 from .excitations import Limits
@@ -20,7 +21,7 @@ BLIND = 0.25  # share of the catalogue that a log may be unable to show for "not
 ASSUMED_NOISE = 5e-4  # [rad] of an encoder whose log never moves: a tick of 4096 a turn, and as much noise
 
 
-def unseen(problem: FreeProblem, search: Search) -> tuple[str, ...]:
+def unseen(problem: JointProblem, search: Search) -> tuple[str, ...]:
     """Causes of the catalogue which, at a plausible size, the log would hardly show beside what may be tuned."""
     none, *causes = everything(problem, search)
     old = thinned(problem.part(FIT_A, FIT_B))
@@ -33,7 +34,7 @@ def unseen(problem: FreeProblem, search: Search) -> tuple[str, ...]:
     return tuple(hidden)
 
 
-def blind_spots(problem: FreeProblem, search: Search) -> tuple[str, ...]:
+def blind_spots(problem: JointProblem, search: Search) -> tuple[str, ...]:
     """Causes that a log could not show, where they are so many that finding nothing in it means nothing."""
     hidden = unseen(problem, search)
     return hidden if too_many(len(hidden), len(everything(problem, search)) - 1) else ()

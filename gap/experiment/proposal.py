@@ -18,9 +18,10 @@ import numpy as np
 from ..checks.stops import Stop
 from ..log.parts import FIT_A, FIT_B, Unit
 from ..log.types import JointLog, MeasuredRun
-from ..replay.free import FreeProblem, free_problem
+from ..replay.free import free_problem
 from ..replay.joint_model import JointModel
 from ..replay.parameters import Parameter, numbers
+from ..replay.problem import JointProblem
 from ..replay.simulator import CHANNELS
 from ..search.bounded import bounded_step
 from ..search.fit import merge, middle
@@ -112,7 +113,7 @@ class Prediction:
 
 
 def propose(
-    problem: FreeProblem,
+    problem: JointProblem,
     search: Search,
     limits: Limits | None = None,
     seed: int = 0,
@@ -213,7 +214,7 @@ def _rivals(search: Search) -> list[Hypothesis]:
     return []
 
 
-def everything(problem: FreeProblem, search: Search) -> list[Hypothesis]:
+def everything(problem: JointProblem, search: Search) -> list[Hypothesis]:
     """Every cause of the catalogue at a plausible size on top of what was found, and none of them."""
     nominal = problem.models[0]
     last = search.fits
@@ -256,8 +257,8 @@ def _other_loads(nominal: JointModel, load: Mapping[str, float]) -> list[dict[st
 
 
 def measurement(
-    problem: FreeProblem, load: Mapping[str, float], goal: np.ndarray, along: Along | None = None
-) -> FreeProblem:
+    problem: JointProblem, load: Mapping[str, float], goal: np.ndarray, along: Along | None = None
+) -> JointProblem:
     """A measurement yet to be made, laid out as the log is; its measured signals are zero."""
     time = np.arange(len(goal)) / RATE
     nothing = np.zeros(len(goal))
@@ -274,7 +275,7 @@ def measurement(
 
 
 def kept_within(
-    problem: FreeProblem,
+    problem: JointProblem,
     load: Mapping[str, float],
     goal: np.ndarray,
     hypotheses: Sequence[Hypothesis],
@@ -300,7 +301,7 @@ def kept_within(
     return goal
 
 
-def thinned(problem: FreeProblem) -> FreeProblem:
+def thinned(problem: JointProblem) -> JointProblem:
     """Few enough units of a long log, spread over it."""
     sizes = np.diff(problem.starts)
     every = max(int(np.ceil(sizes.sum() / MOST_SAMPLES)), 1)
@@ -311,7 +312,7 @@ def thinned(problem: FreeProblem) -> FreeProblem:
     return dataclasses.replace(problem, units=marked).part(FIT_A)
 
 
-def predict(problem: FreeProblem, hypothesis: Hypothesis) -> Prediction:
+def predict(problem: JointProblem, hypothesis: Hypothesis) -> Prediction:
     """What a hypothesis says of a motion, to first order in its nuisance parameters."""
     parameters = hypothesis.parameters
     u = np.array([p.to_fit(min(max(hypothesis.values.get(p.path, p.start), p.low), p.high)) for p in parameters])

@@ -9,7 +9,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
-from typing import Literal, Self
+from typing import Self
 
 import numpy as np
 
@@ -63,9 +63,14 @@ class LegProblem:
     correction: tuple[np.ndarray, ...]
 
     @property
-    def kind(self) -> Literal["ground"]:
-        """How it is replayed."""
-        return "ground"
+    def joint(self) -> None:
+        """None: a leg has several."""
+        return None
+
+    @property
+    def free_joint(self) -> None:
+        """None, likewise."""
+        return None
 
     @property
     def open_loop(self) -> bool:
@@ -123,6 +128,15 @@ class LegProblem:
     def chain(self, values: Mapping[str, float]) -> None:
         """None: a leg on the ground has a chain for each of its joints."""
         del values
+
+    def mjcf(self, values: Mapping[str, float]) -> str:
+        """The whole leg, its joints as diagnosed, on the ground that was found."""
+        return self.models[0].with_fitted(values).drivetrain().spec.to_xml()
+
+    def picture(self, named: str) -> str:
+        """A stance, whatever the cause."""
+        del named
+        return "stance"
 
     def systematic_error(self, path: str) -> float:
         """Two right models of contact agree on the slope, and only roughly on what the ground does with a force."""
@@ -191,9 +205,9 @@ class LegProblem:
 
     def position_error(self, simulated: np.ndarray) -> np.ndarray:
         """Errors of the hip's height [m] of one variant (n, 4), less what the start state's uncertainty explains."""
-        return self.corrected(simulated)[self.judged, 0]
+        return self.errors(simulated)[self.judged, 0]
 
-    def corrected(self, simulated: np.ndarray) -> np.ndarray:
+    def errors(self, simulated: np.ndarray) -> np.ndarray:
         """Errors of one variant (n, 4) as :meth:`position_error`, in the columns' units, NaN where not judged."""
         out = np.full(simulated.shape, np.nan)
         used = np.flatnonzero(self.weight > 0.0)

@@ -3,7 +3,16 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from typing import Protocol
+from typing import NamedTuple, Protocol
+
+
+class Range(NamedTuple):
+    """Where a number of a load is sought: bounds, where a fit starts, and its typical change."""
+
+    low: float
+    high: float
+    start: float
+    scale: float
 
 
 class Load(Protocol):
@@ -14,8 +23,23 @@ class Load(Protocol):
     """
 
     @property
-    def tree(self) -> bool:
-        """Whether what it does changes along the log, as that of a joint of a robot does."""
+    def mass_keys(self) -> tuple[str, ...]:
+        """Numbers that a wrong mass may be, the usual one first."""
+        ...
+
+    @property
+    def tunable(self) -> tuple[str, ...]:
+        """Factors of it that nobody knows exactly, though somebody claims them."""
+        ...
+
+    @property
+    def predictable(self) -> bool:
+        """Whether its numbers alone say what it does on a motion that nobody has made yet."""
+        ...
+
+    @property
+    def pose_known(self) -> bool:
+        """Whether it is known at which angle it hangs, even where the load itself is not."""
         ...
 
     def known(self, params: Mapping[str, float], /) -> bool:
@@ -30,8 +54,33 @@ class Load(Protocol):
         """Torque of gravity at a quarter turn from where it hangs [N.m]."""
         ...
 
+    def planned_gravity(self, params: Mapping[str, float], /) -> float:
+        """Largest torque of gravity that a planned motion must leave room for [N.m]."""
+        ...
+
     def stops(self, params: Mapping[str, float], /) -> tuple[float, float]:
         """Angles below and beyond which something blocks the link [rad]."""
+        ...
+
+    def stop_ranges(self, middle: float, half: float, start: float, /) -> tuple[Range, Range]:
+        """Where an upper and a lower stop are sought of a joint that went ``half`` either side of ``middle``.
+
+        ``start`` is in parts of what the joint went through, counted from where it is at rest.
+        """
+        ...
+
+    def inertia_range(self, armature: float, /) -> Range:
+        """Where its inertia beyond the believed one is sought [kg.m2], with the motor's own armature [kg.m2]."""
+        ...
+
+    def unknown_ranges(self, armature: float, /) -> dict[str, Range]:
+        """Where its numbers are sought, by key, when nobody measured it."""
+        ...
+
+    def along_log(self, slide: bool, /) -> dict[str, float]:
+        """What the simulator needs of a load whose inertia and gravity are given along the log, by name of
+        :class:`sealegs.gap.replay.constants.Constants`; nothing where they follow from the angle alone.
+        """
         ...
 
     def numbers(self, params: Mapping[str, float], /) -> dict[str, float]:

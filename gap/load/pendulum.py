@@ -9,8 +9,9 @@ from dataclasses import dataclass
 
 from ...actuators.errors import SealegsError, nearest
 from ...actuators.gravity import GRAVITY
-from ...envs.bench.robot import NUMBERS
+from ...envs.bench.robot import BARE, NUMBERS
 from ...envs.bench.robot import inertia as pendulum_inertia
+from .load import Range
 
 
 @dataclass(frozen=True)
@@ -31,8 +32,23 @@ class PendulumLoad:
     lower_stop: float = -math.inf
 
     @property
-    def tree(self) -> bool:
-        """Whether what it does changes along the log: it hangs on nothing else that moves."""
+    def mass_keys(self) -> tuple[str, ...]:
+        """The mass as a factor."""
+        return ("mass_factor",)
+
+    @property
+    def tunable(self) -> tuple[str, ...]:
+        """None: whoever hangs a mass there has weighed it."""
+        return ()
+
+    @property
+    def predictable(self) -> bool:
+        """It hangs on nothing else that moves."""
+        return True
+
+    @property
+    def pose_known(self) -> bool:
+        """The zero of the encoder is a pose of whatever hangs there."""
         return False
 
     def known(self, params: Mapping[str, float]) -> bool:
@@ -62,12 +78,36 @@ class PendulumLoad:
         moment = n["mass"] * (n["length"] + n["centre_shift"]) + n["arm_mass"] * n["length"] / 2.0
         return GRAVITY * moment
 
+    def planned_gravity(self, params: Mapping[str, float]) -> float:
+        """All of it: an excitation may go to a quarter turn [N.m]."""
+        return self.gravity_torque(params)
+
     def stops(self, params: Mapping[str, float]) -> tuple[float, float]:
         """Angles below and beyond which something blocks the link [rad]."""
         if not params:
             return self.lower_stop, self.stop_angle
         n = self.numbers(params)
         return n["lower_stop"], n["upper_stop"]
+
+    def stop_ranges(self, middle: float, half: float, start: float) -> tuple[Range, Range]:
+        """Either side of hanging, wherever it went [rad]."""
+        del middle, half
+        return Range(-0.5, 2.0, start, 0.03), Range(-2.0, 0.5, -start, 0.03)
+
+    def inertia_range(self, armature: float) -> Range:
+        """Beyond that of mass and arm [kg.m2]."""
+        del armature
+        return Range(0.0, 0.5, 0.002, 0.002)
+
+    def unknown_ranges(self, armature: float) -> dict[str, Range]:
+        """Of a mass that nobody weighed, from a gram to some kilograms, and more inertia than that of a point."""
+        del armature
+        return {"mass_factor": Range(0.005, 20.0, 1.0, 0.3), "extra_inertia": Range(0.0, 0.1, 0.002, 0.002)}
+
+    def along_log(self, slide: bool) -> dict[str, float]:
+        """Nothing: inertia and gravity torque say all."""
+        del slide
+        return {}
 
     def value(self, key: str) -> float:
         """A number that a fit may turn."""
@@ -83,7 +123,7 @@ def completed(params: Mapping[str, float]) -> dict[str, float]:
 
     Without a mass there is no arm either, unless ``params`` has one: the shaft is empty.
     """
-    empty = {"arm_mass": 0.0} if params.get("mass") == 0.0 else {}
+    empty = BARE if params.get("mass") == 0.0 else {}
     return {**{name: number.value for name, number in NUMBERS.items()}, **empty, **params}
 
 

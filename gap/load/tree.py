@@ -17,6 +17,7 @@ import mujoco
 import numpy as np
 
 from ..log.types import Array
+from .load import Range
 
 ANGLE = 0.02  # [rad] or [m] either side of the measured position at which the terms are taken for their derivatives
 SHIFT = 1e-3  # [m] of a centre of mass, of whose effect the first derivative is taken
@@ -46,8 +47,23 @@ class TreeLoad:
     typical_gravity: float = 0.0
 
     @property
-    def tree(self) -> bool:
-        """Whether its terms change along the log."""
+    def mass_keys(self) -> tuple[str, ...]:
+        """All that hangs behind the joint, or something at the end of it."""
+        return ("mass_factor", "payload")
+
+    @property
+    def tunable(self) -> tuple[str, ...]:
+        """Masses of bodies that somebody weighed or computed."""
+        return ("mass_factor",)
+
+    @property
+    def predictable(self) -> bool:
+        """It depends on how the other joints move."""
+        return False
+
+    @property
+    def pose_known(self) -> bool:
+        """The model file says it."""
         return True
 
     def known(self, params: Mapping[str, float]) -> bool:
@@ -65,6 +81,11 @@ class TreeLoad:
         del params
         return self.typical_gravity * self.mass_factor
 
+    def planned_gravity(self, params: Mapping[str, float]) -> float:
+        """None: a planned motion of a robot goes where it went before [N.m]."""
+        del params
+        return 0.0
+
     def stops(self, params: Mapping[str, float]) -> tuple[float, float]:
         """Angles below and beyond which something blocks the link [rad]."""
         del params
@@ -73,6 +94,34 @@ class TreeLoad:
     def numbers(self, params: Mapping[str, float]) -> dict[str, float]:
         """Numbers of a bench with this load: none, a robot's stand in its model file."""
         return dict(params)
+
+    def stop_ranges(self, middle: float, half: float, start: float) -> tuple[Range, Range]:
+        """About the middle of its motion, which need not be at zero; what it reached is less than it would have."""
+        away = 1.05 * start * half
+        upper = Range(middle - 0.25 * half, middle + 2.0 * half, middle + away, 0.03)
+        return upper, Range(middle - 2.0 * half, middle + 0.25 * half, middle - away, 0.03)
+
+    def inertia_range(self, armature: float) -> Range:
+        """Down to a tenth of what the file gives [kg.m2]."""
+        whole = self.typical_inertia + armature
+        return Range(-0.9 * self.typical_inertia, 20.0 * whole, 0.1 * whole, 0.1 * whole)
+
+    def unknown_ranges(self, armature: float) -> dict[str, Range]:
+        """About what the file gives: what hangs behind the joint by a factor, and more inertia."""
+        whole = self.inertia({}) + armature
+        more = Range(-0.9 * self.inertia({}), 20.0 * whole, 0.0, 0.1 * whole)
+        return {"mass_factor": Range(0.05, 20.0, 1.0, 0.3), "extra_inertia": more}
+
+    def along_log(self, slide: bool) -> dict[str, float]:
+        """What a fit changes of the terms."""
+        return {
+            "inertia": self.extra_inertia,
+            "gravity": 0.0,
+            "tree": 2.0 if slide else 1.0,
+            "mass": self.mass_factor,
+            "payload": self.payload,
+            "shift": self.centre_shift,
+        }
 
     def value(self, key: str) -> float:
         """A number that a fit may turn."""

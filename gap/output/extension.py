@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
@@ -75,8 +75,8 @@ def extended_of(diagnoses: Sequence[JointDiagnosis], data: MeasuredSet) -> Exten
             cause = "" if why in (TUNED, REFITTED) else why
             change = Change(diagnosis.joint, number, row["from"], row["to"], cause, _owner(number), why == REFITTED)
             found.append(change)
-        if diagnosis.problem is not None and diagnosis.problem.kind != "ground":
-            believed += [dict(params) for params in diagnosis.problem.params if params]
+        if (joint := _joint(diagnosis)) is not None:
+            believed += [dict(params) for params in joint.params if params]
     believed = believed or [dict(run.robot_params) for run in data.runs]
     shared = believed[0] if all(params == believed[0] for params in believed) else None
     if robot is not None:  # numbers of joints become those of bodies, in the frame of the robot's model
@@ -98,9 +98,7 @@ def _chains(diagnosis: JointDiagnosis, runs: Sequence[MeasuredRun], prefix: str)
     if diagnosis.problem is None:
         source = runs[0].actuators.get(diagnosis.joint)
         return () if source is None else (Mounted(load_chain(source), ""),)
-    if diagnosis.problem.kind == "ground":
-        return ()
-    joints = _variants(diagnosis.problem, diagnosis.values)
+    joints = _variants(diagnosis)
     warm = _temperature(diagnosis, runs)
     return tuple(
         Mounted(_rounded(_warm(joint.chain, warm)), f"{prefix}extended{_suffix(k)}.yaml")
@@ -108,11 +106,16 @@ def _chains(diagnosis: JointDiagnosis, runs: Sequence[MeasuredRun], prefix: str)
     )
 
 
-def _variants(problem: JointProblem, values: Mapping[str, float]) -> list[tuple[JointModel, dict[str, float]]]:
-    """The extended joint for each nominal chain of the runs, with numbers of the bench."""
+def _joint(diagnosis: JointDiagnosis) -> JointProblem | None:
+    return None if diagnosis.problem is None else diagnosis.problem.joint
+
+
+def _variants(diagnosis: JointDiagnosis) -> list[tuple[JointModel, dict[str, float]]]:
+    """The extended joint for each nominal chain of the runs, with numbers of the bench; none of several joints."""
     found: dict[str, tuple[JointModel, dict[str, float]]] = {}
-    for nominal, params in zip(problem.models, problem.params, strict=True):
-        found.setdefault(nominal.chain.to_yaml(), (nominal.with_fitted(values), dict(params)))
+    if (joint := _joint(diagnosis)) is not None:
+        for nominal, params in zip(joint.models, joint.params, strict=True):
+            found.setdefault(nominal.chain.to_yaml(), (nominal.with_fitted(diagnosis.values), dict(params)))
     return list(found.values())
 
 
@@ -160,19 +163,20 @@ def _plain(value: Any) -> Any:
 
 
 def write_extension(
-    diagnosis: JointDiagnosis, problem: JointProblem, runs: Sequence[MeasuredRun], folder: Path, prefix: str = ""
+    diagnosis: JointDiagnosis, runs: Sequence[MeasuredRun], folder: Path, prefix: str = ""
 ) -> dict[str, Path]:
-    """Write ``extended.yaml`` (the chain) and ``extended.xml`` (the bench with what of it plain MuJoCo simulates).
+    """Write ``extended.yaml`` (the chain) and ``extended.xml`` (the bench with what of it plain MuJoCo simulates, or
+    the whole leg on the ground that was found).
 
     Runs that differ in their nominal chain get a chain file each.
 
     Args:
-        diagnosis, problem: of the joint.
+        diagnosis: of the joint or the ground.
         runs: that were diagnosed.
         folder, prefix: where the files go, and what their names start with.
 
     Returns:
-        Paths by ``chain`` and ``mjcf`` (of the first chain), and ``chain.<n>`` for further ones.
+        Paths by ``chain`` and ``mjcf`` (of the first chain), and ``chain.<n>`` for further ones; of a leg by ``leg``.
     """
     written: dict[str, Path] = {}
     named = ", ".join(cause.name for cause in diagnosis.causes) or "nothing named"
@@ -185,9 +189,13 @@ def write_extension(
         path = folder / item.file
         path.write_text("\n".join(lines) + "\n" + item.chain.to_yaml(), encoding="utf-8")
         written[f"chain{_suffix(k).replace('-', '.')}"] = path
-    joint, params = _variants(problem, diagnosis.values)[0]
-    if params:  # without a load, there is no bench to write
-        mjcf = folder / f"{prefix}extended.xml"
+    mjcf = folder / f"{prefix}extended.xml"
+    if diagnosis.problem is not None and (whole := diagnosis.problem.mjcf(diagnosis.values)) is not None:
+        mjcf.write_text(whole, encoding="utf-8")
+        written["leg"] = mjcf
+    variants = _variants(diagnosis)
+    if variants and variants[0][1]:  # without a load, there is no bench to write
+        joint, params = variants[0]
         missing = ", ".join(not_native(joint.chain)) or "nothing"
         note = f"<!-- For plain MuJoCo; the control is the position goal [rad]. Left out: {missing}. -->"
         mjcf.write_text(f"{note}\n{native_mjcf(joint, params)}", encoding="utf-8")

@@ -12,12 +12,11 @@ from ...actuators.atomic import STAGED, folder_written
 from ...actuators.extras import missing_package
 from ...envs.robot_file import is_robot_file
 from ..experiment import write_experiment
-from ..ground.files import write_leg
 from ..log.parts import TEST
 from ..log.progress import Milestone, Progress
 from ..log.types import LogError, MeasuredSet
 from ..replay.engine import STEP, bench, replay_in_engine
-from ..replay.free import FreeProblem
+from ..replay.problem import JointProblem
 from ..replay.simulator import joint_state
 from ..replay.steps import largest_step
 from ..verdict.verdict import JointDiagnosis
@@ -65,19 +64,15 @@ def write_diagnosis(
             document = to_document(diagnosis)
             if diagnosis.problem is not None:
                 progress("confirming in the engine")
-                problem, values = diagnosis.problem, diagnosis.values
-                chain = problem.chain(values)
-                if problem.kind == "ground":
-                    files = write_leg(problem, values, staged, prefix)
-                else:
-                    files = write_extension(diagnosis, problem, data.runs, staged, prefix)
+                chain, free = diagnosis.problem.chain(diagnosis.values), diagnosis.problem.free_joint
+                files = write_extension(diagnosis, data.runs, staged, prefix)
                 written |= {f"{owner}{key}": path for key, path in files.items()}
                 changed = changes(diagnosis)
                 document["extension"] = {
                     "files": {key: path.name for key, path in files.items()},
                     "changes": changed,
                     "not_native": [] if chain is None else not_native(chain),
-                    "engine": confirm(diagnosis, problem) if problem.kind == "free" and problem.terms is None else {},
+                    "engine": {} if free is None or free.terms is not None else confirm(diagnosis, free),
                 }
                 differences += changed
             if diagnosis.experiment is not None:
@@ -127,7 +122,7 @@ def _illustrate(
     return written
 
 
-def confirm(diagnosis: JointDiagnosis, problem: FreeProblem) -> dict[str, float]:
+def confirm(diagnosis: JointDiagnosis, problem: JointProblem) -> dict[str, float]:
     """The extended model in the engine, on the longest piece of the test part.
 
     Returns:

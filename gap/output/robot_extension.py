@@ -17,7 +17,7 @@ from ...envs.extended import Change
 from ..load.robot import Frame, LoggedRobot
 from ..load.tree import tip_behind
 from ..shared import ROBOT
-from ..shared.directions import ABOUT_JOINTS, too_much
+from ..shared.directions import every
 from ..verdict.verdict import JointDiagnosis
 
 STOPS = {"load.stop_angle": 1.0, "load.lower_stop": -1.0}
@@ -59,19 +59,12 @@ def shared_changes(robot: LoggedRobot, found: JointDiagnosis) -> list[Change]:
     if found.joint != ROBOT:
         return []
     owner = {number: cause.name for cause in found.causes for number in cause.parameters}
-    changes = []
-    for number, value in found.values.items():
-        kind, _, rest = number.partition(".")
-        cause = owner.get(number, "")
-        if number == ABOUT_JOINTS:
-            joints = [robot.column(joint) for joint in too_much(robot.model)]
-            changes += [Change(name, "load.about_joint", 0.0, value, cause, "robot") for name in joints]
-        elif kind == "base":
-            changes.append(Change(kind, rest, 0.0, value, cause, "robot"))
-        else:
-            body, _, key = rest.rpartition(".")
-            changes.append(Change(body, f"{kind}.{key}", float(key == "mass_factor"), value, cause, "robot"))
-    return changes
+    known = every(robot)
+    return [
+        Change(part, known[number].effect, known[number].neutral, value, owner.get(number, ""), "robot")
+        for number, value in found.values.items()
+        for part in known[number].parts
+    ]
 
 
 def _stop(frame: Frame, change: Change) -> Change:

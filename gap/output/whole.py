@@ -67,8 +67,8 @@ def _chain(
     robot: LoggedRobot, run: MeasuredRun, name: str, found: JointDiagnosis | None, index: int, model: str
 ) -> Chain:
     """The chain of a joint in a run, in the frame of the robot's model."""
-    if found is not None and found.problem is not None and found.problem.kind != "ground":
-        joint = found.problem.models[index]
+    if found is not None and found.problem is not None and found.problem.joint is not None:
+        joint = found.problem.joint.models[index]
         chain = joint.with_fitted(found.values).chain if model == "extended" else joint.chain
     else:
         item = robot.joint(name)
@@ -82,8 +82,8 @@ def _errors(
     """Errors of the joints that were diagnosed (n,), each reading as the host's log has it."""
     hosts = dict.fromkeys(found, (1.0, 0.0))
     for name, diagnosis in found.items():
-        if model == "extended" and diagnosis.problem is not None and diagnosis.problem.kind != "ground":
-            joint = diagnosis.problem.models[index].with_fitted(diagnosis.values)
+        if model == "extended" and diagnosis.problem is not None and diagnosis.problem.joint is not None:
+            joint = diagnosis.problem.joint.models[index].with_fitted(diagnosis.values)
             hosts[name] = joint.host_scale, joint.host_offset
     joints = dict(run.joints)
     for name, (scale, offset) in hosts.items():

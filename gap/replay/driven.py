@@ -8,7 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, field
-from typing import ClassVar, Literal
+from typing import ClassVar
 
 import numpy as np
 
@@ -19,6 +19,8 @@ from .driven_simulator import CHANNELS, replay_driven_many
 from .joint_model import JointModel
 from .joint_replay import JointReplay
 from .layout import lay_out
+from .problem import JointProblem
+from .variants import Batch
 
 UNITS = {"position": "rad", "torque": "N.m", "duty": "1", "current": "A"}
 RIGID_SIGNALS = ("torque", "current", "duty")  # what judges a motor that is rigid with its link, the best first
@@ -42,9 +44,25 @@ class DrivenProblem(JointReplay):
     per_sample: ClassVar[tuple[str, ...]] = (*JointReplay.per_sample, "link")
 
     @property
-    def kind(self) -> Literal["driven"]:
-        """How it is replayed."""
-        return "driven"
+    def joint(self) -> JointProblem:
+        """Itself."""
+        return self
+
+    @property
+    def free_joint(self) -> None:
+        """None: what its link would do in another motion nobody knows."""
+        return None
+
+    @property
+    def terms(self) -> None:
+        """None: what holds the link is not asked."""
+        return None
+
+    def picture(self, named: str) -> str:
+        """The response; of a spring the torque that it passes on. The pictures show motion, which may be given."""
+        if self.signal[0] != "position":
+            return ""
+        return "passed_torque" if named == "hysteresis" and is_elastic(self.models[0]) else "response"
 
     @property
     def open_loop(self) -> bool:
@@ -65,23 +83,14 @@ class DrivenProblem(JointReplay):
         """Position, speed and acceleration (n, 3); a rigid motor moves as its link was measured to."""
         return self.link if self.first else super().motion(simulated)
 
-    def replay(
-        self,
-        rows: slice,
-        programs: np.ndarray,
-        constants: np.ndarray,
-        starts: np.ndarray,
-        states: np.ndarray,
-        steps: np.ndarray,
-        out: np.ndarray,
-    ) -> None:
+    def replay(self, batch: Batch) -> None:
         """Along the measured motion of the link."""
-        time, goal, on, temperature = self.time[rows], self.goal[rows], self.on[rows], self.temperature[rows]
+        signals = (*self.driven_by(batch.rows), self.link[batch.rows])
         replay_driven_many(
-            programs, constants, time, goal, on, temperature, self.link[rows], starts, states, steps, out
+            batch.programs, batch.constants, *signals, batch.starts, batch.states, batch.steps, batch.out
         )
         if self.first:
-            out[...] = out[..., _exchanged(self.first)]
+            batch.out[...] = batch.out[..., _exchanged(self.first)]
 
 
 def _exchanged(first: int) -> list[int]:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
-from typing import ClassVar, Literal
+from typing import ClassVar
 
 import numpy as np
 
@@ -13,8 +13,11 @@ from ..log.types import MeasuredRun
 from .joint_model import JointModel
 from .joint_replay import JointReplay
 from .layout import lay_out
+from .problem import JointProblem
 from .simulator import CHANNELS, replay_many
+from .steps import ROBOT_STEP, STEPS
 from .terms import T_COLUMNS
+from .variants import Batch
 
 NO_TERMS = np.zeros((0, T_COLUMNS))
 
@@ -37,9 +40,28 @@ class FreeProblem(JointReplay):
     per_sample: ClassVar[tuple[str, ...]] = (*JointReplay.per_sample, "terms")
 
     @property
-    def kind(self) -> Literal["free"]:
-        """How it is replayed."""
-        return "free"
+    def joint(self) -> JointProblem:
+        """Itself."""
+        return self
+
+    @property
+    def free_joint(self) -> JointProblem:
+        """Itself: any other motion can be simulated as this one is."""
+        return self
+
+    @property
+    def link(self) -> None:
+        """None: it is simulated."""
+        return None
+
+    @property
+    def steps(self) -> tuple[float, ...]:
+        """A longer one first at a joint of a robot, whose log is coarser and longer than that of a bench [s]."""
+        return STEPS if self.terms is None else (ROBOT_STEP, *STEPS)
+
+    def picture(self, named: str) -> str:
+        """The one that the cause names."""
+        return named
 
     @property
     def open_loop(self) -> bool:
@@ -56,20 +78,11 @@ class FreeProblem(JointReplay):
         """The first channel, which is judged sample by sample, and its unit."""
         return "position", self.models[0].axis.unit("rad")
 
-    def replay(
-        self,
-        rows: slice,
-        programs: np.ndarray,
-        constants: np.ndarray,
-        starts: np.ndarray,
-        states: np.ndarray,
-        steps: np.ndarray,
-        out: np.ndarray,
-    ) -> None:
+    def replay(self, batch: Batch) -> None:
         """As the torques on the link say."""
-        time, goal, on, temperature = self.time[rows], self.goal[rows], self.on[rows], self.temperature[rows]
-        terms = NO_TERMS if self.terms is None else self.terms[rows]
-        replay_many(programs, constants, terms, time, goal, on, temperature, starts, states, steps, out)
+        terms = NO_TERMS if self.terms is None else self.terms[batch.rows]
+        signals = (terms, *self.driven_by(batch.rows))
+        replay_many(batch.programs, batch.constants, *signals, batch.starts, batch.states, batch.steps, batch.out)
 
 
 def free_problem(

@@ -149,6 +149,8 @@ class JointModel:
             host_scale=self.host_scale,
             stop=upper_stop,
             lower_stop=lower_stop,
+            stop_stiffness=self.axis.stop_stiffness,
+            stop_damping=self.axis.stop_damping,
             delay=delay.seconds if (delay := chain.find("delay")) is not None else 0.0,
         )
         if (thermal := chain.find("thermal")) is not None:
@@ -160,18 +162,7 @@ class JointModel:
                 constant=program[motor] / chain.magnetisation(),
             )
         numbers = numbers._replace(**self._coupling(numbers))
-        if load.tree:  # its inertia and gravity come with its terms
-            numbers = numbers._replace(
-                inertia=load.value("extra_inertia"),
-                gravity=0.0,
-                tree=2.0 if self.axis.slide else 1.0,
-                mass=load.value("mass_factor"),
-                payload=load.value("payload"),
-                shift=load.value("centre_shift"),
-                stop_stiffness=self.axis.stop_stiffness,
-                stop_damping=self.axis.stop_damping,
-            )
-        return np.array(numbers, float)
+        return np.array(numbers._replace(**load.along_log(self.axis.slide)), float)
 
     def _coupling(self, numbers: Constants) -> dict[str, float]:
         """Of :class:`Constants`, what lies between motor and link."""

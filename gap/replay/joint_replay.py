@@ -6,7 +6,7 @@ from abc import ABC, abstractmethod
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
-from typing import ClassVar, Literal, Self
+from typing import ClassVar, Self
 
 import numpy as np
 
@@ -17,7 +17,8 @@ from .joint_model import JointModel
 from .layout import covariates, moved
 from .problem import CALIBRATION
 from .selection import select
-from .variants import simulate_joint
+from .steps import STEPS
+from .variants import Batch, simulate_joint
 
 
 @dataclass(frozen=True, eq=False)
@@ -69,9 +70,9 @@ class JointReplay(ABC):
         return self.by_sample
 
     @property
-    @abstractmethod
-    def kind(self) -> Literal["free", "driven"]:
-        """How units are replayed, see :class:`sealegs.gap.replay.problem.Problem`."""
+    def steps(self) -> tuple[float, ...]:
+        """Steps of the simulator to try, the longest first [s]."""
+        return STEPS
 
     @property
     @abstractmethod
@@ -89,17 +90,12 @@ class JointReplay(ABC):
         """The first channel, and its unit."""
 
     @abstractmethod
-    def replay(
-        self,
-        rows: slice,
-        programs: np.ndarray,
-        constants: np.ndarray,
-        starts: np.ndarray,
-        states: np.ndarray,
-        steps: np.ndarray,
-        out: np.ndarray,
-    ) -> None:
-        """Replay the units of one run; see :class:`sealegs.gap.replay.variants.Replay`."""
+    def replay(self, batch: Batch) -> None:
+        """Replay the units of one run."""
+
+    def driven_by(self, rows: slice) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
+        """Time, goal, whether the drive was on, and temperature at some samples."""
+        return self.time[rows], self.goal[rows], self.on[rows], self.temperature[rows]
 
     def motion(self, simulated: np.ndarray) -> np.ndarray:
         """Position, speed and acceleration (n, 3) of the joint in a model (n, 4)."""
@@ -172,6 +168,10 @@ class JointReplay(ABC):
         """Errors of the first channel of one variant (n, 4) at the judged samples, in its unit."""
         return self._compared.sample_errors(simulated)
 
+    def errors(self, simulated: np.ndarray) -> np.ndarray:
+        """Errors of one variant (n, 4) in the units of the channels, NaN where they are not judged."""
+        return np.where(self.judged[:, None], simulated - self.measured, np.nan)
+
     def covariates(self, simulated: np.ndarray) -> dict[str, np.ndarray]:
         """Motion, command, duty and temperature of a model (n, 4)."""
         duty = simulated[:, self.channels.index("duty")]
@@ -188,6 +188,10 @@ class JointReplay(ABC):
     def chain(self, values: Mapping[str, float]) -> Chain:
         """The chain of the first run with fitted values."""
         return self.models[0].with_fitted(values).chain
+
+    def mjcf(self, values: Mapping[str, float]) -> None:
+        """None: its chain and what hangs on it say all."""
+        del values
 
     def systematic_error(self, path: str) -> float:
         """Relative error of a number that columns and simulation share in all data."""

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import Field
-from typing import Any, ClassVar, Literal, Protocol, Self
+from typing import Any, ClassVar, Protocol, Self
 
 import numpy as np
 
@@ -35,12 +35,19 @@ class Problem(Protocol):
     """Pieces of runs (units) one behind the other, n samples in all, and a replay of them with any model.
 
     Channels are columns of what is measured and simulated (n, 4). A residual is weighted: one is the noise. Its entries
-    fall into blocks, within which they are not independent.
+    fall into blocks, within which they are not independent. A changed one is made by :func:`dataclasses.replace`.
     """
 
+    __dataclass_fields__: ClassVar[dict[str, Field[Any]]]
+
     @property
-    def kind(self) -> Literal["free", "driven", "ground"]:
-        """How it is replayed, and so drawn and written."""
+    def joint(self) -> JointProblem | None:
+        """Itself with what only one joint has: goals, bench parameters and a chain; None of several joints."""
+        ...
+
+    @property
+    def free_joint(self) -> JointProblem | None:
+        """The same, where its link moves as the torques on it say, so that other motions can be foreseen; else None."""
         ...
 
     @property
@@ -149,6 +156,10 @@ class Problem(Protocol):
         """Errors of one variant (n, 4) at the judged samples in the unit of :attr:`signal`."""
         ...
 
+    def errors(self, simulated: np.ndarray) -> np.ndarray:
+        """Errors of one variant (n, 4) in the units of the channels, NaN where they are not judged."""
+        ...
+
     def covariates(self, simulated: np.ndarray) -> dict[str, np.ndarray]:
         """Signals (n,) that errors of a model (n, 4) may depend on, by name; none where one joint alone has none."""
         ...
@@ -165,15 +176,21 @@ class Problem(Protocol):
         """The chain of the first run with fitted values; None where the problem is not that of one joint."""
         ...
 
+    def mjcf(self, values: Mapping[str, float]) -> str | None:
+        """The whole machine with fitted values, where it is more than a chain and what hangs on it; else None."""
+        ...
+
+    def picture(self, named: str) -> str:
+        """Which picture shows a cause in this replay that names one; empty where none does."""
+        ...
+
     def systematic_error(self, path: str) -> float:
         """Relative error of a number that columns and simulation share in all data."""
         ...
 
 
 class JointProblem(Problem, Protocol):
-    """One joint, its link free or driven. A changed one is made by :func:`dataclasses.replace`."""
-
-    __dataclass_fields__: ClassVar[dict[str, Field[Any]]]
+    """One joint, its link free or driven."""
 
     @property
     def models(self) -> tuple[JointModel, ...]:
@@ -215,6 +232,21 @@ class JointProblem(Problem, Protocol):
         """Factor on the weight of averaged channels (n, 4), the same for all samples of a group
         (:mod:`sealegs.gap.search.channels`).
         """
+        ...
+
+    @property
+    def terms(self) -> np.ndarray | None:
+        """What a joint of a robot works against at the samples (n, T_COLUMNS); None where the load's numbers say it."""
+        ...
+
+    @property
+    def link(self) -> np.ndarray | None:
+        """Position, speed and acceleration of a link that moves as measured (n, 3); None where it is simulated."""
+        ...
+
+    @property
+    def steps(self) -> tuple[float, ...]:
+        """Steps of the simulator to try, the longest first [s]."""
         ...
 
     @property

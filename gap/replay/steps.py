@@ -35,8 +35,8 @@ def converged(problem: Joint) -> Joint:
 
     A quarter would be invisible in the error, but not to a search that looks for structure in it.
     """
-    steps = (ROBOT_STEP, *STEPS) if problem.kind == "free" and problem.models[0].load.tree else STEPS
-    for step in steps:
+    step = problem.step
+    for step in problem.steps:
         whole, halved = (problem.position_error(problem.simulate([{}], s)[0]) for s in (step, step / 2.0))
         if np.sqrt(np.mean((whole - halved) ** 2)) < 0.1 * problem.noise:
             break

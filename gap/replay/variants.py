@@ -2,49 +2,94 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
 from typing import Protocol
 
 import numpy as np
 
 from ...actuators.stages.base import ChainError
+from ..log.parts import Unit
 from .joint_model import JointModel
-from .problem import JointProblem
 from .simulator import CHANNELS
 from .steps import largest_step
 
 FAR = 1e3  # [rad] where a variant is said to be whose values make no chain
 
 
-class Replay(Protocol):
-    """Replays the units of one run with every variant."""
+class Laid(Protocol):
+    """What of a :class:`sealegs.gap.replay.problem.JointProblem` is replayed."""
 
-    def __call__(
-        self,
-        rows: slice,
-        programs: np.ndarray,
-        constants: np.ndarray,
-        starts: np.ndarray,
-        states: np.ndarray,
-        steps: np.ndarray,
-        out: np.ndarray,
-    ) -> None:
-        """Fill ``out`` (v, samples, 4).
+    @property
+    def models(self) -> tuple[JointModel, ...]:
+        """Nominal joint of each run."""
+        ...
 
-        Args:
-            rows: samples of the units.
-            programs: of the variants (v, L).
-            constants: of the joint (v, units, K.size).
-            starts: first of these samples of each unit, and the end of the last (units + 1,).
-            states: of the units at their start (units, 2).
-            steps: largest step of each variant (v,) [s].
-            out: channels at the samples.
-        """
+    @property
+    def params(self) -> tuple[dict[str, float], ...]:
+        """Bench parameters of each run."""
+        ...
+
+    @property
+    def units(self) -> tuple[Unit, ...]:
+        """Pieces of runs."""
+        ...
+
+    @property
+    def starts(self) -> np.ndarray:
+        """First sample of each unit and the end of the last (u + 1,)."""
+        ...
+
+    @property
+    def states(self) -> np.ndarray:
+        """Position and speed of the units at their start (u, 2) [rad, rad/s]."""
+        ...
+
+    @property
+    def time(self) -> np.ndarray:
+        """Time of the samples (n,) [s]."""
+        ...
+
+    @property
+    def step(self) -> float:
+        """Largest step [s]."""
+        ...
+
+    @property
+    def coarse(self) -> float:
+        """Factor on the step of play and of firmware that switches."""
         ...
 
 
+@dataclass(frozen=True, eq=False)
+class Batch:
+    """The units of one run with every variant, and where their channels go.
+
+    Attributes:
+        rows: samples of the units.
+        programs: of the variants (v, L).
+        constants: of the joint (v, units, K.size).
+        starts: first of these samples of each unit, and the end of the last (units + 1,).
+        states: of the units at their start (units, 2).
+        steps: largest step of each variant (v,) [s].
+        out: channels at the samples (v, samples, 4), which a replay fills.
+    """
+
+    rows: slice
+    programs: np.ndarray
+    constants: np.ndarray
+    starts: np.ndarray
+    states: np.ndarray
+    steps: np.ndarray
+    out: np.ndarray
+
+
+Replay = Callable[[Batch], None]
+"""Replays the units of one run with every variant."""
+
+
 def simulate_joint(
-    problem: JointProblem, variants: Sequence[Mapping[str, float]], step: float | None, replay: Replay
+    problem: Laid, variants: Sequence[Mapping[str, float]], step: float | None, replay: Replay
 ) -> np.ndarray:
     """Replay every unit with every variant of the nominal models.
 
@@ -84,7 +129,7 @@ def simulate_joint(
         k = np.array([[rows[run]] * len(chosen) for rows in constants])
         part = np.empty((len(variants), hi - lo, len(CHANNELS)))
         starts = problem.starts[chosen[0] : chosen[-1] + 2] - lo
-        replay(slice(lo, hi), table, k, starts, problem.states[chosen], np.array(steps), part)
+        replay(Batch(slice(lo, hi), table, k, starts, problem.states[chosen], np.array(steps), part))
         out[:, lo:hi] = part
     out[~np.array(valid)] = FAR
     return out

@@ -22,29 +22,27 @@ from ..log.parts import FIT_A, FIT_B
 from ..replay.parameters import address, numbers
 from ..replay.problem import JointProblem
 from .fit import fit
+from .settings import DEFAULT, SearchSettings
 
-AGREES = 0.8  # least correlation of a channel with what the tuned model predicts
-SLOPE = (0.5, 2.0)  # measured over predicted size: beyond it the column has another unit or another meaning
-FEWEST = 50  # groups of samples from which a channel can be judged
-LAG = 2.5e-4  # [s] by which a column may be later than the time stamp of its row: a period of a drive's loop, assumed
 DELAY = "delay.seconds"
-CALIBRATION = 0.02  # calibration error of a column, as a share of its rms
 
 Joint = TypeVar("Joint", bound=JointProblem)
 
 
-def weigh_channels(problem: Joint) -> Joint:
+def weigh_channels(problem: Joint, settings: SearchSettings = DEFAULT) -> Joint:
     """The problem with a weight for each further channel that the model understands; others stay without.
 
     Only the parts to fit on are looked at.
     """
     fitted = problem.part(FIT_A, FIT_B)
-    logged = [c for c in range(1, len(problem.channels)) if np.isfinite(fitted.measured[:, c]).mean() > 0.5]
+    logged = [
+        c for c in range(1, len(problem.channels)) if np.isfinite(fitted.measured[:, c]).mean() > settings.column_logged
+    ]
     if not logged:
         return problem
     tuned = fit(fitted, adjustable(problem.models[0]))
     simulated = tuned.simulated
-    late = _late_or_early(problem, tuned.values)
+    late = _late_or_early(problem, tuned.values, settings.column_lag)
     weight, reliability = problem.weight.copy(), problem.reliability.copy()
     for c in logged:
         if problem.channels[c] == "link_position":
@@ -52,9 +50,9 @@ def weigh_channels(problem: Joint) -> Joint:
             continue
         measured, predicted = fitted.means(fitted.measured[:, c]), fitted.means(simulated[:, c])
         good = np.isfinite(measured)
-        if good.sum() < FEWEST or not _agrees(measured[good], predicted[good]):
+        if good.sum() < settings.column_groups or not _agrees(measured[good], predicted[good], settings):
             continue
-        noise, timing = _noise(measured, predicted)
+        noise, timing = _noise(measured, predicted, settings)
         if not np.isfinite(noise):
             continue
         weight[c] = 1.0 / noise
@@ -67,7 +65,7 @@ def weigh_channels(problem: Joint) -> Joint:
     return replace(problem, weight=weight, reliability=reliability)
 
 
-def _late_or_early(problem: JointProblem, values: Mapping[str, float]) -> np.ndarray:
+def _late_or_early(problem: JointProblem, values: Mapping[str, float], lag: float) -> np.ndarray:
     """How much the channels (n, 4) would differ at each sample if commands took effect a little sooner or later.
 
     A drive reports what it set last. Where a command takes effect just as a sample is taken, that may be either.
@@ -76,18 +74,20 @@ def _late_or_early(problem: JointProblem, values: Mapping[str, float]) -> np.nda
     path = numbers(values).get(DELAY, DELAY)
     unit = nominal.value(DELAY) if address(path).factor else 1.0
     here = values[path] * unit if path in values else nominal.value(DELAY)
-    around = [here + LAG, max(here - LAG, 0.0)]
+    around = [here + lag, max(here - lag, 0.0)]
     rows = [{**values, path: seconds / unit} for seconds in around]
     later, sooner = problem.simulate(rows)
-    return (later - sooner) * LAG / (around[0] - around[1])
+    return (later - sooner) * lag / (around[0] - around[1])
 
 
-def _agrees(measured: np.ndarray, predicted: np.ndarray) -> bool:
+def _agrees(measured: np.ndarray, predicted: np.ndarray, settings: SearchSettings) -> bool:
     spread = measured.std() * predicted.std()
     if spread == 0.0:
         return False
     correlation = float(np.mean((measured - measured.mean()) * (predicted - predicted.mean())) / spread)
-    return correlation > AGREES and SLOPE[0] < correlation * measured.std() / predicted.std() < SLOPE[1]
+    slope = correlation * measured.std() / predicted.std()
+    alike = settings.column_least_slope < slope < settings.column_most_slope
+    return correlation > settings.column_agreement and alike
 
 
 def _change(means: np.ndarray) -> np.ndarray:
@@ -96,7 +96,7 @@ def _change(means: np.ndarray) -> np.ndarray:
     return np.maximum(np.append(step, 0.0), np.append(0.0, step))
 
 
-def _noise(measured: np.ndarray, predicted: np.ndarray) -> tuple[float, float]:
+def _noise(measured: np.ndarray, predicted: np.ndarray, settings: SearchSettings) -> tuple[float, float]:
     """Noise of the means of a channel at rest, and the timing error where it changes, in groups.
 
     Both from second differences of the error, which a slow error of the model hardly enters. Infinite where gaps leave
@@ -106,15 +106,16 @@ def _noise(measured: np.ndarray, predicted: np.ndarray) -> tuple[float, float]:
     jump = np.abs(error[:-2] - 2.0 * error[1:-1] + error[2:]) / np.sqrt(6.0)
     change = _change(measured)[1:-1]
     good = np.isfinite(jump) & np.isfinite(change)
-    if good.sum() < FEWEST:
+    if good.sum() < settings.column_groups:
         return np.inf, 0.0
     jump, change = jump[good], change[good]
     slow = change <= np.median(change)
-    noise = max(float(np.sqrt(np.mean(_trimmed(jump[slow]) ** 2))), CALIBRATION * float(np.nanstd(measured)), 1e-9)
-    fast = change >= np.quantile(change, 0.75)
-    timing = float(np.sqrt(np.mean(_trimmed(jump[fast]) ** 2) / max(np.mean(change[fast] ** 2), 1e-18)))
+    fast = change >= np.quantile(change, settings.column_fast)
+    still, moving = (np.mean(_trimmed(jump[rows], settings.column_trim) ** 2) for rows in (slow, fast))
+    noise = max(float(np.sqrt(still)), settings.column_calibration * float(np.nanstd(measured)), 1e-9)
+    timing = float(np.sqrt(moving / max(np.mean(change[fast] ** 2), 1e-18)))
     return noise, min(timing, 1.0)
 
 
-def _trimmed(values: np.ndarray) -> np.ndarray:
-    return values[values <= np.quantile(values, 0.98)]
+def _trimmed(values: np.ndarray, most: float) -> np.ndarray:
+    return values[values <= np.quantile(values, most)]

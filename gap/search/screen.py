@@ -14,11 +14,7 @@ from .bounded import solved
 from .settings import SearchSettings
 
 AT_ONCE = 16  # replays
-OUTLIER = 5.0  # rms errors: beyond it an error says nothing about small changes
-FAR = 20.0  # clipped errors: a replay that runs elsewhere has no small change
 STEP = 0.1  # of a nuisance parameter, in units of its scale
-TUNED_REACH = 15.0  # most that a nuisance parameter moves, in units of its scale
-SIZE_REACH = (-2.0, 4.0)  # of the tried size that a variant may have
 
 
 @dataclass(frozen=True)
@@ -52,17 +48,18 @@ def screen(
     sizes = [_sizes(variant) for _, variant in variants]
     error = _residuals(problem, here, [*steps, *(size for tried in sizes for size in tried)])
     rest, changes = error[0], error[1:] - error[0]
-    clip = OUTLIER * np.sqrt(np.mean(rest**2))
+    clip = settings.screen_outlier * np.sqrt(np.mean(rest**2))
     rest = np.clip(rest, -clip, clip)
     tuned = changes[: len(extended)].T
-    bent = np.clip(tuned, -FAR * clip, FAR * clip)
+    far = settings.screen_far * clip
+    bent = np.clip(tuned, -far, far)
     ends = np.cumsum([len(extended), *(len(tried) for tried in sizes)])
     scores = []
     for (_, variant), first, end in zip(variants, ends[:-1], ends[1:], strict=True):
         columns = changes[first:end].T
         # the two phases of something periodic span all others; of two sizes one is taken
         groups = [columns] if is_periodic(variant) else [columns[:, k : k + 1] for k in range(columns.shape[1])]
-        scores.append(min(_left(rest, bent, np.clip(group, -FAR * clip, FAR * clip)) for group in groups))
+        scores.append(min(_left(rest, bent, np.clip(group, -far, far), settings) for group in groups))
     order = np.argsort(scores)
     least = scores[order[0]] if len(order) else _left_after(rest, tuned)
     promise = (_left_after(rest, tuned) - least) / float(problem.blocks()[1].sum())
@@ -101,13 +98,14 @@ def _residuals(problem: Problem, here: Mapping[str, float], changes: Sequence[Ma
     return np.concatenate([problem.residual(problem.simulate(part)) for part in parts])
 
 
-def _left(rest: np.ndarray, tuned: np.ndarray, columns: np.ndarray) -> float:
+def _left(rest: np.ndarray, tuned: np.ndarray, columns: np.ndarray, settings: SearchSettings) -> float:
     """Squared residual that stays beside the best size of a variant and the best nuisance parameters."""
     basis = np.concatenate([tuned, columns], axis=1)
     gram = basis.T @ basis
     solution = np.linalg.lstsq(gram + 1e-9 * np.trace(gram) * np.eye(len(gram)), -(basis.T @ rest))[0]
-    solution[: tuned.shape[1]] = np.clip(solution[: tuned.shape[1]], -TUNED_REACH, TUNED_REACH)
-    solution[tuned.shape[1] :] = np.clip(solution[tuned.shape[1] :], *SIZE_REACH)
+    reach, (least, most) = settings.screen_tuned_reach, (settings.screen_least_size, settings.screen_most_size)
+    solution[: tuned.shape[1]] = np.clip(solution[: tuned.shape[1]], -reach, reach)
+    solution[tuned.shape[1] :] = np.clip(solution[tuned.shape[1] :], least, most)
     return float(((rest + basis @ solution) ** 2).sum())
 
 

@@ -9,12 +9,27 @@ from __future__ import annotations
 from dataclasses import dataclass, field, fields, replace
 from typing import Any
 
+EFFORT, COLUMNS, ROBOT, TORQUE, TOLD = (
+    "What bounds the effort",
+    "Which columns count",
+    "What joints of a robot share",
+    "Logs of torque alone",
+    "What is told beside a cause",
+)
+"""What a setting is about that a record does not decide again."""
 
-def threshold(value: float, meaning: str, *, decides: bool = False, neutral: float = 0.0) -> Any:
-    """A setting: default, meaning, whether it decides what is named (else it only bounds the effort), and the value
-    from which its distance counts: one for a share that must be near one, and for a factor.
+
+def threshold(value: float, meaning: str, *, decides: bool = False, neutral: float = 0.0, about: str = EFFORT) -> Any:
+    """A setting.
+
+    Args:
+        value: its default.
+        meaning: of it, with its unit.
+        decides: whether it decides what is named, given what was fitted.
+        neutral: from where its distance counts: one for a share that must be near one, and for a factor.
+        about: what it is about, where it does not decide.
     """
-    return field(default=value, metadata={"meaning": meaning, "decides": decides, "neutral": neutral})
+    return field(default=value, metadata={"meaning": meaning, "decides": decides, "neutral": neutral, "about": about})
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -45,6 +60,21 @@ class SearchSettings:
     speed_quantile: float = threshold(
         0.99,
         "Quantile of the simulated speeds that counts as the highest: a characteristic speed above it is at its edge.",
+    )
+    screen_outlier: float = threshold(
+        5.0, "Rms errors beyond which an error says nothing about small changes, and is clipped by the screen."
+    )
+    screen_far: float = threshold(
+        20.0, "Clipped errors beyond which a change is no small one: a replay that runs elsewhere."
+    )
+    screen_tuned_reach: float = threshold(15.0, "Most that a tuned number moves in the screen, in units of its scale.")
+    screen_least_size: float = threshold(-2.0, "Least size of a variant in the screen, in parts of the one tried.")
+    screen_most_size: float = threshold(4.0, "Largest size of a variant in the screen, in parts of the one tried.")
+    window_error: float = threshold(
+        20.0, "Noise floors of rms error that refitting leaves, from which a free replay begins anew every second."
+    )
+    refitted_by: float = threshold(
+        4.0, "How far refitting alone may turn each number that the model has: to five times, down to a fifth."
     )
     iterations: int = threshold(25, "Iterations of a fit to convergence, at most.")
     coarse_step: float = threshold(
@@ -133,6 +163,84 @@ class SearchSettings:
         "Factor by which another form of a cause must lower the loss against its usual form.",
         decides=True,
         neutral=1.0,
+    )
+
+    # --- which columns count beside the position
+    column_logged: float = threshold(0.5, "Share of its samples from which a column is looked at.", about=COLUMNS)
+    column_agreement: float = threshold(
+        0.8, "Least correlation of a column with what the tuned model predicts.", about=COLUMNS
+    )
+    column_least_slope: float = threshold(
+        0.5, "Least ratio of measured to predicted size: below it the column has another unit.", about=COLUMNS
+    )
+    column_most_slope: float = threshold(2.0, "Largest ratio of measured to predicted size.", about=COLUMNS)
+    column_groups: int = threshold(50, "Groups of samples from which a column can be judged.", about=COLUMNS)
+    column_calibration: float = threshold(
+        0.02, "Calibration error of a column, as a share of its rms: the least noise that it has.", about=COLUMNS
+    )
+    column_lag: float = threshold(
+        2.5e-4,
+        "Time [s] by which a column may be later than the stamp of its row: a period of a drive's loop, assumed.",
+        about=COLUMNS,
+    )
+    column_trim: float = threshold(
+        0.98, "Quantile of a column's second differences beyond which they are no noise.", about=COLUMNS
+    )
+    column_fast: float = threshold(
+        0.75, "Quantile of a column's changes from which its timing error is read off.", about=COLUMNS
+    )
+
+    # --- what joints of a robot share
+    shared_joints: int = threshold(2, "Joints that a cause of the whole robot must act on, and help.", about=ROBOT)
+    shared_gain: float = threshold(
+        0.1, "Share of a joint's own loss that a cause must remove which the joint shares.", about=ROBOT
+    )
+    light_body: float = threshold(
+        0.02,
+        "Share of the robot's moving mass below which a body's own mass and centre of mass are not sought.",
+        about=ROBOT,
+    )
+
+    # --- logs of torque alone
+    most_torque_causes: int = threshold(4, "Causes after which the search in a torque log ends.", about=TORQUE)
+    shift_certainty: float = threshold(
+        0.9, "Share of bootstrap draws in which a torque column must be out of step to the same side.", about=TORQUE
+    )
+    shift_error: float = threshold(
+        0.995, "Error with the shift, in parts of that without, below which it is sought at all.", about=TORQUE
+    )
+    least_shift: float = threshold(
+        2e-3,
+        "Shift [s] from which a column is out of step: two steps of the grid that logs are brought to.",
+        about=TORQUE,
+    )
+
+    # --- what is told beside a cause
+    verdict_draws: int = threshold(
+        1000, "Draws of the bootstrap over the test part, and over a torque log.", about=TOLD
+    )
+    place_error: float = threshold(
+        0.5, "Share of the squared error that a place, or few moments, must hold to be told.", about=TOLD
+    )
+    place_lift: float = threshold(2.0, "The same in parts of the place's share of the time.", about=TOLD)
+    few_moments: float = threshold(
+        0.05, "Share of the windows of a log that are few: what holds most of the error there are events.", about=TOLD
+    )
+    at_duty_limit: float = threshold(0.98, "Share of the largest duty from which it is at its limit.", about=TOLD)
+    at_rest_speed: float = threshold(
+        0.02, "Share of the highest speeds (99 % quantile) below which a joint is at rest.", about=TOLD
+    )
+    goal_knots: float = threshold(
+        0.35,
+        "Relative difference of what was added to a delay and half of the time between two goals, below which the log "
+        "may have been interpolated.",
+        about=TOLD,
+    )
+    further: float = threshold(
+        0.02, "Share of the fitted range by which the test part goes further; less is chance.", about=TOLD
+    )
+    worse_there: float = threshold(
+        2.0, "Times the error of all other pieces that it has there; less is scatter.", about=TOLD
     )
 
     @classmethod

@@ -15,7 +15,7 @@ import numpy as np
 
 from ..replay.problem import NOISE_FLOORS, Problem
 from .correlated import reading_error, shared
-from .settings import threshold
+from .settings import DEFAULT, SearchSettings, threshold
 from .where import where
 
 FOLDS = 3  # parts of the pieces, each predicted from the others
@@ -100,7 +100,7 @@ def told_in(unit: str) -> tuple[float, str]:
     return 1e3, "per mille" if unit == "1" else f"m{unit}"
 
 
-def structure(problem: Problem, simulated: np.ndarray, seed: int = 0) -> Structure:
+def structure(problem: Problem, simulated: np.ndarray, seed: int = 0, settings: SearchSettings = DEFAULT) -> Structure:
     """Structure in the position errors of a model (n, 4)."""
     if (known := problem.left_over(simulated)) is not None:
         return Structure(known, float(np.sqrt(known)) * problem.noise, unit=problem.signal[1])
@@ -111,7 +111,7 @@ def structure(problem: Problem, simulated: np.ndarray, seed: int = 0) -> Structu
     if level <= LIMITS.noticed:
         return Structure(level, rms, unit=problem.signal[1])
     predicted, depends_on = _learn(problem, simulated, error, level, seed)
-    return Structure(level, rms, predicted, depends_on, problem.signal[1], where(problem, simulated, error))
+    return Structure(level, rms, predicted, depends_on, problem.signal[1], where(problem, simulated, error, settings))
 
 
 # --- what it depends on --------------------------------------------------------------------------------------------

@@ -7,16 +7,13 @@ from collections.abc import Iterator
 import numpy as np
 
 from ..replay.problem import Problem
+from .settings import DEFAULT, SearchSettings
 
-MOST = 0.5  # share of the squared error that a place must hold to be told
-LIFT = 2.0  # times its share of the time that it must hold
 BINS = 12  # of an angle's range
-AT_LIMIT = 0.98  # of the largest duty
 WINDOW = 0.25  # [s] errors closer than this are one event
-FEW = 0.05  # share of the windows that, holding most of the error, are events
 
 
-def where(problem: Problem, simulated: np.ndarray, error: np.ndarray) -> str:
+def where(problem: Problem, simulated: np.ndarray, error: np.ndarray, settings: SearchSettings = DEFAULT) -> str:
     """Where most of a squared error (n,) is, for people; whether it comes as events where no place holds most of it.
 
     Of the places that hold most of it the one is told in which it is densest.
@@ -25,34 +22,35 @@ def where(problem: Problem, simulated: np.ndarray, error: np.ndarray) -> str:
         problem: what was replayed.
         simulated: its channels in the model (n, 4).
         error: NaN where it is not judged (n,).
+        settings: of the search.
     """
     good = np.isfinite(error)
     size = np.where(good, np.nan_to_num(error) ** 2, 0.0)
     total, count = float(size.sum()), int(good.sum())
     if total <= 0.0 or count == 0:
         return ""
-    best, told = LIFT, ""
-    for words, rows in _places(problem, simulated):
+    best, told = settings.place_lift, ""
+    for words, rows in _places(problem, simulated, settings):
         held, time = float(size[rows & good].sum()) / total, float((rows & good).sum()) / count
-        if held > MOST and time > 0.0 and held / time > best:
+        if held > settings.place_error and time > 0.0 and held / time > best:
             best, told = held / time, f"{100 * held:.0f} % of it {words}, in {100 * time:.0f} % of the time"
-    return told or _events(problem, size, good)
+    return told or _events(problem, size, good, settings)
 
 
-def _events(problem: Problem, size: np.ndarray, good: np.ndarray) -> str:
+def _events(problem: Problem, size: np.ndarray, good: np.ndarray, settings: SearchSettings) -> str:
     """Whether few moments hold most of it."""
     window = np.floor(problem.time / WINDOW).astype(int)
     unit = np.repeat(np.arange(len(problem.units)), np.diff(problem.starts))
     _, number = np.unique(unit * (int(window.max()) + 1) + window, return_inverse=True)
     held = np.bincount(number[good], size[good])[np.bincount(number[good]) > 0]
     held = np.sort(held)[::-1]
-    few = max(int(FEW * len(held)), 1)
-    if held[:few].sum() > MOST * held.sum():
+    few = max(int(settings.few_moments * len(held)), 1)
+    if held[:few].sum() > settings.place_error * held.sum():
         return "it comes in few moments and follows none of the logged signals, as events at random times would"
     return "it is spread over the whole log"
 
 
-def _places(problem: Problem, simulated: np.ndarray) -> Iterator[tuple[str, np.ndarray]]:
+def _places(problem: Problem, simulated: np.ndarray, settings: SearchSettings) -> Iterator[tuple[str, np.ndarray]]:
     """Words, and the samples that they mean (n,)."""
     signals = problem.covariates(simulated)
     if not signals:
@@ -70,11 +68,11 @@ def _places(problem: Problem, simulated: np.ndarray) -> Iterator[tuple[str, np.n
             low, high = edges[k], edges[k + 2]
             yield f"{name} from {low:.2f} to {high:.2f} rad", (values >= low) & (values <= high)
     speed = signals["speed"]
-    slow = 0.02 * float(np.nanquantile(np.abs(speed), 0.99))
+    slow = settings.at_rest_speed * float(np.nanquantile(np.abs(speed), 0.99))
     yield "at rest", np.abs(speed) <= slow
     yield "in motion", np.abs(speed) > slow
     yield "while moving up", speed > slow
     yield "while moving down", speed < -slow
     duty = np.abs(signals["duty"])
     if np.isfinite(duty).any() and np.nanmax(duty) > 0.0:
-        yield "with the duty at its limit", duty >= AT_LIMIT * np.nanmax(duty)
+        yield "with the duty at its limit", duty >= settings.at_duty_limit * np.nanmax(duty)

@@ -10,21 +10,25 @@ from __future__ import annotations
 import itertools
 from collections.abc import Sequence
 from dataclasses import replace
+from typing import TypeVar
 
 import numpy as np
 
 from ..log.parts import FIT_A, FIT_B, LEAST_START, Unit, state_at
 from ..replay.constants import K
-from ..replay.free import FreeProblem
 from ..replay.parameters import Parameter
+from ..replay.problem import JointProblem
 from .fit import fit
+from .settings import DEFAULT, SearchSettings
 
 WINDOW = 1.0  # [s]
 SHORTEST = 0.5  # [s] what is left at the end of a run, if shorter, belongs to the window before
-FAR = 20.0  # noise floors of rms error that refitting leaves, from which errors grow along a run
 
 
-def in_windows(problem: FreeProblem, tuned: Sequence[Parameter]) -> FreeProblem:
+Joint = TypeVar("Joint", bound=JointProblem)
+
+
+def in_windows(problem: Joint, tuned: Sequence[Parameter], settings: SearchSettings = DEFAULT) -> Joint:
     """The same data in windows, where that serves better than whole runs.
 
     It does not where the model comes near the data with its numbers refitted (``tuned``), nor where the first state of
@@ -33,17 +37,20 @@ def in_windows(problem: FreeProblem, tuned: Sequence[Parameter]) -> FreeProblem:
     Args:
         problem: of a free joint.
         tuned: what refitting may turn.
+        settings: thresholds of the search.
     """
     if any(_hidden_state(problem, run) for run in range(len(problem.models))):
         return problem
     part = problem.part(FIT_A, FIT_B)
-    if not _far(part, part.simulate([{}])[0]) or not _far(part, fit(part, tuned).simulated):
+    far = settings.window_error
+    if not (_off(part, part.simulate([{}])[0]) > far and _off(part, fit(part, tuned).simulated) > far):
         return problem
     return split(problem)
 
 
-def _far(part: FreeProblem, simulated: np.ndarray) -> bool:
-    return float(np.sqrt(np.mean(part.position_error(simulated) ** 2))) > FAR * part.noise
+def _off(part: JointProblem, simulated: np.ndarray) -> float:
+    """Error of a model (rms) in noise floors."""
+    return float(np.sqrt(np.mean(part.position_error(simulated) ** 2))) / part.noise
 
 
 def window_starts(time: np.ndarray, window: float = WINDOW) -> np.ndarray:
@@ -51,7 +58,7 @@ def window_starts(time: np.ndarray, window: float = WINDOW) -> np.ndarray:
     return np.searchsorted(time, np.arange(time[0], time[-1] - SHORTEST, window))
 
 
-def split(problem: FreeProblem, window: float = WINDOW) -> FreeProblem:
+def split(problem: Joint, window: float = WINDOW) -> Joint:
     """Cut every unit into windows, each judged from :data:`sealegs.gap.log.parts.LEAST_START` after its start on.
 
     The first one is judged from where the unit was.
@@ -80,7 +87,7 @@ def split(problem: FreeProblem, window: float = WINDOW) -> FreeProblem:
     )
 
 
-def _hidden_state(problem: FreeProblem, run: int) -> bool:
+def _hidden_state(problem: JointProblem, run: int) -> bool:
     model = problem.models[run]
     constants = model.constants(problem.params[run], model.chain.program())
     integral = model.chain.find("position_pi")

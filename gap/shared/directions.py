@@ -18,6 +18,7 @@ from ..load.tree import Motion, block_along, tip_behind
 from ..log.types import Array, MeasuredRun
 from ..replay.parameters import Parameter
 from ..replay.tree import motion_of
+from ..search.settings import DEFAULT
 
 ABOUT_JOINTS = "robot.about_joints"
 """Number that says how much of mass times distance squared the file's inertias have too much."""
@@ -26,7 +27,6 @@ SHIFT = 1e-3  # [m] and
 TILT = 0.02  # [rad] over which derivatives are taken
 TILTS = tuple(Parameter(f"base.tilt_{axis}", "rad", -0.5, 0.5, 0.0, 0.01) for axis in "xy")
 """How far the base is tilted about either axis."""
-LIGHT = 0.02  # share of the robot's moving mass below which a body's own mass and centre are not sought
 
 
 @dataclass(frozen=True, eq=False)
@@ -37,11 +37,15 @@ class Direction:
         parameter: the number: ``body.<name>.mass_factor`` or the like, as :mod:`sealegs.envs.robot_numbers` has it.
         neutral: its value where the model is right.
         change: model before and after, and by how much the number differs between them.
+        parts: names of what it changes: a body, the base, or joints.
+        effect: what it changes of each, such as ``body.mass_factor``.
     """
 
     parameter: Parameter
     neutral: float
     change: Callable[[], tuple[mujoco.MjModel | None, mujoco.MjModel, float]]
+    parts: tuple[str, ...]
+    effect: str
 
     @property
     def number(self) -> str:
@@ -83,12 +87,13 @@ def payload(robot: LoggedRobot, joint: str) -> Direction | None:
         return None, other, 1.0
 
     mass = _whole(robot.model)
-    return Direction(Parameter(f"body.{name}.payload", "kg", -2.0 * mass, 5.0 * mass, 0.0, 0.05 * mass), 0.0, change)
+    parameter = Parameter(f"body.{name}.payload", "kg", -2.0 * mass, 5.0 * mass, 0.0, 0.05 * mass)
+    return Direction(parameter, 0.0, change, (name,), "body.payload")
 
 
-def masses(robot: LoggedRobot) -> Iterator[Direction]:
-    """The mass of each body that is more than a small part of the robot."""
-    for body in _heavy(robot.model):
+def masses(robot: LoggedRobot, light: float = DEFAULT.light_body) -> Iterator[Direction]:
+    """The mass of each body that is more than a small part (``light``) of the robot."""
+    for body in _heavy(robot.model, light):
 
         def change(body: int = body) -> tuple[None, mujoco.MjModel, float]:
             model, other = robot.model, _empty(robot.model)
@@ -97,23 +102,26 @@ def masses(robot: LoggedRobot) -> Iterator[Direction]:
 
         name = robot.model.body(body).name
         parameter = Parameter(f"body.{name}.mass_factor", "1", 0.2, 6.0, 1.0, 0.1, logarithmic=True)
-        yield Direction(parameter, 1.0, change)
+        yield Direction(parameter, 1.0, change, (name,), "body.mass_factor")
 
 
-def centres(robot: LoggedRobot) -> Iterator[tuple[str, tuple[Direction, ...]]]:
+def centres(robot: LoggedRobot, light: float = DEFAULT.light_body) -> Iterator[tuple[str, tuple[Direction, ...]]]:
     """The centre of mass of each such body, along the axes of its frame, by its name."""
-    for body in _heavy(robot.model):
+    for body in _heavy(robot.model, light):
         name = robot.model.body(body).name
-        yield name, tuple(_centre(robot.model, body, axis, f"body.{name}.centre_{'xyz'[axis]}") for axis in range(3))
+        yield name, tuple(_centre(robot.model, body, name, axis) for axis in range(3))
 
 
-def _centre(model: mujoco.MjModel, body: int, axis: int, number: str) -> Direction:
+def _centre(model: mujoco.MjModel, body: int, name: str, axis: int) -> Direction:
+    key = f"centre_{'xyz'[axis]}"
+
     def change() -> tuple[mujoco.MjModel, mujoco.MjModel, float]:
         other = model.__copy__()
         other.body_ipos[body, axis] += SHIFT
         return model, other, SHIFT
 
-    return Direction(Parameter(number, "m", -0.15, 0.15, 0.0, 0.005), 0.0, change)
+    parameter = Parameter(f"body.{name}.{key}", "m", -0.15, 0.15, 0.0, 0.005)
+    return Direction(parameter, 0.0, change, (name,), f"body.{key}")
 
 
 def tilt(robot: LoggedRobot) -> tuple[Direction, Direction]:
@@ -129,7 +137,7 @@ def _tilt(model: mujoco.MjModel, axis: int) -> Direction:
         other.opt.gravity[:] = (x, c * y + s * z, c * z - s * y) if axis == 0 else (c * x - s * z, y, s * x + c * z)
         return model, other, TILT
 
-    return Direction(TILTS[axis], 0.0, change)
+    return Direction(TILTS[axis], 0.0, change, ("base",), f"tilt_{'xy'[axis]}")
 
 
 def about_joints(robot: LoggedRobot) -> Direction | None:
@@ -149,7 +157,17 @@ def about_joints(robot: LoggedRobot) -> Direction | None:
             other.body_inertia[body], other.body_iquat[body] = inertia, quaternion
         return None, other, -1.0
 
-    return Direction(Parameter(ABOUT_JOINTS, "1", -0.5, 1.5, 0.0, 0.2), 0.0, change)
+    joints = tuple(robot.column(number) for number in found)
+    parameter = Parameter(ABOUT_JOINTS, "1", -0.5, 1.5, 0.0, 0.2)
+    return Direction(parameter, 0.0, change, joints, "load.about_joint")
+
+
+def every(robot: LoggedRobot) -> dict[str, Direction]:
+    """All numbers of a robot that its joints may feel, however light the body is."""
+    driven = [joint.name for joint in robot.file.joints if robot.number(joint.name) >= 0]
+    found = [payload(robot, joint) for joint in driven]
+    found += [*masses(robot, 0.0), *(one for _, group in centres(robot, 0.0) for one in group), *tilt(robot)]
+    return {one.number: one for one in (*found, about_joints(robot)) if one is not None}
 
 
 def too_much(model: mujoco.MjModel) -> dict[int, tuple[np.ndarray, np.ndarray]]:
@@ -176,8 +194,8 @@ def _whole(model: mujoco.MjModel) -> float:
     return float(model.body_mass[model.body_weldid > 0].sum())
 
 
-def _heavy(model: mujoco.MjModel) -> list[int]:
-    least = LIGHT * _whole(model)
+def _heavy(model: mujoco.MjModel, light: float) -> list[int]:
+    least = light * _whole(model)
     return [
         b for b in range(1, model.nbody) if model.body_weldid[b] and model.body_mass[b] > least and model.body(b).name
     ]

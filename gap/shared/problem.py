@@ -9,15 +9,14 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
-from typing import Literal, Self
+from typing import Self
 
 import numpy as np
 
 from ..log.parts import Unit
 from ..log.types import Array
-from ..replay.free import FreeProblem
 from ..replay.parameters import address
-from ..replay.problem import CALIBRATION, NOISE_FLOORS
+from ..replay.problem import CALIBRATION, NOISE_FLOORS, JointProblem
 from ..replay.robust import robust_loss
 from ..replay.selection import select
 from ..replay.terms import T_OWN, T_SIZE
@@ -34,7 +33,7 @@ class RobotModel:
         units: of those numbers.
     """
 
-    joints: Mapping[str, FreeProblem]
+    joints: Mapping[str, JointProblem]
     neutral: Mapping[str, float]
     units: Mapping[str, str]
 
@@ -74,14 +73,19 @@ class RobotProblem:
         models: what is believed.
     """
 
-    joints: Mapping[str, FreeProblem]
+    joints: Mapping[str, JointProblem]
     rows: Mapping[str, Mapping[str, Array]]
     models: tuple[RobotModel, ...]
 
     @property
-    def kind(self) -> Literal["free"]:
-        """How it is replayed."""
-        return "free"
+    def joint(self) -> None:
+        """None: it has several."""
+        return None
+
+    @property
+    def free_joint(self) -> None:
+        """None, likewise."""
+        return None
 
     @property
     def open_loop(self) -> bool:
@@ -263,6 +267,10 @@ class RobotProblem:
             ]
         )
 
+    def errors(self, simulated: np.ndarray) -> np.ndarray:
+        """Errors of one variant (n, 4) in the units of each joint's channels, NaN where they are not judged."""
+        return np.where(self.judged[:, None], simulated - self.measured, np.nan)
+
     def covariates(self, simulated: np.ndarray) -> dict[str, np.ndarray]:
         """None: no signal is that of all joints."""
         del simulated
@@ -281,6 +289,15 @@ class RobotProblem:
     def chain(self, values: Mapping[str, float]) -> None:
         """None: a robot has a chain for each of its joints."""
         del values
+
+    def mjcf(self, values: Mapping[str, float]) -> None:
+        """None: its own file with the changes says it."""
+        del values
+
+    def picture(self, named: str) -> str:
+        """None shows what joints share."""
+        del named
+        return ""
 
     def systematic_error(self, path: str) -> float:
         """Relative error of a number that columns and simulation share in all data."""

@@ -18,8 +18,8 @@ from ..load.robot import LoggedRobot
 from ..log.parts import FIT_A, FIT_B
 from ..log.progress import Progress
 from ..log.types import Array, MeasuredRun
-from ..replay.free import FreeProblem
 from ..replay.parameters import Parameter
+from ..replay.problem import JointProblem
 from ..search.fit import merge, middle
 from ..search.forward import Searcher
 from ..search.result import Search
@@ -33,8 +33,6 @@ LOADS = ("load.mass", "load.inertia", "load.centre_of_mass")
 """Causes of a joint that may be a part of what the robot has."""
 PLAIN = ("friction.coulomb", "friction.viscous")
 """Friction that every joint has."""
-FEWEST = 2  # joints
-ENOUGH = 0.1  # share of a joint's own loss that a cause must remove that it shares
 
 
 @dataclass(frozen=True, eq=False)
@@ -55,7 +53,8 @@ class SharedFound:
 
     def widespread(self) -> bool:
         """Whether what was found helps several joints: what helps one alone is of that joint, whatever it is."""
-        return helps_several(*(self._losses(middle(*pair)) for pair in (self.search.base, self.search.fits)))
+        before, after = (self._losses(middle(*pair)) for pair in (self.search.base, self.search.fits))
+        return helps_several(before, after, self.search.settings)
 
     def loss(self) -> float:
         """Loss of all joints on what was fitted, with what was found."""
@@ -81,9 +80,10 @@ class SharedFound:
         return [np.sum(tables, axis=0) for tables in zip(*parts, strict=True)] if parts else None
 
 
-def helps_several(before: Mapping[str, float], after: Mapping[str, float]) -> bool:
+def helps_several(before: Mapping[str, float], after: Mapping[str, float], settings: SearchSettings = DEFAULT) -> bool:
     """Whether several joints lose a good part of their own loss, however much larger that of another is."""
-    return sum(loss - after[joint] > ENOUGH * loss for joint, loss in before.items()) >= FEWEST
+    helped = sum(loss - after[joint] > settings.shared_gain * loss for joint, loss in before.items())
+    return helped >= settings.shared_joints
 
 
 def affected(named: Mapping[str, Iterable[str]], noticed: Mapping[str, bool]) -> bool:
@@ -99,7 +99,7 @@ def affected(named: Mapping[str, Iterable[str]], noticed: Mapping[str, bool]) ->
 def search_shared(
     robot: LoggedRobot,
     runs: Sequence[MeasuredRun],
-    problems: Mapping[str, FreeProblem],
+    problems: Mapping[str, JointProblem],
     searches: Mapping[str, Search],
     seed: int,
     progress: Progress = lambda text: None,
@@ -120,10 +120,10 @@ def search_shared(
         settings: thresholds of the search.
         look_on: whether it records rounds that it would skip.
     """
-    if len(problems) < FEWEST:
+    if len(problems) < settings.shared_joints:
         return None
     progress("looking for what joints share")
-    every = [group for group in _groups(robot, problems) if causes is None or group.name in causes]
+    every = [group for group in _groups(robot, problems, settings) if causes is None or group.name in causes]
     rows: dict[str, dict[str, Sequence[Array]]] = {}
     for direction in {d.number: d for group in every for d in group.directions}.values():
         for joint in problems:
@@ -131,7 +131,9 @@ def search_shared(
             if found is not None:
                 rows.setdefault(direction.number, {})[joint] = found
     # what only one joint feels is that joint's own
-    wide = [group for group in every if any(len(rows.get(d.number, {})) >= FEWEST for d in group.directions)]
+    wide = [
+        group for group in every if any(len(rows.get(d.number, {})) >= settings.shared_joints for d in group.directions)
+    ]
     if not wide:
         return None
     directions = [d for group in wide for d in group.directions]
@@ -152,7 +154,7 @@ def search_shared(
     return min((item for item in sought if item.search.accepted), key=SharedFound.loss, default=sought[0])
 
 
-def laid(rows: Sequence[Array], problem: FreeProblem) -> Array:
+def laid(rows: Sequence[Array], problem: JointProblem) -> Array:
     """Rows of runs at the samples of a joint's units (n, 5)."""
     return np.concatenate([rows[unit.run][unit.start : unit.stop] for unit in problem.units])
 
@@ -163,7 +165,7 @@ def _own(search: Search) -> list[Parameter]:
     return merge(search.tuned, *kept)
 
 
-def _friction(problem: FreeProblem, search: Search) -> list[Parameter]:
+def _friction(problem: JointProblem, search: Search) -> list[Parameter]:
     """What is tuned anyway and plain friction, which every joint has, in place of what its own search named."""
     nominal = problem.models[0]
     plain = [ENTRIES[name] for name in PLAIN if ENTRIES[name].applies(nominal)]
@@ -185,12 +187,12 @@ class Group:
     about: str = ""
 
 
-def _groups(robot: LoggedRobot, joints: Iterable[str]) -> list[Group]:
+def _groups(robot: LoggedRobot, joints: Iterable[str], settings: SearchSettings) -> list[Group]:
     """Directions by the cause that they are of: one for all masses, the payload first; centres of mass body by body."""
     carried = [direction for joint in joints if (direction := payload(robot, joint)) is not None]
     found = [Group("load.mass", (direction,)) for direction in {d.number: d for d in carried}.values()]
-    found += [Group("load.mass", (direction,)) for direction in masses(robot)]
-    found += [Group("load.centre_of_mass", group, body) for body, group in centres(robot)]
+    found += [Group("load.mass", (direction,)) for direction in masses(robot, settings.light_body)]
+    found += [Group("load.centre_of_mass", group, body) for body, group in centres(robot, settings.light_body)]
     if (about := about_joints(robot)) is not None:
         found.append(Group("load.inertia", (about,)))
     return [*found, Group("load.tilt", tilt(robot))]

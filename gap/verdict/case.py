@@ -16,7 +16,6 @@ from ..log.types import MeasuredRun
 from ..replay.joint_model import JointModel
 from ..replay.parameters import Parameter
 from ..replay.problem import Problem
-from .verdict import Replayable
 
 
 @dataclass(frozen=True, eq=False)
@@ -58,7 +57,7 @@ class Replay:
         along: of a hinge of a robot that takes position goals, its load on a motion that is planned.
     """
 
-    problem: Replayable
+    problem: Problem
     fitting: Problem
     wide: Sequence[Parameter]
     tuned: Sequence[Parameter]

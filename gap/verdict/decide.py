@@ -198,7 +198,7 @@ def _with_causes(found: Replayed, limit: Thresholds) -> Verdict:
     if rest.noticed and removed < limit.feeble:
         return _feeble(found)
     sure = all(cause.confidence >= limit.sure for cause in causes)
-    explained = not rest.noticed or (found.left <= limit.negligible and sure and rest.level <= 1.0)
+    explained = not rest.noticed or (found.left <= limit.negligible and sure and rest.level <= limit.as_noise)
     verdict = _explained(found) if explained else _partly(found, sure)
     if not found.still:
         return verdict
@@ -287,15 +287,22 @@ def _balanced(found: Balanced, limit: Thresholds) -> Verdict:
     change = Reason(
         "error",
         f"The torque that the motion needs differs from the logged one by {before:.2f} N.m with the sidecar's numbers, "
-        f"{refitted:.2f} N.m refitted, {after:.2f} N.m with the shift (held-out blocks).",
+        f"{refitted:.2f} N.m with these refitted, {after:.2f} N.m with what is handed over (held-out blocks).",
     )
     told = (change, *(_open_reason(cause) for cause in found.open_causes))
     error = f"error {before:.2f} to {after:.2f} N.m"
+    if found.turned:
+        sentence = f"Refitted numbers alone explain more of the torque of '{found.joint}' than any cause: {error}."
+        why = Reason("refitted", f"The model that is handed over is the nominal one with {found.turned}.")
+        return Verdict(NOT_IDENTIFIABLE, sentence, (why, *told))
     if not found.causes:
         if before <= limit.torque_as_good * after and not found.open_causes:
-            sentence = f"Nothing to explain: neither refitted numbers nor a shift lower the torque {error}."
+            sentence = f"Nothing to explain: neither its own numbers nor a shift lower the torque {error}."
             return Verdict(NOTHING, sentence, told)
-        sentence = f"No known cause holds for the torque of '{found.joint}': {error} when refitted."
+        if found.left < limit.torque_explained and not found.open_causes:
+            sentence = f"Nothing to explain: the torque of '{found.joint}' is as its tuned numbers say, {error}."
+            return Verdict(NOTHING, sentence, told)
+        sentence = f"No known cause holds for the torque of '{found.joint}': {error} when tuned."
         return Verdict(NOT_IDENTIFIABLE, sentence, told)
     reasons = (*(Reason("cause", cause.sentence) for cause in found.causes), *told)
     doubtful = [cause for cause in found.causes if cause.standing == ONE_OF_SEVERAL]

@@ -10,6 +10,7 @@ from ...actuators.chain import Chain
 from ...actuators.errors import SealegsError, nearest
 from ...envs.hopper.robot import HOPPER
 from ...envs.robot_file import is_robot_file
+from ...envs.robots import ROBOTS
 from ..causes.catalogue import adjustable, catalogue, checked
 from ..causes.contact import with_stops
 from ..causes.unknown import with_believed_load
@@ -50,9 +51,8 @@ from .unseen_range import unseen_range
 from .verdict import NOT_IDENTIFIABLE, PARTLY, WITHDRAWN, JointDiagnosis, data_errors, rivals_of
 
 LOGGER = logging.getLogger("sealegs")
-WIDE = 4.0  # how far refitting alone may turn each number the model has: up to five times, down to a fifth
 
-ROBOTS = ("bench", "hopper")  # any other is taken for a machine whose load nobody knows
+MISTYPED = 0.7  # likeness to a robot's name from which a log means it: any other is a machine whose load nobody knows
 
 
 def diagnose(
@@ -117,7 +117,7 @@ def _with_robot(
         return diagnose_joint(runs, joint, [*findings, note], request, more)
 
     try:
-        return with_robot(robot, runs, found, request, WIDE, again)
+        return with_robot(robot, runs, found, request, again)
     except SealegsError:  # which a person can mend
         raise
     except (*NUMERICAL, ValueError, LookupError) as error:
@@ -215,7 +215,7 @@ def conclude(case: Case, replay: Replay, search: Search, request: Request) -> Jo
 def _check(data: MeasuredSet, progress: Progress) -> tuple[MeasuredSet, list[Finding], Finding | None]:
     """The data with their faults mended, what was found about them, and the finding that makes them unusable."""
     robot = data.runs[0].robot
-    if robot not in ROBOTS and not is_robot_file(robot) and (hint := nearest(robot, ROBOTS)):
+    if robot not in ROBOTS and not is_robot_file(robot) and (hint := nearest(robot, ROBOTS, MISTYPED)):
         raise LogError(f"{data.runs[0].name}: there is no robot '{robot}'{hint}; correct it in the sidecar.")
     for run in data.runs:
         if (machine := robot_of(run)) is not None:
@@ -234,16 +234,18 @@ def _replay(pieces: Cut, request: Request, *, before_goal: bool = False) -> Repl
         pieces, request: of the joint.
         before_goal: whether the columns of a row are of the moment before its goal acts.
     """
-    wide, tuned = adjustable(pieces.models[0], WIDE), adjustable(pieces.models[0])
+    wide, tuned = adjustable(pieces.models[0], request.search.refitted_by), adjustable(pieces.models[0])
     causes = catalogue(pieces.models[0], request.causes)
     layout = pieces.runs, pieces.joint, pieces.models, pieces.units
     stops = stops_of(pieces.runs, pieces.joint)
     seen = (*pieces.findings, *told_stops(stops, pieces.joint))
     if pieces.terms is not None or all(run.robot == "bench" for run in pieces.runs):
         free = free_problem(*layout, {"position": 1.0 / pieces.noise}, pieces.terms)
-        problem = weigh_channels(converged(free))
+        problem = weigh_channels(converged(free), request.search)
         causes = with_stops(causes, stops, pieces.models[0])
-        return Replay(problem, in_windows(problem, wide), wide, tuned, causes, seen, stops, along=pieces.along)
+        return Replay(
+            problem, in_windows(problem, wide, request.search), wide, tuned, causes, seen, stops, along=pieces.along
+        )
     if before_goal:  # on a bench the motion tells of the true delay; here nothing else does
         late = [model.with_values({"delay.seconds": model.value("delay.seconds") + MOMENT}) for model in pieces.models]
         layout = pieces.runs, pieces.joint, late, pieces.units
@@ -253,7 +255,7 @@ def _replay(pieces: Cut, request: Request, *, before_goal: bool = False) -> Repl
         return Refused(f"'{pieces.joint}'", str(error), usable=True)
     causes, hidden = shown(driven, pieces.models[0], causes)
     request.progress(f"judging the actuator of {pieces.joint} along its measured motion")
-    problem = weigh_channels(converged(driven))
+    problem = weigh_channels(converged(driven), request.search)
     told = (*seen, limits_of_driven(driven, pieces.joint, hidden))
     return Replay(problem, problem, wide, tuned, causes, told, stops, tuple(hidden))
 
@@ -277,7 +279,8 @@ def _decide(
     problem, joint = replay.problem, case.joint
     errors = data_errors(case.findings, joint)
     signal, unit = problem.signal
-    beyond = unseen_range(problem, measured.simulated["extended"], joint)
+    beyond = unseen_range(problem, measured.simulated["extended"], joint, request.search)
+    free = problem.free_joint
     silent = not (measured.causes or measured.structure.noticed or measured.turned)
     verdict = decide(
         Replayed(
@@ -289,7 +292,7 @@ def _decide(
             measured.structure,
             whole_runs(problem),
             case.still,
-            blind_spots(problem, search) if silent and problem.kind == "free" else (),
+            blind_spots(free, search) if silent and free is not None else (),
             beyond,
             errors,
             unit == "rad" and any(error.column in (f"{joint}.goal", f"{joint}.position") for error in errors),
@@ -301,14 +304,12 @@ def _decide(
     )
     rivals = rivals_of(measured.causes)
     experiment = None
-    planned = replay.along is not None or (problem.kind == "free" and not problem.models[0].load.tree)
     unsettled = verdict.name in (NOT_IDENTIFIABLE, PARTLY) or rivals or measured.open_causes
-    if problem.kind == "free" and planned and unsettled:
-        # a driven link has no load to choose and no motion of its own
+    if free is not None and (replay.along is not None or free.models[0].load.predictable) and unsettled:
         withdrawn = [cause.name for cause in measured.open_causes if cause.standing == WITHDRAWN]
         blind = verdict.because("still", "blind") or bool(withdrawn)
         left = search.less(withdrawn)
-        experiment = propose(problem, left, request.limits, request.seed, blind, replay.stops, replay.along)
+        experiment = propose(free, left, request.limits, request.seed, blind, replay.stops, replay.along)
     tuned = {p.number: measured.values[p.path] for p in search.tuned if p.path in measured.values}
     return JointDiagnosis(
         joint=joint,
@@ -328,7 +329,7 @@ def _decide(
         search=search,
         simulated=measured.simulated,
         structure=measured.structure,
-        reasons=(*verdict.reasons, *recording_reasons(measured.causes, case.findings)),
+        reasons=(*verdict.reasons, *recording_reasons(measured.causes, case.findings, request.search)),
         data_errors=errors,
         tuned_share=measured.tuned_share,
         open_causes=measured.open_causes,

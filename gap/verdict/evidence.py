@@ -20,6 +20,7 @@ class Thresholds:
         "Most unexplained share of the gap that still counts as explained while structure is noticed; its causes must "
         "be certain, and the structure no larger than the noise.",
     )
+    as_noise: float = threshold(1.0, "Most structure, in parts of the noise's mean square, beside so little.")
     feeble: float = threshold(
         0.3, "Least share of the tuned model's mean squared error that causes must remove beside structure."
     )
@@ -42,11 +43,9 @@ class Thresholds:
     at_rest: float = threshold(
         1e-3, "Share of the range tried: an interval that comes as near to doing nothing reaches it."
     )
-    torque_explained: float = threshold(
-        0.15, "Most unexplained share of a torque gap that counts as explained by a shift."
-    )
+    torque_explained: float = threshold(0.15, "Most unexplained share of a torque gap that counts as explained.")
     torque_as_good: float = threshold(
-        1.05, "Times the refitted torque error up to which the numbers of the sidecar are as good."
+        1.05, "Times the tuned torque error up to which the numbers of the sidecar are as good."
     )
 
 
@@ -100,6 +99,7 @@ class Balanced:
 
     Attributes:
         shift: by which the torque column is out of step, where that is among the causes [s].
+        turned: as of :class:`Replayed`.
     """
 
     joint: str
@@ -108,6 +108,7 @@ class Balanced:
     left: float
     open_causes: Sequence[OpenCause] = ()
     shift: float | None = None
+    turned: str = ""
 
 
 @dataclass(frozen=True)

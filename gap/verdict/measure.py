@@ -14,12 +14,13 @@ from ..replay.problem import Nominal, Problem
 from ..replay.robust import robust_loss
 from ..search.fit import Fit, fit, middle
 from ..search.result import Search
-from ..search.structure import Structure, fine, structure, told_in
+from ..search.settings import DEFAULT
+from ..search.structure import Structure, structure
 from .decide import confidence, standing
 from .evidence import THRESHOLDS
 from .shares import owed
 from .signatures import Signature, disagreeing, signatures
-from .unseen import EVALUATIONS, Model, clearly_better, effective, holds, near_misses, outdone, refitted_numbers
+from .unseen import Model, effective, handed_over, near_misses, outdone, refitted_numbers
 from .verdict import Error, NamedCause, OpenCause, Value
 
 
@@ -70,27 +71,24 @@ def measure(
         seed: of all resampling.
     """
     fitted, test = fitting.part(FIT_A, FIT_B), problem.part(TEST)
-    refitted = fit(fitted, wide, evaluations=EVALUATIONS)
+    evaluations = search.settings.iterations
+    refitted = fit(fitted, wide, evaluations=evaluations)
     model = effective(fitting, search, seed)
     if problem.open_loop and len(fitting.units) > len(problem.units):  # sought in windows, judged on whole pieces
-        refitted = whole_fit(problem, wide, refitted)
-        model = model.with_fit(whole_fit(problem, model.search.parameters(), model.fitted))
+        refitted = whole_fit(problem, wide, refitted, evaluations)
+        model = model.with_fit(whole_fit(problem, model.search.parameters(), model.fitted, evaluations))
     sought, open_causes = model.search, model.withdrawn
     tuned = model.fitted
     if sought.accepted:
-        tuned = fit(fitted, search.tuned, middle(*search.base), evaluations=EVALUATIONS)
+        tuned = fit(fitted, search.tuned, middle(*search.base), evaluations=evaluations)
     found = {"nominal": {}, "refitted": refitted.values, "tuned": tuned.values, "extended": model.fitted.values}
-    unseen = {name: test.simulate([values])[0] for name, values in found.items()}
-    errors = {name: _error(test, channels) for name, channels in unseen.items()}
-    handed = "extended"
-    if not all(holds(test, unseen["extended"], unseen[other]) for other in ("nominal", "tuned")) and sought.accepted:
-        sought, outdone_by = outdone(sought, f"on unseen data the error {_rise(errors, problem.signal[1])}")
-        open_causes, handed = (*open_causes, *outdone_by), "tuned"
-    if not sought.accepted and not holds(test, unseen["tuned"], unseen["nominal"]):
-        handed = "nominal"
-    if clearly_better(test, unseen["refitted"], unseen[handed], seed):
-        sought, outdone_by = outdone(sought, f"refitted numbers do better: {_beaten(errors, problem.signal[1])}")
-        open_causes, handed = (*open_causes, *outdone_by), "refitted"
+    unseen = {name: test.position_error(test.simulate([values])[0]) for name, values in found.items()}
+    errors = {name: error_of(error) for name, error in unseen.items()}
+    chosen = handed_over(unseen, problem.signal[1], seed, search.settings.verdict_draws, named=bool(sought.accepted))
+    handed = chosen.model
+    if chosen.why:
+        sought, given_up = outdone(sought, chosen.why)
+        open_causes = (*open_causes, *given_up)
     values = found[handed]
 
     gap = {name: errors[name] for name in ("nominal", "refitted")} | {"extended": errors[handed]}
@@ -99,7 +97,7 @@ def measure(
     gap["noise_floor"] = Error(problem.noise, problem.noise * float(np.sqrt(2.0 / np.pi)))
     models = {"nominal": {}, "refitted": refitted.values, "extended": values}
     simulated = {name: problem.simulate([numbers])[0] for name, numbers in models.items()}
-    rest = structure(problem, simulated["extended"], seed)
+    rest = structure(problem, simulated["extended"], seed, search.settings)
     everywhere = float(np.mean(problem.position_error(simulated["extended"]) ** 2))
     # the noise as it is, where the floor was estimated with a margin
     white = min(everywhere - rest.rms**2, problem.noise**2)
@@ -131,37 +129,23 @@ def measure(
     )
 
 
-def whole_fit(problem: Problem, parameters: Sequence[Parameter], found: Fit) -> Fit:
+def whole_fit(
+    problem: Problem, parameters: Sequence[Parameter], found: Fit, evaluations: int = DEFAULT.iterations
+) -> Fit:
     """A fit to windows, carried on to whole pieces, whose errors add up small ones; as it was where that is no better.
 
     Args:
         problem: all data, in whole pieces.
         parameters: of the fit.
         found: to windows of the same data.
+        evaluations: of the fit, at most.
     """
     if not parameters:
         return found
     fitted = problem.part(FIT_A, FIT_B)
-    again = fit(fitted, parameters, found.values, EVALUATIONS)
+    again = fit(fitted, parameters, found.values, evaluations)
     before, after = (fitted.position_error(fitted.simulate([one.values])[0]) for one in (found, again))
     return again if np.mean(after**2) < np.mean(before**2) else found
-
-
-def _rise(errors: Mapping[str, Error], unit: str) -> str:
-    """``rises from 35.2 to 41.5 mrad``: against the nominal model, else against its tuned numbers."""
-    after = errors["extended"].rmse
-    other = "nominal" if after >= errors["nominal"].rmse else "tuned"
-    than = "" if other == "nominal" else " of the tuned numbers alone"
-    factor, words = told_in(unit)
-    first, last = (f"{factor * rmse:.3g}" for rmse in (errors[other].rmse, after))
-    if first == last:
-        return f"stays at {first} {words}{than}"
-    return f"rises from {first}{than} to {last} {words}"
-
-
-def _beaten(errors: Mapping[str, Error], unit: str) -> str:
-    """``3.8 against 13.0 mrad``."""
-    return f"{told_in(unit)[0] * errors['refitted'].rmse:.3g} against {fine(errors['extended'].rmse, unit)}"
 
 
 def whole_runs(problem: Problem) -> bool:
@@ -170,8 +154,8 @@ def whole_runs(problem: Problem) -> bool:
     return not runs[0] & runs[1]
 
 
-def _error(test: Problem, simulated: np.ndarray) -> Error:
-    error = test.position_error(simulated)
+def error_of(error: np.ndarray) -> Error:
+    """The size of errors (n,)."""
     return Error(float(np.sqrt(np.mean(error**2))), float(np.mean(np.abs(error))))
 
 

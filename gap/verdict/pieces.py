@@ -44,12 +44,7 @@ def cut_joint(
         findings += [said for said in (owned(robot, joint), why) if said is not None]
         models = [joint_of_tree(robot, joint, chain, runs, terms) for chain in chains]
         models = [
-            replace(
-                model,
-                unknown=unknown_parameters(
-                    run, model.chain, robot.joint(joint).unknown, model.load if model.load.tree else None
-                ),
-            )
+            replace(model, unknown=unknown_parameters(run, model.chain, robot.joint(joint).unknown, model.load))
             for run, model in zip(runs, models, strict=True)
         ]
     else:

@@ -5,13 +5,15 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 from ..log.finding import Finding
+from ..search.settings import DEFAULT, SearchSettings
 from .verdict import NamedCause, Reason
 
 DELAY = "delay.seconds"
-NEAR = 0.35  # relative difference of what was added to a delay and half of the time between two goals
 
 
-def recording_reasons(causes: Sequence[NamedCause], findings: Sequence[Finding]) -> tuple[Reason, ...]:
+def recording_reasons(
+    causes: Sequence[NamedCause], findings: Sequence[Finding], settings: SearchSettings = DEFAULT
+) -> tuple[Reason, ...]:
     """Reasons to doubt the log rather than the machine, for delays that were found."""
     reasons = []
     for cause in causes:
@@ -27,7 +29,7 @@ def recording_reasons(causes: Sequence[NamedCause], findings: Sequence[Finding])
             )
             reasons.append(Reason("stamps", said))
         knots = next((f for f in findings if f.code == "goal.knots" and f.joint == cause.joint and f.value), None)
-        if knots is not None and knots.value and abs(more / knots.value - 1.0) < NEAR:
+        if knots is not None and knots.value and abs(more / knots.value - 1.0) < settings.goal_knots:
             said = (
                 f"The {1e3 * more:.3g} ms that were found beyond the believed delay are half of the time between two "
                 "goals of this log, which are joined by straight lines: if they were held on the machine, the log was "

@@ -9,8 +9,9 @@ from ..causes.catalogue import adjustable
 from ..load.robot import LoggedRobot
 from ..log.finding import Finding
 from ..log.types import Array, MeasuredRun
-from ..replay.free import FreeProblem
+from ..replay.problem import JointProblem
 from ..search.result import Search
+from ..search.settings import SearchSettings
 from ..search.windows import in_windows
 from ..shared import ROBOT, SharedFound, affected, search_shared
 from .decide import decide
@@ -29,7 +30,7 @@ Again = Callable[[str, Sequence[Array], Finding], JointDiagnosis]
 class Joints:
     """What is known of the joints that were replayed freely: problem and search by name."""
 
-    problems: Mapping[str, FreeProblem]
+    problems: Mapping[str, JointProblem]
     searches: Mapping[str, Search]
 
 
@@ -38,7 +39,6 @@ def with_robot(
     runs: Sequence[MeasuredRun],
     found: Sequence[JointDiagnosis],
     request: Request,
-    wide: float,
     again: Again,
 ) -> list[JointDiagnosis]:
     """Diagnoses of the joints with one of the robot behind them, where they share a cause; else as they are.
@@ -48,10 +48,9 @@ def with_robot(
         runs: of it.
         found: about each joint.
         request: what was asked for.
-        wide: how far refitting alone may turn a number.
         again: diagnoses a joint again.
     """
-    joints = _joints(found, wide)
+    joints = _joints(found, request.search)
     named = {d.joint: [cause.name for cause in d.causes] for d in found}
     noticed = {d.joint: d.structure is not None and d.structure.noticed for d in found}
     if not affected(named, noticed):
@@ -90,12 +89,14 @@ def with_robot(
     return [*judged, _of_robot(sought, measured, values)]
 
 
-def _joints(found: Sequence[JointDiagnosis], wide: float) -> Joints:
+def _joints(found: Sequence[JointDiagnosis], settings: SearchSettings) -> Joints:
     problems, searches = {}, {}
     for diagnosis in found:
-        problem, search = diagnosis.problem, diagnosis.search
-        if isinstance(problem, FreeProblem) and problem.terms is not None and search is not None:
-            problems[diagnosis.joint] = in_windows(problem, adjustable(problem.models[0], wide))
+        problem, search = None if diagnosis.problem is None else diagnosis.problem.joint, diagnosis.search
+        if problem is not None and problem.terms is not None and search is not None:
+            problems[diagnosis.joint] = in_windows(
+                problem, adjustable(problem.models[0], settings.refitted_by), settings
+            )
             searches[diagnosis.joint] = search
     return Joints(problems, searches)
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from typing import Protocol
 
 import numpy as np
 
@@ -53,7 +54,30 @@ def owed(problem: Problem, search: Search) -> Owed:
         crossed = zip(reversed(parts), fits, strict=True)
         return float(np.concatenate([p.block_errors(p.simulate([f.values])[0]) for p, f in crossed]).sum())
 
-    whole = float(final.blocks.sum())
-    without = tuple(loss(search.parameters(without=candidate.cause.key)) for candidate in search.accepted)
-    untuned = loss(merge(*(candidate.variant for candidate in search.accepted)))
+    def of(kept: Sequence[str], *, tuned: bool = True) -> float:
+        left = [candidate.variant for candidate in search.accepted if candidate.cause.key in kept]
+        return loss(merge(*((search.tuned,) if tuned else ()), *left))
+
+    return owed_to([candidate.cause.key for candidate in search.accepted], of, float(final.blocks.sum()))
+
+
+class Loss(Protocol):
+    """Cross-validated loss of the final model with only some of its causes, all that is left being refitted."""
+
+    def __call__(self, kept: Sequence[str], *, tuned: bool = True) -> float:
+        """With the causes ``kept``; the tuned numbers are fitted too, or are as believed."""
+        ...
+
+
+def owed_to(names: Sequence[str], loss: Loss, whole: float | None = None) -> Owed:
+    """Leave each cause out, then the tuned numbers.
+
+    Args:
+        names: of the causes.
+        loss: of what is kept.
+        whole: the loss with all of them, where it is known.
+    """
+    whole = loss(names) if whole is None else whole
+    without = tuple(loss([other for other in names if other != name]) for name in names)
+    untuned = loss(names, tuned=False)
     return Owed(tuple(max(value - whole, 0.0) for value in without), max(untuned - whole, 0.0), without)

@@ -158,7 +158,7 @@ def signatures(key: str, problem: Problem, tuned: np.ndarray, extended: np.ndarr
         problem: all data.
         tuned, extended: channels (n, 4) of the nominal model, tuned, and of the extended one.
     """
-    if key not in FEATURES or problem.kind != "free":
+    if key not in FEATURES or problem.free_joint is None:
         return ()
     pieces = [_pieces(problem, channels) for channels in (tuned, extended)]
     found = []

@@ -5,25 +5,31 @@ Both come from :mod:`sealegs.gap.checks.torque_balance`.
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import replace
 
 import numpy as np
 
 from ...actuators.chain import load_chain
-from ..checks.torque_balance import AT_ONCE, STEP, WINDOW, Shift, torque_balance, torque_shift
-from ..load.pendulum import PendulumLoad, bench_parameters
+from ..causes.catalogue import adjustable
+from ..checks.signal import sample_noise
+from ..checks.torque_balance import AT_ONCE, WINDOW, Shift, torque_balance, torque_shift
 from ..log.finding import Finding
 from ..log.parts import held_out
 from ..log.types import LogError, MeasuredRun
+from ..replay.parameters import TIGHT, address
+from ..search.settings import SearchSettings
 from .decide import decide, standing
 from .evidence import Balanced
+from .measure import error_of
 from .request import Request
-from .torque_causes import SHIFT, Sought, owed_by, sought_in, torque_causes
-from .verdict import WITHDRAWN, Error, JointDiagnosis, NamedCause, OpenCause, Value, data_errors
+from .torque_causes import SHIFT, Sought, sought_in, terms_of, torque_causes, with_shares
+from .torque_model import Believed, TorqueModel
+from .unseen import furthest, handed_over, withdrawn
+from .verdict import Error, JointDiagnosis, NamedCause, Value, data_errors
 
 NO_WISHES = Request()
-NUMBERS = ("inertia [kg.m2]", "gravity torque [N.m]", "coulomb [N.m]", "viscous [N.m.s/rad]", "offset [N.m]")
+MODELS = ("nominal", "tuned", "refitted", "extended")
 
 
 def diagnose_torque(
@@ -31,10 +37,10 @@ def diagnose_torque(
 ) -> JointDiagnosis:
     """Diagnose a torque-driven log of a bench.
 
-    The nominal model gives the torque from sidecar and chain. In the refitted one inertia, gravity, dry and viscous
-    friction and offset are fitted. The extended one shifts the torque column in time as well. All are judged on blocks
-    that neither a fit nor the choice of the shift has seen: those of the test group, or every other second. Runs
-    without torque are left out.
+    The nominal model gives the torque from sidecar and chain. In the tuned one its own numbers are fitted within their
+    tolerance, in the refitted one up to fivefold. The extended one has causes beside tuned numbers, and may shift the
+    torque column in time. All are judged on blocks that neither a fit nor a choice has seen: those of the test group,
+    or every other second. Runs without torque are left out.
 
     Args:
         runs: of one machine.
@@ -53,8 +59,9 @@ def diagnose_torque(
     logs = {k: (time, position, torque) for k, (time, position, torque) in logs.items() if torque is not None}
     if not logs:
         raise LogError(f"joint '{joint}': no run has a goal or a torque that can be used; record one of them.")
-    models = {k: _nominal(runs[k], joint) for k in logs}
-    balance = torque_balance(list(logs.values()), [(inertia, gravity) for inertia, gravity, *_ in models.values()])
+    chains = {k: load_chain(runs[k].actuators[joint]) if joint in runs[k].actuators else None for k in logs}
+    believed = [Believed.of(runs[k], joint, chains[k]) for k in logs]
+    balance = torque_balance(list(logs.values()), [(one.inertia, one.gravity) for one in believed])
     if balance is None:
         raise LogError(f"joint '{joint}': a torque log of a second or more is needed; these are shorter.")
     test = np.isin(balance.run, [n for n, k in enumerate(logs) if k in held]) if held else (balance.block // 2) % 2 == 1
@@ -62,124 +69,130 @@ def diagnose_torque(
         use = "fit" if test.all() else "test"
         group = f" with the group '{request.test_group}' held out" if held else ""
         raise LogError(f"joint '{joint}': no torque is left to {use} on{group}; record more runs or longer ones.")
-    terms, torques = balance.terms, balance.torques
-    fitted = balance.only(~test)
-    first = next(iter(models.values()))
-    nominal = np.array([1.0, 1.0, *first[2:]])
-    believed = np.array([*first[:2], 1.0, 1.0, 1.0])
-    errors = {"nominal": _error(terms[test] @ nominal - torques[test, AT_ONCE])}
-    errors["refitted"] = _error(terms[test] @ fitted.fit(AT_ONCE) - torques[test, AT_ONCE])
+    settings, noise = request.search, _noise(runs, joint)
     sought = sought_in(runs[next(iter(logs))], joint, request)
-    found = torque_shift(fitted)
-    extended = fitted.fit(found.index)
-    errors["extended"] = _error(terms[test] @ extended - torques[test, found.index])
-    errors["noise_floor"] = Error(_noise(runs, joint), _noise(runs, joint) * 0.8)
+    tuned, wide = (adjustable(sought.nominal, width) for width in (TIGHT, settings.refitted_by))
+    fitted, unseen = (TorqueModel(balance.only(rows), believed, tuned) for rows in (~test, test))
 
-    open_causes: tuple[OpenCause, ...] = ()
-    seen = [
-        _error(terms[~test] @ values - torques[~test, at]).rmse
-        for values, at in ((fitted.fit(AT_ONCE), AT_ONCE), (extended, found.index))
-    ]  # the test part has no say in what is named, only in what is withdrawn
-    causes: tuple[NamedCause, ...] = ()
-    at = AT_ONCE
-    excess = max(errors["nominal"].rmse ** 2 - errors["noise_floor"].rmse ** 2, 1e-12)
-    low = found.size[0]
-    shifted = found.same_side > 0.9 and low > 0.0 and seen[1] < 0.995 * seen[0] and abs(found.seconds) >= 2 * STEP
-    if shifted and SHIFT in sought.causes:
-        if errors["extended"].rmse < errors["refitted"].rmse:
-            at, causes = found.index, (_shifted(found, errors, sought),)
+    # a column that is out of step: judged with all terms refitted, so that no wrong number hides it
+    found = torque_shift(fitted.balance)
+    errors = {  # of what is fitted and of what is not, without and with the shift
+        at: [rows.balance.terms @ fitted.balance.fit(at) - rows.balance.torques[:, at] for rows in (fitted, unseen)]
+        for at in (AT_ONCE, found.index)
+    }
+    seen, kept = ([errors[at][k] for at in (AT_ONCE, found.index)] for k in (0, 1))
+    at, causes, open_causes = AT_ONCE, (), ()
+    if SHIFT in sought.causes and is_shifted(found, _rms(seen[1]) / _rms(seen[0]), settings):
+        handed = handed_over(
+            dict(zip(MODELS, (kept[0], kept[0], kept[0], kept[1]), strict=True)),
+            "N.m",
+            request.seed,
+            settings.verdict_draws,
+            named=True,
+        )
+        if handed.why:
+            open_causes = withdrawn([SHIFT], handed.why)
         else:
-            why = f"on held-out blocks the torque error rises: {_change(errors, 'refitted')}"
-            open_causes = (OpenCause(SHIFT, WITHDRAWN, why),)
-    if at == AT_ONCE:
-        extended, errors["extended"] = fitted.fit(AT_ONCE), errors["refitted"]
-    causes += torque_causes(fitted, nominal, at, errors["noise_floor"].rmse, sought)
-    if causes and not errors["extended"].rmse < errors["nominal"].rmse:
-        why = f"on held-out blocks the torque error rises: {_change(errors, 'nominal')}"
-        open_causes += tuple(OpenCause(cause.name, WITHDRAWN, why) for cause in causes)
-        causes, extended = (), nominal
-        errors["withdrawn"], errors["extended"] = errors["extended"], errors["nominal"]
-    left = float(np.clip((errors["extended"].rmse ** 2 - errors["noise_floor"].rmse ** 2) / excess, 0.0, 1.0))
-    shares, tuned_share = owed_by(fitted, nominal, at, [cause.name for cause in causes]).shares(1.0 - left)
-    every = [replace(cause, share=share) for cause, share in zip(causes, shares, strict=True)]
-    causes = tuple(sorted(every, key=lambda cause: -cause.share))
-    shift = found.seconds if any(cause.kind == "data" for cause in causes) else None
-    verdict = decide(Balanced(joint, errors, causes, left, open_causes, shift))
-    numbers: dict[str, float] = {key: float(value) for key, value in zip(NUMBERS, believed * extended, strict=True)}
+            at, causes = found.index, (_shifted(found, sought),)
+    causes += torque_causes(fitted, at, noise, sought)
+
+    # what each model does on blocks that no fit has seen
+    terms = terms_of([cause.name for cause in causes])
+    changes = {
+        "nominal": {},
+        "tuned": fitted.fit([], AT_ONCE),
+        "refitted": replace(fitted, tuned=wide).fit([], AT_ONCE),
+        "extended": fitted.fit(terms, at),
+    }
+    of = {name: (terms, at) if name == "extended" else ((), AT_ONCE) for name in changes}
+    off = {
+        name: unseen.predicted(change, of[name][0]) - unseen.balance.torques[:, of[name][1]]
+        for name, change in changes.items()
+    }
+    handed = handed_over(off, "N.m", request.seed, settings.verdict_draws, named=bool(causes))
+    gap = {
+        "nominal": error_of(off["nominal"]),
+        "refitted": error_of(off["refitted"]),
+        "extended": error_of(off[handed.model]),
+    }
+    if handed.why:
+        open_causes += withdrawn((cause.name for cause in causes), handed.why)
+        causes, gap["withdrawn"] = (), error_of(off["extended"])
+    gap["noise_floor"] = Error(noise, noise * float(np.sqrt(2.0 / np.pi)))
+    excess = max(gap["nominal"].rmse ** 2 - noise**2, 1e-12)
+    left = float(np.clip((gap["extended"].rmse ** 2 - noise**2) / excess, 0.0, 1.0))
+    causes, tuned_share = with_shares(fitted, at, causes, 1.0 - left)
+    shift = found.seconds if any(cause.name == SHIFT for cause in causes) else None
+    turned = [(address(path).number, 1.0 + change) for path, change in changes["refitted"].items()]
+    verdict = decide(
+        Balanced(joint, gap, causes, left, open_causes, shift, furthest(turned) if handed.model == "refitted" else "")
+    )
+    chosen, named = changes[handed.model], {term.number for term in terms}
     return JointDiagnosis(
         joint=joint,
         verdict=verdict.name,
         sentence=verdict.sentence,
         signal=f"{joint}.torque",
         unit="N.m",
-        gap=errors,
+        gap=gap,
         causes=causes,
         unexplained=left,
         rivals=(),
         experiment=None,
         findings=findings,
-        tuned=numbers,
+        tuned={address(path).number: 1.0 + change for path, change in chosen.items() if path not in named},
         reasons=verdict.reasons,
         data_errors=data_errors(findings, joint),
         tuned_share=tuned_share,
         open_causes=open_causes,
+        model="extended" if handed.model == "tuned" else handed.model,
     )
 
 
-def _shifted(found: Shift, errors: Mapping[str, Error], sought: Sought) -> NamedCause:
-    """A torque column that is out of step, as a fault of the data that is fitted; without its share."""
+def is_shifted(found: Shift, ratio: float, settings: SearchSettings) -> bool:
+    """Whether a shift of the torque column is more than chance and than what the method is off by.
+
+    Args:
+        found: the shift.
+        ratio: error with it over that without it, on what was fitted.
+        settings: thresholds of the search.
+    """
+    return (
+        found.same_side > settings.shift_certainty
+        and found.size[0] > 0.0
+        and ratio < settings.shift_error
+        and abs(found.seconds) >= settings.least_shift
+    )
+
+
+def _shifted(found: Shift, sought: Sought) -> NamedCause:
+    """A torque column that is out of step, as a fault of the data that is fitted; without its share and gain."""
     way = "leads" if found.seconds > 0 else "lags behind"
     sentence = (
         f"The torque column {way} the motion columns by {1e3 * abs(found.seconds):.0f} ms: torque and motion were not "
         "read at the same time."
     )
     value = Value(abs(found.seconds), *found.size, "s", 0.0)
-    gain = 1.0 - errors["extended"].rmse / errors["refitted"].rmse
     cause, sure, numbers = sought.causes[SHIFT], found.same_side, {"torque.delay": value}
     return NamedCause(
-        cause.name, sentence, sought.joint, 0.0, sure, numbers, gain, "data", cause.picture, (), standing(sure, ())
+        cause.name, sentence, sought.joint, 0.0, sure, numbers, 0.0, "data", cause.picture, (), standing(sure, ())
     )
 
 
-def _change(errors: Mapping[str, Error], other: str) -> str:
-    return f"{errors[other].rmse:.3g} to {errors['extended'].rmse:.3g} N.m"
-
-
-def _nominal(run: MeasuredRun, joint: str) -> list[float]:
-    """Inertia [kg.m2], gravity torque [N.m], coulomb [N.m], viscous [N.m.s/rad] and offset [N.m].
-
-    A torque-driven log need not name an actuator; without one, nothing is believed of friction and armature.
-    """
-    if run.robot != "bench":
-        raise LogError(
-            f"{run.name}: joint '{joint}' of {run.robot} was driven by torque; what it works against is known for a "
-            "bench only."
-        )
-    load, params = PendulumLoad(), bench_parameters(run.robot_params, run.name)
-    chain = load_chain(run.actuators[joint]) if joint in run.actuators else None
-    friction = chain.find("friction") if chain else None
-    dry, viscous = (friction.coulomb, friction.viscous) if friction else (0.0, 0.0)
-    inertia = load.inertia(params) + (chain.armature() if chain else 0.0)
-    return [inertia, load.gravity_torque(params), dry, viscous, 0.0]
-
-
 def _noise(runs: Sequence[MeasuredRun], joint: str) -> float:
-    """Noise of the torque column after averaging [N.m], from differences of neighbouring samples.
+    """Noise of the torque column after averaging [N.m]: that of its samples over the root of how many are averaged.
 
-    The estimator of the checks has a margin, which would hide causes here: it reads a fifth more.
+    Dry friction makes the torque jump wherever the joint turns around.
     """
     values = []
     for run in runs:
         torque = run.joints[joint].torque
-        if torque is not None and len(torque) > 3:
-            jumps = np.diff(torque, 2)
-            jumps = jumps[np.isfinite(jumps)]
-            if len(jumps):
-                values.append(
-                    np.median(np.abs(jumps)) / 0.6745 / np.sqrt(6.0) / np.sqrt(max(WINDOW / run.period / 2.0, 1.0))
-                )
+        if torque is None or not (good := np.isfinite(torque)).any():
+            continue
+        noise = sample_noise(run.time[good], torque[good], jumps=True)
+        values.append(noise / np.sqrt(max(WINDOW / run.period / 2.0, 1.0)))
     return float(np.median(values)) if values else 0.0
 
 
-def _error(error: np.ndarray) -> Error:
-    return Error(float(np.sqrt(np.mean(error**2))), float(np.mean(np.abs(error))))
+def _rms(error: np.ndarray) -> float:
+    return float(np.sqrt(np.mean(error**2)))

@@ -6,7 +6,7 @@ The balance is linear in what it may have wrong: each cause adds one column to w
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -15,40 +15,19 @@ from ..causes.catalogue import catalogue, checked
 from ..causes.cause import Cause
 from ..causes.unknown import unknown_parameters
 from ..checks.bootstrap import block_weights
-from ..checks.torque_balance import AT_ONCE, TorqueBalance
+from ..checks.torque_balance import AT_ONCE
 from ..log.types import MeasuredRun
 from ..replay.joint_model import JointModel
 from ..search.settings import DEFAULT, SearchSettings
 from .decide import confidence, standing
 from .request import Request
-from .shares import Owed
+from .shares import owed_to
+from .torque_model import Term, TorqueModel
 from .verdict import NamedCause, Value
 
-HALF = 4  # blocks that follow each other in one half of the data
-MOST = 4  # causes
-DRAWS = 1000
+SURE = 1.96  # standard deviations of half a 95 % interval
 LIKE_ANY = "sts3215"
 """Servo that the catalogue is asked about where a log names none: its numbers are not used."""
-
-
-@dataclass(frozen=True)
-class Term:
-    """What one cause of the catalogue changes in the balance.
-
-    Attributes:
-        name, number, unit, kind: of the cause.
-        terms: indices of :data:`sealegs.gap.checks.torque_balance.TERMS`; none for all of them as believed.
-        relative: whether the number is a factor, so that doing nothing is 1.
-        column: of a fault of the torque column, the sentence in place of the catalogue's, which is of the encoder.
-    """
-
-    name: str
-    number: str
-    unit: str
-    terms: tuple[int, ...]
-    kind: str = "number"
-    relative: bool = False
-    column: str = ""
 
 
 TERMS = (
@@ -72,12 +51,14 @@ class Sought:
     Attributes:
         joint: its name.
         causes: of the catalogue that the joint can have and that were asked for, by name.
+        nominal: the joint, whose numbers a fit may turn; friction and armature only where the log names an actuator.
         settings: thresholds of the choice.
         seed: of the resampling.
     """
 
     joint: str
     causes: Mapping[str, Cause]
+    nominal: JointModel
     settings: SearchSettings = DEFAULT
     seed: int = 0
 
@@ -96,43 +77,39 @@ def sought_in(run: MeasuredRun, joint: str, request: Request) -> Sought:
         SealegsError: the catalogue has no such cause, or the chain lacks what the sidecar says is unknown.
     """
     chain = load_chain(run.actuators.get(joint, LIKE_ANY))
-    every = catalogue(JointModel(chain, unknown=unknown_parameters(run, chain)), request.causes)
+    nominal = JointModel(chain, unknown=unknown_parameters(run, chain))
+    every = catalogue(nominal, request.causes)
     causes = {cause.name: cause for cause in every}
     faults = [term.name for term in TERMS if term.column and term.name in checked(request.causes)]
     causes |= {cause.name: cause for cause in catalogue(JointModel(chain), faults)}  # whatever is known of the encoder
-    return Sought(joint, causes, request.search, request.seed)
+    return Sought(joint, causes, nominal, request.search, request.seed)
 
 
-def torque_causes(
-    balance: TorqueBalance, believed: np.ndarray, shift: int, noise: float, sought: Sought
-) -> tuple[NamedCause, ...]:
+def torque_causes(model: TorqueModel, shift: int, noise: float, sought: Sought) -> tuple[NamedCause, ...]:
     """The causes that the stretches to fit on show, in the order in which they were accepted, without their shares.
 
     Args:
-        balance: of the stretches to fit on.
-        believed: numbers of the nominal model for the terms (5,), inertia and gravity as factors of one.
+        model: of the stretches to fit on.
         shift: index of the shift at which the torque is taken.
         noise: of an averaged torque [N.m].
         sought: what may be named.
     """
     settings = sought.settings
-    base = balance.terms @ believed
-    wanted = balance.torques[:, shift] - base
-    columns = {term.name: _column(term, balance, base) for term in sought.terms}
     accepted: list[Term] = []
     found: list[tuple[Term, float, tuple[str, ...], float]] = []
-    loss = _crossed(balance, [], wanted)
-    while len(accepted) < MOST:
+    loss = model.crossed([], shift)
+    while len(accepted) < settings.most_torque_causes:
         rest = [term for term in sought.terms if term not in accepted]
         if not rest:
             break
-        tried = np.stack([_crossed(balance, [columns[t.name] for t in (*accepted, term)], wanted) for term in rest])
+        tried = np.stack([model.crossed([*accepted, term], shift) for term in rest])
         order = np.argsort(tried.sum(axis=1))
         best, better = _win_rates(tried[order], loss, settings, sought.seed)
         term, after = rest[order[0]], tried[order[0]]
-        size, spread = _size(balance, [columns[t.name] for t in (*accepted, term)], wanted)
+        size = model.fit([*accepted, term], shift)[term.number]
+        reach = SURE * model.spread([*accepted, term], shift)[-1]
         pays = loss.sum() - after.sum() > settings.least_gain * loss.sum() and better > settings.least_certainty
-        if not pays or (accepted and best[0] < settings.least_win_rate) or abs(size[-1]) < 1.96 * spread[-1]:
+        if not pays or (accepted and best[0] < settings.least_win_rate) or abs(size) < reach:
             break
         rivals = tuple(
             rest[k].name for k, won in zip(order[1:], best[1:], strict=True) if won > settings.rival_win_rate
@@ -140,85 +117,61 @@ def torque_causes(
         found.append((term, float(min(best[0], better)), rivals, float(loss.sum() - after.sum())))
         accepted.append(term)
         loss = after
-    size, spread = _size(balance, [columns[t.name] for t in accepted], wanted)
-    left = max(float(loss.sum()) - noise**2 * len(wanted), 0.0)
-    without = owed_by(balance, believed, shift, [term.name for term in accepted]).without
+    sizes, reaches = model.fit(accepted, shift), SURE * model.spread(accepted, shift)
+    left = max(float(loss.sum()) - noise**2 * len(model.base), 0.0)
     named = []
-    for k, (term, win_rate, rivals, removed) in enumerate(found):
+    for (term, win_rate, rivals, removed), reach in zip(found, reaches, strict=True):
         sure = confidence(win_rate, removed, left)
-        none = 1.0 if term.relative else float(believed[term.terms[0]])
-        reach = 1.96 * float(spread[k])
-        value = Value(
-            none + float(size[k]), none + float(size[k]) - reach, none + float(size[k]) + reach, term.unit, none
-        )
+        none = 1.0 if term.relative else float(model.numbers[term.terms[0]])
+        size = none + sizes[term.number]
+        value = Value(size, size - float(reach), size + float(reach), term.unit, none)
         cause = sought.causes[term.name]
-        gain = 1.0 - float(np.sqrt(min(loss.sum() / max(without[k], 1e-30), 1.0)))
         named.append(
             NamedCause(
-                cause.name, term.column or cause.sentence, sought.joint, 0.0, sure, {term.number: value}, gain,
+                cause.name, term.column or cause.sentence, sought.joint, 0.0, sure, {term.number: value}, 0.0,
                 term.kind, cause.picture, rivals, standing(sure, rivals),
             )
         )  # fmt: skip
     return tuple(named)
 
 
-def owed_by(balance: TorqueBalance, believed: np.ndarray, shift: int, names: Sequence[str]) -> Owed:
-    """What the balance owes to each of these causes: leave one out, refit the others, and see how the loss rises.
+def terms_of(names: Sequence[str]) -> list[Term]:
+    """The terms of causes; :data:`SHIFT` has none."""
+    return [term for name in names for term in TERMS if term.name == name]
 
-    The tuned numbers are all terms of the balance: they are left out in the loss of the causes alone.
+
+def with_shares(
+    model: TorqueModel, shift: int, causes: Sequence[NamedCause], explained: float
+) -> tuple[tuple[NamedCause, ...], float]:
+    """The causes with share and gain, the largest first, and the share of the tuned numbers.
 
     Args:
-        balance, believed, shift: as of :func:`torque_causes`.
-        names: of the causes; :data:`SHIFT` takes the torque at ``shift``, which otherwise is taken there anyway.
+        model: of the stretches to fit on.
+        shift: index of the shift at which the torque is taken; without :data:`SHIFT` it is not shifted.
+        causes: that are named.
+        explained: share of the gap that the final model explains.
     """
-    base = balance.terms @ believed
-    by_name = {term.name: _column(term, balance, base) for term in TERMS}
+    if not causes:
+        return (), explained
+    names = [cause.name for cause in causes]
 
-    def loss(kept: Sequence[str], at: int) -> float:
-        return float(_crossed(balance, [by_name[n] for n in kept if n != SHIFT], balance.torques[:, at] - base).sum())
+    def loss(kept: Sequence[str], *, tuned: bool = True) -> float:
+        at = AT_ONCE if SHIFT in names and SHIFT not in kept else shift
+        return float(model.crossed(terms_of(kept), at, tuned=tuned).sum())
 
-    whole = loss(names, shift)
-    without = tuple(
-        loss([other for other in names if other != name], AT_ONCE if name == SHIFT else shift) for name in names
-    )
-    tuned = float(_crossed(balance, list(balance.terms.T), balance.torques[:, shift] - base).sum())
-    return Owed(tuple(max(value - whole, 0.0) for value in without), max(whole - tuned, 0.0), without)
-
-
-def _column(term: Term, balance: TorqueBalance, base: np.ndarray) -> np.ndarray:
-    return balance.terms[:, list(term.terms)].sum(axis=1) if term.terms else base
-
-
-def _crossed(balance: TorqueBalance, columns: Sequence[np.ndarray], wanted: np.ndarray) -> np.ndarray:
-    """Squared error per block (b,), each half of the data under the fit to the other."""
-    half = (balance.block // HALF) % 2
-    rest = wanted.copy()
-    if columns:
-        table = np.stack(columns, axis=1)
-        for part in (0, 1):
-            if (half != part).any():
-                size = np.linalg.lstsq(table[half != part], wanted[half != part], rcond=None)[0]
-                rest[half == part] -= table[half == part] @ size
-    return np.bincount(balance.block, rest**2)
+    debts = owed_to(names, loss)
+    shares, tuned_share = debts.shares(explained)
+    whole = loss(names)
+    gains = [1.0 - float(np.sqrt(min(whole / max(without, 1e-30), 1.0))) for without in debts.without]
+    every = [replace(c, share=share, gain=gain) for c, share, gain in zip(causes, shares, gains, strict=True)]
+    return tuple(sorted(every, key=lambda cause: -cause.share)), tuned_share
 
 
 def _win_rates(tried: np.ndarray, before: np.ndarray, settings: SearchSettings, seed: int) -> tuple[np.ndarray, float]:
     """How often each candidate (c, b) is the best in resampled blocks (c,), and how often the first beats none."""
     rng = np.random.default_rng(seed)
-    weights = block_weights(len(before), DRAWS, rng)
+    weights = block_weights(len(before), settings.verdict_draws, rng)
     totals = weights @ tried.T
     better = float((totals[:, 0] < weights @ before).mean())
     totals = totals + settings.shared_error * tried.sum(axis=1).min() * rng.normal(size=totals.shape)
-    return np.bincount(totals.argmin(axis=1), minlength=len(tried)) / DRAWS, better
-
-
-def _size(balance: TorqueBalance, columns: Sequence[np.ndarray], wanted: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Sizes (k,) by least squares, and their standard deviations over resampled blocks (k,)."""
-    if not columns:
-        return np.zeros(0), np.zeros(0)
-    table = np.stack(columns, axis=1)
-    size = np.linalg.lstsq(table, wanted, rcond=None)[0]
-    score = table * (wanted - table @ size)[:, None]
-    per_block = np.stack([np.bincount(balance.block, score[:, k]) for k in range(table.shape[1])], axis=1)
-    inverse = np.linalg.pinv(table.T @ table)
-    return size, np.sqrt(np.diag(inverse @ per_block.T @ per_block @ inverse))
+    return np.bincount(totals.argmin(axis=1), minlength=len(tried)) / settings.verdict_draws, better

@@ -7,12 +7,12 @@ import numpy as np
 from ..log.finding import Finding
 from ..log.parts import TEST
 from ..replay.problem import Problem
-
-FURTHER = 0.02  # of the range that was fitted: less is chance
-WORSE = 2.0  # times the error of all other pieces: less is scatter
+from ..search.settings import DEFAULT, SearchSettings
 
 
-def unseen_range(problem: Problem, simulated: np.ndarray, joint: str) -> Finding | None:
+def unseen_range(
+    problem: Problem, simulated: np.ndarray, joint: str, settings: SearchSettings = DEFAULT
+) -> Finding | None:
     """Says so if only the test part reaches an angle, and the model is wrong in the pieces that do.
 
     A stop that the joint meets there alone is neither found nor excluded by what was fitted.
@@ -21,6 +21,7 @@ def unseen_range(problem: Problem, simulated: np.ndarray, joint: str) -> Finding
         problem: all parts, judged by position; of any other there is nothing to say.
         simulated: columns of the extended model (n, 4).
         joint: its name.
+        settings: of the search.
     """
     if problem.signal != ("position", "rad"):
         return None
@@ -31,13 +32,13 @@ def unseen_range(problem: Problem, simulated: np.ndarray, joint: str) -> Finding
     test = np.repeat([unit.part == TEST for unit in problem.units], sizes)
     low, high = position[good & ~test].min(), position[good & ~test].max()
     further = np.maximum(low - position, position - high)
-    out = good & test & (further > FURTHER * (high - low))
+    out = good & test & (further > settings.further * (high - low))
     piece = np.repeat(np.arange(len(sizes)), sizes)
     beyond = np.isin(piece, piece[out])
     if not out.any() or not (good & ~beyond).any():
         return None
     there, elsewhere = (float(np.sqrt(np.mean(error[rows] ** 2))) for rows in (good & beyond, good & ~beyond))
-    if there <= WORSE * elsewhere:
+    if there <= settings.worse_there * elsewhere:
         return None
     furthest = float(position[out][np.argmax(further[out])])
     return Finding(

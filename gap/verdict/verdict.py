@@ -9,10 +9,8 @@ from typing import Any
 import numpy as np
 
 from ..experiment import Experiment
-from ..ground.leg_problem import LegProblem
 from ..log.finding import Finding, Severity
-from ..replay.driven import DrivenProblem
-from ..replay.free import FreeProblem
+from ..replay.problem import Problem
 from ..search.result import Search
 from ..search.structure import Structure
 from .signatures import Signature
@@ -24,8 +22,6 @@ EXPLAINED, PARTLY, NOTHING, NOT_IDENTIFIABLE, UNUSABLE = (
     "not identifiable",
     "unusable log",
 )
-Replayable = FreeProblem | DrivenProblem | LegProblem
-"""What can be replayed and so diagnosed; its ``kind`` tells which of them it is."""
 CERTAIN, LIKELY, ONE_OF_SEVERAL, WITHDRAWN, NEAR_MISS = (
     "certain",
     "likely",
@@ -190,7 +186,7 @@ class JointDiagnosis:
     findings: tuple[Finding, ...]
     values: dict[str, float] = field(default_factory=dict)
     tuned: dict[str, float] = field(default_factory=dict)
-    problem: Replayable | None = None
+    problem: Problem | None = None
     search: Search | None = None
     simulated: dict[str, np.ndarray] = field(default_factory=dict)
     structure: Structure | None = None

@@ -8,6 +8,7 @@ from pathlib import Path
 import numpy as np
 
 from ...actuators import Chain, load_chain
+from ...envs.bench.robot import NUMBERS
 from ..experiment import library
 from ..log.types import JointLog, MeasuredRun
 from ..log.writer import write_run
@@ -21,7 +22,8 @@ TICKS = 4096
 NOISE = 4e-4  # [rad] of the encoder
 STEP = 5e-4  # [s]
 CURRENT_STEP = 0.0065  # [A] of the current register
-LOADS = ({"mass": 0.25, "arm_mass": 0.03, "length": 0.10}, {"mass": 0.5, "arm_mass": 0.03, "length": 0.12})
+ARM = NUMBERS["arm_mass"].value
+LOADS = ({"mass": 0.25, "arm_mass": ARM, "length": 0.10}, {"mass": 0.5, "arm_mass": ARM, "length": 0.12})
 
 
 def record(

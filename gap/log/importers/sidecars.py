@@ -11,16 +11,18 @@ import yaml
 
 from ....actuators.chain import LIBRARY, load_chain
 from ....actuators.published import DRIVES
+from ....envs.bench.robot import NUMBERS
 from ..sidecar import Sidecar, sidecar_text
 from ..types import MeasuredRun
 from .proposal import Proposal
 from .recording import Recording
 
 BENCH = "bench"
+ARM = NUMBERS["arm_mass"].value  # [kg] of a rod that nobody weighed
 UNMEASURED = {
     "unknown": ["zero", "friction", "armature"],
-    "notes": "Neither the mass of the pendulum's rod was recorded (arm_mass 0 is a placeholder) nor where the "
-    "encoder's zero is.",
+    "notes": f"Neither the mass of the pendulum's rod was recorded ({ARM:g} kg are assumed) nor where the encoder's "
+    "zero is.",
 }
 BLANK_ROBOT = """\
 robot:  # FILL IN: bench (a mass on the shaft), or the file of your robot's model: my_arm.yaml, .xml, .urdf
@@ -29,7 +31,7 @@ BLANK_LOAD = """\
 robot_params:  # FILL IN the load{of}: mass [kg], its distance from the shaft [m], mass of the rod [kg]
   # mass: 0.5   # 0 is an empty shaft, and needs no length
   # length: 0.12
-  # arm_mass: 0.03
+  # arm_mass: {arm:g}
 """
 BLANK_ACTUATORS = """\
 actuators:  # FILL IN: what drives each joint: a name such as sts3215, bam:fit.json, or a list of stages
@@ -51,8 +53,7 @@ def proposed_sidecar(
     if robot or pendulum:
         sidecar["robot"] = robot or BENCH
     if pendulum and sidecar["robot"] == BENCH:
-        given = {key: f"${{{key}}}" for key in ("mass", "length", "arm_mass") if key in facts}
-        sidecar["robot_params"] = {"arm_mass": 0.0, **given}
+        sidecar["robot_params"] = {key: f"${{{key}}}" for key in ("mass", "length", "arm_mass") if key in facts}
     if params:
         sidecar["robot_params"] = {**sidecar.get("robot_params", {}), **params}
     driven = [joint for joint in joints if f"{joint}.goal" in proposal.columns]
@@ -108,7 +109,8 @@ def text_with_blanks(content: Mapping[str, Any], runs: Sequence[MeasuredRun]) ->
     joints = list(runs[0].joints)
     if "robot" not in known and not all(run.robot for run in runs):
         lines.append(BLANK_ROBOT.rstrip())
-    load = BLANK_LOAD.format(of="" if known.get("robot") == BENCH else " of a bench") if _without_load(runs) else ""
+    of = "" if known.get("robot") == BENCH else " of a bench"
+    load = BLANK_LOAD.format(of=of, arm=ARM) if _without_load(runs) else ""
     missing = [joint for joint in joints if joint not in everywhere]
     text = load + (yaml.safe_dump(known, sort_keys=False, allow_unicode=True) if known else "")
     if missing and not everywhere:

@@ -9,8 +9,6 @@ from pathlib import Path
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
 
-from ...ground.leg_problem import LegProblem
-from ...replay.driven import DrivenProblem, is_elastic
 from ...verdict.verdict import JointDiagnosis, NamedCause
 from .drive import duty_against_error, residual_against_temperature, response, voltage_against_current
 from .driven import passed_torque
@@ -39,6 +37,8 @@ CAUSES: dict[str, Callable[[Evidence, NamedCause], Figure]] = {
     "error_since_reversal": error_since_reversal,
 }
 """Pictures by the key that a cause of the catalogue names."""
+OF_REPLAY: dict[str, Callable[[Evidence, NamedCause], Figure]] = {"passed_torque": passed_torque, "stance": stance}
+"""Those that a replay shows in place of the one that the cause names."""
 SHARED = frozenset({"friction_against_speed", "residual_against_load", "voltage_against_current", "hysteresis"})
 """Of these, the ones that look the same for every cause: drawn once, for the largest cause that names them."""
 
@@ -62,35 +62,13 @@ def cause_pictures(diagnosis: JointDiagnosis) -> Iterator[tuple[str, Figure]]:
     problem = diagnosis.problem
     if problem is None:
         return
-    if problem.kind == "ground":
-        yield from _ground(diagnosis, problem)
-    elif problem.kind == "driven":
-        yield from _driven(diagnosis, problem)
-    else:
-        yield from _free(diagnosis)
-
-
-def _ground(diagnosis: JointDiagnosis, problem: LegProblem) -> Iterator[tuple[str, Figure]]:
-    for cause in diagnosis.causes:
-        yield cause.name, stance(diagnosis, problem, cause)
-
-
-def _driven(diagnosis: JointDiagnosis, problem: DrivenProblem) -> Iterator[tuple[str, Figure]]:
-    if problem.signal[0] != "position":
-        return  # the pictures show motion, which is given there
-    evidence = Evidence(diagnosis)
-    for cause in diagnosis.causes:
-        spring = is_elastic(problem.models[0]) and cause.picture == "hysteresis"
-        yield cause.name, passed_torque(evidence, problem.link) if spring else response(evidence, cause)
-
-
-def _free(diagnosis: JointDiagnosis) -> Iterator[tuple[str, Figure]]:
     evidence, drawn = Evidence(diagnosis), set[str]()
     for cause in diagnosis.causes:
-        key = picture_of(cause)
-        if key in CAUSES and key not in drawn & SHARED:
+        key = problem.picture(picture_of(cause))
+        draw = CAUSES.get(key) or OF_REPLAY.get(key)
+        if draw is not None and key not in drawn & SHARED:
             drawn.add(key)
-            yield cause.name, CAUSES[key](evidence, cause)
+            yield cause.name, draw(evidence, cause)
 
 
 def png(chart: Figure) -> bytes:

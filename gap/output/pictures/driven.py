@@ -9,23 +9,28 @@ from ...checks.signal import derivatives
 from ...replay.constants import K
 from ...replay.joint_model import JointModel
 from ...replay.simulator import coupling_torque
+from ...verdict.verdict import NamedCause
 from .binned import bins, cloud, draw_measured, equal_counts, limits
 from .evidence import Evidence
 from .style import EXTENDED, NOMINAL, figure, legend_above, styled
 
 
 @styled
-def passed_torque(evidence: Evidence, link: np.ndarray) -> Figure:
+def passed_torque(evidence: Evidence, cause: NamedCause) -> Figure:
     """Torque that the motor passes on, over the twist between motor and measured link: the spring and its play.
 
     The torque is the motor's by its measured current (by the model's where there is none), less what friction and its
     own inertia take.
 
     Args:
-        evidence: of the joint.
-        link: measured position, speed and acceleration of its link (n, 3) [rad, rad/s, rad/s2].
+        evidence: of a joint whose link moves as measured.
+        cause: that it shows; every one of its spring looks the same.
     """
+    del cause
     problem, diagnosis = evidence.problem, evidence.diagnosis
+    link = problem.link
+    if link is None:
+        raise ValueError("a link that is simulated has no measured twist to draw")
     use = problem.judged & np.isfinite(problem.measured[:, 0])
     twist = problem.measured[:, 0] - link[:, 0]
     torque = _torque(evidence, link)

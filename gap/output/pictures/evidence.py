@@ -97,10 +97,15 @@ class Evidence:
     """Motion and balances of one diagnosed joint, each computed once and only when a picture asks for it."""
 
     def __init__(self, diagnosis: JointDiagnosis) -> None:
-        if diagnosis.problem is None or diagnosis.problem.kind == "ground":
-            raise ValueError("a diagnosis without a replayed joint has no motion to draw")
         self.diagnosis = diagnosis
-        self.problem: JointProblem = diagnosis.problem
+
+    @cached_property
+    def problem(self) -> JointProblem:
+        """The replay of the joint."""
+        joint = None if self.diagnosis.problem is None else self.diagnosis.problem.joint
+        if joint is None:
+            raise ValueError("a diagnosis without a replayed joint has no motion to draw")
+        return joint
 
     @cached_property
     def motion(self) -> Motion:

@@ -5,10 +5,10 @@ from __future__ import annotations
 import numpy as np
 from matplotlib.figure import Figure
 
-from ...ground.leg_problem import LegProblem
 from ...ground.stances import COLUMNS
 from ...log.parts import TEST
-from ...verdict.verdict import JointDiagnosis, NamedCause
+from ...verdict.verdict import NamedCause
+from .evidence import Evidence
 from .style import EXTENDED, MEASURED, NOMINAL, figure, legend_above, styled
 
 SHOWN = {"base.z": "height of the hip", "base.x": "way of the hip along the ground"}
@@ -17,13 +17,16 @@ FACTOR, UNIT = 1e3, "mm"
 
 
 @styled
-def stance(diagnosis: JointDiagnosis, problem: LegProblem, cause: NamedCause) -> Figure:
+def stance(evidence: Evidence, cause: NamedCause) -> Figure:
     """The stance of the test part where the nominal model is most wrong, and the errors of all stances of it."""
+    diagnosis, problem = evidence.diagnosis, evidence.diagnosis.problem
+    if problem is None:
+        raise ValueError("a diagnosis without a replay has no stance to draw")
     shown = cause.against if cause.against in SHOWN else "base.z"
     if not np.isfinite(problem.measured[:, COLUMNS.index(shown)]).any():
         shown = "base.z"
     column, factor, unit = COLUMNS.index(shown), FACTOR, UNIT
-    errors = {model: problem.corrected(diagnosis.simulated[model])[:, column] for model in ("nominal", "extended")}
+    errors = {model: problem.errors(diagnosis.simulated[model])[:, column] for model in ("nominal", "extended")}
     units = [k for k, one in enumerate(problem.units) if one.part == TEST] or list(range(len(problem.units)))
     rows = [np.arange(problem.starts[k], problem.starts[k + 1]) for k in units]
     rows = [row[problem.judged[row]] for row in rows]

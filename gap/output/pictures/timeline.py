@@ -97,7 +97,8 @@ def timeline(diagnosis: JointDiagnosis) -> Timeline | None:
 
     models = {name: cut(simulated[name][:, 0]) for name in MODELS if name in simulated}
     measured = cut(problem.measured[:, 0])
-    goal = cut(problem.goal) if problem.kind != "ground" and problem.signal[1] == "rad" else None  # goals are angles
+    joint = problem.joint if problem.signal[1] == "rad" else None  # goals are angles
+    goal = None if joint is None else cut(joint.goal)
     return Timeline(np.concatenate(x), goal, measured, models, tested, runs, quantity, diagnosis.unit)
 
 
