@@ -18,9 +18,12 @@ NAMES = ("envs", "agents", "configs", "gap", "hw", "actuators", "tests", "testbe
 """Folders of the checkout, none of which may be a package of its own once installed."""
 
 
+NO_CONFIG = "a stranger: [was read\n"
+
+
 @dataclass(frozen=True)
 class Stranger:
-    """A virtual environment, and a folder whose own envs/, agents/ and configs/ must never be imported.
+    """A virtual environment, and a folder whose own envs/, agents/ and configs/ must never be imported nor read.
 
     Attributes:
         root: of the environment.
@@ -77,6 +80,12 @@ def stranger(folder: Path) -> Stranger:
     for name in NAMES:
         (made.folder / name).mkdir(parents=True)
         (made.folder / name / "__init__.py").write_text("raise RuntimeError('a stranger was imported')\n")
+    for script in (REPOSITORY / "configs").glob("*.yaml"):
+        (made.folder / "configs" / script.name).write_text(NO_CONFIG)
+    for group in ("actuator", "env", "robot"):
+        (made.folder / "configs" / group).mkdir()
+        for name in ("sts3215", "bench"):
+            (made.folder / "configs" / group / f"{name}.yaml").write_text(NO_CONFIG)
     return made
 
 

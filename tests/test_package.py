@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import shutil
 import subprocess
 import sys
 import zipfile
@@ -10,6 +11,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+import yaml
 from sealegs.agents.policy_files import load_policy
 from sealegs.cli import COMMANDS
 
@@ -146,26 +148,68 @@ def test_environments_work_from_a_strangers_folder(installed: Stranger) -> None:
     assert "all of it" in installed.done("python", "main.py", timeout=900)
 
 
+PATIENT = ["hw.timeout=5", "robot.safety.late=5", "silence=30", "live=false"]
+"""A busy computer is no fault of the package."""
+STEPPED = ["hw.virtual.time=stepped", *PATIENT]
+
+
+@pytest.fixture(scope="session")
+def worked(installed: Stranger) -> Stranger:
+    """The stranger, who has trained a policy (runs/first), measured (logs/mine) and diagnosed (found)."""
+
+    def work(_: Path) -> None:
+        small = ["n_envs=2", "agent.n_steps=64", "total_timesteps=128", "evaluate.episodes=2", "video.seconds=0"]
+        installed.done("sealegs", "train", "env=bench", "name=first", *small, timeout=900)
+        for excitation in ("chirp", "steps", "slow_triangle"):
+            what = [f"excitation={excitation}", "duration=8", "out=logs/mine"]
+            installed.done("sealegs", "deploy", *what, *STEPPED, timeout=900)
+        few = "causes=[friction.coulomb,drive.delay]"
+        installed.done("sealegs", "diagnose", "log=logs/mine", "out=found", few, timeout=1800)
+
+    folder_made_once("stranger-worked", work)
+    return installed
+
+
 @pytest.mark.long
-def test_training_deploying_and_diagnosing_work_from_a_strangers_folder(installed: Stranger) -> None:
-    small = ["n_envs=2", "agent.n_steps=64", "agent.batch_size=64", "total_timesteps=128", "evaluate.episodes=2"]
-    installed.done("sealegs", "train", "env=bench", "name=first", "video.seconds=0", *small, timeout=900)
-    run = installed.folder / "runs" / "first"
+def test_training_deploying_and_diagnosing_work_from_a_strangers_folder(worked: Stranger) -> None:
+    run = worked.folder / "runs" / "first"
     assert (run / "final" / "policy.onnx").is_file()
     session = json.loads((run / "run.json").read_text())["sessions"][0]
     assert session["git"] == {"revision": None, "changed": None}
-    installed.done("sealegs", "train", "resume=runs/first", "total_timesteps=256", timeout=900)
-    patient = ["hw.timeout=5", "robot.safety.late=5", "silence=30"]  # a busy computer is no fault of the package
-    stepped = ["hw.virtual.time=stepped", "live=false", *patient]
-    for excitation in ("chirp", "steps", "slow_triangle"):
-        installed.done(
-            "sealegs", "deploy", f"excitation={excitation}", "duration=8", "out=logs/mine", *stepped, timeout=900
-        )
-    installed.done("sealegs", "deploy", "policy=runs/first/final", "duration=1", "out=logs/run", *stepped, timeout=900)
-    assert len(list((installed.folder / "logs" / "mine").glob("*.csv"))) == 3
-    installed.done("sealegs", "diagnose", "log=logs/mine", "out=found", timeout=1800)
-    found = installed.folder / "found"
+    shutil.copytree(run, run.with_name("more"))
+    worked.done("sealegs", "train", "resume=runs/more", "total_timesteps=256", timeout=900)
+    worked.done("sealegs", "deploy", "policy=runs/first/final", "duration=1", "out=logs/run", *STEPPED, timeout=900)
+    assert len(list((worked.folder / "logs" / "mine").glob("*.csv"))) == 3
+    found = worked.folder / "found"
     assert (found / "diagnosis.json").is_file() and (found / "report.html").is_file()
+
+
+@pytest.mark.long
+def test_comparing_filming_and_learning_a_net_work_from_a_strangers_folder(worked: Stranger) -> None:
+    policy = "policy=runs/first/final"
+    both = [policy, "extended=found"]
+    worked.done("sealegs", "evaluate", *both, "robot=bench", "seconds=2", "out=compared", *STEPPED, timeout=900)
+    figures = json.loads((worked.folder / "compared" / "comparison.json").read_text())["figures"]
+    assert figures.keys() == {"nominal", "extended", "machine"}
+    worked.done("sealegs", "evaluate", "relevant", "robot=bench", "seconds=1", "tempos=[1]", "out=relevant")
+    assert (worked.folder / "relevant" / "relevant.json").is_file()
+    worked.done("sealegs", "train-net", "log=logs/mine", "epochs=1", "out=net", timeout=900)
+    size = ["seconds=0.1", "width=64", "height=48"]
+    worked.done("sealegs", "watch", *both, "out=film.mp4", *size, timeout=900)
+    (worked.folder / "configs" / "actuator" / "own.yaml").write_text("- ideal: {stiffness: 2.0}\n")
+    worked.done("sealegs", "watch", policy, "actuator=configs/actuator/own.yaml", "out=own.mp4", *size, timeout=900)
+    assert all((worked.folder / film).stat().st_size > 1000 for film in ("film.mp4", "own.mp4"))
+
+
+@pytest.mark.long
+def test_the_loop_works_from_a_strangers_folder(worked: Stranger) -> None:
+    """It goes on with a diagnosis that is there: that of a log of its own takes minutes."""
+    shutil.copytree(worked.folder / "found", worked.folder / "looped" / "diagnosis")
+    short = ["excitations=[hold]", "loads=[{mass:0.25,length:0.1}]", "further=0", "total_timesteps=1", "seconds=2"]
+    patient = [item for item in PATIENT if item != "live=false"]
+    worked.done("sealegs", "loop", "out=looped", *short, *patient, timeout=1800)
+    made = {path.name for path in (worked.folder / "looped").iterdir()}
+    assert {"log", "policy-nominal", "policy-extended", "comparison-nominal", "comparison-extended", "gap.png"} <= made
 
 
 SCANNED = """
@@ -176,6 +220,43 @@ with VirtualBus(robot="bench") as virtual:
     command = [sys.argv[1], "scan", f"port={virtual.port}", "baudrate=1000000", "last=3"]
     sys.exit(subprocess.run(command).returncode)
 """
+
+
+CALIBRATED = """
+import builtins, sys
+import sealegs.hw.bus
+from sealegs.cli import main
+from sealegs.hw.virtual import VirtualBus
+
+class Bus(sealegs.hw.bus.ServoBus):
+    def __init__(self, *arguments):
+        super().__init__(*arguments, timeout=1.0)  # a busy computer is no fault of the package
+        opened.append(self)
+
+    def scan(self, ids=range(3)):
+        return super().scan(ids)
+
+def pushed(*angles):
+    for angle in angles:
+        opened[-1].torque_on([1])
+        opened[-1].write_goals([1], [angle])
+        virtual.advance(1.0)
+
+opened, moves = [], [(0.0,), (0.5,), (-0.8, 0.8)]
+sealegs.hw.bus.ServoBus = Bus
+builtins.input = lambda question: pushed(*moves.pop(0)) or ""
+with VirtualBus(time="stepped", cycle=0.0) as virtual:
+    sys.exit(main(["calibrate", f"port={virtual.port}", "out=calibrations/own.yaml"]))
+"""
+"""A hand on a virtual bench: its servo, switched on for as long as the hand moves it."""
+
+
+@pytest.mark.long
+def test_calibrating_works_from_a_strangers_folder(installed: Stranger) -> None:
+    (installed.folder / "calibrated.py").write_text(CALIBRATED)
+    said = installed.done("python", "calibrated.py", timeout=900)
+    assert "Written: calibrations/own.yaml" in said
+    assert "joint" in yaml.safe_load((installed.folder / "calibrations" / "own.yaml").read_text())["joints"]
 
 
 @pytest.mark.long
