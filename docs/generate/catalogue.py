@@ -31,13 +31,15 @@ FAMILIES = {
 }
 HEAD = """# The catalogue of causes
 
-Written by `python -m docs.generate.catalogue` from `gap/causes/`; do not edit. Every physical cause that a gap can be
-named for. Bounds are those of the joint `sts3215` (`spring.stiffness`: of `sv1270tg`); they scale with a joint's stall
-torque. A factor multiplies the number of the nominal model.
+All physical causes that a diagnosis can name, with the parameters that it fits. Bounds are those of the joint `sts3215`
+(`spring.stiffness`: of `sv1270tg`); they scale with a joint's stall torque. The unit *factor* means that the parameter
+multiplies the number of the nominal model.
 
-The pictures are those of a report (`python -m docs.generate.cause_pictures`). A bench with code of its own hides the
-effect, clearly, and the diagnosis draws what shows it. Points are measured, orange is the nominal model, blue the
-extended one.
+Each picture is the one in a report on a simulated bench that hides the effect in its clear size and shares no code with
+sealegs (`python -m docs.generate.cause_pictures`). Points are measured, orange is the nominal model, blue the extended
+one.
+
+Written by `python -m docs.generate.catalogue` from `gap/causes/`; do not edit.
 """
 TABLE = "\n| parameter | unit | lowest | highest |\n|---|---|---|---|\n"
 PARAMETERS = {"load.tilt": TILTS}
@@ -68,8 +70,10 @@ def page() -> str:
         members = [cause for name, cause in every.items() if name.partition(".")[0] == family]
         parts.append(f"\n## {title}\n")
         parts += [_section(cause) for cause in members]
-    parts.append("\n## The whole robot\n\nCauses of the load are also sought over all joints of a robot together")
-    parts.append(" ([What joints share](diagnose-your-robot.md#what-joints-share)). Only there is sought:\n")
+    parts.append("\n## The whole robot\n\nCauses of the load are also looked for over all joints of a robot together")
+    parts.append(
+        " ([What joints share](diagnose-your-robot.md#what-joints-share)). One cause is looked for only there:\n"
+    )
     parts += [_of_robot(name) for name in ROBOT]
     parts.append(
         "\n## The ground under a leg\n\nSought in the stances of a hopper ([The ground under a leg](ground.md)).\n"

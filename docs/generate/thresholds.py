@@ -13,9 +13,12 @@ from sealegs.gap.verdict.signatures import SignatureLimits
 PAGE = Path(__file__).resolve().parents[1] / "thresholds.md"
 HEAD = """# Thresholds
 
-Written by `python -m docs.generate.thresholds`; do not edit. Losses are per judged value, in parts of that of the
-noise: a right model has about one. How the rules work together: [Choosing causes](choosing-causes.md) and
-[The verdict](verdict.md). What happens when one of the search is halved or doubled: `python -m benchmarks.sensitivity`.
+All values that decide what a diagnosis names and says. [Choosing causes](choosing-causes.md) and
+[The verdict](verdict.md) explain how the rules work together. [Thresholds halved and doubled](results/sensitivity.md)
+shows what each value of the search does. Losses are per judged value and relative to that of the noise: a right model
+has about one.
+
+Written by `python -m docs.generate.thresholds`; do not edit.
 """
 TABLES: tuple[tuple[str, type, bool], ...] = (
     ("What decides a name", SearchSettings, True),

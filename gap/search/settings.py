@@ -1,6 +1,6 @@
-"""The thresholds of the search in one place, each with what it means.
+"""The thresholds of the search in one place, each with its meaning.
 
-Losses are per judged value and in parts of that of the noise (:mod:`sealegs.gap.replay.robust`): a right model has
+Losses are per judged value and relative to that of the noise (:mod:`sealegs.gap.replay.robust`): a right model has
 about one. ``python -m benchmarks.sensitivity`` shows what each threshold does when it is halved or doubled.
 """
 
@@ -14,20 +14,20 @@ EFFORT, COLUMNS, ROBOT, TORQUE, TOLD = (
     "Which columns count",
     "What joints of a robot share",
     "Logs of torque alone",
-    "What is told beside a cause",
+    "What is reported beside a cause",
 )
-"""What a setting is about that a record does not decide again."""
+"""Headings of the settings that cannot be varied on a recorded search."""
 
 
 def threshold(value: float, meaning: str, *, decides: bool = False, neutral: float = 0.0, about: str = EFFORT) -> Any:
     """A setting.
 
     Args:
-        value: its default.
-        meaning: of it, with its unit.
+        value: default.
+        meaning: one sentence, with the unit.
         decides: whether it decides what is named, given what was fitted.
-        neutral: from where its distance counts: one for a share that must be near one, and for a factor.
-        about: what it is about, where it does not decide.
+        neutral: value from which halving and doubling count: one for a share that must be near one, and for a factor.
+        about: heading under which it is listed, if it does not decide.
     """
     return field(default=value, metadata={"meaning": meaning, "decides": decides, "neutral": neutral, "about": about})
 
@@ -42,16 +42,17 @@ class SearchSettings:
     finalists: int = threshold(5, "Causes that are fitted to convergence, the lowest rough cost first.")
     sure_finalists: int = threshold(2, "Of the finalists, those that are fitted whatever their rough cost.")
     finalist_cost: float = threshold(
-        2.0, "Rough cost, in parts of the least one, up to which a further cause is a finalist."
+        2.0, "Rough cost, relative to the least one, up to which a further cause is a finalist."
     )
     hopeless_cost: float = threshold(
-        1.5, "Cost after one iteration, in parts of the least one, from which the rough fit of an effect is given up."
+        1.5, "Cost after one iteration, relative to the least one, from which the rough fit of an effect is abandoned."
     )
     outrun_cost: float = threshold(
-        1.15, "Rough cost, in parts of its cause's best variant, from which a variant is not fitted to convergence."
+        1.15, "Rough cost, relative to its cause's best variant, from which a variant is not fitted to convergence."
     )
     far: float = threshold(
-        1000.0, "Excess loss from which the screen foresees nothing: every cause gets an iteration of a rough fit."
+        1000.0,
+        "Excess loss from which the screen predicts nothing, so that every cause gets an iteration of a rough fit.",
     )
     rough_iterations: int = threshold(3, "Iterations of a rough fit.")
     shape_edge: float = threshold(
@@ -62,24 +63,22 @@ class SearchSettings:
         "Quantile of the simulated speeds that counts as the highest: a characteristic speed above it is at its edge.",
     )
     screen_outlier: float = threshold(
-        5.0, "Rms errors beyond which an error says nothing about small changes, and is clipped by the screen."
+        5.0, "Rms errors at which the screen clips an error: larger ones say nothing about small changes."
     )
     screen_far: float = threshold(
-        20.0, "Clipped errors beyond which a change is no small one: a replay that runs elsewhere."
+        20.0, "Clip levels at which the screen clips a change: larger ones are those of a replay that diverges."
     )
-    screen_tuned_reach: float = threshold(15.0, "Most that a tuned number moves in the screen, in units of its scale.")
-    screen_least_size: float = threshold(-2.0, "Least size of a variant in the screen, in parts of the one tried.")
-    screen_most_size: float = threshold(4.0, "Largest size of a variant in the screen, in parts of the one tried.")
+    screen_tuned_reach: float = threshold(15.0, "Largest move of a tuned number in the screen, in units of its scale.")
+    screen_least_size: float = threshold(-2.0, "Least size of a variant in the screen, relative to the one simulated.")
+    screen_most_size: float = threshold(4.0, "Largest size of a variant in the screen, relative to the one simulated.")
     window_error: float = threshold(
-        20.0, "Noise floors of rms error that refitting leaves, from which a free replay begins anew every second."
+        20.0, "Rms error of the refitted model, in noise floors, from which a free replay restarts every second."
     )
     refitted_by: float = threshold(
-        4.0, "How far refitting alone may turn each number that the model has: to five times, down to a fifth."
+        4.0, "Relative change that refitting alone may make to a number: up to five times, down to a fifth."
     )
     iterations: int = threshold(25, "Iterations of a fit to convergence, at most.")
-    coarse_step: float = threshold(
-        2.0, "Factor on the largest step of play and of switching firmware while causes are sought."
-    )
+    coarse_step: float = threshold(2.0, "Factor on the largest step for play and switching firmware during the search.")
     most_causes: int = threshold(6, "Causes after which the search ends.")
     least_temperature_range: float = threshold(
         1.0, "Change of the temperature [K] from which a thermal cause can show."
@@ -91,40 +90,45 @@ class SearchSettings:
     )
     weak: float = threshold(
         0.3,
-        "Loss below which an excess, or what a cause removes of it, is weak: a weak excess needs a promise, and a "
-        "weak cause further evidence.",
+        "Loss below which an excess, or what a cause removes of it, is weak. A weak excess must meet `least_promise`, "
+        "a weak cause needs further evidence.",
         decides=True,
     )
     least_promise: float = threshold(
-        0.015, "Loss that the screen must promise to remove where the excess is weak.", decides=True
+        0.015, "Loss that the screen must predict to be removed for a weak excess to be searched.", decides=True
     )
 
     # --- whether the best candidate pays
     least_gain: float = threshold(0.08, "Share of the excess loss that a cause must remove.", decides=True)
     least_removed: float = threshold(
-        0.04, "Loss that a cause must remove: ripple of ticks and of steps can do less.", decides=True
+        0.04, "Loss that a cause must remove; encoder ticks and time steps can imitate smaller gains.", decides=True
     )
     least_certainty: float = threshold(
-        0.975, "Share of bootstrap draws in which a cause must lower the loss at all.", decides=True, neutral=1.0
+        0.975, "Share of bootstrap draws in which a cause must lower the loss.", decides=True, neutral=1.0
     )
     least_certainty_agreeing: float = threshold(
-        0.9, "The same, for a cause that is strong in every other respect.", decides=True, neutral=1.0
+        0.9, "The same for a strong cause, which is above all three of the next values.", decides=True, neutral=1.0
     )
-    strong_win_rate: float = threshold(0.95, "Bootstrap win rate of such a cause.", decides=True, neutral=1.0)
-    strong_gain: float = threshold(0.5, "Share of the excess loss that such a cause removes.", decides=True)
+    strong_win_rate: float = threshold(0.95, "Bootstrap win rate of a strong cause.", decides=True, neutral=1.0)
+    strong_gain: float = threshold(0.5, "Share of the excess loss that a strong cause removes.", decides=True)
     close_agreement: float = threshold(
-        0.75, "Ratio of the distances from doing nothing of such a cause in the two parts.", decides=True, neutral=1.0
+        0.75,
+        "Agreement of a strong cause between the two parts of the data, as for `least_agreement`.",
+        decides=True,
+        neutral=1.0,
     )
     near_certainty: float = threshold(
-        0.8, "Share of the draws in which a near miss must lower the loss: it is told beside the verdict, not named."
+        0.8,
+        "Share of the draws in which a near miss must lower the loss. It is reported beside the verdict, not named.",
     )
     least_agreement: float = threshold(
         0.4,
-        "Ratio, lesser to greater, of a parameter's distances from doing nothing in the two parts of the data.",
+        "Least ratio, smaller to larger, of the two distances of a parameter from the value without effect, one fitted "
+        "on each part of the data.",
         decides=True,
     )
     least_change: float = threshold(
-        0.01, "Relative change of a number below which it is no finding: none is known better.", decides=True
+        0.01, "Relative change of a number below which it is no finding: no number is known better.", decides=True
     )
     most_contradicted: float = threshold(
         2e-3, "Share of samples that may contradict a cause, as duties above a fitted limit do.", decides=True
@@ -138,7 +142,9 @@ class SearchSettings:
         0.01, "Loss that a weak cause must remove from what is judged sample by sample.", decides=True
     )
     least_removed_by_columns: float = threshold(
-        0.12, "Or else the loss that a weak cause must remove in all, duty and current included.", decides=True
+        0.12,
+        "Alternative to `least_sampled`: loss that a weak cause must remove in all, duty and current included.",
+        decides=True,
     )
 
     # --- which candidate is the best
@@ -148,25 +154,27 @@ class SearchSettings:
     )
     shared_error: float = threshold(
         0.02,
-        "Relative error of a candidate's loss that all data share, such as ripple of steps and ticks: no resampling "
+        "Relative error of a candidate's loss that all data share, as from time steps and encoder ticks. No resampling "
         "shows it, so candidates closer than this are not told apart.",
         decides=True,
     )
     parameter_charge: float = threshold(
         0.02,
-        "Share of the loss that each further parameter of a variant must remove; a missing effect is charged once "
-        "against a wrong number.",
+        "Share of the loss that each further parameter of a variant must remove. Compared with a wrong number, a "
+        "missing effect counts as one parameter more.",
         decides=True,
     )
     form_charge: float = threshold(
         1.4,
-        "Factor by which another form of a cause must lower the loss against its usual form.",
+        "Factor by which a cause's other form must lower the loss below that of its usual form.",
         decides=True,
         neutral=1.0,
     )
 
     # --- which columns count beside the position
-    column_logged: float = threshold(0.5, "Share of its samples from which a column is looked at.", about=COLUMNS)
+    column_logged: float = threshold(
+        0.5, "Least share of samples that a column must have to be considered.", about=COLUMNS
+    )
     column_agreement: float = threshold(
         0.8, "Least correlation of a column with what the tuned model predicts.", about=COLUMNS
     )
@@ -174,9 +182,11 @@ class SearchSettings:
         0.5, "Least ratio of measured to predicted size: below it the column has another unit.", about=COLUMNS
     )
     column_most_slope: float = threshold(2.0, "Largest ratio of measured to predicted size.", about=COLUMNS)
-    column_groups: int = threshold(50, "Groups of samples from which a column can be judged.", about=COLUMNS)
+    column_groups: int = threshold(
+        50, "Least number of groups of samples for which a column can be judged.", about=COLUMNS
+    )
     column_calibration: float = threshold(
-        0.02, "Calibration error of a column, as a share of its rms: the least noise that it has.", about=COLUMNS
+        0.02, "Calibration error of a column, as a share of its rms; its noise is never taken as less.", about=COLUMNS
     )
     column_lag: float = threshold(
         2.5e-4,
@@ -184,34 +194,36 @@ class SearchSettings:
         about=COLUMNS,
     )
     column_trim: float = threshold(
-        0.98, "Quantile of a column's second differences beyond which they are no noise.", about=COLUMNS
+        0.98, "Quantile of a column's second differences beyond which they do not count as noise.", about=COLUMNS
     )
     column_fast: float = threshold(
-        0.75, "Quantile of a column's changes from which its timing error is read off.", about=COLUMNS
+        0.75, "Quantile of a column's changes from which its timing error is estimated.", about=COLUMNS
     )
 
     # --- what joints of a robot share
-    shared_joints: int = threshold(2, "Joints that a cause of the whole robot must act on, and help.", about=ROBOT)
+    shared_joints: int = threshold(2, "Least number of joints that share a cause of the whole robot.", about=ROBOT)
     shared_gain: float = threshold(
-        0.1, "Share of a joint's own loss that a cause must remove which the joint shares.", about=ROBOT
+        0.1, "Share of its own loss that a joint must lose by a cause to share it.", about=ROBOT
     )
     light_body: float = threshold(
         0.02,
-        "Share of the robot's moving mass below which a body's own mass and centre of mass are not sought.",
+        "Share of the robot's moving mass below which a body's own mass and centre of mass are not considered.",
         about=ROBOT,
     )
 
     # --- logs of torque alone
     most_torque_causes: int = threshold(4, "Causes after which the search in a torque log ends.", about=TORQUE)
     shift_certainty: float = threshold(
-        0.9, "Share of bootstrap draws in which a torque column must be out of step to the same side.", about=TORQUE
+        0.9,
+        "Share of bootstrap draws in which the time shift of a torque column must have the same sign.",
+        about=TORQUE,
     )
     shift_error: float = threshold(
-        0.995, "Error with the shift, in parts of that without, below which it is sought at all.", about=TORQUE
+        0.995, "Error with a time shift, relative to that without, below which the shift is considered.", about=TORQUE
     )
     least_shift: float = threshold(
         2e-3,
-        "Shift [s] from which a column is out of step: two steps of the grid that logs are brought to.",
+        "Least time shift [s] that counts: two steps of the grid to which logs are resampled.",
         about=TORQUE,
     )
 
@@ -220,27 +232,29 @@ class SearchSettings:
         1000, "Draws of the bootstrap over the test part, and over a torque log.", about=TOLD
     )
     place_error: float = threshold(
-        0.5, "Share of the squared error that a place, or few moments, must hold to be told.", about=TOLD
+        0.5, "Share of the squared error that a place, or a few moments, must hold to be reported.", about=TOLD
     )
-    place_lift: float = threshold(2.0, "The same in parts of the place's share of the time.", about=TOLD)
-    few_moments: float = threshold(
-        0.05, "Share of the windows of a log that are few: what holds most of the error there are events.", about=TOLD
-    )
-    at_duty_limit: float = threshold(0.98, "Share of the largest duty from which it is at its limit.", about=TOLD)
+    place_lift: float = threshold(2.0, "The same share, relative to the place's share of the time.", about=TOLD)
+    few_moments: float = threshold(0.05, "Largest share of a log's windows that counts as a few moments.", about=TOLD)
+    at_duty_limit: float = threshold(0.98, "Share of the largest duty from which a duty is at its limit.", about=TOLD)
     at_rest_speed: float = threshold(
         0.02, "Share of the highest speeds (99 % quantile) below which a joint is at rest.", about=TOLD
     )
     goal_knots: float = threshold(
         0.35,
-        "Relative difference of what was added to a delay and half of the time between two goals, below which the log "
-        "may have been interpolated.",
+        "Relative difference, between the delay that was added and half the time between two goals, below which the "
+        "goals may have been interpolated.",
         about=TOLD,
     )
     further: float = threshold(
-        0.02, "Share of the fitted range by which the test part goes further; less is chance.", about=TOLD
+        0.02,
+        "Share of the fitted range by which the test part must exceed it to be reported; less is chance.",
+        about=TOLD,
     )
     worse_there: float = threshold(
-        2.0, "Times the error of all other pieces that it has there; less is scatter.", about=TOLD
+        2.0,
+        "Error there, relative to that of all other pieces, from which it is reported; less is scatter.",
+        about=TOLD,
     )
 
     @classmethod
@@ -265,4 +279,4 @@ class SearchSettings:
 
 
 DEFAULT = SearchSettings()
-"""What was measured on the hidden benches (docs/results/diagnosis.md) was measured with these."""
+"""The settings with which the hidden benches were measured (docs/results/diagnosis.md)."""

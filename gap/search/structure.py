@@ -30,13 +30,11 @@ class StructureLimits:
 
     noticed: float = threshold(
         0.08,
-        "Structure over the mean square of the noise from which it is reported. Right models leave up to 0.03, and up "
-        "to 0.09 where ticks of the encoder decide where the joint sticks.",
+        "Structure, relative to the mean square of the noise, from which it is reported. Right models leave up to "
+        "0.03, and up to 0.09 where encoder ticks decide where the joint sticks.",
     )
-    learnt: float = threshold(
-        0.1, "Least share of the structure that the learner must predict for its signals to be named."
-    )
-    matters: float = threshold(0.15, "Least share of the learner's success that a signal must carry to be named.")
+    learnt: float = threshold(0.1, "Share of the structure that the learner must predict for its signals to be named.")
+    matters: float = threshold(0.15, "Share of the learner's success that a signal must carry to be named.")
 
 
 LIMITS = StructureLimits()

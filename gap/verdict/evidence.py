@@ -17,35 +17,35 @@ class Thresholds:
 
     negligible: float = threshold(
         0.03,
-        "Most unexplained share of the gap that still counts as explained while structure is noticed; its causes must "
-        "be certain, and the structure no larger than the noise.",
+        "Largest unexplained share of the gap that counts as explained although structure is noticed. Each cause must "
+        "have the confidence `sure`, and the structure must stay below `as_noise`.",
     )
-    as_noise: float = threshold(1.0, "Most structure, in parts of the noise's mean square, beside so little.")
+    as_noise: float = threshold(1.0, "Largest structure in that case, relative to the mean square of the noise.")
     feeble: float = threshold(
-        0.3, "Least share of the tuned model's mean squared error that causes must remove beside structure."
+        0.3, "Share of the tuned model's mean squared error that the causes must remove where structure is noticed."
     )
-    sure: float = threshold(0.6, "Least confidence of a cause that is named alone.")
+    sure: float = threshold(0.6, "Confidence from which a cause is named alone.")
     # Of the causes that the hidden benches named with as much, 173 of 175 were right; between ``sure`` and it, 12 of
     # 15; below, 10 of 18 (``python -m benchmarks.calibration``).
-    certain: float = threshold(0.9, "Least confidence of a cause that is certain, whatever is said of others.")
+    certain: float = threshold(0.9, "Confidence from which a cause is certain, whatever else is open.")
     at_bound: float = threshold(
-        0.5, "Factor on the confidence of a size at an end of the range tried: there it is no measurement."
+        0.5, "Factor on the confidence where the value is at an end of the range tried: there it is no measurement."
     )
     contradicted: float = threshold(
-        0.7, "Factor on the confidence of a cause that leaves its own features where they were."
+        0.7, "Factor on the confidence where a feature of the cause stays as wrong as in the nominal model."
     )
     clearly: float = threshold(
         0.9,
-        "Share of another model's mean squared error on the test part below which refitted numbers are better than the "
-        "causes.",
+        "Mean squared error on the test part, relative to that of the model with the causes, below which the refitted "
+        "numbers are clearly better.",
     )
-    certainly: float = threshold(0.975, "Share of the bootstrap draws in which they must be better.")
+    certainly: float = threshold(0.975, "Share of the bootstrap draws in which the refitted numbers must be better.")
     at_rest: float = threshold(
-        1e-3, "Share of the range tried: an interval that comes as near to doing nothing reaches it."
+        1e-3, "Share of the range tried: an interval that comes this close to the value without effect includes it."
     )
-    torque_explained: float = threshold(0.15, "Most unexplained share of a torque gap that counts as explained.")
+    torque_explained: float = threshold(0.15, "Largest unexplained share of a torque gap that counts as explained.")
     torque_as_good: float = threshold(
-        1.05, "Times the tuned torque error up to which the numbers of the sidecar are as good."
+        1.05, "Torque error, relative to the tuned one, up to which the numbers of the sidecar are as good."
     )
 
 

@@ -26,19 +26,21 @@ SINCE = 0.15  # [s] after the drive pushes the other way in which play shows
 class SignatureLimits:
     """When a feature agrees with what was measured, and when it disagrees."""
 
-    sure: float = threshold(2.5, "Standard errors over the pieces of the log from which a difference is one.")
+    sure: float = threshold(2.5, "Standard errors, over the pieces of the log, from which a difference is significant.")
     close: float = threshold(0.35, "Share of the nominal model's difference up to which the extended model agrees.")
     hardly: float = threshold(
-        0.7, "Share of the nominal model's difference from which a cause left the feature where it was: it disagrees."
+        0.7, "Share of the nominal model's difference that the extended model must still have to disagree."
     )
     away: float = threshold(
         2.0,
-        "Times the detection limit, and times the nominal model's difference, from which a cause moved a feature away: "
-        "it disagrees.",
+        "Times the detection limit, and times the nominal model's difference, from which an extended model that is "
+        "worse than the nominal one disagrees.",
     )
-    least_lag: float = threshold(4e-4, "Lag [s] below which it is one of the steps of command and sample.")
-    least_angle: float = threshold(0.15, "Angle, in noise floors, below which it is no feature.")
-    fewest: int = threshold(5, "Pieces of a log from which a spread can be told.")
+    least_lag: float = threshold(
+        4e-4, "Lag [s] below which a difference may come from the sampling of command and position."
+    )
+    least_angle: float = threshold(0.15, "Angle, in noise floors, below which a difference is no feature.")
+    fewest: int = threshold(5, "Least number of pieces of a log for which the spread can be estimated.")
 
 
 LIMITS = SignatureLimits()
