@@ -1,4 +1,4 @@
-"""The one way in: from a measured log to a diagnosis. Scripts, fleets and notebooks call this."""
+"""From a measured log to a diagnosis: the entry point for scripts, fleets and notebooks."""
 
 from __future__ import annotations
 
@@ -32,22 +32,22 @@ def diagnose(
     """Find what the simulation of a machine gets wrong, from measured runs of it.
 
     Args:
-        log: a file or a folder of them (docs/log-format.md), measured runs, or columns: a data frame or a dict of
-            arrays such as ``{"time": t, "servo.goal": g, "servo.position": q}``, of one run or a list of runs.
-        sidecar: of columns, what the YAML beside a log says: ``{"robot": "bench", "robot_params": {...}, "actuators":
-            {"servo": "sts3215"}}``; one for all runs, or one for each.
-        test: group of runs that no fit and no choice may see; None: dealt out.
+        log: a file or a folder of them (docs/log-format.md), measured runs, or columns in memory: a data frame or a
+            dict of arrays such as ``{"time": t, "servo.goal": g, "servo.position": q}``, for one run or a list of runs.
+        sidecar: for columns in memory, the content of the YAML beside a log: ``{"robot": "bench", "robot_params":
+            {...}, "actuators": {"servo": "sts3215"}}``; one for all runs, or one for each.
+        test: group of runs that serves for the final errors alone; None: chosen from the runs.
         seed: of all resampling.
-        limits: lower and upper end of the next experiment [rad]; None: from the log.
-        speed_limit: of its goals [rad/s].
-        causes: names of those to consider; None: all of the catalogue.
-        progress: is told what goes on.
-        workers: joints at a time, each in a process of its own (call it under ``if __name__ == "__main__"`` then);
-            None: one per core where a machine has several joints.
-        keep: folder in which what is found is kept as it is found; the same call goes on with what is there.
+        limits: lowest and highest goal of the next experiment [rad]; None: from the log.
+        speed_limit: largest speed of its goals [rad/s].
+        causes: names of the causes to consider; None: all of the catalogue.
+        progress: called with each step as a sentence.
+        workers: joints diagnosed at a time, each in a process of its own. Then call this under
+            ``if __name__ == "__main__"``. None: one per core where a machine has several joints.
+        keep: folder in which intermediate results are kept; after a stop, the same call resumes from it.
 
     Raises:
-        SealegsError: the log cannot be read or diagnosed, or an argument is wrong; one sentence.
+        SealegsError: the log cannot be read or diagnosed, or an argument is wrong.
     """
     settings = checked_settings(test, seed, limits, speed_limit, causes)
     from .experiment import Limits, default_limits
@@ -63,7 +63,7 @@ def diagnose(
     else:
         from .log.reader import log_files
 
-        log_files(Path(log))  # says at once that there is none
+        log_files(Path(log))  # raises at once if there is none
 
     def source() -> dict[str, Any]:
         return (

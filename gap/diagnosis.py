@@ -1,4 +1,4 @@
-"""What was found about one machine, over all its joints: to look at, to save, to train on."""
+"""The diagnosis of one machine, over all its joints: to look at, to save, to train on."""
 
 from __future__ import annotations
 
@@ -23,14 +23,14 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True, eq=False, repr=False)
 class Diagnosis:
-    """What was found about one machine.
+    """The diagnosis of one machine.
 
     Attributes:
-        name: of the data set.
-        runs: their names.
-        joints: what was found about each joint, and about the ground under a leg.
+        name: name of the data set.
+        runs: names of the runs.
+        joints: diagnosis of each joint, and of the ground under a leg.
         data: the measured runs; None for a diagnosis that was read from a folder.
-        folder: where it was read from.
+        folder: where it was read from; None for one that was just made.
     """
 
     name: str
@@ -41,14 +41,14 @@ class Diagnosis:
 
     @property
     def verdict(self) -> str:
-        """``explained``, ``partly explained``, ``nothing to explain``, ``not identifiable`` or ``unusable log``: that
-        of the joint which is understood worst.
+        """``explained``, ``partly explained``, ``nothing to explain``, ``not identifiable`` or ``unusable log``: the
+        worst of the joints' verdicts.
         """
         return str(self._document["verdict"])
 
     @property
     def sentence(self) -> str:
-        """What was found, in words."""
+        """What was found, how large it is and how sure, in one sentence."""
         return str(self._document["sentence"])
 
     @property
@@ -58,20 +58,20 @@ class Diagnosis:
 
     @property
     def data_errors(self) -> tuple[DataError, ...]:
-        """Errors of the log, which are no causes: they have no share of the gap."""
+        """Faults of the log's columns. They are not causes, and have no share of the gap."""
         return tuple(error for joint in self.joints for error in joint.data_errors)
 
     @property
     def findings(self) -> tuple[Finding, ...]:
-        """What the checks of the log had to say."""
+        """Findings of the checks of the log, those of all joints."""
         return tuple(dict.fromkeys(finding for joint in self.joints for finding in joint.findings))
 
     @cached_property
     def extended(self) -> Extended:
-        """The machine as found, for ``sealegs.make_env(..., extended=diagnosis.extended)``.
+        """The extended model, for ``sealegs.make_env(..., extended=diagnosis.extended)``.
 
         Raises:
-            SealegsError: no joint has a model to hand over: the log is unusable, or shows the torque alone.
+            SealegsError: no joint has an extended model: the log is unusable, or shows the torque alone.
         """
         from ..envs.extended import ExtensionError, no_model, read_extended
 
@@ -86,7 +86,7 @@ class Diagnosis:
         return found
 
     def joint(self, name: str) -> JointDiagnosis:
-        """What was found about one joint.
+        """The diagnosis of one joint.
 
         Raises:
             SealegsError: there is no such joint.
@@ -98,7 +98,7 @@ class Diagnosis:
         raise SealegsError(f"the diagnosis has no joint '{name}'; it has {known}.")
 
     def to_dict(self) -> dict[str, Any]:
-        """Everything as plain data: the document that :meth:`save` writes, less the names of the files beside it."""
+        """Everything as plain data: the content of ``diagnosis.json``, without the names of the files beside it."""
         return dict(self._document)
 
     def save(self, folder: str | Path, progress: Progress = lambda text: None) -> dict[str, Path]:
@@ -106,10 +106,10 @@ class Diagnosis:
 
         Args:
             folder: new or empty; nothing is overwritten.
-            progress: is told what goes on.
+            progress: called with each step as a sentence.
 
         Returns:
-            Paths by what they hold.
+            Paths by kind of file.
 
         Raises:
             SealegsError: the folder has something in it, or this diagnosis was read from a folder.

@@ -1,4 +1,4 @@
-"""Finds what a robot simulation gets wrong from measured data, extends the model by it, and trains on the truth.
+"""Finds from measured logs what a robot simulation gets wrong, extends the model by it, and trains on the result.
 
     import sealegs
 
@@ -50,7 +50,7 @@ _HOMES = {
     "make_env": ("sealegs.environments", "make_env"),
     "read_log": ("sealegs.gap.log", "read_measured"),
 }
-"""Where the names of the library are: loaded when they are first asked for."""
+"""Module and attribute of each public name, loaded when it is first used."""
 
 
 def __getattr__(name: str) -> Any:

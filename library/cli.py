@@ -1,4 +1,4 @@
-"""The command ``sealegs``: one word for each job, the same that the scripts of a checkout do."""
+"""The command ``sealegs``, with one subcommand for each job; the scripts of a checkout do the same."""
 
 from __future__ import annotations
 
@@ -18,16 +18,16 @@ COMMANDS = {
     "watch": ("sealegs.commands.watch", "watch", "film a policy"),
     "characterize": ("sealegs.commands.characterize", "characterize", "fit a servo's torque from a brake bench"),
     "train-net": ("sealegs.commands.train_net", "train_net", "train an actuator net from logs"),
-    "scan": ("sealegs.hw.scan", "scan", "which servos are on a bus"),
-    "calibrate": ("sealegs.hw.calibration", "calibrate", "zero, direction and range of each joint"),
+    "scan": ("sealegs.hw.scan", "scan", "list the servos on a bus"),
+    "calibrate": ("sealegs.hw.calibration", "calibrate", "measure zero, direction and range of each joint"),
     "virtual": ("sealegs.hw.virtual.__main__", "virtual", "serve a virtual bus of servos"),
     "new-robot": ("sealegs.commands.new_robot", "", "write the YAML of a robot from its MJCF or URDF"),
     "export": ("sealegs.agents.export", "", "write a trained policy as ONNX"),
-    "repair-log": ("sealegs.hw.measured_log", "", "recover the whole samples of a log that a power cut tore"),
+    "repair-log": ("sealegs.hw.measured_log", "", "copy a log without the line that a power cut tore"),
     "import": ("sealegs.commands.import_log", "import", "turn recordings of other formats into measured logs"),
-    "demo": ("sealegs.commands.demo", "demo", "the main job once, without hardware"),
+    "demo": ("sealegs.commands.demo", "demo", "measure, diagnose, extend and train once, without hardware"),
 }
-"""By word: module with ``main(arguments)``, name of its config file (none: its arguments are files), what it does."""
+"""By subcommand: module with ``main(arguments)``, name of its config file (empty: its arguments are files), purpose."""
 
 
 def main(arguments: Sequence[str] | None = None) -> int:

@@ -1,4 +1,4 @@
-"""Robots and environments by name, with what a diagnosis found in them."""
+"""Robots and environments by name, as believed or as a diagnosis found them."""
 
 from __future__ import annotations
 
@@ -19,17 +19,17 @@ def load_robot(name: str | Path) -> Robot:
     """A robot by its name or its file (a YAML, or an MJCF or URDF): its numbers, driven coordinates and model.
 
     Raises:
-        SealegsError: there is none.
+        SealegsError: there is no such robot.
     """
     return get_robot(name)
 
 
 def environment_id(name: str) -> str:
-    """The Gymnasium id of an environment by its id, by its robot's name (whatever the case of its letters), or by
+    """The Gymnasium id of an environment that is given by its id, its robot's name in any case, or
     ``path/to/task.py:MyTask``.
 
     Raises:
-        SealegsError: there is none.
+        SealegsError: there is no such environment.
     """
     register_environments()
     if is_user_task(name):
@@ -51,15 +51,15 @@ def make_env(
     params: Mapping[str, float] | None = None,
     **arguments: Any,
 ) -> Any:
-    """A Gymnasium environment, as it was believed to be or as a diagnosis found it.
+    """A Gymnasium environment of a robot, as believed or as a diagnosis found it.
 
     Args:
         name: id such as ``SeaLegs/Hopper-v0``, the robot's or the task's name, or ``path/to/task.py:MyTask``.
-        num_envs: of a vector environment; None: a single one.
-        extended: what a diagnosis found (``diagnosis.extended``), or its folder: chains and numbers of the robot.
+        num_envs: number of environments in a vector environment; None: a single environment.
+        extended: ``extended`` of a diagnosis, or the folder of one: chains and numbers of the robot.
         actuator: chain of all joints, or chains by joint, in place of the robot's own; not with ``extended``.
-        params: numbers of the robot as believed.
-        arguments: of the environment, such as ``robot`` (of ``track`` and ``reach``: a name or a file),
+        params: numbers of the robot that differ from its own.
+        arguments: further ones of the environment, such as ``robot`` (of ``track`` and ``reach``: a name or a file),
             ``render_mode``, or weights of its reward.
 
     Returns:

@@ -4,9 +4,10 @@
     sealegs characterize table=measured.csv       the measurements of a real bench
     sealegs train actuator=runs/<folder>/chain.yaml
 
-Follows "Practical Approach to Characterize Realistic Motor Dynamics" (III-B and C): PWM -0.9 to 0.9 by 0.05, load 0 to
-1.2 N.m by 0.05, 40, 55 and 70 degC, three times each in random order; stalls are invalid, measurements beyond two
-standard deviations of the line of their PWM are dropped. Writes table.csv, fit.json, chain.yaml and fit.png.
+Follows "Practical Approach to Characterize Realistic Motor Dynamics" (III-B and C). PWM goes from -0.9 to 0.9 by 0.05,
+load from 0 to 1.2 N.m by 0.05, temperature takes 40, 55 and 70 degC; each point is measured three times, in random
+order. Stalls, and measurements beyond two standard deviations of the line of their PWM, are dropped. Writes table.csv,
+fit.json, chain.yaml and fit.png.
 """
 
 from __future__ import annotations

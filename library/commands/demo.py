@@ -1,11 +1,11 @@
-"""The main job, once: from a measured log to a hopper that is trained on what was found in it.
+"""The main job once, without hardware: from a measured log to a hopper that is trained on the extended model.
 
     sealegs demo            under 10 minutes on two cores
     sealegs demo seed=1     another hidden effect
 
-A virtual bench stands in for hardware: it measures the hopper's servo, which hides an effect that its model lacks. The
-log is diagnosed; the hopper learns once on the servo as it was believed to be and once on the extended one; and both
-policies are tried on the extended one.
+A virtual bench stands in for hardware: it measures the hopper's servo, which has an effect that its model lacks. The
+log is diagnosed. The hopper learns once on the servo as believed and once on the extended one, and both policies are
+tried on the extended one.
 """
 
 from __future__ import annotations

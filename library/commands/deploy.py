@@ -6,9 +6,9 @@
     sealegs deploy policy=runs/first/final robot=hopper hw=feetech port=/dev/ttyUSB0
     sealegs deploy policy=runs/first/final robot=hopper dry_run=true   print the first goals, no torque
 
-Limits on joints, speed, current, temperature, voltage and late data hold whatever runs (configs/robot), and however a
-run ends, a process of its own sees to it that the servos are released or held. The log is a measured log
-(docs/log-format.md) that sealegs diagnose reads, complete up to the last cycle.
+Limits on joints, speed, current, temperature, voltage and late data hold for every run (configs/robot). However a run
+ends, a separate process makes sure that the servos are released or held. The log is a measured log (docs/log-format.md)
+that sealegs diagnose reads, complete up to the last cycle.
 """
 
 from __future__ import annotations

@@ -1,14 +1,14 @@
-"""Explain a gap: from measured logs to what the simulation gets wrong, why, and a model that has it right.
+"""Explain a gap: find from measured logs what the simulation gets wrong, name the cause, and extend the model by it.
 
     sealegs diagnose log=logs/today out=diagnosis
     sealegs diagnose log=logs/xl330 test=kp400          keep the runs of that group for the final measurement
     sealegs diagnose log=logs/fleet fleet=true          a folder of logs for each servo, and a table over all of them
     sealegs train extended=diagnosis                    train on the extended model
 
-A log is a CSV or Parquet file with a YAML beside it (docs/log-format.md); a folder of them is one data set. Written
-are diagnosis.json, report.html (one page to send), pictures, the extended chain and MJCF, and the next experiment
-where one helps. A fleet gets a folder like that for each servo, fleet.html and fleet.csv. Stopped, by Ctrl-C or by a
-kill, a diagnosis goes on with the same command; until it is done, partial/partial.json tells what was found so far.
+A log is a CSV or Parquet file with a YAML beside it (docs/log-format.md); a folder of them is one data set. The command
+writes diagnosis.json, report.html (one page to send), pictures, the extended chain and MJCF, and the next experiment
+where one helps. For a fleet it writes such a folder for each servo, fleet.html and fleet.csv. After Ctrl-C or a kill,
+the same command resumes; until it is done, partial/partial.json holds what was found so far.
 """
 
 from __future__ import annotations

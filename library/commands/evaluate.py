@@ -8,8 +8,8 @@
     sealegs evaluate policy=runs/first/final robot=hopper extended=diagnosis hw=virtual
                                                     one policy in the nominal model, the extended one and on the machine
 
-The first writes the numbers (JSON), the motor positions over time (PNG), and positions and speeds over the hopping
-period (PNG); the second a table, comparison.json, comparison.html (one page to send) and the machine's log.
+paper= writes the numbers (JSON), the motor positions over time (PNG), and positions and speeds over the hopping period
+(PNG). policy= writes a table, comparison.json, comparison.html (one page to send) and the machine's log.
 """
 
 from __future__ import annotations

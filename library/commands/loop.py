@@ -4,9 +4,9 @@
     sealegs loop out=runs/loop-1                go on with it after a stop, a crash or a kill
     sealegs loop hw=feetech port=/dev/ttyUSB0   the same on real servos
 
-The machine is measured; the log is diagnosed; a policy learns on the servos as they were believed to be and one on the
-extended model; both run on the machine and in both models. What came of it is the gap before and after, printed, and
-drawn into gap.png. Each step is one of the other scripts, and its command is printed.
+The machine is measured, and the log is diagnosed. One policy learns on the servos as believed, another on the extended
+model; both run on the machine and in both models. The result is the gap before and after, printed and drawn in gap.png.
+Each step is one of the other commands, and is printed.
 """
 
 from __future__ import annotations

@@ -4,8 +4,8 @@
     sealegs evaluate relevant robot=hopper actuator=ideal
 
 Moves the robot in simulation from point to point at several tempos and splits the torque of each motor into constant
-and varying inertia, Coriolis and centrifugal torque, gravity, springs, friction and contact. What is under 5 % on every
-run can be left out; the error of that is told. Writes relevant.json and two pictures.
+and varying inertia, Coriolis and centrifugal torque, gravity, springs, friction and contact. A part under 5 % on every
+run can be left out; the error that this makes is printed. Writes relevant.json and two pictures.
 """
 
 from __future__ import annotations

@@ -1,4 +1,4 @@
-"""Learn a policy: PPO or SAC on a robot with any actuator chain.
+"""Train a policy with PPO or SAC on a robot with any actuator chain.
 
     sealegs train                                       the hopper with its own servos
     sealegs train env=hopper actuator=ideal agent=sac   with ideal motors, by another algorithm
@@ -7,8 +7,8 @@
     sealegs train resume=runs/first                     go on after a stop, a crash or a kill -9
     sealegs train resume=runs/first total_timesteps=2e6 go on for longer
 
-A run writes one folder: resolved config, versions and git revision, TensorBoard, evaluations, checkpoints, best and
-final policy, video. Ctrl-C saves a checkpoint first.
+A run writes one folder: resolved config, versions and git revision, TensorBoard logs, evaluations, checkpoints, best
+and final policy, video. Ctrl-C saves a checkpoint first.
 """
 
 from __future__ import annotations

@@ -5,8 +5,8 @@
     sealegs train-net actuator=sts3215            from simulated runs of a chain
     sealegs train actuator=runs/<folder>/chain.yaml
 
-Some runs are kept to test the net on. Its sample rate is stored in it and checked when a chain loads it; at run time a
-counter says how many inputs left the training range. Ctrl-C ends the training and keeps the best net so far.
+Some runs are held out as a test. The net's file stores the sample rate, which is checked when a chain loads it. At run
+time a counter says how many inputs left the training range. Ctrl-C ends the training and keeps the best net so far.
 """
 
 from __future__ import annotations
