@@ -11,8 +11,8 @@ from .track import TrackTask
 class TrackEnv(SingleEnv, task=TrackTask):
     r"""
     ## Description
-    Any robot with driven joints follows trajectories: each joint a sum of two sines, new in every episode. `robot` is a
-    name (`bench`, `hopper`, ...) or the file of a robot (`my_arm.yaml`, or an MJCF or URDF), of k driven joints.
+    Any robot with k driven joints follows trajectories: each joint a sum of two sines, drawn anew in every episode. `robot`
+    is a name (`bench`, `hopper`, ...) or the file of a robot (`my_arm.yaml`, or an MJCF or URDF).
 
     ## Action Space
     The action space is a `Box(-1, 1, (k,), float32)`: the position goals of the joints, in the order of the robot's file.
@@ -44,9 +44,10 @@ class TrackEnv(SingleEnv, task=TrackTask):
     - *reward_energy*: $-w_{energy} \sum |\tau_j \omega_j|$ of the motors [W].
 
     ## Starting State
-    At rest on the trajectory, with uniform noise of $\pm$ `start_noise` times half of each joint's range. Trajectories
-    are about the robot's start, at least a quarter of the range from its ends. Amplitudes, frequencies and phases are
-    uniform: amplitudes together up to `amplitude` times a quarter of the range. Then `randomization` is drawn.
+    The robot is at rest on the trajectory, with uniform noise of $\pm$ `start_noise` times half of each joint's range.
+    Trajectories are centred on the robot's start, but at least a quarter of the range from its ends. Amplitudes,
+    frequencies and phases are uniform; the two amplitudes add up to at most `amplitude` times a quarter of the range.
+    Then `randomization` is drawn.
 
     ## Episode End
     ### Termination
@@ -69,7 +70,7 @@ class TrackEnv(SingleEnv, task=TrackTask):
     | `frequency`       | float or pair     | `(0.2, 0.8)` | of the sines, or from which to which [Hz] |
     | `preview`         | float             | `0.06`       | how far ahead the later target is [s] |
     | `correction`      | float             | `0.0`        | see Action Space |
-    | `tolerance`       | float             | `0.05`       | see Rewards: an error that is clearly worse than none |
+    | `tolerance`       | float             | `0.05`       | see Rewards: scale of an error, as a share of half the range |
     | `tracking_weight` | float             | `1.0`        | see Rewards |
     | `smooth_weight`   | float             | `0.05`       | see Rewards |
     | `energy_weight`   | float             | `0.0`        | see Rewards [1/W] |
@@ -88,8 +89,8 @@ class TrackVectorEnv(BatchVectorEnv, task=TrackTask):
 class ReachEnv(SingleEnv, task=ReachTask):
     r"""
     ## Description
-    Any robot with driven joints brings them to a pose and holds it. `robot` is a name (`bench`, `hopper`, ...) or the
-    file of a robot (`my_arm.yaml`, or an MJCF or URDF), of k driven joints.
+    Any robot with k driven joints brings them to a pose and holds it. `robot` is a name (`bench`, `hopper`, ...) or the
+    file of a robot (`my_arm.yaml`, or an MJCF or URDF).
 
     ## Action Space
     The action space is a `Box(-1, 1, (k,), float32)`: the position goals of the joints, in the order of the robot's file.
@@ -112,8 +113,8 @@ class ReachEnv(SingleEnv, task=ReachTask):
     Those of `TrackEnv`, with the pose as the target.
 
     ## Starting State
-    At rest at the robot's start, with uniform noise of $\pm$ `start_noise` times half of each joint's range; the target
-    is uniform in `reach` times the range, about its middle. Then `randomization` is drawn.
+    The robot is at rest at its start, with uniform noise of $\pm$ `start_noise` times half of each joint's range. The
+    target is uniform in `reach` times the range, about its middle. Then `randomization` is drawn.
 
     ## Episode End
     ### Termination

@@ -11,13 +11,13 @@ class ArmEnv(SingleEnv, task=ArmTask):
     r"""
     ## Description
     An arm of three links of 8.9 kg without gravity, the SRLFJ of paper 002 ("Joints flexibility effect on the dynamic
-    performance of robots"). A spring lies between the rotor and the link of each joint, a damper between rotor and
-    stator, and the rotors are bodies of their own. The task is to lead the tool along the paper's straight line, from
-    the stretched arm to (-0.033, -0.372, 0.818) m in 5 s. Which servo drives the joints is one word, `actuator`.
+    performance of robots"). Each joint has a spring between rotor and link and a damper between rotor and stator; the
+    rotors are bodies of their own. The task is to move the tool along the paper's straight line, from the stretched arm
+    to (-0.033, -0.372, 0.818) m in 5 s. The argument `actuator` chooses the servos.
 
     ## Action Space
     The action space is a `Box(-1, 1, (3,), float32)`: corrections of the servos' position goals. The goal at action 0 is
-    the joint angle on the line, plus `lead` times its speed. They go through the actuation chain (controller, motor,
+    the joint angle on the line, plus `lead` times its speed. Goals pass the actuation chain (controller, motor,
     friction, spring) inside the physics engine.
 
     | Num | Action               | Min | Max | Change of the goal at 1 | Coordinate | Type (Unit) |
@@ -30,11 +30,11 @@ class ArmEnv(SingleEnv, task=ArmTask):
     and (-0.5, 2.5) rad.
 
     ## Observation Space
-    The observation space is a `Box(-Inf, Inf, (25,), float32)` of what the computer on the robot knows.
+    The observation space is a `Box(-Inf, Inf, (25,), float32)` of what the on-board computer knows.
 
     | Num     | Observation                           | Source                                                | Unit   |
     |---------|---------------------------------------|-------------------------------------------------------|--------|
-    | 0       | share of the time                     | clock                                                 | -      |
+    | 0       | elapsed share of the line's time      | clock                                                 | -      |
     | 1 - 3   | wanted angles of joints 1 to 3        | the line                                              | rad    |
     | 4 - 6   | wanted speeds                         | the line                                              | rad/s  |
     | 7 - 9   | wanted accelerations                  | the line                                              | rad/s2 |
@@ -52,12 +52,12 @@ class ArmEnv(SingleEnv, task=ArmTask):
     - *reward_fine*: $w_{fine} \exp(-e / 0.5\,mm)$.
     - *reward_smooth*: $-w_{smooth} \sum (a_t - a_{t-1})^2$.
 
-    `info` also holds `net_out_of_range` (samples in this episode for which an actuator net was asked for motion that it
-    never saw in training) and `unstable` (the physics engine gave up; the episode ends).
+    `info` also holds `net_out_of_range` (samples of this episode in which an actuator net's input was outside its training
+    data) and `unstable` (the simulation diverged; the episode ends).
 
     ## Starting State
-    Stretched and at rest, each joint off by up to `start_noise` rad; goals are where the joints are. The time of the
-    line is drawn where `seconds` is a range. Then `randomization` is drawn.
+    The arm is stretched and at rest, each joint off by up to `start_noise` rad; the goals are the joint angles. The
+    duration of the line is drawn if `seconds` is a range. Then `randomization` is drawn.
 
     ## Episode End
     ### Termination
@@ -71,24 +71,24 @@ class ArmEnv(SingleEnv, task=ArmTask):
     | Parameter         | Type                | Default    | Description |
     |-------------------|---------------------|------------|-------------------------------------------------------------|
     | `actuator`        | str, list or dict   | `None`     | chain: a word (`srlfj`, `ideal`, `regression`, `net`), a name in `configs/actuator`, a path, stages, or one of these by coordinate; `None`: `srlfj` |
-    | `randomization`   | dict or path        | `None`     | what every episode draws anew, see `envs/randomization.py` |
+    | `randomization`   | dict or path        | `None`     | numbers drawn anew in every episode, see `envs/randomization.py` |
     | `params`          | dict                | `None`     | numbers of the robot, see `envs/arm/parameters.py` |
     | `control_rate`    | float               | `100.0`    | actions per second [Hz] |
     | `action_delay`    | float               | `0.0`      | from an observation to its goal [s]; a whole number of physics steps |
-    | `seconds`         | float or (low, high) | `5.0`     | time of the line, or the range it is drawn from [s] |
+    | `seconds`         | float or (low, high) | `5.0`     | duration of the line, or the range it is drawn from [s] |
     | `correction`      | float               | `1.0`      | how far actions correct the goals; 0: actions are goals |
     | `lead`            | float               | `0.06`     | time by which goals run ahead of the line [s] |
     | `tracking_weight` | float               | `1.0`      | see Rewards |
     | `fine_weight`     | float               | `1.0`      | see Rewards |
     | `smooth_weight`   | float               | `0.05`     | see Rewards |
-    | `tracking_range`  | float               | `0.005`    | error at which the coarse part of the reward is none [m] |
+    | `tracking_range`  | float               | `0.005`    | error at which *reward_tracking* is zero [m] |
     | `largest_error`   | float               | `0.15`     | see Termination [m] |
     | `start_noise`     | float               | `0.0005`   | see Starting State [rad] |
     | `width`, `height` | int                 | `640, 480` | of the picture [px] |
 
     `gymnasium.make_vec("SeaLegs/Arm-v0", num_envs=64)` steps the simulations on all cores and starts new episodes in
-    the same step; `sealegs.envs.sb3.BatchVecEnv` does so for Stable-Baselines3. All three move bit for bit alike for
-    equal seeds.
+    the same step; `sealegs.envs.sb3.BatchVecEnv` does so for Stable-Baselines3. Equal seeds give bit-equal trajectories in
+    all three.
 
     ## Version History
     * v0: initial version.

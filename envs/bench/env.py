@@ -11,7 +11,7 @@ class BenchEnv(SingleEnv, task=BenchTask):
     r"""
     ## Description
     A servo on a stand turns a pendulum, a point mass at the end of a uniform rod. The task is to bring the pendulum to
-    an angle and to hold it there, against gravity and whatever the actuation chain does to the command.
+    an angle and to hold it there, against gravity and the imperfections of the actuation chain.
 
     ## Action Space
     The action space is a `Box(-1, 1, (1,), float32)`: the position goal of the servo.
@@ -21,7 +21,7 @@ class BenchEnv(SingleEnv, task=BenchTask):
     | 0   | Goal of the servo | -1  | 1   | -3.1416    | 3.1416    | joint      | angle (rad) |
 
     ## Observation Space
-    The observation space is a `Box(-Inf, Inf, (6,), float32)`. Angles are counter-clockwise, 0 hangs.
+    The observation space is a `Box(-Inf, Inf, (6,), float32)`. Angles are counter-clockwise; at 0 the pendulum hangs.
 
     | Num | Observation        | Source                                                           | Unit  |
     |-----|--------------------|------------------------------------------------------------------|-------|
@@ -40,8 +40,8 @@ class BenchEnv(SingleEnv, task=BenchTask):
     - *reward_energy*: $-w_{energy} |\tau \omega|$ of the motor [W].
 
     ## Starting State
-    At rest near hanging, angle [rad] and speed [rad/s] with uniform noise of $\pm$ `start_noise`; the target is uniform
-    in $\pm$ `target_range`. Then `randomization` is drawn.
+    The pendulum hangs; its angle [rad] and speed [rad/s] have uniform noise of $\pm$ `start_noise`. The target is uniform in
+    $\pm$ `target_range`. Then `randomization` is drawn.
 
     ## Episode End
     ### Termination
@@ -55,8 +55,8 @@ class BenchEnv(SingleEnv, task=BenchTask):
     | Parameter         | Type              | Default    | Description |
     |-------------------|-------------------|------------|---------------------------------------------------------------|
     | `actuator`        | str, list or dict | `None`     | chain: a name in `configs/actuator`, a path or stages; `None`: `sts3215` |
-    | `randomization`   | dict or path      | `None`     | what every episode draws anew, see `envs/randomization.py` |
-    | `params`          | dict              | `None`     | `mass` [kg] at the end, `arm_mass` [kg] of the rod, `length` [m], and what else `envs/bench/robot.py` lists |
+    | `randomization`   | dict or path      | `None`     | numbers drawn anew in every episode, see `envs/randomization.py` |
+    | `params`          | dict              | `None`     | `mass` [kg] at the end, `arm_mass` [kg] of the rod, `length` [m], and the others of `envs/bench/robot.py` |
     | `control_rate`    | float             | `50.0`     | actions per second [Hz] |
     | `action_delay`    | float             | `0.0`      | from an observation to its goal [s]; a whole number of physics steps |
     | `target_range`    | float             | `1.2`      | see Starting State [rad] |

@@ -11,9 +11,9 @@ class BipedEnv(SingleEnv, task=BipedTask):
     r"""
     ## Description
     MABEL, the planar biped of paper 003 ("Identification of a Bipedal Robot with a Compliant Drivetrain"): 1 m tall at
-    the hip, 58 kg, held upright sideways by a boom. Cable differentials let one motor of each leg drive its angle and
-    one its shape (half the bend of the knee); the shape acts through a unilateral spring, and all four cables stretch.
-    The task is to walk or to hop forward at a commanded speed. What drives the legs is one word, `actuator`.
+    the hip, 58 kg, guided by a boom. Through cable differentials, one motor of each leg drives its angle and one its
+    shape (half the bend of the knee). The shape acts through a unilateral spring, and all four cables stretch. The task
+    is to walk or to hop forward at a commanded speed. The argument `actuator` chooses the drives.
 
     ## Action Space
     The action space is a `Box(-1, 1, (4,), float32)`: position goals of the motors, in leg coordinates. They go through
@@ -30,12 +30,12 @@ class BipedEnv(SingleEnv, task=BipedTask):
     against the torso, zero where the leg hangs down; a leg shape is half their difference, zero where the leg is
     straight.
 
-    With a `correction`, actions correct a reference gait (`envs/biped/gait.py`), which passes with a clock and knows
-    nothing of the robot's motion: the goal is the gait's plus the action times `correction` times half the range above,
-    within that range. The gait alone falls after a few steps.
+    With a `correction`, actions correct a reference gait (`envs/biped/gait.py`), which depends on a clock only. The goal is
+    the gait's plus the action times `correction` times half the range above, within that range. With the gait alone the
+    robot falls after a few steps.
 
     ## Observation Space
-    The observation space is a `Box(-Inf, Inf, (30,), float32)` of what the computer on the robot knows.
+    The observation space is a `Box(-Inf, Inf, (30,), float32)` of what the on-board computer knows.
 
     | Num | Observation                  | Source                                                           | Unit  |
     |-----|------------------------------|------------------------------------------------------------------|-------|
@@ -70,8 +70,8 @@ class BipedEnv(SingleEnv, task=BipedTask):
     | 28  | sine of the clock            | time, `cadence` turns per second from the start                  | -     |
     | 29  | cosine of the clock          | as 28                                                            | -     |
 
-    Motors are read in leg coordinates, over their gear ratios. With a chain without springs (`ideal`), motor and link
-    are one.
+    Motor angles are in leg coordinates, divided by the gear ratios. With a chain without springs (`ideal`), motor and link
+    have the same angle.
 
     ## Rewards
     The reward is ***forward + alive + gait + upright - energy - slip***; `info` holds each term.
@@ -79,21 +79,21 @@ class BipedEnv(SingleEnv, task=BipedTask):
     - *reward_forward*: $w_{forward} \max(1 - |v - v_{cmd}| / \max(|v_{cmd}|, 0.2), -1)$ with the forward speed $v$ of
       the hip.
     - *reward_alive*: `alive_weight` in every step.
-    - *reward_gait*: $w_{gait}$ times a height over 0.05 m, at most 1: where `hopping` is 1, that of the lower foot;
-      where it is 0 (walking), how much higher than the other that foot is whose turn it is: the left one's in the first
-      half of the clock's turn.
+    - *reward_gait*: $w_{gait}$ times a height over 0.05 m, at most 1. With `hopping` 1 it is the height of the lower foot.
+      With 0 (walking) it is how much higher the swing foot is than the other; the left foot swings in the first half of
+      each turn of the clock.
     - *reward_upright*: $w_{upright} \cos 2 p$ with the torso's pitch $p$.
     - *reward_energy*: $-w_{energy} \sum |\tau \omega|$ of the motors [W].
     - *reward_slip*, where `slip_weight` is not 0: $-w_{slip}$ times the speed of the soles that touch the floor [m/s], at
       most 1 m/s each.
 
-    `info` also holds `net_out_of_range` (samples in this episode for which an actuator net was asked for motion that it
-    never saw in training) and `unstable` (the physics engine gave up; the episode ends).
+    `info` also holds `net_out_of_range` (samples of this episode in which an actuator net's input was outside its training
+    data) and `unstable` (the simulation diverged; the episode ends).
 
     ## Starting State
-    Standing with the legs 15 degrees apart (`leg_angle` of `params`, half to each side) and bent by 12 degrees
-    (`leg_shape`), motors and links together, the lower foot up to `start_noise` m above the floor. Angles [rad] and
-    forward speed [m/s] have uniform noise of $\pm$ `start_noise`. The commanded speed is drawn where `speed` is a range.
+    The robot stands with the legs 15 degrees apart (`leg_angle` of `params`, half to each side) and bent by 12 degrees
+    (`leg_shape`). Springs are relaxed, and the lower foot is up to `start_noise` m above the floor. Angles [rad] and
+    forward speed [m/s] have uniform noise of $\pm$ `start_noise`. The commanded speed is drawn if `speed` is a range.
     Then `randomization` is drawn.
 
     ## Episode End
@@ -108,7 +108,7 @@ class BipedEnv(SingleEnv, task=BipedTask):
     | Parameter         | Type                | Default    | Description |
     |-------------------|---------------------|------------|-------------------------------------------------------------|
     | `actuator`        | str, list or dict   | `None`     | `ideal`, `regression`, `net`, `mabel`, or a chain: a name in `configs/actuator`, a path, stages, or one of these by coordinate; `None`: `mabel` |
-    | `randomization`   | dict or path        | `None`     | what every episode draws anew, see `envs/randomization.py` |
+    | `randomization`   | dict or path        | `None`     | numbers drawn anew in every episode, see `envs/randomization.py` |
     | `params`          | dict                | `None`     | numbers of the robot, see `envs/biped/parameters.py` |
     | `control_rate`    | float               | `50.0`     | actions per second [Hz] |
     | `action_delay`    | float               | `0.0`      | from an observation to its goal [s]; a whole number of physics steps |
@@ -128,8 +128,8 @@ class BipedEnv(SingleEnv, task=BipedTask):
     | `width`, `height` | int                 | `640, 480` | of the picture [px] |
 
     `gymnasium.make_vec("SeaLegs/Biped-v0", num_envs=64)` steps the simulations on all cores and starts new episodes in
-    the same step; `sealegs.envs.sb3.BatchVecEnv` does so for Stable-Baselines3. All three move bit for bit alike for equal
-    seeds.
+    the same step; `sealegs.envs.sb3.BatchVecEnv` does so for Stable-Baselines3. Equal seeds give bit-equal trajectories in
+    all three.
 
     ## Version History
     * v0: initial version.

@@ -11,19 +11,19 @@ class HexapodEnv(SingleEnv, task=HexapodTask):
     r"""
     ## Description
     The six-legged robot AMRU5 of paper 001 ("Dynamic simulation of six-legged robots with a focus on joint friction"):
-    34 kg on six pantograph legs, each turned about its upright axis and moved by a vertical and a horizontal ball screw,
-    18 Maxon RE35 motors in all. The task is to walk forward at a commanded speed with little specific resistance, the
-    energy over weight and way. Which actuators drive the legs, and with which joint friction, is one word, `actuator`.
+    34 kg on six pantograph legs. Each leg turns about its upright axis, and a vertical and a horizontal ball screw move
+    it, with 18 Maxon RE35 motors in all. The task is to walk forward at a commanded speed with little specific
+    resistance (energy over weight and distance). The argument `actuator` chooses drives and joint friction.
 
     ## Action Space
     The action space is a `Box(-1, 1, (6,), float32)`: parameters of the tripod gait (`envs/hexapod/modulated_gait.py`),
     which at action 0 is the reference gait (`envs/hexapod/gait.py`). The parameters follow the action with a time
-    constant of 1 s; the gait gives the goals of all joints every 10 ms, and they go through the actuation chain
-    (digital PI controller, motor, gears, friction) inside the physics engine.
+    constant of 1 s. The gait sets the goals of all joints every 10 ms; they pass the actuation chain (digital PI
+    controller, motor, gears, friction) inside the physics engine.
 
     | Num | Action                                                   | At 0   | Per unit | Lowest | Highest | Unit            |
     |-----|----------------------------------------------------------|--------|----------|--------|---------|-----------------|
-    | 0   | way of the body in a step cycle                          | 0.18   | 0.08     | 0.1    | 0.26    | m               |
+    | 0   | travel of the body per step cycle                        | 0.18   | 0.08     | 0.1    | 0.26    | m               |
     | 1   | double stance, twice in a cycle                          | 0.0833 | 0.125    | 0      | 0.2     | of the cycle    |
     | 2   | lift of a foot in the air                                | 0.04   | 0.05     | 0.005  | 0.08    | m               |
     | 3   | part in which it rises, and in which it sinks            | 0.3    | 0.2      | 0.1    | 0.5     | of the transfer |
@@ -35,7 +35,7 @@ class HexapodEnv(SingleEnv, task=HexapodTask):
     horizontal screw outward 8 times as far, and its vertical screw downward 7 times.
 
     ## Observation Space
-    The observation space is a `Box(-Inf, Inf, (69,), float32)` of what the computer on the robot knows.
+    The observation space is a `Box(-Inf, Inf, (69,), float32)` of what the on-board computer knows.
 
     | Num   | Observation                                  | Source                                                     | Unit       |
     | ----- | -------------------------------------------- | ---------------------------------------------------------- | ---------- |
@@ -62,18 +62,18 @@ class HexapodEnv(SingleEnv, task=HexapodTask):
     - *reward_resistance*: $-w_{resistance} \min(P / (m g s), 20)$ with the mean electrical power $P$ of the paper's
       motors, braking not counted: the specific resistance (35) of a robot that travels at the commanded speed.
 
-    `info` also holds `net_out_of_range` (samples in this episode for which an actuator net was asked for motion that it
-    never saw in training) and `unstable` (the physics engine gave up; the episode ends).
+    `info` also holds `net_out_of_range` (samples of this episode in which an actuator net's input was outside its training
+    data) and `unstable` (the simulation diverged; the episode ends).
 
     ## Starting State
-    Standing, sunk into the ground by as much as it carries six legs, each rotation and each horizontal screw off the
-    middle of its range by uniform noise of $\pm$ `start_noise` times the half of that range. Which tripod goes first is
-    drawn, and the commanded speed where `speed` is a range. Then `randomization` is drawn.
+    The robot stands on six legs, sunk into the ground by as much as carries its weight. Each rotation and each horizontal
+    screw is off the middle of its range by uniform noise of $\pm$ `start_noise` times half of that range. The tripod that
+    goes first is drawn, and so is the commanded speed if `speed` is a range. Then `randomization` is drawn.
 
     ## Episode End
     ### Termination
-    The body sinks below `healthy_height` or tilts so far that the cosine is below `healthy_upright`, or the simulation
-    is unstable.
+    The body sinks below `healthy_height`, the cosine of its tilt falls below `healthy_upright`, or the simulation is
+    unstable.
 
     ### Truncation
     After 30 steps (30 s).
@@ -83,7 +83,7 @@ class HexapodEnv(SingleEnv, task=HexapodTask):
     | Parameter           | Type                | Default    | Description |
     |---------------------|---------------------|------------|-----------------------------------------------------------|
     | `actuator`          | str, list or dict   | `None`     | chains: a word (`amru5_lugre`, `amru5_dry`, `amru5_load`, `amru5_frictionless`, `ideal`, `regression`, `net`), a path, stages, or one of these by joint; `None`: `amru5_lugre` |
-    | `randomization`     | dict or path        | `None`     | what every episode draws anew, see `envs/randomization.py` |
+    | `randomization`     | dict or path        | `None`     | numbers drawn anew in every episode, see `envs/randomization.py` |
     | `params`            | dict                | `None`     | numbers of the robot, see `envs/hexapod/parameters.py` |
     | `control_rate`      | float               | `1.0`      | actions per second [Hz] |
     | `action_delay`      | float               | `0.0`      | from an observation to its goal [s]; a whole number of physics steps |
@@ -98,8 +98,8 @@ class HexapodEnv(SingleEnv, task=HexapodTask):
     | `width`, `height`   | int                 | `640, 480` | of the picture [px] |
 
     `gymnasium.make_vec("SeaLegs/Hexapod-v0", num_envs=64)` steps the simulations on all cores and starts new episodes in
-    the same step; `sealegs.envs.sb3.BatchVecEnv` does so for Stable-Baselines3. All three move bit for bit alike for equal
-    seeds.
+    the same step; `sealegs.envs.sb3.BatchVecEnv` does so for Stable-Baselines3. Equal seeds give bit-equal trajectories in
+    all three.
 
     ## Version History
     * v0: initial version.

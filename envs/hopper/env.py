@@ -12,9 +12,9 @@ class HopperEnv(SingleEnv, task=HopperTask):
     ## Description
     A one-legged robot of 0.587 kg with two series elastic actuators, the leg of paper 004 ("Practical Approach to
     Characterize Realistic Motor Dynamics for Robotic Simulation Independent of the Use Case"). Its base translates in
-    the plane and does not rotate. Both motors sit in the base; a spring of 2 N.m/rad drives the upper link, another one
-    the lower link through a belt. The task is to hop forward at a commanded speed. Which servo drives the leg is one
-    word, `actuator`.
+    the plane and does not rotate. Both motors sit in the base. One drives the upper link through a spring of 2 N.m/rad,
+    the other the lower link through an equal spring and a belt. The task is to hop forward at a commanded speed. The
+    argument `actuator` chooses the servo.
 
     ## Action Space
     The action space is a `Box(-1, 1, (2,), float32)`: position goals for the two servos. They go through the actuation
@@ -25,12 +25,12 @@ class HopperEnv(SingleEnv, task=HopperTask):
     | 0   | Goal of hip   | -1  | 1   | -1.21      | -0.01     | hip        | angle (rad)  |
     | 1   | Goal of knee  | -1  | 1   | 0.01       | 1.21      | knee       | angle (rad)  |
 
-    Angles are counter-clockwise from the vertical for a viewer who has forward to the right; that of the knee is the
-    lower link's own, not relative to the upper link. The goals reach 0.6 rad to both sides of the rest angles, which are
-    the numbers `hip_rest` and `knee_rest` of `params`.
+    Angles are counter-clockwise from the vertical for a viewer who has forward to the right. The knee's angle is that of
+    the lower link from the vertical, not relative to the upper link. The goals reach 0.6 rad to both sides of the rest
+    angles (`hip_rest` and `knee_rest` of `params`).
 
     ## Observation Space
-    The observation space is a `Box(-Inf, Inf, (14,), float32)` of what the computer on the robot knows.
+    The observation space is a `Box(-Inf, Inf, (14,), float32)` of what the on-board computer knows.
 
     | Num | Observation            | Source                                                            | Unit  |
     |-----|------------------------|-------------------------------------------------------------------|-------|
@@ -49,7 +49,7 @@ class HopperEnv(SingleEnv, task=HopperTask):
     | 12  | last action of hip     | memory                                                            | -     |
     | 13  | last action of knee    | memory                                                            | -     |
 
-    With a chain without a series spring (`ideal`), motor and link are one.
+    With a chain without a series spring (`ideal`), motor and link have the same angle.
 
     ## Rewards
     The reward is ***forward + alive + height - energy***; `info` holds each term.
@@ -59,13 +59,13 @@ class HopperEnv(SingleEnv, task=HopperTask):
     - *reward_height*: $w_{height}$ times the height of the foot above the floor, over 0.04 m, between 0 and 1.
     - *reward_energy*: $-w_{energy} \sum |\tau \omega|$ of the motors [W].
 
-    `info` also holds `net_out_of_range` (samples in this episode for which an actuator net was asked for motion that it
-    never saw in training) and `unstable` (the physics engine gave up; the episode ends).
+    `info` also holds `net_out_of_range` (samples of this episode in which an actuator net's input was outside its training
+    data) and `unstable` (the simulation diverged; the episode ends).
 
     ## Starting State
-    Standing at the rest angles, (-0.61, 0.61) rad unless `params` has others, with motors and links together, the foot
+    The hopper stands at its rest angles, (-0.61, 0.61) rad unless `params` has others. Springs are relaxed, and the foot is
     up to `start_noise` m above the floor. Angles [rad] and base speeds [m/s] have uniform noise of $\pm$ `start_noise`.
-    The commanded speed is drawn where `speed` is a range. Then `randomization` is drawn.
+    The commanded speed is drawn if `speed` is a range. Then `randomization` is drawn.
 
     ## Episode End
     ### Termination
@@ -80,7 +80,7 @@ class HopperEnv(SingleEnv, task=HopperTask):
     | Parameter         | Type                | Default    | Description |
     |-------------------|---------------------|------------|-------------------------------------------------------------|
     | `actuator`        | str, list or dict   | `None`     | chain: a name in `configs/actuator`, a path, stages, or one of these by coordinate; `None`: `sv1270tg` |
-    | `randomization`   | dict or path        | `None`     | what every episode draws anew, see `envs/randomization.py` |
+    | `randomization`   | dict or path        | `None`     | numbers drawn anew in every episode, see `envs/randomization.py` |
     | `params`          | dict                | `None`     | numbers of the robot, see `envs/hopper/parameters.py` |
     | `control_rate`    | float               | `50.0`     | actions per second [Hz] |
     | `action_delay`    | float               | `0.0`      | from an observation to its goal [s]; a whole number of physics steps |
@@ -95,8 +95,8 @@ class HopperEnv(SingleEnv, task=HopperTask):
     | `width`, `height` | int                 | `640, 480` | of the picture [px] |
 
     `gymnasium.make_vec("SeaLegs/Hopper-v0", num_envs=64)` steps the simulations on all cores and starts new episodes in
-    the same step; `sealegs.envs.sb3.BatchVecEnv` does so for Stable-Baselines3. All three move bit for bit alike for equal
-    seeds.
+    the same step; `sealegs.envs.sb3.BatchVecEnv` does so for Stable-Baselines3. Equal seeds give bit-equal trajectories in
+    all three.
 
     ## Version History
     * v0: initial version.

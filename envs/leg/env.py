@@ -11,14 +11,14 @@ class LegEnv(SingleEnv, task=LegTask):
     r"""
     ## Description
     One leg of the quadruped SILO4 of paper 000 ("On finding the relevant dynamics for model based controlling walking
-    robots"), on a stand: three joints, DC motors behind planetary and skew-axis gears of 246:1 and 287:1, whose friction
-    is larger than all that the leg's own mass asks for. The task is to lead the foot along a line, to and fro, bang-bang
-    in acceleration. Which drives the leg has is one word, `actuator`.
+    robots"), on a stand. It has three joints, and DC motors behind planetary and skew-axis gears of 246:1 and 287:1, whose
+    friction is larger than any torque that the leg's own mass requires. The task is to move the foot to and fro along a
+    line, bang-bang in acceleration. The argument `actuator` chooses the drives.
 
     ## Action Space
-    The action space is a `Box(-1, 1, (3,), float32)`: what is added to the goals of the joints. Goals are the joint
-    angles of the path, every 2 ms; the correction follows the action with a time constant of `correction_time`. Goals go
-    through the actuation chain (digital PID, bridge, motor, gears with meshing friction) inside the physics engine.
+    The action space is a `Box(-1, 1, (3,), float32)`: corrections of the joints' goals, which are the joint angles of the
+    path, every 2 ms. The correction follows the action with a time constant of `correction_time`. Goals pass the
+    actuation chain (digital PID, bridge, motor, gears with meshing friction) inside the physics engine.
 
     | Num | Action                  | Min | Max | Correction at -1 | Correction at 1 | Joint   | Type (Unit) |
     |-----|-------------------------|-----|-----|------------------|-----------------|---------|-------------|
@@ -30,8 +30,8 @@ class LegEnv(SingleEnv, task=LegTask):
     line of link 2; goals stay within -1.2 to 1.2, -0.7 to 0.9 and -2.3 to -0.5 rad.
 
     ## Observation Space
-    The observation space is a `Box(-Inf, Inf, (21,), float32)` of what the computer on the robot knows; all three
-    joints in each row, in order.
+    The observation space is a `Box(-Inf, Inf, (21,), float32)` of what the on-board computer knows; each row has all three
+    joints, in order.
 
     | Num   | Observation                  | Source                                                           | Unit   |
     |-------|------------------------------|------------------------------------------------------------------|--------|
@@ -51,9 +51,9 @@ class LegEnv(SingleEnv, task=LegTask):
     - *reward_energy*: $-w_{energy}$ times the mean power that the motors give [W].
 
     ## Starting State
-    At rest at the begin of the path, joint angles with uniform noise of $\pm$ `start_noise` rad. Begin and end of the
-    path are uniform in a box of 12 x 24 x 14 cm below the first joint's level, the mean speed of the foot in `speed`.
-    Then `randomization` is drawn.
+    The leg is at rest at the start of the path, with uniform noise of $\pm$ `start_noise` rad on the joint angles. Start and
+    end of the path are uniform in a box of 12 x 24 x 14 cm below the level of the first joint; the mean speed of the foot
+    is drawn from `speed`. Then `randomization` is drawn.
 
     ## Episode End
     ### Termination
@@ -67,12 +67,12 @@ class LegEnv(SingleEnv, task=LegTask):
     | Parameter         | Type                | Default        | Description |
     |-------------------|---------------------|----------------|-------------------------------------------------------------|
     | `actuator`        | str, list or dict   | `None`         | chain: a name in `configs/actuator`, a path, stages, or one of these by joint; `None`: `silo4` |
-    | `randomization`   | dict or path        | `None`         | what every episode draws anew, see `envs/randomization.py` |
+    | `randomization`   | dict or path        | `None`         | numbers drawn anew in every episode, see `envs/randomization.py` |
     | `params`          | dict                | `None`         | numbers of the robot, see `envs/leg/parameters.py` |
     | `control_rate`    | float               | `100.0`        | actions per second [Hz] |
     | `action_delay`    | float               | `0.0`          | from an observation to its goal [s]; a whole number of physics steps |
-    | `speed`           | float or (low, high) | `(0.05, 0.15)` | mean speed of the foot, or the range it is drawn from [m/s]; the highest is twice that |
-    | `preview`         | float               | `0.0`          | by which goals are ahead of the path [s] |
+    | `speed`           | float or (low, high) | `(0.05, 0.15)` | mean speed of the foot, or the range it is drawn from [m/s]; its peak is twice that |
+    | `preview`         | float               | `0.0`          | time by which goals run ahead of the path [s] |
     | `correction`      | float               | `0.004`        | see Action Space [rad] |
     | `correction_time` | float               | `0.01`         | see Action Space [s] |
     | `tracking_weight` | float               | `1.0`          | see Rewards |
