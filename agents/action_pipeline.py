@@ -1,4 +1,4 @@
-"""What an environment does with actions, without the physics: reference, generator, memory and limits of goals."""
+"""Conversion of actions to goals without the physics: reference, generator, memory and limits of goals."""
 
 from __future__ import annotations
 
@@ -11,14 +11,14 @@ from ..envs.task import ModulatedTask
 
 
 class ActionPipeline:
-    """The way from measured observations to goals in NumPy, as :class:`sealegs.envs.batch.BatchEngine` goes it.
+    """Conversion of measured observations to goals in NumPy, as in :class:`sealegs.envs.batch.BatchEngine`.
 
     Attributes:
         command: what is asked for (n, c).
     """
 
     def __init__(self, contract: Contract, rows: int, seed: int = 0) -> None:
-        """``rows`` robots at their start, each asked for something else."""
+        """``rows`` robots at their start, each with a command of its own."""
         self._contract, self._rows = contract, rows
         self._task, engine = task_of(contract.env)
         self._numbers = self._task.robot.parameters(engine.get("params"))
@@ -40,7 +40,7 @@ class ActionPipeline:
         """Action in force (n, a) and goals (n, k), of the next goal.
 
         Args:
-            measured: observations (n, size); what the environment knows itself is put in here.
+            measured: observations (n, size); elements that the environment computes itself are replaced.
             policy: from observations to actions.
         """
         contract, task = self._contract, self._task

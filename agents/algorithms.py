@@ -66,7 +66,7 @@ def checked_agent(agent: Mapping[str, Any]) -> dict[str, Any]:
 
 
 def normalized(env: VecEnv, agent: Mapping[str, Any], training: bool) -> VecEnv:
-    """``env`` in the VecNormalize that the config asks for; rewards stay as they are unless training."""
+    """``env`` in the VecNormalize of the config; rewards are normalised in training only."""
     options = agent.get("normalize", False)
     if not options:
         return env
@@ -99,7 +99,7 @@ def build(agent: Mapping[str, Any], env: VecEnv, seed: int) -> BaseAlgorithm:
 
 
 def _fit_batches(keywords: dict[str, Any], name: str, num_envs: int) -> None:
-    """Let PPO's minibatches not be larger than what is collected between updates, and say where they do not divide it.
+    """Limit PPO's minibatches to what is collected between updates, and say if they do not divide it.
 
     A larger one is what was collected: nothing changes but Stable-Baselines3's warning, which speaks of keys that no
     config has.

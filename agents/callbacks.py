@@ -1,4 +1,4 @@
-"""What happens beside the learning: stop requests, checkpoints, evaluation, reward terms, progress."""
+"""Callbacks of a training: stop requests, checkpoints, evaluation, reward terms, progress."""
 
 from __future__ import annotations
 
@@ -30,7 +30,7 @@ class StopOnSignal(BaseCallback):
 
 
 class Checkpoints(BaseCallback):
-    """Calls ``save`` each ``every`` steps, between an update and the next rollout, where the learner is consistent."""
+    """Calls ``save`` every ``every`` steps, between an update and the next rollout, when the learner is consistent."""
 
     def __init__(self, every: int, save: Callable[[], Any]) -> None:
         super().__init__()
@@ -63,11 +63,11 @@ class NewBest(BaseCallback):
 
 
 class Evaluation(EvalCallback):
-    """EvalCallback that goes on where an earlier session of the run stopped.
+    """EvalCallback that continues the evaluations of earlier sessions of a run.
 
     Args:
         env: simulations to evaluate in, wrapped like the training ones.
-        every: steps between evaluations, over all training simulations; 0: only when asked by :meth:`evaluate`.
+        every: steps between evaluations, over all training simulations; 0: only by calls of :meth:`evaluate`.
         episodes: per evaluation.
         folder: where ``evaluations.npz`` goes.
         best: mean reward to beat, of the best policy that an earlier session saved.
@@ -98,7 +98,7 @@ class Evaluation(EvalCallback):
         }
 
     def restore(self, state: dict[str, list]) -> None:
-        """Take over the evaluations of an earlier session, as of its checkpoint."""
+        """Take over the evaluations of an earlier session from its checkpoint."""
         self.evaluations_timesteps = list(state["timesteps"])
         self.evaluations_results = list(state["results"])
         self.evaluations_length = list(state["ep_lengths"])
@@ -107,7 +107,7 @@ class Evaluation(EvalCallback):
     def evaluate(self, model: BaseAlgorithm) -> float:
         """Evaluate ``model`` now, unless its step is evaluated already; returns the mean reward.
 
-        The model needs a logger; that it learned in this session is not needed.
+        The model needs a logger, but need not have learned in this session.
         """
         self.init_callback(model)
         self.num_timesteps = model.num_timesteps
@@ -142,7 +142,7 @@ class EpisodeTerms(BaseCallback):
 
 
 class ProgressReport(BaseCallback):
-    """Progress bar on a terminal, a line each tenth of the run elsewhere."""
+    """Progress bar on a terminal; elsewhere a line every tenth of the run."""
 
     def __init__(self, total: int) -> None:
         super().__init__()

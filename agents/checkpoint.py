@@ -1,4 +1,4 @@
-"""Checkpoints: complete or absent, and the newest one that can be read."""
+"""Checkpoints: written as a whole or not at all, and read from the newest that is readable."""
 
 from __future__ import annotations
 
@@ -29,8 +29,8 @@ def save_checkpoint(
 ) -> Path:
     """Write ``checkpoints/<steps>``.
 
-    Once it is complete, replay buffers go from all older checkpoints but the one before, which stands by in case that
-    the newest cannot be read.
+    Once it is complete, the replay buffers of older checkpoints are deleted, except that of the one before, which is
+    kept in case the newest cannot be read.
 
     Raises:
         OSError: the disk is full; earlier checkpoints stay.
@@ -49,7 +49,7 @@ def save_checkpoint(
 
 
 def save_evaluations(run: RunFolder, step: int, evaluations: Mapping[str, Any]) -> None:
-    """Put evaluations into the checkpoint at ``step``, which was written before the last of them."""
+    """Add evaluations to the checkpoint at ``step``, which was written before the last of them."""
     run.write_text(f"checkpoints/{step:012d}/{_STATE}", _state(step, evaluations))
 
 
@@ -59,9 +59,9 @@ def checkpoints(run: RunFolder) -> list[Path]:
 
 
 def load_newest(run: RunFolder, agent: Mapping[str, Any], env: VecEnv) -> tuple[BaseAlgorithm, dict[str, Any]] | None:
-    """Learner and evaluations of the newest checkpoint that can be read; None where the run has no checkpoint.
+    """Learner and evaluations of the newest readable checkpoint; None if the run has no checkpoint.
 
-    ``env`` is not normalised yet: the checkpoint's normaliser is put around it.
+    ``env`` comes without a normaliser; the checkpoint's is put around it.
 
     Raises:
         SealegsError: there are checkpoints, but none can be read.

@@ -1,4 +1,4 @@
-"""Config of a training run, typed and checked."""
+"""Typed and checked config of a training run."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ _RESUMABLE = ("total_timesteps", "threads", "evaluate", "checkpoint", "video")
 
 @dataclass(frozen=True)
 class EvaluateConfig:
-    """When the policy is evaluated: each ``every`` steps (0: never), over ``episodes`` episodes."""
+    """Evaluation of the policy: every ``every`` steps (0: never), over ``episodes`` episodes."""
 
     every: Natural
     episodes: Count
@@ -27,7 +27,7 @@ class EvaluateConfig:
 
 @dataclass(frozen=True)
 class CheckpointConfig:
-    """When a checkpoint is written: each ``every`` steps."""
+    """Checkpoints: one every ``every`` steps."""
 
     every: Count
 
@@ -43,11 +43,11 @@ class VideoConfig:
 
 @dataclass(frozen=True)
 class TrainConfig:
-    """What is learned, on what, for how long. Steps are counted over all simulations.
+    """Task, robot model, algorithm and length of a training. Steps are counted over all simulations.
 
-    ``actuator`` is the name or the path of a chain, its stages, one of these by joint, or None for the robot's own;
-    ``env`` and ``agent`` hold the arguments of the environment and of the algorithm. ``extended`` is the diagnosis that
-    ``actuator`` and the robot's numbers in ``env`` came from, None for a robot as believed.
+    ``actuator`` is the name or the path of a chain, its stages, one of these by joint, or None for the robot's own.
+    ``env`` and ``agent`` hold the arguments of the environment and of the algorithm. ``extended`` is the diagnosis from
+    which ``actuator`` and the robot's numbers in ``env`` came, or None.
     """
 
     env: dict[str, Any]
@@ -69,9 +69,9 @@ class TrainConfig:
 
 @dataclass(frozen=True)
 class Request:
-    """What the command line asks for: a new run of ``config`` in ``out``, or that the run at ``resume`` goes on.
+    """The request of the command line: a new run of ``config`` in ``out``, or resuming the run at ``resume``.
 
-    ``overrides`` are the arguments of a resumed run, which its stored config takes.
+    ``overrides`` are the arguments that change the stored config of a resumed run.
     """
 
     config: TrainConfig | None
@@ -122,7 +122,7 @@ def _own_task(word: str) -> dict[str, Any]:
 
 
 def _extended(plain: dict[str, Any]) -> dict[str, Any]:
-    """The config with chains and numbers of the diagnosis that it names, so that a run stays what it is."""
+    """The config with copies of the chains and numbers of the diagnosis that it names."""
     folder = checked("extended", plain["extended"], str | None)
     if folder is None:
         return plain
@@ -135,7 +135,7 @@ def _extended(plain: dict[str, Any]) -> dict[str, Any]:
 
 
 def with_overrides(stored: Mapping[str, Any], overrides: Mapping[str, str]) -> TrainConfig:
-    """Config of a resumed run: what it was started with, and what may change since."""
+    """Config of a resumed run: the stored one, with the overrides that are allowed."""
     return train_config(override(dict(stored), overrides))
 
 

@@ -1,4 +1,4 @@
-"""A trained policy on another actuator than the one it was trained with."""
+"""Evaluation of a policy on another actuator than that of its training."""
 
 from __future__ import annotations
 

@@ -3,9 +3,9 @@
     sealegs export runs/first/final            writes runs/first/final/policy.onnx
     sealegs export runs/first/best leg.onnx
 
-The graph is the normaliser, the network, and the way from actions to goals: a scale, a gait that they correct, or a
-generator that they modulate, with its clock and memory. Its metadata holds the contract with the robot. It is written
-node by node, so that it does not change with the exporter that a torch version happens to have.
+The graph holds the normaliser, the network, and the conversion of actions to goals: a scale, a gait that they correct,
+or a generator that they modulate, with its clock and memory. The metadata holds the contract with the robot. The graph
+is written node by node, so that it does not depend on the exporter of a torch version.
 """
 
 from __future__ import annotations
@@ -53,8 +53,7 @@ def export_policy(folder: Path, out: Path | None = None) -> Path:
         out: file to write; None: ``policy.onnx`` in the folder.
 
     Raises:
-        ExportError: there is no policy in the folder, its network has parts that are no dense layers, or the file
-            exists.
+        ExportError: there is no policy in the folder, its network has other than dense layers, or the file exists.
     """
     out = folder / FILE if out is None else out
     try:
@@ -75,8 +74,7 @@ def write_onnx(out: Path, model: BaseAlgorithm, description: Mapping[str, Any]) 
             normaliser.
 
     Raises:
-        ExportError: the network has parts that are no dense layers, the task's code does what a file cannot say, or the
-            file exists.
+        ExportError: the network has other than dense layers, the task's code cannot be traced, or the file exists.
     """
     try:
         contract = make_contract(description["env"], description["actuators"], description["control_rate"])
@@ -118,7 +116,7 @@ def _layers(model: BaseAlgorithm) -> tuple[list[torch.nn.Module], bool]:
 def _compare(
     document: onnx.ModelProto, model: BaseAlgorithm, observation: Mapping[str, Any], contract: Contract
 ) -> None:
-    """Refuse a file that does not do what policy and environment do: a robot is no place to find out."""
+    """Refuse a file that does not act as policy and environment do: a difference must not show on the robot first."""
     pipeline = ActionPipeline(contract, rows=16)
     file = ReferenceEvaluator(document)
     random = np.random.default_rng(0)

@@ -1,4 +1,4 @@
-"""Simulations for a learner: many side by side, or one to look at; and the seeds that keep them apart."""
+"""Environments for a learner: many in parallel, or one to render; and their independent seeds."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ from ..envs.sb3 import BatchVecEnv
 Actuator = str | list[Any] | dict[str, Any] | None
 """Chain of all coordinates (name, path or stages), or chains by coordinate; None: the robot's own."""
 
-# Arguments of an environment that are not the config group's business.
+# Arguments of an environment that other keys of the config set.
 _TAKEN = {"render_mode", "actuator", "width", "height"}
 
 
@@ -61,9 +61,9 @@ def make_single_env(env: Mapping[str, Any], actuator: Actuator, width: int, heig
 
 
 def stream_seed(seed: int, *stream: int) -> int:
-    """Seed of one use of randomness in a run, such that neither uses nor runs with neighbouring seeds share numbers.
+    """Seed of one use of randomness in a run: uses, and runs with neighbouring seeds, share no random numbers.
 
-    Simulation i is seeded with i more, which stays below 2**32.
+    Simulation i gets this seed plus i, which stays below 2**32.
     """
     return int(np.random.SeedSequence([seed, *stream]).generate_state(1)[0]) >> 1
 

@@ -1,4 +1,4 @@
-"""Policy on disk: the learner, its normaliser, and what another program must know to run it."""
+"""Policies on disk: the model, its normaliser, and the description that another program needs to run it."""
 
 from __future__ import annotations
 
@@ -53,7 +53,7 @@ def describe(model: BaseAlgorithm, normalizer: VecNormalize | None) -> dict[str,
 
 
 def unreadable(folder: Path, error: Exception) -> str:
-    """A sentence on a folder that :func:`load_policy` cannot load."""
+    """The error message for a folder that :func:`load_policy` cannot load."""
     missing = next((name for name in ("policy.json", "model.zip") if not (folder / name).is_file()), None)
     why = f"it has no {missing}" if missing else str(error)
     return f"{folder} holds no policy that can be read ({why}); give a run's best/ or final/."
@@ -81,7 +81,7 @@ def load_policy(folder: Path) -> tuple[Callable[[np.ndarray], np.ndarray], dict[
 
 
 def seen_as_trained(description: Mapping[str, Any]) -> Callable[[np.ndarray], np.ndarray]:
-    """The normaliser that ``observation`` of a policy's description holds, as a function of observations."""
+    """The normaliser in ``observation`` of a policy's description, as a function of observations."""
     if "mean" not in description:
         return lambda observation: observation
     mean, scale = np.asarray(description["mean"]), np.sqrt(np.asarray(description["variance"]) + description["epsilon"])
@@ -101,12 +101,12 @@ def policy_of(model: BaseAlgorithm) -> Callable[[np.ndarray], np.ndarray]:
 
 
 def policy_step(folder: Path) -> int | None:
-    """Step at which the policy in ``folder`` was saved; None where there is none that can be read."""
+    """Step at which the policy in ``folder`` was saved; None if there is no readable policy."""
     return _described(folder, "step")
 
 
 def policy_reward(folder: Path) -> float:
-    """Mean reward that the policy in ``folder`` was saved with; minus infinity where there is none that can be read."""
+    """Mean reward with which the policy in ``folder`` was saved; minus infinity if there is no readable policy."""
     reward = _described(folder, "mean_reward")
     return float(reward) if isinstance(reward, int | float) else -math.inf
 

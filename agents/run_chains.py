@@ -1,4 +1,4 @@
-"""The actuation chains of a run, kept with it: a run stays what it is when the file of a chain or of a net changes."""
+"""Copies of a run's actuation chains, so that later changes of a chain's or net's file do not reach the run."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ _FILE = "actuators.yaml"
 
 
 def chains(env: BatchVecEnv) -> dict[str, list[dict[str, Any]]]:
-    """Stages of the chain on each joint: what runs, whatever name or path it was asked for by."""
+    """Stages of the chain on each joint, whatever name or path was given."""
     return {name: chain.to_list() for name, chain in env.engine.chains.items()}
 
 

@@ -1,7 +1,7 @@
-"""One folder per training run, never overwritten, and written so that a kill at any moment leaves it usable.
+"""One folder per training run: never overwritten, and usable after a kill at any moment.
 
 config.yaml      resolved config; what a resumed run reads
-actuators.yaml   the chains themselves, so that the run stays what it is when their files change
+actuators.yaml   copies of the chains, so that later changes of their files do not reach the run
 run.json         git revision, versions, and each session with its command line
 tensorboard/     event files
 evaluations.npz  as EvalCallback writes them
@@ -136,7 +136,7 @@ class RunFolder:
             yield folder
 
     def record_session(self, from_step: int) -> None:
-        """Append to ``run.json`` who trains from here: command line, time, git revision, versions."""
+        """Append this session to ``run.json``: command line, time, git revision, versions."""
         record = self._sessions()
         record["sessions"].append(
             {
@@ -154,7 +154,7 @@ class RunFolder:
         self.write_text("run.json", json.dumps(record, indent=2))
 
     def _sessions(self) -> dict[str, Any]:
-        """What ``run.json`` holds; a damaged one is set aside, for a run goes on without its history."""
+        """Content of ``run.json``. A damaged file is set aside: a run can go on without its history."""
         file = self.path / "run.json"
         if not file.is_file():
             return {"sessions": []}
@@ -171,9 +171,9 @@ class RunFolder:
 
 
 def git_revision(*paths: str) -> dict[str, Any]:
-    """Commit that the code (of these paths) is at, and whether it differs from it; both None outside a git checkout.
+    """Commit of the code (of these paths), and whether it has changes since; both None outside a git checkout.
 
-    A repository that holds the environment in which sealegs is installed is not its checkout.
+    A repository that contains the environment in which sealegs is installed does not count as its checkout.
     """
 
     def git(*arguments: str) -> str:

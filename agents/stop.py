@@ -1,4 +1,4 @@
-"""Requests to stop: the first lets the current step end, the second does not wait."""
+"""Stop requests: after the first, the current step ends; the second does not wait."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ from typing import Any
 
 
 class StopSignals:
-    """Context in which Ctrl-C and SIGTERM set ``asked`` instead of breaking into a step; a second Ctrl-C breaks in.
+    """Context in which Ctrl-C and SIGTERM set ``asked`` instead of interrupting a step; a second Ctrl-C interrupts it.
 
     Attributes:
         asked: whether a stop was asked for.
@@ -32,10 +32,10 @@ class StopSignals:
             signal.signal(number, handler)
 
     def at_once(self) -> None:
-        """From here on the first stop breaks in: nothing is in progress that would be lost.
+        """From here on the first stop interrupts: nothing is in progress that would be lost.
 
         Raises:
-            KeyboardInterrupt: a stop was asked for before.
+            KeyboardInterrupt: a stop was requested before.
         """
         if self.asked:
             raise KeyboardInterrupt

@@ -10,7 +10,7 @@ from torch.utils.tensorboard.writer import SummaryWriter
 
 
 class ResumableTensorBoard(TensorBoardOutputFormat):
-    """TensorBoard format that takes back what a killed session wrote after its last checkpoint."""
+    """TensorBoard format that discards what a killed session wrote after its last checkpoint."""
 
     def __init__(self, folder: Path, step: int) -> None:
         # Not the parent's constructor: it makes a writer that cannot purge.

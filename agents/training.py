@@ -1,4 +1,4 @@
-"""One training run, from its request to its film."""
+"""One training run, from the command line to the film of its policy."""
 
 from __future__ import annotations
 
@@ -45,7 +45,7 @@ def train(request: Request) -> Path:
 
     Raises:
         SealegsError: wrong input, or a full disk.
-        Interrupted: a stop was asked for; a checkpoint is saved.
+        Interrupted: the user stopped the run; a checkpoint is saved.
     """
     if request.resume is not None:
         run = RunFolder.open(request.resume)
@@ -88,7 +88,7 @@ class Session:
 
     @classmethod
     def started(cls, config: TrainConfig, out: Path, name: str | None) -> Session:
-        """New run; its folder is made only once environment and learner exist, so wrong input leaves none."""
+        """New run. Its folder is created only after environment and learner exist, so wrong input leaves no folder."""
         model, env = _new_learner(config, config.actuator)
         task = str(config.env["id"]).rpartition("/")[2].rpartition(":")[2].partition("-")[0].lower()
         robot = f"{Path(config.env['robot']).stem}-{task}" if "robot" in config.env else task
@@ -102,7 +102,7 @@ class Session:
 
     @classmethod
     def resumed(cls, run: RunFolder, config: TrainConfig) -> Session:
-        """Run that goes on from its newest complete checkpoint, or from the start where it has none."""
+        """Run that resumes from its newest complete checkpoint, or from the start if it has none."""
         actuator = read_chains(run)
         torch.set_num_threads(config.threads)
         env = make_vec_env(config.env, actuator, config.n_envs, config.seed)
@@ -126,10 +126,10 @@ class Session:
         return session
 
     def learn(self) -> None:
-        """Train to the configured number of steps, where that is still to do; then evaluate, save and film the policy.
+        """Train up to the configured number of steps; then evaluate, save and film the policy.
 
         Raises:
-            Interrupted: a stop was asked for; a checkpoint is saved.
+            Interrupted: the user stopped the run; a checkpoint is saved.
         """
         self.model.set_logger(tensorboard_logger(self.run.path / "tensorboard", self.from_step))
         with StopSignals() as signals:
@@ -167,7 +167,7 @@ class Session:
         print(f"Trained {steps} steps in {seconds:.0f} s ({steps / seconds:.0f} steps/s).", flush=True)
 
     def _finish(self) -> None:
-        """What follows the last step, of which each part can be made up for by a resume."""
+        """The work after the last step; a resumed run makes up for parts that are missing."""
         reward = self.evaluation.evaluate(self.model)
         save_evaluations(self.run, self.model.num_timesteps, self.evaluation.state)
         with self.run.writing("final") as folder:
@@ -243,7 +243,7 @@ def _unfinished(run: RunFolder, config: TrainConfig, step: int) -> bool:
 
 
 def _interface(env: BatchVecEnv) -> dict[str, Any]:
-    """What the numbers that go into and come out of a policy mean."""
+    """Meaning of a policy's inputs and outputs."""
     engine = env.engine
     meaning = {
         "control_rate": 1.0 / engine.dt,
@@ -261,7 +261,7 @@ def _interface(env: BatchVecEnv) -> dict[str, Any]:
 
 @contextlib.contextmanager
 def _disk_errors(run: RunFolder) -> Iterator[None]:
-    """Turn a full disk into a sentence that says what is safe."""
+    """Turn a full disk into an error message that says what is saved."""
     previous = threading.excepthook
 
     def silent_if_full(thread_failure: Any) -> None:

@@ -1,4 +1,4 @@
-"""A bus of servos: one reading and one command a cycle, and torque."""
+"""A bus of servos: readings, goals and torque."""
 
 from __future__ import annotations
 
@@ -28,18 +28,19 @@ class ServoBus(ServoReadings):
     """Servos of one model on one port. Every method is safe to call from several threads.
 
     Angles are those of the output shaft: 0 rad is the centre of the encoder's turn (step 2048), positive is the
-    direction of growing steps. Joints, their directions and zeros are the calibration's business.
+    direction of growing steps. The calibration, not the bus, knows the zero and direction of joints.
 
     Attributes:
         port: path of the port.
         model: register table in use.
         line: transactions on the port.
-        counts: failures so far by the name of their class, those that a further try cured included.
+        counts: failures so far by the name of their class, including those that a retry cured.
         events: the latest failures, oldest first, as (host's monotonic time [s], error).
         status: latest error byte of each servo by id.
-        marks: what each servo got with its torque in the register that tells a restart, by id; None: it has none.
-        watchdog: time without a request after which the servos stop by themselves [s], where they can; None: never.
-        threads: none but the caller's read it.
+        marks: value, by id, that the register which reveals a restart got when torque came on; None: there is no such
+            register.
+        watchdog: time without a request after which the servos stop by themselves [s], if they can; None: never.
+        threads: further threads that read the bus; here none.
     """
 
     threads: Sequence[int] = ()
@@ -60,10 +61,10 @@ class ServoBus(ServoReadings):
             port: path, such as /dev/ttyUSB0.
             baudrate: of the bus [bit/s].
             model: name of a table in ``hw/registers``.
-            timeout: how long a reply may take beyond the time of its bytes [s]; some USB adapters hold bytes for 16 ms.
-            retries: further tries of a transaction whose reply was missing or unusable.
+            timeout: time that a reply may take beyond that of its bytes [s]; some USB adapters hold bytes for 16 ms.
+            retries: number of retries of a transaction whose reply was missing or unusable.
             opened: port that is open already, such as a simulated one.
-            watchdog: time without a request after which the servos stop by themselves [s], where they can.
+            watchdog: time without a request after which the servos stop by themselves [s], if they can; None: never.
 
         Raises:
             PortError: the port is missing, not a serial port, or (:class:`PortBusyError`) in use.
@@ -89,18 +90,18 @@ class ServoBus(ServoReadings):
         self.line.close()
 
     def adapters(self, ids: Sequence[int]) -> list[tuple[ServoBus, list[int]]]:
-        """This one, and the ids."""
+        """This bus, with the ids."""
         return [(self, list(ids))]
 
     @property
     def retries(self) -> int:
-        """Further tries of a transaction whose reply was missing or unusable."""
+        """Number of retries of a transaction whose reply was missing or unusable."""
         return self.line.retries
 
-    # --- who is there ------------------------------------------------------------------------------------------
+    # --- checks ------------------------------------------------------------------------------------------------
 
     def check(self, ids: Sequence[int]) -> None:
-        """Make sure that servos are there, of the bus's model, and set up so that the bus can work with them.
+        """Make sure that servos answer, are of the bus's model, and have settings that the bus can work with.
 
         Raises:
             NoReplyError: one does not answer.
@@ -134,16 +135,17 @@ class ServoBus(ServoReadings):
         """Send goals to all servos in one packet, which no servo acknowledges.
 
         Args:
-            ids: of the servos (n,).
-            position: goals (n,) [rad]; held within the turn of the encoder.
-            velocity: of the move there (n,) [rad/s], 0: no limit; None: the register stays as it is.
-            acceleration: of the move (n,) [rad/s2], 0: no limit; None: as velocity, 0 where that is given.
+            ids: ids of the servos (n,).
+            position: goals (n,) [rad]; clipped to the turn of the encoder.
+            velocity: largest speed of the move (n,) [rad/s], 0: no limit; None: the register keeps its value, or gets 0
+                if ``acceleration`` is given.
+            acceleration: acceleration of the move (n,) [rad/s2], 0: no limit; None: likewise.
 
         Returns:
-            Host's monotonic clock as the packet went out [s].
+            Host's monotonic clock when the packet went out [s].
 
         Raises:
-            RegisterError: a goal is not finite, or there are not as many as servos.
+            RegisterError: a goal is not finite, or the numbers of goals and servos differ.
             UnpluggedError: the adapter is gone.
         """
         steps = self.to_steps(position)
@@ -193,18 +195,18 @@ class ServoBus(ServoReadings):
     # --- torque ------------------------------------------------------------------------------------------------
 
     def torque_on(self, ids: Sequence[int], wanted: Callable[[], bool] = lambda: True) -> bool:
-        """Switch torque on where each servo stands: its goal becomes its position first, or it would jump.
+        """Switch torque on where each servo stands: its position becomes its goal first, or it would jump.
 
-        Each is marked besides, so that a restart can be told: see :attr:`marks`. Servos with a bus watchdog then watch
-        for requests themselves, where :attr:`watchdog` says so.
+        A register of each servo is marked, so that a restart can be noticed (:attr:`marks`). If :attr:`watchdog` is
+        set, servos with a bus watchdog then stop by themselves when requests cease.
 
         Args:
-            ids: of the servos.
-            wanted: asked before each servo, while no other thread can use the line: whether torque is still wanted. A
-                thread that takes the wish back and then calls :meth:`torque_off` leaves no servo with torque.
+            ids: ids of the servos.
+            wanted: whether torque is still wanted; called before each servo, while no other thread can use the line. A
+                thread that makes it return False and then calls :meth:`torque_off` leaves no servo with torque.
 
         Returns:
-            Whether torque is on; where it was no longer wanted, it is off on all of them.
+            Whether torque is on; if it was no longer wanted, it is off on all servos.
 
         Raises:
             BusError: a servo failed; torque is then off on all of them.
@@ -220,7 +222,7 @@ class ServoBus(ServoReadings):
         return False
 
     def switch_on(self, ids: Sequence[int], wanted: Callable[[], bool] = lambda: True) -> bool:
-        """As :meth:`torque_on`, without watchdogs; where it fails or is no longer wanted, torque stays as it is then.
+        """As :meth:`torque_on`, without watchdogs. If it fails or is no longer wanted, torque stays as it is then.
 
         Raises:
             BusError: a servo failed.
@@ -231,7 +233,7 @@ class ServoBus(ServoReadings):
         return all(self._switch_on(servo, wanted) for servo in ids)
 
     def watch(self, ids: Sequence[int]) -> None:
-        """Let servos that can do so stop by themselves after :attr:`watchdog` without a request.
+        """Set the bus watchdogs of servos that have one to :attr:`watchdog`.
 
         Raises:
             BusError: a servo failed.
@@ -278,8 +280,8 @@ class ServoBus(ServoReadings):
     def hold(self, ids: Sequence[int]) -> None:
         """Make each servo's position its goal, and make sure that the goal arrived.
 
-        Goal speed and acceleration become 0, no limit: what another program left there would slow every later goal. A
-        bus watchdog is switched off: it would refuse the goal, and nobody asks servos that are held very often.
+        Goal speed and acceleration become 0, which is no limit: values that another program left would slow every later
+        goal. A bus watchdog is switched off: it would refuse the goal, and held servos get requests too rarely for it.
 
         Raises:
             NotWrittenError: a servo has another goal.
@@ -300,14 +302,14 @@ class ServoBus(ServoReadings):
     def torque_off(self, ids: Sequence[int], failing: Failing | None = None) -> dict[int, BusError]:
         """Switch torque off on every servo that can be reached; never raises.
 
-        All are told in one packet, twice. Then each is asked on its own, and told again where needed.
+        One packet to all servos is sent twice. Then the torque of each is read, and switched off again if needed.
 
         Args:
-            ids: of the servos.
+            ids: ids of the servos.
             failing: called with servos and reason as soon as their release has failed, before the others are tried.
 
         Returns:
-            Why, for each servo of which it is not sure that its torque is off.
+            For each servo whose torque may still be on, the reason.
         """
         register, failed = self.model["torque_enable"], dict[int, BusError]()
         with self.line.lock:
@@ -329,7 +331,7 @@ class ServoBus(ServoReadings):
         return failed
 
     def tell_off(self, ids: Sequence[int]) -> BusError | None:
-        """Tell all servos in one packet to switch torque off, which none acknowledges; why that failed, if it did."""
+        """Tell all servos in one packet, which none acknowledges, to switch torque off; the error if sending failed."""
         try:
             self.line.send_all(self.model["torque_enable"].address, ids, [b"\0"] * len(ids))
         except BusError as error:

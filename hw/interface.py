@@ -1,4 +1,4 @@
-"""What a control loop, its supervisor and its tools ask of servos, whoever makes them, on however many buses."""
+"""The protocol that control loop, supervisor and tools need of servos, of any make and on any number of buses."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What one reading of all servos holds, in counts and in SI units."""
+"""One reading of all servos, in counts and in SI units."""
 
 from __future__ import annotations
 
@@ -32,24 +32,24 @@ class ServoState:
 
     Attributes:
         ids: of the servos (n,).
-        before: host's monotonic clock as the request went out [s].
-        after: the same as the last reply had come in [s].
+        before: host's monotonic clock when the request went out [s].
+        after: the same when the last reply had come in [s].
         position: of the output shaft, 0 at the centre of the encoder's turn (n,) [rad].
         velocity: (n,) [rad/s].
         duty: of the bridge, with its sign; register "load" (n,) [-1..1].
         voltage: at the servo (n,) [V].
         temperature: (n,) [degC].
         current: (n,) [A].
-        target: position that the firmware steers to at the moment (n,) [rad].
+        target: position to which the firmware is moving at present (n,) [rad].
         status: fault bits, see :class:`sealegs.hw.packets.Status` (n,).
         moving: (n,) bool.
         raw: counts by register name (n,), signs applied; 0 where a servo has no such register.
         torque: register ``torque_enable`` (n,), -1 where it is not known; None: not read this time.
-        mark: register that tells a restart (n,), -1 where there is none; None: not read this time.
+        mark: register that reveals a restart (n,), -1 where there is none; None: not read this time.
         watchdog: register of the servo's own bus watchdog (n,), 0 where there is none; None: not read this time.
         latched: ids of the servos that only a restart frees from a fault.
-        missing: ids of the servos whose reply did not come; what stands here of them is older.
-        problem: why; None where none is missing.
+        missing: ids of the servos whose reply did not come; their values here are older.
+        problem: why replies are missing; None if none are.
     """
 
     ids: tuple[int, ...]
