@@ -10,7 +10,7 @@ from pathlib import Path
 
 import pytest
 from sealegs.gap.causes.catalogue import checked
-from sealegs.gap.causes.registry import ENTRIES
+from sealegs.gap.causes.registry import ENTRIES, GROUND
 from sealegs.gap.virtual.bench import record
 
 from docs.generate import catalogue as catalogue_page
@@ -46,9 +46,9 @@ def test_the_catalogue_page_is_that_of_the_causes() -> None:
     assert catalogue_page.PAGE.read_text(encoding="utf-8") == catalogue_page.page(), "python -m docs.generate.catalogue"
 
 
-def test_every_cause_of_a_joint_has_its_picture_and_every_picture_its_cause() -> None:
+def test_every_cause_of_joint_and_ground_has_its_picture_and_every_picture_its_cause() -> None:
     folder = catalogue_page.PAGE.parent / "pictures" / "causes"
-    assert {path.stem for path in folder.glob("*.png")} == set(catalogue_page.causes())
+    assert {path.stem for path in folder.glob("*.png")} == {*catalogue_page.causes(), *GROUND}
 
 
 @pytest.mark.parametrize("name", sorted(checked(None)))
