@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import dataclasses
 import inspect
+import re
 from pathlib import Path
 
 from .chain import CHECKOUT, LIBRARY, load_chain, load_chain_set, names, set_names
@@ -12,17 +13,18 @@ from .stages import ORDER, STAGES, Stage
 PAGE = CHECKOUT / "docs" / "actuators.md"
 HEAD = """# Stages and chains
 
-Written by `python -m sealegs.actuators.documentation` from `actuators/stages/`; do not edit. What a chain is:
-[actuation-chain.md](actuation-chain.md). A chain is a YAML list of stages, in the order in which a command passes
-through them:
+All chains and stages of actuator models, with the parameters of each stage. [The actuation chain](actuation-chain.md)
+explains what they are. A chain is a YAML list of stages, in the order in which a command passes through them:
 
 ```yaml
 {example}```
 
-`load_chain("sts3215")` reads a chain from `configs/actuator`, `load_chain("path/to/chain.yaml")` any other, and
-`load_chain("bam:path/to/fit.json")` a fit of [BAM](https://github.com/Rhoban/bam), models M1 to M6; every
-command takes either as `actuator=`. Numbers have the units of the tables, without the unit written behind them.
-Angles are in radians.
+`load_chain("sts3215")` reads a chain from `configs/actuator`, `load_chain("path/to/chain.yaml")` any other file, and
+`load_chain("bam:path/to/fit.json")` a fit of [BAM](https://github.com/Rhoban/bam), models M1 to M6. Every command takes
+the same words as `actuator=`. In the YAML, numbers stand without units; the units are those of the tables below. Angles
+are in radians.
+
+To put a chain on a joint of a MuJoCo model:
 
 ```python
 import mujoco
@@ -37,11 +39,13 @@ data.ctrl[drivetrain.actuator_ids["knee"]] = 0.5  # position goal [rad]
 mujoco.mj_step(drivetrain.model, data)
 ```
 
-The order of the stages is
+The stages of a chain must stand in this order:
 
 ```text
 {order}
 ```
+
+Written by `python -m sealegs.actuators.documentation` from `actuators/stages/`; do not edit.
 
 """
 
@@ -49,10 +53,11 @@ The order of the stages is
 def page() -> str:
     """The text of docs/actuators.md."""
     parts = [HEAD.format(example=(LIBRARY / "sts3215.yaml").read_text(encoding="utf-8"), order=_wrapped(ORDER))]
-    parts.append("## Named chains\n\n| name | stages | |\n|---|---|---|\n")
+    parts.append("## Named chains\n\n| name | stages | what it models |\n|---|---|---|\n")
     parts += [f"| `{name}` | {load_chain(name)} | {_comment(LIBRARY / f'{name}.yaml')} |\n" for name in names()]
     parts.append(
-        "\nSets, which hold a chain for each kind of joint of one robot:\n\n| name | joints | |\n|---|---|---|\n"
+        "\nA set holds a chain for each kind of joint of one robot:\n\n"
+        "| name | joints | what it models |\n|---|---|---|\n"
     )
     for name in set_names():
         patterns = ", ".join(f"`{pattern}`" for pattern in load_chain_set(name) or {})
@@ -77,14 +82,14 @@ def _comment(path: Path) -> str:
     """First sentence of a chain file's leading comment."""
     lines = path.read_text(encoding="utf-8").splitlines()
     text = " ".join(line.removeprefix("#").strip() for line in lines if line.startswith("#"))
-    return text.split(". ")[0].split("; ")[0].rstrip(".:")
+    return re.split(r"(?<!Fig)\. |; ", text)[0].rstrip(".:")
 
 
 def _stage(stage: type[Stage]) -> str:
     takes = " or ".join(stage.takes)
     gives = f"gives {stage.gives}" if stage.gives else "passes it on"
     rows = [f"\n### {stage.name}\n\n{inspect.cleandoc(stage.__doc__ or '')}\n\nTakes {takes}, {gives}.\n"]
-    rows.append("\n| parameter | unit | default | lowest | highest | |\n|---|---|---|---|---|---|\n")
+    rows.append("\n| parameter | unit | default | lowest | highest | meaning |\n|---|---|---|---|---|---|\n")
     for item in dataclasses.fields(stage):
         needed = item.default is dataclasses.MISSING
         if "unit" not in item.metadata:

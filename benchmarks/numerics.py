@@ -33,28 +33,33 @@ MODEL = """<mujoco><option timestep="{step}" integrator="{integrator}" gravity="
 
 TEMPLATE = """# Numerics: what a simulation step costs
 
-Written by `python -m benchmarks.numerics`; do not edit. Step error looks like a physical cause, so it is measured
-here against an exact integration (`benchmarks/exact_joint.py`, 2 us, a joint at rest is held, not slowed down). The
-joint is a position servo with 0.5 kg at 0.12 m and 0.06 N.m of Coulomb friction. It follows 24 s of chirp, steps, slow
-triangle and multisine, with a new goal every 10 ms. The noise and ticks of a real encoder are {noise_floor:g} mrad rms;
-the same exact integration at 20 us differs by {exact_20us:.2f} mrad.
+How large the discretisation error of a simulation is, since it looks like a physical cause. The reference is an exact
+integration at 2 us, in which friction holds a joint exactly at rest (`benchmarks/exact_joint.py`). At 20 us the same
+integration differs by {exact_20us:.2f} mrad. The joint is a position servo with 0.5 kg at 0.12 m and 0.06 N.m of
+Coulomb friction. It follows 24 s of chirp, steps, slow triangle and multisine, with a new goal every 10 ms. Noise
+and ticks of a real encoder are {noise_floor:g} mrad rms.
+
+Written by `python -m benchmarks.numerics`; do not edit.
 
 ## Position error
 
-"This project" is dry friction with `solref {friction_solref}`, `solimp {friction_solimp}` (`actuators/mounting.py`).
+"This project" means dry friction with `solref {friction_solref}`, `solimp {friction_solimp}` (`actuators/mounting.py`).
 MuJoCo raises the time constant to twice the step, so friction is as stiff as the step allows.
 
 | integrator | step [ms] | this project [mrad rms] | MuJoCo's default friction row [mrad rms] |
 |---|---|---|---|
 {stiff}
 
-Euler and implicitfast evaluate the law once a step, and its velocity terms late by half a step: a delay that is not
-there. RK4 evaluates it in every stage.
+Euler and implicitfast evaluate the law once a step, and its velocity terms late by half a step: which acts as an extra
+delay. RK4 evaluates it in every stage.
 
-With a compliance of 50 N.m/rad as a tendon spring, RK4 at 1 ms: {compliance:.2f} mrad. With 12 mrad of play (whose
-whole effect is {play_effect:.1f} mrad) as a limited tendon, RK4 at 1 ms: {play_ours:.2f} mrad with `solreflimit
-{tooth_solref}`, `solimplimit {tooth_solimp}`, {play_default:.2f} mrad with the defaults. The exact teeth are a spring
-of 2000 N.m/rad; how stiff real teeth are is a parameter to identify.
+With RK4 at 1 ms, transmissions have these errors:
+
+- a compliance of 50 N.m/rad as a tendon spring: {compliance:.2f} mrad;
+- 12 mrad of play as a limited tendon (whose whole effect is {play_effect:.1f} mrad): {play_ours:.2f} mrad with
+  `solreflimit {tooth_solref}`, `solimplimit {tooth_solimp}`, and {play_default:.2f} mrad with the defaults.
+
+The exact teeth are a spring of 2000 N.m/rad; the stiffness of real teeth is a parameter to identify.
 
 ## Creep
 
@@ -70,7 +75,7 @@ A law reads the speed at the start of a step (or of a Runge-Kutta stage), so bac
 explicit. With a damping `b` [N.m.s/rad] on an inertia `I` [kg.m2], a step `h` is stable while `b h / I` < 2 (Euler,
 implicitfast) or 2.8 (RK4). For a DC motor `b = k^2 / R` at the joint, so a light rotor with a strong motor needs the
 shortest step. The table has the largest step [ms] of those tried (0.25 to {largest:g}) at which each chain comes to
-rest after a step of its goal. The link is light (20 g at 5 cm), or the heavy pendulum.
+rest after a step of its goal, with a light link (20 g at 5 cm) and with the heavy pendulum above.
 
 | chain | {stable_head} |
 {stable_rule}
