@@ -74,8 +74,8 @@ A pendulum with 0.55 N.m of gravity, held by 0.7 N.m of dry friction, sinks at
 A law reads the speed at the start of a step (or of a Runge-Kutta stage), so back-EMF and the controller's damping are
 explicit. With a damping `b` [N.m.s/rad] on an inertia `I` [kg.m2], a step `h` is stable while `b h / I` < 2 (Euler,
 implicitfast) or 2.8 (RK4). For a DC motor `b = k^2 / R` at the joint, so a light rotor with a strong motor needs the
-shortest step. The table has the largest step [ms] of those tried (0.25 to {largest:g}) at which each chain comes to
-rest after a step of its goal, with a light link (20 g at 5 cm) and with the heavy pendulum above.
+shortest step. The table has the largest step [ms] of those tried (0.25 to {largest:g}) at which each chain
+comes to rest after a step of its goal. *Light* is a link of 20 g at 5 cm, *heavy* the pendulum above.
 
 | chain | {stable_head} |
 {stable_rule}
