@@ -20,12 +20,14 @@ from sealegs.gap.ground.leg_replay import LegReplay
 from sealegs.gap.ground.stances import COLUMNS, column_noise, columns, find_stances, touchdowns
 from sealegs.gap.log.parts import FIT_A, FIT_B, TEST
 from sealegs.gap.log.types import LogError, MeasuredSet
+from sealegs.gap.output.extension import write_extension
 from sealegs.gap.output.files import fresh_folder, write_diagnosis
+from sealegs.gap.output.pictures import cause_pictures
 from sealegs.gap.search.fit import fit
 from sealegs.gap.verdict.diagnosis import diagnose
 from sealegs.gap.verdict.evidence import Refused
 from sealegs.gap.verdict.refusal import refuse
-from sealegs.gap.verdict.verdict import NOT_IDENTIFIABLE
+from sealegs.gap.verdict.verdict import NOT_IDENTIFIABLE, JointDiagnosis, NamedCause
 
 from testbed import hidden_hopper
 from testbed.hopper import JOINTS
@@ -47,6 +49,21 @@ def leg_of(data: MeasuredSet) -> LegModel:
 def problem_of(data: MeasuredSet) -> LegProblem:
     leg, noise = leg_of(data), column_noise(data.runs)
     return leg_problem(data.runs, leg, find_stances(data.runs, leg, noise), noise)
+
+
+@pytest.mark.long
+def test_whatever_a_stance_shows_is_drawn_as_a_stance_and_written_as_the_whole_leg(tmp_path: Path) -> None:
+    data, _ = recorded()
+    problem = problem_of(data)
+    assert problem.joint is None and problem.picture("response") == "stance"
+    simulated = dict.fromkeys(("nominal", "extended"), problem.simulate([{}])[0])
+    slope = NamedCause("contact.slope", "A sentence.", "ground", 0.5, 0.9, {}, 0.5, "number", "stance")
+    found = JointDiagnosis(
+        "ground", "explained", "", "base.z", "m", {}, (slope,), 0.0, (), None, (), problem=problem, simulated=simulated
+    )
+    assert [name for name, _ in cause_pictures(found)] == ["contact.slope"]
+    written = write_extension(found, data.runs, tmp_path)
+    assert written.keys() == {"leg"} and "<mujoco" in written["leg"].read_text()
 
 
 def test_touchdowns_are_found_without_knowing_where_the_ground_is() -> None:
