@@ -7,6 +7,8 @@ import importlib.util
 import re
 import shlex
 import shutil
+import subprocess
+import sys
 import xml.etree.ElementTree as ElementTree
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, field
@@ -18,45 +20,53 @@ from sealegs import cli
 from sealegs.commands import new_robot
 from sealegs.configs.compose import compose, split
 
+from tests.doc_machines import Machines, machines
+
 REPOSITORY = Path(__file__).resolve().parents[1]
 FENCE = re.compile(r'^( *)```(\w*)(?: title="([^"]+)")?\n(.*?)^ *```$', re.MULTILINE | re.DOTALL)
 SHOWN = {"text", "csv", "json"}
 """Languages of blocks that nobody types."""
 
-COMPOSED_ONLY = {
-    "calibrate": "a hand moves the joints",
-    "virtual": "serves until Ctrl-C",
-    "loop": "tests/test_sim_to_real.py runs it",
-    "scan": "tests/test_virtual_bus.py runs it",
-    "evaluate": "tests/test_sim_to_real.py and those of the papers run it",
-    "watch": "tests/test_watch.py runs it",
-    "characterize": "tests/test_brake_bench.py runs it",
-    "train-net": "tests/test_actuator_net.py runs it",
-    "demo": "make demo runs it",
-}
-"""Commands whose arguments are checked here and which are run elsewhere."""
 ANY_FILE = {"robot": lambda _: compose("deploy", {})["robot"], "env": lambda _: compose("train", {})["env"]}
 """What a robot or a task of the reader's own is taken for where a command is only checked."""
+STEPPED = "hw.virtual.time=stepped hw.timeout=1 silence=20 live=false robot.safety.late=5 robot.safety.silent=1"
 SMALLER = {
-    "train": "total_timesteps=256 n_envs=2 evaluate.every=0 video.seconds=0",
-    "deploy": "hw.virtual.time=stepped hw.timeout=1 silence=20 live=false duration=2",
+    "train": "total_timesteps=256 n_envs=2 evaluate.every=0 evaluate.episodes=1 video.seconds=0",
+    "deploy": f"{STEPPED} duration=2",
+    "diagnose": "causes=[friction.coulomb,drive.delay]",
+    "evaluate": f"{STEPPED} seconds=2",
+    "evaluate relevant": "seconds=0.5 tempos=[1]",
+    "watch": "seconds=0.1 width=64 height=48",
+    "train-net": "epochs=1",
+    "scan": "last=3",
+    "loop": "hw.timeout=1 silence=20 excitations=[hold] loads=[{mass:0.25,length:0.1}] further=0 total_timesteps=256 "
+    "seconds=2",
 }
 """What is added to a command, so that its page runs in seconds."""
 RESUMED = "total_timesteps=512 evaluate.every=0 video.seconds=0"
 """What is added to a training that goes on: it keeps its settings, and ended already on this page."""
 HARDWARE = ("hw=feetech", "hw=dynamixel")
 """A command with one of them is run on the virtual bus instead: the words that need a real port are taken away."""
-ABSENT = ("../shared/data", "logs/fleet", "logs/xl330", "logs/ak80", "logs/so101", "logs/servo", "bench.csv", "/tmp/")
-"""What a reader has and a test has not: such commands are checked, not run."""
-ELSEWHERE = {
-    "next_experiment.csv": "tests/test_next_experiment.py and test_sim_to_real.py run one",
-    "log=logs/hopper": "tests/test_contact_causes.py diagnoses a hopper",
-    "env=hexapod": "tests/test_hexapod.py trains it",
-    "env=biped": "tests/test_biped.py trains it",
-    "reference=true": "tests/test_deploy.py runs it",
-    "hexapod.onnx": "tests/test_gait_export.py exports and runs it",
+PORT, FIXED_PORT = "port=/dev/ttyUSB0", "/tmp/servos"
+"""An adapter of the reader's, for which a virtual bus stands in; and the port that a page serves itself."""
+SHARED_DATA, NO_DATA = "../shared/data", "needs the published data"
+NOT_RUN = {
+    "make ": "installs, takes hours, or is this test itself",
+    "pip install": "installs packages",
+    "source .venv": "is of the reader's shell",
+    "python -m docs.generate": "writes into the checkout: test_docs compares the pages",
+    "python -m sealegs.actuators": "writes into the checkout: test_chain compares the page",
+    "python -m benchmarks": "takes minutes to days; only its --help is run",
+    "fleet=true": "compiles again in its workers: tests/test_fleet.py diagnoses one",
+    "train env=hexapod": "takes a minute: tests/test_hexapod.py trains it",
+    "paper=": "takes up to minutes a robot: tests/test_<robot>_paper.py",
+    "sealegs loop\n": "train-and-deploy.md runs it",
+    "log=logs/servo": "its run is cut to 2 s here, too short to diagnose: logs/bench is diagnosed",
+    "log=logs/xl330": "takes minutes of published data: benchmarks/real_data.py",
+    "log=logs/ak80": "takes minutes of published data: benchmarks/real_data.py",
+    "log=logs/hopper": "takes minutes: tests/test_contact_causes.py diagnoses a hopper",
 }
-"""Parts of commands that other tests run."""
+"""Why a command with this in it is checked but not run."""
 
 
 @dataclass(frozen=True)
@@ -143,11 +153,21 @@ def check_command(words: list[str]) -> None:
             raise AssertionError(f"'{' '.join(words)}' is of no kind that is checked")
 
 
+def why_not(command: str) -> str | None:
+    """Why a command is not run here; None: it is."""
+    if command.endswith("--help"):
+        return None
+    if SHARED_DATA in command and not (REPOSITORY / SHARED_DATA).is_dir():
+        return NO_DATA
+    return next((why for part, why in NOT_RUN.items() if part in f"{command}\n"), None)
+
+
 @dataclass
 class Reader:
     """Somebody who types what a page says, from top to bottom, in a folder of their own."""
 
     folder: Path
+    machines: Machines
     names: dict[str, Any] = field(default_factory=dict)
     skipped: list[str] = field(default_factory=list)
 
@@ -167,28 +187,56 @@ class Reader:
     def run(self, words: list[str]) -> None:
         """Type one command; what cannot be run here is noted."""
         command = " ".join(words)
-        if words[0] != "sealegs" or words[1] in COMPOSED_ONLY or any(name in command for name in (*ABSENT, *ELSEWHERE)):
+        if why_not(command) is not None:
             self.skipped.append(command)
-            return
-        word, arguments = words[1], words[2:]
-        if any(item in HARDWARE for item in arguments):
-            real = (*HARDWARE, "port=", "dead_man")
-            arguments = [item for item in arguments if not item.startswith(real)]
+        elif words[0] == "python":
+            subprocess.run([sys.executable, *words[1:]], cwd=REPOSITORY, check=True, capture_output=True, timeout=120)
+        elif words[1] == "virtual":
+            if "hidden=hidden.yaml" in words and not (self.folder / "hidden.yaml").exists():
+                (self.folder / "hidden.yaml").write_text("friction.coulomb: 0.1\n")  # which the page shows later
+            self.machines.serve(self._here(words[2:]))
+        else:
+            word, arguments = words[1], self._here(words[2:])
+            arguments = self._fresh(word, arguments)
+            assert self.machines.done(word, arguments) == 0, command
+
+    def _here(self, arguments: list[str]) -> list[str]:
+        """Arguments with this machine's paths and ports for those of the reader."""
+        found = [item.replace(FIXED_PORT, str(self.folder / "servos")) for item in arguments]
+        found = [item.replace(SHARED_DATA, str(REPOSITORY / SHARED_DATA)) for item in found]
+        if any(item in HARDWARE for item in found) and PORT in found:
+            return [item for item in found if not item.startswith((*HARDWARE, "port=", "dead_man"))]
+        return found
+
+    def _fresh(self, word: str, arguments: list[str]) -> list[str]:
+        """Arguments with what makes them short; what another page has made already is out of the way."""
         given = {item.partition("=")[0] for item in arguments}
-        smaller = RESUMED if "resume" in given else SMALLER.get(word, "")
-        arguments += [item for item in smaller.split() if item.partition("=")[0] not in given]
-        for item in arguments:  # what another page has made already
+        kind = "evaluate relevant" if word == "evaluate" and "relevant" in arguments else word
+        smaller = RESUMED if "resume" in given else SMALLER.get(kind, "")
+        if any(item in HARDWARE for item in arguments):  # on a port that the page serves
+            smaller = smaller.replace("hw.virtual.time=stepped ", "")
+        arguments = arguments + [item for item in smaller.split() if item.partition("=")[0] not in given]
+        for item in arguments:
             key, _, value = item.partition("=")
             target = self.folder / ("runs" if key == "name" else "") / value
             if (key, word) in (("out", "diagnose"), ("name", "train")) and target.exists():
                 shutil.rmtree(target)
-        assert cli.main([word, *arguments]) == 0, command
+            if (key, word) == ("excitation", "deploy") and value.endswith(".csv") and not target.exists():
+                target.write_text("time,joint.goal\n0,0\n1,0.2\n2,0\n")  # nothing was left to be proposed here
+        return arguments
 
 
 @contextlib.contextmanager
 def world(folder: Path, made: Mapping[str, Path]) -> Iterator[Reader]:
-    """A reader in ``folder``, who has done already what is ``made``: folders by the path that pages call them."""
+    """A reader in ``folder``, who has done already what is ``made``: files and folders by the path that pages call
+    them. Beside them lie the policies of the checkout.
+    """
     for name, source in made.items():
-        shutil.copytree(source, folder / name)
-    with contextlib.chdir(folder):
-        yield Reader(folder)
+        if source.is_dir():
+            shutil.copytree(source, folder / name)
+        else:
+            shutil.copy(source, folder / name)
+    if not (folder / "policies").exists():
+        (folder / "policies").symlink_to(REPOSITORY / "policies")
+    with contextlib.chdir(folder), machines(folder) as servos:
+        yield Reader(folder, servos)

@@ -15,7 +15,7 @@ from sealegs.gap.virtual.bench import record
 
 from docs.generate import catalogue as catalogue_page
 from docs.generate import thresholds as thresholds_page
-from tests.doc_blocks import REPOSITORY, Block, blocks, check, pages, world
+from tests.doc_blocks import NO_DATA, NOT_RUN, REPOSITORY, Block, blocks, check, pages, why_not, world
 
 BLOCKS = [block for path in pages() for block in blocks(path)]
 LINK = re.compile(r"\]\((?!https?:|#)([^)\s#]+)(#[^)\s]*)?\)")
@@ -65,11 +65,11 @@ def test_the_page_of_thresholds_is_that_of_the_settings() -> None:
 # --- typed from top to bottom ----------------------------------------------------------------------------------------
 
 PRESUPPOSED = {
-    "README.md": ("logs/bench",),
     "docs/actuation-chain.md": ("diagnosis",),
-    "docs/deploy.md": ("logs/bench", "diagnosis", "runs/first"),
+    "docs/deploy.md": ("logs/bench", "diagnosis", "runs/first", "sit.csv"),
     "docs/diagnose-more.md": ("logs/bench",),
-    "docs/train-and-deploy.md": ("logs/bench", "diagnosis"),
+    "docs/next-experiment.md": ("diagnosis",),
+    "docs/train-and-deploy.md": ("logs/bench", "diagnosis", "runs/loop-1/diagnosis", "bench.csv"),
 }
 """What a page takes for granted, since another one made it."""
 CONSIDERED = ("friction.coulomb", "drive.delay")
@@ -88,9 +88,13 @@ def made(tmp_path_factory: pytest.TempPathFactory) -> dict[str, Path]:
     with pytest.MonkeyPatch.context() as patch, world(folder, {}) as reader:
         few_causes(patch)
         record(Path("logs/bench"), "sts3215", {"friction.coulomb": 0.12}, excitations=("chirp", "steps", "multisine"))
+        Path("sit.csv").write_text("time,hip.goal,knee.goal\n0,-0.6,1.0\n0.5,-0.6,1.0\n")
+        reader.run(["sealegs", "characterize", "repeats=1", "out=brake"])
+        Path("brake/table.csv").rename("bench.csv")
         reader.run(["sealegs", "diagnose", "log=logs/bench", "out=diagnosis"])
         reader.run(["sealegs", "train", "name=first"])
-    return {name: folder / name for name in ("logs/bench", "diagnosis", "runs/first")}
+    names = ("logs/bench", "diagnosis", "runs/first", "bench.csv", "sit.csv")
+    return {name: folder / name for name in names} | {"runs/loop-1/diagnosis": folder / "diagnosis"}
 
 
 @pytest.mark.long
@@ -104,6 +108,13 @@ def test_a_page_can_be_typed_from_top_to_bottom(
     with world(tmp_path, {place: made[place] for place in places}) as reader:
         for block in blocks(path):
             reader.do(block)
+
+
+def test_what_is_not_run_has_a_reason_that_some_command_needs() -> None:
+    commands = [command for block in BLOCKS if block.language == "sh" for command in block.commands]
+    reasons = {why_not(command) for command in commands} - {None, NO_DATA}
+    assert reasons == set(NOT_RUN.values())
+    assert sum(why_not(command) in (None, NO_DATA) for command in commands) > 0.7 * len(commands)
 
 
 def test_every_page_of_results_is_in_the_sites_navigation() -> None:

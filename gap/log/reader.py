@@ -54,7 +54,10 @@ def log_files(path: Path) -> list[Path]:
         if not files:
             raise LogError(f"{path}: holds no measured log (no file ending in {' or '.join(ENDINGS)})")
     elif not path.is_file():
-        raise LogError(f"{path}: no such file or folder")
+        raise LogError(
+            f"{path}: no such file or folder; give a measured log or a folder of them, as sealegs deploy and sealegs "
+            "import write them"
+        )
     stems: dict[str, Path] = {}
     for file in files:
         if file.stem in stems:
