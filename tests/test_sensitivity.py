@@ -6,13 +6,18 @@ import json
 
 from sealegs.gap.search.settings import DEFAULT, SearchSettings
 
-from benchmarks.sensitivity import RECORDS, disagreeing, page, tally
+from benchmarks.sensitivity import RECORDS, RESULTS, disagreeing, page, tally
 
 ROWS = [json.loads(line) for line in RECORDS.read_text().splitlines()]
 
 
 def test_records_decided_again_with_the_same_settings_give_the_names_of_their_searches() -> None:
     assert ROWS and disagreeing(ROWS) == []
+
+
+def test_the_committed_page_is_what_the_records_and_the_settings_say_now() -> None:
+    written = (RESULTS / "sensitivity.md").read_text(encoding="utf-8")
+    assert written == page(ROWS), "python -m benchmarks.sensitivity"
 
 
 def test_each_threshold_is_halved_and_doubled_and_the_page_has_it() -> None:
