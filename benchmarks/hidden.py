@@ -230,6 +230,7 @@ TRUE_VALUES = {
     "drive.gain": ("position_p.gain", lambda v, n: v * 5.3),
     "drive.delay": ("delay.seconds", lambda v, n: v + n("command_delay", 0.005)),
     "drive.rate_limit": ("rate_limit.speed", lambda v, n: v),
+    "drive.acceleration_limit": ("rate_limit.acceleration", lambda v, n: v),
     "drive.deadband": ("dead_band.width", lambda v, n: v),
     "drive.saturation": ("duty_limit.limit", lambda v, n: v),
     "drive.offset": ("offset.value", lambda v, n: v),

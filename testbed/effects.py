@@ -1,9 +1,10 @@
 """What the hidden bench can hide: cause names, what each changes, and how much is clear, moderate or faint.
 
 A magnitude moves the measured position by about 11, 4.5 and 1.6 times the noise floor (rms over the default runs with
-the medium load); ``python -m testbed.calibrate`` prints them. Four whose size depends on the seed, or which a
+the medium load); ``python -m testbed.calibrate`` prints them. Five whose size depends on the seed, or which a
 servo cannot show that strongly, are set by hand: ``friction.presliding``, ``transmission.backlash`` (clear),
-``drive.overload`` and ``contact.blocked``. For scale: nominal parameters wrong by up to 5 % alone move it by 4 to 5.5
+``drive.overload``, ``contact.blocked``, and ``drive.acceleration_limit``, which moves it by 140, 40 and 12: what servos
+are set to shows far more than others do. For scale: nominal parameters wrong by up to 5 % alone move it by 4 to 5.5
 noise floors.
 """
 
@@ -72,6 +73,9 @@ EFFECTS: dict[str, Effect] = {
     "drive.gain": Effect("gain_factor", "1", _times("gain"), (0.893, 0.954, 0.987), (1.0, 0.4)),
     "drive.delay": Effect("delay_extra", "s", _add("command_delay"), (0.00408, 0.00163, 0.000495), (0.0, 0.06)),
     "drive.rate_limit": Effect("speed", "rad/s", _set("goal_speed"), (16.7, 41.4, 119.0), (400.0, 1.0)),
+    "drive.acceleration_limit": Effect(
+        "acceleration", "rad/s2", _set("goal_acceleration"), (40.0, 400.0, 4500.0), (1e6, 5.0)
+    ),
     "drive.deadband": Effect("deadband", "rad", _set("error_deadband"), (0.0216, 0.0127, 0.00689), (0.0, 0.06)),
     "drive.saturation": Effect("duty_limit", "1", _set("duty_limit"), (0.924, 0.95, 0.963), (0.97, 0.35)),
     "drive.offset": Effect("goal_offset", "rad", _set("goal_offset"), (0.00671, 0.00263, 0.000588), (0.0, 0.05)),

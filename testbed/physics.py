@@ -37,6 +37,7 @@ class Machine(NamedTuple):
     command_delay: float = 0.005
     goal_offset: float = 0.0
     goal_speed: float = math.inf  # inf: no speed profile
+    goal_acceleration: float = math.inf  # inf: none
     gain: float = 5.3
     error_deadband: float = 0.0
     duty_limit: float = 0.97
@@ -170,6 +171,18 @@ def winding_current(m, constant, duty, v):
 
 
 @numba.njit(cache=True)
+def ramped(m, at, speed, wanted):
+    """The goal of the firmware a step later, and its speed: full push until only full braking is left."""
+    push, left = m.goal_acceleration * STEP, wanted - at
+    if abs(left) <= push * STEP and abs(speed) <= push:
+        return wanted, 0.0
+    stops_at = at + 0.5 * speed * abs(speed) / m.goal_acceleration
+    speed += push if stops_at < wanted else -push
+    speed = min(max(speed, -m.goal_speed), m.goal_speed)
+    return at + speed * STEP, speed
+
+
+@numba.njit(cache=True)
 def slide(torque, dry, inertia, v, direction):
     """Acceleration [rad/s2] of a joint that slides in ``direction``."""
     return (torque - direction * dry) / inertia
@@ -192,7 +205,7 @@ def simulate(m, goal_time, goal, jam_start, jam_end, duration, start_temperature
     q, v, bristle = goal[0] + m.goal_offset, 0.0, 0.0
     link, link_v = q, 0.0
     temperature = start_temperature
-    profile = q
+    profile, profile_v = q, 0.0
     relaxed = q  # where the cable pulls to
     command, jam = 0, 0
     for step in range(steps + 1):
@@ -201,7 +214,10 @@ def simulate(m, goal_time, goal, jam_start, jam_end, duration, start_temperature
             command += 1
         wanted = goal[command] + m.goal_offset
         reach = m.goal_speed * STEP
-        profile = wanted if abs(wanted - profile) <= reach else profile + math.copysign(reach, wanted - profile)
+        if math.isfinite(m.goal_acceleration):
+            profile, profile_v = ramped(m, profile, profile_v, wanted)
+        else:
+            profile = wanted if abs(wanted - profile) <= reach else profile + math.copysign(reach, wanted - profile)
         duty = firmware_duty(m, profile, q)
         constant = m.motor_constant * (1.0 - m.torque_loss_per_kelvin * (temperature - AMBIENT))
         current = winding_current(m, constant, duty, v)

@@ -108,6 +108,21 @@ def test_the_rate_limit_lets_the_goal_move_at_its_speed():
     assert joint.between(0.5, -1.0) == pytest.approx(0.5 - 0.5 * STEP * 2.0)
 
 
+def test_a_goal_profile_speeds_up_and_brakes_at_its_acceleration_and_comes_to_rest_at_the_goal():
+    way, acceleration = 0.5, 8.0
+    joint = Joint([{"rate_limit": {"acceleration": acceleration}}, *UNIT])
+    values = np.array([joint(way) for _ in range(1000)])
+    time = np.arange(1000) * STEP
+    half = math.sqrt(way / acceleration)  # to the middle, and as long to the end
+    expected = np.where(
+        time < half, 0.5 * acceleration * time**2, way - 0.5 * acceleration * np.maximum(2.0 * half - time, 0.0) ** 2
+    )
+    assert np.abs(values - expected).max() < 2.0 * STEP * math.sqrt(way * acceleration)
+    assert values.max() < way + 1e-9 and values[-1] == pytest.approx(way, abs=1e-6)
+    limited = Joint([{"rate_limit": {"speed": 0.7, "acceleration": acceleration}}, *UNIT])
+    assert np.diff([limited(way) for _ in range(1000)]).max() == pytest.approx(0.7 * STEP, rel=1e-6)
+
+
 def test_pd_and_pi_controllers_follow_their_equations():
     motor = UNIT[1]
     damped = Joint([{"position_pd": {"gain": 3.0, "damping": 0.5}}, motor])

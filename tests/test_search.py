@@ -31,6 +31,7 @@ def diagnosed(effects: dict[str, Any], seed: int, duration: float = 9.0) -> Join
         ("friction.load_dependent", "friction.load", 0.133),
         ("sensor.delay", "encoder.latency", 0.00408),
         ("friction.drag", "friction.drag", 0.00837),
+        ("drive.acceleration_limit", "rate_limit.acceleration", 40.0),
     ],
 )
 def test_a_clear_effect_is_named_with_its_size(effect: str, path: str, true: float) -> None:

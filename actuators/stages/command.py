@@ -111,20 +111,28 @@ def late_command(p, i, s, m, time, value, first):
 Delay.law = Law(start=start_delay, act=late_command)
 
 
+BOUNDLESS = 1e6  # [rad/s2] an acceleration that limits nothing
+
+
 @register
 @dataclass(frozen=True, kw_only=True)
 class RateLimit(Stage):
-    """The firmware lets its goal move no faster than this (goal speed profile)."""
+    """The firmware moves its goal at a limited speed and acceleration (goal profile), so that it comes to rest there.
+
+    Feetech's servos keep the acceleration in the register ``acceleration``, in 100 steps/s2: 254, which LeRobot sets, is
+    39 rad/s2.
+    """
 
     name: ClassVar[str] = "rate_limit"
     after: ClassVar[str] = "offset"
     switches: ClassVar[bool] = True
     takes: ClassVar[tuple[Quantity, ...]] = (Quantity.POSITION_GOAL,)
 
-    speed: float = parameter(None, "rad/s", 1e-3, 1e4, "largest speed of the goal", neutral=100.0)
+    speed: float = parameter(100.0, "rad/s", 1e-3, 1e4, "largest speed of the goal")
+    acceleration: float = parameter(BOUNDLESS, "rad/s2", 1e-3, BOUNDLESS, "largest acceleration of the goal")
 
     def memory_size(self) -> int:
-        return 2
+        return 3
 
 
 RATE_LIMIT = RateLimit.offsets()
@@ -135,20 +143,40 @@ def start_profile(s, m, goal):
     """Forget the past: the profile stands at ``goal``."""
     s[m] = goal
     s[m + 1] = goal
+    s[m + 2] = 0.0
     return goal
 
 
 @compiled()
+def profile_speed(p, i, s, m, dt, goal):
+    """Speed of the profile after ``dt``; memory is [profile at the start of the step, its target, its speed].
+
+    The largest speed from which it still comes to rest at the goal at the acceleration, reached at no more than that;
+    what the last step adds is taken off, so that steps of any length do not overshoot.
+    """
+    way, gained = goal - s[m], p[i + RATE_LIMIT.acceleration] * dt
+    stopping = math.sqrt(2.0 * p[i + RATE_LIMIT.acceleration] * abs(way) + 0.25 * gained * gained) - 0.5 * gained
+    wanted = math.copysign(min(stopping, p[i + RATE_LIMIT.speed]), way)
+    return min(max(wanted, s[m + 2] - gained), s[m + 2] + gained)
+
+
+@compiled()
 def profile(p, i, s, m, time, goal):
-    """Goal after the profile at ``time``; memory is [profile at the start of the step, its target]."""
-    reach = p[i + RATE_LIMIT.speed] * max(time - s[S_TIME], 0.0)
-    return s[m] + min(max(goal - s[m], -reach), reach)
+    """Goal after the profile at ``time``."""
+    dt, way = max(time - s[S_TIME], 0.0), goal - s[m]
+    if p[i + RATE_LIMIT.acceleration] >= BOUNDLESS:
+        reach = p[i + RATE_LIMIT.speed] * dt
+        return s[m] + min(max(way, -reach), reach)
+    return s[m] + dt * profile_speed(p, i, s, m, dt, goal)
 
 
 @compiled()
 def advance_profile(p, i, s, m, time):
     """Carry the profile to the end of the step that has passed."""
-    s[m] = profile(p, i, s, m, time, s[m + 1])
+    reached = profile(p, i, s, m, time, s[m + 1])
+    if p[i + RATE_LIMIT.acceleration] < BOUNDLESS:
+        s[m + 2] = profile_speed(p, i, s, m, max(time - s[S_TIME], 0.0), s[m + 1])
+    s[m] = reached
 
 
 @compiled()

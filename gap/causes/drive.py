@@ -54,6 +54,23 @@ def rate_limit(nominal: JointModel) -> Cause:
     )
 
 
+@entry("drive.acceleration_limit", lacks("torque_command"))
+def acceleration_limit(nominal: JointModel) -> Cause:
+    """Of a goal profile; the register of Feetech's servos reaches from 0.15 to 39 rad/s2."""
+    del nominal
+    accelerations = [
+        Parameter("rate_limit.acceleration", "rad/s2", 0.15, 5e4, start, 0.2, logarithmic=True)
+        for start in (5.0, 30.0, 300.0)
+    ]
+    return Cause(
+        sentence="The firmware speeds its goal up no faster than a limit.",
+        signature="lag",
+        picture="response",
+        variants=tuple((acceleration,) for acceleration in accelerations),
+        degenerates_to=Limit("drive.rate_limit", "the goal only jumps, and always as far"),
+    )
+
+
 @entry("drive.deadband", lacks("torque_command"))
 def deadband(nominal: JointModel) -> Cause:
     del nominal

@@ -71,7 +71,7 @@ def not_native(chain: Chain) -> list[str]:
     for stage in chain.stages:
         native = driven and (stage.name in POSITION_ACTUATOR or not position)
         known = MODEL.get(stage.name, ()) + (ACTUATOR.get(stage.name, ()) if native else ())
-        neutral = {"encoder.scale": 1.0, "scale.factor": 1.0, "dc_motor.emf_ratio": 1.0}
+        neutral = {"encoder.scale": 1.0, "scale.factor": 1.0, "dc_motor.emf_ratio": 1.0, "rate_limit.acceleration": 1e6}
         for key, value in stage.parameters().items():
             path = f"{stage.name}.{key}"
             if value == neutral.get(path, 0.0) or key in known or path in SHAPES:

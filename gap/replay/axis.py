@@ -88,6 +88,6 @@ class Axis:
         )
 
 
-POWER = {"rad": 1, "rad/s": 1, "N.m.s/rad": -1, "N.m/rad": -1, "N.m.s2/rad2": -2}
+POWER = {"rad": 1, "rad/s": 1, "rad/s2": 1, "N.m.s/rad": -1, "N.m/rad": -1, "N.m.s2/rad2": -2}
 """With which power of the reach numbers in these units grow, torques being given by the effort already."""
 ROTATION = Axis()
