@@ -183,3 +183,12 @@ def test_logs_of_machines_with_other_joints_are_refused(tmp_path: Path) -> None:
             file.write_text(file.read_text().replace("servo", joint))
     with pytest.raises(LogError, match=r"b\.csv has the joints elbow, a\.csv has servo; keep one machine per folder"):
         read_bounded(tmp_path, 40_000)
+
+
+def test_what_grows_along_a_run_is_in_every_part_of_it() -> None:
+    """The fastest sixth of a public arm's chirp was all of its test: what shows only there was never fitted."""
+    time = np.arange(0.0, 120.0, 0.02)
+    position = 0.1 * np.sin(np.cumsum(0.02 * (0.5 + 0.2 * time)))
+    run = MeasuredRun("chirp", time, {"servo": JointLog(goal=position, position=position)})
+    ends = [max(time[unit.stop - 1] for unit in cut([run], "servo") if unit.part == part) for part in range(3)]
+    assert min(ends) > 105.0

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 from ..replay.joint_model import JointModel
 from ..replay.parameters import Parameter, factor
 from .cause import Cause, Ceiling, Limit, Needs
@@ -57,16 +59,19 @@ def rate_limit(nominal: JointModel) -> Cause:
 @entry("drive.acceleration_limit", lacks("torque_command"))
 def acceleration_limit(nominal: JointModel) -> Cause:
     """Of a goal profile; the register of Feetech's servos reaches from 0.15 to 39 rad/s2."""
-    del nominal
-    accelerations = [
+    limits = [
         Parameter("rate_limit.acceleration", "rad/s2", 0.15, 5e4, start, 0.2, logarithmic=True)
         for start in (5.0, 30.0, 300.0)
     ]
+    alone: list[tuple[Parameter, ...]] = [(limit,) for limit in limits]
+    # a loop that was taken to be slow because of its profile is stiffer than it was taken to be: both only pay together
+    loop = next((replace(factor(f"{name}.gain", 0.1, 10.0), start=2.0) for name in LOOPS if nominal.chain.find(name)), None)
+    together = [] if loop is None else [(limit, loop) for limit in limits[1:]]
     return Cause(
         sentence="The firmware speeds its goal up no faster than a limit.",
         signature="lag",
         picture="response",
-        variants=tuple((acceleration,) for acceleration in accelerations),
+        variants=(*alone, *together),
         degenerates_to=Limit("drive.rate_limit", "the goal only jumps, and always as far"),
     )
 

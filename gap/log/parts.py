@@ -16,7 +16,8 @@ QUIET = 0.05  # [s] either side of a sample over which its motion is judged
 # play the link lies
 START, LEAST_START, MOST_START = 0.04, 0.1, 1.0  # share of it, and [s] between which that lies
 SWING = 0.125  # of a run that is not judged at its start where the link hangs on a spring, whose state is unknown
-PIECES = 4  # a run is cut into, where there are too few runs to hold whole ones out
+PIECES = 4  # a run is cut into at least, where there are too few runs to hold whole ones out
+PIECE = 6.0  # [s] that a piece takes at most, about: what changes along a run, as the speed of a chirp, is in every part
 ENOUGH_RUNS = 6
 FIT_A, FIT_B, TEST = 0, 1, 2
 
@@ -74,11 +75,12 @@ def cut(runs: Sequence[MeasuredRun], joint: str, test_group: str | None = None) 
         if windows:  # of long logs were dealt out as they were chosen
             return [_unit(runs, k, joint, int(run.meta["excerpt"]), 0.0, 1.0) for k, run in enumerate(runs)]
         return [_unit(runs, k, joint, (k + k // 3) % 3, 0.0, 1.0) for k in range(len(runs))]
-    pieces = max(PIECES, -(-ENOUGH_RUNS // len(runs)))
+    least = max(PIECES, -(-ENOUGH_RUNS // len(runs)))
+    pieces = [max(least, round(float(run.time[-1] - run.time[0]) / PIECE)) for run in runs]
     return [
-        _unit(runs, k, joint, (piece + k) % 3, piece / pieces, (piece + 1) / pieces)
+        _unit(runs, k, joint, (piece + k) % 3, piece / pieces[k], (piece + 1) / pieces[k])
         for k in range(len(runs))
-        for piece in range(pieces)
+        for piece in range(pieces[k])
     ]
 
 
