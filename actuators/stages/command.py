@@ -119,8 +119,8 @@ BOUNDLESS = 1e6  # [rad/s2] an acceleration that limits nothing
 class RateLimit(Stage):
     """The firmware moves its goal at a limited speed and acceleration (goal profile), so that it comes to rest there.
 
-    Feetech's servos keep the acceleration in the register ``acceleration``, in 100 steps/s2: 254, which LeRobot sets, is
-    39 rad/s2.
+    Feetech's servos keep the acceleration in the register ``acceleration``, in 100 steps/s2: 254, which LeRobot sets,
+    is 39 rad/s2.
     """
 
     name: ClassVar[str] = "rate_limit"

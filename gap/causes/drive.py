@@ -64,9 +64,9 @@ def acceleration_limit(nominal: JointModel) -> Cause:
         for start in (5.0, 30.0, 300.0)
     ]
     alone: list[tuple[Parameter, ...]] = [(limit,) for limit in limits]
-    # a loop that was taken to be slow because of its profile is stiffer than it was taken to be: both only pay together
-    loop = next((replace(factor(f"{name}.gain", 0.1, 10.0), start=2.0) for name in LOOPS if nominal.chain.find(name)), None)
-    together = [] if loop is None else [(limit, loop) for limit in limits[1:]]
+    # a loop that seemed slow because of its profile is stiffer than it seemed: both only pay together
+    loops = [replace(factor(f"{name}.gain", 0.1, 10.0), start=2.0) for name in LOOPS if nominal.chain.find(name)]
+    together = [(limit, loop) for limit in limits[1:] for loop in loops]
     return Cause(
         sentence="The firmware speeds its goal up no faster than a limit.",
         signature="lag",
