@@ -2,15 +2,17 @@
 
 Reads ``../shared/data`` (``data=`` another folder) and writes ``benchmarks/results/robot_logs.{json,md}``. Joints that
 are done are kept in ``robot_logs.jsonl`` while it runs, so that it can be stopped and goes on. One case by its name:
-``python -m benchmarks.robot_logs double_pendulum``; the rows of the others stay on the page.
+``python -m benchmarks.robot_logs double_pendulum``; the rows of the others stay on the page. One joint of it, with some
+causes, which is only printed: ``python -m benchmarks.robot_logs so101_arm joint=shoulder_pan causes=drive.gain,...``.
 """
 
 from __future__ import annotations
 
+import contextlib
 import json
 import sys
 import time
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -154,6 +156,23 @@ def rows_of(case: str, data: Path, kept: Path) -> Iterator[dict[str, Any]]:
     yield from final
 
 
+class _Enough(Exception):
+    """The joint that was asked for is diagnosed."""
+
+
+def one_joint(case: str, data: Path, joint: str, causes: Sequence[str] | None) -> None:
+    """Diagnose one joint with some causes, and print its line of the page; nothing is kept."""
+    began = time.perf_counter()
+
+    def stop(found: JointDiagnosis) -> None:
+        if found.joint == joint:
+            print(page([row(case, found, time.perf_counter() - began)]))
+            raise _Enough
+
+    with contextlib.suppress(_Enough):
+        diagnose(CASES[case](data, RESULTS.parent.parent / "build" / "robot_logs"), causes=causes, done=stop)
+
+
 def page(rows: list[dict[str, Any]]) -> str:
     """The results as Markdown."""
     lines = [
@@ -180,6 +199,10 @@ def main(arguments: list[str]) -> None:
     """Run the cases that are named, or all whose data are there, and write the page."""
     data = next((Path(word.removeprefix("data=")) for word in arguments if word.startswith("data=")), DATA)
     names = [word for word in arguments if "=" not in word] or list(CASES)
+    asked = dict(word.split("=", 1) for word in arguments if "=" in word)
+    if "joint" in asked:
+        one_joint(names[0], data, asked["joint"], asked["causes"].split(",") if "causes" in asked else None)
+        return
     kept = RESULTS / "robot_logs.jsonl"
     if not data.is_dir():
         raise SystemExit(f"{data} is not there: give the folder of the data as data=<folder>.")
