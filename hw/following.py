@@ -106,7 +106,8 @@ class Following:
         self._speed = REACHED * np.array([item.speed for item in abilities])
         self._period, self._time = period, 0.0
         self._reachable: np.ndarray | None = None
-        self._position = self._smooth = self._least = self._most = np.zeros(0)
+        self._position = self._smooth = np.zeros(0)
+        self._least = self._most = np.zeros((2, 0))  # of the goal, and of the smoothed one, since the position changed
         self.error, self.behind, self.stuck = (np.zeros(len(abilities)) for _ in range(3))
 
     def see(self, goal: np.ndarray, position: np.ndarray, fresh: np.ndarray, time: float) -> None:
@@ -120,7 +121,7 @@ class Following:
         """
         if self._reachable is None:
             self._reachable, self._position, self._time = position.copy(), position, time - self._period
-            self._smooth = self._least = self._most = goal
+            self._smooth, self._least, self._most = goal, np.stack([goal, goal]), np.stack([goal, goal])
         dt, self._time = max(time - self._time, 0.0), time
         step = dt * self._speed
         self._reachable = self._reachable + np.clip(goal - self._reachable, -step, step)
@@ -130,10 +131,12 @@ class Following:
         changed = fresh & (position != self._position)
         self._position = np.where(changed, position, self._position)
         self._smooth = goal + (self._smooth - goal) * np.exp(-dt / SHAKING)
-        self._least = np.where(changed, self._smooth, np.minimum(self._least, self._smooth))
-        self._most = np.where(changed, self._smooth, np.maximum(self._most, self._smooth))
+        both = np.stack([goal, self._smooth])
+        self._least = np.where(changed, both, np.minimum(self._least, both))
+        self._most = np.where(changed, both, np.maximum(self._most, both))
         held = self._rest + self._loaded * np.minimum(np.abs(goal - self._position), self._full)
-        moved = np.maximum(self._most - self._smooth, self._smooth - self._least) > held
+        # smoothed alone, a goal that has just stopped would still come after it
+        moved = (np.maximum(self._most - both, both - self._least) > held).all(axis=0)
         self.stuck = self._lasting(moved & ~changed, self.stuck, dt)
 
     def _lasting(self, beyond: np.ndarray, lasted: np.ndarray, dt: float) -> np.ndarray:

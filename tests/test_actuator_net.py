@@ -60,6 +60,7 @@ def test_a_net_predicts_the_torque_of_runs_it_has_not_seen(trained):
     assert trained.r2 > 0.95
 
 
+@pytest.mark.long
 def test_equal_seeds_train_equal_nets():
     runs = bench_runs(2)
     settings = dataclasses.replace(SHORT, epochs=3)

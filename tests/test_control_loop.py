@@ -127,7 +127,6 @@ def torque(virtual: VirtualBus) -> dict[int, bool]:
 @pytest.mark.parametrize(
     ("kind", "values", "names", "unreachable"),
     [
-        ("corrupt", {"servos": [2]}, {"CorruptReplyError"}, set()),
         ("silence", {"servos": [2]}, {"NoReplyError"}, {2}),
         ("overheat", {"servos": [1]}, {"OverheatFault"}, set()),
         ("unplug", {}, {"UnpluggedError"}, {1, 2}),
@@ -139,6 +138,7 @@ def torque(virtual: VirtualBus) -> dict[int, bool]:
                 ("late", {"servos": [2], "delay": 0.5}, {"NoReplyError", "StaleReplyError"}, set()),
                 ("brown_out", {"value": 3.8}, {"VoltageFault"}, set()),
                 ("overload", {"servos": [2]}, {"OverloadFault"}, set()),
+                ("corrupt", {"servos": [2]}, {"CorruptReplyError"}, set()),
             )
         ),
     ],

@@ -294,7 +294,7 @@ def test_a_slow_adapter_is_named_before_torque_comes_on_with_the_command_that_me
     simulation.run(1.0)
     said, line = simulation.said[0]
     assert said < when_torque_came_on(simulation)
-    assert "takes 16" in line and "rate=30" in line
+    assert "takes 16" in line and "rate=42" in line
     assert "echo 1 | sudo tee" in line and "ttyUSB7/latency_timer" in line
     strict = Simulation(latency=0.016, overruns="stop")
     outcome = strict.run(1.0)

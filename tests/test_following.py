@@ -63,6 +63,14 @@ def test_a_goal_that_shakes_about_one_place_makes_no_servo_blind_and_one_that_go
         assert (following.stuck[0] > 0.3) == blind
 
 
+def test_a_joint_that_arrives_with_its_goal_is_not_taken_for_blind() -> None:
+    following = Following([Ability(0.3, 10.0, 0.3, 0.0075, 0.3)], np.array([np.nan]), 0.01)
+    for k in range(150):
+        goal = np.array([min(0.01 * k, 0.5)])
+        following.see(goal, np.maximum(goal - 0.02, 0.0), np.array([True]), 0.01 * k)
+    assert following.stuck[0] == 0.0
+
+
 def test_a_joint_that_is_told_to_stand_still_is_not_taken_for_blind() -> None:
     def step(robot: Any) -> Trajectory:
         time = np.arange(0.0, 20.0, 0.01)

@@ -40,6 +40,7 @@ def raising(error: Exception) -> Callable[..., Any]:
     return fails
 
 
+@pytest.mark.long
 def test_a_joint_search_that_fails_is_a_finding_and_leaves_its_traceback(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, caplog: pytest.LogCaptureFixture
 ) -> None:
