@@ -56,7 +56,9 @@ def test_whatever_a_stance_shows_is_drawn_as_a_stance_and_written_as_the_whole_l
     data, _ = recorded()
     problem = problem_of(data)
     assert problem.joint is None and problem.picture("response") == "stance"
-    simulated = dict.fromkeys(("nominal", "extended"), problem.simulate([{}])[0])
+    channels = problem.simulate([{}])[0]
+    assert channels is not None
+    simulated = {"nominal": channels, "extended": channels}
     slope = NamedCause("contact.slope", "A sentence.", "ground", 0.5, 0.9, {}, 0.5, "number", "stance")
     found = JointDiagnosis(
         "ground", "explained", "", "base.z", "m", {}, (slope,), 0.0, (), None, (), problem=problem, simulated=simulated

@@ -24,7 +24,13 @@ from testbed.effects import BOTH_SIGNS, BY_HAND, GAP_IN_NOISE_FLOORS, SPREAD
 from testbed.physics import GRAVITY
 from tests.quick import quick
 
-HARD_TO_SHOW = ("friction.presliding", "transmission.backlash", "contact.blocked", "drive.overload")
+SIZED_BY_HAND = (
+    "friction.presliding",
+    "transmission.backlash",
+    "contact.blocked",
+    "drive.overload",
+    "drive.acceleration_limit",
+)
 NO_JAMS = np.zeros(0)
 FREE = Machine(gain=0.0, motor_constant=1e-9, coulomb=0.0, viscous=0.0, armature=0.0)
 
@@ -124,7 +130,7 @@ def test_loads_and_nominal_errors_are_what_they_say() -> None:
     assert all(abs(factor - 1) <= 0.05 for factor in truth["nominal_factors"].values())
 
 
-@pytest.mark.parametrize("name", quick([name for name in EFFECTS if name not in HARD_TO_SHOW], 5))
+@pytest.mark.parametrize("name", quick([name for name in EFFECTS if name not in SIZED_BY_HAND], 5))
 def test_effects_have_the_promised_size(name: str) -> None:
     from testbed.calibrate import gap
 
@@ -135,10 +141,10 @@ def test_effects_have_the_promised_size(name: str) -> None:
 
 
 @pytest.mark.long
-def test_effects_that_a_servo_can_hardly_show_still_order_by_size() -> None:
+def test_effects_that_are_sized_by_hand_still_order_by_size() -> None:
     from testbed.calibrate import gap
 
-    for name in (*HARD_TO_SHOW, *STRANGERS):
+    for name in (*SIZED_BY_HAND, *STRANGERS):
         clear, moderate, faint = (gap(name, size, seeds=(0,)) for size in (EFFECTS | STRANGERS)[name].sizes)
         assert clear > moderate > faint > 0.5, name
     assert set(GAP_IN_NOISE_FLOORS) == set(MAGNITUDES)
