@@ -241,8 +241,11 @@ class ServoBus(ServoReadings):
         self._watch(ids, self.watchdog)
 
     def _switch_on(self, servo: int, wanted: Callable[[], bool]) -> bool:
+        # Each step takes several packets, between which this thread may get the line again before the one that waits.
+        if not wanted():
+            return False
         self._mark(servo)
-        if not wanted():  # what follows takes a while
+        if not wanted():
             return False
         self.hold([servo])  # again: the servos before it may have moved its joint, or a hand has
         with self.line.lock:
