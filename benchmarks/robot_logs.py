@@ -197,9 +197,9 @@ def page(rows: list[dict[str, Any]]) -> str:
 
 def main(arguments: list[str]) -> None:
     """Run the cases that are named, or all whose data are there, and write the page."""
-    data = next((Path(word.removeprefix("data=")) for word in arguments if word.startswith("data=")), DATA)
     names = [word for word in arguments if "=" not in word] or list(CASES)
     asked = dict(word.split("=", 1) for word in arguments if "=" in word)
+    data = Path(asked.get("data", DATA))
     if "joint" in asked:
         one_joint(names[0], data, asked["joint"], asked["causes"].split(",") if "causes" in asked else None)
         return

@@ -27,6 +27,7 @@ DEPARTS = 0.25  # of the spread of a signal on the machine: a model further off 
 LASTS = 3  # cycles in a row that it takes
 GAP = 1.5  # times what is accounted for: from here on it is a gap, where that is no chance
 CHANCE = 0.05  # that a gap is named where there is none, over all joints and the base
+MOST_TOLD = 100.0  # times: a larger ratio says that next to nothing was accounted for, as of a joint that stands still
 SLOWEST = 0.3  # [Hz] below which nothing counts as a frequency
 NOTHING_ELSE: dict[str, Any] = {
     "excitation": None, "replay": None, "reference": False, "command": None, "reach": 0.9, "dry_run": False,
@@ -184,7 +185,8 @@ def verdict(figures: Figures) -> str:
     known = f"{1e3 * figures.accounted:.3g} mrad are accounted for by encoders, bus and start"
     if figures.gap is None:
         return f"no gap: the model's position error is {size}, and {known}."
-    where = f"{figures.gap_at} is off {figures.gap:.1f} times as far"
+    times = f"{figures.gap:.1f}" if figures.gap < MOST_TOLD else f"over {MOST_TOLD:g}"
+    where = f"{figures.gap_at} is off {times} times as far"
     return f"a gap: the model's position error is {size}, and {known}; {where}."
 
 

@@ -163,7 +163,7 @@ class ServoReadings(ServoMemory):
                 except ReplyError as error:
                     self.line.note(error)
                     watched |= error.replies
-        missing = tuple(servo for servo in ids if servo not in replies)
+        missing = tuple([servo for servo in ids if servo not in replies])
         offset = self._block.start - start
         unknown = [servo for servo in missing if servo not in self._latest]
         if problem is not None and (not replies or unknown):

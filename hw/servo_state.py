@@ -103,17 +103,17 @@ class BlockReader:
         self.merged = "status" in model.readings  # what stands between is little
         self.whole = (first, end - first if self.merged else last - first)
         self._quantities, self._names = quantities, [item.name for item in registers]
-        places, weights = [], []
-        width = max(item.bytes for item in registers)
-        for item in registers:
-            offsets = range(item.bytes) if item.order == "little" else range(item.bytes - 1, -1, -1)
-            at = [item.address - self.start + offset for offset in offsets]
-            places.append((at + at[:1] * width)[:width])
-            weights.append(([256**k for k in range(item.bytes)] + [0] * width)[:width])
-        self._places, self._weights = np.array(places, np.int64), np.array(weights, np.int64)
-        self._sign = np.array([1 << item.sign if item.sign is not None else 1 << 40 for item in registers], np.int64)
-        self._half = np.array([1 << (8 * i.bytes - 1) if i.complement else 1 << 40 for i in registers], np.int64)
+        weights = np.zeros((self.length, len(registers)), np.int64)  # words are sums of weighted bytes: one product
+        for column, item in enumerate(registers):
+            for power in range(item.bytes):
+                offset = power if item.order == "little" else item.bytes - 1 - power
+                weights[item.address - self.start + offset, column] = 256**power
+        self._weights = weights
+        never = 1 << 40
+        self._sign = np.array([never if item.sign is None else 1 << item.sign for item in registers], np.int64)
+        self._half = np.array([1 << (8 * i.bytes - 1) if i.complement else never for i in registers], np.int64)
         self._span = np.array([1 << 8 * item.bytes for item in registers], np.int64)
+        self._signed, self._complement = (bool((bits < never).any()) for bits in (self._sign, self._half))
         self._scale = np.array([model.si(item.name) for item in registers])
         centred = ("position", "target")
         self._zero = np.array([model.centre if name in centred else 0 for name in quantities])
@@ -155,14 +155,16 @@ class BlockReader:
             rows = [self.watched(block if is_new else None) for block, is_new in zip(blocks, fresh, strict=True)]
             more = {name: np.array([row[name] for row in rows]) for name in ("torque", "mark", "watchdog")}
             blocks = [block[self.start - self.whole[0] :] for block in blocks]
-        table = np.array([block[: self.length] for block in blocks], np.int64)
-        words = (table[:, self._places] * self._weights).sum(axis=2)
-        counts = np.where(words & self._sign, -(words & (self._sign - 1)), words)
-        counts = np.where(counts >= self._half, counts - self._span, counts)
+        data = b"".join([bytes(block[: self.length]) for block in blocks])
+        counts = np.frombuffer(data, np.uint8).reshape(len(ids), self.length) @ self._weights
+        if self._signed:
+            counts = np.where(counts & self._sign, -(counts & (self._sign - 1)), counts)
+        if self._complement:
+            counts = np.where(counts >= self._half, counts - self._span, counts)
         values = ((counts - self._zero) * self._scale).T
         zeros = np.zeros(len(ids))
-        found = {name: values[k] for k, name in enumerate(self._quantities)}
-        raw = {name: counts[:, k] for k, name in enumerate(self._names)}
+        found = dict(zip(self._quantities, values, strict=True))
+        raw = dict(zip(self._names, counts.T, strict=True))
         status = found.get("status", zeros).astype(np.int64)
         return ServoState(
             ids=tuple(ids),

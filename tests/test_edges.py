@@ -3,25 +3,32 @@
 from __future__ import annotations
 
 from dataclasses import replace
-from typing import Any
+from typing import Any, cast
 
 import numpy as np
 import pytest
 from sealegs.actuators import load_chain
 from sealegs.gap.causes.catalogue import catalogue
 from sealegs.gap.causes.cause import Cause
+from sealegs.gap.causes.friction import RIPPLE_COUNTS
 from sealegs.gap.replay.joint_model import JointModel
+from sealegs.gap.replay.problem import Problem
 from sealegs.gap.search.fit import Fit
-from sealegs.gap.search.forward import Judged, Searcher, elaborates
+from sealegs.gap.search.forward import Judged, Searcher
 from sealegs.gap.search.result import Candidate
 from sealegs.gap.search.settings import DEFAULT
+from sealegs.gap.search.simpler import elaborates, visited
 
 from tests.smooth_bench import CHAIN
 from tests.test_decisions import evidence
 
 
 class Slow:
-    """Data of a joint that moves at up to 1 rad/s."""
+    """Data of a joint that moves at up to 1 rad/s, through a tenth of a turn."""
+
+    channels = ("torque", "position")
+    measured = 0.1 * 2.0 * np.pi * np.array([[9.0, 0.0], [0.0, 0.5], [0.0, np.nan], [0.0, 1.0], [0.0, 9.0]])
+    judged = np.array([True, True, True, True, False])
 
     def simulate(self, variants: list[dict[str, float]]) -> np.ndarray:
         return np.zeros((len(variants), 3, 4))
@@ -53,6 +60,7 @@ def left(
     searcher: Any = object.__new__(Searcher)
     searcher.settings = DEFAULT
     searcher.shown, searcher.parts = list(causes.values()), (Slow(), Slow())
+    searcher.both = Slow()
     fit = Fit({number: value}, np.zeros((3, 4)), 1.0, at)
     fits = (fit, fit)
     searcher.fit_both = lambda parameters, start: fits
@@ -63,6 +71,7 @@ def left(
 
     searcher.candidate = made
     searcher.at_edge = lambda candidate: Searcher.at_edge(searcher, candidate)
+    searcher.repeats = lambda count: Searcher.repeats(searcher, count)
     first = causes[names[0]]
     found = [made(first, first.variants[0], Judged(fits, np.ones(60), 1.0))]
     return [c.cause.name for c in Searcher.simplest(searcher, found, (), set(taken))]
@@ -90,6 +99,29 @@ def test_a_number_at_a_bound_gives_way_to_a_simpler_cause_that_does_as_well() ->
 def test_bristles_as_stiff_as_any_are_dry_friction() -> None:
     stiff = left(1e6, "friction.presliding", "friction.coulomb", number="friction.bristle_stiffness")
     assert stiff == ["friction.coulomb"]
+
+
+def test_friction_over_an_eighth_of_its_period_is_dry_friction() -> None:
+    """Ripple with three periods a turn was named at an arm's joint that moves by a twenty-fifth of a turn."""
+    both, count = ("friction.position_dependent", "friction.coulomb"), "friction.ripple_count"
+    assert left(1.2, *both, number=count) == ["friction.coulomb"]
+    assert left(12.0, *both, number=count) == ["friction.position_dependent", "friction.coulomb"]
+
+
+def test_counts_of_which_the_joint_visits_next_to_nothing_are_not_tried() -> None:
+    searcher: Any = object.__new__(Searcher)
+    searcher.both, searcher.settings = Slow(), DEFAULT
+    (cause,) = catalogue(JointModel(load_chain(CHAIN)), ("friction.position_dependent",))
+    tried = [variant[1].start for variant in Searcher.within_range(searcher, cause).variants]
+    assert tried == [count for count in RIPPLE_COUNTS if count >= 5]
+
+
+def test_data_without_a_position_exclude_no_count() -> None:
+    class Heights(Slow):
+        channels = ("base.z", "base.vz")
+
+    assert visited(cast(Problem, Heights())) == np.inf
+    assert visited(cast(Problem, Slow())) == pytest.approx(0.1 * 2.0 * np.pi)
 
 
 def test_the_simpler_cause_is_tried_beside_the_best_one() -> None:

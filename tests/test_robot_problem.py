@@ -12,6 +12,7 @@ from sealegs.gap.replay.axis import Axis
 from sealegs.gap.replay.free import FreeProblem, free_problem
 from sealegs.gap.replay.joint_model import JointModel
 from sealegs.gap.replay.parameters import address, factor
+from sealegs.gap.search.sketch import sketch
 from sealegs.gap.search.structure import fine
 from sealegs.gap.shared.problem import RobotModel, RobotProblem
 
@@ -74,3 +75,9 @@ def test_causes_of_one_name_are_told_apart_by_the_body_that_they_are_of() -> Non
     one, other = (Cause("", "", (), name="load.centre_of_mass", about=body) for body in ("upper", "fore"))
     assert one.name == other.name and one.key != other.key
     assert Cause("", "", (), name="load.mass").key == "load.mass"
+
+
+def test_a_robot_is_searched_in_all_of_its_data() -> None:
+    """A sketch of it was to replace its units, which are those of its joints: a long log ended in a traceback."""
+    whole = robot(shoulder=joint(1e-3), elbow=joint(1e-3))
+    assert sketch(whole, 0.1) is whole

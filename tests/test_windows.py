@@ -8,11 +8,12 @@ from typing import Any
 import numpy as np
 import pytest
 from sealegs.actuators import Chain, load_chain
-from sealegs.gap.log.parts import LEAST_START, cut
+from sealegs.gap.log.parts import FIT_A, FIT_B, LEAST_START, cut
 from sealegs.gap.replay.free import FreeProblem, free_problem
 from sealegs.gap.replay.joint_model import JointModel
 from sealegs.gap.search.forward import Searcher
 from sealegs.gap.search.settings import DEFAULT
+from sealegs.gap.search.sketch import sketch
 from sealegs.gap.search.windows import SHORTEST, WINDOW, in_windows, split
 from sealegs.gap.verdict.diagnosis import diagnose
 from sealegs.gap.verdict.verdict import EXPLAINED
@@ -75,3 +76,12 @@ def test_an_effect_found_in_windows_is_judged_on_whole_runs(monkeypatch: pytest.
     assert found.causes[0].parameters["friction.load"].value == pytest.approx(0.133, rel=0.1)
     assert found.problem is not None and searched[0] > 3 * len(found.problem.units)
     assert found.gap["extended"].rmse < 1.2 * found.gap["noise_floor"].rmse
+
+
+def test_a_sketch_of_a_joint_replays_its_pieces_as_the_whole_does() -> None:
+    whole = problem().part(FIT_A, FIT_B)
+    part = sketch(whole, 0.8)
+    assert {unit.start for unit in part.units} < {unit.start for unit in whole.units}
+    kept = [k for k, unit in enumerate(whole.units) if unit.start in {mine.start for mine in part.units}]
+    rows = np.concatenate([np.arange(whole.starts[k], whole.starts[k + 1]) for k in kept])
+    np.testing.assert_array_equal(part.simulate([{}]), whole.simulate([{}])[:, rows])

@@ -173,10 +173,12 @@ def profile(p, i, s, m, time, goal):
 @compiled()
 def advance_profile(p, i, s, m, time):
     """Carry the profile to the end of the step that has passed."""
-    reached = profile(p, i, s, m, time, s[m + 1])
-    if p[i + RATE_LIMIT.acceleration] < BOUNDLESS:
-        s[m + 2] = profile_speed(p, i, s, m, max(time - s[S_TIME], 0.0), s[m + 1])
-    s[m] = reached
+    if p[i + RATE_LIMIT.acceleration] >= BOUNDLESS:
+        s[m] = profile(p, i, s, m, time, s[m + 1])
+        return
+    dt = max(time - s[S_TIME], 0.0)
+    s[m + 2] = profile_speed(p, i, s, m, dt, s[m + 1])
+    s[m] += dt * s[m + 2]
 
 
 @compiled()

@@ -83,12 +83,14 @@ class Limit:
         where: what the data are like.
         edge: a number of the cause; where it is at its upper bound, the other cause is meant.
         by_speed: the same where it is beyond all speeds of the log.
+        by_range: it counts periods per turn, and the other cause is meant where the joint visits too little of one.
     """
 
     cause: str
     where: str
     edge: str = ""
     by_speed: bool = False
+    by_range: bool = False
 
 
 @dataclass(frozen=True)
@@ -140,7 +142,7 @@ class Cause:
         return any(p.phase for variant in self.variants for p in variant)
 
     def edge(self, variant: Variant) -> Parameter | None:
-        """The parameter of a variant at whose upper bound the cause is the one that it degenerates to."""
+        """The parameter of a variant that tells where the cause is the one that it degenerates to."""
         limit = self.degenerates_to
         return None if limit is None else next((p for p in variant if p.number == limit.edge), None)
 

@@ -13,15 +13,18 @@ PER_COMMAND = Parameter("scale.factor", "1", 0.3, 3.0, 1.0, 0.1, logarithmic=Tru
 LOOPS = ("position_p", "position_pd", "position_pi")
 
 
+def _loop_gain(nominal: JointModel) -> str | None:
+    """Path of the gain of the position loop; None where there is no such loop."""
+    return next((f"{name}.gain" for name in LOOPS if nominal.chain.find(name)), None)
+
+
 @entry("drive.gain", has_any(*LOOPS, "ideal"))
 def gain(nominal: JointModel) -> Cause:
-    stage = next((name for name in LOOPS if nominal.chain.find(name)), None)
-    path = f"{stage}.gain" if stage else "ideal.stiffness"
     return Cause(
         sentence="The position loop is weaker or stronger than its setting says.",
         picture="response",
         against="control error",
-        variants=((factor(path, 0.1, 10.0),),),
+        variants=((factor(_loop_gain(nominal) or "ideal.stiffness", 0.1, 10.0),),),
         error=True,
     )
 
@@ -65,8 +68,8 @@ def acceleration_limit(nominal: JointModel) -> Cause:
     ]
     alone: list[tuple[Parameter, ...]] = [(limit,) for limit in limits]
     # a loop that seemed slow because of its profile is stiffer than it seemed: both only pay together
-    loops = [replace(factor(f"{name}.gain", 0.1, 10.0), start=2.0) for name in LOOPS if nominal.chain.find(name)]
-    together = [(limit, loop) for limit in limits[1:] for loop in loops]
+    loop = _loop_gain(nominal)
+    together = [(limit, replace(factor(loop, 0.1, 10.0), start=2.0)) for limit in limits[1:]] if loop else []
     return Cause(
         sentence="The firmware speeds its goal up no faster than a limit.",
         signature="lag",

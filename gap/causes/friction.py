@@ -127,5 +127,7 @@ def position_dependent(nominal: JointModel) -> Cause:
         picture="residual_against_position",
         variants=tuple((amplitude, count, phase) for count in counts),
         needs=SHOWN,
-        degenerates_to=Limit("friction.coulomb", "the joint moves by less than a period"),
+        degenerates_to=Limit(
+            "friction.coulomb", "the joint moves by much less than a period", "friction.ripple_count", by_range=True
+        ),
     )

@@ -17,9 +17,7 @@ QUIET = 0.05  # [s] either side of a sample over which its motion is judged
 START, LEAST_START, MOST_START = 0.04, 0.1, 1.0  # share of it, and [s] between which that lies
 SWING = 0.125  # of a run that is not judged at its start where the link hangs on a spring, whose state is unknown
 PIECES = 4  # a run is cut into at least, where there are too few runs to hold whole ones out
-PIECE = (
-    6.0  # [s] that a piece takes at most, about: what changes along a run, as the speed of a chirp, is in every part
-)
+PIECE = 6.0  # [s] that a piece takes at most, about: what changes along a run, as in a chirp, is in every part
 ENOUGH_RUNS = 6
 FIT_A, FIT_B, TEST = 0, 1, 2
 

@@ -10,6 +10,7 @@ in whole time steps: a command may be late by one.
 
 from __future__ import annotations
 
+import dataclasses
 import math
 from collections.abc import Mapping
 from xml.etree import ElementTree
@@ -71,10 +72,10 @@ def not_native(chain: Chain) -> list[str]:
     for stage in chain.stages:
         native = driven and (stage.name in POSITION_ACTUATOR or not position)
         known = MODEL.get(stage.name, ()) + (ACTUATOR.get(stage.name, ()) if native else ())
-        neutral = {"encoder.scale": 1.0, "scale.factor": 1.0, "dc_motor.emf_ratio": 1.0, "rate_limit.acceleration": 1e6}
+        neutral = {item.name: item.metadata.get("neutral") for item in dataclasses.fields(stage)}
         for key, value in stage.parameters().items():
             path = f"{stage.name}.{key}"
-            if value == neutral.get(path, 0.0) or key in known or path in SHAPES:
+            if value == (neutral[key] or 0.0) or key in known or path in SHAPES:
                 continue
             if stage.name == "thermal" and key != "loss":
                 continue

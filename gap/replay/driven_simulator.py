@@ -17,7 +17,7 @@ from ...actuators.layout import P_LATENCY, P_STATE_SIZE, S_CURRENT, S_DUTY, S_LI
 from ...actuators.stages.friction import REST_SPEED
 from .compiled import compiled
 from .constants import K
-from .simulator import coupling_torque, drive, host_reading_smooth, joint_state, slide
+from .simulator import coupling_torque, drive, host_reading_smooth, joint_state, next_change, slide
 from .terms import E_SIZE
 
 CHANNELS = ("position", "torque", "duty", "current")
@@ -96,11 +96,7 @@ def replay_driven(p, k, time, goal, on, temperature, link, q0, w0, step, out):
         now = time[j]
         while now < time[j + 1] - 1e-9:
             # up to the next sample, or to where a delayed command arrives
-            while arrival < n and time[arrival] + k[K.delay] <= now + 1e-9:
-                arrival += 1
-            end = time[j + 1]
-            if arrival < n and time[arrival] + k[K.delay] < end - 1e-9:
-                end = time[arrival] + k[K.delay]
+            arrival, end = next_change(time, arrival, k[K.delay], now, time[j + 1])
             count = max(math.ceil((end - now) / step - 1e-9), 1)
             span = (end - now) / count
             for i in range(count):

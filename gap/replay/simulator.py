@@ -208,11 +208,7 @@ def replay(p, k, terms, time, goal, on, temperature, q0, w0, step, out):
         now = time[j]
         while now < time[j + 1] - 1e-9:
             # up to the next sample, or to where a delayed command arrives
-            while arrival < n and time[arrival] + k[K.delay] <= now + 1e-9:
-                arrival += 1
-            end = time[j + 1]
-            if arrival < n and time[arrival] + k[K.delay] < end - 1e-9:
-                end = time[arrival] + k[K.delay]
+            arrival, end = next_change(time, arrival, k[K.delay], now, time[j + 1])
             count = max(math.ceil((end - now) / step - 1e-9), 1)
             span = (end - now) / count
             for i in range(count):
@@ -229,6 +225,23 @@ def replay(p, k, terms, time, goal, on, temperature, q0, w0, step, out):
             out[j:, :] = 1e3
             return
     s[S_TIME] = time[n - 1]
+
+
+@compiled()
+def next_change(time, arrival, delay, now, end):
+    """When steps from ``now`` must end: at ``end``, or where a delayed command arrives before it; and which one does.
+
+    Args:
+        time: of the commands (n,) [s].
+        arrival: index of the first command that may still be on its way.
+        delay: of commands [s].
+        now, end: between which the steps lie [s].
+    """
+    while arrival < len(time) and time[arrival] + delay <= now + 1e-9:
+        arrival += 1
+    if arrival < len(time) and time[arrival] + delay < end - 1e-9:
+        end = time[arrival] + delay
+    return arrival, end
 
 
 @compiled()

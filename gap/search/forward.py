@@ -20,6 +20,8 @@ from .record import Evidence, Replacement, RoundRecord, SearchRecord, Step
 from .result import Candidate, Round, Search
 from .screen import screen
 from .settings import DEFAULT, SearchSettings
+from .simpler import at_bound, elaborates, visited
+from .sketch import sketch
 
 NEVER = float("nan")  # promise of a screen that was not run
 NUMERICAL = (np.linalg.LinAlgError, ArithmeticError)
@@ -92,6 +94,8 @@ class Searcher:
         self.numbers = {parameter.number for parameter in self.tuned}
         self.parts = (self.problem.part(FIT_A), self.problem.part(FIT_B))
         self.both = self.problem.part(FIT_A, FIT_B)
+        self.sketch = sketch(self.both, self.settings.sketched)
+        self.shown = [seen for cause in self.shown if (seen := self.within_range(cause)).variants]
         self.counts = np.concatenate([part.blocks()[1] for part in reversed(self.parts)])
 
     def run(self) -> Search:
@@ -149,11 +153,11 @@ class Searcher:
     # --- fits and their judgement ----------------------------------------------------------------------------------
 
     def fit_both(self, parameters: Sequence[Parameter], start: Mapping[str, float] | None) -> tuple[Fit, Fit]:
-        """Fits to the two parts, both from the optimum of a fit to all of it: less data hold more local minima.
+        """Fits to the two parts, both from the optimum of a fit to both of them: less data hold more local minima.
 
         What a part does not show at all so stays as the other part has it.
         """
-        joint = fit(self.both, parameters, start, self.settings.iterations)
+        joint = fit(self.sketch, parameters, start, self.settings.iterations)
         a, b = (fit(part, parameters, joint.values, self.settings.iterations) for part in self.parts)
         return a, b
 
@@ -226,7 +230,7 @@ class Searcher:
         taken = {candidate.cause.key for candidate in accepted} | self.replaced
         extended = merge(self.tuned, *(candidate.variant for candidate in accepted))
         here = middle(*current.fits)
-        screened = screen(self.both, [c for c in self.shown if c.key not in taken], extended, here, settings)
+        screened = screen(self.sketch, [c for c in self.shown if c.key not in taken], extended, here, settings)
         if not self.look_on and not decide.promising(left, screened.promise, settings):
             return [], screened.promise
         chosen = self.with_usual_forms(screened.chosen, taken, blind=left > settings.far)
@@ -236,6 +240,7 @@ class Searcher:
         order = list(dict.fromkeys(cause.key for _, cause, _ in rough))
         near = {cause.key for found, cause, _ in rough if found.cost < settings.finalist_cost * rough[0][0].cost}
         finalists = [n for k, n in enumerate(order[: settings.finalists]) if k < settings.sure_finalists or n in near]
+        finalists += [cause.key for cause, _ in chosen[: settings.foreseen] if cause.key not in finalists]
         finalists += [cause.key for cause in self.shown if cause.seen and cause.key not in (*finalists, *taken)]
         found: list[Candidate] = []
         best: dict[str, float] = {}
@@ -275,11 +280,25 @@ class Searcher:
                     kept.remove(candidate)
         return [one for one in kept if not any(elaborates(one, other, self.settings) for other in kept)]
 
+    def repeats(self, count: float) -> bool:
+        """Whether the joint visits enough of what comes so many times a turn for it to be told from a constant."""
+        return visited(self.both) / (2.0 * np.pi) * count >= self.settings.least_periods
+
+    def within_range(self, cause: Cause) -> Cause:
+        """A cause less the variants with so few periods a turn that the joint visits next to nothing of one."""
+        if cause.degenerates_to is None or not cause.degenerates_to.by_range:
+            return cause
+        edges = [cause.edge(variant) for variant in cause.variants]
+        kept = [v for v, edge in zip(cause.variants, edges, strict=True) if edge is None or self.repeats(edge.high)]
+        return replace(cause, variants=tuple(kept))
+
     def at_edge(self, candidate: Candidate) -> bool:
-        """Whether a cause is at the edge of its own shape, by its upper bound or by the speeds of the log."""
+        """Whether a cause is at the edge of its own shape: by its upper bound, or by speeds or range of the log."""
         limit, edge = candidate.cause.degenerates_to, candidate.cause.edge(candidate.variant)
         if limit is None or edge is None:
             return False
+        if limit.by_range:
+            return not self.repeats(max(found.values[edge.path] for found in candidate.fits))
         end = self.settings.shape_edge * edge.high
         if limit.by_speed:
             simulated = self.parts[0].simulate([candidate.fits[0].values])[0]
@@ -313,13 +332,14 @@ class Searcher:
     ) -> list[tuple[Fit, Cause, Variant]]:
         """A few iterations for each variant, least cost first; effects that are far behind get one."""
         settings = self.settings
-        first = [fit(self.both, merge(extended, variant), here, 1) for _, variant in chosen]
+        first = [fit(self.sketch, merge(extended, variant), here, 1) for _, variant in chosen]
         least = min((found.cost for found in first), default=0.0)
         rough = []
+        foreseen = {cause.key for cause, _ in chosen[: settings.foreseen]}
         for found, (cause, variant) in zip(first, chosen, strict=True):
-            if found.cost < settings.hopeless_cost * least or cause.error:
+            if found.cost < settings.hopeless_cost * least or cause.error or cause.key in foreseen:
                 more = settings.rough_iterations - 1
-                found = fit(self.both, merge(extended, variant), found.values, more)
+                found = fit(self.sketch, merge(extended, variant), found.values, more)
             rough.append((found, cause, variant))
         return sorted(rough, key=lambda row: self._charged(*row))
 
@@ -375,15 +395,3 @@ class Searcher:
         if not happened:
             return trial, None
         return trial, Round(step.before, tuple(self.ranked(instead, fitted)), True, step.excess)
-
-
-def elaborates(candidate: Candidate, simple: Candidate, settings: SearchSettings) -> bool:
-    """Whether a candidate turns all that another cause turns and more, and is not much the better for it."""
-    more, fewer = ({p.number for p in c.variant} for c in (candidate, simple))
-    charged = settings.form_charge * float(candidate.blocks.sum())
-    return candidate.cause is not simple.cause and more > fewer and charged > float(simple.blocks.sum())
-
-
-def at_bound(candidate: Candidate) -> bool:
-    """Whether a number of a candidate is at a bound in both parts of the data."""
-    return any(all(p.path in found.at_bound for found in candidate.fits) for p in candidate.variant)

@@ -41,6 +41,9 @@ class SearchSettings:
     screened_variants: int = threshold(3, "Variants of one cause that the screen keeps.")
     finalists: int = threshold(5, "Causes that are fitted to convergence, the lowest rough cost first.")
     sure_finalists: int = threshold(2, "Of the finalists, those that are fitted whatever their rough cost.")
+    foreseen: int = threshold(
+        1, "Variants that the screen puts first and that are fitted to convergence, whatever their rough cost."
+    )
     finalist_cost: float = threshold(
         2.0, "Rough cost, relative to the least one, up to which a further cause is a finalist."
     )
@@ -54,6 +57,10 @@ class SearchSettings:
         1000.0,
         "Excess loss from which the screen predicts nothing, so that every cause gets an iteration of a rough fit.",
     )
+    sketched: float = threshold(
+        30.0,
+        "Length [s] of the data that screen and rough fits see, spread over longer logs; finalists are fitted to all.",
+    )
     rough_iterations: int = threshold(3, "Iterations of a rough fit.")
     shape_edge: float = threshold(
         0.98, "Share of the upper bound of a shape parameter from which the simpler law of its cause is tried."
@@ -61,6 +68,9 @@ class SearchSettings:
     speed_quantile: float = threshold(
         0.99,
         "Quantile of the simulated speeds that counts as the highest: a characteristic speed above it is at its edge.",
+    )
+    least_periods: float = threshold(
+        0.5, "Periods of what repeats over the angle that a joint must visit; with less the simpler law is meant."
     )
     screen_outlier: float = threshold(
         5.0, "Rms errors at which the screen clips an error: larger ones say nothing about small changes."

@@ -227,7 +227,7 @@ def not_excluded(cause: Cause, variant: Variant, bounds: Mapping[str, tuple[floa
         edge: share of the shape's upper bound from which it is the simpler law.
     """
     limit, shape = cause.degenerates_to, cause.edge(variant)
-    if limit is None or shape is None or shape.path not in bounds:
+    if limit is None or shape is None or limit.by_range or shape.path not in bounds:
         return ""
     return limit.cause if bounds[shape.path][1] >= edge * shape.high else ""
 

@@ -1,0 +1,35 @@
+"""When a candidate is no more than another, simpler one."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+
+from ..replay.problem import Problem
+from .result import Candidate
+from .settings import SearchSettings
+
+
+def elaborates(candidate: Candidate, simple: Candidate, settings: SearchSettings) -> bool:
+    """Whether a candidate turns all that another cause turns and more, and is not much the better for it."""
+    more, fewer = ({p.number for p in c.variant} for c in (candidate, simple))
+    charged = settings.form_charge * float(candidate.blocks.sum())
+    return candidate.cause is not simple.cause and more > fewer and charged > float(simple.blocks.sum())
+
+
+def at_bound(candidate: Candidate) -> bool:
+    """Whether a number of a candidate is at a bound in both parts of the data."""
+    return any(all(p.path in found.at_bound for found in candidate.fits) for p in candidate.variant)
+
+
+def visited(problem: Problem) -> float:
+    """Range of a joint's logged positions [rad]; infinite, so that it excludes nothing, where there are none.
+
+    The position is not the first channel where a driven joint is judged by its torque.
+    """
+    if "position" not in problem.channels:
+        return math.inf
+    positions = problem.measured[problem.judged, problem.channels.index("position")]
+    known = positions[np.isfinite(positions)]
+    return float(np.ptp(known)) if len(known) else math.inf

@@ -1,0 +1,46 @@
+"""Less data for what only has to be about right: pieces spread evenly over a long log."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import replace
+from typing import TypeVar
+
+from ..log.parts import FIT_A, FIT_B
+from ..replay.problem import Problem
+
+SKETCHED = -1  # label of the pieces that are kept
+
+AnyProblem = TypeVar("AnyProblem", bound=Problem)
+
+
+def sketch(problem: AnyProblem, seconds: float) -> AnyProblem:
+    """A joint's problem with every so many of the pieces of both parts, as short as may be but not below ``seconds``.
+
+    A chirp or a joint that warms up is another in each piece of a log: those kept of one part lie between those kept of
+    the other. What is not of one joint stays whole: of several, each must be there.
+
+    Args:
+        problem: with pieces to fit on.
+        seconds: length of what is judged, about.
+    """
+    if problem.joint is None:
+        return problem
+    length = sum(float(problem.time[b - 1] - problem.time[a]) for a, b in _judged(problem))
+    every = math.floor(length / seconds)
+    if every < 2:
+        return problem
+    kept = set[int]()
+    for part, first in ((FIT_A, 0), (FIT_B, every // 2)):
+        mine = [k for k, unit in enumerate(problem.units) if unit.part == part]
+        kept |= set(mine[first::every] or mine[:1])
+    units = tuple(replace(unit, part=SKETCHED) if k in kept else unit for k, unit in enumerate(problem.units))
+    return replace(problem, units=units).part(SKETCHED)
+
+
+def _judged(problem: Problem) -> list[tuple[int, int]]:
+    """First judged sample and end of each piece."""
+    return [
+        (min(int(a) + unit.judged, int(b) - 1), int(b))
+        for unit, a, b in zip(problem.units, problem.starts[:-1], problem.starts[1:], strict=True)
+    ]

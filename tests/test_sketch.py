@@ -1,0 +1,87 @@
+"""What screen and rough fits see of a long log, and that they keep what the screen puts first."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from typing import Any
+
+import numpy as np
+import pytest
+from sealegs.actuators import load_chain
+from sealegs.gap.causes.catalogue import catalogue
+from sealegs.gap.log.parts import FIT_A, FIT_B, Unit
+from sealegs.gap.replay.joint_model import JointModel
+from sealegs.gap.search import forward
+from sealegs.gap.search.fit import Fit
+from sealegs.gap.search.forward import Searcher
+from sealegs.gap.search.settings import DEFAULT
+from sealegs.gap.search.sketch import sketch
+
+from tests.smooth_bench import CHAIN
+
+RATE = 50  # [1/s]
+PIECE, WARM = 6.0, 1.5  # [s]
+
+
+@dataclass(frozen=True, eq=False)
+class Pieces:
+    """A problem as far as its pieces go."""
+
+    units: tuple[Unit, ...]
+    starts: np.ndarray
+    time: np.ndarray
+    joint: str | None = "servo"
+
+    def part(self, *parts: int) -> Pieces:
+        return replace(self, units=tuple(unit for unit in self.units if unit.part in parts))
+
+
+def long_log(pieces: int) -> Any:
+    """Pieces of a log one behind the other, by turns of both parts."""
+    size = round((PIECE + WARM) * RATE)
+    units = [
+        Unit(0, (FIT_A, FIT_B)[k % 2], k * size, (k + 1) * size, round(WARM * RATE), (0.0, 0.0)) for k in range(pieces)
+    ]
+    return Pieces(tuple(units), size * np.arange(pieces + 1), np.arange(pieces * size) / RATE)
+
+
+def test_a_log_as_long_as_those_of_benches_is_seen_whole() -> None:
+    whole = long_log(8)
+    assert sketch(whole, 30.0) is whole
+
+
+def test_of_a_long_log_pieces_of_both_parts_are_kept_from_beginning_to_end() -> None:
+    whole = long_log(40)
+    kept = sketch(whole, 30.0).units
+    numbers = [next(k for k, unit in enumerate(whole.units) if unit.start == chosen.start) for chosen in kept]
+    assert 30.0 <= PIECE * len(kept) < 45.0
+    assert sum(number % 2 for number in numbers) in (len(kept) // 2, (len(kept) + 1) // 2)
+    assert numbers[0] < 10 and numbers[-1] >= 30
+
+
+def test_what_several_joints_share_is_sought_in_all_of_their_data() -> None:
+    """Its units are those of its joints, and no field that can be replaced."""
+    robot = replace(long_log(40), joint=None)
+    assert sketch(robot, 30.0) is robot
+
+
+@pytest.mark.parametrize(("place", "tries"), [(0, 2), (-1, 1)])
+def test_what_the_screen_puts_first_is_not_abandoned_after_an_iteration(
+    monkeypatch: pytest.MonkeyPatch, place: int, tries: int
+) -> None:
+    """A profile's acceleration with the loop's gain beside it was; friction that stood in for both was named."""
+    chosen = [(cause, cause.variants[0]) for cause in catalogue(JointModel(load_chain(CHAIN))) if not cause.error][:6]
+    numbers = [{parameter.number for parameter in variant} for _, variant in chosen]
+    calls: list[int] = []
+
+    def fit(problem: Any, parameters: Any, start: Any, evaluations: int) -> Fit:
+        del problem, start, evaluations
+        calls.append(numbers.index({parameter.number for parameter in parameters}))
+        return Fit({}, np.zeros((3, 4)), 9.0 if calls[-1] != 1 else 1.0)
+
+    monkeypatch.setattr(forward, "fit", fit)
+    searcher: Any = object.__new__(Searcher)
+    searcher.settings, searcher.sketch = DEFAULT, None
+    searcher._charged = lambda found, cause, variant: found.cost
+    Searcher._rough_fits(searcher, chosen, (), {})
+    assert calls.count(range(len(chosen))[place]) == tries
