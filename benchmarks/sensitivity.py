@@ -136,7 +136,7 @@ def page(rows: Sequence[dict[str, Any]]) -> str:
         lines.append(
             f"| `{name}` | {getattr(DEFAULT, name):g} | {' | '.join(cells)} | {SearchSettings.meanings()[name]} |"
         )
-    effort = [name for name in SearchSettings.meanings() if name not in SearchSettings.deciding()]
+    others = len(SearchSettings.meanings()) - len(SearchSettings.deciding())
     lines += [
         "",
         f"Of {listed([f'`{name}`' for name in SearchSettings.from_one()])} the distance from one is halved and "
@@ -144,8 +144,9 @@ def page(rows: Sequence[dict[str, Any]]) -> str:
         "",
         "![Right and false names](sensitivity.png)",
         "",
-        "The other settings bound the effort, so that another value needs other fits and no record tells what they "
-        f"would have found, or decide what is told beside the verdict: {', '.join(f'`{name}`' for name in effort)}.",
+        f"{others} settings more are not in the table. Some bound the effort: with another value other fits would be made, "
+        "and no record tells what they would have found. Some decide only what is told beside the verdict. "
+        "[Thresholds](../../docs/thresholds.md) lists all of them.",
         "",
         "## Cases",
         "",

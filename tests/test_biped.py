@@ -143,6 +143,23 @@ def test_a_foot_that_slides_on_the_floor_costs_what_it_is_told_to() -> None:
     assert "reward_slip" not in free.step(np.zeros((1, 4))).terms
 
 
+def test_a_foot_that_is_lifted_further_than_it_needs_costs_what_it_is_told_to() -> None:
+    """A walker lifted one foot by 105 and the other by 133 mm, and hops of 3 mm earned as much as hops of none."""
+    terms = []
+    for lift in (0.05, 0.005):
+        engine = BatchEngine(BipedTask(correction=0.4, clearance_weight=1.5, lift=lift), 1)
+        engine.seed(0)
+        engine.reset()
+        terms.append([engine.step(np.zeros((1, 4))).terms for _ in range(30)])
+    low, high = ([float(step["reward_clearance"][0]) for step in steps] for steps in terms)
+    assert min(low) > min(high) and min(high) < -1.5 and max(high) <= 0.0
+    gaits = [max(float(step["reward_gait"][0]) for step in steps) for steps in terms]
+    assert 0.0 < gaits[0] < gaits[1] <= 0.5
+    free = BatchEngine(BipedTask(correction=0.4), 1)
+    free.reset()
+    assert "reward_clearance" not in free.step(np.zeros((1, 4))).terms
+
+
 @pytest.mark.parametrize(
     ("keywords", "sentence"),
     [

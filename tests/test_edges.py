@@ -60,7 +60,7 @@ def left(
     searcher: Any = object.__new__(Searcher)
     searcher.settings = DEFAULT
     searcher.shown, searcher.parts = list(causes.values()), (Slow(), Slow())
-    searcher.both = Slow()
+    searcher.visited = visited(cast(Problem, Slow()))
     fit = Fit({number: value}, np.zeros((3, 4)), 1.0, at)
     fits = (fit, fit)
     searcher.fit_both = lambda parameters, start: fits
@@ -110,7 +110,7 @@ def test_friction_over_an_eighth_of_its_period_is_dry_friction() -> None:
 
 def test_counts_of_which_the_joint_visits_next_to_nothing_are_not_tried() -> None:
     searcher: Any = object.__new__(Searcher)
-    searcher.both, searcher.settings = Slow(), DEFAULT
+    searcher.visited, searcher.settings = visited(cast(Problem, Slow())), DEFAULT
     (cause,) = catalogue(JointModel(load_chain(CHAIN)), ("friction.position_dependent",))
     tried = [variant[1].start for variant in Searcher.within_range(searcher, cause).variants]
     assert tried == [count for count in RIPPLE_COUNTS if count >= 5]

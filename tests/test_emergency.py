@@ -119,7 +119,10 @@ def test_the_supervisor_watches_before_the_first_servo_gets_torque(monkeypatch: 
     heard: list[list[bool]] = []
     monkeypatch.setattr(simulation.guard, "starting", lambda: not heard.append(simulation.torque))
     assert simulation.run(0.5).ending == "finished"
-    assert heard[0] == [False] * 4 and [sum(row) for row in heard] == [0, *(servo for servo in range(4) for _ in range(3))]
+    assert heard[0] == [False] * 4 and [sum(row) for row in heard] == [
+        0,
+        *(servo for servo in range(4) for _ in range(3)),
+    ]
 
 
 def test_without_a_supervisor_that_listens_no_torque_comes_on() -> None:

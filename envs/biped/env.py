@@ -74,18 +74,20 @@ class BipedEnv(SingleEnv, task=BipedTask):
     have the same angle.
 
     ## Rewards
-    The reward is ***forward + alive + gait + upright - energy - slip***; `info` holds each term.
+    The reward is ***forward + alive + gait + upright - energy - slip - clearance***; `info` holds each term.
 
     - *reward_forward*: $w_{forward} \max(1 - |v - v_{cmd}| / \max(|v_{cmd}|, 0.2), -1)$ with the forward speed $v$ of
       the hip.
     - *reward_alive*: `alive_weight` in every step.
-    - *reward_gait*: $w_{gait}$ times a height over 0.05 m, at most 1. With `hopping` 1 it is the height of the lower foot.
+    - *reward_gait*: $w_{gait}$ times a height over `lift`, at most 1. With `hopping` 1 it is the height of the lower foot.
       With 0 (walking) it is how much higher the swing foot is than the other; the left foot swings in the first half of
       each turn of the clock.
     - *reward_upright*: $w_{upright} \cos 2 p$ with the torso's pitch $p$.
     - *reward_energy*: $-w_{energy} \sum |\tau \omega|$ of the motors [W].
     - *reward_slip*, where `slip_weight` is not 0: $-w_{slip}$ times the speed of the soles that touch the floor [m/s], at
       most 1 m/s each.
+    - *reward_clearance*, where `clearance_weight` is not 0: $-w_{clearance} \sum_{soles} \max(h / lift - 1.6, 0)$ with
+      the height $h$ of a sole: no foot is lifted further than it needs, so that both swing alike.
 
     `info` also holds `net_out_of_range` (samples of this episode in which an actuator net's input was outside its training
     data) and `unstable` (the simulation diverged; the episode ends).
@@ -122,6 +124,8 @@ class BipedEnv(SingleEnv, task=BipedTask):
     | `upright_weight`  | float               | `0.5`      | see Rewards |
     | `energy_weight`   | float               | `3e-4`     | see Rewards [1/W] |
     | `slip_weight`     | float               | `0.0`      | see Rewards [s/m] |
+    | `clearance_weight` | float              | `0.0`      | see Rewards |
+    | `lift`            | float               | `0.05`     | height of a sole at which *reward_gait* is full [m] |
     | `healthy_height`  | float               | `0.65`     | lowest height of the hip [m] |
     | `healthy_pitch`   | float               | `0.7`      | largest pitch of the torso [rad] |
     | `start_noise`     | float               | `0.03`     | see Starting State |

@@ -16,7 +16,7 @@ from .parameters import SIDES
 from .robot import BIPED, GOAL_RANGE, coordinate
 
 SLOWEST = 0.2  # [m/s] below this, errors of speed count in absolute terms
-HIGH = 0.05  # [m] of a foot over the floor, where the reward for lifting it is full
+ENOUGH = 1.6  # times ``lift``: a foot that is higher lifts more than it needs
 TOUCH = 2e-3  # [m] under which the switch of a foot says that it is on the floor
 FORWARD, UP, PITCH = 0, 1, 2  # qpos and qvel of the torso
 REACH = np.array([0.5 * (high - low) for low, high in (GOAL_RANGE[ANGLE], GOAL_RANGE[SHAPE])] * 2)  # of goals [rad]
@@ -36,6 +36,8 @@ class BipedTask(Task):
     upright_weight: float = 0.5
     energy_weight: float = 3e-4
     slip_weight: float = 0.0
+    clearance_weight: float = 0.0
+    lift: float = 0.05
     healthy_height: float = 0.65
     healthy_pitch: float = 0.7
     start_noise: float = 0.03
@@ -111,12 +113,17 @@ class BipedTask(Task):
     def rewards(self, motion: Motion) -> dict[str, np.ndarray]:
         speed, wanted = motion.qvel[:, FORWARD], motion.command[:, 0]
         error = np.abs(speed - wanted) / np.maximum(np.abs(wanted), SLOWEST)
-        left, right = np.clip(_clearance(motion) / HIGH, 0.0, 1.0).T
+        height = _clearance(motion) / self.lift
+        left, right = np.clip(height, 0.0, 1.0).T
         swing = np.where(self._phase(motion.time) < np.pi, left - right, right - left)
         gait = self.hopping * np.minimum(left, right) + (1.0 - self.hopping) * swing
         power = np.abs(motion.torque * motion.motor_speed).sum(axis=1)
-        slip = {} if self.slip_weight == 0.0 else {"reward_slip": -self.slip_weight * slipping(motion)}
-        return slip | {
+        costs = {}
+        if self.slip_weight != 0.0:
+            costs["reward_slip"] = -self.slip_weight * slipping(motion)
+        if self.clearance_weight != 0.0:
+            costs["reward_clearance"] = -self.clearance_weight * np.maximum(height - ENOUGH, 0.0).sum(axis=1)
+        return costs | {
             "reward_forward": self.forward_weight * np.maximum(1.0 - error, -1.0),
             "reward_alive": np.full(len(speed), self.alive_weight),
             "reward_gait": self.gait_weight * gait,

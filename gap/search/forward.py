@@ -95,6 +95,7 @@ class Searcher:
         self.parts = (self.problem.part(FIT_A), self.problem.part(FIT_B))
         self.both = self.problem.part(FIT_A, FIT_B)
         self.sketch = sketch(self.both, self.settings.sketched)
+        self.visited = visited(self.both)
         self.shown = [seen for cause in self.shown if (seen := self.within_range(cause)).variants]
         self.counts = np.concatenate([part.blocks()[1] for part in reversed(self.parts)])
 
@@ -282,7 +283,7 @@ class Searcher:
 
     def repeats(self, count: float) -> bool:
         """Whether the joint visits enough of what comes so many times a turn for it to be told from a constant."""
-        return visited(self.both) / (2.0 * np.pi) * count >= self.settings.least_periods
+        return self.visited / (2.0 * np.pi) * count >= self.settings.least_periods
 
     def within_range(self, cause: Cause) -> Cause:
         """A cause less the variants with so few periods a turn that the joint visits next to nothing of one."""
