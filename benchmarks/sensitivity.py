@@ -144,8 +144,8 @@ def page(rows: Sequence[dict[str, Any]]) -> str:
         "",
         "![Right and false names](sensitivity.png)",
         "",
-        f"{others} settings more are not in the table. Some bound the effort: with another value other fits would be made, "
-        "and no record tells what they would have found. Some decide only what is told beside the verdict. "
+        f"{others} settings more are not in the table. Some bound the effort: with another value other fits would be "
+        "made, and no record tells what they would have found. Some decide only what is told beside the verdict. "
         "[Thresholds](../../docs/thresholds.md) lists all of them.",
         "",
         "## Cases",

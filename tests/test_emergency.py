@@ -72,7 +72,7 @@ def test_an_emergency_stop_while_torque_comes_on_lets_no_further_servo_have_it(
 def test_an_emergency_stop_ends_the_preparation_of_servos_though_its_thread_never_gets_the_line(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
-    """Four packets that prepare the second servo went out before the loop asked: 97 ms on an adapter that holds bytes."""
+    """Four packets that prepare the second servo went out before the loop asked: 97 ms on a slow adapter."""
     simulation, at = Simulation("row", latency=SLOW), list[float]()
     read = simulation.port.readPort
 
@@ -119,10 +119,8 @@ def test_the_supervisor_watches_before_the_first_servo_gets_torque(monkeypatch: 
     heard: list[list[bool]] = []
     monkeypatch.setattr(simulation.guard, "starting", lambda: not heard.append(simulation.torque))
     assert simulation.run(0.5).ending == "finished"
-    assert heard[0] == [False] * 4 and [sum(row) for row in heard] == [
-        0,
-        *(servo for servo in range(4) for _ in range(3)),
-    ]
+    assert heard[0] == [False] * 4
+    assert [sum(row) for row in heard] == [0, *(count for count in range(4) for _ in range(3))], "thrice for each servo"
 
 
 def test_without_a_supervisor_that_listens_no_torque_comes_on() -> None:
