@@ -169,6 +169,7 @@ def test_a_foot_that_is_lifted_further_than_it_needs_costs_what_it_is_told_to() 
         ({"params": {"torso_mass": -1.0}}, "torso_mass is -1.0; it must be a number between"),
         ({"control_rate": 300.0}, "control_rate is 300 Hz"),
         ({"hopping": [0, 1]}, "hopping takes a number"),
+        ({"lift": 0.0}, "lift is 0.0; it must be a height above 0 m"),
         ({"speed": [1.0, 0.5]}, "a range goes from its low to its high end"),
     ],
 )

@@ -8,6 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from ...actuators import Drivetrain
+from ...actuators.errors import SealegsError
 from ..task import Motion, Task, drawn
 from .drive import ANGLE, SHAPE
 from .gait import HoppingGait, WalkingGait
@@ -45,6 +46,10 @@ class BipedTask(Task):
     robot = BIPED
     draws = 8
     ranges = ("speed",)
+
+    def __post_init__(self) -> None:
+        if not self.lift > 0.0:  # heights count as shares of it
+            raise SealegsError(f"lift is {self.lift}; it must be a height above 0 m.")
 
     def observation_names(self) -> tuple[str, ...]:
         names = [f"{side} leg {kind}" for side in SIDES for kind in ("angle", "shape")]

@@ -154,7 +154,7 @@ class Searcher:
     # --- fits and their judgement ----------------------------------------------------------------------------------
 
     def fit_both(self, parameters: Sequence[Parameter], start: Mapping[str, float] | None) -> tuple[Fit, Fit]:
-        """Fits to the two parts, both from the optimum of a fit to both of them: less data hold more local minima.
+        """Fits to the two parts, both from one optimum, of a sketch of them: less data hold more local minima.
 
         What a part does not show at all so stays as the other part has it.
         """
