@@ -231,6 +231,7 @@ TRUE_VALUES = {
     "drive.delay": ("delay.seconds", lambda v, n: v + n("command_delay", 0.005)),
     "drive.rate_limit": ("rate_limit.speed", lambda v, n: v),
     "drive.acceleration_limit": ("rate_limit.acceleration", lambda v, n: v),
+    "drive.goal_filter": ("goal_filter.time_constant", lambda v, n: v),
     "drive.deadband": ("dead_band.width", lambda v, n: v),
     "drive.saturation": ("duty_limit.limit", lambda v, n: v),
     "drive.offset": ("offset.value", lambda v, n: v),

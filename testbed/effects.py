@@ -76,6 +76,7 @@ EFFECTS: dict[str, Effect] = {
     "drive.acceleration_limit": Effect(
         "acceleration", "rad/s2", _set("goal_acceleration"), (40.0, 400.0, 4500.0), (1e6, 5.0)
     ),
+    "drive.goal_filter": Effect("time_constant", "s", _set("goal_smoothing"), (0.00527, 0.00212, 0.000626), (0.0, 0.1)),
     "drive.deadband": Effect("deadband", "rad", _set("error_deadband"), (0.0216, 0.0127, 0.00689), (0.0, 0.06)),
     "drive.saturation": Effect("duty_limit", "1", _set("duty_limit"), (0.924, 0.95, 0.963), (0.97, 0.35)),
     "drive.offset": Effect("goal_offset", "rad", _set("goal_offset"), (0.00671, 0.00263, 0.000588), (0.0, 0.05)),

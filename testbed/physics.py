@@ -24,6 +24,7 @@ STOP_DAMPING = 1.0
 THERMAL_CAPACITY = 4.0
 THERMAL_RESISTANCE = 12.0
 """Lumped heat capacity [J/K] and resistance to the surroundings [K/W] of the motor; small, so that a run shows it."""
+INTEGRAL_DUTY = 0.3  # to which the firmware limits the integral term
 AMBIENT = 25.0
 
 
@@ -38,7 +39,9 @@ class Machine(NamedTuple):
     goal_offset: float = 0.0
     goal_speed: float = math.inf  # inf: no speed profile
     goal_acceleration: float = math.inf  # inf: none
+    goal_smoothing: float = 0.0  # time constant of a low-pass filter on the goal [s]
     gain: float = 5.3
+    integral_gain: float = 0.0  # [1/(rad s)]
     error_deadband: float = 0.0
     duty_limit: float = 0.97
     minimum_duty: float = 0.0
@@ -146,14 +149,15 @@ def breakaway(m, q, v, direction, motor, external, time, jammed):
 
 
 @numba.njit(cache=True)
-def firmware_duty(m, goal, q):
-    """Duty that the firmware sets for a goal and the shaft angle ``q`` [rad]."""
+def firmware_duty(m, goal, q, summed):
+    """Duty that the firmware sets for a goal, the shaft angle ``q`` [rad] and the error summed up so far [rad.s]."""
     reading = m.encoder_scale * q + m.encoder_offset
     if m.encoder_ticks > 0.0:
         tick = 2.0 * math.pi / m.encoder_ticks
         reading = tick * math.floor(reading / tick + 0.5)
     error = goal - reading
     duty = 0.0 if abs(error) < m.error_deadband else m.gain * error
+    duty += m.integral_gain * summed
     if m.duty_step > 0.0:
         duty = m.duty_step * math.floor(duty / m.duty_step)
     if m.minimum_duty > 0.0 and 1e-9 < abs(duty) < m.minimum_duty:
@@ -205,7 +209,7 @@ def simulate(m, goal_time, goal, jam_start, jam_end, duration, start_temperature
     q, v, bristle = goal[0] + m.goal_offset, 0.0, 0.0
     link, link_v = q, 0.0
     temperature = start_temperature
-    profile, profile_v = q, 0.0
+    profile, profile_v, smooth, summed = q, 0.0, q, 0.0
     relaxed = q  # where the cable pulls to
     command, jam = 0, 0
     for step in range(steps + 1):
@@ -213,12 +217,18 @@ def simulate(m, goal_time, goal, jam_start, jam_end, duration, start_temperature
         while command + 1 < len(goal_time) and goal_time[command + 1] + m.command_delay <= time:
             command += 1
         wanted = goal[command] + m.goal_offset
+        if m.goal_smoothing > 0.0:
+            smooth += STEP * (wanted - smooth) / (m.goal_smoothing + STEP)
+            wanted = smooth
         reach = m.goal_speed * STEP
         if math.isfinite(m.goal_acceleration):
             profile, profile_v = ramped(m, profile, profile_v, wanted)
         else:
             profile = wanted if abs(wanted - profile) <= reach else profile + math.copysign(reach, wanted - profile)
-        duty = firmware_duty(m, profile, q)
+        if m.integral_gain > 0.0:
+            most = INTEGRAL_DUTY / m.integral_gain
+            summed = min(max(summed + STEP * (profile - m.encoder_scale * q - m.encoder_offset), -most), most)
+        duty = firmware_duty(m, profile, q, summed)
         constant = m.motor_constant * (1.0 - m.torque_loss_per_kelvin * (temperature - AMBIENT))
         current = winding_current(m, constant, duty, v)
         if step % RECORD_EVERY == 0:

@@ -185,6 +185,7 @@ EFFECTS: dict[str, tuple[Size, Apply]] = {
     "drive.gain": _scaled("gain", 1.08, 1.5),
     "drive.delay": _plus("command_delay", _one, 0.002, 0.02),
     "drive.rate_limit": _becomes("goal_speed", lambda m: m.volts / m.motor_constant, 0.4, 2.0),
+    "drive.goal_filter": (lambda m, rng: log_uniform(rng, 0.005, 0.1), lambda m, value: m),  # by the host
     "drive.deadband": _becomes("error_deadband", _one, 0.008, 0.04),
     "drive.saturation": _scaled("duty_limit", 0.6, 0.93),
     "drive.supply_sag": _becomes("supply_resistance", lambda m: m.resistance, 0.06, 0.4),
@@ -205,10 +206,10 @@ STRANGERS: dict[str, tuple[Size, Apply]] = {
     "stranger.cable": _becomes("cable_stiffness", stall, 0.03, 0.15),
     "stranger.friction_drift": _becomes("friction_drift", lambda m: stall(m) / 24.0, 0.02, 0.08),
     "stranger.jams": _becomes("jam_torque", stall, 0.03, 0.12),
-    "stranger.goal_filter": (lambda m, rng: log_uniform(rng, 0.02, 0.1), lambda m, value: m),
+    "stranger.integral": _becomes("integral_gain", lambda m: m.gain, 0.5, 5.0),
     "stranger.gain_change": (lambda m, rng: float(rng.uniform(0.5, 0.8)), lambda m, value: m),
 }
-"""What no catalogue holds; the last two are of the firmware: an unknown filter, a gain that nobody logged."""
+"""What no catalogue holds; the last two are of the firmware: an integral term and a gain that nobody logged."""
 
 FAULTS = ("sign", "degrees", "held", "late stamps", "velocity unit", "columns behind", "unsigned current")
 """Of the recording, on top of what is hidden."""
@@ -236,7 +237,7 @@ def draw(seed: int) -> tuple[Hidden, Recorder, str]:
         hidden.machine = apply(hidden.machine, value)
         hidden.effects[name] = {"value": value}
         hidden.latency += value if name == "sensor.delay" else 0.0
-        hidden.filter = value if name == "stranger.goal_filter" else hidden.filter
+        hidden.filter = value if name == "drive.goal_filter" else hidden.filter
         hidden.gain_change = value if name == "stranger.gain_change" else hidden.gain_change
     if rng.random() < FAULT_SHARE:
         able = [f for f in FAULTS if not ("current" in f and "current" not in recorder.columns)]
@@ -344,7 +345,7 @@ def _size(hidden: Hidden, recorder: Recorder, name: str, seed: int) -> float:
     value = hidden.effects[name]["value"]
     alone = Hidden(apply(hidden.true, value), hidden.true, hidden.nominal)
     alone.latency = value if name == "sensor.delay" else 0.0
-    alone.filter = value if name == "stranger.goal_filter" else 0.0
+    alone.filter = value if name == "drive.goal_filter" else 0.0
     alone.gain_change = value if name == "stranger.gain_change" else 1.0
     plain = Hidden(hidden.true, hidden.true, hidden.nominal)
     seen = []

@@ -123,6 +123,36 @@ def test_a_goal_profile_speeds_up_and_brakes_at_its_acceleration_and_comes_to_re
     assert np.diff([limited(way) for _ in range(1000)]).max() == pytest.approx(0.7 * STEP, rel=1e-6)
 
 
+def test_a_goal_filter_covers_what_it_should_of_a_step_and_of_a_ramp():
+    constant = 0.02
+    joint = Joint([{"goal_filter": {"time_constant": constant}}, *UNIT])
+    joint(0.0)
+    time = np.arange(400) * STEP
+    assert np.array([joint(0.5) for _ in time]) == pytest.approx(0.5 * (1.0 - np.exp(-time / constant)), abs=1e-12)
+    assert joint.between(-1.0, 0.5) == pytest.approx(0.5, abs=1e-6)  # at this very instant it has not moved
+    ramp = Joint([{"goal_filter": {"time_constant": constant}}, *UNIT])
+    seen = np.array([ramp(0.3 * t) for t in time])
+    assert seen[-1] == pytest.approx(0.3 * (time[-1] - constant), abs=0.3 * STEP)
+    off = Joint([{"goal_filter": {"time_constant": 0.0, "period": 0.01}}, *UNIT])
+    assert [off(value) for value in (0.0, 0.5, -0.2)] == [0.0, 0.5, -0.2]
+
+
+def test_a_goal_filter_that_the_host_computes_once_a_period_is_half_of_it_ahead():
+    constant, period = 0.03, 0.01
+    joint = Joint([{"goal_filter": {"time_constant": constant, "period": period}}, *UNIT])
+    every = round(period / STEP)
+    goal = np.repeat(np.cumsum(np.random.default_rng(1).normal(size=60)), every)
+    joint(goal[0])
+    seen = np.array([joint(value) for value in goal])
+    held, share = [], 1.0 - math.exp(-period / constant)
+    value = goal[0]
+    for wanted in goal[::every]:
+        value += share * (wanted - value)
+        held += [value] * every
+    assert np.abs(seen - held).mean() < 0.5 * np.abs(np.diff(held)).mean() * every
+    assert abs(np.mean(seen - held)) < 0.02 * np.std(goal)
+
+
 def test_pd_and_pi_controllers_follow_their_equations():
     motor = UNIT[1]
     damped = Joint([{"position_pd": {"gain": 3.0, "damping": 0.5}}, motor])

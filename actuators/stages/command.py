@@ -1,4 +1,4 @@
-"""Stages on the way of a command to the controller: delay, rate limit, dead band, offset, gain."""
+"""Stages on the way of a command to the controller: delay, gain, offset, filter, rate limit, dead band."""
 
 from __future__ import annotations
 
@@ -111,6 +111,71 @@ def late_command(p, i, s, m, time, value, first):
 Delay.law = Law(start=start_delay, act=late_command)
 
 
+@register
+@dataclass(frozen=True, kw_only=True)
+class GoalFilter(Stage):
+    """Firmware or host smooths the goal with a low-pass filter of first order.
+
+    A host that computes it once per period and holds the result is, on average, half a period ahead of the filter that
+    a servo computes all the time.
+    """
+
+    name: ClassVar[str] = "goal_filter"
+    after: ClassVar[str] = "offset"
+    switches: ClassVar[bool] = True  # a jump that it smooths drives the duty into its limit in the midst of a step
+    derived: ClassVar[tuple[str, ...]] = ("kept",)  # of a jump of the goal, before the filter decays
+    takes: ClassVar[tuple[Quantity, ...]] = (Quantity.POSITION_GOAL,)
+
+    time_constant: float = parameter(None, "s", 0.0, 10.0, "time in which it covers 63 % of a step", neutral=0.0)
+    period: float = parameter(0.0, "s", 0.0, 1.0, "of the loop that computes it; 0: all the time")
+
+    def law_values(self, chain: Any) -> dict[str, float]:
+        ahead = 0.5 * self.period / max(self.time_constant, 1e-9)
+        return {**super().law_values(chain), "kept": math.exp(-ahead)}
+
+    def memory_size(self) -> int:
+        return 2
+
+
+GOAL_FILTER = GoalFilter.offsets()
+
+
+@compiled()
+def start_goal_filter(s, m, goal):
+    """Forget the past: the filter has settled at ``goal``; memory is [goal of the step, what is still to go of it]."""
+    s[m] = goal
+    s[m + 1] = 0.0
+    return goal
+
+
+@compiled()
+def smoothed(p, i, s, m, time, goal):
+    """Output of the filter at ``time``."""
+    if p[i + GOAL_FILTER.time_constant] <= 0.0:
+        return goal
+    left = math.exp(-max(time - s[S_TIME], 0.0) / p[i + GOAL_FILTER.time_constant])
+    return goal - left * s[m + 1] - p[i + GOAL_FILTER.kept] * (goal - s[m])  # a goal that came since: just now
+
+
+@compiled()
+def advance_goal_filter(p, i, s, m, time):
+    """Carry the filter to the end of the step that has passed."""
+    if p[i + GOAL_FILTER.time_constant] > 0.0:
+        s[m + 1] *= math.exp(-max(time - s[S_TIME], 0.0) / p[i + GOAL_FILTER.time_constant])
+
+
+@compiled()
+def filtered_goal(p, i, s, m, time, value, first):
+    """The goal as the filter lets it through."""
+    if first:
+        s[m + 1] += p[i + GOAL_FILTER.kept] * (value - s[m])
+        s[m] = value
+    return smoothed(p, i, s, m, time, value)
+
+
+GoalFilter.law = Law(start=start_goal_filter, advance=advance_goal_filter, act=filtered_goal)
+
+
 BOUNDLESS = 1e6  # [rad/s2] an acceleration that limits nothing
 
 
@@ -124,7 +189,7 @@ class RateLimit(Stage):
     """
 
     name: ClassVar[str] = "rate_limit"
-    after: ClassVar[str] = "offset"
+    after: ClassVar[str] = "goal_filter"
     switches: ClassVar[bool] = True
     takes: ClassVar[tuple[Quantity, ...]] = (Quantity.POSITION_GOAL,)
 

@@ -79,6 +79,25 @@ def acceleration_limit(nominal: JointModel) -> Cause:
     )
 
 
+@entry("drive.goal_filter", lacks("torque_command"))
+def goal_filter(nominal: JointModel) -> Cause:
+    """In the firmware or by the host, whose steps make the goal come earlier by half of its period."""
+    period = Parameter("goal_filter.period", "s", 0.0, 0.1, 0.005, 0.004)
+    alone: list[tuple[Parameter, ...]] = [
+        (Parameter("goal_filter.time_constant", "s", 0.0, 1.0, start, 0.004), period) for start in (0.05, 0.008)
+    ]
+    # as behind a profile: a loop that seemed slow because of the filter is stiffer than it seemed
+    loop = _loop_gain(nominal)
+    together = [(*alone[0], replace(factor(loop, 0.1, 10.0), start=2.0))] if loop else []
+    return Cause(
+        sentence="Firmware or host smooths the goal before the controller sees it.",
+        signature="lag",
+        picture="response",
+        variants=(*alone, *together),
+        degenerates_to=Limit("drive.delay", "the goal never jumps and moves slowly"),
+    )
+
+
 @entry("drive.deadband", lacks("torque_command"))
 def deadband(nominal: JointModel) -> Cause:
     del nominal
