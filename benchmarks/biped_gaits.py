@@ -22,7 +22,7 @@ from benchmarks.learned_biped import ALIKE, HEIGHT, JUDGED, SLIP, is_a_gait, wal
 from benchmarks.speed import RESULTS
 
 POLICIES = Path(__file__).resolve().parents[1] / "policies"
-KINDS = ("biped", "biped_steps")
+KINDS = ("biped",)
 STARTS, SECONDS = 4, 20.0
 OTHERS = ("ideal", "regression", "net")  # actuator models that no walker was trained with
 COLUMNS = (

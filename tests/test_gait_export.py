@@ -20,7 +20,7 @@ from sealegs.envs.contract import make_contract, start_pose
 from sealegs.hw.policy import Policy
 
 POLICIES = Path(__file__).resolve().parents[1] / "policies"
-KINDS = ("hopper", "biped", "biped_hopping", "biped_steps", "hexapod", "leg", "arm")
+KINDS = ("hopper", "biped", "biped_hopping", "hexapod", "leg", "arm")
 COMMITTED = sorted(f"{path.parent.parent.name}/{path.parent.name}" for path in POLICIES.glob("*/*/policy.json"))
 PARITY = 1e-5
 

@@ -271,7 +271,7 @@ def test_characterising_and_scanning_work_from_a_strangers_folder(installed: Str
 
 def test_the_policies_that_come_along_load() -> None:
     folders = sorted((REPOSITORY / "policies").glob("*/seed*"))
-    kinds = {"arm", "biped", "biped_hopping", "biped_steps", "hexapod", "hopper", "leg"}
+    kinds = {"arm", "biped", "biped_hopping", "hexapod", "hopper", "leg"}
     assert {folder.parent.name for folder in folders} == kinds
     for folder in folders:
         act, description = load_policy(folder)
