@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 from sealegs.actuators.chain import load_chain
 from sealegs.gap.causes.catalogue import adjustable
+from sealegs.gap.load.tree import TreeLoad
 from sealegs.gap.log.arrays import measured_set
 from sealegs.gap.log.types import MeasuredSet
 from sealegs.gap.replay.axis import Axis
@@ -63,9 +64,10 @@ def test_friction_is_named_though_the_amplifier_has_a_bias_that_nobody_knows(tmp
     assert values["friction.viscous"].value == pytest.approx(VISCOUS, rel=0.1)
 
 
-def test_a_joint_that_a_torque_drives_may_have_a_bias_within_the_tolerance_and_one_with_a_servo_may_not() -> None:
-    by_torque = JointModel(load_chain(CHAIN), axis=Axis(effort=50.0))
-    (bias,) = [p for p in adjustable(by_torque) if p.number == "offset.value"]
+def test_a_joint_that_a_torque_drives_may_have_a_bias_where_gravity_does_not_hold_it() -> None:
+    free = JointModel(load_chain(CHAIN), TreeLoad(typical_inertia=40.0), axis=Axis(effort=50.0))
+    (bias,) = [p for p in adjustable(free) if p.number == "offset.value"]
     assert (bias.low, bias.high) == (pytest.approx(-3.0), pytest.approx(3.0))
+    held = JointModel(load_chain(CHAIN), TreeLoad(typical_inertia=1.0, typical_gravity=9.0), axis=Axis(effort=50.0))
     servo = JointModel(load_chain([{"ideal": {"stiffness": 10.0, "damping": 0.1}}]))
-    assert not [p for p in adjustable(servo) if p.number == "offset.value"]
+    assert not [p for model in (held, servo) for p in adjustable(model) if p.number == "offset.value"]

@@ -123,6 +123,18 @@ def test_a_goal_profile_speeds_up_and_brakes_at_its_acceleration_and_comes_to_re
     assert np.diff([limited(way) for _ in range(1000)]).max() == pytest.approx(0.7 * STEP, rel=1e-6)
 
 
+def test_a_goal_profile_is_the_same_in_steps_of_any_length():
+    """On a public arm it moved by several noise floors from one step of the replay to another."""
+    rng = np.random.default_rng(2)
+    goals = np.cumsum(rng.normal(0.0, 0.05, 40))
+    seen = []
+    for every in (10, 4, 1):  # steps to a goal
+        chain = [{"rate_limit": {"acceleration": 20.0, "speed": 0.8}}, *UNIT]
+        joint = Joint(chain, goal=goals[0], step=0.02 / every)
+        seen.append(np.array([[joint(goal) for _ in range(every)][0] for goal in goals]))
+    assert np.ptp(seen, axis=0).max() < 1e-9 and np.ptp(seen[0]) > 0.05
+
+
 def test_a_goal_filter_covers_what_it_should_of_a_step_and_of_a_ramp():
     constant = 0.02
     joint = Joint([{"goal_filter": {"time_constant": constant}}, *UNIT])

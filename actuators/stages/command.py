@@ -213,26 +213,36 @@ def start_profile(s, m, goal):
 
 
 @compiled()
-def profile_speed(p, i, s, m, dt, goal):
-    """Speed of the profile after ``dt``; memory is [profile at the start of the step, its target, its speed].
+def profile_move(way, speed, fastest, acceleration, dt):
+    """Way and speed of a profile after ``dt``, in the shortest time to rest at a goal ``way`` off: push, cruise, brake.
 
-    The largest speed from which it still comes to rest at the goal at the acceleration, reached at no more than that;
-    what the last step adds is taken off, so that steps of any length do not overshoot.
+    Exact for any length of the step, so that what a fit sees does not change with it.
     """
-    way, gained = goal - s[m], p[i + RATE_LIMIT.acceleration] * dt
-    stopping = math.sqrt(2.0 * p[i + RATE_LIMIT.acceleration] * abs(way) + 0.25 * gained * gained) - 0.5 * gained
-    wanted = math.copysign(min(stopping, p[i + RATE_LIMIT.speed]), way)
-    return min(max(wanted, s[m + 2] - gained), s[m + 2] + gained)
+    side = 1.0 if way - 0.5 * speed * abs(speed) / acceleration >= 0.0 else -1.0
+    way, speed = side * way, side * speed  # now the push is upwards
+    peak = max(min(math.sqrt(max(acceleration * way + 0.5 * speed * speed, 0.0)), fastest), speed)
+    push = (peak - speed) / acceleration
+    if dt < push:
+        return side * (speed + 0.5 * acceleration * dt) * dt, side * (speed + acceleration * dt)
+    moved, brake = 0.5 * (speed + peak) * push, peak / acceleration
+    cruise = max(way - moved - 0.5 * peak * brake, 0.0) / peak if peak > 0.0 else 0.0
+    if dt < push + cruise:
+        return side * (moved + peak * (dt - push)), side * peak
+    braked = dt - push - cruise
+    if braked < brake:
+        moved += peak * cruise + (peak - 0.5 * acceleration * braked) * braked
+        return side * moved, side * (peak - acceleration * braked)
+    return side * way, 0.0
 
 
 @compiled()
 def profile(p, i, s, m, time, goal):
-    """Goal after the profile at ``time``."""
+    """Goal after the profile at ``time``; memory is [profile at the start of the step, its target, its speed]."""
     dt, way = max(time - s[S_TIME], 0.0), goal - s[m]
     if p[i + RATE_LIMIT.acceleration] >= BOUNDLESS:
         reach = p[i + RATE_LIMIT.speed] * dt
         return s[m] + min(max(way, -reach), reach)
-    return s[m] + dt * profile_speed(p, i, s, m, dt, goal)
+    return s[m] + profile_move(way, s[m + 2], p[i + RATE_LIMIT.speed], p[i + RATE_LIMIT.acceleration], dt)[0]
 
 
 @compiled()
@@ -242,8 +252,10 @@ def advance_profile(p, i, s, m, time):
         s[m] = profile(p, i, s, m, time, s[m + 1])
         return
     dt = max(time - s[S_TIME], 0.0)
-    s[m + 2] = profile_speed(p, i, s, m, dt, s[m + 1])
-    s[m] += dt * s[m + 2]
+    moved, s[m + 2] = profile_move(
+        s[m + 1] - s[m], s[m + 2], p[i + RATE_LIMIT.speed], p[i + RATE_LIMIT.acceleration], dt
+    )
+    s[m] += moved
 
 
 @compiled()

@@ -71,14 +71,14 @@ def adjustable(nominal: JointModel, width: float = TIGHT) -> list[Parameter]:
             ]
     if nominal.by_torque:  # per torque that is commanded
         found.append(Parameter("scale.factor", "1", low, high, 1.0, 0.05, logarithmic=True))
-        # and no amplifier is without bias, which without a loop around it adds up to more than friction does
         bias = min(width, WIDEST_BIAS) * (nominal.axis.effort or 1.0)
-        found.append(Parameter("offset.value", "N.m", -bias, bias, 0.0, 0.2 * bias))
+        if nominal.load.pull_back * nominal.axis.reach < bias:  # where nothing holds it, it adds up to more than friction
+            found.append(Parameter("offset.value", "N.m", -bias, bias, 0.0, 0.2 * bias))
     found += [Parameter(f"load.{key}", "1", low, high, 1.0, 0.05, logarithmic=True) for key in nominal.load.tunable]
     return [*found, *nominal.unknown]
 
 
-WIDEST_BIAS = 0.5  # of a torque command, in parts of the largest
+WIDEST_BIAS = 0.5  # of an amplifier, in parts of the largest command
 ADJUSTABLE: dict[str, tuple[str, ...]] = {
     "delay": ("seconds",),
     "dc_motor": ("motor_constant", "resistance", "armature"),

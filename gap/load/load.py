@@ -33,6 +33,11 @@ class Load(Protocol):
         ...
 
     @property
+    def pull_back(self) -> float:
+        """Largest change of gravity's torque with the angle [N.m/rad]: what holds a constant torque in place."""
+        ...
+
+    @property
     def predictable(self) -> bool:
         """Whether its numbers alone say what it does on a motion that nobody has made yet."""
         ...

@@ -42,6 +42,11 @@ class PendulumLoad:
         return ()
 
     @property
+    def pull_back(self) -> float:
+        """Unbounded: it always hangs."""
+        return math.inf
+
+    @property
     def predictable(self) -> bool:
         """It hangs on nothing else that moves."""
         return True

@@ -57,6 +57,11 @@ class TreeLoad:
         return ("mass_factor",)
 
     @property
+    def pull_back(self) -> float:
+        """As it was along the log."""
+        return self.typical_gravity * self.mass_factor
+
+    @property
     def predictable(self) -> bool:
         """It depends on how the other joints move."""
         return False

@@ -8,24 +8,26 @@ from typing import TypeVar
 import numpy as np
 
 from ...actuators import Chain
-from .problem import JointProblem
+from .problem import JointProblem, Problem
 from .simulator import ELASTIC_STEP, EVENT_STEP, SWITCHING
 
 ROBOT_STEP = 5e-3  # [s] tried first at joints of robots, whose logs are coarser and longer than those of benches
 STEPS = (2.5e-3, 1.7e-3, 1e-3, 5e-4, 2.5e-4, 1e-4)  # [s]
 
 Joint = TypeVar("Joint", bound=JointProblem)
+AnyProblem = TypeVar("AnyProblem", bound=Problem)
 
 
 def largest_step(chain: Chain, coarse: float = 1.0) -> float:
     """The largest step that resolves what lies between motor and link, and firmware that switches [s].
 
-    ``coarse`` is how many times longer that of teeth and switches may be.
+    ``coarse`` is how many times longer that of teeth and switches may be; teeth are springs, too.
     """
     play = chain.find("backlash")
-    if (play is not None and play.width > 0.0) or any(chain.find(stage) is not None for stage in SWITCHING):
-        return EVENT_STEP * coarse
-    return ELASTIC_STEP if chain.find("spring") is not None or chain.find("compliance") is not None else np.inf
+    teeth = play is not None and play.width > 0.0
+    elastic = ELASTIC_STEP if teeth or chain.find("spring") or chain.find("compliance") else np.inf
+    switches = teeth or any(chain.find(stage) is not None for stage in SWITCHING)
+    return min(EVENT_STEP * coarse if switches else np.inf, elastic)
 
 
 def converged(problem: Joint) -> Joint:
@@ -41,3 +43,12 @@ def converged(problem: Joint) -> Joint:
         if np.sqrt(np.mean((whole - halved) ** 2)) < 0.1 * problem.noise:
             break
     return replace(problem, step=step)
+
+
+def coarsened(problem: AnyProblem, usual: float, of_robots: float) -> AnyProblem:
+    """The problem as a search replays it, with a longer step of play and switches (factors on :data:`EVENT_STEP`).
+
+    Where the replay converges at the longer step of robots, their motion is slow or their log coarse: what switches does
+    not need a finer one either.
+    """
+    return problem.with_step_factor(of_robots if problem.step > STEPS[0] else usual)

@@ -13,6 +13,7 @@ from ..log.progress import Milestone, Progress
 from ..replay.parameters import Parameter
 from ..replay.problem import Problem
 from ..replay.robust import robust_loss
+from ..replay.steps import coarsened
 from . import decide
 from .correlated import excess
 from .fit import Fit, fit, merge, middle
@@ -82,7 +83,7 @@ class Searcher:
     replaced: set[str] = field(default_factory=set, init=False)  # causes that a later one made redundant
 
     def __post_init__(self) -> None:
-        self.problem = self.problem.with_step_factor(self.settings.coarse_step)
+        self.problem = coarsened(self.problem, self.settings.coarse_step, self.settings.coarse_robot_step)
         self.nominal = self.problem.models[0]
         self.considered = tuple(self.causes)
         temperature_range = self.problem.temperature_range

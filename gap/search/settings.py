@@ -89,6 +89,7 @@ class SearchSettings:
     )
     iterations: int = threshold(25, "Iterations of a fit to convergence, at most.")
     coarse_step: float = threshold(2.0, "Factor on the largest step for play and switching firmware during the search.")
+    coarse_robot_step: float = threshold(10.0, "The same where the replay converges at the longer step of robots.")
     most_causes: int = threshold(6, "Causes after which the search ends.")
     least_temperature_range: float = threshold(
         1.0, "Change of the temperature [K] from which a thermal cause can show."

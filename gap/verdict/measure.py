@@ -12,6 +12,7 @@ from ..log.parts import FIT_A, FIT_B, TEST
 from ..replay.parameters import Parameter, absolute
 from ..replay.problem import Nominal, Problem
 from ..replay.robust import robust_loss
+from ..replay.steps import coarsened
 from ..search.fit import Fit, fit, middle
 from ..search.result import Search
 from ..search.settings import DEFAULT
@@ -171,7 +172,7 @@ def _name_causes(
     """Causes with shares, confidence, rivals and intervals, and the share of the tuned numbers."""
     if not search.accepted:
         return (), explained
-    debts = owed(fitting.with_step_factor(search.settings.coarse_step), search)
+    debts = owed(coarsened(fitting, search.settings.coarse_step, search.settings.coarse_robot_step), search)
     shares, tuned_share = debts.shares(explained)
     final = search.accepted[-1]
     rounds = [r for r in search.rounds if r.accepted]
