@@ -55,7 +55,7 @@ def carriage(folder: Path, seconds: float = 15.0) -> MeasuredSet:
 
 @pytest.mark.long
 def test_friction_is_named_though_the_amplifier_has_a_bias_that_nobody_knows(tmp_path: Path) -> None:
-    """On 15 s of a public carriage with a bias of 3 N, friction was withdrawn for refitted numbers that were nonsense."""
+    """On 15 s of a public carriage with 3 N of bias, friction was withdrawn for refitted numbers without a meaning."""
     (found,) = diagnose(carriage(tmp_path))
     assert found.gap["extended"].rmse < 0.02 * found.gap["nominal"].rmse
     assert {cause.name for cause in found.causes} == {"friction.coulomb", "friction.viscous"}

@@ -48,7 +48,7 @@ def converged(problem: Joint) -> Joint:
 def coarsened(problem: AnyProblem, usual: float, of_robots: float) -> AnyProblem:
     """The problem as a search replays it, with a longer step of play and switches (factors on :data:`EVENT_STEP`).
 
-    Where the replay converges at the longer step of robots, their motion is slow or their log coarse: what switches does
-    not need a finer one either.
+    Where the replay converges at the longer step of robots, their motion is slow or their log coarse, and what switches
+    needs no finer one either.
     """
     return problem.with_step_factor(of_robots if problem.step > STEPS[0] else usual)

@@ -160,7 +160,8 @@ class Searcher:
         What a part does not show at all so stays as the other part has it.
         """
         joint = fit(self.sketch, parameters, start, self.settings.iterations)
-        a, b = (fit(part, parameters, joint.values, self.settings.iterations) for part in self.parts)
+        more = self.settings.iterations if self.sketch is self.both else self.settings.sketched_iterations
+        a, b = (fit(part, parameters, joint.values, more) for part in self.parts)
         return a, b
 
     def judged(self, fits: tuple[Fit, Fit]) -> Judged:

@@ -88,6 +88,9 @@ class SearchSettings:
         4.0, "Relative change that refitting alone may make to a number: up to five times, down to a fifth."
     )
     iterations: int = threshold(25, "Iterations of a fit to convergence, at most.")
+    sketched_iterations: int = threshold(
+        6, "The same to each part of a log that is sketched, where it starts from the optimum of the sketch."
+    )
     coarse_step: float = threshold(2.0, "Factor on the largest step for play and switching firmware during the search.")
     coarse_robot_step: float = threshold(10.0, "The same where the replay converges at the longer step of robots.")
     most_causes: int = threshold(6, "Causes after which the search ends.")
