@@ -95,6 +95,7 @@ def goal_filter(nominal: JointModel) -> Cause:
         picture="response",
         variants=(*alone, *together),
         degenerates_to=Limit("drive.delay", "the goal never jumps and moves slowly"),
+        instead_of=("drive.rate_limit", "drive.acceleration_limit"),
     )
 
 
