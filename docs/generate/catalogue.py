@@ -105,10 +105,6 @@ def _section(cause: Cause, needs: str | None = None) -> str:
         rows.append(f" Refuted by: samples of `{cause.refuted_by.channel}` above the fitted limit.")
     if cause.degenerates_to is not None:
         rows.append(f" Cannot be told from `{cause.degenerates_to.cause}` where {cause.degenerates_to.where}.")
-    if cause.instead_of:
-        rows.append(
-            f" Not sought beside {' or '.join(f'`{name}`' for name in cause.instead_of)}: it stands instead of it."
-        )
     rows.append("\n")
     picture = DOCS / "pictures" / "causes" / f"{cause.name}.png"
     if picture.exists():

@@ -105,7 +105,6 @@ class Cause:
         needs: what a replay must have to show it.
         refuted_by: what in a log shows that it is not there.
         degenerates_to: the cause that it cannot be told from in poorer data.
-        instead_of: causes that shape the same signal another way: a machine has one of them, and none next to this one.
         name: as in ``diagnosis.json``.
         about: body of a robot that it is of, where several causes of a search have one name.
         seen: whether it was read off the log, so that every round tries it.
@@ -124,7 +123,6 @@ class Cause:
     needs: Needs = Needs()
     refuted_by: Ceiling | None = None
     degenerates_to: Limit | None = None
-    instead_of: tuple[str, ...] = ()
     name: str = ""
     about: str = ""
     seen: bool = False
@@ -142,10 +140,6 @@ class Cause:
     def periodic(self) -> bool:
         """Whether it repeats over something, so that it has a phase."""
         return any(p.phase for variant in self.variants for p in variant)
-
-    def shuts_out(self, other: Cause) -> bool:
-        """Whether a machine that has the one has not the other."""
-        return other.name in self.instead_of or self.name in other.instead_of
 
     def edge(self, variant: Variant) -> Parameter | None:
         """The parameter of a variant that tells where the cause is the one that it degenerates to."""

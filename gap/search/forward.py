@@ -230,9 +230,7 @@ class Searcher:
             left: its loss per value beyond that of the noise.
         """
         settings = self.settings
-        named = [candidate.cause for candidate in accepted]
-        shut_out = {cause.key for cause in self.shown if any(one.shuts_out(cause) for one in named)}
-        taken = {cause.key for cause in named} | self.replaced | shut_out
+        taken = {candidate.cause.key for candidate in accepted} | self.replaced
         extended = merge(self.tuned, *(candidate.variant for candidate in accepted))
         here = middle(*current.fits)
         screened = screen(self.sketch, [c for c in self.shown if c.key not in taken], extended, here, settings)
