@@ -121,6 +121,15 @@ def page(rows: Sequence[dict[str, Any]]) -> str:
     for row in rows:
         counts[outcome(row)] = counts.get(outcome(row), 0) + 1
     lines = [
+        "# Hidden effects on arms",
+        "",
+        f"{len(rows)} of {sum(1 for _ in cases())} arms with two or six joints, at 10 kHz, whose plant shares no code "
+        "with the project (`testbed/arm_physics.py`); nominal numbers are 5 % wrong. Made by "
+        "`python -m benchmarks.hidden_arm`, which can be stopped and goes on. Right: the hidden cause is the first at its joint, "
+        "and none is named with "
+        f"{SURE:g} or more at another. Flagged: a stranger's joint is said to be open. Quiet: nothing is named with "
+        f"{SURE:g} or more where nothing is hidden.",
+        "",
         ", ".join(f"{name} {count}" for name, count in sorted(counts.items())) + f" of {len(rows)} arms.",
         "",
         "| arm | outcome | what was named | s per joint |",

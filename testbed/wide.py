@@ -70,7 +70,7 @@ class Hidden:
         nominal: what the sidecar believes.
         effects: value and size (rms change of the position over the noise floor) by name.
         latency: of the position's reading [s].
-        filter: time constant of an unknown filter of the goal [s].
+        filter: time constant of the low-pass filter that the host puts on the goal [s].
         gain_change: factor on the gain in every second run.
         fault: of the recording; empty for none.
     """

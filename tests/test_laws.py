@@ -151,18 +151,18 @@ def test_a_goal_filter_covers_what_it_should_of_a_step_and_of_a_ramp():
 
 def test_a_goal_filter_that_the_host_computes_once_a_period_is_half_of_it_ahead():
     constant, period = 0.03, 0.01
-    joint = Joint([{"goal_filter": {"time_constant": constant, "period": period}}, *UNIT])
     every = round(period / STEP)
-    goal = np.repeat(np.cumsum(np.random.default_rng(1).normal(size=60)), every)
-    joint(goal[0])
-    seen = np.array([joint(value) for value in goal])
+    goal = np.repeat(np.cumsum(np.random.default_rng(1).normal(size=600)), every)
     held, share = [], 1.0 - math.exp(-period / constant)
     value = goal[0]
     for wanted in goal[::every]:
         value += share * (wanted - value)
         held += [value] * every
-    assert np.abs(seen - held).mean() < 0.5 * np.abs(np.diff(held)).mean() * every
-    assert abs(np.mean(seen - held)) < 0.02 * np.std(goal)
+    errors = {}
+    for believed in (0.0, 0.5 * period, period, 1.5 * period, 2.0 * period):
+        joint = Joint([{"goal_filter": {"time_constant": constant, "period": believed}}, *UNIT], goal=goal[0])
+        errors[believed] = np.std([joint(wanted) - value for wanted, value in zip(goal, held, strict=True)])
+    assert min(errors, key=errors.__getitem__) == period, errors
 
 
 def test_pd_and_pi_controllers_follow_their_equations():

@@ -313,7 +313,7 @@ class Offset(Stage):
     repeats: ClassVar[bool] = True
     takes: ClassVar[tuple[Quantity, ...]] = SIGNALS
 
-    value: float = parameter(None, "rad, duty or N.m", -10.0, 10.0, "added to the signal", neutral=0.0)
+    value: float = parameter(None, "rad, duty or N.m", -1e4, 1e4, "added to the signal", neutral=0.0)
 
 
 OFFSET = Offset.offsets()

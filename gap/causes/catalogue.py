@@ -71,9 +71,11 @@ def adjustable(nominal: JointModel, width: float = TIGHT) -> list[Parameter]:
             ]
     if nominal.by_torque:  # per torque that is commanded
         found.append(Parameter("scale.factor", "1", low, high, 1.0, 0.05, logarithmic=True))
-        bias = min(width, WIDEST_BIAS) * (nominal.axis.effort or 1.0)
-        if nominal.load.pull_back * nominal.axis.reach < bias:  # nothing holds it: it adds up to more than friction
-            found.append(Parameter("offset.value", "N.m", -bias, bias, 0.0, 0.2 * bias))
+        effort, believed = nominal.axis.effort or 1.0, nominal.value("offset.value")
+        # where nothing holds it, the bias of an amplifier adds up to more than friction
+        if nominal.load.pull_back * nominal.axis.reach < TIGHT * effort:
+            bias = min(width, WIDEST_BIAS) * effort
+            found.append(Parameter("offset.value", "N.m", believed - bias, believed + bias, believed, 0.2 * bias))
     found += [Parameter(f"load.{key}", "1", low, high, 1.0, 0.05, logarithmic=True) for key in nominal.load.tunable]
     return [*found, *nominal.unknown]
 
