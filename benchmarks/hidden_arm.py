@@ -125,8 +125,8 @@ def page(rows: Sequence[dict[str, Any]]) -> str:
         "",
         f"{len(rows)} of {sum(1 for _ in cases())} arms with two or six joints, at 10 kHz, whose plant shares no code "
         "with the project (`testbed/arm_physics.py`); nominal numbers are 5 % wrong. Made by "
-        "`python -m benchmarks.hidden_arm`, which can be stopped and goes on. Right: the hidden cause is the first at its "
-        "joint, and none is named with "
+        "`python -m benchmarks.hidden_arm`, which can be stopped and goes on. Right: the hidden cause is the first at "
+        "its joint, and none is named with "
         f"{SURE:g} or more at another. Flagged: a stranger's joint is said to be open. Quiet: nothing is named with "
         f"{SURE:g} or more where nothing is hidden.",
         "",
