@@ -18,6 +18,12 @@ def _loop_gain(nominal: JointModel) -> str | None:
     return next((f"{name}.gain" for name in LOOPS if nominal.chain.find(name)), None)
 
 
+def _stiffer_loop(nominal: JointModel) -> list[tuple[Parameter, ...]]:
+    """The gain beside a cause that shapes the goal: a loop that seemed slow because of it is stiffer than it seemed."""
+    loop = _loop_gain(nominal)
+    return [(replace(factor(loop, 0.1, 10.0), start=2.0),)] if loop else []
+
+
 @entry("drive.gain", has_any(*LOOPS, "ideal"))
 def gain(nominal: JointModel) -> Cause:
     return Cause(
@@ -67,9 +73,7 @@ def acceleration_limit(nominal: JointModel) -> Cause:
         for start in (5.0, 30.0, 300.0)
     ]
     alone: list[tuple[Parameter, ...]] = [(limit,) for limit in limits]
-    # a loop that seemed slow because of its profile is stiffer than it seemed: both only pay together
-    loop = _loop_gain(nominal)
-    together = [(limit, replace(factor(loop, 0.1, 10.0), start=2.0)) for limit in limits[1:]] if loop else []
+    together = [(limit, *gain) for gain in _stiffer_loop(nominal) for limit in limits[1:]]  # they only pay together
     return Cause(
         sentence="The firmware speeds its goal up no faster than a limit.",
         signature="lag",
@@ -87,9 +91,7 @@ def goal_filter(nominal: JointModel) -> Cause:
     alone: list[tuple[Parameter, ...]] = [
         (Parameter("goal_filter.time_constant", "s", 0.0, 1.0, start, 0.004), period) for start in (0.05, 0.008)
     ]
-    # as behind a profile: a loop that seemed slow because of the filter is stiffer than it seemed
-    loop = _loop_gain(nominal)
-    together = [(*alone[0], replace(factor(loop, 0.1, 10.0), start=2.0))] if loop else []
+    together = [(*alone[0], *gain) for gain in _stiffer_loop(nominal)]
     return Cause(
         sentence="Firmware or host smooths the goal before the controller sees it.",
         signature="lag",

@@ -8,14 +8,13 @@ from typing import TypeVar
 import numpy as np
 
 from ...actuators import Chain
-from .problem import JointProblem, Problem
+from .problem import JointProblem
 from .simulator import ELASTIC_STEP, EVENT_STEP, SWITCHING
 
 ROBOT_STEP = 5e-3  # [s] tried first at joints of robots, whose logs are coarser and longer than those of benches
 STEPS = (2.5e-3, 1.7e-3, 1e-3, 5e-4, 2.5e-4, 1e-4)  # [s]
 
 Joint = TypeVar("Joint", bound=JointProblem)
-AnyProblem = TypeVar("AnyProblem", bound=Problem)
 
 
 def largest_step(chain: Chain, coarse: float = 1.0) -> float:
@@ -38,19 +37,10 @@ def converged(problem: Joint) -> Joint:
     A quarter would be invisible in the error, but not to a search that looks for structure in it.
     """
     step = problem.step
-    # a chain that switches is replayed in shorter steps whatever is tried here: it says nothing of the longest ones
-    switches = largest_step(problem.models[0].chain) < np.inf
-    for step in [length for length in problem.steps if not switches or length <= STEPS[0]]:
+    # a chain with springs or switches is replayed in shorter steps whatever is tried, and says nothing of long ones
+    bounded = largest_step(problem.models[0].chain) < np.inf
+    for step in [length for length in problem.steps if not bounded or length <= STEPS[0]]:
         whole, halved = (problem.position_error(problem.simulate([{}], s)[0]) for s in (step, step / 2.0))
         if np.sqrt(np.mean((whole - halved) ** 2)) < 0.1 * problem.noise:
             break
     return replace(problem, step=step)
-
-
-def coarsened(problem: AnyProblem, usual: float, of_robots: float) -> AnyProblem:
-    """The problem as a search replays it, with a longer step of play and switches (factors on :data:`EVENT_STEP`).
-
-    Where the replay converges at the longer step of robots, their motion is slow or their log coarse, and what switches
-    needs no finer one either.
-    """
-    return problem.with_step_factor(of_robots if problem.step > STEPS[0] else usual)

@@ -13,7 +13,6 @@ from ..log.progress import Milestone, Progress
 from ..replay.parameters import Parameter
 from ..replay.problem import Problem
 from ..replay.robust import robust_loss
-from ..replay.steps import coarsened
 from . import decide
 from .correlated import excess
 from .fit import Fit, fit, merge, middle
@@ -22,7 +21,7 @@ from .result import Candidate, Round, Search
 from .screen import screen
 from .settings import DEFAULT, SearchSettings
 from .simpler import at_bound, elaborates, visited
-from .sketch import sketch
+from .sketch import coarsened, sketch
 
 NEVER = float("nan")  # promise of a screen that was not run
 NUMERICAL = (np.linalg.LinAlgError, ArithmeticError)
@@ -83,7 +82,7 @@ class Searcher:
     replaced: set[str] = field(default_factory=set, init=False)  # causes that a later one made redundant
 
     def __post_init__(self) -> None:
-        self.problem = coarsened(self.problem, self.settings.coarse_step, self.settings.coarse_robot_step)
+        self.problem = coarsened(self.problem, self.settings)
         self.nominal = self.problem.models[0]
         self.considered = tuple(self.causes)
         temperature_range = self.problem.temperature_range

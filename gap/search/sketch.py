@@ -1,4 +1,4 @@
-"""Less data for what only has to be about right: pieces spread evenly over a long log."""
+"""Less work for what only has to be about right: pieces spread evenly over a long log, and longer steps."""
 
 from __future__ import annotations
 
@@ -8,6 +8,8 @@ from typing import TypeVar
 
 from ..log.parts import FIT_A, FIT_B
 from ..replay.problem import Problem
+from ..replay.steps import STEPS
+from .settings import SearchSettings
 
 SKETCHED = -1  # label of the pieces that are kept
 
@@ -36,6 +38,16 @@ def sketch(problem: AnyProblem, seconds: float) -> AnyProblem:
         kept |= set(mine[first::every] or mine[:1])
     units = tuple(replace(unit, part=SKETCHED) if k in kept else unit for k, unit in enumerate(problem.units))
     return replace(problem, units=units).part(SKETCHED)
+
+
+def coarsened(problem: AnyProblem, settings: SearchSettings) -> AnyProblem:
+    """The problem with the longer steps of play and switches that a search replays.
+
+    Where the replay converges at the longer step of robots, their motion is slow or their log coarse, and what switches
+    needs no finer one either.
+    """
+    slow = problem.step > STEPS[0]
+    return problem.with_step_factor(settings.coarse_robot_step if slow else settings.coarse_step)
 
 
 def _judged(problem: Problem) -> list[tuple[int, int]]:

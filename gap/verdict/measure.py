@@ -12,10 +12,10 @@ from ..log.parts import FIT_A, FIT_B, TEST
 from ..replay.parameters import Parameter, absolute
 from ..replay.problem import Nominal, Problem
 from ..replay.robust import robust_loss
-from ..replay.steps import coarsened
 from ..search.fit import Fit, fit, middle
 from ..search.result import Search
 from ..search.settings import DEFAULT
+from ..search.sketch import coarsened
 from ..search.structure import Structure, structure
 from .decide import confidence, standing
 from .evidence import THRESHOLDS
@@ -172,7 +172,7 @@ def _name_causes(
     """Causes with shares, confidence, rivals and intervals, and the share of the tuned numbers."""
     if not search.accepted:
         return (), explained
-    debts = owed(coarsened(fitting, search.settings.coarse_step, search.settings.coarse_robot_step), search)
+    debts = owed(coarsened(fitting, search.settings), search)
     shares, tuned_share = debts.shares(explained)
     final = search.accepted[-1]
     rounds = [r for r in search.rounds if r.accepted]
