@@ -24,9 +24,11 @@ from pathlib import Path
 from typing import Any, ClassVar
 
 import numba
+from numba import types
 from numba.core.caching import CompileResultCacheImpl, FunctionCache, _CacheLocator
 from numba.core.ccallback import CFunc
 from numba.core.dispatcher import Dispatcher
+from numba.extending import intrinsic
 
 from .atomic import written
 
@@ -82,6 +84,21 @@ class Compiler:
 
 
 compiled = Compiler("the actuator laws", "about a minute")
+
+
+@intrinsic
+def pointer(typingctx: Any, array: Any) -> Any:
+    """An array as a pointer to its first number, which compiled functions index as they do the array.
+
+    numba hands an array on in seven words and asks of each index whether it counts from the end: together half of the
+    time of a law. It must be contiguous, and whoever made it must use it once more behind the last use of the pointer;
+    numba frees it after what it knows to be the last.
+    """
+
+    def codegen(context: Any, builder: Any, signature: Any, args: Any) -> Any:
+        return context.make_array(signature.args[0])(context, builder, args[0]).data
+
+    return types.CPointer(array.dtype)(array), codegen
 
 
 def folder() -> Path:

@@ -18,7 +18,7 @@ import mujoco
 import numba
 import numpy as np
 from llvmlite import ir
-from numba import carray, types  # pyright: ignore[reportPrivateImportUsage]
+from numba import types  # pyright: ignore[reportPrivateImportUsage]
 from numba.extending import intrinsic
 
 from .compiled import compiled
@@ -38,7 +38,6 @@ from .layout import (
     P_QPOS,
     P_SCALE,
     P_STATE_ADDRESS,
-    P_STATE_SIZE,
     P_TERMS,
     P_VISCOUS,
     S_KNOWN,
@@ -191,11 +190,8 @@ def compiled_law() -> Any:
         address = load_address(model + model_user) + 8 * width * actuator
         if load_double(address) != MAGIC:
             return 0.0
-        p = carray(doubles(address), int(load_double(address + 8 * P_LENGTH)))
-        s = carray(
-            doubles(load_address(data + at_user) + 8 * int(p[P_STATE_ADDRESS])),
-            int(p[P_STATE_SIZE]),
-        )
+        p = doubles(address)
+        s = doubles(load_address(data + at_user) + 8 * int(p[P_STATE_ADDRESS]))
         qpos, qvel = doubles(load_address(data + at_qpos)), doubles(load_address(data + at_qvel))
         spring, applied = doubles(load_address(data + at_spring)), doubles(load_address(data + at_applied))
         damper, gravity = doubles(load_address(data + at_damper)), doubles(load_address(data + at_bias))

@@ -184,12 +184,11 @@ def sample_net(p, i, s, m, time, goal):
     weight = mean + 4 * inputs
     for layer in range(layers - 1):
         wide, high = int(p[sizes + layer]), int(p[sizes + layer + 1])
-        x = s[now : now + wide]
         for row in range(high):
-            w = p[weight + row * wide : weight + (row + 1) * wide]
+            at = weight + row * wide
             total = p[weight + high * wide + row]
             for k in range(wide):
-                total += w[k] * x[k]
+                total += p[at + k] * s[now + k]
             s[other + row] = total / (1.0 + abs(total)) if layer < layers - 2 else total
         weight += high * wide + high
         now, other = other, now

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
-from ...actuators.compiled import Compiler
+from ...actuators.compiled import Compiler, pointer
 
 compiled = Compiler("the replay of a joint", "about a minute")
+
+__all__ = ["compiled", "pointer"]

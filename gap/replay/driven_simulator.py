@@ -12,10 +12,18 @@ import math
 import numba
 import numpy as np
 
-from ...actuators.law import advance, begin, idle_torque, torque
+from ...actuators.law import (
+    HAS_ACT,
+    HAS_ADVANCE,
+    advance_stages,
+    begin,
+    idle_torque,
+    stages_of,
+    torque_of_stages,
+)
 from ...actuators.layout import P_LATENCY, P_STATE_SIZE, S_CURRENT, S_DUTY, S_LIMIT, S_TIME, S_VOLTAGE
 from ...actuators.stages.friction import REST_SPEED
-from .compiled import compiled
+from .compiled import compiled, pointer
 from .constants import K
 from .simulator import coupling_torque, drive, host_reading_smooth, joint_state, next_change, slide
 from .terms import E_SIZE
@@ -56,12 +64,24 @@ def replay_driven(p, k, time, goal, on, temperature, link, q0, w0, step, out):
     """
     s = np.zeros(int(p[P_STATE_SIZE]))
     x = np.empty(4)
+    acting, advancing = stages_of(p, HAS_ACT), stages_of(p, HAS_ADVANCE)
     nothing = np.zeros(E_SIZE)  # that the link, which moves as measured, works against
-    coupled = k[K.coupled] > 0.0
-    if not coupled and p[P_LATENCY] > 0.0:  # what moves the motor is the joint, which was read late
+    if k[K.coupled] == 0.0 and p[P_LATENCY] > 0.0:  # what moves the motor is the joint, which was read late
         moved = np.empty(link.shape)
         ahead(time, link, p[P_LATENCY], moved)
         link = moved
+    _replay_driven(
+        pointer(acting), pointer(advancing), pointer(p), pointer(k), pointer(s), pointer(x), pointer(nothing),
+        time, goal, on, temperature, link, q0, w0, step, out,
+    )  # fmt: skip
+    # the memory behind the pointers must live until here
+    return acting[0] + advancing[0] + s[0] + x[0] + nothing[0]
+
+
+@compiled()
+def _replay_driven(acting, advancing, p, k, s, x, nothing, time, goal, on, temperature, link, q0, w0, step, out):
+    """As :func:`replay_driven`, in memory that it made."""
+    coupled = k[K.coupled] > 0.0
     q0, w0 = joint_state(p, k, q0, w0)
     x[0], x[1], x[2], x[3] = q0, w0, link[0, 0], link[0, 1]
     if not coupled:
@@ -74,13 +94,15 @@ def replay_driven(p, k, time, goal, on, temperature, link, q0, w0, step, out):
         if motor > 0:
             p[motor] = k[K.constant] * max(1.0 - k[K.loss] * (temperature[j] - k[K.reference]), 0.05)
         x[2], x[3] = link[j, 0], link[j, 1]
-        advance(p, s, time[j])
+        advance_stages(advancing, p, s, time[j])
         if coupled:
             passed = coupling_torque(k, x[0] - x[2], x[1] - x[3])
-            torque(p, s, time[j], goal[j], x[0], x[1], -passed, True)
+            torque_of_stages(acting, p, s, time[j], goal[j], x[0], x[1], -passed, True)
         else:
             x[0], x[1] = x[2], x[3]
-            passed = drive(p, k, s, time[j], goal[j], on[j], x[0], x[1], 0.0, True) - k[K.motor_inertia] * link[j, 2]
+            passed = (
+                drive(acting, p, k, s, time[j], goal[j], on[j], x[0], x[1], 0.0, True) - k[K.motor_inertia] * link[j, 2]
+            )
             if abs(x[1]) > REST_SPEED:
                 passed -= math.copysign(s[S_LIMIT], x[1])
             else:  # dry friction takes what it can hold
@@ -105,11 +127,11 @@ def replay_driven(p, k, time, goal, on, temperature, link, q0, w0, step, out):
                 if not coupled:
                     x[0], x[1] = x[2], x[3]
                 if at > time[j]:
-                    advance(p, s, at)
+                    advance_stages(advancing, p, s, at)
                 if coupled:
-                    slide(p, k, nothing, s, x, at, span, goal[j], on[j], at > time[j])
+                    slide(acting, p, k, nothing, s, x, at, span, goal[j], on[j], at > time[j])
                 elif at > time[j]:
-                    drive(p, k, s, at, goal[j], on[j], x[0], x[1], 0.0, True)
+                    drive(acting, p, k, s, at, goal[j], on[j], x[0], x[1], 0.0, True)
             now = end
         if not (abs(x[0]) < 1e4 and abs(x[1]) < 1e6):
             out[j:, :] = 1e3
@@ -153,14 +175,15 @@ def law_along(p, k, warm, time, goal, on, q, w, external, out):
         out: (n, 5) filled with torque [N.m], dry friction's limit [N.m], duty, current [A] and voltage [V].
     """
     s = np.zeros(int(p[P_STATE_SIZE]))
+    acting, advancing = stages_of(p, HAS_ACT), stages_of(p, HAS_ADVANCE)
     motor = int(k[K.motor])
     constant = p[motor]
     begin(p, s, time[0], goal[0], q[0], w[0])
     for j in range(len(time)):
         if motor > 0:
             p[motor] = constant * warm[j]
-        advance(p, s, time[j])
-        value = torque(p, s, time[j], goal[j], q[j], w[j], external[j], True)
+        advance_stages(advancing, p, s, time[j])
+        value = torque_of_stages(acting, p, s, time[j], goal[j], q[j], w[j], external[j], True)
         if not on[j]:
             value = idle_torque(p, s, q[j], w[j], external[j])
         out[j, 0], out[j, 1], out[j, 2], out[j, 3], out[j, 4] = value, s[S_LIMIT], s[S_DUTY], s[S_CURRENT], s[S_VOLTAGE]

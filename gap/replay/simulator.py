@@ -13,10 +13,19 @@ import math
 import numba
 import numpy as np
 
-from ...actuators.law import advance, begin, host_reading, idle_torque, torque
+from ...actuators.law import (
+    HAS_ACT,
+    HAS_ADVANCE,
+    advance_stages,
+    begin,
+    host_reading,
+    idle_torque,
+    stages_of,
+    torque_of_stages,
+)
 from ...actuators.layout import P_LATENCY, P_OFFSET, P_SCALE, P_STATE_SIZE, P_TICKS, S_CURRENT, S_DUTY, S_LIMIT, S_TIME
 from ...actuators.stages import STAGES
-from .compiled import compiled
+from .compiled import compiled, pointer
 from .constants import K
 from .terms import E_BIAS, E_CURVE, E_DRAG, E_INERTIA, E_POSITION, E_SIZE, E_SLOPE, E_SPEED, T_OWN, T_SIZE
 
@@ -77,16 +86,19 @@ def coupling_torque(k, twist, rate):
 
 
 @compiled()
-def drive(p, k, s, time, goal, on, q, w, external, first):
-    """Torque on the motor side without dry friction, which is left in ``S_LIMIT`` [N.m]."""
-    value = torque(p, s, time, goal, q, w, external, first)
+def drive(acting, p, k, s, time, goal, on, q, w, external, first):
+    """Torque on the motor side without dry friction, which is left in ``S_LIMIT`` [N.m].
+
+    ``acting`` are the stages of the chain that act, see :func:`sealegs.actuators.law.stages_of`.
+    """
+    value = torque_of_stages(acting, p, s, time, goal, q, w, external, first)
     if not on:  # an open bridge: no current, so no torque and no braking
         value = idle_torque(p, s, q, w, external)
     return value - k[K.viscous] * w
 
 
 @compiled()
-def slide(p, k, e, s, x, time, span, goal, on, first):
+def slide(acting, p, k, e, s, x, time, span, goal, on, first):
     """Advance motor and link ``x = [q, w, link q, link w]`` by ``span`` seconds.
 
     Midpoint rule, split where the motor stops.
@@ -98,7 +110,7 @@ def slide(p, k, e, s, x, time, span, goal, on, first):
     for _ in range(6):
         q, w, lq, lw = x[0], x[1], x[2], x[3]
         external = -coupling_torque(k, q - lq, w - lw) if coupled else load_torque(k, e, q, w)
-        total = drive(p, k, s, time, goal, on, q, w, external, first) + external
+        total = drive(acting, p, k, s, time, goal, on, q, w, external, first) + external
         first = False
         limit = s[S_LIMIT]
         la = (load_torque(k, e, lq, lw) - external) / link_inertia if coupled else 0.0
@@ -123,7 +135,7 @@ def slide(p, k, e, s, x, time, span, goal, on, first):
         else:
             lq_mid, lw_mid = 0.0, 0.0
             external = load_torque(k, e, q_mid, w_mid)
-        total = drive(p, k, s, time + half, goal, on, q_mid, w_mid, external, False) + external
+        total = drive(acting, p, k, s, time + half, goal, on, q_mid, w_mid, external, False) + external
         a = (total - way * s[S_LIMIT]) / inertia
         w_new = w + left * a
         share = 1.0
@@ -168,8 +180,20 @@ def replay(p, k, terms, time, goal, on, temperature, q0, w0, step, out):
     """
     s = np.zeros(int(p[P_STATE_SIZE]))
     x = np.empty(4)
-    tree = k[K.tree] > 0.0
+    acting, advancing = stages_of(p, HAS_ACT), stages_of(p, HAS_ADVANCE)
     e, before, after = np.zeros(E_SIZE), np.zeros(E_SIZE), np.zeros(E_SIZE)
+    _replay(
+        pointer(acting), pointer(advancing), pointer(p), pointer(k), pointer(s), pointer(x),
+        pointer(e), pointer(before), pointer(after), terms, time, goal, on, temperature, q0, w0, step, out,
+    )  # fmt: skip
+    # the memory behind the pointers must live until here
+    return acting[0] + advancing[0] + s[0] + x[0] + e[0] + before[0] + after[0]
+
+
+@compiled()
+def _replay(acting, advancing, p, k, s, x, e, before, after, terms, time, goal, on, temperature, q0, w0, step, out):
+    """As :func:`replay`, in memory that it made."""
+    tree = k[K.tree] > 0.0
     if tree:
         combine(k, terms[0], e)
         combine(k, terms[0], after)
@@ -196,8 +220,8 @@ def replay(p, k, terms, time, goal, on, temperature, q0, w0, step, out):
             external = -coupling_torque(k, x[0] - x[2], x[1] - x[3])
         else:
             external = load_torque(k, e, x[0], x[1])
-        advance(p, s, time[j])
-        torque(p, s, time[j], goal[j], x[0], x[1], external, True)
+        advance_stages(advancing, p, s, time[j])
+        torque_of_stages(acting, p, s, time[j], goal[j], x[0], x[1], external, True)
         reading = host_reading_smooth(p, s, time[j], x[0])
         out[j, 0] = k[K.host_scale] * reading + k[K.host_offset]
         out[j, 1] = x[2] if k[K.coupled] > 0.0 else x[0]
@@ -214,12 +238,12 @@ def replay(p, k, terms, time, goal, on, temperature, q0, w0, step, out):
             for i in range(count):
                 at = now + i * span
                 if at > time[j]:
-                    advance(p, s, at)
+                    advance_stages(advancing, p, s, at)
                 if tree:  # as in the middle of the step
                     part = (at + 0.5 * span - time[j]) / (time[j + 1] - time[j])
                     for c in range(E_SIZE):
                         e[c] = before[c] + part * (after[c] - before[c])
-                slide(p, k, e, s, x, at, span, goal[j], on[j], at > time[j])
+                slide(acting, p, k, e, s, x, at, span, goal[j], on[j], at > time[j])
             now = end
         if not (abs(x[0]) < 1e4 and abs(x[1]) < 1e6):
             out[j:, :] = 1e3
