@@ -52,7 +52,7 @@ class ActionPipeline:
             goals = task.generate(self._numbers, self._action, self.command, self._memory)
         else:
             zero, per_action = goal_scale(task, self._numbers, time, self.command)
-            goals = zero + per_action * self._action
+            goals = zero + per_action * task.on_joints(time, self._action)
         self._ticks += 1
         return self._action, np.clip(goals, self._low, self._high)
 

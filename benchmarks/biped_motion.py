@@ -12,7 +12,7 @@ import numpy as np
 from sealegs.agents.make_env import make_single_env
 from sealegs.agents.policy_files import load_policy
 from sealegs.envs.batch import BatchEngine
-from sealegs.envs.biped.task import TOUCH, BipedTask, sole_places
+from sealegs.envs.biped.task import FORWARD, PITCH, TOUCH, UP, BipedTask, sole_places
 from sealegs.envs.contract import task_of
 
 from benchmarks.learning import asked
@@ -72,17 +72,15 @@ def moments(
     task, options = task_of(env)
     engine = BatchEngine(task, starts, **{**options, "actuator": actuator}, autoreset=False, threads=1)
     engine.seed(SEED)
-    names = task.observation_names()
-    hip, pitch = names.index("hip height [m]"), names.index("torso pitch [rad]")
-    legs = [names.index(f"{side} leg {kind} [rad]") for side in ("left", "right") for kind in ("angle", "shape")]
-    forward, observation = engine.batch.bind("qpos")[:, 0], engine.reset()
+    qpos, observation = engine.batch.bind("qpos"), engine.reset()  # a mirrored task shows the policy swapped legs
+    forward = qpos[:, FORWARD]
     upright = np.ones(starts, bool)
     for _ in range(round(seconds / engine.dt)):
         step = engine.step(act(observation))
         observation = step.observation
         upright &= ~step.terminated
-        angles = observation[:, pitch], observation[:, legs]
-        where = sole_places(engine.numbers, forward, observation[:, hip], *angles)
+        legs = np.stack([engine.drivetrain.position(name, qpos, "link") for name in engine.names], axis=1)
+        where = sole_places(engine.numbers, forward, qpos[:, UP], qpos[:, PITCH], legs)
         yield Moment(upright.copy(), forward.copy(), where[..., 1], where[..., 0], engine.dt)
         if not upright.any():
             return

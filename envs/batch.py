@@ -250,7 +250,7 @@ class BatchEngine:
 
     def _goals(self, action: np.ndarray) -> np.ndarray:
         zero, per_action = self._scale()
-        goals = zero + per_action * action
+        goals = zero + per_action * self.task.on_joints(self.steps * self.dt, action)
         return np.clip(goals, *self._limits)  # a correction may lead beyond
 
     def _scale(self) -> tuple[np.ndarray, np.ndarray]:

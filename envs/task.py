@@ -142,6 +142,17 @@ class Task(ABC):
         del time, command, numbers
         return None
 
+    def on_joints(self, time: np.ndarray, action: np.ndarray) -> np.ndarray:
+        """Actions on the driven coordinates (n, k), of what the policy gave (n, k): another one only where the policy
+        sees the robot otherwise than it stands, such as mirrored. At time 0 nothing may differ.
+
+        Args:
+            time: since the episodes started (n,) [s].
+            action: of the policy, as :class:`Motion` and the contract keep it.
+        """
+        del time
+        return action
+
     @abstractmethod
     def observe(self, motion: Motion) -> tuple[np.ndarray, ...]:
         """Parts of the observation, (n,) or (n, j) each, in the order of :meth:`observation_names`."""

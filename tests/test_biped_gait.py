@@ -2,15 +2,19 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 import pytest
+from sealegs.actuators.errors import SealegsError
+from sealegs.agents.action_pipeline import task_parts
 from sealegs.envs.batch import BatchEngine
 from sealegs.envs.biped.gait import HoppingGait, WalkingGait
 from sealegs.envs.biped.robot import BIPED
 from sealegs.envs.biped.task import BipedTask
-from sealegs.envs.contract import robot_hash
+from sealegs.envs.contract import goal_scale, random_motion, robot_hash
+from sealegs.envs.task import Motion
 
 from benchmarks.biped_motion import load
 from benchmarks.learned_biped import JUDGED, walk
@@ -57,6 +61,54 @@ def test_actions_correct_the_gait_by_a_share_of_the_range_and_no_goal_leaves_it(
     wide.reset()
     wide.step(np.ones((1, 4)))
     np.testing.assert_allclose(wide.batch.bind("ctrl")[0], wide.goal_centre + wide.goal_half)
+
+
+def other_side(values: np.ndarray) -> np.ndarray:
+    """Values of the left leg and then of the right one (n, 2 j), the other way round."""
+    return np.roll(values, values.shape[1] // 2, axis=1)
+
+
+def half_a_turn_later(motion: Motion, cadence: float) -> Motion:
+    """The same motion with left and right exchanged; the policy's own action stays as it gave it."""
+    legs = ("link", "link_speed", "reading", "reading_speed", "torque", "motor_speed")
+    swapped = {name: other_side(getattr(motion, name)) for name in legs}
+    return replace(motion, **swapped, time=motion.time + 0.5 / cadence)
+
+
+def test_a_mirrored_policy_sees_and_does_the_same_half_a_turn_later_with_the_other_leg() -> None:
+    task = BipedTask(mirrored=1.0, correction=0.4, cadence=1.25)
+    motion = random_motion(task, NUMBERS, np.random.default_rng(0), 200)
+    later = half_a_turn_later(motion, task.cadence)
+    seen, seen_later = (np.concatenate(task_parts(task.observe(one)), axis=1) for one in (motion, later))
+    np.testing.assert_allclose(seen_later, seen, atol=1e-9)
+    action = np.random.default_rng(1).uniform(-1.0, 1.0, (200, 4))
+
+    def goals(time: np.ndarray) -> np.ndarray:
+        zero, per_action = goal_scale(task, NUMBERS, time, motion.command)
+        return zero + per_action * task.on_joints(time, action)
+
+    np.testing.assert_allclose(goals(later.time), other_side(goals(motion.time)), atol=1e-9)
+    plain = replace(task, mirrored=0.0)
+    assert np.abs(np.concatenate(task_parts(plain.observe(later)), axis=1) - seen).max() > 0.1
+
+
+def test_in_the_engine_a_mirrored_action_goes_to_the_leg_that_swings() -> None:
+    task = BipedTask(mirrored=1.0, correction=0.4, cadence=1.25, start_noise=0.0)
+    engine = BatchEngine(task, 1, autoreset=False)
+    engine.reset()
+    ctrl, moved = engine.batch.bind("ctrl"), []
+    for k in range(40):  # a whole turn: left swings, then right
+        zero, _ = goal_scale(task, engine.numbers, np.array([k / 50.0]), np.full((1, 1), task.speed))
+        engine.step(np.array([[0.5, 0.0, 0.0, 0.0]]))
+        moved.append(int(np.argmax(np.abs(ctrl[0] - zero[0]))))
+    assert moved == [0] * 20 + [2] * 20
+
+
+def test_legs_that_hop_together_cannot_be_mirrored() -> None:
+    with pytest.raises(SealegsError, match="walking"):
+        BipedTask(mirrored=1.0, hopping=1.0)
+    with pytest.raises(SealegsError, match="1 or 0"):
+        BipedTask(mirrored=0.5)
 
 
 def test_the_gait_alone_does_not_walk() -> None:

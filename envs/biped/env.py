@@ -73,6 +73,11 @@ class BipedEnv(SingleEnv, task=BipedTask):
     Motor angles are in leg coordinates, divided by the gear ratios. With a chain without springs (`ideal`), motor and link
     have the same angle.
 
+    With `mirrored` 1 the policy sees the leg that swings where the table says left, and the other where it says right: in
+    the second half of the clock's turn, 3 to 10, 14 to 23 and the action are those of the other leg, and the clock stands
+    half a turn earlier. So what it learns for one leg holds for the other (the phase method of Abdolhosseini et al., "On
+    learning symmetric locomotion", 2019). The last action is as the policy gave it.
+
     ## Rewards
     The reward is ***forward + alive + gait + upright - energy - slip - clearance***; `info` holds each term.
 
@@ -128,6 +133,7 @@ class BipedEnv(SingleEnv, task=BipedTask):
     | `lift`            | float               | `0.05`     | height of a sole at which *reward_gait* is full [m] |
     | `healthy_height`  | float               | `0.65`     | lowest height of the hip [m] |
     | `healthy_pitch`   | float               | `0.7`      | largest pitch of the torso [rad] |
+    | `mirrored`        | float               | `0.0`      | 1: the policy sees the swinging leg as the left one, see Observation Space; walking only |
     | `start_noise`     | float               | `0.03`     | see Starting State |
     | `width`, `height` | int                 | `640, 480` | of the picture [px] |
 

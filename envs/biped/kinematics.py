@@ -24,7 +24,7 @@ TURNED = np.array(
 
 def segments(pitch: np.ndarray | float, link: np.ndarray) -> np.ndarray:
     """Absolute angles of the segments (..., 5) [rad] from the torso's pitch (...) and leg coordinates (..., 4)."""
-    pitch = np.asarray(pitch, float)
+    pitch = pitch + np.zeros_like(link[..., 0])
     left, right = (pitch + link[..., 0], link[..., 1]), (pitch + link[..., 2], link[..., 3])
     return np.stack([pitch, *(angle + sign * shape for angle, shape in (left, right) for sign in (1.0, -1.0))], axis=-1)
 
@@ -32,11 +32,11 @@ def segments(pitch: np.ndarray | float, link: np.ndarray) -> np.ndarray:
 def place(point: np.ndarray, angles: np.ndarray) -> np.ndarray:
     """Position from the hip, forward and up (..., 2) [m], of a point (5, 2) at segment angles (..., 5)."""
     sine, cosine = np.sin(angles), np.cos(angles)
-    total = np.zeros((*angles.shape[:-1], 2))
+    ahead, above = np.zeros_like(angles[..., 0]), np.zeros_like(angles[..., 0])
     for segment, (forward, up) in enumerate(point):  # in one order at any batch size: equal simulations stay equal
-        total[..., 0] += cosine[..., segment] * forward - sine[..., segment] * up
-        total[..., 1] += sine[..., segment] * forward + cosine[..., segment] * up
-    return total
+        ahead = ahead + (cosine[..., segment] * forward - sine[..., segment] * up)
+        above = above + (sine[..., segment] * forward + cosine[..., segment] * up)
+    return np.stack([ahead, above], axis=-1)
 
 
 def centre_of_mass(values: Mapping[str, float]) -> np.ndarray:

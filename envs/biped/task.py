@@ -41,6 +41,7 @@ class BipedTask(Task):
     lift: float = 0.05
     healthy_height: float = 0.65
     healthy_pitch: float = 0.7
+    mirrored: float = 0.0
     start_noise: float = 0.03
 
     robot = BIPED
@@ -50,6 +51,10 @@ class BipedTask(Task):
     def __post_init__(self) -> None:
         if not self.lift > 0.0:  # heights count as shares of it
             raise SealegsError(f"lift is {self.lift}; it must be a height above 0 m.")
+        if self.mirrored not in (0.0, 1.0):
+            raise SealegsError(f"mirrored is {self.mirrored}; it is 1 or 0.")
+        if self.mirrored and self.hopping:  # one leg is ahead all the time
+            raise SealegsError("mirrored is for walking; legs that hop do not take turns.")
 
     def observation_names(self) -> tuple[str, ...]:
         names = [f"{side} leg {kind}" for side in SIDES for kind in ("angle", "shape")]
@@ -103,17 +108,32 @@ class BipedTask(Task):
         goals = self.hopping * HoppingGait().goals(phase) + (1.0 - self.hopping) * walking
         return goals, self.correction * REACH
 
+    def on_joints(self, time: np.ndarray, action: np.ndarray) -> np.ndarray:
+        return self._sides(self._phase(time), action)
+
     def _phase(self, time: np.ndarray) -> np.ndarray:
         """Of the clock (n,) [rad]; the left leg's turn to swing comes first."""
         return 2.0 * np.pi * (self.cadence * time % 1.0)
 
+    def _sides(self, phase: np.ndarray, values: np.ndarray) -> np.ndarray:
+        """Values of both legs (n, 2 j), the swinging leg's first where the policy sees them so; its own inverse."""
+        if self.mirrored == 0.0:
+            return values
+        half = values.shape[1] // 2
+        swapped = np.concatenate([values[:, half:], values[:, :half]], axis=1)
+        return np.where((phase < np.pi)[:, None], values, swapped)
+
     def observe(self, motion: Motion) -> tuple[np.ndarray, ...]:
         m = motion
-        base, switches = m.qvel[:, : PITCH + 1], (_clearance(m) < TOUCH).astype(float)
-        links, readings = (m.link, m.reading), (m.link_speed, m.reading_speed)
         phase = self._phase(m.time)
-        clock = np.sin(phase), np.cos(phase)
-        return m.command, m.qpos[:, UP : PITCH + 1], *links, base, *readings, switches, m.action, *clock
+        base, switches = m.qvel[:, : PITCH + 1], (_clearance(m) < TOUCH).astype(float)
+        links, readings, switches = (
+            [self._sides(phase, values) for values in part]
+            for part in ((m.link, m.reading), (m.link_speed, m.reading_speed), (switches,))
+        )
+        turn = phase % np.pi if self.mirrored else phase
+        clock = np.sin(turn), np.cos(turn)
+        return m.command, m.qpos[:, UP : PITCH + 1], *links, base, *readings, *switches, m.action, *clock
 
     def rewards(self, motion: Motion) -> dict[str, np.ndarray]:
         speed, wanted = motion.qvel[:, FORWARD], motion.command[:, 0]
