@@ -167,6 +167,15 @@ def rows(
                 ),
             )
         )  # fmt: skip
+    if rigid := [change.figures for change in changes if change.name == "cables"]:
+        hops = rigid[0]
+        found.append(
+            Row(
+                "a controller tuned on rigid cables, on cables that stretch", "VIII-D", "five hops",
+                f"tuned on stretching cables, on rigid ones: {hops.hops} hops{', then a fall' if hops.fell else ''}",
+                "predicted", note="the other way round: no controller here was tuned on rigid cables",
+            )
+        )  # fmt: skip
     return found
 
 
