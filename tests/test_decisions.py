@@ -86,6 +86,19 @@ def test_little_that_only_duty_and_current_show_is_not_enough() -> None:
     assert not paid(0.1, 1.1) and paid(0.1, 1.05) and paid(0.15, 1.1)
 
 
+def test_a_weak_cause_must_take_away_what_neighbouring_errors_share() -> None:
+    """A spring that followed the ticks of a coarse encoder lowered the loss by 0.093, and the excess by 0.019."""
+    weak = Standing(0, 1.0, 1.0, 1.0, 0.093)
+
+    def paid(after: float, standing: Standing = weak) -> bool:
+        record = round_of(evidence("a", 0.093, sampled=1.0, excess=after), excess=0.051)
+        return pays(record, standing, DEFAULT, further=True)
+
+    assert not paid(0.033) and paid(0.005)
+    assert paid(float("nan"))  # an old record does not have it
+    assert paid(0.033, replace(weak, removed=0.4))  # no weak cause
+
+
 def test_a_further_cause_must_win_most_draws() -> None:
     record = round_of(evidence("a", 0.4))
     rare = Standing(0, 1.0, 0.4, 1.0, 0.4)

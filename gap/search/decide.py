@@ -131,6 +131,8 @@ def shortfalls(
         seen = record.sampled - candidate.sampled > settings.least_sampled
         if not (seen or standing.removed > settings.least_removed_by_columns):
             lacks("least_sampled", "only duty and current show it")
+        if record.left - candidate.excess < settings.least_fall * standing.removed:  # never where it was not asked
+            lacks("least_fall", "what it removes is not what neighbouring errors have in common")
     return tuple(found)
 
 

@@ -85,12 +85,8 @@ class Searcher:
         self.problem = coarsened(self.problem, self.settings)
         self.nominal = self.problem.models[0]
         self.considered = tuple(self.causes)
-        temperature_range = self.problem.temperature_range
-        self.shown = [
-            c
-            for c in self.considered
-            if not (c.needs.temperature_range and temperature_range < self.settings.least_temperature_range)
-        ]
+        warms = self.problem.temperature_range >= self.settings.least_temperature_range
+        self.shown = [cause for cause in self.considered if warms or not cause.needs.temperature_range]
         self.numbers = {parameter.number for parameter in self.tuned}
         self.parts = (self.problem.part(FIT_A), self.problem.part(FIT_B))
         self.both = self.problem.part(FIT_A, FIT_B)
@@ -360,10 +356,13 @@ class Searcher:
         order = decide.ranked(evidence, self.settings)
         left = begin
         if order:
+            winner = fitted[order[0]]
             extended = merge(self.tuned, *(candidate.variant for candidate in accepted))
-            again = self.judged(self.fit_both(extended, middle(*fitted[order[0]].fits)))
+            again = self.judged(self.fit_both(extended, middle(*winner.fits)))
             current = again if again.blocks.sum() < current.blocks.sum() else current
             left = self.excess(current.fits)
+            asked = replace(winner.evidence, excess=self.excess(winner.fits))
+            evidence = tuple(asked if one is winner.evidence else one for one in evidence)
         record = RoundRecord(self.counts, current.blocks, current.sampled, begin, left, promise, evidence)
         return record, current
 

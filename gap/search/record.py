@@ -33,6 +33,7 @@ class Evidence:
         scale: that of a number that is moved as a logarithm, so relative; None: the number has no relative size.
         contradicted: share of the samples that contradict the cause.
         values: of all parameters in the fits to the two parts.
+        excess: loss per value beyond that of the noise with it; NaN where it was not asked.
     """
 
     name: str
@@ -45,6 +46,7 @@ class Evidence:
     scale: float | None
     contradicted: float
     values: tuple[Mapping[str, float], Mapping[str, float]]
+    excess: float = float("nan")
 
 
 @dataclass(frozen=True, eq=False)
@@ -163,6 +165,7 @@ def _round(record: RoundRecord) -> dict[str, Any]:
                 "scale": c.scale,
                 "contradicted": float(c.contradicted),
                 "values": [{path: float(value) for path, value in part.items()} for part in c.values],
+                "excess": float(c.excess),
             }
             for c in record.candidates
         ],

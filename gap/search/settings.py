@@ -160,6 +160,12 @@ class SearchSettings:
         "Alternative to `least_sampled`: loss that a weak cause must remove in all, duty and current included.",
         decides=True,
     )
+    least_fall: float = threshold(
+        0.4,
+        "Share of what a weak cause removes by which the excess must fall: errors that neighbours do not share are no "
+        "effect. Causes that are there reached 0.66 and more, a spring that followed encoder ticks 0.2.",
+        decides=True,
+    )
 
     # --- which candidate is the best
     draws: int = threshold(2000, "Draws of the block bootstrap.")
