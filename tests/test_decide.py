@@ -3,14 +3,16 @@
 from __future__ import annotations
 
 import itertools
+import math
 import re
 from collections.abc import Iterator
 from dataclasses import replace
 
 import pytest
+from sealegs.gap.experiment import DetectionLimit
 from sealegs.gap.log.finding import Finding
 from sealegs.gap.search.structure import Structure
-from sealegs.gap.verdict.decide import MOST_WORDS, confidence, decide, overall, standing
+from sealegs.gap.verdict.decide import MOST_WORDS, confidence, decide, law_error, overall, standing
 from sealegs.gap.verdict.evidence import Balanced, Refused, Replayed
 from sealegs.gap.verdict.verdict import (
     CERTAIN,
@@ -202,10 +204,12 @@ def of_long_joint() -> Iterator[Replayed | Balanced]:
     for names in (THREE[:count] for count in NUMBERS):
         yield replayed(held=HELD, hidden=names)
         yield replayed(blind_to=names)
+        yield replayed(blind_to=names, hidden=names)
         for count, left, sure in itertools.product(NUMBERS, (0.1, 0.2), (0.5, 0.95)):
             yield balanced(*many(count, sure, names), left=left)
             yield balanced(shift(0.01), *many(count - 1, sure, names), left=left, shift=0.01)
     yield replayed(data_errors=(POSITION,), fault_in_replay=True)
+    yield replayed(tuned=NOISE, factors={"dc_motor.motor_constant": 1.05})
     for withdrawn, nominal in itertools.product(opened, (0.1, 0.5)):
         yield balanced(left=0.1, nominal=nominal, open_causes=withdrawn)
 
@@ -250,6 +254,44 @@ def test_confidence_is_the_win_rate_less_by_what_no_cause_explains() -> None:
     assert confidence(0.9, 2.0, 0.0) == pytest.approx(0.9)
     assert confidence(0.9, 2.0, 1.0) == pytest.approx(0.6)
     assert confidence(0.9, 0.0, 1.0) == 0.0
+    assert confidence(0.9, 2.0, 0.0, beyond=0.5) == pytest.approx(0.45)
+
+
+def test_a_little_beside_what_explains_much_may_mend_its_law() -> None:
+    """A goal filter took 46 noise floors away; friction that mended 1 % of its law was named with 0.93."""
+    much = 46.0**2
+    assert confidence(0.925, 0.2465, law_error(much)) < 0.6
+    assert confidence(0.925, 25.0, law_error(much)) > 0.9
+    assert confidence(0.925, 0.2465, law_error(10.0)) > 0.9
+
+
+def test_nothing_to_explain_names_the_number_that_made_it_so() -> None:
+    """A motor constant 5 % off took 6 mrad to the noise, and the sentence did not name it."""
+    factors = {"dc_motor.motor_constant": 1.05, "friction.viscous": 0.98, "delay.seconds": 1.001}
+    verdict = decide(replayed(tuned=NOISE, factors=factors))
+    assert verdict.name == NOTHING and "dc_motor.motor_constant x 1.05" in verdict.sentence
+    (agrees,) = [reason.sentence for reason in verdict.reasons if reason.code == "agrees"]
+    assert "friction.viscous x 0.98" in agrees and "delay.seconds" not in agrees
+    assert "x 1.05" not in decide(replayed(tuned=0.015, factors=factors)).sentence  # which hardly changed anything
+
+
+def test_nothing_to_explain_says_what_would_not_show() -> None:
+    limits = (
+        DetectionLimit("drive.gain", "position_p.gain", "1/rad", 5.0, 4.9, 5.2),
+        DetectionLimit("sensor.delay", "encoder.latency", "s", 0.0, -math.inf, 0.001),
+        DetectionLimit("transmission.compliance", "compliance.stiffness", "N.m/rad", math.inf, 80.0, math.inf),
+        DetectionLimit("drive.saturation", "duty_limit.limit", "1", 1.0, -math.inf, math.inf),
+    )
+    (said,) = [reason.sentence for reason in decide(replayed(limits=limits)).reasons if reason.code == "limits"]
+    assert "drive.gain 4.9 to 5.2 1/rad" in said and "sensor.delay below 0.001 s" in said
+    assert "transmission.compliance above 80 N.m/rad" in said and "drive.saturation at all" in said
+    assert limits[0].hides(5.1) and not limits[0].hides(5.3) and limits[2].hides(90.0) and not limits[1].hides(0.002)
+
+
+def test_a_link_that_moves_as_measured_is_no_poor_motion() -> None:
+    verdict = decide(replayed(blind_to=("friction.coulomb",), hidden=("friction.coulomb",)))
+    assert verdict.name == NOT_IDENTIFIABLE and "this log cannot show" in verdict.sentence
+    assert not any("poor" in reason.sentence for reason in verdict.reasons)
 
 
 def test_what_is_said_of_a_cause_hangs_on_its_own_evidence() -> None:

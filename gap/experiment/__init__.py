@@ -1,5 +1,6 @@
 """What to measure next: the motion, out of a library, that best tells apart what the log leaves open."""
 
+from .detection import DetectionLimit, detection_limits
 from .excitations import DURATION, RATE, Limits, default_limits, library
 from .exposure import blind_spots, experiment_for_still, unseen
 from .files import goal_table, read_goals, write_experiment
@@ -9,10 +10,12 @@ __all__ = [
     "DURATION",
     "RATE",
     "Along",
+    "DetectionLimit",
     "Experiment",
     "Limits",
     "blind_spots",
     "default_limits",
+    "detection_limits",
     "experiment_for_still",
     "goal_table",
     "library",

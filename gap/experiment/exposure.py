@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Collection, Sequence
 
 import numpy as np
 
@@ -34,10 +34,16 @@ def unseen(problem: JointProblem, search: Search) -> tuple[str, ...]:
     return tuple(hidden)
 
 
-def blind_spots(problem: JointProblem, search: Search) -> tuple[str, ...]:
-    """Causes that a log could not show, where they are so many that finding nothing in it means nothing."""
-    hidden = unseen(problem, search)
-    return hidden if too_many(len(hidden), len(everything(problem, search)) - 1) else ()
+def blind_spots(problem: JointProblem, search: Search, held: Collection[str] = ()) -> tuple[str, ...]:
+    """Causes that a log could not show, where they are so many that finding nothing in it means nothing.
+
+    Args:
+        problem: of the log.
+        search: what was found in it.
+        held: causes that were not sought, since a link that moves as measured shows none of them.
+    """
+    hidden = (*held, *unseen(problem, search))
+    return hidden if too_many(len(hidden), len(held) + len(everything(problem, search)) - 1) else ()
 
 
 def too_many(hidden: int, considered: int) -> bool:

@@ -12,7 +12,7 @@ from typing import Any, TypeVar, cast
 import numpy as np
 
 from ...actuators.errors import SealegsError
-from ..experiment import Experiment, read_goals
+from ..experiment import DetectionLimit, Experiment, read_goals
 from ..log.finding import Finding
 from ..search.structure import Structure
 from ..verdict.decide import overall as overall_verdict
@@ -62,6 +62,7 @@ def to_document(diagnosis: JointDiagnosis) -> dict[str, Any]:
         "data_errors": [asdict(error) for error in diagnosis.data_errors],
         "causes": [_cause(cause) for cause in diagnosis.causes],
         "open_causes": [asdict(cause) for cause in diagnosis.open_causes],
+        "limits": [asdict(limit) for limit in diagnosis.limits],
         "model": diagnosis.model,
         "tuned_share": diagnosis.tuned_share,
         "unexplained": diagnosis.unexplained,
@@ -196,6 +197,7 @@ def _joint(row: Mapping[str, Any], folder: Path) -> JointDiagnosis:
         ),
         rivals=tuple(row["rivals"]),
         open_causes=tuple(_made(OpenCause, cause) for cause in row.get("open_causes", ())),
+        limits=tuple(_made(DetectionLimit, limit) for limit in row.get("limits", ())),
         experiment=_experiment(row.get("next_experiment"), folder),
         findings=tuple(Finding(**finding) for finding in row["findings"]),
         structure=None

@@ -36,8 +36,9 @@ from .verdict import (
     Reason,
     Verdict,
 )
-from .words import also, certainty, change, fall, levels, size, some, subject, verb
+from .words import also, certainty, change, fall, furthest, levels, size, some, subject, verb
 
+ROUNDED = 5e-3  # change of a number below which no one is told of it
 MOST_WORDS = 25  # of the sentence that a verdict is told in
 
 
@@ -52,12 +53,23 @@ def decide(evidence: Evidence, limit: Thresholds = THRESHOLDS) -> Verdict:
             return _replayed(evidence, limit)
 
 
-def confidence(win_rate: float, removed: float, residual: float) -> float:
-    """Win rate x removed / (removed + residual structure), both as loss per value.
+def confidence(win_rate: float, removed: float, residual: float, beyond: float = 1.0) -> float:
+    """Win rate x removed / (removed + residual) x beyond refitting, ``removed`` and ``residual`` as loss per value.
 
-    An unknown cause that leaves that much may also be what made this one look good.
+    Args:
+        win_rate: share of the draws in which the cause beats all others.
+        removed: by it.
+        residual: structure that is left, and what the laws of the other causes may have wrong. An unknown cause that
+            leaves that much may also be what made this one look good.
+        beyond: share of what refitted numbers leave that the causes remove. Where numbers that are not wrong fit as
+            well, so may a cause that is not there.
     """
-    return win_rate * removed / (removed + residual) if removed > 0.0 else 0.0
+    return win_rate * removed / (removed + residual) * beyond if removed > 0.0 else 0.0
+
+
+def law_error(others: float, limit: Thresholds = THRESHOLDS) -> float:
+    """What the laws of other causes may have wrong, of what these explain; both in squares of the noise floor."""
+    return limit.form**2 * others
 
 
 def standing(
@@ -86,7 +98,7 @@ def _replayed(found: Replayed, limit: Thresholds) -> Verdict:
     elif found.structure.noticed:
         verdict = _unknown_cause(found, withdrawn)
     else:
-        verdict = _nothing(found)
+        verdict = _nothing(found, limit)
     reasons = (*verdict.reasons, *_contradictions(found), *(_open_reason(cause) for cause in found.open_causes))
     if found.data_errors:
         said = " ".join(error.sentence for error in found.data_errors)
@@ -100,12 +112,12 @@ def _open(verdict: Verdict) -> bool:
     return verdict.name == NOT_IDENTIFIABLE and not verdict.because("blind")
 
 
-def _nothing(found: Replayed) -> Verdict:
+def _nothing(found: Replayed, limit: Thresholds) -> Verdict:
     before, after, floor = levels(found)
     agreement = Reason(
         "agrees",
         f"The simulation of '{found.joint}' is within {after} of the measurement, whose noise is {floor} ({before} "
-        "before its numbers were tuned within their tolerance).",
+        f"before its numbers were tuned within their tolerance{_turned(found)}).",
     )
     if found.held is not None and found.hidden:
         sentence = (
@@ -116,26 +128,42 @@ def _nothing(found: Replayed) -> Verdict:
         return Verdict(NOT_IDENTIFIABLE, sentence, (agreement, hidden))
     if found.blind_to:
         hidden = ", ".join(found.blind_to)
+        what = "this log cannot show" if found.hidden else "the motion would hide"
         sentence = (
-            f"The simulation of '{found.joint}' is within {after} of the measurement, but the motion would hide "
+            f"The simulation of '{found.joint}' is within {after} of the measurement, but {what} "
             f"{some(found.blind_to)}."
         )
-        return Verdict(
-            NOT_IDENTIFIABLE,
-            sentence,
-            (agreement, Reason("blind", f"But the motion is so poor that it would hardly show {hidden}.")),
-        )
+        why = f"But the motion is so poor that it would hardly show {hidden}."
+        if found.hidden:
+            why = f"But the link moves as measured, so this log would hardly show {hidden}: describe the load."
+        return Verdict(NOT_IDENTIFIABLE, sentence, (agreement, Reason("blind", why)))
     if found.fault_in_replay:
         sentence = (
             f"Errors of the log explain the gap of '{found.joint}': once mended, the simulation is within {after} "
             f"(noise {floor})."
         )
         return Verdict(EXPLAINED, sentence, (agreement,))
+    limits = ()
+    if found.limits:
+        told = "; ".join(one.sentence for one in found.limits)
+        limits = (Reason("limits", f"Beside numbers within their tolerance, this log would not show: {told}."),)
+    if found.factors and found.errors["nominal"].rmse ** 2 > limit.tuned_away * found.tuned.rmse**2:
+        sentence = (
+            f"Nothing to explain: numbers within their tolerance ({furthest(list(found.factors.items()), 1)}) bring "
+            f"'{found.joint}' within {after} of the measurement (noise {floor})."
+        )
+        return Verdict(NOTHING, sentence, (agreement, *limits))
     sentence = (
         f"Nothing to explain: the simulation of '{found.joint}' is within {after} of the measurement, whose noise is "
         f"{floor}."
     )
-    return Verdict(NOTHING, sentence, (agreement,))
+    return Verdict(NOTHING, sentence, (agreement, *limits))
+
+
+def _turned(found: Replayed) -> str:
+    """The tuned numbers that are furthest from their nominal values, to follow the word tolerance."""
+    turned = [(number, factor) for number, factor in found.factors.items() if abs(factor - 1.0) > ROUNDED]
+    return f": {furthest(turned)}" if turned else ""
 
 
 def _refitted(found: Replayed) -> Verdict:

@@ -20,7 +20,7 @@ from ..checks.data_set import check_set, corrected, merged, shows_little, unusab
 from ..checks.off import released
 from ..checks.recording import MOMENT
 from ..checks.stops import stops_of, told_stops
-from ..experiment import Experiment, Limits, blind_spots, experiment_for_still, propose
+from ..experiment import Experiment, Limits, blind_spots, detection_limits, experiment_for_still, propose
 from ..ground.ground import GROUND, GroundSearch, search_ground
 from ..load.robot import LoggedRobot, robot_of
 from ..log.finding import Finding
@@ -282,6 +282,11 @@ def _decide(
     beyond = unseen_range(problem, measured.simulated["extended"], joint, request.search)
     free = problem.free_joint
     silent = not (measured.causes or measured.structure.noticed or measured.turned)
+    held = next((finding for finding in replay.findings if finding.code == HELD), None)
+    asked = problem.joint if silent and held is None else None
+    blind = () if asked is None else blind_spots(asked, search, replay.hidden)
+    limits = () if asked is None else detection_limits(asked, search)
+    tuned = {p.number: measured.values[p.path] for p in search.tuned if p.path in measured.values}
     verdict = decide(
         Replayed(
             joint,
@@ -292,14 +297,16 @@ def _decide(
             measured.structure,
             whole_runs(problem),
             case.still,
-            blind_spots(free, search) if silent and free is not None else (),
+            blind,
             beyond,
             errors,
             unit == "rad" and any(error.column in (f"{joint}.goal", f"{joint}.position") for error in errors),
             measured.open_causes,
             measured.turned,
-            next((finding for finding in replay.findings if finding.code == HELD), None),
+            held,
             replay.hidden,
+            limits,
+            {p.number: tuned[p.number] for p in search.tuned if p.factor and p.number in tuned},
         )
     )
     rivals = rivals_of(measured.causes)
@@ -307,10 +314,9 @@ def _decide(
     unsettled = verdict.name in (NOT_IDENTIFIABLE, PARTLY) or rivals or measured.open_causes
     if free is not None and (replay.along is not None or free.models[0].load.predictable) and unsettled:
         withdrawn = [cause.name for cause in measured.open_causes if cause.standing == WITHDRAWN]
-        blind = verdict.because("still", "blind") or bool(withdrawn)
+        wide = verdict.because("still", "blind") or bool(withdrawn)
         left = search.less(withdrawn)
-        experiment = propose(free, left, request.limits, request.seed, blind, replay.stops, replay.along)
-    tuned = {p.number: measured.values[p.path] for p in search.tuned if p.path in measured.values}
+        experiment = propose(free, left, request.limits, request.seed, wide, replay.stops, replay.along)
     return JointDiagnosis(
         joint=joint,
         verdict=verdict.name,
@@ -334,6 +340,7 @@ def _decide(
         tuned_share=measured.tuned_share,
         open_causes=measured.open_causes,
         model=measured.model,
+        limits=limits,
     )
 
 

@@ -3,8 +3,9 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
+from ..experiment import DetectionLimit
 from ..log.finding import Finding
 from ..search.settings import threshold
 from ..search.structure import Structure
@@ -28,6 +29,16 @@ class Thresholds:
     # Of the causes that the hidden benches named with as much, 173 of 175 were right; between ``sure`` and it, 12 of
     # 15; below, 10 of 18 (``python -m benchmarks.calibration``).
     certain: float = threshold(0.9, "Confidence from which a cause is certain, whatever else is open.")
+    form: float = threshold(
+        0.01,
+        "Relative error of any law of the catalogue. A cause that removes no more than that of what the others explain "
+        "may mend their laws.",
+    )
+    tuned_away: float = threshold(
+        4.0,
+        "Mean squared error of the nominal model, relative to that of the tuned one, from which the sentence of "
+        "`nothing to explain` gives the tuned number that is furthest from its nominal value.",
+    )
     at_bound: float = threshold(
         0.5, "Factor on the confidence where the value is at an end of the range tried: there it is no measurement."
     )
@@ -68,6 +79,8 @@ class Replayed:
         blind_to: causes that the motion would hardly show; asked only where nothing was found.
         held: why the link of a robot's joint moves as measured, and what to log instead.
         hidden: causes that such a link cannot show.
+        limits: up to where each cause would not show; asked only where nothing was found.
+        factors: by which the tuned numbers differ from the nominal ones, by number.
         beyond: the test part goes further than what was fitted, and errs there.
         data_errors: faults of the log.
         fault_in_replay: whether one of them was in a column that the replay takes or is judged by.
@@ -91,6 +104,8 @@ class Replayed:
     turned: str = ""
     held: Finding | None = None
     hidden: Sequence[str] = ()
+    limits: Sequence[DetectionLimit] = ()
+    factors: Mapping[str, float] = field(default_factory=dict)
 
 
 @dataclass(frozen=True)

@@ -17,7 +17,7 @@ from ..search.result import Search
 from ..search.settings import DEFAULT
 from ..search.sketch import coarsened
 from ..search.structure import Structure, structure
-from .decide import confidence, standing
+from .decide import confidence, law_error, standing
 from .evidence import THRESHOLDS
 from .shares import owed
 from .signatures import Signature, disagreeing, signatures
@@ -113,7 +113,10 @@ def measure(
     if keys:
         without = problem.simulate([tuned.values])[0]
         features = {name: signatures(key, problem, without, simulated["extended"]) for name, key in keys.items()}
-    causes, tuned_share = _name_causes(fitting, sought, model, joint, 1.0 - unexplained, rest, features)
+    squares = (errors[name].rmse ** 2 - white for name in ("refitted", "extended"))
+    beyond = beyond_refitting(*squares) if rest.noticed else 1.0
+    account = Account(1.0 - unexplained, excess / problem.noise**2, beyond, {p.number for p in wide})
+    causes, tuned_share = _name_causes(fitting, sought, model, joint, account, rest, features)
     return Measured(
         gap=gap,
         tuned=errors["tuned"],
@@ -160,20 +163,42 @@ def error_of(error: np.ndarray) -> Error:
     return Error(float(np.sqrt(np.mean(error**2))), float(np.mean(np.abs(error))))
 
 
+@dataclass(frozen=True)
+class Account:
+    """What the causes of a joint explain together.
+
+    Attributes:
+        explained: share of the nominal mean squared error beyond the noise.
+        size: that error, in squares of the noise floor.
+        beyond: as of :func:`sealegs.gap.verdict.decide.confidence`.
+        numbers: that refitting turns: of a wrong one it must do as well.
+    """
+
+    explained: float
+    size: float
+    beyond: float
+    numbers: frozenset[str] | set[str]
+
+
+def beyond_refitting(refitted: float, extended: float) -> float:
+    """Share of the squared error beyond the noise that refitted numbers leave, and that the causes remove."""
+    return float(np.clip(1.0 - extended / refitted, 0.0, 1.0)) if refitted > 0.0 else 0.0
+
+
 def _name_causes(
     fitting: Problem,
     search: Search,
     model: Model,
     joint: str,
-    explained: float,
+    account: Account,
     rest: Structure,
     features: Mapping[str, tuple[Signature, ...]],
 ) -> tuple[tuple[NamedCause, ...], float]:
     """Causes with shares, confidence, rivals and intervals, and the share of the tuned numbers."""
     if not search.accepted:
-        return (), explained
+        return (), account.explained
     debts = owed(coarsened(fitting, search.settings), search)
-    shares, tuned_share = debts.shares(explained)
+    shares, tuned_share = debts.shares(account.explained)
     final = search.accepted[-1]
     rounds = [r for r in search.rounds if r.accepted]
     residual = float(robust_loss(np.sqrt(rest.level))) if rest.noticed else 0.0
@@ -183,7 +208,9 @@ def _name_causes(
         close = [c.cause for c in chosen.candidates[1:] if c.best > search.settings.rival_win_rate]
         # a rival of the same name is another body's
         rivals = tuple(dict.fromkeys(c.key if c.name == candidate.cause.name else c.name for c in close))
-        sure = confidence(min(candidate.best, candidate.better), removed, residual)
+        wrong = law_error(account.size * (sum(shares) - share))
+        beyond = 1.0 if candidate.variant[0].number in account.numbers else account.beyond
+        sure = confidence(min(candidate.best, candidate.better), removed, residual + wrong, beyond)
         simpler = not_excluded(candidate.cause, candidate.variant, model.bounds, search.settings.shape_edge)
         if simpler and simpler not in {c.cause.name for c in search.accepted}:
             rivals, sure = tuple(dict.fromkeys((*rivals, simpler))), sure * THRESHOLDS.at_bound

@@ -22,6 +22,7 @@ from ..search.result import Candidate, Search
 from ..search.structure import fine, told_in
 from .evidence import THRESHOLDS
 from .verdict import NEAR_MISS, WITHDRAWN, OpenCause
+from .words import furthest
 
 
 @dataclass(frozen=True, eq=False)
@@ -188,9 +189,3 @@ def near_misses(search: Search, most: int = 3) -> tuple[OpenCause, ...]:
 def refitted_numbers(wide: Sequence[Parameter], values: Mapping[str, float]) -> str:
     """The numbers that refitting turned furthest, for people."""
     return furthest([(p.number, values[p.path]) for p in wide if p.factor and p.path in values])
-
-
-def furthest(factors: Sequence[tuple[str, float]], most: int = 3) -> str:
-    """Numbers with their factors, those that were turned furthest, for people."""
-    turned = sorted(factors, key=lambda row: -abs(np.log(max(row[1], 1e-9))))
-    return ", ".join(f"{number} x {factor:.3g}" for number, factor in turned[:most])

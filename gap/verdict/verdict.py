@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 
-from ..experiment import Experiment
+from ..experiment import DetectionLimit, Experiment
 from ..log.finding import Finding, Severity
 from ..replay.problem import Problem
 from ..search.result import Search
@@ -171,6 +171,7 @@ class JointDiagnosis:
             ``refitted``, up to fivefold.
         open_causes: causes that are not named: withdrawn ones, and near misses with what they lack.
         model: which model is handed over as the extended one: ``extended``, ``refitted`` or ``nominal``.
+        limits: where nothing was found, up to where each cause would not show.
     """
 
     joint: str
@@ -195,6 +196,7 @@ class JointDiagnosis:
     tuned_share: float = 0.0
     open_causes: tuple[OpenCause, ...] = ()
     model: str = "extended"
+    limits: tuple[DetectionLimit, ...] = ()
 
     @property
     def text(self) -> str:

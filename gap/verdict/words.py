@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 
 from ..search.structure import fine, listed, told_in
@@ -57,3 +58,9 @@ def also(causes: Sequence[NamedCause]) -> str:
     """What else the data would allow."""
     pairs = [f"{' or '.join(cause.rivals)} in place of {cause.name}" for cause in causes if cause.rivals]
     return f"Less likely, but not excluded: {', '.join(pairs)}."
+
+
+def furthest(factors: Sequence[tuple[str, float]], most: int = 3) -> str:
+    """Numbers with their factors, those that were turned furthest, for people."""
+    turned = sorted(factors, key=lambda row: -abs(math.log(max(row[1], 1e-9))))
+    return ", ".join(f"{number} x {factor:.3g}" for number, factor in turned[:most])
