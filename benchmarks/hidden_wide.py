@@ -70,9 +70,16 @@ def run(seed: int) -> dict[str, Any]:
             }
             for cause in found.causes
         ],
+        "limits": {limit.name: [_finite(limit.low), _finite(limit.high)] for limit in found.limits},
+        "structure": None if found.structure is None else found.structure.level,
         "open": [[cause.name, cause.standing] for cause in found.open_causes],
         "codes": sorted({finding.code for finding in found.findings}),
     }
+
+
+def _finite(number: float) -> float | None:
+    """A number for JSON."""
+    return float(number) if np.isfinite(number) else None
 
 
 def _fresh(seed: int, values: Mapping[str, float]) -> dict[str, float]:
@@ -105,7 +112,8 @@ def outcome(row: Mapping[str, Any]) -> str:
     """``right``, ``open``, ``missed``, ``wrong`` or ``confidently wrong``.
 
     Open is a diagnosis that leaves what is hidden to the next experiment: it names no false cause with a confidence of
-    :data:`NAMED` or more. Missed is one that finds nothing to explain though the effect shows.
+    :data:`NAMED` or more, or it finds nothing and says that an effect of that size would not show. Missed is one that
+    finds nothing to explain though the effect shows.
     """
     false = [cause for cause in row["causes"] if not is_right(cause, row)]
     doubted = [cause for cause in false if set(row["effects"]) & set(cause["rivals"])]
@@ -118,8 +126,19 @@ def outcome(row: Mapping[str, Any]) -> str:
     if any(is_right(cause, row) for cause in row["causes"]):
         return "right"
     if row["verdict"] in ("nothing to explain", "explained") and not row["causes"]:
-        return "missed" if visible else "right"
+        if not visible:
+            return "right"
+        return "open" if all(within_limit(row, name) for name in visible) else "missed"
     return "open" if known or row["effects"] or row["verdict"] != "nothing to explain" else "right"
+
+
+def within_limit(row: Mapping[str, Any], name: str) -> bool:
+    """Whether a diagnosis that found nothing says that an effect of the size that is hidden would not show."""
+    if name not in row.get("limits", {}):
+        return False
+    low, high = row["limits"][name]
+    actual = row["effects"][name]["actual"]
+    return (low is None or low < actual) and (high is None or actual < high)
 
 
 def worse_than_nominal(row: Mapping[str, Any]) -> bool:
@@ -162,8 +181,8 @@ def page(rows: Sequence[Mapping[str, Any]]) -> str:
         "",
         f"Revisions of gap, actuators and testbed: {', '.join(sorted({row['revision'] for row in rows}))}. Right: a "
         f"hidden cause is named and no false one with {NAMED:g} or more, or nothing is hidden and nothing named. Open: "
-        "left to the next experiment. Missed: nothing to explain, though the effect moves the position by more than "
-        f"{VISIBLE:g} noise floors.",
+        "left to the next experiment, or too small to show by the limit that the diagnosis gives. Missed: nothing to "
+        f"explain, though the effect moves the position by more than {VISIBLE:g} noise floors and its limit.",
         "",
         "![reliability](hidden_wide.png)",
         "",

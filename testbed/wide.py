@@ -211,6 +211,28 @@ STRANGERS: dict[str, tuple[Size, Apply]] = {
 }
 """What no catalogue holds; the last two are of the firmware: an integral term and a gain that nobody logged."""
 
+NUMBERS = {
+    "friction.coulomb": "coulomb",
+    "friction.viscous": "viscous",
+    "friction.stribeck": "stribeck",
+    "friction.asymmetric": "asymmetry",
+    "friction.load_dependent": "load_friction",
+    "drive.gain": "gain",
+    "drive.delay": "command_delay",
+    "drive.rate_limit": "goal_speed",
+    "drive.deadband": "error_deadband",
+    "drive.saturation": "duty_limit",
+    "drive.supply_sag": "supply_resistance",
+    "drive.motor_constant": "motor_constant",
+    "drive.minimum_duty": "minimum_duty",
+    "transmission.backlash": "backlash",
+    "transmission.compliance": "joint_stiffness",
+    "load.inertia": "extra_inertia",
+    "sensor.offset": "encoder_offset",
+    "sensor.scale": "encoder_scale",
+}
+"""Number of the machine that an effect sets, where the machine has it."""
+
 FAULTS = ("sign", "degrees", "held", "late stamps", "velocity unit", "columns behind", "unsigned current")
 """Of the recording, on top of what is hidden."""
 
@@ -221,13 +243,15 @@ def draw(seed: int) -> tuple[Hidden, Recorder, str]:
     nominal, recorder = drawn_machine(rng), drawn_recorder(rng)
     nominal = nominal._replace(encoder_ticks=float(recorder.ticks))
     factors = {name: 1.0 + NOMINAL_ERROR * float(rng.uniform(-1.0, 1.0)) for name in UNCERTAIN}
-    true = nominal._replace(**{name: getattr(nominal, name) * factor for name, factor in factors.items()})
     kind = str(rng.choice([name for name, _ in KINDS], p=[share for _, share in KINDS]))
     names: list[str] = []
     if kind in ("one", "two"):
         names = [str(n) for n in rng.choice(list(EFFECTS), 1 + (kind == "two"), replace=False)]
     elif kind == "strangers":
         names = [str(n) for n in rng.choice(list(STRANGERS), int(rng.integers(1, 3)), replace=False)]
+    if "drive.motor_constant" in names:  # what is believed is wrong by the factor that is hidden, and by no other
+        factors["motor_constant"] = 1.0
+    true = nominal._replace(**{name: getattr(nominal, name) * factor for name, factor in factors.items()})
     hidden = Hidden(true, true, nominal)
     for name in names:
         size, apply = (EFFECTS | STRANGERS)[name]
@@ -255,6 +279,8 @@ def record_wide(seed: int, *, fresh: bool = False) -> tuple[list[Recording], dic
 
     Returns:
         The recordings, and the truth: ``kind``, ``effects``, ``fault``, ``noise_floor`` [rad] and how it was recorded.
+        Each effect has the ``value`` that was drawn, the ``actual`` number of the machine, and ``noise_floors``, by
+        which it moves the position.
     """
     hidden, recorder, kind = draw(seed)
     recordings = []
@@ -272,6 +298,7 @@ def record_wide(seed: int, *, fresh: bool = False) -> tuple[list[Recording], dic
         )
     for name in hidden.effects:
         hidden.effects[name]["noise_floors"] = _size(hidden, recorder, name, seed)
+        hidden.effects[name]["actual"] = _actual(hidden, name)
     truth = {
         "seed": seed, "kind": kind, "effects": hidden.effects, "fault": hidden.fault, "noise_floor": recorder.floor,
         "recorder": {**recorder.__dict__, "columns": list(recorder.columns)},
@@ -337,6 +364,15 @@ def _simulated(
             goal[k] = goal[k - 1] + share * (goal[k] - goal[k - 1])
     jams = np.sort(rng.uniform(0.5, recorder.duration, max(int(recorder.duration / 2.0), 1)))
     return simulate(m, time, goal, jams, jams + rng.uniform(0.05, 0.4, len(jams)), time[-1] + 2e-3, AMBIENT)
+
+
+def _actual(hidden: Hidden, name: str) -> float:
+    """What a catalogue would have to find: a number of the machine in its own unit; NaN for a stranger."""
+    if name == "load.mass":  # as a factor
+        return hidden.machine.mass / hidden.nominal.mass
+    special = {"drive.goal_filter": hidden.filter, "sensor.delay": hidden.latency}
+    special["contact.blocked"] = hidden.machine.stop_angle
+    return float(getattr(hidden.machine, NUMBERS[name]) if name in NUMBERS else special.get(name, math.nan))
 
 
 def _size(hidden: Hidden, recorder: Recorder, name: str, seed: int) -> float:

@@ -60,6 +60,24 @@ def test_a_case_is_judged_by_what_was_hidden(effects: dict[str, Any], causes: An
     assert wanted in page([judged])
 
 
+@pytest.mark.parametrize(
+    ("limit", "wanted"), [([0.95, 1.02], "open"), ([0.97, None], "missed"), ([None, 0.99], "open"), (None, "missed")]
+)
+def test_what_would_not_show_by_the_limit_that_is_given_is_open(limit: Any, wanted: str) -> None:
+    effect = {"sensor.scale": {**CLEAR, "actual": 0.96}}
+    limits = {} if limit is None else {"sensor.scale": limit}
+    assert outcome(row(effect, [], "nothing to explain", limits=limits)) == wanted
+
+
+def test_a_hidden_number_is_wrong_by_what_is_hidden() -> None:
+    """A motor constant "1.10 times" what was believed was 1.05 times: its tolerance lay on top, the other way."""
+    found = [hidden for hidden, _, _ in map(draw, range(400)) if "drive.motor_constant" in hidden.effects]
+    assert len(found) > 5
+    for hidden in found:
+        off = hidden.machine.motor_constant / hidden.nominal.motor_constant
+        assert off == pytest.approx(hidden.effects["drive.motor_constant"]["value"]) and abs(np.log(off)) > 0.09
+
+
 def test_a_model_is_worse_where_a_fresh_run_says_so() -> None:
     bad = row({}, [], "explained", fresh={"nominal": 1.0, "extended": 1.1, "noise": 0.5})
     assert worse_than_nominal(bad) and not worse_than_nominal(row({}, [], "explained"))
