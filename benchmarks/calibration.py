@@ -71,6 +71,20 @@ def calibration_error(rows: Sequence[Mapping[str, Any]]) -> float:
     return sum(b.count * abs(b.confidence - b.right) for b in table) / max(sum(b.count for b in table), 1)
 
 
+def by_chance(rows: Sequence[Mapping[str, Any]], draws: int = 1000) -> tuple[float, float]:
+    """Calibration error of a finder whose confidences are exactly right: mean over draws, and their 95 % quantile.
+
+    A bin of few causes is off by chance, so that the error of few cases is never near zero.
+    """
+    rng = np.random.default_rng(0)
+    sure = np.clip([confidence for confidence, _ in told(rows)], 0.0, 1.0)
+    bins = np.clip(np.searchsorted(BINS, sure, side="left") - 1, 0, len(BINS) - 2)
+    right = rng.random((draws, len(sure))) < sure
+    members = bins == np.arange(len(BINS) - 1)[:, None]
+    errors = np.abs((right - sure) @ members.T).sum(axis=1) / max(len(sure), 1)
+    return float(errors.mean()), float(np.quantile(errors, 0.95))
+
+
 def picture(sets: Mapping[str, Sequence[Mapping[str, Any]]], path: Path) -> None:
     """The reliability diagram."""
     from matplotlib.figure import Figure
@@ -108,18 +122,24 @@ def page(sets: Mapping[str, Sequence[Mapping[str, Any]]]) -> str:
         "",
         "![reliability](calibration.png)",
         "",
+        "The last column is for a finder whose confidences are exactly right: bins of few causes are off by chance.",
+        "",
         "| bench | named causes | calibration error | right of those named with "
-        f"{CERTAIN:g} or more | with {SURE:g} to {CERTAIN:g} | with less |",
-        "|---|---|---|---|---|---|",
+        f"{CERTAIN:g} or more | with {SURE:g} to {CERTAIN:g} | with less | by chance alone: mean, and 95 % of draws |",
+        "|---|---|---|---|---|---|---|",
     ]
-    for name, rows in sets.items():
+    for name, rows in {**sets, "all": [row for rows in sets.values() for row in rows]}.items():
         every = told(rows)
         parts = [
             [right for c, right in every if low <= c < high]
             for low, high in ((CERTAIN, 2.0), (SURE, CERTAIN), (-1.0, SURE))
         ]
         shares = [f"{sum(part)} of {len(part)}" for part in parts]
-        lines.append(f"| {name} | {len(every)} | {100 * calibration_error(rows):.1f} points | {' | '.join(shares)} |")
+        error, (mean, most) = calibration_error(rows), by_chance(rows)
+        lines.append(
+            f"| {name} | {len(every)} | {100 * error:.1f} points | {' | '.join(shares)} | {100 * mean:.1f}, up to "
+            f"{100 * most:.1f} points |"
+        )
     lines += ["", "| bench | confidence (mean of the bin) | share right (95 %) | causes |", "|---|---|---|---|"]
     for name, rows in sets.items():
         for b in reliability(rows):

@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from benchmarks.calibration import calibration_error, kept, reliability, told
+from benchmarks.calibration import by_chance, calibration_error, kept, reliability, told
 from benchmarks.hidden_wide import FAULT_CODES, outcome, page, worse_than_nominal
 from testbed import hidden_wide
 from testbed.wide import EFFECTS, FAULTS, STRANGERS, draw
@@ -38,6 +38,13 @@ def test_a_bin_says_how_sure_its_share_is() -> None:
     assert (one.confidence, one.right, one.count) == (pytest.approx(0.95), pytest.approx(0.9), 10)
     assert one.interval[0] < 0.6 and one.interval[1] < 1.0
     assert calibration_error(rows) == pytest.approx(0.05)
+
+
+def test_few_causes_are_off_by_chance_though_their_confidences_are_right() -> None:
+    few = [row({"a": CLEAR}, [("a", 0.5)], "explained")] * 4
+    mean, most = by_chance(few)
+    assert mean == pytest.approx(0.1875, abs=0.02) and most == pytest.approx(0.5)
+    assert by_chance(few * 100)[0] < 0.03
 
 
 @pytest.mark.parametrize(
