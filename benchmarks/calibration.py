@@ -128,7 +128,8 @@ def page(sets: Mapping[str, Sequence[Mapping[str, Any]]]) -> str:
         f"{CERTAIN:g} or more | with {SURE:g} to {CERTAIN:g} | with less | by chance alone: mean, and 95 % of draws |",
         "|---|---|---|---|---|---|---|",
     ]
-    for name, rows in {**sets, "all": [row for rows in sets.values() for row in rows]}.items():
+    every_set = {**sets, "all": [row for one in sets.values() for row in one]}
+    for name, rows in every_set.items():
         every = told(rows)
         parts = [
             [right for c, right in every if low <= c < high]
