@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from functools import cache
+from typing import Any
 
 import numpy as np
 from sealegs.gap.experiment import DetectionLimit
@@ -16,7 +17,7 @@ CAUSES = ("friction.coulomb", "drive.gain", "sensor.scale", "sensor.delay")
 
 @cache
 def nothing_hidden(scale: float = 1.0) -> JointDiagnosis:
-    effects = {} if scale == 1.0 else {"sensor.scale": scale}
+    effects: dict[str, Any] = {} if scale == 1.0 else {"sensor.scale": scale}
     schedules = (("chirp", "steps"), ("multisine", "triangle"))
     data, _ = hidden_bench(effects, 31, ("medium",), duration=6.0, schedules=schedules)
     (found,) = diagnose(data, causes=CAUSES)
