@@ -125,19 +125,19 @@ class Looks:
         gram += np.diag(RIDGE * gram.diagonal() + RIDGE)
         here = np.array([p.to_fit(self.model.values[p.path]) for p in numbers])
         moved, least = np.zeros((len(rows), len(kept))), np.full(len(rows), np.inf)
-        open_ = np.arange(len(rows))
+        left = list(range(len(rows)))
         for _ in range(STEPS):
-            tuned = [{p.path: p.from_fit(u) for p, u in zip(numbers, here + moved[k], strict=True)} for k in open_]
-            rest = self.signals([{**rows[k], **more} for k, more in zip(open_, tuned, strict=True)])
+            tuned = [{p.path: p.from_fit(u) for p, u in zip(numbers, here + moved[k], strict=True)} for k in left]
+            rest = self.signals([{**rows[k], **more} for k, more in zip(left, tuned, strict=True)])
             rest -= self.predicted.signal
-            least[open_] = np.minimum(least[open_], np.sqrt(np.mean(rest**2, axis=1)))
+            least[left] = np.minimum(least[left], np.sqrt(np.mean(rest**2, axis=1)))
             foreseen = np.full(len(rows), np.inf)
-            for k, error in zip(open_, rest, strict=True):
+            for k, error in zip(left, rest, strict=True):
                 move = bounded_step(gram, change.T @ error, low - moved[k], high - moved[k]) if kept else moved[k]
                 moved[k] += move
                 foreseen[k] = np.sqrt(np.mean((error + change @ move) ** 2))
-            open_ = np.flatnonzero((least >= SHOWS) & (foreseen < HOPELESS * SHOWS))
-            if not (len(open_) and kept):
+            left = [int(k) for k in np.flatnonzero((least >= SHOWS) & (foreseen < HOPELESS * SHOWS))]
+            if not (left and kept):
                 break
         return least
 
