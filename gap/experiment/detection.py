@@ -18,6 +18,7 @@ from .proposal import RIDGE, SHOWS, Hypothesis, Prediction, everything, predict,
 
 SIZES = tuple(2.0**k for k in range(-4, 6))  # that a detection limit is sought among, in parts of a plausible size
 AT_ONCE = 16  # replays
+FAR = 1e4  # noise floors at which a change is clipped: larger ones are those of a replay that diverges
 STEPS = 3  # evaluations of the tuned numbers on their way towards the log that was measured
 HOPELESS = 3.0  # times what shows, as a step foresees it: from there tuned numbers do not hide a cause
 
@@ -129,7 +130,7 @@ class Looks:
         for _ in range(STEPS):
             tuned = [{p.path: p.from_fit(u) for p, u in zip(numbers, here + moved[k], strict=True)} for k in left]
             rest = self.signals([{**rows[k], **more} for k, more in zip(left, tuned, strict=True)])
-            rest -= self.predicted.signal
+            rest = np.clip(np.nan_to_num(rest - self.predicted.signal, nan=FAR), -FAR, FAR)
             least[left] = np.minimum(least[left], np.sqrt(np.mean(rest**2, axis=1)))
             foreseen = np.full(len(rows), np.inf)
             for k, error in zip(left, rest, strict=True):
