@@ -17,8 +17,8 @@ from sealegs.gap.search.forward import Searcher
 from sealegs.gap.search.settings import DEFAULT
 from sealegs.gap.verdict.diagnosis import diagnose
 from sealegs.gap.verdict.measure import measured, not_excluded
-from sealegs.gap.verdict.unseen import does_nothing, handed_over
-from sealegs.gap.verdict.verdict import NOT_IDENTIFIABLE, WITHDRAWN
+from sealegs.gap.verdict.unseen import Handed, does_nothing, handed_over
+from sealegs.gap.verdict.verdict import EXPLAINED, NOT_IDENTIFIABLE, WITHDRAWN
 
 from testbed import hidden_bench
 from tests.smooth_bench import CHAIN
@@ -60,6 +60,36 @@ def test_the_model_that_is_handed_over_is_the_one_that_unseen_data_support(
     found = handed_over(off, "rad", 0, DEFAULT.verdict_draws, named=named)
     assert found.model == model
     assert why in found.why and bool(found.why) == bool(why)
+
+
+def test_refitted_numbers_must_do_better_on_all_data_that_their_fits_did_not_see() -> None:
+    """A test part was the slow stretches of a chirp, and an acceleration limit that took 24 to 7 mrad was withdrawn."""
+    wave = np.sign(np.sin(np.arange(2000) / 7.0 + 0.1))
+    slow = {"nominal": 1.0, "tuned": 0.9, "refitted": 0.2, "extended": 0.3}
+    off = {name: size * wave for name, size in slow.items()}
+    elsewhere = {"refitted": np.tile(wave, 2), "extended": 0.3 * np.tile(wave, 2)}
+    assert handed_over(off, "rad", 0, DEFAULT.verdict_draws, named=True, crossed=elsewhere.__getitem__) == Handed(
+        "extended"
+    )
+
+
+@pytest.mark.long
+def test_an_effect_is_found_beside_numbers_that_are_off_by_more_than_their_tolerance() -> None:
+    """A chain made for another motor: one cause after the other stood in for its numbers, and play was not found."""
+    data, _ = hidden_bench({"transmission.backlash": 0.03}, 5, runs=3, duration=6.0, nominal_error=0.0)
+    off = {"dc_motor": {"motor_constant": 0.6, "resistance": 1.5}, "friction": {"coulomb": 0.4, "viscous": 0.5}}
+    chain = [
+        {name: {key: value * off.get(name, {}).get(key, 1.0) for key, value in values.items()}}
+        for stage in data.runs[0].actuators["servo"]
+        for name, values in stage.items()
+    ]
+    data = replace(data, runs=tuple(replace(run, actuators={"servo": chain}) for run in data.runs))
+    causes = ("transmission.backlash", "drive.motor_constant", "sensor.scale", "friction.coulomb")
+    (found,) = diagnose(data, causes=causes)
+    (cause,) = found.causes
+    width = cause.parameters["backlash.width"]
+    assert cause.name == "transmission.backlash" and width.low <= 0.03 <= width.high
+    assert "dc_motor.motor_constant x 1." in found.text and found.verdict == EXPLAINED
 
 
 @pytest.mark.long

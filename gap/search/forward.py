@@ -16,6 +16,7 @@ from ..replay.robust import robust_loss
 from . import decide
 from .correlated import excess
 from .fit import Fit, fit, merge, middle
+from .loose import refitting_beats
 from .record import Evidence, Replacement, RoundRecord, SearchRecord, Step
 from .result import Candidate, Round, Search
 from .screen import screen
@@ -70,6 +71,7 @@ class Searcher:
         settings: thresholds.
         look_on: also fit rounds that the settings would skip, so that its record can be decided with looser ones.
             What is named stays the same.
+        wide: nuisance parameters with the bounds of refitting, where a round is to be compared with that.
     """
 
     problem: Problem
@@ -79,6 +81,8 @@ class Searcher:
     seed: int = 0
     settings: SearchSettings = DEFAULT
     look_on: bool = False
+    wide: tuple[Parameter, ...] = ()
+    outrun: bool = field(default=False, init=False)  # by refitted numbers, in a round
     replaced: set[str] = field(default_factory=set, init=False)  # causes that a later one made redundant
 
     def __post_init__(self) -> None:
@@ -131,6 +135,7 @@ class Searcher:
         if not pays:
             return False
         winner = candidates[0]
+        self.outrun = self.outrun or refitting_beats(self, accepted, current.fits, winner.blocks)
         accepted.append(winner)
         found.current = self.of(winner)
         self.progress(Milestone(f"found {winner.cause.key} (removes {100 * winner.gain:.0f} % of what was left)"))

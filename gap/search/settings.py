@@ -141,6 +141,9 @@ class SearchSettings:
         "on each part of the data.",
         decides=True,
     )
+    clearly_less: float = threshold(
+        0.9, "Loss of refitted numbers beside causes, relative to that of the causes, below which they are sought so."
+    )
     least_change: float = threshold(
         0.01, "Relative change of a number below which it is no finding: no number is known better.", decides=True
     )

@@ -99,7 +99,12 @@ def _replayed(found: Replayed, limit: Thresholds) -> Verdict:
         verdict = _unknown_cause(found, withdrawn)
     else:
         verdict = _nothing(found, limit)
-    reasons = (*verdict.reasons, *_contradictions(found), *(_open_reason(cause) for cause in found.open_causes))
+    reasons = (
+        *verdict.reasons,
+        *_beside_causes(found),
+        *_contradictions(found),
+        *(_open_reason(cause) for cause in found.open_causes),
+    )
     if found.data_errors:
         said = " ".join(error.sentence for error in found.data_errors)
         reasons = (Reason("data", f"The log is wrong: {said}"), *reasons)
@@ -180,6 +185,17 @@ def _refitted(found: Replayed) -> Verdict:
     )
     rest = (Reason("structure", found.structure.sentence),) if found.structure.noticed else ()
     return Verdict(NOT_IDENTIFIABLE, sentence, (why, *rest))
+
+
+def _beside_causes(found: Replayed) -> list[Reason]:
+    """That numbers of the nominal model are off by more than their tolerance, too."""
+    if not (found.causes and found.beside):
+        return []
+    said = (
+        f"Beside that, numbers of the nominal model are refitted: {found.beside}. Data that no fit saw ask for it; "
+        "which of them is wrong is not identifiable."
+    )
+    return [Reason("beside", said)]
 
 
 def _contradictions(found: Replayed) -> list[Reason]:

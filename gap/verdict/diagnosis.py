@@ -33,6 +33,7 @@ from ..replay.steps import converged
 from ..replay.tree import HELD
 from ..search.channels import weigh_channels
 from ..search.forward import NUMERICAL, Searcher
+from ..search.loose import search_loosely
 from ..search.result import Search
 from ..search.settings import DEFAULT, SearchSettings
 from ..search.windows import in_windows
@@ -262,9 +263,11 @@ def _replay(pieces: Cut, request: Request, *, before_goal: bool = False) -> Repl
 
 def _search(replay: Replay, request: Request) -> Search:
     causes = list(replay.causes)
-    return Searcher(
-        replay.fitting, causes, tuple(replay.tuned), request.progress, request.seed, request.search, request.look_on
-    ).run()
+    searcher = Searcher(
+        replay.fitting, causes, tuple(replay.tuned), request.progress, request.seed, request.search, request.look_on,
+        tuple(replay.wide),
+    )  # fmt: skip
+    return search_loosely(searcher, searcher.run())
 
 
 def _decide(
@@ -303,6 +306,7 @@ def _decide(
             unit == "rad" and any(error.column in (f"{joint}.goal", f"{joint}.position") for error in errors),
             measured.open_causes,
             measured.turned,
+            measured.beside,
             held,
             replay.hidden,
             limits,

@@ -77,6 +77,7 @@ class Replayed:
         whole_runs: whether the test part is whole runs, not pieces of runs that were fitted elsewhere.
         still: whether the joint hardly moves in any run.
         blind_to: causes that the motion would hardly show; asked only where nothing was found.
+        beside: numbers of the nominal model that were refitted beside the causes, by more than their tolerance.
         held: why the link of a robot's joint moves as measured, and what to log instead.
         hidden: causes that such a link cannot show.
         limits: up to where each cause would not show; asked only where nothing was found.
@@ -102,6 +103,7 @@ class Replayed:
     fault_in_replay: bool = False
     open_causes: Sequence[OpenCause] = ()
     turned: str = ""
+    beside: str = ""
     held: Finding | None = None
     hidden: Sequence[str] = ()
     limits: Sequence[DetectionLimit] = ()

@@ -4,12 +4,13 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from functools import cache
 
 import numpy as np
 
 from ..causes.cause import Cause, Variant
 from ..log.parts import FIT_A, FIT_B, TEST
-from ..replay.parameters import Parameter, absolute
+from ..replay.parameters import TIGHT, Parameter, absolute
 from ..replay.problem import Nominal, Problem
 from ..replay.robust import robust_loss
 from ..search.fit import Fit, fit, middle
@@ -21,7 +22,7 @@ from .decide import confidence, law_error, standing
 from .evidence import THRESHOLDS
 from .shares import owed
 from .signatures import Signature, disagreeing, signatures
-from .unseen import Model, effective, handed_over, near_misses, outdone, refitted_numbers
+from .unseen import Model, crossed_errors, effective, handed_over, near_misses, outdone, refitted_numbers
 from .verdict import Error, NamedCause, OpenCause, Value
 
 
@@ -42,6 +43,7 @@ class Measured:
         open_causes: withdrawn ones and near misses.
         model: which model is handed over: ``extended``, ``refitted`` or ``nominal``.
         turned: the numbers that refitting turned furthest, where that is the model.
+        beside: the same, where they were refitted beside the causes by more than their tolerance.
     """
 
     gap: dict[str, Error]
@@ -56,6 +58,7 @@ class Measured:
     open_causes: tuple[OpenCause, ...] = ()
     model: str = "extended"
     turned: str = ""
+    beside: str = ""
 
 
 def measure(
@@ -85,7 +88,20 @@ def measure(
     found = {"nominal": {}, "refitted": refitted.values, "tuned": tuned.values, "extended": model.fitted.values}
     unseen = {name: test.position_error(test.simulate([values])[0]) for name, values in found.items()}
     errors = {name: error_of(error) for name, error in unseen.items()}
-    chosen = handed_over(unseen, problem.signal[1], seed, search.settings.verdict_draws, named=bool(sought.accepted))
+    halves = (fitting.part(FIT_A), fitting.part(FIT_B))
+
+    @cache
+    def crossed(name: str) -> np.ndarray:
+        if name == "nominal":
+            return crossed_errors(problem, [{}, {}])
+        if name == "refitted":
+            fits = [fit(part, wide, refitted.values, evaluations) for part in halves]
+        else:
+            fits = model.search.fits if name == "extended" else search.base
+        return crossed_errors(problem, [f.values for f in fits])
+
+    draws = search.settings.verdict_draws
+    chosen = handed_over(unseen, problem.signal[1], seed, draws, named=bool(sought.accepted), crossed=crossed)
     handed = chosen.model
     if chosen.why:
         sought, given_up = outdone(sought, chosen.why)
@@ -113,8 +129,10 @@ def measure(
     if keys:
         without = problem.simulate([tuned.values])[0]
         features = {name: signatures(key, problem, without, simulated["extended"]) for name, key in keys.items()}
-    squares = (errors[name].rmse ** 2 - white for name in ("refitted", "extended"))
-    beyond = beyond_refitting(*squares) if rest.noticed else 1.0
+    beyond = 1.0
+    if rest.noticed and sought.accepted:
+        both = (np.concatenate([unseen[name], crossed(name)]) for name in ("refitted", "extended"))
+        beyond = beyond_refitting(*(float(np.mean(error**2)) - white for error in both))
     account = Account(1.0 - unexplained, excess / problem.noise**2, beyond, {p.number for p in wide})
     causes, tuned_share = _name_causes(fitting, sought, model, joint, account, rest, features)
     return Measured(
@@ -130,6 +148,7 @@ def measure(
         open_causes=(*open_causes, *near_misses(search)),
         model="extended" if handed == "tuned" else handed,
         turned=refitted_numbers(wide, refitted.values) if handed == "refitted" else "",
+        beside=refitted_numbers(wide, values, beyond=TIGHT) if handed == "extended" else "",
     )
 
 

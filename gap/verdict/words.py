@@ -20,7 +20,8 @@ def levels(found: Replayed) -> tuple[str, str, str]:
 def change(found: Replayed) -> str:
     before, after, floor = levels(found)
     seen = "runs" if found.whole_runs else "pieces of the runs"
-    tuned = f" ({size(found.tuned.rmse, found.structure.unit)} with its numbers tuned within their tolerance)"
+    how = "refitted" if found.beside else "tuned within their tolerance"
+    tuned = f" ({size(found.tuned.rmse, found.structure.unit)} with its numbers {how})"
     return f"from {before}{tuned} to {after} on {seen} that nothing was fitted to (noise {floor})"
 
 

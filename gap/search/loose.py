@@ -1,0 +1,82 @@
+"""A second search, where the nominal numbers are off by more than their tolerance beside the causes.
+
+A chain made for another motor has every number wrong, and an effect missing too. The first search holds the numbers
+within their tolerance, and one cause after the other then stands in for them. Where data that no fit saw say so, causes
+are sought once more on top of the refitted numbers.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import replace
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from ..causes.cause import Cause
+from ..checks.bootstrap import block_weights
+from ..replay.parameters import Parameter
+from .fit import Fit, merge, middle
+from .result import Candidate, Search
+
+if TYPE_CHECKING:
+    from .forward import Searcher
+
+
+def search_loosely(searcher: Searcher, found: Search) -> Search:
+    """What is found on top of refitted numbers, where that is something and better; else what was found.
+
+    Both are charged for each parameter of their causes, and the second for each number that it refits.
+
+    Args:
+        searcher: that found something.
+        found: by it.
+    """
+    tight = _blocks(searcher, found)
+    if not (searcher.outrun or refitting_beats(searcher, found.accepted, found.fits, tight)):
+        return found
+    searcher.progress("its numbers are off by more than their tolerance: seeking causes beside refitted numbers")
+    causes = [cause for cause in searcher.considered if not _turned_anyway(cause, searcher.wide)]
+    loose = replace(searcher, causes=causes, tuned=searcher.wide, wide=()).run()
+    charge = searcher.settings.parameter_charge
+    turned = sum(p.factor for p in searcher.wide)
+    held = float(tight.sum()) * (1.0 + charge * _flexibility(found))
+    freed = float(_blocks(searcher, loose).sum()) * (1.0 + charge * (_flexibility(loose) + turned))
+    return replace(loose, causes=searcher.considered) if loose.accepted and freed < held else found
+
+
+def refitting_beats(
+    searcher: Searcher, accepted: Sequence[Candidate], fits: tuple[Fit, Fit], blocks: np.ndarray
+) -> bool:
+    """Whether refitted numbers, in place of tuned ones beside these causes, clearly beat a loss per block (b,).
+
+    They are tried where a tuned number is at an end of its tolerance.
+    """
+    held = {p.path for p in searcher.tuned if p.factor}
+    if not searcher.wide or not any(held.intersection(one.at_bound) for one in fits):
+        return False
+    parameters = merge(searcher.wide, *(candidate.variant for candidate in accepted))
+    freed = searcher.judged(searcher.fit_both(parameters, middle(*fits))).blocks
+    settings = searcher.settings
+    if not freed.sum() < settings.clearly_less * blocks.sum():
+        return False
+    weights = block_weights(len(blocks), settings.draws, np.random.default_rng(searcher.seed))
+    return bool((weights @ freed < weights @ blocks).mean() > settings.least_certainty)
+
+
+def _blocks(searcher: Searcher, found: Search) -> np.ndarray:
+    """Loss per block (b,) of the model that was found."""
+    return found.accepted[-1].blocks if found.accepted else searcher.judged(found.base).blocks
+
+
+def _flexibility(found: Search) -> int:
+    """Parameters of the causes that were found; a missing effect counts as one more."""
+    return sum(len(candidate.variant) + (not candidate.cause.error) for candidate in found.accepted)
+
+
+def _turned_anyway(cause: Cause, wide: Sequence[Parameter]) -> bool:
+    """Whether a wrong number is among those that are refitted, as far as the cause would turn it."""
+    (first, *others) = cause.variants[0]
+    known = next((p for p in wide if p.number == first.number and p.factor == first.factor), None)
+    within = known is not None and not others and known.low <= first.low and first.high <= known.high
+    return cause.error and within
