@@ -3,8 +3,10 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
+from dataclasses import replace
 from functools import cache
 
+import numpy as np
 import pytest
 from sealegs.actuators import load_chain
 from sealegs.gap.log.finding import Finding
@@ -15,16 +17,30 @@ from sealegs.gap.replay.free import FreeProblem, free_problem
 from sealegs.gap.replay.joint_model import JointModel
 from sealegs.gap.verdict.decide import standing
 from sealegs.gap.verdict.recorded import recording_reasons
-from sealegs.gap.verdict.signatures import AGREES, DISAGREES, Signature, disagreeing, signatures
+from sealegs.gap.verdict.signatures import (
+    AGREES,
+    DISAGREES,
+    FEATURES,
+    Piece,
+    Signature,
+    coasted,
+    disagreeing,
+    signatures,
+)
 from sealegs.gap.verdict.verdict import CERTAIN, LIKELY, NamedCause, Value
 
 from testbed import NOISE_FLOOR, hidden_bench
+from testbed.excitation import DEFAULT_SCHEDULES
+
+STEPS = (("steps", "steps", "lift_and_drop", "steps"), ("steps", "lift_and_drop", "steps", "steps"))
 
 
 @cache
-def problem(name: str, value: float) -> FreeProblem:
+def problem(name: str, value: float, schedules: tuple[tuple[str, ...], ...] = DEFAULT_SCHEDULES) -> FreeProblem:
     """A bench whose numbers are right but for one effect."""
-    data, _ = hidden_bench({name: value}, 11, ("medium", "light"), runs=2, duration=12.0, nominal_error=0.0)
+    data, _ = hidden_bench(
+        {name: value}, 11, ("medium", "light"), runs=2, duration=12.0, schedules=schedules, nominal_error=0.0
+    )
     runs = data.runs
     models = [JointModel(load_chain(run.actuators["servo"])) for run in runs]
     return free_problem(runs, "servo", models, cut(runs, "servo"), {"position": 1.0 / NOISE_FLOOR})
@@ -58,10 +74,26 @@ def test_play_shows_when_the_drive_pushes_the_other_way():
     assert right.verdict != DISAGREES and abs(right.extended) < 0.2 * right.nominal
 
 
+def test_friction_by_speed_shows_in_the_duty_of_a_constant_velocity():
+    found = problem("friction.viscous", 0.1)
+    (right,), (wrong,) = (read("speed", found, v) for v in ({"friction.viscous": 0.159}, {"friction.coulomb": 0.15}))
+    assert "duty per speed" in right.name and right.verdict == AGREES and wrong.verdict != AGREES
+
+
+def test_a_joint_with_its_drive_off_coasts_less_far_than_a_model_that_lacks_friction():
+    time = np.linspace(0.0, 2.0, 401)
+    on = (time < 0.5) | (time > 1.5)
+    speed = np.where(on, 1.0, np.maximum(1.0 - 2.0 * (time - 0.5), 0.0))
+    short = np.where(on, 0.0, -0.01 * (time - 0.5) ** 2)  # [rad] measured less the model's angle
+    piece = Piece(time, speed, speed, speed, time >= 0.0, short, speed, speed, 0.05, on)
+    assert coasted(piece) == pytest.approx(-0.01, rel=0.05)
+    assert np.isnan(coasted(replace(piece, on=np.ones(len(time), bool))))
+
+
 def test_nothing_hidden_contradicts_nothing():
-    found = problem("friction.coulomb", 0.0)
-    for key in ("lag", "reversal", "play"):
-        assert disagreeing(read(key, found, {})) is None
+    for found in (problem("friction.coulomb", 0.0), problem("friction.coulomb", 0.0, STEPS)):
+        for key in FEATURES:
+            assert disagreeing(read(key, found, {})) is None
 
 
 def test_a_contradicted_cause_is_never_certain_and_its_features_are_drawn():

@@ -34,6 +34,7 @@ def viscous(nominal: JointModel) -> Cause:
         picture="friction_against_speed",
         variants=((slope,),),
         error=True,
+        signature="speed",
         needs=SHOWN,
     )
 
@@ -46,6 +47,7 @@ def drag(nominal: JointModel) -> Cause:
         sentence="Friction grows with the square of the speed, as in air or oil.",
         picture="friction_against_speed",
         variants=((square,),),
+        signature="speed",
         needs=SHOWN,
         degenerates_to=Limit("friction.viscous", "all motion is about as fast"),
     )

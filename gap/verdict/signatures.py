@@ -2,8 +2,9 @@
 
 A fit may lower the error and be wrong about the physics. So each cause of friction, delay and play names a feature that
 it must bring to where it was measured: how far the joint lags on either side of a reversal, how late it follows at low
-and at high speed, how late its duty follows, what it does when the teeth change sides. A feature is read as a
-difference to what was measured, with the measured motion as the covariate of all models, so that noise biases none.
+and at high speed and frequency, how late its duty follows, what it does when the teeth change sides, how far it coasts,
+which duty a speed takes. A feature is read as a difference to what was measured, with the
+measured motion as the covariate of all models, so that noise biases none.
 """
 
 from __future__ import annotations
@@ -20,6 +21,7 @@ from ..search.settings import threshold
 
 AGREES, SILENT, DISAGREES = "agrees", "silent", "disagrees"
 SINCE = 0.15  # [s] after the drive pushes the other way in which play shows
+COAST = 0.1  # [s] with the drive off from which a joint coasts
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -40,6 +42,7 @@ class SignatureLimits:
         4e-4, "Lag [s] below which a difference may come from the sampling of command and position."
     )
     least_angle: float = threshold(0.15, "Angle, in noise floors, below which a difference is no feature.")
+    least_duty: float = threshold(5e-3, "Duty per speed [s/rad] below which a difference is no feature.")
     fewest: int = threshold(5, "Least number of pieces of a log for which the spread can be estimated.")
 
 
@@ -79,6 +82,8 @@ class Piece:
     error: np.ndarray  # measured position less that of a model
     duty: np.ndarray  # of the model
     duty_error: np.ndarray  # measured less that of the model
+    slow: float  # speed below which the joint counts as at rest [rad/s]
+    on: np.ndarray  # whether the drive was on
 
 
 Feature = Callable[[Piece], float]
@@ -106,6 +111,43 @@ def _lag(piece: Piece, *, fast: bool) -> float:
         return float("nan")
     one = np.ones(len(piece.time))
     return -float(_solved([piece.speed, piece.direction, piece.acceleration, one], piece.error, keep)[0])
+
+
+def _lag_by_frequency(piece: Piece, *, fast: bool) -> float:
+    """By how much the measured motion is later than the model's [s], where it changes faster or slower than usual."""
+    width = max(round(0.5 / float(np.median(np.diff(piece.time)))), 1)
+    kernel = np.ones(width) / width
+    speed, change = (np.convolve(x**2, kernel, mode="same") for x in (piece.speed, piece.acceleration))
+    moving = piece.judged & (speed > 4.0 * piece.slow**2)
+    frequency = np.sqrt(change / np.maximum(speed, 1e-12))  # [rad/s]
+    middle = float(np.median(frequency[moving])) if moving.any() else 0.0
+    keep = moving & ((frequency >= middle) if fast else (frequency <= middle))
+    if keep.sum() < 40:
+        return float("nan")
+    one = np.ones(len(piece.time))
+    return -float(_solved([piece.speed, piece.direction, piece.acceleration, one], piece.error, keep)[0])
+
+
+def coasted(piece: Piece) -> float:
+    """How much farther than the model the joint turns with its drive off [rad]."""
+    ends = np.flatnonzero(np.diff(np.concatenate([[True], piece.on, [True]]).astype(int)))
+    ways = []
+    for a, b in zip(ends[::2], ends[1::2], strict=True):
+        last = b - 1
+        if piece.time[last] - piece.time[a] >= COAST and piece.judged[a] and abs(piece.speed[a]) > 3.0 * piece.slow:
+            ways.append(float(np.sign(piece.speed[a]) * (piece.error[last] - piece.error[a])))
+    return float(np.mean(ways)) if ways else float("nan")
+
+
+def _duty_per_speed(piece: Piece) -> float:
+    """Duty that a speed takes beyond that of the model at constant velocity [s/rad]."""
+    size = np.abs(piece.speed)
+    fast, change = (float(np.quantile(np.abs(x[piece.judged]), 0.98)) for x in (piece.speed, piece.acceleration))
+    keep = piece.judged & piece.on & (size > 0.1 * fast) & (np.abs(piece.acceleration) < 0.2 * change)
+    keep &= np.isfinite(piece.duty_error) & (np.abs(piece.duty) < 0.9 * np.max(np.abs(piece.duty)))
+    if keep.sum() < 40:
+        return float("nan")
+    return float(_solved([piece.speed, piece.direction, np.ones(len(size))], np.nan_to_num(piece.duty_error), keep)[0])
 
 
 def _duty_lag(piece: Piece) -> float:
@@ -141,11 +183,20 @@ def _after_unloading(piece: Piece) -> float:
 
 
 FEATURES: dict[str, tuple[tuple[str, str, Feature], ...]] = {
-    "reversal": (("lag on either side of a reversal", "rad", _reversal_step),),
+    "reversal": (
+        ("lag on either side of a reversal", "rad", _reversal_step),
+        ("angle coasted with the drive off", "rad", coasted),
+    ),
     "lag": (
         ("lateness at low speed", "s", lambda piece: _lag(piece, fast=False)),
         ("lateness at high speed", "s", lambda piece: _lag(piece, fast=True)),
+        ("lateness at low frequency", "s", lambda piece: _lag_by_frequency(piece, fast=False)),
+        ("lateness at high frequency", "s", lambda piece: _lag_by_frequency(piece, fast=True)),
         ("lateness of the duty", "s", _duty_lag),
+    ),
+    "speed": (
+        ("angle coasted with the drive off", "rad", coasted),
+        ("duty per speed at constant velocity", "s/rad", _duty_per_speed),
     ),
     "play": (("error after the drive pushes the other way", "rad", _after_unloading),),
 }
@@ -169,7 +220,9 @@ def signatures(key: str, problem: Problem, tuned: np.ndarray, extended: np.ndarr
         good = np.isfinite(before) & np.isfinite(after)
         if good.sum() < LIMITS.fewest:
             continue
-        least = LIMITS.least_lag if unit == "s" else LIMITS.least_angle / float(problem.weight[0])
+        least = {"s": LIMITS.least_lag, "s/rad": LIMITS.least_duty}.get(
+            unit, LIMITS.least_angle / float(problem.weight[0])
+        )
         found.append(_judged(name, unit, before[good], after[good], least))
     return tuple(found)
 
@@ -196,7 +249,7 @@ def disagreeing(found: tuple[Signature, ...]) -> Signature | None:
 
 
 def _pieces(problem: Problem, channels: np.ndarray) -> list[Piece]:
-    duty = problem.channels.index("duty")
+    duty, on = problem.channels.index("duty"), None if problem.joint is None else problem.joint.on
     pieces = []
     for a, b in itertools.pairwise(problem.starts):
         time, position = problem.time[a:b], problem.measured[a:b, 0]
@@ -208,6 +261,7 @@ def _pieces(problem: Problem, channels: np.ndarray) -> list[Piece]:
             Piece(
                 time, speed, acceleration, np.tanh(speed / slow), problem.judged[a:b],
                 position - channels[a:b, 0], channels[a:b, duty], problem.measured[a:b, duty] - channels[a:b, duty],
+                slow, np.ones(b - a, bool) if on is None else on[a:b],
             )
         )  # fmt: skip
     return pieces
