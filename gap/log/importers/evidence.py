@@ -83,7 +83,7 @@ class Relation:
 def as_derivative(time: Array, position: Array, column: Array) -> Relation:
     """A column against the derivative of a position: by way over :data:`WINDOW`, so that noise counts little."""
     time, position, column = (a[:MOST] for a in (time, position, column))
-    good = np.isfinite(column) & np.isfinite(position)
+    good = np.isfinite(column) & np.isfinite(position) & np.isfinite(time)
     if good.sum() < 50:
         return Relation(0.0, 0.0)
     time, position, column = time[good], position[good], column[good]
@@ -107,7 +107,7 @@ def _slope(first: Array, second: Array) -> Relation:
 def following(time: Array, first: Array, second: Array) -> Relation:
     """How much later than ``first`` ``second`` moves, by the best correlation of their ways over short times."""
     time, first, second = (a[:MOST] for a in (time, first, second))
-    good = np.isfinite(first) & np.isfinite(second)
+    good = np.isfinite(first) & np.isfinite(second) & np.isfinite(time)
     if good.sum() < 50:
         return Relation(0.0, 0.0)
     period = float(np.median(np.diff(time[good])))
@@ -138,6 +138,10 @@ def multiple(first: Array, second: Array) -> float | None:
 def drives(time: Array, position: Array, column: Array) -> float:
     """Share of a column that the terms of a motion explain: acceleration, speed, its direction, angle, a constant."""
     time, position, column = (a[:MOST] for a in (time, position, column))
+    good = np.isfinite(time) & np.isfinite(position) & np.isfinite(column)
+    if good.sum() < 50:
+        return 0.0
+    time, position, column = time[good], position[good], column[good]
     reach = max(round(0.03 / float(np.median(np.diff(time)))), 2)
     kernel = np.ones(2 * reach + 1) / (2 * reach + 1)
     smooth = np.convolve(np.convolve(position, kernel, "same"), kernel, "same")

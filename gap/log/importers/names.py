@@ -209,6 +209,12 @@ def said(name: str) -> Said:
     return Said(signal, unit, joint, bool(sides & FILTERED), how)
 
 
+def unit_of(text: str) -> str:
+    """Unit that a text is, in brackets or without; empty where it is none."""
+    text = text.strip().strip("[]()").strip().lower()
+    return SPELT.get(text) or UNITS.get(text, "")
+
+
 def _bracketed(name: str) -> tuple[str, str]:
     """A unit in brackets or after a slash, and the name without it."""
     for match in re.finditer(r"[\[(]([^\])]*)[\])]", name):

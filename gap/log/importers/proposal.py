@@ -207,7 +207,7 @@ class _Proposer:
         """Columns whose names say nothing, by what their numbers do."""
         for name in self.unknown:
             self.out.unused[name] = self.place(name)
-        self.out.unused = {name: why for name, why in self.out.unused.items() if why}
+        self.out.unused = {name: why for name, why in self.out.unused.items() if why} | self.first.left
 
     def place(self, name: str) -> str:
         """Put one column where its numbers belong; or say why it is not used."""

@@ -27,6 +27,7 @@ class Recording:
         roles: what the format itself says of a column: ``joint.signal`` or ``time`` by column name.
         notes: what the reader did, for people.
         units: what the format itself says of a column's unit, by column name.
+        left: why a column of the file is none of numbers, by its name there.
     """
 
     name: str
@@ -37,6 +38,7 @@ class Recording:
     roles: dict[str, str] = field(default_factory=dict)
     notes: tuple[str, ...] = ()
     units: dict[str, str] = field(default_factory=dict)
+    left: dict[str, str] = field(default_factory=dict)
 
     @property
     def length(self) -> int:

@@ -17,7 +17,7 @@ from pyarrow import compute, parquet
 
 from ...types import LogError
 from ..recording import Recording
-from .tables import numeric_columns
+from .cells import numeric_columns
 
 INFO = Path("meta/info.json")
 MEASURED, COMMANDED = "observation.state", "action"
@@ -100,7 +100,7 @@ def _episode(
 ) -> Recording:
     columns, roles, units = {}, {"timestamp": "time"}, {"timestamp": "s"}
     measured = _names(features[MEASURED])
-    for name, values in numeric_columns(table).items():
+    for name, values in numeric_columns(table).columns.items():
         feature, _, place = name.partition("[")
         if not place:
             if name == "timestamp":
