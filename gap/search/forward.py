@@ -23,39 +23,10 @@ from .screen import screen
 from .settings import DEFAULT, SearchSettings
 from .simpler import at_bound, elaborates, visited
 from .sketch import coarsened, sketch
+from .state import Found, Judged
 
 NEVER = float("nan")  # promise of a screen that was not run
 NUMERICAL = (np.linalg.LinAlgError, ArithmeticError)
-
-
-@dataclass(frozen=True, eq=False)
-class Judged:
-    """A model and its loss on data that its fits did not see.
-
-    Attributes:
-        fits: to the two parts, each judged on the other.
-        blocks: loss of each block (b,).
-        sampled: loss per value of what is judged sample by sample.
-    """
-
-    fits: tuple[Fit, Fit]
-    blocks: np.ndarray
-    sampled: float
-
-
-@dataclass
-class Found:
-    """What a search under way has found.
-
-    Attributes:
-        current: the model with the causes accepted so far.
-        accepted, rounds, steps: as :class:`sealegs.gap.search.result.Search` and its record have them.
-    """
-
-    current: Judged
-    accepted: list[Candidate] = field(default_factory=list)
-    rounds: list[Round] = field(default_factory=list)
-    steps: list[Step] = field(default_factory=list)
 
 
 @dataclass
@@ -159,9 +130,12 @@ class Searcher:
 
         What a part does not show at all so stays as the other part has it.
         """
-        joint = fit(self.sketch, parameters, start, self.settings.iterations)
+        return self.fit_parts(parameters, fit(self.sketch, parameters, start, self.settings.iterations).values)
+
+    def fit_parts(self, parameters: Sequence[Parameter], optimum: Mapping[str, float]) -> tuple[Fit, Fit]:
+        """Fits to the two parts from the optimum of the sketch."""
         more = self.settings.iterations if self.sketch is self.both else self.settings.sketched_iterations
-        a, b = (fit(part, parameters, joint.values, more) for part in self.parts)
+        a, b = (fit(part, parameters, optimum, more) for part in self.parts)
         return a, b
 
     def judged(self, fits: tuple[Fit, Fit]) -> Judged:
@@ -247,13 +221,19 @@ class Searcher:
         finalists += [cause.key for cause in self.shown if cause.seen and cause.key not in (*finalists, *taken)]
         found: list[Candidate] = []
         best: dict[str, float] = {}
+        before = least = fit(self.sketch, extended, here, 0).cost
         for start, cause, variant in rough:
             cost = self._charged(start, cause, variant)
             # a rough fit may have left the usual form far from its optimum
             outrun = cost > settings.outrun_cost * best.setdefault(cause.key, cost) and variant != cause.variants[0]
             if cause.key in finalists and not outrun:
-                fits = self.fit_both(merge(extended, variant), start.values)
-                found.append(self.candidate(cause, variant, self.judged(fits)))
+                parameters = merge(extended, variant)
+                joint = fit(self.sketch, parameters, start.values, settings.iterations)
+                least = min(least, joint.cost)
+                behind = before - joint.cost < settings.hopeless_gain * (before - least)
+                if behind and before - least > settings.weak and not self.look_on:
+                    continue  # it cannot win a draw that counts
+                found.append(self.candidate(cause, variant, self.judged(self.fit_parts(parameters, joint.values))))
         return self.simplest(found, extended, taken), screened.promise
 
     def simplest(self, found: Sequence[Candidate], extended: Sequence[Parameter], taken: set[str]) -> list[Candidate]:

@@ -33,7 +33,8 @@ def search_loosely(searcher: Searcher, found: Search) -> Search:
         found: by it.
     """
     tight = _blocks(searcher, found)
-    if not (searcher.outrun or refitting_beats(searcher, found.accepted, found.fits, tight)):
+    far = held_back(searcher, found.fits) and searcher.excess(found.fits) > searcher.settings.open_excess
+    if not (searcher.outrun or far or refitting_beats(searcher, found.accepted, found.fits, tight)):
         return found
     searcher.progress("its numbers are off by more than their tolerance: seeking causes beside refitted numbers")
     causes = [cause for cause in searcher.considered if not _turned_anyway(cause, searcher.wide)]
@@ -52,8 +53,7 @@ def refitting_beats(
 
     They are tried where a tuned number is at an end of its tolerance.
     """
-    held = {p.path for p in searcher.tuned if p.factor}
-    if not searcher.wide or not any(held.intersection(one.at_bound) for one in fits):
+    if not held_back(searcher, fits):
         return False
     parameters = merge(searcher.wide, *(candidate.variant for candidate in accepted))
     freed = searcher.judged(searcher.fit_both(parameters, middle(*fits))).blocks
@@ -62,6 +62,12 @@ def refitting_beats(
         return False
     weights = block_weights(len(blocks), settings.draws, np.random.default_rng(searcher.seed))
     return bool((weights @ freed < weights @ blocks).mean() > settings.least_certainty)
+
+
+def held_back(searcher: Searcher, fits: tuple[Fit, Fit]) -> bool:
+    """Whether a tuned number is at an end of its tolerance, and refitting is to be considered."""
+    held = {p.path for p in searcher.tuned if p.factor}
+    return bool(searcher.wide) and any(held.intersection(one.at_bound) for one in fits)
 
 
 def _blocks(searcher: Searcher, found: Search) -> np.ndarray:

@@ -50,6 +50,11 @@ class SearchSettings:
     hopeless_cost: float = threshold(
         1.5, "Cost after one iteration, relative to the least one, from which the rough fit of an effect is abandoned."
     )
+    hopeless_gain: float = threshold(
+        0.5,
+        "Share of the best finalist's gain, by the fit to the sketch, below which one is not fitted to the parts, "
+        "if that gain is above `weak`. There all rivals of the recorded searches reached 0.97.",
+    )
     outrun_cost: float = threshold(
         1.15, "Rough cost, relative to its cause's best variant, from which a variant is not fitted to convergence."
     )
@@ -140,6 +145,10 @@ class SearchSettings:
         "Least ratio, smaller to larger, of the two distances of a parameter from the value without effect, one fitted "
         "on each part of the data.",
         decides=True,
+    )
+    open_excess: float = threshold(
+        3.0,
+        "Excess loss at the end of a search from which causes are sought beside refitted numbers whatever these do.",
     )
     clearly_less: float = threshold(
         0.9, "Loss of refitted numbers beside causes, relative to that of the causes, below which they are sought so."

@@ -1,0 +1,41 @@
+"""Where a search under way stands."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+
+import numpy as np
+
+from .fit import Fit
+from .record import Step
+from .result import Candidate, Round
+
+
+@dataclass(frozen=True, eq=False)
+class Judged:
+    """A model and its loss on data that its fits did not see.
+
+    Attributes:
+        fits: to the two parts, each judged on the other.
+        blocks: loss of each block (b,).
+        sampled: loss per value of what is judged sample by sample.
+    """
+
+    fits: tuple[Fit, Fit]
+    blocks: np.ndarray
+    sampled: float
+
+
+@dataclass
+class Found:
+    """What a search under way has found.
+
+    Attributes:
+        current: the model with the causes accepted so far.
+        accepted, rounds, steps: as :class:`sealegs.gap.search.result.Search` and its record have them.
+    """
+
+    current: Judged
+    accepted: list[Candidate] = field(default_factory=list)
+    rounds: list[Round] = field(default_factory=list)
+    steps: list[Step] = field(default_factory=list)
