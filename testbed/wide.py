@@ -13,6 +13,7 @@ from typing import Any
 
 import numpy as np
 
+from .actual import actual
 from .excitation import EXCITATIONS, SEGMENT, trajectory
 from .physics import AMBIENT, Machine, inertia_of, simulate
 from .recording import Recording
@@ -211,28 +212,6 @@ STRANGERS: dict[str, tuple[Size, Apply]] = {
 }
 """What no catalogue holds; the last two are of the firmware: an integral term and a gain that nobody logged."""
 
-NUMBERS = {
-    "friction.coulomb": "coulomb",
-    "friction.viscous": "viscous",
-    "friction.stribeck": "stribeck",
-    "friction.asymmetric": "asymmetry",
-    "friction.load_dependent": "load_friction",
-    "drive.gain": "gain",
-    "drive.delay": "command_delay",
-    "drive.rate_limit": "goal_speed",
-    "drive.deadband": "error_deadband",
-    "drive.saturation": "duty_limit",
-    "drive.supply_sag": "supply_resistance",
-    "drive.motor_constant": "motor_constant",
-    "drive.minimum_duty": "minimum_duty",
-    "transmission.backlash": "backlash",
-    "transmission.compliance": "joint_stiffness",
-    "load.inertia": "extra_inertia",
-    "sensor.offset": "encoder_offset",
-    "sensor.scale": "encoder_scale",
-}
-"""Number of the machine that an effect sets, where the machine has it."""
-
 FAULTS = ("sign", "degrees", "held", "late stamps", "velocity unit", "columns behind", "unsigned current")
 """Of the recording, on top of what is hidden."""
 
@@ -298,7 +277,7 @@ def record_wide(seed: int, *, fresh: bool = False) -> tuple[list[Recording], dic
         )
     for name in hidden.effects:
         hidden.effects[name]["noise_floors"] = _size(hidden, recorder, name, seed)
-        hidden.effects[name]["actual"] = _actual(hidden, name)
+        hidden.effects[name]["actual"] = actual(name, hidden.machine, hidden.nominal, hidden.filter, hidden.latency)
     truth = {
         "seed": seed, "kind": kind, "effects": hidden.effects, "fault": hidden.fault, "noise_floor": recorder.floor,
         "recorder": {**recorder.__dict__, "columns": list(recorder.columns)},
@@ -364,15 +343,6 @@ def _simulated(
             goal[k] = goal[k - 1] + share * (goal[k] - goal[k - 1])
     jams = np.sort(rng.uniform(0.5, recorder.duration, max(int(recorder.duration / 2.0), 1)))
     return simulate(m, time, goal, jams, jams + rng.uniform(0.05, 0.4, len(jams)), time[-1] + 2e-3, AMBIENT)
-
-
-def _actual(hidden: Hidden, name: str) -> float:
-    """What a catalogue would have to find: a number of the machine in its own unit; NaN for a stranger."""
-    if name == "load.mass":  # as a factor
-        return hidden.machine.mass / hidden.nominal.mass
-    special = {"drive.goal_filter": hidden.filter, "sensor.delay": hidden.latency}
-    special["contact.blocked"] = hidden.machine.stop_angle
-    return float(getattr(hidden.machine, NUMBERS[name]) if name in NUMBERS else special.get(name, math.nan))
 
 
 def _size(hidden: Hidden, recorder: Recorder, name: str, seed: int) -> float:
