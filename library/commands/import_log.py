@@ -21,8 +21,8 @@ from sealegs.actuators.atomic import write_text
 from sealegs.actuators.errors import SealegsError
 from sealegs.configs.check import checked
 from sealegs.configs.compose import compose, split
-from sealegs.gap.log.importers import Imported, Proposed, import_logs, propose_for, read_mapping
-from sealegs.gap.log.importers.mapping import FOLDER
+from sealegs.gap.log.importers import Imported, Proposed, answered, import_logs, propose_for, read_mapping
+from sealegs.gap.log.importers.mapping import FOLDER, ended
 
 PLAIN = ("source", "out", "mapping", "unit", "robot", "actuator", "format")
 UNITS = ("rad", "deg", "turn", "m", "mm")
@@ -43,7 +43,10 @@ def main(arguments: list[str]) -> None:
     if config["unit"] not in (None, *UNITS):
         raise SealegsError(f"unit={config['unit']} is none of {', '.join(UNITS)}.")
     if config["mapping"] is not None:
-        mapping = read_mapping(str(config["mapping"]))
+        if config["unit"] is not None:
+            raise SealegsError(f"unit={config['unit']} is for a proposal; in a mapping the units stand in its columns.")
+        params = checked("robot_params", config["robot_params"], dict[str, float])
+        mapping = answered(read_mapping(str(config["mapping"])), out, config["robot"], config["actuator"], params)
         tell(import_logs(source, out, mapping, config["format"]), out)
         return
     file = _free(out)
@@ -69,9 +72,10 @@ def take(source: Path, out: Path, proposed: Proposed, config: dict[str, Any]) ->
         or "time" not in proposed.certain.columns
     ):
         asked = proposed.mapping.questions[0]
+        call = "Answer it (unit=...), or call" if "unit=" in asked.ask else "Call"
         raise SealegsError(
-            f"{source}: cannot be imported as it is; {', '.join(asked.about[:3])}: {asked.ask}. Answer it "
-            "(unit=...), or call without yes=true and correct the mapping."
+            f"{source}: cannot be imported as it is; {', '.join(asked.about[:3])}: {ended(asked.ask)} {call} without "
+            "yes=true and correct the mapping."
         )
     done = import_logs(source, out, proposed.certain, config["format"], proposed.recordings)
     if left:

@@ -16,16 +16,35 @@ from ..sidecar import FOLDER_DEFAULTS
 from ..types import LogError
 from ..writer import write_run
 from .formats import read_recordings
-from .mapping import Mapping, converted, fits, names_of, read_mapping
-from .proposal import Proposal, propose
+from .mapping import Mapping, converted, ended, fits, lacking, read_mapping
+from .proposal import propose
+from .proposed import Proposal
 from .recording import Recording
 from .show import proposal_text
-from .sidecars import beside, blanks, checked_actuator, folder_and_own, proposed_sidecar, text_with_blanks
+from .sidecars import (
+    answered,
+    beside,
+    blanks,
+    checked_actuator,
+    checked_robot,
+    folder_and_own,
+    proposed_sidecar,
+    text_with_blanks,
+)
 
 MANY_ROWS = 20_000
 """Longer recordings are written as Parquet where nobody says which format."""
 
-__all__ = ["Imported", "Proposed", "Recording", "import_logs", "propose_for", "read_mapping", "read_recordings"]
+__all__ = [
+    "Imported",
+    "Proposed",
+    "Recording",
+    "answered",
+    "import_logs",
+    "propose_for",
+    "read_mapping",
+    "read_recordings",
+]
 
 
 @dataclass(frozen=True)
@@ -89,7 +108,9 @@ def propose_for(
     """
     recordings, left = _alike(read_recordings(source))
     proposal = propose(recordings, unit)
-    sidecar = proposed_sidecar(recordings, proposal, beside(robot, out), checked_actuator(actuator), params)
+    sidecar = proposed_sidecar(
+        recordings, proposal, beside(checked_robot(robot, out), out), checked_actuator(actuator), params
+    )
     text = proposal_text(proposal, sidecar, recordings, command, left)
     mapping = replace(proposal.mapping(), sidecar=sidecar)
     return Proposed(text, mapping, _certain(proposal, sidecar), tuple(recordings), tuple(left))
@@ -131,14 +152,14 @@ def import_logs(
         asked = mapping.questions[0]
         raise LogError(
             f"the mapping has {len(mapping.questions)} open question{'s' * (len(mapping.questions) > 1)}, the first "
-            f"about {', '.join(asked.about[:3])}: {asked.ask}. Correct its lines under columns and remove it from "
-            "questions."
+            f"about {', '.join(asked.about[:3])}: {ended(asked.ask)} Correct its lines under columns and remove it "
+            "from questions."
         )
     found = list(recordings) if recordings is not None else read_recordings(source)
     fitting = [recording for recording in found if fits(mapping, recording)]
     if not fitting:
-        lacking = names_of(mapping) - {*found[0].columns, *found[0].facts, *mapping.constants, "pi"}
-        raise LogError(f"{found[0].source}: the mapping takes {', '.join(sorted(lacking))}, which it does not have.")
+        names = ", ".join(sorted(lacking(mapping, found[0])))
+        raise LogError(f"{found[0].source}: the mapping takes {names}, which it does not have.")
     left = [f"{one.name} does not have the columns of the mapping" for one in found if one not in fitting]
     runs = [converted(mapping, recording) for recording in fitting]
     shared, own = folder_and_own(runs)

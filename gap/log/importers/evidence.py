@@ -10,7 +10,9 @@ import numpy as np
 from ..types import Array
 
 SLOWEST, FASTEST = 0.5, 2e-5  # [s] sample periods of logs that show the motion of a servo
-CLOCKS = {"s": 1.0, "ms": 1e-3, "us": 1e-6, "ns": 1e-9}
+CLOCKS = {"s": 1.0, "ms": 1e-3, "us": 1e-6, "ns": 1e-9, "d": 86400.0}
+"""Units of clocks [s]; days are those of spreadsheets, since 1900."""
+SPREADSHEET = (2e4, 8e4)  # [d] of 1954 to 2119
 TURN = {"rad": 2.0 * math.pi, "deg": 360.0, "turn": 1.0}
 """One turn in each unit of an angle."""
 STEP_TOLERANCE = 5e-5
@@ -25,7 +27,8 @@ def clock_units(time: Array) -> list[str]:
     if len(steps) < 2 or (steps < 0).any() or np.median(steps) <= 0.0:
         return []
     step = float(np.median(steps))
-    return [unit for unit, second in CLOCKS.items() if FASTEST <= step * second <= SLOWEST]
+    in_days = SPREADSHEET[0] < time[np.isfinite(time)][0] < SPREADSHEET[1]
+    return [unit for unit, second in CLOCKS.items() if FASTEST <= step * second <= SLOWEST and (unit != "d" or in_days)]
 
 
 def grid(values: Array) -> float:

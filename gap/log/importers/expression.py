@@ -24,6 +24,8 @@ TOKEN = re.compile(
     r"|(?P<sign>\*\*|[-+*/(),]))"
 )
 CONSTANTS = {"pi": math.pi}
+ROW = "row"
+"""Name for the number of a sample, from 0."""
 FUNCTIONS: dict[str, tuple[int, Callable[..., Any]]] = {
     "abs": (1, np.abs),
     "sqrt": (1, np.sqrt),
@@ -35,6 +37,7 @@ FUNCTIONS: dict[str, tuple[int, Callable[..., Any]]] = {
     "min": (2, np.minimum),
     "max": (2, np.maximum),
     "hypot": (2, np.hypot),
+    "known": (1, lambda values: np.isfinite(values).astype(float)),
 }
 """Functions by name: how many arguments they take, and what they do."""
 DEEPEST = 50
@@ -52,7 +55,8 @@ def names_in(text: str) -> list[str]:
         LogError: it is no expression.
     """
     reader = _Reader(text, None)
-    reader.whole()
+    with np.errstate(all="ignore"):
+        reader.whole()
     return list(dict.fromkeys(reader.used))
 
 

@@ -17,8 +17,8 @@ from ..reader import build_run
 from ..sidecar import KEYS as SIDECAR_KEYS
 from ..sidecar import Sidecar
 from ..table import check_columns
-from ..types import SIGNAL_UNITS, Array, LogError, MeasuredRun
-from .expression import column, evaluate, names_in
+from ..types import REQUIRED_EVERYWHERE, SIGNAL_UNITS, Array, LogError, MeasuredRun
+from .expression import ROW, column, evaluate, names_in, quoted
 from .recording import Recording
 
 FOLDER = Path(__file__).resolve().parents[3] / "configs" / "mapping"
@@ -117,6 +117,11 @@ def _is_number(value: Any) -> bool:
     return isinstance(value, int | float) and not isinstance(value, bool)
 
 
+def ended(sentence: str) -> str:
+    """A sentence with its sign at the end."""
+    return sentence if sentence.endswith((".", "?", "!")) else f"{sentence}."
+
+
 def names_of(mapping: Mapping) -> set[str]:
     """Columns and numbers that a mapping takes."""
     texts = [*mapping.columns.values(), *([mapping.where] if mapping.where else [])]
@@ -125,7 +130,12 @@ def names_of(mapping: Mapping) -> set[str]:
 
 def fits(mapping: Mapping, recording: Recording) -> bool:
     """Whether a recording has all columns that a mapping takes."""
-    return names_of(mapping) <= {*recording.columns, *recording.facts, *mapping.constants, "pi"}
+    return not lacking(mapping, recording)
+
+
+def lacking(mapping: Mapping, recording: Recording) -> set[str]:
+    """Names that a mapping takes and a recording does not have."""
+    return names_of(mapping) - {*recording.columns, *recording.facts, *mapping.constants, "pi", ROW}
 
 
 def converted(mapping: Mapping, recording: Recording) -> MeasuredRun:
@@ -136,7 +146,8 @@ def converted(mapping: Mapping, recording: Recording) -> MeasuredRun:
     """
     where = str(recording.source)
     numbers = {key: value for key, value in recording.facts.items() if not isinstance(value, str)}
-    values: dict[str, Any] = {**numbers, **mapping.constants, **recording.columns}
+    rows = np.arange(recording.length, dtype=np.float64)
+    values: dict[str, Any] = {ROW: rows, **numbers, **mapping.constants, **recording.columns}
     table: dict[str, Array] = {
         name: column(text, values, f"{where}: column '{name}'", recording.length)
         for name, text in mapping.columns.items()
@@ -144,12 +155,16 @@ def converted(mapping: Mapping, recording: Recording) -> MeasuredRun:
     if mapping.where is not None:
         kept = column(mapping.where, values, f"{where}: the key where", recording.length) > 0.0
         table = {name: cells[kept] for name, cells in table.items()}
+    _check_known(table, mapping, where)
     for name, cells in list(table.items()):
         if name.endswith(".enabled") and (cells > 0.5).all():  # on throughout is what its absence says
             del table[name]
     table = _in_order(table)
     check_columns(list(table), recording.source)
     sidecar = filled(mapping.sidecar, recording)
+    for key, value in (sidecar.get("robot_params") or {}).items():
+        if not _is_number(value):
+            raise LogError(f"{where}: robot_params.{key} is '{value}', no number; correct it in the file or mapping.")
     meta = {key: value for key, value in sidecar.items() if key not in ("robot", "robot_params", "actuators", "meta")}
     joints = {name.rpartition(".")[0] for name in table if name.rpartition(".")[2] in SIGNAL_UNITS}
     # stand in for chains that the user has yet to name
@@ -161,6 +176,29 @@ def converted(mapping: Mapping, recording: Recording) -> MeasuredRun:
         run.name, run.time, run.joints, run.base, str(sidecar.get("robot") or ""), sidecar.get("robot_params") or {},
         sidecar.get("actuators") or {}, recording.source, meta | (sidecar.get("meta") or {}), run.host,
     )  # fmt: skip
+
+
+def _check_known(table: AnyMapping[str, Array], mapping: Mapping, where: str) -> None:
+    """Time, goals and positions have a value in every sample; the key where leaves samples out that have none."""
+    needed = [name for name in table if name == "time" or name.rpartition(".")[2] in REQUIRED_EVERYWHERE]
+    bad = {name: ~np.isfinite(table[name]) for name in needed}
+    lost = [name for name, samples in bad.items() if samples.any()]
+    if not lost:
+        return
+    if bad[lost[0]].all():
+        raise LogError(
+            f"{where}: column '{lost[0]}' has no finite value in any sample; correct '{mapping.columns[lost[0]]}'."
+        )
+    count, row = int(bad[lost[0]].sum()), int(np.argmax(bad[lost[0]])) + 1
+    taken = dict.fromkeys(one for name in lost for one in names_in(mapping.columns[name]) if one not in ("pi", ROW))
+    keep = "*".join(
+        [f"known({quoted(one)})" for one in taken if one not in mapping.constants]
+        + [f"({mapping.where})"] * bool(mapping.where)
+    )
+    raise LogError(
+        f"{where}: column '{lost[0]}' has no value in {count} sample{'s' * (count > 1)}, the first in row {row}; leave "
+        f"them out by the line `where: {keep}` in the mapping, or record again."
+    )
 
 
 def _in_order(table: dict[str, Array]) -> dict[str, Array]:

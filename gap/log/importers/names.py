@@ -46,6 +46,7 @@ MEASURED = frozenset(
         "real",
         "observation",
         "state",
+        "states",
         "sensor",
         "read",
         "est",
@@ -87,6 +88,8 @@ FILLERS = frozenset(
         "supply",
         "bus",
         "battery",
+        "field",
+        "header",
     ]
 )
 SIGNALS: tuple[tuple[str, frozenset[str]], ...] = (
@@ -102,7 +105,7 @@ SIGNALS: tuple[tuple[str, frozenset[str]], ...] = (
                             "winkel", "sollwinkel", "istwinkel", "sollposition", "istposition"])),
     ("current", frozenset(["current", "curr", "amps", "ampere", "iq", "strom"])),
     ("load", frozenset(("load",))),
-    ("time", frozenset(["time", "timestamp", "stamp", "t", "clock", "elapsed", "zeit"])),
+    ("time", frozenset(["time", "timestamp", "stamp", "t", "ts", "clock", "elapsed", "zeit"])),
 )  # fmt: skip
 """Signals by the words that say them; the first one that a name has is its signal."""
 SUPPLY = frozenset(["supply", "vsupply", "battery", "batt", "bat", "vbat", "vbatt", "vcc", "vdd", "psu", "versorgung"])

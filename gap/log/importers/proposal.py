@@ -3,63 +3,29 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, replace
 
 import numpy as np
 
 from ..types import COMMANDS, SIGNAL_UNITS, Array
-from .evidence import as_derivative, clock_units, drives, following, multiple
+from .clocks import find_clock
+from .evidence import CLOCKS, Relation, as_derivative, drives, following, multiple
 from .expression import names_in, quoted
-from .mapping import Mapping, Question
+from .mapping import Question
 from .names import Said, said
+from .pairs import best_pair, same_joint
+from .proposed import Proposal
 from .recording import Recording
-from .units import ASK, LIKELY, SURE, Read, read_alike, read_other, read_position, read_velocity
+from .units import ASK, Read, read_alike, read_other, read_position, read_velocity
 
 ONLY_JOINT = "joint"
 VAGUE = ("motor", "servo", "joint", "axis", "arm", "pendulum", "robot")
 """Words that name no joint where there is only one."""
 FOLLOWS = 0.5
 """Share of a motion that another one explains, from which the two are goal and position."""
+MEASURED_BY_MOTION = ("velocity", "torque", "current")
 DRIVES = 0.6
 """Share of a column that motion explains, from which it may be a command or a torque."""
-SECONDS = {"s": 1.0, "ms": 1e-3, "us": 1e-6, "ns": 1e-9}
-CLOCK_FACTORS = {"s": "", "ms": "*1e-3", "us": "*1e-6", "ns": "*1e-9"}
-
-
-@dataclass
-class Proposal:
-    """A mapping with what is to be said of it.
-
-    Attributes:
-        columns: how each column of the log is read.
-        unused: why a column of the file is left out.
-        questions: that are open.
-        joints: names.
-        slides: joints whose position is a way.
-    """
-
-    columns: dict[str, Read] = field(default_factory=dict)
-    unused: dict[str, str] = field(default_factory=dict)
-    questions: list[Question] = field(default_factory=list)
-    slides: set[str] = field(default_factory=set)
-
-    @property
-    def joints(self) -> list[str]:
-        """Joints that have a position."""
-        return [name.rpartition(".")[0] for name in self.columns if name.endswith(".position") and "link" not in name]
-
-    def mapping(self) -> Mapping:
-        """The mapping without what it says of itself."""
-        return Mapping({name: read.text for name, read in self.columns.items()}, questions=tuple(self.questions))
-
-    def certain(self) -> Proposal:
-        """Without what is in question; a joint whose position or command is goes as a whole."""
-        open_ones = {name for question in self.questions for name in question.about}
-        kept = {name: read for name, read in self.columns.items() if name not in open_ones}
-        for joint in self.joints:
-            if f"{joint}.position" not in kept or not any(f"{joint}.{signal}" in kept for signal in COMMANDS):
-                kept = {name: read for name, read in kept.items() if name.rpartition(".")[0] != joint}
-        return Proposal(kept, self.unused, [], self.slides)
 
 
 @dataclass(frozen=True)
@@ -97,6 +63,7 @@ class _Proposer:
         """All steps, in the order in which one needs the other."""
         self.find_time()
         self.sort_by_name()
+        self.find_positions()
         self.place_unknown()
         for joint, signals in self.groups.items():
             if signals.get("position"):
@@ -109,46 +76,18 @@ class _Proposer:
     # --- the steps -------------------------------------------------------------------------------------------------
 
     def find_time(self) -> None:
-        """The clock: by its name, else the one column that runs on."""
-        columns = self.first.columns
-        by_format = [name for name, role in self.first.roles.items() if role == "time" and name in columns]
-        named = [name for name in columns if said(name).signal == "time" and clock_units(columns[name])]
-        named.sort(key=lambda name: (said(name).joint != "", len(name)))
-        running = [name for name in columns if clock_units(columns[name]) and len(np.unique(columns[name])) > 10]
-        candidates = by_format or named or running
-        if not candidates:
-            ask = (
-                "which column is the time? None runs on in steps of a sample period. Write its expression, in seconds."
-            )
-            self.out.questions.append(Question(("time",), ask))
-            return
-        self.time = name = candidates[0]
-        for other in candidates[1:]:
-            self.out.unused[other] = f"another clock; {name} is taken"
-        spoken = self.first.units.get(name) or said(name).unit
-        possible = clock_units(columns[name])
-        step = float(np.nanmedian(np.diff(columns[name])))
-        if spoken in CLOCK_FACTORS and (spoken in possible or by_format):
-            read = Read(quoted(name) + CLOCK_FACTORS[spoken], spoken, SURE, f"in {spoken}, a sample each {step:g}")
-        elif spoken in CLOCK_FACTORS or not possible:
-            read = Read(quoted(name), "?", ASK, f"steps of {step:g} are no sample period in {spoken or 'any unit'}")
-        else:
-            unit = possible[0]
-            whole = step == 1.0 and unit != "s" and len(np.unique(np.diff(columns[name]))) == 1
-            trust = ASK if whole or not named else LIKELY
-            rate = 1.0 / (step * SECONDS[unit])
-            why = f"a sample each {step:g} is one of {rate:.4g} Hz in {unit}"
-            read = Read(
-                quoted(name) + CLOCK_FACTORS[unit], unit, trust, why + ("; or does it count samples?" if whole else "")
-            )
-        self.put("time", read)
+        """The clock, and what is wrong with columns that look like one."""
+        clock = find_clock(self.first)
+        self.time = clock.name
+        self.out.unused |= clock.unused
+        self.put("time", clock.read)
 
     def sort_by_name(self) -> None:
         """Columns by joint and signal, as the format or their names say."""
         known = {*SIGNAL_UNITS, "load"}
         found: list[tuple[str, str, _Column]] = []
         for name in self.first.columns:
-            if name == self.time or name in self.out.unused:
+            if name in self.out.unused or name in names_in(self.out.columns["time"].text):
                 continue
             role, spoken = self.first.roles.get(name), said(name)
             unit = self.first.units.get(name, "")
@@ -172,7 +111,51 @@ class _Proposer:
             if not column.by_format:
                 joint = self.joint_of(joint, single, joints, moving)
             self.groups.setdefault(joint, {}).setdefault(signal, []).append(column)
+        self.join_names()
         self.join_strays()
+
+    def join_names(self) -> None:
+        """Joints that are one by their names, and a name for the one that has none beside others."""
+        names = same_joint(self.groups)
+        if len(self.groups) > 1 and "position" in self.groups.get("", {}) and ONLY_JOINT not in self.groups:
+            names[""] = ONLY_JOINT
+        groups, self.groups = self.groups, {}
+        for joint, signals in groups.items():
+            own = self.groups.setdefault(names.get(joint, joint), {})
+            for signal, columns in signals.items():
+                own.setdefault(signal, []).extend(columns)
+
+    def find_positions(self) -> None:
+        """Positions that no name says: what is called as a joint with a goal, and what follows a goal."""
+        for joint, signals in list(self.groups.items()):
+            named = [name for name in self.unknown if joint and said(name).joint == joint]
+            if "position" not in signals and named and signals.keys() & {*COMMANDS}:
+                self.unknown.remove(named[0])
+                signals["position"] = [_Column(named[0], said(named[0]), said(named[0]).unit, "the name", False)]
+        if any("position" in signals for signals in self.groups.values()):
+            return
+        goals = [(joint, signals["goal"][0].name) for joint, signals in self.groups.items() if "goal" in signals]
+        moving = [name for name in self.unknown if _span(self.first.columns[name]) > 0.0]
+        if len(goals) > 1:
+            return
+        joint, goal = goals[0] if goals else (ONLY_JOINT, None)
+        pair = best_pair(moving, self.relation, goal)
+        if pair is None:
+            return
+        signals = self.groups.setdefault(joint, {})
+        for signal, name in (("goal", pair[0]), ("position", pair[1])):
+            if signal not in signals:
+                self.unknown.remove(name)
+                signals[signal] = [_Column(name, said(name), said(name).unit, "the name", False)]
+        ask = (
+            f"is {quoted(pair[1])} the position and {quoted(pair[0])} its goal? It moves as that does, "
+            f"{1e3 * pair[2].lag:.0f} ms later"
+        )
+        self.out.questions.append(Question((f"{joint}.position", f"{joint}.goal"), ask))
+
+    def relation(self, first: str, second: str) -> Relation:
+        """How much later than one column another one moves."""
+        return following(self.clock(self.first), self.first.columns[first], self.first.columns[second])
 
     def join_strays(self) -> None:
         """What drives a joint goes to the only position there is, whatever else their names say."""
@@ -264,6 +247,9 @@ class _Proposer:
             values = run.columns[column.name]
             if signal == "position":
                 continue
+            if signal in MEASURED_BY_MOTION and _span(self.moved(column.name).columns[column.name]) == 0.0:
+                self.out.unused[column.name] = f"a {signal} that never changes is not measured"
+                continue
             if signal in ("goal", "link_position"):
                 goes = following(self.clock(run), values, position)
                 other = read_alike(column.name, self.unit or _known(column.unit), column.how, read, goes)
@@ -302,7 +288,7 @@ class _Proposer:
                     elif column.name not in placed:
                         self.out.unused[column.name] = f"{signal} of '{joint}', which has no position"
         if not self.out.joints:
-            ask = "which column is the position of a joint? Write <joint>.position: <column>, in rad (slide: m)."
+            ask = "which column is the position of a joint? Write <joint>.position: <column>, in rad (slide: m)"
             self.out.questions.append(Question((f"{ONLY_JOINT}.position",), ask))
 
     def share(self, column: _Column) -> None:
@@ -316,8 +302,18 @@ class _Proposer:
         """A joint that nothing drives is no log of a drive."""
         for joint in self.out.joints:
             if not any(f"{joint}.{signal}" in self.out.columns for signal in COMMANDS):
-                ask = f"what was commanded to {joint}? It needs {joint}.goal, {joint}.torque_command or {joint}.torque."
+                ask = f"what was commanded to {joint}? It needs {joint}.goal, {joint}.torque_command or {joint}.torque"
+                ask += self.may_be_goal(joint)
                 self.out.questions.append(Question((f"{joint}.goal",), ask))
+
+    def may_be_goal(self, joint: str) -> str:
+        """A hint at the position of another joint that this one follows."""
+        own = self.groups[joint]["position"][0].name
+        others = [self.groups[other]["position"][0].name for other in self.out.joints if other != joint]
+        pair = next((pair for other in others if (pair := best_pair([own], self.relation, other))), None)
+        if pair is None:
+            return ""
+        return f". {quoted(pair[0])} moves as it does, {1e3 * pair[2].lag:.0f} ms earlier: is it the goal?"
 
     # --- helpers ---------------------------------------------------------------------------------------------------
 
@@ -340,7 +336,7 @@ class _Proposer:
         """Time of a recording [s], as far as it is known."""
         if not self.time:
             return np.arange(run.length, dtype=np.float64) * 0.01
-        factor = SECONDS.get(self.out.columns["time"].unit, 1.0)
+        factor = CLOCKS.get(self.out.columns["time"].unit, 1.0)
         return np.asarray((run.columns[self.time] - run.columns[self.time][0]) * factor, np.float64)
 
     def untwist(self, joint: str, signals: dict[str, list[_Column]]) -> None:
@@ -367,10 +363,10 @@ class _Proposer:
 
     def check_order(self, read: Read, lag: float, fit: float) -> Read:
         """A position comes after its goal."""
-        if fit > FOLLOWS and lag < 0.0:
+        if fit > FOLLOWS and lag < 0.0 and self.time:
             why = f"the position moves {-1e3 * lag:.0f} ms before it: are goal and position exchanged?"
             return replace(read, trust=ASK, why=why, ask=why)
-        if fit > FOLLOWS:
+        if fit > FOLLOWS and self.time:
             return replace(read, why=f"{read.why}; the position follows it by {1e3 * lag:.0f} ms")
         return read
 

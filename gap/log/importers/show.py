@@ -9,7 +9,7 @@ from typing import Any
 import yaml
 
 from .expression import quoted
-from .proposal import Proposal
+from .proposed import Proposal
 from .recording import Recording
 from .units import ASK, LIKELY
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import os
 from collections.abc import Mapping, Sequence
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -12,9 +13,12 @@ import yaml
 from ....actuators.chain import LIBRARY, load_chain
 from ....actuators.published import DRIVES
 from ....envs.bench.robot import NUMBERS
+from ....envs.robot_file import is_robot_file
+from ....envs.robots import get_robot
 from ..sidecar import Sidecar, sidecar_text
-from ..types import MeasuredRun
-from .proposal import Proposal
+from ..types import LogError, MeasuredRun
+from .mapping import Mapping as LogMapping
+from .proposed import Proposal
 from .recording import Recording
 
 BENCH = "bench"
@@ -48,6 +52,8 @@ def proposed_sidecar(
     """The sidecar that files and answers give; what nobody says is left out."""
     first = recordings[0]
     facts, joints = first.facts, proposal.joints
+    for recording in recordings:
+        _check_facts(recording)
     sidecar: dict[str, Any] = {}
     pendulum = {"mass", "length"} <= facts.keys() and len(joints) == 1
     if robot or pendulum:
@@ -73,6 +79,17 @@ def proposed_sidecar(
         sidecar["notes"] = UNMEASURED["notes"]
         sidecar["meta"] = {"unknown": UNMEASURED["unknown"]}
     return sidecar
+
+
+def _check_facts(recording: Recording) -> None:
+    """What a bench takes from a file are numbers.
+
+    Raises:
+        LogError: one of them is a word.
+    """
+    for key, unit in (("mass", "kg"), ("length", "m"), ("arm_mass", "kg"), ("kp", "1"), ("vin", "V")):
+        if isinstance(value := recording.facts.get(key), str):
+            raise LogError(f"{recording.source}: {key} is '{value}', no number [{unit}]; correct it in the file.")
 
 
 def _bam_chain(facts: Mapping[str, float | str]) -> list[dict[str, Any]] | None:
@@ -138,6 +155,40 @@ def beside(robot: str | None, out: Path) -> str | None:
     if robot and Path(robot).is_file():
         return os.path.relpath(Path(robot).resolve(), out.resolve())
     return robot
+
+
+def checked_robot(robot: str | None, out: Path) -> str | None:
+    """The word for a robot.
+
+    Raises:
+        SealegsError: there is no robot of that name, or no such file.
+    """
+    if robot is None:
+        return None
+    if not is_robot_file(robot):
+        return get_robot(robot).name
+    if not (Path(robot).is_file() or (out / robot).is_file()):
+        raise LogError(f"robot={robot}: there is no such file; give the path of your robot's .yaml, .xml or .urdf.")
+    return robot
+
+
+def answered(
+    mapping: LogMapping, out: Path, robot: str | None, actuator: str | None, params: Mapping[str, float] | None
+) -> LogMapping:
+    """A mapping whose sidecar has the answers of the call as well, which come before its own.
+
+    Raises:
+        SealegsError: there is no such robot or chain.
+    """
+    sidecar: dict[str, Any] = dict(mapping.sidecar)
+    if robot := beside(checked_robot(robot, out), out):
+        sidecar["robot"] = robot
+    if params:
+        sidecar["robot_params"] = {**sidecar.get("robot_params", {}), **params}
+    if actuator := checked_actuator(actuator):
+        joints = [name.rpartition(".")[0] for name in mapping.columns if name.endswith((".goal", ".torque_command"))]
+        sidecar["actuators"] = dict.fromkeys(joints, actuator)
+    return replace(mapping, sidecar=sidecar)
 
 
 def checked_actuator(actuator: str | None) -> str | None:

@@ -1,0 +1,111 @@
+"""The clock of a foreign recording: which column it is, in which unit, or what is wrong with the one that says so."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+
+import numpy as np
+
+from ..types import Array
+from .evidence import CLOCKS, clock_units
+from .expression import ROW, quoted
+from .names import said
+from .recording import Recording
+from .units import ASK, LIKELY, SURE, Read
+
+FACTORS = {"s": "", "ms": "*1e-3", "us": "*1e-6", "ns": "*1e-9", "d": "*86400"}
+"""Expression behind a column that makes it seconds."""
+
+
+@dataclass(frozen=True)
+class Clock:
+    """The time of a recording.
+
+    Attributes:
+        name: of the column; empty where there is none.
+        read: how it becomes seconds.
+        unused: why other columns that look like clocks are not taken.
+    """
+
+    name: str
+    read: Read
+    unused: dict[str, str] = field(default_factory=dict)
+
+
+def find_clock(recording: Recording) -> Clock:
+    """The clock: by its name, else the one column that runs on."""
+    columns = recording.columns
+    by_format = [name for name, role in recording.roles.items() if role == "time" and name in columns]
+    spoken = sorted(
+        (name for name in columns if said(name).signal == "time"), key=lambda name: (said(name).joint != "", len(name))
+    )
+    named = [name for name in spoken if clock_units(columns[name])]
+    running = [name for name in columns if clock_units(columns[name]) and len(np.unique(columns[name])) > 10]
+    candidates = by_format or named or running
+    faults = {name: clock_fault(columns[name]) for name in spoken if name not in (*named, *by_format)}
+    if not candidates or (faults and not named and not by_format):
+        return _no_clock(faults)
+    name = candidates[0]
+    unused = faults | dict.fromkeys(candidates[1:], f"another clock; {name} is taken")
+    sure_of_it = bool(by_format or named) or len(running) == 1
+    return Clock(name, _read(recording, name, bool(by_format), sure_of_it), unused)
+
+
+def _no_clock(faults: dict[str, str]) -> Clock:
+    if faults:
+        name, fault = next(iter(faults.items()))
+        ask = f"{quoted(name)} says that it is the time, but {fault}; or write another expression, in seconds"
+        others = {other: why for other, why in faults.items() if other != name}
+        return Clock("", Read(quoted(name), "?", ASK, fault, ask), others)
+    ask = (
+        "which column is the time? None runs on in steps of a sample period. Write its expression, in seconds; "
+        f"where the file has none, {ROW}/<samples a second>"
+    )
+    return Clock("", Read(f"{ROW}/100", "?", ASK, "100 Hz is a guess", ask))
+
+
+def _read(recording: Recording, name: str, by_format: bool, sure_of_it: bool) -> Read:
+    values, column = recording.columns[name], quoted(name)
+    spoken = recording.units.get(name) or said(name).unit
+    possible = clock_units(values)
+    step = float(f"{np.nanmedian(np.diff(values)):.4g}")
+    if spoken in FACTORS and (spoken in possible or by_format):
+        return Read(column + FACTORS[spoken], spoken, SURE, f"in {spoken}, a sample each {step:g}")
+    if spoken in FACTORS or not possible:
+        return Read(column, "?", ASK, f"steps of {step:g} are no sample period in {spoken or 'any unit'}")
+    unit = possible[0]
+    whole = step == 1.0 and unit != "s" and len(np.unique(np.diff(values))) == 1
+    why = f"a sample each {step:g} is one of {1.0 / (step * CLOCKS[unit]):.4g} Hz in {unit}"
+    if unit == "d":
+        why = f"days, as of a spreadsheet, at {1.0 / (step * CLOCKS[unit]):.4g} Hz"
+    if not whole and sure_of_it:
+        return Read(column + FACTORS[unit], unit, LIKELY, why)
+    counts = f"; or does it count samples? Then the time is {column}/<samples a second>" if whole else ""
+    return Read(
+        column + FACTORS[unit], unit, ASK, why, f"is {column} the time, in {unit}? {why[0].upper()}{why[1:]}{counts}"
+    )
+
+
+def clock_fault(values: Array) -> str:
+    """Why a column that should be a clock is none, and what to do."""
+    known = values[np.isfinite(values)]
+    steps = np.diff(known)
+    if not len(steps) or not steps.any():
+        return "it never changes"
+    if (steps <= 0.0).all():
+        return f"it runs backwards, from {known[0]:g} to {known[-1]:g}: turn the order of the rows round"
+    if (steps < 0.0).any():
+        at = int(np.argmax(steps < 0.0))
+        return (
+            f"it jumps back in row {at + 2}, from {known[at]:g} to {known[at + 1]:g}: sort the rows by it, or part the "
+            "recordings"
+        )
+    if np.median(steps) == 0.0:
+        each = len(known) / len(np.unique(known))
+        if (known == np.round(known)).all():
+            return f"it repeats, {each:.3g} rows have the same stamp: export it with fractions of a second"
+        return (
+            f"it repeats, {each:.3g} rows have the same stamp: of a row for each joint make a column for each "
+            "joint, one row a sample"
+        )
+    return f"its steps of {np.median(steps):.4g} are no sample period in s, ms, us or ns"

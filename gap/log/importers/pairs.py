@@ -1,0 +1,52 @@
+"""Columns of one joint that names alone do not bring together: endings of names, and what follows what."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterable, Mapping
+
+from ..types import COMMANDS
+from .evidence import Relation
+
+PAIRED = 0.8
+"""Share of a motion that another one explains, from which two columns without names may be goal and position."""
+MOST = 8
+"""Columns without names that are looked at."""
+
+
+def same_joint(groups: Mapping[str, Mapping[str, object]]) -> dict[str, str]:
+    """Joints that are one by their names: commands of ``elbow`` go with ``joint_elbow``, and the shorter name stays.
+
+    Returns:
+        New name by old one, of both.
+    """
+    commanded = {joint for joint, signals in groups.items() if signals.keys() & {*COMMANDS}}
+    measured = {joint for joint, signals in groups.items() if "position" in signals and joint not in commanded}
+    without = {joint for joint in commanded if "position" not in groups[joint]}
+    names: dict[str, str] = {}
+    for joint in measured:
+        near = [other for other in without if _ends(joint, other) or _ends(other, joint)]
+        if len(near) != 1 or near[0] in names:
+            continue
+        rivals = [other for other in measured if _ends(other, near[0]) or _ends(near[0], other)]
+        if len(rivals) == 1:
+            names[joint] = names[near[0]] = min(joint, near[0], key=len)
+    return names
+
+
+def _ends(joint: str, ending: str) -> bool:
+    return bool(ending) and joint.endswith(f"_{ending}")
+
+
+def best_pair(
+    names: Iterable[str], follows: Callable[[str, str], Relation], goal: str | None = None
+) -> tuple[str, str, Relation] | None:
+    """Goal and position among columns whose names say neither: the second moves as the first, and later."""
+    looked = list(names)[:MOST]
+    found = [
+        (first, second, goes)
+        for first in ([goal] if goal else looked)
+        for second in looked
+        if first != second and (goes := follows(first, second)).fit > PAIRED and goes.lag > 0.0
+        and 0.2 < goes.scale < 5.0
+    ]  # fmt: skip
+    return max(found, key=lambda one: (round(one[2].fit, 2), -one[2].lag), default=None)

@@ -1,0 +1,186 @@
+"""What an import proposes for layouts whose names say little, and what it says of those that are no log."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+
+import numpy as np
+import pytest
+from sealegs.cli import main
+from sealegs.gap.log import LogError, read_measured
+from sealegs.gap.log.importers import import_logs, read_mapping
+from sealegs.gap.log.importers.mapping import Mapping
+
+from tests.test_import import motion, table
+from tests.test_import_tables import texts_of
+
+pytestmark = pytest.mark.filterwarnings("error::RuntimeWarning")
+M, N = motion(5.0, 100.0, seed=1), motion(5.0, 100.0, seed=2)
+TIME = M["time"]
+DEG = {"goal_deg": np.degrees(M["goal"]), "pos_deg": np.degrees(M["smooth"])}
+
+
+def names_changed(path: Path, head: str) -> Path:
+    lines = path.read_text().splitlines()
+    path.write_text("\n".join([head, *lines[1:]]) + "\n")
+    return path
+
+
+def one_line(capsys: pytest.CaptureFixture[str]) -> str:
+    """The sentence on the standard error."""
+    said = capsys.readouterr().err.strip()
+    assert "\n" not in said and "Warning" not in said and ". ." not in said and ".." not in said.replace("...", "")
+    return said
+
+
+# --- which column is what --------------------------------------------------------------------------------------------
+
+
+def test_without_names_goal_and_position_are_known_by_what_follows_what(tmp_path: Path) -> None:
+    path = table(tmp_path, {"a": TIME, "b": M["goal"], "c": M["smooth"], "d": M["velocity"]})
+    path.write_text("\n".join(path.read_text().splitlines()[1:]))
+    columns, asked, shown = texts_of(path)
+    assert columns["joint.goal"] == "column2" and columns["joint.position"] == "column3"
+    assert columns["joint.velocity"] == "column4" and columns["time"] == "column1"
+    assert asked == ["joint.position", "joint.goal"]
+    assert "is column3 the position and column2 its goal? It moves as that does, 50 ms later" in shown
+
+
+def test_a_column_that_is_called_as_the_goal_without_its_word_is_the_position(tmp_path: Path) -> None:
+    slide = {"time_us": 1e6 * TIME, "x_cmd_mm": 30 * M["goal"], "x_mm": 30 * M["smooth"], "force_N": M["velocity"]}
+    columns, asked, _ = texts_of(table(tmp_path, slide))
+    assert columns["x.position"] == "x_mm*1e-3" and columns["x.goal"] == "x_cmd_mm*1e-3" and not asked
+    two = {"t": TIME, "elbow": M["smooth"], "elbow_cmd": M["goal"], "wrist": N["smooth"], "wrist_cmd": N["goal"]}
+    columns, asked, _ = texts_of(table(tmp_path, two, "two.csv"))
+    assert columns["elbow.position"] == "elbow" and columns["wrist.goal"] == "wrist_cmd" and not asked
+
+
+def test_topics_of_one_joint_come_together(tmp_path: Path) -> None:
+    columns = {"__time": 1000.0 + TIME}
+    for joint, one in (("elbow", M), ("shoulder", N)):
+        columns |= {f"/joint_states/{joint}/position": one["smooth"], f"/joint_states/{joint}/velocity": 0.0 * TIME}
+        columns[f"/cmd/{joint}/data"] = one["goal"]
+    texts, asked, shown = texts_of(table(tmp_path, columns))
+    assert list(dict.fromkeys(name.rpartition(".")[0] for name in texts)) == ["", "elbow", "shoulder"]
+    assert texts["elbow.goal"] == "`/cmd/elbow/data`" and not asked
+    assert "/joint_states/elbow/velocity: a velocity that never changes is not measured" in shown
+    sides = {"t": TIME, "left_elbow_pos": M["smooth"], "right_elbow_pos": N["smooth"], "elbow_cmd": M["goal"]}
+    texts, _, _ = texts_of(table(tmp_path, sides, "sides.csv"))
+    assert not any(name.endswith("elbow.goal") for name in texts), "whose goal it is nobody says"
+
+
+def test_two_columns_of_one_name_are_two_joints_with_names(tmp_path: Path) -> None:
+    path = names_changed(table(tmp_path, {"t": TIME, "a": M["goal"], "b": M["smooth"]}), "t,pos,pos")
+    columns, asked, shown = texts_of(path)
+    assert list(columns) == ["time", "joint.position", "joint2.position"] and "joint2.goal" in asked
+    assert "several columns are called pos; the second of them is pos_2 here" in shown
+    assert "pos moves as it does, 50 ms earlier: is it the goal?" in shown
+
+
+# --- clocks ----------------------------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize(
+    ("time", "sentence"),
+    [
+        (TIME[::-1], "it runs backwards, from 4.99 to 0: turn the order of the rows round"),
+        (np.repeat(TIME[:250], 2), "2 rows have the same stamp: of a row for each joint make a column for each joint"),
+        (np.floor(TIME), "100 rows have the same stamp: export it with fractions of a second"),
+        (TIME % 2.5, "it jumps back in row 251, from 2.49 to 0: sort the rows by it, or part the recordings"),
+        (1e12 * TIME, "its steps of 1e+10 are no sample period"),
+    ],
+)
+def test_what_is_wrong_with_a_clock_is_said(tmp_path: Path, time: np.ndarray, sentence: str) -> None:
+    columns, asked, shown = texts_of(table(tmp_path, {"t": time, **DEG}))
+    assert asked == ["time"] and columns["time"] == "t"
+    assert sentence in shown and "another clock" not in shown
+
+
+def test_days_of_a_spreadsheet_are_a_clock(tmp_path: Path) -> None:
+    path = table(tmp_path, {"Zeit": TIME, **DEG})
+    lines = path.read_text().splitlines()
+    rest = (line.partition(",")[2] for line in lines[1:])
+    path.write_text(
+        "\n".join([lines[0], *(f"{45413.5 + t / 86400:.10f},{r}" for t, r in zip(TIME, rest, strict=True))])
+    )
+    columns, asked, shown = texts_of(path)
+    assert columns["time"] == "Zeit*86400" and not asked and "days, as of a spreadsheet, at 100 Hz" in shown
+
+
+def test_a_file_without_a_clock_is_timed_by_its_rows(tmp_path: Path) -> None:
+    path = table(tmp_path, DEG)
+    columns, asked, shown = texts_of(path)
+    assert asked == ["time"] and columns["time"] == "row/100" and "row/<samples a second>" in shown
+    import_logs(path, tmp_path / "log", Mapping(columns))
+    (tmp_path / "log" / "log.yaml").write_text("robot: bench\nactuators: {joint: ideal}\n")
+    np.testing.assert_allclose(read_measured(tmp_path / "log").runs[0].time, TIME, atol=1e-9)
+
+
+# --- sentences -------------------------------------------------------------------------------------------------------
+
+
+def test_samples_without_a_value_are_left_out_by_a_line_that_is_offered(tmp_path: Path) -> None:
+    holes = DEG | {"pos_deg": np.where(np.arange(len(TIME)) < 20, np.nan, DEG["pos_deg"])}
+    path = table(tmp_path, {"t": TIME, **holes})
+    columns = texts_of(path)[0]
+    with pytest.raises(LogError, match=r"no value in 20 samples, the first in row 1; .*`where: known\(pos_deg\)`"):
+        import_logs(path, tmp_path / "log", Mapping(columns))
+    done = import_logs(path, tmp_path / "log", Mapping(columns, where="known(pos_deg)"))
+    assert len(done.files[0].read_text().splitlines()) == len(TIME) - 20 + 1
+
+
+@pytest.mark.parametrize("text", ["pos_deg/0", "pos_deg*(9**9**9**9)"])
+def test_an_expression_without_a_finite_value_is_told_without_a_warning(
+    tmp_path: Path, text: str, capsys: pytest.CaptureFixture[str]
+) -> None:
+    path = table(tmp_path, {"t": TIME, **DEG})
+    lines = f"columns: {{time: t, joint.position: {text}, joint.goal: goal_deg}}\n"
+    (tmp_path / "mapping.yaml").write_text(lines)
+    assert read_mapping(tmp_path / "mapping.yaml").columns["time"] == "t"
+    assert main(["import", str(path), f"out={tmp_path / 'log'}", f"mapping={tmp_path / 'mapping.yaml'}"]) == 2
+    said = one_line(capsys)
+    assert "column 'joint.position' has no finite value in any sample; correct '" in said
+
+
+def test_a_question_ends_as_a_sentence_does(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    path = table(tmp_path, {"t": TIME[::-1], **DEG})
+    assert main(["import", str(path), f"out={tmp_path / 'log'}", "yes=true"]) == 2
+    said = one_line(capsys)
+    assert said.endswith("in seconds. Call without yes=true and correct the mapping.") and "unit=" not in said
+    assert main(["import", str(path), f"out={tmp_path / 'log'}"]) == 0
+    capsys.readouterr()
+    assert main(["import", str(path), f"out={tmp_path / 'log'}", f"mapping={tmp_path / 'log.mapping.yaml'}"]) == 2
+    assert "in seconds. Correct its lines" in one_line(capsys)
+
+
+def test_a_robot_that_there_is_none_of_is_refused_before_the_import(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    path, out = table(tmp_path, {"t": TIME, **DEG}), tmp_path / "log"
+    for word, sentence in (("nope.xml", "robot=nope.xml: there is no such file"), ("benhc", "did you mean 'bench'")):
+        assert main(["import", str(path), f"out={out}", "yes=true", f"robot={word}"]) == 2
+        assert sentence in one_line(capsys) and not out.exists()
+
+
+def test_a_mapping_does_not_hide_what_the_call_says(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    """robot=, actuator= and robot_params= had no effect beside mapping=, and nobody said so."""
+    path, out = table(tmp_path, {"t": TIME, **DEG}), tmp_path / "log"
+    assert main(["import", str(path), f"out={out}"]) == 0
+    capsys.readouterr()
+    call = ["import", str(path), f"out={out}", f"mapping={tmp_path / 'log.mapping.yaml'}"]
+    assert main([*call, "unit=deg"]) == 2
+    assert "unit=deg is for a proposal" in one_line(capsys)
+    assert main([*call, "robot=bench", "actuator=sts3215", "robot_params={mass: 0.5, length: 0.1}"]) == 0
+    run = read_measured(out).runs[0]
+    assert run.robot == "bench" and run.robot_params["mass"] == 0.5 and run.actuators == {"joint": "sts3215"}
+
+
+def test_a_mass_that_is_a_word_is_told_at_the_import(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    entries = [
+        {"timestamp": t, "goal_position": g, "position": q}
+        for t, g, q in zip(TIME.tolist(), M["goal"].tolist(), M["smooth"].tolist(), strict=True)
+    ]
+    (tmp_path / "run.json").write_text(json.dumps({"mass": "heavy", "length": 0.1, "entries": entries}))
+    assert main(["import", str(tmp_path / "run.json"), f"out={tmp_path / 'log'}", "yes=true"]) == 2
+    assert "mass is 'heavy', no number [kg]; correct it in the file." in one_line(capsys)
