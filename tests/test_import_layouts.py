@@ -184,3 +184,78 @@ def test_a_mass_that_is_a_word_is_told_at_the_import(tmp_path: Path, capsys: pyt
     (tmp_path / "run.json").write_text(json.dumps({"mass": "heavy", "length": 0.1, "entries": entries}))
     assert main(["import", str(tmp_path / "run.json"), f"out={tmp_path / 'log'}", "yes=true"]) == 2
     assert "mass is 'heavy', no number [kg]; correct it in the file." in one_line(capsys)
+
+
+# --- names -----------------------------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize(
+    ("goal", "position", "velocity", "unit"),
+    [
+        ("Goal Position [deg]", "Present Position [deg]", "Present Velocity [rev/min]", "deg"),
+        ("input_pos", "pos_estimate", "vel_estimate", "turn"),
+        ("control_position (rev)", "position (rev)", "velocity (rev/s)", "turn"),
+        ("Consigne (deg)", "Mesure (deg)", "Vitesse (tr/min)", "deg"),
+        ("Referencia (grados)", "Posición (grados)", "Velocidad (rpm)", "deg"),
+        ("Soll [°]", "Ist [°]", "Drehzahl [U/min]", "deg"),
+        (
+            "/arm_controller/controller_state/reference/positions[0]",
+            "/arm_controller/controller_state/feedback/positions[0]",
+            "/arm_controller/controller_state/feedback/velocities[0]",
+            "rad",
+        ),
+    ],
+)
+def test_names_of_common_tools_are_known(tmp_path: Path, goal: str, position: str, velocity: str, unit: str) -> None:
+    per = {"deg": 180 / np.pi, "turn": 0.5 / np.pi, "rad": 1.0}[unit]
+    rate = 30 / np.pi if unit == "deg" else per
+    columns = {"t": TIME, goal: per * M["goal"], position: per * M["smooth"], velocity: rate * M["velocity"]}
+    texts, asked, shown = texts_of(table(tmp_path, columns | {"q_current (A)": M["velocity"]}))
+    assert not asked, shown
+    signals = sorted(name.rpartition(".")[2] for name in texts)
+    assert signals == ["current", "goal", "position", "time", "velocity"]
+    (joint,) = {name.rpartition(".")[0] for name in texts if name != "time"}
+    assert goal in texts[f"{joint}.goal"] and position in texts[f"{joint}.position"]
+
+
+def test_joint_states_and_the_state_of_their_controller_are_one_joint(tmp_path: Path) -> None:
+    state = "/arm_controller/state"
+    columns = {
+        "__time": TIME, "/joint_states/elbow/position": M["smooth"], "/joint_states/wrist/position": N["smooth"],
+        f"{state}/desired/positions/elbow": M["goal"], f"{state}/actual/positions/elbow": M["smooth"],
+        "/wrist_cmd/data": N["goal"],
+    }  # fmt: skip
+    texts, asked, _ = texts_of(table(tmp_path, columns))
+    assert texts["elbow.goal"] == f"`{state}/desired/positions/elbow`" and texts["wrist.goal"] == "`/wrist_cmd/data`"
+    assert len(texts) == 5 and not asked
+    one = {"t": TIME, "/joint_states/position[0]": M["smooth"], "/position_controller/commands/data[0]": M["goal"]}
+    texts = texts_of(table(tmp_path, one, "one.csv"))[0]
+    assert next(text for name, text in texts.items() if name.endswith("goal")) == f"`{list(one)[2]}`"
+
+
+def test_registers_are_asked_about_and_fahrenheit_is_converted(tmp_path: Path) -> None:
+    tick = 2 * np.pi / 4096
+    columns = {
+        "Time(ms)": 1e3 * TIME, "Goal Position": np.round(2048 + M["goal"] / tick),
+        "Present Position": np.round(2048 + M["smooth"] / tick),
+        "Present Velocity": np.round(M["velocity"] / (0.229 * np.pi / 30)),
+        "Present Current": np.round(40 * M["velocity"]), "temp_F": 95.0 + 0 * TIME,
+    }  # fmt: skip
+    texts, asked, _ = texts_of(table(tmp_path, columns))
+    assert {"joint.position", "joint.velocity", "joint.current"} <= {*asked}
+    expression, _, per_count = texts["joint.velocity"].rpartition("*")
+    assert expression == "`Present Velocity`" and float(per_count) == pytest.approx(0.229 * np.pi / 30, rel=0.02)
+    assert texts["joint.temperature"] == "(temp_F - 32)/1.8"
+
+
+def test_cells_with_their_unit_and_sample_periods_are_read(tmp_path: Path) -> None:
+    columns = {"t": TIME, **DEG}
+    lines = table(tmp_path, columns).read_text().splitlines()
+    cells = (line.split(",") for line in lines[1:])
+    text = "".join(f"{t} s,{float(g):.3f} deg,{float(q):.3f}°\n" for t, g, q in cells)
+    (tmp_path / "units.csv").write_text("t,goal,pos\n" + text)
+    texts, asked, _ = texts_of(tmp_path / "units.csv")
+    assert texts["joint.goal"] == "`goal [deg]`*pi/180" and texts["time"] == "`t [s]`" and not asked
+    path = table(tmp_path, {"dt_ms": 10.0 + 0 * TIME, **DEG}, "dt.csv")
+    texts, asked, _ = texts_of(path)
+    assert texts["time"] == "cumsum(dt_ms)*1e-3" and not asked

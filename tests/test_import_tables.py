@@ -167,7 +167,8 @@ def test_cells_that_end_with_a_separator_and_numbered_rows_are_read(tmp_path: Pa
     check(written(tmp_path, "t,goal_deg,pos_deg\n" + text, "ends.csv"))
     text = rows(range(len(TIME)), cells(TIME), cells(GOAL), cells(POSITION))
     check(written(tmp_path, "t,goal_deg,pos_deg\n" + text, "short.csv"))
-    check(written(tmp_path, ",t,goal_deg,pos_deg\n" + text, "pandas.csv"))
+    path = check(written(tmp_path, ",t,goal_deg,pos_deg\n" + text, "pandas.csv"))
+    assert "column1: it counts the samples" in texts_of(path)[2]
 
 
 def test_prints_of_a_microcontroller_are_read(tmp_path: Path) -> None:

@@ -2,17 +2,22 @@
 
 from __future__ import annotations
 
+import re
+from collections.abc import Mapping
 from dataclasses import dataclass, field
 
 import numpy as np
 
 from ..types import Array
-from .evidence import CLOCKS, clock_units
+from .evidence import CLOCKS, FASTEST, SLOWEST, clock_units
 from .expression import ROW, quoted
 from .names import said
 from .recording import Recording
 from .units import ASK, LIKELY, SURE, Read
 
+NEVER = "it never changes"
+PERIODS = frozenset(["dt", "deltat", "period"])
+"""Words for the time from one sample to the next."""
 FACTORS = {"s": "", "ms": "*1e-3", "us": "*1e-6", "ns": "*1e-9", "d": "*86400"}
 """Expression behind a column that makes it seconds."""
 
@@ -43,25 +48,38 @@ def find_clock(recording: Recording) -> Clock:
     running = [name for name in columns if clock_units(columns[name]) and len(np.unique(columns[name])) > 10]
     candidates = by_format or named or running
     faults = {name: clock_fault(columns[name]) for name in spoken if name not in (*named, *by_format)}
-    if not candidates or (faults and not named and not by_format):
-        return _no_clock(faults)
+    moving = {name: fault for name, fault in faults.items() if fault != NEVER}
+    if not candidates or (moving and not named and not by_format):
+        return _no_clock(columns, faults)
     name = candidates[0]
     unused = faults | dict.fromkeys(candidates[1:], f"another clock; {name} is taken")
     sure_of_it = bool(by_format or named) or len(running) == 1
     return Clock(name, _read(recording, name, bool(by_format), sure_of_it), unused)
 
 
-def _no_clock(faults: dict[str, str]) -> Clock:
+def _no_clock(columns: Mapping[str, Array], faults: dict[str, str]) -> Clock:
     if faults:
         name, fault = next(iter(faults.items()))
         ask = f"{quoted(name)} says that it is the time, but {fault}; or write another expression, in seconds"
         others = {other: why for other, why in faults.items() if other != name}
         return Clock("", Read(quoted(name), "?", ASK, fault, ask), others)
+    if period := next((name for name in columns if PERIODS & set(re.findall("[a-z]+", name.lower()))), None):
+        return Clock("", _summed(period, columns[period]))
     ask = (
         "which column is the time? None runs on in steps of a sample period. Write its expression, in seconds; "
         f"where the file has none, {ROW}/<samples a second>"
     )
     return Clock("", Read(f"{ROW}/100", "?", ASK, "100 Hz is a guess", ask))
+
+
+def _summed(name: str, periods: Array) -> Read:
+    """The time as the sum of the sample periods in a column."""
+    period, spoken = float(np.nanmedian(periods)), said(name).unit
+    units = [unit for unit in ("s", "ms", "us") if FASTEST <= period * CLOCKS[unit] <= SLOWEST]
+    unit = spoken if spoken in units else next(iter(units), "s")
+    text = f"cumsum({quoted(name)}){FACTORS[unit]}"
+    ask = f"is {quoted(name)} the time from one sample to the next, in {unit}?"
+    return Read(text, unit, SURE if spoken == unit else ASK, f"sum of the sample periods, {period:.4g} {unit}", ask)
 
 
 def _read(recording: Recording, name: str, by_format: bool, sure_of_it: bool) -> Read:
@@ -91,7 +109,7 @@ def clock_fault(values: Array) -> str:
     known = values[np.isfinite(values)]
     steps = np.diff(known)
     if not len(steps) or not steps.any():
-        return "it never changes"
+        return NEVER
     if (steps <= 0.0).all():
         return f"it runs backwards, from {known[0]:g} to {known[-1]:g}: turn the order of the rows round"
     if (steps < 0.0).any():

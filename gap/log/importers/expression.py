@@ -33,6 +33,7 @@ FUNCTIONS: dict[str, tuple[int, Callable[..., Any]]] = {
     "cos": (1, np.cos),
     "sign": (1, np.sign),
     "unwrap": (1, np.unwrap),
+    "cumsum": (1, np.cumsum),
     "signed16": (1, lambda counts: np.where(np.asarray(counts) > 32767, np.asarray(counts) - 65536, counts)),
     "min": (2, np.minimum),
     "max": (2, np.maximum),

@@ -3,7 +3,9 @@
 from __future__ import annotations
 
 import re
+import unicodedata
 from dataclasses import dataclass
+from itertools import pairwise
 
 COMMANDED = frozenset(
     [
@@ -28,6 +30,14 @@ COMMANDED = frozenset(
         "sollwert",
         "sollwinkel",
         "sollposition",
+        "commands",
+        "goals",
+        "targets",
+        "setpoints",
+        "references",
+        "consigne",
+        "consigna",
+        "referencia",
     ]
 )
 MEASURED = frozenset(
@@ -50,8 +60,19 @@ MEASURED = frozenset(
         "sensor",
         "read",
         "est",
+        "estimate",
+        "estimated",
+        "mesure",
+        "medida",
+        "misura",
     ]
 )
+WEAK = frozenset(["state", "states", "sensor", "observation"])
+"""Measured, where nothing else of the name says that it was commanded."""
+ALONE = frozenset(
+    ["actual", "act", "measured", "meas", "feedback", "fb", "ist", "istwert", "mesure", "medida", "misura"]
+)
+"""A position, where they are the whole name."""
 FILTERED = frozenset(["filt", "filtered", "smooth", "smoothed", "lp", "lowpass"])
 DROPPED = frozenset(
     [
@@ -90,22 +111,29 @@ FILLERS = frozenset(
         "battery",
         "field",
         "header",
+        "controller",
+        "control",
     ]
 )
 SIGNALS: tuple[tuple[str, frozenset[str]], ...] = (
     ("enabled", frozenset(["enable", "enabled"])),
     ("acceleration", frozenset(["acc", "accel", "acceleration", "ddq", "qdd", "qddot", "ddtheta", "jerk"])),
     ("velocity", frozenset(["vel", "velocity", "speed", "dq", "qdot", "qvel", "dtheta", "thetadot", "omega", "dpos",
-                            "geschwindigkeit", "winkelgeschwindigkeit", "drehzahl"])),
-    ("temperature", frozenset(["temp", "temperature", "temperatur"])),
+                            "geschwindigkeit", "winkelgeschwindigkeit", "drehzahl", "velocities", "vitesse",
+                            "velocidad", "velocita"])),
+    ("temperature", frozenset(["temp", "temperature", "temperatur", "temper", "temperatura", "temperatures"])),
     ("voltage", frozenset(["volt", "volts", "voltage", "vin", "vbus", "ubat", "spannung"])),
     ("duty", frozenset(["duty", "pwm"])),
-    ("torque", frozenset(["torque", "tau", "effort", "force", "trq", "moment", "drehmoment"])),
-    ("position", frozenset(["pos", "position", "angle", "q", "theta", "phi", "qpos", "encoder", "enc",
-                            "winkel", "sollwinkel", "istwinkel", "sollposition", "istposition"])),
-    ("current", frozenset(["current", "curr", "amps", "ampere", "iq", "strom"])),
+    ("torque", frozenset(["torque", "tau", "effort", "force", "trq", "moment", "drehmoment", "efforts", "torques",
+                          "couple"])),
+    ("position", frozenset(["pos", "position", "angle", "q", "theta", "phi", "qpos", "encoder", "enc", "positions",
+                            "angles", "posicion", "posizione", "angulo", "angolo", "winkel", "sollwinkel",
+                            "istwinkel", "sollposition", "istposition"])),
+    ("current", frozenset(["current", "curr", "amps", "ampere", "iq", "strom", "currents", "courant", "corriente",
+                           "corrente"])),
     ("load", frozenset(("load",))),
-    ("time", frozenset(["time", "timestamp", "stamp", "t", "ts", "clock", "elapsed", "zeit"])),
+    ("time", frozenset(["time", "timestamp", "stamp", "t", "ts", "clock", "elapsed", "zeit", "temps", "tiempo",
+                        "tempo"])),
 )  # fmt: skip
 """Signals by the words that say them; the first one that a name has is its signal."""
 SUPPLY = frozenset(["supply", "vsupply", "battery", "batt", "bat", "vbat", "vbatt", "vcc", "vdd", "psu", "versorgung"])
@@ -121,7 +149,8 @@ UNITS = {
     "n": "N", "newton": "N", "ma": "mA", "a": "A", "amps": "A",
     "amp": "A", "mv": "mV", "v": "V", "volts": "V", "percent": "%",
     "pct": "%", "mm": "mm", "cm": "cm", "m": "m", "meter": "m", "meters": "m", "degc": "degC", "celsius": "degC",
-    "normalized": "%", "norm": "%",
+    "normalized": "%", "norm": "%", "grados": "deg", "degres": "deg", "gradi": "deg", "fahrenheit": "degF",
+    "degf": "degF",
 }  # fmt: skip
 """Units by the words that say them."""
 SPELT = {
@@ -129,6 +158,7 @@ SPELT = {
     "grad/s": "deg/s", "u/min": "rpm",
     "°": "deg", "°c": "degC", "n.m": "N.m", "n*m": "N.m", "nm": "N.m", "n m": "N.m", "mm/s": "mm/s", "m/s": "m/s",
     "rev/s": "turn/s", "rev/min": "rpm", "1/min": "rpm", "%": "%", "µs": "us", "n·m": "N.m", "c": "degC",
+    "tr/min": "rpm", "g/min": "rpm", "degrés": "deg", "°f": "degF", "f": "degF",
 }  # fmt: skip
 """Units as they stand in brackets."""
 SHORT = re.compile(r"(q|theta|phi|x)(m|meas|a|act|g|r|ref|d|des|c|cmd|goal)")
@@ -137,6 +167,8 @@ ONLY_UNIT = {
     "deg": "position", "rad": "position", "tick": "position", "rpm": "velocity", "N.m": "torque", "mA": "current",
     "A": "current", "V": "voltage", "mV": "voltage", "degC": "temperature",
 }  # fmt: skip
+ODRIVE = re.compile(r"(?:.*[._/])?(pos_estimate|input_pos|pos_setpoint|vel_estimate|input_vel|vel_setpoint)")
+"""Names of ODrive, which counts turns."""
 SINGLE = frozenset(["s", "a", "n", "m", "v", "c", "t", "q"])
 """Words of one letter: a unit only at the end of a name."""
 
@@ -174,7 +206,8 @@ def said(name: str) -> Said:
                 unit += "/s"
                 words, low = words[:at] + words[at + 1 :], low[:at] + low[at + 1 :]
     sides = set(low)
-    commanded, measured = bool(sides & COMMANDED), bool(sides & MEASURED)
+    commanded, measured = bool(sides & COMMANDED), bool(sides & (MEASURED - WEAK))
+    measured |= not commanded and bool(sides & WEAK)
     used = {k for k, word in enumerate(low) if word in COMMANDED | MEASURED | FILTERED | FILLERS}
     signal, how = "", ""
     for candidate, spoken in SIGNALS:
@@ -183,6 +216,10 @@ def said(name: str) -> Said:
             signal, how = candidate, words[hits[0]]
             used |= set(hits)
             break
+    if signal == "position" and "current" in low and unit in ("A", "mA"):  # q_current (A)
+        signal, used = "current", used | {low.index("current"), *(k for k, word in enumerate(low) if word == "q")}
+    if signal in ("position", "velocity", "torque") and {"input", "control"} & set(low):
+        commanded = True
     if signal in ("position", "velocity") and "current" in low:  # as against the one wanted
         measured, used = True, used | {low.index("current")}
     if signal == "enabled":
@@ -201,6 +238,13 @@ def said(name: str) -> Said:
         used |= {k for k, word in enumerate(low) if word in SUPPLY}
     if not signal and commanded:
         signal, how = "position", next(word for word in words if word.lower() in COMMANDED)
+    if not signal and sides and sides <= ALONE:
+        signal, how = "position", words[0]
+    if signal == "temperature" and not unit and low[-1] == "f":
+        unit, used = "degF", used | {len(low) - 1}
+    if not unit and ODRIVE.fullmatch(name.lower()):
+        unit = "turn/s" if signal == "velocity" else "turn"
+    used |= {k for k, (one, two) in enumerate(pairwise(low)) if one == "joint" and two in ("state", "states")}
     if sides & DROPPED:
         signal = f"{signal or 'value'} of a controller or model"
     elif commanded and not measured:
@@ -232,7 +276,8 @@ def _words(text: str) -> list[str]:
     """Words of a name: parted by signs, by digits, and where a capital follows a small letter."""
     text = re.sub(r"(?<![A-Za-z])(mA|mV|mNm|Nm|degC)(?![a-z])", lambda unit: unit[0].lower(), text)
     text = re.sub(r"(?<=[a-z0-9])(?=[A-Z])", " ", text)
-    return re.findall(r"[A-Za-z°µ]+|\d+", text)
+    plain = "".join(sign for sign in unicodedata.normalize("NFD", text) if not unicodedata.combining(sign))
+    return re.findall(r"[^\W\d_]+|°|\d+", plain)
 
 
 def _unit(words: list[str]) -> tuple[str, int | None]:

@@ -13,8 +13,12 @@ MOST = 8
 """Columns without names that are looked at."""
 
 
-def same_joint(groups: Mapping[str, Mapping[str, object]]) -> dict[str, str]:
+def same_joint(groups: Mapping[str, Mapping[str, object]], same_motion: Callable[[str, str], bool]) -> dict[str, str]:
     """Joints that are one by their names: commands of ``elbow`` go with ``joint_elbow``, and the shorter name stays.
+
+    Args:
+        groups: columns by joint and signal.
+        same_motion: whether two joints have the same position.
 
     Returns:
         New name by old one, of both.
@@ -25,6 +29,8 @@ def same_joint(groups: Mapping[str, Mapping[str, object]]) -> dict[str, str]:
     names: dict[str, str] = {}
     for joint in measured:
         near = [other for other in without if _ends(joint, other) or _ends(other, joint)]
+        near += [other for other in commanded - without if (_ends(joint, other) or _ends(other, joint))
+                 and same_motion(joint, other)]  # fmt: skip
         if len(near) != 1 or near[0] in names:
             continue
         rivals = [other for other in measured if _ends(other, near[0]) or _ends(near[0], other)]

@@ -16,7 +16,7 @@ from .names import Said, said
 from .pairs import best_pair, same_joint
 from .proposed import Proposal
 from .recording import Recording
-from .units import ASK, Read, read_alike, read_other, read_position, read_velocity
+from .units import ANGLE, ASK, WAY, Read, read_alike, read_other, read_position, read_velocity
 
 ONLY_JOINT = "joint"
 VAGUE = ("motor", "servo", "joint", "axis", "arm", "pendulum", "robot")
@@ -116,7 +116,7 @@ class _Proposer:
 
     def join_names(self) -> None:
         """Joints that are one by their names, and a name for the one that has none beside others."""
-        names = same_joint(self.groups)
+        names = same_joint(self.groups, self.same_motion)
         if len(self.groups) > 1 and "position" in self.groups.get("", {}) and ONLY_JOINT not in self.groups:
             names[""] = ONLY_JOINT
         groups, self.groups = self.groups, {}
@@ -124,6 +124,12 @@ class _Proposer:
             own = self.groups.setdefault(names.get(joint, joint), {})
             for signal, columns in signals.items():
                 own.setdefault(signal, []).extend(columns)
+
+    def same_motion(self, joint: str, other: str) -> bool:
+        """Whether two joints have the same position, by their numbers."""
+        first, second = (self.first.columns[self.groups[one]["position"][0].name] for one in (joint, other))
+        good = np.isfinite(first) & np.isfinite(second)
+        return bool(good.sum() > 50) and float(np.corrcoef(first[good], second[good])[0, 1]) > 0.999
 
     def find_positions(self) -> None:
         """Positions that no name says: what is called as a joint with a goal, and what follows a goal."""
@@ -197,6 +203,8 @@ class _Proposer:
         values = self.moved(name).columns[name]
         if np.nanmin(values) == np.nanmax(values):
             return "it never changes"
+        if (np.diff(values) == 1.0).all():
+            return "it counts the samples"
         for joint, signals in self.groups.items():
             for other in signals.get("position", []):
                 run = self.moved(other.name)
@@ -354,6 +362,8 @@ class _Proposer:
     def choose(self, signal: str, columns: list[_Column]) -> _Column:
         """One of several columns of the same signal: what the format says, not processed, in a unit that is said."""
         ranked = sorted(columns, key=lambda c: (not c.by_format, c.said.filtered, c.unit in ("tick", "%"), len(c.name)))
+        if signal == "position":  # none whose name says a unit of something else
+            ranked.sort(key=lambda c: c.unit not in ("", "?", "tick", "%", *ANGLE, *WAY))
         best = ranked[0]
         for other in ranked[1:]:
             ratio = multiple(self.first.columns[best.name], self.first.columns[other.name])

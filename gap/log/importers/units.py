@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import re
 from dataclasses import dataclass
 
 import numpy as np
@@ -161,6 +162,10 @@ def read_velocity(name: str, said: str, how: str, slope: Relation, position: Rea
         size = per / {**PER_RATE, "m/s": 1.0, "mm/s": 1e3}[unit]
         if said in known and unit != said:
             return Read(column + known[said], said, ASK, f"{how} says {said}, but {shown}, as {unit} would be")
+        if position.unit == "tick" and not said:
+            turn = re.search(r"\*2\*pi/(\d+)", position.text)
+            per_count = 2.0 * math.pi / float(turn[1] if turn else 4096) / slope.scale
+            return Read(f"{column}*{per_count:.4g}", "counts", ASK, f"{shown}, in rad/s", position.ask)
         if position.trust == ASK and not said:
             text = column + (known.get(f"{position.unit}/s") or known.get(unit, ""))
             return Read(text, unit, ASK, "its unit hangs on that of the position", position.ask)
@@ -186,6 +191,8 @@ def read_other(signal: str, name: str, values: Array, said: str, how: str) -> Re
     finite = values[np.isfinite(values)]
     largest = float(np.abs(finite).max()) if len(finite) else 0.0
     span = f"{finite.min():.3g} to {finite.max():.3g}" if len(finite) else "no values"
+    if signal == "temperature" and said == "degF":
+        return Read(f"({column} - 32)/1.8", said, SURE, f"{how} says {said}; {span}")
     if said in known and said:
         return Read(column + known[said], said, SURE, f"{how} says {said}; {span}")
     if signal == "enabled":
@@ -211,6 +218,9 @@ def read_other(signal: str, name: str, values: Array, said: str, how: str) -> Re
             signal, ""
         )
         return Read(column + smaller * (largest > plausible[signal]), unit, ASK, span, ask)
+    if signal == "current" and whole_numbers(finite) and np.ptp(finite) > 1.0:
+        ask = "in which unit is this current? Whole numbers are counts of a register, or mA (*1e-3)"
+        return Read(f"{column}*1e-3", unit, ASK, span, ask)
     unsigned = ""
     if signal in ("torque", "current") and len(finite) and finite.min() >= 0.0 and np.ptp(finite) > 0.0:
         unsigned = "; never negative, so it may be a magnitude without sign, or a register"

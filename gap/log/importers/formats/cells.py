@@ -13,6 +13,7 @@ import pyarrow as pa
 from pyarrow import compute
 
 from ...types import Array
+from ..names import unit_of
 
 EXACT = 2**53
 """Whole numbers beyond this one are not exact as float64."""
@@ -28,6 +29,7 @@ GROUPED = {
 }
 """Numbers with grouped thousands, by the sign of their decimals."""
 OTHER_SIGN = {",": ".", ".": ","}
+QUANTITY = re.compile(r"([-+]?(?:\d+[.,]?\d*|[.,]\d+)(?:[eE][-+]?\d+)?)\s*([^\d\s.,;:+-]\S*)\Z")
 CLOCK = re.compile(r"(?:(\d{1,3}):)?(\d{1,2}):(\d{1,2}(?:[.,]\d+)?)\s*([AaPp][Mm])?\Z")
 DATES = ("%d.%m.%Y", "%Y/%m/%d", "%Y-%m-%d", "%m/%d/%Y", "%d/%m/%Y", "%d-%m-%Y", "%d.%m.%y", "%m/%d/%y")
 
@@ -132,6 +134,10 @@ def _take_text(name: str, cells: Sequence[str | None], out: Cells) -> None:
     if not known:
         out.left[name] = "it is empty"
         return
+    units = {found[1] if (found := quantity(cell)) else "" for cell in known}
+    if len(units) == 1 and "" not in units:
+        out.columns[f"{name} [{units.pop()}]"] = np.array([(quantity(c) or (np.nan,))[0] for c in stripped])
+        return
     reader, seconds = _reader(known)
     if reader is None:
         words = list(dict.fromkeys(known[:1000]))
@@ -183,6 +189,13 @@ def _number(cell: str, decimal: str) -> float:
     if OTHER_SIGN[decimal] in cell and not GROUPED[decimal].match(cell):
         raise ValueError(cell)
     return float(cell.replace(OTHER_SIGN[decimal], "").replace(decimal, "."))
+
+
+def quantity(cell: str) -> tuple[float, str] | None:
+    """Number and unit of a cell such as ``12.5 deg``."""
+    match = QUANTITY.match(cell)
+    unit = unit_of(match[2]) if match else ""
+    return (float(match[1].replace(",", ".")), unit) if match and unit else None
 
 
 def _time_of_day(cell: str) -> float:

@@ -15,7 +15,7 @@ from pyarrow import csv as arrow_csv
 
 from ...types import LogError
 from ..names import unit_of
-from .cells import CLOCK, GROUPED, PLAIN
+from .cells import CLOCK, GROUPED, PLAIN, quantity
 
 SEPARATORS = (",", ";", "\t", " ")
 COMMENTS = ("#", "%")
@@ -213,7 +213,7 @@ def _is_sample(row: Sequence[str], usual: Sequence[int]) -> bool:
 def _is_value(cell: str) -> bool:
     text = cell.strip().strip("'\"")
     shapes = (PLAIN, CLOCK, DATED, *GROUPED.values())
-    return any(shape.match(text) for shape in shapes) or text.lower() in WORDS
+    return any(shape.match(text) for shape in shapes) or text.lower() in WORDS or bool(quantity(text))
 
 
 def _separator(lines: Sequence[str]) -> str:
