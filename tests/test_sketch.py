@@ -15,7 +15,7 @@ from sealegs.gap.search import forward
 from sealegs.gap.search.fit import Fit
 from sealegs.gap.search.forward import Searcher
 from sealegs.gap.search.settings import DEFAULT
-from sealegs.gap.search.sketch import sketch
+from sealegs.gap.search.sketch import sketch, spread
 
 from tests.smooth_bench import CHAIN
 
@@ -57,6 +57,17 @@ def test_of_a_long_log_pieces_of_both_parts_are_kept_from_beginning_to_end() -> 
     assert 30.0 <= PIECE * len(kept) < 45.0
     assert sum(number % 2 for number in numbers) in (len(kept) // 2, (len(kept) + 1) // 2)
     assert numbers[0] < 10 and numbers[-1] >= 30
+
+
+def test_what_joints_share_is_sought_in_pieces_of_each_part_that_keep_their_part() -> None:
+    """All pieces of all joints took nine minutes of a chirp, longer than the joints themselves."""
+    whole = long_log(40)
+    kept = spread(whole, 30.0).units
+    assert 30.0 <= PIECE * len(kept) < 60.0
+    assert {unit.part for unit in kept} == {FIT_A, FIT_B}
+    assert kept[0].start < whole.starts[15] and kept[-1].start >= whole.starts[25]
+    short = long_log(8)
+    assert spread(short, 30.0) is short
 
 
 def test_what_several_joints_share_is_sought_in_all_of_their_data() -> None:

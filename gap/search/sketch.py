@@ -12,6 +12,7 @@ from ..replay.steps import STEPS
 from .settings import SearchSettings
 
 SKETCHED = -1  # label of the pieces that are kept
+DROPPED = -2  # and of those that are not, where the others keep theirs
 
 AnyProblem = TypeVar("AnyProblem", bound=Problem)
 
@@ -38,6 +39,32 @@ def sketch(problem: AnyProblem, seconds: float) -> AnyProblem:
         kept |= set(mine[first::every] or mine[:1])
     units = tuple(replace(unit, part=SKETCHED) if k in kept else unit for k, unit in enumerate(problem.units))
     return replace(problem, units=units).part(SKETCHED)
+
+
+def spread(problem: AnyProblem, seconds: float) -> AnyProblem:
+    """A joint's problem with every so many of the pieces of each part, which stay in their parts.
+
+    What joints share is sought at all joints at once, and shows in a part of a long log.
+
+    Args:
+        problem: with pieces in parts.
+        seconds: length of what is judged of the parts that are fitted, about; the log is not thinned below it.
+    """
+    length = sum(
+        float(problem.time[b - 1] - problem.time[a])
+        for unit, (a, b) in zip(problem.units, _judged(problem), strict=True)
+        if unit.part in (FIT_A, FIT_B)
+    )
+    every = math.floor(length / seconds)
+    if every < 2:
+        return problem
+    kept = set[int]()
+    for part in {unit.part for unit in problem.units}:
+        mine = [k for k, unit in enumerate(problem.units) if unit.part == part]
+        kept |= set(mine[(every - 1) // 2 :: every] or mine[:1])
+    parts = {unit.part for unit in problem.units}
+    units = tuple(unit if k in kept else replace(unit, part=DROPPED) for k, unit in enumerate(problem.units))
+    return replace(problem, units=units).part(*parts)
 
 
 def coarsened(problem: AnyProblem, settings: SearchSettings) -> AnyProblem:

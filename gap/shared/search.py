@@ -24,6 +24,7 @@ from ..search.fit import merge, middle
 from ..search.forward import Searcher
 from ..search.result import Search
 from ..search.settings import DEFAULT, SearchSettings
+from ..search.sketch import spread
 from .directions import Direction, about_joints, centres, masses, payload, rows_of, tilt
 from .problem import RobotModel, RobotProblem
 
@@ -123,6 +124,7 @@ def search_shared(
     if len(problems) < settings.shared_joints:
         return None
     progress("looking for what joints share")
+    problems = {joint: spread(problem, settings.sketched) for joint, problem in problems.items()}
     every = [group for group in _groups(robot, problems, settings) if causes is None or group.name in causes]
     rows: dict[str, dict[str, Sequence[Array]]] = {}
     for direction in {d.number: d for group in every for d in group.directions}.values():
