@@ -13,7 +13,7 @@ from sealegs.envs.bench.robot import BARE, NUMBERS
 from sealegs.gap.load.pendulum import completed
 from sealegs.gap.log import LogError, read_measured
 from sealegs.gap.log.importers import import_logs, propose_for, read_mapping, read_recordings
-from sealegs.gap.log.importers.expression import evaluate
+from sealegs.gap.log.importers.expression import evaluate, names_in
 from sealegs.gap.log.importers.mapping import Mapping
 from sealegs.gap.log.importers.proposal import propose
 from sealegs.gap.virtual.bench import LOADS
@@ -280,6 +280,8 @@ def test_expressions_are_arithmetic(tmp_path: Path) -> None:
     np.testing.assert_allclose(evaluate("-(a - 2)*k**2/2 + 1e-3", values, ""), [4.501, 0.001])
     np.testing.assert_allclose(evaluate("`Joint 1 (deg)`*pi/180", values, ""), [np.pi, np.pi / 2])
     np.testing.assert_allclose(evaluate("signed16(raw)", values, ""), [-9.0])
+    np.testing.assert_allclose(evaluate("unwrap(a*3)", values, ""), [3.0, 6.0])
+    assert names_in("unwrap(b) + cumsum(a)*counter(b)") == ["b", "a"], "no function is called for it"
 
 
 @pytest.mark.parametrize(
@@ -292,6 +294,7 @@ def test_expressions_are_arithmetic(tmp_path: Path) -> None:
         ("(a", "lacks a '\\)'"),
         ("a a", "where it should end"),
         ("(" * 200 + "a", "nested too deeply"),
+        ("unwrap(b)", "takes 'b', which is no column"),
     ],
 )
 def test_a_wrong_expression_gets_one_sentence(text: str, sentence: str) -> None:

@@ -108,6 +108,18 @@ def test_days_of_a_spreadsheet_are_a_clock(tmp_path: Path) -> None:
     assert columns["time"] == "Zeit*86400" and not asked and "days, as of a spreadsheet, at 100 Hz" in shown
 
 
+@pytest.mark.parametrize("bits", [16, 32])
+def test_a_counter_that_overflows_is_a_clock(tmp_path: Path, bits: int) -> None:
+    """micros() starts from 0 again after 71 minutes, a timer of 16 bits after 65 ms."""
+    path = table(tmp_path, {"micros": (2.0**32 - 2e6 + 1e6 * TIME) % 2**bits, **DEG})
+    columns, asked, _ = texts_of(path)
+    assert columns["time"] == "counter(micros)*1e-6" and not asked
+    import_logs(path, tmp_path / "log", Mapping(columns))
+    (tmp_path / "log" / "log.yaml").write_text("robot: bench\nactuators: {joint: ideal}\n")
+    time = read_measured(tmp_path / "log").runs[0].time
+    np.testing.assert_allclose(time - time[0], TIME, atol=2e-6)
+
+
 def test_a_file_without_a_clock_is_timed_by_its_rows(tmp_path: Path) -> None:
     path = table(tmp_path, DEG)
     columns, asked, shown = texts_of(path)

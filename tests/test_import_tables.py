@@ -157,6 +157,11 @@ def test_aligned_columns_are_parted_by_runs_of_blanks(tmp_path: Path) -> None:
     check(written(tmp_path, f"Time (s)   Goal (deg)   Pos (deg)\n{text}", "spaced.dat"), "`Time (s)`")
 
 
+def test_a_table_without_samples_is_told(tmp_path: Path) -> None:
+    with pytest.raises(LogError, match=r"has names, but no samples; record the log again or leave the file out\."):
+        read_recordings(written(tmp_path, "t,goal_deg,pos_deg\n"))
+
+
 def test_what_stands_above_the_names_is_skipped(tmp_path: Path) -> None:
     head = 'sep=,\nRecorder 2.1\nDate,2024-05-01\nRate,100,Hz\n\n"t","goal_deg","pos_deg"\n'
     check(written(tmp_path, head + rows(cells(TIME), cells(GOAL), cells(POSITION))))
@@ -177,6 +182,12 @@ def test_prints_of_a_microcontroller_are_read(tmp_path: Path) -> None:
     )
     check(written(tmp_path, text, "plotter.txt"))
     check(written(tmp_path, text.replace(",", "\t").replace(":", ": "), "tabs.txt"))
+    json = (
+        f'{{"t":{t:.3f},"goal_deg":{g:.4f},"pos_deg":{q:.4f}}}\n' for t, g, q in zip(TIME, GOAL, POSITION, strict=True)
+    )
+    check(written(tmp_path, "".join(json), "lines.txt"))
+    brackets = (f"[{t:.3f}, {g:.4f}, {q:.4f}]\n" for t, g, q in zip(TIME, GOAL, POSITION, strict=True))
+    check(written(tmp_path, "t,goal_deg,pos_deg\n" + "".join(brackets), "brackets.txt"))
     day = datetime(2024, 5, 1, 12)
     stamps = [(day + timedelta(seconds=float(t) + 0.001)).strftime("%H:%M:%S.%f")[:-3] for t in TIME]
     lines = "t,goal_deg,pos_deg\n" + rows(cells(TIME), cells(GOAL), cells(POSITION))

@@ -4,13 +4,13 @@ from __future__ import annotations
 
 import re
 from collections.abc import Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 
 from ..types import Array
 from .evidence import CLOCKS, FASTEST, SLOWEST, clock_units
-from .expression import ROW, quoted
+from .expression import ROW, quoted, without_overflows
 from .names import said
 from .recording import Recording
 from .units import ASK, LIKELY, SURE, Read
@@ -49,6 +49,12 @@ def find_clock(recording: Recording) -> Clock:
     candidates = by_format or named or running
     faults = {name: clock_fault(columns[name]) for name in spoken if name not in (*named, *by_format)}
     moving = {name: fault for name, fault in faults.items() if fault != NEVER}
+    for name in [] if by_format or named else moving:
+        whole = without_overflows(columns[name])
+        if (np.diff(columns[name]) < 0.0).any() and clock_units(whole):
+            read = _read(replace(recording, columns={**columns, name: whole}), name, False, True)
+            text = read.text.replace(quoted(name), f"counter({quoted(name)})", 1)
+            return Clock(name, replace(read, text=text, why=f"{read.why}; it overflows, which counter() mends"), {})
     if not candidates or (moving and not named and not by_format):
         return _no_clock(columns, faults)
     name = candidates[0]
@@ -64,7 +70,7 @@ def _no_clock(columns: Mapping[str, Array], faults: dict[str, str]) -> Clock:
         others = {other: why for other, why in faults.items() if other != name}
         return Clock("", Read(quoted(name), "?", ASK, fault, ask), others)
     if period := next((name for name in columns if PERIODS & set(re.findall("[a-z]+", name.lower()))), None):
-        return Clock("", _summed(period, columns[period]))
+        return Clock(period, _summed(period, columns[period]))
     ask = (
         "which column is the time? None runs on in steps of a sample period. Write its expression, in seconds; "
         f"where the file has none, {ROW}/<samples a second>"

@@ -117,6 +117,8 @@ def following(time: Array, first: Array, second: Array) -> Relation:
     even = np.arange(time[good][0], time[good][-1], period)[:MOST]
     a, b = (np.interp(even, time[good], values[good]) for values in (first, second))
     reach = max(round(WINDOW / period), 1)
+    if len(a) < 2 * reach:
+        return Relation(0.0, 0.0)
     a, b = a[reach:] - a[:-reach], b[reach:] - b[:-reach]
     most = min(round(LONGEST_LAG / period), len(a) // 4)
     best = Relation(0.0, 0.0)

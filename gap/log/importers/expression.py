@@ -23,6 +23,16 @@ TOKEN = re.compile(
     r"\s*(?:(?P<number>(?:\d+\.?\d*|\.\d+)(?:[eE][+-]?\d+)?)|`(?P<quoted>[^`]+)`|(?P<name>[A-Za-z_][\w.\[\]]*)"
     r"|(?P<sign>\*\*|[-+*/(),]))"
 )
+COUNTERS = (8, 16, 24, 32)  # [bit]
+
+
+def without_overflows(counts: Array) -> Array:
+    """A counter of 8 to 32 bits that runs on where it started from 0 again."""
+    counts = np.atleast_1d(np.asarray(counts, np.float64))
+    size = next((2.0**bits for bits in COUNTERS if np.nanmax(counts, initial=0.0) < 2**bits), 0.0)
+    return counts + size * np.cumsum(np.diff(counts, prepend=counts[:1]) < -0.5 * size)
+
+
 CONSTANTS = {"pi": math.pi}
 ROW = "row"
 """Name for the number of a sample, from 0."""
@@ -32,8 +42,9 @@ FUNCTIONS: dict[str, tuple[int, Callable[..., Any]]] = {
     "sin": (1, np.sin),
     "cos": (1, np.cos),
     "sign": (1, np.sign),
-    "unwrap": (1, np.unwrap),
+    "unwrap": (1, lambda angle: np.unwrap(np.atleast_1d(angle))),
     "cumsum": (1, np.cumsum),
+    "counter": (1, without_overflows),
     "signed16": (1, lambda counts: np.where(np.asarray(counts) > 32767, np.asarray(counts) - 65536, counts)),
     "min": (2, np.minimum),
     "max": (2, np.maximum),
@@ -174,7 +185,7 @@ class _Reader:
         self.expect(")")
         if len(arguments) != count:
             raise LogError(f"'{self.text}': {word} takes {count} value{'s' * (count > 1)}, not {len(arguments)}.")
-        return function(*arguments)
+        return 1.0 if self.values is None else function(*arguments)
 
     def within(self, part: Callable[[], Any]) -> Any:
         self.depth += 1

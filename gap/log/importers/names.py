@@ -153,6 +153,8 @@ UNITS = {
     "degf": "degF",
 }  # fmt: skip
 """Units by the words that say them."""
+CLOCK_WORDS = frozenset(["ms", "seconds", "sec", "secs", "us", "ns", "millis", "micros"])
+"""Units that are the whole name of a clock."""
 SPELT = {
     "rad/s": "rad/s", "rad/sec": "rad/s", "rads/s": "rad/s", "deg/s": "deg/s", "deg/sec": "deg/s", "°/s": "deg/s",
     "grad/s": "deg/s", "u/min": "rpm",
@@ -231,6 +233,9 @@ def said(name: str) -> Said:
                 used.add(k)
                 commanded, measured = match[2] in ("g", "r", "ref", "d", "des", "c", "cmd", "goal"), match[2][0] in "ma"
                 break
+    if not signal and len(words) == 1 and low[0] in CLOCK_WORDS:
+        signal, how = "time", words[0]
+        used.add(0)
     if not signal and unit in ONLY_UNIT:
         signal, how = ONLY_UNIT[unit], f"[{unit}]"
     if not signal and not commanded and unit in ("", "V", "mV") and (named := [w for w in low if w in SUPPLY]):
@@ -289,7 +294,7 @@ def _unit(words: list[str]) -> tuple[str, int | None]:
             if word == "s" and words[k - 1] in ("rad", "deg", "grad"):
                 continue
             return UNITS[word], k
-    if len(words) == 1 and words[0] in ("ms", "seconds", "sec", "secs", "us", "ns"):
+    if len(words) == 1 and words[0] in CLOCK_WORDS:
         return UNITS[words[0]], None
     return "", None
 

@@ -9,8 +9,8 @@ import numpy as np
 
 from ..types import COMMANDS, SIGNAL_UNITS, Array
 from .clocks import find_clock
-from .evidence import CLOCKS, Relation, as_derivative, drives, following, multiple
-from .expression import names_in, quoted
+from .evidence import Relation, as_derivative, drives, following, multiple
+from .expression import evaluate, names_in, quoted
 from .mapping import Question
 from .names import Said, said
 from .pairs import best_pair, same_joint
@@ -344,8 +344,8 @@ class _Proposer:
         """Time of a recording [s], as far as it is known."""
         if not self.time:
             return np.arange(run.length, dtype=np.float64) * 0.01
-        factor = CLOCKS.get(self.out.columns["time"].unit, 1.0)
-        return np.asarray((run.columns[self.time] - run.columns[self.time][0]) * factor, np.float64)
+        seconds = np.asarray(evaluate(self.out.columns["time"].text, run.columns, str(run.source)), np.float64)
+        return seconds - seconds[0]
 
     def untwist(self, joint: str, signals: dict[str, list[_Column]]) -> None:
         """``qd`` may be the derivative or the wanted one: the numbers tell."""

@@ -17,17 +17,19 @@ from ...types import LogError
 from ..names import unit_of
 from .cells import CLOCK, GROUPED, PLAIN, quantity
 
-SEPARATORS = (",", ";", "\t", " ")
+SEPARATORS = (",", ";", "\t", "|", " ")
 COMMENTS = ("#", "%")
 _HEAD_BYTES = 1 << 16
 _LAST = 12
 """Lines at the end of the head that tell the separator; what a tool writes above the samples stands before them."""
 MARKS = ((codecs.BOM_UTF8, "utf8"), (codecs.BOM_UTF16_LE, "utf-16"), (codecs.BOM_UTF16_BE, "utf-16"))
-LABELLED = re.compile(r"\s*([A-Za-zÀ-ÿ_][^:=,;]*?)\s*[:=]\s*([-+]?[\d.]+(?:[eE][-+]?\d+)?)\s*\Z")
+LABELLED = re.compile(r"\s*[\"']?([A-Za-zÀ-ÿ_][^:=,;]*?)[\"']?\s*[:=]\s*([-+]?[\d.]+(?:[eE][-+]?\d+)?)\s*\Z")
 """A cell with its name: ``goal:12.5``, as for Arduino's plotter."""
 STAMP = re.compile(r"\d{1,2}:\d{2}:\d{2}[.,]\d+\Z")
 STAMPED = re.compile(r"(\d{1,2}:\d{2}:\d{2}[.,]\d+) -> ")
 """What Arduino's monitor puts before a line."""
+WRAPPED = re.compile(r"\s*[\[({]([^\[\](){}]*)[\])}],?\s*\Z")
+"""A line in brackets, as of JSON."""
 DATED = re.compile(
     r"\d{1,4}[-./]\d{1,2}[-./]\d{1,4}([T ]+\d{1,2}:\d{2}(:\d{2}([.,]\d+)?)?\s*([AaPp][Mm]|Z|[-+]\d\d:?\d\d)?)?\Z"
 )
@@ -145,14 +147,17 @@ def _layout(lines: Sequence[str], path: Path) -> _Layout:
         return _Layout(_unique(names, notes), labelled[0], separator, False, notes, rewrite=True, labels=True)
     usual = _usual(rows, filled, width)
     start = next((k for k in filled if len(rows[k]) == width and _is_sample(rows[k], usual)), None)
+    if len(filled) == 1 and start is None:
+        raise LogError(f"{path}: has names, but no samples; record the log again or leave the file out.")
     if start is None or not usual:
-        start = filled[1] if len(filled) > 1 else len(lines)
+        start = filled[1] if len(filled) > 1 else filled[0]
     above = [k for k in filled if k < start]
     notes = []
     names = _names(lines, rows, above, start, width, path, notes)
     samples = [rows[k] for k in filled if k >= start][:20]
     comma = any("," in cell for row in samples for cell in row if PLAIN.match(cell.strip()))
-    return _Layout(_unique(names, notes), start, separator, comma, notes, stamped or separator == " ")
+    rewrite = stamped or separator == " " or all(WRAPPED.match(line) for line in tail)
+    return _Layout(_unique(names, notes), start, separator, comma, notes, rewrite)
 
 
 def _is_labelled(cell: str) -> bool:
@@ -239,6 +244,8 @@ def _split(line: str, separator: str) -> list[str]:
     """Cells of a line that is no plain CSV: runs of blanks part them, a stamp before the line is a cell."""
     stamp = STAMPED.match(line)
     rest = line[stamp.end() :] if stamp else line
+    if (wrapped := WRAPPED.match(rest)) and any(sign.isdigit() for sign in rest):
+        rest = wrapped[1]
     if separator == " ":
         cells = next(csv.reader([re.sub(r"[ \t]+", " ", rest.strip())], delimiter=" "), [])
     else:
