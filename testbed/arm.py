@@ -96,7 +96,20 @@ FLAT = (
 )
 """An arm that moves level, so that gravity does nothing; numbers assumed."""
 
-MACHINES = {**ARMS, "leg": LEG, "flat": FLAT}
+GRIPPER = (
+    *TWO_LINK,
+    Body("jaw", (0.0, -0.18, 0.0), (1.0, 0.0, 0.0, 0.0), 0.01, (0.0, -0.02, 0.0), (1e-6, 1e-7, 1e-6, 0, 0, 0)),
+)
+"""The two-link arm with a light jaw; numbers assumed."""
+SWINGING = (
+    *TWO_LINK,
+    Body("swing", (0.0, -0.18, 0.0), (1.0, 0.0, 0.0, 0.0), 0.06, (0.0, -0.05, 0.0), (2e-5, 1e-6, 2e-5, 0, 0, 0)),
+)
+"""The two-link arm with a pendulum on a bearing at its end; numbers assumed."""
+BEARING = {"motor_constant": 0.0, "armature": 1e-6, "coulomb": 0.0, "viscous": 5e-4}
+"""Of a joint that nothing drives; assumed."""
+
+MACHINES = {**ARMS, "leg": LEG, "flat": FLAT, "gripper": GRIPPER, "swinging": SWINGING}
 
 SERVO = {
     "gain": 5.3,
@@ -239,6 +252,7 @@ def record_arm(
     nominal_error: float = 0.05,
     by_torque: bool = False,
     faults: Mapping[str, str] | None = None,
+    passive: tuple[str, ...] = (),
 ) -> tuple[list[Recording], dict[str, Any]]:
     """Record runs of an arm that hides effects, and write the model file that is believed of it.
 
@@ -251,6 +265,7 @@ def record_arm(
         nominal_error: largest relative error of nominal numbers and masses.
         by_torque: whether the joints are commanded by torques.
         faults: of columns: ``degrees`` or ``reversed`` by joint.
+        passive: joints that nothing drives; only their position is logged.
 
     Returns:
         The recordings, and the truth.
@@ -264,6 +279,9 @@ def record_arm(
         values = getattr(servos, name) * (1.0 + nominal_error * rng.uniform(-1, 1, len(bodies)))
         servos = servos._replace(**{name: values})
     servos = servos._replace(delay=DELAY * (1.0 + nominal_error * rng.uniform(-1, 1)))
+    for name in passive:
+        for key, value in BEARING.items():
+            getattr(servos, key)[names.index(name)] = value
     truth: dict[str, Any] = {"seed": seed, "effects": {}, "masses": masses}
     for name, (joint, size) in (effects or {}).items():
         hidden = (EFFECTS | FURTHER | STRANGERS)[name]
@@ -281,8 +299,8 @@ def record_arm(
     recorded = [
         Recording(
             f"run{k}",
-            *_run(links, servos, names, duration, np.random.default_rng([seed, 12, k]), k, dict(faults or {})),
-            {}, str(folder / "arm.xml"), {}, dict.fromkeys(names, chain),
+            *_run(links, servos, names, duration, np.random.default_rng([seed, 12, k]), k, dict(faults or {}), passive),
+            {}, str(folder / "arm.xml"), {}, {name: chain for name in names if name not in passive},
         )
         for k in range(runs)
     ]  # fmt: skip
@@ -314,6 +332,7 @@ def _run(
     rng: np.random.Generator,
     run: int,
     faults: dict[str, str],
+    passive: tuple[str, ...] = (),
 ) -> tuple[np.ndarray, dict[str, dict[str, np.ndarray]]]:
     count = int(duration / SAMPLE_PERIOD)
     jitter = np.clip(rng.normal(0.0, JITTER, count), -0.3 * SAMPLE_PERIOD, 0.3 * SAMPLE_PERIOD)
@@ -337,5 +356,5 @@ def _run(
             signals["duty"] = np.round(duty[held, j], 3)
             amperes = current[held, j] + rng.normal(0.0, CURRENT_STEP, count)
             signals["current"] = CURRENT_STEP * np.round(amperes / CURRENT_STEP)
-        joints[name] = signals
+        joints[name] = {"position": position} if name in passive else signals
     return time, joints

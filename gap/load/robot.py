@@ -57,6 +57,11 @@ class LoggedRobot:
         joint = driven[name].joint if name in driven else name
         return int(mujoco.mj_name2id(self.model, mujoco.mjtObj.mjOBJ_JOINT, joint))
 
+    def ratio(self, name: str) -> float:
+        """Of a joint's columns to its position in the model, where a drive turns it by another coefficient than 1."""
+        item = next((item for item in self.file.joints if item.name == name), None)
+        return 1.0 if item is None else item.terms[-1][1]
+
     def turns(self, number: int) -> bool:
         """Whether a joint of the model has one coordinate."""
         return int(self.model.jnt_type[number]) in KINDS

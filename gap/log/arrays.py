@@ -9,7 +9,7 @@ from typing import Any, Protocol, runtime_checkable
 
 import numpy as np
 
-from .reader import build_run, only_joint
+from .reader import build_run, driven_joints, only_joint
 from .sidecar import Sidecar, checked_sidecar
 from .table import check_columns, with_joint
 from .types import Array, LogError, MeasuredRun, MeasuredSet
@@ -92,7 +92,7 @@ def _run(run: MeasuredRun | Columns, sidecar: Mapping[str, Any] | None, name: st
             "are equally long."
         )
     table = dict(zip(with_joint(list(table), only_joint(checked)), table.values(), strict=True))
-    check_columns(list(table), Path(name))
+    check_columns(list(table), Path(name), driven_joints(checked))
     return dataclasses.replace(build_run(name, table, checked, Path(name), 0), source=None)
 
 

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Collection, Iterator
 from pathlib import Path
 
 import numpy as np
@@ -82,7 +82,7 @@ def iterate_runs(path: str | Path, rows: int = 1 << 18) -> Iterator[MeasuredRun]
     first = 0
     parts: list[dict[str, Array]] = []
     held = 0
-    for batch in read_batches(path, only_joint(sidecar)):
+    for batch in read_batches(path, only_joint(sidecar), driven_joints(sidecar)):
         parts.append(batch)
         held += len(batch["time"])
         while held >= rows + MINIMUM_SAMPLES:
@@ -97,12 +97,19 @@ def iterate_runs(path: str | Path, rows: int = 1 << 18) -> Iterator[MeasuredRun]
 
 def _read_run(path: Path) -> MeasuredRun:
     sidecar = read_sidecar(path)
-    return build_run(path.stem, _joined(list(read_batches(path, only_joint(sidecar)))), sidecar, path, 0)
+    return build_run(
+        path.stem, _joined(list(read_batches(path, only_joint(sidecar), driven_joints(sidecar)))), sidecar, path, 0
+    )
 
 
 def only_joint(sidecar: Sidecar) -> str:
     """Joint of columns that name none: the one that the sidecar gives an actuator."""
     return next(iter(sidecar.actuators)) if len(sidecar.actuators) == 1 else ONLY_JOINT
+
+
+def driven_joints(sidecar: Sidecar) -> Collection[str] | None:
+    """Joints that need a command: of a robot's file those with an actuator, others may be passive; else all."""
+    return sidecar.actuators if is_robot_file(sidecar.robot) else None
 
 
 def _joined(parts: list[dict[str, Array]]) -> dict[str, Array]:
@@ -120,7 +127,7 @@ def build_run(name: str, table: dict[str, Array], sidecar: Sidecar, path: Path, 
     if len(table.get("time", ())) < MINIMUM_SAMPLES:
         count = len(table.get("time", ()))
         raise LogError(f"{path}: has {count or 'no'} sample{'s' if count != 1 else ''}; a run needs at least two")
-    check_columns(list(table), path)
+    check_columns(list(table), path, driven_joints(sidecar))
     _check_values(table, path, first_row)
     signals: dict[str, dict[str, Array]] = {}
     other: dict[str, dict[str, Array]] = {group: {} for group in OTHER}

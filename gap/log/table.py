@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import csv
-from collections.abc import Iterator
+from collections.abc import Collection, Iterator
 from pathlib import Path
 
 import numpy as np
@@ -21,12 +21,15 @@ _CSV_BLOCK_BYTES = 8 << 20
 _PARQUET_BATCH_ROWS = 1 << 17
 
 
-def read_batches(path: Path, only_joint: str = ONLY_JOINT) -> Iterator[dict[str, Array]]:
+def read_batches(
+    path: Path, only_joint: str = ONLY_JOINT, driven: Collection[str] | None = None
+) -> Iterator[dict[str, Array]]:
     """Yield the columns of ``path`` as float64 arrays, a bounded number of rows at a time, NaN for an empty cell.
 
     Args:
         path: of the table.
         only_joint: whose columns those are that name no joint.
+        driven: as of :func:`check_columns`.
 
     Raises:
         LogError: not a readable file, empty, a column that the format does not know, or a cell that is no number.
@@ -36,19 +39,20 @@ def read_batches(path: Path, only_joint: str = ONLY_JOINT) -> Iterator[dict[str,
     try:
         if path.stat().st_size == 0:
             raise LogError(f"{path}: is empty; record the log again or leave the file out")
-        yield from _csv_batches(path, only_joint) if path.suffix == ".csv" else _parquet_batches(path, only_joint)
+        read = _csv_batches if path.suffix == ".csv" else _parquet_batches
+        yield from read(path, only_joint, driven)
     except OSError as error:
         if error.errno is None:  # Arrow raises OSError for content it cannot decode
             raise LogError(f"{path}: is damaged and cannot be read as {path.suffix[1:]}; copy it again") from None
         raise LogError(f"{path}: cannot be read: {error.strerror}") from None
 
 
-def _parquet_batches(path: Path, only_joint: str) -> Iterator[dict[str, Array]]:
+def _parquet_batches(path: Path, only_joint: str, driven: Collection[str] | None) -> Iterator[dict[str, Array]]:
     try:
         # pages are read as they are needed: a row group may hold the whole of a long log
         with parquet.ParquetFile(path, buffer_size=1 << 20, pre_buffer=False) as file:
             names = with_joint(file.schema_arrow.names, only_joint)
-            check_columns(names, path)
+            check_columns(names, path, driven)
             for field in file.schema_arrow:
                 numeric = pa.types.is_integer(field.type) or pa.types.is_floating(field.type)
                 if not (numeric or pa.types.is_boolean(field.type)):
@@ -59,10 +63,10 @@ def _parquet_batches(path: Path, only_joint: str) -> Iterator[dict[str, Array]]:
         raise LogError(f"{path}: is not a Parquet file, or a damaged one; copy or convert it again") from None
 
 
-def _csv_batches(path: Path, only_joint: str) -> Iterator[dict[str, Array]]:
+def _csv_batches(path: Path, only_joint: str, driven: Collection[str] | None) -> Iterator[dict[str, Array]]:
     header = _csv_header(path)
     names = with_joint(header, only_joint)
-    check_columns(names, path)
+    check_columns(names, path, driven)
     try:
         reader = arrow_csv.open_csv(
             path,
@@ -134,8 +138,14 @@ def group_of(column: str) -> tuple[str, str]:
     return (head, rest) if head in OTHER and signal not in SIGNAL_UNITS else (joint, signal)
 
 
-def check_columns(names: list[str], path: Path) -> None:
-    """Refuse columns that the format does not know, columns named twice, and a missing ``time`` or ``position``."""
+def check_columns(names: list[str], path: Path, driven: Collection[str] | None = None) -> None:
+    """Refuse columns that the format does not know, columns named twice, and a missing ``time`` or ``position``.
+
+    Args:
+        names: of the columns.
+        path: of the table.
+        driven: joints that need a command, beside one at least; None: all.
+    """
     seen: set[str] = set()
     joints = dict.fromkeys(name.rpartition(".")[0] for name in names if name.rpartition(".")[2] in SIGNAL_UNITS)
     joints = [joint for joint in joints if joint and joint not in OTHER]
@@ -162,12 +172,14 @@ def check_columns(names: list[str], path: Path) -> None:
             f"{path}: has no joint; add the columns <joint>.goal and <joint>.position [rad], or turn a table with "
             f"other columns into a log: sealegs import {path} out=logs/<name>"
         )
+    some = driven is not None and any(f"{joint}.{signal}" in seen for joint in joints for signal in COMMANDS)
+    needy = driven if some and driven is not None else joints
     for joint in joints:
         if "/" in joint or "\\" in joint:  # files of a diagnosis are named for the joint
             raise LogError(f"{path}: the joint '{joint}' has a slash in its name; rename its columns")
         if f"{joint}.position" not in seen:
             raise LogError(f"{path}: the column '{joint}.position' [rad] is missing")
-        if not any(f"{joint}.{signal}" in seen for signal in COMMANDS):
+        if joint in needy and not any(f"{joint}.{signal}" in seen for signal in COMMANDS):
             raise LogError(
                 f"{path}: the column '{joint}.goal' [rad] is missing (only a torque-driven log, "
                 f"which has '{joint}.torque_command' or '{joint}.torque', goes without)"

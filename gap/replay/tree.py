@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 
+import mujoco
 import numpy as np
 
 from ...actuators import Chain
@@ -15,26 +16,73 @@ from ..log.types import MeasuredRun
 from .axis import Axis
 from .joint_model import JointModel
 from .terms import E_INERTIA, E_POSITION, E_SLOPE
+from .unlogged import LIGHT, behind, logged, needed, start_of, weight_of, with_unlogged
 
 HELD = "robot.held"
 """Code of the finding that says why a link is moved as measured."""
+STILL = "robot.still"
+"""Code of the finding that says which joints were not logged and are taken as held."""
 MARGIN = 0.02  # of its range by which a joint may pass the end of it in the log before that is no stop
 
 
-def not_free(robot: LoggedRobot, joint: str, runs: Sequence[MeasuredRun]) -> Finding | None:
-    """Why a joint of a robot cannot be replayed freely; None where it can."""
-    if len(robot.joint(joint).terms) > 1:
-        return _held(joint, "its drive turns several joints together")
+def not_free(
+    robot: LoggedRobot, joint: str, runs: Sequence[MeasuredRun], armature: float | None = None
+) -> Finding | None:
+    """Why a joint of a robot cannot be replayed freely; None where it can.
+
+    Args:
+        robot: that was logged.
+        joint: its name.
+        runs: of it.
+        armature: of its drive [kg.m2 or kg]; None: that of the robot's file.
+    """
+    if robot.joint(joint).terms != ((robot.joint(joint).joint, 1.0),):
+        return _held(joint, "its drive turns several joints together, or one through a ratio")
     if joint in robot.file.coupled:
         return _held(joint, robot.file.coupled[joint])
-    names = [robot.column(number) for number in robot.felt_by(joint)]
-    fixed = [robot.turns(number) for number in robot.felt_by(joint)]
-    if not all(fixed):
-        return _held(joint, "the robot's base moves, and no column says how in a way that a replay could use")
-    if absent := [name for name in names if any(name not in run.joints for run in runs)]:
-        columns = " and ".join(f"'{name}.position'" for name in absent)
-        return _held(joint, f"what it works against depends on joints that were not logged; log {columns}")
-    return None
+    if loose := [number for number in robot.felt_by(joint) if not robot.turns(number)]:
+        if any(int(robot.model.jnt_type[number]) == int(mujoco.mjtJoint.mjJNT_FREE) for number in loose):
+            return _held(joint, "the robot's base moves, and no column says how in a way that a replay could use")
+        return _held(joint, f"no column says how the ball joint '{robot.column(loose[0])}' moves; weld it in the model")
+    absent = _absent(robot, joint, runs)
+    if not absent or _light(robot, joint, runs, absent, armature):
+        return None
+    unnamed = [robot.column(number) for number in absent if not robot.model.joint(number).name]
+    columns = " and ".join(f"'{robot.column(number)}.position'" for number in absent)
+    first = f"name {' and '.join(unnamed)} in the model, and " if unnamed else ""
+    return _held(joint, f"what it works against depends on joints that were not logged; {first}log {columns}")
+
+
+def held_still(
+    robot: LoggedRobot, joint: str, runs: Sequence[MeasuredRun], armature: float | None = None
+) -> Finding | None:
+    """Which joints behind one that is replayed freely are taken as held, since they were not logged."""
+    absent = _absent(robot, joint, runs)
+    if not absent or not all(map(robot.turns, range(robot.model.njnt))):
+        return None
+    said = [f"'{robot.column(number)}' at {start_of(robot, number):.3g}" for number in absent]
+    known = logged(robot, runs)
+    share = max(weight_of(robot, joint, motion_of(robot, run), absent, known, armature) for run in runs)
+    return Finding(
+        STILL, "note", joint, None,
+        f"Joint '{joint}': {' and '.join(said)} was not logged and is taken as held there; it changes the torque by "
+        f"{max(share, 1e-3):.1%} at most.",
+        value=share,
+    )  # fmt: skip
+
+
+def _absent(robot: LoggedRobot, joint: str, runs: Sequence[MeasuredRun]) -> list[int]:
+    return needed(robot, robot.felt_by(joint), logged(robot, runs))
+
+
+def _light(
+    robot: LoggedRobot, joint: str, runs: Sequence[MeasuredRun], absent: Sequence[int], armature: float | None
+) -> bool:
+    """Whether joints that were not logged hardly matter to one that carries them all."""
+    known, own = logged(robot, runs), robot.number(joint)
+    if not all(behind(robot, own, number) for number in absent):
+        return False
+    return all(weight_of(robot, joint, motion_of(robot, run), absent, known, armature) < LIGHT for run in runs)
 
 
 def _held(joint: str, why: str) -> Finding:
@@ -44,7 +92,10 @@ def _held(joint: str, why: str) -> Finding:
 
 
 def motion_of(robot: LoggedRobot, run: MeasuredRun) -> Motion:
-    """How all coordinates of a robot moved in a run, in the frame of its model."""
+    """How all coordinates of a robot moved in a run, in the frame of its model.
+
+    Joints that were not logged follow their leader, or are at their start.
+    """
     model, n = robot.model, len(run.time)
     position, speed, acceleration = (np.zeros((n, model.nv)) for _ in range(3))
     for name, log in run.joints.items():
@@ -56,9 +107,13 @@ def motion_of(robot: LoggedRobot, run: MeasuredRun) -> Motion:
         values = np.interp(run.time, run.time[good], values[good])
         dof = int(model.jnt_dofadr[number])
         smooth, rate, change = derivatives(run.time, values)
-        position[:, dof] = frame.sign * (smooth - frame.zero)
-        speed[:, dof], acceleration[:, dof] = frame.sign * rate, frame.sign * change
-    return Motion(position, speed, acceleration)
+        ratio = frame.sign / robot.ratio(name)
+        position[:, dof] = ratio * (smooth - frame.zero)
+        speed[:, dof], acceleration[:, dof] = ratio * rate, ratio * change
+    motion = Motion(position, speed, acceleration)
+    if all(map(robot.turns, range(model.njnt))):
+        with_unlogged(robot, motion, logged(robot, [run]))
+    return motion
 
 
 def terms_of(robot: LoggedRobot, joint: str, runs: Sequence[MeasuredRun]) -> list[np.ndarray]:

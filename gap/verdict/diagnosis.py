@@ -43,7 +43,7 @@ from .decide import decide
 from .evidence import Refused, Replayed
 from .measure import Measured, measure, whole_runs
 from .parallel import side_by_side
-from .pieces import cut_joint, frame_findings, named_chain
+from .pieces import commanded, cut_joint, frame_findings, joints_known, named_chain, uncommanded
 from .recorded import recording_reasons
 from .refusal import refuse
 from .request import Request
@@ -89,7 +89,7 @@ def diagnose(
     request = Request(test_group, seed, progress, limits, causes, settings, look_on)
     checked(causes)
     data, findings, stop = _check(data, progress)
-    runs, joints = data.runs, list(data.runs[0].joints)
+    runs, joints = data.runs, commanded(data.runs)
     if stop is not None:
         first = [_first_experiment(runs, joint, stop, request) for joint in joints]
         why = Refused("the log", stop.sentence)
@@ -176,7 +176,7 @@ def diagnose_joint(
     pieces = cut_joint(runs, joint, request.test_group, more)
     replay = _replay(pieces, request, before_goal=any(finding.code == "columns.before_goal" for finding in mine))
     if isinstance(replay, Refused):
-        return refuse(joint, replay, mine)
+        return refuse(joint, replay, (*mine, *pieces.findings))
     search = _search(replay, request)
     request.progress("measuring the gain on runs that nothing has seen")
     case = Case(joint, (*mine, *replay.findings), shows_little(runs, joint))
@@ -219,13 +219,14 @@ def _check(data: MeasuredSet, progress: Progress) -> tuple[MeasuredSet, list[Fin
     robot = data.runs[0].robot
     if robot not in ROBOTS and not is_robot_file(robot) and (hint := nearest(robot, ROBOTS, MISTYPED)):
         raise LogError(f"{data.runs[0].name}: there is no robot '{robot}'{hint}; correct it in the sidecar.")
+    said = []
     for run in data.runs:
         if (machine := robot_of(run)) is not None:
-            for joint in run.joints:
-                machine.joint(joint)  # says at once that there is none
+            joints_known(run, machine, commanded([run]))
+            said = [note for note in (uncommanded(data.runs, machine),) if note is not None]
     progress("checking the log")
     data, off = released(data)
-    data, every = corrected(data, [*data.findings, *off, *check_set(data)])
+    data, every = corrected(data, [*data.findings, *said, *off, *check_set(data)])
     return data, merged(every), unusable(every, data)
 
 
@@ -254,7 +255,8 @@ def _replay(pieces: Cut, request: Request, *, before_goal: bool = False) -> Repl
     try:
         driven = driven_problem(*layout, pieces.noise)
     except LogError as error:
-        return Refused(f"'{pieces.joint}'", str(error), usable=True)
+        held = next((f"{finding.sentence} " for finding in pieces.findings if finding.code == HELD), "")
+        return Refused(f"'{pieces.joint}'", f"{held}{'Along that motion: ' if held else ''}{error}", usable=True)
     causes, hidden = shown(driven, pieces.models[0], causes)
     request.progress(f"judging the actuator of {pieces.joint} along its measured motion")
     problem = weigh_channels(converged(driven), request.search)
