@@ -20,6 +20,7 @@ from .randomization import Randomization, Source
 from .robot import ChainSource
 from .sides import Sides
 from .task import ModulatedTask, Motion, Task
+from .task_shapes import check_observation, check_step
 
 
 @dataclass(slots=True)
@@ -96,6 +97,7 @@ class BatchEngine:
         Raises:
             SealegsError: one of the arguments does not fit the robot.
         """
+        self._sound = False  # what the task gives, which the first step looks at
         if num_envs < 1:
             raise SealegsError(f"num_envs is {num_envs}; it must be at least 1.")
         self.task, self.num_envs = task, num_envs
@@ -229,12 +231,15 @@ class BatchEngine:
         self._action = action
         self.steps += 1
         motion = self.motion(previous)
-        terms = self.task.rewards(motion)
+        terms, failed = self.task.rewards(motion), self.task.failed(motion)
+        if not self._sound:
+            check_step(self.task, terms, failed, self.num_envs)
+            self._sound = True
         reward = np.zeros(self.num_envs)
         for term in terms.values():
             reward += term
         unstable = self._warnings.any(axis=1)
-        terminated = self.task.failed(motion) | unstable
+        terminated = failed | unstable
         truncated = np.zeros(self.num_envs, dtype=bool)
         if self.max_episode_steps is not None:
             np.greater_equal(self.steps, self.max_episode_steps, out=truncated)
@@ -299,6 +304,8 @@ class BatchEngine:
 
     def _observation(self, motion: Motion) -> np.ndarray:
         parts = self.task.observe(motion)
+        if not self._sound:
+            check_observation(self.task, parts, self.num_envs, self.observation_size)
         observation = np.empty((self.num_envs, self.observation_size), np.float32)
         at = 0
         for part in parts:

@@ -85,6 +85,7 @@ class Extended:
         chains: of each joint; several where the runs were recorded with different nominal chains.
         changes: everything that differs from the nominal model.
         where: folder of the diagnosis, for messages.
+        digest: of the model file that the log named; empty for a robot of the collection, or unknown.
     """
 
     robot: str
@@ -93,6 +94,7 @@ class Extended:
     changes: tuple[Change, ...] = ()
     where: str = "the diagnosis"
     chosen: Mapping[str, str] = field(default_factory=dict)
+    digest: str = ""
 
     # --- on a robot --------------------------------------------------------------------------------------------
 
@@ -100,8 +102,10 @@ class Extended:
         """A chain for each coordinate of ``robot`` that was diagnosed; a servo alone is taken for all coordinates.
 
         Raises:
-            ExtensionError: a joint is none of the robot's, or has several chains and none was chosen.
+            ExtensionError: a joint is none of the robot's, or has several chains and none was chosen; or the robot is
+                another one than that of the log.
         """
+        self._check_model(robot)
         names = [item.name for item in robot.coordinates]
         chains = {joint: self._chain(joint) for joint in self.chains}
         if len(chains) == 1 and (
@@ -116,6 +120,19 @@ class Extended:
                     "the files of single joints."
                 )
         return chains
+
+    def _check_model(self, robot: Robot) -> None:
+        """Refuse the diagnosis of a robot on another one; of a model that was changed since, say so."""
+        if not self.digest or robot.file is None or robot.file.model.digest == self.digest:
+            return
+        if not robot.is_called(self.robot):
+            raise ExtensionError(
+                f"{self.where} is of robot '{self.robot}', and '{robot.file.model.path.name}' is another model; "
+                f"diagnose that robot{self._chains_alone()}."
+            )
+        LOGGER.warning(
+            "%s", f"{robot.file.model.path.name} was changed after {self.where} was written; diagnose again to be sure."
+        )
 
     def params_on(self, robot: Robot, params: Mapping[str, float] | None = None) -> dict[str, float]:
         """Numbers of ``robot``, as believed and with everything that was found.
@@ -211,6 +228,7 @@ class Extended:
         return {
             "version": VERSION,
             "robot": self.robot,
+            **({"model": self.digest} if self.digest else {}),
             "params": None if self.params is None else dict(self.params),
             "chains": {
                 joint: [{"file": item.file, "stages": item.chain.to_list()} for item in variants]
@@ -238,6 +256,7 @@ class Extended:
                 },
                 changes=tuple(Change(**change) for change in document["changes"]),
                 where=where,
+                digest=str(document.get("model") or ""),
             )
         except (LookupError, TypeError, AttributeError) as error:
             raise ExtensionError(f"{where}: cannot be read ({error}); diagnose again.") from None

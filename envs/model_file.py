@@ -12,6 +12,8 @@ from typing import Literal
 import mujoco
 import numpy as np
 
+from .model_couplings import couplings, led, unnamed
+from .model_drives import ModelDrive
 from .model_reading import line_of, read_specs
 from .robot import RobotError
 
@@ -50,26 +52,6 @@ class ModelJoint:
 
 
 @dataclass(frozen=True)
-class ModelDrive:
-    """What actuators of the file make of a joint or of a tendon over two joints.
-
-    Attributes:
-        name: of the joint, or of the tendon.
-        terms: joints and coefficients whose sum is driven.
-        stiffness, damping: of a position servo, at the driven coordinate; 0 where the file has none.
-        force: its largest force [N.m or N]; None: any.
-        actuators: names of the file's actuators that it stands for.
-    """
-
-    name: str
-    terms: tuple[tuple[str, float], ...]
-    stiffness: float = 0.0
-    damping: float = 0.0
-    force: float | None = None
-    actuators: tuple[str, ...] = ()
-
-
-@dataclass(frozen=True)
 class ModelBody:
     """A moving body: mass [kg], centre of mass [m], principal inertia [kg.m2] and the axes of that (w, x, y, z).
 
@@ -103,6 +85,7 @@ class ModelFile:
         floor: whether there is a plane or a height field to stand on.
         timestep: of the file [s].
         digest: of the model, to tell two files apart.
+        unnamed: joints that nothing can drive, since they have no name or are balls, in words.
         said: what was mended in reading, a sentence each.
     """
 
@@ -120,6 +103,7 @@ class ModelFile:
     floor: bool
     timestep: float
     digest: str
+    unnamed: tuple[str, ...]
     said: tuple[str, ...]
 
     def spec(self) -> mujoco.MjSpec:
@@ -154,8 +138,10 @@ def _surveyed(path: Path, changed: int) -> ModelFile:
         raise RobotError(f"{path} does not compile: {line_of(error)}.") from None
     inertia = _inertias(model)
     joints = {joint.name: joint for joint in _joints(model, inertia) if joint.name}
-    followers, coupled = _couplings(model)
+    followers, coupled = couplings(model)
     drives, undriveable = _drives(full, joints)
+    drives, carried = led(model, drives)
+    undriveable = (*undriveable, *carried)
     moved = [name for drive in drives for name, _ in drive.terms] or list(joints)
     root = _root(model, moved)
     return ModelFile(
@@ -173,6 +159,7 @@ def _surveyed(path: Path, changed: int) -> ModelFile:
         floor=bool(np.isin(model.geom_type, (mujoco.mjtGeom.mjGEOM_PLANE, mujoco.mjtGeom.mjGEOM_HFIELD)).any()),
         timestep=float(model.opt.timestep),
         digest=hashlib.sha256(spec.to_xml().encode()).hexdigest()[:16],
+        unnamed=unnamed(model),
         said=said,
     )
 
@@ -291,64 +278,6 @@ def _force(actuator: mujoco.MjsActuator, gear: float, before: float | None) -> f
         gain = float(actuator.gainprm[0])
         low, high = gain * float(actuator.ctrlrange[0]), gain * float(actuator.ctrlrange[1])
     return abs(gear) * max(abs(low), abs(high)) + (before or 0.0) if low < high else before
-
-
-def _couplings(model: mujoco.MjModel) -> tuple[dict[str, str], dict[str, str]]:
-    """Joints that follow others, and joints whose load is more than a tree says with the reason."""
-    followers: dict[str, str] = {}
-    coupled: dict[str, str] = {}
-    for k in range(model.neq):
-        kind, one, two = int(model.eq_type[k]), int(model.eq_obj1id[k]), int(model.eq_obj2id[k])
-        name = model.equality(k).name or f"constraint {k}"
-        if kind == mujoco.mjtEq.mjEQ_JOINT:
-            follower, leader = model.joint(one).name, model.joint(two).name if two >= 0 else ""
-            followers[follower] = leader
-            for joint in filter(None, (follower, leader)):
-                coupled[joint] = f"the equality '{name}' ties '{follower}' to " + (
-                    f"'{leader}'" if leader else "a place"
-                )
-        elif kind in (mujoco.mjtEq.mjEQ_CONNECT, mujoco.mjtEq.mjEQ_WELD):
-            if int(model.eq_objtype[k]) == mujoco.mjtObj.mjOBJ_SITE:
-                one, two = (int(model.site_bodyid[site]) for site in (one, two))
-            for joint in set(_above(model, one)) ^ set(_above(model, max(two, 0))):
-                coupled[model.joint(joint).name] = f"the equality '{name}' closes a loop over it"
-        elif kind == mujoco.mjtEq.mjEQ_TENDON:
-            for tendon in (one, two):
-                for joint in _wrapped(model, tendon) if tendon >= 0 else ():
-                    coupled[model.joint(joint).name] = f"the equality '{name}' holds a tendon over it"
-    for tendon in range(model.ntendon):
-        acts = (
-            model.tendon_limited[tendon]
-            or np.any(model.tendon_stiffness[tendon])
-            or np.any(model.tendon_damping[tendon])
-            or model.tendon_frictionloss[tendon]
-            or model.tendon_armature[tendon]
-        )
-        wrapped = _wrapped(model, tendon)
-        for joint in wrapped if acts else ():
-            coupled[model.joint(joint).name] = f"the tendon '{model.tendon(tendon).name}' pulls on it"
-    return followers, coupled
-
-
-def _above(model: mujoco.MjModel, body: int) -> list[int]:
-    """Joints between a body and the world."""
-    found = []
-    while body:
-        found += range(model.body_jntadr[body], model.body_jntadr[body] + model.body_jntnum[body])
-        body = int(model.body_parentid[body])
-    return found
-
-
-def _wrapped(model: mujoco.MjModel, tendon: int) -> list[int]:
-    """Joints that a tendon acts on."""
-    first, count = int(model.tendon_adr[tendon]), int(model.tendon_num[tendon])
-    found: set[int] = set()
-    for k in range(first, first + count):
-        if model.wrap_type[k] == mujoco.mjtWrap.mjWRAP_JOINT:
-            found.add(int(model.wrap_objid[k]))
-        elif model.wrap_type[k] == mujoco.mjtWrap.mjWRAP_SITE:
-            found.update(_above(model, int(model.site_bodyid[model.wrap_objid[k]])))
-    return sorted(found)
 
 
 def _root(model: mujoco.MjModel, joints: Sequence[str]) -> int:

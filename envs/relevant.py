@@ -76,13 +76,14 @@ class Mover:
         env: str,
         actuator: ChainSource | Mapping[str, ChainSource] | None = None,
         params: Mapping[str, float] | None = None,
+        robot: str | None = None,
     ) -> None:
-        """Build the robot of an environment's id.
+        """Build the robot of an environment's id, or another one in an environment that takes any.
 
         Raises:
             SealegsError: there is none, or a chain or number does not fit.
         """
-        self._task, _ = task_of({"id": env})
+        self._task, _ = task_of({"id": env} if robot is None else {"id": env, "robot": robot})
         self._engine = BatchEngine(
             self._task, 1, actuator=actuator, params=params, control_rate=self._task.control_rate
         )

@@ -12,7 +12,8 @@ from ..actuators import Chain, load_chain
 from ..actuators.errors import SealegsError, nearest
 from ..actuators.published import PREFIX, bam_file
 from ..configs.check import checked, checked_fields
-from .model_file import UNITS, ModelDrive, ModelFile, ModelJoint, read_model
+from .model_drives import ModelDrive
+from .model_file import UNITS, ModelFile, ModelJoint, read_model
 from .robot import RobotError
 from .robot_described import FileJoint, RobotFile, stated, with_owned
 from .robot_entries import UNKNOWN, YAML_SUFFIXES, FileEntry, JointEntry, Owner, ServoEntry
@@ -53,6 +54,8 @@ def assembled(path: Path, entry: FileEntry, said: list[str] | None = None) -> Ro
         raise RobotError(f"{path}: no joint is driven; the model has {', '.join(model.joints) or 'no named joint'}.")
     joints = tuple(_joint(path, model, name, row, drives.get(name), said) for name, row in entries.items())
     _check_driven(path, model, joints)
+    if entry.joints is None:
+        said += passive_sentence(model, [name for joint in joints for name, _ in joint.terms])
     left = [name for drive in model.drives for name in drive.actuators if drive.name not in entries]
     if entry.joints is not None and left:
         said.append(f"{model.path.name}: the actuators {', '.join(left)} drive nothing here and are left out.")
@@ -74,7 +77,29 @@ def assembled(path: Path, entry: FileEntry, said: list[str] | None = None) -> Ro
 
 
 def _default_entry(drive: ModelDrive | None) -> JointEntry:
-    return JointEntry(belt=dict(drive.terms) if drive is not None and len(drive.terms) > 1 else None)
+    own = drive is None or drive.terms == ((drive.name, 1.0),)
+    return JointEntry(belt=None if own or drive is None else dict(drive.terms))
+
+
+def passive(model: ModelFile, driven: Sequence[str]) -> list[str]:
+    """Joints of a model that nothing drives and nothing leads, in words.
+
+    Args:
+        model: as read.
+        driven: names of joints of the model.
+    """
+    named = [name for name in model.joints if name not in driven and name not in model.followers]
+    return [*(f"the {model.joints[name].kind} {name}" for name in named), *model.unnamed]
+
+
+def passive_sentence(model: ModelFile, driven: Sequence[str]) -> list[str]:
+    """That joints are passive, where there are any."""
+    if not (found := passive(model, driven)):
+        return []
+    return [
+        f"{model.path.name}: nothing drives {', '.join(found)}; such joints move freely, with the springs, damping and "
+        "friction of the file."
+    ]
 
 
 def _joint(
@@ -86,7 +111,10 @@ def _joint(
     single = terms == ((joint.name, 1.0),)
     limits = entry.range
     if limits is None:
-        limits = joint.range if single and joint.range is not None else None
+        limits = joint.range if len(terms) == 1 else None
+        if limits is not None and not single:
+            low, high = sorted(terms[0][1] * end for end in limits)
+            limits = low, high
         if limits is None:
             limits = (-math.pi, math.pi) if joint.kind == "hinge" else (-SLIDE_REACH, SLIDE_REACH)
             said.append(

@@ -28,6 +28,12 @@ OWNED = {"damping": "friction.viscous", "armature": "armature", "frictionloss": 
 """What model file and chain can both hold, and what it is called in a chain."""
 
 
+HINGES = {"range_margin": 0.15, "speed": 15.0}
+"""Limits of safety of hinges [rad], [rad/s], as in ``configs/robot/bench.yaml``."""
+SLIDES = {"range_margin": 0.02, "speed": 5.0}
+"""The same of slides, as shares of their range: of it, and of it a second; assumed."""
+
+
 @dataclass(frozen=True)
 class FileJoint:
     """A driven coordinate of a robot file.
@@ -106,6 +112,13 @@ class RobotFile:
         reasons = {item.name: [self.model.coupled.get(name) for name, _ in item.terms] for item in self.joints}
         found = {name: next(filter(None, some), "") for name, some in reasons.items()}
         return {name: reason for name, reason in found.items() if reason}
+
+    @property
+    def slide_limits(self) -> dict[str, dict[str, float]]:
+        """Limits of safety of its slides, by name of the limit and of the joint [m], [m/s]; assumed."""
+        slides = {item.name: item.range[1] - item.range[0] for item in self.joints if item.kind == "slide"}
+        return {key: {name: float(f"{share * span:.3g}") for name, span in slides.items()}
+                for key, share in SLIDES.items()}  # fmt: skip
 
     @property
     def digest(self) -> str:

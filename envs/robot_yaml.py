@@ -13,8 +13,8 @@ from ..actuators.atomic import write_text
 from ..actuators.errors import SealegsError
 from .model_file import UNITS, read_model
 from .robot import RobotError
-from .robot_assembly import assembled
-from .robot_described import FileJoint
+from .robot_assembly import assembled, passive, passive_sentence
+from .robot_described import HINGES, FileJoint, RobotFile
 from .robot_entries import FileEntry
 from .robot_file import load_robot_file
 
@@ -33,8 +33,9 @@ TAIL = """\
 deploy:   # for sealegs deploy: what configs/robot/bench.yaml holds of the bench; what is left out is as there
   servo: sts3215   # table of hw/registers
   rest: release   # at the end: release, hold, or sit
-  sensors: {}   # encoders that drive nothing, such as elbow.link: {id: 7}
-  safety: {}   # limits other than those of configs/robot/bench.yaml
+  sensors: {{}}   # encoders that drive nothing, such as elbow.link: {{id: 7}}
+  # limits other than those of configs/robot/bench.yaml
+  safety:{safety}
 """
 
 
@@ -65,7 +66,7 @@ def robot_yaml(model: Path, out: Path, chain: str | None = None) -> tuple[str, t
     names = [drive.name for drive in facts.drives] or [name for name in facts.joints if name not in facts.followers]
     if not names:
         raise RobotError(f"{model} has no hinge or slide with a name that could be driven.")
-    belts = {drive.name: dict(drive.terms) for drive in facts.drives if len(drive.terms) > 1}
+    belts = {drive.name: dict(drive.terms) for drive in facts.drives if drive.terms != ((drive.name, 1.0),)}
     if chain is not None and Path(chain).suffix in (".yaml", ".yml"):
         chain = os.path.relpath(Path(chain).resolve(), out.resolve().parent)
     rows: dict[str, Any] = {name: {"chain": chain} for name in names}
@@ -89,7 +90,24 @@ def robot_yaml(model: Path, out: Path, chain: str | None = None) -> tuple[str, t
     left += [
         f"# Joint {name} is not driven: it follows {other or 'a place'}.\n" for name, other in facts.followers.items()
     ]
-    return head + "".join(lines) + "".join(left) + TAIL, robot.said
+    driven = [name for joint in robot.joints for name, _ in joint.terms]
+    left += [f"# Nothing drives {what}: it moves freely.\n" for what in passive(facts, driven)]
+    said = (*robot.said, *(f"{reason}; it is left out." for reason in facts.undriveable))
+    said = (*said, *passive_sentence(facts, driven))
+    return head + "".join(lines) + "".join(left) + TAIL.format(safety=_safety(robot)), said
+
+
+def _safety(robot: RobotFile) -> str:
+    """The limits of slides, which those of hinges cannot stand for."""
+    rows = [
+        f"    {key}: {_flow({**values, '*': rest})}   # {what}; slides in m, assumed"
+        for key, values, rest, what in (
+            ("range_margin", robot.slide_limits["range_margin"], HINGES["range_margin"], "beyond the range"),
+            ("speed", robot.slide_limits["speed"], HINGES["speed"], "measured, a second"),
+        )
+        if values
+    ]
+    return "".join(f"\n{row}" for row in rows) if rows else " {}"
 
 
 def _joint(number: int, joint: FileJoint, chain: str | None, belt: dict[str, float] | None) -> str:

@@ -30,7 +30,7 @@ CHANCE = 0.05  # that a gap is named where there is none, over all joints and th
 MOST_TOLD = 100.0  # times: a larger ratio says that next to nothing was accounted for, as of a joint that stands still
 SLOWEST = 0.3  # [Hz] below which nothing counts as a frequency
 NOTHING_ELSE: dict[str, Any] = {
-    "excitation": None, "replay": None, "reference": False, "command": None, "reach": 0.9, "dry_run": False,
+    "excitation": None, "replay": None, "reference": False, "command": None, "reach": None, "dry_run": False,
     "overruns": "log", "realtime": None,
 }  # fmt: skip
 """Keys of ``configs/deploy.yaml`` that ``configs/evaluate.yaml`` has not."""

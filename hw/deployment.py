@@ -12,17 +12,18 @@ from typing import Any
 
 import numpy as np
 
-from ..actuators.errors import SealegsError, nearest
+from ..actuators.errors import SealegsError
 from ..configs.check import checked, checked_seed
 from ..envs.bench.robot import BENCH
 from ..envs.robots import get_robot
 from .calibration import as_row, newest
 from .clock import HIGHEST_RATE, LOWEST_RATE
-from .commands import Commands, PolicyCommands, Reference, Trajectory, park_motion, read_excitation, read_replay
+from .commands import Commands, PolicyCommands, Reference, park_motion, read_excitation, read_replay
 from .connection import Opened, charge_of, opened_bus, opened_port
 from .deadman import PATIENCE, keyboard, pressed_key
 from .emergency import REASON as EMERGENCY
 from .emergency import check_descriptor, emergency_stop, release
+from .excitation import library_excitation
 from .interface import Bus
 from .live import live_view
 from .loop import ControlLoop, Outcome, Stop
@@ -98,13 +99,12 @@ def prepare(config: Mapping[str, Any], source: Callable[[ServoRobot], Commands] 
     for key, kind in (
         ("silence", float),
         ("patience", float),
-        ("reach", float),
         ("dead_man", bool),
         ("dry_run", bool),
         ("live", bool),
     ):
         config[key] = checked(key, config[key], kind)
-    for key in ("rate", "duration"):
+    for key in ("rate", "duration", "reach"):
         config[key] = checked(key, config[key], float | None)
     config["rest"] = config["rest"] or config["robot"].get("rest") or "release"
     if config["rest"] not in RESTS:
@@ -273,14 +273,25 @@ def report(deployment: Deployment, done: Run, say: Callable[[str], None] = print
     if outcome.bus:
         kinds = ", ".join(f"{name} {count}" for name, count in outcome.bus.items())
         say(f"Replies that did not come or could not be used, within what safety allows: {kinds}.")
-    say(f"Log: {done.log if done.log.exists() else 'none, since the run ended before its first reading'}")
-    where = f"; the log is {done.log}" if done.log.exists() else ""
+    events = done.log.with_suffix(".events.jsonl")
+    kept = f"; what happened until then is in {events}" if events.exists() else ""
+    say(f"Log: {done.log if done.log.exists() else f'none, since the run ended before its first cycle{kept}'}")
+    where = f"; the log is {done.log}" if done.log.exists() else kept
     ended = at_rest_sentence(done, deployment.config["rest"])
     if _not_at_rest(done):
         cause = f" ({outcome.fault.sentence.rstrip('.')})" if outcome.fault else ""
         raise NotAtRestError(f"{ended.rstrip('.')}{cause}{where}.")
     if outcome.fault is not None:
-        raise SealegsError(f"safety stopped the run: {outcome.fault.sentence.rstrip('.')}; {ended.rstrip('.')}{where}.")
+        why = f"safety stopped the run: {outcome.fault.sentence.rstrip('.')}; {ended.rstrip('.')}{where}."
+        raise SealegsError(f"{why}{_on_a_stand(deployment)}")
+
+
+def _on_a_stand(deployment: Deployment) -> str:
+    """What helps a simulated robot that falls: nothing balances a free base."""
+    file = deployment.robot.robot.file
+    if file is None or file.base != "free" or deployment.config["hw"]["virtual"] is None:
+        return ""
+    return " Nothing balances the virtual machine's free base: `base: fixed` in its YAML puts it on a stand."
 
 
 def at_rest_sentence(done: Run, rest: str) -> str:
@@ -342,31 +353,6 @@ def _commands(kind: str, config: Mapping[str, Any], robot: ServoRobot) -> Comman
     if Path(word).suffix == ".csv":
         return read_excitation(Path(word), robot)
     return library_excitation(word, robot, config["reach"], checked_seed(config["seed"]))
-
-
-def library_excitation(word: str, robot: ServoRobot, reach: float, seed: int) -> Trajectory:
-    """An excitation of the library on every joint, each about the middle of its range.
-
-    Raises:
-        SealegsError: there is none of that name, or ``reach`` is more than a joint has.
-    """
-    from ..gap.experiment import RATE as SAMPLES
-    from ..gap.experiment import library
-
-    columns = []
-    for k, joint in enumerate(robot.joints):
-        shapes = {name.replace(" ", "_"): shape for name, shape in library(0.0, reach, seed + k).items()}
-        if word not in shapes:
-            hint = nearest(word, shapes)
-            raise SealegsError(
-                f"there is no excitation '{word}'{hint}; give a .csv file or one of {', '.join(shapes)}."
-            )
-        middle = 0.5 * (joint.low + joint.high)
-        if not 0.0 < reach <= (half := 0.5 * (joint.high - joint.low)):
-            raise SealegsError(f"reach is {reach:g} rad; joint {joint.name} has {half:.2f} rad to either side.")
-        columns.append(middle + shapes[word])
-    goals = np.stack(columns, axis=1)
-    return Trajectory(word, np.arange(len(goals)) / SAMPLES, goals, {"excitation": word, "reach": reach, "seed": seed})
 
 
 def _log(deployment: Deployment, port: str, registers: Mapping[str, Mapping[str, int]]) -> MeasuredLog:

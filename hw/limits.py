@@ -18,6 +18,8 @@ FROM_CHAIN = ("goal_speed", "following_error")
 """Limits that may be null: they follow from the servo's chain."""
 BY_JOINT = ("range_margin", "speed", "goal_speed", "following_error")
 """Limits in the units of the joints: a number [rad], or numbers by pattern of names [rad or m]."""
+POSITIONS = ("range_margin", "following_error")
+"""Those that are positions; the others are speeds."""
 LOGGABLE = ("following", "goal_speed")
 
 ByJoint = float | Mapping[str, float]
@@ -106,11 +108,7 @@ class Limits:
             return np.full(len(names), math.nan)
         if not isinstance(value, Mapping):
             if "m" in robot.units:
-                slide = names[robot.units.index("m")]
-                raise SealegsError(
-                    f"safety.{name} is {value:g} rad, but joint {slide} is in m; give it by pattern of names, such as "
-                    f'safety.{name}={{"{slide}": 0.005, "*": {value:g}}}.'
-                )
+                raise SealegsError(self._of_slides(robot))
             return np.full(len(names), float(value))
         for pattern in value:
             if not fnmatch.filter(names, pattern):
@@ -119,6 +117,20 @@ class Limits:
         if None in found and name not in FROM_CHAIN:
             raise SealegsError(f"safety.{name} has no value for joint {names[found.index(None)]}; add one.")
         return np.array([math.nan if item is None else float(item) for item in found])
+
+    def _of_slides(self, robot: ServoRobot) -> str:
+        """That limits in rad were given for joints in metres, and how all of them are given."""
+        slides = [name for name, unit in zip(robot.names, robot.units, strict=True) if unit == "m"]
+        wrong = {key: value for key in BY_JOINT if isinstance(value := getattr(self, key), int | float)}
+        said = ", ".join(f"safety.{key} is {value:g} {'rad' if key in POSITIONS else 'rad/s'}"
+                         for key, value in wrong.items())  # fmt: skip
+        rows = []
+        for key, value in wrong.items():
+            least = 0.005 if key in POSITIONS else 0.5
+            table = ", ".join([*(f'"{name}": {least:g}' for name in slides[:3]), f'"*": {value:g}'])
+            rows.append(f"'robot.safety.{key}={{{table}}}'")
+        more = f" and {len(slides) - 1} more joints are" if len(slides) > 1 else " is"
+        return f"{said}, but joint {slides[0]}{more} in m; give limits by pattern of names, such as {' '.join(rows)}."
 
 
 def _read(name: str, value: Any) -> Any:

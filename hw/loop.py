@@ -263,10 +263,7 @@ class ControlLoop:
         return fault
 
     def _approach(self, start: np.ndarray) -> Fault | None:
-        """Move slowly to where a trajectory begins; under the same limits as all else.
-
-        Returns:
-            What kept the robot from it; None: it is there, or a person stopped it.
+        """Move slowly to where a trajectory begins, within the same limits: None there, or where a person stopped it.
 
         Raises:
             BusError: a servo cannot be reached.
@@ -276,7 +273,9 @@ class ControlLoop:
         while True:
             now = self._metronome.now() - begun
             reading = self._reading()
+            way.note(now, self.sent, None if reading is None else self.reading.position)
             if isinstance(reading, Fault):
+                self._event("approach", joints=list(self.robot.names), rows=way.noted)
                 return reading
             self.sent = way.goal(now)
             self.bus.write_goals(self.robot.ids, self.robot.to_servo(self.sent))

@@ -33,7 +33,8 @@ def own_robot(word: str) -> dict[str, Any]:
     for key in given:
         if key not in known:
             raise SealegsError(f"{path}: deploy.{key} is unknown{nearest(key, known)}; there are {', '.join(known)}.")
-    limits = {**config["safety"], **(given.get("safety") or {})}
+    slides = {key: {**values, "*": config["safety"][key]} for key, values in robot.file.slide_limits.items() if values}
+    limits = {**config["safety"], **slides, **(given.get("safety") or {})}
     for key in limits:
         if key not in config["safety"]:
             hint = nearest(key, config["safety"])

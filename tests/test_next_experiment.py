@@ -23,7 +23,7 @@ from sealegs.gap.experiment import (
 )
 from sealegs.gap.experiment.excitations import HOLDS, abilities, excitations, slewed
 from sealegs.gap.experiment.exposure import too_many
-from sealegs.gap.experiment.proposal import Hypothesis, kept_within
+from sealegs.gap.experiment.proposal import Hypothesis, experiment_sentence, kept_within
 from sealegs.gap.log.sidecar import read_sidecar
 from sealegs.gap.log.types import LogError
 from sealegs.gap.replay.joint_model import JointModel
@@ -196,3 +196,26 @@ def test_one_hidden_cause_of_a_few_that_were_asked_for_does_not_make_a_log_worth
     hidden: int, considered: int, worthless: bool
 ) -> None:
     assert too_many(hidden, considered) == worthless
+
+
+@pytest.mark.parametrize(
+    ("rivals", "separation", "said"),
+    [
+        (("friction.coulomb", "nothing more"), 0.0, "tells whether friction.coulomb is there (at most 0.00 times"),
+        (
+            ("friction.coulomb", "nothing more"),
+            0.0,
+            "measure it directly. The best motion there is: run 'steps' 3 times",
+        ),
+        (
+            ("friction.coulomb", "drive.delay"),
+            4.0,
+            "together with the old ones: it tells friction.coulomb and drive.delay",
+        ),
+    ],
+)
+def test_the_sentence_of_an_experiment_says_what_it_tells(
+    rivals: tuple[str, ...], separation: float, said: str
+) -> None:
+    best = Experiment("steps", "", separation, np.arange(5.0), np.zeros(5), {}, {}, rivals=rivals)
+    assert said in experiment_sentence(best, [{}], False, alone=False)

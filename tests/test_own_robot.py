@@ -8,12 +8,13 @@ import pytest
 import yaml
 from sealegs import cli
 from sealegs.actuators.errors import SealegsError
-from sealegs.commands import new_robot
+from sealegs.commands import new_robot, relevant
 from sealegs.configs.compose import compose
 from sealegs.envs.robot_file import load_robot_file
 from sealegs.gap.log import read_measured
 from sealegs.hw import deployment
 from sealegs.hw.calibration import write_calibration
+from sealegs.hw.measured_log import read_events
 from sealegs.hw.own_robot import READERS
 from sealegs.hw.robot import build_robot
 
@@ -130,3 +131,63 @@ def test_twenty_lines_of_yaml_take_an_arm_from_its_model_over_a_log_to_a_verdict
     figures = json.loads(Path("compared/comparison.json").read_text())["figures"]
     assert figures["extended"]["same_goals"] < figures["nominal"]["same_goals"]
     assert figures["machine"]["reward"] > 20.0  # of 50 a second; standing still at mid-range earns less than 10
+
+
+LIFT = """<mujoco><compiler angle="radian" autolimits="true"/><worldbody><body name="cart" pos="0 0 0.5">
+<joint name="rail" type="slide" axis="1 0 0" range="-0.3 0.3"/><geom size="0.05" mass="1"/>
+<body name="arm"><joint name="shoulder" axis="0 1 0" range="-0.6 0.6"/>
+<geom type="capsule" fromto="0 0 0 0 0 -0.2" size="0.01" mass="0.2" contype="0" conaffinity="0"/></body>
+</body></worldbody>
+<actuator><position joint="rail" kp="800" kv="60"/><position joint="shoulder" kp="10" kv="0.3"/></actuator></mujoco>"""
+
+
+@pytest.mark.parametrize("word", ["lift.xml", "lift.yaml"])
+def test_a_robot_with_a_slide_can_be_deployed_as_new_robot_writes_it_and_as_its_model_stands(
+    word: str, tmp_path: Path
+) -> None:
+    (tmp_path / "lift.xml").write_text(LIFT)
+    new_robot.main([str(tmp_path / "lift.xml")])
+    assert "range_margin: {rail: 0.012, '*': 0.15}" in (tmp_path / "lift.yaml").read_text()
+    given = {"robot": str(tmp_path / word), "excitation": "multisine", "out": str(tmp_path / "logs"), "name": "run"}
+    found = deployment.prepare(config("hw.virtual.time=stepped", **given))
+    reach = np.ptp(found.commands.trajectory, axis=0) / 2.0 if hasattr(found.commands, "trajectory") else None
+    assert reach is None or reach[0] <= 0.24 + 1e-9
+    with pytest.raises(SealegsError, match=r"reach is 0.5 m; joint rail has 0.30 m to either side: leave reach out"):
+        deployment.prepare(config("reach=0.5", **given))
+    wrong = {**given, "robot.safety.range_margin": "0.1", "robot.safety.speed": "9"}
+    with pytest.raises(
+        SealegsError,
+        match=r"range_margin is 0.1 rad, safety.speed is 9 rad/s, but joint rail is in m; .*"
+        r"'robot.safety.range_margin=.\"rail\": 0.005, \"\*\": 0.1.' 'robot.safety.speed=.\"rail\": 0.5, ",
+    ):
+        deployment.prepare(config(**wrong))
+
+
+def test_relevant_dynamics_of_a_robot_of_ones_own(tmp_path: Path, capsys) -> None:
+    (tmp_path / "lift.xml").write_text(LIFT)
+    model = str(tmp_path / "lift.xml")
+    relevant.main([f"robot={model}", "tempos=[1.0]", "seconds=1", f"out={tmp_path / 'found'}"])
+    assert "rail" in capsys.readouterr().out
+    assert json.loads((tmp_path / "found" / "relevant.json").read_text())["robot"] == model
+
+
+def test_a_robot_that_leans_on_the_way_to_the_start_leaves_its_way_and_is_told_of_a_stand(tmp_path: Path) -> None:
+    floating = LIFT.replace('kp="800" kv="60"', 'kp="20" kv="0.5"').replace(
+        "<joint name", "<freejoint/><geom size='0.01'/><body><joint name", 1
+    )
+    (tmp_path / "lift.xml").write_text(floating.replace("</worldbody>", "</body></worldbody>"))
+    new_robot.main([str(tmp_path / "lift.xml")])
+    given = {"robot": str(tmp_path / "lift.yaml"), "excitation": "steps", "out": str(tmp_path / "logs"), "name": "run"}
+    prepared = deployment.prepare(
+        config("hw.virtual.time=stepped", "live=false", 'robot.safety.speed={"*": 0.0001}', **given)
+    )
+    done = deployment.run(prepared, lambda _: None)
+    assert done is not None and done.outcome.fault is not None
+    said = (
+        r"on the way to the start.*what happened until then is in .*run\.events\.jsonl.*"
+        r"`base: fixed` in its YAML puts it on a stand"
+    )
+    with pytest.raises(SealegsError, match=said):
+        deployment.report(prepared, done, lambda _: None)
+    events = [event for event in read_events(done.log) if event["event"] == "approach"]
+    assert events[0]["joints"] == ["rail", "shoulder"] and len(events[0]["rows"][0]) == 5

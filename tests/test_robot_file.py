@@ -11,6 +11,7 @@ from sealegs.actuators.errors import SealegsError
 from sealegs.envs.contract import robot_hash
 from sealegs.envs.robot import RobotError
 from sealegs.envs.robot_file import load_robot_file
+from sealegs.envs.robot_yaml import robot_yaml
 from sealegs.envs.robots import get_robot
 
 ROBOTS = Path(__file__).parent / "robots"
@@ -240,3 +241,56 @@ def test_a_payload_and_another_inertia_of_a_joint_act_on_what_the_joints_feel() 
     np.testing.assert_allclose(same, gravity, atol=1e-9)
     with pytest.raises(SealegsError, match="'forearm' would have a negative inertia"):
         felt(elbow_inertia=-1.0)
+
+
+GRIPPER = """
+<mujoco><compiler angle="radian" autolimits="true"/><default><geom contype="0" conaffinity="0"/></default>
+<worldbody><body name="hand">
+<joint name="lift" type="slide" axis="0 0 1" range="0 0.3"/><geom size="0.02" mass="0.5"/>
+<body name="left">
+<joint name="finger_l" type="slide" axis="1 0 0" range="0 0.03"/><geom size="0.01" mass="0.02"/></body>
+<body name="right">
+<joint name="finger_r" type="slide" axis="-1 0 0" range="0 0.03"/><geom size="0.01" mass="0.02"/></body>
+{more}</body></worldbody>
+<tendon><fixed name="split"><joint joint="finger_l" coef="0.5"/><joint joint="finger_r" coef="0.5"/></fixed></tendon>
+<equality><joint joint1="finger_r" joint2="finger_l" polycoef="0 1 0 0 0"/></equality>
+<actuator><position joint="lift" kp="500"/><position tendon="split" kp="300"/>{actuator}</actuator></mujoco>
+"""
+
+
+def test_a_tendon_over_two_fingers_of_which_one_follows_drives_the_leading_one(tmp_path: Path) -> None:
+    path = write(tmp_path, "hand.xml", GRIPPER.format(more="", actuator=""))
+    text, said = robot_yaml(path, tmp_path / "hand.yaml")
+    (tmp_path / "hand.yaml").write_text(text)
+    assert "belt: {finger_l: 1.0}" in text and "Joint finger_r is not driven: it follows finger_l" in text
+    assert "nothing drives" not in " ".join(said)
+    for file in (load_robot_file(path), load_robot_file(tmp_path / "hand.yaml")):
+        split = file.joint("split")
+        assert split.terms == (("finger_l", 1.0),) and split.range == (0.0, 0.03)
+    drivetrain = file.robot().drivetrain()
+    data = mujoco.MjData(drivetrain.model)
+    data.ctrl[:] = 0.1, 0.02
+    mujoco.mj_step(drivetrain.model, data, 2000)
+    assert float(data.joint("finger_l").qpos[0]) == pytest.approx(0.02, abs=2e-3)
+    assert float(data.joint("finger_r").qpos[0]) == pytest.approx(0.02, abs=2e-3)
+
+
+def test_an_actuator_of_a_follower_alone_is_left_out_with_a_comment_where_its_leader_is_driven(tmp_path: Path) -> None:
+    path = write(tmp_path, "hand.xml", GRIPPER.format(more="", actuator='<position name="twin" joint="finger_r"/>'))
+    text, said = robot_yaml(path, tmp_path / "hand.yaml")
+    left = "actuator 'twin' of 'finger_r' drives 'finger_l', which 'split' drives already"
+    assert f"# Left out: {left}." in text and f"{left}; it is left out." in said
+
+
+def test_joints_that_nothing_drives_are_told_and_commented(tmp_path: Path) -> None:
+    more = (
+        '<body name="cable"><joint axis="0 1 0"/><geom size="0.01" mass="0.01"/>'
+        '<body><joint name="head" type="ball"/><geom size="0.01" mass="0.01"/></body></body>'
+        '<body><joint name="swing" axis="0 1 0"/><geom size="0.01" mass="0.01"/></body>'
+    )
+    path = write(tmp_path, "hand.xml", GRIPPER.format(more=more, actuator=""))
+    text, said = robot_yaml(path, tmp_path / "hand.yaml")
+    what = "the hinge swing, the hinge without a name on cable, the ball joint head"
+    assert any(f"nothing drives {what}; such joints move freely" in sentence for sentence in said)
+    assert all(f"# Nothing drives {one}: it moves freely." in text for one in what.split(", "))
+    assert any(f"nothing drives {what}" in sentence for sentence in load_robot_file(path).said)

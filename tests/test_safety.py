@@ -189,7 +189,8 @@ def test_a_joint_in_metres_that_leaves_its_range_by_millimetres_ends_the_run() -
 @pytest.mark.parametrize(
     ("limits", "says"),
     [
-        ({"range_margin": 0.15}, "range_margin is 0.15 rad, but joint leg0_vertical is in m"),
+        ({"range_margin": 0.15}, "range_margin is 0.15 rad, but joint leg0_vertical and 11 more joints are in m"),
+        ({"range_margin": 0.15, "speed": 9.0}, 'safety.speed is 9 rad/s.*\'robot.safety.speed=."leg0_vertical": 0.5, '),
         ({"speed": {"*_rotation": 5.0}}, "has no value for joint leg0_vertical"),
         ({"speed": {"*": 5.0, "*_vertcal": 1.0}}, "fits no joint"),
         ({"speed": {"*": 0.0}}, "safety.speed is 0; it must be above 0"),

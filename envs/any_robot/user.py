@@ -53,7 +53,7 @@ def user_id(word: str) -> str:
     module = _module(path, number)
     task = getattr(module, name, None)
     if task is None:
-        known = [key for key, value in vars(module).items() if _is_task(value)]
+        known = [key for key, item in vars(module).items() if _is_task(item) and item.__module__ == module.__name__]
         raise SealegsError(f"{path} has no {name}{nearest(name, known)}; its tasks are {', '.join(known) or 'none'}.")
     if not _is_task(task):
         raise SealegsError(

@@ -7,6 +7,7 @@ from functools import cached_property
 
 import numpy as np
 
+from ..load.robot import robot_of
 from ..log.types import Array, JointLog, MeasuredRun
 from .signal import DERIVATIVE_WINDOW, derivatives, quantisation_step, sample_noise
 
@@ -68,9 +69,22 @@ class JointContext:
 
     @cached_property
     def unit(self) -> str:
-        """Unit of position and goal that the sidecar says, ``rad`` where it says nothing."""
+        """Unit of position and goal that the sidecar says; where it says nothing that of the robot's joint, or rad."""
         units = self.run.meta.get("units") or {}
-        return str(units.get(self.column("position"), units.get("position", "rad")))
+        own = "m" if self.slides else "rad"
+        return str(units.get(self.column("position"), units.get("position", own)))
+
+    @cached_property
+    def slides(self) -> bool:
+        """Whether the model of the robot, where the log names one, has the joint as a slide."""
+        robot = robot_of(self.run)
+        return robot is not None and robot.slides(self.name)
+
+    @cached_property
+    def reach(self) -> float | None:
+        """Furthest end of the joint's range in that model [rad or m]; None where nothing says it."""
+        robot = robot_of(self.run)
+        return None if robot is None else robot.reach(self.name)
 
     @cached_property
     def motion(self) -> tuple[Array, Array, Array]:

@@ -15,6 +15,7 @@ from .recording import held_again, regular, unheld
 Mend = Callable[[Array, float], Array]
 
 CONVERTED: dict[str, Mend] = {
+    "unit.millimetres": lambda values, size: values / size,
     "unit.degrees": lambda values, size: values * np.pi / 180.0,
     "position.sign": lambda values, size: -values,
     "link_position.sign": lambda values, size: -values,

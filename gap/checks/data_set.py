@@ -59,10 +59,12 @@ def _without_unit_of_magnitudes(findings: list[Finding]) -> list[Finding]:
 
 
 MENDED_FIRST = (
-    *("position.wrap", "link_position.wrap", "unit.degrees", "position.sign"),
+    *("position.wrap", "link_position.wrap", "unit.millimetres", "unit.degrees", "position.sign"),
     *("clock.late_stamps", "column.held", "column.behind", "goal.interpolated"),
 )
 """Errors that make others appear, one after the other."""
+UNKNOWN_UNIT = frozenset(("unit.ticks", "unit.length"))
+"""Findings of a position of which the checks of other columns would say something wrong."""
 UNSIGNED = ("current.unsigned",)
 """Findings of one run that hold for all of a machine: its register has no sign."""
 
@@ -183,7 +185,7 @@ def _without_torque(run: MeasuredRun) -> list[Finding]:
     for joint in joint_contexts(run):
         of_motion = list(check_motion(joint))
         findings += of_motion
-        if not joint.still and "unit.ticks" not in {finding.code for finding in of_motion}:
+        if not joint.still and UNKNOWN_UNIT.isdisjoint(finding.code for finding in of_motion):
             findings += check_columns(joint)
             findings += check_drive(joint)
             if not any(finding.severity == "error" for finding in of_motion):

@@ -8,6 +8,7 @@ import numpy as np
 
 from ..log.finding import Finding, Severity
 from .context import JointContext
+from .lengths import check_lengths
 
 DEGREES = 180.0 / np.pi
 FASTEST_SERVO = 60.0
@@ -26,7 +27,7 @@ def check_motion(joint: JointContext) -> Iterator[Finding]:
         asked = goal is not None and np.ptp(goal) > max(10.0 * joint.noise, 5.0 * joint.step, 1e-6)
         yield Finding(
             "motion.none", "error", joint.name, joint.column("position"),
-            f"Joint {joint.name} does not move ({joint.span:.2g} rad in all)"
+            f"Joint {joint.name} does not move ({joint.span:.2g} {joint.unit} in all)"
             + (" although its goal does: check power, torque enable and the position column." if asked else
                ": nothing can be learnt from it; record a motion."),
             value=joint.span, data_error=bool(asked),
@@ -34,6 +35,9 @@ def check_motion(joint: JointContext) -> Iterator[Finding]:
         return
     if joint.radians and (ticks := list(_ticks(joint))):
         yield from ticks  # of raw counts, every other check would say something wrong
+        return
+    if joint.slides and joint.unit == "m" and (lengths := list(check_lengths(joint))):
+        yield from lengths
         return
     yield from _wraps(joint)
     if joint.radians:
@@ -227,7 +231,7 @@ def _excitation(joint: JointContext) -> Iterator[Finding]:
     reasons = []
     if joint.short:
         reasons.append(
-            f"moves over {joint.span:.2g} rad only, {joint.span / max(joint.noise, 1e-12):.0f} times its noise"
+            f"moves over {joint.span:.2g} {joint.unit} only, {joint.span / max(joint.noise, 1e-12):.0f} times its noise"
         )
     if reversals < 2:
         reasons.append(f"reverses {reversals} time{'s' * (reversals != 1)}")

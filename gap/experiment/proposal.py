@@ -34,6 +34,8 @@ Along = Callable[[np.ndarray, np.ndarray], np.ndarray]
 ENOUGH = 1.0  # noise floors (rms) by which rivals must differ; below that another load is proposed
 SHOWS = 0.3  # noise floors (rms) that a search can still see: below that nothing is told apart
 CAP = 3.0  # noise floors beyond which a pair needs no more
+NOTHING_MORE = "nothing more"
+"""Name of the hypothesis that no further cause is there."""
 MOST_RIVALS = 4
 REPEATS = 3  # times the excitation is to be run: once for each part of the data
 LOAD_FACTORS = (2.0, 1.5, 0.5)  # of the mass on the shaft, the heavier first: it shows more
@@ -169,10 +171,13 @@ def propose(
                 )
     if best is None:
         return None
-    return dataclasses.replace(best, sentence=_sentence(best, loads, blind, alone=along is None))
+    return dataclasses.replace(best, sentence=experiment_sentence(best, loads, blind, alone=along is None))
 
 
-def _sentence(best: Experiment, loads: Sequence[Mapping[str, float]], blind: bool, *, alone: bool = True) -> str:
+def experiment_sentence(
+    best: Experiment, loads: Sequence[Mapping[str, float]], blind: bool, *, alone: bool = True
+) -> str:
+    """What to run, and what it tells."""
     seconds = best.time[-1] + 1.0 / RATE
     what = (
         f"Run '{best.name}' {best.repeats} times ({seconds:g} s each, goals between {best.goal.min():.2f} and "
@@ -187,13 +192,22 @@ def _sentence(best: Experiment, loads: Sequence[Mapping[str, float]], blind: boo
     what += " and diagnose these logs together with the old ones"
     if blind:
         return f"{what}: the causes of the catalogue differ there by {best.separation:.1f} times the noise on average."
-    names = listed(best.rivals)
+    names = _apart(best.rivals)
     if best.separation < SHOWS:
+        it = "one of these" if len(best.rivals) > 2 else "it"
         return (
-            f"No motion and no load of the library tells {names} apart (at most {best.separation:.2f} times the "
-            f"noise); measure one of them directly. {what} is the best there is."
+            f"No motion and no load of the library tells {names} (at most {best.separation:.2f} times the noise): "
+            f"measure {it} directly. The best motion there is: {what[0].lower()}{what[1:]}."
         )
-    return f"{what}: {names} differ there by {best.separation:.1f} times the noise."
+    return f"{what}: it tells {names}, by {best.separation:.1f} times the noise."
+
+
+def _apart(rivals: Sequence[str]) -> str:
+    """What an experiment tells: hypotheses from each other, or, where nothing else may be there, whether one is."""
+    causes = [name for name in rivals if name != NOTHING_MORE]
+    if len(causes) == len(rivals):
+        return f"{listed(causes)} apart"
+    return f"whether {causes[0]} is there" if len(causes) == 1 else f"{listed(causes)} apart, or whether any is there"
 
 
 # --- hypotheses ----------------------------------------------------------------------------------------------------
@@ -208,7 +222,7 @@ def _rivals(search: Search) -> list[Hypothesis]:
         found = [_hypothesis(c.cause.name, middle(*c.fits), before, c.variant) for c in close]
         if found and not step.accepted:  # a round that ends the search leaves open whether anything is missing at all
             fits = search.accepted[k - 1].fits if k else search.base
-            found.append(_hypothesis("nothing more", middle(*fits), before, ()))
+            found.append(_hypothesis(NOTHING_MORE, middle(*fits), before, ()))
         if len(found) > 1:
             return found
     return []
@@ -220,7 +234,7 @@ def everything(problem: JointProblem, search: Search) -> list[Hypothesis]:
     last = search.fits
     here, moving = middle(*last), search.parameters()
     taken = {c.cause.name for c in search.accepted}
-    found = [_hypothesis("nothing more", here, moving, ())]
+    found = [_hypothesis(NOTHING_MORE, here, moving, ())]
     for cause in search.causes:
         variant = cause.variants[0]
         if cause.name in taken or (cause.needs.temperature_range and np.ptp(problem.temperature) == 0.0):

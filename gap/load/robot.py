@@ -68,7 +68,19 @@ class LoggedRobot:
 
     def slides(self, name: str) -> bool:
         """Whether a joint moves along a line."""
-        return self.joint(name).kind == "slide"
+        item = next((item for item in self.file.joints if item.name == name), None)
+        if item is not None:
+            return item.kind == "slide"
+        number = self.number(name)
+        return number >= 0 and int(self.model.jnt_type[number]) == int(mujoco.mjtJoint.mjJNT_SLIDE)
+
+    def reach(self, name: str) -> float | None:
+        """The end of a joint's range in the model that is further from the log's zero [rad or m]; None: no range."""
+        number = self.number(name)
+        if number < 0 or not self.model.jnt_limited[number]:
+            return None
+        frame, ratio = self.frame(name), self.ratio(name)
+        return max(abs(ratio * frame.sign * float(end) + frame.zero) for end in self.model.jnt_range[number])
 
     def felt_by(self, name: str) -> list[int]:
         """Numbers of the joints whose motion a joint feels: those that carry it and those that it carries."""

@@ -86,7 +86,8 @@ def extended_of(diagnoses: Sequence[JointDiagnosis], data: MeasuredSet) -> Exten
             joint: tuple(Mounted(in_frame(item.chain, robot.frame(joint)), item.file) for item in variants)
             for joint, variants in chains.items()
         }
-    return Extended(data.runs[0].robot, shared, chains, tuple(found))
+    digest = "" if robot is None else robot.file.model.digest
+    return Extended(data.runs[0].robot, shared, chains, tuple(found), digest=digest)
 
 
 def _owner(number: str) -> Owner:

@@ -39,11 +39,12 @@ from ..search.result import Search
 from ..search.settings import DEFAULT, SearchSettings
 from ..search.windows import in_windows
 from .case import Case, Cut, Replay
+from .columns import check_robot, commanded
 from .decide import decide
 from .evidence import Refused, Replayed
 from .measure import Measured, measure, whole_runs
 from .parallel import side_by_side
-from .pieces import commanded, cut_joint, frame_findings, joints_known, named_chain, uncommanded
+from .pieces import cut_joint, frame_findings, named_chain
 from .recorded import recording_reasons
 from .refusal import refuse
 from .request import Request
@@ -219,11 +220,8 @@ def _check(data: MeasuredSet, progress: Progress) -> tuple[MeasuredSet, list[Fin
     robot = data.runs[0].robot
     if robot not in ROBOTS and not is_robot_file(robot) and (hint := nearest(robot, ROBOTS, MISTYPED)):
         raise LogError(f"{data.runs[0].name}: there is no robot '{robot}'{hint}; correct it in the sidecar.")
-    said = []
-    for run in data.runs:
-        if (machine := robot_of(run)) is not None:
-            joints_known(run, machine, commanded([run]))
-            said = [note for note in (uncommanded(data.runs, machine),) if note is not None]
+    machine = robot_of(data.runs[0])
+    said = [] if machine is None else check_robot(data.runs, machine)
     progress("checking the log")
     data, off = released(data)
     data, every = corrected(data, [*data.findings, *said, *off, *check_set(data)])

@@ -8,21 +8,23 @@ from dataclasses import replace
 import numpy as np
 
 from ...actuators.chain import Chain, load_chain
-from ...actuators.errors import SealegsError, nearest
+from ...actuators.errors import SealegsError
 from ..causes.unknown import unknown_parameters
 from ..checks.data_set import noise_floor
 from ..load.robot import LoggedRobot, robot_of
 from ..log.finding import Finding
 from ..log.parts import cut
 from ..log.progress import Progress
-from ..log.types import COMMANDS, Array, LogError, MeasuredRun
+from ..log.types import Array, LogError, MeasuredRun
 from ..replay.frames import check_frames
 from ..replay.joint_model import JointModel
 from ..replay.terms import T_OWN, T_SIZE
 from ..replay.tree import held_still, held_terms, joint_of_tree, not_free, owned, terms_of
 from ..replay.unlogged import logged, needed
+from ..search.forward import NUMERICAL
 from ..search.structure import fine
 from .case import Cut
+from .columns import commanded
 
 PRECISION = 1e-4  # of a joint's motion, to which no rigid model of a robot is right: assumed
 
@@ -73,56 +75,13 @@ def frame_findings(runs: Sequence[MeasuredRun], progress: Progress) -> list[Find
         return []
     progress("comparing zeros and directions of log and model")
     models = {joint: JointModel(chain_of(runs[0], joint, robot)) for joint in commanded(runs)}
-    return check_frames(robot, runs, models)
-
-
-def commanded(runs: Sequence[MeasuredRun]) -> list[str]:
-    """Joints that the runs say how they were driven: these are judged. Others of a robot only tell how they moved."""
-    return [
-        joint
-        for joint in runs[0].joints
-        if all(joint not in run.joints or any(key in run.joints[joint].signals() for key in COMMANDS) for run in runs)
-    ]
-
-
-def uncommanded(runs: Sequence[MeasuredRun], robot: LoggedRobot) -> Finding | None:
-    """That joints are not judged, since only their position was logged.
-
-    Raises:
-        LogError: the robot's model has no such joint.
-    """
-    named = commanded(runs)
-    others = [joint for joint in runs[0].joints if joint not in named]
-    if not others:
-        return None
-    known = {robot.column(number) for number in range(robot.model.njnt)}
-    for joint in others:
-        if robot.number(joint) < 0 and joint not in {item.name for item in robot.file.joints}:
-            raise LogError(
-                f"{runs[0].name}: {robot.file.model.path.name} has no joint '{joint}'{nearest(joint, known)}; rename "
-                f"the column '{joint}.position' or leave it out."
-            )
-    return Finding(
-        "robot.uncommanded", "note", None, None,
-        f"No command of {', '.join(others)} was logged: how they move counts for the other joints, and nothing is "
-        "judged at them.",
-    )  # fmt: skip
-
-
-def joints_known(run: MeasuredRun, robot: LoggedRobot, joints: Sequence[str]) -> None:
-    """Refuse commands of joints that nothing drives.
-
-    Raises:
-        SealegsError: there is one; the message names the nearest joint that is driven.
-    """
-    for joint in joints:
-        driven = any(item.name == joint for item in robot.file.joints)
-        if not driven and robot.number(joint) >= 0 and joint not in run.actuators:
-            raise LogError(
-                f"{run.name}: {robot.file.path.name} drives no '{joint}', it is a passive joint; log its position, and "
-                f"leave out '{joint}.goal' and the other columns of a drive."
-            )
-        robot.joint(joint)  # says that there is none
+    try:
+        return check_frames(robot, runs, models)
+    except (*NUMERICAL, ValueError, LookupError) as error:
+        said = (
+            f"Zeros and directions could not be compared ({type(error).__name__}: {error}); the model's are believed."
+        )
+        return [Finding("robot.frame_fault", "warning", None, None, said)]
 
 
 def chain_of(run: MeasuredRun, joint: str, robot: LoggedRobot | None) -> Chain:

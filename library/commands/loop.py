@@ -87,7 +87,8 @@ def checked_settings(config: Mapping[str, Any]) -> dict[str, Any]:
         ),
         "hidden": (or_null(dict[str, Any]), "hidden={} must be a mapping, such as {{delay.seconds:0.03}}, or null."),
         "stepped": (bool, ""),
-        **dict.fromkeys(("reach", "rate", "seconds"), (Positive, "")),
+        **dict.fromkeys(("rate", "seconds"), (Positive, "")),
+        "reach": (or_null(Positive), ""),
         **dict.fromkeys(("silence", "energy_weight"), (NotNegative, "")),
         **dict.fromkeys(("further", "seed"), (Natural, "")),
         "total_timesteps": (Count, ""),
@@ -151,7 +152,8 @@ def excite(
 
     params = ",".join(f"{key}:{value}" for key, value in load.items())
     arguments = [f"excitation={word}", f"out={out / 'log'}", f"name={name}", f"robot.params={{{params}}}"]
-    arguments += [f"rate={config['rate']}", f"reach={config['reach']}", f"seed={seed}", *machine]
+    arguments += [f"rate={config['rate']}", f"seed={seed}", *machine]
+    arguments += [] if config["reach"] is None else [f"reach={config['reach']}"]
     heading(f"sealegs deploy {' '.join(arguments)}")
     script.main(arguments)
 

@@ -2,6 +2,7 @@
 
     sealegs evaluate relevant robot=leg
     sealegs evaluate relevant robot=hopper actuator=ideal
+    sealegs evaluate relevant robot=my_arm.yaml
 
 Moves the robot in simulation from point to point at several tempos and splits the torque of each motor into constant
 and varying inertia, Coriolis and centrifugal torque, gravity, springs, friction and contact. A part under 5 % on every
@@ -35,7 +36,7 @@ def main(arguments: list[str]) -> None:
     if min(tempos) <= 0.0 or seconds < 0.5:
         raise SealegsError("tempos are positive times [s], and seconds is at least 0.5.")
     now = datetime.datetime.now().strftime("%Y%m%d-%H%M%S")
-    out = Path(str(config["out"] or f"runs/relevant-{config['robot']}-{now}"))
+    out = Path(str(config["out"] or f"runs/relevant-{Path(str(config['robot'])).stem}-{now}"))
     analyse(str(config["robot"]), config["actuator"], tempos, seconds, config["amplitude"], seed, out)
 
 
@@ -49,7 +50,7 @@ def analyse(
     """Move, split, judge, write and tell.
 
     Args:
-        robot: name, or id of its environment.
+        robot: name, id of its environment, or the path of a robot's file, which moves as in the task ``track``.
         actuator: chains; None: the robot's own.
         tempos: seconds for the whole range of a coordinate, each a run [s].
         seconds: of each run.
@@ -63,10 +64,12 @@ def analyse(
     from sealegs.actuators.errors import SealegsError
     from sealegs.environments import environment_id
     from sealegs.envs.relevant import RULE, Mover, judge
+    from sealegs.envs.robot_file import is_robot_file
 
     if (out / "relevant.json").exists():
         raise SealegsError(f"{out} holds an analysis already; give another folder as out=.")
-    mover = Mover(environment_id(robot), actuator)
+    of_file = is_robot_file(robot)
+    mover = Mover(environment_id("track" if of_file else robot), actuator, robot=robot if of_file else None)
     if amplitude is None:
         amplitude = FLOATING if mover.floating else FIXED
     out.mkdir(parents=True, exist_ok=True)

@@ -1,0 +1,135 @@
+"""What hangs together in a model: joints that follow others, joints in closed loops, joints that nothing drives."""
+
+from __future__ import annotations
+
+import dataclasses
+from collections.abc import Sequence
+
+import mujoco
+import numpy as np
+
+from .model_drives import ModelDrive
+
+EXACT = 1e-9  # of a position: a follower further from its leader's zero than that has one of its own
+
+
+def couplings(model: mujoco.MjModel) -> tuple[dict[str, str], dict[str, str]]:
+    """Joints that follow others, and joints whose load is more than a tree says with the reason."""
+    followers: dict[str, str] = {}
+    coupled: dict[str, str] = {}
+    for k in range(model.neq):
+        kind, one, two = int(model.eq_type[k]), int(model.eq_obj1id[k]), int(model.eq_obj2id[k])
+        name = model.equality(k).name or f"constraint {k}"
+        if kind == mujoco.mjtEq.mjEQ_JOINT:
+            follower, leader = model.joint(one).name, model.joint(two).name if two >= 0 else ""
+            followers[follower] = leader
+            for joint in filter(None, (follower, leader)):
+                coupled[joint] = f"the equality '{name}' ties '{follower}' to " + (
+                    f"'{leader}'" if leader else "a place"
+                )
+        elif kind in (mujoco.mjtEq.mjEQ_CONNECT, mujoco.mjtEq.mjEQ_WELD):
+            if int(model.eq_objtype[k]) == mujoco.mjtObj.mjOBJ_SITE:
+                one, two = (int(model.site_bodyid[site]) for site in (one, two))
+            for joint in set(above(model, one)) ^ set(above(model, max(two, 0))):
+                coupled[model.joint(joint).name] = f"the equality '{name}' closes a loop over it"
+        elif kind == mujoco.mjtEq.mjEQ_TENDON:
+            for tendon in (one, two):
+                for joint in _wrapped(model, tendon) if tendon >= 0 else ():
+                    coupled[model.joint(joint).name] = f"the equality '{name}' holds a tendon over it"
+    for tendon in range(model.ntendon):
+        acts = (
+            model.tendon_limited[tendon]
+            or np.any(model.tendon_stiffness[tendon])
+            or np.any(model.tendon_damping[tendon])
+            or model.tendon_frictionloss[tendon]
+            or model.tendon_armature[tendon]
+        )
+        wrapped = _wrapped(model, tendon)
+        for joint in wrapped if acts else ():
+            coupled[model.joint(joint).name] = f"the tendon '{model.tendon(tendon).name}' pulls on it"
+    return followers, coupled
+
+
+def above(model: mujoco.MjModel, body: int) -> list[int]:
+    """Joints between a body and the world."""
+    found = []
+    while body:
+        found += range(model.body_jntadr[body], model.body_jntadr[body] + model.body_jntnum[body])
+        body = int(model.body_parentid[body])
+    return found
+
+
+def _wrapped(model: mujoco.MjModel, tendon: int) -> list[int]:
+    """Joints that a tendon acts on."""
+    first, count = int(model.tendon_adr[tendon]), int(model.tendon_num[tendon])
+    found: set[int] = set()
+    for k in range(first, first + count):
+        if model.wrap_type[k] == mujoco.mjtWrap.mjWRAP_JOINT:
+            found.add(int(model.wrap_objid[k]))
+        elif model.wrap_type[k] == mujoco.mjtWrap.mjWRAP_SITE:
+            found.update(above(model, int(model.site_bodyid[model.wrap_objid[k]])))
+    return sorted(found)
+
+
+def led(model: mujoco.MjModel, drives: Sequence[ModelDrive]) -> tuple[tuple[ModelDrive, ...], tuple[str, ...]]:
+    """Drives of joints that follow others as drives of their leaders; those that cannot be, in words.
+
+    A fixed tendon over the two fingers of a gripper, of which one follows the other, drives the leading one.
+    """
+    kept: dict[tuple[str, ...], ModelDrive] = {}
+    left: list[str] = []
+    ways = _linear(model)
+    for drive in drives:
+        terms: dict[str, float] = {}
+        for name, coefficient in drive.terms:
+            leader, ratio = ways.get(name, (name, 1.0))
+            if leader:
+                terms[leader] = terms.get(leader, 0.0) + coefficient * ratio
+        names = tuple(sorted(name for name, coefficient in terms.items() if abs(coefficient) > EXACT))
+        label = f"actuator '{', '.join(drive.actuators)}' of '{drive.name}'"
+        if not names or any(name in ways for name in names):
+            left.append(f"{label} drives joints that an equality of the model ties, and nothing that leads them")
+        elif len(names) == 1 and names in kept:
+            left.append(f"{label} drives '{names[0]}', which '{kept[names].name}' drives already")
+        elif terms == dict(drive.terms):
+            kept[names] = drive
+        else:
+            own = names == (drive.name,) and terms[drive.name] == 1.0
+            name = drive.name if own or drive.name not in ways else names[0]
+            kept[names] = dataclasses.replace(drive, name=name, terms=tuple((n, terms[n]) for n in names))
+    return tuple(kept.values()), tuple(left)
+
+
+def _linear(model: mujoco.MjModel) -> dict[str, tuple[str, float]]:
+    """Leader and ratio of the joints that follow in proportion; an empty leader where they follow otherwise."""
+    found = {}
+    for k in range(model.neq):
+        if int(model.eq_type[k]) != int(mujoco.mjtEq.mjEQ_JOINT):
+            continue
+        one, two = int(model.eq_obj1id[k]), int(model.eq_obj2id[k])
+        if two < 0:
+            found[model.joint(one).name] = ("", 0.0)
+            continue
+        offset, ratio, *bent = map(float, model.eq_data[k, :5])
+        here, there = (float(model.qpos0[model.jnt_qposadr[joint]]) for joint in (one, two))
+        plain = not any(bent) and abs(here + offset - ratio * there) < EXACT
+        found[model.joint(one).name] = (model.joint(two).name, ratio) if plain else ("", 0.0)
+    return found
+
+
+def unnamed(model: mujoco.MjModel) -> tuple[str, ...]:
+    """Joints that no YAML can name as driven: balls, and hinges and slides without a name; in words."""
+    kinds = {
+        int(mujoco.mjtJoint.mjJNT_HINGE): "hinge",
+        int(mujoco.mjtJoint.mjJNT_SLIDE): "slide",
+        int(mujoco.mjtJoint.mjJNT_BALL): "ball joint",
+    }
+    found = []
+    for k in range(model.njnt):
+        kind, name = kinds.get(int(model.jnt_type[k])), model.joint(k).name
+        body = model.body(int(model.jnt_bodyid[k])).name or "a body without a name"
+        if kind is not None and not name:
+            found.append(f"the {kind} without a name on {body}")
+        elif kind == "ball joint":
+            found.append(f"the ball joint {name}")
+    return tuple(found)

@@ -1,0 +1,52 @@
+"""The unit of a slide's columns: metres, or what its model's range shows to be something else."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+
+import numpy as np
+
+from ..log.finding import Finding
+from .context import JointContext
+
+MILLIMETRES = 1000.0
+BEYOND = 2.0  # times as far as the range of the model reaches: more is another unit
+WITHIN = 1.5  # times that range up to which a column in millimetres may go
+FASTEST_SLIDE = 20.0
+"""Speed [m/s] that no slide of a robot reaches; it tells the unit where the model gives no range."""
+
+
+def check_lengths(joint: JointContext) -> Iterator[Finding]:
+    """Yield what is wrong with the unit of a slide: a factor of a thousand can be mended, any other cannot."""
+    for signal in ("position", "goal", "link_position"):
+        values = getattr(joint.log, signal)
+        if values is None or not np.isfinite(values).any():
+            continue
+        far, reason = _too_far(joint, np.asarray(values))
+        if far is None:
+            continue
+        column = joint.column(signal)
+        if far:
+            yield Finding(
+                "unit.millimetres", "error", joint.name, column,
+                f"{column} is in millimetres, not in metres: {reason}; divide it by 1000.",
+                value=MILLIMETRES, data_error=True,
+            )  # fmt: skip
+        else:
+            yield Finding(
+                "unit.length", "error", joint.name, column,
+                f"{column} is not in metres: {reason}; convert it, or correct the range in the model.",
+                data_error=True,
+            )  # fmt: skip
+
+
+def _too_far(joint: JointContext, values: np.ndarray) -> tuple[bool | None, str]:
+    """Whether a column further than the joint can go is in millimetres, and why; None where it is not too far."""
+    size = float(np.nanquantile(np.abs(values), 0.98))
+    if joint.reach is None:
+        speed = float(np.nanquantile(np.abs(np.diff(values)) / np.diff(joint.time), 0.9))
+        return (True if speed > FASTEST_SLIDE else None), f"it moves by {speed:.3g} per second"
+    if size <= BEYOND * joint.reach:
+        return None, ""
+    reason = f"it reaches {size:.3g}, and the joint of the model {joint.reach:.3g} m"
+    return size / MILLIMETRES <= WITHIN * joint.reach, reason

@@ -1,0 +1,97 @@
+"""Which columns of a robot's log stand for what: joints that are judged, and joints that only tell how they moved."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+from ...actuators.errors import nearest
+from ..load.robot import LoggedRobot
+from ..log.finding import Finding
+from ..log.types import COMMANDS, LogError, MeasuredRun
+
+LEAST = 30  # samples of a run of a robot: of fewer no derivative and no piece to judge on is left
+
+
+def check_robot(runs: Sequence[MeasuredRun], robot: LoggedRobot) -> list[Finding]:
+    """What is to be said of the joints of a robot's log.
+
+    Raises:
+        SealegsError: a run does not fit the robot, or is too short.
+    """
+    for run in runs:
+        if len(run.time) < LEAST:
+            raise LogError(
+                f"{run.name} has {len(run.time)} samples, and a diagnosis of a robot needs {LEAST} at least; record "
+                "some 20 s, or leave the run out."
+            )
+        joints_known(run, robot, commanded([run]))
+        units_known(run, robot)
+    note = uncommanded(runs, robot)
+    return [] if note is None else [note]
+
+
+def commanded(runs: Sequence[MeasuredRun]) -> list[str]:
+    """Joints that the runs say how they were driven: these are judged. Others of a robot only tell how they moved."""
+    return [
+        joint
+        for joint in runs[0].joints
+        if all(joint not in run.joints or any(key in run.joints[joint].signals() for key in COMMANDS) for run in runs)
+    ]
+
+
+def uncommanded(runs: Sequence[MeasuredRun], robot: LoggedRobot) -> Finding | None:
+    """That joints are not judged, since only their position was logged.
+
+    Raises:
+        LogError: the robot's model has no such joint.
+    """
+    named = commanded(runs)
+    others = [joint for joint in runs[0].joints if joint not in named]
+    if not others:
+        return None
+    known = {robot.column(number) for number in range(robot.model.njnt)}
+    for joint in others:
+        if robot.number(joint) < 0 and joint not in {item.name for item in robot.file.joints}:
+            raise LogError(
+                f"{runs[0].name}: {robot.file.model.path.name} has no joint '{joint}'{nearest(joint, known)}; rename "
+                f"the column '{joint}.position' or leave it out."
+            )
+    return Finding(
+        "robot.uncommanded", "note", None, None,
+        f"No command of {', '.join(others)} was logged: how they move counts for the other joints, and nothing is "
+        "judged at them.",
+    )  # fmt: skip
+
+
+def joints_known(run: MeasuredRun, robot: LoggedRobot, joints: Sequence[str]) -> None:
+    """Refuse commands of joints that nothing drives.
+
+    Raises:
+        SealegsError: there is one; the message names the nearest joint that is driven.
+    """
+    for joint in joints:
+        driven = any(item.name == joint for item in robot.file.joints)
+        if not driven and robot.number(joint) >= 0 and joint not in run.actuators:
+            raise LogError(
+                f"{run.name}: {robot.file.path.name} drives no '{joint}', it is a passive joint; log its position, and "
+                f"leave out '{joint}.goal' and the other columns of a drive."
+            )
+        robot.joint(joint)  # says that there is none
+
+
+def units_known(run: MeasuredRun, robot: LoggedRobot) -> None:
+    """Refuse a unit of a joint that is not the model's.
+
+    Raises:
+        LogError: there is one.
+    """
+    units = run.meta.get("units") or {}
+    for joint in run.joints:
+        own = "m" if robot.slides(joint) else "rad"
+        for signal in ("position", "goal", "link_position"):
+            said = units.get(f"{joint}.{signal}", units.get(signal, own))
+            if said != own:
+                raise LogError(
+                    f"{run.name}: units says that {joint}.{signal} is in {said}, and the model has that joint in "
+                    f"{own}; convert the column to {own}, and correct the entry."
+                )
