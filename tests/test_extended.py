@@ -230,3 +230,24 @@ def test_a_folder_without_a_diagnosis_is_refused(what: str, tmp_path: Path) -> N
     folder = tmp_path if what == "empty" else tmp_path / "nowhere"
     with pytest.raises(SealegsError, match="sealegs diagnose wrote"):
         read_extended(folder)
+
+
+def test_a_diagnosis_of_one_model_is_not_put_on_another_whose_joints_are_called_alike(
+    tmp_path: Path, caplog: pytest.LogCaptureFixture
+) -> None:
+    text = (Path(__file__).parent / "robots" / "arm.xml").read_text()
+    for name, mass in (("arm.xml", "0.1"), ("other.xml", "0.3")):
+        (tmp_path / name).write_text(text.replace('0.15" mass="0.1"', f'0.15" mass="{mass}"'))
+    arm = sealegs.load_robot(tmp_path / "arm.xml")
+    assert arm.file is not None
+    chains = {joint: (Mounted(arm.chains[joint], f"{joint}-extended.yaml"),) for joint in ("shoulder", "elbow")}
+    found = Extended(str(tmp_path / "arm.xml"), {}, chains, (), "found", digest=arm.file.model.digest)
+    again = Extended.from_dict(found.to_dict(), "found")
+    assert set(again.chains_on(arm)) == {"shoulder", "elbow"}
+    with pytest.raises(
+        SealegsError, match=r"found is of robot .*arm\.xml', and 'other\.xml' is another model; diagnose"
+    ):
+        again.chains_on(sealegs.load_robot(tmp_path / "other.xml"))
+    (tmp_path / "arm.xml").write_text((tmp_path / "other.xml").read_text())
+    assert again.chains_on(sealegs.load_robot(tmp_path / "arm.xml"))
+    assert "arm.xml was changed after found was written" in caplog.text
