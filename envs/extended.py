@@ -123,7 +123,13 @@ class Extended:
 
     def _check_model(self, robot: Robot) -> None:
         """Refuse the diagnosis of a robot on another one; of a model that was changed since, say so."""
-        if not self.digest or robot.file is None or robot.file.model.digest == self.digest:
+        if robot.file is None or robot.file.model.digest == self.digest:
+            return
+        if not self.digest:  # a diagnosis of before, or of a robot of the collection
+            if not robot.is_called(self.robot):
+                LOGGER.warning(
+                    "%s", f"{self.where} is of robot '{self.robot}'; it is put on '{robot.name}' all the same."
+                )
             return
         if not robot.is_called(self.robot):
             raise ExtensionError(
