@@ -31,11 +31,14 @@ def check_robot(runs: Sequence[MeasuredRun], robot: LoggedRobot) -> list[Finding
 
 
 def commanded(runs: Sequence[MeasuredRun]) -> list[str]:
-    """Joints that the runs say how they were driven: these are judged. Others of a robot only tell how they moved."""
+    """Joints of which a run says how they were driven: these are judged. Others of a robot only tell how they moved.
+
+    A column may have been set aside in some runs.
+    """
     return [
         joint
         for joint in runs[0].joints
-        if all(joint not in run.joints or any(key in run.joints[joint].signals() for key in COMMANDS) for run in runs)
+        if any(key in run.joints[joint].signals() for run in runs if joint in run.joints for key in COMMANDS)
     ]
 
 
