@@ -152,7 +152,7 @@ class PolicyGraph:
                 if isinstance(task, ModulatedTask):
                     return traced(task.generate(self.numbers, arrays[0], arrays[1], arrays[2])), memory
                 zero, per_action = goal_scale(task, self.numbers, self._time, self._command)
-                return traced(zero + np.asarray(per_action) * task.on_joints(self._time, action)), memory
+                return traced(zero + np.asarray(per_action) * task.on_joints(self._time, arrays[0])), memory
         except TracingError as error:
             raise TracingError(f"the gait of {name} cannot be exported: {error}") from None
 

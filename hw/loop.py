@@ -273,7 +273,7 @@ class ControlLoop:
         while True:
             now = self._metronome.now() - begun
             reading = self._reading()
-            way.note(now, self.sent, None if reading is None else self.reading.position)
+            way.note(now, self.sent, None if reading is None or self.reading is None else self.reading.position)
             if isinstance(reading, Fault):
                 self._event("approach", joints=list(self.robot.names), rows=way.noted)
                 return reading

@@ -240,7 +240,9 @@ def test_a_diagnosis_of_one_model_is_not_put_on_another_whose_joints_are_called_
         (tmp_path / name).write_text(text.replace('0.15" mass="0.1"', f'0.15" mass="{mass}"'))
     arm = sealegs.load_robot(tmp_path / "arm.xml")
     assert arm.file is not None
-    chains = {joint: (Mounted(arm.chains[joint], f"{joint}-extended.yaml"),) for joint in ("shoulder", "elbow")}
+    chains = {
+        joint: (Mounted(load_chain(arm.chains[joint]), f"{joint}-extended.yaml"),) for joint in ("shoulder", "elbow")
+    }
     found = Extended(str(tmp_path / "arm.xml"), {}, chains, (), "found", digest=arm.file.model.digest)
     again = Extended.from_dict(found.to_dict(), "found")
     assert set(again.chains_on(arm)) == {"shoulder", "elbow"}

@@ -78,9 +78,10 @@ def test_an_effect_is_found_beside_numbers_that_are_off_by_more_than_their_toler
     """A chain made for another motor: one cause after the other stood in for its numbers, and play was not found."""
     data, _ = hidden_bench({"transmission.backlash": 0.03}, 5, runs=3, duration=6.0, nominal_error=0.0)
     off = {"dc_motor": {"motor_constant": 0.6, "resistance": 1.5}, "friction": {"coulomb": 0.4, "viscous": 0.5}}
+    believed: Any = data.runs[0].actuators["servo"]
     chain = [
         {name: {key: value * off.get(name, {}).get(key, 1.0) for key, value in values.items()}}
-        for stage in data.runs[0].actuators["servo"]
+        for stage in believed
         for name, values in stage.items()
     ]
     data = replace(data, runs=tuple(replace(run, actuators={"servo": chain}) for run in data.runs))
