@@ -10,7 +10,6 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 
-import mujoco
 import numpy as np
 
 from ..load.robot import Frame, LoggedRobot
@@ -20,6 +19,7 @@ from ..log.types import MeasuredRun
 from .driven_simulator import law_along
 from .joint_model import JointModel
 from .tree import axis_of, motion_of
+from .unlogged import torques_of
 
 SAMPLES = 120  # of all runs together, at which torques are compared
 ZEROS = np.radians(np.arange(0.0, 360.0, 20.0))  # [rad] tried
@@ -141,7 +141,7 @@ def _left(robot: LoggedRobot, torques: Torques, frames: Mapping[str, Frame]) -> 
         q[:, dof] = frame.sign * (q[:, dof] - frame.zero)
         w[:, dof] *= frame.sign
         a[:, dof] *= frame.sign
-    need = _inverse(model, q, w, a)
+    need = torques_of(model, Motion(q, w, a))
     shares = []
     for j, (name, dof) in enumerate(zip(torques.joints, dofs, strict=True)):
         speed = torques.motion.speed[:, dof]
@@ -158,18 +158,6 @@ def _left(robot: LoggedRobot, torques: Torques, frames: Mapping[str, Frame]) -> 
 def _beside(passive: np.ndarray, values: np.ndarray) -> np.ndarray:
     """Values (m,) less what friction and armature explain of them."""
     return values - passive @ np.linalg.lstsq(passive, values, rcond=None)[0]
-
-
-def _inverse(model: mujoco.MjModel, q: np.ndarray, w: np.ndarray, a: np.ndarray) -> np.ndarray:
-    data, result, out = mujoco.MjData(model), np.zeros(model.nv), np.empty_like(q)
-    for k in range(len(q)):
-        data.qpos[:], data.qvel[:], data.qacc[:] = q[k], w[k], a[k]
-        mujoco.mj_kinematics(model, data)
-        mujoco.mj_comPos(model, data)
-        mujoco.mj_comVel(model, data)
-        mujoco.mj_rne(model, data, 1, result)
-        out[k] = result
-    return out
 
 
 def _candidates(robot: LoggedRobot, torques: Torques, name: str) -> list[Frame]:

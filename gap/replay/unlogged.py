@@ -136,13 +136,13 @@ def weight_of(
     armature = robot.joint(joint).chain.armature() if armature is None else armature
     rows = np.unique(np.linspace(0, len(motion.position) - 1, SAMPLES).astype(int))
     plain = Motion(*(getattr(motion, key)[rows].copy() for key in ("position", "speed", "acceleration")))
-    whole = _torque(model, plain)[:, dof] + armature * plain.acceleration[:, dof]
+    whole = torques_of(model, plain)[:, dof] + armature * plain.acceleration[:, dof]
     size = max(float(np.sqrt(np.mean(whole**2))), 1e-12)
     worst = 0.0
     for end in (0, 1):
         moved = Motion(plain.position.copy(), plain.speed, plain.acceleration)
         with_unlogged(robot, moved, known, {k: _ends(robot, k)[end] for k in absent})
-        changed = _torque(model, moved)[:, dof] + armature * moved.acceleration[:, dof] - whole
+        changed = torques_of(model, moved)[:, dof] + armature * moved.acceleration[:, dof] - whole
         worst = max(worst, float(np.sqrt(np.mean(changed**2))) / size)
     loose = [k for k in absent if not _is_driven(robot, k)]
     return max(worst, _loosened(robot, dof, plain, loose, known, armature)) if loose else worst
@@ -182,7 +182,9 @@ def _loosened(
             ways[k] = unit.acceleration[0]
         still = np.zeros_like(ways)
         pose = np.repeat(at[None], len(ways), axis=0)
-        inertia = ways @ (_torque(model, Motion(pose, still, ways)) - _torque(model, Motion(pose, still, still))).T
+        inertia = (
+            ways @ (torques_of(model, Motion(pose, still, ways)) - torques_of(model, Motion(pose, still, still))).T
+        )
         inertia[0, 0] += armature
         coupling, own = inertia[0, 1:], inertia[1:, 1:]
         lost = coupling @ np.linalg.lstsq(own, coupling, rcond=None)[0]
@@ -190,7 +192,7 @@ def _loosened(
     return worst
 
 
-def _torque(model: mujoco.MjModel, motion: Motion) -> np.ndarray:
+def torques_of(model: mujoco.MjModel, motion: Motion) -> np.ndarray:
     """Torques (n, nv) that a motion of a robot of hinges and slides needs."""
     data, result, out = mujoco.MjData(model), np.zeros(model.nv), np.empty_like(motion.position)
     address = [int(model.jnt_qposadr[j]) for j in range(model.njnt)]

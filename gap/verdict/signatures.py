@@ -101,16 +101,20 @@ def _reversal_step(piece: Piece) -> float:
     return float(_solved([piece.direction, piece.speed, piece.acceleration, one], piece.error, piece.judged)[0])
 
 
+def _lateness(piece: Piece, keep: np.ndarray) -> float:
+    """By how much the measured motion is later than the model's [s], at some samples (n,)."""
+    if keep.sum() < 40:
+        return float("nan")
+    one = np.ones(len(piece.time))
+    return -float(_solved([piece.speed, piece.direction, piece.acceleration, one], piece.error, keep)[0])
+
+
 def _lag(piece: Piece, *, fast: bool) -> float:
     """By how much the measured motion is later than the model's [s], at the faster or the slower half of speeds."""
     size = np.abs(piece.speed)
     moving = piece.judged & (size > 0.1 * np.quantile(size[piece.judged], 0.98))
     middle = float(np.median(size[moving])) if moving.any() else 0.0
-    keep = moving & ((size >= middle) if fast else (size <= middle))
-    if keep.sum() < 40:
-        return float("nan")
-    one = np.ones(len(piece.time))
-    return -float(_solved([piece.speed, piece.direction, piece.acceleration, one], piece.error, keep)[0])
+    return _lateness(piece, moving & ((size >= middle) if fast else (size <= middle)))
 
 
 def _lag_by_frequency(piece: Piece, *, fast: bool) -> float:
@@ -121,11 +125,7 @@ def _lag_by_frequency(piece: Piece, *, fast: bool) -> float:
     moving = piece.judged & (speed > 4.0 * piece.slow**2)
     frequency = np.sqrt(change / np.maximum(speed, 1e-12))  # [rad/s]
     middle = float(np.median(frequency[moving])) if moving.any() else 0.0
-    keep = moving & ((frequency >= middle) if fast else (frequency <= middle))
-    if keep.sum() < 40:
-        return float("nan")
-    one = np.ones(len(piece.time))
-    return -float(_solved([piece.speed, piece.direction, piece.acceleration, one], piece.error, keep)[0])
+    return _lateness(piece, moving & ((frequency >= middle) if fast else (frequency <= middle)))
 
 
 def coasted(piece: Piece) -> float:
