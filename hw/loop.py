@@ -275,7 +275,7 @@ class ControlLoop:
             reading = self._reading()
             way.note(now, self.sent, None if reading is None or self.reading is None else self.reading.position)
             if isinstance(reading, Fault):
-                self._event("approach", joints=list(self.robot.names), rows=way.noted)
+                self._event("approach", joints=list(self.robot.names), rows=list(way.noted))
                 return reading
             self.sent = way.goal(now)
             self.bus.write_goals(self.robot.ids, self.robot.to_servo(self.sent))

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections import deque
+
 import numpy as np
 
 from .robot import ServoRobot
@@ -23,7 +25,7 @@ class Way:
         """Plan it, from the goals ``first`` to ``last`` (k,) [rad or m]."""
         self._per_radian = np.array([joint.per_radian for joint in robot.joints])
         self._first, self._last = first, last
-        self.noted: list[list[float]] = []
+        self.noted: deque[list[float]] = deque(maxlen=KEPT)
         self.span = float((np.abs(last - first) / self._per_radian).max()) / SPEED
 
     def goal(self, now: float) -> np.ndarray:
@@ -33,7 +35,7 @@ class Way:
     def note(self, now: float, goal: np.ndarray, position: np.ndarray | None) -> None:
         """Keep where the robot was told to be and was (k,) [rad or m], for a run that ends on the way; None: unread."""
         if position is not None:
-            self.noted = [*self.noted[1 - KEPT :], [round(now, 4), *np.round([*goal, *position], 5).tolist()]]
+            self.noted.append([round(now, 4), *np.round([*goal, *position], 5).tolist()])
 
     def is_there(self, position: np.ndarray) -> bool:
         """Whether all joints, at ``position`` (k,) [rad or m], are close to its end."""

@@ -58,11 +58,10 @@ def spread(problem: AnyProblem, seconds: float) -> AnyProblem:
     every = math.floor(length / seconds)
     if every < 2:
         return problem
-    kept = set[int]()
-    for part in {unit.part for unit in problem.units}:
+    kept, parts = set[int](), {unit.part for unit in problem.units}
+    for part in parts:
         mine = [k for k, unit in enumerate(problem.units) if unit.part == part]
         kept |= set(mine[(every - 1) // 2 :: every] or mine[:1])
-    parts = {unit.part for unit in problem.units}
     units = tuple(unit if k in kept else replace(unit, part=DROPPED) for k, unit in enumerate(problem.units))
     return replace(problem, units=units).part(*parts)
 

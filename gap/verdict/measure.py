@@ -88,14 +88,14 @@ def measure(
     found = {"nominal": {}, "refitted": refitted.values, "tuned": tuned.values, "extended": model.fitted.values}
     unseen = {name: test.position_error(test.simulate([values])[0]) for name, values in found.items()}
     errors = {name: error_of(error) for name, error in unseen.items()}
-    halves = (fitting.part(FIT_A), fitting.part(FIT_B))
 
     @cache
     def crossed(name: str) -> np.ndarray:
         if name == "nominal":
             return crossed_errors(problem, [{}, {}])
         if name == "refitted":
-            fits = [fit(part, wide, refitted.values, evaluations) for part in halves]
+            halves = (fitting.part(FIT_A), fitting.part(FIT_B))
+            fits = [fit(half, wide, refitted.values, evaluations) for half in halves]
         else:
             fits = model.search.fits if name == "extended" else search.base
         return crossed_errors(problem, [f.values for f in fits])
