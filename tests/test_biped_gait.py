@@ -104,9 +104,11 @@ def test_in_the_engine_a_mirrored_action_goes_to_the_leg_that_swings() -> None:
     assert moved == [0] * 20 + [2] * 20
 
 
-def test_legs_that_hop_together_cannot_be_mirrored() -> None:
-    with pytest.raises(SealegsError, match="walking"):
-        BipedTask(mirrored=1.0, hopping=1.0)
+def test_legs_that_hop_together_are_seen_as_they_are() -> None:
+    values, time = np.arange(8.0).reshape(2, 4), np.array([0.1, 0.6])  # one in either half of the clock's turn
+    hopping = BipedTask(mirrored=1.0, hopping=1.0)
+    assert np.array_equal(hopping.on_joints(time, values), values)
+    assert not np.array_equal(BipedTask(mirrored=1.0).on_joints(time, values), values)
     with pytest.raises(SealegsError, match="1 or 0"):
         BipedTask(mirrored=0.5)
 

@@ -133,7 +133,7 @@ class BipedEnv(SingleEnv, task=BipedTask):
     | `lift`            | float               | `0.05`     | height of a sole at which *reward_gait* is full [m] |
     | `healthy_height`  | float               | `0.65`     | lowest height of the hip [m] |
     | `healthy_pitch`   | float               | `0.7`      | largest pitch of the torso [rad] |
-    | `mirrored`        | float               | `0.0`      | 1: the policy sees the swinging leg as the left one, see Observation Space; walking only |
+    | `mirrored`        | float               | `0.0`      | 1: the policy sees the swinging leg as the left one, see Observation Space; without effect where `hopping` is above 0 |
     | `start_noise`     | float               | `0.03`     | see Starting State |
     | `width`, `height` | int                 | `640, 480` | of the picture [px] |
 

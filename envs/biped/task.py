@@ -53,8 +53,6 @@ class BipedTask(Task):
             raise SealegsError(f"lift is {self.lift}; it must be a height above 0 m.")
         if self.mirrored not in (0.0, 1.0):
             raise SealegsError(f"mirrored is {self.mirrored}; it is 1 or 0.")
-        if self.mirrored and self.hopping:  # one leg is ahead all the time
-            raise SealegsError("mirrored is for walking; legs that hop do not take turns.")
 
     def observation_names(self) -> tuple[str, ...]:
         names = [f"{side} leg {kind}" for side in SIDES for kind in ("angle", "shape")]
@@ -111,13 +109,18 @@ class BipedTask(Task):
     def on_joints(self, time: np.ndarray, action: np.ndarray) -> np.ndarray:
         return self._sides(self._phase(time), action)
 
+    @property
+    def _mirrors(self) -> bool:
+        """Legs that hop do not take turns: one of them is ahead all the time."""
+        return self.mirrored == 1.0 and self.hopping == 0.0
+
     def _phase(self, time: np.ndarray) -> np.ndarray:
         """Of the clock (n,) [rad]; the left leg's turn to swing comes first."""
         return 2.0 * np.pi * (self.cadence * time % 1.0)
 
     def _sides(self, phase: np.ndarray, values: np.ndarray) -> np.ndarray:
         """Values of both legs (n, 2 j), the swinging leg's first where the policy sees them so; its own inverse."""
-        if self.mirrored == 0.0:
+        if not self._mirrors:
             return values
         half = values.shape[1] // 2
         swapped = np.concatenate([values[:, half:], values[:, :half]], axis=1)
@@ -131,7 +134,7 @@ class BipedTask(Task):
             [self._sides(phase, values) for values in part]
             for part in ((m.link, m.reading), (m.link_speed, m.reading_speed), (switches,))
         )
-        turn = phase % np.pi if self.mirrored else phase
+        turn = phase % np.pi if self._mirrors else phase
         clock = np.sin(turn), np.cos(turn)
         return m.command, m.qpos[:, UP : PITCH + 1], *links, base, *readings, *switches, m.action, *clock
 
