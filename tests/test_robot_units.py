@@ -10,6 +10,8 @@ import pytest
 from sealegs.actuators.errors import SealegsError
 from sealegs.gap.checks.data_set import check_set, corrected
 from sealegs.gap.diagnose import diagnose
+from sealegs.gap.load.robot import robot_of
+from sealegs.gap.load.units import in_model_units
 from sealegs.gap.log.arrays import measured_set
 from sealegs.gap.log.types import MeasuredSet
 
@@ -62,6 +64,29 @@ def test_a_unit_that_is_not_the_models_is_refused(tmp_path: Path) -> None:
     sidecar = log(tmp_path, table(), units={"rail.position": "furlong"})
     with pytest.raises(SealegsError, match=r"rail\.position is in furlong, and the model has that joint in m; convert"):
         diagnose(sidecar, causes=["friction.coulomb"])
+
+
+def test_a_percentage_of_the_range_and_other_units_are_converted(tmp_path: Path) -> None:
+    plain = table()
+    said = {"rail.position": ("percent", (plain["rail.position"] + 0.3) / 0.6 * 100.0)}
+    said |= {"rail.goal": ("mm", 1000.0 * plain["rail.goal"])}
+    said |= {"shoulder.goal": ("fraction", (plain["shoulder.goal"] + 1.5) / 3.0)}
+    said |= {"shoulder.position": ("deg", np.degrees(plain["shoulder.position"]))}
+    other = plain | {column: values for column, (_, values) in said.items()}
+    data = log(tmp_path, other, units={column: unit for column, (unit, _) in said.items()})
+    robot = robot_of(data.runs[0])
+    assert robot is not None
+    converted, notes = in_model_units(data, robot)
+    for column, values in converted.runs[0].columns().items():
+        np.testing.assert_allclose(values, plain[column], atol=1e-12, err_msg=column)
+    assert {note.column for note in notes} == {"rail.position", "shoulder.goal"}
+    assert "that share of the joint's range in the model, -0.3 to 0.3 m" in notes[0].sentence
+    assert in_model_units(converted, robot)[1] == []
+    without = log(tmp_path, other, "", units={"rail.position": "percent"})
+    robot = robot_of(without.runs[0])
+    assert robot is not None
+    with pytest.raises(SealegsError, match="the model gives it no range; add one to the model, or convert"):
+        in_model_units(without, robot)
 
 
 @pytest.mark.parametrize("samples", [2, 3, 12])

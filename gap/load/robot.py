@@ -76,11 +76,17 @@ class LoggedRobot:
 
     def reach(self, name: str) -> float | None:
         """The end of a joint's range in the model that is further from the log's zero [rad or m]; None: no range."""
+        ends = self.ends(name)
+        return None if ends is None else max(abs(end) for end in ends)
+
+    def ends(self, name: str) -> tuple[float, float] | None:
+        """The range of a joint in the model in the log's frame, the lower end first [rad or m]; None: it has none."""
         number = self.number(name)
         if number < 0 or not self.model.jnt_limited[number]:
             return None
         frame, ratio = self.frame(name), self.ratio(name)
-        return max(abs(ratio * frame.sign * float(end) + frame.zero) for end in self.model.jnt_range[number])
+        ends = [ratio * frame.sign * float(end) + frame.zero for end in self.model.jnt_range[number]]
+        return min(ends), max(ends)
 
     def felt_by(self, name: str) -> list[int]:
         """Numbers of the joints whose motion a joint feels: those that carry it and those that it carries."""

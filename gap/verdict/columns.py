@@ -25,7 +25,6 @@ def check_robot(runs: Sequence[MeasuredRun], robot: LoggedRobot) -> list[Finding
                 "some 20 s, or leave the run out."
             )
         joints_known(run, robot, commanded([run]))
-        units_known(run, robot)
     note = uncommanded(runs, robot)
     return [] if note is None else [note]
 
@@ -80,21 +79,3 @@ def joints_known(run: MeasuredRun, robot: LoggedRobot, joints: Sequence[str]) ->
                 f"leave out '{joint}.goal' and the other columns of a drive."
             )
         robot.joint(joint)  # says that there is none
-
-
-def units_known(run: MeasuredRun, robot: LoggedRobot) -> None:
-    """Refuse a unit of a joint that is not the model's.
-
-    Raises:
-        LogError: there is one.
-    """
-    units = run.meta.get("units") or {}
-    for joint in run.joints:
-        own = "m" if robot.slides(joint) else "rad"
-        for signal in ("position", "goal", "link_position"):
-            said = units.get(f"{joint}.{signal}", units.get(signal, own))
-            if said != own:
-                raise LogError(
-                    f"{run.name}: units says that {joint}.{signal} is in {said}, and the model has that joint in "
-                    f"{own}; convert the column to {own}, and correct the entry."
-                )

@@ -23,6 +23,7 @@ from ..checks.stops import stops_of, told_stops
 from ..experiment import Experiment, Limits, blind_spots, detection_limits, experiment_for_still, propose
 from ..ground.ground import GROUND, GroundSearch, search_ground
 from ..load.robot import LoggedRobot, robot_of
+from ..load.units import in_model_units
 from ..log.finding import Finding
 from ..log.progress import Progress
 from ..log.types import Array, LogError, MeasuredRun, MeasuredSet
@@ -221,7 +222,10 @@ def _check(data: MeasuredSet, progress: Progress) -> tuple[MeasuredSet, list[Fin
     if robot not in ROBOTS and not is_robot_file(robot) and (hint := nearest(robot, ROBOTS, MISTYPED)):
         raise LogError(f"{data.runs[0].name}: there is no robot '{robot}'{hint}; correct it in the sidecar.")
     machine = robot_of(data.runs[0])
-    said = [] if machine is None else check_robot(data.runs, machine)
+    said = []
+    if machine is not None:
+        data, said = in_model_units(data, machine)
+        said += check_robot(data.runs, machine)
     progress("checking the log")
     data, off = released(data)
     data, every = corrected(data, [*data.findings, *said, *off, *check_set(data)])
