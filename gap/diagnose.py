@@ -27,6 +27,7 @@ def diagnose(
     causes: Sequence[str] | None = None,
     progress: Progress = lambda text: None,
     keep: str | Path | None = None,
+    joints: Sequence[str] | None = None,
     workers: int | None = 1,
 ) -> Diagnosis:
     """Find what the simulation of a machine gets wrong, from measured runs of it.
@@ -41,6 +42,7 @@ def diagnose(
         limits: lowest and highest goal of the next experiment [rad]; None: from the log.
         speed_limit: largest speed of its goals [rad/s].
         causes: names of the causes to consider; None: all of the catalogue.
+        joints: names of those to diagnose, each for itself; None: all, and what the joints of a robot share.
         progress: called with each step as a sentence.
         workers: joints diagnosed at a time, each in a process of its own. Then call this under
             ``if __name__ == "__main__"``. None: one per core where a machine has several joints.
@@ -49,7 +51,7 @@ def diagnose(
     Raises:
         SealegsError: the log cannot be read or diagnosed, or an argument is wrong.
     """
-    settings = checked_settings(test, seed, limits, speed_limit, causes)
+    settings = checked_settings(test, seed, limits, speed_limit, causes, joints)
     from .experiment import Limits, default_limits
     from .output.partial import going_on, source_in_memory, source_of
     from .verdict import diagnosis as search
@@ -83,8 +85,8 @@ def diagnose(
         elif speed_limit is not None:
             moved = np.concatenate([run.joints[j].position for run in data.runs for j in run.joints])
             kept = default_limits(moved, speed)
-        joints = search.diagnose(data, test, seed, say, kept, causes, done=done, workers=workers)
-    return Diagnosis(data.name, tuple(run.name for run in data.runs), tuple(joints), data)
+        found = search.diagnose(data, test, seed, say, kept, causes, done=done, workers=workers, only=joints)
+    return Diagnosis(data.name, tuple(run.name for run in data.runs), tuple(found), data)
 
 
 def _given(data: MeasuredSet | None) -> MeasuredSet:
@@ -98,6 +100,7 @@ def checked_settings(
     limits: Sequence[float] | None,
     speed_limit: float | None,
     causes: Sequence[str] | None = None,
+    joints: Sequence[str] | None = None,
 ) -> dict[str, Any]:
     """The settings of a diagnosis as plain data.
 
@@ -118,12 +121,15 @@ def checked_settings(
         from .causes.catalogue import checked
 
         checked(causes)
+    if joints is not None and not (_names(joints) and joints):
+        raise SealegsError(f"joints={joints} must be a list of names, such as [shoulder,elbow].")
     return {
         "test": test,
         "seed": int(seed),
         "limits": None if limits is None else [float(end) for end in limits],
         "speed_limit": None if speed_limit is None else float(speed_limit),
         "causes": None if causes is None else list(causes),
+        "joints": None if joints is None else list(joints),
     }
 
 

@@ -8,6 +8,7 @@ import os
 import signal
 import sys
 from collections.abc import Iterator
+from dataclasses import replace
 from multiprocessing.connection import Connection
 from pathlib import Path
 
@@ -15,12 +16,14 @@ import pytest
 from sealegs.actuators.errors import SealegsError
 from sealegs.gap.fleet import Job, Outcome, diagnose_fleet, find_jobs, rows_of, shared_causes, write_table
 from sealegs.gap.fleet import jobs as jobs_module
-from sealegs.gap.fleet.jobs import finished, run_job, source
+from sealegs.gap.fleet.jobs import finished, fits_of_joint, joints_of, run_job, source
 from sealegs.gap.fleet.page import draw_fleet, write_page
 from sealegs.gap.fleet.run import in_processes
 from sealegs.gap.log import write_run
+from sealegs.gap.search.journal import Journal
 
 from testbed import hidden_bench
+from testbed.logs import hidden_arm
 from tests.diagnose_command import diagnose_command
 
 
@@ -239,7 +242,7 @@ def test_the_page_holds_all_it_shows(tmp_path: Path) -> None:
 
 
 def test_a_fleet_on_ray_gives_the_same(fleet: Path, tmp_path: Path) -> None:
-    from sealegs.gap.fleet.run import diagnosed_elsewhere, received
+    from sealegs.gap.fleet.cluster import diagnosed_elsewhere, received
 
     job = find_jobs(fleet, tmp_path / "out")[2]
     error, files = diagnosed_elsewhere(job.name, {path.name: path.read_bytes() for path in job.log.iterdir()}, {})
@@ -251,6 +254,50 @@ def test_a_fleet_on_ray_gives_the_same(fleet: Path, tmp_path: Path) -> None:
     (tmp_path / "out").mkdir()
     assert received(job, {**content, "pictures/budget.png": b"x"}).document is not None
     assert (tmp_path / "out" / "c" / "pictures" / "budget.png").read_bytes() == b"x"
+
+
+@pytest.fixture(scope="module")
+def arm(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """Logs of a two-link arm with friction in its elbow, beside its model."""
+    folder = tmp_path_factory.mktemp("arm")
+    data, _ = hidden_arm(folder, "two_link", {"friction": ("elbow", "clear")}, 3, runs=1, duration=6.0)
+    for one in data.runs:
+        write_run(replace(one, robot=Path(one.robot).name), folder)
+    return folder
+
+
+def test_fits_of_joints_that_were_made_elsewhere_are_not_made_again(
+    arm: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    settings = {"causes": ["friction.coulomb"]}
+    assert list(joints_of(arm)) == ["shoulder", "elbow"] and not joints_of(tmp_path / "nowhere")
+    fits = b"".join(fits_of_joint(arm, joint, settings) for joint in joints_of(arm))
+    made: list[str] = []
+    record = Journal.record
+
+    def noted(self: Journal, question: str, answer: dict) -> None:
+        made.append(question)
+        record(self, question, answer)
+
+    monkeypatch.setattr(Journal, "record", noted)
+    with_fits = run_job(Job("arm", arm, tmp_path / "with", settings), fits=fits)
+    shared, made[:] = len(made), []
+    without = run_job(Job("arm", arm, tmp_path / "without", settings))
+    assert shared <= len(made) - fits.count(b"\n") < len(made)
+    assert with_fits.document is not None and without.document is not None
+    assert with_fits.document["joints"] == without.document["joints"]
+
+
+@pytest.mark.long
+def test_a_robot_on_ray_has_a_task_for_each_joint(arm: Path, tmp_path: Path) -> None:
+    ray = pytest.importorskip("ray", reason="the extra fleet is not installed")
+    settings = {"causes": ["friction.coulomb"]}
+    job = Job("arm", arm, tmp_path / "on_ray", settings)
+    said: list[str] = []
+    (outcome,) = diagnose_fleet([job], cluster=True, report=lambda name, text: said.append(text))
+    assert not ray.is_initialized() and outcome.document is not None, outcome.error
+    here = run_job(Job("arm", arm, tmp_path / "here", settings))
+    assert here.document is not None and here.document["joints"] == outcome.document["joints"]
 
 
 def test_a_corrected_sidecar_is_not_taken_for_what_was_diagnosed(fleet: Path, tmp_path: Path, quick: list[str]) -> None:

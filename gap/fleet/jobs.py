@@ -2,9 +2,11 @@
 
 from __future__ import annotations
 
+import contextlib
 import json
 import shutil
-from collections.abc import Mapping
+import tempfile
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -14,12 +16,17 @@ from ...actuators.errors import SealegsError
 from ..log.progress import Progress
 from ..log.table import ENDINGS
 from ..log.types import LogError
+from ..output.partial import FITS, FOLDER
 
 if TYPE_CHECKING:
     from ..diagnosis import Diagnosis
 
 SOURCE = "source.json"
 """What a diagnosis was made from: settings, and name and checksum of each log and sidecar."""
+
+
+Report = Callable[[str, str], None]
+"""Is told the name of a servo and what goes on with it."""
 
 
 @dataclass(frozen=True)
@@ -115,7 +122,6 @@ def diagnose_folder(
     """
     from ..diagnose import diagnose
     from ..output.files import fresh_folder
-    from ..output.partial import FOLDER
 
     made = not out.exists()
     fresh_folder(out, besides=(FOLDER,))
@@ -125,13 +131,40 @@ def diagnose_folder(
     return found, found.save(out, progress)
 
 
-def run_job(job: Job, progress: Progress = lambda text: None, joints: int = 1) -> Outcome:
+def joints_of(log: Path) -> Sequence[str]:
+    """The joints of a folder of logs that can be diagnosed each for itself; none where it cannot be read."""
+    from ..checks.long import read_bounded
+    from ..verdict.columns import commanded
+
+    try:
+        return commanded(read_bounded(log).runs)
+    except SealegsError:  # the diagnosis says it
+        return ()
+
+
+def fits_of_joint(log: Path, joint: str, settings: Mapping[str, Any]) -> bytes:
+    """The fits of one joint's diagnosis, as the journal keeps them; none where it is refused."""
+    from ..diagnose import diagnose
+    from ..search.journal import keeping
+
+    with tempfile.TemporaryDirectory() as folder:
+        path = Path(folder) / FITS
+        with keeping(path), contextlib.suppress(SealegsError):  # the diagnosis of all joints says it
+            diagnose(log, **{**settings, "joints": [joint]})
+        return path.read_bytes()
+
+
+def run_job(job: Job, progress: Progress = lambda text: None, joints: int = 1, fits: bytes = b"") -> Outcome:
     """Diagnose one servo or robot, so many joints at a time; its folder appears whole or not at all.
 
-    Whatever goes wrong becomes the outcome's sentence, so that one servo does not stop the others.
+    Fits that were made elsewhere (:func:`fits_of_joint`) are not made again. Whatever goes wrong becomes the outcome's
+    sentence, so that one servo does not stop the others.
     """
     try:
         with folder_written(job.out) as staged:
+            if fits:
+                (staged / FOLDER).mkdir()
+                (staged / FOLDER / FITS).write_bytes(fits)
             diagnose_folder(job.log, staged, progress, workers=joints, **job.settings)
             (staged / SOURCE).write_text(json.dumps(source(job), indent=1) + "\n", encoding="utf-8")
         return Outcome(job.name, json.loads((job.out / "diagnosis.json").read_text()))

@@ -221,6 +221,7 @@ class Searcher:
         finalists += [cause.key for cause in self.shown if cause.seen and cause.key not in (*finalists, *taken)]
         found: list[Candidate] = []
         best: dict[str, float] = {}
+        joined: dict[str, float] = {}
         before = least = fit(self.sketch, extended, here, 0).cost
         for start, cause, variant in rough:
             cost = self._charged(start, cause, variant)
@@ -233,6 +234,10 @@ class Searcher:
                 behind = before - joint.cost < settings.hopeless_gain * (before - least)
                 if behind and before - least > settings.weak and not self.look_on:
                     continue  # it cannot win a draw that counts
+                cost = self._charged(joint, cause, variant)
+                if cost > (1.0 + settings.shared_error) * joined.setdefault(cause.key, cost) and not self.look_on:
+                    continue  # another of its cause's variants does better
+                joined[cause.key] = min(cost, joined[cause.key])
                 found.append(self.candidate(cause, variant, self.judged(self.fit_parts(parameters, joint.values))))
         return self.simplest(found, extended, taken), screened.promise
 

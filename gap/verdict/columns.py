@@ -41,6 +41,19 @@ def commanded(runs: Sequence[MeasuredRun]) -> list[str]:
     ]
 
 
+def chosen(joints: Sequence[str], only: Sequence[str] | None) -> list[str]:
+    """Those of some joints that a person asked for, None for all.
+
+    Raises:
+        LogError: the log has no such joint.
+    """
+    for name in only or ():
+        if name not in joints:
+            hint = nearest(name, joints)
+            raise LogError(f"The log drives no joint '{name}'{hint}; joints= takes {', '.join(joints)}.")
+    return [joint for joint in joints if only is None or joint in only]
+
+
 def uncommanded(runs: Sequence[MeasuredRun], robot: LoggedRobot) -> Finding | None:
     """That joints are not judged, since only their position was logged.
 

@@ -40,7 +40,7 @@ from ..search.result import Search
 from ..search.settings import DEFAULT, SearchSettings
 from ..search.windows import in_windows
 from .case import Case, Cut, Replay
-from .columns import check_robot, commanded
+from .columns import check_robot, chosen, commanded
 from .decide import decide
 from .evidence import Refused, Replayed
 from .measure import Measured, measure, whole_runs
@@ -70,6 +70,7 @@ def diagnose(
     look_on: bool = False,
     done: Callable[[JointDiagnosis], None] = lambda joint: None,
     workers: int | None = 1,
+    only: Sequence[str] | None = None,
 ) -> list[JointDiagnosis]:
     """Diagnose every joint of a data set.
 
@@ -84,20 +85,23 @@ def diagnose(
         look_on: whether the search of a joint records rounds that it would skip (:mod:`sealegs.gap.search.record`).
         done: is given each joint as soon as it is diagnosed.
         workers: joints at a time, each in a process of its own; None: as many as there are cores for.
+        only: joints to diagnose, and nothing that they share with others; None: all, and what they share.
 
     Raises:
-        SealegsError: the runs have no joint that can be diagnosed, or the catalogue has no such cause.
+        SealegsError: the runs have no joint that can be diagnosed, or no such joint, or the catalogue no such cause.
     """
     request = Request(test_group, seed, progress, limits, causes, settings, look_on)
     checked(causes)
     data, findings, stop = _check(data, progress)
-    runs, joints = data.runs, commanded(data.runs)
+    runs, joints = data.runs, chosen(commanded(data.runs), only)
     if stop is not None:
         first = [_first_experiment(runs, joint, stop, request) for joint in joints]
         why = Refused("the log", stop.sentence)
         return [refuse(joint, why, findings, plan) for joint, plan in zip(joints, first, strict=True)]
     findings = [*findings, *frame_findings(runs, progress)]
     found = side_by_side(_whatever_happens, runs, joints, findings, request, workers, done)
+    if only is not None:
+        return found
     if all(run.robot == HOPPER.name for run in runs):
         found.append(_diagnose_ground(runs, found, request))
     if (robot := robot_of(runs[0])) is not None:

@@ -101,7 +101,10 @@ def measure(
         return crossed_errors(problem, [f.values for f in fits])
 
     draws = search.settings.verdict_draws
-    chosen = handed_over(unseen, problem.signal[1], seed, draws, named=bool(sought.accepted), crossed=crossed)
+    loose = {p.path: p for p in search.tuned} == {p.path: p for p in wide}
+    chosen = handed_over(
+        unseen, problem.signal[1], seed, draws, named=bool(sought.accepted), crossed=crossed, loose=loose
+    )
     handed = chosen.model
     if chosen.why:
         sought, given_up = outdone(sought, chosen.why)

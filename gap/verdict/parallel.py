@@ -4,9 +4,10 @@ from __future__ import annotations
 
 import multiprocessing
 import os
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures import Future, ProcessPoolExecutor
 from concurrent.futures.process import BrokenProcessPool
+from contextlib import contextmanager
 from dataclasses import replace
 from pathlib import Path
 
@@ -18,6 +19,7 @@ from ..search.journal import keeping, kept_at
 from .request import Request
 from .verdict import JointDiagnosis
 
+WAITING = "OMP_WAIT_POLICY"
 MANY = 3  # joints from which processes pay for what it costs to start them
 Diagnose = Callable[[Sequence[MeasuredRun], str, Sequence[Finding], Request], JointDiagnosis]
 """Diagnoses one joint of runs; a function of a module, so that another process finds it."""
@@ -48,11 +50,12 @@ def side_by_side(
     if min(workers, len(joints)) < 2:
         return [_told(diagnose(runs, joint, findings, request), done) for joint in joints]
     fits, quiet = kept_at(), replace(request, progress=_quiet)
-    threads = max(_threads() // workers, 1)
+    threads = _threads()  # all for each: as joints are done, the others have the cores to themselves
     found: dict[str, JointDiagnosis] = {}
     request.progress(f"diagnosing {len(joints)} joints, {min(workers, len(joints))} at a time")
     context, before = multiprocessing.get_context("spawn"), set(multiprocessing.active_children())
-    with ProcessPoolExecutor(min(workers, len(joints)), context, _begin, (threads,)) as pool:
+    size = min(workers, len(joints))
+    with _waiting_asleep(), ProcessPoolExecutor(size, context, _begin, (threads,)) as pool:
         asked: dict[str, Future[JointDiagnosis]] = {
             joint: pool.submit(_one, diagnose, runs, joint, findings, quiet, fits) for joint in joints
         }
@@ -91,6 +94,18 @@ def _told(joint: JointDiagnosis, done: Callable[[JointDiagnosis], None]) -> Join
 
 def _quiet(text: str) -> None:
     del text
+
+
+@contextmanager
+def _waiting_asleep() -> Iterator[None]:
+    """Processes begun here sleep where threads wait for each other, and keep no core that others need."""
+    before = os.environ.get(WAITING)
+    os.environ.setdefault(WAITING, "passive")
+    try:
+        yield
+    finally:
+        if before is None:
+            del os.environ[WAITING]
 
 
 def _begin(threads: int) -> None:

@@ -40,7 +40,8 @@ def main(arguments: list[str]) -> None:
     log = Path(str(config["log"]))
     out = None if config["out"] is None else Path(str(config["out"]))
     test = None if config["test"] is None else str(config["test"])
-    settings = checked_settings(test, config["seed"], config["limits"], config["speed_limit"], config["causes"])
+    numbers = (config[key] for key in ("seed", "limits", "speed_limit", "causes", "joints"))
+    settings = checked_settings(test, *numbers)
     if values["fleet"]:
         out = out or DIAGNOSES / f"{log.stem}-{time.strftime('%Y%m%d-%H%M%S')}"
         diagnose_fleet(log, out, settings, values["workers"], values["fleet"] == "ray")
