@@ -63,7 +63,7 @@ class SearchSettings:
         "Excess loss from which the screen predicts nothing, so that every cause gets an iteration of a rough fit.",
     )
     sketched: float = threshold(
-        25.0,
+        30.0,
         "Length [s] of the data that screen and rough fits see, spread over longer logs; finalists are fitted to all.",
     )
     rough_iterations: int = threshold(3, "Iterations of a rough fit.")
