@@ -24,6 +24,11 @@ PARTS = ("actuators", "configs", "envs", "gap")  # what a worker of a cluster ne
 
 
 def ray_module() -> Any:
+    """The module ``ray``.
+
+    Raises:
+        SealegsError: it is not installed; the sentence names the extra.
+    """
     with needed_for("fleet=ray", ", or give fleet=true to use processes of this machine"):
         import ray  # pyright: ignore[reportMissingImports]  (an extra of its own)
     return ray

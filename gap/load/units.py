@@ -38,7 +38,7 @@ def _converted(run: MeasuredRun, robot: LoggedRobot, notes: dict[str, Finding]) 
     for name, log in run.joints.items():
         own = "m" if robot.slides(name) else "rad"
         for signals, unit in ((POSITIONS, own), (SPEEDS, f"{own}/s")):
-            for signal in set(signals) & log.signals().keys():
+            for signal in (signal for signal in signals if signal in log.signals()):
                 column = f"{name}.{signal}"
                 here = str(said.get(column, said.get(signal, unit)))
                 if here == unit:
