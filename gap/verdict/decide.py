@@ -28,6 +28,7 @@ from .verdict import (
     NOTHING,
     ONE_OF_SEVERAL,
     PARTLY,
+    POSSIBLE,
     UNUSABLE,
     WITHDRAWN,
     WORST_FIRST,
@@ -76,8 +77,8 @@ def standing(
     confidence: float, rivals: Sequence[str], limit: Thresholds = THRESHOLDS, *, contradicted: bool = False
 ) -> str:
     """What is said of one cause, whatever is said of others; its own features may contradict it."""
-    if rivals and confidence < limit.sure:
-        return ONE_OF_SEVERAL
+    if confidence < limit.sure:
+        return ONE_OF_SEVERAL if rivals else POSSIBLE
     return CERTAIN if confidence >= limit.certain and not contradicted else LIKELY
 
 
@@ -238,7 +239,9 @@ def _with_causes(found: Replayed, limit: Thresholds) -> Verdict:
         return _beside(found, certain, doubtful[0])
     if doubtful and (doubtful[0] is causes[0] or not rest.noticed):
         return _rivalled(found, doubtful[0])
-    removed = (found.tuned.rmse**2 - found.errors["extended"].rmse ** 2) / max(found.tuned.rmse**2, 1e-24)
+    removed = found.removed
+    if removed is None:
+        removed = (found.tuned.rmse**2 - found.errors["extended"].rmse ** 2) / max(found.tuned.rmse**2, 1e-24)
     if rest.noticed and removed < limit.feeble:
         return _feeble(found)
     sure = all(cause.confidence >= limit.sure for cause in causes)

@@ -320,6 +320,7 @@ def _decide(
             replay.hidden,
             limits,
             {p.number: tuned[p.number] for p in search.tuned if within_tolerance(p) and p.number in tuned},
+            measured.removed,
         )
     )
     rivals = rivals_of(measured.causes)

@@ -86,6 +86,8 @@ class Replayed:
         data_errors: faults of the log.
         fault_in_replay: whether one of them was in a column that the replay takes or is judged by.
         open_causes: that are not named: withdrawn ones and near misses.
+        removed: where numbers were refitted beside the causes, the share of what these numbers leave on all data that
+            no fit saw, and that the causes remove; None elsewhere: on the test part, of what tuned numbers leave.
         turned: the numbers that refitting turned, where the refitted model does better on unseen data than the causes.
     """
 
@@ -108,6 +110,7 @@ class Replayed:
     hidden: Sequence[str] = ()
     limits: Sequence[DetectionLimit] = ()
     factors: Mapping[str, float] = field(default_factory=dict)
+    removed: float | None = None
 
 
 @dataclass(frozen=True)

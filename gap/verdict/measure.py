@@ -44,6 +44,7 @@ class Measured:
         model: which model is handed over: ``extended``, ``refitted`` or ``nominal``.
         turned: the numbers that refitting turned furthest, where that is the model.
         beside: the same, where they were refitted beside the causes by more than their tolerance.
+        removed: as :attr:`sealegs.gap.verdict.evidence.Replayed.removed`.
     """
 
     gap: dict[str, Error]
@@ -59,6 +60,7 @@ class Measured:
     model: str = "extended"
     turned: str = ""
     beside: str = ""
+    removed: float | None = None
 
 
 def measure(
@@ -133,10 +135,11 @@ def measure(
         without = problem.simulate([tuned.values])[0]
         features = {name: signatures(key, problem, without, simulated["extended"]) for name, key in keys.items()}
     beyond = 1.0
-    if rest.noticed and sought.accepted:
+    if (rest.noticed or loose) and sought.accepted:
         both = (np.concatenate([unseen[name], crossed(name)]) for name in ("refitted", "extended"))
         beyond = beyond_refitting(*(float(np.mean(error**2)) - white for error in both))
-    account = Account(1.0 - unexplained, excess / problem.noise**2, beyond, {p.number for p in wide})
+    charge = beyond if rest.noticed else 1.0
+    account = Account(1.0 - unexplained, excess / problem.noise**2, charge, {p.number for p in wide})
     causes, tuned_share = _name_causes(fitting, sought, model, joint, account, rest, features)
     return Measured(
         gap=gap,
@@ -152,6 +155,7 @@ def measure(
         model="extended" if handed == "tuned" else handed,
         turned=refitted_numbers(wide, refitted.values) if handed == "refitted" else "",
         beside=refitted_numbers(wide, values, beyond=TIGHT) if handed == "extended" else "",
+        removed=beyond if loose and sought.accepted else None,
     )
 
 

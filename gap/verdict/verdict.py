@@ -22,14 +22,15 @@ EXPLAINED, PARTLY, NOTHING, NOT_IDENTIFIABLE, UNUSABLE = (
     "not identifiable",
     "unusable log",
 )
-CERTAIN, LIKELY, ONE_OF_SEVERAL, WITHDRAWN, NEAR_MISS = (
+CERTAIN, LIKELY, POSSIBLE, ONE_OF_SEVERAL, WITHDRAWN, NEAR_MISS = (
     "certain",
     "likely",
+    "possible",
     "one of several",
     "withdrawn",
     "near miss",
 )
-"""Standing of a cause: of those named the first three, of those not named the last two."""
+"""Standing of a cause: of those named the first four, of those not named the last two."""
 WORST_FIRST = (UNUSABLE, NOT_IDENTIFIABLE, PARTLY, EXPLAINED, NOTHING)
 
 
@@ -68,7 +69,8 @@ class NamedCause:
             is fitted (a torque column that lags), ``data``.
         picture: which picture shows it.
         rivals: candidates that win in more than 5 % of the draws of the round that this cause won.
-        standing: :data:`CERTAIN`, :data:`LIKELY` or :data:`ONE_OF_SEVERAL`, whatever is said of other causes.
+        standing: :data:`CERTAIN`, :data:`LIKELY`, :data:`POSSIBLE` or :data:`ONE_OF_SEVERAL`, whatever is said of other
+            causes.
         signatures: features that it must bring to where they were measured before it is certain.
         against: as of the cause in the catalogue.
     """
