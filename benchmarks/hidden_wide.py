@@ -23,7 +23,7 @@ import numpy as np
 from benchmarks.calibration import calibration_error, is_right, picture
 from benchmarks.hidden import RESULTS, SURE, revision
 
-FIRST = 1400
+FIRST = 1800
 NAMED = 0.6
 """Confidence from which a cause counts as named; below it the diagnosis says itself that it may be another."""
 VISIBLE = 2.0
