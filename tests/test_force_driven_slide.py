@@ -59,6 +59,8 @@ def test_friction_is_named_though_the_amplifier_has_a_bias_that_nobody_knows(tmp
     (found,) = diagnose(carriage(tmp_path))
     assert found.gap["extended"].rmse < 0.02 * found.gap["nominal"].rmse
     assert {cause.name for cause in found.causes} == {"friction.coulomb", "friction.viscous"}
+    sure = {cause.name: cause.confidence for cause in found.causes}
+    assert sure["friction.coulomb"] > 0.8, "charged for laws of errors that no window of the search shows: 0.66"
     values = {number: value for cause in found.causes for number, value in cause.parameters.items()}
     assert values["friction.coulomb"].value == pytest.approx(COULOMB, rel=0.1)
     assert values["friction.viscous"].value == pytest.approx(VISCOUS, rel=0.1)

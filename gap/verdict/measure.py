@@ -139,7 +139,10 @@ def measure(
         both = (np.concatenate([unseen[name], crossed(name)]) for name in ("refitted", "extended"))
         beyond = beyond_refitting(*(float(np.mean(error**2)) - white for error in both))
     charge = beyond if rest.noticed else 1.0
-    account = Account(1.0 - unexplained, excess / problem.noise**2, charge, {p.number for p in wide})
+    sought_in = excess  # counted where causes were sought: in windows that restart, or in whole pieces
+    if fitting is not problem:
+        sought_in = float(np.mean(fitting.position_error(fitting.simulate([{}])[0]) ** 2))
+    account = Account(1.0 - unexplained, sought_in / problem.noise**2, charge, {p.number for p in wide})
     causes, tuned_share = _name_causes(fitting, sought, model, joint, account, rest, features)
     return Measured(
         gap=gap,
@@ -234,7 +237,7 @@ def _name_causes(
         close = [c.cause for c in chosen.candidates[1:] if c.best > search.settings.rival_win_rate]
         # a rival of the same name is another body's
         rivals = tuple(dict.fromkeys(c.key if c.name == candidate.cause.name else c.name for c in close))
-        wrong = law_error(account.size * (sum(shares) - share))
+        wrong = float(robust_loss(np.sqrt(law_error(account.size * (sum(shares) - share)))))
         beyond = 1.0 if candidate.variant[0].number in account.numbers else account.beyond
         sure = confidence(min(candidate.best, candidate.better), removed, residual + wrong, beyond)
         simpler = not_excluded(candidate.cause, candidate.variant, model.bounds, search.settings.shape_edge)
