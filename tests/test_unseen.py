@@ -105,6 +105,7 @@ def test_an_effect_is_found_beside_numbers_that_are_off_by_more_than_their_toler
     causes = ("transmission.backlash", "drive.motor_constant", "sensor.scale", "friction.coulomb")
     (found,) = diagnose(data, causes=causes)
     (cause,) = found.causes
+    assert found.search is not None and found.search.loose
     width = cause.parameters["backlash.width"]
     assert cause.name == "transmission.backlash" and width.low <= 0.03 <= width.high
     assert "dc_motor.motor_constant x 1." in found.text and found.verdict == EXPLAINED
@@ -117,6 +118,7 @@ def test_causes_that_are_worse_on_unseen_runs_than_the_nominal_model_are_withdra
     data = replace(fitted, runs=(*fitted.runs, *unseen.runs))
     (found,) = diagnose(data, "unseen", causes=("load.mass",))
     assert found.verdict == NOT_IDENTIFIABLE and not found.causes
+    assert found.search is not None and not found.search.loose
     assert [(cause.name, cause.standing) for cause in found.open_causes] == [("load.mass", WITHDRAWN)]
     assert "rises from" in found.text and "falls" not in found.sentence
     assert found.gap["extended"].rmse <= found.gap["nominal"].rmse < found.gap["withdrawn"].rmse

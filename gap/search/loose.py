@@ -43,7 +43,7 @@ def search_loosely(searcher: Searcher, found: Search) -> Search:
     turned = sum(p.factor for p in searcher.wide)
     held = float(tight.sum()) * (1.0 + charge * _flexibility(found))
     freed = float(_blocks(searcher, loose).sum()) * (1.0 + charge * (_flexibility(loose) + turned))
-    return replace(loose, causes=searcher.considered) if loose.accepted and freed < held else found
+    return replace(loose, causes=searcher.considered, loose=True) if loose.accepted and freed < held else found
 
 
 def refitting_beats(

@@ -75,6 +75,7 @@ class Search:
         settings: its thresholds.
         record: what it decided on.
         fault: why it ended early; empty where it did not.
+        loose: whether ``tuned`` were refitted, by more than their tolerance (:mod:`sealegs.gap.search.loose`).
     """
 
     tuned: tuple[Parameter, ...]
@@ -86,6 +87,7 @@ class Search:
     settings: SearchSettings = DEFAULT
     record: SearchRecord = NOTHING
     fault: str = ""
+    loose: bool = False
 
     @property
     def fits(self) -> tuple[Fit, Fit]:

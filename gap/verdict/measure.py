@@ -103,10 +103,8 @@ def measure(
         return crossed_errors(problem, [f.values for f in fits])
 
     draws = search.settings.verdict_draws
-    loose = {p.path: p for p in search.tuned} == {p.path: p for p in wide}
-    chosen = handed_over(
-        unseen, problem.signal[1], seed, draws, named=bool(sought.accepted), crossed=crossed, loose=loose
-    )
+    named = bool(sought.accepted)
+    chosen = handed_over(unseen, problem.signal[1], seed, draws, named=named, crossed=crossed, loose=search.loose)
     handed = chosen.model
     if chosen.why:
         sought, given_up = outdone(sought, chosen.why)
@@ -135,7 +133,7 @@ def measure(
         without = problem.simulate([tuned.values])[0]
         features = {name: signatures(key, problem, without, simulated["extended"]) for name, key in keys.items()}
     beyond = 1.0
-    if (rest.noticed or loose) and sought.accepted:
+    if (rest.noticed or search.loose) and sought.accepted:
         both = (np.concatenate([unseen[name], crossed(name)]) for name in ("refitted", "extended"))
         beyond = beyond_refitting(*(float(np.mean(error**2)) - white for error in both))
     charge = beyond if rest.noticed else 1.0
@@ -158,7 +156,7 @@ def measure(
         model="extended" if handed == "tuned" else handed,
         turned=refitted_numbers(wide, refitted.values) if handed == "refitted" else "",
         beside=refitted_numbers(wide, values, beyond=TIGHT) if handed == "extended" else "",
-        removed=beyond if loose and sought.accepted else None,
+        removed=beyond if search.loose and sought.accepted else None,
     )
 
 
