@@ -194,6 +194,10 @@ class Drivetrain:
         terms = self._terms(name, side)
         return np.sum([c * qvel[..., self.model.jnt_dofadr[self.model.joint(joint).id]] for joint, c in terms], axis=0)
 
+    def terms(self, name: str, side: str = "motor") -> tuple[tuple[str, float], ...]:
+        """Joints of the model and coefficients whose sum is the position of a coordinate's motor or link side."""
+        return self._terms(name, side)
+
     def _terms(self, name: str, side: str) -> tuple[tuple[str, float], ...]:
         sides = self._sides[name]
         return sides.motor_terms if side == "motor" else sides.link_terms

@@ -1,10 +1,16 @@
-"""Processes that work for another one."""
+"""Processes that work for another one, and the cores that they have."""
 
 from __future__ import annotations
 
 import multiprocessing
+import os
 import threading
 from collections.abc import Callable
+
+
+def cores() -> int:
+    """Cores that this process may use, which a container or a batch system may have made fewer than there are."""
+    return len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
 
 
 def end_with_parent(end: Callable[[], object]) -> None:

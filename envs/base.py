@@ -6,7 +6,8 @@ A hinge or slide is one quantity, called as its joint. A free joint is six: ``<j
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterable, Mapping
+from typing import Self
 
 import mujoco
 import numpy as np
@@ -20,6 +21,7 @@ class BaseLayout:
     """Where the quantities of a robot's joints stand in ``qpos`` and ``qvel``.
 
     Attributes:
+        joints: numbers of the joints.
         names: of all quantities.
         units: rad or m, by name.
         nq, nv: sizes of ``qpos`` and ``qvel``, of the robot without what chains add behind.
@@ -28,11 +30,22 @@ class BaseLayout:
     def __init__(self, robot: Robot, params: Mapping[str, float] | None = None) -> None:
         """Of ``robot`` with the numbers ``params``."""
         model = robot.build_spec(params).compile()
+        self._read(model, range(model.njnt))
+
+    @classmethod
+    def of_model(cls, model: mujoco.MjModel, joints: Iterable[int]) -> Self:
+        """Of some joints of a compiled model, by number."""
+        layout = cls.__new__(cls)
+        layout._read(model, joints)
+        return layout
+
+    def _read(self, model: mujoco.MjModel, joints: Iterable[int]) -> None:
         self.nq, self.nv = model.nq, model.nv
+        self.joints = tuple(joints)
         self.units: dict[str, str] = {}
         self._scalars: dict[str, tuple[int, int]] = {}
         self._free: dict[str, tuple[int, int]] = {}
-        for number in range(model.njnt):
+        for number in self.joints:
             joint = model.joint(number)
             place = int(joint.qposadr[0]), int(joint.dofadr[0])
             if joint.type[0] == mujoco.mjtJoint.mjJNT_FREE:
@@ -72,6 +85,15 @@ class BaseLayout:
             qvel[:, at + 5] = -about_y * np.sin(roll) + about_z * np.cos(roll) * np.cos(pitch)
         return qvel
 
+    def quantities(self, qpos: np.ndarray) -> np.ndarray:
+        """All quantities (..., k), in the order of their names, from positions (..., nq)."""
+        found = {name: qpos[..., at] for name, (at, _) in self._scalars.items()}
+        for name, (at, _) in self._free.items():
+            turns = np.stack(euler(np.moveaxis(qpos[..., at + 3 : at + 7], -1, 0)))
+            found |= {f"{name}.{key}": qpos[..., at + k] for k, key in enumerate("xyz")}
+            found |= {f"{name}.{key}": turns[k] for k, key in enumerate(POSES[3:])}
+        return np.stack([found[name] for name in self.names], axis=-1)
+
     def values_of(self, model: mujoco.MjModel, qpos: np.ndarray) -> dict[str, float]:
         """Quantities by name from positions (model.nq,) of ``model``, a robot with chains."""
         found = {name: float(qpos[int(model.joint(name).qposadr[0])]) for name in self._scalars}
@@ -99,7 +121,7 @@ class BaseLayout:
         if key in "xyz":
             return lambda qpos: float(qpos["xyz".index(key) + at])
         which = ("roll", "pitch", "yaw").index(key)
-        return lambda qpos: euler(qpos[at + 3 : at + 7])[which]
+        return lambda qpos: float(euler(qpos[at + 3 : at + 7])[which])
 
     def place(self, model: mujoco.MjModel, qpos: np.ndarray, values: Mapping[str, float]) -> None:
         """Write quantities into ``qpos`` (model.nq,) of ``model``, a robot with chains; others stay as they are."""
@@ -130,9 +152,9 @@ def quaternion(roll: float | np.ndarray, pitch: float | np.ndarray, yaw: float |
     )
 
 
-def euler(turn: np.ndarray) -> tuple[float, float, float]:
-    """Roll, pitch and yaw [rad] of a quaternion (4,)."""
-    w, x, y, z = (float(value) for value in turn / np.linalg.norm(turn))
+def euler(turn: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Roll, pitch and yaw (...) [rad] of a quaternion (4, ...)."""
+    w, x, y, z = turn / np.linalg.norm(turn, axis=0)
     roll = np.arctan2(2.0 * (w * x + y * z), 1.0 - 2.0 * (x * x + y * y))
     pitch = np.arcsin(np.clip(2.0 * (w * y - z * x), -1.0, 1.0))
-    return float(roll), float(pitch), float(np.arctan2(2.0 * (w * z + x * y), 1.0 - 2.0 * (y * y + z * z)))
+    return roll, pitch, np.arctan2(2.0 * (w * z + x * y), 1.0 - 2.0 * (y * y + z * z))

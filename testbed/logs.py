@@ -11,6 +11,7 @@ from sealegs.gap.log.types import JointLog, MeasuredRun, MeasuredSet
 from .arm import record_arm
 from .bench import JOINT, nominal_chain, record_again, record_bench
 from .hopper import record_hopper
+from .quadruped import record_walker
 from .recording import Recording
 from .wide import record_wide
 
@@ -47,6 +48,7 @@ def as_logs(
 hidden_bench = as_logs(record_bench)
 hidden_hopper = as_logs(record_hopper)
 hidden_arm = as_logs(record_arm)
+hidden_walker = as_logs(record_walker)
 hidden_wide = as_logs(record_wide)
 
 

@@ -12,11 +12,12 @@ import pytest
 from sealegs.actuators import Drivetrain
 from sealegs.actuators.chain import load_chain
 from sealegs.envs.hopper.robot import FOOT, HOPPER
-from sealegs.gap.ground.causes import contact_causes, ground_numbers
 from sealegs.gap.ground.ground import GROUND, search_ground
+from sealegs.gap.ground.leg_causes import contact_causes, ground_numbers
+from sealegs.gap.ground.leg_ground import leg_problem
 from sealegs.gap.ground.leg_model import DEPTH, GROUND_MASS, IMMOBILE, LegModel
-from sealegs.gap.ground.leg_problem import LegProblem, leg_problem
 from sealegs.gap.ground.leg_replay import LegReplay
+from sealegs.gap.ground.problem import GroundProblem
 from sealegs.gap.ground.stances import COLUMNS, column_noise, columns, find_stances, touchdowns
 from sealegs.gap.log.parts import FIT_A, FIT_B, TEST
 from sealegs.gap.log.types import LogError, MeasuredSet
@@ -46,7 +47,7 @@ def leg_of(data: MeasuredSet) -> LegModel:
     return LegModel.of(run.robot_params, {joint: load_chain(run.actuators[joint]) for joint in JOINTS})
 
 
-def problem_of(data: MeasuredSet) -> LegProblem:
+def problem_of(data: MeasuredSet) -> GroundProblem:
     leg, noise = leg_of(data), column_noise(data.runs)
     return leg_problem(data.runs, leg, find_stances(data.runs, leg, noise), noise)
 

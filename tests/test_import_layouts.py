@@ -9,8 +9,8 @@ import numpy as np
 import pytest
 from sealegs.cli import main
 from sealegs.gap.log import LogError, read_measured
-from sealegs.gap.log.importers import import_logs, read_mapping
-from sealegs.gap.log.importers.mapping import Mapping
+from sealegs.gap.log.importers import Recording, answered, import_logs, read_mapping
+from sealegs.gap.log.importers.mapping import Mapping, filled
 
 from tests.test_import import motion, table
 from tests.test_import_tables import texts_of
@@ -186,6 +186,102 @@ def test_a_mapping_does_not_hide_what_the_call_says(tmp_path: Path, capsys: pyte
     assert main([*call, "robot=bench", "actuator=sts3215", "robot_params={mass: 0.5, length: 0.1}"]) == 0
     run = read_measured(out).runs[0]
     assert run.robot == "bench" and run.robot_params["mass"] == 0.5 and run.actuators == {"joint": "sts3215"}
+
+
+def imported(folder: Path, name: str, out: Path, **said: object) -> Path:
+    """The sidecar of a run that was imported into a folder, with this said of its machine."""
+    path = table(folder, {"t": TIME, **DEG}, f"{name}.csv")
+    columns = {"time": "t", "joint.goal": "goal_deg*pi/180", "joint.position": "pos_deg*pi/180"}
+    import_logs(path, out, Mapping(columns, sidecar=dict(said)))
+    return out / f"{name}.yaml"
+
+
+LOAD = {"mass": 0.5, "length": 0.1}
+BENCH = {"robot": "bench", "robot_params": LOAD, "actuators": {"joint": "sts3215"}}
+
+
+def test_a_second_import_into_a_folder_keeps_what_its_file_says(tmp_path: Path) -> None:
+    """It got the machine of the first one, whose log.yaml was there already."""
+    out = tmp_path / "log"
+    imported(tmp_path, "a", out, **BENCH, group="low", machine="first")
+    before = (out / "log.yaml").read_text()
+    own = imported(tmp_path, "b", out, **BENCH | {"robot_params": LOAD | {"mass": 1.5, "arm_mass": 0.02}})
+    imported(tmp_path, "c", out, **BENCH | {"actuators": {"joint": "ideal"}}, units={"joint.velocity": "deg/s"})
+    a, b, c = read_measured(out).runs
+    assert (a.robot_params["mass"], b.robot_params, c.robot_params) == (
+        0.5,
+        {**LOAD, "mass": 1.5, "arm_mass": 0.02},
+        LOAD,
+    )
+    assert [run.actuators["joint"] for run in (a, b, c)] == ["sts3215", "sts3215", "ideal"]
+    assert [run.meta.get("group") for run in (a, b, c)] == ["low", None, None], "nobody said their group"
+    assert b.meta["machine"] == "first" and "units" not in b.meta and c.meta["units"] == {"joint.velocity": "deg/s"}
+    assert "length" not in own.read_text() and (out / "log.yaml").read_text() == before
+
+
+def test_what_a_second_import_leaves_open_holds_as_the_folder_says_it(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    out = tmp_path / "log"
+    imported(tmp_path, "a", out, **BENCH)
+    path = table(tmp_path, {"t": TIME, **DEG}, "b.csv")
+    assert main(["import", str(path), f"out={out}", "yes=true"]) == 0
+    assert "Fill in" not in capsys.readouterr().out
+    assert read_measured(out).runs[1].robot_params == LOAD
+
+
+@pytest.mark.parametrize(
+    ("first", "second", "sentence"),
+    [
+        (BENCH, BENCH | {"robot": "hopper"}, "is of the robot bench, and .* is imported for hopper"),
+        (BENCH | {"robot_params": LOAD | {"arm_mass": 0.1}}, BENCH, r"gives robot_params\.arm_mass to every log"),
+        (BENCH | {"actuators": {"joint": "ideal", "elbow": "ideal"}}, BENCH, "an actuator of 'elbow' for every log"),
+        (BENCH | {"units": {"joint.position": "deg"}}, BENCH, r"joint\.position is in deg in every log"),
+    ],
+)
+def test_what_no_sidecar_takes_back_is_refused_before_anything_is_written(
+    first: dict[str, object], second: dict[str, object], sentence: str, tmp_path: Path
+) -> None:
+    out = tmp_path / "log"
+    imported(tmp_path, "a", out, **first)
+    there = sorted(out.iterdir())
+    with pytest.raises(LogError, match=rf"log\.yaml .*{sentence}.* import it into a folder of its own\.$"):
+        imported(tmp_path, "b", out, **second)
+    assert sorted(out.iterdir()) == there
+
+
+def test_an_import_says_nothing_of_logs_that_were_there_before(tmp_path: Path) -> None:
+    """The log.yaml that it wrote gave them its own group and load."""
+    out = tmp_path / "log"
+    imported(tmp_path, "a", out, **BENCH)
+    own = (out / "log.yaml").read_text()
+    (out / "log.yaml").rename(out / "a.yaml")
+    imported(tmp_path, "b", out, **BENCH | {"robot_params": LOAD | {"arm_mass": 0.1}}, group="high")
+    a, b = read_measured(out).runs
+    assert a.robot_params == LOAD and "group" not in a.meta and (out / "a.yaml").read_text() == own
+    assert b.robot_params["arm_mass"] == 0.1 and b.meta["group"] == "high"
+
+
+def test_a_load_that_a_mapping_leaves_blank_is_given_by_the_call(tmp_path: Path) -> None:
+    blank = Mapping({"time": "t"}, sidecar={"robot": "bench", "robot_params": None})
+    assert answered(blank, tmp_path, None, None, LOAD).sidecar["robot_params"] == LOAD
+
+
+@pytest.mark.parametrize(
+    ("kp", "group"),
+    [(1234567.0, "kp1234567"), (1234568.0, "kp1234568"), (0.1234567891, "kp0.1234567891"), (32, "kp32")],
+)
+def test_numbers_in_the_name_of_a_group_keep_their_digits(kp: float, group: str) -> None:
+    """kp1.23457e+06 were the runs of several gains."""
+    recording = Recording("a", {"t": TIME}, Path("a.csv"), "table", {"kp": float(kp)})
+    assert filled({"group": "kp${kp}"}, recording) == {"group": group}
+
+
+def test_the_velocity_of_a_slide_in_centimetres_is_in_its_own_unit(tmp_path: Path) -> None:
+    """It was taken for that of a hinge: 'as rpm would be'."""
+    slide = {"t": TIME, "x_cmd_cm": 3 * M["goal"], "x_cm": 3 * M["smooth"], "x_vel [mm/s]": 30 * M["velocity"]}
+    columns, asked, _ = texts_of(table(tmp_path, slide))
+    assert columns["x.velocity"] == "`x_vel [mm/s]`*1e-3" and not asked
 
 
 def test_a_mass_that_is_a_word_is_told_at_the_import(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:

@@ -10,9 +10,11 @@ from functools import partial
 from pathlib import Path
 
 import pytest
+from sealegs.gap.log import LogError
 from sealegs.gap.log.finding import Finding
 from sealegs.gap.log.types import MeasuredRun
 from sealegs.gap.search.journal import keeping
+from sealegs.gap.verdict.columns import chosen
 from sealegs.gap.verdict.evidence import Refused
 from sealegs.gap.verdict.parallel import side_by_side
 from sealegs.gap.verdict.refusal import refuse
@@ -74,3 +76,10 @@ def lives(process: int) -> bool:
         return file.read_text().rpartition(")")[2].split()[0] != "Z"
     except OSError:
         return False
+
+
+def test_joints_that_are_asked_for_are_those_of_the_log() -> None:
+    assert chosen(["hip", "knee", "ankle"], ["ankle", "hip"]) == ["hip", "ankle"]
+    assert chosen(["hip", "knee"], None) == ["hip", "knee"]
+    with pytest.raises(LogError, match=r"no joint 'kne' \(did you mean 'knee'\?\); joints= takes hip, knee\.$"):
+        chosen(["hip", "knee"], ["kne"])

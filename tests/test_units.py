@@ -2,9 +2,11 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
-from sealegs.gap.log.parts import cut
+from sealegs.gap.log.parts import FIT_A, FIT_B, TEST, cut
 from sealegs.gap.log.types import JointLog, MeasuredRun
 
 
@@ -23,3 +25,18 @@ def test_what_came_before_a_run_is_forgotten_before_it_is_judged(seconds: float,
     runs = [recorded(seconds, link) for _ in range(6)]
     for unit in cut(runs, "servo"):
         assert runs[unit.run].time[unit.judged] == pytest.approx(unjudged, abs=0.01)
+
+
+@pytest.mark.parametrize("seconds", [8.0, 60.0])
+@pytest.mark.parametrize("first", [True, False])
+def test_a_single_run_beside_the_test_group_is_fitted_in_both_parts(seconds: float, first: bool) -> None:
+    """Part B was empty, and the refusal called logs of any length too short."""
+    kept = replace(recorded(seconds), name="kept", meta={"group": "kept"})
+    runs = [recorded(seconds), kept] if first else [kept, recorded(seconds)]
+    units = cut(runs, "servo", "kept")
+    assert [unit.part for unit in units if runs[unit.run] is kept] == [TEST]
+    fitted = [unit for unit in units if runs[unit.run] is not kept]
+    assert {unit.part for unit in fitted} == {FIT_A, FIT_B} and len(fitted) >= 4
+    judged = [set(range(unit.start + unit.judged, unit.stop)) for unit in fitted]
+    assert max(unit.stop for unit in fitted) == len(kept.time)
+    assert sum(map(len, judged)) <= len(set().union(*judged)) + len(fitted), "no sample is judged in both parts"

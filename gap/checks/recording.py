@@ -133,7 +133,7 @@ def knot_rows(time: Array, goal: Array) -> int:
     return _common(np.diff(bends), MOST_KNOTS)
 
 
-def held_again(goal: Array, rows: int, time: Array | None = None) -> Array:
+def held_again(goal: Array, rows: int) -> Array:
     """Goals (n,) that were sent every so many rows, and held."""
     bend = np.abs(np.diff(goal, 2))
     strong = np.flatnonzero(bend > 1e-6 * np.ptp(goal) + 1.01 * quantisation_step(goal)) + 1

@@ -40,20 +40,26 @@ class Stop:
     seconds: float
 
 
-def stops_of(runs: Sequence[MeasuredRun], joint: str) -> tuple[Stop, ...]:
-    """The stops that runs show of a joint, the lower one first."""
+def stops_of(runs: Sequence[MeasuredRun], joint: str, reach: float = 1.0) -> tuple[Stop, ...]:
+    """The stops that runs show of a joint, the lower one first.
+
+    Args:
+        runs: of one machine.
+        joint: its name.
+        reach: how far a slide goes where a servo turns by a radian [m]; 1 of a hinge.
+    """
     contexts = (context for run in runs for context in joint_contexts(run))
-    return read_stops([context for context in contexts if context.name == joint])
+    return read_stops([context for context in contexts if context.name == joint], reach)
 
 
-def read_stops(joints: Sequence[JointContext]) -> tuple[Stop, ...]:
+def read_stops(joints: Sequence[JointContext], reach: float = 1.0) -> tuple[Stop, ...]:
     """The stops that the runs of one joint show, the lower one first."""
     rows = [_rows(joint) for joint in joints if joint.log.goal is not None and not joint.still]
     if not rows:
         return ()
     goal, position, slow, period = (np.concatenate(part) for part in zip(*rows, strict=True))
     noise = float(np.median([joint.noise for joint in joints]))
-    found = (_stop(side * goal, side * position, slow, period, noise) for side in (-1, 1))
+    found = (_stop(side * goal, side * position, slow, period, noise, reach) for side in (-1, 1))
     return tuple(
         Stop(side * stop.angle, side, stop.beyond, stop.seconds)
         for side, stop in zip((-1, 1), found, strict=True)
@@ -69,14 +75,16 @@ def _rows(joint: JointContext) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.n
     return goal[on], joint.log.position[on], ~joint.moving[on], np.full(int(on.sum()), joint.period)
 
 
-def _stop(goal: np.ndarray, position: np.ndarray, slow: np.ndarray, period: np.ndarray, noise: float) -> Stop | None:
+def _stop(
+    goal: np.ndarray, position: np.ndarray, slow: np.ndarray, period: np.ndarray, noise: float, reach: float
+) -> Stop | None:
     """The upper stop, if there is one."""
     if len(position) < 100:
         return None
     top, span = float(np.quantile(position, 0.999)), float(np.ptp(position))
     near = position > top - max(6.0 * noise, NEAR * span)
-    against = near & slow & (goal > position + PUSHED)
-    if period[against].sum() < STAYS or np.ptp(goal[against]) < VARIED:
+    against = near & slow & (goal > position + PUSHED * reach)
+    if period[against].sum() < STAYS or np.ptp(goal[against]) < VARIED * reach:
         return None
     elsewhere = slow & ~near
     if _follows(goal[against], position[against]) > GIVES or _follows(goal[elsewhere], position[elsewhere]) < FREE:
@@ -91,13 +99,13 @@ def _follows(goal: np.ndarray, position: np.ndarray) -> float:
     return float(np.cov(goal, position)[0, 1] / spread) if spread > 0.0 else 0.0
 
 
-def told_stops(stops: Sequence[Stop], joint: str) -> tuple[Finding, ...]:
-    """What is said of stops."""
+def told_stops(stops: Sequence[Stop], joint: str, unit: str = "rad") -> tuple[Finding, ...]:
+    """What is said of stops, in rad or m."""
     return tuple(
         Finding(
             "motion.stop", "note", joint, f"{joint}.position",
-            f"'{joint}' stays at {stop.angle:.3f} rad for {stop.seconds:.2g} s in all while its goal goes up to "
-            f"{stop.beyond:.2f} rad further: it stands against a stop there. No proposed motion goes beyond it.",
+            f"'{joint}' stays at {stop.angle:.4g} {unit} for {stop.seconds:.2g} s in all while its goal goes up to "
+            f"{stop.beyond:.2g} {unit} further: it stands against a stop there. No proposed motion goes beyond it.",
             value=stop.angle, cause="contact.blocked",
         )
         for stop in stops

@@ -11,7 +11,7 @@ from multiprocessing.connection import Connection, wait
 from typing import Any
 
 from ...actuators.errors import SealegsError
-from ...actuators.processes import end_with_parent
+from ...actuators.processes import cores, end_with_parent
 from .cluster import on_ray, ray_module
 from .jobs import Job, Outcome, Report, finished, remove_unfinished, run_job
 
@@ -50,7 +50,7 @@ def diagnose_fleet(
             yield kept
     if not todo:
         return
-    count = workers or (len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1)
+    count = workers or cores()
     yield from on_ray(todo, report) if cluster else in_processes(todo, max(min(count, len(todo)), 1), report)
 
 
@@ -72,7 +72,7 @@ def in_processes(
             joints at a time; None: the diagnosis.
     """
     context = multiprocessing.get_context("spawn")
-    joints = max((os.cpu_count() or 1) // workers, 1)
+    joints = max(cores() // workers, 1)
     waiting, died = list(jobs), set[str]()
     running: dict[Connection, tuple[Any, Job]] = {}
     try:

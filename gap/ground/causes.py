@@ -1,48 +1,54 @@
-"""Contact causes of a legged log, and the numbers of the ground that nobody knows exactly."""
+"""Contact causes of a legged log: what the ground may be that the model does not say."""
 
 from __future__ import annotations
 
-import math
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 
 from ..causes.catalogue import checked
 from ..causes.cause import Cause
-from ..replay.parameters import Parameter, factor
-from .leg_model import LegModel
-from .leg_replay import STEP
-
-HEIGHT = 3e-3  # [m] how well the zero of the height is known
-SHORTEST = 2.0 * STEP  # [s] the engine takes no shorter time constant for a step
-TIME = 3.0  # factor on the time constant of the engine's contact, which stands for no number of the machine
-HARD = 2e4  # [N/m] below which that contact is not made by tuning: it would do a soft ground's work unnamed
+from ..replay.parameters import Parameter
 
 
-def contact_causes(nominal: LegModel, names: Sequence[str] | None = None) -> list[Cause]:
-    """The catalogue of the ground under a leg.
+def ground_causes(
+    stiffness: Sequence[float],
+    stiffest: float,
+    soft: float,
+    shown: Mapping[str, str],
+    slopes: Sequence[str] = ("contact.slope",),
+    names: Sequence[str] | None = None,
+    *,
+    damped: bool = True,
+) -> list[Cause]:
+    """The catalogue of the ground under a robot.
 
     Args:
-        nominal: the leg on the ground that is believed in.
+        stiffness: from which fits of soft ground start [N/m].
+        stiffest: ground that still counts as soft [N/m].
+        soft: ground that is plausible [N/m].
+        shown: column that shows each cause best, by its name.
+        slopes: numbers of the ground's slope; those that the robot can feel.
         names: of the causes to consider; default: all of them.
+        damped: whether the damping of soft ground is fitted with it; else it is tuned in every fit.
     """
-    stiffest = nominal.softest_rigid()
     friction = [
         (Parameter("contact.friction", "1", 0.05, 4.0, start, 0.2, logarithmic=True, factor=True),)
         for start in (0.4, 0.8)
     ]
-    soft = [
+    damping = Parameter("contact.damping", "N.s/m", 1.0, 300.0, 20.0, 0.4, logarithmic=True, shape=True)
+    gives = [
         (
             Parameter("contact.stiffness", "N/m", 200.0, stiffest, start, 0.3, logarithmic=True),
-            Parameter("contact.damping", "N.s/m", 1.0, 300.0, 20.0, 0.4, logarithmic=True, shape=True),
+            *((damping,) if damped else ()),
         )
-        for start in (1500.0, 5000.0)
+        for start in stiffness
     ]
-    slope = Parameter("contact.slope", "rad", -0.4, 0.4, 0.0, 0.01)
+    slope = tuple(Parameter(name, "rad", -0.4, 0.4, 0.0, 0.01) for name in slopes)
     every = [
         Cause(
             name="contact.friction",
             sentence="The foot slides on less, or holds on more, friction than the model has.",
             picture="stance",
-            against="base.x",
+            against=shown["contact.friction"],
             plausible={"contact.friction*": 0.5},
             variants=tuple(friction),
             error=True,
@@ -51,27 +57,17 @@ def contact_causes(nominal: LegModel, names: Sequence[str] | None = None) -> lis
             name="contact.stiffness",
             sentence="The ground gives way under the foot.",
             picture="stance",
-            against="base.z",
-            plausible={"contact.stiffness": 4000.0},
-            variants=tuple(soft),
+            against=shown["contact.stiffness"],
+            plausible={"contact.stiffness": soft},
+            variants=tuple(gives),
         ),
         Cause(
             name="contact.slope",
             sentence="The ground is not level.",
             picture="stance",
-            against="base.x",
-            plausible={"contact.slope": 0.02},
-            variants=((slope,),),
+            against=shown["contact.slope"],
+            plausible={slopes[0]: 0.02},
+            variants=(slope,),
         ),
     ]
     return [cause for cause in every if cause.name in checked(names)]
-
-
-def ground_numbers(nominal: LegModel) -> list[Parameter]:
-    """What every fit tunes: no finding, as long as it stays within these bounds."""
-    shortest = SHORTEST / nominal.value("contact.time")
-    longest = min(max(math.sqrt(nominal.engine_stiffness() / HARD), 1.0), TIME)
-    return [
-        factor("contact.time", min(max(1.0 / TIME, shortest), 1.0), longest, 0.2),
-        Parameter("contact.height", "m", -HEIGHT, HEIGHT, 0.0, 5e-4),
-    ]

@@ -7,54 +7,55 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from ...actuators import Chain, load_chain
-from ...actuators.errors import SealegsError
+from ...actuators import Chain
+from ...envs.hopper.robot import HOPPER
 from ..log.finding import Finding
-from ..log.parts import FIT_A, FIT_B, held_out
+from ..log.parts import FIT_A, FIT_B
 from ..log.progress import Progress
-from ..log.types import LogError, MeasuredRun
+from ..log.types import MeasuredRun
 from ..replay.parameters import Parameter, numbers
 from ..search.fit import fit
 from ..search.forward import Searcher
 from ..search.result import Search
 from ..search.settings import DEFAULT, SearchSettings
-from .causes import contact_causes, ground_numbers
-from .leg_model import LegModel
-from .leg_problem import LegProblem, leg_problem
-from .leg_replay import JOINTS
-from .stances import column_noise, find_stances
+from .laid import Laid
+from .leg_ground import lay_leg
+from .problem import GroundProblem
+from .tree_ground import lay_robot, stands
 
 GROUND = "ground"
 PILOT = 6  # iterations
-FEWEST = 9  # stances, three for each part of the data
 VISIBLE = 0.1  # mean squared change of the errors, in parts of the noise, from which an effect shows
 
 
 @dataclass(frozen=True, eq=False)
 class GroundSearch:
-    """What a search of the ground under a leg found.
+    """What a search of the ground under a robot found.
 
     Attributes:
-        problem: the stances.
+        laid: the pieces of its log, and what was sought in them.
+        problem: the same, weighed for the ground that was found at first.
         search: of the contact causes.
-        numbers: of the ground, tuned and refitted alike.
-        noise: of the columns.
     """
 
-    problem: LegProblem
+    laid: Laid
+    problem: GroundProblem
     search: Search
-    numbers: tuple[Parameter, ...]
-    noise: np.ndarray
+
+    @property
+    def numbers(self) -> tuple[Parameter, ...]:
+        """Of the ground, tuned and refitted alike."""
+        return self.laid.tuned
 
     def findings(self, values: Mapping[str, float], *, complete: bool) -> list[Finding]:
-        """What these stances would not show beside the parameters that were found.
+        """What these pieces would not show beside the parameters that were found.
 
         Args:
-            values: of the extended leg.
+            values: of the extended robot.
             complete: whether the actuator of every joint was diagnosed.
         """
-        found = _blind(self.problem, values, np.isfinite(self.noise))
-        if not complete:
+        found = [*_blind(self.laid, self.problem, values), *self.laid.findings]
+        if not complete and self.laid.needs_joints:
             found.append(
                 Finding(
                     "contact.joints", "warning", GROUND, None,
@@ -62,6 +63,11 @@ class GroundSearch:
                 )
             )  # fmt: skip
         return found
+
+
+def on_ground(runs: Sequence[MeasuredRun]) -> bool:
+    """Whether runs are of a robot that stands on a ground: a hopper, or any whose base moves."""
+    return all(run.robot == HOPPER.name for run in runs) or stands(runs[0])
 
 
 def search_ground(
@@ -74,7 +80,7 @@ def search_ground(
     settings: SearchSettings = DEFAULT,
     look_on: bool = False,
 ) -> GroundSearch | str:
-    """Seek contact causes under a leg, on top of what its joints were found to be.
+    """Seek contact causes under a robot, on top of what its joints were found to be.
 
     Args:
         runs: of one machine.
@@ -92,76 +98,41 @@ def search_ground(
     Raises:
         SealegsError: the sidecar's numbers are none of the robot's, or the test group does not exist.
     """
-    held = held_out(runs, test_group)
-    if not all(np.isfinite(run.base.get("z", np.nan)).any() for run in runs):
-        return "the height of the base was not logged; record it as base.z (a boom encoder or a camera)."
     if any(dict(run.robot_params) != dict(runs[0].robot_params) for run in runs):
-        return "the runs are of legs with different robot_params; diagnose them apart."
-    try:
-        leg = LegModel.of(
-            runs[0].robot_params, {name: chains.get(name) or load_chain(runs[0].actuators[name]) for name in JOINTS}
-        )
-    except SealegsError as error:
-        raise LogError(f"{runs[0].name}: {error}") from None
-    hidden = [
-        name for name in JOINTS if leg.gives_way(name) and any(r.joints[name].link_position is None for r in runs)
-    ]
-    if hidden:
-        columns = " and ".join(f"{name}.link_position" for name in hidden)
-        return f"the links behind the springs were not logged; record {columns}."
-    progress("looking for stances")
-    noise = column_noise(runs)
-    stances = find_stances(runs, leg, noise)
-    if len(stances) < FEWEST:
-        return (
-            f"the leg left the ground {len(stances)} times for long enough, and {FEWEST} stances are needed; "
-            "let it hop for longer."
-        )
-    tested = sum(stance.run in held for stance in stances)
-    if held and (tested < FEWEST // 3 or len(stances) - tested < FEWEST - FEWEST // 3):
-        return (
-            f"of {len(stances)} stances {tested} are in the group '{test_group}'; {FEWEST // 3} are needed there to "
-            f"test on and {FEWEST - FEWEST // 3} in the others to fit on."
-        )
-    problem = leg_problem(runs, leg, stances, noise, test_group)
-    progress(f"replaying {len(stances)} stances")
-    tuned = tuple(ground_numbers(leg))
-    problem = problem.weighed(_pilot(problem, leg, tuned))
-    search = Searcher(problem, contact_causes(leg, causes), tuned, progress, seed, settings, look_on).run()
-    return GroundSearch(problem, search, tuned, noise)
+        return "the runs are of robots with different robot_params; diagnose them apart."
+    lay = lay_leg if runs[0].robot == HOPPER.name else lay_robot
+    laid = lay(runs, chains, progress, test_group)
+    if isinstance(laid, str):
+        return laid
+    progress(f"replaying {len(laid.problem.units)} {laid.pieces}")
+    problem = laid.problem.weighed(_pilot(laid))
+    search = Searcher(problem, laid.causes(causes), laid.tuned, progress, seed, settings, look_on).run()
+    return GroundSearch(laid, laid.told(problem), search)
 
 
-def _pilot(problem: LegProblem, leg: LegModel, tuned: Sequence[Parameter]) -> dict[str, float]:
-    """A ground with everything fitted at once: it explains nothing, but the stances run on it about as they did."""
-    every = [parameter for cause in contact_causes(leg) for parameter in cause.variants[0]]
-    believed = {p.path: min(p.neutral(leg), p.high) for p in every}
-    return fit(problem.part(FIT_A, FIT_B), [*tuned, *every], believed, PILOT).values
+def _pilot(laid: Laid) -> dict[str, float]:
+    """A ground with everything fitted at once: it explains nothing, but the pieces run on it about as they did."""
+    nominal = laid.problem.models[0]
+    every = [parameter for cause in laid.causes(None) for parameter in cause.variants[0]]
+    believed = {p.path: min(p.neutral(nominal), p.high) for p in every}
+    return fit(laid.problem.part(FIT_A, FIT_B), [*laid.tuned, *every], believed, PILOT).values
 
 
-def _blind(problem: LegProblem, values: Mapping[str, float], logged: np.ndarray) -> list[Finding]:
-    """Causes that these stances would hardly show beside what was found, and columns that were missed."""
+def _blind(laid: Laid, problem: GroundProblem, values: Mapping[str, float]) -> list[Finding]:
+    """Causes that these pieces would hardly show beside what was found."""
     named = set(numbers(values))
-    every = {cause.name: cause.plausible for cause in contact_causes(problem.models[0])}
+    every = {cause.name: cause.plausible for cause in laid.causes(None)}
     sizes = {name: change for name, change in every.items() if not named & set(numbers(change))}
     names = list(sizes)
     simulated = problem.simulate([values, *({**values, **change} for change in sizes.values())])
     errors = problem.residual(simulated)
     change = np.mean((errors[1:] - errors[0]) ** 2, axis=1)
     hidden = [name for name, size in zip(names, change, strict=True) if size < VISIBLE]
-    found = []
-    if hidden:
-        found.append(
-            Finding(
-                "contact.unseen", "note", GROUND, None,
-                f"These stances would hardly show {' or '.join(hidden)}: the foot stays far from its limits. Hop "
-                "higher, or push harder forward and back.",
-            )
-        )  # fmt: skip
-    if not logged[1]:
-        found.append(
-            Finding(
-                "contact.columns", "note", GROUND, "base.x",
-                "base.x was not logged: friction and slope show through the links alone, and are less certain.",
-            )
-        )  # fmt: skip
-    return found
+    if not hidden:
+        return []
+    return [
+        Finding(
+            "contact.unseen", "note", GROUND, None,
+            f"These {laid.pieces} would hardly show {' or '.join(hidden)}: {laid.advice}",
+        )
+    ]  # fmt: skip

@@ -107,6 +107,10 @@ class LegModel:
         )  # fmt: skip
         return Drivetrain(spec, dict(self.chains), HOPPER.coordinates)
 
+    def mjcf(self) -> str:
+        """The leg on its ground, for plain MuJoCo."""
+        return self.drivetrain().spec.to_xml()
+
     def engine_stiffness(self, plain: bool = False) -> float:
         """Stiffness of the engine's own contact [N/m], which lies on top of any ground that gives way.
 

@@ -44,11 +44,12 @@ class LegReplay:
 
     Attributes:
         step: of the engine [s].
+        pieces: the stances.
     """
 
     def __init__(self, leg: LegModel, runs: Sequence[MeasuredRun], stances: Sequence[Stance], step: float) -> None:
         """Build the leg; ``leg`` gives body and chains, the ground may differ from replay to replay."""
-        self.step, self.stances = step, list(stances)
+        self.step, self.pieces = step, list(stances)
         self._made_from = (leg, runs, stances, step)
         self.drivetrain = leg.drivetrain()
         model = self.drivetrain.model
@@ -65,7 +66,7 @@ class LegReplay:
         self.steps = int(np.ceil(LENGTH / step)) + 1
         self.follows = [model.joint(f"{name}_motor").id if _has_motor(model, name) else -1 for name in JOINTS]
         self.drive = self._drive(runs)
-        self.time = [runs[s.run].time[s.start : s.stop] - runs[s.run].time[s.start] for s in self.stances]
+        self.time = [runs[s.run].time[s.start : s.stop] - runs[s.run].time[s.start] for s in self.pieces]
         self._batch: Batch | None = None
 
     def __reduce__(self) -> tuple[type[LegReplay], tuple[object, ...]]:
@@ -73,10 +74,10 @@ class LegReplay:
         return type(self), self._made_from
 
     def _drive(self, runs: Sequence[MeasuredRun]) -> Drive:
-        shape = (self.steps + 1, len(self.stances), len(JOINTS))
+        shape = (self.steps + 1, len(self.pieces), len(JOINTS))
         position, goal = np.empty(shape), np.empty(shape)
         ticks = np.arange(self.steps + 1) * self.step
-        for k, stance in enumerate(self.stances):
+        for k, stance in enumerate(self.pieces):
             run = runs[stance.run]
             at = run.time[stance.start] + ticks
             held = np.clip(np.searchsorted(run.time, at + 1e-9, side="right") - 1, 0, len(run.time) - 1)
@@ -103,7 +104,7 @@ class LegReplay:
         """
         chosen, count = np.asarray(rows), len(rows)
         if states is None:
-            states = np.array([self.stances[row].state for row in rows])
+            states = np.array([self.pieces[row].state for row in rows])
         states = np.broadcast_to(states, (len(legs), count, 8)).reshape(-1, 8)
         ground, stance = np.repeat(np.arange(len(legs)), count), np.tile(chosen, len(legs))
         recorded = np.empty((self.steps + 1, len(ground), 4))

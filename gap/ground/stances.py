@@ -14,6 +14,7 @@ from .leg_model import LegModel
 
 COLUMNS = ("base.z", "base.x", "hip.link_position", "knee.link_position")
 """What is judged, the height of the hip first."""
+UNITS = ("m", "m", "rad", "rad")
 BEFORE = 0.06  # [s] from the start of a piece to its touchdown
 LENGTH = 0.3  # [s]
 BASE_FIT, LINK_FIT = 0.03, 0.013  # [s] to both sides of the start, from which its state is fitted
@@ -22,6 +23,10 @@ FREE_FALL = 0.6  # of gravity: downward acceleration of the centre of mass from 
 NOISE_HALF = 3  # samples to either side: a leg moves fast
 MARGIN = 1.5  # standard deviations of a start state, over those of the parabola: it is no parabola exactly
 UNKNOWN_SPEED = 0.5  # [m/s] standard deviation of a speed that no column tells
+FIRST = 0.015  # [s] of a piece that is not judged: the start state was fitted to it
+MODEL = (1.5e-4, 2e-4, 1e-3, 1e-3)
+"""What two right models of hard contact differ by over a stance, in the judged columns [m, m, rad, rad]: assumed, from
+replays of an independent leg on rigid ground. Errors this small say nothing about the ground."""
 MOST = 48  # stances of a data set; more cost time and teach little
 
 
@@ -109,7 +114,7 @@ def _stance(
         near = np.flatnonzero((np.abs(time) <= LINK_FIT) & np.isfinite(values[:, c]))
         if len(near) < 5:
             return None
-        state[[c, c + 4]], spread[[c, c + 4]] = _polynomial(time[near], values[near, c], 2, noise[c])
+        state[[c, c + 4]], spread[[c, c + 4]] = polynomial(time[near], values[near, c], 2, noise[c])
     over = np.stack([leg.mass_centre(values[:, 2], values[:, 3]), leg.mass_centre_ahead(values[:, 2], values[:, 3])])
     slope = np.stack([leg.mass_centre_ahead(*state[2:4], split=True), -leg.mass_centre(*state[2:4], split=True)])
     for c, fall in ((0, -0.5 * GRAVITY * time**2), (1, 0.0 * time)):
@@ -120,13 +125,13 @@ def _stance(
             spread[c + 4] = UNKNOWN_SPEED  # where x is does not matter on a ground that is alike everywhere
             continue
         centre = values[near, c] + over[c, near] - fall[near]
-        (height, rise), (own, moving) = _polynomial(time[near], centre, 1, noise[c])
+        (height, rise), (own, moving) = polynomial(time[near], centre, 1, noise[c])
         state[c], state[c + 4] = height - over[c, start], rise - float(slope[c] @ state[6:8])
         spread[c], spread[c + 4] = own, float(np.hypot(moving, np.linalg.norm(slope[c] * spread[6:8])))
     return Stance(k, start, stop, state, spread)
 
 
-def _polynomial(t: np.ndarray, x: np.ndarray, order: int, noise: float) -> tuple[np.ndarray, np.ndarray]:
+def polynomial(t: np.ndarray, x: np.ndarray, order: int, noise: float) -> tuple[np.ndarray, np.ndarray]:
     """Value and slope at zero of a polynomial through samples, and their standard deviations."""
     inverse = np.linalg.pinv(np.stack([t**power for power in range(order + 1)], axis=1))
     return (inverse @ x)[:2], MARGIN * noise * np.linalg.norm(inverse[:2], axis=1)

@@ -2,20 +2,17 @@
 
 from __future__ import annotations
 
-import math
 from collections.abc import Mapping
 from dataclasses import replace
 from types import MappingProxyType
 
 from ..log.finding import Finding
 from ..log.types import LogError, MeasuredRun, MeasuredSet
+from ..log.units import factors
 from .robot import LoggedRobot
 
-HINGE: Mapping[str, float] = MappingProxyType(
-    {"rad": 1.0, "deg": math.pi / 180.0, "turn": 2.0 * math.pi, "rad/s": 1.0, "deg/s": math.pi / 180.0,
-     "rpm": math.pi / 30.0}
-)  # fmt: skip
-SLIDE: Mapping[str, float] = MappingProxyType({"m": 1.0, "cm": 0.01, "mm": 0.001, "m/s": 1.0, "mm/s": 0.001})
+HINGE: Mapping[str, float] = MappingProxyType(factors("rad", "deg", "turn", "rad/s", "deg/s", "rpm"))
+SLIDE: Mapping[str, float] = MappingProxyType(factors("m", "cm", "mm", "m/s", "mm/s"))
 SHARES: Mapping[str, float] = MappingProxyType({"fraction": 1.0, "percent": 100.0})
 """Of the joint's range in the model, from its lower end, with what the whole range is."""
 POSITIONS, SPEEDS = ("position", "goal", "link_position"), ("velocity",)

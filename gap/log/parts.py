@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -46,7 +46,8 @@ def cut(runs: Sequence[MeasuredRun], joint: str, test_group: str | None = None) 
     """Cut runs into units and deal them out.
 
     Whole runs (or groups of runs, where the sidecars name them and there are at least three) are dealt out if there
-    are enough; else pieces of runs, shifted from run to run so that each part gets every excitation.
+    are enough; else pieces of runs, shifted from run to run so that each part gets every excitation. A single run
+    beside the test group is cut into pieces as well.
 
     Args:
         runs: of one machine.
@@ -67,7 +68,13 @@ def cut(runs: Sequence[MeasuredRun], joint: str, test_group: str | None = None) 
                 _unit(runs, k, joint, TEST if g == test_group else parts[g], 0.0, 1.0) for k, g in enumerate(groups)
             ]
         order = {k: n for n, k in enumerate(k for k, g in enumerate(groups) if g != test_group)}
-        return [_unit(runs, k, joint, order[k] % 2 if k in order else TEST, 0.0, 1.0) for k in range(len(runs))]
+        units: list[Unit] = []
+        for k in range(len(runs)):
+            if [k] == [*order]:  # the only one that is left: both parts need pieces of it
+                units += _pieces(runs, k, joint, PIECES, 2)
+            else:
+                units.append(_unit(runs, k, joint, order[k] % 2 if k in order else TEST, 0.0, 1.0))
+        return units
     windows = all("excerpt" in run.meta for run in runs)
     if len(runs) >= (3 if windows else ENOUGH_RUNS):
         if 3 <= len(names) < len(runs):
@@ -76,12 +83,7 @@ def cut(runs: Sequence[MeasuredRun], joint: str, test_group: str | None = None) 
             return [_unit(runs, k, joint, int(run.meta["excerpt"]), 0.0, 1.0) for k, run in enumerate(runs)]
         return [_unit(runs, k, joint, (k + k // 3) % 3, 0.0, 1.0) for k in range(len(runs))]
     least = max(PIECES, -(-ENOUGH_RUNS // len(runs)))
-    pieces = [max(least, round(float(run.time[-1] - run.time[0]) / PIECE)) for run in runs]
-    return [
-        _unit(runs, k, joint, (piece + k) % 3, piece / pieces[k], (piece + 1) / pieces[k])
-        for k in range(len(runs))
-        for piece in range(pieces[k])
-    ]
+    return [unit for k in range(len(runs)) for unit in _pieces(runs, k, joint, least, 3, k)]
 
 
 def held_out(runs: Sequence[MeasuredRun], group: str | None) -> frozenset[int]:
@@ -102,6 +104,13 @@ def held_out(runs: Sequence[MeasuredRun], group: str | None) -> frozenset[int]:
 
 def _groups(runs: Sequence[MeasuredRun]) -> list[str]:
     return [str(run.meta.get("group", run.name)) for run in runs]
+
+
+def _pieces(runs: Sequence[MeasuredRun], k: int, joint: str, least: int, parts: int, shift: int = 0) -> Iterator[Unit]:
+    """A run in so many pieces at least, dealt to the first so many parts in turn from part ``shift`` on."""
+    count = max(least, round(float(runs[k].time[-1] - runs[k].time[0]) / PIECE))
+    for piece in range(count):
+        yield _unit(runs, k, joint, (piece + shift) % parts, piece / count, (piece + 1) / count)
 
 
 def _unit(runs: Sequence[MeasuredRun], k: int, joint: str, part: int, begin: float, end: float) -> Unit:

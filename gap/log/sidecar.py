@@ -53,10 +53,20 @@ def read_sidecar(log: Path) -> Sidecar:
             merged[key] = merged[key] | value if both else value
     found = checked_sidecar(merged, sources[-1])
     chains = {joint: _chain_beside(chain, log.parent) for joint, chain in found.actuators.items()}
-    return replace(found, robot=_beside(found.robot, log.parent), actuators=chains)
+    return replace(found, robot=robot_beside(found.robot, log.parent), actuators=chains)
 
 
-def _beside(robot: str, folder: Path) -> str:
+def folder_defaults(folder: Path) -> dict[str, Any] | None:
+    """What the ``log.yaml`` of a folder says, as it stands there; None where there is none.
+
+    Raises:
+        LogError: it cannot be read, or is no mapping.
+    """
+    path = folder / FOLDER_DEFAULTS
+    return _load_mapping(path) if path.is_file() else None
+
+
+def robot_beside(robot: str, folder: Path) -> str:
     """The path of a robot's file that is named as it lies beside the log; any other robot as it is."""
     path = Path(robot)
     if not is_robot_file(path) or path.is_absolute():

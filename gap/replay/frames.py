@@ -58,7 +58,9 @@ def check_frames(robot: LoggedRobot, runs: Sequence[MeasuredRun], models: Mappin
         runs: of it.
         models: nominal joints by name; their chains say what the drives did.
     """
-    torques = _torques(replace(robot, frames={}), runs, models)
+    judged = [name for name in models if _judged(robot, name)]
+    plain = {name: frame for name, frame in robot.frames.items() if name not in judged}
+    torques = _torques(replace(robot, frames=plain), runs, {name: models[name] for name in judged})
     if torques is None:
         return []
     names = torques.joints
@@ -86,9 +88,14 @@ def _apart(one: Frame, other: Frame) -> bool:
     return one.sign != other.sign or abs(np.angle(np.exp(1j * (one.zero - other.zero)))) > FAR
 
 
+def _judged(robot: LoggedRobot, name: str) -> bool:
+    """Whether a joint is a hinge that its drive turns one to one: through a ratio, zeros of drive and joint differ."""
+    return not robot.slides(name) and robot.number(name) >= 0 and robot.ratio(name) == 1.0
+
+
 def _torques(robot: LoggedRobot, runs: Sequence[MeasuredRun], models: Mapping[str, JointModel]) -> Torques | None:
     """The torques of hinges whose chain says what their drive did, at some samples of the runs."""
-    names = [name for name in models if not robot.slides(name) and robot.number(name) >= 0]
+    names = list(models)
     if not names or not all(robot.turns(joint) for joint in range(robot.model.njnt)):
         return None
     each = max(SAMPLES // len(runs), 20)

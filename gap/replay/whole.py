@@ -148,9 +148,9 @@ def _place(
             continue
         data.joint(name).qpos[0], data.joint(name).qvel[0] = motion.position[sample, dof], motion.speed[sample, dof]
     for name in machine.names:
-        dof = int(robot.model.jnt_dofadr[robot.number(name)])
+        dof, ratio = int(robot.model.jnt_dofadr[robot.number(name)]), robot.ratio(name)
         scale, offset = machine.read(name)
-        drivetrain.set_position(name, data.qpos, np.asarray((motion.position[sample, dof] - offset) / scale))
-        drivetrain.set_speed(name, data.qvel, motion.speed[sample, dof] / scale)
+        drivetrain.set_position(name, data.qpos, np.asarray((ratio * motion.position[sample, dof] - offset) / scale))
+        drivetrain.set_speed(name, data.qvel, ratio * motion.speed[sample, dof] / scale)
         data.ctrl[drivetrain.actuator_ids[name]] = commands[name][sample]
     mujoco.mj_forward(drivetrain.model, data)

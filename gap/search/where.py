@@ -58,15 +58,19 @@ def _places(problem: Problem, simulated: np.ndarray, settings: SearchSettings) -
     runs = np.repeat([unit.run for unit in problem.units], np.diff(problem.starts))
     for run in np.unique(runs) if len(np.unique(runs)) > 2 else ():
         yield f"in run {run + 1}", runs == run
-    position = problem.measured[:, 0] if problem.signal == ("position", "rad") else signals["position"]
-    for name, values in (("at angles", position), ("at goals", signals["goal"])):
+    name, unit = problem.signal
+    position = problem.measured[:, 0] if name == "position" else signals["position"]
+    unit = unit if name == "position" else "rad"
+    command = unit if problem.joint is None or not problem.joint.models[0].by_torque else {"rad": "N.m", "m": "N"}[unit]
+    places = (("at angles" if unit == "rad" else "at places", unit, position), ("at goals", command, signals["goal"]))
+    for name, unit, values in places:
         finite = values[np.isfinite(values)]
         if len(finite) == 0 or np.ptp(finite) == 0.0:
             continue
         edges = np.linspace(finite.min(), finite.max(), BINS + 1)
         for k in range(BINS - 1):  # two bins at a time: a place may lie on an edge
             low, high = edges[k], edges[k + 2]
-            yield f"{name} from {low:.2f} to {high:.2f} rad", (values >= low) & (values <= high)
+            yield f"{name} from {low:.3g} to {high:.3g} {unit}", (values >= low) & (values <= high)
     speed = signals["speed"]
     slow = settings.at_rest_speed * float(np.nanquantile(np.abs(speed), 0.99))
     yield "at rest", np.abs(speed) <= slow

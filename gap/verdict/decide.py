@@ -360,7 +360,8 @@ def _balanced(found: Balanced, limit: Thresholds) -> Verdict:
             f"{some(doubtful[0].rivals)}; {error}."
         )
         return Verdict(NOT_IDENTIFIABLE, sentence, reasons)
-    name = EXPLAINED if found.left < limit.torque_explained and not doubtful else PARTLY
+    known = not doubtful and all(cause.confidence >= limit.sure for cause in firm)
+    name = EXPLAINED if found.left < limit.torque_explained and known else PARTLY
     what = f"{subject(firm)} {'' if name == EXPLAINED else 'partly '}{verb(firm, 'explains', 'explain')} the torque gap"
     step = "" if found.shift is None else f" ({1e3 * abs(found.shift):.0f} ms out of step)"
     return Verdict(name, f"{what}{step}: {error}, {certainty(firm)}.", reasons)

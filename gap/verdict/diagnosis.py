@@ -7,23 +7,18 @@ from collections.abc import Callable, Sequence
 from dataclasses import replace
 
 from ...actuators.chain import Chain
-from ...actuators.errors import SealegsError, nearest
-from ...envs.hopper.robot import HOPPER
-from ...envs.robot_file import is_robot_file
-from ...envs.robots import ROBOTS
+from ...actuators.errors import SealegsError
 from ..causes.catalogue import adjustable, catalogue, checked
 from ..causes.contact import with_stops
 from ..causes.unknown import with_believed_load
 from ..causes.visible import limits as limits_of_driven
 from ..causes.visible import shown
-from ..checks.data_set import check_set, corrected, merged, shows_little, unusable
-from ..checks.off import released
+from ..checks.data_set import shows_little
 from ..checks.recording import MOMENT
 from ..checks.stops import stops_of, told_stops
 from ..experiment import Experiment, Limits, blind_spots, detection_limits, experiment_for_still, propose
-from ..ground.ground import GROUND, GroundSearch, search_ground
+from ..ground.ground import GROUND, GroundSearch, on_ground, search_ground
 from ..load.robot import LoggedRobot, robot_of
-from ..load.units import in_model_units
 from ..log.finding import Finding
 from ..log.progress import Progress
 from ..log.types import Array, LogError, MeasuredRun, MeasuredSet
@@ -40,7 +35,8 @@ from ..search.result import Search
 from ..search.settings import DEFAULT, SearchSettings
 from ..search.windows import in_windows
 from .case import Case, Cut, Replay
-from .columns import check_robot, chosen, commanded
+from .checking import check_log
+from .columns import chosen, commanded
 from .decide import decide
 from .evidence import Refused, Replayed
 from .measure import Measured, measure, whole_runs
@@ -55,8 +51,6 @@ from .unseen_range import unseen_range
 from .verdict import NOT_IDENTIFIABLE, PARTLY, WITHDRAWN, JointDiagnosis, data_errors, rivals_of
 
 LOGGER = logging.getLogger("sealegs")
-
-MISTYPED = 0.7  # likeness to a robot's name from which a log means it: any other is a machine whose load nobody knows
 
 
 def diagnose(
@@ -92,7 +86,7 @@ def diagnose(
     """
     request = Request(test_group, seed, progress, limits, causes, settings, look_on)
     checked(causes)
-    data, findings, stop = _check(data, progress)
+    data, findings, stop = check_log(data, progress)
     runs, joints = data.runs, chosen(commanded(data.runs), only)
     if stop is not None:
         first = [_first_experiment(runs, joint, stop, request) for joint in joints]
@@ -102,8 +96,9 @@ def diagnose(
     found = side_by_side(_whatever_happens, runs, joints, findings, request, workers, done)
     if only is not None:
         return found
-    if all(run.robot == HOPPER.name for run in runs):
-        found.append(_diagnose_ground(runs, found, request))
+    if on_ground(runs):
+        found.append(_kept(GROUND, "the ground", (), request, lambda: _diagnose_ground(runs, found, request)))
+        done(found[-1])
     if (robot := robot_of(runs[0])) is not None:
         before, found = found, _with_robot(robot, runs, findings, found, request)
         for joint in found:
@@ -141,8 +136,15 @@ def _whatever_happens(
     runs: Sequence[MeasuredRun], joint: str, findings: Sequence[Finding], request: Request
 ) -> JointDiagnosis:
     """The diagnosis of a joint; a refusal where its numbers fail, so that what was found of other joints is kept."""
+    mine = [f for f in findings if f.joint in (joint, None)]
+    return _kept(joint, f"'{joint}'", mine, request, lambda: diagnose_joint(runs, joint, findings, request))
+
+
+def _kept(
+    joint: str, subject: str, findings: Sequence[Finding], request: Request, work: Callable[[], JointDiagnosis]
+) -> JointDiagnosis:
     try:
-        return diagnose_joint(runs, joint, findings, request)
+        return work()
     except SealegsError:
         raise
     except (*NUMERICAL, ValueError, LookupError) as error:
@@ -152,7 +154,7 @@ def _whatever_happens(
             f"its numbers failed in a way that nobody foresaw ({type(error).__name__}: {error}); please report it with "
             "the log"
         )
-        return refuse(joint, Refused(f"'{joint}'", why, usable=True), [f for f in findings if f.joint in (joint, None)])
+        return refuse(joint, Refused(subject, why, usable=True), findings)
 
 
 def diagnose_joint(
@@ -190,7 +192,7 @@ def diagnose_joint(
 
 
 def _diagnose_ground(runs: Sequence[MeasuredRun], joints: Sequence[JointDiagnosis], request: Request) -> JointDiagnosis:
-    """The ground under a leg, sought with the actuators as their diagnoses left them."""
+    """The ground under a robot, sought with the actuators as their diagnoses left them."""
     chains = {joint.joint: chain for joint in joints if (chain := _found_chain(joint)) is not None}
     sought = search_ground(
         runs,
@@ -205,7 +207,7 @@ def _diagnose_ground(runs: Sequence[MeasuredRun], joints: Sequence[JointDiagnosi
     if not isinstance(sought, GroundSearch):
         return refuse(GROUND, Refused("the ground", sought, usable=True), signal="base.z", unit="m", unexplained=0.0)
     replay = Replay(sought.problem, sought.problem, sought.numbers, sought.numbers)
-    request.progress("measuring the gain on stances that nothing has seen")
+    request.progress("measuring the gain on pieces that nothing has seen")
     measured = measure(replay.problem, replay.fitting, sought.search, GROUND, replay.wide, request.seed)
     findings = tuple(sought.findings(measured.values, complete=len(chains) == len(joints)))
     return _decide(Case(GROUND), replay, sought.search, measured, request, findings)
@@ -220,22 +222,6 @@ def conclude(case: Case, replay: Replay, search: Search, request: Request) -> Jo
 # --- the steps ---------------------------------------------------------------------------------------------------
 
 
-def _check(data: MeasuredSet, progress: Progress) -> tuple[MeasuredSet, list[Finding], Finding | None]:
-    """The data with their faults mended, what was found about them, and the finding that makes them unusable."""
-    robot = data.runs[0].robot
-    if robot not in ROBOTS and not is_robot_file(robot) and (hint := nearest(robot, ROBOTS, MISTYPED)):
-        raise LogError(f"{data.runs[0].name}: there is no robot '{robot}'{hint}; correct it in the sidecar.")
-    machine = robot_of(data.runs[0])
-    said = []
-    if machine is not None:
-        data, said = in_model_units(data, machine)
-        said += check_robot(data.runs, machine)
-    progress("checking the log")
-    data, off = released(data)
-    data, every = corrected(data, [*data.findings, *said, *off, *check_set(data)])
-    return data, merged(every), unusable(every, data)
-
-
 def _replay(pieces: Cut, request: Request, *, before_goal: bool = False) -> Replay | Refused:
     """Free on a bench; driven where what holds the link is not known.
 
@@ -246,8 +232,9 @@ def _replay(pieces: Cut, request: Request, *, before_goal: bool = False) -> Repl
     wide, tuned = adjustable(pieces.models[0], request.search.refitted_by), adjustable(pieces.models[0])
     causes = catalogue(pieces.models[0], request.causes)
     layout = pieces.runs, pieces.joint, pieces.models, pieces.units
-    stops = stops_of(pieces.runs, pieces.joint)
-    seen = (*pieces.findings, *told_stops(stops, pieces.joint))
+    axis = pieces.models[0].axis
+    stops = stops_of(pieces.runs, pieces.joint, axis.reach)
+    seen = (*pieces.findings, *told_stops(stops, pieces.joint, axis.unit("rad")))
     if pieces.terms is not None or all(run.robot == "bench" for run in pieces.runs):
         free = free_problem(*layout, {"position": 1.0 / pieces.noise}, pieces.terms)
         problem = weigh_channels(converged(free), request.search)

@@ -260,7 +260,7 @@ def _name_causes(
                     for p in candidate.variant
                     if p.path in model.fitted.values
                 },
-                gain=1.0 - float(np.sqrt(final.blocks.sum() / without)),
+                gain=max(1.0 - float(np.sqrt(final.blocks.sum() / without)), 0.0),
                 kind="number" if candidate.cause.error else "effect",
                 picture=candidate.cause.picture,
                 rivals=rivals,

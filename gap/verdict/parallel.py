@@ -11,7 +11,7 @@ from contextlib import contextmanager
 from dataclasses import replace
 from pathlib import Path
 
-from ...actuators.processes import end_with_parent
+from ...actuators.processes import cores, end_with_parent
 from ..log.finding import Finding
 from ..log.progress import Milestone
 from ..log.types import MeasuredRun
@@ -46,7 +46,7 @@ def side_by_side(
     Returns:
         The diagnoses in the order of ``joints``.
     """
-    workers = (_cores() if len(joints) >= MANY else 1) if workers is None else workers
+    workers = (cores() if len(joints) >= MANY else 1) if workers is None else workers
     if min(workers, len(joints)) < 2:
         return [_told(diagnose(runs, joint, findings, request), done) for joint in joints]
     fits, quiet = kept_at(), replace(request, progress=_quiet)
@@ -75,10 +75,6 @@ def side_by_side(
             with keeping(_beside(fits, joint)):
                 found[joint] = _told(diagnose(runs, joint, findings, request), done)
     return [found[joint] for joint in joints]
-
-
-def _cores() -> int:
-    return len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
 
 
 def _threads() -> int:

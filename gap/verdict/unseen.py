@@ -9,7 +9,7 @@ may be the slow stretches of a chirp.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Mapping, Sequence
+from collections.abc import Callable, Collection, Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -67,7 +67,29 @@ def effective(fitting: Problem, search: Search, seed: int) -> Model:
             return Model(search, found, bounds, tuple(idled))
         for c in idle:
             idled += withdrawn([c.cause.name], f"its size cannot be told from none ({_interval(c, bounds)})")
-        search = search.less([c.cause.key for c in idle])
+        search = without(fitting, search, [c.cause.key for c in idle])
+
+
+def without(fitting: Problem, search: Search, keys: Collection[str]) -> Search:
+    """A search without some of its causes; those that were accepted on top of one of them are fitted anew.
+
+    Args:
+        fitting: the data as the search saw them.
+        search: with the causes.
+        keys: of those to leave out.
+    """
+    kept = search.less(keys)
+    first = next((k for k, c in enumerate(search.accepted) if c.cause.key in keys), len(search.accepted))
+    if not kept.accepted or first >= len(kept.accepted):  # nothing stood on what is left out
+        return kept
+    last, wanted = kept.accepted[-1], kept.parameters()
+    parts = (fitting.part(FIT_A), fitting.part(FIT_B))
+    starts = [{p.path: found.values[p.path] for p in wanted if p.path in found.values} for found in last.fits]
+    a, b = (fit(part, wanted, start, search.settings.iterations) for part, start in zip(parts, starts, strict=True))
+    crossed = zip(reversed(parts), (a, b), strict=True)
+    blocks = np.concatenate([part.block_errors(part.simulate([found.values])[0]) for part, found in crossed])
+    last = replace(last, fits=(a, b), evidence=replace(last.evidence, blocks=blocks, values=(a.values, b.values)))
+    return replace(kept, accepted=(*kept.accepted[:-1], last))
 
 
 def _idle(candidate: Candidate, bounds: Mapping[str, tuple[float, float]], nominal: Nominal) -> bool:
@@ -203,8 +225,8 @@ def near_misses(search: Search, most: int = 3) -> tuple[OpenCause, ...]:
     from ..search import decide
 
     steps = [step for step in search.record.steps if step.round.candidates]
-    if not steps or steps[-1].winner is not None or len(search.record.steps) > len(search.rounds):
-        return ()
+    if not steps or steps[-1].winner is not None or not search.rounds or search.rounds[-1].accepted:
+        return ()  # it ended otherwise, or only its record went on
     found = []
     record = steps[-1].round
     for standing in decide.standings(record, search.settings, search.record.seed):

@@ -24,11 +24,14 @@ from .show import proposal_text
 from .sidecars import (
     answered,
     beside,
+    beyond,
     blanks,
     checked_actuator,
     checked_robot,
+    completed,
     folder_and_own,
     proposed_sidecar,
+    said_before,
     text_with_blanks,
 )
 
@@ -138,6 +141,8 @@ def import_logs(
 ) -> Imported:
     """Write the recordings of a source as measured logs; nothing that is there is overwritten.
 
+    A ``log.yaml`` that is there stays as it is: what the recordings say otherwise goes into sidecars of their own.
+
     Args:
         source: file or folder.
         out: folder to write to.
@@ -162,15 +167,16 @@ def import_logs(
         raise LogError(f"{found[0].source}: the mapping takes {names}, which it does not have.")
     left = [f"{one.name} does not have the columns of the mapping" for one in found if one not in fitting]
     runs = [converted(mapping, recording) for recording in fitting]
-    shared, own = folder_and_own(runs)
-    sidecar = Path(out) / FOLDER_DEFAULTS
-    text = text_with_blanks(shared, runs)
+    out = Path(out)
+    said, sidecar = said_before(out), out / FOLDER_DEFAULTS
+    shared, own = folder_and_own(runs) if said is None else ({}, [beyond(run, said, out) for run in runs])
+    text, missing = text_with_blanks(shared, runs), blanks([completed(run, said or {}) for run in runs])
     if format is None:
         format = "parquet" if max(len(run.time) for run in runs) > MANY_ROWS else "csv"
-    sidecar.parent.mkdir(parents=True, exist_ok=True)
-    if not sidecar.exists():  # before the logs, which it describes
+    out.mkdir(parents=True, exist_ok=True)
+    if not sidecar.exists() and (shared or missing):  # before the logs, which it describes
         write_text(sidecar, text)
     files = []
     for run, content in zip(runs, own, strict=True):
         files.append(write_run(run, out, format, yaml.safe_dump(content, sort_keys=False, allow_unicode=True)))
-    return Imported(tuple(files), tuple(blanks(runs)), tuple(left), sidecar)
+    return Imported(tuple(files), tuple(missing), tuple(left), sidecar)

@@ -25,6 +25,8 @@ FOLDER = Path(__file__).resolve().parents[3] / "configs" / "mapping"
 """Mappings of published data sets, by one word."""
 KEYS = ("columns", "constants", "questions", "sidecar", "where", "notes", "unused")
 FACT = re.compile(r"\$\{([^}]*)\}")
+WHOLE = 2.0**53
+"""Below it a whole number of float64 is exact, and is written without a point."""
 
 
 @dataclass(frozen=True)
@@ -233,6 +235,11 @@ def filled(content: Any, recording: Recording) -> Any:
 
     if match := FACT.fullmatch(content):
         return value(match[1])
-    return FACT.sub(
-        lambda match: f"{value(match[1]):g}" if not isinstance(value(match[1]), str) else value(match[1]), content
-    )
+    return FACT.sub(lambda match: _spelt(value(match[1])), content)
+
+
+def _spelt(value: float | str) -> str:
+    """A word, or a number with all of its digits: runs whose numbers differ are of different groups."""
+    if isinstance(value, str):
+        return value
+    return str(int(value)) if value.is_integer() and abs(value) < WHOLE else repr(value)

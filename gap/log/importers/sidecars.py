@@ -15,8 +15,10 @@ from ....actuators.published import DRIVES
 from ....envs.bench.robot import NUMBERS
 from ....envs.robot_file import is_robot_file
 from ....envs.robots import get_robot
-from ..sidecar import Sidecar, sidecar_text
+from ..sidecar import FOLDER_DEFAULTS, Sidecar, folder_defaults, robot_beside, sidecar_text
+from ..table import ENDINGS
 from ..types import LogError, MeasuredRun
+from ..units import FACTOR
 from .mapping import Mapping as LogMapping
 from .proposed import Proposal
 from .recording import Recording
@@ -110,12 +112,94 @@ def _bam_chain(facts: Mapping[str, float | str]) -> list[dict[str, Any]] | None:
 
 def folder_and_own(runs: Sequence[MeasuredRun]) -> tuple[dict[str, Any], list[dict[str, Any]]]:
     """What all sidecars say, for ``log.yaml``, and what each says beyond it."""
-    contents = [yaml.safe_load(sidecar_text(Sidecar(r.robot, r.robot_params, r.actuators, r.meta))) for r in runs]
+    contents = [_content(run) for run in runs]
     shared = {key: value for key, value in contents[0].items() if all(other.get(key) == value for other in contents)}
     own = [{key: value for key, value in content.items() if key not in shared} for content in contents]
     for content, run in zip(own, runs, strict=True):
         content["meta"] = {**content.get("meta", {}), "imported_from": str(run.source)}
     return shared, own
+
+
+def _content(run: MeasuredRun) -> dict[str, Any]:
+    return yaml.safe_load(sidecar_text(Sidecar(run.robot, run.robot_params, run.actuators, run.meta)))
+
+
+def said_before(folder: Path) -> dict[str, Any] | None:
+    """What a folder's ``log.yaml`` says: nothing where it has other logs alone, None where it has neither.
+
+    A ``log.yaml`` that is written beside other logs would hold for these too.
+
+    Raises:
+        LogError: the file cannot be read, or is no mapping.
+    """
+    said = folder_defaults(folder)
+    tables = folder.iterdir() if said is None and folder.is_dir() else ()
+    return {} if any(path.suffix in ENDINGS and path.with_suffix(".yaml").is_file() for path in tables) else said
+
+
+def beyond(run: MeasuredRun, said: Mapping[str, Any], folder: Path) -> dict[str, Any]:
+    """What a run's own sidecar must say beyond the ``log.yaml`` that its folder has already.
+
+    What the import leaves open holds as the folder says it, except for the group: such a run is one of its own.
+
+    Raises:
+        LogError: the folder says something that is not so of the run, and that no sidecar takes back.
+    """
+    _check_said(run, said, folder)
+    own: dict[str, Any] = {}
+    for key, value in _content(run).items():
+        held = said.get(key)
+        if isinstance(value, dict) and isinstance(held, dict):  # such are merged by their keys
+            value = {name: entry for name, entry in value.items() if name not in held or held[name] != entry}
+        if value not in ("", {}, None) and value != held:
+            own[key] = value
+    if said.get("robot"):  # the same one, maybe in other words
+        own.pop("robot", None)
+    if said.get("group") is not None and run.meta.get("group") is None:
+        own["group"] = None
+    own["meta"] = {**own.get("meta", {}), "imported_from": str(run.source)}
+    return own
+
+
+def _check_said(run: MeasuredRun, said: Mapping[str, Any], folder: Path) -> None:
+    """A run's own sidecar adds to what the folder says of its machine, or says it otherwise; it takes nothing away."""
+    file, apart = folder / FOLDER_DEFAULTS, "import it into a folder of its own."
+    there = str(said.get("robot") or "")
+    if there and run.robot and robot_beside(there, folder) != robot_beside(run.robot, folder):
+        raise LogError(f"{file} is of the robot {there}, and {run.source} is imported for {run.robot}; {apart}")
+    params, actuators, units = (_mapping(said.get(key)) for key in ("robot_params", "actuators", "units"))
+    if run.robot_params and (more := [key for key in params if key not in run.robot_params]):
+        raise LogError(
+            f"{file} gives robot_params.{more[0]} to every log of its folder, and this import of {run.source} does "
+            f"not; give it too, or {apart}"
+        )
+    if more := [joint for joint in actuators if joint not in run.joints]:
+        raise LogError(
+            f"{file} names an actuator of '{more[0]}' for every log of its folder, and {run.source} has no such joint; "
+            f"{apart}"
+        )
+    stated = _mapping(run.meta.get("units"))
+    for column, unit in units.items():
+        here = any(f".{name}".endswith(f".{column}") for name in run.columns())
+        if here and column not in stated and FACTOR.get(str(unit)) != 1.0:
+            raise LogError(
+                f"{file} says that {column} is in {unit} in every log of its folder, and the import of {run.source} "
+                f"does not; say its unit under sidecar in the mapping, or {apart}"
+            )
+
+
+def completed(run: MeasuredRun, said: Mapping[str, Any]) -> MeasuredRun:
+    """A run with what its folder says where the import leaves it open."""
+    return replace(
+        run,
+        robot=run.robot or str(said.get("robot") or ""),
+        robot_params=run.robot_params or _mapping(said.get("robot_params")),
+        actuators={**_mapping(said.get("actuators")), **run.actuators},
+    )
+
+
+def _mapping(value: Any) -> dict[str, Any]:
+    return value if isinstance(value, dict) else {}
 
 
 def text_with_blanks(content: Mapping[str, Any], runs: Sequence[MeasuredRun]) -> str:
@@ -184,7 +268,7 @@ def answered(
     if robot := beside(checked_robot(robot, out), out):
         sidecar["robot"] = robot
     if params:
-        sidecar["robot_params"] = {**sidecar.get("robot_params", {}), **params}
+        sidecar["robot_params"] = {**(sidecar.get("robot_params") or {}), **params}
     if actuator := checked_actuator(actuator):
         joints = [name.rpartition(".")[0] for name in mapping.columns if name.endswith((".goal", ".torque_command"))]
         sidecar["actuators"] = dict.fromkeys(joints, actuator)

@@ -9,17 +9,19 @@ from dataclasses import dataclass
 import numpy as np
 
 from ..types import Array
+from ..units import FACTOR, behind
 from .evidence import Relation, encoder, grid, whole_numbers
 from .expression import names_in, quoted
 
 SURE, LIKELY, ASK = "sure", "likely", "ask"
 
-ANGLE = {"rad": "", "deg": "*pi/180", "mrad": "*1e-3", "turn": "*2*pi"}
+ANGLE = behind("rad", "deg", "mrad", "turn")
 """Expression behind a column that makes it an angle in rad."""
-WAY = {"m": "", "mm": "*1e-3", "cm": "*1e-2"}
-RATE = {"rad/s": "", "deg/s": "*pi/180", "rpm": "*2*pi/60", "turn/s": "*2*pi", "m/s": "", "mm/s": "*1e-3"}
-PER_RATE = {"rad/s": 1.0, "deg/s": 180.0 / math.pi, "rpm": 30.0 / math.pi, "turn/s": 0.5 / math.pi, "mrad/s": 1e3}
-"""Numbers of a column per rad/s."""
+WAY = behind("m", "mm", "cm")
+POSITION = ANGLE | WAY
+RATE = behind("rad/s", "deg/s", "rpm", "turn/s", "m/s", "mm/s")
+TURNING, MOVING = ("rad/s", "deg/s", "rpm", "turn/s", "mrad/s"), ("m/s", "mm/s")
+"""Units that the velocity of a hinge and of a slide may be in."""
 OTHERS = {
     "torque": {"N.m": "", "mN.m": "*1e-3", "N": ""},
     "torque_command": {"N.m": "", "mN.m": "*1e-3", "N": ""},
@@ -122,20 +124,19 @@ def read_position(name: str, values: Array, said: str, how: str, slide: bool = F
 def read_alike(name: str, said: str, how: str, other: Read, goes: Relation) -> Read:
     """A goal or a second position, by its name or by how it goes with the position that is read as ``other``."""
     column = quoted(name)
-    if said in ANGLE or said in WAY:
-        return Read(column + {**ANGLE, **WAY}[said], said, SURE, f"{how} says {said}")
-    per = {"rad": 1.0, "deg": 180.0 / math.pi, "turn": 0.5 / math.pi, "mrad": 1e3, "m": 1.0, "mm": 1e3, "cm": 1e2}
-    if other.unit in per and goes.fit > 0.3 and goes.scale > 0.0:
+    if said in POSITION:
+        return Read(column + POSITION[said], said, SURE, f"{how} says {said}")
+    if other.unit in POSITION and goes.fit > 0.3 and goes.scale > 0.0:
         known = WAY if other.unit in WAY else ANGLE
-        unit = min(known, key=lambda unit: abs(math.log(per[other.unit] / goes.scale / per[unit])))
+        unit = min(known, key=lambda unit: abs(math.log(FACTOR[unit] / goes.scale / FACTOR[other.unit])))
         if unit != other.unit and abs(math.log(goes.scale)) < math.log(CLOSE):
             unit = other.unit
         trust = other.trust if unit == other.unit or other.trust == ASK else LIKELY
         why = f"the position moves {goes.scale:.2f} times as far: {unit}"
         return Read(column + known[unit], unit, trust, why, other.ask)
     text = other.text.replace(next(iter(_columns(other.text)), ""), column) if other.trust == ASK else column
-    if other.unit in ANGLE or other.unit in WAY:
-        text = column + {**ANGLE, **WAY}[other.unit]
+    if other.unit in POSITION:
+        text = column + POSITION[other.unit]
     trust = ASK if other.trust == ASK else LIKELY
     return Read(text, other.unit, trust, f"taken to be in the unit of the position, {other.unit}", other.ask)
 
@@ -152,14 +153,11 @@ def read_velocity(name: str, said: str, how: str, slope: Relation, position: Rea
         said += "/s"
     shown = ""
     if slope.fit > 0.7 and slope.scale > 0.0:
-        unit_of_position = {"deg": 180.0 / math.pi, "rad": 1.0, "turn": 0.5 / math.pi, "m": 1.0, "mm": 1e3, "mrad": 1e3}
-        per = slope.scale * unit_of_position.get(position.unit, 1.0)
+        per = slope.scale / (FACTOR[position.unit] if position.unit in POSITION else 1.0)
         shown = f"it is {slope.scale:.3g} times the derivative of the position as logged"
-        if position.unit in ("m", "mm"):
-            unit = min(("m/s", "mm/s"), key=lambda u: abs(math.log(per / {"m/s": 1.0, "mm/s": 1e3}[u])))
-        else:
-            unit = min(PER_RATE, key=lambda u: abs(math.log(per / PER_RATE[u])))
-        size = per / {**PER_RATE, "m/s": 1.0, "mm/s": 1e3}[unit]
+        rates = MOVING if position.unit in WAY else TURNING
+        unit = min(rates, key=lambda unit: abs(math.log(per * FACTOR[unit])))
+        size = per * FACTOR[unit]
         if said in known and unit != said:
             return Read(column + known[said], said, ASK, f"{how} says {said}, but {shown}, as {unit} would be")
         if position.unit == "tick" and not said:

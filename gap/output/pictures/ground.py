@@ -1,31 +1,39 @@
-"""Pictures of the ground: a stance as measured and as simulated, and the errors of many."""
+"""Pictures of the ground: a piece of a walk as measured and as simulated, and the errors of many."""
 
 from __future__ import annotations
 
 import numpy as np
 from matplotlib.figure import Figure
 
-from ...ground.stances import COLUMNS
 from ...log.parts import TEST
 from ...verdict.verdict import NamedCause
 from .evidence import Evidence
 from .style import EXTENDED, MEASURED, NOMINAL, figure, legend_above, styled
 
-SHOWN = {"base.z": "height of the hip", "base.x": "way of the hip along the ground"}
-"""Columns that show a cause."""
-FACTOR, UNIT = 1e3, "mm"
+WORDS = {
+    "x": "way of the base along x",
+    "y": "way of the base along y",
+    "z": "height of the base",
+    "roll": "roll of the base",
+    "pitch": "pitch of the base",
+    "yaw": "yaw of the base",
+}
+ANGLES = ("roll", "pitch", "yaw")
+FACTOR, UNITS = 1e3, {"m": "mm", "rad": "mrad"}
 
 
 @styled
 def stance(evidence: Evidence, cause: NamedCause) -> Figure:
-    """The stance of the test part where the nominal model is most wrong, and the errors of all stances of it."""
+    """The piece of the test part where the nominal model is most wrong, and the errors of all pieces of it."""
     diagnosis, problem = evidence.diagnosis, evidence.diagnosis.problem
     if problem is None:
         raise ValueError("a diagnosis without a replay has no stance to draw")
-    shown = cause.against if cause.against in SHOWN else "base.z"
-    if not np.isfinite(problem.measured[:, COLUMNS.index(shown)]).any():
-        shown = "base.z"
-    column, factor, unit = COLUMNS.index(shown), FACTOR, UNIT
+    names, told = list(problem.channels), problem.signal[0]
+    shown = cause.against if cause.against in names else told
+    if not np.isfinite(problem.measured[:, names.index(shown)]).any():
+        shown = told
+    column, factor = names.index(shown), FACTOR
+    unit = UNITS["rad" if shown.endswith(ANGLES) else "m"]
     errors = {model: problem.errors(diagnosis.simulated[model])[:, column] for model in ("nominal", "extended")}
     units = [k for k, one in enumerate(problem.units) if one.part == TEST] or list(range(len(problem.units)))
     rows = [np.arange(problem.starts[k], problem.starts[k + 1]) for k in units]
@@ -33,21 +41,21 @@ def stance(evidence: Evidence, cause: NamedCause) -> Figure:
     worst = max(rows, key=lambda row: float(np.nanmean(errors["nominal"][row] ** 2)))
     chart = figure(5.8, 5.8)
     one, all_ = chart.subplots(2, 1)
-    zero = problem.measured[worst[0], column] if column == 1 else 0.0
+    zero = problem.measured[worst[0], column] if shown.rpartition(".")[2] in ("x", "y", "yaw") else 0.0
     time = 1e3 * (problem.time[worst] - problem.time[worst[0]])
     for model, colour in (("nominal", NOMINAL), ("extended", EXTENDED)):
         path = problem.measured[worst, column] + errors[model][worst] - zero
         one.plot(time, factor * path, color=colour, label=f"{model} model")
     one.plot(time, factor * (problem.measured[worst, column] - zero), ".", color=MEASURED, ms=4, label="measured")
-    one.set_ylabel(f"{SHOWN[shown]} [{unit}]")
+    one.set_ylabel(f"{WORDS.get(shown.rpartition('.')[2], shown)} [{unit}]")
     legend_above(one)
     for model, colour in (("nominal", NOMINAL), ("extended", EXTENDED)):
         for k, row in enumerate(rows):
             at = 1e3 * (problem.time[row] - problem.time[row[0]])
-            label = f"{model} model, every stance" if k == 0 else None
+            label = f"{model} model, every piece" if k == 0 else None
             all_.plot(at, -factor * errors[model][row], color=colour, lw=0.7, alpha=0.6, label=label)
     all_.axhline(0.0, color=MEASURED, lw=0.9)
     all_.set_ylabel(f"measured minus model [{unit}]")
-    all_.set_xlabel("time in the stance [ms]")
+    all_.set_xlabel("time in the piece [ms]")
     legend_above(all_, 2)
     return chart

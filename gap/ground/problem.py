@@ -1,4 +1,4 @@
-"""Stances of a legged log as a problem that the search understands: errors of whole-leg replays, in units of noise.
+"""Pieces of a legged log as a problem that the search understands: errors of whole-robot replays, in units of noise.
 
 A replay starts from a measured state, which is known only so well, and an error of the start grows over the stance. So
 errors are weighed by their covariance: noise of the columns, and what the start state's uncertainty makes of them (to
@@ -9,30 +9,86 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
-from typing import Self
+from typing import Any, Protocol, Self
 
 import numpy as np
 
 from ..log.parts import ENOUGH_RUNS, TEST, Unit, held_out
 from ..log.types import MeasuredRun
-from ..replay.problem import CALIBRATION
+from ..replay.problem import CALIBRATION, Nominal
 from ..replay.robust import robust_loss
 from ..replay.selection import select
-from .leg_model import LegModel
-from .leg_replay import STEP, LegReplay
-from .stances import COLUMNS, Stance, columns
+from .stances import Stance
 
 FLOOR = 0.8  # squared error over that of the noise that a right model reaches: the noise is known with a margin
 CONTACT_ERROR = 0.1  # relative, of friction, stiffness and damping: assumed, about what an independent leg showed
-FIRST = 0.015  # [s] of a piece that is not judged: the start state was fitted to it
-MODEL = np.array([1.5e-4, 2e-4, 1e-3, 1e-3])
-"""What two right models of hard contact differ by over a stance, in the judged columns [m, m, rad, rad]: assumed, from
-replays of an independent leg on rigid ground. Errors this small say nothing about the ground."""
+
+
+class Grounded(Nominal, Protocol):
+    """A robot with its chains, on a ground whose numbers vary."""
+
+    def with_fitted(self, values: Mapping[str, float], /) -> Self:
+        """The robot on another ground; factors are on this one's own values."""
+        ...
+
+    def mjcf(self) -> str:
+        """The robot on its ground, for plain MuJoCo."""
+        ...
+
+
+class Replayer(Protocol):
+    """The engine with a robot and pieces of its log in it."""
+
+    @property
+    def step(self) -> float:
+        """Of the engine [s]."""
+        ...
+
+    @property
+    def pieces(self) -> Sequence[Stance]:
+        """Of the log, in the order of their numbers."""
+        ...
+
+    def simulate(
+        self, models: Sequence[Any], rows: Sequence[int], states: np.ndarray | None = None
+    ) -> list[np.ndarray]:
+        """Replay pieces by number on every ground: per piece its judged columns (v, samples, c).
+
+        ``states`` are the starts of each piece, one per ground (v, s, k); default: as measured.
+        """
+        ...
+
+
+@dataclass(frozen=True)
+class Judged:
+    """What is compared: columns of the log, in one order everywhere.
+
+    Attributes:
+        names: of the columns.
+        units: m or rad, of each.
+        model_error: what two right models of contact differ by over a piece, in each [m or rad].
+        noise: rms error of a sample of each [m or rad], NaN where it was not logged.
+        first: time of a piece that is not judged [s]: the start state was fitted to it.
+        law_error: relative, of what the ground does with a force, between two right models of contact.
+    """
+
+    names: tuple[str, ...]
+    units: tuple[str, ...]
+    model_error: np.ndarray
+    noise: np.ndarray
+    first: float
+    law_error: float = CONTACT_ERROR
+
+    @property
+    def weight(self) -> np.ndarray:
+        """One over the noise of each column, 0 where it was not logged."""
+        total = np.hypot(self.noise, self.model_error)
+        return np.where(np.isfinite(total), 1.0 / np.where(np.isfinite(total), total, 1.0), 0.0)
 
 
 @dataclass(frozen=True, eq=False)
-class LegProblem:
-    """Stances as units; the judged columns as channels, the height of the hip first.
+class GroundProblem:
+    """Pieces as units; the judged columns as channels.
 
     It is a :class:`sealegs.gap.replay.problem.Problem`.
 
@@ -40,31 +96,35 @@ class LegProblem:
         units: stances.
         time: of the samples of all stances since the start of their run, one behind the other (n,) [s].
         starts: first sample of each stance and the end of the last (u + 1,).
-        measured: judged columns (n, 4), NaN where not logged.
-        weight: one over the noise of each column (4,), 0 where it was not logged.
+        columns: what is judged.
+        measured: judged columns (n, c), NaN where not logged.
+        weight: one over the noise of each column (c,), 0 where it was not logged.
         judged: samples that count (n,).
-        models: the leg as believed, the same for all runs.
+        models: the robot as believed, the same for all runs.
         replayer: the engine, with all stances in it.
         rows: number of each unit's stance in the replayer.
         whitening: per unit, matrix that turns its errors, in parts of the noise, into independent ones (m, m).
         correction: per unit, matrix that takes from them what is the start state's (m, m).
+        told: number of the column that the gap is told in.
     """
 
     units: tuple[Unit, ...]
     time: np.ndarray
     starts: np.ndarray
+    columns: Judged
     measured: np.ndarray
     weight: np.ndarray
     judged: np.ndarray
-    models: tuple[LegModel, ...]
-    replayer: LegReplay
+    models: tuple[Grounded, ...]
+    replayer: Replayer
     rows: tuple[int, ...]
     whitening: tuple[np.ndarray, ...]
     correction: tuple[np.ndarray, ...]
+    told: int = 0
 
     @property
     def joint(self) -> None:
-        """None: a leg has several."""
+        """None: a legged robot has several."""
         return None
 
     @property
@@ -80,7 +140,7 @@ class LegProblem:
     @property
     def sampled(self) -> tuple[int, ...]:
         """All columns are compared sample by sample."""
-        return tuple(range(len(COLUMNS)))
+        return tuple(range(len(self.columns.names)))
 
     @property
     def groups(self) -> int:
@@ -90,7 +150,7 @@ class LegProblem:
     @property
     def step(self) -> float:
         """Step of the engine [s]."""
-        return STEP
+        return self.replayer.step
 
     @property
     def temperature_range(self) -> float:
@@ -100,17 +160,17 @@ class LegProblem:
     @property
     def channels(self) -> tuple[str, ...]:
         """Names of the judged columns."""
-        return COLUMNS
+        return self.columns.names
 
     @property
     def signal(self) -> tuple[str, str]:
         """The column that the gap is told in, and its unit."""
-        return COLUMNS[0], "m"
+        return self.columns.names[self.told], self.columns.units[self.told]
 
     @property
     def noise(self) -> float:
-        """Noise floor of the hip's height [m]."""
-        return 1.0 / float(self.weight[0])
+        """Noise floor of the column that the gap is told in [m or rad]."""
+        return 1.0 / float(self.weight[self.told])
 
     def covariates(self, simulated: np.ndarray) -> dict[str, np.ndarray]:
         """None: errors are independent here, so that their structure needs no learner."""
@@ -126,12 +186,12 @@ class LegProblem:
         return float(robust_loss(self.residual(simulated[None])[0]).mean()) - FLOOR
 
     def chain(self, values: Mapping[str, float]) -> None:
-        """None: a leg on the ground has a chain for each of its joints."""
+        """None: a robot on the ground has a chain for each of its joints."""
         del values
 
     def mjcf(self, values: Mapping[str, float]) -> str:
-        """The whole leg, its joints as diagnosed, on the ground that was found."""
-        return self.models[0].with_fitted(values).drivetrain().spec.to_xml()
+        """The whole robot, its joints as diagnosed, on the ground that was found."""
+        return self.models[0].with_fitted(values).mjcf()
 
     def picture(self, named: str) -> str:
         """A stance, whatever the cause."""
@@ -140,7 +200,7 @@ class LegProblem:
 
     def systematic_error(self, path: str) -> float:
         """Two right models of contact agree on the slope, and only roughly on what the ground does with a force."""
-        return CALIBRATION if path == "contact.slope" else CONTACT_ERROR
+        return CALIBRATION if path.startswith("contact.slope") else self.columns.law_error
 
     def part(self, *parts: int) -> Self:
         """The problem that has only the stances of these parts."""
@@ -162,23 +222,23 @@ class LegProblem:
         del factor
         return self
 
-    def weighed(self, values: Mapping[str, float]) -> LegProblem:
+    def weighed(self, values: Mapping[str, float]) -> Self:
         """The problem with the uncertainty of the start states carried through another ground.
 
         Where the ground is far from what was believed, so is what an error of the start makes of a stance.
         """
-        leg = self.models[0].with_fitted(values)
-        whitening, correction = _weigh(self.replayer, leg, self.rows, self.weight, self.judged, self.starts)
+        robot = self.models[0].with_fitted(values)
+        whitening, correction = _weigh(self.replayer, robot, self.rows, self.weight, self.judged, self.starts)
         return replace(self, whitening=whitening, correction=correction)
 
     def simulate(self, variants: Sequence[Mapping[str, float]], step: float | None = None) -> np.ndarray:
-        """Replay every stance on the ground of every variant: judged columns (v, n, 4)."""
+        """Replay every stance on the ground of every variant: judged columns (v, n, c)."""
         del step
-        legs = [self.models[0].with_fitted(values) for values in variants]
-        return np.concatenate(self.replayer.simulate(legs, self.rows), axis=1)
+        robots = [self.models[0].with_fitted(values) for values in variants]
+        return np.concatenate(self.replayer.simulate(robots, self.rows), axis=1)
 
     def residual(self, simulated: np.ndarray, every: int = 1) -> np.ndarray:
-        """Independent errors (v, m) of simulated columns (v, n, 4), in parts of the noise, of all judged samples."""
+        """Independent errors (v, m) of simulated columns (v, n, c), in parts of the noise, of all judged samples."""
         del every  # whitening mixes the samples of a stance
         return np.concatenate(
             [
@@ -200,15 +260,17 @@ class LegProblem:
         return np.repeat(np.arange(len(counts)), counts), counts
 
     def block_errors(self, simulated: np.ndarray) -> np.ndarray:
-        """Sum of the losses of independent errors per stance (u,), of one variant (n, 4)."""
+        """Sum of the losses of independent errors per stance (u,), of one variant (n, c)."""
         return np.bincount(self.blocks()[0], robust_loss(self.residual(simulated[None])[0]))
 
     def position_error(self, simulated: np.ndarray) -> np.ndarray:
-        """Errors of the hip's height [m] of one variant (n, 4), less what the start state's uncertainty explains."""
-        return self.errors(simulated)[self.judged, 0]
+        """Errors of the column that the gap is told in, of one variant (n, c) [m or rad], less what
+        the start state's uncertainty explains.
+        """
+        return self.errors(simulated)[self.judged, self.told]
 
     def errors(self, simulated: np.ndarray) -> np.ndarray:
-        """Errors of one variant (n, 4) as :meth:`position_error`, in the columns' units, NaN where not judged."""
+        """Errors of one variant (n, c) as :meth:`position_error`, in the columns' units, NaN where not judged."""
         out = np.full(simulated.shape, np.nan)
         used = np.flatnonzero(self.weight > 0.0)
         units = zip(self._errors(simulated[None]), self.correction, self.starts[:-1], self.starts[1:], strict=True)
@@ -218,54 +280,54 @@ class LegProblem:
         return out
 
 
-def leg_problem(
+def ground_problem(
     runs: Sequence[MeasuredRun],
-    leg: LegModel,
-    stances: Sequence[Stance],
-    noise: np.ndarray,
+    model: Grounded,
+    replayer: Replayer,
+    columns: Judged,
+    values: Sequence[np.ndarray],
     test_group: str | None = None,
-) -> LegProblem:
-    """Lay stances out; they are dealt to the parts in turn, by runs where there are enough of them.
+) -> GroundProblem:
+    """Lay pieces out; they are dealt to the parts in turn, by runs where there are enough of them.
 
-    With a test group, its stances are the test part, and the others are dealt to the two parts that are fitted.
+    With a test group, its pieces are the test part, and the others are dealt to the two parts that are fitted.
 
     Args:
         runs: of one machine.
-        leg: nominal, with its joints as diagnosed.
-        stances: of :func:`sealegs.gap.ground.stances.find_stances`.
-        noise: rms error of a sample of each judged column (4,), NaN where it was not logged.
+        model: nominal, with its joints as diagnosed.
+        replayer: with the pieces in it.
+        columns: that are judged.
+        values: of them in each run (n, c), NaN where not logged.
         test_group: group of runs to keep for the test.
 
     Raises:
         LogError: the test group does not exist, or nothing is left to fit on.
     """
-    parts = _dealt(stances, held_out(runs, test_group))
-    replayer = LegReplay(leg, runs, stances, STEP)
+    pieces = replayer.pieces
+    parts = _dealt(pieces, held_out(runs, test_group))
     units, times, measured, starts = [], [], [], [0]
-    for k, stance in enumerate(stances):
-        run, part = runs[stance.run], slice(stance.start, stance.stop)
-        time = run.time[part]
-        first = int(np.searchsorted(time, time[0] + FIRST))
-        units.append(
-            Unit(stance.run, parts[k], stance.start, stance.stop, first,
-                 (float(stance.state[0]), float(stance.state[4])))
-        )  # fmt: skip
-        times.append(time - run.time[0])
-        measured.append(columns(run)[part])
+    for k, piece in enumerate(pieces):
+        part = slice(piece.start, piece.stop)
+        time = runs[piece.run].time[part]
+        first = int(np.searchsorted(time, time[0] + columns.first))
+        speed = float(piece.state[len(piece.state) // 2])
+        units.append(Unit(piece.run, parts[k], piece.start, piece.stop, first, (float(piece.state[0]), speed)))
+        times.append(time - runs[piece.run].time[0])
+        measured.append(values[piece.run][part])
         starts.append(starts[-1] + len(time))
-    total = np.hypot(noise, MODEL)
-    weight = np.where(np.isfinite(total), 1.0 / np.where(np.isfinite(total), total, 1.0), 0.0)
+    weight = columns.weight
     judged = np.concatenate([np.arange(unit.stop - unit.start) >= unit.judged for unit in units])
-    rows, bounds = tuple(range(len(stances))), np.array(starts)
-    whitening, correction = _weigh(replayer, leg, rows, weight, judged, bounds)
-    return LegProblem(
+    rows, bounds = tuple(range(len(pieces))), np.array(starts)
+    whitening, correction = _weigh(replayer, model, rows, weight, judged, bounds)
+    return GroundProblem(
         units=tuple(units),
         time=np.concatenate(times),
         starts=bounds,
+        columns=columns,
         measured=np.concatenate(measured),
         weight=weight,
         judged=judged,
-        models=(leg,),
+        models=(model,),
         replayer=replayer,
         rows=rows,
         whitening=whitening,
@@ -286,23 +348,24 @@ def _dealt(stances: Sequence[Stance], held: frozenset[int]) -> list[int]:
 
 
 def _weigh(
-    replayer: LegReplay,
-    leg: LegModel,
+    replayer: Replayer,
+    robot: Grounded,
     rows: Sequence[int],
     weight: np.ndarray,
     judged: np.ndarray,
     starts: np.ndarray,
 ) -> tuple[tuple[np.ndarray, ...], tuple[np.ndarray, ...]]:
-    """Whitening and correction of every stance, from the leg's answer to its start state."""
-    stances = [replayer.stances[row] for row in rows]
-    moved = [np.array([stance.state for stance in stances])]
-    moved += [np.array([stance.state + stance.spread * (np.arange(8) == k) for stance in stances]) for k in range(8)]
-    paths = replayer.simulate([leg] * 9, rows, np.stack(moved))
+    """Whitening and correction of every piece, from the robot's answer to its start state."""
+    pieces = [replayer.pieces[row] for row in rows]
+    size = len(pieces[0].state)
+    moved = [np.array([piece.state for piece in pieces])]
+    moved += [np.array([piece.state + piece.spread * (np.arange(size) == k) for piece in pieces]) for k in range(size)]
+    paths = replayer.simulate([robot] * (size + 1), rows, np.stack(moved))
     whitening, correction = [], []
     for path, a, b in zip(paths, starts[:-1], starts[1:], strict=True):
-        change = ((path[1:] - path[0]) * weight)[..., weight > 0.0][:, judged[a:b]].reshape(8, -1).T
-        left, size, _ = np.linalg.svd(change, full_matrices=False)
+        change = ((path[1:] - path[0]) * weight)[..., weight > 0.0][:, judged[a:b]].reshape(size, -1).T
+        left, sizes, _ = np.linalg.svd(change, full_matrices=False)
         one = np.eye(len(change))
-        whitening.append(one - (left * (1.0 - 1.0 / np.sqrt(1.0 + size**2))) @ left.T)
-        correction.append(one - (left * (size**2 / (1.0 + size**2))) @ left.T)
+        whitening.append(one - (left * (1.0 - 1.0 / np.sqrt(1.0 + sizes**2))) @ left.T)
+        correction.append(one - (left * (sizes**2 / (1.0 + sizes**2))) @ left.T)
     return tuple(whitening), tuple(correction)

@@ -1,0 +1,100 @@
+"""A hopper's log laid out for a search of its ground: stances, from the flight before each."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from functools import partial
+
+import numpy as np
+
+from ...actuators import Chain, load_chain
+from ...actuators.errors import SealegsError
+from ..causes.cause import Cause
+from ..log.finding import Finding
+from ..log.parts import held_out
+from ..log.progress import Progress
+from ..log.types import LogError, MeasuredRun
+from .laid import FEWEST, Laid, too_few
+from .leg_causes import contact_causes, ground_numbers
+from .leg_model import LegModel
+from .leg_replay import JOINTS, STEP, LegReplay
+from .problem import GroundProblem, Judged, ground_problem
+from .stances import COLUMNS, FIRST, MODEL, UNITS, Stance, column_noise, columns, find_stances
+
+
+def lay_leg(
+    runs: Sequence[MeasuredRun], chains: Mapping[str, Chain], progress: Progress, test_group: str | None = None
+) -> Laid | str:
+    """The stances of a hopper; a sentence where the log has none to judge.
+
+    Args:
+        runs: of one machine.
+        chains: of the joints that were diagnosed, as found.
+        progress: is told what goes on.
+        test_group: group of runs that no fit and no choice may see.
+
+    Raises:
+        SealegsError: the sidecar's numbers are none of the robot's, or the test group does not exist.
+    """
+    held = held_out(runs, test_group)
+    absent = [name for name in JOINTS if any(name not in run.joints or name not in run.actuators for run in runs)]
+    if absent:
+        return f"{' and '.join(absent)} of the leg was not logged; record all of its joints."
+    if not all(np.isfinite(run.base.get("z", np.nan)).any() for run in runs):
+        return "the height of the base was not logged; record it as base.z (a boom encoder or a camera)."
+    try:
+        leg = LegModel.of(
+            runs[0].robot_params, {name: chains.get(name) or load_chain(runs[0].actuators[name]) for name in JOINTS}
+        )
+    except SealegsError as error:
+        raise LogError(f"{runs[0].name}: {error}") from None
+    hidden = [
+        name for name in JOINTS if leg.gives_way(name) and any(r.joints[name].link_position is None for r in runs)
+    ]
+    if hidden:
+        wanted = " and ".join(f"{name}.link_position" for name in hidden)
+        return f"the links behind the springs were not logged; record {wanted}."
+    progress("looking for stances")
+    noise = column_noise(runs)
+    stances = find_stances(runs, leg, noise)
+    if len(stances) < FEWEST:
+        return (
+            f"the leg left the ground {len(stances)} times for long enough, and {FEWEST} stances are needed; "
+            "let it hop for longer."
+        )
+    tested = sum(stance.run in held for stance in stances)
+    if (why := too_few(len(stances), tested, bool(held), test_group, "stances")) is not None:
+        return why
+    return Laid(
+        problem=leg_problem(runs, leg, stances, noise, test_group),
+        causes=partial(_causes, leg),
+        tuned=tuple(ground_numbers(leg)),
+        pieces="stances",
+        advice="the foot stays far from its limits. Hop higher, or push harder forward and back.",
+        findings=() if np.isfinite(noise[1]) else (_unlogged(),),
+        needs_joints=True,
+    )
+
+
+def leg_problem(
+    runs: Sequence[MeasuredRun],
+    leg: LegModel,
+    stances: Sequence[Stance],
+    noise: np.ndarray,
+    test_group: str | None = None,
+) -> GroundProblem:
+    """Stances of a hopper as a problem, with the rms error of a sample of each judged column (4,)."""
+    judged = Judged(COLUMNS, UNITS, np.array(MODEL), noise, FIRST)
+    replay = LegReplay(leg, runs, stances, STEP)
+    return ground_problem(runs, leg, replay, judged, [columns(run) for run in runs], test_group)
+
+
+def _causes(leg: LegModel, names: Sequence[str] | None) -> list[Cause]:
+    return contact_causes(leg, names)
+
+
+def _unlogged() -> Finding:
+    return Finding(
+        "contact.columns", "note", "ground", "base.x",
+        "base.x was not logged: friction and slope show through the links alone, and are less certain.",
+    )  # fmt: skip

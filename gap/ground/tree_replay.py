@@ -1,0 +1,215 @@
+"""Many pieces of a walking robot's log on many grounds at once, in the engine.
+
+All joints follow their measured motion, so what is judged is how the base moves on the ground. A joint is so heavy that
+only the force which makes it follow its path can move it; no drive takes part.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+
+import mujoco
+import numpy as np
+from mujoco.batch import Batch
+from scipy.interpolate import CubicHermiteSpline
+
+from ...actuators.engine import install
+from ..checks.signal import derivatives
+from ..load.robot import Frame
+from ..log.types import MeasuredRun
+from .stances import Stance
+from .tree_model import TreeModel, ground_of
+from .tree_pieces import LENGTH, BaseColumns
+
+STEP = 1e-3  # [s] of the engine
+MOST_SIMULATIONS = 512  # side by side
+FLYWHEEL = 1e6  # [kg.m2 or kg] of a joint that follows its measured motion
+FREE = 1e6  # [rad or m] of a stop that nothing reaches
+FITTED = 0.03  # [s] over which readings of a joint are smoothed
+LOOPS, CLOSED = 20, 1e-10  # steps in which passive joints close a robot's loops, and how well
+
+
+class TreeReplay:
+    """The engine with a robot in it.
+
+    Attributes:
+        step: of the engine [s].
+        pieces: of the log.
+    """
+
+    def __init__(
+        self,
+        robot: TreeModel,
+        runs: Sequence[MeasuredRun],
+        pieces: Sequence[Stance],
+        columns: BaseColumns,
+        frames: Mapping[str, Frame],
+    ) -> None:
+        """Build the robot; its ground may differ from replay to replay."""
+        self.step, self.pieces, self._columns = STEP, list(pieces), columns
+        self._made_from = (robot, runs, pieces, columns, frames)
+        self.drivetrain = robot.drivetrain()
+        model = self.model = self.drivetrain.model
+        model.opt.timestep, model.opt.integrator = STEP, mujoco.mjtIntegrator.mjINT_IMPLICITFAST
+        model.opt.disableflags |= int(mujoco.mjtDisableBit.mjDSBL_ACTUATION)
+        # friction holds a foot that does not slide; with the default it creeps
+        model.opt.cone, model.opt.impratio = mujoco.mjtCone.mjCONE_ELLIPTIC, max(model.opt.impratio, 10.0)
+        self.names = [item.name for item in self.drivetrain.coordinates]
+        self.joints, self._motors = _shares([self.drivetrain.terms(name) for name in self.names])
+        self.links, self._links = _shares([self.drivetrain.terms(name, "link") for name in self.names])
+        for name in self.joints:
+            number = model.joint(name).id
+            dof = int(model.jnt_dofadr[number])
+            model.dof_armature[dof], model.dof_frictionloss[dof], model.dof_damping[dof] = FLYWHEEL, 0.0, 0.0
+            model.jnt_range[number], model.jnt_stiffness[number] = (-FREE, FREE), 0.0
+        self.steps = int(np.ceil(LENGTH / STEP)) + 1
+        self.time = [runs[p.run].time[p.start : p.stop] - runs[p.run].time[p.start] for p in self.pieces]
+        self._follow(runs, frames)
+        self.rest = np.stack([self._closed(k) for k in range(len(self.pieces))])
+        self._batch: Batch | None = None
+
+    def __reduce__(self) -> tuple[type[TreeReplay], tuple[object, ...]]:
+        """Pickled as what it is made from: an engine cannot be."""
+        return type(self), self._made_from
+
+    def _follow(self, runs: Sequence[MeasuredRun], frames: Mapping[str, Frame]) -> None:
+        """Where every driven joint is at each engine step of each piece, and how it speeds up."""
+        ticks = np.arange(self.steps + 1) * STEP
+        paths = [[self._path(run, name, frames) for name in self.names] for run in runs]
+        angles = np.empty((self.steps + 1, len(self.pieces), len(self.names)))
+        for k, piece in enumerate(self.pieces):
+            at = runs[piece.run].time[piece.start] + ticks
+            for row, path in enumerate(paths[piece.run]):
+                angles[:, k, row] = path(np.minimum(at, path.x[-1]))
+        self.position, self._begin = angles @ self._motors.T, angles[:2] @ self._links.T
+        # as the engine integrates: a speed first, with which it then moves
+        moved = np.diff(self.position, axis=0)
+        self.speed = np.concatenate([moved[:1], moved]) / STEP
+        self.acceleration = np.diff(self.speed, axis=0) / STEP
+
+    def _path(self, run: MeasuredRun, name: str, frames: Mapping[str, Frame]) -> CubicHermiteSpline:
+        """A smooth path through the readings of a coordinate, in the frame of the model."""
+        log, frame = run.joints[name], frames.get(name, Frame())
+        encoder = self.drivetrain.chains[name].find("encoder")
+        scale, offset = (1.0, 0.0) if encoder is None else (encoder.scale, encoder.offset)
+        good = np.isfinite(log.position)
+        values = frame.sign * (np.interp(run.time, run.time[good], log.position[good]) - frame.zero)
+        smooth, rate, _ = derivatives(run.time, (values - offset) / scale, FITTED)
+        return CubicHermiteSpline(run.time, smooth, rate)
+
+    def _closed(self, k: int) -> np.ndarray:
+        """Positions and speeds (nq + nv,) at the start of a piece, with the loops of the robot closed."""
+        model, data = self.model, mujoco.MjData(self.model)
+        mujoco.mj_resetData(model, data)
+        for j, name in enumerate(self.links):  # behind springs, they start where their motors are
+            first, second = self._begin[:, k, j]
+            data.joint(name).qpos[0], data.joint(name).qvel[0] = first, (second - first) / STEP
+        for j, name in enumerate(self.joints):
+            data.joint(name).qpos[0], data.joint(name).qvel[0] = self.position[0, k, j], self.speed[0, k, j]
+        driven = [int(model.joint(name).dofadr[0]) for name in dict.fromkeys([*self.links, *self.joints])]
+        if not model.neq:
+            return np.concatenate([data.qpos, data.qvel])
+        base = {dof for number in self._columns.layout.joints for dof in _dofs(model, number)}
+        passive = [dof for dof in range(model.nv) if dof not in base and dof not in driven]
+        for _ in range(LOOPS):
+            mujoco.mj_fwdPosition(model, data)
+            rows = data.efc_type[: data.nefc] == int(mujoco.mjtConstraint.mjCNSTR_EQUALITY)
+            error = data.efc_pos[: data.nefc][rows]
+            slope = self._dense(data)[rows]
+            change = np.zeros(model.nv)
+            change[passive] = -np.linalg.pinv(slope[:, passive]) @ error
+            if not rows.any() or np.abs(change).max() < CLOSED:
+                break
+            mujoco.mj_integratePos(model, data.qpos, change, 1.0)
+        if rows.any():
+            data.qvel[passive] = -np.linalg.pinv(slope[:, passive]) @ (slope[:, driven] @ data.qvel[driven])
+        return np.concatenate([data.qpos, data.qvel])
+
+    def _dense(self, data: mujoco.MjData) -> np.ndarray:
+        """Jacobian of all constraints (nefc, nv)."""
+        if not mujoco.mj_isSparse(self.model):
+            return np.array(data.efc_J).reshape(-1, self.model.nv)[: data.nefc]
+        dense = np.zeros((data.nefc, self.model.nv))
+        mujoco.mju_sparse2dense(dense, data.efc_J, data.efc_J_rownnz, data.efc_J_rowadr, data.efc_J_colind)
+        return dense
+
+    def simulate(
+        self, models: Sequence[TreeModel], rows: Sequence[int], states: np.ndarray | None = None
+    ) -> list[np.ndarray]:
+        """Replay pieces on every ground.
+
+        Args:
+            models: differ in their ground only (v).
+            rows: numbers of the pieces (s).
+            states: start of each piece, one per ground (v, s, 2 k); default: as measured.
+
+        Returns:
+            Per piece the quantities of the base at its samples (v, samples, k).
+        """
+        chosen, count = np.asarray(rows), len(rows)
+        if states is None:
+            states = np.array([self.pieces[row].state for row in rows])
+        states = np.broadcast_to(states, (len(models), count, states.shape[-1])).reshape(-1, states.shape[-1])
+        ground, piece = np.repeat(np.arange(len(models)), count), np.tile(chosen, len(models))
+        recorded = np.empty((self.steps + 1, len(ground), states.shape[-1] // 2))
+        for first in range(0, len(ground), MOST_SIMULATIONS):
+            part = slice(first, first + MOST_SIMULATIONS)
+            recorded[:, part] = self._run(models, ground[part], piece[part], states[part])
+        out = []
+        for k, row in enumerate(chosen):
+            at = self.time[row] / STEP
+            low = np.minimum(at.astype(int), self.steps - 1)
+            share = (at - low)[:, None, None]
+            path = recorded[:, k::count]
+            out.append(((1.0 - share) * path[low] + share * path[low + 1]).transpose(1, 0, 2))
+        return out
+
+    def _run(
+        self, models: Sequence[TreeModel], ground: np.ndarray, piece: np.ndarray, states: np.ndarray
+    ) -> np.ndarray:
+        n, model, layout = len(ground), self.model, self._columns.layout
+        if self._batch is None or self._batch.nsim < n:
+            self._batch = Batch(model, n, 0)
+        batch = self._batch
+        install()
+        batch.reset(stage=mujoco.mjtStage.mjSTAGE_NONE.value)
+        floor, body = ground_of(model)
+        batch.expand("geom_friction")[:n, floor, 0] = np.array([m.value("contact.friction") for m in models])[ground]
+        batch.expand("geom_solref")[:n, floor] = np.array([m.solref() for m in models])[ground]
+        places = [m.place() for m in models]
+        batch.expand("body_pos")[:n, body] = np.array([place for place, _ in places])[ground]
+        batch.expand("body_quat")[:n, body] = np.array([turned for _, turned in places])[ground]
+        qpos, qvel = batch.bind("qpos"), batch.bind("qvel")
+        size = len(layout.names)
+        values, rates = (dict(zip(layout.names, part.T, strict=True)) for part in (states[:, :size], states[:, size:]))
+        placed, moving = layout.qpos(values, n), layout.qvel(values, rates, n)
+        qpos[:n] = np.where(np.isfinite(placed), placed, self.rest[piece, : model.nq])
+        qvel[:n] = np.where(np.isfinite(moving), moving, self.rest[piece, model.nq :])
+        control = np.zeros((n, self.steps, model.nv))
+        for j, name in enumerate(self.joints):
+            dof = int(model.joint(name).dofadr[0])
+            control[:, :, dof] = FLYWHEEL * self.acceleration[:, piece, j].T
+        spec = int(mujoco.mjtState.mjSTATE_QFRC_APPLIED)
+        path = batch.rollout(self.steps, control, spec, ("qpos",), np.arange(n))["qpos"]
+        recorded = np.empty((self.steps + 1, n, size))
+        recorded[0] = states[:, :size]
+        recorded[1:] = layout.quantities(path).transpose(1, 0, 2)
+        turning = [c for c, unit in enumerate(layout.units.values()) if unit == "rad"]
+        recorded[..., turning] = np.unwrap(recorded[..., turning], axis=0)
+        return np.clip(np.nan_to_num(recorded, nan=1e3), -1e3, 1e3)
+
+
+def _shares(rows: Sequence[tuple[tuple[str, float], ...]]) -> tuple[list[str], np.ndarray]:
+    """Joints that make coordinates, and the matrix (joints, coordinates) that gives them from these."""
+    joints = list(dict.fromkeys(joint for row in rows for joint, _ in row))
+    matrix = np.zeros((len(rows), len(joints)))
+    for k, row in enumerate(rows):
+        for joint, coefficient in row:
+            matrix[k, joints.index(joint)] = coefficient
+    return joints, np.linalg.pinv(matrix)
+
+
+def _dofs(model: mujoco.MjModel, joint: int) -> range:
+    """Degrees of freedom of a joint by number."""
+    first = int(model.jnt_dofadr[joint])
+    return range(first, first + (6 if int(model.jnt_type[joint]) == int(mujoco.mjtJoint.mjJNT_FREE) else 1))
