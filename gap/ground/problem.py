@@ -50,7 +50,7 @@ class Replayer(Protocol):
         ...
 
     def simulate(
-        self, models: Sequence[Any], rows: Sequence[int], states: np.ndarray | None = None
+        self, models: Sequence[Any], rows: Sequence[int], states: np.ndarray | None = None, /
     ) -> list[np.ndarray]:
         """Replay pieces by number on every ground: per piece its judged columns (v, samples, c).
 

@@ -19,8 +19,9 @@ import numpy as np
 from ..log.types import Array
 from .load import Range
 
+NONE = int(mujoco.mjtSameFrame.mjSAMEFRAME_NONE)  # else the engine does not read where a centre of mass is
 ANGLE = 0.02  # [rad] or [m] either side of the measured position at which the terms are taken for their derivatives
-SHIFT = 1e-3  # [m] of a centre of mass, of whose effect the first derivative is taken
+SHIFT = 0.01  # [m] of a centre of mass, either way: its effect is quadratic, so any does
 
 
 @dataclass(frozen=True)
@@ -184,7 +185,7 @@ def tip_behind(model: mujoco.MjModel, joint: int) -> Tip:
 
 
 def terms_along(model: mujoco.MjModel, joint: int, motion: Motion, sign: float = 1.0) -> Array:
-    """What a joint works against along a motion (n, 17), columns as :mod:`sealegs.gap.replay.terms` lists them.
+    """What a joint works against along a motion (n, 22), columns as :mod:`sealegs.gap.replay.terms` lists them.
 
     Args:
         model: of a robot of hinges and slides whose joints have no friction, damping, armature or actuator.
@@ -197,10 +198,11 @@ def terms_along(model: mujoco.MjModel, joint: int, motion: Motion, sign: float =
     own = _block(model, dof, motion)
     rows = [motion.position[:, [dof]], sign * motion.speed[:, [dof]], own]
     rows.append(_block(_payload(model, tip_behind(model, joint)), dof, motion))
-    rows.append((_block(_shifted(model, joint), dof, motion) - own) / SHIFT)
+    further, nearer = (_block(_shifted(model, joint, way * SHIFT), dof, motion) for way in (1.0, -1.0))
+    rows += [(further - nearer) / (2.0 * SHIFT), (further + nearer - 2.0 * own) / (2.0 * SHIFT**2)]
     table = np.concatenate(rows, axis=1)
     if sign < 0.0:  # bias and its second derivative change sign; inertia, slope and drag are of torque over motion
-        for first in (2, 7, 12):
+        for first in (2, 7, 12, 17):
             table[:, [first + 1, first + 3]] *= -1.0
     return table
 
@@ -262,6 +264,7 @@ def _payload(model: mujoco.MjModel, tip: Tip) -> mujoco.MjModel:
     other.body_inertia[:] = 0.0
     other.body_mass[tip.body] = 1.0
     other.body_ipos[tip.body] = tip.point
+    other.body_sameframe[tip.body] = NONE
     other.body_subtreemass[:] = 0.0
     body = tip.body
     while body > 0:
@@ -271,8 +274,8 @@ def _payload(model: mujoco.MjModel, tip: Tip) -> mujoco.MjModel:
     return other
 
 
-def _shifted(model: mujoco.MjModel, joint: int) -> mujoco.MjModel:
-    """The robot with the centre of mass of a joint's own body further from the joint."""
+def _shifted(model: mujoco.MjModel, joint: int, way: float) -> mujoco.MjModel:
+    """The robot with the centre of mass of a joint's own body further from the joint [m]."""
     other = model.__copy__()
     body = int(model.jnt_bodyid[joint])
     arm = np.array(model.body_ipos[body]) - model.jnt_pos[joint]
@@ -281,5 +284,6 @@ def _shifted(model: mujoco.MjModel, joint: int) -> mujoco.MjModel:
         arm = arm - axis * (arm @ axis)
     size = float(np.linalg.norm(arm))
     if size > 1e-6:
-        other.body_ipos[body] = np.array(model.body_ipos[body]) + SHIFT * arm / size
+        other.body_ipos[body] = np.array(model.body_ipos[body]) + way * arm / size
+        other.body_sameframe[body] = NONE
     return other

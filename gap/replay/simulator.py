@@ -44,7 +44,7 @@ def combine(k, row, e):
         e[T_OWN + c] = (
             k[K.mass] * row[T_OWN + c]
             + k[K.payload] * row[T_OWN + T_SIZE + c]
-            + k[K.shift] * row[T_OWN + 2 * T_SIZE + c]
+            + k[K.shift] * (row[T_OWN + 2 * T_SIZE + c] + k[K.shift] * row[T_OWN + 3 * T_SIZE + c])
         )
 
 

@@ -14,7 +14,7 @@ import mujoco
 import numpy as np
 
 from ..load.robot import LoggedRobot
-from ..load.tree import Motion, block_along, tip_behind
+from ..load.tree import NONE, Motion, block_along, tip_behind
 from ..log.types import Array, MeasuredRun
 from ..replay.parameters import Parameter
 from ..replay.tree import motion_of
@@ -116,9 +116,12 @@ def _centre(model: mujoco.MjModel, body: int, name: str, axis: int) -> Direction
     key = f"centre_{'xyz'[axis]}"
 
     def change() -> tuple[mujoco.MjModel, mujoco.MjModel, float]:
-        other = model.__copy__()
-        other.body_ipos[body, axis] += SHIFT
-        return model, other, SHIFT
+        ends = []
+        for way in (-SHIFT, SHIFT):  # to both sides: the effect of a shift on inertia is quadratic
+            ends.append(model.__copy__())
+            ends[-1].body_ipos[body, axis] += way
+            ends[-1].body_sameframe[body] = NONE
+        return ends[0], ends[1], 2.0 * SHIFT
 
     parameter = Parameter(f"body.{name}.{key}", "m", -0.15, 0.15, 0.0, 0.005)
     return Direction(parameter, 0.0, change, (name,), f"body.{key}")

@@ -20,6 +20,7 @@ from ...replay.joint_model import JointModel
 from ...replay.parameters import address
 from ...replay.problem import JointProblem
 from ...replay.simulator import CHANNELS
+from ...replay.terms import T_OWN, T_SIZE
 from ...verdict.verdict import JointDiagnosis
 
 WINDOW = 0.08  # [s] of the parabolas that give speed and acceleration: long against the noise, short against the motion
@@ -177,7 +178,11 @@ def balance(problem: JointProblem, motion: Motion, values: Mapping[str, float]) 
         zero = joint.host_offset + joint.host_scale * (encoder.offset if encoder else 0.0)
         angle[at], speed[at] = (motion.position[at] - zero) / scale, motion.speed[at] / scale
         gravity[at] = constants[K.gravity] * np.sin(angle[at])
-        inertial[at] = (constants[K.inertia] + constants[K.motor_inertia]) * motion.acceleration[at] / scale
+        inertia = constants[K.inertia] + constants[K.motor_inertia]
+        if problem.terms is not None:  # of a joint of a robot: what it carries, and how the other joints move
+            rows = worked_against(problem.terms[at], constants)
+            inertia, gravity[at] = inertia + rows[:, 0], gravity[at] + rows[:, 1]
+        inertial[at] = inertia * motion.acceleration[at] / scale
         viscous[at] = constants[K.viscous] * speed[at]
         warm = np.maximum(1.0 - constants[K.loss] * (problem.temperature[at] - constants[K.reference]), 0.05)
         motion_given = (problem.time[at], problem.goal[at], problem.on[at], angle[at], speed[at], -gravity[at])
@@ -187,6 +192,15 @@ def balance(problem: JointProblem, motion: Motion, values: Mapping[str, float]) 
     source = max(set(sources), key=sources.count)
     torques, limit, duty, current, voltage = law.T
     return Balance(angle, speed, inertial, gravity, motor, source, torques, limit, viscous, duty, current, voltage)
+
+
+def worked_against(terms: np.ndarray, constants: np.ndarray) -> np.ndarray:
+    """Inertia, bias, slope, curve and drag (n, 5) of a joint from its terms (n, T_COLUMNS), as a replay adds them."""
+    shift, out = constants[K.shift], np.zeros((len(terms), T_SIZE))
+    for block, factor in enumerate((constants[K.mass], constants[K.payload], shift, shift**2)):
+        first = T_OWN + block * T_SIZE
+        out += factor * terms[:, first : first + T_SIZE]
+    return out
 
 
 def _motor_torque(

@@ -12,6 +12,7 @@ from .binned import bins, cloud, draw_measured, draw_model, equal_counts, equal_
 from .evidence import Balance, Evidence
 from .style import EXTENDED, NOMINAL, figure, legend_above, styled
 
+WEIGHTLESS = 1e-9  # [N.m] or [N]
 SOURCES = {
     "current": "motor torque from the logged current",
     "duty": "motor torque from the logged duty",
@@ -76,8 +77,10 @@ def residual_against_load(evidence: Evidence, cause: NamedCause) -> Figure:
 def residual_against_position(evidence: Evidence, cause: NamedCause) -> Figure:
     """Over the angle: dry friction for a friction cause, else the torque that holds the load against its weight.
 
-    The latter as a share of the nominal weight at a quarter turn, so that runs with different loads lie on one curve.
+    The latter as a share of the nominal weight at a quarter turn, so that runs with different loads lie on one curve;
+    of a joint that carries no weight, such as a level slide, as it is.
     """
+    axis = evidence.problem.models[0].axis
     measured, nominal, motion = evidence.extended, evidence.nominal, evidence.motion
     use = motion.moving
     reading = motion.position[use]
@@ -87,16 +90,19 @@ def residual_against_position(evidence: Evidence, cause: NamedCause) -> Figure:
         seen, models = _dry(measured), (nominal.limit, measured.limit)
         axes.set_ylabel("dry friction torque [N.m]")
     else:
-        quarter_turn = evidence.quarter_turn_torque
-        seen = (measured.motor - measured.inertial - measured.modelled_friction) / quarter_turn
-        models = (nominal.gravity / quarter_turn, measured.gravity / quarter_turn)
-        axes.set_ylabel("torque of the weight / nominal at a quarter turn")
+        weight = evidence.quarter_turn_torque
+        carries = bool((weight > WEIGHTLESS).all())
+        unit = weight if carries else np.ones_like(weight)
+        seen = (measured.motor - measured.inertial - measured.modelled_friction) / unit
+        models = (nominal.gravity / unit, measured.gravity / unit)
+        plain = f"what the load takes, held still [{axis.unit('N.m')}]"
+        axes.set_ylabel("torque of the weight / nominal at a quarter turn" if carries else plain)
     cloud(axes, reading, seen[use])
     for values, label, colour in zip(models, ("nominal model", "extended model"), (NOMINAL, EXTENDED), strict=True):
         draw_model(axes, bins(reading, values[use], edges), label, colour)
     draw_measured(axes, bins(reading, seen[use], edges), "measured")
     axes.set_ylim(*limits(seen[use]))
-    axes.set_xlabel("position reading [rad]")
+    axes.set_xlabel(f"position reading [{axis.unit('rad')}]")
     return _finish(chart, axes, measured)
 
 
