@@ -47,12 +47,7 @@ def _mended_urdf(path: Path, said: list[str]) -> str:
         root.insert(0, ElementTree.Element("link", {"name": "world"}))
         said.append(f"{path.name} names a parent 'world' that it does not declare; it is taken for the ground.")
     for mesh in root.iter("mesh"):
-        name = mesh.get("filename", "").removeprefix("file://")
-        if name.startswith("package://"):
-            inner = Path(name.removeprefix("package://"))
-            tried = [folder / part for folder in path.parents for part in (inner, Path(*inner.parts[1:]))]
-            name = str(next((place for place in tried if place.is_file()), inner))
-        mesh.set("filename", str(path.parent / name))
+        mesh.set("filename", str(urdf_mesh(path, mesh.get("filename", ""))))
     extension = root.find("mujoco")
     extension = ElementTree.SubElement(root, "mujoco") if extension is None else extension
     compiler = extension.find("compiler")
@@ -60,6 +55,16 @@ def _mended_urdf(path: Path, said: list[str]) -> str:
     for key, value in (("strippath", "false"), ("fusestatic", "false")):
         compiler.set(key, value)
     return ElementTree.tostring(root, encoding="unicode")
+
+
+def urdf_mesh(path: Path, name: str) -> Path:
+    """Where a file lies that a URDF names; of a package, in one of the folders that the URDF lies in."""
+    name = name.removeprefix("file://")
+    if name.startswith("package://"):
+        inner = Path(name.removeprefix("package://"))
+        tried = [folder / part for folder in path.parents for part in (inner, Path(*inner.parts[1:]))]
+        name = str(next((place for place in tried if place.is_file()), inner))
+    return path.parent / name
 
 
 def _without_missing_meshes(spec: mujoco.MjSpec, path: Path, said: list[str]) -> None:

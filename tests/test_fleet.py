@@ -5,6 +5,7 @@ from __future__ import annotations
 import csv
 import json
 import os
+import shutil
 import signal
 import sys
 from collections.abc import Iterator
@@ -16,10 +17,13 @@ import pytest
 from sealegs.actuators.errors import SealegsError
 from sealegs.gap.fleet import Job, Outcome, diagnose_fleet, find_jobs, rows_of, shared_causes, write_table
 from sealegs.gap.fleet import jobs as jobs_module
+from sealegs.gap.fleet.cluster import shipped, written_log
 from sealegs.gap.fleet.jobs import finished, fits_of_joint, joints_of, run_job, source
 from sealegs.gap.fleet.page import draw_fleet, write_page
 from sealegs.gap.fleet.run import in_processes
-from sealegs.gap.log import write_run
+from sealegs.gap.load.robot import robot_of
+from sealegs.gap.log import read_measured, write_run
+from sealegs.gap.output.partial import source_of
 from sealegs.gap.search.journal import Journal
 
 from testbed import hidden_bench
@@ -310,6 +314,37 @@ def test_a_corrected_sidecar_is_not_taken_for_what_was_diagnosed(fleet: Path, tm
     assert len(sidecar.read_text()) == len(text) and sidecar.read_text() != text
     again = {outcome.name: outcome for outcome in diagnose_fleet(find_jobs(fleet, out))}
     assert "not what" in again["a"].error and again["b"].kept
+
+
+def test_a_robot_that_was_edited_since_is_not_taken_for_what_was_diagnosed(
+    fleet: Path, tmp_path: Path, quick: list[str]
+) -> None:
+    """The diagnosis of the old model was kept: its file lay beside the folder of the log."""
+    for sidecar in (fleet / "a").glob("*.yaml"):
+        sidecar.write_text(sidecar.read_text().replace("robot: bench", "robot: ../arm.xml"))
+    (fleet / "arm.xml").write_text('<mujoco><include file="parts.xml"/></mujoco>')
+    (fleet / "parts.xml").write_text("<mujocoinclude/>")
+    job = find_jobs(fleet, tmp_path / "out")[0]
+    run_job(job)
+    assert finished(job) is not None
+    (fleet / "parts.xml").write_text('<mujocoinclude><option gravity="0 0 0"/></mujocoinclude>')
+    with pytest.raises(SealegsError, match="its robot or its settings are not what"):
+        finished(job)
+
+
+def test_a_robot_beside_the_folder_of_its_log_goes_to_the_worker_too(arm: Path, tmp_path: Path) -> None:
+    log = tmp_path / "logs" / "arm"
+    shutil.copytree(arm, log)
+    name = Path(read_measured(arm).runs[0].robot).name
+    shutil.move(log / name, tmp_path / name)
+    for sidecar in log.glob("*.yaml"):
+        sidecar.write_text(sidecar.read_text().replace(f"robot: {name}", f"robot: ../../{name}"))
+    (tmp_path / "worker").mkdir()
+    there = written_log(tmp_path / "worker", "arm", shipped(log))
+    assert there.parents[2] == (tmp_path / "worker" / "logs").resolve()
+    run = read_measured(there).runs[0]
+    assert Path(run.robot).is_relative_to(tmp_path / "worker") and robot_of(run) is not None
+    assert source_of(there, {}) == source_of(log, {})
 
 
 def test_values_belong_to_the_servos_that_have_them() -> None:

@@ -228,3 +228,77 @@ def test_decimals_and_structures_of_parquet_are_numbers(tmp_path: Path) -> None:
     parquet.write_table(pa.table({"t": TIME, "arm": arm}), tmp_path / "run.parquet")
     columns, asked, _ = texts_of(tmp_path / "run.parquet")
     assert columns["joint.goal"] == "arm.goal_deg*pi/180" and not asked
+
+
+# --- a row for each joint --------------------------------------------------------------------------------------------
+
+N = motion(5.0, 100.0, seed=7)
+
+
+def long_form(folder: Path, head: str, names: tuple[object, object], apart: float = 0.0, sort: bool = False) -> Path:
+    """Two joints, with a row for each and time; the second is read so much later [s]."""
+    lines = [
+        (k, f"{t + k * apart:.6f},{name},{position:.6f},{goal:.6f}")
+        for t, *both in zip(TIME, M["smooth"], M["goal"], N["smooth"], N["goal"], strict=True)
+        for k, (name, position, goal) in enumerate(zip(names, both[::2], both[1::2], strict=True))
+    ]
+    rows_of = (line for _, line in (sorted(lines, key=lambda line: line[0]) if sort else lines))
+    return written(folder, f"{head}\n" + "\n".join(rows_of) + "\n")
+
+
+@pytest.mark.parametrize("sort", [False, True])
+@pytest.mark.parametrize(
+    ("head", "names", "joints"),
+    [
+        ("t,name,pos,cmd", ("shoulder", "elbow"), ["shoulder", "elbow"]),
+        ("time,servo_id,position,goal", (3, 5), ["joint3", "joint5"]),
+        ("t,Joint,q,qd", ("link1", "left arm"), ["link1", "left_arm"]),
+    ],
+)
+def test_a_row_for_each_joint_is_one_sample_of_all(
+    tmp_path: Path, head: str, names: tuple[object, object], joints: list[str], sort: bool
+) -> None:
+    path = long_form(tmp_path, head, names, sort=sort)
+    found = propose_for(path, tmp_path / "log", robot="bench", actuator="ideal")
+    column = head.split(",")[1]
+    assert not found.mapping.questions, found.text
+    assert f"# Note: '{column}' names the joint of each row: {', '.join(joints)}" in found.text
+    import_logs(path, tmp_path / "log", found.mapping)
+    run = read_measured(tmp_path / "log").runs[0]
+    assert list(run.joints) == joints
+    np.testing.assert_allclose(run.time, TIME, atol=1e-9)
+    for log, true in zip(run.joints.values(), (M, N), strict=True):
+        assert log.goal is not None
+        np.testing.assert_allclose(log.position, true["smooth"], atol=1e-6)
+        np.testing.assert_allclose(log.goal, true["goal"], atol=1e-6)
+
+
+def test_joints_that_are_read_one_after_the_other_stand_at_their_mean_time_where_they_are_near(tmp_path: Path) -> None:
+    path = long_form(tmp_path, "t,name,pos,cmd", ("shoulder", "elbow"), apart=0.0006)
+    assert "rows of one sample are up to 0.0006 apart in t and stand at their mean" in texts_of(path)[2]
+    np.testing.assert_allclose(read(path).columns["t"], TIME + 0.0003, atol=1e-9)
+
+
+def test_joints_that_are_read_at_different_times_are_refused(tmp_path: Path) -> None:
+    path = long_form(tmp_path, "t,name,pos,cmd", ("shoulder", "elbow"), apart=0.004)
+    said = r"'name' names the joint of each row, and elbow was read up to 0\.004 away from shoulder in t; a log has one"
+    with pytest.raises(LogError, match=said):
+        read_recordings(path)
+
+
+def test_a_joint_that_is_missing_from_a_sample_has_no_value_there(tmp_path: Path) -> None:
+    path = long_form(tmp_path, "t,name,pos,cmd", ("shoulder", "elbow"))
+    lines = path.read_text().splitlines()
+    recording = read(written(tmp_path, "\n".join([*lines[:8], *lines[9:]]) + "\n"))
+    assert np.flatnonzero(np.isnan(recording.columns["elbow.pos"])).tolist() == [3]
+    assert np.isfinite(recording.columns["shoulder.pos"]).all() and recording.length == len(TIME)
+
+
+@pytest.mark.parametrize(
+    ("words", "apart", "sort"), [(("RUN", "HOLD"), 0.005, False), (("first", "second"), 0.0, True)]
+)
+def test_states_that_take_turns_and_runs_below_each_other_are_no_joints(
+    tmp_path: Path, words: tuple[str, str], apart: float, sort: bool
+) -> None:
+    recording = read(long_form(tmp_path, "t,phase,pos,cmd", words, apart, sort))
+    assert list(recording.columns) == ["t", "pos", "cmd"] and "it holds text" in recording.left["phase"]

@@ -5,11 +5,16 @@ from __future__ import annotations
 import multiprocessing
 import os
 import threading
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from functools import partial
+from multiprocessing.connection import Connection
 from pathlib import Path
+from types import SimpleNamespace
+from typing import Any
 
 import pytest
+from sealegs.gap.fleet import Job, Outcome
+from sealegs.gap.fleet.run import in_processes
 from sealegs.gap.log import LogError
 from sealegs.gap.log.finding import Finding
 from sealegs.gap.log.types import MeasuredRun
@@ -83,3 +88,37 @@ def test_joints_that_are_asked_for_are_those_of_the_log() -> None:
     assert chosen(["hip", "knee"], None) == ["hip", "knee"]
     with pytest.raises(LogError, match=r"no joint 'kne' \(did you mean 'knee'\?\); joints= takes hip, knee\.$"):
         chosen(["hip", "knee"], ["kne"])
+
+
+class Here:
+    """A process that does its work in this one."""
+
+    exitcode = 0
+
+    def __init__(self, target: Callable[..., None], args: tuple[Any, ...]) -> None:
+        self.start = partial(target, *args)
+
+    def join(self, timeout: float | None = None) -> None:
+        del timeout
+
+    def is_alive(self) -> bool:
+        return False
+
+    terminate = kill = join
+
+
+def tells_its_joints(job: Job, connection: Connection, joints: int) -> None:
+    connection.send(Outcome(job.name, {"joints": joints}))
+
+
+def test_joints_side_by_side_take_the_cores_that_the_process_has(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """In a container with 4 of 64 cores, each of two robots began 32 processes."""
+    here = SimpleNamespace(Pipe=multiprocessing.Pipe, Process=Here)
+    monkeypatch.setattr(multiprocessing, "get_context", lambda kind: here)
+    monkeypatch.setattr(os, "sched_getaffinity", lambda process: {3, 5, 8, 9}, raising=False)
+    monkeypatch.setattr(os, "cpu_count", lambda: 64)
+    jobs = [Job(name, tmp_path / name, tmp_path / "out" / name) for name in ("a", "b")]
+    found = list(in_processes(jobs, 2, lambda name, text: None, tells_its_joints))
+    assert [outcome.document for outcome in found] == [{"joints": 2}] * 2

@@ -72,6 +72,12 @@ def test_settings_that_cannot_be_are_refused(wrong: dict, tmp_path: Path) -> Non
         sealegs.diagnose(COLUMNS, sidecar=SIDECAR, keep=tmp_path / "out", **wrong)
 
 
+def test_a_joint_that_the_log_does_not_drive_is_named_with_those_that_it_drives() -> None:
+    said = r"^The log drives no joint 'serov' \(did you mean 'servo'\?\); joints= takes servo\.$"
+    with pytest.raises(SealegsError, match=said):
+        sealegs.diagnose(COLUMNS, sidecar=SIDECAR, joints=["serov"])
+
+
 def test_a_diagnosis_is_read_back_as_it_was_saved_and_is_never_overwritten(
     diagnosis: sealegs.Diagnosis, tmp_path: Path
 ) -> None:

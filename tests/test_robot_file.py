@@ -11,6 +11,7 @@ from sealegs.actuators.errors import SealegsError
 from sealegs.envs.contract import robot_hash
 from sealegs.envs.robot import RobotError
 from sealegs.envs.robot_file import load_robot_file
+from sealegs.envs.robot_sources import files_read
 from sealegs.envs.robot_yaml import robot_yaml
 from sealegs.envs.robots import get_robot
 
@@ -294,3 +295,24 @@ def test_joints_that_nothing_drives_are_told_and_commented(tmp_path: Path) -> No
     assert any(f"nothing drives {what}; such joints move freely" in sentence for sentence in said)
     assert all(f"# Nothing drives {one}: it moves freely." in text for one in what.split(", "))
     assert any(f"nothing drives {what}" in sentence for sentence in load_robot_file(path).said)
+
+
+def test_the_files_of_a_robot_are_all_that_its_model_reads(tmp_path: Path) -> None:
+    for folder in ("meshes", "lift/meshes", "chains"):
+        (tmp_path / folder).mkdir(parents=True)
+    write(tmp_path, "arm.yaml", "model: arm.xml\njoints: {elbow: {chain: chains/mine.yaml}, wrist: {chain: sts3215}}\n")
+    write(tmp_path, "chains/mine.yaml", "- net: {file: mine.npz}\n")
+    parts = '<mujocoinclude><compiler meshdir="meshes"/><asset><mesh file="{}.stl"/></asset></mujocoinclude>'
+    write(tmp_path, "arm.xml", '<mujoco><include file="parts.xml"/><include file="arm.xml"/></mujoco>')
+    write(tmp_path, "parts.xml", parts.format("link"))
+    write(tmp_path, "lift/lift.urdf", URDF)
+    files = ("chains/mine.npz", "meshes/link.stl", "lift/meshes/part.stl", "meshes/other.stl")
+    for name in files:
+        write(tmp_path, name, name)
+    of_yaml = {"arm.yaml", "arm.xml", "parts.xml", "chains/mine.yaml", *files[:2]}
+    found = files_read([str(tmp_path / "arm.yaml"), "bench", "A sentence that is no path.xml" * 20])
+    assert {path.relative_to(tmp_path.resolve()).as_posix() for path in found} == of_yaml
+    (urdf, mesh) = files_read([str(tmp_path / "lift" / "lift.urdf")])
+    assert (urdf.name, mesh.name) == ("lift.urdf", "part.stl")
+    write(tmp_path, "arm.xml", "<mujoco>")
+    assert len(files_read([str(tmp_path / "arm.xml")])) == 1, "that it is damaged is said where it is read"

@@ -76,7 +76,8 @@ def page() -> str:
     )
     parts += [_of_robot(name) for name in ROBOT]
     parts.append(
-        "\n## The ground under a leg\n\nThese causes are looked for in the stances of a hopper ([how](ground.md)).\n"
+        "\n## The ground under a robot\n\nThese causes are looked for in the stances of a hopper, and in the walk of "
+        "any other robot whose base moves ([how](ground.md)).\n"
     )
     leg = LegModel.of({}, {joint: load_chain(chain) for joint, chain in HOPPER.chains.items()})
     parts += [_section(cause, "a hopper's log with the motion of its base") for cause in contact_causes(leg)]

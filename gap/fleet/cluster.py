@@ -9,6 +9,7 @@ from __future__ import annotations
 
 import contextlib
 import importlib
+import os
 import shutil
 import tempfile
 from collections.abc import Iterator, Sequence
@@ -16,7 +17,9 @@ from pathlib import Path
 from typing import Any
 
 from ...actuators.atomic import folder_written
+from ...actuators.errors import SealegsError
 from ...actuators.extras import needed_for
+from ..log.reader import files_named_by
 from .jobs import Job, Outcome, Report, finished, fits_of_joint, joints_of, run_job
 
 PACKAGE = __name__.partition(".")[0]
@@ -48,8 +51,7 @@ def on_ray(jobs: Sequence[Job], report: Report) -> Iterator[Outcome]:
     pending: dict[Any, Job] = {}
     try:
         for job in jobs:
-            files = {path.name: path.read_bytes() for path in job.log.iterdir() if path.is_file()}
-            pending[task.remote(job.name, files, dict(job.settings))] = job
+            pending[task.remote(job.name, shipped(job.log), dict(job.settings))] = job
             report(job.name, "handed to Ray")
         while pending:
             (done,), _ = ray.wait(list(pending), num_returns=1)
@@ -64,6 +66,14 @@ def on_ray(jobs: Sequence[Job], report: Report) -> Iterator[Outcome]:
             ray.cancel(reference, force=True)
         if started:
             ray.shutdown()
+
+
+def shipped(log: Path) -> dict[str, bytes]:
+    """What a worker needs of a folder of logs, by the path from there: its files, and those of its robot elsewhere."""
+    folder = log.resolve()
+    files = [path for path in folder.iterdir() if path.is_file()]
+    paths = {Path(os.path.relpath(path, folder)).as_posix(): path for path in (*files, *files_named_by(log))}
+    return {name: path.read_bytes() for name, path in paths.items()}
 
 
 def copied_package(folder: Path) -> Path:
@@ -90,7 +100,7 @@ def diagnosed_elsewhere(name: str, files: dict[str, bytes], settings: dict[str, 
         fits = _fits_of_tasks(name, files, settings, joints) if len(joints) > 1 else b""
         outcome = run_job(Job(name, log, out, settings), fits=fits)
         if outcome.error:
-            return outcome.error.replace(f"{folder}/", ""), {}
+            return outcome.error.replace(f"{log.parent}/", "").replace(f"{folder}/", ""), {}
         return "", {str(path.relative_to(out)): path.read_bytes() for path in out.rglob("*") if path.is_file()}
 
 
@@ -112,11 +122,14 @@ def _fits_of_tasks(name: str, files: dict[str, bytes], settings: dict[str, Any],
 
 
 def written_log(folder: Path, name: str, files: dict[str, bytes]) -> Path:
-    """A folder of logs that came as bytes."""
-    log = folder / name
-    log.mkdir()
+    """A folder of logs that came as bytes, so deep that what lies above it has its place as well."""
+    above = max((Path(file).parts.count("..") for file in files), default=0)
+    log = folder.joinpath("logs", *["above"] * above, name).resolve()
+    log.mkdir(parents=True)
     for file, content in files.items():
-        (log / file).write_bytes(content)
+        path = Path(os.path.normpath(log / file))
+        path.parent.mkdir(parents=True, exist_ok=True)
+        path.write_bytes(content)
     return log
 
 
@@ -129,6 +142,9 @@ def received(job: Job, files: dict[str, bytes]) -> Outcome:
                 (staged / name).write_bytes(content)
     except OSError as error:
         return Outcome(job.name, error=f"{job.out} cannot be written: {error.strerror or error}.")
-    found = finished(job)
+    try:
+        found = finished(job)
+    except SealegsError as error:  # the logs or the robot were edited meanwhile
+        return Outcome(job.name, error=str(error))
     assert found is not None
     return Outcome(job.name, found.document)

@@ -22,7 +22,7 @@ if TYPE_CHECKING:
     from ..diagnosis import Diagnosis
 
 SOURCE = "source.json"
-"""What a diagnosis was made from: settings, and name and checksum of each log and sidecar."""
+"""What a diagnosis was made from: settings, name and checksum of each log and sidecar, a checksum of the robot."""
 
 
 Report = Callable[[str, str], None]
@@ -76,7 +76,7 @@ def finished(job: Job) -> Outcome | None:
     """The outcome of a job that was finished before, None where it was not.
 
     Raises:
-        SealegsError: what was diagnosed were other logs or other settings.
+        SealegsError: what was diagnosed were other logs, another robot or other settings.
     """
     if not (job.out / "diagnosis.json").is_file():
         if job.out.exists():
@@ -85,7 +85,7 @@ def finished(job: Job) -> Outcome | None:
     before = json.loads((job.out / SOURCE).read_text()) if (job.out / SOURCE).is_file() else None
     if before != source(job):
         raise SealegsError(
-            f"{job.log} or its settings are not what {job.out} was made from, and that is not overwritten; "
+            f"{job.log}, its robot or its settings are not what {job.out} was made from, and that is not overwritten; "
             "give another out=<folder>."
         )
     return Outcome(job.name, json.loads((job.out / "diagnosis.json").read_text()), kept=True)

@@ -3,13 +3,14 @@
 from __future__ import annotations
 
 from collections.abc import Collection, Iterator
+from contextlib import suppress
 from pathlib import Path
 
 import numpy as np
 
-from ...actuators.errors import nearest
+from ...actuators.errors import SealegsError, nearest
 from ...envs.robot_file import is_robot_file
-from .sidecar import Sidecar, read_sidecar
+from .sidecar import Sidecar, files_named, read_sidecar
 from .table import ENDINGS, ONLY_JOINT, check_columns, group_of, read_batches
 from .types import OTHER, REQUIRED_EVERYWHERE, Array, JointLog, LogError, MeasuredRun, MeasuredSet
 
@@ -64,6 +65,16 @@ def log_files(path: Path) -> list[Path]:
             raise LogError(f"{file}: {stems[file.stem].name} has the same name and sidecar; keep one of the two")
         stems[file.stem] = file
     return files
+
+
+def files_named_by(path: Path) -> tuple[Path, ...]:
+    """The files of robots and of chains that the sidecars of a log name, as far as sidecars and files can be read."""
+    found: dict[Path, None] = {}
+    with suppress(SealegsError):  # reading the log says it
+        for file in log_files(path):
+            with suppress(SealegsError):
+                found |= dict.fromkeys(files_named(read_sidecar(file)))
+    return tuple(found)
 
 
 def iterate_runs(path: str | Path, rows: int = 1 << 18) -> Iterator[MeasuredRun]:

@@ -13,6 +13,7 @@ import yaml
 from ...actuators.errors import nearest
 from ...actuators.published import PREFIX
 from ...envs.robot_file import is_robot_file
+from ...envs.robot_sources import files_read
 from .types import LogError
 
 FOLDER_DEFAULTS = "log.yaml"
@@ -64,6 +65,11 @@ def folder_defaults(folder: Path) -> dict[str, Any] | None:
     """
     path = folder / FOLDER_DEFAULTS
     return _load_mapping(path) if path.is_file() else None
+
+
+def files_named(sidecar: Sidecar) -> tuple[Path, ...]:
+    """The files of a robot and of its chains that a sidecar names, with all that these read in turn."""
+    return files_read([sidecar.robot, *(chain for chain in sidecar.actuators.values() if isinstance(chain, str))])
 
 
 def robot_beside(robot: str, folder: Path) -> str:

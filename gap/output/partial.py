@@ -11,7 +11,7 @@ import hashlib
 import json
 import shutil
 import time
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Iterable, Iterator, Mapping
 from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
@@ -20,7 +20,8 @@ from ... import actuators, envs
 from ...actuators.atomic import write_text
 from ...actuators.errors import SealegsError
 from ..log.progress import Milestone, Progress
-from ..log.sidecar import FOLDER_DEFAULTS
+from ..log.reader import files_named_by
+from ..log.sidecar import FOLDER_DEFAULTS, Sidecar, files_named
 from ..log.types import LogError, MeasuredSet
 from ..search.journal import keeping
 from ..verdict.verdict import JointDiagnosis
@@ -56,8 +57,8 @@ class Partial:
                 )
             if before["source"] != self._document["source"]:
                 raise LogError(
-                    f"{out} holds an unfinished diagnosis of other logs or settings, which is not overwritten; give "
-                    "another out=<folder>."
+                    f"{out} holds an unfinished diagnosis of other logs or settings, or of another robot, which is not "
+                    "overwritten; give another out=<folder>."
                 )
             self._document["earlier"] = before.get("said", [])
         self.folder.mkdir(parents=True, exist_ok=True)
@@ -125,14 +126,14 @@ def going_on(
 
 
 def source_of(log: Path, settings: Mapping[str, Any]) -> dict[str, Any]:
-    """What the diagnosis of a log on disk depends on, as plain data: settings, and checksums of the files."""
+    """What the diagnosis of a log on disk depends on, as plain data: settings, checksums of log and robot."""
     if log.is_dir():
         files = [path for path in log.iterdir() if path.is_file()]
     else:
         beside = [log.with_suffix(".yaml"), log.with_suffix(".yml"), log.parent / FOLDER_DEFAULTS]
         files = [path for path in (log, *beside) if path.is_file()]
     sums = {path.name: _checksum(path) for path in sorted(files)}
-    return {"settings": json.loads(json.dumps(dict(settings))), "files": sums}
+    return _source(settings, sums, files_named_by(log))
 
 
 def source_in_memory(data: MeasuredSet, settings: Mapping[str, Any]) -> dict[str, Any]:
@@ -143,7 +144,15 @@ def source_in_memory(data: MeasuredSet, settings: Mapping[str, Any]) -> dict[str
         for name, values in run.columns().items():
             digest.update(name.encode() + values.tobytes())
         sums[run.name] = digest.hexdigest()
-    return {"settings": json.loads(json.dumps(dict(settings))), "files": sums}
+    machines = (Sidecar(run.robot, {}, dict(run.actuators)) for run in data.runs)
+    return _source(settings, sums, [path for machine in machines for path in files_named(machine)])
+
+
+def _source(settings: Mapping[str, Any], sums: Mapping[str, str], named: Iterable[Path]) -> dict[str, Any]:
+    source = {"settings": json.loads(json.dumps(dict(settings))), "files": dict(sums)}
+    if machine := sorted(f"{path.name} {_checksum(path)}" for path in set(named)):  # wherever they lie
+        source["machine"] = hashlib.sha256("\n".join(machine).encode()).hexdigest()
+    return source
 
 
 @functools.cache

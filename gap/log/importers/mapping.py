@@ -242,4 +242,4 @@ def _spelt(value: float | str) -> str:
     """A word, or a number with all of its digits: runs whose numbers differ are of different groups."""
     if isinstance(value, str):
         return value
-    return str(int(value)) if value == int(value) and abs(value) < WHOLE else repr(value)
+    return str(int(value)) if abs(value) < WHOLE and value == int(value) else repr(value)

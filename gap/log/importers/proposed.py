@@ -29,7 +29,7 @@ class Proposal:
     @property
     def joints(self) -> list[str]:
         """Joints that have a position."""
-        return [name.rpartition(".")[0] for name in self.columns if name.endswith(".position") and "link" not in name]
+        return [name.rpartition(".")[0] for name in self.columns if name.endswith(".position")]
 
     def mapping(self) -> Mapping:
         """The mapping without what it says of itself."""

@@ -10,6 +10,7 @@ from pyarrow import parquet
 from ...types import LogError
 from ..recording import Recording, facts_beside
 from .cells import numeric_columns
+from .long_form import LongForm, pivoted
 from .text import read_text
 
 ENDINGS = (".csv", ".tsv", ".txt", ".dat", ".parquet")
@@ -19,15 +20,17 @@ def read_table(path: Path) -> list[Recording]:
     """The one recording of a file.
 
     Raises:
-        LogError: it cannot be read, has no header, or no column of numbers.
+        LogError: it cannot be read, has no header, or no column of numbers, or has joints of different times.
     """
     table, notes = (_parquet(path), []) if path.suffix.lower() == ".parquet" else read_text(path)
     cells = numeric_columns(table)
     if not cells.columns:
         why = _first_reason(cells.left)
         raise LogError(f"{path}: has no column of numbers{why}; export it as CSV with one header line, or as Parquet.")
+    long = pivoted(table, cells, path) or LongForm(cells)
+    cells, facts = long.cells, facts_beside(path)
     notes += cells.notes
-    return [Recording(path.stem, cells.columns, path, "table", facts_beside(path), notes=tuple(notes), left=cells.left)]
+    return [Recording(path.stem, cells.columns, path, "table", facts, long.roles, tuple(notes), long.units, cells.left)]
 
 
 def _first_reason(left: dict[str, str]) -> str:
