@@ -186,19 +186,16 @@ class Drivetrain:
 
     def position(self, name: str, qpos: np.ndarray, side: str = "motor") -> np.ndarray:
         """True position of the motor or link side [rad], shape ``qpos.shape[:-1]``, from ``qpos`` (..., nq)."""
-        terms = self._terms(name, side)
+        terms = self.terms(name, side)
         return np.sum([c * qpos[..., self._qpos_address(joint)] for joint, c in terms], axis=0)
 
     def speed(self, name: str, qvel: np.ndarray, side: str = "motor") -> np.ndarray:
         """True speed of the motor or link side [rad/s], shape ``qvel.shape[:-1]``, from ``qvel`` (..., nv)."""
-        terms = self._terms(name, side)
+        terms = self.terms(name, side)
         return np.sum([c * qvel[..., self.model.jnt_dofadr[self.model.joint(joint).id]] for joint, c in terms], axis=0)
 
     def terms(self, name: str, side: str = "motor") -> tuple[tuple[str, float], ...]:
         """Joints of the model and coefficients whose sum is the position of a coordinate's motor or link side."""
-        return self._terms(name, side)
-
-    def _terms(self, name: str, side: str) -> tuple[tuple[str, float], ...]:
         sides = self._sides[name]
         return sides.motor_terms if side == "motor" else sides.link_terms
 
@@ -213,7 +210,7 @@ class Drivetrain:
         ``link`` [rad] is where ``motor`` is by default.
         """
         for side, value in (("link", motor if link is None else link), ("motor", motor)):
-            *before, (joint, coefficient) = self._terms(name, side)
+            *before, (joint, coefficient) = self.terms(name, side)
             rest = np.zeros(qpos.shape[:-1])
             for other, c in before:
                 rest = rest + c * qpos[..., self._qpos_address(other)]
@@ -222,7 +219,7 @@ class Drivetrain:
     def set_speed(self, name: str, qvel: np.ndarray, value: float) -> None:
         """Let motor and link of a coordinate that is one joint move alike [rad/s] in ``qvel`` (nv,)."""
         for side in ("link", "motor"):
-            joint, coefficient = self._terms(name, side)[-1]
+            joint, coefficient = self.terms(name, side)[-1]
             qvel[self.model.jnt_dofadr[self.model.joint(joint).id]] = value / coefficient
 
     def state(self, name: str, userdata: np.ndarray, slot: int) -> np.ndarray:

@@ -76,8 +76,8 @@ def change(joint: str, path: str, value: float) -> Change:
 def test_a_load_that_was_found_at_a_joint_is_the_same_load_in_the_robots_model(
     recorded: MeasuredRun, path: str, size: float, block: int
 ) -> None:
-    believed, found = felt(recorded, [change("shoulder", path, size)], "shoulder")
     """Of a shift by a third of the arm, a first derivative alone showed half as much again."""
+    believed, found = felt(recorded, [change("shoulder", path, size)], "shoulder")
     wanted = believed[:, 2:7] + size * believed[:, block : block + 5]
     if path == "load.centre_shift":
         wanted += size**2 * believed[:, 17:22]

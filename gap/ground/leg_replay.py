@@ -19,6 +19,7 @@ from ...envs.hopper.robot import HIP, KNEE
 from ...envs.scene import FLOOR
 from ..log.types import MeasuredRun
 from .leg_model import GROUND_BODY, GROUND_JOINT, LegModel
+from .many import on_many_grounds
 from .stances import LENGTH, Stance
 
 STEP = 1e-3  # [s] of the engine: halving it moves a stance by less than right models of contact differ
@@ -102,23 +103,7 @@ class LegReplay:
         Returns:
             Per stance the judged columns at its samples (v, samples, 4).
         """
-        chosen, count = np.asarray(rows), len(rows)
-        if states is None:
-            states = np.array([self.pieces[row].state for row in rows])
-        states = np.broadcast_to(states, (len(legs), count, 8)).reshape(-1, 8)
-        ground, stance = np.repeat(np.arange(len(legs)), count), np.tile(chosen, len(legs))
-        recorded = np.empty((self.steps + 1, len(ground), 4))
-        for first in range(0, len(ground), MOST_SIMULATIONS):
-            part = slice(first, first + MOST_SIMULATIONS)
-            recorded[:, part] = self._run(legs, ground[part], stance[part], states[part])
-        out = []
-        for k, row in enumerate(chosen):
-            at = self.time[row] / self.step
-            low = np.minimum(at.astype(int), self.steps - 1)
-            share = (at - low)[:, None, None]
-            path = recorded[:, k::count]
-            out.append(((1.0 - share) * path[low] + share * path[low + 1]).transpose(1, 0, 2))
-        return out
+        return on_many_grounds(self._run, legs, self.pieces, rows, states, self.time, self.step, MOST_SIMULATIONS)
 
     def _run(self, legs: Sequence[LegModel], ground: np.ndarray, stance: np.ndarray, states: np.ndarray) -> np.ndarray:
         n = len(ground)

@@ -63,11 +63,12 @@ def column_noise(runs: Sequence[MeasuredRun]) -> np.ndarray:
     rows = []
     for run in runs:
         values = columns(run)
-        rows.append([_noise(run.time, values[:, c]) for c in range(len(COLUMNS))])
+        rows.append([sample_error(run.time, values[:, c]) for c in range(len(COLUMNS))])
     return np.median(np.array(rows), axis=0)
 
 
-def _noise(time: np.ndarray, values: np.ndarray) -> float:
+def sample_error(time: np.ndarray, values: np.ndarray) -> float:
+    """Rms error of a sample of a column (n,); NaN where it was not logged."""
     good = np.isfinite(values)
     if good.sum() < 20:
         return np.nan
@@ -99,9 +100,14 @@ def find_stances(runs: Sequence[MeasuredRun], leg: LegModel, noise: np.ndarray) 
                 continue
             if (stance := _stance(run, leg, values, k, start, stop, noise)) is not None:
                 found.append(stance)
-    if len(found) > MOST:
-        found = [found[i] for i in np.linspace(0, len(found) - 1, MOST).round().astype(int)]
-    return found
+    return thinned(found, MOST)
+
+
+def thinned(pieces: list[Stance], most: int) -> list[Stance]:
+    """So many pieces at most, evenly spread over all of them."""
+    if len(pieces) <= most:
+        return pieces
+    return [pieces[i] for i in np.linspace(0, len(pieces) - 1, most).round().astype(int)]
 
 
 def _stance(

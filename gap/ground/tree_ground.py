@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+from dataclasses import replace
 from functools import partial
 
 import numpy as np
@@ -79,7 +80,7 @@ def lay_robot(
     if (why := too_few(len(pieces), tested, bool(held), test_group, "pieces")) is not None:
         return why
     progress(f"laying out {len(pieces)} pieces of the walk")
-    model = TreeModel.of(robot, runs[0].robot_params, believed, _middle(runs, columns))
+    model = replace(flat, pivot=_middle(runs, columns))
     replay = TreeReplay(model, runs, pieces, columns, _frames(runs[0]))
     values = [columns.values(run) for run in runs]
     unlogged = [name for name, said in zip(columns.names, columns.logged, strict=True) if not said]
@@ -114,9 +115,9 @@ def _middle(runs: Sequence[MeasuredRun], columns: BaseColumns) -> tuple[float, f
     """Where the robot was on the ground, in the middle of all runs [m]."""
     table = np.concatenate([columns.values(run) for run in runs])
     found = {"x": 0.0, "y": 0.0}
-    for c, name in enumerate(columns.names):
-        if (key := name.rpartition(".")[2]) in found and columns.logged[c]:
-            found[key] = float(np.nanmedian(table[:, c]))
+    for c, direction in enumerate(columns.directions):
+        if direction in found and columns.logged[c]:
+            found[direction] = float(np.nanmedian(table[:, c]))
     return found["x"], found["y"]
 
 
@@ -125,7 +126,7 @@ def _causes(model: TreeModel, columns: BaseColumns, names: Sequence[str] | None)
     way = _first(columns, ("x", "y", "yaw"))
     up = _first(columns, ("z", "pitch", "roll"))
     shown = {"contact.friction": way, "contact.stiffness": up, "contact.slope": _first(columns, ("pitch", "roll", "z"))}
-    across = any(name.rpartition(".")[2] in ("y", "roll") for name in columns.names)
+    across = not {"y", "roll"}.isdisjoint(columns.directions)
     slopes = ("contact.slope", "contact.slope_y") if across else ("contact.slope",)
     starts = [share * stiffness for share in SOFTER]
     return ground_causes(starts, stiffness, SOFTER[1] * stiffness, shown, slopes, names, damped=False)
@@ -133,12 +134,9 @@ def _causes(model: TreeModel, columns: BaseColumns, names: Sequence[str] | None)
 
 def _first(columns: BaseColumns, keys: Sequence[str]) -> str:
     """The column of the first of some directions that was logged; else the first column."""
-    logged = [name for name, said in zip(columns.names, columns.logged, strict=True) if said]
-    for key in keys:
-        for name in logged:
-            if name.rpartition(".")[2] == key or name.endswith(f"_{key}"):
-                return f"base.{name}"
-    return f"base.{logged[0]}"
+    rows = zip(columns.directions, columns.names, columns.logged, strict=True)
+    logged = {direction: name for direction, name, said in rows if said}
+    return f"base.{next((logged[key] for key in keys if key in logged), next(iter(logged.values())))}"
 
 
 def _numbers(model: TreeModel) -> list[Parameter]:

@@ -2,17 +2,19 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
 
 from ...envs.base import BaseLayout
-from ..checks.signal import derivatives, sample_noise
+from ..checks.signal import derivatives
 from ..log.types import MeasuredRun
 from .problem import Judged
-from .stances import NOISE_HALF, UNKNOWN_SPEED, Stance, polynomial
+from .stances import UNKNOWN_SPEED, Stance, polynomial, sample_error, thinned
 
+ALONG = ("x", "y", "yaw")  # of the ground: where on it a robot is does not matter
 LENGTH = 0.3  # [s]
 FIT, FIT_SAMPLES = 0.03, 3.5  # [s], and samples, to both sides of a start, from which its state is fitted
 FIRST = 0.04  # [s] of a piece that is not judged: its contacts settle
@@ -42,6 +44,11 @@ class BaseColumns:
     units: tuple[str, ...]
     logged: np.ndarray
 
+    @property
+    def directions(self) -> tuple[str, ...]:
+        """What each is: ``trunk.roll`` a roll, and so ``torso_pitch`` of a base of slides and hinges a pitch."""
+        return tuple(re.split(r"[._]", name)[-1] for name in self.names)
+
     @staticmethod
     def of(layout: BaseLayout, runs: Sequence[MeasuredRun]) -> BaseColumns:
         """Of some runs."""
@@ -51,14 +58,12 @@ class BaseColumns:
 
     def missing(self) -> list[str]:
         """Columns that a replay cannot do without: what says how the base stands on the ground."""
-        needed = [name for name in self.names if name.rpartition(".")[2] not in ("x", "y", "yaw")]
-        if all("." not in name for name in self.names):  # a base of slides and hinges: its first slide is the way
-            needed = list(self.names)[1:]
-        return [f"base.{name}" for name in needed if not self.logged[self.names.index(name)]]
+        rows = zip(self.names, self.directions, self.logged, strict=True)
+        return [f"base.{name}" for name, direction, logged in rows if not (logged or direction in ALONG)]
 
     def judged(self, runs: Sequence[MeasuredRun]) -> Judged:
         """What is compared, with the noise of each column."""
-        rows = [[_noise(run.time, column) for column in self.values(run).T] for run in runs]
+        rows = [[sample_error(run.time, column) for column in self.values(run).T] for run in runs]
         errors = np.array([MODEL[unit] for unit in self.units])
         names = tuple(f"base.{name}" for name in self.names)
         return Judged(names, self.units, errors, np.median(np.array(rows), axis=0), FIRST, LAW_ERROR)
@@ -85,9 +90,7 @@ def find_pieces(runs: Sequence[MeasuredRun], columns: BaseColumns, judged: Judge
             stop = int(np.searchsorted(run.time, run.time[start] + LENGTH))
             if (piece := _piece(run, columns, values, k, start, stop, judged)) is not None:
                 found.append(piece)
-    if len(found) > MOST:
-        found = [found[i] for i in np.linspace(0, len(found) - 1, MOST).round().astype(int)]
-    return found
+    return thinned(found, MOST)
 
 
 def _roughness(run: MeasuredRun, columns: BaseColumns, values: np.ndarray, judged: Judged) -> np.ndarray:
@@ -135,10 +138,3 @@ def _whole(angle: np.ndarray) -> np.ndarray:
     out = angle.copy()
     out[good] = np.unwrap(angle[good])
     return out
-
-
-def _noise(time: np.ndarray, values: np.ndarray) -> float:
-    good = np.isfinite(values)
-    if good.sum() < 20:
-        return np.nan
-    return sample_noise(time[good], values[good], half=NOISE_HALF, jumps=True)

@@ -17,6 +17,7 @@ from ...actuators.engine import install
 from ..checks.signal import derivatives
 from ..load.robot import Frame
 from ..log.types import MeasuredRun
+from .many import on_many_grounds
 from .stances import Stance
 from .tree_model import TreeModel, ground_of
 from .tree_pieces import LENGTH, BaseColumns
@@ -146,23 +147,7 @@ class TreeReplay:
         Returns:
             Per piece the quantities of the base at its samples (v, samples, k).
         """
-        chosen, count = np.asarray(rows), len(rows)
-        if states is None:
-            states = np.array([self.pieces[row].state for row in rows])
-        states = np.broadcast_to(states, (len(models), count, states.shape[-1])).reshape(-1, states.shape[-1])
-        ground, piece = np.repeat(np.arange(len(models)), count), np.tile(chosen, len(models))
-        recorded = np.empty((self.steps + 1, len(ground), states.shape[-1] // 2))
-        for first in range(0, len(ground), MOST_SIMULATIONS):
-            part = slice(first, first + MOST_SIMULATIONS)
-            recorded[:, part] = self._run(models, ground[part], piece[part], states[part])
-        out = []
-        for k, row in enumerate(chosen):
-            at = self.time[row] / STEP
-            low = np.minimum(at.astype(int), self.steps - 1)
-            share = (at - low)[:, None, None]
-            path = recorded[:, k::count]
-            out.append(((1.0 - share) * path[low] + share * path[low + 1]).transpose(1, 0, 2))
-        return out
+        return on_many_grounds(self._run, models, self.pieces, rows, states, self.time, self.step, MOST_SIMULATIONS)
 
     def _run(
         self, models: Sequence[TreeModel], ground: np.ndarray, piece: np.ndarray, states: np.ndarray

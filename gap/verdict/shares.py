@@ -11,7 +11,7 @@ import numpy as np
 from ..log.parts import FIT_A, FIT_B
 from ..replay.parameters import Parameter
 from ..replay.problem import Problem
-from ..search.fit import fit, merge
+from ..search.fit import Fit, fit, merge
 from ..search.result import Search
 
 
@@ -49,16 +49,30 @@ def owed(problem: Problem, search: Search) -> Owed:
     evaluations = search.settings.iterations
 
     def loss(others: Sequence[Parameter]) -> float:
-        kept = [{p.path: f.values[p.path] for p in others if p.path in f.values} for f in final.fits]
-        fits = [fit(part, others, start, evaluations) for part, start in zip(parts, kept, strict=True)]
-        crossed = zip(reversed(parts), fits, strict=True)
-        return float(np.concatenate([p.block_errors(p.simulate([f.values])[0]) for p, f in crossed]).sum())
+        return float(refitted(parts, others, final.fits, evaluations)[1].sum())
 
     def of(kept: Sequence[str], *, tuned: bool = True) -> float:
         left = [candidate.variant for candidate in search.accepted if candidate.cause.key in kept]
         return loss(merge(*((search.tuned,) if tuned else ()), *left))
 
     return owed_to([candidate.cause.key for candidate in search.accepted], of, float(final.blocks.sum()))
+
+
+def refitted(
+    parts: tuple[Problem, Problem], parameters: Sequence[Parameter], begun: tuple[Fit, Fit], evaluations: int
+) -> tuple[tuple[Fit, Fit], np.ndarray]:
+    """Fits of some parameters to both parts of the data, and the loss of each block under the one that did not see it.
+
+    Args:
+        parts: FIT_A and FIT_B.
+        parameters: to fit.
+        begun: fits, of other parameters too, from whose values it starts.
+        evaluations: iterations of each fit.
+    """
+    starts = [{p.path: found.values[p.path] for p in parameters if p.path in found.values} for found in begun]
+    a, b = (fit(part, parameters, start, evaluations) for part, start in zip(parts, starts, strict=True))
+    crossed = zip(reversed(parts), (a, b), strict=True)
+    return (a, b), np.concatenate([p.block_errors(p.simulate([f.values])[0]) for p, f in crossed])
 
 
 class Loss(Protocol):

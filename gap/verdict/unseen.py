@@ -23,6 +23,7 @@ from ..search.intervals import intervals
 from ..search.result import Candidate, Search
 from ..search.structure import fine, told_in
 from .evidence import THRESHOLDS
+from .shares import refitted
 from .verdict import NEAR_MISS, WITHDRAWN, OpenCause
 from .words import furthest
 
@@ -82,13 +83,10 @@ def without(fitting: Problem, search: Search, keys: Collection[str]) -> Search:
     first = next((k for k, c in enumerate(search.accepted) if c.cause.key in keys), len(search.accepted))
     if not kept.accepted or first >= len(kept.accepted):  # nothing stood on what is left out
         return kept
-    last, wanted = kept.accepted[-1], kept.parameters()
-    parts = (fitting.part(FIT_A), fitting.part(FIT_B))
-    starts = [{p.path: found.values[p.path] for p in wanted if p.path in found.values} for found in last.fits]
-    a, b = (fit(part, wanted, start, search.settings.iterations) for part, start in zip(parts, starts, strict=True))
-    crossed = zip(reversed(parts), (a, b), strict=True)
-    blocks = np.concatenate([part.block_errors(part.simulate([found.values])[0]) for part, found in crossed])
-    last = replace(last, fits=(a, b), evidence=replace(last.evidence, blocks=blocks, values=(a.values, b.values)))
+    last, parts = kept.accepted[-1], (fitting.part(FIT_A), fitting.part(FIT_B))
+    fits, blocks = refitted(parts, kept.parameters(), last.fits, search.settings.iterations)
+    values = (fits[0].values, fits[1].values)
+    last = replace(last, fits=fits, evidence=replace(last.evidence, blocks=blocks, values=values))
     return replace(kept, accepted=(*kept.accepted[:-1], last))
 
 

@@ -19,8 +19,8 @@ from ...replay.driven_simulator import law_along
 from ...replay.joint_model import JointModel
 from ...replay.parameters import address
 from ...replay.problem import JointProblem
-from ...replay.simulator import CHANNELS
-from ...replay.terms import T_OWN, T_SIZE
+from ...replay.simulator import CHANNELS, combine
+from ...replay.terms import E_BIAS, E_INERTIA, E_SIZE
 from ...verdict.verdict import JointDiagnosis
 
 WINDOW = 0.08  # [s] of the parabolas that give speed and acceleration: long against the noise, short against the motion
@@ -180,8 +180,10 @@ def balance(problem: JointProblem, motion: Motion, values: Mapping[str, float]) 
         gravity[at] = constants[K.gravity] * np.sin(angle[at])
         inertia = constants[K.inertia] + constants[K.motor_inertia]
         if problem.terms is not None:  # of a joint of a robot: what it carries, and how the other joints move
-            rows = worked_against(problem.terms[at], constants)
-            inertia, gravity[at] = inertia + rows[:, 0], gravity[at] + rows[:, 1]
+            felt = np.empty((len(speed[at]), E_SIZE))
+            for row, terms in zip(felt, problem.terms[at], strict=True):
+                combine(constants, terms, row)
+            inertia, gravity[at] = inertia + felt[:, E_INERTIA], gravity[at] + felt[:, E_BIAS]
         inertial[at] = inertia * motion.acceleration[at] / scale
         viscous[at] = constants[K.viscous] * speed[at]
         warm = np.maximum(1.0 - constants[K.loss] * (problem.temperature[at] - constants[K.reference]), 0.05)
@@ -192,15 +194,6 @@ def balance(problem: JointProblem, motion: Motion, values: Mapping[str, float]) 
     source = max(set(sources), key=sources.count)
     torques, limit, duty, current, voltage = law.T
     return Balance(angle, speed, inertial, gravity, motor, source, torques, limit, viscous, duty, current, voltage)
-
-
-def worked_against(terms: np.ndarray, constants: np.ndarray) -> np.ndarray:
-    """Inertia, bias, slope, curve and drag (n, 5) of a joint from its terms (n, T_COLUMNS), as a replay adds them."""
-    shift, out = constants[K.shift], np.zeros((len(terms), T_SIZE))
-    for block, factor in enumerate((constants[K.mass], constants[K.payload], shift, shift**2)):
-        first = T_OWN + block * T_SIZE
-        out += factor * terms[:, first : first + T_SIZE]
-    return out
 
 
 def _motor_torque(

@@ -123,6 +123,6 @@ def _dry(measured: Balance) -> np.ndarray:
 def _finish(chart: Figure, axes: Axes, measured: Balance) -> Figure:
     legend_above(axes)
     chart.supxlabel(
-        f"Dots: medians with quartiles over moving samples; {SOURCES[measured.source]}.", fontsize=7.5, color="#555555"
+        f"Dots: medians with quartiles over moving samples;\n{SOURCES[measured.source]}.", fontsize=7.5, color="#555555"
     )
     return chart
