@@ -144,21 +144,26 @@ def test_a_position_against_its_goal_is_an_error() -> None:
     assert found(with_log(run, position=-signal(run, "position")), "position.sign").severity == "error"
 
 
-def torque_run(delay: float = 0.0, factor: float = 1.0) -> MeasuredRun:
+def torque_run(delay: float = 0.0, factor: float = 1.0, armature: float = 0.0) -> MeasuredRun:
     """A run with the torque that the bench's true motion needs: m g l sin(q) + I q'' and some dry friction."""
     data, truth = hidden_bench({}, 0)
     run, q = data.runs[0], truth["clean_position"][0]
     motion = make_smoothing_spline(run.time, q, lam=1e-9)
     velocity, acceleration = motion.derivative(1)(run.time), motion.derivative(2)(run.time)
     mass, length, arm = (run.robot_params[key] for key in ("mass", "length", "arm_mass"))
-    inertia = mass * length**2 + arm * length**2 / 3
+    inertia = mass * length**2 + arm * length**2 / 3 + armature
     torque = inertia * acceleration + 9.81 * length * (mass + arm / 2) * np.sin(q) + 0.05 * np.tanh(velocity / 0.1)
     torque += np.random.default_rng(0).normal(0, 0.005, len(q))
     return with_log(run, torque=factor * np.interp(run.time - delay, run.time, torque))
 
 
-def test_a_right_torque_column_raises_nothing() -> None:
-    assert [f for f in check_run(torque_run()) if f.column == "servo.torque"] == []
+@pytest.mark.parametrize("armature", [0.0, 0.12])
+def test_a_right_torque_column_raises_nothing(armature: float) -> None:
+    """A drive's estimate has the armature of its motor in it: sixteen times the load's inertia made it another unit."""
+    run = torque_run(armature=armature)
+    chain = {"ideal": {"stiffness": 10.0, "damping": 0.1, "torque_limit": 2.0, "armature": 0.12}}
+    named = replace(run, actuators={"servo": [chain]})
+    assert [f for f in check_run(named) if f.column == "servo.torque"] == []
 
 
 @pytest.mark.parametrize(("delay", "code"), [(0.010, "torque.lag"), (-0.010, "torque.lead")])

@@ -19,8 +19,12 @@ MASS, LENGTH = 0.5, 0.12  # [kg], [m]
 TONES = np.array([[0.7, 0.31], [0.4, 0.83], [0.15, 1.9]])  # [rad], [Hz]
 
 
-def swung(name: str, delay: float = 0.0, seed: int = 0, group: str = "") -> MeasuredRun:
-    """A pendulum moved by hand for 12 s; the torque that it needs is logged late by a delay [s]."""
+def swung(
+    name: str, delay: float = 0.0, seed: int = 0, group: str = "", *, armature: float = 0.0, coulomb: float = 0.05
+) -> MeasuredRun:
+    """A pendulum moved for 12 s; the torque that it, an armature [kg.m2] and friction [N.m] need is logged late by a
+    delay [s].
+    """
     rng = np.random.default_rng(seed)
     time = np.arange(0.0, 12.0, 0.005)
     phase = rng.uniform(0.0, 2.0 * np.pi, len(TONES))
@@ -36,7 +40,8 @@ def swung(name: str, delay: float = 0.0, seed: int = 0, group: str = "") -> Meas
         )
 
     q, speed, acceleration = motion(time - delay)
-    torque = MASS * LENGTH**2 * acceleration + MASS * 9.81 * LENGTH * np.sin(q) + 0.05 * np.tanh(speed / 0.1)
+    inertia = MASS * LENGTH**2 + armature
+    torque = inertia * acceleration + MASS * 9.81 * LENGTH * np.sin(q) + coulomb * np.tanh(speed / 0.1)
     log = JointLog(
         None,
         motion(time)[0] + rng.normal(0.0, 3e-4, len(time)),
@@ -55,7 +60,14 @@ def swung(name: str, delay: float = 0.0, seed: int = 0, group: str = "") -> Meas
 def believing(run: MeasuredRun, **numbers: float) -> MeasuredRun:
     """The same run with another belief about its bench; its motor has the friction that the plant has."""
     chain = [
-        {"ideal": {"stiffness": 10.0, "damping": 0.1, "torque_limit": 2.0, "armature": 0.0}},
+        {
+            "ideal": {
+                "stiffness": 10.0,
+                "damping": 0.1,
+                "torque_limit": 2.0,
+                "armature": numbers.pop("armature", 0.0),
+            },
+        },
         {"friction": {"coulomb": numbers.pop("coulomb", 0.05), "viscous": 0.0}},
     ]
     params = {"mass": MASS, "length": LENGTH, "arm_mass": 0.0, **numbers}
@@ -149,6 +161,49 @@ def test_a_load_that_nobody_claims_to_know_is_tuned_and_no_fault_of_the_torque()
     found = diagnose_torque(runs, "servo", ())
     assert found.verdict == NOTHING and not found.causes, found.text
     assert found.tuned["load.mass_factor"] == pytest.approx(1.5, rel=0.02)
+
+
+ARMATURE = 0.026  # [kg.m2] of a geared servo: four times the load
+SIDES = {"shaft": (0.0, 0.0), "drive": (ARMATURE, 0.05)}  # what of armature and friction is in the column
+
+
+def sided(side: str, **wrong: float) -> list[MeasuredRun]:
+    """A servo whose torque is logged behind the gear, or as the drive estimates it; both are believed alike."""
+    armature, coulomb = SIDES[side]
+    runs = [swung(name, 0.0, seed, armature=armature, coulomb=coulomb) for name, seed in (("a", 1), ("b", 2))]
+    return [believing(run, armature=ARMATURE, **wrong) for run in runs]
+
+
+@pytest.mark.parametrize("side", SIDES)
+def test_a_torque_column_of_shaft_or_drive_is_nothing_to_explain(side: str) -> None:
+    """One of the shaft got ``load.inertia`` with 99 %: the armature was looked for in it."""
+    found = diagnose_torque(sided(side), "servo", ())
+    assert found.verdict == NOTHING and not found.causes, found.text
+    (note,) = [finding for finding in found.findings if finding.code == "torque.side"]
+    assert ("load alone" in note.sentence) == (side == "shaft")
+
+
+@pytest.mark.parametrize("side", SIDES)
+@pytest.mark.parametrize("factor", [0.6, 1.5])
+def test_a_wrong_mass_is_found_on_either_side_of_the_armature(side: str, factor: float) -> None:
+    """The factor was on load and armature together, and came out below zero."""
+    found = diagnose_torque(sided(side, mass=MASS / factor), "servo", ())
+    (cause,) = found.causes
+    alike = {"load.mass", "sensor.scale"} if side == "shaft" else {"load.mass"}  # all of a shaft's torque is its load
+    assert cause.name in alike and alike - {cause.name} <= set(cause.rivals), found.text
+    (value,) = cause.parameters.values()
+    assert value.low <= factor <= value.high and value.value == pytest.approx(factor, rel=0.05)
+
+
+def test_the_side_of_a_torque_column_can_be_said() -> None:
+    runs = [replace(run, meta={**run.meta, "torque": "drive"}) for run in sided("shaft")]
+    found = diagnose_torque(runs, "servo", ())
+    assert found.causes and any("as the sidecar says" in f.sentence for f in found.findings)
+    with pytest.raises(LogError, match=r"a: meta.torque is 'shaft' \(.*\) or 'drive' \(.*\), not 'motor'"):
+        diagnose_torque([replace(run, meta={**run.meta, "torque": "motor"}) for run in runs], "servo", ())
+    apart = [runs[0], replace(runs[1], meta={**runs[1].meta, "torque": "shaft"})]
+    with pytest.raises(LogError, match=r"b: meta\.torque is 'shaft', that of another run 'drive'"):
+        diagnose_torque(apart, "servo", ())
 
 
 def with_torque(run: MeasuredRun, torque: np.ndarray | None) -> MeasuredRun:

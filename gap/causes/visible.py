@@ -7,6 +7,7 @@ from collections.abc import Sequence
 import numpy as np
 
 from ..log.finding import Finding
+from ..log.torque_side import side_note
 from ..replay.driven import DrivenProblem, is_elastic
 from ..replay.joint_model import JointModel
 from .cause import Cause, View, visible
@@ -22,7 +23,9 @@ JUDGED = {
 
 def view_of(problem: DrivenProblem, nominal: JointModel) -> View:
     """What a driven replay can show: its link is prescribed, and so is a motor that is rigid with it."""
-    columns = [name for c, name in enumerate(problem.channels) if np.isfinite(problem.measured[:, c]).any()]
+    columns = {name for c, name in enumerate(problem.channels) if np.isfinite(problem.measured[:, c]).any()}
+    if problem.torque_side == "drive":  # which says no more of friction than current and duty do
+        columns -= {"torque"}
     moves = problem.signal[0] == "position" or is_elastic(nominal)
     return View(free_link=False, free_motor=moves, columns=frozenset(columns))
 
@@ -32,10 +35,13 @@ def shown(problem: DrivenProblem, nominal: JointModel, causes: Sequence[Cause]) 
     return visible(causes, view_of(problem, nominal))
 
 
-def limits(problem: DrivenProblem, joint: str, hidden: Sequence[str]) -> Finding:
-    """What the driven replay of a joint cannot show, for people."""
-    return Finding(
+def limits(problem: DrivenProblem, joint: str, hidden: Sequence[str]) -> tuple[Finding, ...]:
+    """What the driven replay of a joint cannot show, and what its torque was taken as, for people."""
+    beyond = Finding(
         "replay.driven", "note", joint, None,
         f"The link of '{joint}' was moved as measured, and {JUDGED[problem.signal[0]]} was judged, so no model of load "
         f"and contact was needed; this cannot show {', '.join(hidden)}.",
     )  # fmt: skip
+    if not np.isfinite(problem.measured[:, problem.channels.index("torque")]).any():
+        return (beyond,)
+    return beyond, side_note(joint, problem.torque_side, said=problem.side_said)

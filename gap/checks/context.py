@@ -7,6 +7,8 @@ from functools import cached_property
 
 import numpy as np
 
+from ...actuators.chain import Chain, load_chain
+from ...actuators.errors import SealegsError
 from ..load.robot import robot_of
 from ..log.types import Array, JointLog, MeasuredRun
 from .signal import DERIVATIVE_WINDOW, derivatives, quantisation_step, sample_noise
@@ -31,6 +33,14 @@ class JointContext:
     def column(self, signal: str) -> str:
         """Return a column's name in the file."""
         return f"{self.name}.{signal}"
+
+    @cached_property
+    def chain(self) -> Chain | None:
+        """Nominal chain of its actuator; None where the log names none that can be read, which is told elsewhere."""
+        try:
+            return load_chain(self.run.actuators[self.name])
+        except (KeyError, SealegsError):
+            return None
 
     @cached_property
     def period(self) -> float:

@@ -6,8 +6,7 @@ from collections.abc import Iterator
 
 import numpy as np
 
-from ...actuators.chain import Chain, load_chain
-from ...actuators.errors import SealegsError
+from ...actuators.chain import Chain
 from ..log.finding import Finding
 from ..log.types import Array
 from .context import JointContext
@@ -35,7 +34,7 @@ def check_drive(joint: JointContext) -> Iterator[Finding]:
             f"{joint.column('temperature')} is in kelvin, not in degC: it is {np.nanmedian(temperature):.0f}.",
             value=273.15, cause="sensor.offset", data_error=True,
         )  # fmt: skip
-    if (chain := _chain(joint)) is None:
+    if (chain := joint.chain) is None:
         return
     duty = _duty(joint, chain)
     for signal, expected in (("duty", duty), ("current", _current(joint, chain))):
@@ -57,13 +56,6 @@ def check_drive(joint: JointContext) -> Iterator[Finding]:
             )  # fmt: skip
         elif supply is not None:
             yield from _finding(joint, "voltage", usual / supply.volts)
-
-
-def _chain(joint: JointContext) -> Chain | None:
-    try:
-        return load_chain(joint.run.actuators[joint.name])
-    except (KeyError, SealegsError):  # reported where the chain is needed
-        return None
 
 
 def _duty(joint: JointContext, chain: Chain) -> Array | None:

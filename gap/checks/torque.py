@@ -40,7 +40,7 @@ def check_torque(joints: Sequence[JointContext], run: str | None) -> Iterator[Fi
     if balance.r2(shift.index) < EXPLAINED:
         return
     name, column = joints[0].name, joints[0].column("torque")
-    ratio, spread = _ratio(balance, shift)
+    ratio, spread = _ratio(balance, shift, _armatures(joints))
     if not RIGHT[0] < abs(ratio) < RIGHT[1]:
         gear = 1.0 / ratio if abs(ratio) < 1.0 else ratio
         relation = f"1/{abs(gear):.3g}" if abs(ratio) < 1.0 else f"{abs(gear):.3g} times"
@@ -61,10 +61,25 @@ def check_torque(joints: Sequence[JointContext], run: str | None) -> Iterator[Fi
         yield _shift_finding(name, column, balance, shift, run)
 
 
-def _ratio(balance: TorqueBalance, shift: Shift) -> tuple[float, float]:
-    """Logged over needed torque of load and motion, and its standard deviation over blocks."""
-    rows = np.column_stack([balance.terms[:, :2].sum(axis=1), balance.terms[:, 2:]])
+def _armatures(joints: Sequence[JointContext]) -> list[float]:
+    """Armature over inertia of the load, of each run; 0 where no chain says it."""
+    found = []
+    for joint in joints:
+        inertia = PendulumLoad().inertia(completed(joint.run.robot_params))
+        armature = 0.0 if joint.chain is None else joint.chain.armature()
+        found.append(armature / max(inertia, 1e-12))
+    return found
+
+
+def _ratio(balance: TorqueBalance, shift: Shift, armatures: Sequence[float]) -> tuple[float, float]:
+    """Logged over needed torque of load and motion, and its standard deviation over blocks.
+
+    The column may have the drive's armature in it or not: what fits better counts.
+    """
     torque = balance.torques[:, shift.index]
+    load, armature = balance.terms[:, :2].sum(axis=1), balance.terms[:, 0] * np.array(armatures)[balance.run]
+    tables = [np.column_stack([needed, balance.terms[:, 2:]]) for needed in (load, load + armature)]
+    rows = min(tables, key=lambda table: np.linalg.norm(torque - table @ np.linalg.lstsq(table, torque)[0]))
     numbers = np.linalg.lstsq(rows, torque, rcond=None)[0]
     inverse = np.linalg.pinv(rows.T @ rows)
     score = rows * (torque - rows @ numbers)[:, None]

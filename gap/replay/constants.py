@@ -33,6 +33,7 @@ class Constants(NamedTuple):
     shift: float = 0.0  # of the centre of mass of the joint's own body, away from the joint [m]
     stop_stiffness: float = STOP_STIFFNESS  # [N.m/rad]
     stop_damping: float = STOP_DAMPING  # [N.m.s/rad]
+    at_drive: float = 0.0  # 1: a logged torque is the motor's, before armature and friction took theirs
 
 
 K: Any = Constants(*range(len(Constants._fields)))

@@ -7,14 +7,16 @@ listed in a finding: everything about the load, and what needs a column that the
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import ClassVar
 
 import numpy as np
 
 from ..checks.signal import derivatives, typical_noise
 from ..log.parts import Unit
+from ..log.torque_side import SIDES, TorqueSide, said_side, shown_side
 from ..log.types import LogError, MeasuredRun
+from .constants import K
 from .driven_simulator import CHANNELS, replay_driven_many
 from .joint_model import JointModel
 from .joint_replay import JointReplay
@@ -23,6 +25,7 @@ from .problem import JointProblem
 from .variants import Batch
 
 UNITS = {"position": "rad", "torque": "N.m", "duty": "1", "current": "A"}
+LEAST_TORQUES = 50  # samples of a torque column that can tell what it is of
 RIGID_SIGNALS = ("torque", "current", "duty")  # what judges a motor that is rigid with its link, the best first
 
 
@@ -34,10 +37,14 @@ class DrivenProblem(JointReplay):
         link: position, speed and acceleration of the link (n, 3) [rad, rad/s, rad/s2].
         first: which of :data:`sealegs.gap.replay.driven_simulator.CHANNELS` is judged sample by sample; it comes first
             in ``measured`` and in what is simulated, in exchange with the position.
+        torque_side: what a logged torque is of, :mod:`sealegs.gap.log.torque_side`.
+        side_said: whether the sidecars say so.
     """
 
     link: np.ndarray = field(kw_only=True)
     first: int = field(default=0, kw_only=True)
+    torque_side: TorqueSide = field(default="shaft", kw_only=True)
+    side_said: bool = field(default=False, kw_only=True)
 
     by_sample: ClassVar[tuple[int, ...]] = (0,)
     by_group: ClassVar[tuple[int, ...]] = (1, 2, 3)
@@ -86,6 +93,7 @@ class DrivenProblem(JointReplay):
     def replay(self, batch: Batch) -> None:
         """Along the measured motion of the link."""
         signals = (*self.driven_by(batch.rows), self.link[batch.rows])
+        batch.constants[..., K.at_drive] = float(self.torque_side == "drive")
         replay_driven_many(
             batch.programs, batch.constants, *signals, batch.starts, batch.states, batch.steps, batch.out
         )
@@ -142,7 +150,8 @@ def driven_problem(
         first = CHANNELS.index(signal)
         measured = measured[:, _exchanged(first)]
         weight[0] = 1.0 / typical_noise(plain.time, measured[:, 0], plain.starts)
-    return DrivenProblem(
+    side = said_side(runs)
+    problem = DrivenProblem(
         units=plain.units,
         params=plain.params,
         time=plain.time,
@@ -160,7 +169,21 @@ def driven_problem(
         models=tuple(models),
         link=link,
         first=first,
+        torque_side=side or "shaft",
+        side_said=side is not None,
     )
+    return problem if side else replace(problem, torque_side=_shown_side(problem))
+
+
+def _shown_side(problem: DrivenProblem) -> TorqueSide:
+    """What the torque column was taken of, by the nominal model."""
+    where = problem.channels.index("torque")
+    shaft, drive = (replace(problem, torque_side=side).simulate([{}])[0, :, where] for side in SIDES)
+    torque = problem.measured[:, where]
+    good = problem.judged & np.isfinite(torque)
+    if good.sum() < LEAST_TORQUES:
+        return "shaft"
+    return shown_side(torque[good], shaft[good], (drive - shaft)[good]) or "shaft"
 
 
 def is_elastic(model: JointModel) -> bool:

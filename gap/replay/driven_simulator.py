@@ -60,7 +60,8 @@ def replay_driven(p, k, time, goal, on, temperature, link, q0, w0, step, out):
         link: its position, speed and acceleration at the samples (n, 3) [rad, rad/s, rad/s2].
         q0, w0: reading and speed of a motor that is not rigid with the link at the first sample [rad, rad/s].
         step: largest step [s].
-        out: (n, 4) filled with reading [rad], torque on the link [N.m], duty and current [A] at the samples.
+        out: (n, 4) filled with reading [rad], torque [N.m], duty and current [A] at the samples; the torque is that on
+            the link, or the motor's before its armature and friction took theirs.
     """
     s = np.zeros(int(p[P_STATE_SIZE]))
     x = np.empty(4)
@@ -97,18 +98,17 @@ def _replay_driven(acting, advancing, p, k, s, x, nothing, time, goal, on, tempe
         advance_stages(advancing, p, s, time[j])
         if coupled:
             passed = coupling_torque(k, x[0] - x[2], x[1] - x[3])
-            torque_of_stages(acting, p, s, time[j], goal[j], x[0], x[1], -passed, True)
+            given = drive(acting, p, k, s, time[j], goal[j], on[j], x[0], x[1], -passed, True)
         else:
             x[0], x[1] = x[2], x[3]
-            passed = (
-                drive(acting, p, k, s, time[j], goal[j], on[j], x[0], x[1], 0.0, True) - k[K.motor_inertia] * link[j, 2]
-            )
+            given = drive(acting, p, k, s, time[j], goal[j], on[j], x[0], x[1], 0.0, True)
+            passed = given - k[K.motor_inertia] * link[j, 2]
             if abs(x[1]) > REST_SPEED:
                 passed -= math.copysign(s[S_LIMIT], x[1])
             else:  # dry friction takes what it can hold
                 passed -= math.copysign(min(s[S_LIMIT], abs(passed)), passed)
         out[j, 0] = k[K.host_scale] * host_reading_smooth(p, s, time[j], x[0]) + k[K.host_offset]
-        out[j, 1] = passed
+        out[j, 1] = passed if k[K.at_drive] == 0.0 else given + k[K.viscous] * x[1]
         out[j, 2] = s[S_DUTY]
         out[j, 3] = s[S_CURRENT]
         if j + 1 == n:

@@ -253,7 +253,7 @@ def _replay(pieces: Cut, request: Request, *, before_goal: bool = False) -> Repl
     causes, hidden = shown(driven, pieces.models[0], causes)
     request.progress(f"judging the actuator of {pieces.joint} along its measured motion")
     problem = weigh_channels(converged(driven), request.search)
-    told = (*seen, limits_of_driven(driven, pieces.joint, hidden))
+    told = (*seen, *limits_of_driven(driven, pieces.joint, hidden))
     return Replay(problem, problem, wide, tuned, causes, told, stops, tuple(hidden))
 
 

@@ -16,6 +16,7 @@ from ..checks.signal import sample_noise
 from ..checks.torque_balance import AT_ONCE, WINDOW, Shift, torque_balance, torque_shift
 from ..log.finding import Finding
 from ..log.parts import held_out
+from ..log.torque_side import said_side, shown_side, side_note
 from ..log.types import LogError, MeasuredRun
 from ..replay.parameters import TIGHT, address
 from ..search.settings import SearchSettings
@@ -26,7 +27,7 @@ from .request import Request
 from .torque_causes import SHIFT, Sought, sought_in, terms_of, torque_causes, with_shares
 from .torque_model import Believed, TorqueModel
 from .unseen import furthest, handed_over, withdrawn
-from .verdict import Error, JointDiagnosis, NamedCause, Value, data_errors
+from .verdict import Error, JointDiagnosis, NamedCause, Value, data_errors, rivals_of
 
 NO_WISHES = Request()
 MODELS = ("nominal", "tuned", "refitted", "extended")
@@ -69,6 +70,7 @@ def diagnose_torque(
         use = "fit" if test.all() else "test"
         group = f" with the group '{request.test_group}' held out" if held else ""
         raise LogError(f"joint '{joint}': no torque is left to {use} on{group}; record more runs or longer ones.")
+    runs_used = [runs[k] for k in logs]
     settings, noise = request.search, _noise(runs, joint)
     sought = sought_in(runs[next(iter(logs))], joint, request)
     tuned, wide = (adjustable(sought.nominal, width) for width in (TIGHT, settings.refitted_by))
@@ -76,6 +78,14 @@ def diagnose_torque(
 
     # a column that is out of step: judged with all terms refitted, so that no wrong number hides it
     found = torque_shift(fitted.balance)
+
+    # a column of the shaft or of the drive
+    said, shaft = said_side(runs_used), fitted.at_shaft
+    side = said or shown_side(fitted.balance.torques[:, found.index], shaft.base, fitted.inside)
+    if side is not None:
+        findings = (*findings, side_note(joint, side, said=said is not None))
+    if side == "shaft":
+        fitted, unseen = shaft, unseen.at_shaft
     errors = {  # of what is fitted and of what is not, without and with the shift
         at: [rows.balance.terms @ fitted.balance.fit(at) - rows.balance.torques[:, at] for rows in (fitted, unseen)]
         for at in (AT_ONCE, found.index)
@@ -137,7 +147,7 @@ def diagnose_torque(
         gap=gap,
         causes=causes,
         unexplained=left,
-        rivals=(),
+        rivals=rivals_of(causes),
         experiment=None,
         findings=findings,
         tuned={address(path).number: 1.0 + change for path, change in chosen.items() if path not in named},

@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -19,17 +19,18 @@ from ..log.types import Array, LogError, MeasuredRun
 from ..replay.parameters import Parameter
 from ..search.bounded import bounded_step
 
+TINY = 1e-12  # a load so small is none
 HALF = 4  # blocks that follow each other in one half of the data
 
 
 @dataclass(frozen=True)
 class Believed:
-    """What sidecar and chain say of a run.
+    """What sidecar and chain say of a run, as far as it is in the torque column.
 
     Attributes:
         inertia: of load and armature [kg.m2].
         gravity: torque at a quarter turn [N.m].
-        armature: of the motor [kg.m2].
+        armature: of the motor [kg.m2]; 0 in a column taken at the shaft, as is friction.
         mass: inertia [kg.m2] and gravity torque [N.m] of the mass alone.
         coulomb, viscous: friction [N.m], [N.m.s/rad].
     """
@@ -67,6 +68,11 @@ class Believed:
             0.0 if friction is None else friction.coulomb,
             0.0 if friction is None else friction.viscous,
         )
+
+    @property
+    def at_shaft(self) -> Believed:
+        """Without what lies on the drive's side of the shaft."""
+        return replace(self, inertia=self.inertia - self.armature, armature=0.0, coulomb=0.0, viscous=0.0)
 
 
 @dataclass(frozen=True)
@@ -124,9 +130,16 @@ class TorqueModel:
         return self.balance.terms @ self.numbers
 
     def of_term(self, term: Term) -> Turned:
-        """What a cause turns: without bounds, for its interval says how well it is known."""
-        column = self.balance.terms[:, list(term.terms)].sum(axis=1) if term.terms else self.base
-        return Turned(term.number, column)
+        """What a cause turns, down to none of it at all."""
+        none = 1.0 if term.relative else float(self.numbers[term.terms[0]])
+        low = -math.inf if term.number == "torque.offset" else -none
+        if term.number == "load.mass_factor":
+            column = self._mass
+        elif term.number == "load.inertia_factor":  # of the load: the armature is the chain's
+            column = self.balance.terms[:, 0] - self._armature
+        else:
+            column = self.balance.terms[:, list(term.terms)].sum(axis=1) if term.terms else self.base
+        return Turned(term.number, column, low)
 
     def beside(self, terms: Iterable[Term]) -> list[Turned]:
         """The tuned numbers that none of these causes turns itself and that change the torque."""
@@ -141,20 +154,50 @@ class TorqueModel:
 
     def _column(self, parameter: Parameter) -> Array | None:
         """What a unit of a tuned number adds (m,); None where a balance does not know it."""
-        terms, run = self.balance.terms, self.balance.run
-        inertia, gravity = (np.array([getattr(b, key) for b in self.believed])[run] for key in ("inertia", "gravity"))
+        terms = self.balance.terms
         if parameter.number == "friction.coulomb":
             return terms[:, 2] * self.believed[0].coulomb
         if parameter.number == "friction.viscous":
             return terms[:, 3] * self.believed[0].viscous
         if parameter.number.endswith(".armature"):
-            return terms[:, 0] * np.array([b.armature for b in self.believed])[run] / inertia
+            return self._armature
         if parameter.number == "load.extra_inertia":
-            return terms[:, 0] / inertia
+            return terms[:, 0] / np.maximum(self._of_runs("inertia"), TINY)
         if parameter.number == "load.mass_factor":
-            moved, held = (np.array([b.mass[k] for b in self.believed])[run] for k in (0, 1))
-            return terms[:, 0] * moved / inertia + terms[:, 1] * held / np.maximum(gravity, 1e-12)
+            return self._mass
         return None
+
+    def _of_runs(self, name: str) -> Array:
+        """A believed number of the run of each row (m,)."""
+        return np.array([getattr(one, name) for one in self.believed])[self.balance.run]
+
+    @property
+    def _armature(self) -> Array:
+        """Torque that the armature takes (m,) [N.m]."""
+        return self.balance.terms[:, 0] * self._of_runs("armature") / np.maximum(self._of_runs("inertia"), TINY)
+
+    @property
+    def _mass(self) -> Array:
+        """Torque that the mass alone takes (m,) [N.m]."""
+        terms, run = self.balance.terms, self.balance.run
+        moved, held = (np.array([one.mass[k] for one in self.believed])[run] for k in (0, 1))
+        inertia, gravity = (np.maximum(self._of_runs(name), TINY) for name in ("inertia", "gravity"))
+        return terms[:, 0] * moved / inertia + terms[:, 1] * held / gravity
+
+    @property
+    def inside(self) -> Array:
+        """Torque that armature and friction of the drive take (m,) [N.m]."""
+        coulomb, viscous = self._of_runs("coulomb"), self._of_runs("viscous")
+        return self._armature + self.balance.terms[:, 2] * coulomb + self.balance.terms[:, 3] * viscous
+
+    @property
+    def at_shaft(self) -> TorqueModel:
+        """The same of a column that was taken at the shaft."""
+        terms = self.balance.terms.copy()
+        terms[:, 0] -= self._armature
+        return replace(
+            self, balance=replace(self.balance, terms=terms), believed=[one.at_shaft for one in self.believed]
+        )
 
     def turned(self, terms: Sequence[Term], *, tuned: bool = True) -> list[Turned]:
         """All that a model with these causes turns, the causes last."""
@@ -191,7 +234,11 @@ class TorqueModel:
         wanted = self.balance.torques[:, shift] - self.base
         sizes = solved_within(items, wanted)
         rest = wanted - np.stack([item.column for item in items], axis=1) @ sizes
-        free = [item for item, size in zip(items, sizes, strict=True) if item.low < size < item.high]
+        causes = len(items) - len(terms)  # their intervals are wanted even where they stand at a bound
+        free = [
+            item for k, (item, size) in enumerate(zip(items, sizes, strict=True))
+            if k >= causes or item.low < size < item.high
+        ]  # fmt: skip
         table = np.stack([item.column for item in free], axis=1)
         score = table * rest[:, None]
         per_block = np.stack([np.bincount(self.balance.block, score[:, k]) for k in range(table.shape[1])], axis=1)
