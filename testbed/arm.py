@@ -132,6 +132,7 @@ SERVOS: dict[str, dict[str, float]] = {
 """Of machines whose servos are others: the leg's are motor 3 of paper 000 behind 287:1, under a softer loop."""
 DELAY = 0.005
 DRIVEN_COULOMB, DRIVEN_VISCOUS = 0.05, 0.02  # of an arm that is driven by torque, without a gear; assumed
+KINDS = ("chirp", "steps", "triangle", "multisine")
 UNCERTAIN = ("motor_constant", "resistance", "armature", "coulomb", "viscous")
 
 
@@ -253,6 +254,7 @@ def record_arm(
     by_torque: bool = False,
     faults: Mapping[str, str] | None = None,
     passive: tuple[str, ...] = (),
+    kinds: tuple[str, ...] = KINDS,
 ) -> tuple[list[Recording], dict[str, Any]]:
     """Record runs of an arm that hides effects, and write the model file that is believed of it.
 
@@ -266,6 +268,7 @@ def record_arm(
         by_torque: whether the joints are commanded by torques.
         faults: of columns: ``degrees`` or ``reversed`` by joint.
         passive: joints that nothing drives; only their position is logged.
+        kinds: of excitation of each joint, in an order of its own.
 
     Returns:
         The recordings, and the truth.
@@ -299,7 +302,9 @@ def record_arm(
     recorded = [
         Recording(
             f"run{k}",
-            *_run(links, servos, names, duration, np.random.default_rng([seed, 12, k]), k, dict(faults or {}), passive),
+            *_run(
+                links, servos, names, duration, np.random.default_rng([seed, 12, k]), k, dict(faults or {}), passive, kinds
+            ),
             {}, str(folder / "arm.xml"), {}, {name: chain for name in names if name not in passive},
         )
         for k in range(runs)
@@ -307,9 +312,15 @@ def record_arm(
     return recorded, truth
 
 
-def goals_of(count: int, time: np.ndarray, rng: np.random.Generator, run: int, by_torque: bool = False) -> np.ndarray:
+def goals_of(
+    count: int,
+    time: np.ndarray,
+    rng: np.random.Generator,
+    run: int,
+    by_torque: bool = False,
+    kinds: tuple[str, ...] = KINDS,
+) -> np.ndarray:
     """Goals (k, n) [rad] of all joints, each with an order of excitations of its own; or torques [N.m]."""
-    kinds = ("chirp", "steps", "triangle", "multisine")
     goal = np.empty((len(time), count))
     for joint in range(count):
         if by_torque:
@@ -332,12 +343,13 @@ def _run(
     rng: np.random.Generator,
     run: int,
     faults: dict[str, str],
-    passive: tuple[str, ...] = (),
+    passive: tuple[str, ...],
+    kinds: tuple[str, ...],
 ) -> tuple[np.ndarray, dict[str, dict[str, np.ndarray]]]:
     count = int(duration / SAMPLE_PERIOD)
     jitter = np.clip(rng.normal(0.0, JITTER, count), -0.3 * SAMPLE_PERIOD, 0.3 * SAMPLE_PERIOD)
     time = SAMPLE_PERIOD * (1.0 + np.arange(count)) + jitter
-    goal = goals_of(len(names), time, rng, run, servos.by_torque)
+    goal = goals_of(len(names), time, rng, run, servos.by_torque, kinds)
     at, angle, speed, duty, current, _ = simulate(links, servos, time, goal, float(time[-1]) + 2e-3)
     held = np.clip(np.searchsorted(at, time, side="right") - 1, 0, len(at) - 1)
     joints = {}

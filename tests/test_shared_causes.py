@@ -15,7 +15,7 @@ from sealegs.gap.log.types import MeasuredRun
 from sealegs.gap.output.robot_extension import shared_changes
 from sealegs.gap.replay.tree import motion_of
 from sealegs.gap.shared import ROBOT, affected
-from sealegs.gap.shared.directions import Direction, about_joints, centres, masses, payload, rows_of, tilt
+from sealegs.gap.shared.directions import RATE, Direction, about_joints, centres, masses, payload, rows_of, tilt
 from sealegs.gap.shared.search import helps_several
 from sealegs.gap.verdict.verdict import JointDiagnosis
 
@@ -46,7 +46,7 @@ def test_a_number_of_the_robot_does_to_each_joint_what_it_does_in_the_robots_mod
     recorded: MeasuredRun, joint: str
 ) -> None:
     machine = robot(recorded)
-    every = max(round(1.0 / (60.0 * recorded.period)), 1)
+    every = max(round(1.0 / (RATE * recorded.period)), 1)
     at = np.arange(0, len(recorded.time), every)[:40]
     whole = motion_of(machine, recorded)
     motion = type(whole)(whole.position[at], whole.speed[at], whole.acceleration[at])
@@ -55,7 +55,7 @@ def test_a_number_of_the_robot_does_to_each_joint_what_it_does_in_the_robots_mod
         found = Extended(recorded.robot, {}, {}, tuple(shared_changes(machine, found_of_robot(number, size))))
         model = machine.file.bare_model(found.params_on(machine.file.robot()))
         change = block_along(model, machine.number(joint), motion) - believed
-        rows = rows_of(direction, machine, joint, [recorded])
+        rows = rows_of(direction, machine, joint, [recorded], [whole])
         said = np.zeros_like(change) if rows is None else (size - direction.neutral) * rows[0][at]
         np.testing.assert_allclose(said, change, atol=0.02 * np.abs(change).max() + 1e-5, err_msg=number)
 
@@ -122,3 +122,14 @@ def test_a_joint_shares_a_cause_that_removes_a_good_part_of_its_own_loss() -> No
     before = {"shoulder": 17.0, "elbow": 71.0}  # of a double pendulum whose inertias are about the joints
     assert helps_several(before, {"shoulder": 11.0, "elbow": 11.0})
     assert not helps_several(before, {"shoulder": 17.0, "elbow": 11.0})
+
+
+@pytest.mark.long
+@pytest.mark.parametrize("kinds", [("steps",) * 4, ("multisine", "chirp") * 2])
+def test_a_payload_is_as_heavy_on_steps_as_on_smooth_motion(kinds: tuple[str, ...], tmp_path: Path) -> None:
+    """Steps made it a tenth too heavy: smoothing takes the peak of every acceleration that the other joint has."""
+    data, _ = hidden_arm(tmp_path, "two_link", {"payload": ("elbow", "clear")}, 5, kinds=kinds)
+    (cause,) = diagnose(data, causes=["load.mass"]).joint(ROBOT).causes
+    value = cause.parameters["body.elbow_link.payload"]
+    assert value.low <= 0.15 <= value.high
+    assert value.value == pytest.approx(0.15, rel=0.04)

@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
+from types import MappingProxyType
 
 import mujoco
 import numpy as np
@@ -18,6 +19,7 @@ from .joint_model import JointModel
 from .terms import E_INERTIA, E_POSITION, E_SLOPE
 from .unlogged import LIGHT, behind, logged, needed, start_of, weight_of, with_unlogged
 
+NOTHING: Mapping[str, np.ndarray] = MappingProxyType({})
 HELD = "robot.held"
 """Code of the finding that says why a link is moved as measured."""
 STILL = "robot.still"
@@ -91,10 +93,15 @@ def _held(joint: str, why: str) -> Finding:
     )  # fmt: skip
 
 
-def motion_of(robot: LoggedRobot, run: MeasuredRun) -> Motion:
+def motion_of(robot: LoggedRobot, run: MeasuredRun, flattened: Mapping[str, np.ndarray] = NOTHING) -> Motion:
     """How all coordinates of a robot moved in a run, in the frame of its model.
 
     Joints that were not logged follow their leader, or are at their start.
+
+    Args:
+        robot: that was logged.
+        run: of it.
+        flattened: what smoothing takes from position, speed and acceleration of joints (n, 3), in the log's frame.
     """
     model, n = robot.model, len(run.time)
     position, speed, acceleration = (np.zeros((n, model.nv)) for _ in range(3))
@@ -106,7 +113,9 @@ def motion_of(robot: LoggedRobot, run: MeasuredRun) -> Motion:
         good = np.isfinite(values)
         values = np.interp(run.time, run.time[good], values[good])
         dof = int(model.jnt_dofadr[number])
-        smooth, rate, change = derivatives(run.time, values)
+        smooth, rate, change = np.array(derivatives(run.time, values)) + (
+            flattened[name].T if name in flattened else 0.0
+        )
         ratio = frame.sign / robot.ratio(name)
         position[:, dof] = ratio * (smooth - frame.zero)
         speed[:, dof], acceleration[:, dof] = ratio * rate, ratio * change
@@ -116,12 +125,14 @@ def motion_of(robot: LoggedRobot, run: MeasuredRun) -> Motion:
     return motion
 
 
-def terms_of(robot: LoggedRobot, joint: str, runs: Sequence[MeasuredRun]) -> list[np.ndarray]:
-    """What a joint works against in each run (samples, T_COLUMNS), in the frame of the log."""
+def terms_of(
+    robot: LoggedRobot, joint: str, runs: Sequence[MeasuredRun], motions: Sequence[Motion] | None = None
+) -> list[np.ndarray]:
+    """What a joint works against in each run (samples, T_COLUMNS), in the frame of the log; default: as measured."""
     frame = robot.frame(joint)
     found = []
-    for run in runs:
-        terms = terms_along(robot.model, robot.number(joint), motion_of(robot, run), frame.sign)
+    for motion in motions or [motion_of(robot, run) for run in runs]:
+        terms = terms_along(robot.model, robot.number(joint), motion, frame.sign)
         terms[:, E_POSITION] = frame.sign * terms[:, E_POSITION] + frame.zero
         found.append(terms)
     return found

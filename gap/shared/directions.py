@@ -17,12 +17,11 @@ from ..load.robot import LoggedRobot
 from ..load.tree import NONE, Motion, block_along, tip_behind
 from ..log.types import Array, MeasuredRun
 from ..replay.parameters import Parameter
-from ..replay.tree import motion_of
 from ..search.settings import DEFAULT
 
 ABOUT_JOINTS = "robot.about_joints"
 """Number that says how much of mass times distance squared the file's inertias have too much."""
-RATE = 60.0  # [Hz] at which rows are computed; between them they are straight lines
+RATE = 200.0  # [Hz] at which rows are computed; between them they are straight lines
 SHIFT = 1e-3  # [m] and
 TILT = 0.02  # [rad] over which derivatives are taken
 TILTS = tuple(Parameter(f"base.tilt_{axis}", "rad", -0.5, 0.5, 0.0, 0.01) for axis in "xy")
@@ -53,13 +52,14 @@ class Direction:
         return self.parameter.number
 
 
-def rows_of(direction: Direction, robot: LoggedRobot, joint: str, runs: Sequence[MeasuredRun]) -> list[Array] | None:
+def rows_of(
+    direction: Direction, robot: LoggedRobot, joint: str, runs: Sequence[MeasuredRun], motions: Sequence[Motion]
+) -> list[Array] | None:
     """What the number adds to the terms of a joint in each run, per unit (samples, 5); None where it adds nothing."""
     before, after, by = direction.change()
     number, sign = robot.number(joint), robot.frame(joint).sign
     found = []
-    for run in runs:
-        whole = motion_of(robot, run)
+    for run, whole in zip(runs, motions, strict=True):
         every = max(round(1.0 / (RATE * run.period)), 1)
         at = np.unique(np.append(np.arange(0, len(run.time), every), len(run.time) - 1))
         motion = Motion(whole.position[at], whole.speed[at], whole.acceleration[at])

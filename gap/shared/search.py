@@ -20,12 +20,14 @@ from ..log.progress import Progress
 from ..log.types import Array, MeasuredRun
 from ..replay.parameters import Parameter
 from ..replay.problem import JointProblem
+from ..replay.tree import motion_of, terms_of
 from ..search.fit import merge, middle
 from ..search.forward import Searcher
 from ..search.result import Search
 from ..search.settings import DEFAULT, SearchSettings
 from ..search.sketch import spread
 from .directions import Direction, about_joints, centres, masses, payload, rows_of, tilt
+from .motion import flattened, with_terms
 from .problem import RobotModel, RobotProblem
 
 ROBOT = "robot"
@@ -124,12 +126,17 @@ def search_shared(
     if len(problems) < settings.shared_joints:
         return None
     progress("looking for what joints share")
-    problems = {joint: spread(problem, settings.sketched) for joint, problem in problems.items()}
+    taken = flattened(runs, problems, searches)
+    motions = [motion_of(robot, run, each) for run, each in zip(runs, taken, strict=True)]
+    problems = {
+        joint: with_terms(spread(problem, settings.sketched), terms_of(robot, joint, runs, motions))
+        for joint, problem in problems.items()
+    }
     every = [group for group in _groups(robot, problems, settings) if causes is None or group.name in causes]
     rows: dict[str, dict[str, Sequence[Array]]] = {}
     for direction in {d.number: d for group in every for d in group.directions}.values():
         for joint in problems:
-            found = rows_of(direction, robot, joint, runs)
+            found = rows_of(direction, robot, joint, runs, motions)
             if found is not None:
                 rows.setdefault(direction.number, {})[joint] = found
     # what only one joint feels is that joint's own
