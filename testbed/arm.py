@@ -303,7 +303,8 @@ def record_arm(
         Recording(
             f"run{k}",
             *_run(
-                links, servos, names, duration, np.random.default_rng([seed, 12, k]), k, dict(faults or {}), passive, kinds
+                links, servos, names, duration, np.random.default_rng([seed, 12, k]), k, dict(faults or {}), passive,
+                kinds,
             ),
             {}, str(folder / "arm.xml"), {}, {name: chain for name in names if name not in passive},
         )

@@ -18,6 +18,7 @@ from ..load.robot import LoggedRobot
 from ..log.parts import FIT_A, FIT_B
 from ..log.progress import Progress
 from ..log.types import Array, MeasuredRun
+from ..replay.flattened import flattened, with_terms
 from ..replay.parameters import Parameter
 from ..replay.problem import JointProblem
 from ..replay.tree import motion_of, terms_of
@@ -27,7 +28,6 @@ from ..search.result import Search
 from ..search.settings import DEFAULT, SearchSettings
 from ..search.sketch import spread
 from .directions import Direction, about_joints, centres, masses, payload, rows_of, tilt
-from .motion import flattened, with_terms
 from .problem import RobotModel, RobotProblem
 
 ROBOT = "robot"
@@ -126,7 +126,7 @@ def search_shared(
     if len(problems) < settings.shared_joints:
         return None
     progress("looking for what joints share")
-    taken = flattened(runs, problems, searches)
+    taken = flattened(runs, problems, {joint: middle(*searches[joint].fits) for joint in problems})
     motions = [motion_of(robot, run, each) for run, each in zip(runs, taken, strict=True)]
     problems = {
         joint: with_terms(spread(problem, settings.sketched), terms_of(robot, joint, runs, motions))

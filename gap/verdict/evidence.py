@@ -34,6 +34,11 @@ class Thresholds:
         "Relative error of any law of the catalogue. A cause that removes no more than that of what the others explain "
         "may mend their laws.",
     )
+    neighbours: float = threshold(
+        0.05,
+        "Mean square, relative to that of the noise, of what a joint of a robot may have wrong since the acceleration "
+        "of its neighbours is measured. A cause that removes no more may mend that.",
+    )
     tuned_away: float = threshold(
         4.0,
         "Mean squared error of the nominal model, relative to that of the tuned one, from which the sentence of "

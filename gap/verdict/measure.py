@@ -229,6 +229,8 @@ def _name_causes(
     final = search.accepted[-1]
     rounds = [r for r in search.rounds if r.accepted]
     residual = float(robust_loss(np.sqrt(rest.level))) if rest.noticed else 0.0
+    if fitting.joint is not None and fitting.joint.terms is not None:
+        residual += float(robust_loss(np.sqrt(THRESHOLDS.neighbours)))
     named = []
     for candidate, share, without, chosen in zip(search.accepted, shares, debts.without, rounds, strict=True):
         removed = float((chosen.before.sum() - candidate.blocks.sum()) / search.counts.sum())

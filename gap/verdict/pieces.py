@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import replace
+from functools import lru_cache
 
 import numpy as np
 
@@ -12,14 +13,17 @@ from ...actuators.errors import SealegsError
 from ..causes.unknown import unknown_parameters
 from ..checks.data_set import noise_floor
 from ..load.robot import LoggedRobot, robot_of
+from ..load.tree import Motion
 from ..log.finding import Finding
 from ..log.parts import cut
 from ..log.progress import Progress
 from ..log.types import Array, LogError, MeasuredRun
+from ..replay.flattened import flattened
 from ..replay.frames import check_frames
+from ..replay.free import free_problem
 from ..replay.joint_model import JointModel
 from ..replay.terms import T_OWN, T_SIZE
-from ..replay.tree import held_still, held_terms, joint_of_tree, not_free, owned, terms_of
+from ..replay.tree import held_still, held_terms, joint_of_tree, motion_of, not_free, owned, terms_of
 from ..replay.unlogged import logged, needed
 from ..search.forward import NUMERICAL
 from ..search.structure import fine
@@ -42,7 +46,7 @@ def cut_joint(
         armature = chains[0].armature()
         why = not_free(robot, joint, runs, armature)
         if why is None:
-            terms = terms_of(robot, joint, runs)
+            terms = terms_of(robot, joint, runs, _motions(robot, tuple(runs)))
             for table, added in zip(terms, more or (), strict=False):
                 table[:, T_OWN : T_OWN + T_SIZE] += added
         notes = (owned(robot, joint), held_still(robot, joint, runs, armature) if why is None else why)
@@ -64,6 +68,21 @@ def cut_joint(
     if robot is not None and terms is not None and not (robot.slides(joint) or models[0].by_torque):
         along = held_terms(robot, joint, runs)
     return Cut(joint, runs, models, cut(runs, joint, test_group), noise, terms, tuple(findings), along)
+
+
+@lru_cache(maxsize=2)
+def _motions(robot: LoggedRobot, runs: tuple[MeasuredRun, ...]) -> list[Motion]:
+    """How the robot moved in each run; what smoothing takes from its joints is put back from their nominal replays."""
+    problems = {}
+    for joint in commanded(runs):
+        chain = chain_of(runs[0], joint, robot)
+        if chain.find("torque_command") is not None or not_free(robot, joint, runs, chain.armature()) is not None:
+            continue  # without a controller that holds it near the log, a nominal replay is of another motion
+        terms = terms_of(robot, joint, runs)
+        models = [joint_of_tree(robot, joint, chain_of(run, joint, robot), runs, terms) for run in runs]
+        problems[joint] = free_problem(runs, joint, models, cut(runs, joint), {"position": 1.0}, terms)
+    taken = flattened(runs, problems, {})
+    return [motion_of(robot, run, each) for run, each in zip(runs, taken, strict=True)]
 
 
 def frame_findings(runs: Sequence[MeasuredRun], progress: Progress) -> list[Finding]:

@@ -2,8 +2,8 @@
 
 What a joint works against hangs on how the others accelerate. An acceleration from an encoder is smoothed over tens of
 milliseconds, which flattens every step of a goal, and a payload that is fitted against flattened accelerations comes
-out too heavy. The replay of a joint with what its own search found knows its accelerations without noise; only the part
-of them that smoothing removes is taken, and only as far as the log agrees.
+out too heavy. The replay of a joint knows its accelerations without noise; only the part of them that smoothing removes
+is taken, and only as far as the log agrees.
 """
 
 from __future__ import annotations
@@ -16,27 +16,29 @@ import numpy as np
 
 from ..checks.signal import derivatives
 from ..log.types import Array, MeasuredRun
-from ..replay.problem import JointProblem
-from ..search.fit import middle
-from ..search.result import Search
+from .problem import JointProblem
 
 EDGE = 8  # samples at both ends of a piece whose differences are not used
+FAR = 0.3  # of a joint's motion: the error of a replay that is of another motion
 LEAST = 1e-12  # [rad2] below which smoothing takes nothing
 
 
 def flattened(
-    runs: Sequence[MeasuredRun], problems: Mapping[str, JointProblem], searches: Mapping[str, Search]
+    runs: Sequence[MeasuredRun], problems: Mapping[str, JointProblem], values: Mapping[str, Mapping[str, float]]
 ) -> list[dict[str, Array]]:
     """What smoothing takes from position, speed and acceleration of each joint in each run (n, 3), in the log's frame.
 
     Args:
         runs: of the robot.
         problems: of joints that are replayed freely.
-        searches: what was found at each.
+        values: of their parameters by path; what is believed where there are none.
     """
     found: list[dict[str, Array]] = [{} for _ in runs]
     for joint, problem in problems.items():
-        reading = problem.simulate([middle(*searches[joint].fits)])[0, :, 0]
+        reading = problem.simulate([values.get(joint, {})])[0, :, 0]
+        error = problem.judged * (reading - problem.measured[:, 0])
+        if not np.nanstd(error) < FAR * np.nanstd(problem.measured[problem.judged, 0]):
+            continue  # it says nothing of this motion
         tables = [np.zeros((len(run.time), 3)) for run in runs]
         shown, expected = 0.0, 0.0
         for judged in (False, True):  # what is replayed twice counts where it is judged
