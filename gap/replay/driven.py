@@ -178,11 +178,11 @@ def driven_problem(
 def _shown_side(problem: DrivenProblem) -> TorqueSide:
     """What the torque column was taken of, by the nominal model."""
     where = problem.channels.index("torque")
-    shaft, drive = (replace(problem, torque_side=side).simulate([{}])[0, :, where] for side in SIDES)
     torque = problem.measured[:, where]
     good = problem.judged & np.isfinite(torque)
     if good.sum() < LEAST_TORQUES:
         return "shaft"
+    shaft, drive = (replace(problem, torque_side=side).simulate([{}])[0, :, where] for side in SIDES)
     return shown_side(torque[good], shaft[good], (drive - shaft)[good]) or "shaft"
 
 

@@ -9,8 +9,6 @@ is taken, and only as far as the log agrees.
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import replace
-from typing import Any
 
 import numpy as np
 
@@ -40,26 +38,25 @@ def flattened(
         if not np.nanstd(error) < FAR * np.nanstd(problem.measured[problem.judged, 0]):
             continue  # it says nothing of this motion
         tables = [np.zeros((len(run.time), 3)) for run in runs]
-        shown, expected = 0.0, 0.0
-        for judged in (False, True):  # what is replayed twice counts where it is judged
-            for unit, a, b in zip(problem.units, problem.starts[:-1], problem.starts[1:], strict=True):
-                rows = np.flatnonzero(problem.judged[a:b] == judged)
-                rows = rows[(rows >= EDGE) & (rows < b - a - EDGE)]
-                if not len(rows):
-                    continue
-                run = runs[unit.run]
-                time = run.time[unit.start : unit.stop]
-                sharp = _differences(time, reading[a:b]) - np.stack(derivatives(time, reading[a:b]), axis=1)
+        shown, expected, written = 0.0, 0.0, []
+        for unit, a, b in zip(problem.units, problem.starts[:-1], problem.starts[1:], strict=True):
+            if b - a <= 2 * EDGE:
+                continue
+            time, log = runs[unit.run].time[unit.start : unit.stop], runs[unit.run].joints[joint]
+            sharp = _differences(time, reading[a:b]) - np.stack(derivatives(time, reading[a:b]), axis=1)
+            inside = np.zeros(b - a, bool)
+            inside[EDGE : b - a - EDGE] = True
+            judged = problem.judged[a:b] & inside
+            written.append((unit, sharp, inside & ~judged, judged))
+            measured = (log.position if log.link_position is None else log.link_position)[unit.start : unit.stop]
+            taken = measured - derivatives(time, measured)[0]
+            good = judged & np.isfinite(taken)
+            shown += float(taken[good] @ sharp[good, 0])
+            expected += float(sharp[judged, 0] @ sharp[judged, 0])
+        for which in (2, 3):  # what is replayed twice counts where it is judged
+            for piece in written:
+                unit, sharp, rows = piece[0], piece[1], np.flatnonzero(piece[which])
                 tables[unit.run][unit.start + rows] = sharp[rows]
-                if judged:
-                    log = run.joints[joint]
-                    measured = (log.position if log.link_position is None else log.link_position)[
-                        unit.start : unit.stop
-                    ]
-                    taken = measured - derivatives(time, measured)[0]
-                    good = rows[np.isfinite(taken[rows])]
-                    shown += float(taken[good] @ sharp[good, 0])
-                    expected += float(sharp[good, 0] @ sharp[good, 0])
         agreed = min(max(shown / expected, 0.0), 1.0) if expected > LEAST else 0.0
         for table, each in zip(tables, found, strict=True):
             each[joint] = agreed * table
@@ -74,8 +71,3 @@ def _differences(time: Array, values: Array) -> Array:
     turning = np.zeros_like(values)
     turning[1:-1] = 2.0 * np.diff(change) / (before + after)
     return np.stack([values, speed, turning], axis=1)
-
-
-def with_terms(problem: Any, terms: Sequence[Array]) -> Any:
-    """A joint's problem that works against other terms, given for whole runs (n, T_COLUMNS)."""
-    return replace(problem, terms=np.concatenate([terms[unit.run][unit.start : unit.stop] for unit in problem.units]))

@@ -8,7 +8,7 @@ none: numbers of single joints are tuned beside it, and what their own searches 
 from __future__ import annotations
 
 from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -18,7 +18,7 @@ from ..load.robot import LoggedRobot
 from ..log.parts import FIT_A, FIT_B
 from ..log.progress import Progress
 from ..log.types import Array, MeasuredRun
-from ..replay.flattened import flattened, with_terms
+from ..replay.flattened import flattened
 from ..replay.parameters import Parameter
 from ..replay.problem import JointProblem
 from ..replay.tree import motion_of, terms_of
@@ -128,8 +128,9 @@ def search_shared(
     progress("looking for what joints share")
     taken = flattened(runs, problems, {joint: middle(*searches[joint].fits) for joint in problems})
     motions = [motion_of(robot, run, each) for run, each in zip(runs, taken, strict=True)]
+    problems = {joint: spread(problem, settings.sketched) for joint, problem in problems.items()}
     problems = {
-        joint: with_terms(spread(problem, settings.sketched), terms_of(robot, joint, runs, motions))
+        joint: replace(problem, terms=laid(terms_of(robot, joint, runs, motions), problem))
         for joint, problem in problems.items()
     }
     every = [group for group in _groups(robot, problems, settings) if causes is None or group.name in causes]
@@ -164,7 +165,7 @@ def search_shared(
 
 
 def laid(rows: Sequence[Array], problem: JointProblem) -> Array:
-    """Rows of runs at the samples of a joint's units (n, 5)."""
+    """Rows of whole runs at the samples of a joint's units (n, columns)."""
     return np.concatenate([rows[unit.run][unit.start : unit.stop] for unit in problem.units])
 
 

@@ -75,6 +75,8 @@ def _motions(robot: LoggedRobot, runs: tuple[MeasuredRun, ...]) -> list[Motion]:
     """How the robot moved in each run; what smoothing takes from its joints is put back from their nominal replays."""
     problems = {}
     for joint in commanded(runs):
+        if not all(joint in run.joints and run.joints[joint].goal is not None for run in runs):
+            continue  # what is wrong with one joint is told where that one is judged
         chain = chain_of(runs[0], joint, robot)
         if chain.find("torque_command") is not None or not_free(robot, joint, runs, chain.armature()) is not None:
             continue  # without a controller that holds it near the log, a nominal replay is of another motion

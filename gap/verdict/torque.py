@@ -70,7 +70,6 @@ def diagnose_torque(
         use = "fit" if test.all() else "test"
         group = f" with the group '{request.test_group}' held out" if held else ""
         raise LogError(f"joint '{joint}': no torque is left to {use} on{group}; record more runs or longer ones.")
-    runs_used = [runs[k] for k in logs]
     settings, noise = request.search, _noise(runs, joint)
     sought = sought_in(runs[next(iter(logs))], joint, request)
     tuned, wide = (adjustable(sought.nominal, width) for width in (TIGHT, settings.refitted_by))
@@ -80,7 +79,7 @@ def diagnose_torque(
     found = torque_shift(fitted.balance)
 
     # a column of the shaft or of the drive
-    said, shaft = said_side(runs_used), fitted.at_shaft
+    said, shaft = said_side([runs[k] for k in logs]), fitted.at_shaft
     side = said or shown_side(fitted.balance.torques[:, found.index], shaft.base, fitted.inside)
     if side is not None:
         findings = (*findings, side_note(joint, side, said=said is not None))
