@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from pathlib import Path
 
 import mujoco
@@ -17,6 +18,7 @@ from sealegs.gap.replay.tree import motion_of
 from sealegs.gap.shared import ROBOT, affected
 from sealegs.gap.shared.directions import RATE, Direction, about_joints, centres, masses, payload, rows_of, tilt
 from sealegs.gap.shared.search import helps_several
+from sealegs.gap.verdict.pieces import cut_joint
 from sealegs.gap.verdict.verdict import JointDiagnosis
 
 from testbed.logs import hidden_arm
@@ -91,6 +93,15 @@ def test_inertias_that_a_file_gives_about_the_joints_are_one_number(tmp_path: Pa
 def test_joints_that_have_nothing_left_are_not_searched_together() -> None:
     assert not affected({"elbow": ["friction.coulomb"]}, {"elbow": False})
     assert affected({"elbow": ["load.mass"]}, {"elbow": False}) and affected({"elbow": []}, {"elbow": True})
+
+
+def test_a_goal_that_one_run_lacks_stops_only_the_joint_that_it_is_of(tmp_path: Path) -> None:
+    """The nominal replay of each neighbour wants a goal in every run."""
+    data, _ = hidden_arm(tmp_path, "two_link", {}, seed=5, runs=2, duration=10.0)
+    first, second = data.runs
+    without = replace(second, joints={**second.joints, "elbow": replace(second.joints["elbow"], goal=None)})
+    terms = cut_joint([first, without], "shoulder", None).terms
+    assert terms is not None and len(terms[1]) == len(without.time)
 
 
 @pytest.mark.long
