@@ -19,7 +19,8 @@ from typing import Any
 import numpy as np
 from sealegs.gap.verdict.diagnosis import diagnose
 
-from testbed.arm import ARMS
+from benchmarks.hidden import revision
+from testbed.arm import ARMS, record_arm
 from testbed.arm_effects import EFFECTS, STRANGERS
 from testbed.logs import hidden_arm
 
@@ -73,6 +74,7 @@ def run(case: Case, causes: Sequence[str] | None = None, **recording: Any) -> di
     return {
         "key": case.key,
         "hidden": hidden and {name: hidden[name] for name in ("cause", "joint", "value", "everywhere")},
+        "revision": revision(),
         "seconds": time.perf_counter() - began,
         "joints": {
             joint.joint: {
@@ -94,25 +96,88 @@ def run(case: Case, causes: Sequence[str] | None = None, **recording: Any) -> di
     }
 
 
+def false_names(row: dict[str, Any]) -> list[tuple[str, str]]:
+    """Joint and cause of all that is named with confidence and is not hidden there."""
+    hidden = row["hidden"] or {"cause": "", "joint": "", "everywhere": False}
+    return [
+        (joint, cause["name"])
+        for joint, item in row["joints"].items()
+        for cause in item["causes"]
+        if cause["confidence"] >= SURE
+        and not (cause["name"] == hidden["cause"] and (hidden["everywhere"] or joint == hidden["joint"]))
+    ]
+
+
 def outcome(row: dict[str, Any]) -> str:
     """``right``, ``doubtful`` (named among rivals, or not sure), ``missed``, or ``wrong`` with confidence; of a null
     ``quiet`` or ``wrong``; of a stranger ``flagged``, ``missed`` or ``wrong``.
     """
     hidden, joints = row["hidden"], row["joints"]
-    named = [(joint, c) for joint, item in joints.items() for c in item["causes"] if c["confidence"] >= SURE]
+    false = false_names(row)
     if hidden is None:
-        return "wrong" if named else "quiet"
+        return "wrong" if false else "quiet"
     where = {joint for joint in joints if hidden["everywhere"] or joint == hidden["joint"]}
-    false = [(joint, c) for joint, c in named if joint not in where or c["name"] != hidden["cause"]]
     if not hidden["cause"]:  # a stranger
         at = joints[hidden["joint"]]["verdict"]
-        return "wrong" if named else "flagged" if at in ("not identifiable", "partly explained") else "missed"
+        return "wrong" if false else "flagged" if at in ("not identifiable", "partly explained") else "missed"
     first = [item["causes"][0] for joint, item in joints.items() if joint in where and item["causes"]]
     if any(cause["name"] == hidden["cause"] for cause in first):
         return "wrong" if any(joint not in where for joint, _ in false) else "right"
     if any(hidden["cause"] in cause["rivals"] for cause in first):
         return "doubtful"
     return "wrong" if false else "missed"
+
+
+def true_number(row: dict[str, Any], joint: str) -> float:
+    """What the number of a hidden cause is at a joint: the arm of the row is drawn again, without its logs."""
+    arm, effect, at, size, seed = row["key"].split()
+    where = joint if joint in {body.joint for body in ARMS[arm]} else at  # what joints share belongs to the robot
+    with tempfile.TemporaryDirectory() as folder:
+        _, truth = record_arm(Path(folder), arm, {effect: (where, size)}, int(seed.lstrip("#")), runs=0)
+    return float(truth["effects"][effect]["number"])
+
+
+def covered(rows: Sequence[dict[str, Any]]) -> list[bool]:
+    """Whether the interval of a right cause covers the truth, of every joint of every arm that is right."""
+    found = []
+    for row in rows:
+        hidden = row["hidden"]
+        if outcome(row) != "right":
+            continue
+        for joint, item in row["joints"].items():
+            if not (hidden["everywhere"] or joint == hidden["joint"]):
+                continue
+            for cause in item["causes"]:
+                if cause["name"] == hidden["cause"]:
+                    ends = [(low, high) for _, low, high in cause["parameters"].values()]
+                    found.append(len(ends) == 1 and ends[0][0] <= true_number(row, joint) <= ends[0][1])
+    return found
+
+
+def shares(rows: Sequence[dict[str, Any]]) -> list[str]:
+    """Lines of the page: the figures that a bar is set for."""
+    lines = []
+
+    def line(what: str, good: int, count: int) -> None:
+        if count:
+            lines.append(f"- {what}: {good} of {count} ({good / count:.0%})")
+
+    outcomes = [(row, outcome(row)) for row in rows]
+    known = [found for row, found in outcomes if row["hidden"] and row["hidden"]["cause"]]
+    line("right cause at the right joint first", known.count("right"), len(known))
+    inside = covered(rows)
+    line("the interval covers the truth, joint by joint", sum(inside), len(inside))
+    false = [(row, false_names(row)) for row in rows if row["hidden"]]
+    beside = [row for row, names in false if any(joint != row["hidden"]["joint"] for joint, _ in names)]
+    line(f"another joint named with {SURE:g} or more", len(beside), len(false))
+    line(f"any false name with {SURE:g} or more, beside the right one too", sum(bool(n) for _, n in false), len(false))
+    nulls = [row for row in rows if not row["hidden"]]
+    loud = sum(len(false_names(row)) for row in nulls)
+    line(f"joints of nulls with a cause named with {SURE:g} or more", loud, sum(len(row["joints"]) for row in nulls))
+    strange = [found for row, found in outcomes if row["hidden"] and not row["hidden"]["cause"]]
+    line("strangers flagged", strange.count("flagged"), len(strange))
+    made = sorted({row.get("revision", "?") for row in rows})
+    return [*lines, f"- revision of gap, actuators and the plant: {', '.join(made)}"]
 
 
 def page(rows: Sequence[dict[str, Any]]) -> str:
@@ -131,6 +196,8 @@ def page(rows: Sequence[dict[str, Any]]) -> str:
         f"{SURE:g} or more where nothing is hidden.",
         "",
         ", ".join(f"{name} {count}" for name, count in sorted(counts.items())) + f" of {len(rows)} arms.",
+        "",
+        *shares(rows),
         "",
         "| arm | outcome | what was named | s per joint |",
         "|---|---|---|---|",

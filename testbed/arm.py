@@ -294,6 +294,7 @@ def record_arm(
             "cause": hidden.cause,
             "joint": joint,
             "value": value,
+            "number": hidden.true_number(servos, names.index(joint), value),
             "everywhere": hidden.everywhere,
         }
     truth["links"], truth["servos"] = links, servos

@@ -22,6 +22,7 @@ class Hidden:
         sizes: clear, moderate.
         apply: links, servos, joint and size to the arm with the effect.
         everywhere: whether all joints have it.
+        field: of the servos that has the number as it is with the effect; its size where there is none.
     """
 
     cause: str
@@ -29,6 +30,21 @@ class Hidden:
     sizes: tuple[float, float]
     apply: Callable[[Links, Servos, int, float], tuple[Links, Servos]]
     everywhere: bool = False
+    field: str = ""
+
+    def true_number(self, servos: Servos, joint: int, size: float) -> float:
+        """What :attr:`number` is in the arm with the effect."""
+        if not self.field:
+            return size
+        value = getattr(servos, self.field)
+        return float(value[joint] if np.ndim(value) else value)
+
+
+def _turns(
+    cause: str, number: str, sizes: tuple[float, float], field: str, change: Callable[[float, float], float]
+) -> Hidden:
+    """An effect that changes one number of the servo of its joint."""
+    return Hidden(cause, number, sizes, _servo(field, change), field=field)
 
 
 def _servo(field: str, change: Callable[[float, float], float]) -> Callable[..., tuple[Links, Servos]]:
@@ -79,17 +95,17 @@ def end_of(centre: np.ndarray) -> np.ndarray:
 
 
 EFFECTS: dict[str, Hidden] = {
-    "friction": Hidden("friction.coulomb", "friction.coulomb", (0.12, 0.05), _servo("coulomb", lambda v, s: v + s)),
-    "viscous": Hidden("friction.viscous", "friction.viscous", (0.06, 0.025), _servo("viscous", lambda v, s: v + s)),
-    "load_friction": Hidden("friction.load_dependent", "friction.load", (0.25, 0.12), _servo("load", lambda v, s: s)),
-    "delay": Hidden("drive.delay", "delay.seconds", (0.015, 0.006), _delay, everywhere=True),
+    "friction": _turns("friction.coulomb", "friction.coulomb", (0.12, 0.05), "coulomb", lambda v, s: v + s),
+    "viscous": _turns("friction.viscous", "friction.viscous", (0.06, 0.025), "viscous", lambda v, s: v + s),
+    "load_friction": _turns("friction.load_dependent", "friction.load", (0.25, 0.12), "load", lambda v, s: s),
+    "delay": Hidden("drive.delay", "delay.seconds", (0.015, 0.006), _delay, everywhere=True, field="delay"),
     "play": Hidden("transmission.backlash", "backlash.width", (0.12, 0.06), _play),
     "payload": Hidden("load.mass", "load.payload", (0.15, 0.08), _payload, everywhere=True),
-    "weak_motor": Hidden(
-        "drive.motor_constant", "dc_motor.motor_constant", (0.7, 0.85), _servo("motor_constant", lambda v, s: v * s)
+    "weak_motor": _turns(
+        "drive.motor_constant", "dc_motor.motor_constant", (0.7, 0.85), "motor_constant", lambda v, s: v * s
     ),
-    "stop": Hidden("contact.blocked", "load.stop_angle", (0.4, 0.5), _servo("upper_stop", lambda v, s: s)),
-    "encoder_scale": Hidden("sensor.scale", "encoder.scale", (0.9, 0.95), _servo("encoder_scale", lambda v, s: v * s)),
+    "stop": _turns("contact.blocked", "load.stop_angle", (0.4, 0.5), "upper_stop", lambda v, s: s),
+    "encoder_scale": _turns("sensor.scale", "encoder.scale", (0.9, 0.95), "encoder_scale", lambda v, s: v * s),
 }
 FURTHER: dict[str, Hidden] = {
     "meshing": Hidden("friction.position_dependent", "friction.ripple", (0.5, 0.25), _meshing),

@@ -111,8 +111,18 @@ def test_a_torque_is_replayed_on_the_side_of_the_gear_on_which_it_was_logged(sid
     assert np.median(error) < 0.03, "of a torque of 1 N.m; the lag is read with noise"
     _, hidden = shown(problem, problem.models[0], catalogue(problem.models[0]))
     assert ("friction.coulomb" in hidden) == (side == "drive"), "what the drive gives does not pass through friction"
-    said = replace(run, meta={"torque": "drive"})
-    assert driven_problem([said], "servo", problem.models, problem.units, 1e-4).torque_side == "drive"
+    assert "fits better" in limits(problem, "servo", ())[1].sentence
+    said = driven_problem([replace(run, meta={"torque": "drive"})], "servo", problem.models, problem.units, 1e-4)
+    assert said.torque_side == "drive" and "as the sidecar says" in limits(said, "servo", ())[1].sentence
+
+
+def test_a_torque_whose_side_nothing_tells_is_assumed_to_be_the_shafts() -> None:
+    """The note claimed that it "fits better"."""
+    run, chain = geared("drive")
+    chain[3] = {"dc_motor": {"motor_constant": 0.664, "resistance": 2.723, "armature": 0.0}}
+    chain[4] = {"friction": {"coulomb": 0.0, "viscous": 0.0}}
+    problem = driven_problem([run], "servo", [JointModel(load_chain(chain))], cut([run], "servo"), 1e-4)
+    assert problem.torque_side == "shaft" and "cannot tell" in limits(problem, "servo", ())[1].sentence
 
 
 def test_halving_the_step_changes_little() -> None:

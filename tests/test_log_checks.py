@@ -166,6 +166,15 @@ def test_a_right_torque_column_raises_nothing(armature: float) -> None:
     assert [f for f in check_run(named) if f.column == "servo.torque"] == []
 
 
+def test_the_side_that_a_sidecar_says_its_torque_is_of_is_believed() -> None:
+    """What fitted better was taken, whatever the sidecar said."""
+    chain = {"ideal": {"stiffness": 10.0, "damping": 0.1, "torque_limit": 2.0, "armature": 0.12}}
+    run = replace(torque_run(armature=0.12), actuators={"servo": [chain]})
+    for side, codes in (("drive", []), ("shaft", ["torque.gear_side"])):
+        said = replace(run, meta={**run.meta, "torque": side})
+        assert [f.code for f in check_run(said) if f.column == "servo.torque"] == codes
+
+
 @pytest.mark.parametrize(("delay", "code"), [(0.010, "torque.lag"), (-0.010, "torque.lead")])
 def test_a_torque_column_out_of_step_is_measured(delay: float, code: str) -> None:
     finding = found(torque_run(delay=delay), code)

@@ -53,6 +53,30 @@ def test_it_does_where_zeros_and_directions_of_the_log_are_others(recorded: Meas
     assert max(errors(said)) < 2.0 * NOISE_FLOOR
 
 
+def test_it_does_where_a_drive_turns_its_joint_through_a_ratio(recorded: MeasuredRun, tmp_path: Path) -> None:
+    """The drive started at the joint's angle instead of its own, and the ratio was counted twice."""
+    ratio, elbow = 2.0, recorded.joints["elbow"]
+    assert elbow.goal is not None
+    geared = replace(elbow, goal=ratio * elbow.goal, position=ratio * elbow.position, velocity=None)
+    powers = {"gain": -1, "motor_constant": -1, "armature": -2, "coulomb": -1, "viscous": -2}
+    chain = [
+        {stage: {key: value * ratio ** powers.get(key, 0) for key, value in numbers.items()}}
+        for item in recorded.actuators["elbow"]
+        for stage, numbers in item.items()
+    ]  # the same joint, seen on the drive's side
+    file = tmp_path / "arm.yaml"
+    file.write_text(f"model: {recorded.robot}\njoints: {{shoulder: {{}}, elbow: {{belt: {{elbow: {ratio}}}}}}}\n")
+    run = replace(
+        recorded,
+        robot=str(file),
+        joints={**recorded.joints, "elbow": geared},
+        actuators={**recorded.actuators, "elbow": chain},
+    )
+    later = {j: replace(log, **{key: v[200:] for key, v in log.signals().items()}) for j, log in run.joints.items()}
+    shoulder, through = errors(replace(run, time=run.time[200:], joints=later))  # it starts away from zero
+    assert max(shoulder, through / ratio) < 2.0 * NOISE_FLOOR
+
+
 def test_a_robot_with_a_joint_that_nothing_commands_is_not_simulated_as_a_whole(recorded: MeasuredRun) -> None:
     joints = {"shoulder": recorded.joints["shoulder"]}
     assert why_not_whole(robot(recorded), [replace(recorded, joints=joints)]) == "run0 has no command of 'elbow'"

@@ -44,4 +44,4 @@ def limits(problem: DrivenProblem, joint: str, hidden: Sequence[str]) -> tuple[F
     )  # fmt: skip
     if not np.isfinite(problem.measured[:, problem.channels.index("torque")]).any():
         return (beyond,)
-    return beyond, side_note(joint, problem.torque_side, said=problem.side_said)
+    return beyond, side_note(joint, problem.torque_side, problem.side_reason)

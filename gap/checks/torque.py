@@ -8,6 +8,8 @@ import numpy as np
 
 from ..load.pendulum import PendulumLoad, completed
 from ..log.finding import Finding
+from ..log.torque_side import TorqueSide, said_side, shown_side
+from ..log.types import Array
 from .context import JointContext
 from .torque_balance import AT_ONCE, Shift, TorqueBalance, torque_balance, torque_shift
 
@@ -40,7 +42,12 @@ def check_torque(joints: Sequence[JointContext], run: str | None) -> Iterator[Fi
     if balance.r2(shift.index) < EXPLAINED:
         return
     name, column = joints[0].name, joints[0].column("torque")
-    ratio, spread = _ratio(balance, shift, _armatures(joints))
+    inside = _inside(balance, joints)
+    needed = balance.terms[:, :2].sum(axis=1)
+    said: TorqueSide | None = said_side([joint.run for joint in joints])
+    if (said or shown_side(balance.torques[:, shift.index], needed, inside.sum(axis=1))) == "drive":
+        needed = needed + inside[:, 0]
+    ratio, spread = _ratio(balance, shift, needed)
     if not RIGHT[0] < abs(ratio) < RIGHT[1]:
         gear = 1.0 / ratio if abs(ratio) < 1.0 else ratio
         relation = f"1/{abs(gear):.3g}" if abs(ratio) < 1.0 else f"{abs(gear):.3g} times"
@@ -61,25 +68,21 @@ def check_torque(joints: Sequence[JointContext], run: str | None) -> Iterator[Fi
         yield _shift_finding(name, column, balance, shift, run)
 
 
-def _armatures(joints: Sequence[JointContext]) -> list[float]:
-    """Armature over inertia of the load, of each run; 0 where no chain says it."""
-    found = []
-    for joint in joints:
-        inertia = PendulumLoad().inertia(completed(joint.run.robot_params))
-        armature = 0.0 if joint.chain is None else joint.chain.armature()
-        found.append(armature / max(inertia, 1e-12))
-    return found
+def _inside(balance: TorqueBalance, joints: Sequence[JointContext]) -> Array:
+    """Torque that armature and friction of the drive are believed to take (m, 2) [N.m]; 0 where no chain says it."""
+    numbers = np.zeros((len(joints), 3))  # armature over inertia of the load, coulomb, viscous
+    for k, joint in enumerate(joints):
+        if joint.chain is not None:
+            inertia, friction = PendulumLoad().inertia(completed(joint.run.robot_params)), joint.chain.find("friction")
+            numbers[k, 0] = joint.chain.armature() / max(inertia, 1e-12)
+            numbers[k, 1:] = (0.0, 0.0) if friction is None else (friction.coulomb, friction.viscous)
+    torques = balance.terms[:, [0, 2, 3]] * numbers[balance.run]
+    return np.column_stack([torques[:, 0], torques[:, 1:].sum(axis=1)])
 
 
-def _ratio(balance: TorqueBalance, shift: Shift, armatures: Sequence[float]) -> tuple[float, float]:
-    """Logged over needed torque of load and motion, and its standard deviation over blocks.
-
-    The column may have the drive's armature in it or not: what fits better counts.
-    """
-    torque = balance.torques[:, shift.index]
-    load, armature = balance.terms[:, :2].sum(axis=1), balance.terms[:, 0] * np.array(armatures)[balance.run]
-    tables = [np.column_stack([needed, balance.terms[:, 2:]]) for needed in (load, load + armature)]
-    rows = min(tables, key=lambda table: np.linalg.norm(torque - table @ np.linalg.lstsq(table, torque)[0]))
+def _ratio(balance: TorqueBalance, shift: Shift, needed: Array) -> tuple[float, float]:
+    """Logged over needed torque (m,) of load and motion, and its standard deviation over blocks."""
+    torque, rows = balance.torques[:, shift.index], np.column_stack([needed, balance.terms[:, 2:]])
     numbers = np.linalg.lstsq(rows, torque, rcond=None)[0]
     inverse = np.linalg.pinv(rows.T @ rows)
     score = rows * (torque - rows @ numbers)[:, None]

@@ -15,10 +15,12 @@ from .finding import Finding
 from .types import Array, LogError, MeasuredRun
 
 TorqueSide = Literal["shaft", "drive"]
+Reason = Literal["said", "shown", "assumed"]
 SIDES: tuple[TorqueSide, ...] = ("shaft", "drive")
-BETWEEN = (
-    0.25  # share of armature and friction in the column below which they are not in it: friction is often half or twice
-)
+BETWEEN = 0.25
+"""Share of armature and friction in the column below which they are not in it: friction is often half or twice."""
+LEAST = 0.01
+"""Size of what is inside the drive, over that of the torque, up to which nothing tells; assumed."""
 
 
 def said_side(runs: Sequence[MeasuredRun]) -> TorqueSide | None:
@@ -55,23 +57,32 @@ def shown_side(torque: Array, shaft: Array, inside: Array) -> TorqueSide | None:
     Returns:
         None where too little is inside the drive to tell.
     """
-    if not np.ptp(inside) > 0.0:
-        return None
     table = np.column_stack([shaft, inside, np.ones_like(shaft)])
+    if float(np.std(inside)) <= LEAST * float(np.std(torque)):
+        return None
     numbers = np.linalg.lstsq(table, torque, rcond=None)[0]
     inside_it = bool(numbers[1] > BETWEEN * abs(numbers[0]))
     return "drive" if inside_it else "shaft"
 
 
-def side_note(joint: str, side: TorqueSide, *, said: bool) -> Finding:
-    """What the column was taken as."""
+def side_note(joint: str, side: TorqueSide, why: Reason) -> Finding:
+    """What the column was taken as, and why."""
     of = (
         "the load alone, as behind the gear: the drive's armature and friction are not in it"
         if side == "shaft"
         else "the drive: its armature and friction are in it"
     )
     other = "drive" if side == "shaft" else "shaft"
-    why = "as the sidecar says" if said else f"which fits better; else say so in the sidecar: meta: {{torque: {other}}}"
+    correct = f"say so in the sidecar: meta: {{torque: {other}}}"
+    reasons = {
+        "said": "as the sidecar says",
+        "shown": f"which fits better; else {correct}",
+        "assumed": f"which the log cannot tell; if it is not, {correct}",
+    }
     return Finding(
-        "torque.side", "note", joint, f"{joint}.torque", f"{joint}.torque is taken as the torque of {of}, {why}."
+        "torque.side",
+        "note",
+        joint,
+        f"{joint}.torque",
+        f"{joint}.torque is taken as the torque of {of}, {reasons[why]}.",
     )

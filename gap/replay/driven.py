@@ -14,7 +14,7 @@ import numpy as np
 
 from ..checks.signal import derivatives, typical_noise
 from ..log.parts import Unit
-from ..log.torque_side import SIDES, TorqueSide, said_side, shown_side
+from ..log.torque_side import SIDES, Reason, TorqueSide, said_side, shown_side
 from ..log.types import LogError, MeasuredRun
 from .constants import K
 from .driven_simulator import CHANNELS, replay_driven_many
@@ -38,13 +38,13 @@ class DrivenProblem(JointReplay):
         first: which of :data:`sealegs.gap.replay.driven_simulator.CHANNELS` is judged sample by sample; it comes first
             in ``measured`` and in what is simulated, in exchange with the position.
         torque_side: what a logged torque is of, :mod:`sealegs.gap.log.torque_side`.
-        side_said: whether the sidecars say so.
+        side_reason: why it is taken as that.
     """
 
     link: np.ndarray = field(kw_only=True)
     first: int = field(default=0, kw_only=True)
     torque_side: TorqueSide = field(default="shaft", kw_only=True)
-    side_said: bool = field(default=False, kw_only=True)
+    side_reason: Reason = field(default="assumed", kw_only=True)
 
     by_sample: ClassVar[tuple[int, ...]] = (0,)
     by_group: ClassVar[tuple[int, ...]] = (1, 2, 3)
@@ -150,7 +150,7 @@ def driven_problem(
         first = CHANNELS.index(signal)
         measured = measured[:, _exchanged(first)]
         weight[0] = 1.0 / typical_noise(plain.time, measured[:, 0], plain.starts)
-    side = said_side(runs)
+    said = said_side(runs)
     problem = DrivenProblem(
         units=plain.units,
         params=plain.params,
@@ -169,21 +169,22 @@ def driven_problem(
         models=tuple(models),
         link=link,
         first=first,
-        torque_side=side or "shaft",
-        side_said=side is not None,
+        torque_side=said or "shaft",
+        side_reason="said" if said else "assumed",
     )
-    return problem if side else replace(problem, torque_side=_shown_side(problem))
+    shown = None if said else _shown_side(problem)
+    return problem if shown is None else replace(problem, torque_side=shown, side_reason="shown")
 
 
-def _shown_side(problem: DrivenProblem) -> TorqueSide:
-    """What the torque column was taken of, by the nominal model."""
+def _shown_side(problem: DrivenProblem) -> TorqueSide | None:
+    """What the torque column was taken of, by the nominal model; None where it cannot tell."""
     where = problem.channels.index("torque")
     torque = problem.measured[:, where]
     good = problem.judged & np.isfinite(torque)
     if good.sum() < LEAST_TORQUES:
-        return "shaft"
+        return None
     shaft, drive = (replace(problem, torque_side=side).simulate([{}])[0, :, where] for side in SIDES)
-    return shown_side(torque[good], shaft[good], (drive - shaft)[good]) or "shaft"
+    return shown_side(torque[good], shaft[good], (drive - shaft)[good])
 
 
 def is_elastic(model: JointModel) -> bool:

@@ -82,7 +82,7 @@ def diagnose_torque(
     said, shaft = said_side([runs[k] for k in logs]), fitted.at_shaft
     side = said or shown_side(fitted.balance.torques[:, found.index], shaft.base, fitted.inside)
     if side is not None:
-        findings = (*findings, side_note(joint, side, said=said is not None))
+        findings = (*findings, side_note(joint, side, "said" if said else "shown"))
     if side == "shaft":
         fitted, unseen = shaft, unseen.at_shaft
     errors = {  # of what is fitted and of what is not, without and with the shift
