@@ -12,9 +12,12 @@ from sealegs.actuators.chain import load_chain
 from sealegs.envs.extended import Change, Extended, Mounted
 from sealegs.gap.load.robot import Frame, LoggedRobot
 from sealegs.gap.load.tree import Motion, terms_along
+from sealegs.gap.log.parts import cut
 from sealegs.gap.log.types import MeasuredRun, MeasuredSet
 from sealegs.gap.output.robot_extension import in_frame, of_robot
 from sealegs.gap.output.robot_mjcf import write_robot
+from sealegs.gap.replay.free import free_problem
+from sealegs.gap.replay.tree import joint_of_tree, terms_of
 from sealegs.gap.replay.whole import replay_whole, whole, why_not_whole
 
 from testbed.bench import NOISE_FLOOR
@@ -75,6 +78,31 @@ def test_it_does_where_a_drive_turns_its_joint_through_a_ratio(recorded: Measure
     later = {j: replace(log, **{key: v[200:] for key, v in log.signals().items()}) for j, log in run.joints.items()}
     shoulder, through = errors(replace(run, time=run.time[200:], joints=later))  # it starts away from zero
     assert max(shoulder, through / ratio) < 2.0 * NOISE_FLOOR
+
+
+@pytest.mark.parametrize(
+    ("plain", "passive"),
+    [
+        ('<joint name="elbow"', '<joint stiffness="0.6" springref="0.2" name="elbow"'),
+        ('<body name="elbow_link"', '<body gravcomp="1" name="elbow_link"'),
+    ],
+)
+def test_springs_and_weight_compensation_of_a_file_act_on_a_joint_as_in_the_engine(
+    recorded: MeasuredRun, tmp_path: Path, plain: str, passive: str
+) -> None:
+    """The engine had them, the replay of a joint had not: a right file got causes with confidence."""
+    file = tmp_path / "arm.xml"
+    file.write_text(Path(recorded.robot).read_text().replace(plain, passive))
+    run = replace(recorded, robot=str(file))
+    machine = robot(run)
+    readings = replay_whole(whole(machine, {j: item.chain for j, item in chains(run, machine).items()}), run)
+    run = replace(run, joints={j: replace(log, position=readings[j]) for j, log in run.joints.items()})
+    for joint in JOINTS:
+        terms = terms_of(machine, joint, [run])
+        model = joint_of_tree(machine, joint, load_chain(run.actuators[joint]), [run], terms)
+        problem = free_problem([run], joint, [model], cut([run], joint), {"position": 1.0 / NOISE_FLOOR}, terms)
+        error = problem.position_error(problem.simulate([{}])[0])
+        assert float(np.sqrt(np.mean(error**2))) < 2.0 * NOISE_FLOOR
 
 
 def test_a_robot_with_a_joint_that_nothing_commands_is_not_simulated_as_a_whole(recorded: MeasuredRun) -> None:

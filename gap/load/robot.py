@@ -128,7 +128,13 @@ def robot_of(run: MeasuredRun) -> LoggedRobot | None:
     stamps = tuple(item.stat().st_mtime_ns for item in path.parent.iterdir() if is_robot_file(item) and item.is_file())
     found = _read(path, stamps, tuple(sorted(run.robot_params.items())))
     frames = run.meta.get("frames")
-    return found if frames is None else replace(found, frames=_frames(frames, run.name, found))
+    return found if frames is None else _framed(found, tuple(_frames(frames, run.name, found).items()))
+
+
+@lru_cache(maxsize=8)
+def _framed(robot: LoggedRobot, frames: tuple[tuple[str, Frame], ...]) -> LoggedRobot:
+    """The robot with these frames: one object, on which what was computed of it is kept."""
+    return replace(robot, frames=dict(frames))
 
 
 def _frames(said: Any, run: str, robot: LoggedRobot) -> dict[str, Frame]:

@@ -185,7 +185,7 @@ def tip_behind(model: mujoco.MjModel, joint: int) -> Tip:
 
 
 def terms_along(model: mujoco.MjModel, joint: int, motion: Motion, sign: float = 1.0) -> Array:
-    """What a joint works against along a motion (n, 22), columns as :mod:`sealegs.gap.replay.terms` lists them.
+    """What a joint works against along a motion (n, 27), columns as :mod:`sealegs.gap.replay.terms` lists them.
 
     Args:
         model: of a robot of hinges and slides whose joints have no friction, damping, armature or actuator.
@@ -198,27 +198,72 @@ def terms_along(model: mujoco.MjModel, joint: int, motion: Motion, sign: float =
     own = _block(model, dof, motion)
     rows = [motion.position[:, [dof]], sign * motion.speed[:, [dof]], own]
     rows.append(_block(_payload(model, tip_behind(model, joint)), dof, motion))
-    further, nearer = (_block(_shifted(model, joint, way * SHIFT), dof, motion) for way in (1.0, -1.0))
-    rows += [(further - nearer) / (2.0 * SHIFT), (further + nearer - 2.0 * own) / (2.0 * SHIFT**2)]
+    passive = passive_block(model, dof, motion)
+    here = own + passive
+    further, nearer = (_whole_block(_shifted(model, joint, way * SHIFT), dof, motion) for way in (1.0, -1.0))
+    rows += [(further - nearer) / (2.0 * SHIFT), (further + nearer - 2.0 * here) / (2.0 * SHIFT**2), passive]
     table = np.concatenate(rows, axis=1)
     if sign < 0.0:  # bias and its second derivative change sign; inertia, slope and drag are of torque over motion
-        for first in (2, 7, 12, 17):
+        for first in (2, 7, 12, 17, 22):
             table[:, [first + 1, first + 3]] *= -1.0
     return table
 
 
 def block_along(model: mujoco.MjModel, joint: int, motion: Motion, sign: float = 1.0) -> Array:
-    """The first block alone of what :func:`terms_along` gives (n, 5)."""
-    table = _block(model, int(model.jnt_dofadr[joint]), motion)
+    """All that a joint works against with the bodies as they are (n, 5)."""
+    table = _whole_block(model, int(model.jnt_dofadr[joint]), motion)
     if sign < 0.0:
         table[:, [1, 3]] *= -1.0
     return table
 
 
+def _whole_block(model: mujoco.MjModel, dof: int, motion: Motion) -> Array:
+    return _block(model, dof, motion) + passive_block(model, dof, motion)
+
+
+def is_passive(model: mujoco.MjModel) -> bool:
+    """Whether joints of a robot's file have springs, or bodies a compensation of their weight."""
+    return bool(np.any(model.jnt_stiffness) or np.any(model.body_gravcomp))
+
+
+def passive_torques(model: mujoco.MjModel, data: mujoco.MjData) -> Array:
+    """What springs and weight compensation of a robot's file take from the joints where it was placed (nv,)."""
+    mujoco.mj_passive(model, data)
+    return -(data.qfrc_spring + data.qfrc_gravcomp)
+
+
+def passive_block(model: mujoco.MjModel, dof: int, motion: Motion) -> Array:
+    """The same five columns of springs and weight compensation (n, 5): they have no inertia and no drag."""
+    out = np.zeros((len(motion.position), 5))
+    if not is_passive(model):
+        return out
+    data = mujoco.MjData(model)
+    address = [int(model.jnt_qposadr[j]) for j in range(model.njnt)]
+    at = address[int(model.dof_jntid[dof])]
+
+    def placed(q: float) -> float:
+        data.qpos[at] = q
+        mujoco.mj_kinematics(model, data)
+        mujoco.mj_comPos(model, data)
+        return float(passive_torques(model, data)[dof])
+
+    for k, row in enumerate(motion.position):
+        data.qpos[address] = row
+        above, here, below = (placed(row[dof] + way) for way in (ANGLE, 0.0, -ANGLE))
+        out[k, 1:4] = here, *_derivatives(model, dof, above, here, below)
+    return out
+
+
+def _derivatives(model: mujoco.MjModel, dof: int, above: float, here: float, below: float) -> tuple[float, float]:
+    """Slope and curve of a torque from its values either side; of a hinge as of a + b sin(away) + c (1 - cos(away))."""
+    if int(model.jnt_type[model.dof_jntid[dof]]) != int(mujoco.mjtJoint.mjJNT_HINGE):
+        return (above - below) / (2.0 * ANGLE), 0.0
+    return (above - below) / (2.0 * math.sin(ANGLE)), (above + below - 2.0 * here) / (2.0 * (1.0 - math.cos(ANGLE)))
+
+
 def _block(model: mujoco.MjModel, dof: int, motion: Motion) -> Array:
     """Inertia, bias, slope, curve and drag (n, 5) of one degree of freedom."""
     data = mujoco.MjData(model)
-    hinge = int(model.jnt_type[model.dof_jntid[dof]]) == int(mujoco.mjtJoint.mjJNT_HINGE)
     result = np.zeros(model.nv)
     out = np.empty((len(motion.position), 5))
     address = [int(model.jnt_qposadr[j]) for j in range(model.njnt)]
@@ -248,11 +293,7 @@ def _block(model: mujoco.MjModel, dof: int, motion: Motion) -> Array:
         data.qvel[dof] += 1.0  # the torque is linear in the own speed: it turns no body's inertia about its own axis
         mujoco.mj_comVel(model, data)
         mujoco.mj_rne(model, data, 1, result)
-        if hinge:  # of a + b sin(away) + c (1 - cos(away)), as gravity is
-            slope = (above - below) / (2.0 * math.sin(ANGLE))
-            curve = (above + below - 2.0 * here) / (2.0 * (1.0 - math.cos(ANGLE)))
-        else:
-            slope, curve = (above - below) / (2.0 * ANGLE), 0.0
+        slope, curve = _derivatives(model, dof, above, here, below)
         out[k] = inertia, here, slope, curve, result[dof] - here
     return out
 

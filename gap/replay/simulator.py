@@ -45,6 +45,7 @@ def combine(k, row, e):
             k[K.mass] * row[T_OWN + c]
             + k[K.payload] * row[T_OWN + T_SIZE + c]
             + k[K.shift] * (row[T_OWN + 2 * T_SIZE + c] + k[K.shift] * row[T_OWN + 3 * T_SIZE + c])
+            + row[T_OWN + 4 * T_SIZE + c]
         )
 
 

@@ -1,8 +1,9 @@
 """What a joint of a robot works against while all other joints move as measured: columns of its terms.
 
-A row of the terms holds, at one sample, the joint's position and speed as measured and then four blocks of the same
+A row of the terms holds, at one sample, the joint's position and speed as measured and then five blocks of the same
 five: of all that hangs behind the joint, per kilogram of a payload at the end of the robot, per metre by which the
-centre of mass of the joint's own body lies further from the joint, and per square of that. The replay adds the blocks
+centre of mass of the joint's own body lies further from the joint, per square of that, and of springs and weight
+compensation that the robot's file has. The replay adds the blocks
 up with the numbers of :mod:`.constants`, so that a fit may turn those without MuJoCo (:mod:`sealegs.gap.load.tree`
 makes the rows).
 """
@@ -21,5 +22,5 @@ E_SIZE = 7
 
 T_OWN = 2  # where the first block starts
 T_SIZE = 5  # columns of a block
-T_BLOCKS = 4
+T_BLOCKS = 5
 T_COLUMNS = T_OWN + T_BLOCKS * T_SIZE

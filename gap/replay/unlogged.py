@@ -11,7 +11,7 @@ import numpy as np
 from numpy.polynomial import Polynomial
 
 from ..load.robot import LoggedRobot
-from ..load.tree import Motion
+from ..load.tree import Motion, is_passive, passive_torques
 from ..log.types import MeasuredRun
 
 LIGHT = 0.05  # share of a joint's torque that a joint behind it may change and still count as held: assumed
@@ -195,6 +195,7 @@ def _loosened(
 def torques_of(model: mujoco.MjModel, motion: Motion) -> np.ndarray:
     """Torques (n, nv) that a motion of a robot of hinges and slides needs."""
     data, result, out = mujoco.MjData(model), np.zeros(model.nv), np.empty_like(motion.position)
+    passive = is_passive(model)
     address = [int(model.jnt_qposadr[j]) for j in range(model.njnt)]
     for k in range(len(out)):
         data.qpos[address] = motion.position[k]
@@ -203,5 +204,5 @@ def torques_of(model: mujoco.MjModel, motion: Motion) -> np.ndarray:
         mujoco.mj_comPos(model, data)
         mujoco.mj_comVel(model, data)
         mujoco.mj_rne(model, data, 1, result)
-        out[k] = result
+        out[k] = result + passive_torques(model, data) if passive else result
     return out
