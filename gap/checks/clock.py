@@ -7,11 +7,12 @@ from collections.abc import Iterator
 import numpy as np
 
 from ..log.finding import Finding
+from ..log.gaps import PERIODS, gaps
+from ..log.parts import WARM_UP
 from ..log.types import MeasuredRun
 
 IRREGULAR = 0.15
 """Spread of the sample period, relative to its median, from which a clock is called irregular."""
-GAP_PERIODS = 3.5
 COARSE = 0.04
 """Step of quantised time stamps, relative to the period, from which it disturbs derivatives."""
 
@@ -20,7 +21,7 @@ def check_clock(run: MeasuredRun) -> Iterator[Finding]:
     """Yield what is wrong with the sampling of a run."""
     steps = np.diff(run.time)
     period = float(np.median(steps))
-    regular = steps[steps < GAP_PERIODS * period]
+    regular = steps[steps <= PERIODS * period]
     spread = float(np.std(regular) / period)
     if spread > IRREGULAR:
         yield Finding(
@@ -29,13 +30,14 @@ def check_clock(run: MeasuredRun) -> Iterator[Finding]:
             "replays use the recorded time stamps.",
             value=spread,
         )  # fmt: skip
-    gaps = np.flatnonzero(steps > GAP_PERIODS * period)
-    if len(gaps):
-        worst = int(gaps[np.argmax(steps[gaps])])
+    missing = gaps(run.time)
+    if len(missing):
+        worst = int(missing[np.argmax(steps[missing])])
         yield Finding(
             "clock.gaps", "warning", None, "time",
-            f"{len(gaps)} gap{'s' * (len(gaps) > 1)} in the samples, the longest {steps[worst]:.3g} s after "
-            f"{run.time[worst]:.4g} s (period {period:.3g} s); windows across a gap are left out.",
+            f"{len(missing)} gap{'s' * (len(missing) > 1)} in the samples, the longest {steps[worst]:.3g} s after "
+            f"{run.time[worst]:.4g} s (period {period:.3g} s); where commands changed meanwhile, motion counts again "
+            f"{WARM_UP:g} s later, or half way to the next gap.",
             value=float(steps[worst]), data_error=True,
         )  # fmt: skip
     tick = time_stamp_step(run.time[: 1 << 16])

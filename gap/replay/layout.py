@@ -10,6 +10,7 @@ import numpy as np
 
 from ...actuators.stages.motor import Thermal
 from ..load.pendulum import bench_parameters
+from ..log.gaps import known_commands
 from ..log.parts import Unit
 from ..log.types import LogError, MeasuredRun
 from .heating import heated
@@ -80,7 +81,7 @@ def lay_out(runs: Sequence[MeasuredRun], joint: str, units: Sequence[Unit], by_t
         on.append(np.ones(count, bool) if log.enabled is None else log.enabled[part] > 0.5)
         warm = np.full(count, ROOM) if log.temperature is None else heated(clock, log.temperature, log.current)[part]
         temperature.append(_without_gaps(clock[part], warm))
-        judged.append(np.arange(count) >= unit.judged)
+        judged.append((np.arange(count) >= unit.judged) & known_commands(clock, command)[part])
         since = clock[part] - clock[unit.start]
         number = (since / BLOCK).astype(int)
         block.append(number + blocks)
