@@ -33,9 +33,11 @@ def flattened(
     """
     found: list[dict[str, Array]] = [{} for _ in runs]
     for joint, problem in problems.items():
-        reading = problem.simulate([values.get(joint, {})])[0, :, 0]
-        error = problem.judged * (reading - problem.measured[:, 0])
-        if not np.nanstd(error) < FAR * np.nanstd(problem.measured[problem.judged, 0]):
+        # what moves the others is the link, wherever a spring lies between it and its motor
+        channel = 1 if all(run.joints[joint].link_position is not None for run in runs) else 0
+        reading = problem.simulate([values.get(joint, {})])[0, :, channel]
+        error = problem.judged * (reading - problem.measured[:, channel])
+        if not np.nanstd(error) < FAR * np.nanstd(problem.measured[problem.judged, channel]):
             continue  # it says nothing of this motion
         tables = [np.zeros((len(run.time), 3)) for run in runs]
         shown, expected, written = 0.0, 0.0, []
@@ -48,7 +50,8 @@ def flattened(
             inside[EDGE : b - a - EDGE] = True
             judged = problem.judged[a:b] & inside
             written.append((unit, sharp, inside & ~judged, judged))
-            measured = (log.position if log.link_position is None else log.link_position)[unit.start : unit.stop]
+            link = log.position if log.link_position is None else log.link_position
+            measured = link[unit.start : unit.stop]
             taken = measured - derivatives(time, measured)[0]
             good = judged & np.isfinite(taken)
             shown += float(taken[good] @ sharp[good, 0])

@@ -3,8 +3,9 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import replace
+from dataclasses import dataclass, field, replace
 from functools import lru_cache
+from hashlib import blake2b
 
 import numpy as np
 
@@ -46,7 +47,7 @@ def cut_joint(
         armature = chains[0].armature()
         why = not_free(robot, joint, runs, armature)
         if why is None:
-            terms = terms_of(robot, joint, runs, _motions(robot, tuple(runs)))
+            terms = terms_of(robot, joint, runs, _motions(robot, _Logged(_digest(runs), tuple(runs))))
             for table, added in zip(terms, more or (), strict=False):
                 table[:, T_OWN : T_OWN + T_SIZE] += added
         notes = (owned(robot, joint), held_still(robot, joint, runs, armature) if why is None else why)
@@ -70,10 +71,33 @@ def cut_joint(
     return Cut(joint, runs, models, cut(runs, joint, test_group), noise, terms, tuple(findings), along)
 
 
-@lru_cache(maxsize=2)
-def _motions(robot: LoggedRobot, runs: tuple[MeasuredRun, ...]) -> list[Motion]:
-    """How the robot moved in each run; what smoothing takes from its joints is put back from their nominal replays."""
-    problems = {}
+@dataclass(frozen=True)
+class _Logged:
+    """Runs that are the same where their contents are, whichever objects hold them."""
+
+    digest: str
+    runs: tuple[MeasuredRun, ...] = field(compare=False)
+
+
+def _digest(runs: Sequence[MeasuredRun]) -> str:
+    """Of all that a nominal replay reads."""
+    found = blake2b()
+    for run in runs:
+        found.update(repr((run.robot, run.robot_params, run.actuators, run.meta, list(run.joints))).encode())
+        found.update(np.ascontiguousarray(run.time).tobytes())
+        for log in run.joints.values():
+            for signal, values in log.signals().items():
+                found.update(signal.encode() + np.ascontiguousarray(values).tobytes())
+    return found.hexdigest()
+
+
+@lru_cache(maxsize=1)
+def _motions(robot: LoggedRobot, logged: _Logged) -> list[Motion]:
+    """How the robot moved in each run; what smoothing takes from its joints is put back from their nominal replays.
+
+    The same for every joint of a log, and kept from one to the next.
+    """
+    runs, problems = logged.runs, {}
     for joint in commanded(runs):
         if not all(joint in run.joints and run.joints[joint].goal is not None for run in runs):
             continue  # what is wrong with one joint is told where that one is judged
