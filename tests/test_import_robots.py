@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import builtins
 import json
+from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
@@ -14,7 +15,7 @@ from pyarrow import parquet
 from sealegs.actuators.extras import MissingPackage
 from sealegs.cli import main
 from sealegs.gap.log import LogError, read_measured
-from sealegs.gap.log.importers import import_logs, propose_for, read_recordings
+from sealegs.gap.log.importers import Recording, import_logs, propose_for, read_recordings
 from sealegs.gap.log.importers.proposal import propose
 
 from tests.test_import import motion
@@ -172,6 +173,80 @@ def test_joint_states_and_their_commands_become_a_log(tmp_path: Path, kind: str)
     np.testing.assert_allclose(wrist.position, wanted["smooth"][10:], atol=1e-9)
     np.testing.assert_allclose(wrist.goal, np.repeat(wanted["goal"][10::2], 2), atol=1e-9)
     assert run.time[0] == pytest.approx(0.1, abs=1e-6)
+
+
+def two_topics(
+    path: Path, offset: float, command: str, names: Sequence[Sequence[str]] = (("elbow", "wrist"),), late: float = 0.0
+) -> Recording:
+    """Joint states at 100 Hz whose stamps are ``offset`` from the bag's clock, and commands at 20 Hz that lead by 1 ms.
+
+    Commands of joint states name the joints of ``names`` in turn, and their stamps are ``late`` after those of states.
+    """
+    pytest.importorskip("rosbags")
+    from rosbags.rosbag2 import Writer
+    from rosbags.typesys import Stores, get_typestore
+
+    store = get_typestore(Stores.ROS2_HUMBLE)
+    types, states, array = store.types, "sensor_msgs/msg/JointState", "std_msgs/msg/Float64MultiArray"
+    stamp, header = types["builtin_interfaces/msg/Time"], types["std_msgs/msg/Header"]
+
+    def state(seconds: float, joints: Sequence[str], values: list[float]) -> Any:
+        whole, none = int(seconds), np.array([])
+        head = header(stamp=stamp(sec=whole, nanosec=round(1e9 * (seconds - whole))), frame_id="")
+        return types[states](header=head, name=list(joints), position=np.array(values), velocity=none, effort=none)
+
+    with Writer(path, version=8) as writer:
+        measured = writer.add_connection("/joint_states", states, typestore=store)
+        kind = array if command.endswith("commands") else states
+        sent = writer.add_connection(command, kind, typestore=store)
+        for k in range(600):
+            now = 1.7e9 + 0.01 * k
+            if k % 5 == 0:
+                before = now - 1e-3
+                who = names[k // 5 % len(names)]
+                layout = types["std_msgs/msg/MultiArrayLayout"](dim=[], data_offset=0)
+                goal = types[array](layout=layout, data=np.array([0.01 * k]))
+                if kind == states:
+                    goal = state(before + offset + late, who, [0.01 * k] * len(who))
+                writer.write(sent, round(1e9 * before), store.serialize_cdr(goal, kind))
+            message = state(now + offset, ["elbow", "wrist"], [0.01 * k, 0.0])
+            writer.write(measured, round(1e9 * now), store.serialize_cdr(message, states))
+    (found,) = read_recordings(path)
+    return found
+
+
+@pytest.mark.parametrize("offset", [0.0, -0.2, 10.0 - 1.7e9])
+def test_commands_without_a_stamp_stand_where_the_bag_received_them(tmp_path: Path, offset: float) -> None:
+    """They vanished beside stamps of a simulation, and were shifted beside those of another computer's clock."""
+    found = two_topics(tmp_path / "run", offset, "/position_controller/commands")
+    goal = found.columns["position_controller.commands.data[0]"]
+    np.testing.assert_allclose(goal, 0.05 * np.floor(np.arange(600) / 5.0), atol=1e-9)
+    assert any("since those of /position_controller/commands have no stamp" in note for note in found.notes)
+    assert not found.left
+
+
+def test_stamps_are_the_clock_where_every_message_has_one(tmp_path: Path) -> None:
+    found = two_topics(tmp_path / "run", -0.2, "/arm/joint_command")
+    np.testing.assert_allclose(np.diff(found.columns["stamp"]), 0.01, atol=1e-6)
+    assert "times are the stamps of the messages" in found.notes
+
+
+@pytest.mark.parametrize(("late", "when"), [(100.0, "94 s after the last"), (-100.0, "94.1 s before the first")])
+def test_a_topic_of_another_time_is_left_out_with_the_reason(tmp_path: Path, late: float, when: str) -> None:
+    """One of later times vanished without a word; one of earlier times held its last value throughout."""
+    found = two_topics(tmp_path / "run", 0.0, "/arm/joint_command", late=late)
+    assert not [name for name in found.columns if "command" in name]
+    assert f"do not overlap with those of /joint_states: all are {when} of them" in found.left["arm.joint_command"]
+    assert "arm.joint_command" in propose([found]).unused
+
+
+def test_a_joint_that_a_command_does_not_name_holds_its_last_one(tmp_path: Path) -> None:
+    found = two_topics(tmp_path / "run", 0.0, "/arm/joint_command", names=(["elbow"], ["wrist"]))
+    elbow, wrist = (found.columns[f"arm.joint_command.{joint}.position"] for joint in ("elbow", "wrist"))
+    rows = np.arange(5, 600)  # the first command of the wrist is the second message
+    assert any("the first 5 samples, before the first command" in note for note in found.notes)
+    np.testing.assert_allclose(elbow, 0.1 * np.floor(rows / 10.0), atol=1e-9)
+    np.testing.assert_allclose(wrist, 0.1 * np.floor((rows - 5) / 10.0) + 0.05, atol=1e-9)
 
 
 def test_without_the_library_the_extra_is_named(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:

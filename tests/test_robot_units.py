@@ -1,19 +1,27 @@
-"""Logs of robots that cannot be read as they stand: too short, slides in other units, and units nobody knows."""
+"""Logs that cannot be read as they stand: too short, or in units that their sidecar names, hides or makes up."""
 
 from __future__ import annotations
 
+from collections.abc import Mapping
+from dataclasses import replace
+from functools import cache
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pytest
 from sealegs.actuators.errors import SealegsError
-from sealegs.gap.checks.data_set import check_set, corrected
+from sealegs.gap.checks.data_set import check_run, check_set, corrected
 from sealegs.gap.diagnose import diagnose
 from sealegs.gap.load.robot import robot_of
 from sealegs.gap.load.units import in_model_units
 from sealegs.gap.log.arrays import measured_set
-from sealegs.gap.log.types import MeasuredSet
+from sealegs.gap.log.finding import Finding
+from sealegs.gap.log.types import LogError, MeasuredSet
+from sealegs.gap.verdict.checking import check_log
+
+from testbed import hidden_bench
+from tests.changed_logs import JOINT
 
 MODEL = """<mujoco><compiler angle="radian" autolimits="true"/><worldbody><body name="cart">
 <joint name="rail" type="slide" axis="1 0 0" {range}/><geom type="box" size="0.05 0.05 0.02" mass="1"/>
@@ -94,3 +102,124 @@ def test_a_run_of_a_few_samples_is_refused_in_a_sentence(samples: int, tmp_path:
     short = {name: values[:samples] for name, values in table().items()}
     with pytest.raises(SealegsError, match=rf"has {samples} samples, and a diagnosis of a robot needs 30 at least"):
         diagnose(log(tmp_path, short), causes=["friction.coulomb"])
+
+
+# --- a bench, and robots without a file ------------------------------------------------------------------------------
+
+SIZES = {"rad": 1.0, "deg": 180.0 / np.pi, "turn": 0.5 / np.pi, "mm": 1000.0}
+
+
+@cache
+def bench() -> MeasuredSet:
+    return hidden_bench({}, 0)[0]
+
+
+def recorded(
+    position: str, goal: str, units: Mapping[str, str], noise: float = 0.0, robot: str = "bench"
+) -> MeasuredSet:
+    """The bench's log with its angles in these units, and with what its sidecar says of them."""
+    runs = []
+    for k, run in enumerate(bench().runs):
+        log = run.joints[JOINT]
+        assert log.goal is not None
+        angle = log.position + noise * np.random.default_rng(k).normal(size=len(run.time))
+        log = replace(log, position=SIZES[position] * angle, goal=SIZES[goal] * log.goal)
+        runs.append(replace(run, robot=robot, joints={JOINT: log}, meta={**run.meta, "units": dict(units)}))
+    return replace(bench(), runs=tuple(runs))
+
+
+def both(unit: str) -> dict[str, str]:
+    return {f"{JOINT}.position": unit, f"{JOINT}.goal": unit}
+
+
+def checked(data: MeasuredSet) -> list[Finding]:
+    """What is found in a log, whose angles are those of the bench afterwards."""
+    got, findings, stop = check_log(data, lambda text: None)
+    assert stop is None
+    for now, run in zip(got.runs, bench().runs, strict=True):
+        np.testing.assert_allclose(now.joints[JOINT].position, run.joints[JOINT].position, atol=1e-9)
+        goal, wanted = now.joints[JOINT].goal, run.joints[JOINT].goal
+        assert goal is not None and wanted is not None
+        np.testing.assert_allclose(goal, wanted, atol=1e-9)
+    return findings
+
+
+@pytest.mark.parametrize("robot", ["bench", "hopper", "a machine of ours"])
+@pytest.mark.parametrize("unit", ["deg", "turn", "mm"])
+def test_columns_of_a_robot_without_a_file_are_converted_as_its_sidecar_says(unit: str, robot: str) -> None:
+    """A right log in turns or degrees was `not identifiable`."""
+    usual = [(finding.code, finding.column) for finding in check_log(bench(), lambda text: None)[1]]
+    data = recorded(unit, unit, both(unit), robot=robot)
+    assert [(finding.code, finding.column) for finding in checked(data)] == usual
+
+
+def test_a_position_may_be_in_another_unit_than_its_goal() -> None:
+    usual = [(finding.code, finding.column) for finding in check_log(bench(), lambda text: None)[1]]
+    found = checked(recorded("turn", "rad", {"position": "turn"}))
+    assert [(finding.code, finding.column) for finding in found] == usual
+
+
+def test_rates_are_converted_too() -> None:
+    run = bench().runs[0]
+    speed = np.gradient(run.joints[JOINT].position, run.time)
+    logged = replace(run.joints[JOINT], velocity=speed / (2.0 * np.pi))
+    data = MeasuredSet((replace(run, joints={JOINT: logged}, meta={"units": {"velocity": "turn/s"}}),), "log")
+    velocity = in_model_units(data, None)[0].runs[0].joints[JOINT].velocity
+    assert velocity is not None
+    np.testing.assert_allclose(velocity, speed, atol=1e-12)
+
+
+def test_checks_of_a_run_see_the_units_of_the_model() -> None:
+    """Pieces of a long log are checked before anything is converted: a turn of 360 is one of 2 pi there."""
+    data = recorded("deg", "deg", both("deg"))
+    run = data.runs[0]
+    turned = np.mod(run.joints[JOINT].position + 5.0, 360.0)
+    run = replace(run, joints={JOINT: replace(run.joints[JOINT], position=turned)})
+    (wrap,) = [finding for finding in check_run(run) if finding.code == "position.wrap"]
+    assert wrap.value == pytest.approx(2.0 * np.pi, rel=0.02)
+
+
+@pytest.mark.parametrize(
+    ("units", "column"),
+    [({}, "both"), (both("rad"), "both"), ({"position": "deg"}, "goal"), ({"goal": "deg"}, "position")],
+)
+def test_a_column_in_degrees_is_told_where_its_unit_is_not_said(units: dict[str, str], column: str) -> None:
+    told = {finding.column for finding in checked(recorded("deg", "deg", units)) if finding.code == "unit.degrees"}
+    assert told == ({*both("")} if column == "both" else {f"{JOINT}.{column}"})
+
+
+@pytest.mark.parametrize(
+    ("position", "goal", "units", "noise", "sentence"),
+    [
+        ("rad", "rad", both("deg"), 0.0, r"servo\.position is in deg, and it is in rad: its step of 0\.001534 is a"),
+        ("turn", "turn", both("deg"), 0.0, r"is in deg, and it is in turn: .* divided by 4096; correct the entry"),
+        ("deg", "deg", both("turn"), 0.0, r"is in turn, and it is in deg"),
+        ("deg", "deg", both("turn"), 5e-4, r"is in turn, and with that servo\.position is in degrees, not in radians"),
+        ("rad", "rad", {"goal": "deg"}, 5e-4, r"servo\.goal is in deg, and as .* it and servo\.position move alike"),
+        ("rad", "rad", {"position": "deg"}, 5e-4, r"servo\.position is in deg, and as they .* servo\.goal move alike"),
+        ("rad", "rad", both("furlong"), 0.0, r"in furlong, and this joint is in rad; conv.*\(rad, deg, turn, m, cm"),
+        ("rad", "rad", both("mm") | {"servo.goal": "rad"}, 0.0, r"servo\.goal is in rad, and this joint is in m"),
+        ("rad", "rad", both("percent"), 0.0, r"a percent of the joint's range, and of a bench no range is known; conv"),
+    ],
+)  # fmt: skip
+def test_a_unit_that_is_not_that_of_the_column_is_refused_in_a_sentence(
+    position: str, goal: str, units: dict[str, str], noise: float, sentence: str
+) -> None:
+    with pytest.raises(LogError, match=sentence) as error:
+        check_log(recorded(position, goal, units, noise), lambda text: None)
+    assert "\n" not in str(error.value) and "units says that" in str(error.value)
+
+
+def test_runs_of_one_machine_may_say_their_units_apart() -> None:
+    """What one sidecar says is converted; what the other one leaves out is told, of that run alone."""
+    said, unsaid = recorded("deg", "deg", both("deg")).runs[0], recorded("deg", "deg", {}).runs[1:]
+    findings = checked(replace(bench(), runs=(said, *unsaid)))
+    told = {finding.run for finding in findings if finding.code == "unit.degrees"}
+    assert said.name not in told and told <= {None, *(run.name for run in unsaid)} and told
+
+
+def test_a_share_of_a_range_that_nobody_says_is_noted() -> None:
+    findings = check_log(recorded("rad", "rad", both("fraction"), robot="a machine of ours"), lambda text: None)[1]
+    notes = [finding for finding in findings if finding.code == "unit.share"]
+    assert {note.column for note in notes} == {*both("")} and len(notes) == 2, "once for the machine"
+    assert "a fraction of a range that nobody says" in notes[0].sentence

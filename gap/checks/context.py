@@ -10,6 +10,7 @@ import numpy as np
 from ...actuators.chain import Chain, load_chain
 from ...actuators.errors import SealegsError
 from ..load.robot import robot_of
+from ..load.units import run_in_model_units
 from ..log.types import Array, JointLog, MeasuredRun
 from .signal import DERIVATIVE_WINDOW, derivatives, quantisation_step, sample_noise
 
@@ -69,7 +70,7 @@ class JointContext:
 
     @cached_property
     def radians(self) -> bool:
-        """Whether the sidecar leaves position and goal in radians."""
+        """Whether position and goal are in radians."""
         return self.unit == "rad"
 
     @cached_property
@@ -79,7 +80,7 @@ class JointContext:
 
     @cached_property
     def unit(self) -> str:
-        """Unit of position and goal that the sidecar says; where it says nothing that of the robot's joint, or rad."""
+        """Unit of position and goal: of the robot's joint, or rad; or a share of a range that nobody says."""
         units = self.run.meta.get("units") or {}
         own = "m" if self.slides else "rad"
         return str(units.get(self.column("position"), units.get("position", own)))
@@ -133,7 +134,13 @@ class JointContext:
 
 
 def joint_contexts(run: MeasuredRun) -> list[JointContext]:
-    """Return the context of every joint; of a very long run, of its middle."""
+    """Return the context of every joint, in the model's units; of a very long run, of its middle.
+
+    Raises:
+        SealegsError: the sidecar names a unit that is not known.
+    """
+    if run.meta.get("units"):  # the pieces of a long log are checked before anything else looks at them
+        run = run_in_model_units(run, robot_of(run))
     excess = max(len(run.time) - LONGEST_EXCERPT, 0)
     part = slice(excess // 2, len(run.time) - (excess - excess // 2))
     contexts = []

@@ -21,6 +21,7 @@ FOLDER_DEFAULTS = "log.yaml"
 
 DESCRIPTIVE_KEYS = ("group", "units", "sample_clock", "machine", "source", "licence", "date", "notes")
 KEYS = ("robot", "robot_params", "actuators", "meta", *DESCRIPTIVE_KEYS)
+MAPPINGS = ("robot_params", "actuators", "meta", "units")
 
 
 @dataclass(frozen=True)
@@ -124,33 +125,56 @@ def checked_sidecar(content: Mapping[str, Any], path: str | Path) -> Sidecar:
     Raises:
         LogError: an unknown key or a value of the wrong kind; the message names ``path``.
     """
-    for key in content:
-        if key not in KEYS:
-            raise LogError(
-                f"{path}: unknown key '{key}'{nearest(str(key), KEYS)}; put descriptions of your own under the key meta"
-            )
     robot = content.get("robot")
     if robot is None and "robot" in content:
         raise LogError(
             f"{path}: robot is left open, in it or in the {FOLDER_DEFAULTS} beside it; fill in the robot, for example "
             "robot: bench"
         )
-    if not isinstance(robot, str) or not robot:
+    found = checked_parts(content, path)
+    if not found.robot:
         raise LogError(f"{path}: the key robot must name the robot, for example robot: bench, not {robot!r}")
-    for key in ("robot_params", "actuators", "meta", "units"):
+    return found
+
+
+def checked_kinds(content: Mapping[str, Any], path: str | Path) -> None:
+    """Refuse what no sidecar is, whatever numbers and words it may still take from a recording.
+
+    Raises:
+        LogError: an unknown key, or a value of the wrong kind; the message names ``path``.
+    """
+    for key in content:
+        if key not in KEYS:
+            raise LogError(
+                f"{path}: unknown key '{key}'{nearest(str(key), KEYS)}; put descriptions of your own under the key meta"
+            )
+    robot = content.get("robot")
+    if robot is not None and (not isinstance(robot, str) or not robot):
+        raise LogError(f"{path}: the key robot must name the robot, for example robot: bench, not {robot!r}")
+    for key in MAPPINGS:
         if not isinstance(content.get(key) or {}, dict):
             raise LogError(f"{path}: the key {key} must be a mapping, not {content[key]!r}")
+    if not isinstance((content.get("meta") or {}).get("units") or {}, dict):
+        raise LogError(f"{path}: the key units must be a mapping, not {content['meta']['units']!r}")
+    for joint, chain in (content.get("actuators") or {}).items():
+        if not isinstance(chain, str | list) or not chain:
+            raise LogError(f"{path}: actuators.{joint} must be a chain name or a list of stages, not {chain!r}")
+
+
+def checked_parts(content: Mapping[str, Any], path: str | Path) -> Sidecar:
+    """A sidecar from its plain form, whose robot may still be open, and is then the empty word.
+
+    Raises:
+        LogError: an unknown key or a value of the wrong kind; the message names ``path``.
+    """
+    checked_kinds(content, path)
     params = {
         str(name): _number(value, f"{path}: robot_params.{name}")
         for name, value in (content.get("robot_params") or {}).items()
     }
-    actuators: dict[str, str | list] = {}
-    for joint, chain in (content.get("actuators") or {}).items():
-        if not isinstance(chain, str | list) or not chain:
-            raise LogError(f"{path}: actuators.{joint} must be a chain name or a list of stages, not {chain!r}")
-        actuators[str(joint)] = chain
+    actuators: dict[str, str | list] = {str(joint): chain for joint, chain in (content.get("actuators") or {}).items()}
     meta = {key: content[key] for key in DESCRIPTIVE_KEYS if content.get(key) is not None}
-    return Sidecar(robot, params, actuators, meta | (content.get("meta") or {}))
+    return Sidecar(content.get("robot") or "", params, actuators, meta | (content.get("meta") or {}))
 
 
 def _number(value: Any, where: str) -> float:

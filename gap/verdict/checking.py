@@ -2,19 +2,30 @@
 
 from __future__ import annotations
 
+import numpy as np
+
 from ...actuators.errors import nearest
 from ...envs.robot_file import is_robot_file
 from ...envs.robots import ROBOTS
 from ..checks.data_set import check_set, corrected, merged, unusable
+from ..checks.motion import LARGEST_ANGLE
 from ..checks.off import released
+from ..checks.signal import quantisation_step
 from ..load.robot import robot_of
-from ..load.units import in_model_units
+from ..load.units import POSITIONS, in_model_units
 from ..log.finding import Finding
 from ..log.progress import Progress
-from ..log.types import LogError, MeasuredSet
+from ..log.types import Array, LogError, MeasuredRun, MeasuredSet
 from .columns import check_robot
 
 MISTYPED = 0.7  # likeness to a robot's name from which a log means it: any other is a machine whose load nobody knows
+TURNS = {"rad": 2.0 * np.pi, "deg": 360.0, "turn": 1.0}
+"""A whole turn in each unit of an angle."""
+BITS = (8, 24)  # of an encoder: its steps are a turn by a power of two
+EXACT = 1e-3  # of a bit, which a number of steps may be off a power of two
+ALIKE = 2.0  # ratio of two ways up to which they are of one motion in one unit
+OTHER_UNITS = ("unit.degrees", "unit.ticks", "unit.millimetres", "unit.length")
+"""Findings that a position or goal is in another unit than the model's."""
 
 
 def check_log(data: MeasuredSet, progress: Progress) -> tuple[MeasuredSet, list[Finding], Finding | None]:
@@ -23,14 +34,20 @@ def check_log(data: MeasuredSet, progress: Progress) -> tuple[MeasuredSet, list[
     if robot not in ROBOTS and not is_robot_file(robot) and (hint := nearest(robot, ROBOTS, MISTYPED)):
         raise LogError(f"{data.runs[0].name}: there is no robot '{robot}'{hint}; correct it in the sidecar.")
     machine = robot_of(data.runs[0])
-    said = []
     if machine is not None:
         _alike(data)
-        data, said = in_model_units(data, machine)
+    recorded = data
+    data, said = in_model_units(data, machine)
+    converted = {run.name: _converted(run, now) for run, now in zip(recorded.runs, data.runs, strict=True)}
+    for run, now in zip(recorded.runs, data.runs, strict=True):
+        _check_steps(run, converted[run.name])
+        _check_ways(run, now, converted[run.name])
+    if machine is not None:
         said += check_robot(data.runs, machine)
     progress("checking the log")
     data, off = released(data)
     data, every = corrected(data, [*data.findings, *said, *off, *check_set(data)])
+    _check_said(every, converted)
     return data, merged(every), unusable(every, data)
 
 
@@ -44,3 +61,67 @@ def _alike(data: MeasuredSet) -> None:
         ):
             if mine != its:
                 raise LogError(f"{run.name}: its sidecar has other {key} than {first.name}; diagnose such runs apart.")
+
+
+def _converted(run: MeasuredRun, now: MeasuredRun) -> dict[str, str]:
+    """Positions and goals of a run that ``units`` of its sidecar had converted: the word for each column."""
+    units = run.meta.get("units") or {}
+    return {
+        f"{joint}.{signal}": str(units.get(f"{joint}.{signal}", units.get(signal)))
+        for joint, log in run.joints.items()
+        for signal, values in log.signals().items()
+        if signal in POSITIONS and getattr(now.joints[joint], signal) is not values
+    }
+
+
+def _check_steps(run: MeasuredRun, converted: dict[str, str]) -> None:
+    """Refuse a column whose encoder makes its steps in another unit than ``units`` says."""
+    for column, word in converted.items():
+        joint, _, signal = column.rpartition(".")
+        step = quantisation_step(run.joints[joint].signals()[signal]) if word in TURNS else 0.0
+        bits = {unit: float(np.log2(turn / step)) for unit, turn in TURNS.items()} if step > 0.0 else {}
+        fits = [unit for unit, n in bits.items() if BITS[0] <= n <= BITS[1] and abs(n - round(n)) < EXACT]
+        if fits and word not in fits:
+            raise LogError(
+                f"{run.name}: units says that {column} is in {word}, and it is in {fits[0]}: its step of {step:.4g} is "
+                f"a whole turn of {TURNS[fits[0]]:.4g} divided by {2 ** round(bits[fits[0]])}; correct the entry."
+            )
+
+
+def _check_ways(run: MeasuredRun, now: MeasuredRun, converted: dict[str, str]) -> None:
+    """Refuse a unit of goal or position alone that parts them, where they move alike as they were recorded.
+
+    Where the other one is too large for the unit of the model, it is that one which is mended.
+    """
+    for joint, log in run.joints.items():
+        names = {"position": f"{joint}.position", "goal": f"{joint}.goal"}
+        one = [signal for signal, column in names.items() if column in converted]
+        if log.goal is None or len(one) != 1:
+            continue
+        other = "goal" if one == ["position"] else "position"
+        mine = now.joints[joint]
+        assert mine.goal is not None
+        small = float(np.quantile(np.abs(log.signals()[other]), 0.98)) < 0.5 * LARGEST_ANGLE
+        if small and _move_alike(log.position, log.goal) and not _move_alike(mine.position, mine.goal):
+            raise LogError(
+                f"{run.name}: units says that {names[one[0]]} is in {converted[names[one[0]]]}, and as they were "
+                f"recorded it and {names[other]} move alike; correct the entry, or add one for {names[other]}."
+            )
+
+
+def _move_alike(one: Array, other: Array) -> bool:
+    """Whether two columns go about equally far."""
+    ways = float(np.ptp(one)), float(np.ptp(other))
+    return max(ways) < ALIKE * min(ways)
+
+
+def _check_said(findings: list[Finding], converted: dict[str, dict[str, str]]) -> None:
+    """Refuse a column that is in yet another unit than ``units`` says: mending it for the model's would be false."""
+    words = {column: word for columns in converted.values() for column, word in columns.items()}
+    for finding in findings:
+        column = finding.column or ""
+        if finding.code in OTHER_UNITS and column in (converted.get(finding.run, words) if finding.run else words):
+            raise LogError(
+                f"{finding.run or 'the log'}: units says that {column} is in {words[column]}, and with that "
+                f"{finding.sentence.rpartition(';')[0]}; correct the entry, or the column."
+            )

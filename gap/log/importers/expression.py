@@ -26,11 +26,25 @@ TOKEN = re.compile(
 COUNTERS = (8, 16, 24, 32)  # [bit]
 
 
-def without_overflows(counts: Array) -> Array:
-    """A counter of 8 to 32 bits that runs on where it started from 0 again."""
-    counts = np.atleast_1d(np.asarray(counts, np.float64))
-    size = next((2.0**bits for bits in COUNTERS if np.nanmax(counts, initial=0.0) < 2**bits), 0.0)
+def passing(function: Callable[[Array], Array]) -> Callable[[Any], Array]:
+    """A function that goes along a column, over its cells without a value: they stay empty, and the rest is right."""
+
+    def along(values: Any) -> Array:
+        out = np.array(values, np.float64, ndmin=1)
+        known = np.isfinite(out)
+        out[known] = function(out[known])
+        return out
+
+    return along
+
+
+def _without_overflows(counts: Array) -> Array:
+    size = next((2.0**bits for bits in COUNTERS if counts.max(initial=0.0) < 2**bits), 0.0)
     return counts + size * np.cumsum(np.diff(counts, prepend=counts[:1]) < -0.5 * size)
+
+
+without_overflows = passing(_without_overflows)
+"""A counter of 8 to 32 bits that runs on where it started from 0 again."""
 
 
 CONSTANTS = {"pi": math.pi}
@@ -42,8 +56,8 @@ FUNCTIONS: dict[str, tuple[int, Callable[..., Any]]] = {
     "sin": (1, np.sin),
     "cos": (1, np.cos),
     "sign": (1, np.sign),
-    "unwrap": (1, lambda angle: np.unwrap(np.atleast_1d(angle))),
-    "cumsum": (1, np.cumsum),
+    "unwrap": (1, passing(np.unwrap)),
+    "cumsum": (1, passing(np.cumsum)),
     "counter": (1, without_overflows),
     "signed16": (1, lambda counts: np.where(np.asarray(counts) > 32767, np.asarray(counts) - 65536, counts)),
     "min": (2, np.minimum),

@@ -14,8 +14,7 @@ import yaml
 
 from ....actuators.errors import nearest
 from ..reader import build_run
-from ..sidecar import KEYS as SIDECAR_KEYS
-from ..sidecar import Sidecar
+from ..sidecar import Sidecar, checked_kinds, checked_parts
 from ..table import check_columns
 from ..types import REQUIRED_EVERYWHERE, SIGNAL_UNITS, Array, LogError, MeasuredRun
 from .expression import ROW, column, evaluate, names_in, quoted
@@ -102,9 +101,7 @@ def _checked(content: Any, file: Path) -> Mapping:
     sidecar = content.get("sidecar") or {}
     if not isinstance(sidecar, dict):
         raise LogError(f"{file}: the key sidecar must be a mapping, which becomes the sidecar of the log.")
-    for key in sidecar:
-        if key not in SIDECAR_KEYS:
-            raise LogError(f"{file}: sidecar has the unknown key '{key}'{nearest(str(key), SIDECAR_KEYS)}.")
+    checked_kinds(sidecar, f"{file}, under sidecar")
     questions = content.get("questions") or []
     try:
         asked = tuple(Question(tuple(map(str, one["about"])), str(one["ask"])) for one in questions)
@@ -163,11 +160,7 @@ def converted(mapping: Mapping, recording: Recording) -> MeasuredRun:
             del table[name]
     table = _in_order(table)
     check_columns(list(table), recording.source)
-    sidecar = filled(mapping.sidecar, recording)
-    for key, value in (sidecar.get("robot_params") or {}).items():
-        if not _is_number(value):
-            raise LogError(f"{where}: robot_params.{key} is '{value}', no number; correct it in the file or mapping.")
-    meta = {key: value for key, value in sidecar.items() if key not in ("robot", "robot_params", "actuators", "meta")}
+    said = checked_parts(filled(mapping.sidecar, recording), f"{where}: sidecar of the mapping")
     joints = {name.rpartition(".")[0] for name in table if name.rpartition(".")[2] in SIGNAL_UNITS}
     # stand in for chains that the user has yet to name
     undriven: dict[str, str | list] = dict.fromkeys(joints, "ideal")
@@ -175,8 +168,8 @@ def converted(mapping: Mapping, recording: Recording) -> MeasuredRun:
         recording.name, table, Sidecar("bench", {}, undriven, {}), recording.source, 0
     )  # checks of the values
     return MeasuredRun(
-        run.name, run.time, run.joints, run.base, str(sidecar.get("robot") or ""), sidecar.get("robot_params") or {},
-        sidecar.get("actuators") or {}, recording.source, meta | (sidecar.get("meta") or {}), run.host,
+        run.name, run.time, run.joints, run.base, said.robot, said.robot_params, said.actuators, recording.source,
+        said.meta, run.host,
     )  # fmt: skip
 
 

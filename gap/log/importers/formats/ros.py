@@ -29,13 +29,30 @@ def is_bag(path: Path) -> bool:
 
 @dataclass
 class _Topic:
-    """Numbers of one topic by the field they come from."""
+    """Numbers of one topic by the field they come from.
+
+    Attributes:
+        times: when the bag received each message [s].
+        stamps: of each message's own header [s], NaN where it has none.
+        rows: numbers of each message.
+    """
 
     times: list[float] = field(default_factory=list)
+    stamps: list[float] = field(default_factory=list)
     rows: list[dict[str, float]] = field(default_factory=list)
 
     def column(self, name: str) -> Array:
         return np.array([row.get(name, np.nan) for row in self.rows])
+
+    def held(self, name: str, own: Array, at: Array) -> Array:
+        """The last value of a field at other times, NaN before its first: a message need not name all joints."""
+        values = self.column(name)
+        rank = np.argsort(own, kind="stable")
+        rank = rank[np.isfinite(values[rank])]
+        if not len(rank):
+            return np.full(len(at), np.nan)
+        last = np.searchsorted(own[rank], at, side="right") - 1
+        return np.where(last >= 0, values[rank][np.maximum(last, 0)], np.nan)
 
     @property
     def names(self) -> list[str]:
@@ -63,7 +80,8 @@ def read_bag(path: Path) -> list[Recording]:
             for connection, logged, raw in reader.messages(connections=used):
                 message = reader.deserialize(raw, connection.msgtype)
                 topic = topics.setdefault(connection.topic, _Topic())
-                topic.times.append(_stamp(message, logged))
+                topic.times.append(1e-9 * logged)
+                topic.stamps.append(_stamp(message))
                 topic.rows.append(dict(_numbers(message)))
     except (AnyReaderError, OSError, ValueError, KeyError, AssertionError) as error:
         reason = str(error).splitlines()[0] if str(error) else type(error).__name__
@@ -85,11 +103,30 @@ def _commands(topic: str) -> bool:
     return any(word in topic.lower() for word in COMMAND_WORDS)
 
 
-def _stamp(message: Any, logged: int) -> float:
-    """Time of a message [ns as int is exact, here s]: its own stamp, or when it was logged where it has none."""
+def _stamp(message: Any) -> float:
+    """Time that the header of a message says [s]; NaN where it says none."""
     stamp = getattr(getattr(message, "header", None), "stamp", None)
     seconds = getattr(stamp, "sec", 0) + 1e-9 * getattr(stamp, "nanosec", 0)
-    return float(seconds) if seconds > 0.0 else 1e-9 * logged
+    return float(seconds) if seconds > 0.0 else float("nan")
+
+
+def _one_clock(topics: dict[str, _Topic]) -> tuple[dict[str, Array], str]:
+    """Times of the messages of each topic [s], all by one clock, and a note which that is.
+
+    Headers are stamped by the clock of the simulation or of another computer, so they do not go with times of the bag.
+    """
+    bare = [topic for topic, held in topics.items() if np.isnan(held.stamps).any()]
+    if not bare:
+        return {topic: np.array(held.stamps) for topic, held in topics.items()}, "times are the stamps of the messages"
+    note = f"times are those at which the bag received the messages, since those of {bare[0]} have no stamp"
+    return {topic: np.array(held.times) for topic, held in topics.items()}, note
+
+
+def _apart(own: Array, main: Array, name: str) -> str | None:
+    """Why a topic cannot be held at the times of the joint states; None where the two overlap."""
+    gap = max(float(own.min() - main.max()), float(main.min() - own.max()))
+    when = "after the last" if own.min() > main.max() else "before the first"
+    return f"its times do not overlap with those of {name}: all are {gap:.3g} s {when} of them" if gap > 0.0 else None
 
 
 def _numbers(message: Any, prefix: str = "", joints: tuple[str, ...] = ()) -> Iterator[tuple[str, float]]:
@@ -116,20 +153,22 @@ def _numbers(message: Any, prefix: str = "", joints: tuple[str, ...] = ()) -> It
 
 def _merged(path: Path, topics: dict[str, _Topic], states: set[str], main: str) -> Recording:
     """All topics at the times of the joint states: commands and other topics hold their last value."""
-    time = np.array(topics[main].times)
+    topics = {topic: held for topic, held in topics.items() if held.names}
+    times, clock = _one_clock(topics)
+    time = times[main]
     order = np.argsort(time, kind="stable")
     keep = order[np.concatenate([[True], np.diff(time[order]) > 0.0])]
     time = time[keep]
     columns: dict[str, Array] = {"stamp": time - time[0]}
-    roles, units, notes = {"stamp": "time"}, {"stamp": "s"}, [f"samples are the messages of {main}"]
+    roles, units, notes = {"stamp": "time"}, {"stamp": "s"}, [f"samples are the messages of {main}", clock]
+    left: dict[str, str] = {}
     for topic, held in topics.items():
-        own = np.array(held.times)
-        rank = np.argsort(own, kind="stable")
-        last = np.searchsorted(own[rank], time, side="right") - 1
         short = topic.strip("/").replace("/", ".")
+        if why := _apart(times[topic], time, main):
+            left[short] = why
+            continue
         for name in held.names:
-            values = held.column(name)
-            values = values[keep] if topic == main else np.where(last >= 0, values[rank][np.maximum(last, 0)], np.nan)
+            values = held.column(name)[keep] if topic == main else held.held(name, times[topic], time)
             if not np.isfinite(values).any():
                 continue
             column = f"{short}.{name}"
@@ -149,4 +188,4 @@ def _merged(path: Path, topics: dict[str, _Topic], states: set[str], main: str) 
         notes.append(f"the first {first} samples, before the first command, are left out")
         columns = {name: values[first:] for name, values in columns.items()}
     name = path.stem if path.is_file() else path.name
-    return Recording(name, columns, path, "ros", {}, roles, tuple(notes), units)
+    return Recording(name, columns, path, "ros", {}, roles, tuple(notes), units, left)
