@@ -228,6 +228,7 @@ TRUE_VALUES = {
     "friction.position_dependent": ("friction.ripple", lambda v, n: v),
     "friction.presliding": ("friction.bristle_stiffness", lambda v, n: v),
     "drive.gain": ("position_p.gain", lambda v, n: v * 5.3),
+    "drive.derivative": ("derivative.gain", lambda v, n: v),
     "drive.delay": ("delay.seconds", lambda v, n: v + n("command_delay", 0.005)),
     "drive.rate_limit": ("rate_limit.speed", lambda v, n: v),
     "drive.acceleration_limit": ("rate_limit.acceleration", lambda v, n: v),

@@ -105,6 +105,9 @@ EFFECTS: dict[str, Effect] = {
     "sensor.delay": Effect("latency", "s", lambda machine, value: machine, (0.00408, 0.00163, 0.000495), (0.0, 0.06)),
     "spring.stiffness": Effect("stiffness_factor", "1", _times("joint_stiffness"), (0.369, 0.709, 0.904), (1.0, 0.1)),
     "contact.blocked": Effect("stop_angle", "rad", _set("stop_angle"), (1.0, 1.07, 1.12), (1.7, 0.1)),
+    "drive.derivative": Effect(
+        "derivative_gain", "s/rad", _set("derivative_gain"), (0.0438, 0.0189, 0.00546), (0.0, 0.5)
+    ),
     "friction.drag": Effect("drag", "N.m.s2/rad2", _set("air_drag"), (0.00837, 0.00328, 0.00106), (0.0, 0.3)),
 }
 

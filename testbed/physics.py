@@ -24,6 +24,7 @@ STOP_DAMPING = 1.0
 THERMAL_CAPACITY = 4.0
 THERMAL_RESISTANCE = 12.0
 """Lumped heat capacity [J/K] and resistance to the surroundings [K/W] of the motor; small, so that a run shows it."""
+FIRMWARE_STEPS = 20  # of the integration, between two differences of the error: 1 ms
 INTEGRAL_DUTY = 0.3  # to which the firmware limits the integral term
 AMBIENT = 25.0
 
@@ -42,6 +43,7 @@ class Machine(NamedTuple):
     goal_smoothing: float = 0.0  # time constant of a low-pass filter on the goal [s]
     gain: float = 5.3
     integral_gain: float = 0.0  # [1/(rad s)]
+    derivative_gain: float = 0.0  # [s/rad]
     error_deadband: float = 0.0
     duty_limit: float = 0.97
     minimum_duty: float = 0.0
@@ -149,15 +151,17 @@ def breakaway(m, q, v, direction, motor, external, time, jammed):
 
 
 @numba.njit(cache=True)
-def firmware_duty(m, goal, q, summed):
-    """Duty that the firmware sets for a goal, the shaft angle ``q`` [rad] and the error summed up so far [rad.s]."""
+def firmware_duty(m, goal, q, summed, growth):
+    """Duty that the firmware sets for a goal, the shaft angle ``q`` [rad], the error summed up so far [rad.s], and how
+    fast it grows [rad/s].
+    """
     reading = m.encoder_scale * q + m.encoder_offset
     if m.encoder_ticks > 0.0:
         tick = 2.0 * math.pi / m.encoder_ticks
         reading = tick * math.floor(reading / tick + 0.5)
     error = goal - reading
     duty = 0.0 if abs(error) < m.error_deadband else m.gain * error
-    duty += m.integral_gain * summed
+    duty += m.integral_gain * summed + m.derivative_gain * growth
     if m.duty_step > 0.0:
         duty = m.duty_step * math.floor(duty / m.duty_step)
     if m.minimum_duty > 0.0 and 1e-9 < abs(duty) < m.minimum_duty:
@@ -211,6 +215,7 @@ def simulate(m, goal_time, goal, jam_start, jam_end, duration, start_temperature
     temperature = start_temperature
     profile, profile_v, smooth, summed = q, 0.0, q, 0.0
     relaxed = q  # where the cable pulls to
+    error, growth = 0.0, 0.0
     command, jam = 0, 0
     for step in range(steps + 1):
         time = step * STEP
@@ -228,7 +233,10 @@ def simulate(m, goal_time, goal, jam_start, jam_end, duration, start_temperature
         if m.integral_gain > 0.0:
             most = INTEGRAL_DUTY / m.integral_gain
             summed = min(max(summed + STEP * (profile - m.encoder_scale * q - m.encoder_offset), -most), most)
-        duty = firmware_duty(m, profile, q, summed)
+        if m.derivative_gain > 0.0 and step % FIRMWARE_STEPS == 0:
+            now = profile - m.encoder_scale * q - m.encoder_offset
+            error, growth = now, (now - error) / (FIRMWARE_STEPS * STEP) if step > 0 else 0.0
+        duty = firmware_duty(m, profile, q, summed, growth)
         constant = m.motor_constant * (1.0 - m.torque_loss_per_kelvin * (temperature - AMBIENT))
         current = winding_current(m, constant, duty, v)
         if step % RECORD_EVERY == 0:

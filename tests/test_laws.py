@@ -165,6 +165,21 @@ def test_a_goal_filter_that_the_host_computes_once_a_period_is_half_of_it_ahead(
     assert min(errors, key=errors.__getitem__) == period, errors
 
 
+def test_a_d_term_adds_a_duty_for_how_fast_the_error_grows():
+    """Of a ramp its speed, of a step one push whose size does not depend on how it is filtered."""
+    motor, gain, rate, step = UNIT[1], 0.05, 3.0, 2e-5
+    chain = [{"position_p": {"gain": 2.0}}, {"derivative": {"gain": gain}}, motor]
+    ramp = Joint(chain, step=step)
+    seen = [ramp(rate * k * step, w=0.5) for k in range(1000)]
+    assert seen[-1] - 2.0 * rate * 999 * step == pytest.approx(gain * (rate - 0.5), rel=0.02)
+    for constant in (0.001, 0.02):
+        jump = Joint([chain[0], {"derivative": {"gain": gain, "filter": constant}}, motor], step=step)
+        jump(0.0)
+        assert sum(jump(1.0) - 2.0 for _ in range(10000)) * step == pytest.approx(gain, rel=0.02)
+    still = Joint(chain)
+    assert [still(0.3) for _ in range(3)] == pytest.approx([0.6] * 3)
+
+
 def test_pd_and_pi_controllers_follow_their_equations():
     motor = UNIT[1]
     damped = Joint([{"position_pd": {"gain": 3.0, "damping": 0.5}}, motor])

@@ -33,6 +33,7 @@ def diagnosed(effects: dict[str, Any], seed: int, duration: float = 9.0) -> Join
         ("friction.drag", "friction.drag", 0.00837),
         ("drive.acceleration_limit", "rate_limit.acceleration", 40.0),
         ("drive.goal_filter", "goal_filter.time_constant", 0.00527),
+        ("drive.derivative", "derivative.gain", 0.0438),
     ],
 )
 def test_a_clear_effect_is_named_with_its_size(effect: str, path: str, true: float) -> None:

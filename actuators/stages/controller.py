@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 from typing import Any, ClassVar
 
@@ -183,3 +184,49 @@ class TorqueCommand(Stage):
     gives: ClassVar[Quantity | None] = Quantity.TORQUE
 
     armature: float = parameter(0.0, "kg.m2", 0.0, 1e3, "rotor inertia at the joint", in_law=False)
+
+
+@register
+@dataclass(frozen=True, kw_only=True)
+class Derivative(Stage):
+    """The firmware's D term: more duty the faster the error of the position grows.
+
+    The goal is the one that the controller sees, behind a profile or a filter. Feetech's servos keep it in the register
+    ``D``, 32 at the factory beside a ``P`` of 32.
+    """
+
+    name: ClassVar[str] = "derivative"
+    after: ClassVar[str] = "torque_command"
+    takes: ClassVar[tuple[Quantity, ...]] = (Quantity.DUTY,)
+
+    gain: float = parameter(None, "s/rad", 0.0, 1e3, "duty per rad/s by which the error grows", neutral=0.0)
+    filter: float = parameter(1e-3, "s", 1e-4, 0.1, "time constant of the goal's derivative; assumed")
+
+    def memory_size(self) -> int:
+        return 2
+
+
+DERIVATIVE = Derivative.offsets()
+
+
+@compiled()
+def advance_derivative(p, i, s, m, time):
+    """Follow the goal; memory is [1 once there was one, the goal behind the filter]."""
+    if s[m] > 0.0:
+        left = math.exp(-max(time - s[S_TIME], 0.0) / p[i + DERIVATIVE.filter])
+        s[m + 1] = s[S_GOAL] + left * (s[m + 1] - s[S_GOAL])
+
+
+@compiled()
+def derivative_duty(p, i, s, m, time, value, first):
+    """The duty with the D term."""
+    if s[m] == 0.0:
+        s[m], s[m + 1] = 1.0, s[S_GOAL]
+    left = math.exp(-max(time - s[S_TIME], 0.0) / p[i + DERIVATIVE.filter])
+    growth = left * (s[S_GOAL] - s[m + 1]) / p[i + DERIVATIVE.filter] - s[S_SPEED]
+    duty = value + p[i + DERIVATIVE.gain] * growth
+    s[S_DUTY] = duty
+    return duty
+
+
+Derivative.law = Law(advance=advance_derivative, act=derivative_duty)

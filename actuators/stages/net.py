@@ -87,7 +87,7 @@ class Net(Stage):
     """
 
     name: ClassVar[str] = "net"
-    after: ClassVar[str] = "torque_command"
+    after: ClassVar[str] = "derivative"
     derived: ClassVar[tuple[str, ...]] = ("period", "history", "torque_scale", "layers")
     takes: ClassVar[tuple[Quantity, ...]] = (Quantity.POSITION_GOAL,)
     gives: ClassVar[Quantity | None] = Quantity.TORQUE

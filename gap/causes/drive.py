@@ -35,6 +35,25 @@ def gain(nominal: JointModel) -> Cause:
     )
 
 
+@entry("drive.derivative", has_any(*LOOPS))
+def derivative(nominal: JointModel) -> Cause:
+    """Servos have a D term from the factory that models of them leave out; what it brakes was taken for friction."""
+    loop = _loop_gain(nominal)
+    size = 1.0 if loop is None else nominal.value(loop)
+    believed = nominal.value("derivative.gain") if nominal.chain.find("derivative") else 0.0
+    term = Parameter("derivative.gain", "s/rad", 0.0, 0.5 * size, believed + 0.01 * size, 0.005 * size)
+    smoothed = Parameter("derivative.filter", "s", 2e-4, 0.05, 1e-3, 0.3, logarithmic=True)
+    beside = [(term, smoothed, factor(loop, 0.1, 10.0))] if loop else []
+    return Cause(
+        sentence="The firmware also acts on how fast the error grows (D term).",
+        signature="lag",
+        picture="response",
+        variants=((term, smoothed), *beside),
+        error=has("derivative")(nominal),
+        degenerates_to=Limit("friction.viscous", "the goal only jumps"),
+    )
+
+
 @entry("drive.delay")
 def delay(nominal: JointModel) -> Cause:
     believed = nominal.value("delay.seconds")

@@ -24,7 +24,9 @@ def largest_step(chain: Chain, coarse: float = 1.0) -> float:
     """
     play = chain.find("backlash")
     teeth = play is not None and play.width > 0.0
-    elastic = ELASTIC_STEP if teeth or chain.find("spring") or chain.find("compliance") else np.inf
+    springs = teeth or chain.find("spring") or chain.find("compliance")
+    differences = chain.find("derivative")
+    elastic = min(ELASTIC_STEP if springs else np.inf, 0.5 * differences.filter if differences else np.inf)
     switches = teeth or any(chain.find(stage) is not None for stage in SWITCHING)
     return min(EVENT_STEP * coarse if switches else np.inf, elastic)
 
