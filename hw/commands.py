@@ -227,16 +227,19 @@ def _check_load(path: Path, robot: ServoRobot) -> None:
 
 
 def read_replay(path: Path, robot: ServoRobot) -> Trajectory:
-    """Goals of a measured log.
+    """Goals of a measured log, in the units of its robot's model.
 
     Raises:
         SealegsError: as :func:`read_excitation`, or the log is of another robot.
     """
+    from ..gap.load.robot import robot_of
+    from ..gap.load.units import run_in_model_units
     from ..gap.log import read_measured
 
     run = read_measured(path).runs[0]
     if not robot.robot.is_called(run.robot):
         raise SealegsError(f"{path} is a log of robot '{run.robot}', not of '{robot.robot.name}'.")
+    run = run_in_model_units(run, robot_of(run))
     goals = {name: log.goal for name, log in run.joints.items() if log.goal is not None}
     return _trajectory("replay", path, run.time, goals, robot)
 

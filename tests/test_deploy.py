@@ -214,6 +214,12 @@ def test_goals_are_held_until_the_next_and_a_log_is_replayed_with_its_own(tmp_pa
     log = JointLog(goal=0.1 * np.sin(time), position=np.zeros(50))
     path = write_run(MeasuredRun("run", time, {"joint": log}, actuators={"joint": "sts3215"}), tmp_path)
     assert read_replay(path, robot).goals(0.5, reading) == pytest.approx(log.goal[25])  # type: ignore[index]
+    turned = MeasuredRun(
+        "degrees", time, {"joint": JointLog(np.degrees(log.goal), np.zeros(50))}, actuators={"joint": "sts3215"},
+        meta={"units": {"goal": "deg", "position": "deg"}},
+    )  # fmt: skip
+    held = read_replay(write_run(turned, tmp_path), robot).goals(0.5, reading)
+    assert held == pytest.approx(log.goal[25], abs=1e-6), "goals in degrees were sent as radians"  # type: ignore[index]
     other = MeasuredRun("other", time, {"hip": log}, robot="hopper", actuators={"hip": "sts3215"})
     with pytest.raises(SealegsError, match="log of robot 'hopper', not of 'bench'"):
         read_replay(write_run(other, tmp_path), robot)

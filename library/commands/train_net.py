@@ -103,11 +103,14 @@ def _simulated(config: dict[str, Any]) -> tuple[list[TrainingRun], tuple, str, f
 
 def _measured(config: dict[str, Any]) -> list[TrainingRun]:
     """Runs of one joint of a measured log."""
+    from sealegs.gap.load.robot import robot_of
+    from sealegs.gap.load.units import in_model_units
     from sealegs.gap.log import read_measured
 
     if config["target"] not in ("auto", "torque", "motion"):
         raise SealegsError(f"target is {config['target']!r}; it is auto, torque or motion.")
     measured = read_measured(str(config["log"]))
+    measured, _ = in_model_units(measured, robot_of(measured.runs[0]))
     joints = sorted({joint for item in measured.runs for joint in item.joints})
     joint = config["joint"]
     if joint is None and len(joints) > 1:
