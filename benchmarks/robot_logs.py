@@ -80,27 +80,42 @@ def so101_chain() -> list[dict[str, Any]]:
     return [{name: {**values, **known.get(name, {})} for name, values in stage.items()} for stage in stages]
 
 
-def so101(data: Path, work: Path, motion: str = "chirp_sweep") -> MeasuredSet:
+def so101(data: Path, work: Path, motions: Sequence[str] = ("chirp_sweep",)) -> MeasuredSet:
     """Six servos of an arm, position goals in; how zeros and directions of log and model stand is not recorded."""
     del work
     folder = data / "so101_arm"
-    table = pyarrow.parquet.read_table(folder / f"{motion}.parquet").to_pydict()
-    columns: dict[str, Any] = {"time": np.array(table["t"], float)}
-    for joint in SO101_JOINTS:
-        columns[f"{joint}.goal"] = np.array(table[f"goal_{joint}"], float)
-        columns[f"{joint}.position"] = np.array(table[f"pos_{joint}"], float)
+    runs = []
+    for motion in motions:
+        table = pyarrow.parquet.read_table(folder / f"{motion}.parquet").to_pydict()
+        columns: dict[str, Any] = {"time": np.array(table["t"], float)}
+        for joint in SO101_JOINTS:
+            columns[f"{joint}.goal"] = np.array(table[f"goal_{joint}"], float)
+            columns[f"{joint}.position"] = np.array(table[f"pos_{joint}"], float)
+        runs.append(columns)
     sidecar = {
         "robot": str(folder / "so101.xml"),
         "actuators": dict.fromkeys(SO101_JOINTS, so101_chain()),
         "units": {"gripper.position": "fraction", "gripper.goal": "fraction"},
     }
-    return measured_set(columns, sidecar, f"so101_arm {motion}")
+    return measured_set(runs, sidecar, "so101_arm")
+
+
+def so101_steps(data: Path, work: Path) -> MeasuredSet:
+    """Another motion of the same arm."""
+    return so101(data, work, ("step_response",))
+
+
+def so101_all(data: Path, work: Path) -> MeasuredSet:
+    """All motions of the same arm together."""
+    return so101(data, work, sorted(path.stem for path in (data / "so101_arm").glob("*.parquet")))
 
 
 CASES: dict[str, Callable[[Path, Path], MeasuredSet]] = {
     "double_pendulum": double_pendulum,
     "emps": emps,
     "so101_arm": so101,
+    "so101_arm_steps": so101_steps,
+    "so101_arm_all": so101_all,
 }
 
 

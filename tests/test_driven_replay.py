@@ -10,7 +10,7 @@ from sealegs.actuators.chain import load_chain
 from sealegs.gap.causes.catalogue import catalogue
 from sealegs.gap.causes.visible import limits, shown
 from sealegs.gap.log.parts import cut
-from sealegs.gap.log.types import JointLog, MeasuredRun, MeasuredSet
+from sealegs.gap.log.types import JointLog, LogError, MeasuredRun, MeasuredSet
 from sealegs.gap.replay.constants import K
 from sealegs.gap.replay.driven import DrivenProblem, driven_problem
 from sealegs.gap.replay.driven_simulator import replay_driven
@@ -81,9 +81,9 @@ def test_a_rigid_joint_whose_position_is_read_late_asks_for_the_duty_of_where_it
     np.testing.assert_allclose(read[inside, 0], motion(0.012)[inside, 0], atol=1e-3)
 
 
-def geared(side: str) -> tuple[MeasuredRun, list]:
+def geared(side: str, friction: float = 1.0) -> tuple[MeasuredRun, list]:
     """A gear motor that follows a measured motion, whose torque is logged behind the gear or as the drive's estimate;
-    by the equations, not by the replay.
+    by the equations, not by the replay. Its friction is a factor of what its chain says.
     """
     time = np.arange(0.0, 8.0, 0.01)
     rates, sizes = np.array([3.0, 7.3, 12.1]), np.array([0.5, 0.2, 0.05])
@@ -93,7 +93,8 @@ def geared(side: str) -> tuple[MeasuredRun, list]:
     rng = np.random.default_rng(3)
     lag = 0.02 * np.sin(2.0 * time) + 0.005
     given = 0.664 * (30.0 * lag * 7.4 - 0.664 * speed) / 2.723
-    torque = given if side == "drive" else given - 0.05 * turning - 0.35 * speed - 0.1 * np.sign(speed)
+    lost = 0.05 * turning + friction * (0.35 * speed + 0.1 * np.sign(speed))
+    torque = given if side == "drive" else given - lost
     log = JointLog(angle + lag, angle + rng.normal(0.0, 1e-4, len(time)), torque=torque)
     chain = [dict(stage) for stage in RIGID]
     chain[3] = {"dc_motor": {"motor_constant": 0.664, "resistance": 2.723, "armature": 0.05}}
@@ -111,9 +112,29 @@ def test_a_torque_is_replayed_on_the_side_of_the_gear_on_which_it_was_logged(sid
     assert np.median(error) < 0.03, "of a torque of 1 N.m; the lag is read with noise"
     _, hidden = shown(problem, problem.models[0], catalogue(problem.models[0]))
     assert ("friction.coulomb" in hidden) == (side == "drive"), "what the drive gives does not pass through friction"
-    assert "fits better" in limits(problem, "servo", ())[1].sentence
+    assert "as its own shape shows" in limits(problem, "servo", ())[1].sentence
     said = driven_problem([replace(run, meta={"torque": "drive"})], "servo", problem.models, problem.units, 1e-4)
     assert said.torque_side == "drive" and "as the sidecar says" in limits(said, "servo", ())[1].sentence
+
+
+@pytest.mark.parametrize("side", ["shaft", "drive"])
+@pytest.mark.parametrize("friction", [0.3, 0.5, 2.0])
+def test_a_torque_is_of_its_side_though_the_friction_is_not_as_believed(side: str, friction: float) -> None:
+    """With a third of the friction, what was measured behind the gear was taken for the drive's estimate."""
+    run, chain = geared(side, friction)
+    problem = driven_problem([run], "servo", [JointModel(load_chain(chain))], cut([run], "servo"), 1e-4)
+    assert (problem.torque_side, problem.side_reason) == (side, "shown")
+
+
+def test_what_a_sidecar_says_of_a_torque_that_was_not_logged_is_no_side() -> None:
+    """A robot without that column was refused for the maker's number in its ``meta``."""
+    run, chain = geared("drive")
+    log = replace(run.joints["servo"], torque=None, current=np.zeros(len(run.time)))
+    bare = replace(run, joints={"servo": log}, meta={"torque": "2.9 N.m at stall"})
+    models = [JointModel(load_chain(chain))]
+    assert driven_problem([bare], "servo", models, cut([bare], "servo"), 1e-4).torque_side == "shaft"
+    with pytest.raises(LogError, match=r"not '2\.9 N\.m at stall'"):
+        driven_problem([replace(run, meta=bare.meta)], "servo", models, cut([run], "servo"), 1e-4)
 
 
 def test_a_torque_whose_side_nothing_tells_is_assumed_to_be_the_shafts() -> None:

@@ -182,6 +182,46 @@ def test_a_torque_column_out_of_step_is_measured(delay: float, code: str) -> Non
     assert finding.cause == "sensor.delay"
 
 
+@pytest.mark.parametrize("delay", [0.050, -0.080, 0.120])
+def test_a_torque_column_far_out_of_step_is_measured(delay: float) -> None:
+    """All were 40 ms, where the search ended."""
+    finding = found(torque_run(delay=delay), "torque.lag" if delay > 0 else "torque.lead")
+    assert finding.low is not None and finding.high is not None
+    assert finding.low <= abs(delay) <= finding.high < 1.1 * abs(delay)
+
+
+def test_a_torque_column_further_out_of_step_than_is_tried_is_told_as_at_least_that() -> None:
+    """Its ratio to what the motion needs then says nothing of a gear."""
+    run = torque_run(delay=0.3)
+    assert [f.code for f in check_run(run) if f.column == "servo.torque"] == ["torque.lag"]
+    finding = found(run, "torque.lag")
+    assert finding.high is None and "at least" in finding.sentence
+
+
+def test_a_reversed_estimate_of_a_drive_has_the_wrong_sign_and_is_of_no_other_gear() -> None:
+    """It was taken as of the shaft, and 1/2.11 of what the motion needs."""
+    chain = {"ideal": {"stiffness": 10.0, "damping": 0.1, "torque_limit": 2.0, "armature": 0.12}}
+    for friction in ([], [{"friction": {"coulomb": 0.05, "viscous": 0.0}}]):
+        run = replace(torque_run(armature=0.12, factor=-1.0), actuators={"servo": [chain, *friction]})
+        findings = [f for f in check_run(run) if f.column == "servo.torque"]
+        assert [f.code for f in findings] == ["torque.sign"]
+        assert findings[0].value == pytest.approx(-1.0, abs=0.02)
+
+
+@pytest.mark.parametrize("inside", [0.0, 1.0])
+def test_the_torque_of_an_empty_shaft_is_of_no_other_gear(inside: float) -> None:
+    """A drive's estimate ended the check: a ratio to a load of nothing was divided by."""
+    data, truth = hidden_bench({}, 0)
+    run, q = data.runs[0], truth["clean_position"][0]
+    motion = make_smoothing_spline(run.time, q, lam=1e-9)
+    torque = 0.002 * motion.derivative(2)(run.time) + 0.2 * np.tanh(motion.derivative(1)(run.time) / 0.1)
+    chain = {"ideal": {"stiffness": 10.0, "damping": 0.1, "torque_limit": 2.0, "armature": 0.002}}
+    noise = np.random.default_rng(0).normal(0, 0.005, len(q))
+    bare = {**run.robot_params, "mass": 0.0, "arm_mass": 0.0}
+    run = replace(with_log(run, torque=inside * torque + noise), robot_params=bare, actuators={"servo": [chain]})
+    assert [f.code for f in check_run(run) if f.column == "servo.torque"] == []
+
+
 def test_a_torque_on_the_wrong_side_of_the_gear_is_named() -> None:
     finding = found(torque_run(factor=1 / 6), "torque.gear_side")
     assert finding.value == pytest.approx(1 / 6, rel=0.15)

@@ -6,14 +6,14 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from sealegs.gap.checks.torque_balance import SYSTEMATIC, WINDOW, Shift
+from sealegs.gap.checks.torque_balance import REACHES, SYSTEMATIC, WINDOW, Shift
 from sealegs.gap.log.types import JointLog, LogError, MeasuredRun, MeasuredSet
 from sealegs.gap.replay.parameters import TIGHT
 from sealegs.gap.search.settings import DEFAULT
 from sealegs.gap.verdict.diagnosis import diagnose
 from sealegs.gap.verdict.request import Request
 from sealegs.gap.verdict.torque import diagnose_torque
-from sealegs.gap.verdict.verdict import NOT_IDENTIFIABLE, NOTHING, WITHDRAWN, JointDiagnosis
+from sealegs.gap.verdict.verdict import CERTAIN, EXPLAINED, NOT_IDENTIFIABLE, NOTHING, WITHDRAWN, JointDiagnosis
 
 MASS, LENGTH = 0.5, 0.12  # [kg], [m]
 TONES = np.array([[0.7, 0.31], [0.4, 0.83], [0.15, 1.9]])  # [rad], [Hz]
@@ -59,15 +59,9 @@ def swung(
 
 def believing(run: MeasuredRun, **numbers: float) -> MeasuredRun:
     """The same run with another belief about its bench; its motor has the friction that the plant has."""
+    armature = numbers.pop("armature", 0.0)
     chain = [
-        {
-            "ideal": {
-                "stiffness": 10.0,
-                "damping": 0.1,
-                "torque_limit": 2.0,
-                "armature": numbers.pop("armature", 0.0),
-            },
-        },
+        {"ideal": {"stiffness": 10.0, "damping": 0.1, "torque_limit": 2.0, "armature": armature}},
         {"friction": {"coulomb": numbers.pop("coulomb", 0.05), "viscous": 0.0}},
     ]
     params = {"mass": MASS, "length": LENGTH, "arm_mass": 0.0, **numbers}
@@ -167,11 +161,22 @@ ARMATURE = 0.026  # [kg.m2] of a geared servo: four times the load
 SIDES = {"shaft": (0.0, 0.0), "drive": (ARMATURE, 0.05)}  # what of armature and friction is in the column
 
 
+def geared(inside: tuple[float, float], **believed: float) -> list[MeasuredRun]:
+    """Armature and friction that the column has in it, and what is believed of load and drive."""
+    armature, coulomb = inside
+    runs = [swung(name, 0.0, seed, armature=armature, coulomb=coulomb) for name, seed in (("a", 1), ("b", 2))]
+    return [believing(run, **believed) for run in runs]
+
+
 def sided(side: str, **wrong: float) -> list[MeasuredRun]:
     """A servo whose torque is logged behind the gear, or as the drive estimates it; both are believed alike."""
-    armature, coulomb = SIDES[side]
-    runs = [swung(name, 0.0, seed, armature=armature, coulomb=coulomb) for name, seed in (("a", 1), ("b", 2))]
-    return [believing(run, armature=ARMATURE, **wrong) for run in runs]
+    return geared(SIDES[side], armature=ARMATURE, **wrong)
+
+
+def side_of(found: JointDiagnosis) -> str:
+    """The side that its torque column was taken to be of, and whether the log told it."""
+    (note,) = [finding.sentence for finding in found.findings if finding.code == "torque.side"]
+    return f"{'shaft' if 'load alone' in note else 'drive'} {'assumed' if 'cannot tell' in note else 'shown'}"
 
 
 @pytest.mark.parametrize("side", SIDES)
@@ -179,8 +184,7 @@ def test_a_torque_column_of_shaft_or_drive_is_nothing_to_explain(side: str) -> N
     """One of the shaft got ``load.inertia`` with 99 %: the armature was looked for in it."""
     found = diagnose_torque(sided(side), "servo", ())
     assert found.verdict == NOTHING and not found.causes, found.text
-    (note,) = [finding for finding in found.findings if finding.code == "torque.side"]
-    assert ("load alone" in note.sentence) == (side == "shaft")
+    assert side_of(found) == f"{side} shown"
 
 
 @pytest.mark.parametrize("side", SIDES)
@@ -204,6 +208,73 @@ def test_the_side_of_a_torque_column_can_be_said() -> None:
     apart = [runs[0], replace(runs[1], meta={**runs[1].meta, "torque": "shaft"})]
     with pytest.raises(LogError, match=r"b: meta\.torque is 'shaft', that of another run 'drive'"):
         diagnose_torque(apart, "servo", ())
+
+
+@pytest.mark.parametrize("factor", [1.28, 1.56, 2.0])
+def test_an_inertia_that_the_load_lacks_is_not_taken_for_the_armature(factor: float) -> None:
+    """A load of 1.56 times the inertia, behind the gear, got ``load.inertia_factor`` 0.24 with 99 %."""
+    more = (factor - 1.0) * MASS * LENGTH**2
+    found = diagnose_torque(geared((more, 0.0), armature=0.010), "servo", ())
+    assert side_of(found).startswith("shaft") and [cause.name for cause in found.causes] == ["load.inertia"]
+    assert found.causes[0].parameters["load.inertia_factor"].value == pytest.approx(factor, rel=0.01)
+
+
+@pytest.mark.parametrize("armature", [0.0, ARMATURE])
+@pytest.mark.parametrize("factor", [0.2, 0.5, 2.0])
+def test_a_wrong_friction_of_a_drive_is_told_against_what_was_believed_of_it(factor: float, armature: float) -> None:
+    """A fifth of it in the column made that one of the shaft: 0.01 N.m of friction, "nominal 0"."""
+    found = diagnose_torque(geared((armature, 0.05 * factor), armature=armature), "servo", ())
+    assert side_of(found) == "drive shown" and [cause.name for cause in found.causes] == ["friction.coulomb"]
+    value = found.causes[0].parameters["friction.coulomb"]
+    assert value.nominal == 0.05 and value.value == pytest.approx(0.05 * factor, abs=0.001)
+
+
+def test_an_armature_tells_the_side_that_asks_for_a_likely_load_unless_friction_contradicts_it() -> None:
+    for column, side in ((0.0, "shaft shown"), (0.0036, "drive shown"), (0.0055, "shaft assumed")):
+        runs = geared((column, 0.0), armature=0.0036, coulomb=0.0)
+        assert side_of(diagnose_torque(runs, "servo", ())) == side
+    assert side_of(diagnose_torque(geared((ARMATURE, 0.0), armature=ARMATURE), "servo", ())) == "shaft assumed"
+
+
+@pytest.mark.parametrize("side", SIDES)
+def test_a_reversed_torque_column_is_found_on_either_side(side: str) -> None:
+    """A factor on the torque could not fall below 0; with an armature it was nothing to explain, 2 N.m off."""
+    found = diagnose_torque([with_torque(run, -torque_of(run)) for run in sided(side)], "servo", ())
+    assert side_of(found) == f"{side} shown" and found.verdict == EXPLAINED, found.text
+    (cause,) = found.causes
+    assert cause.name == "sensor.scale" and cause.parameters["torque.scale"].value == pytest.approx(-1.0, abs=0.01)
+
+
+def test_an_error_that_nothing_explains_is_no_agreement() -> None:
+    """It was "nothing to explain", with an error of 0.22 N.m that noise makes 0.002 of."""
+    runs = [with_torque(run, torque_of(run) + 0.3 * np.sin(5.0 * run.joints["servo"].position)) for run in two()]
+    found = diagnose_torque(runs, "servo", ())
+    assert found.verdict == NOT_IDENTIFIABLE and not found.causes
+    assert found.sentence.startswith("No known cause explains the torque")
+
+
+def test_gaps_of_the_clock_are_no_error_of_the_torque() -> None:
+    """Position and torque were drawn straight across them: 0.05 N.m off."""
+    runs = []
+    for run in two():
+        kept = run.time % 2.4 > 0.3
+        log = JointLog(None, run.joints["servo"].position[kept], torque=torque_of(run)[kept])
+        runs.append(replace(run, time=run.time[kept], joints={"servo": log}))
+    found = diagnose_torque(runs, "servo", ())
+    assert found.verdict == NOTHING and found.gap["nominal"].rmse < 0.01, found.text
+
+
+def test_a_number_that_does_nothing_in_a_held_out_run_ends_no_diagnosis() -> None:
+    """``KeyError: 'load.mass_factor'``: the mass was fitted, and the shaft of the other run was empty."""
+    runs = [replace(r, meta={**r.meta, "unknown": ["load"]}) for r in (*two(), believing(swung("c", 0.0, 3)))]
+    runs[2] = replace(runs[2], robot_params={"mass": 0.0})
+    assert "load.mass_factor" in diagnose_torque(runs, "servo", (), Request("c")).tuned
+
+
+def test_what_else_a_sidecar_says_of_its_torque_is_no_side() -> None:
+    """``meta`` is anybody's own: a number in it was refused."""
+    runs = [replace(run, meta={"torque": 2.9}) for run in two()]
+    assert diagnose_torque(runs, "servo", ()).verdict == NOTHING
 
 
 def with_torque(run: MeasuredRun, torque: np.ndarray | None) -> MeasuredRun:
@@ -230,6 +301,22 @@ def test_a_torque_out_of_step_is_found_with_an_interval_that_allows_for_the_meth
     assert value == pytest.approx(0.010, abs=SYSTEMATIC)
     assert low <= value - SYSTEMATIC and high >= value + SYSTEMATIC
     assert low <= 0.010 <= high
+
+
+@pytest.mark.parametrize("delay", [0.045, -0.060, 0.100, 0.190])
+def test_a_torque_far_out_of_step_is_measured_too(delay: float) -> None:
+    """All of these were 40 ms, with an interval of 38 to 42 ms and 99 %."""
+    found = diagnose_torque([swung("a", delay, 1), swung("b", delay, 2)], "servo", ())
+    value, low, high = delay_of(found)
+    assert value == pytest.approx(abs(delay), abs=SYSTEMATIC) and low <= abs(delay) <= high < 1.1 * abs(delay)
+    assert found.causes[0].standing == CERTAIN
+
+
+def test_a_torque_further_out_of_step_than_is_tried_is_told_as_at_least_that() -> None:
+    found = diagnose_torque([swung("a", -0.250, 1), swung("b", -0.250, 2)], "servo", ())
+    value, low, high = delay_of(found)
+    assert low <= value == pytest.approx(REACHES[-1]) and high > 1.0, "as long as a run"
+    assert found.causes[0].standing != CERTAIN and "at least 198 ms" in found.sentence
 
 
 def test_the_noise_floor_of_a_torque_log_is_that_of_its_samples_averaged() -> None:
@@ -261,11 +348,8 @@ def test_empty_torque_cells_change_little() -> None:
 
 
 def test_a_torque_logged_with_every_second_position_is_used() -> None:
-    runs = []
-    for run in RUNS:
-        torque = torque_of(run)
-        torque[1::2] = np.nan
-        runs.append(with_torque(run, torque))
+    half = [np.where(np.arange(len(run.time)) % 2, np.nan, torque_of(run)) for run in RUNS]
+    runs = [with_torque(run, torque) for run, torque in zip(RUNS, half, strict=True)]
     assert delay_of(diagnose_torque(runs, "servo", ()))[0] == pytest.approx(0.010, abs=SYSTEMATIC)
 
 

@@ -8,10 +8,10 @@ import numpy as np
 
 from ..load.pendulum import PendulumLoad, completed
 from ..log.finding import Finding
-from ..log.torque_side import TorqueSide, said_side, shown_side
+from ..log.torque_side import numbers_and_spread, said_side, side_by_load
 from ..log.types import Array
 from .context import JointContext
-from .torque_balance import AT_ONCE, Shift, TorqueBalance, torque_balance, torque_shift
+from .torque_balance import Shift, TorqueBalance, shifted_balance
 
 TOLERANCE = 0.004
 """Least shift between torque and motion that is worth a word [s]."""
@@ -32,23 +32,25 @@ def check_torque(joints: Sequence[JointContext], run: str | None) -> Iterator[Fi
     """Yield what is wrong with the torque column of one joint in one or several runs, judged together."""
     joints = [joint for joint in joints if has_torque(joint)]
     load, loads = PendulumLoad(), [completed(j.run.robot_params) for j in joints]
-    balance = torque_balance(
+    found = shifted_balance(
         [(j.time, j.log.position, j.log.torque) for j in joints if j.log.torque is not None],
         [(load.inertia(params), load.gravity_torque(params)) for params in loads],
     )
-    if balance is None:
+    if found is None:
         return
-    shift = torque_shift(balance)
-    if balance.r2(shift.index) < EXPLAINED:
+    balance, shift = found
+    if balance.r2(shift.index) < EXPLAINED or not balance.terms[:, :2].any():  # an empty shaft needs nothing
         return
     name, column = joints[0].name, joints[0].column("torque")
-    inside = _inside(balance, joints)
-    needed = balance.terms[:, :2].sum(axis=1)
-    said: TorqueSide | None = said_side([joint.run for joint in joints])
-    if (said or shown_side(balance.torques[:, shift.index], needed, inside.sum(axis=1))) == "drive":
-        needed = needed + inside[:, 0]
+    armature, friction = _inside(balance, joints)
+    needed, torque = balance.terms[:, :2].sum(axis=1), balance.torques[:, shift.index]
+    side = said_side([joint.run for joint in joints], name)
+    if (side or side_by_load(torque, balance.terms[:, :2], armature, friction, balance.block)) == "drive":
+        needed = needed + armature
     ratio, spread = _ratio(balance, shift, needed)
-    if not RIGHT[0] < abs(ratio) < RIGHT[1]:
+    if shift.least:
+        pass  # further apart than any shift that was tried: their ratio says nothing
+    elif not RIGHT[0] < abs(ratio) < RIGHT[1]:
         gear = 1.0 / ratio if abs(ratio) < 1.0 else ratio
         relation = f"1/{abs(gear):.3g}" if abs(ratio) < 1.0 else f"{abs(gear):.3g} times"
         yield Finding(
@@ -68,8 +70,8 @@ def check_torque(joints: Sequence[JointContext], run: str | None) -> Iterator[Fi
         yield _shift_finding(name, column, balance, shift, run)
 
 
-def _inside(balance: TorqueBalance, joints: Sequence[JointContext]) -> Array:
-    """Torque that armature and friction of the drive are believed to take (m, 2) [N.m]; 0 where no chain says it."""
+def _inside(balance: TorqueBalance, joints: Sequence[JointContext]) -> tuple[Array, Array]:
+    """Torques that armature and friction of the drive are believed to take (m,) [N.m]; 0 where no chain says it."""
     numbers = np.zeros((len(joints), 3))  # armature over inertia of the load, coulomb, viscous
     for k, joint in enumerate(joints):
         if joint.chain is not None:
@@ -77,28 +79,25 @@ def _inside(balance: TorqueBalance, joints: Sequence[JointContext]) -> Array:
             numbers[k, 0] = joint.chain.armature() / max(inertia, 1e-12)
             numbers[k, 1:] = (0.0, 0.0) if friction is None else (friction.coulomb, friction.viscous)
     torques = balance.terms[:, [0, 2, 3]] * numbers[balance.run]
-    return np.column_stack([torques[:, 0], torques[:, 1:].sum(axis=1)])
+    return torques[:, 0], torques[:, 1:].sum(axis=1)
 
 
 def _ratio(balance: TorqueBalance, shift: Shift, needed: Array) -> tuple[float, float]:
     """Logged over needed torque (m,) of load and motion, and its standard deviation over blocks."""
-    torque, rows = balance.torques[:, shift.index], np.column_stack([needed, balance.terms[:, 2:]])
-    numbers = np.linalg.lstsq(rows, torque, rcond=None)[0]
-    inverse = np.linalg.pinv(rows.T @ rows)
-    score = rows * (torque - rows @ numbers)[:, None]
-    per_block = np.stack([np.bincount(balance.block, score[:, k]) for k in range(rows.shape[1])], axis=1)
-    variance = inverse @ per_block.T @ per_block @ inverse
-    return float(numbers[0]), float(np.sqrt(variance[0, 0]))
+    rows = np.column_stack([needed, balance.terms[:, 2:]])
+    numbers, spread = numbers_and_spread(rows, balance.torques[:, shift.index], balance.block)
+    return float(numbers[0]), float(spread[0])
 
 
 def _shift_finding(name: str, column: str, balance: TorqueBalance, shift: Shift, run: str | None) -> Finding:
     late, size = shift.seconds < 0, abs(shift.seconds)
     low, high = shift.size
+    interval = f"({low * 1e3:.0f} to {high * 1e3:.0f} ms)"
     return Finding(
         "torque.lag" if late else "torque.lead", "warning", name, column,
-        f"{column} is {size * 1e3:.0f} ms ({low * 1e3:.0f} to {high * 1e3:.0f} ms) "
+        f"{column} is {f'at least {low * 1e3:.0f} ms' if shift.least else f'{size * 1e3:.0f} ms {interval}'} "
         + ("late of the motion" if late else "ahead of the motion, as if position and velocity were reported late")
-        + f": shifting it raises the rigid-body fit's R2 from {balance.r2(AT_ONCE):.3f} to "
+        + f": shifting it raises the rigid-body fit's R2 from {balance.r2(balance.at_once):.3f} to "
         f"{balance.r2(shift.index):.3f}.",
-        value=size, low=low, high=high, cause="sensor.delay", data_error=True, run=run,
+        value=size, low=low, high=None if shift.least else high, cause="sensor.delay", data_error=True, run=run,
     )  # fmt: skip

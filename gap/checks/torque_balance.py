@@ -6,7 +6,8 @@ moved from the noisy position onto the window by partial integration, so nothing
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+import math
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -16,13 +17,16 @@ from .bootstrap import block_weights
 
 STEP = 1e-3  # [s] grid that logs are brought to
 WINDOW = 0.12  # [s] of the weak form: short against the motion, long against the noise of positions
-SHIFTS = np.arange(-40, 41) * STEP  # [s] tried: the motion of now against the torque of that much earlier
+REACHES = (0.04, 0.1, 0.2)
+"""Largest shifts tried [s]: a further one only where the best lies at the end of the last. In a wide range alone, the
+next swing of a periodic motion may fit better than the true shift; buffers of more than 0.2 s are assumed away."""
 BLOCK = 0.5  # [s] errors closer than this are taken as one observation
 SLIP = 0.05  # [rad/s] over which dry friction turns around
 DRAWS = 300
 SYSTEMATIC = 2e-3
 """What the shift is off by on perfect data [s] (simulated logs: smoothing moves the reversals of friction)."""
-GAP = 0.03  # [s] without torque that a straight line bridges: a quarter of the window
+FURTHEST = REACHES[-1] + SYSTEMATIC  # [s] end of the interval of any shift that was measured
+GAP = 0.03  # [s] without torque, or without any sample, that a straight line bridges: a quarter of the window
 EVERY = 5  # grid points between two rows: neighbours within the window say the same
 TERMS = ("inertia [believed]", "gravity torque [believed]", "coulomb [N.m]", "viscous [N.m.s/rad]", "offset [N.m]")
 
@@ -34,20 +38,27 @@ class TorqueBalance:
     Attributes:
         terms: torque of the believed inertia and of the believed gravity [N.m], direction, speed and one, averaged
             (m, 5).
-        torques: logged torque, averaged, at every one of :data:`SHIFTS` (m, shifts).
+        torques: logged torque, averaged, at every shift (m, shifts).
         block: number of the block of each row (m,), counted from zero.
         run: index of the run of each row (m,).
+        shifts: that were tried (shifts,) [s]: the motion of now against the torque of that much earlier.
     """
 
     terms: Array
     torques: Array
     block: np.ndarray
     run: np.ndarray
+    shifts: Array
+
+    @property
+    def at_once(self) -> int:
+        """Index of no shift."""
+        return len(self.shifts) // 2
 
     def only(self, rows: np.ndarray) -> TorqueBalance:
         """The balance of some rows: what is not in it cannot be seen by accident."""
         _, block = np.unique(self.block[rows], return_inverse=True)
-        return TorqueBalance(self.terms[rows], self.torques[rows], block, self.run[rows])
+        return TorqueBalance(self.terms[rows], self.torques[rows], block, self.run[rows], self.shifts)
 
     def fit(self, shift: int) -> Array:
         """Numbers of :data:`TERMS` that explain the torque at a shift best (5,)."""
@@ -67,8 +78,9 @@ class Shift:
     Attributes:
         seconds: positive where the column is ahead of the motion, negative where it is late [s].
         low, high: 95 % interval from resampled blocks [s].
-        index: of the nearest of :data:`SHIFTS`.
+        index: of the nearest shift that was tried.
         same_side: share of the resamplings with this sign.
+        least: whether the shift, or where its sign is sure its interval, ends where the search did: it may be more.
     """
 
     seconds: float
@@ -76,37 +88,68 @@ class Shift:
     high: float
     index: int
     same_side: float
+    least: bool = False
 
     @property
     def size(self) -> tuple[float, float]:
-        """95 % interval of the absolute value, widened by :data:`SYSTEMATIC` [s].
+        """95 % interval of the absolute value, widened by :data:`SYSTEMATIC` and open where it may be more [s].
 
         It does not cover the choice of :data:`WINDOW`.
         """
         low, high = sorted((abs(self.low), abs(self.high)))
-        return (max(low - SYSTEMATIC, 0.0) if self.low * self.high > 0.0 else 0.0), high + SYSTEMATIC
+        least = max(low - SYSTEMATIC, 0.0) if self.low * self.high > 0.0 else 0.0
+        return least, math.inf if self.least else high + SYSTEMATIC
 
 
-AT_ONCE = int(np.argmin(np.abs(SHIFTS)))
-"""Index of no shift."""
+def every_row(balance: TorqueBalance) -> np.ndarray:
+    """All rows of a balance (m,)."""
+    return np.ones(len(balance.run), dtype=bool)
+
+
+def shifted_balance(
+    runs: Sequence[tuple[Array, Array, Array]],
+    loads: Sequence[tuple[float, float]],
+    seen: Callable[[TorqueBalance], np.ndarray] = every_row,
+) -> tuple[TorqueBalance, Shift] | None:
+    """Return the balance of all runs together and its shift, looked for as far as :data:`REACHES` and the runs allow.
+
+    Args:
+        runs, loads: as of :func:`torque_balance`.
+        seen: the rows of a balance that may choose the shift (m,).
+
+    Returns:
+        None where all runs are too short.
+    """
+    balance = torque_balance(runs, loads)
+    if balance is None:
+        return None
+    found = torque_shift(balance.only(seen(balance)))
+    for reach in REACHES[1:]:
+        further = torque_balance(runs, loads, reach) if found.least else None
+        if further is None or set(further.run) != set(balance.run):  # some runs are too short for that
+            break
+        balance, found = further, torque_shift(further.only(seen(further)))
+    return balance, found
 
 
 def torque_balance(
-    runs: Sequence[tuple[Array, Array, Array]], loads: Sequence[tuple[float, float]]
+    runs: Sequence[tuple[Array, Array, Array]], loads: Sequence[tuple[float, float]], reach: float = REACHES[0]
 ) -> TorqueBalance | None:
     """Return the balance of all runs together.
 
     Args:
         runs: time [s], position [rad] and torque [N.m] of each, all (n,); torque is NaN where none was logged, and no
-            row reaches into more than :data:`GAP` of that.
+            row reaches into more than :data:`GAP` of that, nor into a gap of the clock.
         loads: believed inertia [kg.m2] and gravity torque at a quarter turn [N.m] of each.
+        reach: largest shift that is tried [s].
 
     Returns:
         None where all runs are too short.
     """
-    shortest = 4.0 * (WINDOW + len(SHIFTS) * STEP)
+    steps = np.arange(-round(reach / STEP), round(reach / STEP) + 1)
+    shortest = 4.0 * (WINDOW + len(steps) * STEP)
     pieces = {
-        k: _weak_form(*run, *load)
+        k: _weak_form(*run, *load, steps)
         for k, (run, load) in enumerate(zip(runs, loads, strict=True))
         if run[0][-1] - run[0][0] > shortest
     }
@@ -114,51 +157,76 @@ def torque_balance(
         return None
     terms, torques = (np.concatenate([piece[k] for piece in pieces.values()]) for k in (0, 1))
     _, block = np.unique(np.concatenate([p[2] + 100_000 * k for k, p in pieces.items()]), return_inverse=True)
-    return TorqueBalance(terms, torques, block, np.repeat(list(pieces), [len(piece[2]) for piece in pieces.values()]))
+    run = np.repeat(list(pieces), [len(piece[2]) for piece in pieces.values()])
+    return TorqueBalance(terms, torques, block, run, np.asarray(steps * STEP, dtype=np.float64))
 
 
 def torque_shift(balance: TorqueBalance) -> Shift:
     """Return the shift between torque and motion: the centre of what resampled blocks say, since one pass over a few
     seconds hangs on single manoeuvres.
     """
-    rng = np.random.default_rng(0)
+    rng, shifts = np.random.default_rng(0), balance.shifts
     count = int(balance.block.max()) + 1
-    rows = np.concatenate([balance.terms, balance.torques], axis=1)
     order = np.argsort(balance.block, kind="stable")
-    starts = np.searchsorted(balance.block[order], np.arange(count))
-    grams = np.stack([part.T @ part for part in np.split(rows[order], starts[1:])])
-    weights = block_weights(count, DRAWS, rng)
-    drawn = np.array([SHIFTS[_best_shift(np.einsum("b,bij->ij", weight, grams))] for weight in weights])
+    ends = np.searchsorted(balance.block[order], np.arange(count))[1:]
+    parts = [np.split(rows[order], ends) for rows in (balance.terms, balance.torques)]
+    inner = np.stack([terms.T @ terms for terms in parts[0]])
+    cross = np.stack([terms.T @ torques for terms, torques in zip(*parts, strict=True)])
+    size = np.stack([(torques**2).sum(axis=0) for torques in parts[1]])
+    drawn = np.array(
+        [
+            shifts[_best_shift(*(np.tensordot(weight, sums, 1) for sums in (inner, cross, size)))]
+            for weight in block_weights(count, DRAWS, rng)
+        ]
+    )
     seconds = float(np.median(drawn))
     low, high = np.percentile(drawn, [2.5, 97.5])
     same = float(np.mean(np.sign(drawn) == np.sign(seconds))) if seconds else 0.0
-    return Shift(seconds, float(low), float(high), int(np.argmin(np.abs(SHIFTS - seconds))), same)
+    furthest = max(abs(low), abs(high)) if low * high > 0.0 else abs(seconds)
+    least = bool(furthest > shifts[-2])
+    return Shift(seconds, float(low), float(high), int(np.argmin(np.abs(shifts - seconds))), same, least)
 
 
-def _best_shift(gram: Array) -> int:
-    """Index of the shift that leaves least of the torque's own size, from the Gram matrix of terms and torques."""
-    k = len(TERMS)
-    scale = np.sqrt(np.maximum(np.diag(gram)[:k], 1e-300))
-    inner = gram[:k, :k] / np.outer(scale, scale) + 1e-9 * np.eye(k)
-    cross = gram[:k, k:] / scale[:, None]
-    size = np.maximum(np.diag(gram)[k:], 1e-300)
+def _best_shift(inner: Array, cross: Array, size: Array) -> int:
+    """Index of the shift that leaves least of the torque's own size.
+
+    Args:
+        inner, cross, size: sums of products of the terms (5, 5), of terms and torques (5, shifts), and of the squares
+            of the torques (shifts,).
+    """
+    scale = np.sqrt(np.maximum(np.diag(inner), 1e-300))
+    inner = inner / np.outer(scale, scale) + 1e-9 * np.eye(len(TERMS))
+    cross, size = cross / scale[:, None], np.maximum(size, 1e-300)
     explained = (cross * np.linalg.solve(inner, cross)).sum(axis=0)
     return int(np.argmin((size - explained) / size))
 
 
-def _weak_form(
-    time: Array, position: Array, torque: Array, inertia: float, gravity: float
-) -> tuple[Array, Array, np.ndarray]:
-    """Terms (m, 5), torque at every shift (m, shifts) and block (m,) of one run."""
-    torque = _bridged(time, torque)
-    grid = np.arange(time[0], time[-1], STEP)
-    angle = np.interp(grid, time, position)
+def _kernels() -> tuple[Array, Array, Array]:
+    """The window of the weak form, its first and its second derivative, at the points of the grid (n,)."""
     half = int(WINDOW / STEP / 2)
     s = np.linspace(-1.0, 1.0, 2 * half + 1)
     width = half * STEP
-    window = (1 - s**2) ** 4
     first = -8 * s * (1 - s**2) ** 3 / width
     second = (-8 * (1 - s**2) ** 3 + 48 * s**2 * (1 - s**2) ** 2) / width**2
+    return (1 - s**2) ** 4, first, second
+
+
+def acceleration_noise(noise: float, period: float) -> float:
+    """Noise of an averaged acceleration [rad/s2], from that of a position sample [rad] and the sampling period [s]."""
+    window, _, second = _kernels()
+    held = max(period / STEP, 1.0)  # points of the grid that share the error of one sample
+    return noise * float(np.sqrt(held) * np.linalg.norm(second) / window.sum())
+
+
+def _weak_form(
+    time: Array, position: Array, torque: Array, inertia: float, gravity: float, steps: np.ndarray
+) -> tuple[Array, Array, np.ndarray]:
+    """Terms (m, 5), torque at every shift of so many steps (m, shifts) and block (m,) of one run."""
+    torque = _bridged(time, torque)
+    grid = np.arange(time[0], time[-1], STEP)
+    angle = np.interp(grid, time, position)
+    window, first, second = _kernels()
+    half = len(window) // 2
 
     def averaged(values: Array, kernel: Array) -> Array:
         return np.convolve(values, kernel[::-1], "same") / window.sum()
@@ -171,11 +239,15 @@ def _weak_form(
         speed,
         np.ones_like(grid),
     ]
-    shifted = np.stack([averaged(np.interp(grid - shift, time, torque), window) for shift in SHIFTS], axis=1)
-    inside = np.arange(half + len(SHIFTS), len(grid) - half - len(SHIFTS), EVERY)
-    inside = inside[np.isfinite(shifted[inside]).all(axis=1)]  # a missing torque makes all that it touches NaN
+    waits = np.diff(time)  # across a gap neither torque nor motion is known; a slow clock has none for that
+    lost = (waits > max(GAP, 2.0 * float(np.median(waits))))[np.searchsorted(time[1:-1], grid, side="right")]
+    smooth = averaged(np.where(lost, np.nan, np.interp(grid, time, torque)), window)
+    inside = np.arange(half + len(steps), len(grid) - half - len(steps), EVERY)
+    shifted = smooth[inside[:, None] - steps]
+    good = np.isfinite(shifted).all(axis=1)  # a missing torque makes all that it touches NaN
+    inside, shifted = inside[good], shifted[good]
     block = ((grid[inside] - grid[0]) / BLOCK).astype(int)
-    return np.stack(columns, axis=1)[inside], shifted[inside], block
+    return np.stack(columns, axis=1)[inside], shifted, block
 
 
 def _bridged(time: Array, torque: Array) -> Array:

@@ -14,7 +14,7 @@ import numpy as np
 
 from ..checks.signal import derivatives, typical_noise
 from ..log.parts import Unit
-from ..log.torque_side import SIDES, Reason, TorqueSide, said_side, shown_side
+from ..log.torque_side import SIDES, Reason, TorqueSide, said_side, side_by_drive
 from ..log.types import LogError, MeasuredRun
 from .constants import K
 from .driven_simulator import CHANNELS, replay_driven_many
@@ -150,7 +150,7 @@ def driven_problem(
         first = CHANNELS.index(signal)
         measured = measured[:, _exchanged(first)]
         weight[0] = 1.0 / typical_noise(plain.time, measured[:, 0], plain.starts)
-    said = said_side(runs)
+    said = said_side(runs, joint)
     problem = DrivenProblem(
         units=plain.units,
         params=plain.params,
@@ -184,7 +184,7 @@ def _shown_side(problem: DrivenProblem) -> TorqueSide | None:
     if good.sum() < LEAST_TORQUES:
         return None
     shaft, drive = (replace(problem, torque_side=side).simulate([{}])[0, :, where] for side in SIDES)
-    return shown_side(torque[good], shaft[good], (drive - shaft)[good])
+    return side_by_drive(torque[good], drive[good], (drive - shaft)[good], problem.block[good])
 
 
 def is_elastic(model: JointModel) -> bool:

@@ -15,8 +15,10 @@ the order in which they apply:
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 
+from ..checks.torque_balance import FURTHEST
 from ..search.structure import listed
 from .evidence import THRESHOLDS, Balanced, Evidence, Refused, Replayed, Thresholds
 from .signatures import disagreeing
@@ -39,6 +41,7 @@ from .verdict import (
 )
 from .words import also, certainty, change, fall, furthest, levels, size, some, subject, verb
 
+SHIFT = "torque.delay"  # number of a torque column that is out of step
 ROUNDED = 5e-3  # change of a number below which no one is told of it
 MOST_WORDS = 25  # of the sentence that a verdict is told in
 
@@ -343,14 +346,17 @@ def _balanced(found: Balanced, limit: Thresholds) -> Verdict:
         why = Reason("refitted", f"The model that is handed over is the nominal one with {found.turned}.")
         return Verdict(NOT_IDENTIFIABLE, sentence, (why, *told))
     if not found.causes:
-        if before <= limit.torque_as_good * after and not found.open_causes:
+        floor = found.errors["noise_floor"].rmse
+        as_noise = after**2 - floor**2 <= limit.as_noise * floor**2
+        if found.open_causes or not (as_noise or found.left < limit.torque_explained):
+            sentence = f"No known cause explains the torque of '{found.joint}': {error} when tuned."
+            most = math.sqrt(1.0 + limit.as_noise) * floor
+            why = f"Up to {most:.2g} N.m would need none: noise of torque and motion, and the column's calibration."
+            return Verdict(NOT_IDENTIFIABLE, sentence, told if as_noise else (*told, Reason("noise", why)))
+        sentence = f"Nothing to explain: the torque of '{found.joint}' is as its tuned numbers say, {error}."
+        if before <= limit.torque_as_good * after:
             sentence = f"Nothing to explain: neither its own numbers nor a shift lower the torque {error}."
-            return Verdict(NOTHING, sentence, told)
-        if found.left < limit.torque_explained and not found.open_causes:
-            sentence = f"Nothing to explain: the torque of '{found.joint}' is as its tuned numbers say, {error}."
-            return Verdict(NOTHING, sentence, told)
-        sentence = f"No known cause holds for the torque of '{found.joint}': {error} when tuned."
-        return Verdict(NOT_IDENTIFIABLE, sentence, told)
+        return Verdict(NOTHING, sentence, told)
     reasons = (*(Reason("cause", cause.sentence) for cause in found.causes), *told)
     doubtful = [cause for cause in found.causes if cause.standing == ONE_OF_SEVERAL]
     firm = [cause for cause in found.causes if cause.standing != ONE_OF_SEVERAL]
@@ -363,8 +369,16 @@ def _balanced(found: Balanced, limit: Thresholds) -> Verdict:
     known = not doubtful and all(cause.confidence >= limit.sure for cause in firm)
     name = EXPLAINED if found.left < limit.torque_explained and known else PARTLY
     what = f"{subject(firm)} {'' if name == EXPLAINED else 'partly '}{verb(firm, 'explains', 'explain')} the torque gap"
-    step = "" if found.shift is None else f" ({1e3 * abs(found.shift):.0f} ms out of step)"
+    step = "" if found.shift is None else f" ({_out_of_step(found)} out of step)"
     return Verdict(name, f"{what}{step}: {error}, {certainty(firm)}.", reasons)
+
+
+def _out_of_step(found: Balanced) -> str:
+    """By how much the torque column is; its interval goes beyond all that is tried where that is the least."""
+    delay = next((c.parameters[SHIFT] for c in found.causes if SHIFT in c.parameters), None)
+    if delay is not None and delay.high > FURTHEST:
+        return f"at least {1e3 * delay.low:.0f} ms"
+    return f"{1e3 * abs(found.shift or 0.0):.0f} ms"
 
 
 def _refused(found: Refused) -> Verdict:

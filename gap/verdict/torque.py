@@ -5,6 +5,7 @@ Both come from :mod:`sealegs.gap.checks.torque_balance`.
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 from dataclasses import replace
 
@@ -13,15 +14,15 @@ import numpy as np
 from ...actuators.chain import load_chain
 from ..causes.catalogue import adjustable
 from ..checks.signal import sample_noise
-from ..checks.torque_balance import AT_ONCE, WINDOW, Shift, torque_balance, torque_shift
+from ..checks.torque_balance import WINDOW, Shift, TorqueBalance, acceleration_noise, shifted_balance
 from ..log.finding import Finding
 from ..log.parts import held_out
-from ..log.torque_side import said_side, shown_side, side_note
+from ..log.torque_side import said_side, side_by_load, side_note
 from ..log.types import LogError, MeasuredRun
 from ..replay.parameters import TIGHT, address
 from ..search.settings import SearchSettings
 from .decide import decide, standing
-from .evidence import Balanced
+from .evidence import THRESHOLDS, Balanced
 from .measure import error_of
 from .request import Request
 from .torque_causes import SHIFT, Sought, sought_in, terms_of, torque_causes, with_shares
@@ -30,6 +31,7 @@ from .unseen import furthest, handed_over, withdrawn
 from .verdict import Error, JointDiagnosis, NamedCause, Value, data_errors, rivals_of
 
 NO_WISHES = Request()
+NORMAL_MEAN = math.sqrt(2.0 / math.pi)  # mean size of normal noise, over its rms
 MODELS = ("nominal", "tuned", "refitted", "extended")
 
 
@@ -62,35 +64,42 @@ def diagnose_torque(
         raise LogError(f"joint '{joint}': no run has a goal or a torque that can be used; record one of them.")
     chains = {k: load_chain(runs[k].actuators[joint]) if joint in runs[k].actuators else None for k in logs}
     believed = [Believed.of(runs[k], joint, chains[k]) for k in logs]
-    balance = torque_balance(list(logs.values()), [(one.inertia, one.gravity) for one in believed])
-    if balance is None:
+    kept_back = [n for n, k in enumerate(logs) if k in held]
+
+    def to_fit(balance: TorqueBalance) -> np.ndarray:
+        test = np.isin(balance.run, kept_back) if held else (balance.block // 2) % 2 == 1
+        if test.all() or not test.any():
+            use = "fit" if test.all() else "test"
+            group = f" with the group '{request.test_group}' held out" if held else ""
+            raise LogError(f"joint '{joint}': no torque is left to {use} on{group}; record more runs or longer ones.")
+        return ~test
+
+    # a column that is out of step: judged with all terms refitted, so that no wrong number hides it
+    shifted = shifted_balance(list(logs.values()), [(one.inertia, one.gravity) for one in believed], to_fit)
+    if shifted is None:
         raise LogError(f"joint '{joint}': a torque log of a second or more is needed; these are shorter.")
-    test = np.isin(balance.run, [n for n, k in enumerate(logs) if k in held]) if held else (balance.block // 2) % 2 == 1
-    if test.all() or not test.any():
-        use = "fit" if test.all() else "test"
-        group = f" with the group '{request.test_group}' held out" if held else ""
-        raise LogError(f"joint '{joint}': no torque is left to {use} on{group}; record more runs or longer ones.")
+    (balance, found), at_once = shifted, shifted[0].at_once
+    seen_rows = to_fit(balance)
     settings, noise = request.search, _noise(runs, joint)
     sought = sought_in(runs[next(iter(logs))], joint, request)
     tuned, wide = (adjustable(sought.nominal, width) for width in (TIGHT, settings.refitted_by))
-    fitted, unseen = (TorqueModel(balance.only(rows), believed, tuned) for rows in (~test, test))
-
-    # a column that is out of step: judged with all terms refitted, so that no wrong number hides it
-    found = torque_shift(fitted.balance)
+    fitted, unseen = (TorqueModel(balance.only(rows), believed, tuned) for rows in (seen_rows, ~seen_rows))
 
     # a column of the shaft or of the drive
-    said, shaft = said_side([runs[k] for k in logs]), fitted.at_shaft
-    side = said or shown_side(fitted.balance.torques[:, found.index], shaft.base, fitted.inside)
-    if side is not None:
-        findings = (*findings, side_note(joint, side, "said" if said else "shown"))
-    if side == "shaft":
+    said, shaft = said_side([runs[k] for k in logs], joint), fitted.at_shaft
+    torque, load, inside = fitted.balance.torques[:, found.index], shaft.balance.terms[:, :2], fitted.inside
+    shown = side_by_load(torque, load, *inside, fitted.balance.block)
+    if said or np.any(inside):
+        why = "said" if said else "assumed" if shown is None else "shown"
+        findings = (*findings, side_note(joint, said or shown or "shaft", why))
+    if (said or shown) != "drive":
         fitted, unseen = shaft, unseen.at_shaft
     errors = {  # of what is fitted and of what is not, without and with the shift
         at: [rows.balance.terms @ fitted.balance.fit(at) - rows.balance.torques[:, at] for rows in (fitted, unseen)]
-        for at in (AT_ONCE, found.index)
+        for at in (at_once, found.index)
     }
-    seen, kept = ([errors[at][k] for at in (AT_ONCE, found.index)] for k in (0, 1))
-    at, causes, open_causes = AT_ONCE, (), ()
+    seen, kept = ([errors[at][k] for at in (at_once, found.index)] for k in (0, 1))
+    at, causes, open_causes = at_once, (), ()
     if SHIFT in sought.causes and is_shifted(found, _rms(seen[1]) / _rms(seen[0]), settings):
         handed = handed_over(
             dict(zip(MODELS, (kept[0], kept[0], kept[0], kept[1]), strict=True)),
@@ -102,18 +111,19 @@ def diagnose_torque(
         if handed.why:
             open_causes = withdrawn([SHIFT], handed.why)
         else:
-            at, causes = found.index, (_shifted(found, sought),)
+            longest = max(float(np.ptp(time)) for time, _, _ in logs.values())
+            at, causes = found.index, (_shifted(found, sought, longest),)
     causes += torque_causes(fitted, at, noise, sought)
 
     # what each model does on blocks that no fit has seen
     terms = terms_of([cause.name for cause in causes])
     changes = {
         "nominal": {},
-        "tuned": fitted.fit([], AT_ONCE),
-        "refitted": replace(fitted, tuned=wide).fit([], AT_ONCE),
+        "tuned": fitted.fit([], at_once),
+        "refitted": replace(fitted, tuned=wide).fit([], at_once),
         "extended": fitted.fit(terms, at),
     }
-    of = {name: (terms, at) if name == "extended" else ((), AT_ONCE) for name in changes}
+    of = {name: (terms, at) if name == "extended" else ((), at_once) for name in changes}
     off = {
         name: unseen.predicted(change, of[name][0]) - unseen.balance.torques[:, of[name][1]]
         for name, change in changes.items()
@@ -127,14 +137,18 @@ def diagnose_torque(
     if handed.why:
         open_causes += withdrawn((cause.name for cause in causes), handed.why)
         causes, gap["withdrawn"] = (), error_of(off["extended"])
-    gap["noise_floor"] = Error(noise, noise * float(np.sqrt(2.0 / np.pi)))
+    gap["noise_floor"] = Error(noise, noise * NORMAL_MEAN)
     excess = max(gap["nominal"].rmse ** 2 - noise**2, 1e-12)
     left = float(np.clip((gap["extended"].rmse ** 2 - noise**2) / excess, 0.0, 1.0))
     causes, tuned_share = with_shares(fitted, at, causes, 1.0 - left)
     shift = found.seconds if any(cause.name == SHIFT for cause in causes) else None
     turned = [(address(path).number, 1.0 + change) for path, change in changes["refitted"].items()]
+    alike = _unknowable(fitted, noise, max(_noise_of_motion(runs[k], joint) for k in logs), settings)
+    judged = gap | {"noise_floor": Error(alike, alike * NORMAL_MEAN)}
     verdict = decide(
-        Balanced(joint, gap, causes, left, open_causes, shift, furthest(turned) if handed.model == "refitted" else "")
+        Balanced(
+            joint, judged, causes, left, open_causes, shift, furthest(turned) if handed.model == "refitted" else ""
+        )
     )
     chosen, named = changes[handed.model], {term.number for term in terms}
     return JointDiagnosis(
@@ -174,18 +188,45 @@ def is_shifted(found: Shift, ratio: float, settings: SearchSettings) -> bool:
     )
 
 
-def _shifted(found: Shift, sought: Sought) -> NamedCause:
-    """A torque column that is out of step, as a fault of the data that is fitted; without its share and gain."""
+def _shifted(found: Shift, sought: Sought, longest: float) -> NamedCause:
+    """A torque column that is out of step, as a fault of the data that is fitted; without its share and gain.
+
+    At the end of what was tried it is no measurement: all that bounds it is the length of the longest run [s].
+    """
     way = "leads" if found.seconds > 0 else "lags behind"
+    size = f"at least {1e3 * found.size[0]:.0f} ms" if found.least else f"{1e3 * abs(found.seconds):.0f} ms"
     sentence = (
-        f"The torque column {way} the motion columns by {1e3 * abs(found.seconds):.0f} ms: torque and motion were not "
-        "read at the same time."
+        f"The torque column {way} the motion columns by {size}: torque and motion were not read at the same time."
     )
-    value = Value(abs(found.seconds), *found.size, "s", 0.0)
-    cause, sure, numbers = sought.causes[SHIFT], found.same_side, {"torque.delay": value}
+    low, high = found.size
+    value = Value(abs(found.seconds), low, min(high, longest), "s", 0.0)
+    cause, numbers = sought.causes[SHIFT], {"torque.delay": value}
+    sure = found.same_side * (THRESHOLDS.at_bound if found.least else 1.0)
     return NamedCause(
         cause.name, sentence, sought.joint, 0.0, sure, numbers, 0.0, "data", cause.picture, (), standing(sure, ())
     )
+
+
+def _unknowable(model: TorqueModel, noise: float, motion: float, settings: SearchSettings) -> float:
+    """Error of the averaged torque that asks for no cause [N.m].
+
+    Beside the noise of the column, that of the acceleration, and what a torque column is calibrated to: a drive's own
+    torque ripples with it.
+
+    Args:
+        model: of the stretches to fit on.
+        noise: of the averaged torque [N.m].
+        motion: of the averaged acceleration [rad/s2].
+        settings: of the search.
+    """
+    inertia = max(one.inertia for one in model.believed)
+    calibrated = settings.column_calibration * _rms(model.balance.torques[:, model.balance.at_once])
+    return math.hypot(noise, inertia * motion, calibrated)
+
+
+def _noise_of_motion(run: MeasuredRun, joint: str) -> float:
+    """Noise of the averaged acceleration [rad/s2]."""
+    return acceleration_noise(sample_noise(run.time, run.joints[joint].position), run.period)
 
 
 def _noise(runs: Sequence[MeasuredRun], joint: str) -> float:

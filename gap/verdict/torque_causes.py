@@ -15,7 +15,6 @@ from ..causes.catalogue import catalogue, checked
 from ..causes.cause import Cause
 from ..causes.unknown import unknown_parameters
 from ..checks.bootstrap import block_weights
-from ..checks.torque_balance import AT_ONCE
 from ..log.types import MeasuredRun
 from ..replay.joint_model import JointModel
 from ..search.settings import DEFAULT, SearchSettings
@@ -156,7 +155,7 @@ def with_shares(
     names = [cause.name for cause in causes]
 
     def loss(kept: Sequence[str], *, tuned: bool = True) -> float:
-        at = AT_ONCE if SHIFT in names and SHIFT not in kept else shift
+        at = model.balance.at_once if SHIFT in names and SHIFT not in kept else shift
         return float(model.crossed(terms_of(kept), at, tuned=tuned).sum())
 
     debts = owed_to(names, loss)

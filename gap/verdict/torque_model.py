@@ -130,9 +130,9 @@ class TorqueModel:
         return self.balance.terms @ self.numbers
 
     def of_term(self, term: Term) -> Turned:
-        """What a cause turns, down to none of it at all."""
+        """What a cause turns: of a machine down to none of it at all, of a column also to the other sign."""
         none = 1.0 if term.relative else float(self.numbers[term.terms[0]])
-        low = -math.inf if term.number == "torque.offset" else -none
+        low = -math.inf if term.column else -none
         if term.number == "load.mass_factor":
             column = self._mass
         elif term.number == "load.inertia_factor":  # of the load: the armature is the chain's
@@ -142,12 +142,12 @@ class TorqueModel:
         return Turned(term.number, column, low)
 
     def beside(self, terms: Iterable[Term]) -> list[Turned]:
-        """The tuned numbers that none of these causes turns itself and that change the torque."""
+        """The tuned numbers that none of these causes turns itself and that change the torque of these rows."""
         taken = {term.number for term in terms}
         kept = []
         for p in self.tuned:
             column = None if p.number in taken else self._column(p)
-            if column is not None and np.ptp(column) > 0.0:
+            if column is not None and column.any():
                 start = 1.0 if p.factor or p.logarithmic else 0.0
                 kept.append(Turned(p.path, column, p.low - start, p.high - start))
         return kept
@@ -185,10 +185,10 @@ class TorqueModel:
         return terms[:, 0] * moved / inertia + terms[:, 1] * held / gravity
 
     @property
-    def inside(self) -> Array:
-        """Torque that armature and friction of the drive take (m,) [N.m]."""
+    def inside(self) -> tuple[Array, Array]:
+        """Torques that armature and friction of the drive take (m,) [N.m]."""
         coulomb, viscous = self._of_runs("coulomb"), self._of_runs("viscous")
-        return self._armature + self.balance.terms[:, 2] * coulomb + self.balance.terms[:, 3] * viscous
+        return self._armature, self.balance.terms[:, 2] * coulomb + self.balance.terms[:, 3] * viscous
 
     @property
     def at_shaft(self) -> TorqueModel:
@@ -204,9 +204,10 @@ class TorqueModel:
         return [*(self.beside(terms) if tuned else ()), *(self.of_term(term) for term in terms)]
 
     def predicted(self, changes: Mapping[str, float], terms: Sequence[Term]) -> Array:
-        """Torque (m,) with numbers changed, by path."""
+        """Torque (m,) with numbers changed, by path; one that was fitted elsewhere may do nothing in these rows."""
         columns = {item.path: item.column for item in self.turned(terms)}
-        return self.base + sum((change * columns[path] for path, change in changes.items()), np.zeros(len(self.base)))
+        turned = (change * columns[path] for path, change in changes.items() if path in columns)
+        return self.base + sum(turned, np.zeros(len(self.base)))
 
     def fit(self, terms: Sequence[Term], shift: int, *, tuned: bool = True) -> dict[str, float]:
         """Changes by path that explain the torque at a shift best."""
