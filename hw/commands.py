@@ -157,7 +157,8 @@ def read_excitation(path: Path, robot: ServoRobot) -> Trajectory:
     """Goals of a CSV file with the columns ``time`` [s] and ``<joint>.goal`` [rad], such as a diagnosis proposes.
 
     A joint without a column is brought to the middle of its range and held there. On a robot of one joint, the only
-    goal column is that joint's, whatever it is called.
+    goal column is that joint's, whatever it is called. Goals whose sidecar has ``frames`` are of another machine's
+    zeros and directions, and are turned into the model's.
 
     Raises:
         SealegsError: the file cannot be read, names other joints, or its goals are beyond a joint's range.
@@ -176,8 +177,8 @@ def read_excitation(path: Path, robot: ServoRobot) -> Trajectory:
         raise SealegsError(
             f"the excitation {path} needs the columns time and <joint>.goal; it has {', '.join(header)}."
         )
-    _check_load(path, robot)
-    return _trajectory("excitation", path, columns["time"], goals, robot)
+    frames = _check_beside(path, robot)
+    return _trajectory("excitation", path, columns["time"], _in_model_frame(goals, frames, path), robot)
 
 
 def park_motion(park: Any, robot: ServoRobot) -> Trajectory:
@@ -202,18 +203,30 @@ def park_motion(park: Any, robot: ServoRobot) -> Trajectory:
     return _trajectory("park", Path("robot.park"), time, goals, robot)
 
 
-def _check_load(path: Path, robot: ServoRobot) -> None:
+def _in_model_frame(goals: Mapping[str, np.ndarray], said: Any, path: Path) -> dict[str, np.ndarray]:
+    """Goals by joint (n,), in the model's zeros and directions; unturned they would send a machine anywhere."""
+    from ..gap.load.robot import Frame, frames_said
+
+    frames = frames_said(said or {}, str(path))
+    return {name: frames.get(name, Frame()).to_model(values) for name, values in goals.items()}
+
+
+def _check_beside(path: Path, robot: ServoRobot) -> Any:
     """An experiment may be meant for another load, which its sidecar names; with the wrong one it tells nothing.
+
+    Returns:
+        ``frames`` of the sidecar; None where there are none.
 
     Raises:
         SealegsError: the robot is said to carry another.
     """
     beside = path.with_suffix(".yaml")
     if not beside.is_file():
-        return
+        return None
     from ..gap.log.sidecar import read_sidecar
 
-    meant, believed = read_sidecar(path).robot_params, robot.robot.parameters(robot.params)
+    said = read_sidecar(path)
+    meant, believed = said.robot_params, robot.robot.parameters(robot.params)
     other = {
         name: value
         for name, value in meant.items()
@@ -224,6 +237,7 @@ def _check_load(path: Path, robot: ServoRobot) -> None:
         load = ", ".join(f"{name} {value:g}" for name, value in other.items())
         words = " ".join(f"robot.params.{name}={value:g}" for name, value in other.items())
         raise SealegsError(f"{beside} asks for another load ({load}): mount it and say so, with {words}.")
+    return said.meta.get("frames")
 
 
 def read_replay(path: Path, robot: ServoRobot) -> Trajectory:
@@ -241,6 +255,7 @@ def read_replay(path: Path, robot: ServoRobot) -> Trajectory:
         raise SealegsError(f"{path} is a log of robot '{run.robot}', not of '{robot.robot.name}'.")
     run = run_in_model_units(run, robot_of(run))
     goals = {name: log.goal for name, log in run.joints.items() if log.goal is not None}
+    goals = _in_model_frame(goals, run.meta.get("frames"), path)
     return _trajectory("replay", path, run.time, goals, robot)
 
 

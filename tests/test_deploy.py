@@ -16,6 +16,8 @@ from sealegs.configs.script import run as run_script
 from sealegs.envs.bench.robot import BENCH
 from sealegs.envs.contract import Contract, ContractError
 from sealegs.gap.checks.data_set import check_set, unusable
+from sealegs.gap.experiment.files import write_experiment
+from sealegs.gap.experiment.proposal import Experiment
 from sealegs.gap.log import JointLog, MeasuredRun, read_measured, write_run
 from sealegs.hw import deployment
 from sealegs.hw.commands import read_excitation, read_replay
@@ -223,6 +225,20 @@ def test_goals_are_held_until_the_next_and_a_log_is_replayed_with_its_own(tmp_pa
     other = MeasuredRun("other", time, {"hip": log}, robot="hopper", actuators={"hip": "sts3215"})
     with pytest.raises(SealegsError, match="log of robot 'hopper', not of 'bench'"):
         read_replay(write_run(other, tmp_path), robot)
+
+
+def test_goals_of_another_frame_are_turned_into_the_models(tmp_path: Path) -> None:
+    """An experiment that was proposed from a log with another zero was sent as it stood: to another pose."""
+    robot, time = build_robot(config()["robot"]), np.arange(50) / 50.0
+    reading: Any = None
+    wanted = 0.2 * np.sin(6.0 * time)
+    experiment = Experiment("sine", "Move it.", 1.0, time, 0.7 - wanted, {})
+    frame = {"zero": 0.7, "direction": -1}
+    files = write_experiment(experiment, "joint", tmp_path, "sts3215", frame=frame)
+    assert read_excitation(files["experiment"], robot).goals(0.5, reading) == pytest.approx(wanted[25], abs=1e-5)
+    log = JointLog(goal=0.7 - wanted, position=np.full(50, 0.7))
+    run = MeasuredRun("run", time, {"joint": log}, actuators={"joint": "sts3215"}, meta={"frames": {"joint": frame}})
+    assert read_replay(write_run(run, tmp_path), robot).goals(0.5, reading) == pytest.approx(wanted[25], abs=1e-5)
 
 
 def test_servos_that_were_set_up_otherwise_are_named() -> None:

@@ -143,6 +143,14 @@ def test_masses_that_joints_agree_on_become_those_of_the_bodies(recorded: Measur
         np.testing.assert_allclose(found[:, 2:7], 1.3 * believed[:, 2:7], rtol=0.02, atol=1e-4)
 
 
+def test_joints_that_disagree_a_little_take_no_body_away(recorded: MeasuredRun) -> None:
+    """A boom of 0.15 kg became one of 7.5 g, because two joints had tuned their loads by a few percent each."""
+    for factors in ((0.94, 1.08), (1.06, 0.94)):
+        changes = [change(joint, "load.mass_factor", factor) for joint, factor in zip(JOINTS, factors, strict=True)]
+        masses = [item.after for item in of_robot(robot(recorded), changes) if item.path == "body.mass_factor"]
+        assert len(masses) == len(JOINTS) and all(0.8 < factor < 1.2 for factor in masses)
+
+
 def test_an_inertia_that_is_less_than_the_models_is_taken_from_the_body(recorded: MeasuredRun) -> None:
     believed, found = felt(recorded, [change("elbow", "load.extra_inertia", -1.5e-4)], "elbow")
     np.testing.assert_allclose(found[:, 2], believed[:, 2] - 1.5e-4, atol=1e-7)

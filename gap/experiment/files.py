@@ -8,7 +8,9 @@ from __future__ import annotations
 
 import csv
 import io
+from collections.abc import Mapping
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
@@ -33,6 +35,7 @@ def write_experiment(
     actuator: str | list | None,
     prefix: str = "",
     robot: str = "bench",
+    frame: Mapping[str, float] | None = None,
 ) -> dict[str, Path]:
     """Write ``next_experiment.csv`` and ``next_experiment.yaml``.
 
@@ -43,13 +46,17 @@ def write_experiment(
         actuator: chain of the joint as the sidecars name it; None where the robot's file does.
         prefix: of the file names.
         robot: as the sidecars name it.
+        frame: ``zero`` and ``direction`` of the joint in the log, whose goals these are, where they are not the
+            model's; they go into the sidecar, and who runs the goals on the model's machine turns them.
 
     Returns:
         Paths by ``experiment`` and ``experiment_sidecar``.
     """
     goals, sidecar = folder / f"{prefix}next_experiment.csv", folder / f"{prefix}next_experiment.yaml"
     goals.write_text(goal_table(experiment, joint), encoding="utf-8")
-    notes = {"notes": f"{experiment.name}: {experiment.sentence}"}
+    notes: dict[str, Any] = {"notes": f"{experiment.name}: {experiment.sentence}"}
+    if frame is not None:
+        notes["frames"] = {joint: dict(frame)}
     sidecar.write_text(
         sidecar_text(Sidecar(robot, dict(experiment.load), {} if actuator is None else {joint: actuator}, notes)),
         encoding="utf-8",

@@ -12,7 +12,7 @@ import mujoco
 
 from ...envs.robot_described import FileJoint, RobotFile
 from ...envs.robot_file import is_robot_file, load_robot_file
-from ..log.types import LogError, MeasuredRun
+from ..log.types import Array, LogError, MeasuredRun
 
 KINDS = (int(mujoco.mjtJoint.mjJNT_HINGE), int(mujoco.mjtJoint.mjJNT_SLIDE))
 
@@ -23,6 +23,10 @@ class Frame:
 
     zero: float = 0.0
     sign: float = 1.0
+
+    def to_model(self, angles: Array) -> Array:
+        """Angles of the log as the model has them."""
+        return self.sign * (angles - self.zero)
 
 
 @dataclass(frozen=True, eq=False)
@@ -137,11 +141,11 @@ def _framed(robot: LoggedRobot, frames: tuple[tuple[str, Frame], ...]) -> Logged
     return replace(robot, frames=dict(frames))
 
 
-def _frames(said: Any, run: str, robot: LoggedRobot) -> dict[str, Frame]:
+def frames_said(said: Any, where: str) -> dict[str, Frame]:
     """``meta.frames`` of a sidecar: by joint the log's angle where the model is at zero, and the direction.
 
     Raises:
-        SealegsError: it says something else.
+        LogError: it says something else.
     """
     frames = {}
     for name, entry in said.items() if isinstance(said, dict) else [("frames", said)]:
@@ -149,11 +153,22 @@ def _frames(said: Any, run: str, robot: LoggedRobot) -> dict[str, Frame]:
         sound = isinstance(zero, int | float) and way in (1, -1) and not set(entry) - {"zero", "direction"}
         if not sound or not isinstance(zero, int | float):
             raise LogError(
-                f"{run}: meta.frames is by joint, such as elbow: {{zero: -1.57, direction: -1}}, the log's angle [rad] "
-                f"where the model is at zero, and 1 or -1; not {name}: {entry!r}."
+                f"{where}: meta.frames is by joint, such as elbow: {{zero: -1.57, direction: -1}}, the log's angle "
+                f"[rad] where the model is at zero, and 1 or -1; not {name}: {entry!r}."
             )
-        robot.joint(str(name))
         frames[str(name)] = Frame(float(zero), 1.0 if way == 1 else -1.0)
+    return frames
+
+
+def _frames(said: Any, run: str, robot: LoggedRobot) -> dict[str, Frame]:
+    """The same of joints that the robot has.
+
+    Raises:
+        LogError: it says something else, or names another joint.
+    """
+    frames = frames_said(said, run)
+    for name in frames:
+        robot.joint(name)
     return frames
 
 

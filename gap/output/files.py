@@ -79,7 +79,10 @@ def write_diagnosis(
                 run = data.runs[0]
                 actuator = run.actuators.get(diagnosis.joint)
                 machine = run.robot if is_robot_file(run.robot) else "bench"
-                files = write_experiment(diagnosis.experiment, diagnosis.joint, staged, actuator, prefix, machine)
+                frame = (run.meta.get("frames") or {}).get(diagnosis.joint)
+                files = write_experiment(
+                    diagnosis.experiment, diagnosis.joint, staged, actuator, prefix, machine, frame
+                )
                 document["next_experiment"]["file"] = files["experiment"].name
                 written |= {f"{owner}{key}": path for key, path in files.items()}
             documents.append(document)

@@ -11,6 +11,7 @@ from collections.abc import Mapping, Sequence
 
 import mujoco
 import numpy as np
+from scipy.optimize import lsq_linear
 
 from ...actuators import Chain
 from ...envs.extended import Change
@@ -23,6 +24,8 @@ from ..verdict.verdict import JointDiagnosis
 STOPS = {"load.stop_angle": 1.0, "load.lower_stop": -1.0}
 """Paths of a joint's stops, and on which side of it they are."""
 CERTAINTY = 0.03  # of bodies to weigh as believed, beside what the joints say of those behind them
+DILUTED = 2.0
+"""By how much more than any joint says of all behind it a single body may be off, which is a part of that."""
 ODD = {"offset": ("value",), "friction": ("asymmetry",)}
 """Numbers of a chain that change sign with the direction of the angle."""
 
@@ -110,7 +113,9 @@ def _masses(robot: LoggedRobot, found: Mapping[str, Change]) -> list[Change]:
             rows.append(share / whole)
             wanted.append(found[name].after - 1.0)
     table = np.concatenate([np.array(rows).reshape(-1, len(groups)), CERTAINTY * np.eye(len(groups))])
-    change = np.linalg.lstsq(table, np.array([*wanted, *np.zeros(len(groups))]), rcond=None)[0]
+    # joints that contradict each other by a little would otherwise take nearly all of a light body's mass away
+    most = DILUTED * max(max(map(abs, wanted), default=0.0), 1e-9)
+    change = lsq_linear(table, np.array([*wanted, *np.zeros(len(groups))]), bounds=(-most, most)).x
     changes = []
     for group, more in zip(groups, change, strict=True):
         of = found[names[group]]
