@@ -213,15 +213,16 @@ def test_goals_are_held_until_the_next_and_a_log_is_replayed_with_its_own(tmp_pa
     assert commands.duration == pytest.approx(2.0)
     assert commands.goals(0.039, reading) == commands.goals(0.02, reading) != commands.goals(0.04, reading)
     time = 5.0 + np.arange(50) / 50.0
-    log = JointLog(goal=0.1 * np.sin(time), position=np.zeros(50))
+    wanted = 0.1 * np.sin(time)
+    log = JointLog(goal=wanted, position=np.zeros(50))
     path = write_run(MeasuredRun("run", time, {"joint": log}, actuators={"joint": "sts3215"}), tmp_path)
-    assert read_replay(path, robot).goals(0.5, reading) == pytest.approx(log.goal[25])  # type: ignore[index]
+    assert read_replay(path, robot).goals(0.5, reading) == pytest.approx(wanted[25])
     turned = MeasuredRun(
-        "degrees", time, {"joint": JointLog(np.degrees(log.goal), np.zeros(50))}, actuators={"joint": "sts3215"},
+        "degrees", time, {"joint": JointLog(np.degrees(wanted), np.zeros(50))}, actuators={"joint": "sts3215"},
         meta={"units": {"goal": "deg", "position": "deg"}},
     )  # fmt: skip
     held = read_replay(write_run(turned, tmp_path), robot).goals(0.5, reading)
-    assert held == pytest.approx(log.goal[25], abs=1e-6), "goals in degrees were sent as radians"  # type: ignore[index]
+    assert held == pytest.approx(wanted[25], abs=1e-6), "goals in degrees were sent as radians"
     other = MeasuredRun("other", time, {"hip": log}, robot="hopper", actuators={"hip": "sts3215"})
     with pytest.raises(SealegsError, match="log of robot 'hopper', not of 'bench'"):
         read_replay(write_run(other, tmp_path), robot)

@@ -65,6 +65,7 @@ def test_it_does_where_a_drive_turns_its_joint_through_a_ratio(recorded: Measure
     chain = [
         {stage: {key: value * ratio ** powers.get(key, 0) for key, value in numbers.items()}}
         for item in recorded.actuators["elbow"]
+        if isinstance(item, dict)
         for stage, numbers in item.items()
     ]  # the same joint, seen on the drive's side
     file = tmp_path / "arm.yaml"

@@ -37,6 +37,10 @@ def screen(diagnoses: Sequence[JointDiagnosis], written: Mapping[str, Path], wid
     return lines
 
 
+DOUBTFUL = ("robot.frame",)
+"""Findings that put all that is said below in doubt."""
+
+
 def next_command(diagnoses: Sequence[JointDiagnosis], written: Mapping[str, Path]) -> str | None:
     """What to type where no experiment is proposed; None where one is, or where there is no model that was found."""
     proposed = any(diagnosis.experiment is not None for diagnosis in diagnoses)
@@ -55,6 +59,11 @@ def _joint(diagnosis: JointDiagnosis, width: int) -> Iterable[str]:
         yield from ("", "Errors of the log")
         for error in diagnosis.data_errors:
             yield from _wrapped(f"{error.name}: {error.sentence}", width, 2)
+    doubted = [finding for finding in diagnosis.findings if finding.code in DOUBTFUL]
+    if doubted:
+        yield from ("", "Check first")
+        for finding in doubted:
+            yield from _wrapped(finding.sentence, width, 2)
     if diagnosis.causes:
         yield from ("", "Causes")
         longest = max(len(cause.name) for cause in diagnosis.causes)

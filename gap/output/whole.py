@@ -16,6 +16,7 @@ from ..log.progress import Progress
 from ..log.types import MeasuredRun, MeasuredSet
 from ..replay.whole import Whole, replay_whole, whole, why_not_whole
 from ..shared import ROBOT
+from ..verdict.checking import check_log
 from ..verdict.verdict import JointDiagnosis
 from .robot_extension import in_frame
 
@@ -37,6 +38,7 @@ def confirm_whole(
     robot = robot_of(data.runs[0])
     if robot is None:
         return None
+    data, *_ = check_log(data, lambda text: None)  # in the model's units, and mended as where it was judged
     if (why := why_not_whole(robot, data.runs)) is not None:
         return {"reason": f"The robot was not simulated as a whole: {why}."}
     progress("simulating the whole robot along the log")

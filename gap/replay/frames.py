@@ -23,6 +23,7 @@ from .unlogged import torques_of
 
 SAMPLES = 120  # of all runs together, at which torques are compared
 ZEROS = np.radians(np.arange(0.0, 360.0, 20.0))  # [rad] tried
+NEAR = np.radians(np.arange(-12.0, 12.5, 2.0))  # [rad] from the best of these, of a joint whose zero is doubted
 SWEEPS = 2  # over all joints
 SLIP = 0.05  # [rad/s] over which dry friction turns around
 CHANGE = 0.01  # share of the torque, mean of the joints, that another frame of one joint must explain more
@@ -74,11 +75,20 @@ def check_frames(robot: LoggedRobot, runs: Sequence[MeasuredRun], models: Mappin
                 if left < least - CHANGE:
                     best, least = {**best, name: frame}, left
     findings = []
+    other: dict[str, Frame] = {}
     if here - least > BETTER:
         other = {name: frame for name, frame in best.items() if _apart(frame, believed[name])}
-        findings.append(_doubted(other, here, least))
-    reference = _left(robot, torques, believed)
-    silent = [name for name in names if not _shows(robot, torques, believed, name, reference)]
+        for name, frame in list(other.items()):
+            near = [replace(frame, zero=frame.zero + away) for away in NEAR]
+            left = [_left(robot, torques, {**best, name: one}) for one in near]
+            best[name] = other[name] = near[int(np.argmin(left))]
+        findings.append(_doubted(other, here, _left(robot, torques, best)))
+    reference = _left(robot, torques, best if other else believed)
+    silent = [
+        name
+        for name in names
+        if name not in other and not _shows(robot, torques, best if other else believed, name, reference)
+    ]
     if silent:
         findings.append(_unknown(silent))
     return findings

@@ -20,13 +20,15 @@ Joint = TypeVar("Joint", bound=JointProblem)
 def largest_step(chain: Chain, coarse: float = 1.0) -> float:
     """The largest step that resolves what lies between motor and link, and firmware that switches [s].
 
-    ``coarse`` is how many times longer that of teeth and switches may be; teeth are springs, too.
+    ``coarse`` is how many times longer that of teeth, switches and differences may be; teeth are springs, too. A push
+    that a step of eight halves of its filter lumps together is still as large, within 5 %.
     """
     play = chain.find("backlash")
     teeth = play is not None and play.width > 0.0
     springs = teeth or chain.find("spring") or chain.find("compliance")
     differences = chain.find("derivative")
-    elastic = min(ELASTIC_STEP if springs else np.inf, 0.5 * differences.filter if differences else np.inf)
+    push = 0.5 * differences.filter * min(coarse, 8.0) if differences else np.inf
+    elastic = min(ELASTIC_STEP if springs else np.inf, push)
     switches = teeth or any(chain.find(stage) is not None for stage in SWITCHING)
     return min(EVENT_STEP * coarse if switches else np.inf, elastic)
 

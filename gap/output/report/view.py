@@ -27,6 +27,7 @@ from ..pictures import cause_pictures, picture_of, png, signature_pictures
 from ..pictures.signatures import told
 from ..pictures.summary import budget_slices
 from ..pictures.timeline import fine
+from ..terminal import DOUBTFUL
 from .figures import excitation, signals
 
 MODELS = {
@@ -113,6 +114,7 @@ def _joint(diagnosis: JointDiagnosis, changes: Sequence[Mapping[str, Any]] | Non
         "heading": HEADINGS.get(diagnosis.joint, f"Joint {diagnosis.joint}"),
         "verdict": diagnosis.verdict,
         "sentence": glued(diagnosis.sentence),
+        "doubts": [glued(finding.sentence) for finding in diagnosis.findings if finding.code in DOUBTFUL],
         "reasons": [glued(reason.sentence) for reason in diagnosis.reasons if reason.code != "data"],
         "data_errors": [{"name": error.name, "sentence": glued(error.sentence)} for error in diagnosis.data_errors],
         "tuned_share": percent(diagnosis.tuned_share) if diagnosis.tuned_share >= 5e-4 else "",
