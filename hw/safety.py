@@ -181,8 +181,8 @@ class Safety:
                 f"drew more than {limits.current:g} A for {{0:.2f}} s; {{1:g}} s are tolerated",
             ),
             ("temperature", values.temperature, limits.temperature, "is at {0:.0f} degC; its limit is {1:g} degC"),
-            ("voltage", values.voltage, limits.voltage_high, "gets {0:.1f} V; at most {1:g} V are allowed"),
-            ("voltage", -values.voltage, -limits.voltage_low, "gets {0:.1f} V; at least {1:g} V are needed"),
+            ("voltage", values.voltage, limits.voltage_high, "gets {0:.1f} V, over safety.voltage_high, {1:g} V"),
+            ("voltage", -values.voltage, -limits.voltage_low, "gets {0:.1f} V, under safety.voltage_low, {1:g} V"),
         )
         for name, found, limit, text in checks:
             # a value that is not finite is beyond every limit

@@ -196,6 +196,20 @@ def test_the_load_of_a_bench_is_asked_for_with_the_rest(tmp_path: Path, capsys: 
     assert read_measured(tmp_path / "given").runs[0].robot_params == {"mass": 0.4, "length": 0.1}
 
 
+def test_chains_that_a_robots_file_has_are_not_asked_for(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    """ "Fill in actuators" was said beside a robot's file that holds them."""
+    m = motion()
+    path = table(tmp_path, {"t_ms": 1e3 * m["time"], "elbow_goal_deg": m["goal"], "elbow_pos_deg": m["smooth"]})
+    (tmp_path / "arm.xml").write_text(
+        '<mujoco><worldbody><body><joint name="elbow" axis="0 1 0"/><geom size="0.1" mass="1"/></body></worldbody>'
+        "</mujoco>"
+    )
+    (tmp_path / "arm.yaml").write_text("model: arm.xml\njoints: {elbow: {chain: sts3215}}\n")
+    assert main(["import", str(path), f"out={tmp_path / 'log'}", "yes=true", f"robot={tmp_path / 'arm.yaml'}"]) == 0
+    assert "Fill in" not in capsys.readouterr().out
+    assert "FILL IN what" not in (tmp_path / "log" / "log.yaml").read_text()
+
+
 def test_a_supply_that_never_changes_is_a_voltage(tmp_path: Path) -> None:
     """Named Vbat or supply, it was left out: 'it never changes'."""
     m = motion(seed=1)

@@ -212,7 +212,8 @@ def text_with_blanks(content: Mapping[str, Any], runs: Sequence[MeasuredRun]) ->
         lines.append(BLANK_ROBOT.rstrip())
     of = "" if known.get("robot") == BENCH else " of a bench"
     load = BLANK_LOAD.format(of=of, arm=ARM) if _without_load(runs) else ""
-    missing = [joint for joint in joints if joint not in everywhere]
+    # a robot's file has the chains of its joints
+    missing = [] if is_robot_file(str(known.get("robot", ""))) else [j for j in joints if j not in everywhere]
     text = load + (yaml.safe_dump(known, sort_keys=False, allow_unicode=True) if known else "")
     if missing and not everywhere:
         text += BLANK_ACTUATORS + "".join(f"  # {joint}: sts3215\n" for joint in missing)
@@ -226,7 +227,7 @@ def blanks(runs: Sequence[MeasuredRun]) -> list[str]:
     if _without_load(runs):
         out.append("robot_params" if run.robot else "robot_params (of a bench)")
     driven = [joint for joint, log in run.joints.items() if log.goal is not None and joint not in run.actuators]
-    return out + (["actuators"] if driven else [])
+    return out + (["actuators"] if driven and not is_robot_file(run.robot) else [])
 
 
 def _without_load(runs: Sequence[MeasuredRun]) -> bool:
