@@ -42,7 +42,8 @@ def derivative(nominal: JointModel) -> Cause:
     size = 1.0 if loop is None else nominal.value(loop)
     believed = nominal.value("derivative.gain") if nominal.chain.find("derivative") else 0.0
     term = Parameter("derivative.gain", "s/rad", 0.0, 0.5 * size, believed + 0.01 * size, 0.005 * size)
-    smoothed = Parameter("derivative.filter", "s", 4e-4, 0.05, 1e-3, 0.3, logarithmic=True)
+    # with a long one only the speed is left of the error's: then it is friction
+    smoothed = Parameter("derivative.filter", "s", 4e-4, 0.05, 1e-3, 0.3, logarithmic=True, shape=True)
     beside = [(term, smoothed, factor(loop, 0.1, 10.0))] if loop else []
     return Cause(
         sentence="The firmware also acts on how fast the error grows (D term).",
