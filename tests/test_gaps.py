@@ -6,16 +6,13 @@ from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
-from sealegs.actuators.chain import load_chain
 from sealegs.gap.checks.clock import check_clock
 from sealegs.gap.log.gaps import known_commands
-from sealegs.gap.log.parts import WARM_UP, cut
+from sealegs.gap.log.parts import WARM_UP
 from sealegs.gap.log.types import MeasuredRun
-from sealegs.gap.replay.free import free_problem
-from sealegs.gap.replay.tree import joint_of_tree, terms_of
 
 from testbed.bench import NOISE_FLOOR
-from tests.logged_robots import JOINTS, robot, two_link_run
+from tests.logged_robots import JOINTS, free_replay, nominal_error, two_link_run
 
 
 def lacking(run: MeasuredRun, start: float, stop: float) -> MeasuredRun:
@@ -33,13 +30,7 @@ def test_motion_after_lost_commands_does_not_count_until_it_has_forgotten_them(t
     run = lacking(two_link_run(tmp_path, 8.0), 3.0, 3.3)
     (finding,) = [found for found in check_clock(run) if found.code == "clock.gaps"]
     assert "motion counts again 1.5 s later" in finding.sentence
-    machine = robot(run)
-    for joint in JOINTS:
-        terms = terms_of(machine, joint, [run])
-        model = joint_of_tree(machine, joint, load_chain(run.actuators[joint]), [run], terms)
-        problem = free_problem([run], joint, [model], cut([run], joint), {"position": 1.0 / NOISE_FLOOR}, terms)
-        error = problem.position_error(problem.simulate([{}])[0])
-        assert float(np.sqrt(np.nanmean(error**2))) < 2.0 * NOISE_FLOOR
+    assert all(nominal_error(free_replay(run, joint)) < 2.0 * NOISE_FLOOR for joint in JOINTS)
 
 
 def test_what_counts_after_a_gap() -> None:

@@ -16,13 +16,12 @@ from sealegs.gap.diagnose import diagnose
 from sealegs.gap.experiment import propose, write_experiment
 from sealegs.gap.load.robot import robot_of
 from sealegs.gap.load.tree import ANGLE, Motion, terms_along
-from sealegs.gap.log.parts import FIT_A, FIT_B, cut
+from sealegs.gap.log.parts import FIT_A, FIT_B
 from sealegs.gap.log.sidecar import read_sidecar
 from sealegs.gap.log.types import MeasuredRun
 from sealegs.gap.replay.frames import check_frames
-from sealegs.gap.replay.free import FreeProblem, free_problem
 from sealegs.gap.replay.joint_model import JointModel
-from sealegs.gap.replay.tree import held_terms, joint_of_tree, not_free, terms_of
+from sealegs.gap.replay.tree import held_terms, not_free
 from sealegs.gap.search.fit import fit
 from sealegs.gap.search.result import Search
 from sealegs.gap.search.windows import split
@@ -31,18 +30,9 @@ from sealegs.gap.verdict.measure import whole_fit
 from testbed.arm import ARMS, mjcf
 from testbed.bench import NOISE_FLOOR
 from testbed.logs import hidden_arm
+from tests.logged_robots import free_replay as problem
+from tests.logged_robots import nominal_error as error
 from tests.logged_robots import robot
-
-
-def problem(run: MeasuredRun, joint: str) -> FreeProblem:
-    machine = robot(run)
-    terms = terms_of(machine, joint, [run])
-    model = joint_of_tree(machine, joint, load_chain(run.actuators[joint]), [run], terms)
-    return free_problem([run], joint, [model], cut([run], joint), {"position": 1.0 / NOISE_FLOOR}, terms)
-
-
-def error(replayed: FreeProblem) -> float:
-    return float(np.sqrt(np.mean(replayed.position_error(replayed.simulate([{}], 1e-3)[0]) ** 2)))
 
 
 @pytest.mark.parametrize("sign", [1.0, -1.0])

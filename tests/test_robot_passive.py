@@ -11,14 +11,12 @@ import pytest
 from sealegs.actuators.chain import load_chain
 from sealegs.actuators.errors import SealegsError
 from sealegs.gap.diagnose import diagnose
-from sealegs.gap.log.parts import cut
 from sealegs.gap.log.types import MeasuredRun, MeasuredSet
-from sealegs.gap.replay.free import free_problem
-from sealegs.gap.replay.tree import held_still, joint_of_tree, motion_of, not_free, terms_of
+from sealegs.gap.replay.tree import held_still, motion_of, not_free
 
 from testbed.bench import NOISE_FLOOR
 from testbed.logs import hidden_arm
-from tests.logged_robots import robot
+from tests.logged_robots import free_replay, nominal_error, robot
 
 MIMIC = (
     '<body name="mirror_link" pos="0 -0.18 0"><joint name="mirror" axis="0 0 1"/>'
@@ -59,10 +57,7 @@ def replay_error(run: MeasuredRun, joint: str) -> float:
     machine = robot(run)
     chain = load_chain(run.actuators[joint])
     assert not_free(machine, joint, [run], chain.armature()) is None
-    terms = terms_of(machine, joint, [run])
-    model = joint_of_tree(machine, joint, chain, [run], terms)
-    replayed = free_problem([run], joint, [model], cut([run], joint), {"position": 1.0 / NOISE_FLOOR}, terms)
-    return float(np.sqrt(np.mean(replayed.position_error(replayed.simulate([{}], 1e-3)[0]) ** 2)))
+    return nominal_error(free_replay(run, joint))
 
 
 def columns(run: MeasuredRun) -> dict[str, Any]:

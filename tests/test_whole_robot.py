@@ -12,16 +12,13 @@ from sealegs.actuators.chain import load_chain
 from sealegs.envs.extended import Change, Extended, Mounted
 from sealegs.gap.load.robot import Frame, LoggedRobot
 from sealegs.gap.load.tree import Motion, terms_along
-from sealegs.gap.log.parts import cut
 from sealegs.gap.log.types import MeasuredRun, MeasuredSet
 from sealegs.gap.output.robot_extension import in_frame, of_robot
 from sealegs.gap.output.robot_mjcf import write_robot
-from sealegs.gap.replay.free import free_problem
-from sealegs.gap.replay.tree import joint_of_tree, terms_of
 from sealegs.gap.replay.whole import replay_whole, whole, why_not_whole
 
 from testbed.bench import NOISE_FLOOR
-from tests.logged_robots import JOINTS, robot, two_link_run
+from tests.logged_robots import JOINTS, free_replay, nominal_error, robot, two_link_run
 
 
 @pytest.fixture(scope="module")
@@ -98,12 +95,7 @@ def test_springs_and_weight_compensation_of_a_file_act_on_a_joint_as_in_the_engi
     machine = robot(run)
     readings = replay_whole(whole(machine, {j: item.chain for j, item in chains(run, machine).items()}), run)
     run = replace(run, joints={j: replace(log, position=readings[j]) for j, log in run.joints.items()})
-    for joint in JOINTS:
-        terms = terms_of(machine, joint, [run])
-        model = joint_of_tree(machine, joint, load_chain(run.actuators[joint]), [run], terms)
-        problem = free_problem([run], joint, [model], cut([run], joint), {"position": 1.0 / NOISE_FLOOR}, terms)
-        error = problem.position_error(problem.simulate([{}])[0])
-        assert float(np.sqrt(np.mean(error**2))) < 2.0 * NOISE_FLOOR
+    assert all(nominal_error(free_replay(run, joint)) < 2.0 * NOISE_FLOOR for joint in JOINTS)
 
 
 def test_a_robot_with_a_joint_that_nothing_commands_is_not_simulated_as_a_whole(recorded: MeasuredRun) -> None:

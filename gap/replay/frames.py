@@ -83,12 +83,9 @@ def check_frames(robot: LoggedRobot, runs: Sequence[MeasuredRun], models: Mappin
             left = [_left(robot, torques, {**best, name: one}) for one in near]
             best[name] = other[name] = near[int(np.argmin(left))]
         findings.append(_doubted(other, here, _left(robot, torques, best)))
-    reference = _left(robot, torques, best if other else believed)
-    silent = [
-        name
-        for name in names
-        if name not in other and not _shows(robot, torques, best if other else believed, name, reference)
-    ]
+    likely = best if other else believed
+    reference = _left(robot, torques, likely)
+    silent = [n for n in names if n not in other and not _shows(robot, torques, likely, n, reference)]
     if silent:
         findings.append(_unknown(silent))
     return findings
