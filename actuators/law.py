@@ -51,7 +51,7 @@ def _by_opcode(half: str, arguments: str, otherwise: str) -> Any:
     lines.append(f"    return {otherwise}")
     names["__name__"] = __name__
     exec(compile("\n".join(lines), __file__, "exec"), names)
-    return compiled()(names[half])
+    return compiled(forceinline=half == "act")(names[half])
 
 
 start_stage = _by_opcode("start", "p, i, s, m, goal", "goal")
@@ -172,7 +172,7 @@ def torque(p, s, time, goal, q, w, external, first):
     return concluded(p, s, time, q, value, first)
 
 
-@compiled()
+@compiled(forceinline=True)
 def torque_of_stages(stages, p, s, time, goal, q, w, external, first):
     """:func:`torque` with the stages of :func:`stages_of`."""
     sense(p, s, q, w, external)

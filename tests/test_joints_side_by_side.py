@@ -37,12 +37,14 @@ def test_joints_are_diagnosed_side_by_side_and_one_whose_process_dies_again(tmp_
         joints = side_by_side(dies_in_a_process, (), ["a", "b", "c"], (), request, 2, found.append)
     assert [joint.joint for joint in joints] == ["a", "b", "c"]
     assert {joint.joint for joint in found} == {"a", "b", "c"} and any("without a result" in text for text in told)
+    assert "a: at work on a" in told
 
 
 def dies_in_a_process(
     runs: Sequence[MeasuredRun], joint: str, findings: Sequence[Finding], request: Request
 ) -> JointDiagnosis:
-    del runs, findings, request
+    del runs, findings
+    request.progress(f"at work on {joint}")
     if joint == "b" and multiprocessing.parent_process() is not None:
         os._exit(1)
     return refuse(joint, Refused(joint, "it is only a test"))

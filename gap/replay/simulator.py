@@ -33,10 +33,11 @@ ELASTIC_STEP = 1e-3  # [s] largest step with a spring between motor and link, wh
 # [s] with play, whose teeth meet for a few milliseconds, and with firmware that switches: it must when the machine does
 EVENT_STEP = 2.5e-4
 SWITCHING = tuple(name for name, stage in STAGES.items() if stage.switches)
+NEAR = 0.5  # [rad] below which sines are summed up from their series
 CHANNELS = ("position", "link_position", "duty", "current")
 
 
-@compiled()
+@compiled(forceinline=True)
 def combine(k, row, e):
     """Fill what a joint of a robot works against at one sample (E_SIZE,) from its terms there (T_COLUMNS,)."""
     e[E_POSITION], e[E_SPEED] = row[0], row[1]
@@ -49,7 +50,17 @@ def combine(k, row, e):
         )
 
 
-@compiled()
+@compiled(forceinline=True)
+def sine_and_rise(x):
+    """``sin(x)`` and ``1 - cos(x)``; where the joint is near its measured angle by their series, within 1e-11."""
+    if abs(x) > NEAR:
+        return math.sin(x), 1.0 - math.cos(x)
+    y = x * x
+    sine = x * (1.0 + y * (-1.0 / 6.0 + y * (1.0 / 120.0 + y * (-1.0 / 5040.0 + y / 362880.0))))
+    return sine, y * (0.5 + y * (-1.0 / 24.0 + y * (1.0 / 720.0 + y * (-1.0 / 40320.0 + y / 3628800.0))))
+
+
+@compiled(forceinline=True)
 def load_torque(k, e, q, w):
     """Torque of all but the actuator and the link's own acceleration on the link [N.m]: gravity and stop; of a joint of
     a robot also what its other joints do to it (``e``, see :func:`combine`).
@@ -63,7 +74,8 @@ def load_torque(k, e, q, w):
         away = q - e[E_POSITION]
         value = -e[E_BIAS] - e[E_DRAG] * (w - e[E_SPEED])
         if k[K.tree] == 1.0:
-            value -= e[E_SLOPE] * math.sin(away) + e[E_CURVE] * (1.0 - math.cos(away))
+            sine, rise = sine_and_rise(away)
+            value -= e[E_SLOPE] * sine + e[E_CURVE] * rise
         else:
             value -= e[E_SLOPE] * away
     if q > k[K.stop]:
@@ -73,7 +85,7 @@ def load_torque(k, e, q, w):
     return value
 
 
-@compiled()
+@compiled(forceinline=True)
 def coupling_torque(k, twist, rate):
     """Torque that spring or teeth pass from motor to link [N.m]."""
     play = k[K.half_play]
@@ -86,7 +98,7 @@ def coupling_torque(k, twist, rate):
     return k[K.damping] * rate if play == 0.0 else 0.0
 
 
-@compiled()
+@compiled(forceinline=True)
 def drive(acting, p, k, s, time, goal, on, q, w, external, first):
     """Torque on the motor side without dry friction, which is left in ``S_LIMIT`` [N.m].
 
@@ -98,7 +110,7 @@ def drive(acting, p, k, s, time, goal, on, q, w, external, first):
     return value - k[K.viscous] * w
 
 
-@compiled()
+@compiled(forceinline=True)
 def slide(acting, p, k, e, s, x, time, span, goal, on, first):
     """Advance motor and link ``x = [q, w, link q, link w]`` by ``span`` seconds.
 

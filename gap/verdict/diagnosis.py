@@ -5,6 +5,7 @@ from __future__ import annotations
 import logging
 from collections.abc import Callable, Sequence
 from dataclasses import replace
+from functools import partial
 
 from ...actuators.chain import Chain
 from ...actuators.errors import SealegsError
@@ -45,7 +46,7 @@ from .pieces import cut_joint, frame_findings, named_chain
 from .recorded import recording_reasons
 from .refusal import refuse
 from .request import Request
-from .robot import with_robot
+from .robot import Asked, with_robot
 from .torque import diagnose_torque
 from .unseen_range import unseen_range
 from .verdict import NOT_IDENTIFIABLE, PARTLY, WITHDRAWN, JointDiagnosis, data_errors, rivals_of
@@ -100,7 +101,7 @@ def diagnose(
         found.append(_kept(GROUND, "the ground", (), request, lambda: _diagnose_ground(runs, found, request)))
         done(found[-1])
     if (robot := robot_of(runs[0])) is not None:
-        before, found = found, _with_robot(robot, runs, findings, found, request)
+        before, found = found, _with_robot(robot, runs, findings, found, request, workers)
         for joint in found:
             if all(joint is not other for other in before):  # of the robot, or judged again
                 done(joint)
@@ -113,11 +114,12 @@ def _with_robot(
     findings: Sequence[Finding],
     found: list[JointDiagnosis],
     request: Request,
+    workers: int | None,
 ) -> list[JointDiagnosis]:
     """What joints share, and the joints in its light; what was found of single joints where its numbers fail."""
 
-    def again(joint: str, more: Sequence[Array], note: Finding) -> JointDiagnosis:
-        return diagnose_joint(runs, joint, [*findings, note], request, more)
+    def again(asked: Asked) -> list[JointDiagnosis]:
+        return side_by_side(partial(_again, asked), runs, list(asked), findings, request, workers, lambda joint: None)
 
     try:
         return with_robot(robot, runs, found, request, again)
@@ -130,6 +132,14 @@ def _with_robot(
         said = f"{why}; what was found of each joint stands. Please report it with the log."
         fault = Finding("search.fault", "warning", None, None, said[0].upper() + said[1:])
         return [replace(joint, findings=(*joint.findings, fault)) for joint in found]
+
+
+def _again(
+    asked: Asked, runs: Sequence[MeasuredRun], joint: str, findings: Sequence[Finding], request: Request
+) -> JointDiagnosis:
+    """The diagnosis of a joint with what the robot was found to have."""
+    more, note = asked[joint]
+    return diagnose_joint(runs, joint, [*findings, note], request, more)
 
 
 def _whatever_happens(

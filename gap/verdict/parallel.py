@@ -4,22 +4,27 @@ from __future__ import annotations
 
 import multiprocessing
 import os
+import queue
 from collections.abc import Callable, Iterator, Sequence
-from concurrent.futures import Future, ProcessPoolExecutor
+from concurrent.futures import FIRST_COMPLETED, Future, ProcessPoolExecutor, wait
 from concurrent.futures.process import BrokenProcessPool
 from contextlib import contextmanager
-from dataclasses import replace
+from dataclasses import dataclass, replace
+from multiprocessing.context import SpawnContext
+from multiprocessing.managers import SyncManager
 from pathlib import Path
+from typing import Any
 
 from ...actuators.processes import cores, end_with_parent
 from ..log.finding import Finding
-from ..log.progress import Milestone
+from ..log.progress import Milestone, Progress
 from ..log.types import MeasuredRun
 from ..search.journal import keeping, kept_at
 from .request import Request
 from .verdict import JointDiagnosis
 
 WAITING = "OMP_WAIT_POLICY"
+TOLD_EVERY = 0.2  # [s] a person sees what joints are at
 MANY = 3  # joints from which processes pay for what it costs to start them
 Diagnose = Callable[[Sequence[MeasuredRun], str, Sequence[Finding], Request], JointDiagnosis]
 """Diagnoses one joint of runs; a function of a module, so that another process finds it."""
@@ -49,20 +54,29 @@ def side_by_side(
     workers = (cores() if len(joints) >= MANY else 1) if workers is None else workers
     if min(workers, len(joints)) < 2:
         return [_told(diagnose(runs, joint, findings, request), done) for joint in joints]
-    fits, quiet = kept_at(), replace(request, progress=_quiet)
+    fits, size = kept_at(), min(workers, len(joints))
     threads = _threads()  # all for each: as joints are done, the others have the cores to themselves
     found: dict[str, JointDiagnosis] = {}
-    request.progress(f"diagnosing {len(joints)} joints, {min(workers, len(joints))} at a time")
+    request.progress(f"diagnosing {len(joints)} joints, {size} at a time")
     context, before = multiprocessing.get_context("spawn"), set(multiprocessing.active_children())
-    size = min(workers, len(joints))
-    with _waiting_asleep(), ProcessPoolExecutor(size, context, _begin, (threads,)) as pool:
-        asked: dict[str, Future[JointDiagnosis]] = {
-            joint: pool.submit(_one, diagnose, runs, joint, findings, quiet, fits) for joint in joints
-        }
+    with (
+        _waiting_asleep(),
+        _lines(context) as said,
+        ProcessPoolExecutor(size, context, _begin, (threads,)) as pool,
+    ):
+        asked: dict[Future[JointDiagnosis], str] = {}
+        for joint in joints:
+            own = replace(request, progress=Said(joint, said))
+            asked[pool.submit(_one, diagnose, runs, joint, findings, own, fits)] = joint
         try:
-            for joint, future in asked.items():
-                found[joint] = _told(future.result(), done)
-                request.progress(Milestone(f"{joint}: {found[joint].verdict}"))
+            left = set(asked)
+            while left:
+                ended, left = wait(left, TOLD_EVERY, FIRST_COMPLETED)
+                _tell(said, request.progress)
+                for future in ended:
+                    joint = asked[future]
+                    found[joint] = _told(future.result(), done)
+                    request.progress(Milestone(f"{joint}: {found[joint].verdict}"))
         except BrokenProcessPool:
             request.progress("a process ended without a result; going on in this one")
         except BaseException:  # also when the person stops it
@@ -88,8 +102,43 @@ def _told(joint: JointDiagnosis, done: Callable[[JointDiagnosis], None]) -> Join
     return joint
 
 
-def _quiet(text: str) -> None:
-    del text
+@dataclass(frozen=True)
+class Said:
+    """What a joint is at, on its way to the process that asked for it.
+
+    Attributes:
+        joint: its name.
+        queue: on which it goes.
+    """
+
+    joint: str
+    queue: Any
+
+    def __call__(self, text: str) -> None:
+        line = f"{self.joint}: {text}"
+        self.queue.put(Milestone(line) if isinstance(text, Milestone) else line)
+
+
+@contextmanager
+def _lines(context: SpawnContext) -> Iterator[Any]:
+    """A queue between processes, whose own ends with this one."""
+    manager = SyncManager(ctx=context)
+    manager.start(_ends_with_parent)
+    with manager:
+        yield manager.Queue()
+
+
+def _ends_with_parent() -> None:
+    end_with_parent(lambda: os._exit(1))
+
+
+def _tell(said: Any, progress: Progress) -> None:
+    """Hand on what joints said since the last time."""
+    while True:
+        try:
+            progress(said.get_nowait())
+        except queue.Empty:
+            return
 
 
 @contextmanager
@@ -105,7 +154,7 @@ def _waiting_asleep() -> Iterator[None]:
 
 
 def _begin(threads: int) -> None:
-    end_with_parent(lambda: os._exit(1))
+    _ends_with_parent()
     from numba import get_num_threads, set_num_threads
 
     set_num_threads(min(threads, get_num_threads()))

@@ -22,8 +22,10 @@ from .verdict import JointDiagnosis, rivals_of
 
 SHARED = "robot.shared"
 """Code of the finding that says with what of the whole robot a joint is judged."""
-Again = Callable[[str, Sequence[Array], Finding], JointDiagnosis]
-"""Diagnoses a joint again: its name, what is added to its terms in each run, and the finding that says so."""
+Asked = Mapping[str, tuple[Sequence[Array], Finding]]
+"""Joints to be diagnosed again: what is added to their terms in each run, and the finding that says so."""
+Again = Callable[[Asked], Sequence[JointDiagnosis]]
+"""Diagnoses joints again, in their order."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -48,7 +50,7 @@ def with_robot(
         runs: of it.
         found: about each joint.
         request: what was asked for.
-        again: diagnoses a joint again.
+        again: diagnoses joints again.
     """
     joints = _joints(found, request.search)
     named = {d.joint: [cause.name for cause in d.causes] for d in found}
@@ -74,18 +76,16 @@ def with_robot(
     if not any(cause.confidence >= THRESHOLDS.sure for cause in measured.causes):  # what joints say stands
         return list(found)
     said = ", ".join(f"{number} {value:.3g}" for number, value in values.items())
-    judged = []
+    asked = {}
     for diagnosis in found:
-        more = sought.more(diagnosis.joint, values)
-        if more is None:
-            judged.append(diagnosis)
-            continue
-        request.progress(f"judging {diagnosis.joint} with what the robot was found to have")
-        note = Finding(
-            SHARED, "note", diagnosis.joint, None,
-            f"'{diagnosis.joint}' is judged with what was found of the whole robot: {said}.",
-        )  # fmt: skip
-        judged.append(_beside(again(diagnosis.joint, more, note), diagnosis))
+        joint = diagnosis.joint
+        if (more := sought.more(joint, values)) is not None:
+            sentence = f"'{joint}' is judged with what was found of the whole robot: {said}."
+            asked[joint] = more, Finding(SHARED, "note", joint, None, sentence)
+    if asked:
+        request.progress(f"judging {', '.join(asked)} with what the robot was found to have")
+    now = {diagnosis.joint: diagnosis for diagnosis in again(asked)} if asked else {}
+    judged = [_beside(now[one.joint], one) if one.joint in now else one for one in found]
     return [*judged, _of_robot(sought, measured, values)]
 
 
