@@ -152,7 +152,7 @@ def rows_of(case: str, data: Path, kept: Path) -> Iterator[dict[str, Any]]:
     if known.keys() >= data_set.runs[0].joints.keys():
         yield from known.values()
         return
-    began = time.perf_counter()
+    whole = began = time.perf_counter()
     fresh: list[dict[str, Any]] = []
 
     def keep(found: JointDiagnosis) -> None:
@@ -165,7 +165,8 @@ def rows_of(case: str, data: Path, kept: Path) -> Iterator[dict[str, Any]]:
 
     found = diagnose(data_set, done=keep, workers=None)
     seconds = {item["joint"]: item["seconds"] for item in reversed(fresh)}  # of the first time it was judged
-    final = [row(case, joint, seconds.get(joint.joint, 0.0)) for joint in found]  # with what joints share
+    spent = {} if known else {"whole": time.perf_counter() - whole}
+    final = [row(case, joint, seconds.get(joint.joint, 0.0)) | spent for joint in found]  # with what joints share
     lines = [item for item in done if item["case"] != case] + final
     kept.write_text("".join(json.dumps(item) + "\n" for item in lines), encoding="utf-8")
     yield from final
@@ -207,6 +208,10 @@ def page(rows: list[dict[str, Any]]) -> str:
         unit = f"m{item['unit']}"
         cells = (item["case"], item["joint"], item["verdict"], f"{size} {unit}", f"{floor} {unit}", causes or "-")
         lines.append(f"| {' | '.join(cells)} | {item['seconds']:.0f} |")
+    whole = {item["case"]: item["whole"] for item in rows if "whole" in item}
+    lines += ["", "Whole diagnoses, on all cores: "] if whole else []
+    if whole:
+        lines[-1] += ", ".join(f"{case} {seconds:.0f} s" for case, seconds in whole.items()) + "."
     return "\n".join(lines) + "\n"
 
 
