@@ -359,9 +359,11 @@ def _log(deployment: Deployment, port: str, registers: Mapping[str, Mapping[str,
     config, robot, commands = deployment.config, deployment.robot, deployment.commands
     now = datetime.datetime.now().astimezone()
     name = config["name"] or f"{commands.name}-{now:%Y%m%d-%H%M%S}"
-    folder = Path(str(config["out"] or Path("logs") / robot.robot.name))
+    real = config["hw"]["virtual"] is None
+    # what was simulated never lies among what was measured: one diagnosis reads a whole folder
+    folder = Path(str(config["out"] or Path("logs") / (robot.robot.name if real else f"{robot.robot.name}-virtual")))
     meta = {
-        "machine": "servos" if config["hw"]["virtual"] is None else "virtual bus",
+        "machine": "servos" if real else "virtual bus",
         "date": now.isoformat(timespec="seconds"),
         "command": commands.description,
         "rate": deployment.rate,
@@ -376,7 +378,7 @@ def _log(deployment: Deployment, port: str, registers: Mapping[str, Mapping[str,
         "registers": registers,
     }
     # the load of a virtual bench is known; of a real one, only what somebody says
-    simulated = config["hw"]["virtual"] is not None and robot.robot.name == BENCH.name
+    simulated = not real and robot.robot.name == BENCH.name
     params = robot.robot.parameters(robot.params) if simulated else robot.params
     word = robot.robot.name if robot.robot.file is None else os.path.relpath(robot.robot.file.path, folder.absolute())
     sidecar = make_sidecar(word, params, robot.belief, meta)

@@ -61,6 +61,14 @@ def test_a_policy_runs_and_its_log_says_everything(
     assert "never overwritten" in capsys.readouterr().err
 
 
+def test_what_a_virtual_bus_did_does_not_lie_among_what_was_measured(
+    policy: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    assert run(f"policy={policy}", "name=run", "duration=0.2") == 0
+    assert [str(file.relative_to(tmp_path)) for file in tmp_path.rglob("run.csv")] == ["logs/bench-virtual/run.csv"]
+
+
 @pytest.mark.long
 def test_what_a_diagnosis_proposes_is_run_and_can_be_diagnosed(tmp_path: Path) -> None:
     proposal = tmp_path / "next_experiment.csv"

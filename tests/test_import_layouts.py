@@ -367,3 +367,11 @@ def test_cells_with_their_unit_and_sample_periods_are_read(tmp_path: Path) -> No
     path = table(tmp_path, {"dt_ms": 10.0 + 0 * TIME, **DEG}, "dt.csv")
     texts, asked, _ = texts_of(path)
     assert texts["time"] == "cumsum(dt_ms)*1e-3" and not asked
+
+
+def test_a_letter_of_physics_beside_its_unit_is_of_no_joint(tmp_path: Path) -> None:
+    """A current ``elbow_I_mA`` was of a joint 'elbow I', and left out."""
+    columns = {"t": TIME, "elbow_goal_rad": M["goal"], "elbow_pos_rad": M["smooth"], "elbow_I_mA": 300 * M["velocity"]}
+    texts, asked, shown = texts_of(table(tmp_path, columns))
+    assert not asked, shown
+    assert "elbow_I_mA" in texts["elbow.current"]

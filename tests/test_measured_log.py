@@ -241,3 +241,10 @@ def test_a_base_that_is_measured_in_six_directions_reads_back(tmp_path: Path) ->
     run = read_measured(tmp_path / "run.csv").runs[0]
     assert list(run.base) == ["body.x", "body.yaw", "body_z"] and list(run.host) == ["leg_status"]
     assert run.base["body.yaw"].tolist() == [2.0, 2.5] and list(run.joints) == ["leg"]
+
+
+def test_a_folder_of_folders_names_one_that_can_be_read(tmp_path: Path) -> None:
+    for servo in ("left", "right"):
+        write_run(sine_run(), tmp_path / servo)
+    with pytest.raises(LogError, match=r"holds no measured log.*such as \S*left, or all 2 as a fleet"):
+        read_measured(tmp_path)

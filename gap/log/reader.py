@@ -53,7 +53,10 @@ def log_files(path: Path) -> list[Path]:
     if path.is_dir():
         files = sorted(file for file in path.iterdir() if file.suffix in ENDINGS and not file.name.startswith("."))
         if not files:
-            raise LogError(f"{path}: holds no measured log (no file ending in {' or '.join(ENDINGS)})")
+            below = sorted({str(file.parent) for end in ENDINGS for file in path.glob(f"[!.]*/*{end}")})
+            more = f", or all {len(below)} as a fleet with fleet=true" if len(below) > 1 else ""
+            hint = f"; give the folder in it that does, such as {below[0]}{more}" if below else ""
+            raise LogError(f"{path}: holds no measured log (no file ending in {' or '.join(ENDINGS)}){hint}")
     elif not path.is_file():
         raise LogError(
             f"{path}: no such file or folder; give a measured log or a folder of them, as sealegs deploy and sealegs "

@@ -38,8 +38,10 @@ def size(value: float, unit: str) -> str:
 
 
 def certainty(causes: Sequence[NamedCause]) -> str:
-    least = min(cause.confidence for cause in causes)
-    return f"confidence {'at least ' if len(causes) > 1 else ''}{int(100 * min(least, 0.99) + 1e-9)} %"
+    """Of one cause its confidence; of several the least and the largest."""
+    told = sorted(int(100 * min(cause.confidence, 0.99) + 1e-9) for cause in causes)
+    low, high = told[0], told[-1]
+    return f"confidence {low} %" if low == high else f"confidence {low} to {high} %"
 
 
 def subject(causes: Sequence[NamedCause]) -> str:
