@@ -2,16 +2,21 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping, Sequence
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from sealegs.actuators import load_chain
 from sealegs.gap.causes.cause import Cause
+from sealegs.gap.load.tree import TreeLoad
 from sealegs.gap.log.parts import cut
 from sealegs.gap.log.types import JointLog, MeasuredRun
 from sealegs.gap.replay.axis import Axis
 from sealegs.gap.replay.free import FreeProblem, free_problem
 from sealegs.gap.replay.joint_model import JointModel
 from sealegs.gap.replay.parameters import address, factor
+from sealegs.gap.replay.terms import T_COLUMNS, T_OWN, T_SIZE
 from sealegs.gap.search.sketch import sketch
 from sealegs.gap.search.structure import fine
 from sealegs.gap.shared.problem import RobotModel, RobotProblem
@@ -81,3 +86,29 @@ def test_a_robot_is_searched_in_all_of_its_data() -> None:
     """A sketch of it was to replace its units, which are those of its joints: a long log ended in a traceback."""
     whole = robot(shoulder=joint(1e-3), elbow=joint(1e-3))
     assert sketch(whole, 0.1) is whole
+
+
+def test_a_joint_is_replayed_once_however_much_else_is_turned(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Each fit of what a robot shares began with the same replays of every joint."""
+    bench = joint(1e-3)
+    row = np.zeros((len(bench.time), T_COLUMNS))
+    row[:, T_OWN] = 0.01  # [kg.m2]
+    models = tuple(replace(model, load=TreeLoad()) for model in bench.models)
+    joints = {name: replace(bench, terms=row, models=models) for name in ("shoulder", "elbow")}
+    number = "body.arm.mass_factor"
+    more = {number: {"elbow": np.full((len(row), T_SIZE), 0.02)}}
+    whole = RobotProblem(joints, more, (RobotModel(joints, {number: 1.0}, {number: "1"}),))
+    variants: list[dict[str, float]] = [{number: 1.0}, {number: 1.0, "elbow|friction.coulomb*": 3.0}, {number: 1.5}]
+    expected = [replace(whole).simulate([one])[0] for one in variants]  # each with no memory of another
+    asked: list[int] = []
+    simulate = FreeProblem.simulate
+
+    def counted(self: FreeProblem, variants: Sequence[Mapping[str, float]], step: float | None = None) -> np.ndarray:
+        asked.append(len(variants))
+        return simulate(self, variants, step)
+
+    monkeypatch.setattr(FreeProblem, "simulate", counted)
+    for _ in range(2):
+        assert whole.simulate(variants) == pytest.approx(np.array(expected), nan_ok=True)
+    assert sum(asked) == 1 + 3, "the shoulder once, the elbow for each"
+    assert not np.allclose(expected[0], expected[1]) and not np.allclose(expected[0], expected[2])

@@ -9,7 +9,7 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
-from typing import Self
+from typing import Any, Self
 
 import numpy as np
 
@@ -24,6 +24,14 @@ from ..search.correlated import excess
 
 SMOOTHING = 0.03
 """What is left, of a number, of the smoothing of measured accelerations: 1 to 4 % on steps of an independent arm."""
+
+
+MOST_KEPT = 2**27
+"""Bytes of replays that are kept for the next fit."""
+Own = tuple[tuple[str, float], ...]
+"""Numbers of one joint by path, without its name."""
+Shared = tuple[tuple[str, float], ...]
+"""Numbers of the robot that change something at one joint."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -64,6 +72,22 @@ class Stacked:
     judged: np.ndarray
     starts: np.ndarray
     slices: dict[str, slice]
+
+
+class Replays(dict[tuple[Any, ...], Array]):
+    """Channels of one joint (n, 4) by what was asked for, as much as memory may hold."""
+
+    def add(self, found: Mapping[tuple[Any, ...], Array]) -> None:
+        """Keep more of them."""
+        self.update({asked: row.copy() for asked, row in found.items()})
+
+    def forget(self) -> None:
+        """Drop the oldest ones beyond what memory may hold."""
+        held = sum(row.nbytes for row in self.values())
+        for asked in list(self):
+            if held <= MOST_KEPT:
+                return
+            held -= self.pop(asked).nbytes
 
 
 @dataclass(frozen=True, eq=False)
@@ -204,21 +228,37 @@ class RobotProblem:
         return replace(self, joints={name: problem.with_step_factor(factor) for name, problem in self.joints.items()})
 
     def simulate(self, variants: Sequence[Mapping[str, float]], step: float | None = None) -> np.ndarray:
-        """Channels (v, n, 4) of every variant; what is alike for a joint is replayed once."""
+        """Channels (v, n, 4) of every variant; what is alike for a joint is replayed once.
+
+        A number turns one joint, or what all share: of the many variants that a fit asks for, and the next fit again,
+        most joints have few.
+        """
         out = np.empty((len(variants), len(self.time), len(self.channels)))
         for name, problem in self.joints.items():
-            asked: dict[tuple, dict[tuple, tuple[dict[str, float], list[int]]]] = {}
+            asked: dict[Shared, dict[Own, list[int]]] = {}
             for k, values in enumerate(variants):
-                own = {at.own: x for at, x in ((address(path), x) for path, x in values.items()) if at.joint == name}
-                shared = tuple((path, x) for path, x in values.items() if name in self.rows.get(path, {}))
-                alike = asked.setdefault(shared, {}).setdefault(tuple(own.items()), (own, []))
-                alike[1].append(k)
+                addresses = ((address(path), x) for path, x in values.items())
+                own = tuple((at.own, x) for at, x in addresses if at.joint == name)
+                shared = tuple(
+                    (path, x)
+                    for path, x in values.items()
+                    if name in self.rows.get(path, {}) and x != self.models[0].neutral[path]
+                )
+                asked.setdefault(shared, {}).setdefault(own, []).append(k)
             for shared, each in asked.items():
-                moved = replace(problem, terms=self.terms(name, dict(shared)))
-                found = moved.simulate([own for own, _ in each.values()], step)
-                for row, (_, numbers) in zip(found, each.values(), strict=True):
-                    out[numbers, self._slices[name]] = row
+                fresh = [own for own in each if (name, shared, own, step) not in self._kept]
+                if fresh:
+                    moved = replace(problem, terms=self.terms(name, dict(shared)))
+                    found = moved.simulate([dict(own) for own in fresh], step)
+                    self._kept.add({(name, shared, own, step): row for own, row in zip(fresh, found, strict=True)})
+                for own, numbers in each.items():
+                    out[numbers, self._slices[name]] = self._kept[(name, shared, own, step)]
+            self._kept.forget()
         return out
+
+    @cached_property
+    def _kept(self) -> Replays:
+        return Replays()
 
     def terms(self, joint: str, shared: Mapping[str, float]) -> np.ndarray:
         """What a joint works against with other numbers of the robot (n, T_COLUMNS)."""
