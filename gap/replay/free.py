@@ -13,7 +13,7 @@ from ..log.types import MeasuredRun
 from .joint_model import JointModel
 from .joint_replay import JointReplay
 from .layout import lay_out
-from .problem import JointProblem
+from .problem import OF_A_ROBOT, JointProblem
 from .simulator import CHANNELS, replay_many
 from .steps import ROBOT_STEP, STEPS
 from .terms import T_COLUMNS
@@ -58,6 +58,10 @@ class FreeProblem(JointReplay):
     def steps(self) -> tuple[float, ...]:
         """A longer one first at a joint of a robot, whose log is coarser and longer than that of a bench [s]."""
         return STEPS if self.terms is None else (ROBOT_STEP, *STEPS)
+
+    def systematic_error(self, path: str) -> float:
+        """Relative error of a number that columns and simulation share in all data."""
+        return super().systematic_error(path) if self.terms is None else OF_A_ROBOT
 
     def picture(self, named: str) -> str:
         """The one that the cause names."""

@@ -15,6 +15,9 @@ from .joint_model import JointModel
 CALIBRATION = 0.01
 """Relative error that columns and simulation share in all data of a joint: assumed."""
 
+OF_A_ROBOT = 0.02
+"""The same of a joint of a robot, whose file and whose other joints have errors of their own: assumed."""
+
 NOISE_FLOORS = "noise floors"
 """Unit of errors of joints whose own units differ: each in parts of its joint's noise."""
 
