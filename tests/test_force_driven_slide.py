@@ -7,7 +7,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 from sealegs.actuators.chain import load_chain
-from sealegs.gap.causes.catalogue import adjustable
+from sealegs.gap.causes.catalogue import adjustable, catalogue
 from sealegs.gap.load.tree import TreeLoad
 from sealegs.gap.log.arrays import measured_set
 from sealegs.gap.log.types import MeasuredSet
@@ -73,3 +73,12 @@ def test_a_joint_that_a_torque_drives_may_have_a_bias_where_gravity_does_not_hol
     held = JointModel(load_chain(CHAIN), TreeLoad(typical_inertia=1.0, typical_gravity=9.0), axis=Axis(effort=50.0))
     servo = JointModel(load_chain([{"ideal": {"stiffness": 10.0, "damping": 0.1}}]))
     assert not [p for model in (held, servo) for p in adjustable(model) if p.number == "offset.value"]
+
+
+def test_periods_of_a_slide_are_told_per_metre_and_their_phase_in_rad() -> None:
+    """Of a carriage that goes 0.25 m, teeth were sought in periods longer than that, and a phase was given in m."""
+    slide = JointModel(load_chain(CHAIN), TreeLoad(), axis=Axis(slide=True, low=0.0, high=0.25, effort=50.0))
+    (cause,) = catalogue(slide, ("friction.position_dependent",))
+    for amplitude, count, phase in cause.variants:
+        assert (amplitude.unit, count.unit, phase.unit) == ("N", "rad/m", "rad")
+        assert count.low * 0.25 > 2.0 and (phase.low, phase.high) == (-9.0, 9.0)

@@ -19,6 +19,7 @@ LINEAR = (
     ("N.m/A = V.s/rad", "N/A = V.s/m"),
     ("s/rad", "s/m"),
     ("1/rad", "1/m"),
+    ("1/turn", "rad/m"),
     ("rad/s2", "m/s2"),
     ("rad/s", "m/s"),
     ("N.m", "N"),
@@ -73,7 +74,7 @@ class Axis:
 
     def scaled(self, parameter: Parameter) -> Parameter:
         """A parameter of a hinge as it is of this axis: unit, and bounds by how far the axis goes."""
-        if not self.slide:
+        if not self.slide or parameter.phase:
             return parameter
         unit = self.unit(parameter.unit)
         size = 1.0 if parameter.factor else self.reach ** POWER.get(parameter.unit, 0)
@@ -88,6 +89,6 @@ class Axis:
         )
 
 
-POWER = {"rad": 1, "rad/s": 1, "rad/s2": 1, "N.m.s/rad": -1, "N.m/rad": -1, "N.m.s2/rad2": -2}
+POWER = {"1/turn": -1, "rad": 1, "rad/s": 1, "rad/s2": 1, "N.m.s/rad": -1, "N.m/rad": -1, "N.m.s2/rad2": -2}
 """With which power of the reach numbers in these units grow, torques being given by the effort already."""
 ROTATION = Axis()
