@@ -152,16 +152,23 @@ def search_shared(
     )
     tables = {number: {j: laid(found, problems[j]) for j, found in each.items()} for number, each in rows.items()}
     problem = RobotProblem(dict(problems), tables, (model,))
-    sought: list[SharedFound] = []
     own = {joint: _own(found) for joint, found in searches.items()}
     plain = {joint: _friction(problems[joint], found) for joint, found in searches.items()}
-    for beside in (own, plain):  # what a joint was said to have may only have stood in for what all of them share
+    rotors = {joint: _rotor(problem) for joint, problem in problems.items()}
+    tries = [(own, 0), (plain, 0)]  # what a joint was said to have may only have stood in for what all of them share
+    if more := sum(map(len, rotors.values())):
+        tries.append(({joint: merge(numbers, rotors[joint]) for joint, numbers in plain.items()}, more))
+    sought: list[SharedFound] = []
+    charged: list[float] = []
+    for beside, more in tries:
         tuned = tuple(p.of_joint(joint) for joint, numbers in beside.items() for p in numbers)
         search = Searcher(problem, _causes(wide), tuned, progress, seed, settings, look_on).run()
         sought.append(SharedFound(problem, search, tuned, rows))
+        charged.append(sought[-1].loss() * (1.0 + settings.parameter_charge * more))
         if search.rounds and search.rounds[-1].excess < settings.far:
             break
-    return min((item for item in sought if item.search.accepted), key=SharedFound.loss, default=sought[0])
+    taken = [k for k, item in enumerate(sought) if item.search.accepted]
+    return sought[min(taken, key=charged.__getitem__, default=0)]
 
 
 def laid(rows: Sequence[Array], problem: JointProblem) -> Array:
@@ -180,6 +187,13 @@ def _friction(problem: JointProblem, search: Search) -> list[Parameter]:
     nominal = problem.models[0]
     plain = [ENTRIES[name] for name in PLAIN if ENTRIES[name].applies(nominal)]
     return merge(search.tuned, *(entry.cause(nominal).variants[0] for entry in plain))
+
+
+def _rotor(problem: JointProblem) -> list[Parameter]:
+    """The rotor's inertia where a torque is commanded: a robot's file has none of it, and no motor's data say it."""
+    nominal = problem.models[0]
+    inertia = ENTRIES["load.inertia"]
+    return list(inertia.cause(nominal).variants[0]) if nominal.by_torque and inertia.applies(nominal) else []
 
 
 @dataclass(frozen=True)
