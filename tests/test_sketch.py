@@ -9,7 +9,9 @@ import numpy as np
 import pytest
 from sealegs.actuators import load_chain
 from sealegs.gap.causes.catalogue import catalogue
-from sealegs.gap.log.parts import FIT_A, FIT_B, Unit
+from sealegs.gap.log.parts import FIT_A, FIT_B, Unit, cut
+from sealegs.gap.log.types import JointLog, MeasuredRun
+from sealegs.gap.replay.free import free_problem
 from sealegs.gap.replay.joint_model import JointModel
 from sealegs.gap.search import forward
 from sealegs.gap.search.fit import Fit
@@ -17,7 +19,7 @@ from sealegs.gap.search.forward import Searcher
 from sealegs.gap.search.settings import DEFAULT
 from sealegs.gap.search.sketch import sketch, spread
 
-from tests.smooth_bench import CHAIN
+from tests.smooth_bench import CHAIN, PARAMS
 
 RATE = 50  # [1/s]
 PIECE, WARM = 6.0, 1.5  # [s]
@@ -74,6 +76,23 @@ def test_what_several_joints_share_is_sought_in_all_of_their_data() -> None:
     """Its units are those of its joints, and no field that can be replaced."""
     robot = replace(long_log(40), joint=None)
     assert sketch(robot, 30.0) is robot
+
+
+@pytest.mark.parametrize("short", [sketch, spread])
+def test_of_long_runs_pieces_of_each_are_kept(short: Any) -> None:
+    """Of eight motions of two minutes two whole ones were kept, four minutes of the thirty seconds asked for."""
+    time = np.arange(0.0, 120.0, 1.0 / RATE)
+    log = JointLog(np.sin(time), np.sin(time - 0.05))
+    runs = [
+        MeasuredRun(f"run{k}", time, {"servo": log}, {}, "bench", dict(PARAMS), {"servo": CHAIN}, {"group": str(k)})
+        for k in range(8)
+    ]
+    models = [JointModel(load_chain(CHAIN))] * 8
+    whole = free_problem(runs, "servo", models, cut(runs, "servo", "run7"), {"position": 1e3})
+    kept = short(whole.part(FIT_A, FIT_B), 30.0)
+    assert len({unit.run for unit in kept.units}) >= 4
+    assert 15.0 * RATE < kept.judged.sum() < 45.0 * RATE
+    assert kept.judged.sum() > 0.6 * len(kept.time)
 
 
 @pytest.mark.parametrize(("place", "tries"), [(0, 2), (-1, 1)])

@@ -22,9 +22,17 @@ def recorded(seconds: float, link: bool = False) -> MeasuredRun:
     [(1.5, False, 0.1), (10.0, False, 0.4), (60.0, False, 1.0), (10.0, True, 1.25), (60.0, True, 1.5)],
 )
 def test_what_came_before_a_run_is_forgotten_before_it_is_judged(seconds: float, link: bool, unjudged: float) -> None:
-    runs = [recorded(seconds, link) for _ in range(6)]
+    runs = [replace(recorded(seconds, link), meta={"group": str(k % 3)}) for k in range(6)]
     for unit in cut(runs, "servo"):
         assert runs[unit.run].time[unit.judged] == pytest.approx(unjudged, abs=0.01)
+
+
+@pytest.mark.parametrize(("seconds", "whole"), [(12.0, True), (60.0, False)])
+def test_each_part_gets_of_every_run_that_is_long(seconds: float, whole: bool) -> None:
+    """Of eight motions of a public arm, the limit of the acceleration showed in one part, and was no cause in both."""
+    runs = [recorded(seconds) for _ in range(8)]
+    parts = [{unit.part for unit in cut(runs, "servo") if unit.run == k} for k in range(8)]
+    assert all(len(of_run) == (1 if whole else 3) for of_run in parts)
 
 
 @pytest.mark.parametrize("seconds", [8.0, 60.0])

@@ -4,13 +4,15 @@ from __future__ import annotations
 
 import math
 from dataclasses import replace
-from typing import TypeVar
+from typing import TypeVar, cast
 
-from ..log.parts import FIT_A, FIT_B
-from ..replay.problem import Problem
+from ..log.parts import FIT_A, FIT_B, WARM_UP
+from ..replay.problem import JointProblem, Problem
 from ..replay.steps import STEPS
 from .settings import SearchSettings
+from .windows import split
 
+PIECE = 5.0  # [s] into which runs are cut that are longer than all that is kept
 SKETCHED = -1  # label of the pieces that are kept
 DROPPED = -2  # and of those that are not, where the others keep theirs
 
@@ -33,6 +35,7 @@ def sketch(problem: AnyProblem, seconds: float) -> AnyProblem:
     every = math.floor(length / seconds)
     if every < 2:
         return problem
+    problem = _in_pieces(problem, seconds)
     kept = set[int]()
     for part, first in ((FIT_A, 0), (FIT_B, every // 2)):
         mine = [k for k, unit in enumerate(problem.units) if unit.part == part]
@@ -58,12 +61,23 @@ def spread(problem: AnyProblem, seconds: float) -> AnyProblem:
     every = math.floor(length / seconds)
     if every < 2:
         return problem
+    problem = _in_pieces(problem, seconds)
     kept, parts = set[int](), {unit.part for unit in problem.units}
     for part in parts:
         mine = [k for k, unit in enumerate(problem.units) if unit.part == part]
         kept |= set(mine[(every - 1) // 2 :: every] or mine[:1])
     units = tuple(unit if k in kept else replace(unit, part=DROPPED) for k, unit in enumerate(problem.units))
     return replace(problem, units=units).part(*parts)
+
+
+def _in_pieces(problem: AnyProblem, seconds: float) -> AnyProblem:
+    """A joint's problem with its runs cut into pieces, where they are longer than all that is kept: one motion of
+    several says little of the others.
+    """
+    longest = max(float(problem.time[b - 1] - problem.time[a]) for a, b in _judged(problem))
+    if problem.joint is not problem or longest <= seconds:
+        return problem
+    return cast(AnyProblem, split(cast(JointProblem, problem), PIECE, WARM_UP))
 
 
 def coarsened(problem: AnyProblem, settings: SearchSettings) -> AnyProblem:

@@ -58,10 +58,13 @@ def window_starts(time: np.ndarray, window: float = WINDOW) -> np.ndarray:
     return np.searchsorted(time, np.arange(time[0], time[-1] - SHORTEST, window))
 
 
-def split(problem: Joint, window: float = WINDOW) -> Joint:
-    """Cut every unit into windows, each judged from :data:`sealegs.gap.log.parts.LEAST_START` after its start on.
+def split(problem: Joint, window: float = WINDOW, lead: float = LEAST_START) -> Joint:
+    """Cut every unit into windows, each judged from ``lead`` [s] after its start on; the first from where the unit was.
 
-    The first one is judged from where the unit was.
+    Args:
+        problem: of one joint.
+        window: length of each [s].
+        lead: what is replayed and not judged [s].
     """
     units: list[Unit] = []
     starts: list[int] = []
@@ -71,11 +74,11 @@ def split(problem: Joint, window: float = WINDOW) -> Joint:
         time, position = problem.time[first:end], problem.measured[first:end, 0]
         cuts = [*(int(k) for k in window_starts(time, window)), end - first]
         for a, b in itertools.pairwise(cuts):
-            lead = int(np.searchsorted(time, time[a] + LEAST_START)) if a > 0 else unit.judged
-            judged[first + a : first + lead] = False
-            group[first + a : first + lead] = -1
+            ready = int(np.searchsorted(time, time[a] + lead)) if a > 0 else unit.judged
+            judged[first + a : first + ready] = False
+            group[first + a : first + ready] = -1
             state = state_at(time, position, a) if a > 0 else unit.state
-            units.append(Unit(unit.run, unit.part, unit.start + a, unit.start + b, max(lead - a, 1), state))
+            units.append(Unit(unit.run, unit.part, unit.start + a, unit.start + b, max(ready - a, 1), state))
             starts.append(int(first) + a)
     return replace(
         problem,
