@@ -8,6 +8,7 @@ import threading
 from collections.abc import Callable, Sequence
 from functools import partial
 from multiprocessing.connection import Connection
+from multiprocessing.managers import SyncManager
 from pathlib import Path
 from types import SimpleNamespace
 from typing import Any
@@ -21,7 +22,7 @@ from sealegs.gap.log.types import MeasuredRun
 from sealegs.gap.search.journal import keeping
 from sealegs.gap.verdict.columns import chosen
 from sealegs.gap.verdict.evidence import Refused
-from sealegs.gap.verdict.parallel import side_by_side
+from sealegs.gap.verdict.parallel import Said, side_by_side
 from sealegs.gap.verdict.refusal import refuse
 from sealegs.gap.verdict.request import Request
 from sealegs.gap.verdict.verdict import JointDiagnosis
@@ -34,19 +35,47 @@ def test_joints_are_diagnosed_side_by_side_and_one_whose_process_dies_again(tmp_
     found, told = [], []
     request = Request(progress=told.append)
     with keeping(tmp_path / "fits.jsonl"):
-        joints = side_by_side(dies_in_a_process, (), ["a", "b", "c"], (), request, 2, found.append)
+        joints = side_by_side(dict.fromkeys("abc", dies_in_a_process), (), (), request, 2, found.append)
     assert [joint.joint for joint in joints] == ["a", "b", "c"]
     assert {joint.joint for joint in found} == {"a", "b", "c"} and any("without a result" in text for text in told)
-    assert "a: at work on a" in told
 
 
 def dies_in_a_process(
     runs: Sequence[MeasuredRun], joint: str, findings: Sequence[Finding], request: Request
 ) -> JointDiagnosis:
-    del runs, findings
-    request.progress(f"at work on {joint}")
+    del runs, findings, request
     if joint == "b" and multiprocessing.parent_process() is not None:
         os._exit(1)
+    return refuse(joint, Refused(joint, "it is only a test"))
+
+
+@pytest.mark.long
+@pytest.mark.parametrize("lost", [False, True])
+def test_what_joints_are_at_is_told_and_no_diagnosis_needs_it(monkeypatch: pytest.MonkeyPatch, lost: bool) -> None:
+    """A queue that could not be had, or whose process was killed, took all joints with it."""
+    told: list[str] = []
+    if lost:
+        monkeypatch.setattr(SyncManager, "start", raising(EOFError()))
+    joints = side_by_side(dict.fromkeys("abc", says), (), (), Request(progress=told.append), 2, lambda joint: None)
+    assert [joint.joint for joint in joints] == ["a", "b", "c"]
+    assert ("a: at work on a" in told) is not lost
+    monkeypatch.undo()
+    ended = multiprocessing.get_context("spawn").Manager()
+    said = Said("a", ended.Queue())
+    ended.shutdown()
+    said("into the void")
+
+
+def raising(error: BaseException) -> Any:
+    def fails(*given: Any) -> None:
+        raise error
+
+    return fails
+
+
+def says(runs: Sequence[MeasuredRun], joint: str, findings: Sequence[Finding], request: Request) -> JointDiagnosis:
+    del runs, findings
+    request.progress(f"at work on {joint}")
     return refuse(joint, Refused(joint, "it is only a test"))
 
 
@@ -64,7 +93,7 @@ def test_processes_of_joints_end_with_a_program_that_is_killed(tmp_path: Path) -
 def diagnoses_for_ever(folder: Path) -> None:
     request = Request()
     with keeping(folder / "fits.jsonl"):
-        side_by_side(partial(waits_for_ever, folder), (), ["a", "b", "c"], (), request, 2, lambda joint: None)
+        side_by_side(dict.fromkeys("abc", partial(waits_for_ever, folder)), (), (), request, 2, lambda joint: None)
 
 
 def waits_for_ever(

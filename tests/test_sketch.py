@@ -83,15 +83,14 @@ def test_of_long_runs_pieces_of_each_are_kept(short: Any) -> None:
     """Of eight motions of two minutes two whole ones were kept, four minutes of the thirty seconds asked for."""
     time = np.arange(0.0, 120.0, 1.0 / RATE)
     log = JointLog(np.sin(time), np.sin(time - 0.05))
-    runs = [
-        MeasuredRun(f"run{k}", time, {"servo": log}, {}, "bench", dict(PARAMS), {"servo": CHAIN}, {"group": str(k)})
-        for k in range(8)
-    ]
+    runs = [MeasuredRun(f"run{k}", time, {"servo": log}, {}, "bench", dict(PARAMS), {"servo": CHAIN}) for k in range(8)]
     models = [JointModel(load_chain(CHAIN))] * 8
     whole = free_problem(runs, "servo", models, cut(runs, "servo", "run7"), {"position": 1e3})
     kept = short(whole.part(FIT_A, FIT_B), 30.0)
     assert len({unit.run for unit in kept.units}) >= 4
-    assert 15.0 * RATE < kept.judged.sum() < 45.0 * RATE
+    assert 30.0 * RATE <= kept.judged.sum() < 50.0 * RATE
+    ends = zip(kept.units, kept.starts[:-1], kept.starts[1:], strict=True)
+    assert all(kept.judged[a:b].any() and unit.judged < b - a for unit, a, b in ends)
     assert kept.judged.sum() > 0.6 * len(kept.time)
 
 

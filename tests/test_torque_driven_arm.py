@@ -72,6 +72,50 @@ def arm(folder: Path) -> MeasuredSet:
     return measured_set([moved(seed) for seed in (1, 2, 3)], sidecar, "two")
 
 
+def pendulum(folder: Path, ripple: float) -> MeasuredSet:
+    """One joint of 0.4 kg at 0.15 m whose dry friction is 0.1 N.m, more and less seven times a turn."""
+    path = folder / "one.xml"
+    path.write_text(
+        """<mujoco model="one"><worldbody><body><joint name="hinge" axis="0 1 0"/>
+        <inertial pos="0 0 -0.15" mass="0.4" diaginertia="1e-3 1e-3 1e-3"/></body></worldbody></mujoco>""",
+        encoding="utf-8",
+    )
+    inertia, runs = 1e-3 + 0.4 * 0.15**2, []
+    for seed in range(3):
+        rng = np.random.default_rng(seed)
+        rate, phase = rng.uniform(1.5, 6.0, 3), rng.uniform(0.0, 6.0, 3)
+        time = np.arange(0.0, 6.0, STEP)
+        q, v, command, torque, position = 0.0, 0.0, 0.0, [], []
+        for k, now in enumerate(time):
+            if k % EVERY == 0:
+                command = 3.0 * (0.4 * float(np.sin(rate * now + phase).sum()) - q) - 0.1 * v
+                torque.append(command)
+                position.append(q)
+            driven = v + STEP * (command - 0.4 * GRAVITY * 0.15 * np.sin(q)) / inertia
+            stops = STEP * (0.1 + ripple * np.cos(7.0 * q + 1.0)) / inertia
+            v = driven - np.clip(driven, -stops, stops)
+            q += STEP * v
+        read = np.array(position) + rng.normal(0.0, 2e-4, len(position))
+        runs.append({"time": time[::EVERY], "hinge.torque_command": np.array(torque), "hinge.position": read})
+    return measured_set(runs, {"robot": str(path), "actuators": {"hinge": CHAIN}}, "one")
+
+
+@pytest.mark.long
+@pytest.mark.parametrize("ripple", [0.0, 0.04])
+def test_friction_that_changes_with_the_angle_is_named_beside_the_dry_friction_that_it_changes(
+    ripple: float, tmp_path: Path
+) -> None:
+    """Tried with friction of its own, it took the place of what was found before, and left 58 mrad in place of 0.3."""
+    (found,) = diagnose(pendulum(tmp_path, ripple), causes=["friction.coulomb", "friction.position_dependent"])
+    values = {number: v.value for cause in found.causes for number, v in cause.parameters.items()}
+    assert values["friction.coulomb"] == pytest.approx(0.1, rel=0.1)
+    assert [cause.name for cause in found.causes][1:] == ["friction.position_dependent"] * (ripple > 0.0)
+    if ripple:
+        assert values["friction.ripple"] == pytest.approx(ripple, rel=0.15)
+        assert values["friction.ripple_count"] == pytest.approx(7.0, abs=0.1)
+    assert found.gap["extended"].rmse < 1e-2
+
+
 @pytest.mark.long
 def test_inertias_about_the_joints_are_told_from_rotors_that_no_file_holds(tmp_path: Path) -> None:
     """Of a public arm, 0.61 of what the file had too much was named: rotors had hidden the rest."""

@@ -27,12 +27,16 @@ def test_what_came_before_a_run_is_forgotten_before_it_is_judged(seconds: float,
         assert runs[unit.run].time[unit.judged] == pytest.approx(unjudged, abs=0.01)
 
 
-@pytest.mark.parametrize(("seconds", "whole"), [(12.0, True), (60.0, False)])
+@pytest.mark.parametrize(("seconds", "whole"), [(12.0, True), (70.0, False)])
 def test_each_part_gets_of_every_run_that_is_long(seconds: float, whole: bool) -> None:
     """Of eight motions of a public arm, the limit of the acceleration showed in one part, and was no cause in both."""
     runs = [recorded(seconds) for _ in range(8)]
     parts = [{unit.part for unit in cut(runs, "servo") if unit.run == k} for k in range(8)]
     assert all(len(of_run) == (1 if whole else 3) for of_run in parts)
+    mixed = [*runs[:7], recorded(70.0)]
+    found = cut(mixed, "servo")
+    assert {unit.part for unit in found if unit.run == 7} == {FIT_A, FIT_B, TEST}
+    assert all(len([unit for unit in found if unit.run == k]) == 1 for k in range(7)) or not whole
 
 
 @pytest.mark.parametrize("seconds", [8.0, 60.0])

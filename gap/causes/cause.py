@@ -38,6 +38,7 @@ class Needs:
         torque: where the motor's motion is prescribed, a measured torque.
         claimed_load: a load that somebody claims to know; nobody can be wrong about one that is unknown.
         temperature_range: a temperature that changes.
+        dry_friction: of the nominal model or found before: alone, what modulates it would be friction at some angles.
     """
 
     free_link: bool = False
@@ -45,6 +46,7 @@ class Needs:
     torque: bool = False
     claimed_load: bool = False
     temperature_range: bool = False
+    dry_friction: bool = False
 
     def met_by(self, view: View) -> bool:
         """Whether a replay can show it; the temperature is up to the log."""

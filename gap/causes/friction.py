@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 from ..replay.joint_model import JointModel
 from ..replay.parameters import Parameter
 from .cause import Cause, Limit, Needs
@@ -117,7 +119,6 @@ def presliding(nominal: JointModel) -> Cause:
 
 @entry("friction.position_dependent")
 def position_dependent(nominal: JointModel) -> Cause:
-    """A model without dry friction gets it with its ripple, which alone would be friction at some angles only."""
     top = stall_torque(nominal)
     amplitude = Parameter("friction.ripple", "N.m", 0.0, 0.5 * top, 0.02 * top, 0.02 * top)
     phase = Parameter("friction.ripple_phase", "rad", -9.0, 9.0, 0.0, 0.5, phase=True)
@@ -125,12 +126,11 @@ def position_dependent(nominal: JointModel) -> Cause:
     counts = [
         Parameter("friction.ripple_count", "1/turn", n - 0.5, n + 0.5, float(n), 0.3, shape=True) for n in RIPPLE_COUNTS
     ]
-    mean = () if nominal.value("friction.coulomb") > 0.0 else coulomb(nominal).variants[0]
     return Cause(
         sentence="Friction changes with the angle, as teeth mesh.",
         picture="residual_against_position",
-        variants=tuple((amplitude, count, phase, *mean) for count in counts),
-        needs=SHOWN,
+        variants=tuple((amplitude, count, phase) for count in counts),
+        needs=replace(SHOWN, dry_friction=True),
         degenerates_to=Limit(
             "friction.coulomb", "the joint moves by much less than a period", "friction.ripple_count", by_range=True
         ),

@@ -19,7 +19,7 @@ SWING = 0.125  # of a run that is not judged at its start where the link hangs o
 PIECES = 4  # a run is cut into at least, where there are too few runs to hold whole ones out
 PIECE = 6.0  # [s] that a piece takes at most, about: what changes along a run, as in a chirp, is in every part
 ENOUGH_RUNS = 6
-LONG = 30.0  # [s] from which runs are cut however many there are: each part needs what only one of them shows
+LONG = 60.0  # [s] from which runs are cut however many there are: each part needs what only one of them shows
 FIT_A, FIT_B, TEST = 0, 1, 2
 
 
@@ -47,8 +47,8 @@ def cut(runs: Sequence[MeasuredRun], joint: str, test_group: str | None = None) 
     """Cut runs into units and deal them out.
 
     Whole runs (or groups of runs, where the sidecars name them and there are at least three) are dealt out if there
-    are enough short ones; else pieces of runs, shifted from run to run so that each part gets every excitation. A
-    single run beside the test group is cut into pieces as well.
+    are enough; else, and of a long run without a group, pieces, shifted from run to run so that each part gets every
+    excitation. A single run beside the test group is cut into pieces as well.
 
     Args:
         runs: of one machine.
@@ -77,15 +77,19 @@ def cut(runs: Sequence[MeasuredRun], joint: str, test_group: str | None = None) 
                 units.append(_unit(runs, k, joint, order[k] % 2 if k in order else TEST, 0.0, 1.0))
         return units
     windows = all("excerpt" in run.meta for run in runs)
-    longest = max(float(run.time[-1] - run.time[0]) for run in runs)
-    named = 3 <= len(names) < len(runs)
-    if len(runs) >= (3 if windows else ENOUGH_RUNS) and (named or windows or longest < LONG):
-        if named:
+    least = max(PIECES, -(-ENOUGH_RUNS // len(runs)))
+    if len(runs) >= (3 if windows else ENOUGH_RUNS):
+        if 3 <= len(names) < len(runs):
             return [_unit(runs, k, joint, names.index(g) % 3, 0.0, 1.0) for k, g in enumerate(groups)]
         if windows:  # of long logs were dealt out as they were chosen
             return [_unit(runs, k, joint, int(run.meta["excerpt"]), 0.0, 1.0) for k, run in enumerate(runs)]
-        return [_unit(runs, k, joint, (k + k // 3) % 3, 0.0, 1.0) for k in range(len(runs))]
-    least = max(PIECES, -(-ENOUGH_RUNS // len(runs)))
+        dealt: list[Unit] = []
+        for k, run in enumerate(runs):
+            if run.time[-1] - run.time[0] < LONG:
+                dealt.append(_unit(runs, k, joint, (k + k // 3) % 3, 0.0, 1.0))
+            else:
+                dealt += _pieces(runs, k, joint, least, 3, k)
+        return dealt
     return [unit for k in range(len(runs)) for unit in _pieces(runs, k, joint, least, 3, k)]
 
 

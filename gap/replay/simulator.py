@@ -56,8 +56,9 @@ def sine_and_rise(x):
     if abs(x) > NEAR:
         return math.sin(x), 1.0 - math.cos(x)
     y = x * x
-    sine = x * (1.0 + y * (-1.0 / 6.0 + y * (1.0 / 120.0 + y * (-1.0 / 5040.0 + y / 362880.0))))
-    return sine, y * (0.5 + y * (-1.0 / 24.0 + y * (1.0 / 720.0 + y * (-1.0 / 40320.0 + y / 3628800.0))))
+    sine = 1.0 / 120.0 + y * (-1.0 / 5040.0 + y * (1.0 / 362880.0 - y / 39916800.0))
+    rise = 1.0 / 720.0 + y * (-1.0 / 40320.0 + y / 3628800.0)
+    return x * (1.0 + y * (y * sine - 1.0 / 6.0)), y * (0.5 + y * (y * rise - 1.0 / 24.0))
 
 
 @compiled(forceinline=True)

@@ -204,8 +204,8 @@ class Searcher:
             left: its loss per value beyond that of the noise.
         """
         settings = self.settings
-        taken = {candidate.cause.key for candidate in accepted} | self.replaced
         extended = merge(self.tuned, *(candidate.variant for candidate in accepted))
+        taken = {candidate.cause.key for candidate in accepted} | self.replaced | self.without_friction(extended)
         here = middle(*current.fits)
         screened = screen(self.sketch, [c for c in self.shown if c.key not in taken], extended, here, settings)
         if not self.look_on and not decide.promising(left, screened.promise, settings):
@@ -267,6 +267,13 @@ class Searcher:
                 if as_good and not edge and at_bound(candidate):
                     kept.remove(candidate)
         return [one for one in kept if not any(elaborates(one, other, self.settings) for other in kept)]
+
+    def without_friction(self, turned: Sequence[Parameter]) -> set[str]:
+        """Causes that change dry friction, where there is none: neither nominal nor turned."""
+        asked = [cause.key for cause in self.shown if cause.needs.dry_friction]
+        dry = "friction.coulomb"
+        has = not asked or any(p.number == dry for p in turned) or self.nominal.value(dry) > 0.0
+        return set() if has else set(asked)
 
     def repeats(self, count: float) -> bool:
         """Whether the joint visits enough of what comes so many times a turn for it to be told from a constant."""

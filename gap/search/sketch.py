@@ -10,7 +10,7 @@ from ..log.parts import FIT_A, FIT_B, WARM_UP
 from ..replay.problem import JointProblem, Problem
 from ..replay.steps import STEPS
 from .settings import SearchSettings
-from .windows import split
+from .windows import hidden_state, split
 
 PIECE = 5.0  # [s] into which runs are cut that are longer than all that is kept
 SKETCHED = -1  # label of the pieces that are kept
@@ -31,11 +31,10 @@ def sketch(problem: AnyProblem, seconds: float) -> AnyProblem:
     """
     if problem.joint is None:
         return problem
-    length = sum(float(problem.time[b - 1] - problem.time[a]) for a, b in _judged(problem))
-    every = math.floor(length / seconds)
-    if every < 2:
+    if _length(problem) < 2.0 * seconds:
         return problem
     problem = _in_pieces(problem, seconds)
+    every = max(math.floor(_length(problem) / seconds), 1)
     kept = set[int]()
     for part, first in ((FIT_A, 0), (FIT_B, every // 2)):
         mine = [k for k, unit in enumerate(problem.units) if unit.part == part]
@@ -53,15 +52,10 @@ def spread(problem: AnyProblem, seconds: float) -> AnyProblem:
         problem: with pieces in parts.
         seconds: length of what is judged of the parts that are fitted, about; the log is not thinned below it.
     """
-    length = sum(
-        float(problem.time[b - 1] - problem.time[a])
-        for unit, (a, b) in zip(problem.units, _judged(problem), strict=True)
-        if unit.part in (FIT_A, FIT_B)
-    )
-    every = math.floor(length / seconds)
-    if every < 2:
+    if _length(problem, FIT_A, FIT_B) < 2.0 * seconds:
         return problem
     problem = _in_pieces(problem, seconds)
+    every = max(math.floor(_length(problem, FIT_A, FIT_B) / seconds), 1)
     kept, parts = set[int](), {unit.part for unit in problem.units}
     for part in parts:
         mine = [k for k, unit in enumerate(problem.units) if unit.part == part]
@@ -72,12 +66,24 @@ def spread(problem: AnyProblem, seconds: float) -> AnyProblem:
 
 def _in_pieces(problem: AnyProblem, seconds: float) -> AnyProblem:
     """A joint's problem with its runs cut into pieces, where they are longer than all that is kept: one motion of
-    several says little of the others.
+    several says little of the others. Not where a piece would begin with a state that no reading tells.
     """
     longest = max(float(problem.time[b - 1] - problem.time[a]) for a, b in _judged(problem))
-    if problem.joint is not problem or longest <= seconds:
+    if longest <= seconds or problem.free_joint is not problem:
         return problem
-    return cast(AnyProblem, split(cast(JointProblem, problem), PIECE, WARM_UP))
+    joint = cast(JointProblem, problem)
+    if any(hidden_state(joint, run) for run in range(len(joint.models))):
+        return problem
+    return cast(AnyProblem, split(joint, PIECE, WARM_UP))
+
+
+def _length(problem: Problem, *parts: int) -> float:
+    """How much of it is judged [s], of all parts or of some."""
+    return sum(
+        float(problem.time[b - 1] - problem.time[a])
+        for unit, (a, b) in zip(problem.units, _judged(problem), strict=True)
+        if not parts or unit.part in parts
+    )
 
 
 def coarsened(problem: AnyProblem, settings: SearchSettings) -> AnyProblem:

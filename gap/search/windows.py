@@ -39,7 +39,7 @@ def in_windows(problem: Joint, tuned: Sequence[Parameter], settings: SearchSetti
         tuned: what refitting may turn.
         settings: thresholds of the search.
     """
-    if any(_hidden_state(problem, run) for run in range(len(problem.models))):
+    if any(hidden_state(problem, run) for run in range(len(problem.models))):
         return problem
     part = problem.part(FIT_A, FIT_B)
     far = settings.window_error
@@ -53,9 +53,9 @@ def _off(part: JointProblem, simulated: np.ndarray) -> float:
     return float(np.sqrt(np.mean(part.position_error(simulated) ** 2))) / part.noise
 
 
-def window_starts(time: np.ndarray, window: float = WINDOW) -> np.ndarray:
-    """First sample of each window of a run, from its times (n,) [s]."""
-    return np.searchsorted(time, np.arange(time[0], time[-1] - SHORTEST, window))
+def window_starts(time: np.ndarray, window: float = WINDOW, shortest: float = SHORTEST) -> np.ndarray:
+    """First sample of each window of a run, from its times (n,) [s]; the last one is longer than ``shortest`` [s]."""
+    return np.searchsorted(time, np.arange(time[0], time[-1] - shortest, window))
 
 
 def split(problem: Joint, window: float = WINDOW, lead: float = LEAST_START) -> Joint:
@@ -72,7 +72,7 @@ def split(problem: Joint, window: float = WINDOW, lead: float = LEAST_START) -> 
     group = problem.group.copy()
     for unit, first, end in zip(problem.units, problem.starts[:-1], problem.starts[1:], strict=True):
         time, position = problem.time[first:end], problem.measured[first:end, 0]
-        cuts = [*(int(k) for k in window_starts(time, window)), end - first]
+        cuts = [*(int(k) for k in window_starts(time, window, max(SHORTEST, 2.0 * lead))), end - first]
         for a, b in itertools.pairwise(cuts):
             ready = int(np.searchsorted(time, time[a] + lead)) if a > 0 else unit.judged
             judged[first + a : first + ready] = False
@@ -90,7 +90,8 @@ def split(problem: Joint, window: float = WINDOW, lead: float = LEAST_START) -> 
     )
 
 
-def _hidden_state(problem: JointProblem, run: int) -> bool:
+def hidden_state(problem: JointProblem, run: int) -> bool:
+    """Whether a joint has a state that no reading tells: a link that gives way, or an integral."""
     model = problem.models[run]
     constants = model.constants(problem.params[run], model.chain.program())
     integral = model.chain.find("position_pi")

@@ -81,8 +81,13 @@ class Replays(dict[tuple[Any, ...], Array]):
         """Keep more of them."""
         self.update({asked: row.copy() for asked, row in found.items()})
 
+    def recalled(self, asked: tuple[Any, ...]) -> Array:
+        """What was asked for, which is the last to be dropped from now on."""
+        self[asked] = self.pop(asked)
+        return self[asked]
+
     def forget(self) -> None:
-        """Drop the oldest ones beyond what memory may hold."""
+        """Drop those that were not asked for for the longest time, beyond what memory may hold."""
         held = sum(row.nbytes for row in self.values())
         for asked in list(self):
             if held <= MOST_KEPT:
@@ -252,7 +257,7 @@ class RobotProblem:
                     found = moved.simulate([dict(own) for own in fresh], step)
                     self._kept.add({(name, shared, own, step): row for own, row in zip(fresh, found, strict=True)})
                 for own, numbers in each.items():
-                    out[numbers, self._slices[name]] = self._kept[(name, shared, own, step)]
+                    out[numbers, self._slices[name]] = self._kept.recalled((name, shared, own, step))
             self._kept.forget()
         return out
 

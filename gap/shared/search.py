@@ -167,6 +167,8 @@ def search_shared(
         charged.append(sought[-1].loss() * (1.0 + settings.parameter_charge * more))
         if search.rounds and search.rounds[-1].excess < settings.far:
             break
+        if len(sought) == 2 and min(one.search.record.steps[-1].round.excess for one in sought) < settings.far:
+            break  # no rotor is missing where what is left is small
     taken = [k for k, item in enumerate(sought) if item.search.accepted]
     return sought[min(taken, key=charged.__getitem__, default=0)]
 
@@ -190,10 +192,12 @@ def _friction(problem: JointProblem, search: Search) -> list[Parameter]:
 
 
 def _rotor(problem: JointProblem) -> list[Parameter]:
-    """The rotor's inertia where a torque is commanded: a robot's file has none of it, and no motor's data say it."""
+    """A rotor's inertia where a torque is commanded, beyond what the robot's file has: no motor's data say it."""
     nominal = problem.models[0]
     inertia = ENTRIES["load.inertia"]
-    return list(inertia.cause(nominal).variants[0]) if nominal.by_torque and inertia.applies(nominal) else []
+    if not (nominal.by_torque and inertia.applies(nominal)):
+        return []
+    return [replace(p, low=0.0) for p in inertia.cause(nominal).variants[0]]  # a rotor only adds
 
 
 @dataclass(frozen=True)

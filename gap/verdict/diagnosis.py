@@ -94,7 +94,7 @@ def diagnose(
         why = Refused("the log", stop.sentence)
         return [refuse(joint, why, findings, plan) for joint, plan in zip(joints, first, strict=True)]
     findings = [*findings, *frame_findings(runs, progress)]
-    found = side_by_side(_whatever_happens, runs, joints, findings, request, workers, done)
+    found = side_by_side(dict.fromkeys(joints, _whatever_happens), runs, findings, request, workers, done)
     if only is not None:
         return found
     if on_ground(runs):
@@ -119,7 +119,8 @@ def _with_robot(
     """What joints share, and the joints in its light; what was found of single joints where its numbers fail."""
 
     def again(asked: Asked) -> list[JointDiagnosis]:
-        return side_by_side(partial(_again, asked), runs, list(asked), findings, request, workers, lambda joint: None)
+        tasks = {joint: partial(_again, more, note) for joint, (more, note) in asked.items()}
+        return side_by_side(tasks, runs, findings, request, workers, lambda joint: None)
 
     try:
         return with_robot(robot, runs, found, request, again)
@@ -135,10 +136,14 @@ def _with_robot(
 
 
 def _again(
-    asked: Asked, runs: Sequence[MeasuredRun], joint: str, findings: Sequence[Finding], request: Request
+    more: Sequence[Array],
+    note: Finding,
+    runs: Sequence[MeasuredRun],
+    joint: str,
+    findings: Sequence[Finding],
+    request: Request,
 ) -> JointDiagnosis:
     """The diagnosis of a joint with what the robot was found to have."""
-    more, note = asked[joint]
     return diagnose_joint(runs, joint, [*findings, note], request, more)
 
 

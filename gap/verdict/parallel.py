@@ -5,10 +5,10 @@ from __future__ import annotations
 import multiprocessing
 import os
 import queue
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from concurrent.futures import FIRST_COMPLETED, Future, ProcessPoolExecutor, wait
 from concurrent.futures.process import BrokenProcessPool
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from dataclasses import dataclass, replace
 from multiprocessing.context import SpawnContext
 from multiprocessing.managers import SyncManager
@@ -24,6 +24,8 @@ from .request import Request
 from .verdict import JointDiagnosis
 
 WAITING = "OMP_WAIT_POLICY"
+LOST = (EOFError, OSError)
+"""What a queue raises whose own process is gone."""
 TOLD_EVERY = 0.2  # [s] a person sees what joints are at
 MANY = 3  # joints from which processes pay for what it costs to start them
 Diagnose = Callable[[Sequence[MeasuredRun], str, Sequence[Finding], Request], JointDiagnosis]
@@ -31,9 +33,8 @@ Diagnose = Callable[[Sequence[MeasuredRun], str, Sequence[Finding], Request], Jo
 
 
 def side_by_side(
-    diagnose: Diagnose,
+    tasks: Mapping[str, Diagnose],
     runs: Sequence[MeasuredRun],
-    joints: Sequence[str],
     findings: Sequence[Finding],
     request: Request,
     workers: int | None,
@@ -42,18 +43,18 @@ def side_by_side(
     """Diagnose joints, so many at a time; one whose process dies is diagnosed in this one.
 
     Args:
-        diagnose: of one joint.
-        runs, findings, request: what it is called with.
-        joints: their names.
+        tasks: what diagnoses each joint, by its name.
+        runs, findings, request: what they are called with.
         workers: processes; None: one per core where there are at least :data:`MANY` joints.
         done: is given each joint as soon as it is diagnosed.
 
     Returns:
-        The diagnoses in the order of ``joints``.
+        The diagnoses in the order of ``tasks``.
     """
+    joints = list(tasks)
     workers = (cores() if len(joints) >= MANY else 1) if workers is None else workers
     if min(workers, len(joints)) < 2:
-        return [_told(diagnose(runs, joint, findings, request), done) for joint in joints]
+        return [_told(diagnose(runs, joint, findings, request), done) for joint, diagnose in tasks.items()]
     fits, size = kept_at(), min(workers, len(joints))
     threads = _threads()  # all for each: as joints are done, the others have the cores to themselves
     found: dict[str, JointDiagnosis] = {}
@@ -65,7 +66,7 @@ def side_by_side(
         ProcessPoolExecutor(size, context, _begin, (threads,)) as pool,
     ):
         asked: dict[Future[JointDiagnosis], str] = {}
-        for joint in joints:
+        for joint, diagnose in tasks.items():
             own = replace(request, progress=Said(joint, said))
             asked[pool.submit(_one, diagnose, runs, joint, findings, own, fits)] = joint
         try:
@@ -87,7 +88,7 @@ def side_by_side(
     for joint in joints:
         if joint not in found:
             with keeping(_beside(fits, joint)):
-                found[joint] = _told(diagnose(runs, joint, findings, request), done)
+                found[joint] = _told(tasks[joint](runs, joint, findings, request), done)
     return [found[joint] for joint in joints]
 
 
@@ -108,7 +109,7 @@ class Said:
 
     Attributes:
         joint: its name.
-        queue: on which it goes.
+        queue: on which it goes; None where there is none. What is lost on it is no loss to the diagnosis.
     """
 
     joint: str
@@ -116,16 +117,25 @@ class Said:
 
     def __call__(self, text: str) -> None:
         line = f"{self.joint}: {text}"
-        self.queue.put(Milestone(line) if isinstance(text, Milestone) else line)
+        if self.queue is not None:
+            with suppress(*LOST):
+                self.queue.put(Milestone(line) if isinstance(text, Milestone) else line)
 
 
 @contextmanager
 def _lines(context: SpawnContext) -> Iterator[Any]:
-    """A queue between processes, whose own ends with this one."""
+    """A queue between processes, whose own ends with this one; None where it cannot be had."""
     manager = SyncManager(ctx=context)
-    manager.start(_ends_with_parent)
-    with manager:
-        yield manager.Queue()
+    try:
+        manager.start(_ends_with_parent)
+        lines = manager.Queue()
+    except LOST:
+        yield None
+        return
+    try:
+        yield lines
+    finally:
+        manager.shutdown()
 
 
 def _ends_with_parent() -> None:
@@ -134,11 +144,12 @@ def _ends_with_parent() -> None:
 
 def _tell(said: Any, progress: Progress) -> None:
     """Hand on what joints said since the last time."""
-    while True:
+    while said is not None:
         try:
-            progress(said.get_nowait())
-        except queue.Empty:
+            line = said.get_nowait()
+        except (queue.Empty, *LOST):
             return
+        progress(line)
 
 
 @contextmanager

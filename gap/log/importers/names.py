@@ -169,8 +169,6 @@ ONLY_UNIT = {
     "deg": "position", "rad": "position", "tick": "position", "rpm": "velocity", "N.m": "torque", "mA": "current",
     "A": "current", "V": "voltage", "mV": "voltage", "degC": "temperature",
 }  # fmt: skip
-SIGNS = {"current": ("i",), "voltage": ("u",)}
-"""Letters of physics beside a unit, which are of no joint: ``elbow_I_mA``."""
 ODRIVE = re.compile(r"(?:.*[._/])?(pos_estimate|input_pos|pos_setpoint|vel_estimate|input_vel|vel_setpoint)")
 """Names of ODrive, which counts turns."""
 SINGLE = frozenset(["s", "a", "n", "m", "v", "c", "t", "q"])
@@ -240,7 +238,8 @@ def said(name: str) -> Said:
         used.add(0)
     if not signal and unit in ONLY_UNIT:
         signal, how = ONLY_UNIT[unit], f"[{unit}]"
-        used |= {k for k, word in enumerate(low) if word in SIGNS.get(signal, ())}
+        if signal == "current" and low[-1:] == ["i"]:  # beside its unit, as in elbow_I_mA: of no joint
+            used.add(len(low) - 1)
     if not signal and not commanded and unit in ("", "V", "mV") and (named := [w for w in low if w in SUPPLY]):
         signal, how = "voltage", named[0]
         used |= {k for k, word in enumerate(low) if word in SUPPLY}
