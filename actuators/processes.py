@@ -24,3 +24,8 @@ def end_with_parent(end: Callable[[], object]) -> None:
         end()
 
     threading.Thread(target=wait, daemon=True).start()
+
+
+def exit_with_parent() -> None:
+    """End this process at once when the one that started it is gone."""
+    end_with_parent(lambda: os._exit(1))

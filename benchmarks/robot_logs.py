@@ -209,9 +209,9 @@ def page(rows: list[dict[str, Any]]) -> str:
         cells = (item["case"], item["joint"], item["verdict"], f"{size} {unit}", f"{floor} {unit}", causes or "-")
         lines.append(f"| {' | '.join(cells)} | {item['seconds']:.0f} |")
     whole = {item["case"]: item["whole"] for item in rows if "whole" in item}
-    lines += ["", "Whole diagnoses, on all cores: "] if whole else []
     if whole:
-        lines[-1] += ", ".join(f"{case} {seconds:.0f} s" for case, seconds in whole.items()) + "."
+        took = ", ".join(f"{case} {seconds:.0f} s" for case, seconds in whole.items())
+        lines += ["", f"Whole diagnoses, on all cores: {took}."]
     return "\n".join(lines) + "\n"
 
 

@@ -27,6 +27,7 @@ from sealegs.gap.verdict.refusal import refuse
 from sealegs.gap.verdict.request import Request
 from sealegs.gap.verdict.verdict import JointDiagnosis
 
+from tests.raising import raising
 from tests.waiting import wait_until
 
 
@@ -64,13 +65,6 @@ def test_what_joints_are_at_is_told_and_no_diagnosis_needs_it(monkeypatch: pytes
     said = Said("a", ended.Queue())
     ended.shutdown()
     said("into the void")
-
-
-def raising(error: BaseException) -> Any:
-    def fails(*given: Any) -> None:
-        raise error
-
-    return fails
 
 
 def says(runs: Sequence[MeasuredRun], joint: str, findings: Sequence[Finding], request: Request) -> JointDiagnosis:

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
 from types import SimpleNamespace
@@ -26,18 +25,12 @@ from sealegs.gap.verdict.verdict import Error, JointDiagnosis, NamedCause
 
 from testbed import hidden_hopper
 from tests.logged_robots import robot, two_link_run
+from tests.raising import raising
 
 
 def not_diagnosed(runs: Any, joint: str, *more: Any) -> JointDiagnosis:
     del runs, more
     return refuse(joint, Refused(joint, "it is only a test", usable=True))
-
-
-def raising(error: Exception) -> Callable[..., Any]:
-    def fails(*given: Any) -> Any:
-        raise error
-
-    return fails
 
 
 @pytest.mark.long

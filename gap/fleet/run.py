@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import multiprocessing
-import os
 import signal
 import time
 from collections.abc import Callable, Iterator, Sequence
@@ -11,7 +10,7 @@ from multiprocessing.connection import Connection, wait
 from typing import Any
 
 from ...actuators.errors import SealegsError
-from ...actuators.processes import cores, end_with_parent
+from ...actuators.processes import cores, exit_with_parent
 from .cluster import on_ray, ray_module
 from .jobs import Job, Outcome, Report, finished, remove_unfinished, run_job
 
@@ -122,7 +121,7 @@ def in_processes(
 def _work(job: Job, connection: Connection, joints: int) -> None:
     """Body of a worker process, with so many joints at a time: tells progress as text, and at last the outcome."""
     signal.signal(signal.SIGINT, signal.SIG_IGN)  # Ctrl-C is the parent's to handle
-    end_with_parent(lambda: os._exit(1))
+    exit_with_parent()
     from numba import get_num_threads, set_num_threads
 
     set_num_threads(min(joints, get_num_threads()))

@@ -77,20 +77,19 @@ def cut(runs: Sequence[MeasuredRun], joint: str, test_group: str | None = None) 
                 units.append(_unit(runs, k, joint, order[k] % 2 if k in order else TEST, 0.0, 1.0))
         return units
     windows = all("excerpt" in run.meta for run in runs)
-    least = max(PIECES, -(-ENOUGH_RUNS // len(runs)))
     if len(runs) >= (3 if windows else ENOUGH_RUNS):
         if 3 <= len(names) < len(runs):
             return [_unit(runs, k, joint, names.index(g) % 3, 0.0, 1.0) for k, g in enumerate(groups)]
         if windows:  # of long logs were dealt out as they were chosen
             return [_unit(runs, k, joint, int(run.meta["excerpt"]), 0.0, 1.0) for k, run in enumerate(runs)]
-        dealt: list[Unit] = []
-        for k, run in enumerate(runs):
-            if run.time[-1] - run.time[0] < LONG:
-                dealt.append(_unit(runs, k, joint, (k + k // 3) % 3, 0.0, 1.0))
-            else:
-                dealt += _pieces(runs, k, joint, least, 3, k)
-        return dealt
-    return [unit for k in range(len(runs)) for unit in _pieces(runs, k, joint, least, 3, k)]
+    least = max(PIECES, -(-ENOUGH_RUNS // len(runs)))
+    dealt: list[Unit] = []
+    for k, run in enumerate(runs):
+        if len(runs) >= ENOUGH_RUNS and run.time[-1] - run.time[0] < LONG:
+            dealt.append(_unit(runs, k, joint, (k + k // 3) % 3, 0.0, 1.0))
+        else:
+            dealt += _pieces(runs, k, joint, least, 3, k)
+    return dealt
 
 
 def held_out(runs: Sequence[MeasuredRun], group: str | None) -> frozenset[int]:

@@ -29,9 +29,7 @@ def sketch(problem: AnyProblem, seconds: float) -> AnyProblem:
         problem: with pieces to fit on.
         seconds: length of what is judged, about.
     """
-    if problem.joint is None:
-        return problem
-    if _length(problem) < 2.0 * seconds:
+    if problem.joint is None or _length(problem) < 2.0 * seconds:
         return problem
     problem = _in_pieces(problem, seconds)
     every = max(math.floor(_length(problem) / seconds), 1)
@@ -72,9 +70,7 @@ def _in_pieces(problem: AnyProblem, seconds: float) -> AnyProblem:
     if longest <= seconds or problem.free_joint is not problem:
         return problem
     joint = cast(JointProblem, problem)
-    if any(hidden_state(joint, run) for run in range(len(joint.models))):
-        return problem
-    return cast(AnyProblem, split(joint, PIECE, WARM_UP))
+    return problem if hidden_state(joint) else cast(AnyProblem, split(joint, PIECE, WARM_UP))
 
 
 def _length(problem: Problem, *parts: int) -> float:

@@ -39,7 +39,7 @@ def in_windows(problem: Joint, tuned: Sequence[Parameter], settings: SearchSetti
         tuned: what refitting may turn.
         settings: thresholds of the search.
     """
-    if any(hidden_state(problem, run) for run in range(len(problem.models))):
+    if hidden_state(problem):
         return problem
     part = problem.part(FIT_A, FIT_B)
     far = settings.window_error
@@ -90,8 +90,12 @@ def split(problem: Joint, window: float = WINDOW, lead: float = LEAST_START) -> 
     )
 
 
-def hidden_state(problem: JointProblem, run: int) -> bool:
-    """Whether a joint has a state that no reading tells: a link that gives way, or an integral."""
+def hidden_state(problem: JointProblem) -> bool:
+    """Whether a joint has, in any run, a state that no reading tells: a link that gives way, or an integral."""
+    return any(_hidden_state(problem, run) for run in range(len(problem.models)))
+
+
+def _hidden_state(problem: JointProblem, run: int) -> bool:
     model = problem.models[run]
     constants = model.constants(problem.params[run], model.chain.program())
     integral = model.chain.find("position_pi")

@@ -156,8 +156,8 @@ def search_shared(
     plain = {joint: _friction(problems[joint], found) for joint, found in searches.items()}
     rotors = {joint: _rotor(problem) for joint, problem in problems.items()}
     tries = [(own, 0), (plain, 0)]  # what a joint was said to have may only have stood in for what all of them share
-    if more := sum(map(len, rotors.values())):
-        tries.append(({joint: merge(numbers, rotors[joint]) for joint, numbers in plain.items()}, more))
+    if count := sum(map(len, rotors.values())):
+        tries.append(({joint: merge(numbers, rotors[joint]) for joint, numbers in plain.items()}, count))
     sought: list[SharedFound] = []
     charged: list[float] = []
     for beside, more in tries:

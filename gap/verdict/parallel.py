@@ -15,7 +15,7 @@ from multiprocessing.managers import SyncManager
 from pathlib import Path
 from typing import Any
 
-from ...actuators.processes import cores, end_with_parent
+from ...actuators.processes import cores, exit_with_parent
 from ..log.finding import Finding
 from ..log.progress import Milestone, Progress
 from ..log.types import MeasuredRun
@@ -127,7 +127,7 @@ def _lines(context: SpawnContext) -> Iterator[Any]:
     """A queue between processes, whose own ends with this one; None where it cannot be had."""
     manager = SyncManager(ctx=context)
     try:
-        manager.start(_ends_with_parent)
+        manager.start(exit_with_parent)
         lines = manager.Queue()
     except LOST:
         yield None
@@ -136,10 +136,6 @@ def _lines(context: SpawnContext) -> Iterator[Any]:
         yield lines
     finally:
         manager.shutdown()
-
-
-def _ends_with_parent() -> None:
-    end_with_parent(lambda: os._exit(1))
 
 
 def _tell(said: Any, progress: Progress) -> None:
@@ -165,7 +161,7 @@ def _waiting_asleep() -> Iterator[None]:
 
 
 def _begin(threads: int) -> None:
-    _ends_with_parent()
+    exit_with_parent()
     from numba import get_num_threads, set_num_threads
 
     set_num_threads(min(threads, get_num_threads()))
