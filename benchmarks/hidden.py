@@ -44,6 +44,8 @@ PAIRS = (
     ("drive.rate_limit", "friction.coulomb"),
     ("sensor.offset", "friction.load_dependent"),
 )
+MOST = 1e30
+"""An end of a range that has none: JSON has no infinity."""
 SURE = 0.9
 """Confidence from which a wrong name counts as wrong with confidence."""
 
@@ -168,6 +170,14 @@ def run(case: Case, look_on: bool = False, **recording: Any) -> dict[str, Any]:
             }
             for error in found.data_errors
         ],
+        "limits": [
+            {
+                "name": limit.name,
+                "number": limit.number,
+                "range": np.clip([limit.low, limit.high], -MOST, MOST).tolist(),
+            }
+            for limit in found.limits
+        ],
         "rounds": [] if found.search is None else [_margins(found.search, k) for k in range(len(found.search.rounds))],
         "record": None if found.search is None else to_dict(found.search.record),
     }
@@ -271,6 +281,19 @@ def coverage(row: dict[str, Any]) -> tuple[bool, float] | None:
         truth = true(effect["value"], lambda key, nominal: row["factors"][key] * nominal)
         return low <= truth <= high, abs(value - truth) / abs(truth)
     return None
+
+
+def bounded(row: dict[str, Any]) -> bool:
+    """Whether "an effect below ... would not show" was said of what is hidden, and the truth is in that range."""
+    if len(row["effects"]) != 1:
+        return False
+    ((name, effect),) = row["effects"].items()
+    if name not in TRUE_VALUES:
+        return False
+    number, true = TRUE_VALUES[name]
+    truth = true(effect["value"], lambda key, nominal: row["factors"][key] * nominal)
+    mine = [limit for limit in row.get("limits", ()) if (limit["name"], limit["number"]) == (name, number)]
+    return any(limit["range"][0] < truth < limit["range"][1] for limit in mine)
 
 
 NUMBERS: dict[str, dict[str, Callable[[float, float], float]]] = {

@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 from scipy.stats import binomtest
 
-from benchmarks.hidden import SURE, all_names, coverage, outcome, within_tolerance
+from benchmarks.hidden import SURE, all_names, bounded, coverage, outcome, within_tolerance
 
 OUTCOMES = ("right", "rival", "not identifiable", "nothing", "unsure", "wrong")
 MEANING = {
@@ -125,9 +125,11 @@ def summary(rows: Sequence[dict[str, Any]]) -> str:
         )
     if faint := [row for row in alone if kind(row) == "faint"]:
         good = sum(outcome(row) in ("right", "not identifiable") for row in faint)
+        told = sum(outcome(row) == "nothing" and bounded(row) for row in faint)
         wrong = sum(bool(unwanted(row)) for row in faint)
         lines.append(
-            f"- faint, right or 'not identifiable': {share(good, len(faint))}; a cause that is not hidden named with "
+            f"- faint, right or 'not identifiable': {share(good, len(faint))}; with 'nothing to explain' where a bound "
+            f"is told that holds: {share(good + told, len(faint))}; a cause that is not hidden named with "
             f"confidence {SURE:g} or more: {share(wrong, len(faint))}"
         )
     if false := [row for row in plain if unwanted(row)]:

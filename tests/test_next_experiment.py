@@ -11,6 +11,7 @@ import numpy as np
 import pytest
 from sealegs.actuators import load_chain
 from sealegs.actuators.errors import SealegsError
+from sealegs.gap.causes.catalogue import catalogue
 from sealegs.gap.experiment import (
     RATE,
     Experiment,
@@ -23,10 +24,12 @@ from sealegs.gap.experiment import (
 )
 from sealegs.gap.experiment.excitations import HOLDS, abilities, excitations, slewed
 from sealegs.gap.experiment.exposure import too_many
-from sealegs.gap.experiment.proposal import Hypothesis, experiment_sentence, kept_within
+from sealegs.gap.experiment.proposal import Hypothesis, everything, experiment_sentence, kept_within
 from sealegs.gap.log.sidecar import read_sidecar
 from sealegs.gap.log.types import LogError
 from sealegs.gap.replay.joint_model import JointModel
+from sealegs.gap.search.fit import Fit
+from sealegs.gap.search.result import Search
 from sealegs.gap.verdict.diagnosis import diagnose
 from sealegs.gap.verdict.verdict import NOT_IDENTIFIABLE, UNUSABLE
 
@@ -52,6 +55,17 @@ def test_nothing_goes_where_the_servo_cannot_hold_its_load() -> None:
     stall = 1.2 * 7.4 / 2.7
     for name, goal in excitations(Limits(-1.2, 1.2), NOMINAL, heavy).items():
         assert NOMINAL.load.gravity_torque(heavy) * math.sin(np.abs(goal).max()) <= 0.61 * stall, name
+
+
+@pytest.mark.parametrize(("believed", "proposed"), [(0.0, False), (0.05, True)])
+def test_no_motion_is_proposed_to_tell_how_friction_that_is_not_there_changes_with_the_angle(
+    believed: float, proposed: bool
+) -> None:
+    model = JointModel(load_chain("sts3215")).with_values({"friction.coulomb": believed})
+    nothing, ripple = Fit({}, np.zeros((0, 4)), 1.0), "friction.position_dependent"
+    search = Search((), (), (), np.zeros(0), (nothing, nothing), tuple(catalogue(model, [ripple, "drive.delay"])))
+    names = {one.name for one in everything(SimpleNamespace(models=(model,)), search)}  # pyright: ignore[reportArgumentType]
+    assert "drive.delay" in names and (ripple in names) is proposed
 
 
 TOO_HEAVY = {"mass": 5.0, "arm_mass": 0.0, "length": 0.2}

@@ -2,19 +2,23 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
 import pytest
 from sealegs.gap.causes.catalogue import catalogue
+from sealegs.gap.causes.cause import Cause
 from sealegs.gap.log.types import MeasuredSet
 from sealegs.gap.replay.joint_model import JointModel
 from sealegs.gap.replay.parameters import Parameter, factor
 from sealegs.gap.search.bounded import root_of, solved
 from sealegs.gap.search.decide import Standing, is_near, shortfalls
+from sealegs.gap.search.fit import Fit
 from sealegs.gap.search.forward import Searcher
+from sealegs.gap.search.result import Candidate, Round, Search
 from sealegs.gap.search.settings import DEFAULT
+from sealegs.gap.verdict import unseen
 from sealegs.gap.verdict.diagnosis import diagnose
 from sealegs.gap.verdict.measure import measured, not_excluded
 from sealegs.gap.verdict.unseen import Handed, does_nothing, handed_over
@@ -22,7 +26,7 @@ from sealegs.gap.verdict.verdict import EXPLAINED, NOT_IDENTIFIABLE, WITHDRAWN
 
 from testbed import hidden_bench
 from tests.smooth_bench import CHAIN
-from tests.test_decisions import evidence, round_of
+from tests.test_decisions import BEFORE, COUNTS, evidence, round_of
 
 SCHEDULES = (("steps", "multisine"), ("multisine", "triangle"))
 
@@ -114,8 +118,8 @@ def test_an_effect_is_found_beside_numbers_that_are_off_by_more_than_their_toler
 @pytest.mark.long
 def test_causes_that_are_worse_on_unseen_runs_than_the_nominal_model_are_withdrawn() -> None:
     """It read "the error falls from 35.2 mrad to 41.5 mrad", and the worse model was handed over."""
-    fitted, unseen = bench(1.6, 1, 2, "fitted"), bench(0.8, 2, 1, "unseen")
-    data = replace(fitted, runs=(*fitted.runs, *unseen.runs))
+    fitted, fresh = bench(1.6, 1, 2, "fitted"), bench(0.8, 2, 1, "unseen")
+    data = replace(fitted, runs=(*fitted.runs, *fresh.runs))
     (found,) = diagnose(data, "unseen", causes=("load.mass",))
     assert found.verdict == NOT_IDENTIFIABLE and not found.causes
     assert found.search is not None and not found.search.loose
@@ -175,6 +179,44 @@ def test_an_interval_that_reaches_no_effect_is_no_finding(
     parameter: Parameter, bounds: tuple[float, float], nothing: bool
 ) -> None:
     assert does_nothing(parameter, bounds, nominal()) is nothing
+
+
+def test_of_two_causes_that_trade_off_against_each_other_one_stays(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Each could be none while the other was there, and both were withdrawn: 4.0 mrad in place of 1.8."""
+    drag, limit = (_accepted(name, parameter) for name, parameter in (("drag", SIZE), ("limit", SPEED)))
+    idle = {SIZE.path: (0.0, 0.01), SPEED.path: (20.0, 500.0)}
+    told = {SIZE.path: (0.005, 0.01), SPEED.path: (20.0, 30.0)}
+
+    def intervals(problem: Any, parameters: list[Parameter], *given: Any) -> dict[str, tuple[float, float]]:
+        bounds = idle if len(parameters) > 1 else told
+        return {p.path: bounds[p.path] for p in parameters}
+
+    monkeypatch.setattr(unseen, "fit", lambda *given, **more: NO_FIT)
+    monkeypatch.setattr(unseen, "intervals", intervals)
+    monkeypatch.setattr(unseen, "without", lambda fitting, search, keys: search.less(keys))
+    round_ = Round(BEFORE, (drag, limit), accepted=True)
+    search = Search((), (drag, limit), (round_, round_), COUNTS, (NO_FIT, NO_FIT))
+    model = unseen.effective(_Believed((nominal(),)), search, 0)  # pyright: ignore[reportArgumentType]
+    assert [c.cause.name for c in model.search.accepted] == ["drag"]
+    assert [(c.name, c.standing) for c in model.withdrawn] == [("limit", WITHDRAWN)]
+
+
+NO_FIT = Fit({}, np.zeros((0, 4)), 1.0)
+
+
+@dataclass(frozen=True)
+class _Believed:
+    """What of a problem is asked for when its fits are stand-ins."""
+
+    models: tuple[JointModel, ...]
+
+    def part(self, *parts: int) -> _Believed:
+        return self
+
+
+def _accepted(name: str, parameter: Parameter) -> Candidate:
+    cause = Cause(sentence="", picture="", variants=((parameter,),), name=name)
+    return Candidate(cause, (parameter,), (NO_FIT, NO_FIT), evidence(name, 0.4))
 
 
 def test_an_interval_that_fills_the_range_tried_is_no_measurement() -> None:

@@ -26,6 +26,7 @@ from ..replay.simulator import CHANNELS
 from ..search.bounded import bounded_step
 from ..search.fit import merge, middle
 from ..search.result import Search
+from ..search.simpler import without_friction
 from ..search.structure import listed
 from .excitations import HOLDS, RATE, Limits, abilities, default_limits, excitations, visited, within
 
@@ -233,7 +234,7 @@ def everything(problem: JointProblem, search: Search) -> list[Hypothesis]:
     nominal = problem.models[0]
     last = search.fits
     here, moving = middle(*last), search.parameters()
-    taken = {c.cause.name for c in search.accepted}
+    taken = {c.cause.name for c in search.accepted} | without_friction(search.causes, moving, nominal)
     found = [_hypothesis(NOTHING_MORE, here, moving, ())]
     for cause in search.causes:
         variant = cause.variants[0]

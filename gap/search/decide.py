@@ -100,7 +100,7 @@ class Shortfall:
 
 
 def pays(record: RoundRecord, first: Standing, settings: SearchSettings, *, further: bool) -> bool:
-    """Whether the best candidate of a round is named; a further cause must also win most draws."""
+    """Whether the best candidate of a round is named; a further cause must also win most draws, if little is left."""
     return not shortfalls(record, first, settings, further=further)
 
 
@@ -123,7 +123,8 @@ def shortfalls(
     if not consistent(candidate, settings):
         lacks("least_agreement", "the two parts of the data disagree on its size, or it hardly differs from none")
     often = f"it is the best in {100 * standing.best:.0f} % of the draws"
-    if further and not standing.best > settings.least_win_rate:
+    tied = further and not standing.best > settings.least_win_rate
+    if tied and not record.left > settings.tied_excess:  # a model that is far off lacks something, whichever it is
         lacks("least_win_rate", often)
     if not standing.removed > settings.weak:  # little beyond the noise also means little to tell causes apart by
         if not further and standing.best < settings.least_win_rate:

@@ -21,7 +21,7 @@ from .record import Evidence, Replacement, RoundRecord, SearchRecord, Step
 from .result import Candidate, Round, Search
 from .screen import screen
 from .settings import DEFAULT, SearchSettings
-from .simpler import at_bound, elaborates, visited
+from .simpler import at_bound, elaborates, visited, without_friction
 from .sketch import coarsened, sketch
 from .state import Found, Judged
 
@@ -43,6 +43,7 @@ class Searcher:
         look_on: also fit rounds that the settings would skip, so that its record can be decided with looser ones.
             What is named stays the same.
         wide: nuisance parameters with the bounds of refitting, where a round is to be compared with that.
+        start: values by path from which the nuisance parameters are first fitted; default: the parameters' own.
     """
 
     problem: Problem
@@ -53,6 +54,7 @@ class Searcher:
     settings: SearchSettings = DEFAULT
     look_on: bool = False
     wide: tuple[Parameter, ...] = ()
+    start: Mapping[str, float] | None = None
     outrun: bool = field(default=False, init=False)  # by refitted numbers, in a round
     replaced: set[str] = field(default_factory=set, init=False)  # causes that a later one made redundant
 
@@ -73,7 +75,7 @@ class Searcher:
     def run(self) -> Search:
         """Search until no further cause pays, or until numbers fail it: what was found until then is kept."""
         self.progress("tuning the nominal model")
-        base = self.judged(self.fit_both(self.tuned, None))
+        base = self.judged(self.fit_both(self.tuned, self.start))
         found = Found(base)
         fault = ""
         try:
@@ -205,7 +207,8 @@ class Searcher:
         """
         settings = self.settings
         extended = merge(self.tuned, *(candidate.variant for candidate in accepted))
-        taken = {candidate.cause.key for candidate in accepted} | self.replaced | self.without_friction(extended)
+        taken = {candidate.cause.key for candidate in accepted} | self.replaced
+        taken |= without_friction(self.shown, extended, self.nominal)
         here = middle(*current.fits)
         screened = screen(self.sketch, [c for c in self.shown if c.key not in taken], extended, here, settings)
         if not self.look_on and not decide.promising(left, screened.promise, settings):
@@ -267,13 +270,6 @@ class Searcher:
                 if as_good and not edge and at_bound(candidate):
                     kept.remove(candidate)
         return [one for one in kept if not any(elaborates(one, other, self.settings) for other in kept)]
-
-    def without_friction(self, turned: Sequence[Parameter]) -> set[str]:
-        """Causes that change dry friction, where there is none: neither nominal nor turned."""
-        asked = [cause.key for cause in self.shown if cause.needs.dry_friction]
-        dry = "friction.coulomb"
-        has = not asked or any(p.number == dry for p in turned) or self.nominal.value(dry) > 0.0
-        return set() if has else set(asked)
 
     def repeats(self, count: float) -> bool:
         """Whether the joint visits enough of what comes so many times a turn for it to be told from a constant."""

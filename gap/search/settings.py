@@ -164,6 +164,12 @@ class SearchSettings:
         "Minimum bootstrap win rate for a weak or an additional cause; below it the cause is ambiguous.",
         decides=True,
     )
+    tied_excess: float = threshold(
+        3.0,
+        "Excess loss from which a further cause is named with its rivals though it wins fewer draws than "
+        "`least_win_rate`: to end there would leave a model that is far off.",
+        decides=True,
+    )
     least_sampled: float = threshold(
         0.01, "Loss that a weak cause must remove from what is judged sample by sample.", decides=True
     )

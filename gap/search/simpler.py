@@ -1,12 +1,15 @@
-"""When a candidate is no more than another, simpler one."""
+"""When a candidate is no more than another, simpler one, or nothing at all."""
 
 from __future__ import annotations
 
 import math
+from collections.abc import Iterable
 
 import numpy as np
 
-from ..replay.problem import Problem
+from ..causes.cause import Cause
+from ..replay.parameters import Parameter
+from ..replay.problem import Nominal, Problem
 from .result import Candidate
 from .settings import SearchSettings
 
@@ -21,6 +24,14 @@ def elaborates(candidate: Candidate, simple: Candidate, settings: SearchSettings
 def at_bound(candidate: Candidate) -> bool:
     """Whether a number of a candidate is at a bound in both parts of the data."""
     return any(all(p.path in found.at_bound for found in candidate.fits) for p in candidate.variant)
+
+
+def without_friction(causes: Iterable[Cause], turned: Iterable[Parameter], nominal: Nominal) -> set[str]:
+    """Keys of causes that change dry friction, where there is none: neither nominal nor among what is turned."""
+    asked = {cause.key for cause in causes if cause.needs.dry_friction}
+    dry = "friction.coulomb"
+    has = not asked or any(p.number == dry for p in turned) or nominal.value(dry) > 0.0
+    return set() if has else asked
 
 
 def visited(problem: Problem) -> float:

@@ -158,11 +158,14 @@ def search_shared(
     tries = [(own, 0), (plain, 0)]  # what a joint was said to have may only have stood in for what all of them share
     if count := sum(map(len, rotors.values())):
         tries.append(({joint: merge(numbers, rotors[joint]) for joint, numbers in plain.items()}, count))
+    # each joint's own search has been there: sixty numbers take long from anywhere else
+    known = {f"{joint}|{path}": x for joint, found in searches.items() for path, x in middle(*found.fits).items()}
     sought: list[SharedFound] = []
     charged: list[float] = []
     for beside, more in tries:
         tuned = tuple(p.of_joint(joint) for joint, numbers in beside.items() for p in numbers)
-        search = Searcher(problem, _causes(wide), tuned, progress, seed, settings, look_on).run()
+        start = known if beside is own else None
+        search = Searcher(problem, _causes(wide), tuned, progress, seed, settings, look_on, start=start).run()
         sought.append(SharedFound(problem, search, tuned, rows))
         charged.append(sought[-1].loss() * (1.0 + settings.parameter_charge * more))
         if search.rounds and search.rounds[-1].excess < settings.far:

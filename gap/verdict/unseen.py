@@ -54,21 +54,25 @@ class Model:
 
 
 def effective(fitting: Problem, search: Search, seed: int) -> Model:
-    """Fit the extended model to all that may be fitted; take out the causes that may as well do nothing."""
+    """Fit the extended model to all that may be fitted; take out the causes that may as well do nothing.
+
+    One at a time, the last one that was found first: where two trade off against each other, neither can be told from
+    none while the other is there, and one of them stays.
+    """
     fitted = fitting.part(FIT_A, FIT_B)
     idled: list[OpenCause] = []
     while True:
-        last = search.fits
-        found = fit(fitted, search.parameters(), middle(*last), evaluations=search.settings.iterations)
+        parts = search.fits
+        found = fit(fitted, search.parameters(), middle(*parts), evaluations=search.settings.iterations)
         if not search.accepted:
             return Model(search, found, {}, tuple(idled))
-        bounds = intervals(fitted, search.parameters(), found, seed, last)
+        bounds = intervals(fitted, search.parameters(), found, seed, parts)
         idle = [c for c in search.accepted if _idle(c, bounds, fitting.models[0])]
         if not idle:
             return Model(search, found, bounds, tuple(idled))
-        for c in idle:
-            idled += withdrawn([c.cause.name], f"its size cannot be told from none ({_interval(c, bounds)})")
-        search = without(fitting, search, [c.cause.key for c in idle])
+        last = idle[-1]
+        idled += withdrawn([last.cause.name], f"its size cannot be told from none ({_interval(last, bounds)})")
+        search = without(fitting, search, [last.cause.key])
 
 
 def without(fitting: Problem, search: Search, keys: Collection[str]) -> Search:
