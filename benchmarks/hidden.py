@@ -16,7 +16,7 @@ import json
 import multiprocessing
 import sys
 import time
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
@@ -26,6 +26,7 @@ import numpy as np
 
 if TYPE_CHECKING:
     from sealegs.gap.search.result import Search
+    from sealegs.gap.verdict.verdict import JointDiagnosis
 
 RESULTS = Path(__file__).parent / "results"
 REPORTED_SEED = 1020
@@ -44,8 +45,6 @@ PAIRS = (
     ("drive.rate_limit", "friction.coulomb"),
     ("sensor.offset", "friction.load_dependent"),
 )
-MOST = 1e30
-"""An end of a range that has none: JSON has no infinity."""
 SURE = 0.9
 """Confidence from which a wrong name counts as wrong with confidence."""
 
@@ -170,17 +169,27 @@ def run(case: Case, look_on: bool = False, **recording: Any) -> dict[str, Any]:
             }
             for error in found.data_errors
         ],
-        "limits": [
-            {
-                "name": limit.name,
-                "number": limit.number,
-                "range": np.clip([limit.low, limit.high], -MOST, MOST).tolist(),
-            }
-            for limit in found.limits
-        ],
+        "limits": limits_of(found),
         "rounds": [] if found.search is None else [_margins(found.search, k) for k in range(len(found.search.rounds))],
         "record": None if found.search is None else to_dict(found.search.record),
     }
+
+
+Limits = Mapping[str, Sequence[float | None]]
+"""By cause between which values it would not show; None where that side has no end, as JSON has no infinity."""
+
+
+def limits_of(found: JointDiagnosis) -> Limits:
+    """What a diagnosis says of what it could not have found."""
+    return {one.name: [float(x) if np.isfinite(x) else None for x in (one.low, one.high)] for one in found.limits}
+
+
+def hides(limits: Limits, name: str, value: float) -> bool:
+    """Whether a diagnosis that found nothing says that a cause of this size would not show."""
+    if name not in limits:
+        return False
+    low, high = limits[name]
+    return (low is None or low < value) and (high is None or value < high)
 
 
 def revision() -> str:
@@ -290,10 +299,9 @@ def bounded(row: dict[str, Any]) -> bool:
     ((name, effect),) = row["effects"].items()
     if name not in TRUE_VALUES:
         return False
-    number, true = TRUE_VALUES[name]
+    _, true = TRUE_VALUES[name]
     truth = true(effect["value"], lambda key, nominal: row["factors"][key] * nominal)
-    mine = [limit for limit in row.get("limits", ()) if (limit["name"], limit["number"]) == (name, number)]
-    return any(limit["range"][0] < truth < limit["range"][1] for limit in mine)
+    return hides(row.get("limits", {}), name, truth)
 
 
 NUMBERS: dict[str, dict[str, Callable[[float, float], float]]] = {

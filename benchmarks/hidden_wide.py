@@ -21,7 +21,7 @@ from typing import Any
 import numpy as np
 
 from benchmarks.calibration import calibration_error, is_right, picture
-from benchmarks.hidden import RESULTS, SURE, revision
+from benchmarks.hidden import RESULTS, SURE, hides, limits_of, revision
 
 FIRST = 1800
 NAMED = 0.6
@@ -70,16 +70,11 @@ def run(seed: int) -> dict[str, Any]:
             }
             for cause in found.causes
         ],
-        "limits": {limit.name: [_finite(limit.low), _finite(limit.high)] for limit in found.limits},
+        "limits": limits_of(found),
         "structure": None if found.structure is None else found.structure.level,
         "open": [[cause.name, cause.standing] for cause in found.open_causes],
         "codes": sorted({finding.code for finding in found.findings}),
     }
-
-
-def _finite(number: float) -> float | None:
-    """A number for JSON."""
-    return float(number) if np.isfinite(number) else None
 
 
 def _fresh(seed: int, values: Mapping[str, float]) -> dict[str, float]:
@@ -128,17 +123,14 @@ def outcome(row: Mapping[str, Any]) -> str:
     if row["verdict"] in ("nothing to explain", "explained") and not row["causes"]:
         if not visible:
             return "right"
-        return "open" if all(within_limit(row, name) for name in visible) else "missed"
+        return "open" if all(_told(row, name) for name in visible) else "missed"
     return "open" if known or row["effects"] or row["verdict"] != "nothing to explain" else "right"
 
 
-def within_limit(row: Mapping[str, Any], name: str) -> bool:
+def _told(row: Mapping[str, Any], name: str) -> bool:
     """Whether a diagnosis that found nothing says that an effect of the size that is hidden would not show."""
-    if name not in row.get("limits", {}):
-        return False
-    low, high = row["limits"][name]
-    actual = row["effects"][name]["actual"]
-    return (low is None or low < actual) and (high is None or actual < high)
+    limits = row.get("limits", {})
+    return name in limits and hides(limits, name, row["effects"][name]["actual"])
 
 
 def worse_than_nominal(row: Mapping[str, Any]) -> bool:

@@ -7,7 +7,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from sealegs.gap.search.decide import Standing, decide, pays
+from sealegs.gap.search.decide import Standing, decide, hopeless, pays
 from sealegs.gap.search.record import Evidence, RoundRecord, SearchRecord, Step, load, save
 from sealegs.gap.search.settings import DEFAULT, SearchSettings
 
@@ -113,6 +113,21 @@ def test_where_much_is_left_a_further_cause_is_named_with_those_that_it_ties_wit
     assert named(first, (near, None)) == (("c",), False)
     found = decide(SearchRecord(0, (Step(first[0], "c"), Step(far, "a"))), DEFAULT)
     assert len(found.names) == 2 and {*found.names, *found.rivals[1]} == {"a", "b", "c", "d"}
+
+
+@pytest.mark.parametrize(
+    ("cost", "least", "excess", "passed_over"),
+    [
+        (16.0, 15.0, 20.0, False),
+        (19.0, 15.0, 20.0, True),  # it gains less than half of what the best one does
+        (20.9, 20.9, 20.0, True),  # 0.1 of 20: no cause pays that removes so little
+        (20.9, 20.9, 2.0, False),  # where little is left, unseen data decide
+    ],
+)
+def test_a_finalist_that_cannot_win_or_cannot_pay_is_not_fitted_to_the_parts(
+    cost: float, least: float, excess: float, passed_over: bool
+) -> None:
+    assert hopeless(cost, least, 21.0, 21.0, excess, DEFAULT) is passed_over
 
 
 def test_a_decision_that_leaves_the_record_is_open() -> None:

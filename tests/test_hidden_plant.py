@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from benchmarks.hidden import NUMBERS, Case, within_tolerance
+from benchmarks.hidden import NUMBERS, Case, bounded, within_tolerance
 from testbed import (
     EFFECTS,
     LOADS,
@@ -169,6 +169,24 @@ def test_an_effect_that_only_changes_numbers_is_a_machine_with_other_numbers(nam
     goal_time, goal = np.arange(0.0, 1.0, 0.01), 0.5 * np.sin(7.0 * np.arange(0.0, 1.0, 0.01))
     a, b, bare = (simulate(m, goal_time, goal, NO_JAMS, NO_JAMS, 1.0, 25.0)[:, 1] for m in (hidden, other, machine))
     assert np.abs(a - b).max() < 1e-6 * np.abs(a - bare).max()
+
+
+@pytest.mark.parametrize(
+    ("limits", "honest"),
+    [
+        ({}, False),
+        ({"sensor.scale": [0.97, 1.03]}, True),
+        ({"sensor.scale": [0.99, 1.01]}, False),
+        ({"sensor.scale": [None, 1.01]}, False),
+        ({"sensor.scale": [0.99, None]}, True),
+        ({"drive.gain": [0.5, 2.0]}, False),
+    ],
+)
+def test_nothing_to_explain_is_honest_where_the_bound_that_is_told_holds(
+    limits: dict[str, list[float | None]], honest: bool
+) -> None:
+    row = {"effects": {"sensor.scale": {"value": 1.02}}, "factors": {}, "limits": limits}
+    assert bounded(row) is honest
 
 
 def test_a_number_within_its_tolerance_is_told_from_an_effect() -> None:

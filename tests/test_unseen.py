@@ -194,14 +194,23 @@ def test_of_two_causes_that_trade_off_against_each_other_one_stays(monkeypatch: 
     monkeypatch.setattr(unseen, "fit", lambda *given, **more: NO_FIT)
     monkeypatch.setattr(unseen, "intervals", intervals)
     monkeypatch.setattr(unseen, "without", lambda fitting, search, keys: search.less(keys))
-    round_ = Round(BEFORE, (drag, limit), accepted=True)
-    search = Search((), (drag, limit), (round_, round_), COUNTS, (NO_FIT, NO_FIT))
-    model = unseen.effective(_Believed((nominal(),)), search, 0)  # pyright: ignore[reportArgumentType]
+    idle_once = Round(limit.blocks, (limit,), accepted=True)
+    search = Search((), (drag, limit), (Round(BEFORE, (drag,), accepted=True), idle_once), COUNTS, (NO_FIT, NO_FIT))
+    believed: Any = _Believed((nominal(),))
+    model = unseen.effective(believed, search, 0)
     assert [c.cause.name for c in model.search.accepted] == ["drag"]
     assert [(c.name, c.standing) for c in model.withdrawn] == [("limit", WITHDRAWN)]
 
+    # a cause that unseen data miss has a size, whatever a parabola says
+    needed = replace(search, rounds=(search.rounds[0], Round(BEFORE, (limit,), accepted=True)))
+    monkeypatch.setattr(unseen, "without", lambda fitting, search, keys: replace(search, accepted=(far,)))
+    far = replace(drag, evidence=evidence("drag", 0.0))
+    model = unseen.effective(believed, needed, 0)
+    assert [c.cause.name for c in model.search.accepted] == ["drag", "limit"] and not model.withdrawn
+    assert model.bounds == {SIZE.path: (0.004, 0.01), SPEED.path: (20.0, 30.0)}
 
-NO_FIT = Fit({}, np.zeros((0, 4)), 1.0)
+
+NO_FIT = Fit({SIZE.path: 0.004, SPEED.path: 30.0}, np.zeros((0, 4)), 1.0)
 
 
 @dataclass(frozen=True)

@@ -43,6 +43,25 @@ def promising(excess: float, promise: float, settings: SearchSettings) -> bool:
     return not (excess < settings.weak and promise < settings.least_promise)
 
 
+def hopeless(cost: float, least: float, before: float, optimum: float, excess: float, settings: SearchSettings) -> bool:
+    """Whether a candidate's fit to a sketch of the data is enough to pass it over.
+
+    Far behind the best it cannot win a draw that counts. Where much is left, one that removes not half of what a cause
+    must remove, from data that its fit saw, cannot pay.
+
+    Args:
+        cost: of the candidate's fit.
+        least: of the best candidate's so far.
+        before: of the model without it, as its fits to the parts left it.
+        optimum: the least known of that model.
+        excess: of that model on data that no fit saw.
+    """
+    if before - least > settings.weak and before - cost < settings.hopeless_gain * (before - least):
+        return True
+    little = settings.hopeless_gain * settings.least_gain * (optimum - 1.0)
+    return excess > settings.tied_excess and optimum - cost < little
+
+
 def ranked(candidates: tuple[Evidence, ...], settings: SearchSettings) -> list[int]:
     """Indices of the best variant of each cause that the log does not contradict, least loss first."""
     chosen: dict[str, int] = {}

@@ -15,7 +15,7 @@ from ..replay.problem import Problem
 from ..replay.robust import robust_loss
 from . import decide
 from .correlated import excess
-from .fit import Fit, fit, merge, middle
+from .fit import Fit, fit, merge, middle, paths_of
 from .loose import refitting_beats
 from .record import Evidence, Replacement, RoundRecord, SearchRecord, Step
 from .result import Candidate, Round, Search
@@ -57,6 +57,7 @@ class Searcher:
     start: Mapping[str, float] | None = None
     outrun: bool = field(default=False, init=False)  # by refitted numbers, in a round
     replaced: set[str] = field(default_factory=set, init=False)  # causes that a later one made redundant
+    optima: dict[frozenset[str], float] = field(default_factory=dict, init=False)  # costs on the sketch, by paths
 
     def __post_init__(self) -> None:
         self.problem = coarsened(self.problem, self.settings)
@@ -132,7 +133,14 @@ class Searcher:
 
         What a part does not show at all so stays as the other part has it.
         """
-        return self.fit_parts(parameters, fit(self.sketch, parameters, start, self.settings.iterations).values)
+        return self.fit_parts(parameters, self.fit_sketch(parameters, start).values)
+
+    def fit_sketch(self, parameters: Sequence[Parameter], start: Mapping[str, float] | None) -> Fit:
+        """A fit to the sketch; the least cost of each set of parameters is remembered."""
+        found = fit(self.sketch, parameters, start, self.settings.iterations)
+        turned = paths_of(parameters)
+        self.optima[turned] = min(found.cost, self.optima.get(turned, found.cost))
+        return found
 
     def fit_parts(self, parameters: Sequence[Parameter], optimum: Mapping[str, float]) -> tuple[Fit, Fit]:
         """Fits to the two parts from the optimum of the sketch."""
@@ -226,17 +234,17 @@ class Searcher:
         best: dict[str, float] = {}
         joined: dict[str, float] = {}
         before = least = fit(self.sketch, extended, here, 0).cost
+        optimum = self.optima.get(paths_of(extended), before)
         for start, cause, variant in rough:
             cost = self._charged(start, cause, variant)
             # a rough fit may have left the usual form far from its optimum
             outrun = cost > settings.outrun_cost * best.setdefault(cause.key, cost) and variant != cause.variants[0]
             if cause.key in finalists and not outrun:
                 parameters = merge(extended, variant)
-                joint = fit(self.sketch, parameters, start.values, settings.iterations)
+                joint = self.fit_sketch(parameters, start.values)
                 least = min(least, joint.cost)
-                behind = before - joint.cost < settings.hopeless_gain * (before - least)
-                if behind and before - least > settings.weak and not self.look_on:
-                    continue  # it cannot win a draw that counts
+                if not self.look_on and decide.hopeless(joint.cost, least, before, optimum, left, settings):
+                    continue
                 cost = self._charged(joint, cause, variant)
                 if cost > (1.0 + settings.shared_error) * joined.setdefault(cause.key, cost) and not self.look_on:
                     continue  # another of its cause's variants does better

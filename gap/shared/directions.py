@@ -51,13 +51,20 @@ class Direction:
         """The number that it turns."""
         return self.parameter.number
 
+    @property
+    def body(self) -> str:
+        """Name of the body whose mass it changes; empty where it is none."""
+        return self.parts[0] if self.effect.startswith("body.") else ""
+
 
 def rows_of(
     direction: Direction, robot: LoggedRobot, joint: str, runs: Sequence[MeasuredRun], motions: Sequence[Motion]
 ) -> list[Array] | None:
     """What the number adds to the terms of a joint in each run, per unit (samples, 5); None where it adds nothing."""
-    before, after, by = direction.change()
     number, sign = robot.number(joint), robot.frame(joint).sign
+    if direction.body and not carries(robot.model, number, robot.model.body(direction.body).id):
+        return None
+    before, after, by = direction.change()
     found = []
     for run, whole in zip(runs, motions, strict=True):
         every = max(round(1.0 / (RATE * run.period)), 1)
@@ -69,6 +76,13 @@ def rows_of(
         samples = np.arange(len(run.time))
         found.append(np.stack([np.interp(samples, at, column) for column in (rows / by).T], axis=1))
     return found if max(float(np.abs(rows).max()) for rows in found) > 1e-9 else None
+
+
+def carries(model: mujoco.MjModel, joint: int, body: int) -> bool:
+    """Whether a joint moves a body: another one's mass it does not feel, along a motion that is given."""
+    while body > 0 and body != int(model.jnt_bodyid[joint]):
+        body = int(model.body_parentid[body])
+    return body > 0
 
 
 # --- which numbers there are ---------------------------------------------------------------------------------------
