@@ -223,6 +223,17 @@ def test_a_supply_that_never_changes_is_a_voltage(tmp_path: Path) -> None:
     assert texts["elbow.voltage"] == texts["wrist.voltage"] == "Vbat", "a bus has one supply"
 
 
+@pytest.mark.parametrize(("largest", "round_to", "asks"), [(4.0, 3, False), (400.0, 3, True), (40.0, 0, True)])
+def test_a_torque_of_no_small_servo_or_in_whole_numbers_is_asked_about(
+    tmp_path: Path, largest: float, round_to: int, asks: bool
+) -> None:
+    """400 of a register were taken for N.m of a servo of 2 N.m, where nobody objected."""
+    m = motion()
+    torque = np.round(largest * np.sin(3.0 * m["time"]), round_to)
+    _, _, asked = proposed(table(tmp_path, {"time": m["time"], "pos": m["position"], "torque": torque}))
+    assert ("joint.torque" in asked) is asks
+
+
 def test_a_goal_is_known_whatever_the_position_is_called(tmp_path: Path) -> None:
     """'Goal [Grad]' beside 'Arm measured [Grad]' was 'goal of '', which has no position'."""
     m = motion()
@@ -244,7 +255,7 @@ def test_an_open_question_holds_the_import_and_yes_leaves_its_columns_out(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     m = motion()
-    columns = {"time": m["time"], "goal": m["goal"], "pos": m["position"], "torque": 99.0 + 10 * m["goal"]}
+    columns = {"time": m["time"], "goal": m["goal"], "pos": m["position"], "torque": 9.0 + m["goal"]}
     path, out = table(tmp_path, columns), tmp_path / "log"
     assert main(["import", str(path), f"out={out}"]) == 0
     assert main(["import", str(path), f"out={out}", f"mapping={tmp_path / 'log.mapping.yaml'}"]) == 2

@@ -32,6 +32,8 @@ OTHERS = {
     "enabled": {"": ""},
 }
 """By signal: expression behind a column in a unit that its name says."""
+MILLI = {"current": "mA", "torque": "mN.m", "torque_command": "mN.m"}
+"""By signal the unit in which registers count."""
 FULL_SCALES = (885.0, 1000.0, 1023.0, 100.0, 255.0)
 """Counts that mean a full duty on known servos and drives."""
 CLOSE = 2.5
@@ -203,7 +205,8 @@ def read_other(signal: str, name: str, values: Array, said: str, how: str) -> Re
         guess = full or min(scale for scale in (*FULL_SCALES, 1e9) if scale >= largest)
         ask = f"how many counts mean a full duty? {guess:g} is a guess"
         return Read(f"{column}/{guess:g}", "counts", ASK, f"counts, {span}", ask)
-    plausible = {"torque": 400.0, "torque_command": 400.0, "current": 60.0, "voltage": 60.0, "temperature": 130.0}
+    # larger ones are of a large machine, or in mN.m: a person is asked
+    plausible = {"torque": 50.0, "torque_command": 50.0, "current": 60.0, "voltage": 60.0, "temperature": 130.0}
     units = {"torque": "N.m", "torque_command": "N.m", "current": "A", "voltage": "V", "temperature": "degC"}
     unit = units[signal]
     if said not in ("", "?") or largest > plausible[signal] or said == "?":
@@ -212,13 +215,13 @@ def read_other(signal: str, name: str, values: Array, said: str, how: str) -> Re
             if said not in ("", "?")
             else f"in which unit is this {signal}?"
         )
-        smaller = {"current": "*1e-3", "voltage": "*0.1" if largest < 600 else "*1e-3", "torque": "*1e-3"}.get(
-            signal, ""
-        )
+        smaller = {
+            "current": "*1e-3",
+            "voltage": "*0.1" if largest < 600 else "*1e-3",
+            "torque": "*1e-3",
+            "torque_command": "*1e-3",
+        }.get(signal, "")
         return Read(column + smaller * (largest > plausible[signal]), unit, ASK, span, ask)
-    if signal == "current" and whole_numbers(finite) and np.ptp(finite) > 1.0:
-        ask = "in which unit is this current? Whole numbers are counts of a register, or mA (*1e-3)"
-        return Read(f"{column}*1e-3", unit, ASK, span, ask)
     unsigned = ""
     if signal in ("torque", "current") and len(finite) and finite.min() >= 0.0 and np.ptp(finite) > 0.0:
         unsigned = "; never negative, so it may be a magnitude without sign, or a register"
@@ -230,4 +233,7 @@ def read_other(signal: str, name: str, values: Array, said: str, how: str) -> Re
                 span,
                 f"is it a torque at all{unsigned.replace('; ', '? It is ').replace('so it', 'and')}",
             )
+    if signal in MILLI and whole_numbers(finite) and np.ptp(finite) > 1.0:
+        ask = f"in which unit is this {signal}? Whole numbers are counts of a register, or {MILLI[signal]} (*1e-3)"
+        return Read(f"{column}*1e-3", unit, ASK, span, ask)
     return Read(column, unit, LIKELY, f"no unit is said; {span} taken for {unit}{unsigned}")
