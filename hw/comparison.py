@@ -17,6 +17,7 @@ from ..gap.log import read_measured
 from . import deployment
 from .aligned import WINDOW, Aligned, ratios, squares
 from .commands import PolicyCommands
+from .comparison_figures import Figures, measure, rms_by_unit, told
 from .measured_log import read_events
 from .policy import Policy
 from .robot import ServoRobot, build_robot, extended_robot
@@ -28,50 +29,11 @@ LASTS = 3  # cycles in a row that it takes
 GAP = 1.5  # times what is accounted for: from here on it is a gap, where that is no chance
 CHANCE = 0.05  # that a gap is named where there is none, over all joints and the base
 MOST_TOLD = 100.0  # times: a larger ratio says that next to nothing was accounted for, as of a joint that stands still
-SLOWEST = 0.3  # [Hz] below which nothing counts as a frequency
 NOTHING_ELSE: dict[str, Any] = {
     "excitation": None, "replay": None, "reference": False, "command": None, "reach": None, "dry_run": False,
     "overruns": "log", "realtime": None,
 }  # fmt: skip
 """Keys of ``configs/deploy.yaml`` that ``configs/evaluate.yaml`` has not."""
-
-
-@dataclass(frozen=True)
-class Figures:
-    """What one run comes to.
-
-    Attributes:
-        seconds: run.
-        reward: per second, from measured signals; NaN without a policy.
-        terms: of the reward, per second.
-        tracking: rms of goal minus position, over all joints [rad].
-        frequency: strongest of the motion: of the base's height, else of the joint that moves most [Hz].
-        height: of a hop, from lowest to highest point, mean over the hops [m]; NaN for robots without a base.
-        energy: that the motors drew, electrical [J]; NaN where current or voltage is unknown.
-        same_goals: rms of the model's position error over windows in which it starts where the machine was and is given
-            the machine's goals [rad or m]; 0 for the machine.
-        accounted: what encoders, bus and windows make of it where model and machine are one [rad or m].
-        gap: the largest ratio of the two over joints and base that is beyond :data:`GAP` for sure; None: no gap.
-        gap_at: where that is; None: no gap.
-        departs: signal by which it first departs from the machine, None where none does.
-        departs_at: when [s].
-        departures: time at which each signal departs [s], those that do.
-    """
-
-    seconds: float
-    reward: float
-    terms: Mapping[str, float]
-    tracking: float
-    frequency: float
-    height: float
-    energy: float
-    same_goals: float = 0.0
-    accounted: float = 0.0
-    gap: float | None = None
-    gap_at: str | None = None
-    departs: str | None = None
-    departs_at: float | None = None
-    departures: Mapping[str, float] | None = None
 
 
 @dataclass(frozen=True)
@@ -154,12 +116,13 @@ def compare(config: Mapping[str, Any], folder: Path, say: Callable[[str], None] 
         first = min(departures, key=lambda signal: departures[signal], default=None)
         figures[name] = measure(
             run,
+            robot,
             **gap,
             departs=first,
             departs_at=departures[first] if first else None,
             departures=departures,
         )
-    runs[MACHINE], figures[MACHINE] = machine, measure(machine)
+    runs[MACHINE], figures[MACHINE] = machine, measure(machine, robot)
     return Comparison(str(policy.path), robot.robot.name, robot.names, robot.base_names, runs, figures, outcome, log)
 
 
@@ -169,11 +132,13 @@ def gap_of(found: np.ndarray, accounted: np.ndarray, robot: ServoRobot) -> dict[
     ratio, bound = ratios(found, accounted, CHANCE / len(names))
     ratio = np.where(bound > 1.0, ratio, 0.0)  # else the two runs differ by chance
     worst, joints = int(np.argmax(ratio)), len(robot.names)
-    total, expected = (float(np.sqrt(np.mean(rows[:, :joints]))) for rows in (found, accounted))
+    total, expected = (rms_by_unit(rows[:, :joints], robot) for rows in (found, accounted))
     there = bool(ratio[worst] > GAP)
     return {
-        "same_goals": total,
-        "accounted": expected,
+        "same_goals": total[0],
+        "same_goals_of_slides": total[1],
+        "accounted": expected[0],
+        "accounted_of_slides": expected[1],
         "gap": float(ratio[worst]) if there else None,
         "gap_at": names[worst] if there else None,
     }
@@ -181,8 +146,8 @@ def gap_of(found: np.ndarray, accounted: np.ndarray, robot: ServoRobot) -> dict[
 
 def verdict(figures: Figures) -> str:
     """Whether the model and the machine differ, in a sentence."""
-    size = f"{1e3 * figures.same_goals:.3g} mrad over windows of {WINDOW:g} s"
-    known = f"{1e3 * figures.accounted:.3g} mrad are accounted for by encoders, bus and start"
+    size = f"{told(figures.same_goals, figures.same_goals_of_slides)} over windows of {WINDOW:g} s"
+    known = f"{told(figures.accounted, figures.accounted_of_slides)} are accounted for by encoders, bus and start"
     if figures.gap is None:
         return f"no gap: the model's position error is {size}, and {known}."
     times = f"{figures.gap:.1f}" if figures.gap < MOST_TOLD else f"over {MOST_TOLD:g}"
@@ -277,54 +242,6 @@ def from_log(path: Path, commands: PolicyCommands) -> Recording:
     return found.cut(int((run.time < sat).sum()))
 
 
-# --- figures -------------------------------------------------------------------------------------------------------
-
-
-def measure(run: Recording, **more: Any) -> Figures:
-    """Figures of one run."""
-    seconds = float(len(run.time) * run.period)
-    terms = {name: float(values.sum() / seconds) for name, values in run.rewards.items()}
-    power = np.abs(run.voltage * run.duty * run.current).sum(axis=1)
-    height = run.base[:, 1] if run.base.shape[1] > 1 else None
-    return Figures(
-        seconds=seconds,
-        reward=sum(terms.values()) if terms else math.nan,
-        terms=terms,
-        # a goal is answered by the position one cycle later
-        tracking=float(np.sqrt(np.mean((run.goal[:-1] - run.position[1:]) ** 2))),
-        frequency=strongest_frequency(height if height is not None else _liveliest(run.position), run.period),
-        height=hop_height(height, run.period) if height is not None else math.nan,
-        energy=float(power.sum() * run.period) if power.any() else math.nan,
-        **more,
-    )
-
-
-def strongest_frequency(values: np.ndarray, period: float) -> float:
-    """Frequency of the largest line of the spectrum [Hz]; NaN where nothing moves."""
-    steps = np.arange(len(values))
-    centred = (values - np.polyval(np.polyfit(steps, values, 1), steps)) * np.hanning(len(values))
-    if np.ptp(values) < 1e-6 or len(values) < 16:
-        return math.nan
-    length = 8 * len(values)
-    spectrum, grid = np.abs(np.fft.rfft(centred, length)), np.fft.rfftfreq(length, period)
-    spectrum[grid < SLOWEST] = 0.0
-    return float(grid[int(np.argmax(spectrum))])
-
-
-def hop_height(height: np.ndarray, period: float) -> float:
-    """Mean way from the lowest to the highest point of a hop [m]; NaN where there are no hops."""
-    frequency = strongest_frequency(height, period)
-    if not math.isfinite(frequency) or frequency <= 0.0:
-        return math.nan
-    length = max(round(1.0 / (frequency * period)), 2)
-    pieces = [height[at : at + length] for at in range(0, len(height) - length + 1, length)]
-    return float(np.mean([np.ptp(piece) for piece in pieces])) if pieces else math.nan
-
-
-def _liveliest(position: np.ndarray) -> np.ndarray:
-    return position[:, int(np.argmax(position.std(axis=0)))]
-
-
 def find_departures(machine: Recording, model: Recording, robot: ServoRobot) -> dict[str, float]:
     """When each signal of a model leaves that of the machine for good, or for :data:`LASTS` cycles [s].
 
@@ -353,11 +270,14 @@ def find_departures(machine: Recording, model: Recording, robot: ServoRobot) -> 
 ROWS: tuple[tuple[str, str, float], ...] = (
     ("reward per second", "reward", 1.0),
     ("tracking error, goal to position [mrad]", "tracking", 1e3),
+    ("tracking error, goal to position [mm]", "tracking_of_slides", 1e3),
     ("frequency [Hz]", "frequency", 1.0),
     ("height of a hop [mm]", "height", 1e3),
     ("electrical energy [J]", "energy", 1.0),
     ("position error, same start and goals [mrad]", "same_goals", 1e3),
     ("  of it accounted for [mrad]", "accounted", 1e3),
+    ("position error, same start and goals [mm]", "same_goals_of_slides", 1e3),
+    ("  of it accounted for [mm]", "accounted_of_slides", 1e3),
 )
 
 

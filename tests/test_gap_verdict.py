@@ -2,10 +2,12 @@
 
 from __future__ import annotations
 
+import math
 from types import SimpleNamespace
-from typing import Any
+from typing import Any, cast
 
 import numpy as np
+import pytest
 from sealegs.envs.robots import get_robot
 from sealegs.hw.comparison import gap_of, verdict
 from sealegs.hw.registers import load_model
@@ -32,7 +34,20 @@ def test_the_same_excess_in_every_window_is_one() -> None:
     assert told["gap"] is not None and told["gap"] > 1.5 and told["gap_at"] == "joint"
 
 
+ERRORS = {"same_goals": 0.01, "same_goals_of_slides": math.nan, "accounted": 1e-9, "accounted_of_slides": math.nan}
+
+
 def test_a_joint_that_hardly_moves_is_not_off_millions_of_times() -> None:
     """Of a run of 2 s: 'off 3718970.1 times as far'."""
-    figures: Any = SimpleNamespace(same_goals=0.01, accounted=1e-9, gap=3718970.1, gap_at="knee")
+    figures: Any = SimpleNamespace(**ERRORS, gap=3718970.1, gap_at="knee")
     assert verdict(figures).endswith("knee is off over 100 times as far.")
+
+
+def test_errors_of_joints_that_slide_are_told_in_mm_beside_those_that_turn_in_mrad() -> None:
+    """Rad and m were under one root."""
+    gantry = cast(ServoRobot, SimpleNamespace(names=["x", "turn"], units=["m", "rad"], base_names=[]))
+    told = gap_of(np.tile([4e-6, 9e-4], (20, 1)), np.tile([4e-6, 9e-4], (20, 1)), gantry)
+    assert told["same_goals"] == pytest.approx(0.03) and told["same_goals_of_slides"] == pytest.approx(0.002)
+    figures: Any = SimpleNamespace(**told)
+    assert "position error is 30 mrad and 2 mm over windows" in verdict(figures)
+    assert math.isnan(gap_of(np.full((20, 1), 1e-6), np.full((20, 1), 1e-6), bench())["same_goals_of_slides"])

@@ -16,12 +16,10 @@ from sealegs.hw.comparison import (
     Comparison,
     compare,
     find_departures,
-    hop_height,
-    measure,
-    strongest_frequency,
     table,
     verdict,
 )
+from sealegs.hw.comparison_figures import hop_height, measure, strongest_frequency
 from sealegs.hw.comparison_files import write_comparison
 from sealegs.hw.robot import build_robot
 from sealegs.hw.simulated import Recording
@@ -100,7 +98,7 @@ def test_frequency_and_height_of_a_hop_are_those_of_the_motion() -> None:
     height = 0.18 + 0.04 * np.abs(np.sin(np.pi * 2.4 * time))
     assert strongest_frequency(height, 0.01) == pytest.approx(2.4, abs=0.05)
     assert hop_height(height, 0.01) == pytest.approx(0.04, abs=0.003)
-    figures = measure(recording(np.sin(time), np.stack([time, height], axis=1)))
+    figures = measure(recording(np.sin(time), np.stack([time, height], axis=1)), build_robot(config()["robot"]))
     assert figures.frequency == pytest.approx(2.4, abs=0.05) and figures.height == pytest.approx(0.04, abs=0.003)
     assert math.isnan(strongest_frequency(np.zeros(100), 0.01)) and math.isnan(hop_height(np.ones(100), 0.01))
 
