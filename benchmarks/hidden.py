@@ -176,19 +176,20 @@ def run(case: Case, look_on: bool = False, **recording: Any) -> dict[str, Any]:
 
 
 Limits = Mapping[str, Sequence[float | None]]
-"""By cause between which values it would not show; None where that side has no end, as JSON has no infinity."""
+"""By cause between which values it would not show, and the nominal one; None for an end that there is not."""
 
 
 def limits_of(found: JointDiagnosis) -> Limits:
-    """What a diagnosis says of what it could not have found."""
-    return {one.name: [float(x) if np.isfinite(x) else None for x in (one.low, one.high)] for one in found.limits}
+    """What a diagnosis says of what it could not have found; JSON has no infinity."""
+    ends = {one.name: (one.low, one.high, one.nominal) for one in found.limits}
+    return {name: [float(x) if np.isfinite(x) else None for x in row] for name, row in ends.items()}
 
 
 def hides(limits: Limits, name: str, value: float) -> bool:
     """Whether a diagnosis that found nothing says that a cause of this size would not show."""
     if name not in limits:
         return False
-    low, high = limits[name]
+    low, high, _ = limits[name]
     return (low is None or low < value) and (high is None or value < high)
 
 
@@ -292,16 +293,22 @@ def coverage(row: dict[str, Any]) -> tuple[bool, float] | None:
     return None
 
 
-def bounded(row: dict[str, Any]) -> bool:
-    """Whether "an effect below ... would not show" was said of what is hidden, and the truth is in that range."""
+def bounded(row: dict[str, Any]) -> bool | None:
+    """Whether the bound holds that was told of what is hidden ("below ... would not show").
+
+    None where none was told: "at all", on the side where the truth is, bounds nothing.
+    """
     if len(row["effects"]) != 1:
-        return False
+        return None
     ((name, effect),) = row["effects"].items()
-    if name not in TRUE_VALUES:
-        return False
+    limits: Limits = row.get("limits", {})
+    if name not in TRUE_VALUES or name not in limits:
+        return None
     _, true = TRUE_VALUES[name]
     truth = true(effect["value"], lambda key, nominal: row["factors"][key] * nominal)
-    return hides(row.get("limits", {}), name, truth)
+    low, high, nominal = limits[name]
+    below = truth < nominal if nominal is not None else high is None
+    return None if (low if below else high) is None else hides(limits, name, truth)
 
 
 NUMBERS: dict[str, dict[str, Callable[[float, float], float]]] = {

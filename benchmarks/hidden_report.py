@@ -125,11 +125,12 @@ def summary(rows: Sequence[dict[str, Any]]) -> str:
         )
     if faint := [row for row in alone if kind(row) == "faint"]:
         good = sum(outcome(row) in ("right", "not identifiable") for row in faint)
-        told = sum(outcome(row) == "nothing" and bounded(row) for row in faint)
+        told = [bounded(row) for row in faint if outcome(row) == "nothing"]
         wrong = sum(bool(unwanted(row)) for row in faint)
         lines.append(
-            f"- faint, right or 'not identifiable': {share(good, len(faint))}; with 'nothing to explain' where a bound "
-            f"is told that holds: {share(good + told, len(faint))}; a cause that is not hidden named with "
+            f"- faint, right or 'not identifiable': {share(good, len(faint))}; with 'nothing to explain' where the "
+            f"bound that is told holds: {share(good + told.count(True), len(faint))} (told, and too low: "
+            f"{told.count(False)}); a cause that is not hidden named with "
             f"confidence {SURE:g} or more: {share(wrong, len(faint))}"
         )
     if false := [row for row in plain if unwanted(row)]:

@@ -174,16 +174,17 @@ def test_an_effect_that_only_changes_numbers_is_a_machine_with_other_numbers(nam
 @pytest.mark.parametrize(
     ("limits", "honest"),
     [
-        ({}, False),
-        ({"sensor.scale": [0.97, 1.03]}, True),
-        ({"sensor.scale": [0.99, 1.01]}, False),
-        ({"sensor.scale": [None, 1.01]}, False),
-        ({"sensor.scale": [0.99, None]}, True),
-        ({"drive.gain": [0.5, 2.0]}, False),
+        ({}, None),
+        ({"sensor.scale": [0.97, 1.03, 1.0]}, True),
+        ({"sensor.scale": [0.99, 1.01, 1.0]}, False),
+        ({"sensor.scale": [None, 1.01, 1.0]}, False),
+        ({"sensor.scale": [0.99, None, 1.0]}, None),
+        ({"sensor.scale": [None, None, 1.0]}, None),
+        ({"drive.gain": [0.5, 2.0, 1.0]}, None),
     ],
 )
-def test_nothing_to_explain_is_honest_where_the_bound_that_is_told_holds(
-    limits: dict[str, list[float | None]], honest: bool
+def test_nothing_to_explain_is_honest_where_a_bound_is_told_that_holds(
+    limits: dict[str, list[float | None]], honest: bool | None
 ) -> None:
     row = {"effects": {"sensor.scale": {"value": 1.02}}, "factors": {}, "limits": limits}
     assert bounded(row) is honest

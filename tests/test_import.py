@@ -255,7 +255,7 @@ def test_an_open_question_holds_the_import_and_yes_leaves_its_columns_out(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     m = motion()
-    columns = {"time": m["time"], "goal": m["goal"], "pos": m["position"], "torque": 9.0 + m["goal"]}
+    columns = {"time": m["time"], "goal": m["goal"], "pos": m["position"], "torque": 99.0 + 10 * m["goal"]}
     path, out = table(tmp_path, columns), tmp_path / "log"
     assert main(["import", str(path), f"out={out}"]) == 0
     assert main(["import", str(path), f"out={out}", f"mapping={tmp_path / 'log.mapping.yaml'}"]) == 2

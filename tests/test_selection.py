@@ -18,6 +18,7 @@ from sealegs.gap.search.forward import Judged, Searcher
 from sealegs.gap.search.record import RoundRecord
 from sealegs.gap.search.result import Candidate, Round
 from sealegs.gap.search.settings import SearchSettings
+from sealegs.gap.verdict.diagnosis import diagnose
 
 from testbed import hidden_bench
 from testbed.bench import JOINT, NOISE_FLOOR
@@ -53,6 +54,32 @@ def searched(problem: FreeProblem, *names: str) -> tuple[Searcher, list[Candidat
         accepted.append(candidate)
         before, start = searcher.of(candidate), start | fits[0].values
     return searcher, accepted, rounds
+
+
+def test_what_wider_bounds_reach_is_no_optimum_of_the_tuned_numbers() -> None:
+    """The causes of a wrong number turn what is tuned, only further: all further ones were passed over beside them."""
+    problem = bench("friction.coulomb")
+    searcher = Searcher(problem, (), tuple(adjustable(problem.models[0])))
+    tuned = searcher.fit_sketch(searcher.tuned, None).cost
+    (cause,) = catalogue(problem.models[0], ["friction.coulomb"])
+    wide = searcher.fit_sketch(merge(searcher.tuned, cause.variants[0]), NEAR["friction.coulomb"]).cost
+    assert wide < 0.8 * tuned and searcher.optima[frozenset(searcher.tuned)] == tuned
+
+
+@pytest.mark.long
+def test_three_wrong_numbers_are_named_one_after_the_other() -> None:
+    effects: dict[str, str | float] = {"friction.viscous": 0.15, "drive.motor_constant": 0.7, "friction.coulomb": 0.1}
+    data, _ = hidden_bench(effects, 5, duration=6.0)
+    (found,) = diagnose(data, causes=[*effects, "transmission.backlash"])
+    assert found.search is not None and {one.cause.name for one in found.search.accepted} == set(effects)
+
+
+def test_a_round_whose_finalists_cannot_pay_says_which_came_nearest() -> None:
+    problem = bench("friction.coulomb")
+    causes = catalogue(problem.models[0], ["sensor.offset", "drive.offset"])
+    search = Searcher(problem, causes, tuple(adjustable(problem.models[0]))).run()
+    assert not search.accepted and search.rounds[-1].excess > search.settings.tied_excess
+    assert search.rounds[-1].candidates and not decide(search.record, search.settings).open
 
 
 @pytest.mark.long

@@ -16,7 +16,17 @@ from sealegs.gap.log.types import MeasuredRun
 from sealegs.gap.output.robot_extension import shared_changes
 from sealegs.gap.replay.tree import motion_of
 from sealegs.gap.shared import ROBOT, affected
-from sealegs.gap.shared.directions import RATE, Direction, about_joints, centres, masses, payload, rows_of, tilt
+from sealegs.gap.shared.directions import (
+    RATE,
+    Direction,
+    about_joints,
+    carries,
+    centres,
+    masses,
+    payload,
+    rows_of,
+    tilt,
+)
 from sealegs.gap.shared.search import helps_several
 from sealegs.gap.verdict.pieces import cut_joint
 from sealegs.gap.verdict.verdict import JointDiagnosis
@@ -60,6 +70,33 @@ def test_a_number_of_the_robot_does_to_each_joint_what_it_does_in_the_robots_mod
         rows = rows_of(direction, machine, joint, [recorded], [whole])
         said = np.zeros_like(change) if rows is None else (size - direction.neutral) * rows[0][at]
         np.testing.assert_allclose(said, change, atol=0.02 * np.abs(change).max() + 1e-5, err_msg=number)
+
+
+def test_a_joint_does_not_feel_the_mass_of_a_body_that_it_does_not_carry(recorded: MeasuredRun) -> None:
+    machine = robot(recorded)
+    bodies = {name: machine.model.body(f"{name}_link").id for name in JOINTS}
+    felt = {
+        (joint, body): carries(machine.model, machine.number(joint), bodies[body])
+        for joint in JOINTS
+        for body in JOINTS
+    }
+    assert felt == {(a, b): (a, b) != ("elbow", "shoulder") for a in JOINTS for b in JOINTS}
+
+
+def test_a_spring_of_a_joint_is_no_bodys_weight(recorded: MeasuredRun) -> None:
+    """It was in the rows of every body: -8.59 N.m per factor of a mass in place of -1.59."""
+    plain, sprung = robot(recorded), robot(recorded)
+    sprung = replace(sprung, model=sprung.model.__copy__())
+    sprung.model.jnt_stiffness[:] = 7.0
+    whole = motion_of(plain, recorded)
+    for one, other in zip(masses(plain), masses(sprung), strict=True):
+        rows, again = (
+            rows_of(direction, machine, "elbow", [recorded], [whole])
+            for direction, machine in ((one, plain), (other, sprung))
+        )
+        assert (rows is None) == (again is None)
+        if rows is not None and again is not None:
+            np.testing.assert_allclose(rows[0], again[0])
 
 
 def with_inertias_about_joints(text: str) -> str:

@@ -181,33 +181,46 @@ def test_an_interval_that_reaches_no_effect_is_no_finding(
     assert does_nothing(parameter, bounds, nominal()) is nothing
 
 
-def test_of_two_causes_that_trade_off_against_each_other_one_stays(monkeypatch: pytest.MonkeyPatch) -> None:
+@pytest.mark.parametrize(
+    ("losses", "left"),
+    [
+        # what is left of each set of causes: both idle, either alone explains the log
+        ({"d": 0.4, "l": 0.41, "dl": 0.4, "": 0.0}, ["d"]),
+        ({"d": 0.4, "l": 0.41, "dl": 0.8, "": 0.0}, ["d", "l"]),  # unseen data miss each of them
+        ({"d": 0.4, "l": 0.7, "dl": 0.7, "": 0.0}, ["l"]),  # the second one explains all that the first does
+        ({"d": 0.01, "l": 0.01, "dl": 0.01, "": 0.0}, []),
+    ],
+)
+def test_of_causes_that_trade_off_against_each_other_those_stay_that_unseen_data_miss(
+    losses: dict[str, float], left: list[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
     """Each could be none while the other was there, and both were withdrawn: 4.0 mrad in place of 1.8."""
-    drag, limit = (_accepted(name, parameter) for name, parameter in (("drag", SIZE), ("limit", SPEED)))
+    drag, limit = (_accepted(name, parameter, losses["dl"]) for name, parameter in (("d", SIZE), ("l", SPEED)))
     idle = {SIZE.path: (0.0, 0.01), SPEED.path: (20.0, 500.0)}
     told = {SIZE.path: (0.005, 0.01), SPEED.path: (20.0, 30.0)}
+    names = {SIZE.path: "d", SPEED.path: "l"}
 
     def intervals(problem: Any, parameters: list[Parameter], *given: Any) -> dict[str, tuple[float, float]]:
-        bounds = idle if len(parameters) > 1 else told
+        removed = losses["".join(sorted(names[p.path] for p in parameters))]
+        bounds = idle if len(parameters) > 1 or removed < 0.1 else told
         return {p.path: bounds[p.path] for p in parameters}
+
+    def refitted(parts: Any, parameters: list[Parameter], *given: Any) -> Any:
+        key = "".join(sorted(names[p.path] for p in parameters))
+        return (NO_FIT, NO_FIT), evidence("d", losses[key]).blocks
 
     monkeypatch.setattr(unseen, "fit", lambda *given, **more: NO_FIT)
     monkeypatch.setattr(unseen, "intervals", intervals)
-    monkeypatch.setattr(unseen, "without", lambda fitting, search, keys: search.less(keys))
-    idle_once = Round(limit.blocks, (limit,), accepted=True)
-    search = Search((), (drag, limit), (Round(BEFORE, (drag,), accepted=True), idle_once), COUNTS, (NO_FIT, NO_FIT))
+    monkeypatch.setattr(unseen, "refitted", refitted)
+    monkeypatch.setattr(unseen, "coarsened", lambda problem, settings: problem)
+    rounds = (Round(BEFORE, (drag,), accepted=True), Round(drag.blocks, (limit,), accepted=True))
+    search = Search((), (drag, limit), rounds, COUNTS, (NO_FIT, NO_FIT))
     believed: Any = _Believed((nominal(),))
     model = unseen.effective(believed, search, 0)
-    assert [c.cause.name for c in model.search.accepted] == ["drag"]
-    assert [(c.name, c.standing) for c in model.withdrawn] == [("limit", WITHDRAWN)]
-
-    # a cause that unseen data miss has a size, whatever a parabola says
-    needed = replace(search, rounds=(search.rounds[0], Round(BEFORE, (limit,), accepted=True)))
-    monkeypatch.setattr(unseen, "without", lambda fitting, search, keys: replace(search, accepted=(far,)))
-    far = replace(drag, evidence=evidence("drag", 0.0))
-    model = unseen.effective(believed, needed, 0)
-    assert [c.cause.name for c in model.search.accepted] == ["drag", "limit"] and not model.withdrawn
-    assert model.bounds == {SIZE.path: (0.004, 0.01), SPEED.path: (20.0, 30.0)}
+    assert [c.cause.name for c in model.search.accepted] == left
+    assert [c.name for c in model.withdrawn] == [name for name in ("l", "d") if name not in left]
+    if len(left) == 2:  # half way from none to where the fits ended, and the confidence counts all of it
+        assert model.bounds[SIZE.path] == (pytest.approx(0.002), 0.01) and model.spread[SIZE.path] == (0.0, 0.01)
 
 
 NO_FIT = Fit({SIZE.path: 0.004, SPEED.path: 30.0}, np.zeros((0, 4)), 1.0)
@@ -223,9 +236,9 @@ class _Believed:
         return self
 
 
-def _accepted(name: str, parameter: Parameter) -> Candidate:
+def _accepted(name: str, parameter: Parameter, removed: float) -> Candidate:
     cause = Cause(sentence="", picture="", variants=((parameter,),), name=name)
-    return Candidate(cause, (parameter,), (NO_FIT, NO_FIT), evidence(name, 0.4))
+    return Candidate(cause, (parameter,), (NO_FIT, NO_FIT), evidence("d", removed))
 
 
 def test_an_interval_that_fills_the_range_tried_is_no_measurement() -> None:

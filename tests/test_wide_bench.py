@@ -72,7 +72,7 @@ def test_a_case_is_judged_by_what_was_hidden(effects: dict[str, Any], causes: An
 )
 def test_what_would_not_show_by_the_limit_that_is_given_is_open(limit: Any, wanted: str) -> None:
     effect = {"sensor.scale": {**CLEAR, "actual": 0.96}}
-    limits = {} if limit is None else {"sensor.scale": limit}
+    limits = {} if limit is None else {"sensor.scale": [*limit, 1.0]}
     assert outcome(row(effect, [], "nothing to explain", limits=limits)) == wanted
 
 

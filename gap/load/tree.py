@@ -223,7 +223,8 @@ def _whole_block(model: mujoco.MjModel, dof: int, motion: Motion) -> Array:
 
 def is_passive(model: mujoco.MjModel) -> bool:
     """Whether joints of a robot's file have springs, or bodies a compensation of their weight."""
-    return bool(np.any(model.jnt_stiffness) or np.any(model.body_gravcomp))
+    springs = np.any(model.jnt_stiffness) or np.any(model.jnt_stiffnesspoly)
+    return bool(springs or np.any(model.body_gravcomp))
 
 
 def passive_torques(model: mujoco.MjModel, data: mujoco.MjData) -> Array:

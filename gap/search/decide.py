@@ -142,8 +142,8 @@ def shortfalls(
     if not consistent(candidate, settings):
         lacks("least_agreement", "the two parts of the data disagree on its size, or it hardly differs from none")
     often = f"it is the best in {100 * standing.best:.0f} % of the draws"
-    tied = further and not standing.best > settings.least_win_rate
-    if tied and not record.left > settings.tied_excess:  # a model that is far off lacks something, whichever it is
+    far = further and record.left > settings.tied_excess  # it lacks something, whichever of those that tie it is
+    if further and not standing.best > settings.least_win_rate * (settings.tied_share if far else 1.0):
         lacks("least_win_rate", often)
     if not standing.removed > settings.weak:  # little beyond the noise also means little to tell causes apart by
         if not further and standing.best < settings.least_win_rate:

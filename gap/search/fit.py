@@ -45,11 +45,6 @@ def merge(*groups: Sequence[Parameter]) -> list[Parameter]:
     return list(table.values())
 
 
-def paths_of(parameters: Sequence[Parameter]) -> frozenset[str]:
-    """What is turned."""
-    return frozenset(p.path for p in parameters)
-
-
 def middle(a: Fit, b: Fit) -> dict[str, float]:
     """Values halfway between two fits of the same parameters."""
     return {path: 0.5 * (value + b.values[path]) for path, value in a.values.items()}

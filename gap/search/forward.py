@@ -15,13 +15,13 @@ from ..replay.problem import Problem
 from ..replay.robust import robust_loss
 from . import decide
 from .correlated import excess
-from .fit import Fit, fit, merge, middle, paths_of
+from .fit import Fit, fit, merge, middle
 from .loose import refitting_beats
 from .record import Evidence, Replacement, RoundRecord, SearchRecord, Step
 from .result import Candidate, Round, Search
 from .screen import screen
 from .settings import DEFAULT, SearchSettings
-from .simpler import at_bound, elaborates, visited, without_friction
+from .simpler import at_bound, contradicted, elaborates, visited, without_friction
 from .sketch import coarsened, sketch
 from .state import Found, Judged
 
@@ -57,7 +57,7 @@ class Searcher:
     start: Mapping[str, float] | None = None
     outrun: bool = field(default=False, init=False)  # by refitted numbers, in a round
     replaced: set[str] = field(default_factory=set, init=False)  # causes that a later one made redundant
-    optima: dict[frozenset[str], float] = field(default_factory=dict, init=False)  # costs on the sketch, by paths
+    optima: dict[frozenset[Parameter], float] = field(default_factory=dict, init=False)  # costs on the sketch
 
     def __post_init__(self) -> None:
         self.problem = coarsened(self.problem, self.settings)
@@ -138,7 +138,7 @@ class Searcher:
     def fit_sketch(self, parameters: Sequence[Parameter], start: Mapping[str, float] | None) -> Fit:
         """A fit to the sketch; the least cost of each set of parameters is remembered."""
         found = fit(self.sketch, parameters, start, self.settings.iterations)
-        turned = paths_of(parameters)
+        turned = frozenset(parameters)  # with their bounds: refitting turns the same numbers further
         self.optima[turned] = min(found.cost, self.optima.get(turned, found.cost))
         return found
 
@@ -188,20 +188,10 @@ class Searcher:
             sampled=judged.sampled,
             distances=(a, b),
             scale=first.scale if first.logarithmic else None,
-            contradicted=self.contradicted(cause, judged.fits),
+            contradicted=contradicted(self.both, cause, judged.fits),
             values=(judged.fits[0].values, judged.fits[1].values),
         )
         return Candidate(cause, variant, judged.fits, evidence)
-
-    def contradicted(self, cause: Cause, fits: tuple[Fit, Fit]) -> float:
-        """Share of the samples that show the cause is not there, such as duties above a limit that was fitted."""
-        limit = cause.refuted_by
-        if limit is None or limit.channel not in self.both.channels:
-            return 0.0
-        column = self.both.channels.index(limit.channel)
-        if self.both.weight[column] == 0.0:
-            return 0.0
-        return limit.exceeded(self.both.measured[:, column], [found.values for found in fits], self.nominal)
 
     # --- one round -------------------------------------------------------------------------------------------------
 
@@ -231,26 +221,34 @@ class Searcher:
         finalists += [cause.key for cause, _ in chosen[: settings.foreseen] if cause.key not in finalists]
         finalists += [cause.key for cause in self.shown if cause.seen and cause.key not in (*finalists, *taken)]
         found: list[Candidate] = []
+        passed: list[tuple[Fit, Cause, Variant]] = []
         best: dict[str, float] = {}
         joined: dict[str, float] = {}
         before = least = fit(self.sketch, extended, here, 0).cost
-        optimum = self.optima.get(paths_of(extended), before)
+        optimum = self.optima.get(frozenset(extended), before)
         for start, cause, variant in rough:
             cost = self._charged(start, cause, variant)
             # a rough fit may have left the usual form far from its optimum
             outrun = cost > settings.outrun_cost * best.setdefault(cause.key, cost) and variant != cause.variants[0]
             if cause.key in finalists and not outrun:
-                parameters = merge(extended, variant)
-                joint = self.fit_sketch(parameters, start.values)
+                joint = self.fit_sketch(merge(extended, variant), start.values)
                 least = min(least, joint.cost)
                 if not self.look_on and decide.hopeless(joint.cost, least, before, optimum, left, settings):
+                    passed.append((joint, cause, variant))
                     continue
                 cost = self._charged(joint, cause, variant)
                 if cost > (1.0 + settings.shared_error) * joined.setdefault(cause.key, cost) and not self.look_on:
                     continue  # another of its cause's variants does better
                 joined[cause.key] = min(cost, joined[cause.key])
-                found.append(self.candidate(cause, variant, self.judged(self.fit_parts(parameters, joint.values))))
+                found.append(self.finalist(extended, joint, cause, variant))
+        if passed and not found:  # a round says what came nearest
+            found = [self.finalist(extended, *min(passed, key=lambda row: self._charged(*row)))]
         return self.simplest(found, extended, taken), screened.promise
+
+    def finalist(self, extended: Sequence[Parameter], optimum: Fit, cause: Cause, variant: Variant) -> Candidate:
+        """A cause that is fitted to both parts, from its fit to the sketch."""
+        fits = self.fit_parts(merge(extended, variant), optimum.values)
+        return self.candidate(cause, variant, self.judged(fits))
 
     def simplest(self, found: Sequence[Candidate], extended: Sequence[Parameter], taken: set[str]) -> list[Candidate]:
         """Candidates less those that are the simpler cause which they degenerate to; that one is always tried.

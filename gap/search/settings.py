@@ -53,7 +53,8 @@ class SearchSettings:
     hopeless_gain: float = threshold(
         0.5,
         "Share of the best finalist's gain, by the fit to the sketch, below which one is not fitted to the parts, "
-        "if that gain is above `weak`. There all rivals of the recorded searches reached 0.97.",
+        "if that gain is above `weak`. There all rivals of the recorded searches reached 0.97. Above `tied_excess` the "
+        "same share of `least_gain` is asked for.",
     )
     outrun_cost: float = threshold(
         1.15, "Rough cost, relative to its cause's best variant, from which a variant is not fitted to convergence."
@@ -161,15 +162,17 @@ class SearchSettings:
     )
     least_win_rate: float = threshold(
         0.5,
-        "Minimum bootstrap win rate for a weak or an additional cause; below it the cause is ambiguous.",
+        "Minimum bootstrap win rate for a weak or an additional cause; below it the cause is ambiguous, and named only "
+        "as `tied_excess` says.",
         decides=True,
     )
     tied_excess: float = threshold(
         3.0,
-        "Excess loss from which a further cause is named with its rivals though it wins fewer draws than "
-        "`least_win_rate`: to end there would leave a model that is far off.",
+        "Excess loss from which a further cause that ties with others is named, with them as its rivals: to end there "
+        "would leave a model that is far off. There a finalist that removes too little of a sketch is passed over.",
         decides=True,
     )
+    tied_share: float = threshold(0.5, "Share of `least_win_rate` that such a cause must win at least.", decides=True)
     least_sampled: float = threshold(
         0.01, "Loss that a weak cause must remove from what is judged sample by sample.", decides=True
     )

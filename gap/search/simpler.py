@@ -3,13 +3,14 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable
+from collections.abc import Iterable, Sequence
 
 import numpy as np
 
 from ..causes.cause import Cause
 from ..replay.parameters import Parameter
 from ..replay.problem import Nominal, Problem
+from .fit import Fit
 from .result import Candidate
 from .settings import SearchSettings
 
@@ -24,6 +25,17 @@ def elaborates(candidate: Candidate, simple: Candidate, settings: SearchSettings
 def at_bound(candidate: Candidate) -> bool:
     """Whether a number of a candidate is at a bound in both parts of the data."""
     return any(all(p.path in found.at_bound for found in candidate.fits) for p in candidate.variant)
+
+
+def contradicted(problem: Problem, cause: Cause, fits: Sequence[Fit]) -> float:
+    """Share of the samples that show a cause is not there, such as duties above a limit that was fitted."""
+    limit = cause.refuted_by
+    if limit is None or limit.channel not in problem.channels:
+        return 0.0
+    column = problem.channels.index(limit.channel)
+    if problem.weight[column] == 0.0:
+        return 0.0
+    return limit.exceeded(problem.measured[:, column], [found.values for found in fits], problem.models[0])
 
 
 def without_friction(causes: Iterable[Cause], turned: Iterable[Parameter], nominal: Nominal) -> set[str]:

@@ -53,7 +53,7 @@ class Direction:
 
     @property
     def body(self) -> str:
-        """Name of the body whose mass it changes; empty where it is none."""
+        """Name of the body whose mass, or its centre, it changes; empty where it is none's."""
         return self.parts[0] if self.effect.startswith("body.") else ""
 
 
@@ -219,8 +219,9 @@ def _heavy(model: mujoco.MjModel, light: float) -> list[int]:
 
 
 def _empty(model: mujoco.MjModel) -> mujoco.MjModel:
-    """The robot without any mass."""
+    """The robot without any mass, and without the springs of its joints, which are no body's."""
     other = model.__copy__()
+    other.jnt_stiffness[:] = other.jnt_stiffnesspoly[:] = 0.0
     other.body_mass[:] = other.body_inertia[:] = other.body_subtreemass[:] = 0.0
     return other
 

@@ -19,7 +19,7 @@ from ..log.parts import FIT_A, FIT_B
 from ..log.progress import Progress
 from ..log.types import Array, MeasuredRun
 from ..replay.flattened import flattened
-from ..replay.parameters import Parameter
+from ..replay.parameters import BAR, Parameter
 from ..replay.problem import JointProblem
 from ..replay.tree import motion_of, terms_of
 from ..search.fit import merge, middle
@@ -155,16 +155,16 @@ def search_shared(
     own = {joint: _own(found) for joint, found in searches.items()}
     plain = {joint: _friction(problems[joint], found) for joint, found in searches.items()}
     rotors = {joint: _rotor(problem) for joint, problem in problems.items()}
-    tries = [(own, 0), (plain, 0)]  # what a joint was said to have may only have stood in for what all of them share
-    if count := sum(map(len, rotors.values())):
-        tries.append(({joint: merge(numbers, rotors[joint]) for joint, numbers in plain.items()}, count))
     # each joint's own search has been there: sixty numbers take long from anywhere else
-    known = {f"{joint}|{path}": x for joint, found in searches.items() for path, x in middle(*found.fits).items()}
+    known = {f"{joint}{BAR}{path}": x for joint, found in searches.items() for path, x in middle(*found.fits).items()}
+    tries: list[tuple[Mapping[str, Sequence[Parameter]], int, Mapping[str, float] | None]] = [(own, 0, known)]
+    tries.append((plain, 0, None))  # what a joint was said to have may only have stood in for what all of them share
+    if count := sum(map(len, rotors.values())):
+        tries.append(({joint: merge(numbers, rotors[joint]) for joint, numbers in plain.items()}, count, None))
     sought: list[SharedFound] = []
     charged: list[float] = []
-    for beside, more in tries:
+    for beside, more, start in tries:
         tuned = tuple(p.of_joint(joint) for joint, numbers in beside.items() for p in numbers)
-        start = known if beside is own else None
         search = Searcher(problem, _causes(wide), tuned, progress, seed, settings, look_on, start=start).run()
         sought.append(SharedFound(problem, search, tuned, rows))
         charged.append(sought[-1].loss() * (1.0 + settings.parameter_charge * more))

@@ -56,6 +56,11 @@ class Thresholds:
         "numbers are clearly better.",
     )
     certainly: float = threshold(0.975, "Share of the bootstrap draws in which the refitted numbers must be better.")
+    missed: float = threshold(
+        0.9,
+        "Loss with a cause whose interval reaches no effect, relative to the loss without it, below which unseen data "
+        "miss it and it stays; `certainly` holds for it too.",
+    )
     at_rest: float = threshold(
         1e-3, "Share of the range tried: an interval that comes this close to the value without effect includes it."
     )

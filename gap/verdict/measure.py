@@ -244,7 +244,7 @@ def _name_causes(
         if simpler and simpler not in {c.cause.name for c in search.accepted}:
             rivals, sure = tuple(dict.fromkeys((*rivals, simpler))), sure * THRESHOLDS.at_bound
         sizes = [p for p in candidate.variant if p.is_size]
-        sure *= min((measured(p, model.bounds[p.path]) for p in sizes), default=1.0)
+        sure *= min((measured(p, model.spread[p.path]) for p in sizes), default=1.0)
         if any(p.path in model.fitted.at_bound for p in sizes):
             sure *= THRESHOLDS.at_bound
         seen = features.get(candidate.cause.key, ())

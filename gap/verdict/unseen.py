@@ -1,16 +1,16 @@
 """Which of the fitted models may be handed over: what holds on data that nothing was fitted to.
 
-Three rules, in this order. A cause whose interval reaches the value at which it does nothing is no finding. Causes
-that leave the error of the test part no smaller than nominal or tuned numbers do are withdrawn, all of them. Where
-turning the nominal numbers alone does clearly better on all data that its fits did not see, that is the finding, and
-the model that is handed over. These data are the test part, and each half under the fit to the other: a test part alone
-may be the slow stretches of a chirp.
+Three rules, in this order. A cause whose interval reaches the value at which it does nothing is no finding, unless data
+that no fit saw miss it. Causes that leave the error of the test part no smaller than nominal or tuned numbers do are
+withdrawn, all of them. Where turning the nominal numbers alone does clearly better on all data that its fits did not
+see, that is the finding, and the model that is handed over. These data are the test part, and each half under the fit
+to the other: a test part alone may be the slow stretches of a chirp.
 """
 
 from __future__ import annotations
 
 from collections.abc import Callable, Collection, Iterable, Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 
@@ -21,6 +21,7 @@ from ..replay.problem import Nominal, Problem
 from ..search.fit import Fit, fit, middle
 from ..search.intervals import intervals
 from ..search.result import Candidate, Search
+from ..search.sketch import coarsened
 from ..search.structure import fine, told_in
 from .evidence import THRESHOLDS
 from .shares import refitted
@@ -35,77 +36,92 @@ class Model:
     Attributes:
         search: less the causes that have none.
         fitted: all its parameters, to all that may be fitted.
-        bounds: 95 % intervals by path.
+        bounds: 95 % intervals by path; that of a cause that unseen data miss ends before it reaches no effect.
         withdrawn: causes that were taken out.
+        spread: the intervals as they were: what confidence counts.
     """
 
     search: Search
     fitted: Fit
     bounds: Mapping[str, tuple[float, float]]
     withdrawn: tuple[OpenCause, ...] = ()
+    spread: Mapping[str, tuple[float, float]] = field(default_factory=dict)
 
     def with_fit(self, fitted: Fit) -> Model:
         """The model with other values; its intervals reach them."""
-        bounds = {
-            path: (min(low, fitted.values.get(path, low)), max(high, fitted.values.get(path, high)))
-            for path, (low, high) in self.bounds.items()
-        }
-        return replace(self, fitted=fitted, bounds=bounds)
+        bounds, spread = (
+            {
+                path: (min(low, fitted.values.get(path, low)), max(high, fitted.values.get(path, high)))
+                for path, (low, high) in intervals.items()
+            }
+            for intervals in (self.bounds, self.spread)
+        )
+        return replace(self, fitted=fitted, bounds=bounds, spread=spread)
 
 
 def effective(fitting: Problem, search: Search, seed: int) -> Model:
     """Fit the extended model to all that may be fitted; take out the causes that may as well do nothing.
 
     One at a time, the last one that was found first: where two trade off against each other, neither can be told from
-    none while the other is there, and one of them stays. An interval is a parabola about the optimum. Where leaving the
-    cause out and refitting all else costs clearly more on data that no fit saw, it ends where the fits ended.
+    none while the other is there, and one of them stays. So does one that unseen data miss: an interval is a parabola
+    about the optimum, and says less of a model without the cause than that model's own fit.
     """
-    fitted = fitting.part(FIT_A, FIT_B)
+    fitted, coarse = fitting.part(FIT_A, FIT_B), coarsened(fitting, search.settings)
     idled: list[OpenCause] = []
     while True:
         parts = search.fits
         found = fit(fitted, search.parameters(), middle(*parts), evaluations=search.settings.iterations)
         if not search.accepted:
             return Model(search, found, {}, tuple(idled))
-        bounds = dict(intervals(fitted, search.parameters(), found, seed, parts))
+        spread = intervals(fitted, search.parameters(), found, seed, parts)
+        bounds = dict(spread)
         for candidate in reversed([c for c in search.accepted if _idle(c, bounds, fitting.models[0])]):
-            less = without(fitting, search, [candidate.cause.key])
-            if not missed(search, less, candidate, seed):
+            away = _away_from_none(candidate, bounds, (found, *parts), fitting.models[0])
+            if not (away and missed(coarse, search, candidate, seed)):
                 why = f"its size cannot be told from none ({_interval(candidate, bounds)})"
                 idled += withdrawn([candidate.cause.name], why)
-                search = less
+                search = without(coarse, search, [candidate.cause.key])
                 break
-            bounds |= _away_from_none(candidate, bounds, (found, *parts), fitting.models[0])
+            bounds |= away
         else:
-            return Model(search, found, bounds, tuple(idled))
+            return Model(search, found, bounds, tuple(idled), spread)
 
 
-def missed(search: Search, less: Search, candidate: Candidate, seed: int) -> bool:
-    """Whether data that no fit saw miss a cause: their loss without it, all else refitted, is clearly larger."""
-    blocks, settings = search.accepted[-1].blocks, search.settings
-    named = [one.cause.key for one in search.accepted]
-    if named[-1] == candidate.cause.key:
-        other = [r for r in search.rounds if r.accepted][-1].before
-    else:
-        other = less.accepted[-1].blocks
-    if not blocks.sum() < settings.clearly_less * other.sum():
+def missed(problem: Problem, search: Search, candidate: Candidate, seed: int) -> bool:
+    """Whether unseen data miss a cause: all else refitted without it, the loss is clearly larger.
+
+    Each half of the data is judged under the fit to the other.
+
+    Args:
+        problem: the data with the steps of the search, whose losses these are compared with.
+        search: with the cause.
+        candidate: the cause.
+        seed: of the bootstrap.
+    """
+    parts = (problem.part(FIT_A), problem.part(FIT_B))
+    less = search.less([candidate.cause.key])
+    other = refitted(parts, less.parameters(), search.fits, search.settings.iterations)[1]
+    blocks = search.accepted[-1].blocks
+    if not blocks.sum() < THRESHOLDS.missed * other.sum():
         return False
-    weights = block_weights(len(blocks), settings.draws, np.random.default_rng(seed))
-    return bool((weights @ blocks < weights @ other).mean() > settings.least_certainty)
+    weights = block_weights(len(blocks), search.settings.draws, np.random.default_rng(seed))
+    return bool((weights @ blocks < weights @ other).mean() > THRESHOLDS.certainly)
 
 
 def _away_from_none(
     candidate: Candidate, bounds: Mapping[str, tuple[float, float]], fits: Sequence[Fit], nominal: Nominal
 ) -> dict[str, tuple[float, float]]:
-    """Intervals of a cause's sizes that end, on the side of none, where the fits ended."""
+    """Intervals of those sizes of a cause that all fits put on one side of none, which end half way to the nearest."""
     found = {}
     for p in candidate.variant:
-        values = [one.values[p.path] for one in fits if p.path in one.values]
-        if not p.is_size or p.path not in bounds or not values:
+        if not p.is_size or p.path not in bounds:
             continue
-        low, high = bounds[p.path]
-        none, (least, most) = p.neutral(nominal), (min(values), max(values))
-        found[p.path] = (least, high) if none < least else (low, most) if none > most else (low, high)
+        low, high = (p.to_fit(end) for end in bounds[p.path])
+        none, values = none_of(p, nominal), [p.to_fit(one.values[p.path]) for one in fits]
+        if none < min(values):
+            found[p.path] = p.from_fit(max(low, 0.5 * (none + min(values)))), bounds[p.path][1]
+        elif none > max(values):
+            found[p.path] = bounds[p.path][0], p.from_fit(min(high, 0.5 * (none + max(values))))
     return found
 
 
@@ -136,11 +152,15 @@ def _idle(candidate: Candidate, bounds: Mapping[str, tuple[float, float]], nomin
 def does_nothing(parameter: Parameter, bounds: tuple[float, float], nominal: Nominal) -> bool:
     """Whether an interval reaches the value at which the parameter changes nothing, or that end of what was tried."""
     low, high = (parameter.to_fit(end) for end in (parameter.low, parameter.high))
-    neutral = parameter.neutral(nominal)
-    least = parameter.low if not parameter.logarithmic else max(parameter.low, 1e-12)
-    none = parameter.to_fit(min(max(neutral, least), parameter.high))
+    none = none_of(parameter, nominal)
     margin = THRESHOLDS.at_rest * (high - low)
     return parameter.to_fit(bounds[0]) <= none + margin and parameter.to_fit(bounds[1]) >= none - margin
+
+
+def none_of(parameter: Parameter, nominal: Nominal) -> float:
+    """The value at which a parameter changes nothing, or that end of what was tried, in the optimiser's coordinate."""
+    least = parameter.low if not parameter.logarithmic else max(parameter.low, 1e-12)
+    return parameter.to_fit(min(max(parameter.neutral(nominal), least), parameter.high))
 
 
 def _interval(candidate: Candidate, bounds: Mapping[str, tuple[float, float]]) -> str:

@@ -209,6 +209,12 @@ def read_other(signal: str, name: str, values: Array, said: str, how: str) -> Re
     plausible = {"torque": 50.0, "torque_command": 50.0, "current": 60.0, "voltage": 60.0, "temperature": 130.0}
     units = {"torque": "N.m", "torque_command": "N.m", "current": "A", "voltage": "V", "temperature": "degC"}
     unit = units[signal]
+    unsigned = ""
+    if signal in ("torque", "current") and len(finite) and finite.min() >= 0.0 and np.ptp(finite) > 0.0:
+        unsigned = "; never negative, so it may be a magnitude without sign, or a register"
+        if signal == "torque" and not said:
+            asked = unsigned.replace("; ", "? It is ").replace("so it", "and")
+            return Read(column, unit, ASK, span, f"is it a torque at all{asked}")
     if said not in ("", "?") or largest > plausible[signal] or said == "?":
         ask = (
             f"{how} says {said}, which is no unit of a {signal}"
@@ -222,17 +228,6 @@ def read_other(signal: str, name: str, values: Array, said: str, how: str) -> Re
             "torque_command": "*1e-3",
         }.get(signal, "")
         return Read(column + smaller * (largest > plausible[signal]), unit, ASK, span, ask)
-    unsigned = ""
-    if signal in ("torque", "current") and len(finite) and finite.min() >= 0.0 and np.ptp(finite) > 0.0:
-        unsigned = "; never negative, so it may be a magnitude without sign, or a register"
-        if signal == "torque":
-            return Read(
-                column,
-                unit,
-                ASK,
-                span,
-                f"is it a torque at all{unsigned.replace('; ', '? It is ').replace('so it', 'and')}",
-            )
     if signal in MILLI and whole_numbers(finite) and np.ptp(finite) > 1.0:
         ask = f"in which unit is this {signal}? Whole numbers are counts of a register, or {MILLI[signal]} (*1e-3)"
         return Read(f"{column}*1e-3", unit, ASK, span, ask)
