@@ -11,6 +11,7 @@ from dataclasses import replace
 import pytest
 from sealegs.gap.experiment import DetectionLimit
 from sealegs.gap.log.finding import Finding
+from sealegs.gap.output.document import overall as of_documents
 from sealegs.gap.search.structure import Structure
 from sealegs.gap.verdict.decide import MOST_WORDS, confidence, decide, law_error, overall, standing
 from sealegs.gap.verdict.evidence import Balanced, Refused, Replayed
@@ -315,6 +316,31 @@ def test_what_was_withdrawn_and_what_nearly_was_named_is_told() -> None:
 def test_the_joint_that_is_understood_worst_speaks_for_the_machine() -> None:
     assert overall([NOTHING, PARTLY, EXPLAINED]) == 1
     assert overall([EXPLAINED, NOT_IDENTIFIABLE, UNUSABLE]) == 2
+
+
+def test_a_certain_cause_speaks_for_a_machine_of_which_other_joints_are_open() -> None:
+    """A payload at 99 % stood below "No known cause explains the gap of 'shoulder'"."""
+    open_joint = {"joint": "shoulder", "causes": [], "verdict": NOT_IDENTIFIABLE, "sentence": "Open.", "reasons": []}
+    sure = {"share": 0.9, "standing": CERTAIN}
+    payload = {"joint": "robot", "causes": [sure], "verdict": EXPLAINED, "sentence": "A payload.", "reasons": []}
+    more = {"gap": {}, "data_errors": [], "unexplained": 0.0, "rivals": [], "next_experiment": None}
+    found = of_documents([open_joint | more, payload | more])
+    assert (found["verdict"], found["sentence"]) == (PARTLY, "A payload.")
+    assert [reason["sentence"] for reason in found["reasons"]] == ["Open."]
+    doubtful = payload | {"causes": [sure | {"standing": LIKELY}]} | more
+    assert of_documents([open_joint | more, doubtful])["sentence"] == "Open."
+
+
+def test_a_joint_of_a_robot_at_the_noise_has_nothing_to_explain_in_spite_of_slight_structure() -> None:
+    """A machine with nothing wrong in it was not identifiable at each of its joints."""
+    right = replayed(level=0.2, after=NOISE, tuned=NOISE, of_robot=True)
+    verdict = decide(right)
+    assert verdict.name == NOTHING and verdict.because("structure")
+    assert decide(replace(right, of_robot=False)).name == NOT_IDENTIFIABLE
+    assert decide(replayed(level=0.2, after=1.2 * NOISE, of_robot=True)).name == NOT_IDENTIFIABLE
+    assert decide(replayed(level=0.5, after=NOISE, of_robot=True)).name == NOT_IDENTIFIABLE
+    taken_out = OpenCause("load.mass", WITHDRAWN, "its size cannot be told from none")
+    assert decide(replace(right, open_causes=(taken_out,))).name == NOT_IDENTIFIABLE
 
 
 def test_beside_refitted_numbers_causes_are_feeble_by_all_data_that_no_fit_saw() -> None:

@@ -74,6 +74,15 @@ def test_a_unit_that_is_not_the_models_is_refused(tmp_path: Path) -> None:
         diagnose(sidecar, causes=["friction.coulomb"])
 
 
+def test_a_joint_that_the_robot_has_not_is_told_before_its_unit(tmp_path: Path) -> None:
+    """"slide.position is in m, and the model has that joint in rad": there was no such joint."""
+    columns = {name.replace("rail", "slide"): values for name, values in table().items()}
+    own = {"slide": [SERVO], "shoulder": [SERVO]}
+    data = log(tmp_path, columns, actuators=own, units={"slide.position": "mm", "slide.goal": "mm"})
+    with pytest.raises(SealegsError, match="drives no 'slide'.*it drives rail, shoulder"):
+        check_log(data, lambda text: None)
+
+
 def test_a_percentage_of_the_range_and_other_units_are_converted(tmp_path: Path) -> None:
     plain = table()
     said = {"rail.position": ("percent", (plain["rail.position"] + 0.3) / 0.6 * 100.0)}

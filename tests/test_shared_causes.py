@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from dataclasses import replace
 from pathlib import Path
+from typing import Any
 
 import mujoco
 import numpy as np
@@ -13,6 +14,7 @@ from sealegs.gap.diagnose import diagnose
 from sealegs.gap.load.robot import LoggedRobot
 from sealegs.gap.load.tree import block_along
 from sealegs.gap.log.types import MeasuredRun
+from sealegs.gap.output.pictures.summary import budget_slices
 from sealegs.gap.output.robot_extension import shared_changes
 from sealegs.gap.replay.tree import motion_of
 from sealegs.gap.shared import ROBOT, affected
@@ -29,7 +31,8 @@ from sealegs.gap.shared.directions import (
 )
 from sealegs.gap.shared.search import helps_several
 from sealegs.gap.verdict.pieces import cut_joint
-from sealegs.gap.verdict.verdict import JointDiagnosis
+from sealegs.gap.verdict.robot import beside_before
+from sealegs.gap.verdict.verdict import Error, JointDiagnosis
 
 from testbed.logs import hidden_arm
 from tests.logged_robots import JOINTS, robot, two_link_run
@@ -97,6 +100,24 @@ def test_a_spring_of_a_joint_is_no_bodys_weight(recorded: MeasuredRun) -> None:
         assert (rows is None) == (again is None)
         if rows is not None and again is not None:
             np.testing.assert_allclose(rows[0], again[0])
+
+
+def test_what_the_robot_has_is_not_the_share_of_a_joints_tuned_numbers() -> None:
+    """ "tuned numbers 95 %" where a payload had taken the error from 25.2 to 1.4 mrad."""
+
+    def judged(nominal: float, **more: Any) -> JointDiagnosis:
+        gap = {name: Error(size, size) for name, size in (("nominal", nominal), ("noise_floor", 1e-3))}
+        return replace(found_of_robot("x", 0.0), joint="elbow", gap=gap, **more)
+
+    now = beside_before(judged(2e-3, tuned_share=0.9, unexplained=0.1), judged(20e-3), "body.hand.payload 0.15 kg")
+    assert now.gap["nominal"].rmse == 20e-3 and now.shared_share == pytest.approx(1.0 - 3.0 / 399.0)
+    assert now.shared_share + now.tuned_share + now.unexplained == pytest.approx(1.0)
+    assert "(body.hand.payload 0.15 kg) takes the error from 20 to 2 mrad" in now.reasons[0].sentence
+    assert {piece.label for piece in budget_slices(now)} >= {"whole robot", "tuned numbers"}
+    unhelped = beside_before(
+        judged(20e-3, tuned_share=0.9, unexplained=0.1), judged(20e-3), "body.hand.payload 0.15 kg"
+    )
+    assert unhelped.shared_share == 0.0 and unhelped.tuned_share == 0.9 and not unhelped.reasons
 
 
 def with_inertias_about_joints(text: str) -> str:

@@ -95,6 +95,21 @@ def test_causes_beside_refitted_numbers_are_judged_by_all_data_that_no_fit_saw()
 
 
 @pytest.mark.long
+def test_causes_that_reach_the_noise_are_not_outdone_by_numbers() -> None:
+    """Friction of 2.5 times was withdrawn, "0.5 against 0.6 mrad", where the noise was 0.59."""
+    wave = np.sign(np.sin(np.arange(2000) / 7.0 + 0.1))
+    off = {
+        name: size * wave for name, size in (("nominal", 5.6), ("tuned", 5.0), ("refitted", 0.50), ("extended", 0.53))
+    }
+    draws = DEFAULT.verdict_draws
+    assert handed_over(off, "rad", 0, draws, named=True).model == "refitted"
+    assert handed_over(off, "rad", 0, draws, named=True, noise=0.59) == Handed("extended")
+    assert handed_over(off, "rad", 0, draws, named=True, noise=0.45).model == "refitted"
+    alone = off | {"tuned": 0.53 * wave}
+    assert handed_over(alone, "rad", 0, draws, named=False, noise=0.59).model == "refitted"
+    assert handed_over(alone, "rad", 0, draws, named=False, noise=0.59, of_robot=True).model == "extended"
+
+
 def test_an_effect_is_found_beside_numbers_that_are_off_by_more_than_their_tolerance() -> None:
     """A chain made for another motor: one cause after the other stood in for its numbers, and play was not found."""
     data, _ = hidden_bench({"transmission.backlash": 0.03}, 5, runs=3, duration=6.0, nominal_error=0.0)

@@ -17,7 +17,18 @@ from ..log.finding import Finding
 from ..search.structure import Structure
 from ..verdict.decide import overall as overall_verdict
 from ..verdict.signatures import Signature
-from ..verdict.verdict import DataError, Error, JointDiagnosis, NamedCause, OpenCause, Reason, Value
+from ..verdict.verdict import (
+    CERTAIN,
+    NOT_IDENTIFIABLE,
+    PARTLY,
+    DataError,
+    Error,
+    JointDiagnosis,
+    NamedCause,
+    OpenCause,
+    Reason,
+    Value,
+)
 from .extension import changes, not_native
 
 VERSION = 2  # 1 had errors of the log among the causes, and `retuned` for both `gap.refitted` and `tuned`
@@ -65,6 +76,7 @@ def to_document(diagnosis: JointDiagnosis) -> dict[str, Any]:
         "limits": [asdict(limit) for limit in diagnosis.limits],
         "model": diagnosis.model,
         "tuned_share": diagnosis.tuned_share,
+        "shared_share": diagnosis.shared_share,
         "unexplained": diagnosis.unexplained,
         "structure": None
         if (rest := diagnosis.structure) is None
@@ -103,23 +115,38 @@ def _cause(cause: NamedCause) -> dict[str, Any]:
 
 
 def overall(documents: Sequence[dict[str, Any]]) -> dict[str, Any]:
-    """Verdict over several joints: the worst-understood joint speaks for the machine."""
+    """Verdict over several joints: the worst-understood joint speaks for the machine, unless a cause is certain.
+
+    Then what is certain speaks, and what is open elsewhere is among the reasons.
+    """
     worst = documents[overall_verdict([document["verdict"] for document in documents])]
     causes = sorted(
         (cause for document in documents for cause in document["causes"]), key=lambda cause: -cause["share"]
     )
+    speaks, verdict, reasons = worst, worst["verdict"], worst["reasons"]
+    certain = {document["joint"]: max(_certain(document), default=0.0) for document in documents}
+    if verdict == NOT_IDENTIFIABLE and any(certain.values()):
+        speaks, verdict = max(documents, key=lambda document: certain[document["joint"]]), PARTLY
+        rest = [one for one in documents if one is not speaks]
+        told = [{"code": "joint", "sentence": one["sentence"]} for one in rest]
+        reasons = [*speaks["reasons"], *told]
     return {
-        "verdict": worst["verdict"],
-        "sentence": worst["sentence"],
-        "reasons": worst["reasons"],
-        "gap": worst["gap"],
+        "verdict": verdict,
+        "sentence": speaks["sentence"],
+        "reasons": reasons,
+        "gap": speaks["gap"],
         "data_errors": [error for document in documents for error in document["data_errors"]],
         "causes": causes,
         "open_causes": [cause for document in documents for cause in document.get("open_causes", ())],
-        "unexplained": worst["unexplained"],
+        "unexplained": speaks["unexplained"],
         "rivals": [rival for document in documents for rival in document["rivals"]],
         "next_experiment": worst["next_experiment"],
     }
+
+
+def _certain(document: Mapping[str, Any]) -> list[float]:
+    """Shares of the causes of a joint that are certain."""
+    return [cause["share"] for cause in document["causes"] if cause["standing"] == CERTAIN]
 
 
 def plain(value: Any) -> Any:

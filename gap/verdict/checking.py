@@ -34,16 +34,17 @@ def check_log(data: MeasuredSet, progress: Progress) -> tuple[MeasuredSet, list[
     if robot not in ROBOTS and not is_robot_file(robot) and (hint := nearest(robot, ROBOTS, MISTYPED)):
         raise LogError(f"{data.runs[0].name}: there is no robot '{robot}'{hint}; correct it in the sidecar.")
     machine = robot_of(data.runs[0])
+    of_joints: list[Finding] = []
     if machine is not None:
         _alike(data)
+        of_joints = check_robot(data.runs, machine)  # before units of a joint that there is not
     recorded = data
     data, said = in_model_units(data, machine)
     converted = {run.name: _converted(run, now) for run, now in zip(recorded.runs, data.runs, strict=True)}
     for run, now in zip(recorded.runs, data.runs, strict=True):
         _check_steps(run, converted[run.name])
         _check_ways(run, now, converted[run.name])
-    if machine is not None:
-        said += check_robot(data.runs, machine)
+    said += of_joints
     progress("checking the log")
     data, off = released(data)
     data, every = corrected(data, [*data.findings, *said, *off, *check_set(data)])

@@ -5,7 +5,8 @@ the order in which they apply:
 
 1. refitted numbers do better on unseen data than all causes: that is the finding, and not identifiable;
 2. no cause, no structure in the residual: nothing to explain; not identifiable where the motion would hide causes;
-3. no cause, but structure, or causes that unseen data refuted: not identifiable;
+3. no cause, but structure, or causes that unseen data refuted: not identifiable (a joint of a robot at the noise may
+   have slight structure, of the bodies beside it);
 4. a rival beside a cause of low confidence: partly explained where another cause is certain; else not identifiable
    (the largest cause, or no structure is left);
 5. structure is left and the causes remove little: not identifiable;
@@ -99,7 +100,7 @@ def _replayed(found: Replayed, limit: Thresholds) -> Verdict:
         verdict = _refitted(found)
     elif found.causes:
         verdict = _with_causes(found, limit)
-    elif found.structure.noticed:
+    elif not found.settled(limit) or (found.structure.noticed and withdrawn):
         verdict = _unknown_cause(found, withdrawn)
     else:
         verdict = _nothing(found, limit)
@@ -152,10 +153,10 @@ def _nothing(found: Replayed, limit: Thresholds) -> Verdict:
             f"(noise {floor})."
         )
         return Verdict(EXPLAINED, sentence, (agreement,))
-    limits = ()
+    limits = (Reason("structure", found.structure.sentence),) if found.structure.noticed else ()
     if found.limits:
         told = "; ".join(one.sentence for one in found.limits)
-        limits = (Reason("limits", f"Beside numbers within their tolerance, this log would not show: {told}."),)
+        limits = (Reason("limits", f"Beside numbers within their tolerance, this log would not show: {told}."), *limits)
     if found.factors and found.errors["nominal"].rmse ** 2 > limit.tuned_away * found.tuned.rmse**2:
         sentence = (
             f"Nothing to explain: numbers within their tolerance ({furthest(list(found.factors.items()), 1)}) bring "

@@ -39,8 +39,8 @@ from .case import Case, Cut, Replay
 from .checking import check_log
 from .columns import chosen, commanded
 from .decide import decide
-from .evidence import Refused, Replayed
-from .measure import Measured, measure, whole_runs
+from .evidence import Refused, Replayed, as_noise_allows
+from .measure import Measured, is_of_robot, measure, whole_runs
 from .parallel import side_by_side
 from .pieces import cut_joint, frame_findings, named_chain
 from .recorded import recording_reasons
@@ -295,7 +295,9 @@ def _decide(
     signal, unit = problem.signal
     beyond = unseen_range(problem, measured.simulated["extended"], joint, request.search)
     free = problem.free_joint
-    silent = not (measured.causes or measured.structure.noticed or measured.turned)
+    errors_of = (measured.gap[name].rmse for name in ("extended", "noise_floor"))
+    settled = as_noise_allows(measured.structure, *errors_of, is_of_robot(problem))
+    silent = settled and not (measured.causes or measured.turned)
     held = next((finding for finding in replay.findings if finding.code == HELD), None)
     asked = problem.joint if silent and held is None else None
     blind = () if asked is None else blind_spots(asked, search, replay.hidden)
@@ -323,6 +325,7 @@ def _decide(
             limits,
             {p.number: tuned[p.number] for p in search.tuned if within_tolerance(p) and p.number in tuned},
             measured.removed,
+            is_of_robot(problem),
         )
     )
     rivals = rivals_of(measured.causes)

@@ -22,6 +22,16 @@ class Thresholds:
         "have the confidence `sure`, and the structure must stay below `as_noise`.",
     )
     as_noise: float = threshold(1.0, "Largest structure in that case, relative to the mean square of the noise.")
+    at_noise: float = threshold(
+        1.05,
+        "Error on the test part, in noise floors, up to which no other model does clearly better, and up to which a "
+        "joint of a robot has nothing to explain in spite of `slight` structure.",
+    )
+    slight: float = threshold(
+        0.3,
+        "Largest structure in that case, relative to the mean square of the noise: what the bodies and neighbours of a "
+        "joint have wrong within their tolerance. Strangers on hidden arms left 2.9 noise floors and more.",
+    )
     feeble: float = threshold(
         0.3, "Share of the tuned model's mean squared error that the causes must remove where structure is noticed."
     )
@@ -73,6 +83,21 @@ class Thresholds:
 THRESHOLDS = Thresholds()
 
 
+def as_noise_allows(
+    structure: Structure, error: float, noise: float, of_robot: bool, limit: Thresholds = THRESHOLDS
+) -> bool:
+    """Whether nothing asks for an explanation where no cause is named.
+
+    Args:
+        structure: that is left.
+        error: of the model on the test part, and ``noise``: its floor; in the same unit.
+        of_robot: whether it is a joint of a robot, whose other bodies are believed too.
+        limit: what it is compared with.
+    """
+    little = of_robot and error <= limit.at_noise * noise and structure.level <= limit.slight
+    return little or not structure.noticed
+
+
 @dataclass(frozen=True)
 class Replayed:
     """Evidence of a replay and a search.
@@ -96,6 +121,7 @@ class Replayed:
         data_errors: faults of the log.
         fault_in_replay: whether one of them was in a column that the replay takes or is judged by.
         open_causes: that are not named: withdrawn ones and near misses.
+        of_robot: whether it is a joint of a robot.
         removed: where numbers were refitted beside the causes, the share of what these numbers leave on all data that
             no fit saw, and that the causes remove; None elsewhere: on the test part, of what tuned numbers leave.
         turned: the numbers that refitting turned, where the refitted model does better on unseen data than the causes.
@@ -121,6 +147,12 @@ class Replayed:
     limits: Sequence[DetectionLimit] = ()
     factors: Mapping[str, float] = field(default_factory=dict)
     removed: float | None = None
+    of_robot: bool = False
+
+    def settled(self, limit: Thresholds = THRESHOLDS) -> bool:
+        """As :func:`as_noise_allows`, of the model that is handed over."""
+        error, noise = self.errors["extended"].rmse, self.errors["noise_floor"].rmse
+        return as_noise_allows(self.structure, error, noise, self.of_robot, limit)
 
 
 @dataclass(frozen=True)

@@ -104,7 +104,10 @@ def measure(
 
     draws = search.settings.verdict_draws
     named = bool(sought.accepted)
-    chosen = handed_over(unseen, problem.signal[1], seed, draws, named=named, crossed=crossed, loose=search.loose)
+    chosen = handed_over(
+        unseen, problem.signal[1], seed, draws,
+        named=named, crossed=crossed, loose=search.loose, noise=problem.noise, of_robot=is_of_robot(problem),
+    )  # fmt: skip
     handed = chosen.model
     if chosen.why:
         sought, given_up = outdone(sought, chosen.why)
@@ -155,9 +158,20 @@ def measure(
         open_causes=(*open_causes, *near_misses(search)),
         model="extended" if handed == "tuned" else handed,
         turned=refitted_numbers(wide, refitted.values) if handed == "refitted" else "",
-        beside=refitted_numbers(wide, values, beyond=TIGHT) if handed == "extended" else "",
+        beside=refitted_numbers(_others(wide, causes), values, beyond=TIGHT) if handed == "extended" else "",
         removed=beyond if search.loose and sought.accepted else None,
     )
+
+
+def is_of_robot(problem: Problem) -> bool:
+    """Whether it is of a joint of a robot that is replayed alone, whose other bodies are believed."""
+    return problem.joint is not None and problem.joint.terms is not None
+
+
+def _others(wide: Sequence[Parameter], causes: Sequence[NamedCause]) -> list[Parameter]:
+    """The numbers that no named cause is of."""
+    named = {number for cause in causes for number in cause.parameters}
+    return [p for p in wide if p.number not in named]
 
 
 def whole_fit(
@@ -229,7 +243,7 @@ def _name_causes(
     final = search.accepted[-1]
     rounds = [r for r in search.rounds if r.accepted]
     residual = float(robust_loss(np.sqrt(rest.level))) if rest.noticed else 0.0
-    if fitting.joint is not None and fitting.joint.terms is not None:
+    if is_of_robot(fitting):
         residual += float(robust_loss(np.sqrt(THRESHOLDS.neighbours)))
     named = []
     for candidate, share, without, chosen in zip(search.accepted, shares, debts.without, rounds, strict=True):

@@ -12,13 +12,14 @@ from ..log.types import Array, MeasuredRun
 from ..replay.problem import JointProblem
 from ..search.result import Search
 from ..search.settings import SearchSettings
+from ..search.structure import told_in
 from ..search.windows import in_windows
 from ..shared import ROBOT, SharedFound, affected, search_shared
 from .decide import decide
 from .evidence import THRESHOLDS, Replayed
 from .measure import Measured, measure, whole_runs
 from .request import Request
-from .verdict import JointDiagnosis, rivals_of
+from .verdict import JointDiagnosis, Reason, rivals_of
 
 SHARED = "robot.shared"
 """Code of the finding that says with what of the whole robot a joint is judged."""
@@ -75,7 +76,10 @@ def with_robot(
     values = {number: value for number, value in measured.values.items() if number in sought.rows}
     if not any(cause.confidence >= THRESHOLDS.sure for cause in measured.causes):  # what joints say stands
         return list(found)
-    said = ", ".join(f"{number} {value:.3g}" for number, value in values.items())
+    units = {number: sought.problem.models[0].units[number] for number in values}
+    said = ", ".join(
+        f"{number} {x:.3g}{'' if units[number] == '1' else ' ' + units[number]}" for number, x in values.items()
+    )
     asked = {}
     for diagnosis in found:
         joint = diagnosis.joint
@@ -85,7 +89,7 @@ def with_robot(
     if asked:
         request.progress(f"judging {', '.join(asked)} with what the robot was found to have")
     now = {diagnosis.joint: diagnosis for diagnosis in again(asked)} if asked else {}
-    judged = [_beside(now[one.joint], one) if one.joint in now else one for one in found]
+    judged = [beside_before(now[one.joint], one, said) if one.joint in now else one for one in found]
     return [*judged, _of_robot(sought, measured, values)]
 
 
@@ -101,13 +105,35 @@ def _joints(found: Sequence[JointDiagnosis], settings: SearchSettings) -> Joints
     return Joints(problems, searches)
 
 
-def _beside(now: JointDiagnosis, before: JointDiagnosis) -> JointDiagnosis:
-    """A joint judged anew, beside what its nominal model was before anything of the robot was known."""
-    gap = now.gap | {name: before.gap[name] for name in ("nominal",) if name in before.gap and name in now.gap}
+def beside_before(now: JointDiagnosis, before: JointDiagnosis, said: str) -> JointDiagnosis:
+    """A joint judged anew, beside what its nominal model was before anything of the robot was known.
+
+    Args:
+        now: judged with what was found of the robot.
+        before: judged without.
+        said: what was found.
+    """
+    if not all("nominal" in one.gap and "noise_floor" in one.gap for one in (now, before)):
+        return now
+    noise = now.gap["noise_floor"].rmse
+    first, rest = (max(one.gap["nominal"].rmse ** 2 - noise**2, 0.0) for one in (before, now))
+    kept = min(rest / first, 1.0) if first > 0.0 else 1.0  # of the gap, for the joint's own causes to explain
+    factor, unit = told_in(now.unit)
+    errors = " to ".join(f"{factor * one.gap['nominal'].rmse:.3g}" for one in (before, now))
+    taken = f"What was found of the whole robot ({said}) takes the error from {errors} {unit}; this is about the rest."
     simulated = dict(now.simulated)
     if "nominal" in before.simulated:
         simulated["nominal"] = before.simulated["nominal"]
-    return replace(now, gap=gap, simulated=simulated)
+    return replace(
+        now,
+        gap={**now.gap, "nominal": before.gap["nominal"]},
+        simulated=simulated,
+        causes=tuple(replace(cause, share=cause.share * kept) for cause in now.causes),
+        tuned_share=now.tuned_share * kept,
+        unexplained=now.unexplained * kept,
+        shared_share=1.0 - kept,
+        reasons=(Reason("shared", taken), *now.reasons) if kept < 1.0 else now.reasons,
+    )
 
 
 def _of_robot(sought: SharedFound, measured: Measured, values: dict[str, float]) -> JointDiagnosis:

@@ -223,6 +223,7 @@ def signatures(key: str, problem: Problem, tuned: np.ndarray, extended: np.ndarr
         least = {"s": LIMITS.least_lag, "s/rad": LIMITS.least_duty}.get(
             unit, LIMITS.least_angle / float(problem.weight[0])
         )
+        unit = problem.free_joint.models[0].axis.unit(unit)
         found.append(_judged(name, unit, before[good], after[good], least))
     return tuple(found)
 

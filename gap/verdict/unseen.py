@@ -191,6 +191,8 @@ def handed_over(
     named: bool,
     crossed: Callable[[str], np.ndarray] | None = None,
     loose: bool = False,
+    noise: float = 0.0,
+    of_robot: bool = False,
 ) -> Handed:
     """The model that unseen data support: the one place where named causes are withdrawn.
 
@@ -202,6 +204,8 @@ def handed_over(
         crossed: gives the errors of a model on the halves of what may be fitted (m,), each under the fit to the other;
             asked only where refitted numbers do better on the test part.
         loose: whether the numbers were refitted beside the causes: ``tuned`` is ``refitted`` then, and judged as that.
+        noise: floor of the errors: causes that reach it are not outdone by numbers.
+        of_robot: whether it is a joint of a robot, where neither is a model without causes that reaches it.
     """
     rms = {name: _rms(error) for name, error in errors.items()}
     model, why = "extended", ""
@@ -215,7 +219,8 @@ def handed_over(
             name: errors[name] if crossed is None else np.concatenate([errors[name], crossed(name)])
             for name in ("refitted", model)
         }
-        if clearly_lowers(unseen["refitted"], unseen[model], seed, draws):
+        at_noise = _rms(unseen[model]) <= THRESHOLDS.at_noise * noise and (of_robot or (named and not why))
+        if not at_noise and clearly_lowers(unseen["refitted"], unseen[model], seed, draws):
             beaten = f"{told_in(unit)[0] * _rms(unseen['refitted']):.3g} against {fine(_rms(unseen[model]), unit)}"
             model, why = "refitted", why or f"refitted numbers do better: {beaten}"
     return Handed(model, why if named else "")

@@ -12,7 +12,7 @@ from .style import EXTENDED, MEASURED, NOMINAL, figure, legend_above, styled
 from .timeline import fine, timeline, worst_window
 
 RESPONSE = 0.4  # [s] shown of a response
-UNITS = {"speed": "rad/s", "control error": "rad", "motor torque": "N.m", "acceleration": "rad/s²", "position": "rad"}
+UNITS = {"speed": "rad/s", "control error": "rad", "motor torque": "N.m", "acceleration": "rad/s2", "position": "rad"}
 
 
 @styled
@@ -46,7 +46,7 @@ def response(evidence: Evidence, cause: NamedCause) -> Figure:
     against.axhline(0.0, color=MEASURED, lw=0.9)
     if rows.any():
         against.set_xlim(*np.quantile(values[rows], (0.01, 0.99)))
-    against.set_xlabel(f"{what} [{UNITS[what]}]")
+    against.set_xlabel(f"{what} [{evidence.unit(UNITS[what])}]")
     against.set_ylabel(f"measured minus model [{unit}]")
     return chart
 
@@ -69,7 +69,7 @@ def duty_against_error(evidence: Evidence, cause: NamedCause) -> Figure:
         logged = measured.inertial + measured.gravity + measured.modelled_friction
         models = (nominal.law, measured.law)
         rows = motion.moving
-        axes.set_ylabel("motor torque [N.m]")
+        axes.set_ylabel(f"motor {evidence.effort}")
     reach = _reach(cause, error[rows])
     rows &= np.abs(error) < reach
     cloud(axes, error[rows], logged[rows])
@@ -79,7 +79,7 @@ def duty_against_error(evidence: Evidence, cause: NamedCause) -> Figure:
     draw_measured(axes, bins(error[rows], logged[rows], edges), "measured")
     axes.set_xlim(-reach, reach)
     axes.set_ylim(*limits(logged[rows], 0.15))
-    axes.set_xlabel("control error: goal as it arrives minus position [rad]")
+    axes.set_xlabel(f"control error: goal as it arrives minus position [{evidence.unit('rad')}]")
     legend_above(axes)
     return chart
 

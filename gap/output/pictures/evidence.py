@@ -108,6 +108,16 @@ class Evidence:
             raise ValueError("a diagnosis without a replayed joint has no motion to draw")
         return joint
 
+    def unit(self, angular: str) -> str:
+        """A unit as it is of this joint: that of a slide for that of a hinge."""
+        return self.problem.models[0].axis.unit(angular)
+
+    @property
+    def effort(self) -> str:
+        """What the motor gives: a torque, or the force of a slide, with its unit."""
+        unit = self.unit("N.m")
+        return f"{'torque' if unit == 'N.m' else 'force'} [{unit}]"
+
     @cached_property
     def motion(self) -> Motion:
         """The smoothed log."""

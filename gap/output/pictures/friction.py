@@ -48,8 +48,8 @@ def friction_against_speed(evidence: Evidence, cause: NamedCause) -> Figure:
     if len(speed):
         axes.set_xlim(*np.quantile(speed, (0.004, 0.996)))
     axes.set_ylim(*limits(friction))
-    axes.set_xlabel("speed [rad/s]")
-    axes.set_ylabel("friction torque [N.m]")
+    axes.set_xlabel(f"speed [{evidence.unit('rad/s')}]")
+    axes.set_ylabel(f"friction {evidence.effort}")
     return _finish(chart, axes, measured)
 
 
@@ -68,8 +68,8 @@ def residual_against_load(evidence: Evidence, cause: NamedCause) -> Figure:
     axes.set_xlim(0.0, float(np.quantile(load, 0.998)) if len(load) else 1.0)
     low, high = limits(dry)
     axes.set_ylim(min(low, 0.0), high)
-    axes.set_xlabel("torque through the gearbox [N.m]")
-    axes.set_ylabel("dry friction torque [N.m]")
+    axes.set_xlabel(f"through the gearbox: {evidence.effort}")
+    axes.set_ylabel(f"dry friction {evidence.effort}")
     return _finish(chart, axes, measured)
 
 
@@ -88,7 +88,7 @@ def residual_against_position(evidence: Evidence, cause: NamedCause) -> Figure:
     chart, axes = _axes()
     if any(address(path).owner == "friction" for path in cause.parameters):
         seen, models = _dry(measured), (nominal.limit, measured.limit)
-        axes.set_ylabel("dry friction torque [N.m]")
+        axes.set_ylabel(f"dry friction {evidence.effort}")
     else:
         weight = evidence.quarter_turn_torque
         carries = bool((weight > WEIGHTLESS).all())

@@ -15,7 +15,7 @@ COLOURS = {"measured": MEASURED, "nominal": NOMINAL, "refitted": REFITTED, "exte
 NAMES = {"measured": "measured", "nominal": "nominal model", "refitted": "refitted model", "extended": "extended model"}
 DASHES = {"nominal": "-", "refitted": ":", "extended": "-"}
 CAUSES = ("#0072b2", "#009e73", "#cc79a7", "#56b4e9", "#7b5ea7", "#b8a500")  # Okabe and Ito, without the orange
-TUNED, UNEXPLAINED, NOISE = "#a6c3d6", "#d55e00", "#c9c9c9"
+TUNED, UNEXPLAINED, NOISE, SHARED = "#a6c3d6", "#d55e00", "#c9c9c9", "#51606b"
 TEST_SHADE = "#e9eff5"
 
 STYLE: Any = {

@@ -17,6 +17,7 @@ from .style import (
     DASHES,
     NAMES,
     NOISE,
+    SHARED,
     TEST_SHADE,
     TUNED,
     UNEXPLAINED,
@@ -104,13 +105,14 @@ class Slice:
 
 
 def budget_slices(diagnosis: JointDiagnosis) -> list[Slice]:
-    """The gap budget: causes, tuned numbers, unexplained structure and noise, which add up to one."""
+    """The gap budget, which adds up to one: what the robot has, causes, tuned numbers, unexplained structure, noise."""
     if "nominal" not in diagnosis.gap or "noise_floor" not in diagnosis.gap:
         return []
     nominal, floor = diagnosis.gap["nominal"].rmse, diagnosis.gap["noise_floor"].rmse
     noise = min(floor**2 / max(nominal**2, 1e-30), 1.0)
     causes = [cause for cause in diagnosis.causes if cause.share > 0.0]
     slices = [Slice(cause.name, cause.share * (1.0 - noise), CAUSES[k % len(CAUSES)]) for k, cause in enumerate(causes)]
+    slices.insert(0, Slice("whole robot", diagnosis.shared_share * (1.0 - noise), SHARED))
     slices.append(Slice("tuned numbers", diagnosis.tuned_share * (1.0 - noise), TUNED, ".."))
     slices.append(Slice("unexplained structure", diagnosis.unexplained * (1.0 - noise), UNEXPLAINED, "//"))
     slices.append(Slice("noise", noise, NOISE))

@@ -39,8 +39,8 @@ def _twist(evidence: Evidence) -> Figure:
         draw_model(axes, bins(torque[use], model[use], edges), f"{name} model", colour)
     draw_measured(axes, bins(torque[use], twist[use], edges), "measured")
     axes.set_ylim(*limits(twist[use]))
-    axes.set_xlabel("torque that the link takes [N.m]")
-    axes.set_ylabel("motor minus link position [mrad]")
+    axes.set_xlabel(f"what the link takes: {evidence.effort}")
+    axes.set_ylabel(f"motor minus link position [m{evidence.unit('rad')}]")
     legend_above(axes)
     return chart
 
@@ -69,10 +69,10 @@ def _error_loop(evidence: Evidence) -> Figure:
             axes.fill_between(b.x, b.low, b.high, color=colour, alpha=0.15, lw=0.0)
             errors.append(np.concatenate([b.low, b.high]))
         axes.axhline(0.0, color="#777777", lw=0.7)
-        axes.set_xlabel("torque that the link takes [N.m]")
+        axes.set_xlabel(f"what the link takes: {evidence.effort}")
         legend_above(axes, 2)
         axes.set_title(f"{name} model", y=1.09)
-    panels[0].set_ylabel("measured minus model [mrad]")
+    panels[0].set_ylabel(f"measured minus model [m{evidence.unit('rad')}]")
     panels[0].set_ylim(*limits(np.concatenate(errors), 0.1))
     return chart
 
@@ -92,8 +92,8 @@ def error_since_reversal(evidence: Evidence, cause: NamedCause) -> Figure:
         error = 1e3 * direction * (problem.measured[:, 0] - evidence.diagnosis.simulated[name][:, 0])
         draw_model(axes, bins(1e3 * way[use], error[use], edges), f"{name} model", colour)
     axes.axhline(0.0, color="#000000", lw=0.9)
-    axes.set_xlabel("way since the last reversal [mrad]")
-    axes.set_ylabel("measured minus model, along the way [mrad]")
+    axes.set_xlabel(f"way since the last reversal [m{evidence.unit('rad')}]")
+    axes.set_ylabel(f"measured minus model, along the way [m{evidence.unit('rad')}]")
     axes.set_xscale("symlog", linthresh=10.0)
     axes.set_xlim(0.0)
     legend_above(axes)
