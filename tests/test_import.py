@@ -216,6 +216,8 @@ def test_a_supply_that_never_changes_is_a_voltage(tmp_path: Path) -> None:
     volts = {"Vbat": 7.4 + 0.0 * m["time"]}
     one = {"time": m["time"], "goal": m["goal"], "pos": m["position"], **volts}
     assert proposed(table(tmp_path, one))[0]["joint.voltage"] == "Vbat"
+    named = {name if name != "Vbat" else "vbat_V": values for name, values in one.items()}
+    assert proposed(table(tmp_path, named))[0]["joint.voltage"] == "vbat_V", "its unit made a joint of its name"
     two = {"time": m["time"], "goal_elbow": m["goal"], "pos_elbow": m["position"], **volts}
     other = motion(seed=2)
     two |= {"goal_wrist": other["goal"], "pos_wrist": other["position"]}

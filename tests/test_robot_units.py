@@ -75,11 +75,11 @@ def test_a_unit_that_is_not_the_models_is_refused(tmp_path: Path) -> None:
 
 
 def test_a_joint_that_the_robot_has_not_is_told_before_its_unit(tmp_path: Path) -> None:
-    """"slide.position is in m, and the model has that joint in rad": there was no such joint."""
+    """ "slide.position is in m, and the model has that joint in rad": there was no such joint."""
     columns = {name.replace("rail", "slide"): values for name, values in table().items()}
     own = {"slide": [SERVO], "shoulder": [SERVO]}
     data = log(tmp_path, columns, actuators=own, units={"slide.position": "mm", "slide.goal": "mm"})
-    with pytest.raises(SealegsError, match="drives no 'slide'.*it drives rail, shoulder"):
+    with pytest.raises(SealegsError, match=r"drives no 'slide'.*it drives rail, shoulder"):
         check_log(data, lambda text: None)
 
 

@@ -100,14 +100,16 @@ def standings(record: RoundRecord, settings: SearchSettings, seed: int) -> list[
     return [Standing(k, *map(float, row)) for k, *row in zip(order, better, best, gain, removed, strict=True)]
 
 
-def consistent(candidate: Evidence, settings: SearchSettings) -> bool:
-    """Whether both parts of the data find the parameter on the same side of doing nothing, about as far from it, and
-    far enough to matter.
+def inconsistent(candidate: Evidence, settings: SearchSettings) -> str:
+    """Why a parameter is no finding, in words that go on after its cause; empty where it is one.
+
+    Both parts of the data must find it on the same side of doing nothing, about as far from it, far enough to matter.
     """
     a, b = candidate.distances
     if candidate.scale is not None and max(abs(a), abs(b)) * candidate.scale < settings.least_change:
-        return False
-    return a * b > 0.0 and settings.least_agreement < a / b < 1.0 / settings.least_agreement
+        return f"it differs from none by less than {100 * settings.least_change:g} %"
+    agree = a * b > 0.0 and settings.least_agreement < a / b < 1.0 / settings.least_agreement
+    return "" if agree else "the two parts of the data disagree on its size"
 
 
 @dataclass(frozen=True)
@@ -139,8 +141,8 @@ def shortfalls(
         lacks("least_certainty", f"it lowers the error in {100 * standing.better:.1f} % of the draws")
     if not standing.removed > settings.least_removed:
         lacks("least_removed", f"it removes {standing.removed:.2g} of the noise's squared error")
-    if not consistent(candidate, settings):
-        lacks("least_agreement", "the two parts of the data disagree on its size, or it hardly differs from none")
+    if why := inconsistent(candidate, settings):
+        lacks("least_agreement", why)
     often = f"it is the best in {100 * standing.best:.0f} % of the draws"
     far = further and record.left > settings.tied_excess  # it lacks something, whichever of those that tie it is
     if further and not standing.best > settings.least_win_rate * (settings.tied_share if far else 1.0):

@@ -298,7 +298,7 @@ def near_misses(search: Search, most: int = 3) -> tuple[OpenCause, ...]:
         cause = next((c for c in search.causes if c.key == evidence.name), None)
         first = None if cause is None else cause.variants[0][0]
         sizes = [v[first.path] for v in evidence.values if first is not None and first.path in v]
-        told = f"{first.number} {sizes[0]:.3g} and {sizes[1]:.3g} in the two parts" if first and len(sizes) == 2 else ""
+        told = f"{first.number} {sizes[0]:.4g} and {sizes[1]:.4g} in the two parts" if first and len(sizes) == 2 else ""
         sentence = f"{' and '.join(lack.sentence for lack in lacks)}{'; ' * bool(told)}{told}"
         found.append(OpenCause(evidence.name if cause is None else cause.name, NEAR_MISS, sentence))
     return tuple(found[:most])

@@ -236,13 +236,13 @@ def said(name: str) -> Said:
     if not signal and len(words) == 1 and low[0] in CLOCK_WORDS:
         signal, how = "time", words[0]
         used.add(0)
+    if not signal and not commanded and unit in ("", "V", "mV") and (named := [w for w in low if w in SUPPLY]):
+        signal, how = "voltage", named[0]
+        used |= {k for k, word in enumerate(low) if word in SUPPLY}
     if not signal and unit in ONLY_UNIT:
         signal, how = ONLY_UNIT[unit], f"[{unit}]"
         if signal == "current" and low[-1:] == ["i"]:  # beside its unit, as in elbow_I_mA: of no joint
             used.add(len(low) - 1)
-    if not signal and not commanded and unit in ("", "V", "mV") and (named := [w for w in low if w in SUPPLY]):
-        signal, how = "voltage", named[0]
-        used |= {k for k, word in enumerate(low) if word in SUPPLY}
     if not signal and commanded:
         signal, how = "position", next(word for word in words if word.lower() in COMMANDED)
     if not signal and sides and sides <= ALONE:
