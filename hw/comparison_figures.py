@@ -68,7 +68,7 @@ def measure(run: Recording, robot: ServoRobot, **more: Any) -> Figures:
     # a goal is answered by the position one cycle later
     turns, slides = rms_by_unit((run.goal[:-1] - run.position[1:]) ** 2, robot)
     nothing = rms_by_unit(np.zeros((1, len(robot.names))), robot)
-    errors = dict(zip(("same_goals", "same_goals_of_slides"), nothing, strict=True))
+    errors: dict[str, Any] = dict(zip(("same_goals", "same_goals_of_slides"), nothing, strict=True))
     errors |= dict(zip(("accounted", "accounted_of_slides"), nothing, strict=True))
     return Figures(
         seconds=seconds,

@@ -68,7 +68,11 @@ def test_what_wider_bounds_reach_is_no_optimum_of_the_tuned_numbers() -> None:
 
 @pytest.mark.long
 def test_three_wrong_numbers_are_named_one_after_the_other() -> None:
-    effects: dict[str, str | float] = {"friction.viscous": 0.15, "drive.motor_constant": 0.7, "friction.coulomb": 0.1}
+    effects: dict[str, dict[str, float] | str | float] = {
+        "friction.viscous": 0.15,
+        "drive.motor_constant": 0.7,
+        "friction.coulomb": 0.1,
+    }
     data, _ = hidden_bench(effects, 5, duration=6.0)
     (found,) = diagnose(data, causes=[*effects, "transmission.backlash"])
     assert found.search is not None and {one.cause.name for one in found.search.accepted} == set(effects)

@@ -295,8 +295,8 @@ def _decide(
     signal, unit = problem.signal
     beyond = unseen_range(problem, measured.simulated["extended"], joint, request.search)
     free = problem.free_joint
-    errors_of = (measured.gap[name].rmse for name in ("extended", "noise_floor"))
-    settled = as_noise_allows(measured.structure, *errors_of, is_of_robot(problem))
+    left, noise = measured.gap["extended"].rmse, measured.gap["noise_floor"].rmse
+    settled = as_noise_allows(measured.structure, left, noise, is_of_robot(problem))
     silent = settled and not (measured.causes or measured.turned)
     held = next((finding for finding in replay.findings if finding.code == HELD), None)
     asked = problem.joint if silent and held is None else None
