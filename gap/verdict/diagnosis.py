@@ -295,8 +295,8 @@ def _decide(
     signal, unit = problem.signal
     beyond = unseen_range(problem, measured.simulated["extended"], joint, request.search)
     free = problem.free_joint
-    left, noise = measured.gap["extended"].rmse, measured.gap["noise_floor"].rmse
-    settled = as_noise_allows(measured.structure, left, noise, is_of_robot(problem))
+    after, noise = measured.gap["extended"].rmse, measured.gap["noise_floor"].rmse
+    settled = as_noise_allows(measured.structure, after, noise, is_of_robot(problem))
     silent = settled and not (measured.causes or measured.turned)
     held = next((finding for finding in replay.findings if finding.code == HELD), None)
     asked = problem.joint if silent and held is None else None
