@@ -234,7 +234,7 @@ def picture(columns: Sequence[str], matrix: dict[str, np.ndarray], path: Path) -
     values = np.stack([matrix[name] for name in hidden])
     figure = Figure(figsize=(12, 0.3 * len(hidden) + 3.5), layout="constrained")
     axes = figure.subplots()
-    axes.imshow(np.where(values, values, np.nan), cmap="Blues", vmin=0, vmax=values.max())
+    axes.imshow(np.where(values, values, np.nan), cmap="Blues", vmin=0, vmax=values.max(), aspect="auto")
     for i, j in zip(*np.nonzero(values), strict=True):
         axes.text(
             j,
