@@ -189,7 +189,7 @@ def hides(limits: Limits, name: str, value: float) -> bool:
     """Whether a diagnosis that found nothing says that a cause of this size would not show."""
     if name not in limits:
         return False
-    low, high, _ = limits[name]
+    low, high, *_ = limits[name]  # rows of before have no third
     return (low is None or low < value) and (high is None or value < high)
 
 

@@ -105,16 +105,6 @@ def test_a_further_cause_must_win_most_draws() -> None:
     assert pays(record, rare, DEFAULT, further=False) and not pays(record, rare, DEFAULT, further=True)
 
 
-def test_where_much_is_left_a_further_cause_is_named_with_those_that_it_ties_with() -> None:
-    """Rounding chose between two causes, and neither was named: a joint kept 4.0 mrad that had 1.8."""
-    alike = [evidence(name, 1.0) for name in "abd"]
-    near, far = (round_of(*alike, excess=excess) for excess in (2.5, 8.0))
-    first = round_of(evidence("c", 0.4)), "c"
-    assert named(first, (near, None)) == (("c",), False)
-    found = decide(SearchRecord(0, (Step(first[0], "c"), Step(far, "a"))), DEFAULT)
-    assert len(found.names) == 2 and {*found.names, *found.rivals[1]} == {"a", "b", "c", "d"}
-
-
 @pytest.mark.parametrize(
     ("cost", "least", "excess", "passed_over"),
     [

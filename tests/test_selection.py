@@ -82,7 +82,7 @@ def test_a_round_whose_finalists_cannot_pay_says_which_came_nearest() -> None:
     problem = bench("friction.coulomb")
     causes = catalogue(problem.models[0], ["sensor.offset", "drive.offset"])
     search = Searcher(problem, causes, tuple(adjustable(problem.models[0]))).run()
-    assert not search.accepted and search.rounds[-1].excess > search.settings.tied_excess
+    assert not search.accepted and search.rounds[-1].excess > search.settings.open_excess
     assert search.rounds[-1].candidates and not decide(search.record, search.settings).open
 
 

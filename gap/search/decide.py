@@ -59,7 +59,7 @@ def hopeless(cost: float, least: float, before: float, optimum: float, excess: f
     if before - least > settings.weak and before - cost < settings.hopeless_gain * (before - least):
         return True
     little = settings.hopeless_gain * settings.least_gain * (optimum - 1.0)
-    return excess > settings.tied_excess and optimum - cost < little
+    return excess > settings.open_excess and optimum - cost < little
 
 
 def ranked(candidates: tuple[Evidence, ...], settings: SearchSettings) -> list[int]:
@@ -121,7 +121,7 @@ class Shortfall:
 
 
 def pays(record: RoundRecord, first: Standing, settings: SearchSettings, *, further: bool) -> bool:
-    """Whether the best candidate of a round is named; a further cause must also win most draws, if little is left."""
+    """Whether the best candidate of a round is named; a further cause must also win most draws."""
     return not shortfalls(record, first, settings, further=further)
 
 
@@ -144,8 +144,7 @@ def shortfalls(
     if why := inconsistent(candidate, settings):
         lacks("least_agreement", why)
     often = f"it is the best in {100 * standing.best:.0f} % of the draws"
-    far = further and record.left > settings.tied_excess  # it lacks something, whichever of those that tie it is
-    if further and not standing.best > settings.least_win_rate * (settings.tied_share if far else 1.0):
+    if further and not standing.best > settings.least_win_rate:
         lacks("least_win_rate", often)
     if not standing.removed > settings.weak:  # little beyond the noise also means little to tell causes apart by
         if not further and standing.best < settings.least_win_rate:

@@ -53,7 +53,7 @@ class SearchSettings:
     hopeless_gain: float = threshold(
         0.5,
         "Share of the best finalist's gain, by the fit to the sketch, below which one is not fitted to the parts, "
-        "if that gain is above `weak`. There all rivals of the recorded searches reached 0.97. Above `tied_excess` the "
+        "if that gain is above `weak`. There all rivals of the recorded searches reached 0.97. Above `open_excess` the "
         "same share of `least_gain` is asked for.",
     )
     outrun_cost: float = threshold(
@@ -149,7 +149,8 @@ class SearchSettings:
     )
     open_excess: float = threshold(
         3.0,
-        "Excess loss at the end of a search from which causes are sought beside refitted numbers whatever these do.",
+        "Excess loss at the end of a search from which causes are sought beside refitted numbers whatever these do, and "
+        "in a round from which finalists that cannot pay are passed over.",
     )
     clearly_less: float = threshold(
         0.9, "Loss of refitted numbers beside causes, relative to that of the causes, below which they are sought so."
@@ -162,17 +163,9 @@ class SearchSettings:
     )
     least_win_rate: float = threshold(
         0.5,
-        "Minimum bootstrap win rate for a weak or an additional cause; below it the cause is ambiguous, and named only "
-        "as `tied_excess` says.",
+        "Minimum bootstrap win rate for a weak or an additional cause; below it the cause is ambiguous.",
         decides=True,
     )
-    tied_excess: float = threshold(
-        3.0,
-        "Excess loss from which a further cause that ties with others is named, with them as its rivals: to end there "
-        "would leave a model that is far off. There a finalist that removes too little of a sketch is passed over.",
-        decides=True,
-    )
-    tied_share: float = threshold(0.5, "Share of `least_win_rate` that such a cause must win at least.", decides=True)
     least_sampled: float = threshold(
         0.01, "Loss that a weak cause must remove from what is judged sample by sample.", decides=True
     )

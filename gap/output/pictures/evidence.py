@@ -197,13 +197,21 @@ def balance(problem: JointProblem, motion: Motion, values: Mapping[str, float]) 
         inertial[at] = inertia * motion.acceleration[at] / scale
         viscous[at] = constants[K.viscous] * speed[at]
         warm = np.maximum(1.0 - constants[K.loss] * (problem.temperature[at] - constants[K.reference]), 0.05)
-        motion_given = (problem.time[at], problem.goal[at], problem.on[at], angle[at], speed[at], -gravity[at])
-        law_along(program, constants, warm, *motion_given, law[at])
+        moved = (problem.on[at], angle[at], speed[at], -gravity[at])
+        law_along(program, constants, warm, problem.time[at], problem.goal[at], *moved, law[at])
         motor[at], source = _motor_torque(joint, motion, at, speed[at], warm, law[at], problem.on[at])
+        if source == "law":  # motion is smoothed about a row, before which the goal of the last row was held
+            law_along(program, constants, warm, problem.time[at], _about_rows(problem.goal[at]), *moved, law[at])
+            motor[at] = law[at][:, 0]
         sources.append(source)
     source = max(set(sources), key=sources.count)
     torques, limit, duty, current, voltage = law.T
     return Balance(angle, speed, inertial, gravity, motor, source, torques, limit, viscous, duty, current, voltage)
+
+
+def _about_rows(held: np.ndarray) -> np.ndarray:
+    """Means about each row of what is held from there to the next (n,)."""
+    return np.concatenate([held[:1], 0.5 * (held[1:] + held[:-1])])
 
 
 def _motor_torque(
