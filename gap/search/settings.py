@@ -149,8 +149,8 @@ class SearchSettings:
     )
     open_excess: float = threshold(
         3.0,
-        "Excess loss at the end of a search from which causes are sought beside refitted numbers whatever these do, and "
-        "in a round from which finalists that cannot pay are passed over.",
+        "Excess loss at the end of a search from which causes are sought beside refitted numbers whatever these do. In "
+        "a round it is that from which finalists that cannot pay are passed over.",
     )
     clearly_less: float = threshold(
         0.9, "Loss of refitted numbers beside causes, relative to that of the causes, below which they are sought so."
