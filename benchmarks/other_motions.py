@@ -14,6 +14,7 @@ from typing import Any
 
 import numpy as np
 from sealegs.gap.causes.unknown import with_believed_load
+from sealegs.gap.log.types import MeasuredRun
 from sealegs.gap.replay.free import FreeProblem, free_problem
 from sealegs.gap.replay.steps import converged
 from sealegs.gap.verdict.checking import check_log
@@ -28,10 +29,8 @@ JOINTS = SO101_JOINTS[:5]
 FITTED = "chirp_sweep"
 
 
-def replayed(data: Path, motions: list[str], joint: str) -> FreeProblem:
-    """A joint along these motions, as its file and its chain believe it to be."""
-    logs, _, _ = check_log(so101(data, data, motions), lambda text: None)
-    runs = [with_believed_load(run) for run in logs.runs]
+def replayed(runs: list[MeasuredRun], joint: str) -> FreeProblem:
+    """A joint along these runs, as its file and its chain believe it to be."""
     pieces = cut_joint(runs, joint, None)
     found = free_problem(
         pieces.runs, joint, pieces.models, pieces.units, {"position": 1.0 / pieces.noise}, pieces.terms
@@ -80,9 +79,11 @@ def main(arguments: list[str]) -> None:
     if FITTED not in motions:
         raise SystemExit(f"{data} does not hold the arm's motions: give the folder of the data as data=<folder>.")
     found = diagnose(so101(data, data, (FITTED,)), workers=None, only=JOINTS, progress=print)
+    logs, _, _ = check_log(so101(data, data, motions), lambda text: None)
+    runs = [with_believed_load(run) for run in logs.runs]
     rows: list[dict[str, Any]] = []
     for joint in found:
-        problem = replayed(data, motions, joint.joint)
+        problem = replayed(runs, joint.joint)
         rows.append({
             "joint": joint.joint,
             "causes": [cause.name for cause in joint.causes],

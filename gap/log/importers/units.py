@@ -221,12 +221,8 @@ def read_other(signal: str, name: str, values: Array, said: str, how: str) -> Re
             if said not in ("", "?")
             else f"in which unit is this {signal}?"
         )
-        smaller = {
-            "current": "*1e-3",
-            "voltage": "*0.1" if largest < 600 else "*1e-3",
-            "torque": "*1e-3",
-            "torque_command": "*1e-3",
-        }.get(signal, "")
+        milli = dict.fromkeys(MILLI, "*1e-3")
+        smaller = (milli | {"voltage": "*0.1" if largest < 600 else "*1e-3"}).get(signal, "")
         return Read(column + smaller * (largest > plausible[signal]), unit, ASK, span, ask)
     if signal in MILLI and whole_numbers(finite) and np.ptp(finite) > 1.0:
         ask = f"in which unit is this {signal}? Whole numbers are counts of a register, or {MILLI[signal]} (*1e-3)"
