@@ -52,9 +52,9 @@ class Model:
         bounds, spread = (
             {
                 path: (min(low, fitted.values.get(path, low)), max(high, fitted.values.get(path, high)))
-                for path, (low, high) in intervals.items()
+                for path, (low, high) in told.items()
             }
-            for intervals in (self.bounds, self.spread)
+            for told in (self.bounds, self.spread)
         )
         return replace(self, fitted=fitted, bounds=bounds, spread=spread)
 
