@@ -61,6 +61,24 @@ def test_of_a_long_log_pieces_of_both_parts_are_kept_from_beginning_to_end() -> 
     assert numbers[0] < 10 and numbers[-1] >= 30
 
 
+def test_of_a_long_log_half_of_what_is_kept_is_what_the_model_is_most_wrong_about() -> None:
+    """Of eight motions only a chirp reached the limit of the acceleration, and the sketch held little of it."""
+    time = np.arange(0.0, 240.0, 1.0 / RATE)
+    goal = np.where((time > 100.0) & (time < 130.0), 0.5 * np.sin(12.0 * time), 0.5 * np.sin(0.5 * time))
+    run = MeasuredRun("run", time, {"servo": JointLog(goal, goal)}, {}, "bench", dict(PARAMS), {"servo": CHAIN})
+    whole = free_problem([run], "servo", [JointModel(load_chain(CHAIN))], cut([run], "servo"), {"position": 1e3})
+    both = whole.part(FIT_A, FIT_B)
+
+    def fast(kept: Any) -> float:
+        ends = zip(kept.starts[:-1], kept.starts[1:], strict=True)
+        return float(np.mean([100.0 < kept.time[(a + b) // 2] < 130.0 for a, b in ends]))
+
+    evenly, anew = sketch(both, 30.0), sketch(both, 30.0, {})
+    assert fast(evenly) < 0.25 <= fast(anew) <= 0.75
+    assert 30.0 * RATE <= anew.judged.sum() < 50.0 * RATE
+    assert len({unit.part for unit in anew.units}) == 1 and len(anew.units) == len(evenly.units)
+
+
 def test_what_joints_share_is_sought_in_pieces_of_each_part_that_keep_their_part() -> None:
     """All pieces of all joints took nine minutes of a chirp, longer than the joints themselves."""
     whole = long_log(40)

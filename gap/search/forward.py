@@ -77,18 +77,17 @@ class Searcher:
         """Search until no further cause pays, or until numbers fail it: what was found until then is kept."""
         self.progress("tuning the nominal model")
         base = self.judged(self.fit_both(self.tuned, self.start))
-        found = Found(base)
-        fault = ""
+        found, fault = Found(base), ""
         try:
+            self.sketch_anew(base)
             while len(found.accepted) < self.settings.most_causes and self.step(found):
-                pass
+                self.sketch_anew(found.current)
         except NUMERICAL as error:
             fault = f"the search for a further cause failed numerically ({type(error).__name__}: {error})"
             self.progress(fault)
-        accepted = found.accepted
         return Search(
-            self.tuned, tuple(accepted), tuple(found.rounds), self.counts, base.fits, self.considered, self.settings,
-            SearchRecord(self.seed, tuple(found.steps)), fault,
+            self.tuned, tuple(found.accepted), tuple(found.rounds), self.counts, base.fits, self.considered,
+            self.settings, SearchRecord(self.seed, tuple(found.steps)), fault,
         )  # fmt: skip
 
     def step(self, found: Found) -> bool:
@@ -134,6 +133,11 @@ class Searcher:
         What a part does not show at all so stays as the other part has it.
         """
         return self.fit_parts(parameters, self.fit_sketch(parameters, start).values)
+
+    def sketch_anew(self, current: Judged) -> None:
+        """The sketch of a long log, with what the model is most wrong about."""
+        if self.sketch is not self.both:
+            self.sketch, self.optima = sketch(self.both, self.settings.sketched, middle(*current.fits)), {}
 
     def fit_sketch(self, parameters: Sequence[Parameter], start: Mapping[str, float] | None) -> Fit:
         """A fit to the sketch; the least cost of each set of parameters is remembered."""
@@ -207,8 +211,8 @@ class Searcher:
         extended = merge(self.tuned, *(candidate.variant for candidate in accepted))
         taken = {candidate.cause.key for candidate in accepted} | self.replaced
         taken |= without_friction(self.shown, extended, self.nominal)
-        here = middle(*current.fits)
-        screened = screen(self.sketch, [c for c in self.shown if c.key not in taken], extended, here, settings)
+        here, open_to = middle(*current.fits), [cause for cause in self.shown if cause.key not in taken]
+        screened = screen(self.sketch, open_to, extended, here, settings)
         if not self.look_on and not decide.promising(left, screened.promise, settings):
             return [], screened.promise
         chosen = self.with_usual_forms(screened.chosen, taken, blind=left > settings.far)
@@ -222,8 +226,7 @@ class Searcher:
         finalists += [cause.key for cause in self.shown if cause.seen and cause.key not in (*finalists, *taken)]
         found: list[Candidate] = []
         passed: list[tuple[Fit, Cause, Variant]] = []
-        best: dict[str, float] = {}
-        joined: dict[str, float] = {}
+        best, joined = dict[str, float](), dict[str, float]()
         before = least = fit(self.sketch, extended, here, 0).cost
         optimum = self.optima.get(frozenset(extended), before)
         for start, cause, variant in rough:

@@ -1,10 +1,13 @@
-"""Less work for what only has to be about right: pieces spread evenly over a long log, and longer steps."""
+"""Less work for what only has to be about right: some pieces of a long log, and longer steps."""
 
 from __future__ import annotations
 
 import math
+from collections.abc import Mapping
 from dataclasses import replace
 from typing import TypeVar, cast
+
+import numpy as np
 
 from ..log.parts import FIT_A, FIT_B, WARM_UP
 from ..replay.problem import JointProblem, Problem
@@ -19,24 +22,33 @@ DROPPED = -2  # and of those that are not, where the others keep theirs
 AnyProblem = TypeVar("AnyProblem", bound=Problem)
 
 
-def sketch(problem: AnyProblem, seconds: float) -> AnyProblem:
+def sketch(problem: AnyProblem, seconds: float, values: Mapping[str, float] | None = None) -> AnyProblem:
     """A joint's problem with every so many of the pieces of both parts, as short as may be but not below ``seconds``.
 
     A chirp or a joint that warms up is another in each piece of a log: those kept of one part lie between those kept of
-    the other. What is not of one joint stays whole: of several, each must be there.
+    the other. With a model, every second piece that is kept is instead one of those which it is most wrong about: of
+    eight motions one alone may show what the others do not reach. What is not of one joint stays whole: of several,
+    each must be there.
 
     Args:
         problem: with pieces to fit on.
         seconds: length of what is judged, about.
+        values: of the model, by path.
     """
     if problem.joint is None or _length(problem) < 2.0 * seconds:
         return problem
     problem = _in_pieces(problem, seconds)
     every = max(math.floor(_length(problem) / seconds), 1)
+    wrong = None if values is None else _wrong(problem, values)
     kept = set[int]()
     for part, first in ((FIT_A, 0), (FIT_B, every // 2)):
         mine = [k for k, unit in enumerate(problem.units) if unit.part == part]
-        kept |= set(mine[first::every] or mine[:1])
+        evenly = mine[first::every] or mine[:1]
+        if wrong is not None:
+            few = evenly[::2]
+            others = sorted(set(mine).difference(few), key=lambda k: float(wrong[k]), reverse=True)
+            evenly = [*few, *others[: len(evenly) - len(few)]]
+        kept |= set(evenly)
     units = tuple(replace(unit, part=SKETCHED) if k in kept else unit for k, unit in enumerate(problem.units))
     return replace(problem, units=units).part(SKETCHED)
 
@@ -80,6 +92,14 @@ def _length(problem: Problem, *parts: int) -> float:
         for unit, (a, b) in zip(problem.units, _judged(problem), strict=True)
         if not parts or unit.part in parts
     )
+
+
+def _wrong(problem: Problem, values: Mapping[str, float]) -> np.ndarray:
+    """Mean squared error of a model in each piece (u,)."""
+    squared = problem.errors(problem.simulate([values])[0])[:, 0] ** 2
+    pieces = zip(problem.starts[:-1], problem.starts[1:], strict=True)
+    judged = np.isfinite(squared)
+    return np.array([float(squared[a:b][judged[a:b]].sum()) / max(int(judged[a:b].sum()), 1) for a, b in pieces])
 
 
 def coarsened(problem: AnyProblem, settings: SearchSettings) -> AnyProblem:
