@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 from sealegs.actuators import load_chain
 from sealegs.gap.causes.cause import Cause
+from sealegs.gap.load.terms import T_COLUMNS, T_OWN, T_SIZE
 from sealegs.gap.load.tree import TreeLoad
 from sealegs.gap.log.parts import cut
 from sealegs.gap.log.types import JointLog, MeasuredRun
@@ -16,7 +17,6 @@ from sealegs.gap.replay.axis import Axis
 from sealegs.gap.replay.free import FreeProblem, free_problem
 from sealegs.gap.replay.joint_model import JointModel
 from sealegs.gap.replay.parameters import address, factor
-from sealegs.gap.replay.terms import T_COLUMNS, T_OWN, T_SIZE
 from sealegs.gap.search.sketch import sketch
 from sealegs.gap.search.structure import fine
 from sealegs.gap.shared.problem import RobotModel, RobotProblem

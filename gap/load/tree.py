@@ -18,9 +18,11 @@ import numpy as np
 
 from ..log.types import Array
 from .load import Range
+from .terms import E_BIAS, E_COUPLING, E_CURVE, T_COLUMNS, T_OWN, T_SIZE
 
 NONE = int(mujoco.mjtSameFrame.mjSAMEFRAME_NONE)  # else the engine does not read where a centre of mass is
 ANGLE = 0.02  # [rad] or [m] either side of the measured position at which the terms are taken for their derivatives
+BIAS, CURVE, COUPLING = E_BIAS - T_OWN, E_CURVE - T_OWN, E_COUPLING - T_OWN  # columns of a block
 SHIFT = 0.01  # [m] of a centre of mass, either way: its effect is quadratic, so any does
 
 
@@ -185,7 +187,7 @@ def tip_behind(model: mujoco.MjModel, joint: int) -> Tip:
 
 
 def terms_along(model: mujoco.MjModel, joint: int, motion: Motion, sign: float = 1.0) -> Array:
-    """What a joint works against along a motion (n, 27), columns as :mod:`sealegs.gap.replay.terms` lists them.
+    """What a joint works against along a motion (n, T_COLUMNS), columns as :mod:`sealegs.gap.load.terms` lists them.
 
     Args:
         model: of a robot of hinges and slides whose joints have no friction, damping, armature or actuator.
@@ -203,18 +205,25 @@ def terms_along(model: mujoco.MjModel, joint: int, motion: Motion, sign: float =
     further, nearer = (_whole_block(_shifted(model, joint, way * SHIFT), dof, motion) for way in (1.0, -1.0))
     rows += [(further - nearer) / (2.0 * SHIFT), (further + nearer - 2.0 * here) / (2.0 * SHIFT**2), passive]
     table = np.concatenate(rows, axis=1)
-    if sign < 0.0:  # bias and its second derivative change sign; inertia, slope and drag are of torque over motion
-        for first in (2, 7, 12, 17, 22):
-            table[:, [first + 1, first + 3]] *= -1.0
+    if sign < 0.0:
+        for first in range(T_OWN, T_COLUMNS, T_SIZE):
+            _reverse(table[:, first : first + T_SIZE])
     return table
 
 
 def block_along(model: mujoco.MjModel, joint: int, motion: Motion, sign: float = 1.0) -> Array:
-    """All that a joint works against with the bodies as they are (n, 5)."""
+    """All that a joint works against with the bodies as they are (n, T_SIZE)."""
     table = _whole_block(model, int(model.jnt_dofadr[joint]), motion)
     if sign < 0.0:
-        table[:, [1, 3]] *= -1.0
+        _reverse(table)
     return table
+
+
+def _reverse(block: Array) -> None:
+    """Turn a block of a joint that a log counts the other way round, in place: inertia, slope and drag are of torque
+    over motion and stay.
+    """
+    block[:, [BIAS, CURVE, COUPLING]] *= -1.0
 
 
 def _whole_block(model: mujoco.MjModel, dof: int, motion: Motion) -> Array:
@@ -234,8 +243,8 @@ def passive_torques(model: mujoco.MjModel, data: mujoco.MjData) -> Array:
 
 
 def passive_block(model: mujoco.MjModel, dof: int, motion: Motion) -> Array:
-    """The same five columns of springs and weight compensation (n, 5): they have no inertia and no drag."""
-    out = np.zeros((len(motion.position), 5))
+    """The same columns of springs and weight compensation (n, T_SIZE): they have no inertia and no drag."""
+    out = np.zeros((len(motion.position), T_SIZE))
     if not is_passive(model):
         return out
     data = mujoco.MjData(model)
@@ -251,7 +260,7 @@ def passive_block(model: mujoco.MjModel, dof: int, motion: Motion) -> Array:
     for k, row in enumerate(motion.position):
         data.qpos[address] = row
         above, here, below = (placed(row[dof] + way) for way in (ANGLE, 0.0, -ANGLE))
-        out[k, 1:4] = here, *_derivatives(model, dof, above, here, below)
+        out[k, BIAS : CURVE + 1] = here, *_derivatives(model, dof, above, here, below)
     return out
 
 
@@ -263,10 +272,10 @@ def _derivatives(model: mujoco.MjModel, dof: int, above: float, here: float, bel
 
 
 def _block(model: mujoco.MjModel, dof: int, motion: Motion) -> Array:
-    """Inertia, bias, slope, curve and drag (n, 5) of one degree of freedom."""
+    """Inertia, bias, slope, curve, drag and coupling (n, T_SIZE) of one degree of freedom."""
     data = mujoco.MjData(model)
     result = np.zeros(model.nv)
-    out = np.empty((len(motion.position), 5))
+    out = np.empty((len(motion.position), T_SIZE))
     address = [int(model.jnt_qposadr[j]) for j in range(model.njnt)]
     positions, speeds, accelerations = motion.position, motion.speed, motion.acceleration.copy()
     accelerations[:, dof] = 0.0
@@ -290,12 +299,15 @@ def _block(model: mujoco.MjModel, dof: int, motion: Motion) -> Array:
         data.qacc[dof] = 1.0
         mujoco.mj_rne(model, data, 1, result)
         inertia = result[dof] - here
-        data.qacc[dof] = 0.0
+        data.qacc[:] = 0.0
+        mujoco.mj_rne(model, data, 1, result)
+        coupling = here - result[dof]
+        data.qacc[:] = accelerations[k]
         data.qvel[dof] += 1.0  # the torque is linear in the own speed: it turns no body's inertia about its own axis
         mujoco.mj_comVel(model, data)
         mujoco.mj_rne(model, data, 1, result)
         slope, curve = _derivatives(model, dof, above, here, below)
-        out[k] = inertia, here, slope, curve, result[dof] - here
+        out[k] = inertia, here, slope, curve, result[dof] - here, coupling
     return out
 
 

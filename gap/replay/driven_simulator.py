@@ -23,10 +23,10 @@ from ...actuators.law import (
 )
 from ...actuators.layout import P_LATENCY, P_STATE_SIZE, S_CURRENT, S_DUTY, S_LIMIT, S_TIME, S_VOLTAGE
 from ...actuators.stages.friction import REST_SPEED
+from ..load.terms import E_SIZE
 from .compiled import compiled, pointer
 from .constants import K
 from .simulator import coupling_torque, drive, host_reading_smooth, joint_state, next_change, slide
-from .terms import E_SIZE
 
 CHANNELS = ("position", "torque", "duty", "current")
 

@@ -8,6 +8,7 @@ from typing import ClassVar
 
 import numpy as np
 
+from ..load.terms import T_COLUMNS
 from ..log.parts import Unit
 from ..log.types import MeasuredRun
 from .joint_model import JointModel
@@ -16,7 +17,6 @@ from .layout import lay_out
 from .problem import OF_A_ROBOT, JointProblem
 from .simulator import CHANNELS, replay_many
 from .steps import ROBOT_STEP, STEPS
-from .terms import T_COLUMNS
 from .variants import Batch
 
 NO_TERMS = np.zeros((0, T_COLUMNS))
@@ -30,7 +30,7 @@ class FreeProblem(JointReplay):
 
     Attributes:
         terms: of a joint of a robot, what it works against at the samples (n, T_COLUMNS)
-            (:mod:`sealegs.gap.replay.terms`); None of a bench.
+            (:mod:`sealegs.gap.load.terms`); None of a bench.
     """
 
     terms: np.ndarray | None = field(default=None, kw_only=True)

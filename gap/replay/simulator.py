@@ -25,9 +25,21 @@ from ...actuators.law import (
 )
 from ...actuators.layout import P_LATENCY, P_OFFSET, P_SCALE, P_STATE_SIZE, P_TICKS, S_CURRENT, S_DUTY, S_LIMIT, S_TIME
 from ...actuators.stages import STAGES
+from ..load.terms import (
+    E_BIAS,
+    E_COUPLING,
+    E_CURVE,
+    E_DRAG,
+    E_INERTIA,
+    E_POSITION,
+    E_SIZE,
+    E_SLOPE,
+    E_SPEED,
+    T_OWN,
+    T_SIZE,
+)
 from .compiled import compiled, pointer
 from .constants import K
-from .terms import E_BIAS, E_CURVE, E_DRAG, E_INERTIA, E_POSITION, E_SIZE, E_SLOPE, E_SPEED, T_OWN, T_SIZE
 
 ELASTIC_STEP = 1e-3  # [s] largest step with a spring between motor and link, whose frequency bounds it
 # [s] with play, whose teeth meet for a few milliseconds, and with firmware that switches: it must when the machine does
@@ -115,16 +127,18 @@ def drive(acting, p, k, s, time, goal, on, q, w, external, first):
 def slide(acting, p, k, e, s, x, time, span, goal, on, first):
     """Advance motor and link ``x = [q, w, link q, link w]`` by ``span`` seconds.
 
-    Midpoint rule, split where the motor stops.
+    Midpoint rule, split where the motor stops. What accelerations of other joints need is no load to the laws, as the
+    engine's bias and the published fits have none of it.
     """
     coupled = k[K.coupled] > 0.0
     link_inertia = k[K.inertia] + e[E_INERTIA]
     inertia = k[K.motor_inertia] if coupled else k[K.motor_inertia] + link_inertia
+    others = 0.0 if coupled else e[E_COUPLING]
     left = span
     for _ in range(6):
         q, w, lq, lw = x[0], x[1], x[2], x[3]
         external = -coupling_torque(k, q - lq, w - lw) if coupled else load_torque(k, e, q, w)
-        total = drive(acting, p, k, s, time, goal, on, q, w, external, first) + external
+        total = drive(acting, p, k, s, time, goal, on, q, w, external + others, first) + external
         first = False
         limit = s[S_LIMIT]
         la = (load_torque(k, e, lq, lw) - external) / link_inertia if coupled else 0.0
@@ -149,7 +163,7 @@ def slide(acting, p, k, e, s, x, time, span, goal, on, first):
         else:
             lq_mid, lw_mid = 0.0, 0.0
             external = load_torque(k, e, q_mid, w_mid)
-        total = drive(acting, p, k, s, time + half, goal, on, q_mid, w_mid, external, False) + external
+        total = drive(acting, p, k, s, time + half, goal, on, q_mid, w_mid, external + others, False) + external
         a = (total - way * s[S_LIMIT]) / inertia
         w_new = w + left * a
         share = 1.0
@@ -184,7 +198,8 @@ def replay(p, k, terms, time, goal, on, temperature, q0, w0, step, out):
     Args:
         p: program of the chain (L,).
         k: constants of the joint (K.size,).
-        terms: of a joint of a robot, at the samples (n, T_COLUMNS), see :mod:`.terms`; of a bench (0, T_COLUMNS).
+        terms: of a joint of a robot, at the samples (n, T_COLUMNS), see :mod:`sealegs.gap.load.terms`; of a bench
+            (0, T_COLUMNS).
         time, goal: of the samples (n,) [s], [rad].
         on: whether the drive was on, per sample (n,).
         temperature: of the motor (n,) [degC].
@@ -233,7 +248,7 @@ def _replay(acting, advancing, p, k, s, x, e, before, after, terms, time, goal, 
         if k[K.coupled] > 0.0:
             external = -coupling_torque(k, x[0] - x[2], x[1] - x[3])
         else:
-            external = load_torque(k, e, x[0], x[1])
+            external = load_torque(k, e, x[0], x[1]) + e[E_COUPLING]
         advance_stages(advancing, p, s, time[j])
         torque_of_stages(acting, p, s, time[j], goal[j], x[0], x[1], external, True)
         reading = host_reading_smooth(p, s, time[j], x[0])

@@ -11,12 +11,12 @@ import numpy as np
 from ...actuators import Chain
 from ..checks.signal import derivatives
 from ..load.robot import LoggedRobot
+from ..load.terms import E_INERTIA, E_POSITION, E_SLOPE
 from ..load.tree import Motion, TreeLoad, terms_along
 from ..log.finding import Finding
 from ..log.types import MeasuredRun
 from .axis import Axis
 from .joint_model import JointModel
-from .terms import E_INERTIA, E_POSITION, E_SLOPE
 from .unlogged import LIGHT, behind, logged, needed, start_of, weight_of, with_unlogged
 
 NOTHING: Mapping[str, np.ndarray] = MappingProxyType({})

@@ -60,7 +60,7 @@ class Direction:
 def rows_of(
     direction: Direction, robot: LoggedRobot, joint: str, runs: Sequence[MeasuredRun], motions: Sequence[Motion]
 ) -> list[Array] | None:
-    """What the number adds to the terms of a joint in each run, per unit (samples, 5); None where it adds nothing."""
+    """What the number adds to the terms of a joint in each run, per unit (samples, T_SIZE); None where nothing."""
     number, sign = robot.number(joint), robot.frame(joint).sign
     if direction.body and not carries(robot.model, number, robot.model.body(direction.body).id):
         return None

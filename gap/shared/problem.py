@@ -13,13 +13,13 @@ from typing import Any, Self
 
 import numpy as np
 
+from ..load.terms import T_OWN, T_SIZE
 from ..log.parts import Unit
 from ..log.types import Array
 from ..replay.parameters import address
 from ..replay.problem import NOISE_FLOORS, JointProblem
 from ..replay.robust import robust_loss
 from ..replay.selection import select
-from ..replay.terms import T_OWN, T_SIZE
 from ..search.correlated import excess
 
 SMOOTHING = 0.03
@@ -101,7 +101,7 @@ class RobotProblem:
 
     Attributes:
         joints: by name.
-        rows: by number of the robot and joint, what the number adds to the joint's terms per unit (n, 5).
+        rows: by number of the robot and joint, what the number adds to the joint's terms per unit (n, T_SIZE).
         models: what is believed.
     """
 

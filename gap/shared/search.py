@@ -46,7 +46,7 @@ class SharedFound:
         problem: the joints.
         search: of what they share.
         tuned: numbers of single joints.
-        rows: by number of the robot and joint, what the number adds to the joint's terms in each run (samples, 5).
+        rows: by number of the robot and joint, what the number adds to the joint's terms in each run (samples, T_SIZE).
     """
 
     problem: RobotProblem
@@ -73,7 +73,7 @@ class SharedFound:
         return found
 
     def more(self, joint: str, values: Mapping[str, float]) -> list[Array] | None:
-        """What numbers of the robot add to the terms of a joint in each run (samples, 5); None where nothing."""
+        """What numbers of the robot add to the terms of a joint in each run (samples, T_SIZE); None where nothing."""
         model = self.problem.models[0]
         parts = [
             [(value - model.neutral[number]) * table for table in self.rows[number][joint]]

@@ -186,7 +186,7 @@ def diagnose_joint(
         joint: its name.
         findings: about the log.
         request: what was asked for.
-        more: of a joint of a robot, what is added to the load that its file gives, in each run (samples, 5).
+        more: of a joint of a robot, what is added to the load that its file gives, in each run (samples, T_SIZE).
 
     Raises:
         LogError: the runs name no actuator for it, or are too short.

@@ -14,6 +14,7 @@ from ...actuators.errors import SealegsError
 from ..causes.unknown import unknown_parameters
 from ..checks.data_set import noise_floor
 from ..load.robot import LoggedRobot, robot_of
+from ..load.terms import T_OWN, T_SIZE
 from ..load.tree import Motion
 from ..log.finding import Finding
 from ..log.parts import cut
@@ -23,7 +24,6 @@ from ..replay.flattened import flattened
 from ..replay.frames import check_frames
 from ..replay.free import free_problem
 from ..replay.joint_model import JointModel
-from ..replay.terms import T_OWN, T_SIZE
 from ..replay.tree import held_still, held_terms, joint_of_tree, motion_of, not_free, owned, terms_of
 from ..replay.unlogged import logged, needed
 from ..search.forward import NUMERICAL

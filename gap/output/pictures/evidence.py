@@ -14,13 +14,13 @@ from functools import cached_property
 import numpy as np
 from scipy.signal import savgol_filter
 
+from ...load.terms import E_BIAS, E_INERTIA, E_SIZE
 from ...replay.constants import K
 from ...replay.driven_simulator import law_along
 from ...replay.joint_model import JointModel
 from ...replay.parameters import address
 from ...replay.problem import JointProblem
 from ...replay.simulator import CHANNELS, combine
-from ...replay.terms import E_BIAS, E_INERTIA, E_SIZE
 from ...verdict.verdict import JointDiagnosis
 
 WINDOW = 0.08  # [s] of the parabolas that give speed and acceleration: long against the noise, short against the motion

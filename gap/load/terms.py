@@ -1,11 +1,11 @@
 """What a joint of a robot works against while all other joints move as measured: columns of its terms.
 
 A row of the terms holds, at one sample, the joint's position and speed as measured and then five blocks of the same
-five: of all that hangs behind the joint, per kilogram of a payload at the end of the robot, per metre by which the
+six: of all that hangs behind the joint, per kilogram of a payload at the end of the robot, per metre by which the
 centre of mass of the joint's own body lies further from the joint, per square of that, and of springs and weight
-compensation that the robot's file has. The replay adds the blocks
-up with the numbers of :mod:`.constants`, so that a fit may turn those without MuJoCo (:mod:`sealegs.gap.load.tree`
-makes the rows).
+compensation that the robot's file has. The replay adds the blocks up with the numbers of
+:mod:`sealegs.gap.replay.constants`, so that a fit may turn those without MuJoCo (:mod:`sealegs.gap.load.tree` makes the
+rows).
 """
 
 from __future__ import annotations
@@ -18,9 +18,10 @@ E_BIAS = 3  # torque that the measured motion of the others needs of this one, i
 E_SLOPE = 4  # its change with the own position [N.m/rad]
 E_CURVE = 5  # second change with it [N.m/rad2]
 E_DRAG = 6  # change with the own speed [N.m.s/rad]
-E_SIZE = 7
+E_COUPLING = 7  # part of the bias that accelerations of the others make [N.m]: no load to the laws of a chain
+E_SIZE = 8
 
 T_OWN = 2  # where the first block starts
-T_SIZE = 5  # columns of a block
+T_SIZE = 6  # columns of a block
 T_BLOCKS = 5
 T_COLUMNS = T_OWN + T_BLOCKS * T_SIZE
