@@ -175,6 +175,17 @@ def test_a_robot_that_there_is_none_of_is_refused_before_the_import(
         assert sentence in one_line(capsys) and not out.exists()
 
 
+def test_a_joint_that_the_robot_has_not_is_refused_before_the_import(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """It was taken, and only the diagnosis refused it."""
+    path, out, model = table(tmp_path, {"t": TIME, **DEG}), tmp_path / "log", tmp_path / "arm.xml"
+    body = '<body><joint name="elbw" axis="0 1 0"/><geom size="0.1" mass="1"/></body>'
+    model.write_text(f"<mujoco><worldbody>{body}</worldbody></mujoco>")
+    assert main(["import", str(path), f"out={out}", "yes=true", f"robot={model}"]) == 2
+    assert "arm.xml has no joint 'joint'; it has elbw. Rename it" in one_line(capsys) and not out.exists()
+
+
 def test_a_mapping_does_not_hide_what_the_call_says(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     """robot=, actuator= and robot_params= had no effect beside mapping=, and nobody said so."""
     path, out = table(tmp_path, {"t": TIME, **DEG}), tmp_path / "log"

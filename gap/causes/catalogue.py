@@ -57,18 +57,20 @@ def checked(names: Sequence[str] | None) -> Collection[str]:
 
 def adjustable(nominal: JointModel, width: float = TIGHT) -> list[Parameter]:
     """Numbers that the nominal model has and that nobody knows exactly, as factors within ``1 +- width``, and those
-    that nobody measured, within their own bounds.
+    that nobody measured, within their own bounds. The delay of a robot's joint is known to half a turn of a servo's
+    loop at best.
     """
     low, high = 1.0 / (1.0 + width), 1.0 + width
     unknown = {parameter.number for parameter in nominal.unknown}
     found = []
     for stage, keys in ADJUSTABLE.items():
         if nominal.chain.find(stage) is not None:
-            found += [
-                factor(f"{stage}.{key}", low, high, 0.05, DIFFERENCES.get(f"{stage}.{key}", 0.4))
-                for key in keys
-                if nominal.value(f"{stage}.{key}") > 0.0 and f"{stage}.{key}" not in unknown
-            ]
+            for key in keys:
+                path, value = f"{stage}.{key}", nominal.value(f"{stage}.{key}")
+                if value > 0.0 and path not in unknown:
+                    loose = path == "delay.seconds" and not nominal.load.predictable
+                    most = max(high, 1.0 + HALF_A_TURN / value) if loose else high
+                    found.append(factor(path, 1.0 / most, most, 0.05, DIFFERENCES.get(path, 0.4)))
     if nominal.by_torque:  # per torque that is commanded
         found.append(Parameter("scale.factor", "1", low, high, 1.0, 0.05, logarithmic=True))
         effort, believed = nominal.axis.effort or 1.0, nominal.value("offset.value")
@@ -80,6 +82,7 @@ def adjustable(nominal: JointModel, width: float = TIGHT) -> list[Parameter]:
     return [*found, *nominal.unknown]
 
 
+HALF_A_TURN = 5e-4  # [s] of a servo's loop at 1 kHz, within which a command waits for its turn: assumed
 WIDEST_BIAS = 0.5  # of an amplifier, in parts of the largest command
 ADJUSTABLE: dict[str, tuple[str, ...]] = {
     "delay": ("seconds",),

@@ -186,7 +186,7 @@ def tip_behind(model: mujoco.MjModel, joint: int) -> Tip:
     return Tip(body, np.array(model.body_ipos[body]))
 
 
-def terms_along(model: mujoco.MjModel, joint: int, motion: Motion, sign: float = 1.0) -> Array:
+def terms_along(model: mujoco.MjModel, joint: int, motion: Motion, sign: float = 1.0, *, changes: bool = True) -> Array:
     """What a joint works against along a motion (n, T_COLUMNS), columns as :mod:`sealegs.gap.load.terms` lists them.
 
     Args:
@@ -195,15 +195,20 @@ def terms_along(model: mujoco.MjModel, joint: int, motion: Motion, sign: float =
         motion: of the robot.
         sign: of the joint's angle in the log against that of the model: torques are turned with it. The first column is
             left in the model's frame.
+        changes: whether also what other numbers of the robot would add; else those blocks are zero.
     """
     dof = int(model.jnt_dofadr[joint])
     own = _block(model, dof, motion)
     rows = [motion.position[:, [dof]], sign * motion.speed[:, [dof]], own]
-    rows.append(_block(_payload(model, tip_behind(model, joint)), dof, motion))
     passive = passive_block(model, dof, motion)
-    here = own + passive
-    further, nearer = (_whole_block(_shifted(model, joint, way * SHIFT), dof, motion) for way in (1.0, -1.0))
-    rows += [(further - nearer) / (2.0 * SHIFT), (further + nearer - 2.0 * here) / (2.0 * SHIFT**2), passive]
+    if changes:
+        here = own + passive
+        further, nearer = (_whole_block(_shifted(model, joint, way * SHIFT), dof, motion) for way in (1.0, -1.0))
+        rows.append(_block(_payload(model, tip_behind(model, joint)), dof, motion))
+        rows += [(further - nearer) / (2.0 * SHIFT), (further + nearer - 2.0 * here) / (2.0 * SHIFT**2)]
+    else:
+        rows += [np.zeros_like(own)] * 3
+    rows.append(passive)
     table = np.concatenate(rows, axis=1)
     if sign < 0.0:
         for first in range(T_OWN, T_COLUMNS, T_SIZE):

@@ -126,13 +126,24 @@ def motion_of(robot: LoggedRobot, run: MeasuredRun, flattened: Mapping[str, np.n
 
 
 def terms_of(
-    robot: LoggedRobot, joint: str, runs: Sequence[MeasuredRun], motions: Sequence[Motion] | None = None
+    robot: LoggedRobot,
+    joint: str,
+    runs: Sequence[MeasuredRun],
+    motions: Sequence[Motion] | None = None,
+    *,
+    changes: bool = True,
 ) -> list[np.ndarray]:
-    """What a joint works against in each run (samples, T_COLUMNS), in the frame of the log; default: as measured."""
+    """What a joint works against in each run (samples, T_COLUMNS), in the frame of the log.
+
+    Args:
+        robot, joint, runs: that were logged.
+        motions: of the robot in each run; default: as measured.
+        changes: whether also what other numbers of the robot would add to it.
+    """
     frame = robot.frame(joint)
     found = []
     for motion in motions or [motion_of(robot, run) for run in runs]:
-        terms = terms_along(robot.model, robot.number(joint), motion, frame.sign)
+        terms = terms_along(robot.model, robot.number(joint), motion, frame.sign, changes=changes)
         terms[:, E_POSITION] = frame.sign * terms[:, E_POSITION] + frame.zero
         found.append(terms)
     return found

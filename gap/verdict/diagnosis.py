@@ -26,7 +26,6 @@ from ..log.types import Array, LogError, MeasuredRun, MeasuredSet
 from ..replay.driven import driven_problem
 from ..replay.free import free_problem
 from ..replay.joint_model import JointModel
-from ..replay.parameters import TIGHT, Parameter
 from ..replay.steps import converged
 from ..replay.tree import HELD
 from ..search.channels import weigh_channels
@@ -323,7 +322,7 @@ def _decide(
             held,
             replay.hidden,
             limits,
-            {p.number: tuned[p.number] for p in search.tuned if within_tolerance(p) and p.number in tuned},
+            {p.number: tuned[p.number] for p in search.tuned if p.factor and not search.loose and p.number in tuned},
             measured.removed,
             is_of_robot(problem),
         )
@@ -369,11 +368,6 @@ def _faults(search: Search, joint: str) -> tuple[Finding, ...]:
         return ()
     sentence = f"'{joint}': {search.fault}; what was found until then stands, and more may be there."
     return (Finding("search.fault", "warning", joint, None, sentence),)
-
-
-def within_tolerance(parameter: Parameter) -> bool:
-    """Whether it is a factor that is tuned, not refitted."""
-    return parameter.factor and parameter.high <= (1.0 + TIGHT) * (1.0 + 1e-9)
 
 
 # --- small things --------------------------------------------------------------------------------------------------

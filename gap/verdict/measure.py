@@ -144,6 +144,7 @@ def measure(
     if fitting is not problem:
         sought_in = float(np.mean(fitting.position_error(fitting.simulate([{}])[0]) ** 2))
     account = Account(1.0 - unexplained, sought_in / problem.noise**2, charge, {p.number for p in wide})
+    freed = handed == "extended" and sought.loose
     causes, tuned_share = _name_causes(fitting, sought, model, joint, account, rest, features)
     return Measured(
         gap=gap,
@@ -158,7 +159,7 @@ def measure(
         open_causes=(*open_causes, *near_misses(search)),
         model="extended" if handed == "tuned" else handed,
         turned=refitted_numbers(wide, refitted.values) if handed == "refitted" else "",
-        beside=refitted_numbers(_others(wide, causes), values, beyond=TIGHT) if handed == "extended" else "",
+        beside=refitted_numbers(_others(wide, causes), values, beyond=TIGHT) if freed else "",
         removed=beyond if search.loose and sought.accepted else None,
     )
 

@@ -104,7 +104,7 @@ def _motions(robot: LoggedRobot, logged: _Logged) -> list[Motion]:
         chain = chain_of(runs[0], joint, robot)
         if chain.find("torque_command") is not None or not_free(robot, joint, runs, chain.armature()) is not None:
             continue  # without a controller that holds it near the log, a nominal replay is of another motion
-        terms = terms_of(robot, joint, runs)
+        terms = terms_of(robot, joint, runs, changes=False)
         models = [joint_of_tree(robot, joint, chain_of(run, joint, robot), runs, terms) for run in runs]
         problems[joint] = free_problem(runs, joint, models, cut(runs, joint), {"position": 1.0}, terms)
     taken = flattened(runs, problems, {})

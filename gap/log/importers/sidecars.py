@@ -11,9 +11,10 @@ from typing import Any
 import yaml
 
 from ....actuators.chain import LIBRARY, load_chain
+from ....actuators.errors import nearest
 from ....actuators.published import DRIVES
 from ....envs.bench.robot import NUMBERS
-from ....envs.robot_file import is_robot_file
+from ....envs.robot_file import is_robot_file, load_robot_file
 from ....envs.robots import get_robot
 from ..sidecar import FOLDER_DEFAULTS, Sidecar, folder_defaults, robot_beside, sidecar_text
 from ..table import ENDINGS
@@ -255,6 +256,26 @@ def checked_robot(robot: str | None, out: Path) -> str | None:
     if not (Path(robot).is_file() or (out / robot).is_file()):
         raise LogError(f"robot={robot}: there is no such file; give the path of your robot's .yaml, .xml or .urdf.")
     return robot
+
+
+def joints_of_robot(runs: Sequence[MeasuredRun], out: Path) -> None:
+    """Refuse joints that the robot's file does not have, before anything is written.
+
+    Raises:
+        SealegsError: there is one, or the file cannot be read; the message names the nearest that it has.
+    """
+    for run in runs:
+        path = Path(os.path.normpath(out / run.robot))  # the folder need not exist yet
+        if not (is_robot_file(run.robot) and path.is_file()):
+            continue
+        robot = load_robot_file(path)
+        known = {*robot.model.joints, *(joint.name for joint in robot.joints)}
+        for joint in run.joints:
+            if joint not in known:
+                raise LogError(
+                    f"{run.name}: {path.name} has no joint '{joint}'{nearest(joint, known)}; it has "
+                    f"{', '.join(sorted(known))}. Rename it under columns in the mapping, or leave it out."
+                )
 
 
 def answered(
