@@ -201,3 +201,12 @@ def test_a_next_experiment_of_a_joint_stays_where_the_log_went_and_holds_the_oth
     assert best.goal.min() >= position.min() - 1e-9 and best.goal.max() <= position.max() + 1e-9
     files = write_experiment(best, "elbow", tmp_path, None, robot=run.robot)
     assert read_sidecar(files["experiment"]).robot == run.robot
+
+
+def test_a_payload_takes_away_no_more_than_the_body_at_the_end(tmp_path: Path) -> None:
+    """Payloads far below zero were named, heavier than all that could be missing."""
+    data, _ = hidden_arm(tmp_path, "two_link", {}, seed=5, runs=1, duration=2.0, nominal_error=0.0)
+    model = problem(data.runs[0], "shoulder").models[0]
+    (mass,) = [cause for cause in catalogue(model) if cause.name == "load.mass"]
+    (payload,) = [variant[0] for variant in mass.variants if variant[0].path == "load.payload"]
+    assert payload.low == pytest.approx(-ARMS["two_link"][-1].mass) and payload.high > 1.0

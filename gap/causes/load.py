@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 from ..replay.joint_model import JointModel
 from ..replay.parameters import Parameter
 from .cause import Cause, Limit, Needs
@@ -10,17 +12,18 @@ from .registry import entry
 CLAIMED = Needs(free_link=True, claimed_load=True)
 MASSES = {
     "mass_factor": Parameter("load.mass_factor", "1", 0.2, 6.0, 1.0, 0.1, logarithmic=True),
-    "payload": Parameter("load.payload", "kg", -2.0, 20.0, 0.0, 0.05),
+    "payload": Parameter("load.payload", "kg", 0.0, 20.0, 0.0, 0.05),  # and down to what is at the end without it
 }
 """Numbers of a load that a wrong mass may be, by key."""
 
 
 @entry("load.mass")
 def mass(nominal: JointModel) -> Cause:
+    numbers = MASSES | {"payload": replace(MASSES["payload"], low=-nominal.load.at_the_end)}
     return Cause(
         sentence="The load is lighter or heavier than believed.",
         picture="residual_against_position",
-        variants=tuple((MASSES[key],) for key in nominal.load.mass_keys),
+        variants=tuple((numbers[key],) for key in nominal.load.mass_keys),
         error=True,
         needs=CLAIMED,
         degenerates_to=Limit("load.centre_of_mass", "one load hangs on one arm and moves slowly"),

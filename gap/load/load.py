@@ -28,6 +28,11 @@ class Load(Protocol):
         ...
 
     @property
+    def at_the_end(self) -> float:
+        """What hangs at its end and may be less than believed [kg]; 0 where nobody says where that is."""
+        ...
+
+    @property
     def tunable(self) -> tuple[str, ...]:
         """Factors of it that nobody knows exactly, though somebody claims them."""
         ...

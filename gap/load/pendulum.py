@@ -37,6 +37,11 @@ class PendulumLoad:
         return ("mass_factor",)
 
     @property
+    def at_the_end(self) -> float:
+        """Unknown: its mass is turned as a factor [kg]."""
+        return 0.0
+
+    @property
     def tunable(self) -> tuple[str, ...]:
         """None: whoever hangs a mass there has weighed it."""
         return ()

@@ -38,6 +38,7 @@ class TreeLoad:
         stop_angle, lower_stop: beyond and below which something blocks the link [rad].
         typical_inertia: in the middle of the log [kg.m2].
         typical_gravity: largest change of the torque with the angle [N.m/rad].
+        at_the_end: mass of the body at the end of the robot, of which a payload below zero is a part [kg].
     """
 
     mass_factor: float = 1.0
@@ -48,6 +49,7 @@ class TreeLoad:
     lower_stop: float = -math.inf
     typical_inertia: float = 0.0
     typical_gravity: float = 0.0
+    at_the_end: float = 0.0
 
     @property
     def mass_keys(self) -> tuple[str, ...]:

@@ -12,7 +12,7 @@ from ...actuators import Chain
 from ..checks.signal import derivatives
 from ..load.robot import LoggedRobot
 from ..load.terms import E_INERTIA, E_POSITION, E_SLOPE
-from ..load.tree import Motion, TreeLoad, terms_along
+from ..load.tree import Motion, TreeLoad, terms_along, tip_behind
 from ..log.finding import Finding
 from ..log.types import MeasuredRun
 from .axis import Axis
@@ -201,6 +201,7 @@ def joint_of_tree(
         stop_angle=upper,
         typical_inertia=float(np.median(rows[:, E_INERTIA])),
         typical_gravity=float(np.quantile(np.abs(rows[:, E_SLOPE]), 0.99)),
+        at_the_end=float(robot.model.body_mass[tip_behind(robot.model, robot.number(joint)).body]),
     )
     return JointModel(chain, load, axis=axis)
 

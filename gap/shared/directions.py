@@ -100,8 +100,8 @@ def payload(robot: LoggedRobot, joint: str) -> Direction | None:
         _weigh(other, tip.body, 1.0, tip.point, np.zeros(3))
         return None, other, 1.0
 
-    mass = _whole(robot.model)
-    parameter = Parameter(f"body.{name}.payload", "kg", -2.0 * mass, 5.0 * mass, 0.0, 0.05 * mass)
+    mass, least = _whole(robot.model), -float(robot.model.body_mass[tip.body])
+    parameter = Parameter(f"body.{name}.payload", "kg", least, 5.0 * mass, 0.0, 0.05 * mass)
     return Direction(parameter, 0.0, change, (name,), "body.payload")
 
 
