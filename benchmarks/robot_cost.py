@@ -104,7 +104,8 @@ def main() -> None:
     rows: list[dict[str, Any]] = json.loads(kept.read_text()) if kept.is_file() else []
     done = {(item["kind"], item["seconds"]) for item in rows}
     if not done:
-        diagnose(bench(3.0), causes=CAUSES[:1])  # compiles
+        diagnose(bench(3.0), causes=CAUSES[:1])  # both compile
+        diagnose(arm(3.0), causes=CAUSES[:1], only=(JOINT,))
     for length in LENGTHS:
         for kind in ("bench", "arm"):
             if (kind, length) not in done:

@@ -10,6 +10,7 @@ from __future__ import annotations
 
 import contextlib
 import json
+import os
 import sys
 import time
 from collections.abc import Callable, Iterator, Sequence
@@ -165,7 +166,8 @@ def rows_of(case: str, data: Path, kept: Path) -> Iterator[dict[str, Any]]:
 
     found = diagnose(data_set, done=keep, workers=None)
     seconds = {item["joint"]: item["seconds"] for item in reversed(fresh)}  # of the first time it was judged
-    spent = {} if known else {"whole": time.perf_counter() - whole}
+    cores = len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
+    spent = {} if known else {"whole": time.perf_counter() - whole, "cores": cores}
     final = [row(case, joint, seconds.get(joint.joint, 0.0)) | spent for joint in found]  # with what joints share
     lines = [item for item in done if item["case"] != case] + final
     kept.write_text("".join(json.dumps(item) + "\n" for item in lines), encoding="utf-8")
@@ -208,10 +210,13 @@ def page(rows: list[dict[str, Any]]) -> str:
         unit = f"m{item['unit']}"
         cells = (item["case"], item["joint"], item["verdict"], f"{size} {unit}", f"{floor} {unit}", causes or "-")
         lines.append(f"| {' | '.join(cells)} | {item['seconds']:.0f} |")
-    whole = {item["case"]: item["whole"] for item in rows if "whole" in item}
+    whole = {item["case"]: item for item in rows if "whole" in item}
     if whole:
-        took = ", ".join(f"{case} {seconds:.0f} s" for case, seconds in whole.items())
-        lines += ["", f"Whole diagnoses, on all cores: {took}."]
+        took = ", ".join(
+            f"{case} {item['whole']:.0f} s" + (f" on {item['cores']}" if "cores" in item else "")
+            for case, item in whole.items()
+        )
+        lines += ["", f"Whole diagnoses, in seconds on so many cores: {took}."]
     return "\n".join(lines) + "\n"
 
 

@@ -33,7 +33,8 @@ class Friction(Stage):
                 + S (stribeck + load_stribeck |m - e|) + ripple cos(ripple_count q + ripple_phase) + drag w^2
         S = exp(-|w / stribeck_velocity|^stribeck_exponent)
 
-    with the motor torque ``m`` and the external torque ``e`` on the gearbox (Duclusaud et al., ICRA 2025, M1 to M4;
+    with the motor torque ``m`` and the external torque ``e`` on the gearbox: gravity, springs, contacts and what speeds
+    cause, without what accelerations need (Duclusaud et al., ICRA 2025, M1 to M4;
     ripple: gear meshing, paper 000 equation (16)). Where another coordinate's load presses on the transmission, it
     stands in place of ``|m - e|``.
 
