@@ -161,7 +161,7 @@ def torque(p, s, time, goal, q, w, external, first):
         time: of this evaluation [s].
         goal: command as sent [rad].
         q, w: position and speed of the motor side [rad, rad/s].
-        external: torque of everything else on the coordinate [N.m].
+        external: torque of everything else on the coordinate, without what accelerations need [N.m].
         first: whether this evaluation opens a physics step, where commands are recorded and samples taken.
     """
     sense(p, s, q, w, external)

@@ -93,18 +93,18 @@ def robot_yaml(model: Path, out: Path, chain: str | None = None) -> tuple[str, t
     driven = [name for joint in robot.joints for name, _ in joint.terms]
     left += [f"# Nothing drives {what}: it moves freely.\n" for what in passive(facts, driven)]
     said = (*robot.said, *(f"{reason}; it is left out." for reason in facts.undriveable))
-    said = (*said, *passive_sentence(facts, driven), *_turned_into_slides(robot, chain))
+    said = (*said, *passive_sentence(facts, driven), *_chain_on_slides(robot, chain))
     return head + "".join(lines) + "".join(left) + TAIL.format(safety=_safety(robot)), said
 
 
-def _turned_into_slides(robot: RobotFile, chain: str | None) -> tuple[str, ...]:
-    """That the numbers of a chain which was given to all joints count in other units at slides."""
+def _chain_on_slides(robot: RobotFile, chain: str | None) -> tuple[str, ...]:
+    """That the numbers of a chain which was given to hinges and slides alike count in other units at slides."""
     slides = [joint.name for joint in robot.joints if joint.kind == "slide"]
-    if chain is None or not slides:
+    if chain is None or not slides or len(slides) == len(robot.joints):
         return ()
     return (
-        f"{', '.join(slides)}: a slide, where numbers of '{chain}' count as N and m; those of a servo that turns are "
-        "N.m and rad, so give it a chain of its own.",
+        f"Where a joint is a slide ({', '.join(slides)}), numbers of '{chain}' count as N and m, at hinges as N.m and "
+        "rad; give slides a chain of their own.",
     )
 
 

@@ -42,6 +42,17 @@ def test_new_robot_writes_what_a_bare_model_means_and_never_over_a_file(arm: Pat
         new_robot.main([str(arm)])
 
 
+def test_new_robot_says_that_a_chain_of_hinges_counts_otherwise_at_slides(tmp_path: Path, capsys) -> None:
+    """The rail of a gantry got a servo's gain as N per metre, and nobody said so."""
+    for kind, said in (("hinge", True), ("slide", False)):
+        model = tmp_path / f"{kind}.xml"
+        arm = f'<body><joint name="arm" type="{kind}" axis="0 1 0"/><geom size="0.1" mass="1"/></body>'
+        rail = f'<body><joint name="rail" type="slide" axis="1 0 0"/><geom size="0.1" mass="1"/>{arm}</body>'
+        model.write_text(f"<mujoco><worldbody>{rail}</worldbody></mujoco>")
+        new_robot.main([str(model), "chain=sts3215"])
+        assert ("a joint is a slide (rail), numbers of 'sts3215' count as N and m" in capsys.readouterr().out) == said
+
+
 def test_new_robot_takes_a_chain_for_all_joints_and_says_whose_numbers_it_leaves_out(arm: Path, capsys) -> None:
     new_robot.main([str(arm), "chain=sts3215", f"out={arm.parent / 'robots' / 'mine.yaml'}"])
     assert "the chain's counts (armature: chain), the other is left out" in capsys.readouterr().out

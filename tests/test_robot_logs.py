@@ -15,11 +15,11 @@ from sealegs.gap.causes.catalogue import adjustable, catalogue
 from sealegs.gap.diagnose import diagnose
 from sealegs.gap.experiment import propose, write_experiment
 from sealegs.gap.load.robot import robot_of
-from sealegs.gap.load.terms import T_OWN, T_SIZE
-from sealegs.gap.load.tree import ANGLE, Motion, terms_along
+from sealegs.gap.load.terms import E_SIZE, T_OWN, T_SIZE
+from sealegs.gap.load.tree import ANGLE, Motion, terms_along, tip_behind
 from sealegs.gap.log.parts import FIT_A, FIT_B
 from sealegs.gap.log.sidecar import read_sidecar
-from sealegs.gap.log.types import MeasuredRun
+from sealegs.gap.log.types import JointLog, MeasuredRun
 from sealegs.gap.replay.frames import check_frames
 from sealegs.gap.replay.joint_model import JointModel
 from sealegs.gap.replay.tree import held_terms, not_free
@@ -50,10 +50,13 @@ def test_the_terms_of_a_joint_are_those_of_inverse_dynamics(sign: float) -> None
             data.qpos[joint] += sign * away
             data.qvel[joint] += sign * faster
             mujoco.mj_inverse(model, data)
-            _, _, inertia, bias, slope, curve, drag = terms[k, :7]
+            _, _, inertia, bias, slope, curve, drag, coupling = terms[k, :E_SIZE]
             torque = inertia * sign * a[k, joint] + bias + drag * faster
             torque += slope * np.sin(away) + curve * (1.0 - np.cos(away))
             assert torque == pytest.approx(sign * data.qfrc_inverse[joint], abs=2e-4)
+            data.qpos[:], data.qvel[:] = q[k], w[k]
+            mujoco.mj_forward(model, data)
+            assert bias - coupling == pytest.approx(sign * data.qfrc_bias[joint], abs=1e-9)
 
 
 def test_a_payload_adds_to_the_terms_what_it_does_to_inverse_dynamics() -> None:
@@ -71,11 +74,18 @@ def test_a_payload_adds_to_the_terms_what_it_does_to_inverse_dynamics() -> None:
         np.testing.assert_allclose(terms[:, own] + 0.3 * terms[:, payload], whole[:, own], atol=2e-6)
 
 
-def test_accelerations_of_other_joints_are_no_load_to_the_friction_of_a_gear(tmp_path: Path) -> None:
+@pytest.mark.parametrize("direction", [1, -1])
+def test_accelerations_of_other_joints_are_no_load_to_the_friction_of_a_gear(tmp_path: Path, direction: int) -> None:
     """The engine's bias and the published fits have none of it; 2.8 mrad were left where the noise is 0.65."""
     hidden = {"load_friction": ("shoulder_lift", "clear")}
     data, _ = hidden_arm(tmp_path, "six_joint", hidden, seed=31, runs=1, duration=6.0, nominal_error=0.0)
-    replay = problem(data.runs[0], "shoulder_lift")
+    run = data.runs[0]
+    if direction < 0:
+        log = run.joints["shoulder_lift"]
+        turned = {key: -values for key, values in log.signals().items()}
+        run = replace(run, joints={**run.joints, "shoulder_lift": JointLog(**turned)})
+        run = replace(run, meta={**run.meta, "frames": {"shoulder_lift": {"direction": -1}}})
+    replay = problem(run, "shoulder_lift")
     simulated = replay.simulate([{"friction.load": 0.25}])[0]
     assert np.sqrt(np.mean(replay.position_error(simulated) ** 2)) < 1.5 * NOISE_FLOOR
 
@@ -209,4 +219,9 @@ def test_a_payload_takes_away_no_more_than_the_body_at_the_end(tmp_path: Path) -
     model = problem(data.runs[0], "shoulder").models[0]
     (mass,) = [cause for cause in catalogue(model) if cause.name == "load.mass"]
     (payload,) = [variant[0] for variant in mass.variants if variant[0].path == "load.payload"]
-    assert payload.low == pytest.approx(-ARMS["two_link"][-1].mass) and payload.high > 1.0
+    assert -ARMS["two_link"][-1].mass < payload.low <= 0.0 and payload.high > 1.0
+    machine = robot(data.runs[0])
+    tip = tip_behind(machine.model, machine.number("shoulder"))
+    body = machine.model.body(tip.body).name
+    least = machine.file.bare_model({f"{body}_payload": payload.low})  # the engine takes such a body
+    assert least.body(body).mass[0] > 0.0

@@ -58,7 +58,7 @@ def checked(names: Sequence[str] | None) -> Collection[str]:
 def adjustable(nominal: JointModel, width: float = TIGHT) -> list[Parameter]:
     """Numbers that the nominal model has and that nobody knows exactly, as factors within ``1 +- width``, and those
     that nobody measured, within their own bounds. The delay of a robot's joint is known to half a turn of a servo's
-    loop at best.
+    loop at best, or to half of it.
     """
     low, high = 1.0 / (1.0 + width), 1.0 + width
     unknown = {parameter.number for parameter in nominal.unknown}
@@ -68,9 +68,10 @@ def adjustable(nominal: JointModel, width: float = TIGHT) -> list[Parameter]:
             for key in keys:
                 path, value = f"{stage}.{key}", nominal.value(f"{stage}.{key}")
                 if value > 0.0 and path not in unknown:
-                    loose = path == "delay.seconds" and not nominal.load.predictable
-                    most = max(high, 1.0 + HALF_A_TURN / value) if loose else high
-                    found.append(factor(path, 1.0 / most, most, 0.05, DIFFERENCES.get(path, 0.4)))
+                    ends, turn = (low, high), min(HALF_A_TURN / value, 0.5)
+                    if path == "delay.seconds" and nominal.of_robot and turn > width:
+                        ends = 1.0 - turn, 1.0 + turn
+                    found.append(factor(path, *ends, 0.05, DIFFERENCES.get(path, 0.4)))
     if nominal.by_torque:  # per torque that is commanded
         found.append(Parameter("scale.factor", "1", low, high, 1.0, 0.05, logarithmic=True))
         effort, believed = nominal.axis.effort or 1.0, nominal.value("offset.value")

@@ -12,14 +12,14 @@ from .registry import entry
 CLAIMED = Needs(free_link=True, claimed_load=True)
 MASSES = {
     "mass_factor": Parameter("load.mass_factor", "1", 0.2, 6.0, 1.0, 0.1, logarithmic=True),
-    "payload": Parameter("load.payload", "kg", 0.0, 20.0, 0.0, 0.05),  # and down to what is at the end without it
+    "payload": Parameter("load.payload", "kg", 0.0, 20.0, 0.0, 0.05),  # and below, as far as its body allows
 }
 """Numbers of a load that a wrong mass may be, by key."""
 
 
 @entry("load.mass")
 def mass(nominal: JointModel) -> Cause:
-    numbers = MASSES | {"payload": replace(MASSES["payload"], low=-nominal.load.at_the_end)}
+    numbers = MASSES | {"payload": replace(MASSES["payload"], low=nominal.load.least_payload)}
     return Cause(
         sentence="The load is lighter or heavier than believed.",
         picture="residual_against_position",

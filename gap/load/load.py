@@ -28,8 +28,8 @@ class Load(Protocol):
         ...
 
     @property
-    def at_the_end(self) -> float:
-        """What hangs at its end and may be less than believed [kg]; 0 where nobody says where that is."""
+    def least_payload(self) -> float:
+        """The least payload that leaves a body at its end [kg], below zero; 0 where nobody says where that is."""
         ...
 
     @property

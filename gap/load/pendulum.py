@@ -37,7 +37,7 @@ class PendulumLoad:
         return ("mass_factor",)
 
     @property
-    def at_the_end(self) -> float:
+    def least_payload(self) -> float:
         """Unknown: its mass is turned as a factor [kg]."""
         return 0.0
 

@@ -23,6 +23,7 @@ from .terms import E_BIAS, E_COUPLING, E_CURVE, T_COLUMNS, T_OWN, T_SIZE
 NONE = int(mujoco.mjtSameFrame.mjSAMEFRAME_NONE)  # else the engine does not read where a centre of mass is
 ANGLE = 0.02  # [rad] or [m] either side of the measured position at which the terms are taken for their derivatives
 BIAS, CURVE, COUPLING = E_BIAS - T_OWN, E_CURVE - T_OWN, E_COUPLING - T_OWN  # columns of a block
+SHARES = 50  # of a body's mass in which it is tried how much of it may be missing at its tip
 SHIFT = 0.01  # [m] of a centre of mass, either way: its effect is quadratic, so any does
 
 
@@ -38,7 +39,7 @@ class TreeLoad:
         stop_angle, lower_stop: beyond and below which something blocks the link [rad].
         typical_inertia: in the middle of the log [kg.m2].
         typical_gravity: largest change of the torque with the angle [N.m/rad].
-        at_the_end: mass of the body at the end of the robot, of which a payload below zero is a part [kg].
+        least_payload: the least that leaves a body at the end of the robot [kg], below zero.
     """
 
     mass_factor: float = 1.0
@@ -49,7 +50,7 @@ class TreeLoad:
     lower_stop: float = -math.inf
     typical_inertia: float = 0.0
     typical_gravity: float = 0.0
-    at_the_end: float = 0.0
+    least_payload: float = 0.0
 
     @property
     def mass_keys(self) -> tuple[str, ...]:
@@ -186,6 +187,27 @@ def tip_behind(model: mujoco.MjModel, joint: int) -> Tip:
         site = max(sites, key=lambda s: (depth[int(model.site_bodyid[s])], s))
         return Tip(int(model.site_bodyid[site]), np.array(model.site_pos[site]))
     return Tip(body, np.array(model.body_ipos[body]))
+
+
+def least_payload(model: mujoco.MjModel, tip: Tip) -> float:
+    """The least payload that leaves a body with a mass and an inertia [kg], below zero: a body that is lighter at its
+    tip than believed. Zero at a frame without a mass of its own, such as that of a tool: what is welded to it may be
+    lighter, but is another body.
+    """
+    mass, centre = float(model.body_mass[tip.body]), np.array(model.body_ipos[tip.body])
+    axes = np.zeros(9)
+    mujoco.mju_quat2Mat(axes, model.body_iquat[tip.body])
+    inertia = axes.reshape(3, 3) @ np.diag(model.body_inertia[tip.body]) @ axes.reshape(3, 3).T
+    away = tip.point - centre
+    across = away @ away * np.eye(3) - np.outer(away, away)
+    least = 0.0
+    for taken in np.linspace(0.0, 1.0, SHARES + 1)[1:-1] * mass:
+        # of two points of masses m and -p, about their common centre
+        left = np.linalg.eigvalsh(inertia - across * mass * taken / (mass - taken))
+        if left[0] <= 0.0 or left[0] + left[1] < left[2]:  # no body has such an inertia, and the engine takes none
+            break
+        least = -float(taken)
+    return least
 
 
 def terms_along(model: mujoco.MjModel, joint: int, motion: Motion, sign: float = 1.0, *, changes: bool = True) -> Array:

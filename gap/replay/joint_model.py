@@ -32,7 +32,8 @@ class JointModel:
     """A joint: chain, load, and what the host's log does to the reading.
 
     ``unknown`` are numbers that nobody measured (:mod:`sealegs.gap.causes.unknown`): every fit turns them, and none is
-    a finding. ``axis`` is what kind of joint it is, and how much it moves and is driven.
+    a finding. ``axis`` is what kind of joint it is, and how much it moves and is driven. ``of_robot`` says whether it
+    is one of a robot, not of a bench.
     """
 
     chain: Chain
@@ -41,6 +42,7 @@ class JointModel:
     host_scale: float = 1.0
     unknown: tuple[Parameter, ...] = ()
     axis: Axis = ROTATION
+    of_robot: bool = False
 
     @property
     def by_torque(self) -> bool:
@@ -113,6 +115,7 @@ class JointModel:
             host.get("host_scale", self.host_scale),
             self.unknown,
             self.axis,
+            self.of_robot,
         )
 
     def with_fitted(self, values: Mapping[str, float]) -> JointModel:

@@ -10,8 +10,8 @@ from functools import cache
 from typing import Protocol
 
 TIGHT = 0.06
-"""How far a number of the nominal model may be off without being a finding (bound of tuning beside causes,
-relative).
+"""How far a number of the nominal model may be off without being a finding (bound of tuning beside causes, relative);
+the delay of a robot's joint may be by more (:data:`sealegs.gap.causes.catalogue.HALF_A_TURN`).
 """
 
 

@@ -12,7 +12,7 @@ from ...actuators import Chain
 from ..checks.signal import derivatives
 from ..load.robot import LoggedRobot
 from ..load.terms import E_INERTIA, E_POSITION, E_SLOPE
-from ..load.tree import Motion, TreeLoad, terms_along, tip_behind
+from ..load.tree import Motion, TreeLoad, least_payload, terms_along, tip_behind
 from ..log.finding import Finding
 from ..log.types import MeasuredRun
 from .axis import Axis
@@ -193,7 +193,7 @@ def joint_of_tree(
     """A joint of a robot as the search sees it; without terms, one whose link moves as measured."""
     axis = axis_of(robot, joint, runs)
     if terms is None:
-        return JointModel(chain, axis=axis)
+        return JointModel(chain, axis=axis, of_robot=True)
     rows = np.concatenate(terms)
     lower, upper = stops_of(robot, joint, axis)
     load = TreeLoad(
@@ -201,9 +201,9 @@ def joint_of_tree(
         stop_angle=upper,
         typical_inertia=float(np.median(rows[:, E_INERTIA])),
         typical_gravity=float(np.quantile(np.abs(rows[:, E_SLOPE]), 0.99)),
-        at_the_end=float(robot.model.body_mass[tip_behind(robot.model, robot.number(joint)).body]),
+        least_payload=least_payload(robot.model, tip_behind(robot.model, robot.number(joint))),
     )
-    return JointModel(chain, load, axis=axis)
+    return JointModel(chain, load, axis=axis, of_robot=True)
 
 
 def axis_of(robot: LoggedRobot, joint: str, runs: Sequence[MeasuredRun]) -> Axis:

@@ -79,9 +79,8 @@ class Searcher:
         base = self.judged(self.fit_both(self.tuned, self.start))
         found, fault = Found(base), ""
         try:
-            self.sketch_anew(base)
             while len(found.accepted) < self.settings.most_causes and self.step(found):
-                self.sketch_anew(found.current)
+                pass
         except NUMERICAL as error:
             fault = f"the search for a further cause failed numerically ({type(error).__name__}: {error})"
             self.progress(fault)
@@ -134,10 +133,11 @@ class Searcher:
         """
         return self.fit_parts(parameters, self.fit_sketch(parameters, start).values)
 
-    def sketch_anew(self, current: Judged) -> None:
-        """The sketch of a long log, with what the model is most wrong about."""
+    def sketch_anew(self, extended: Sequence[Parameter], here: Mapping[str, float]) -> None:
+        """The sketch of a long log, with what the model is most wrong about, and the model's least cost there."""
         if self.sketch is not self.both:
-            self.sketch, self.optima = sketch(self.both, self.settings.sketched, middle(*current.fits)), {}
+            self.sketch, self.optima = sketch(self.both, self.settings.sketched, here), {}
+            self.fit_sketch(extended, here)
 
     def fit_sketch(self, parameters: Sequence[Parameter], start: Mapping[str, float] | None) -> Fit:
         """A fit to the sketch; the least cost of each set of parameters is remembered."""
@@ -209,10 +209,10 @@ class Searcher:
         """
         settings = self.settings
         extended = merge(self.tuned, *(candidate.variant for candidate in accepted))
-        taken = {candidate.cause.key for candidate in accepted} | self.replaced
-        taken |= without_friction(self.shown, extended, self.nominal)
-        here, open_to = middle(*current.fits), [cause for cause in self.shown if cause.key not in taken]
-        screened = screen(self.sketch, open_to, extended, here, settings)
+        taken = {c.cause.key for c in accepted} | self.replaced | without_friction(self.shown, extended, self.nominal)
+        here = middle(*current.fits)
+        self.sketch_anew(extended, here)
+        screened = screen(self.sketch, [c for c in self.shown if c.key not in taken], extended, here, settings)
         if not self.look_on and not decide.promising(left, screened.promise, settings):
             return [], screened.promise
         chosen = self.with_usual_forms(screened.chosen, taken, blind=left > settings.far)

@@ -11,6 +11,7 @@ import numpy as np
 
 from ..log.parts import FIT_A, FIT_B, WARM_UP
 from ..replay.problem import JointProblem, Problem
+from ..replay.robust import robust_loss
 from ..replay.steps import STEPS
 from .settings import SearchSettings
 from .windows import hidden_state, split
@@ -40,15 +41,21 @@ def sketch(problem: AnyProblem, seconds: float, values: Mapping[str, float] | No
     problem = _in_pieces(problem, seconds)
     every = max(math.floor(_length(problem) / seconds), 1)
     wrong = None if values is None else _wrong(problem, values)
+    lengths = _lengths(problem)
     kept = set[int]()
     for part, first in ((FIT_A, 0), (FIT_B, every // 2)):
         mine = [k for k, unit in enumerate(problem.units) if unit.part == part]
-        evenly = mine[first::every] or mine[:1]
+        chosen = mine[first::every] or mine[:1]
         if wrong is not None:
-            few = evenly[::2]
-            others = sorted(set(mine).difference(few), key=lambda k: float(wrong[k]), reverse=True)
-            evenly = [*few, *others[: len(evenly) - len(few)]]
-        kept |= set(evenly)
+            evenly = chosen[::2]
+            missing = sum(lengths[k] for k in chosen) - sum(lengths[k] for k in evenly)
+            chosen = list(evenly)
+            for k in sorted(set(mine).difference(evenly), key=lambda k: float(wrong[k]), reverse=True):
+                if missing <= 0.0:
+                    break
+                chosen.append(k)
+                missing -= lengths[k]
+        kept |= set(chosen)
     units = tuple(replace(unit, part=SKETCHED) if k in kept else unit for k, unit in enumerate(problem.units))
     return replace(problem, units=units).part(SKETCHED)
 
@@ -87,19 +94,22 @@ def _in_pieces(problem: AnyProblem, seconds: float) -> AnyProblem:
 
 def _length(problem: Problem, *parts: int) -> float:
     """How much of it is judged [s], of all parts or of some."""
-    return sum(
-        float(problem.time[b - 1] - problem.time[a])
-        for unit, (a, b) in zip(problem.units, _judged(problem), strict=True)
-        if not parts or unit.part in parts
-    )
+    pieces = zip(problem.units, _lengths(problem), strict=True)
+    return sum(length for unit, length in pieces if not parts or unit.part in parts)
+
+
+def _lengths(problem: Problem) -> list[float]:
+    """How much of each piece is judged [s]."""
+    return [float(problem.time[b - 1] - problem.time[a]) for a, b in _judged(problem)]
 
 
 def _wrong(problem: Problem, values: Mapping[str, float]) -> np.ndarray:
-    """Mean squared error of a model in each piece (u,)."""
-    squared = problem.errors(problem.simulate([values])[0])[:, 0] ** 2
+    """Mean loss of a model in each piece (u,): a few samples of a jam say little of the rest of theirs."""
+    error = problem.errors(problem.simulate([values])[0])[:, 0] * problem.weight[0]
+    judged = np.isfinite(error)
+    loss = robust_loss(np.where(judged, error, 0.0))
     pieces = zip(problem.starts[:-1], problem.starts[1:], strict=True)
-    judged = np.isfinite(squared)
-    return np.array([float(squared[a:b][judged[a:b]].sum()) / max(int(judged[a:b].sum()), 1) for a, b in pieces])
+    return np.array([float(loss[a:b].sum()) / max(int(judged[a:b].sum()), 1) for a, b in pieces])
 
 
 def coarsened(problem: AnyProblem, settings: SearchSettings) -> AnyProblem:

@@ -14,7 +14,7 @@ import mujoco
 import numpy as np
 
 from ..load.robot import LoggedRobot
-from ..load.tree import NONE, Motion, block_along, tip_behind
+from ..load.tree import NONE, Motion, block_along, least_payload, tip_behind
 from ..log.types import Array, MeasuredRun
 from ..replay.parameters import Parameter
 from ..search.settings import DEFAULT
@@ -100,7 +100,7 @@ def payload(robot: LoggedRobot, joint: str) -> Direction | None:
         _weigh(other, tip.body, 1.0, tip.point, np.zeros(3))
         return None, other, 1.0
 
-    mass, least = _whole(robot.model), -float(robot.model.body_mass[tip.body])
+    mass, least = _whole(robot.model), least_payload(robot.model, tip)
     parameter = Parameter(f"body.{name}.payload", "kg", least, 5.0 * mass, 0.0, 0.05 * mass)
     return Direction(parameter, 0.0, change, (name,), "body.payload")
 

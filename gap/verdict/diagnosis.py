@@ -302,6 +302,8 @@ def _decide(
     blind = () if asked is None else blind_spots(asked, search, replay.hidden)
     limits = () if asked is None else detection_limits(asked, search)
     tuned = {p.number: measured.values[p.path] for p in search.tuned if p.path in measured.values}
+    unmeasured = () if problem.joint is None else problem.joint.models[0].unknown
+    within = [p.number for p in search.tuned if p.factor and not search.loose and p not in unmeasured]
     verdict = decide(
         Replayed(
             joint,
@@ -322,7 +324,7 @@ def _decide(
             held,
             replay.hidden,
             limits,
-            {p.number: tuned[p.number] for p in search.tuned if p.factor and not search.loose and p.number in tuned},
+            {number: tuned[number] for number in within if number in tuned},
             measured.removed,
             is_of_robot(problem),
         )

@@ -8,9 +8,10 @@ from functools import cache
 
 import numpy as np
 
+from ..causes.catalogue import adjustable
 from ..causes.cause import Cause, Variant
 from ..log.parts import FIT_A, FIT_B, TEST
-from ..replay.parameters import TIGHT, Parameter, absolute
+from ..replay.parameters import Parameter, absolute
 from ..replay.problem import Nominal, Problem
 from ..replay.robust import robust_loss
 from ..search.fit import Fit, fit, middle
@@ -144,7 +145,7 @@ def measure(
     if fitting is not problem:
         sought_in = float(np.mean(fitting.position_error(fitting.simulate([{}])[0]) ** 2))
     account = Account(1.0 - unexplained, sought_in / problem.noise**2, charge, {p.number for p in wide})
-    freed = handed == "extended" and sought.loose
+    freed = problem.joint.models[0] if problem.joint and handed == "extended" and sought.loose else None
     causes, tuned_share = _name_causes(fitting, sought, model, joint, account, rest, features)
     return Measured(
         gap=gap,
@@ -159,7 +160,7 @@ def measure(
         open_causes=(*open_causes, *near_misses(search)),
         model="extended" if handed == "tuned" else handed,
         turned=refitted_numbers(wide, refitted.values) if handed == "refitted" else "",
-        beside=refitted_numbers(_others(wide, causes), values, beyond=TIGHT) if freed else "",
+        beside="" if freed is None else refitted_numbers(_others(wide, causes), values, adjustable(freed)),
         removed=beyond if search.loose and sought.accepted else None,
     )
 

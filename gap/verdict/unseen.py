@@ -304,7 +304,11 @@ def near_misses(search: Search, most: int = 3) -> tuple[OpenCause, ...]:
     return tuple(found[:most])
 
 
-def refitted_numbers(wide: Sequence[Parameter], values: Mapping[str, float], beyond: float = 0.0) -> str:
-    """The numbers that refitting turned furthest, for people; only those turned by more than a relative change."""
-    turned = [(p.number, values[p.path]) for p in wide if p.factor and p.path in values]
-    return furthest([(number, factor) for number, factor in turned if max(factor, 1.0 / factor) > 1.001 + beyond])
+SLIGHTLY = 1.001  # factor that tells a number that was turned from one that was not
+
+
+def refitted_numbers(wide: Sequence[Parameter], values: Mapping[str, float], known: Sequence[Parameter] = ()) -> str:
+    """The numbers that refitting turned furthest, for people; only those turned beyond the tolerances of ``known``."""
+    ends = {p.number: (p.low, p.high) for p in known if p.factor}
+    turned = [(p.number, values[p.path], ends.get(p.number, (1.0, 1.0))) for p in wide if p.factor and p.path in values]
+    return furthest([(name, factor) for name, factor, (a, b) in turned if not a / SLIGHTLY <= factor <= b * SLIGHTLY])

@@ -169,8 +169,8 @@ def import_logs(
     left = [f"{one.name} does not have the columns of the mapping" for one in found if one not in fitting]
     runs = [converted(mapping, recording) for recording in fitting]
     out = Path(out)
-    joints_of_robot(runs, out)
     said, sidecar = said_before(out), out / FOLDER_DEFAULTS
+    joints_of_robot([completed(run, said or {}) for run in runs], out)
     shared, own = folder_and_own(runs) if said is None else ({}, [beyond(run, said, out) for run in runs])
     text, missing = text_with_blanks(shared, runs), blanks([completed(run, said or {}) for run in runs])
     if format is None:

@@ -14,7 +14,7 @@ from functools import cached_property
 import numpy as np
 from scipy.signal import savgol_filter
 
-from ...load.terms import E_BIAS, E_INERTIA, E_SIZE
+from ...load.terms import E_BIAS, E_COUPLING, E_INERTIA, E_SIZE
 from ...replay.constants import K
 from ...replay.driven_simulator import law_along
 from ...replay.joint_model import JointModel
@@ -57,7 +57,9 @@ class Balance:
 
     Attributes:
         angle, speed: of the joint, as this model reads the log [rad, rad/s].
-        inertial, gravity: what the load takes: inertia times acceleration, and weight.
+        inertial, gravity: what the load takes: inertia times acceleration, and weight; of a joint of a robot also what
+            the motion of the other joints takes.
+        coupling: part of ``gravity`` that accelerations of the others take, which is no load to friction.
         motor: by the logged current or duty, by the model's own law where neither was logged.
         source: which of them: ``current``, ``duty`` or ``law``.
         law: motor torque of the model's own law.
@@ -69,6 +71,7 @@ class Balance:
     speed: np.ndarray
     inertial: np.ndarray
     gravity: np.ndarray
+    coupling: np.ndarray
     motor: np.ndarray
     source: str
     law: np.ndarray
@@ -90,8 +93,8 @@ class Balance:
 
     @property
     def load(self) -> np.ndarray:
-        """Torque through the gearbox: motor torque minus (external) gravity torque (n,)."""
-        return np.abs(self.motor + self.gravity)
+        """Torque through the gearbox: motor torque less what pulls on the joint from outside (n,)."""
+        return np.abs(self.motor + self.gravity - self.coupling)
 
 
 class Evidence:
@@ -175,7 +178,7 @@ def balance(problem: JointProblem, motion: Motion, values: Mapping[str, float]) 
     """
     n = len(problem.time)
     values = {path: value for path, value in values.items() if address(path).number != BRISTLE}
-    angle, speed, inertial, gravity, motor, viscous = np.zeros((6, n))
+    angle, speed, inertial, gravity, coupling, motor, viscous = np.zeros((7, n))
     law = np.zeros((n, 5))
     sources = []
     for k, unit in enumerate(problem.units):
@@ -194,10 +197,11 @@ def balance(problem: JointProblem, motion: Motion, values: Mapping[str, float]) 
             for row, terms in zip(felt, problem.terms[at], strict=True):
                 combine(constants, terms, row)
             inertia, gravity[at] = inertia + felt[:, E_INERTIA], gravity[at] + felt[:, E_BIAS]
+            coupling[at] = felt[:, E_COUPLING]
         inertial[at] = inertia * motion.acceleration[at] / scale
         viscous[at] = constants[K.viscous] * speed[at]
         warm = np.maximum(1.0 - constants[K.loss] * (problem.temperature[at] - constants[K.reference]), 0.05)
-        moved = (problem.on[at], angle[at], speed[at], -gravity[at])
+        moved = (problem.on[at], angle[at], speed[at], coupling[at] - gravity[at])
         law_along(program, constants, warm, problem.time[at], problem.goal[at], *moved, law[at])
         motor[at], source = _motor_torque(joint, motion, at, speed[at], warm, law[at], problem.on[at])
         if source == "law":  # motion is smoothed about a row, before which the goal of the last row was held
@@ -206,7 +210,8 @@ def balance(problem: JointProblem, motion: Motion, values: Mapping[str, float]) 
         sources.append(source)
     source = max(set(sources), key=sources.count)
     torques, limit, duty, current, voltage = law.T
-    return Balance(angle, speed, inertial, gravity, motor, source, torques, limit, viscous, duty, current, voltage)
+    felt_by_link = angle, speed, inertial, gravity, coupling
+    return Balance(*felt_by_link, motor, source, torques, limit, viscous, duty, current, voltage)
 
 
 def _about_rows(held: np.ndarray) -> np.ndarray:
