@@ -61,7 +61,7 @@ def test_of_a_long_log_pieces_of_both_parts_are_kept_from_beginning_to_end() -> 
     assert numbers[0] < 10 and numbers[-1] >= 30
 
 
-def test_of_a_long_log_half_of_what_is_kept_is_what_the_model_is_most_wrong_about() -> None:
+def test_of_a_long_log_more_is_kept_of_what_the_model_is_most_wrong_about() -> None:
     """Of eight motions only a chirp reached the limit of the acceleration, and the sketch held little of it."""
     time = np.arange(0.0, 240.0, 1.0 / RATE)
     goal = np.where((time > 100.0) & (time < 130.0), 0.5 * np.sin(12.0 * time), 0.5 * np.sin(0.5 * time))
@@ -77,13 +77,15 @@ def test_of_a_long_log_half_of_what_is_kept_is_what_the_model_is_most_wrong_abou
         return float(np.mean([100.0 < kept.time[(a + b) // 2] < 130.0 for a, b in ends]))
 
     evenly, anew = sketch(both, 30.0), sketch(both, 30.0, {})
-    assert fast(evenly) < 0.25 <= fast(anew) <= 0.75
+    assert fast(evenly) < 0.25 <= fast(anew) <= 0.6
     assert fast(sketch(torn, 30.0, {})) >= 0.25  # a few samples of a jam do not take the place of a motion
-    assert 30.0 * RATE <= anew.judged.sum() < 50.0 * RATE
+    assert 45.0 * RATE <= anew.judged.sum() < 70.0 * RATE
     assert len({unit.part for unit in anew.units}) == 1
+    before = {(unit.run, unit.start) for unit in evenly.units}
+    assert before < {(unit.run, unit.start) for unit in anew.units}
 
 
-def test_what_the_model_is_most_wrong_about_is_as_long_as_what_it_replaces() -> None:
+def test_what_the_model_is_most_wrong_about_counts_by_its_length() -> None:
     """Of runs of four and of 24 seconds, the short ones at fault, 11 seconds were kept of the thirty asked for."""
     runs, chain = [], {"servo": CHAIN}
     for k in range(24):
@@ -93,7 +95,7 @@ def test_what_the_model_is_most_wrong_about_is_as_long_as_what_it_replaces() -> 
     models = [JointModel(load_chain(CHAIN))] * len(runs)
     whole = free_problem(runs, "servo", models, cut(runs, "servo"), {"position": 1e3})
     evenly, anew = (sketch(whole.part(FIT_A, FIT_B), 30.0, v).judged.sum() / RATE for v in (None, {}))
-    assert evenly > 28.0 and evenly - 1.0 < anew < evenly + 24.0
+    assert evenly > 28.0 and 1.5 * evenly - 1.0 < anew < 1.5 * evenly + 2 * 24.0  # up to a piece in each part
 
 
 def test_what_joints_share_is_sought_in_pieces_of_each_part_that_keep_their_part() -> None:

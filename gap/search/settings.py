@@ -65,8 +65,8 @@ class SearchSettings:
     )
     sketched: float = threshold(
         30.0,
-        "Length [s] of the data that screen and rough fits see of longer logs, half of it spread evenly and half where "
-        "the model is most wrong; finalists are fitted to all.",
+        "Length [s] of the data that screen and rough fits see of longer logs, spread evenly, beside which half as "
+        "much shows where the model is most wrong; finalists are fitted to all.",
     )
     rough_iterations: int = threshold(3, "Iterations of a rough fit.")
     shape_edge: float = threshold(

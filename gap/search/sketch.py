@@ -16,6 +16,7 @@ from ..replay.steps import STEPS
 from .settings import SearchSettings
 from .windows import hidden_state, split
 
+WRONG = 0.5  # of what is kept of all pieces, beside which so much is kept of those that a model is most wrong about
 PIECE = 5.0  # [s] into which runs are cut that are longer than all that is kept
 SKETCHED = -1  # label of the pieces that are kept
 DROPPED = -2  # and of those that are not, where the others keep theirs
@@ -27,9 +28,8 @@ def sketch(problem: AnyProblem, seconds: float, values: Mapping[str, float] | No
     """A joint's problem with every so many of the pieces of both parts, as short as may be but not below ``seconds``.
 
     A chirp or a joint that warms up is another in each piece of a log: those kept of one part lie between those kept of
-    the other. With a model, every second piece that is kept is instead one of those which it is most wrong about: of
-    eight motions one alone may show what the others do not reach. What is not of one joint stays whole: of several,
-    each must be there.
+    the other. With a model, half as much again is kept of what it is most wrong about: of eight motions one alone may
+    show what the others do not reach. What is not of one joint stays whole: of several, each must be there.
 
     Args:
         problem: with pieces to fit on.
@@ -47,14 +47,12 @@ def sketch(problem: AnyProblem, seconds: float, values: Mapping[str, float] | No
         mine = [k for k, unit in enumerate(problem.units) if unit.part == part]
         chosen = mine[first::every] or mine[:1]
         if wrong is not None:
-            evenly = chosen[::2]
-            missing = sum(lengths[k] for k in chosen) - sum(lengths[k] for k in evenly)
-            chosen = list(evenly)
-            for k in sorted(set(mine).difference(evenly), key=lambda k: float(wrong[k]), reverse=True):
-                if missing <= 0.0:
+            more = WRONG * sum(lengths[k] for k in chosen)
+            for k in sorted(set(mine).difference(chosen), key=lambda k: float(wrong[k]), reverse=True):
+                if more <= 0.0:
                     break
-                chosen.append(k)
-                missing -= lengths[k]
+                chosen = [*chosen, k]
+                more -= lengths[k]
         kept |= set(chosen)
     units = tuple(replace(unit, part=SKETCHED) if k in kept else unit for k, unit in enumerate(problem.units))
     return replace(problem, units=units).part(SKETCHED)
