@@ -87,11 +87,12 @@ def test_of_a_long_log_more_is_kept_of_what_the_model_is_most_wrong_about() -> N
 
 def test_what_the_model_is_most_wrong_about_counts_by_its_length() -> None:
     """Of runs of four and of 24 seconds, the short ones at fault, 11 seconds were kept of the thirty asked for."""
-    runs, chain = [], {"servo": CHAIN}
+    runs: list[MeasuredRun] = []
     for k in range(24):
         time = np.arange(0.0, (24.0, 4.0)[k % 2], 1.0 / RATE)
         goal = 0.5 * np.sin((0.5, 12.0)[k % 2] * time)
-        runs.append(MeasuredRun(f"run{k}", time, {"servo": JointLog(goal, goal)}, {}, "bench", dict(PARAMS), chain))
+        log = {"servo": JointLog(goal, goal)}
+        runs.append(MeasuredRun(f"run{k}", time, log, {}, "bench", dict(PARAMS), {"servo": CHAIN}))
     models = [JointModel(load_chain(CHAIN))] * len(runs)
     whole = free_problem(runs, "servo", models, cut(runs, "servo"), {"position": 1e3})
     evenly, anew = (sketch(whole.part(FIT_A, FIT_B), 30.0, v).judged.sum() / RATE for v in (None, {}))
