@@ -12,7 +12,7 @@ from sealegs.gap.verdict.verdict import NOT_IDENTIFIABLE, NOTHING, JointDiagnosi
 
 from testbed import hidden_bench, hidden_wide
 
-CAUSES = ("friction.coulomb", "drive.gain", "sensor.scale", "sensor.delay")
+CAUSES = ("friction.coulomb", "drive.gain", "sensor.scale", "sensor.delay", "friction.presliding")
 
 
 @cache
@@ -35,6 +35,13 @@ def test_each_cause_has_a_limit_around_what_is_believed() -> None:
     assert gain.low < gain.nominal < gain.high < 1.1 * gain.nominal
     assert friction.low < 1.06 * friction.nominal and friction.high < 1.5 * friction.nominal
     assert not np.isfinite(late.low) and 0.0 < late.high < 0.01  # a reading is never early
+
+
+def test_bristles_hide_where_they_are_stiff() -> None:
+    """Their stiffness is zero where nothing gives way: the softest of all were told not to show."""
+    bristles = limits()["friction.presliding"]
+    assert np.isfinite(bristles.low) and not np.isfinite(bristles.high), bristles.sentence
+    assert "friction.presliding above" in bristles.sentence and bristles.hides(1e3) and not bristles.hides(0.1)
 
 
 def test_a_number_that_tuning_takes_up_has_a_wider_limit() -> None:

@@ -54,7 +54,9 @@ def next_command(diagnoses: Sequence[JointDiagnosis], written: Mapping[str, Path
 
 
 def _joint(diagnosis: JointDiagnosis, width: int) -> Iterable[str]:
-    yield from _wrapped(f"{diagnosis.verdict.upper()}: {diagnosis.sentence}", width)
+    verdict, sentence = diagnosis.verdict, diagnosis.sentence
+    said = sentence.lower().startswith(f"{verdict}: ")  # a verdict that its sentence begins with is told once
+    yield from _wrapped(f"{verdict.upper()}: {sentence[len(verdict) + 2 :] if said else sentence}", width)
     if diagnosis.data_errors:
         yield from ("", "Errors of the log")
         for error in diagnosis.data_errors:

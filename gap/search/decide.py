@@ -107,7 +107,7 @@ def inconsistent(candidate: Evidence, settings: SearchSettings) -> str:
     """
     a, b = candidate.distances
     if candidate.scale is not None and max(abs(a), abs(b)) * candidate.scale < settings.least_change:
-        return f"it differs from none by less than {100 * settings.least_change:g} %"
+        return f"it differs from no effect by less than {100 * settings.least_change:g} %"
     agree = a * b > 0.0 and settings.least_agreement < a / b < 1.0 / settings.least_agreement
     return "" if agree else "the two parts of the data disagree on its size"
 

@@ -121,12 +121,16 @@ def frame_findings(runs: Sequence[MeasuredRun], progress: Progress) -> list[Find
     progress("comparing zeros and directions of log and model")
     models = {joint: JointModel(chain_of(runs[0], joint, robot)) for joint in commanded(runs)}
     try:
-        return check_frames(robot, runs, models)
+        found = check_frames(robot, runs, models)
     except (*NUMERICAL, ValueError, LookupError) as error:
         said = (
             f"Zeros and directions could not be compared ({type(error).__name__}: {error}); the model's are believed."
         )
         return [Finding("robot.frame_fault", "warning", None, None, said)]
+    for finding in found:
+        if finding.severity == "warning":  # whoever sees it may stop and mend it
+            progress(finding.sentence)
+    return found
 
 
 def chain_of(run: MeasuredRun, joint: str, robot: LoggedRobot | None) -> Chain:
