@@ -48,7 +48,7 @@ from .request import Request
 from .robot import Asked, with_robot
 from .torque import diagnose_torque
 from .unseen_range import unseen_range
-from .verdict import NOT_IDENTIFIABLE, PARTLY, WITHDRAWN, JointDiagnosis, data_errors, rivals_of
+from .verdict import EXPLAINED, NOT_IDENTIFIABLE, PARTLY, WITHDRAWN, JointDiagnosis, data_errors, rivals_of
 
 LOGGER = logging.getLogger("sealegs")
 
@@ -331,7 +331,9 @@ def _decide(
     )
     rivals = rivals_of(measured.causes)
     experiment = None
-    unsettled = verdict.name in (NOT_IDENTIFIABLE, PARTLY) or rivals or measured.open_causes
+    # of a gap that is explained, a near miss asks for nothing more: it is of the size of the noise
+    asking = [cause for cause in measured.open_causes if cause.standing == WITHDRAWN or verdict.name != EXPLAINED]
+    unsettled = verdict.name in (NOT_IDENTIFIABLE, PARTLY) or rivals or asking
     if free is not None and (replay.along is not None or free.models[0].load.predictable) and unsettled:
         withdrawn = [cause.name for cause in measured.open_causes if cause.standing == WITHDRAWN]
         wide = verdict.because("still", "blind") or bool(withdrawn)
