@@ -7,6 +7,7 @@ from pathlib import Path
 import numpy as np
 from sealegs.actuators.chain import load_chain
 from sealegs.gap.load.robot import LoggedRobot, robot_of
+from sealegs.gap.load.terms import T_OWN, T_SIZE
 from sealegs.gap.log.parts import cut
 from sealegs.gap.log.types import MeasuredRun
 from sealegs.gap.replay.free import FreeProblem, free_problem
@@ -37,6 +38,11 @@ def free_replay(run: MeasuredRun, joint: str) -> FreeProblem:
     terms = terms_of(machine, joint, [run])
     model = joint_of_tree(machine, joint, load_chain(run.actuators[joint]), [run], terms)
     return free_problem([run], joint, [model], cut([run], joint), {"position": 1.0 / NOISE_FLOOR}, terms)
+
+
+def block_of(terms: np.ndarray, number: int) -> np.ndarray:
+    """One of the blocks of a joint's terms (samples, columns)."""
+    return terms[:, T_OWN + number * T_SIZE :][:, :T_SIZE]
 
 
 def nominal_error(problem: FreeProblem) -> float:

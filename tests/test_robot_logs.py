@@ -15,7 +15,7 @@ from sealegs.gap.causes.catalogue import adjustable, catalogue
 from sealegs.gap.diagnose import diagnose
 from sealegs.gap.experiment import propose, write_experiment
 from sealegs.gap.load.robot import robot_of
-from sealegs.gap.load.terms import E_SIZE, T_OWN, T_SIZE
+from sealegs.gap.load.terms import E_SIZE
 from sealegs.gap.load.tree import ANGLE, Motion, terms_along, tip_behind
 from sealegs.gap.log.parts import FIT_A, FIT_B
 from sealegs.gap.log.sidecar import read_sidecar
@@ -31,9 +31,9 @@ from sealegs.gap.verdict.measure import whole_fit
 from testbed.arm import ARMS, mjcf
 from testbed.bench import NOISE_FLOOR
 from testbed.logs import hidden_arm
+from tests.logged_robots import block_of, robot
 from tests.logged_robots import free_replay as problem
 from tests.logged_robots import nominal_error as error
-from tests.logged_robots import robot
 
 
 @pytest.mark.parametrize("sign", [1.0, -1.0])
@@ -70,8 +70,7 @@ def test_a_payload_adds_to_the_terms_what_it_does_to_inverse_dynamics() -> None:
     for joint in range(2):
         terms = terms_along(plain, joint, Motion(q, w, a))
         whole = terms_along(other, joint, Motion(q, w, a))
-        own, payload = slice(T_OWN, T_OWN + T_SIZE), slice(T_OWN + T_SIZE, T_OWN + 2 * T_SIZE)
-        np.testing.assert_allclose(terms[:, own] + 0.3 * terms[:, payload], whole[:, own], atol=2e-6)
+        np.testing.assert_allclose(block_of(terms, 0) + 0.3 * block_of(terms, 1), block_of(whole, 0), atol=2e-6)
 
 
 @pytest.mark.parametrize("direction", [1, -1])
@@ -225,3 +224,12 @@ def test_a_payload_takes_away_no_more_than_the_body_at_the_end(tmp_path: Path) -
     body = machine.model.body(tip.body).name
     least = machine.file.bare_model({f"{body}_payload": payload.low})  # the engine takes such a body
     assert least.body(body).mass[0] > 0.0
+
+
+def test_the_delay_of_a_robots_joint_is_known_to_half_a_turn_of_a_servos_loop(tmp_path: Path) -> None:
+    """A right machine whose delay was 9 % off was not identifiable; a bench has measured its own."""
+    data, _ = hidden_arm(tmp_path, "two_link", {}, seed=5, runs=1, duration=2.0, nominal_error=0.0)
+    model = problem(data.runs[0], "shoulder").models[0]
+    for joint, seconds in ((model, 5e-4), (replace(model, of_robot=False), 0.06 * 5e-3)):
+        (delay,) = [number for number in adjustable(joint) if number.number == "delay.seconds"]
+        assert (delay.high - 1.0) * joint.value("delay.seconds") == pytest.approx(seconds)

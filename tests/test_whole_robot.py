@@ -11,7 +11,6 @@ import pytest
 from sealegs.actuators.chain import load_chain
 from sealegs.envs.extended import Change, Extended, Mounted
 from sealegs.gap.load.robot import Frame, LoggedRobot
-from sealegs.gap.load.terms import T_OWN, T_SIZE
 from sealegs.gap.load.tree import Motion, terms_along
 from sealegs.gap.log.types import MeasuredRun, MeasuredSet
 from sealegs.gap.output.robot_extension import in_frame, of_robot
@@ -19,7 +18,7 @@ from sealegs.gap.output.robot_mjcf import write_robot
 from sealegs.gap.replay.whole import replay_whole, whole, why_not_whole
 
 from testbed.bench import NOISE_FLOOR
-from tests.logged_robots import JOINTS, free_replay, nominal_error, robot, two_link_run
+from tests.logged_robots import JOINTS, block_of, free_replay, nominal_error, robot, two_link_run
 
 
 @pytest.fixture(scope="module")
@@ -112,11 +111,6 @@ def felt(run: MeasuredRun, changes: list[Change], joint: str) -> tuple[np.ndarra
     motion = Motion(*np.random.default_rng(3).normal(0.0, 0.6, (3, 4, 2)))
     number = machine.number(joint)
     return terms_along(machine.model, number, motion), terms_along(model, number, motion)
-
-
-def block_of(terms: np.ndarray, number: int) -> np.ndarray:
-    """One of the blocks of a joint's terms (samples, columns)."""
-    return terms[:, T_OWN + number * T_SIZE :][:, :T_SIZE]
 
 
 def change(joint: str, path: str, value: float) -> Change:

@@ -57,21 +57,18 @@ def checked(names: Sequence[str] | None) -> Collection[str]:
 
 def adjustable(nominal: JointModel, width: float = TIGHT) -> list[Parameter]:
     """Numbers that the nominal model has and that nobody knows exactly, as factors within ``1 +- width``, and those
-    that nobody measured, within their own bounds. The delay of a robot's joint is known to half a turn of a servo's
-    loop at best, or to half of it.
+    that nobody measured, within their own bounds.
     """
     low, high = 1.0 / (1.0 + width), 1.0 + width
     unknown = {parameter.number for parameter in nominal.unknown}
     found = []
     for stage, keys in ADJUSTABLE.items():
         if nominal.chain.find(stage) is not None:
-            for key in keys:
-                path, value = f"{stage}.{key}", nominal.value(f"{stage}.{key}")
-                if value > 0.0 and path not in unknown:
-                    ends, turn = (low, high), min(HALF_A_TURN / value, 0.5)
-                    if path == "delay.seconds" and nominal.of_robot and turn > width:
-                        ends = 1.0 - turn, 1.0 + turn
-                    found.append(factor(path, *ends, 0.05, DIFFERENCES.get(path, 0.4)))
+            found += [
+                factor(path, *_tolerance(nominal, path, width), 0.05, DIFFERENCES.get(path, 0.4))
+                for path in (f"{stage}.{key}" for key in keys)
+                if nominal.value(path) > 0.0 and path not in unknown
+            ]
     if nominal.by_torque:  # per torque that is commanded
         found.append(Parameter("scale.factor", "1", low, high, 1.0, 0.05, logarithmic=True))
         effort, believed = nominal.axis.effort or 1.0, nominal.value("offset.value")
@@ -81,6 +78,17 @@ def adjustable(nominal: JointModel, width: float = TIGHT) -> list[Parameter]:
             found.append(Parameter("offset.value", "N.m", believed - bias, believed + bias, believed, 0.2 * bias))
     found += [Parameter(f"load.{key}", "1", low, high, 1.0, 0.05, logarithmic=True) for key in nominal.load.tunable]
     return [*found, *nominal.unknown]
+
+
+def _tolerance(nominal: JointModel, path: str, width: float) -> tuple[float, float]:
+    """Ends of the factor on a number within ``1 +- width``; the delay of a robot's joint is known to half a turn of a
+    servo's loop at best, or to half of it.
+    """
+    if path == "delay.seconds" and nominal.of_robot:
+        turn = min(HALF_A_TURN / nominal.value(path), 0.5)
+        if turn > width:
+            return 1.0 - turn, 1.0 + turn
+    return 1.0 / (1.0 + width), 1.0 + width
 
 
 HALF_A_TURN = 5e-4  # [s] of a servo's loop at 1 kHz, within which a command waits for its turn: assumed

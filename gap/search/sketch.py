@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from typing import TypeVar, cast
 
@@ -45,15 +45,11 @@ def sketch(problem: AnyProblem, seconds: float, values: Mapping[str, float] | No
     kept = set[int]()
     for part, first in ((FIT_A, 0), (FIT_B, every // 2)):
         mine = [k for k, unit in enumerate(problem.units) if unit.part == part]
-        chosen = mine[first::every] or mine[:1]
+        evenly = mine[first::every] or mine[:1]
+        kept |= set(evenly)
         if wrong is not None:
-            more = WRONG * sum(lengths[k] for k in chosen)
-            for k in sorted(set(mine).difference(chosen), key=lambda k: float(wrong[k]), reverse=True):
-                if more <= 0.0:
-                    break
-                chosen = [*chosen, k]
-                more -= lengths[k]
-        kept |= set(chosen)
+            others = sorted(set(mine).difference(evenly), key=lambda k: float(wrong[k]), reverse=True)
+            kept |= set(_first(others, lengths, WRONG * sum(lengths[k] for k in evenly)))
     units = tuple(replace(unit, part=SKETCHED) if k in kept else unit for k, unit in enumerate(problem.units))
     return replace(problem, units=units).part(SKETCHED)
 
@@ -94,6 +90,12 @@ def _length(problem: Problem, *parts: int) -> float:
     """How much of it is judged [s], of all parts or of some."""
     pieces = zip(problem.units, _lengths(problem), strict=True)
     return sum(length for unit, length in pieces if not parts or unit.part in parts)
+
+
+def _first(pieces: Sequence[int], lengths: Sequence[float], seconds: float) -> Sequence[int]:
+    """The first of some pieces, as many as reach a length [s]."""
+    before = np.cumsum([0.0, *(lengths[k] for k in pieces)])[:-1]
+    return pieces[: int(np.searchsorted(before, seconds))]
 
 
 def _lengths(problem: Problem) -> list[float]:

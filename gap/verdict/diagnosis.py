@@ -332,10 +332,10 @@ def _decide(
     rivals = rivals_of(measured.causes)
     experiment = None
     # of a gap that is explained, a near miss asks for nothing more: it is of the size of the noise
-    asking = [cause for cause in measured.open_causes if cause.standing == WITHDRAWN or verdict.name != EXPLAINED]
+    withdrawn = [cause.name for cause in measured.open_causes if cause.standing == WITHDRAWN]
+    asking = withdrawn if verdict.name == EXPLAINED else measured.open_causes
     unsettled = verdict.name in (NOT_IDENTIFIABLE, PARTLY) or rivals or asking
     if free is not None and (replay.along is not None or free.models[0].load.predictable) and unsettled:
-        withdrawn = [cause.name for cause in measured.open_causes if cause.standing == WITHDRAWN]
         wide = verdict.because("still", "blind") or bool(withdrawn)
         left = search.less(withdrawn)
         experiment = propose(free, left, request.limits, request.seed, wide, replay.stops, replay.along)

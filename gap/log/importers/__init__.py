@@ -170,9 +170,10 @@ def import_logs(
     runs = [converted(mapping, recording) for recording in fitting]
     out = Path(out)
     said, sidecar = said_before(out), out / FOLDER_DEFAULTS
-    joints_of_robot([completed(run, said or {}) for run in runs], out)
+    whole = [completed(run, said or {}) for run in runs]
+    joints_of_robot(whole, out)
     shared, own = folder_and_own(runs) if said is None else ({}, [beyond(run, said, out) for run in runs])
-    text, missing = text_with_blanks(shared, runs), blanks([completed(run, said or {}) for run in runs])
+    text, missing = text_with_blanks(shared, runs), blanks(whole)
     if format is None:
         format = "parquet" if max(len(run.time) for run in runs) > MANY_ROWS else "csv"
     out.mkdir(parents=True, exist_ok=True)
