@@ -9,7 +9,6 @@ from typing import Any
 import mujoco
 import numpy as np
 import pytest
-from sealegs.actuators.chain import load_chain
 from sealegs.actuators.errors import SealegsError
 from sealegs.gap.causes.catalogue import adjustable, catalogue
 from sealegs.gap.diagnose import diagnose
@@ -20,8 +19,6 @@ from sealegs.gap.load.tree import ANGLE, Motion, terms_along, tip_behind
 from sealegs.gap.log.parts import FIT_A, FIT_B
 from sealegs.gap.log.sidecar import read_sidecar
 from sealegs.gap.log.types import JointLog, MeasuredRun
-from sealegs.gap.replay.frames import check_frames
-from sealegs.gap.replay.joint_model import JointModel
 from sealegs.gap.replay.tree import held_terms, not_free
 from sealegs.gap.search.fit import fit
 from sealegs.gap.search.result import Search
@@ -137,18 +134,6 @@ def test_a_frame_that_is_none_is_told_in_a_sentence(tmp_path: Path) -> None:
     data, _ = hidden_arm(tmp_path, "two_link", {}, seed=5, runs=1, duration=2.0)
     with pytest.raises(SealegsError, match="frames is by joint"):
         robot_of(replace(data.runs[0], meta={"frames": {"elbow": {"zero": "left"}}}))
-
-
-def test_wrong_directions_are_doubted_and_right_ones_are_not(tmp_path: Path) -> None:
-    data, _ = hidden_arm(tmp_path, "two_link", {}, seed=5, runs=1, duration=4.0)
-    run = data.runs[0]
-    chains = {joint: JointModel(load_chain(run.actuators[joint])) for joint in run.joints}
-    assert "robot.frame" not in [finding.code for finding in check_frames(robot(run), [run], chains)]
-    shoulder = run.joints["shoulder"]
-    assert shoulder.goal is not None
-    moved = replace(shoulder, goal=shoulder.goal + 1.6, position=shoulder.position + 1.6)
-    other = replace(run, joints={**run.joints, "shoulder": moved})
-    assert "robot.frame" in [finding.code for finding in check_frames(robot(run), [other], chains)]
 
 
 def columns(run: MeasuredRun) -> dict[str, Any]:

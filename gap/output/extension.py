@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-import dataclasses
 from collections.abc import Sequence
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -22,7 +22,7 @@ from ..verdict.verdict import JointDiagnosis
 from .mjcf import native_mjcf, not_native
 from .robot_extension import in_frame, of_robot, shared_changes
 
-__all__ = ["changes", "extended_of", "not_native", "write_extended", "write_extension"]
+__all__ = ["as_taken", "changes", "extended_of", "not_native", "write_extended", "write_extension"]
 
 TUNED = "tuned within its tolerance"
 REFITTED = "refitted, up to fivefold"
@@ -63,6 +63,7 @@ def extended_of(diagnoses: Sequence[JointDiagnosis], data: MeasuredSet) -> Exten
         return None
     diagnoses, every = [item for item in diagnoses if item.joint != ROBOT], diagnoses
     several = len(diagnoses) > 1
+    data = as_taken(data, diagnoses)
     robot = robot_of(data.runs[0])
     chains: dict[str, tuple[Mounted, ...]] = {}
     found, believed = [], []
@@ -88,6 +89,14 @@ def extended_of(diagnoses: Sequence[JointDiagnosis], data: MeasuredSet) -> Exten
         }
     digest = "" if robot is None else robot.file.model.digest
     return Extended(data.runs[0].robot, shared, chains, tuple(found), digest=digest)
+
+
+def as_taken(data: MeasuredSet, diagnoses: Sequence[JointDiagnosis]) -> MeasuredSet:
+    """The data with the zeros and directions of a robot's angles that the diagnosis took."""
+    frames = next((diagnosis.frames for diagnosis in diagnoses if diagnosis.frames), None)
+    if frames is None:
+        return data
+    return replace(data, runs=tuple(replace(run, meta={**run.meta, "frames": frames}) for run in data.runs))
 
 
 def _owner(number: str) -> Owner:
@@ -137,8 +146,8 @@ def _warm(chain: Chain, temperature: float | None) -> Chain:
     thermal = chain.find("thermal")
     if thermal is None or temperature is None:
         return chain
-    warm = dataclasses.replace(thermal, temperature=round(temperature, 1))
-    return dataclasses.replace(chain, stages=tuple(warm if stage is thermal else stage for stage in chain.stages))
+    warm = replace(thermal, temperature=round(temperature, 1))
+    return replace(chain, stages=tuple(warm if stage is thermal else stage for stage in chain.stages))
 
 
 def write_extended(extended: Extended, folder: Path) -> Path:
@@ -207,7 +216,7 @@ def write_extension(
 def _rounded(chain: Chain) -> Chain:
     """Numbers to six digits, so that the file can be read."""
     rounded = [
-        dataclasses.replace(stage, **{key: float(f"{value:.6g}") for key, value in stage.parameters().items()})
+        replace(stage, **{key: float(f"{value:.6g}") for key, value in stage.parameters().items()})
         for stage in chain.stages
     ]
-    return dataclasses.replace(chain, stages=tuple(rounded))
+    return replace(chain, stages=tuple(rounded))

@@ -21,7 +21,7 @@ from ..replay.simulator import joint_state
 from ..replay.steps import largest_step
 from ..verdict.verdict import JointDiagnosis
 from .document import FILE, to_document, whole, write_document
-from .extension import changes, extended_of, not_native, write_extended, write_extension
+from .extension import as_taken, changes, extended_of, not_native, write_extended, write_extension
 from .robot_mjcf import write_robot
 from .whole import confirm_whole
 
@@ -57,6 +57,7 @@ def write_diagnosis(
     written: dict[str, Path] = {}
     documents = []
     differences: list[dict[str, Any]] = []
+    data = as_taken(data, diagnoses)
     with folder_written(folder, last=FILE) as staged:  # a folder with the document is finished
         for diagnosis in diagnoses:
             several = len(diagnoses) > 1

@@ -1,8 +1,8 @@
 """How the angles of a log stand to those of the robot's model: zeros and directions, from gravity and coupling.
 
 What the drives did along the measured motion is compared with what the model needs for that motion, for other zeros and
-directions of the joints. An arm and its mirror image need the same torques, so what fits better is told and left to a
-person.
+directions of the joints. An arm and its mirror image need the same torques: of such frames, those are proposed that
+differ at the fewest joints.
 """
 
 from __future__ import annotations
@@ -11,24 +11,27 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
+from scipy.optimize import minimize
 
 from ..load.robot import Frame, LoggedRobot
 from ..load.tree import Motion
-from ..log.finding import Finding
 from ..log.types import MeasuredRun
 from .driven_simulator import law_along
 from .joint_model import JointModel
 from .tree import axis_of, motion_of
 from .unlogged import torques_of
 
-SAMPLES = 120  # of all runs together, at which torques are compared
+SAMPLES = 300  # of all runs together, at which torques are compared
+FINE = 3000  # the same where zeros are sought between the points of the grid
 ZEROS = np.radians(np.arange(0.0, 360.0, 20.0))  # [rad] tried
-NEAR = np.radians(np.arange(-12.0, 12.5, 2.0))  # [rad] from the best of these, of a joint whose zero is doubted
-SWEEPS = 2  # over all joints
+NEAR = np.radians(12.0)  # [rad] from the best of these to where the zero of a doubted joint is then sought
+TURNS = 2  # of each joint, at most
 SLIP = 0.05  # [rad/s] over which dry friction turns around
-CHANGE = 0.01  # share of the torque, mean of the joints, that another frame of one joint must explain more
+CHANGE = 0.02  # share of the torque, mean of the joints, that another frame of one joint must explain more
 BETTER = 0.1  # and that all together must before the model's frames are doubted
 FAR = 0.3  # [rad] less than this is a cause: an encoder's zero
+PLAIN = 0.4  # share of what other frames explain that may be given up for plainer ones
+UNSURE = 0.5  # [rad] up to which a zero may be one that a wrong mass pretends
 SHOWS = 0.02  # share of the torque of one joint by which a zero must matter for the log to tell it
 OUTSIDE = 0.2  # [rad] by which a joint may pass the model's range
 
@@ -51,8 +54,31 @@ class Torques:
     high: np.ndarray
 
 
-def check_frames(robot: LoggedRobot, runs: Sequence[MeasuredRun], models: Mapping[str, JointModel]) -> list[Finding]:
-    """What is to be said of zeros and directions.
+@dataclass(frozen=True)
+class Proposed:
+    """Zeros and directions that the drives' torques speak for.
+
+    Attributes:
+        frames: of the joints whose frame is doubted, by name.
+        plainer: frames that differ less from what is believed and explain most of what those do; a replay tells.
+        left: mean share of the joints' torque that the model leaves over as believed.
+        least: the same with these frames.
+        mirrored: joints that are turned in the mirror image of these frames, which fits as well; () where none does.
+        silent: joints whose zero neither gravity nor coupling tells.
+    """
+
+    frames: Mapping[str, Frame]
+    plainer: Mapping[str, Frame]
+    left: float
+    least: float
+    mirrored: tuple[str, ...] = ()
+    silent: tuple[str, ...] = ()
+
+
+def proposed_frames(
+    robot: LoggedRobot, runs: Sequence[MeasuredRun], models: Mapping[str, JointModel]
+) -> Proposed | None:
+    """Zeros and directions that fit better than those believed; None where the runs cannot tell.
 
     Args:
         robot: with the frames that are believed: those of the sidecar, else of the model.
@@ -61,34 +87,98 @@ def check_frames(robot: LoggedRobot, runs: Sequence[MeasuredRun], models: Mappin
     """
     judged = [name for name in models if _judged(robot, name)]
     plain = {name: frame for name, frame in robot.frames.items() if name not in judged}
-    torques = _torques(replace(robot, frames=plain), runs, {name: models[name] for name in judged})
+    machine, drives = replace(robot, frames=plain), {name: models[name] for name in judged}
+    torques = _torques(machine, runs, drives, SAMPLES)
     if torques is None:
-        return []
-    names = torques.joints
-    believed = {name: robot.frame(name) for name in names}
+        return None
+    believed = {name: robot.frame(name) for name in torques.joints}
     here = _left(robot, torques, believed)
     best, least = dict(believed), here
-    for _ in range(SWEEPS):
-        for name in names:
-            for frame in _candidates(robot, torques, name):
-                left = _left(robot, torques, {**best, name: frame})
-                if left < least - CHANGE:
-                    best, least = {**best, name: frame}, left
-    findings = []
-    other: dict[str, Frame] = {}
+    for _ in range(TURNS * len(torques.joints)):  # the one that helps most first: others may do in its place
+        tried = [
+            {**best, name: frame} for name in torques.joints for frame in _candidates(robot, torques, name, best[name])
+        ]
+        left = [_left(robot, torques, frames) for frames in tried]
+        if not left or min(left) > least - CHANGE:
+            break
+        best, least = tried[int(np.argmin(left))], min(left)
+    other, plainer = dict[str, Frame](), dict[str, Frame]()
+    mirrored: tuple[str, ...] = ()
     if here - least > BETTER:
-        other = {name: frame for name, frame in best.items() if _apart(frame, believed[name])}
-        for name, frame in list(other.items()):
-            near = [replace(frame, zero=frame.zero + away) for away in NEAR]
-            left = [_left(robot, torques, {**best, name: one}) for one in near]
-            best[name] = other[name] = near[int(np.argmin(left))]
-        findings.append(_doubted(other, here, _left(robot, torques, best)))
-    likely = best if other else believed
-    reference = _left(robot, torques, likely)
-    silent = [n for n in names if n not in other and not _shows(robot, torques, likely, n, reference)]
-    if silent:
-        findings.append(_unknown(silent))
-    return findings
+        torques = _torques(machine, runs, drives, FINE) or torques
+        here = _left(robot, torques, believed)
+        sought = _sought(robot, torques, believed, best)
+        best, mirrored = _plainest(robot, torques, believed, sought)
+        other = _changed(best, believed)
+        plain, _ = _plainest(robot, torques, believed, _plainer(robot, torques, believed, sought))
+        plainer = _changed(plain, believed)
+    likely = {**believed, **other}
+    least = _left(robot, torques, likely)
+    silent = [name for name in other.keys() ^ believed.keys() if not _shows(robot, torques, likely, name, least)]
+    return Proposed(other, plainer, here, least, mirrored, tuple(name for name in torques.joints if name in silent))
+
+
+def _sought(
+    robot: LoggedRobot, torques: Torques, believed: Mapping[str, Frame], best: Mapping[str, Frame]
+) -> dict[str, Frame]:
+    """The best frames of a grid with the zeros of doubted joints between its points."""
+    found = dict(best)
+    names = list(_changed(best, believed))
+    starts = np.array([best[name].zero for name in names])
+
+    def moved(zeros: np.ndarray) -> dict[str, Frame]:
+        return found | {name: replace(best[name], zero=float(z)) for name, z in zip(names, zeros, strict=True)}
+
+    sought = minimize(
+        lambda zeros: _left(robot, torques, moved(zeros)),
+        starts,
+        method="Powell",
+        bounds=[(start - NEAR, start + NEAR) for start in starts],
+        options={"xtol": 1e-2, "ftol": 1e-4},
+    )
+    return moved(sought.x)
+
+
+def _plainer(
+    robot: LoggedRobot, torques: Torques, believed: Mapping[str, Frame], sought: Mapping[str, Frame]
+) -> dict[str, Frame]:
+    """The same frames with as many zeros and directions as believed as the torques allow."""
+    found, here, least = dict(sought), _left(robot, torques, believed), _left(robot, torques, sought)
+    enough = least + max(PLAIN * (here - least), CHANGE)
+    names = _changed(sought, believed)
+    plainer = [{name: believed[name]} for name in names]
+    plainer += [
+        {name: replace(found[name], zero=believed[name].zero)}
+        for name in names
+        if abs(found[name].zero - believed[name].zero) < UNSURE
+    ]
+    for plain in sorted(plainer, key=lambda plain: _left(robot, torques, {**found, **plain})):
+        if _left(robot, torques, {**found, **plain}) < enough:
+            found |= plain
+    return found
+
+
+def _plainest(
+    robot: LoggedRobot, torques: Torques, believed: Mapping[str, Frame], best: Mapping[str, Frame]
+) -> tuple[dict[str, Frame], tuple[str, ...]]:
+    """These frames or their mirror image, whichever differs from what is believed at fewer joints, and where the other
+    does, if it fits as well.
+    """
+    image = {name: replace(frame, sign=-frame.sign) for name, frame in best.items()}
+    fits = _left(robot, torques, image) < _left(robot, torques, best) + CHANGE
+
+    def turned(frames: Mapping[str, Frame]) -> tuple[str, ...]:
+        return tuple(name for name, frame in frames.items() if frame.sign != believed[name].sign)
+
+    if not fits:
+        return dict(best), ()
+    plain, other = sorted((dict(best), image), key=lambda frames: len(turned(frames)))
+    return plain, turned(other)
+
+
+def _changed(frames: Mapping[str, Frame], believed: Mapping[str, Frame]) -> dict[str, Frame]:
+    """Those of the frames that differ from what is believed."""
+    return {name: frame for name, frame in frames.items() if _apart(frame, believed[name])}
 
 
 def _apart(one: Frame, other: Frame) -> bool:
@@ -100,12 +190,14 @@ def _judged(robot: LoggedRobot, name: str) -> bool:
     return not robot.slides(name) and robot.number(name) >= 0 and robot.ratio(name) == 1.0
 
 
-def _torques(robot: LoggedRobot, runs: Sequence[MeasuredRun], models: Mapping[str, JointModel]) -> Torques | None:
+def _torques(
+    robot: LoggedRobot, runs: Sequence[MeasuredRun], models: Mapping[str, JointModel], samples: int
+) -> Torques | None:
     """The torques of hinges whose chain says what their drive did, at some samples of the runs."""
     names = list(models)
     if not names or not all(robot.turns(joint) for joint in range(robot.model.njnt)):
         return None
-    each = max(SAMPLES // len(runs), 20)
+    each = max(samples // len(runs), 20)
     motions, drives = [], []
     for run in runs:
         motion = motion_of(robot, run)
@@ -174,13 +266,13 @@ def _beside(passive: np.ndarray, values: np.ndarray) -> np.ndarray:
     return values - passive @ np.linalg.lstsq(passive, values, rcond=None)[0]
 
 
-def _candidates(robot: LoggedRobot, torques: Torques, name: str) -> list[Frame]:
-    """Frames in which a joint stays within the model's range."""
+def _candidates(robot: LoggedRobot, torques: Torques, name: str, now: Frame) -> list[Frame]:
+    """Frames in which a joint stays within the model's range, the present one turned around among them."""
     j, number = torques.joints.index(name), robot.number(name)
     low, high = torques.low[j], torques.high[j]
     found = []
     for sign in (1.0, -1.0):
-        for zero in ZEROS:
+        for zero in (now.zero, *ZEROS):
             frame = Frame(float(np.angle(np.exp(1j * zero))), sign)
             ends = sorted((sign * (low - frame.zero), sign * (high - frame.zero)))
             if robot.model.jnt_limited[number]:
@@ -197,23 +289,3 @@ def _shows(robot: LoggedRobot, torques: Torques, frames: dict[str, Frame], name:
     turned = [replace(frame, zero=frame.zero + turn) for turn in (-0.5, 0.5)]
     worse = max(_left(robot, torques, {**frames, name: other}) for other in turned) - reference
     return worse > SHOWS / len(torques.joints)
-
-
-def _doubted(frames: Mapping[str, Frame], here: float, least: float) -> Finding:
-    said = "; ".join(
-        f"{name}: {{zero: {frame.zero:.2f}, direction: {frame.sign:.0f}}}" for name, frame in frames.items()
-    )
-    return Finding(
-        "robot.frame", "warning", None, None,
-        f"The drives' torque fits the model's gravity and coupling badly ({here:.0%} is left over), and better with "
-        f"other zeros or directions ({least:.0%}), for instance {said}. Check how the angles of log and model stand "
-        "to each other, and write what is right into the sidecar under meta: frames.",
-        value=here - least,
-    )  # fmt: skip
-
-
-def _unknown(names: Sequence[str]) -> Finding:
-    return Finding(
-        "robot.frame_unknown", "note", None, None,
-        f"Neither gravity nor coupling tells the zero of {', '.join(names)}: the model's is believed.",
-    )  # fmt: skip

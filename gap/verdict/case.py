@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 
@@ -76,8 +77,10 @@ class Case:
         joint: its name, or ``ground``.
         findings: about its log.
         still: whether it hardly moves in any run: what fits that best may not be what it is.
+        frames: of a robot's joints, as ``meta.frames`` of a sidecar has them.
     """
 
     joint: str
     findings: tuple[Finding, ...] = ()
     still: bool = False
+    frames: Mapping[str, Any] | None = None

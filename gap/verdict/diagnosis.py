@@ -39,9 +39,10 @@ from .checking import check_log
 from .columns import chosen, commanded
 from .decide import decide
 from .evidence import Refused, Replayed, as_noise_allows
+from .frames import in_likely_frames
 from .measure import Measured, is_of_robot, measure, whole_runs
 from .parallel import side_by_side
-from .pieces import cut_joint, frame_findings, named_chain
+from .pieces import cut_joint, named_chain
 from .recorded import recording_reasons
 from .refusal import refuse
 from .request import Request
@@ -92,7 +93,8 @@ def diagnose(
         first = [_first_experiment(runs, joint, stop, request) for joint in joints]
         why = Refused("the log", stop.sentence)
         return [refuse(joint, why, findings, plan) for joint, plan in zip(joints, first, strict=True)]
-    findings = [*findings, *frame_findings(runs, progress)]
+    runs, of_frames = in_likely_frames(runs, progress)
+    findings = [*findings, *of_frames]
     found = side_by_side(dict.fromkeys(joints, _whatever_happens), runs, findings, request, workers, done)
     if only is not None:
         return found
@@ -201,7 +203,7 @@ def diagnose_joint(
         return refuse(joint, replay, (*mine, *pieces.findings))
     search = _search(replay, request)
     request.progress("measuring the gain on runs that nothing has seen")
-    case = Case(joint, (*mine, *replay.findings), shows_little(runs, joint))
+    case = Case(joint, (*mine, *replay.findings), shows_little(runs, joint), runs[0].meta.get("frames"))
     return conclude(case, replay, search, request)
 
 
@@ -363,6 +365,7 @@ def _decide(
         open_causes=measured.open_causes,
         model=measured.model,
         limits=limits,
+        frames=case.frames,
     )
 
 

@@ -18,15 +18,11 @@ from ..load.terms import T_OWN, T_SIZE
 from ..load.tree import Motion
 from ..log.finding import Finding
 from ..log.parts import cut
-from ..log.progress import Progress
 from ..log.types import Array, LogError, MeasuredRun
 from ..replay.flattened import flattened
-from ..replay.frames import check_frames
-from ..replay.free import free_problem
+from ..replay.free import FreeProblem, free_problem
 from ..replay.joint_model import JointModel
 from ..replay.tree import held_still, held_terms, joint_of_tree, motion_of, not_free, owned, terms_of
-from ..replay.unlogged import logged, needed
-from ..search.forward import NUMERICAL
 from ..search.structure import fine
 from .case import Cut
 from .columns import commanded
@@ -97,7 +93,14 @@ def _motions(robot: LoggedRobot, logged: _Logged) -> list[Motion]:
 
     The same for every joint of a log, and kept from one to the next.
     """
-    runs, problems = logged.runs, {}
+    runs = logged.runs
+    taken = flattened(runs, nominal_replays(robot, runs), {})
+    return [motion_of(robot, run, each) for run, each in zip(runs, taken, strict=True)]
+
+
+def nominal_replays(robot: LoggedRobot, runs: Sequence[MeasuredRun]) -> dict[str, FreeProblem]:
+    """Each joint of a robot's runs that can be replayed alone and follows goals, ready to be replayed as believed."""
+    problems = {}
     for joint in commanded(runs):
         if not all(joint in run.joints and run.joints[joint].goal is not None for run in runs):
             continue  # what is wrong with one joint is told where that one is judged
@@ -107,30 +110,7 @@ def _motions(robot: LoggedRobot, logged: _Logged) -> list[Motion]:
         terms = terms_of(robot, joint, runs, changes=False)
         models = [joint_of_tree(robot, joint, chain_of(run, joint, robot), runs, terms) for run in runs]
         problems[joint] = free_problem(runs, joint, models, cut(runs, joint), {"position": 1.0}, terms)
-    taken = flattened(runs, problems, {})
-    return [motion_of(robot, run, each) for run, each in zip(runs, taken, strict=True)]
-
-
-def frame_findings(runs: Sequence[MeasuredRun], progress: Progress) -> list[Finding]:
-    """How the angles of the log stand to those of the robot's model, where every drive's chain is known."""
-    robot = robot_of(runs[0])
-    if robot is None or robot.file.base == "free":
-        return []
-    if needed(robot, range(robot.model.njnt), logged(robot, runs)):  # their torque would be looked for in the frames
-        return []
-    progress("comparing zeros and directions of log and model")
-    models = {joint: JointModel(chain_of(runs[0], joint, robot)) for joint in commanded(runs)}
-    try:
-        found = check_frames(robot, runs, models)
-    except (*NUMERICAL, ValueError, LookupError) as error:
-        said = (
-            f"Zeros and directions could not be compared ({type(error).__name__}: {error}); the model's are believed."
-        )
-        return [Finding("robot.frame_fault", "warning", None, None, said)]
-    for finding in found:
-        if finding.severity == "warning":  # whoever sees it may stop and mend it
-            progress(finding.sentence)
-    return found
+    return problems
 
 
 def chain_of(run: MeasuredRun, joint: str, robot: LoggedRobot | None) -> Chain:

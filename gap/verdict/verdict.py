@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import Any
 
@@ -175,6 +175,7 @@ class JointDiagnosis:
         open_causes: causes that are not named: withdrawn ones, and near misses with what they lack.
         model: which model is handed over as the extended one: ``extended``, ``refitted`` or ``nominal``.
         limits: where nothing was found, up to where each cause would not show.
+        frames: in which a robot's angles were taken, as ``meta.frames`` of a sidecar has them.
     """
 
     joint: str
@@ -201,6 +202,7 @@ class JointDiagnosis:
     open_causes: tuple[OpenCause, ...] = ()
     model: str = "extended"
     limits: tuple[DetectionLimit, ...] = ()
+    frames: Mapping[str, Any] | None = None
 
     @property
     def text(self) -> str:
