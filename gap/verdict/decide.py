@@ -40,7 +40,7 @@ from .verdict import (
     Reason,
     Verdict,
 )
-from .words import also, certainty, change, fall, furthest, levels, size, some, subject, verb
+from .words import also, certainty, change, fall, firmly, furthest, levels, size, some, subject, verb
 
 SHIFT = "torque.delay"  # number of a torque column that is out of step
 ROUNDED = 5e-3  # change of a number below which no one is told of it
@@ -299,10 +299,10 @@ def _feeble(found: Replayed) -> Verdict:
 
 
 def _explained(found: Replayed) -> Verdict:
-    causes = found.causes
+    causes, (firm, doubted) = found.causes, firmly(found.causes)
     sentence = (
-        f"{subject(causes)} {verb(causes, 'explains', 'explain')} the gap of '{found.joint}': error {fall(found)}, "
-        f"{certainty(causes)}."
+        f"{subject(firm)} {verb(firm, 'explains', 'explain')} the gap of '{found.joint}': error {fall(found)}, "
+        f"{certainty(firm)}{doubted}."
     )
     names = listed([cause.name for cause in causes])
     reasons = [Reason("error", f"With {names} the error falls {change(found)}.")]
@@ -313,10 +313,10 @@ def _explained(found: Replayed) -> Verdict:
 
 def _partly(found: Replayed, sure: bool) -> Verdict:
     """What stays is told by its size, which is never zero where structure is noticed."""
-    causes, rest = found.causes, found.structure
+    causes, rest, (firm, doubted) = found.causes, found.structure, firmly(found.causes)
     sentence = (
-        f"{subject(causes)} partly {verb(causes, 'explains', 'explain')} the gap of '{found.joint}': error "
-        f"{fall(found)}, {size(rest.rms, rest.unit)} unexplained, {certainty(causes)}."
+        f"{subject(firm)} partly {verb(firm, 'explains', 'explain')} the gap of '{found.joint}': error "
+        f"{fall(found)}, {size(rest.rms, rest.unit)} unexplained, {certainty(firm)}{doubted}."
     )
     doubt = "" if sure else f", if {'that is the cause' if len(causes) == 1 else 'those are the causes'} at all"
     names = listed([cause.name for cause in causes])

@@ -7,7 +7,7 @@ from collections.abc import Sequence
 
 from ..search.structure import fine, listed, told_in
 from .evidence import Replayed
-from .verdict import NamedCause
+from .verdict import CERTAIN, LIKELY, NamedCause
 
 
 def levels(found: Replayed) -> tuple[str, str, str]:
@@ -42,6 +42,13 @@ def certainty(causes: Sequence[NamedCause]) -> str:
     told = sorted(int(100 * min(cause.confidence, 0.99) + 1e-9) for cause in causes)
     low, high = told[0], told[-1]
     return f"confidence {low} %" if low == high else f"confidence {low} to {high} %"
+
+
+def firmly(causes: Sequence[NamedCause]) -> tuple[Sequence[NamedCause], str]:
+    """The causes that a sentence is about, and what it adds of those that are only possible beside them."""
+    firm = [cause for cause in causes if cause.standing in (CERTAIN, LIKELY)]
+    doubted = [cause.name for cause in causes if cause not in firm]
+    return (firm, f"; perhaps {some(doubted)}") if firm and doubted else (causes, "")
 
 
 def subject(causes: Sequence[NamedCause]) -> str:
