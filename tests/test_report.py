@@ -13,12 +13,12 @@ from typing import Any
 
 import numpy as np
 import pytest
-from sealegs.gap.experiment import Experiment
+from sealegs.gap.experiment import DetectionLimit, Experiment
 from sealegs.gap.log.finding import Finding
 from sealegs.gap.log.types import MeasuredSet
 from sealegs.gap.output.numbers import GLUE, rounded
 from sealegs.gap.output.report import write_report
-from sealegs.gap.verdict.verdict import UNUSABLE, DataError, Error, JointDiagnosis, NamedCause, Value
+from sealegs.gap.verdict.verdict import UNUSABLE, DataError, Error, JointDiagnosis, NamedCause, Reason, Value
 
 from tests.quick import quick
 from tests.small_diagnosis import small_diagnosis
@@ -89,7 +89,14 @@ def rich(small: tuple[JointDiagnosis, MeasuredSet]) -> list[JointDiagnosis]:
         None,
         (),
     )
-    return [doubtful, driven, broken]
+    gap = {"nominal": 0.0007, "refitted": 0.0006, "extended": 0.0006, "noise_floor": 0.0006}
+    quiet = JointDiagnosis(
+        "pan", "nothing to explain", "Nothing to explain: within 0.7 mrad.", "pan.position", "rad",
+        {name: Error(rmse, 0.8 * rmse) for name, rmse in gap.items()}, (), 0.0, (), None, (),
+        reasons=(Reason("agrees", "It agrees."), Reason("limits", "A wall.")),
+        limits=(DetectionLimit("drive.delay", "delay.seconds", "s", 0.0, -np.inf, 0.004),),
+    )  # fmt: skip
+    return [doubtful, driven, broken, quiet]
 
 
 @pytest.fixture(scope="module")
@@ -172,6 +179,11 @@ def test_shows_rivals_experiment_findings_and_data_errors(rich_page: Path) -> No
     assert "The log cannot be used: time runs backwards." in text
     assert 'download="next_experiment.csv"' in html
     assert "inertia [kg.m2]" in text
+
+
+def test_what_would_not_show_is_listed_by_family(rich_page: Path) -> None:
+    text = Outline(rich_page.read_text()).text
+    assert "delay below 0.004" in text and "A wall." not in text and "It agrees." in text
 
 
 def test_takes_the_changes_of_the_caller(small: tuple[JointDiagnosis, MeasuredSet], tmp_path: Path) -> None:

@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 from sealegs.commands.diagnose import how_to_go_on
 from sealegs.envs.extended import Extended
-from sealegs.gap.experiment import Experiment
+from sealegs.gap.experiment import DetectionLimit, Experiment
 from sealegs.gap.output.extension import write_extended
 from sealegs.gap.output.numbers import number, percent, rounded, sureness
 from sealegs.gap.output.partial import FOLDER, TOLD
@@ -18,6 +18,7 @@ from sealegs.gap.output.terminal import screen
 from sealegs.gap.verdict.verdict import (
     EXPLAINED,
     NOT_IDENTIFIABLE,
+    NOTHING,
     DataError,
     JointDiagnosis,
     NamedCause,
@@ -80,6 +81,22 @@ def test_without_a_cause_the_reasons_are_told() -> None:
         reasons=(Reason("agrees", "The noise is 0.62 mrad."),),
     )  # fmt: skip
     assert any("The noise is 0.62 mrad." in line for line in screen([bare], {}))
+
+
+def test_what_a_log_would_not_show_is_told_by_family() -> None:
+    """Thirty limits stood in one paragraph."""
+    limits = (
+        DetectionLimit("friction.coulomb", "friction.coulomb", "N.m", 0.05, 0.04, 0.06),
+        DetectionLimit("drive.delay", "delay.seconds", "s", 0.0, -np.inf, 0.004),
+        DetectionLimit("friction.ratchet", "friction.ratchet", "N.m", 0.0, -np.inf, np.inf),
+    )
+    quiet = JointDiagnosis(
+        "servo", NOTHING, "Nothing to explain: fine.", "servo.position", "rad", {}, (), 0.0, (), None, (),
+        reasons=(Reason("limits", "A wall."),), limits=limits,
+    )  # fmt: skip
+    lines = screen([quiet], {})
+    assert "    friction: coulomb 0.04 to 0.06 N.m; ratchet at all" in lines
+    assert "    drive: delay below 0.004 s" in lines and not any("A wall." in line for line in lines)
 
 
 @pytest.mark.parametrize(

@@ -10,6 +10,7 @@ from ...envs.extended import read_extended
 from ...envs.robot_file import is_robot_file
 from ...envs.robots import ROBOTS
 from ..verdict.verdict import JointDiagnosis, NamedCause, Value
+from .limits import LEAD, LIMITS, by_family, limits_told
 from .numbers import GLUE, glued, number, percent, rounded, sureness, unit_of
 
 LEAST_WIDTH = 40  # columns below which lines are allowed to run over
@@ -76,7 +77,12 @@ def _joint(diagnosis: JointDiagnosis, width: int) -> Iterable[str]:
     elif diagnosis.reasons and not diagnosis.data_errors:
         yield ""
         for reason in diagnosis.reasons:
-            yield from _wrapped(reason.sentence, width, 2)
+            if reason.code == LIMITS:
+                yield from _wrapped(LEAD, width, 2)
+                for family, told in by_family(limits_told(diagnosis)):
+                    yield from _wrapped(f"{family}: {told}", width, 4)
+            else:
+                yield from _wrapped(reason.sentence, width, 2)
     if diagnosis.causes and diagnosis.open_causes:
         yield from ("", "Not named")
         for cause in diagnosis.open_causes:

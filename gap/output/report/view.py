@@ -22,6 +22,7 @@ from ...shared import ROBOT
 from ...verdict.verdict import JointDiagnosis, NamedCause, Value
 from ..extension import changes as changes_of
 from ..extension import not_native
+from ..limits import LEAD, LIMITS, by_family, limits_told
 from ..numbers import glued, number, percent, rounded, sureness, unit_of
 from ..pictures import cause_pictures, picture_of, png, signature_pictures
 from ..pictures.signatures import told
@@ -115,7 +116,8 @@ def _joint(diagnosis: JointDiagnosis, changes: Sequence[Mapping[str, Any]] | Non
         "verdict": diagnosis.verdict,
         "sentence": glued(diagnosis.sentence),
         "doubts": [glued(finding.sentence) for finding in diagnosis.findings if finding.code in DOUBTFUL],
-        "reasons": [glued(reason.sentence) for reason in diagnosis.reasons if reason.code != "data"],
+        "reasons": [glued(reason.sentence) for reason in diagnosis.reasons if reason.code not in ("data", LIMITS)],
+        "limits": {"lead": LEAD, "families": [(name, glued(told)) for name, told in by_family(limits_told(diagnosis))]},
         "data_errors": [{"name": error.name, "sentence": glued(error.sentence)} for error in diagnosis.data_errors],
         "tuned_share": percent(diagnosis.tuned_share) if diagnosis.tuned_share >= 5e-4 else "",
         "signal": diagnosis.signal,
