@@ -94,7 +94,7 @@ def tell(done: Imported, out: Path) -> None:
         *first, last = done.missing
         what = f"{', '.join(first)} and {last}" if first else last
         print(f"Fill in {what} in {done.sidecar}, where FILL IN stands. Then")
-    print(f"  sealegs diagnose log={out} out=diagnosis")
+    print(f"  sealegs diagnose log={out} out={out}-diagnosis")
 
 
 def _confirmed(proposed: Proposed) -> bool:

@@ -28,6 +28,7 @@ from .style import (
 from .timeline import Timeline, fine, timeline, worst_window
 
 MOMENT = 1.2  # [s] shown large
+BESIDE = "#c4c4c4"  # what is shown for comparison
 MOST_ROUNDS, MOST_CANDIDATES = 3, 7
 
 
@@ -169,7 +170,7 @@ def rivals(diagnosis: JointDiagnosis) -> Figure | None:
         for k, (c, level) in enumerate(zip(candidates, levels, strict=True)):
             chosen = step.accepted and k == 0
             rival = k > 0 and c.best > search.settings.rival_win_rate
-            colour = CAUSES[(number - 1) % len(CAUSES)] if chosen else UNEXPLAINED if rival else "#c4c4c4"
+            colour = CAUSES[(number - 1) % len(CAUSES)] if chosen else UNEXPLAINED if rival else BESIDE
             axes.barh(k, level, color=colour, height=0.72)
             note = f"{level:.2f}   wins {100.0 * c.best:.0f} % of draws" if c.best > 0.005 else f"{level:.2f}"
             axes.text(
@@ -188,6 +189,13 @@ def rivals(diagnosis: JointDiagnosis) -> Figure | None:
         end = "accepted" if step.accepted else "none pays: the search ends"
         axes.set_title(f"Round {number}: {end}")
     panels[-1].set_xlabel("error on data that the fit did not see, in noise floors (line: noise)")
+    accepted = [k for k, step in enumerate(rounds) if step.accepted]
+    told = [(CAUSES[accepted[0] % len(CAUSES)], "accepted")] if accepted else []
+    most = 100.0 * search.settings.rival_win_rate
+    told += [(UNEXPLAINED, f"rival: wins more than {most:.0f} % of draws"), (BESIDE, "worse")]
+    chart.legend(
+        handles=[Patch(color=colour, label=label) for colour, label in told], loc="outside lower right", ncols=3
+    )
     return chart
 
 
@@ -205,9 +213,9 @@ def experiment(diagnosis: JointDiagnosis) -> Figure | None:
     over_time.set_title(f"Next experiment: {proposal.name}")
     names = sorted(proposal.table, key=lambda name: -proposal.table[name])
     values = [proposal.table[name] for name in names]
-    table.barh(names, values, color=[COLOURS["extended"] if name == proposal.name else "#c4c4c4" for name in names])
+    table.barh(names, values, color=[COLOURS["extended"] if name == proposal.name else BESIDE for name in names])
     for k, value in enumerate(values):
-        table.text(value, k, f"  {value:.1f}", va="center", fontsize=8.5)
+        table.text(value, k, f"  {value:.3g}", va="center", fontsize=8.5)
     table.invert_yaxis()
     table.grid(axis="y", visible=False)
     table.set_xlim(0.0, 1.12 * max(*values, 1e-9))
