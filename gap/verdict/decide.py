@@ -9,18 +9,17 @@ the order in which they apply:
    have slight structure, of the bodies beside it);
 4. a rival beside a cause of low confidence: partly explained where another cause is certain; else not identifiable
    (the largest cause, or no structure is left);
-5. structure is left and the causes remove little: not identifiable;
+5. structure is left and the causes remove little, or none is more than a guess: not identifiable;
 6. no structure is left, or little beside certain causes: explained; else partly explained;
 7. in either case, a joint that hardly moves: not identifiable.
 """
 
 from __future__ import annotations
 
-import math
 from collections.abc import Sequence
 
-from ..checks.torque_balance import FURTHEST
 from ..search.structure import listed
+from .balanced import balanced
 from .evidence import THRESHOLDS, Balanced, Evidence, Refused, Replayed, Thresholds
 from .signatures import disagreeing
 from .verdict import (
@@ -40,9 +39,8 @@ from .verdict import (
     Reason,
     Verdict,
 )
-from .words import also, certainty, change, fall, firmly, furthest, levels, size, some, subject, verb
+from .words import also, certainty, change, fall, firmly, furthest, levels, open_reason, size, some, subject, verb
 
-SHIFT = "torque.delay"  # number of a torque column that is out of step
 ROUNDED = 5e-3  # change of a number below which no one is told of it
 MOST_WORDS = 25  # of the sentence that a verdict is told in
 
@@ -53,7 +51,7 @@ def decide(evidence: Evidence, limit: Thresholds = THRESHOLDS) -> Verdict:
         case Refused():
             return _refused(evidence)
         case Balanced():
-            return _balanced(evidence, limit)
+            return balanced(evidence, limit)
         case Replayed():
             return _replayed(evidence, limit)
 
@@ -108,7 +106,7 @@ def _replayed(found: Replayed, limit: Thresholds) -> Verdict:
         *verdict.reasons,
         *_beside_causes(found),
         *_contradictions(found),
-        *(_open_reason(cause) for cause in found.open_causes),
+        *(open_reason(cause) for cause in found.open_causes),
     )
     if found.data_errors:
         said = " ".join(error.sentence for error in found.data_errors)
@@ -216,10 +214,6 @@ def _contradictions(found: Replayed) -> list[Reason]:
     return reasons
 
 
-def _open_reason(cause: OpenCause) -> Reason:
-    return Reason(cause.standing, f"{cause.standing.capitalize()}, {cause.name}: {cause.sentence}.")
-
-
 def _unknown_cause(found: Replayed, withdrawn: Sequence[OpenCause]) -> Verdict:
     before, after, floor = levels(found)
     if withdrawn:
@@ -248,6 +242,8 @@ def _with_causes(found: Replayed, limit: Thresholds) -> Verdict:
         removed = (found.tuned.rmse**2 - found.errors["extended"].rmse ** 2) / max(found.tuned.rmse**2, 1e-24)
     if rest.noticed and removed < limit.feeble:
         return _feeble(found)
+    if all(cause.confidence < limit.guessed for cause in causes) and not found.still:
+        return _guessed(found)
     sure = all(cause.confidence >= limit.sure for cause in causes)
     explained = not rest.noticed or (found.left <= limit.negligible and sure and rest.level <= limit.as_noise)
     verdict = _explained(found) if explained else _partly(found, sure)
@@ -298,6 +294,19 @@ def _feeble(found: Replayed) -> Verdict:
     return Verdict(NOT_IDENTIFIABLE, sentence, (Reason("feeble", why), Reason("structure", found.structure.sentence)))
 
 
+def _guessed(found: Replayed) -> Verdict:
+    sentence = (
+        f"The gap of '{found.joint}' may be {subject(found.causes)}, but that is a guess "
+        f"({certainty(found.causes)}): error {fall(found)}."
+    )
+    why = f"With {listed([cause.name for cause in found.causes])} the error falls {change(found)}."
+    refitted, unit = found.errors["refitted"].rmse, found.structure.unit
+    if refitted <= found.errors["extended"].rmse:
+        why += f" The numbers that the model has, refitted up to fivefold, do as well: {size(refitted, unit)}."
+    rest = (Reason("structure", found.structure.sentence),) if found.structure.noticed else ()
+    return Verdict(NOT_IDENTIFIABLE, sentence, (Reason("guessed", why), *rest))
+
+
 def _explained(found: Replayed) -> Verdict:
     causes, (firm, doubted) = found.causes, firmly(found.causes)
     sentence = (
@@ -330,56 +339,7 @@ def _partly(found: Replayed, sure: bool) -> Verdict:
     )
 
 
-# --- torque balance, refusal -------------------------------------------------------------------------------------
-
-
-def _balanced(found: Balanced, limit: Thresholds) -> Verdict:
-    before, refitted, after = (found.errors[key].rmse for key in ("nominal", "refitted", "extended"))
-    change = Reason(
-        "error",
-        f"The torque that the motion needs differs from the logged one by {before:.2f} N.m with the sidecar's numbers, "
-        f"{refitted:.2f} N.m with these refitted, {after:.2f} N.m with what is handed over (held-out blocks).",
-    )
-    told = (change, *(_open_reason(cause) for cause in found.open_causes))
-    error = f"error {before:.2f} to {after:.2f} N.m"
-    if found.turned:
-        sentence = f"Refitted numbers alone explain more of the torque of '{found.joint}' than any cause: {error}."
-        why = Reason("refitted", f"The model that is handed over is the nominal one with {found.turned}.")
-        return Verdict(NOT_IDENTIFIABLE, sentence, (why, *told))
-    if not found.causes:
-        floor = found.errors["noise_floor"].rmse
-        as_noise = after**2 - floor**2 <= limit.as_noise * floor**2
-        if found.open_causes or not (as_noise or found.left < limit.torque_explained):
-            sentence = f"No known cause explains the torque of '{found.joint}': {error} when tuned."
-            most = math.sqrt(1.0 + limit.as_noise) * floor
-            why = f"Up to {most:.2g} N.m would need none: noise of torque and motion, and the column's calibration."
-            return Verdict(NOT_IDENTIFIABLE, sentence, told if as_noise else (*told, Reason("noise", why)))
-        sentence = f"Nothing to explain: the torque of '{found.joint}' is as its tuned numbers say, {error}."
-        if before <= limit.torque_as_good * after:
-            sentence = f"Nothing to explain: neither its own numbers nor a shift lower the torque {error}."
-        return Verdict(NOTHING, sentence, told)
-    reasons = (*(Reason("cause", cause.sentence) for cause in found.causes), *told)
-    doubtful = [cause for cause in found.causes if cause.standing == ONE_OF_SEVERAL]
-    firm = [cause for cause in found.causes if cause.standing != ONE_OF_SEVERAL]
-    if doubtful and not firm:
-        sentence = (
-            f"{subject(doubtful)} {verb(doubtful, 'fits', 'fit')} the torque of '{found.joint}' about as well as "
-            f"{some(doubtful[0].rivals)}; {error}."
-        )
-        return Verdict(NOT_IDENTIFIABLE, sentence, reasons)
-    known = not doubtful and all(cause.confidence >= limit.sure for cause in firm)
-    name = EXPLAINED if found.left < limit.torque_explained and known else PARTLY
-    what = f"{subject(firm)} {'' if name == EXPLAINED else 'partly '}{verb(firm, 'explains', 'explain')} the torque gap"
-    step = "" if found.shift is None else f" ({_out_of_step(found)} out of step)"
-    return Verdict(name, f"{what}{step}: {error}, {certainty(firm)}.", reasons)
-
-
-def _out_of_step(found: Balanced) -> str:
-    """By how much the torque column is; its interval goes beyond all that is tried where that is the least."""
-    delay = next((c.parameters[SHIFT] for c in found.causes if SHIFT in c.parameters), None)
-    if delay is not None and delay.high > FURTHEST:
-        return f"at least {1e3 * delay.low:.0f} ms"
-    return f"{1e3 * abs(found.shift or 0.0):.0f} ms"
+# --- refusal ------------------------------------------------------------------------------------------------------
 
 
 def _refused(found: Refused) -> Verdict:

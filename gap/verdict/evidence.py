@@ -39,6 +39,9 @@ class Thresholds:
     # Of the causes that the hidden benches named with as much, 173 of 175 were right; between ``sure`` and it, 12 of
     # 15; below, 10 of 18 (``python -m benchmarks.calibration``).
     certain: float = threshold(0.9, "Confidence from which a cause is certain, whatever else is open.")
+    guessed: float = threshold(
+        0.3, "Confidence below which a cause is a guess: where none has more, the gap is not identifiable."
+    )
     form: float = threshold(
         0.01,
         "Relative error of any law of the catalogue. A cause that removes no more than that of what the others explain "

@@ -7,7 +7,7 @@ from collections.abc import Sequence
 
 from ..search.structure import fine, listed, told_in
 from .evidence import Replayed
-from .verdict import CERTAIN, LIKELY, NamedCause
+from .verdict import CERTAIN, LIKELY, NamedCause, OpenCause, Reason
 
 
 def levels(found: Replayed) -> tuple[str, str, str]:
@@ -62,6 +62,11 @@ def some(names: Sequence[str]) -> str:
 
 def verb(causes: Sequence[NamedCause], one: str, several: str) -> str:
     return one if len(causes) == 1 else several
+
+
+def open_reason(cause: OpenCause) -> Reason:
+    """Why a cause is not named."""
+    return Reason(cause.standing, f"{cause.standing.capitalize()}, {cause.name}: {cause.sentence}.")
 
 
 def also(causes: Sequence[NamedCause]) -> str:
