@@ -113,3 +113,6 @@ def test_a_wrong_folder_gets_one_sentence(tmp_path: Path, capsys: pytest.Capture
     (tmp_path / "a.csv").write_text("time,position\n0,1\n")
     with pytest.raises(LogError, match="the mapping takes torque, velocity, which it does not have"):
         import_logs(tmp_path, tmp_path / "out", read_mapping("ak80"))
+    (tmp_path / "mine.yaml").write_text("columns: {time: time, knee.position: positoin}\n")
+    with pytest.raises(LogError, match=r"positoin \(did you mean 'position'\?\), which it does not have"):
+        import_logs(tmp_path / "a.csv", tmp_path / "out", read_mapping(tmp_path / "mine.yaml"))

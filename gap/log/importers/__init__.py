@@ -12,6 +12,7 @@ from typing import Any
 import yaml
 
 from ....actuators.atomic import write_text
+from ....actuators.errors import nearest
 from ..sidecar import FOLDER_DEFAULTS
 from ..types import LogError
 from ..writer import write_run
@@ -164,8 +165,9 @@ def import_logs(
     found = list(recordings) if recordings is not None else read_recordings(source)
     fitting = [recording for recording in found if fits(mapping, recording)]
     if not fitting:
-        names = ", ".join(sorted(lacking(mapping, found[0])))
-        raise LogError(f"{found[0].source}: the mapping takes {names}, which it does not have.")
+        has = [*found[0].columns, *found[0].facts]
+        names = ", ".join(f"{name}{nearest(name, has)}" for name in sorted(lacking(mapping, found[0])))
+        raise LogError(f"{found[0].source}: the mapping takes {names}, which it does not have; correct the mapping.")
     left = [f"{one.name} does not have the columns of the mapping" for one in found if one not in fitting]
     runs = [converted(mapping, recording) for recording in fitting]
     out = Path(out)
