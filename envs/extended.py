@@ -7,8 +7,9 @@ change that the robot at hand cannot take is refused with a sentence that names 
 from __future__ import annotations
 
 import logging
+import os
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any, Literal
 
@@ -18,6 +19,7 @@ from ..actuators import Chain, load_chain
 from ..actuators.errors import SealegsError, nearest
 from .contract import task_of
 from .robot import Robot
+from .robot_file import is_robot_file
 
 LOGGER = logging.getLogger("sealegs")
 FILE = "extended-robot.yaml"
@@ -284,6 +286,8 @@ def read_extended(path: str | Path) -> Extended:
         reason = getattr(error, "strerror", None) or "it is damaged; diagnose again"
         raise ExtensionError(f"{folder / FILE} cannot be read: {reason}.") from None
     extended = Extended.from_dict(document, str(folder))
+    if is_robot_file(extended.robot):  # named as it lies beside the folder
+        extended = replace(extended, robot=os.path.normpath(folder.absolute() / extended.robot))
     if path == folder or path.name == FILE:
         return extended
     chosen = {joint: path.name for joint, variants in extended.chains.items() for v in variants if v.file == path.name}

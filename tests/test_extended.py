@@ -14,7 +14,9 @@ from sealegs.actuators.errors import SealegsError
 from sealegs.envs.extended import Change, Extended, Mounted, Owner, read_extended
 from sealegs.envs.hopper.robot import HOPPER
 from sealegs.gap.causes.catalogue import catalogue
+from sealegs.gap.experiment import Experiment, write_experiment
 from sealegs.gap.log.parts import cut
+from sealegs.gap.log.sidecar import read_sidecar
 from sealegs.gap.log.types import JointLog, MeasuredRun, MeasuredSet
 from sealegs.gap.output.extension import OWNERS, extended_of, write_extended
 from sealegs.gap.replay.engine import bench, replay_in_engine
@@ -253,3 +255,32 @@ def test_a_diagnosis_of_one_model_is_not_put_on_another_whose_joints_are_called_
     (tmp_path / "arm.xml").write_text((tmp_path / "other.xml").read_text())
     assert again.chains_on(sealegs.load_robot(tmp_path / "arm.xml"))
     assert "arm.xml was changed after found was written" in caplog.text
+
+
+def test_a_diagnosis_names_the_robots_file_as_it_lies_beside_it(tmp_path: Path) -> None:
+    """It held the whole path on the machine where it was written."""
+    model = tmp_path / "there" / "robots" / "arm.xml"
+    model.parent.mkdir(parents=True)
+    model.write_text("<mujoco/>")
+    folder = tmp_path / "there" / "diagnosis"
+    folder.mkdir()
+    path = write_extended(Extended(str(model), {}, {}), folder)
+    assert str(tmp_path) not in path.read_text()
+    (tmp_path / "there").rename(tmp_path / "here")
+    found = read_extended(tmp_path / "here" / "diagnosis")
+    assert Path(found.robot) == tmp_path / "here" / "robots" / "arm.xml"
+
+
+def test_so_does_the_next_experiment(tmp_path: Path) -> None:
+    for name in ("arm.xml", "servo.yaml"):
+        (tmp_path / name).write_text("<mujoco/>" if name == "arm.xml" else "- delay: {seconds: 0.005}\n")
+    plan = Experiment("chirp", "Run it.", 1.0, np.arange(3.0), np.zeros(3), {})
+    robot, chain = str(tmp_path / "arm.xml"), str(tmp_path / "servo.yaml")
+    (tmp_path / "diagnosis" / "staged").mkdir(parents=True)
+    files = write_experiment(
+        plan, "elbow", tmp_path / "diagnosis" / "staged", chain, robot=robot, final=tmp_path / "diagnosis"
+    )
+    moved = [path.rename(tmp_path / "diagnosis" / path.name) for path in files.values()]
+    assert str(tmp_path) not in moved[1].read_text()
+    said = read_sidecar(moved[0])
+    assert said.robot == robot and said.actuators == {"elbow": chain}

@@ -14,7 +14,7 @@ from typing import Any
 
 import numpy as np
 
-from ..log.sidecar import Sidecar, sidecar_text
+from ..log.sidecar import Sidecar, named_beside, sidecar_text
 from ..log.types import LogError
 from .proposal import Experiment
 
@@ -36,6 +36,7 @@ def write_experiment(
     prefix: str = "",
     robot: str = "bench",
     frame: Mapping[str, float] | None = None,
+    final: Path | None = None,
 ) -> dict[str, Path]:
     """Write ``next_experiment.csv`` and ``next_experiment.yaml``.
 
@@ -48,6 +49,7 @@ def write_experiment(
         robot: as the sidecars name it.
         frame: ``zero`` and ``direction`` of the joint in the log, whose goals these are, where they are not the
             model's; they go into the sidecar, and who runs the goals on the model's machine turns them.
+        final: where the files come to lie, if that is another folder: the sidecar names others as they lie beside it.
 
     Returns:
         Paths by ``experiment`` and ``experiment_sidecar``.
@@ -57,10 +59,8 @@ def write_experiment(
     notes: dict[str, Any] = {"notes": f"{experiment.name}: {experiment.sentence}"}
     if frame is not None:
         notes["frames"] = {joint: dict(frame)}
-    sidecar.write_text(
-        sidecar_text(Sidecar(robot, dict(experiment.load), {} if actuator is None else {joint: actuator}, notes)),
-        encoding="utf-8",
-    )
+    said = Sidecar(robot, dict(experiment.load), {} if actuator is None else {joint: actuator}, notes)
+    sidecar.write_text(sidecar_text(named_beside(said, folder if final is None else final)), encoding="utf-8")
     return {"experiment": goals, "experiment_sidecar": sidecar}
 
 

@@ -3,10 +3,11 @@
 from __future__ import annotations
 
 import math
+import os
 from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
 from pathlib import Path
-from typing import Any
+from typing import Any, TypeVar
 
 import yaml
 
@@ -15,6 +16,8 @@ from ...actuators.published import PREFIX
 from ...envs.robot_file import is_robot_file
 from ...envs.robot_sources import files_read
 from .types import LogError
+
+T = TypeVar("T")
 
 FOLDER_DEFAULTS = "log.yaml"
 """Sidecar whose keys hold for every log of its folder that does not say otherwise."""
@@ -79,6 +82,27 @@ def robot_beside(robot: str, folder: Path) -> str:
     if not is_robot_file(path) or path.is_absolute():
         return robot
     return str((folder / path).resolve() if (folder / path).is_file() else path)
+
+
+def named_beside(sidecar: Sidecar, folder: Path) -> Sidecar:
+    """The sidecar as it is written into a folder: files are named as they lie beside it, so that both may be moved."""
+    chains = {joint: _relative(chain, folder) for joint, chain in sidecar.actuators.items()}
+    return replace(sidecar, robot=relative_robot(sidecar.robot, folder), actuators=chains)
+
+
+def relative_robot(robot: str, folder: Path) -> str:
+    """A robot's file as it lies beside a folder; any other robot as it is."""
+    return _relative(robot, folder) if is_robot_file(robot) else robot
+
+
+def _relative(name: T, folder: Path) -> T | str:
+    if not isinstance(name, str):
+        return name
+    prefix = PREFIX if name.startswith(PREFIX) else ""
+    path = Path(name.removeprefix(prefix))
+    if not path.is_absolute():
+        return name
+    return f"{prefix}{Path(os.path.relpath(path, Path(folder).resolve())).as_posix()}"
 
 
 def _chain_beside(chain: str | list, folder: Path) -> str | list:

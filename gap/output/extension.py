@@ -13,6 +13,7 @@ import yaml
 from ...actuators import Chain, load_chain
 from ...envs.extended import FILE, Change, Extended, Mounted, Owner
 from ..load.robot import robot_of
+from ..log.sidecar import relative_robot
 from ..log.types import MeasuredRun, MeasuredSet
 from ..replay.joint_model import JointModel
 from ..replay.parameters import Target, address
@@ -150,14 +151,21 @@ def _warm(chain: Chain, temperature: float | None) -> Chain:
     return replace(chain, stages=tuple(warm if stage is thermal else stage for stage in chain.stages))
 
 
-def write_extended(extended: Extended, folder: Path) -> Path:
-    """Write the machine as diagnosed, for ``extended=<folder>``."""
+def write_extended(extended: Extended, folder: Path, final: Path | None = None) -> Path:
+    """Write the machine as diagnosed, for ``extended=<folder>``.
+
+    Args:
+        extended: the machine.
+        folder: to write into.
+        final: where the file comes to lie, if elsewhere: it names the robot's file as that lies beside it.
+    """
     lines = [
         "# The machine as diagnosed; give this folder as extended=<folder> to train, deploy, evaluate or",
         "# sealegs.make_env. Changes with owner 'log' are of how the log reads the machine: no model has them.",
         "# Where one was named as a cause, the folder is refused until the log is corrected.",
     ]
-    text = yaml.safe_dump(_plain(extended.to_dict()), sort_keys=False, width=120)
+    said = replace(extended, robot=relative_robot(extended.robot, folder if final is None else final))
+    text = yaml.safe_dump(_plain(said.to_dict()), sort_keys=False, width=120)
     path = folder / FILE
     path.write_text("\n".join(lines) + "\n" + text, encoding="utf-8")
     return path

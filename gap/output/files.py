@@ -82,14 +82,14 @@ def write_diagnosis(
                 machine = run.robot if is_robot_file(run.robot) else "bench"
                 frame = (run.meta.get("frames") or {}).get(diagnosis.joint)
                 files = write_experiment(
-                    diagnosis.experiment, diagnosis.joint, staged, actuator, prefix, machine, frame
+                    diagnosis.experiment, diagnosis.joint, staged, actuator, prefix, machine, frame, folder
                 )
                 document["next_experiment"]["file"] = files["experiment"].name
                 written |= {f"{owner}{key}": path for key, path in files.items()}
             documents.append(document)
         confirmed = None
         if (extended := extended_of(diagnoses, data)) is not None:
-            written["extended"] = write_extended(extended, staged)
+            written["extended"] = write_extended(extended, staged, folder)
             confirmed = confirm_whole(diagnoses, data, extended, progress)
             if (robot := write_robot(extended, data, staged)) is not None:
                 written["robot"] = robot
