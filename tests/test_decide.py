@@ -82,6 +82,10 @@ CASES = {
     "an uncertain cause without a rival": (replayed(cause(sure=0.3)), EXPLAINED),
     "a guess": (replayed(cause(sure=0.29)), NOT_IDENTIFIABLE),
     "a guess that is all there is beside structure": (replayed(cause(sure=0.0), level=0.5, left=0.2), NOT_IDENTIFIABLE),
+    "a guess beside one that is hardly better and does little": (
+        replayed(cause(sure=0.29, share=0.9), cause("load.mass", 0.31, share=0.02)),
+        NOT_IDENTIFIABLE,
+    ),
     "a guess beside a likely cause": (replayed(cause(sure=0.7), cause("load.mass", 0.0, share=0.1)), EXPLAINED),
     "a rival beside a certain cause": (replayed(cause(rivals=NEAR)), EXPLAINED),
     "a rival beside an uncertain cause": (replayed(cause(sure=0.59, rivals=NEAR)), NOT_IDENTIFIABLE),
@@ -169,6 +173,7 @@ CASES |= {
         balanced(left=0.05, turned="friction.coulomb x 0.33"),
         NOT_IDENTIFIABLE,
     ),
+    "a torque that a guess explains": (balanced(cause("load.mass", 0.05), left=0.1), NOT_IDENTIFIABLE),
     "a torque whose cause has rivals": (balanced(cause("load.mass", 0.5, NEAR), left=0.1), NOT_IDENTIFIABLE),
 }
 
@@ -356,13 +361,16 @@ def test_beside_refitted_numbers_causes_are_feeble_by_all_data_that_no_fit_saw()
 
 def test_what_is_only_possible_is_not_said_to_explain() -> None:
     """Play of a third of a tick, at 9 %, was said to explain a gap together with friction at 98 %."""
-    said = decide(replayed(cause("friction.load_dependent", 0.98), cause("transmission.backlash", 0.09))).sentence
+    friction, play = cause("friction.load_dependent", 0.98), cause("transmission.backlash", 0.09, share=0.08)
+    said = decide(replayed(friction, play)).sentence
     assert said.startswith("friction.load_dependent explains the gap") and "confidence 98 %" in said
     assert said.endswith("; perhaps transmission.backlash.")
+    large = decide(replayed(cause("transmission.backlash", 0.5, share=0.87), replace(friction, share=0.08))).sentence
+    assert large.startswith("transmission.backlash and friction.load_dependent explain"), "that is not the friction's"
 
 
 def test_a_guess_says_that_refitted_numbers_do_as_well() -> None:
     """A D term with 0 % was said to explain a gripper in part, where refitted numbers left less."""
     verdict = decide(replayed(cause("drive.derivative", 0.0), level=0.5, left=0.2, after=0.008))
-    assert "a guess (confidence 0 %)" in verdict.sentence
+    assert "as a guess (confidence 0 %)" in verdict.sentence
     assert "refitted up to fivefold, do as well" in verdict.reasons[0].sentence

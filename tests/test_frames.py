@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from dataclasses import replace
 from pathlib import Path
 
@@ -10,9 +11,12 @@ import pytest
 from sealegs.gap.diagnose import diagnose
 from sealegs.gap.load.robot import Frame
 from sealegs.gap.log.types import JointLog, MeasuredRun, MeasuredSet
+from sealegs.gap.output.document import document_of, joints_of, read_document, write_document
 from sealegs.gap.output.extension import as_taken
 from sealegs.gap.verdict.frames import in_likely_frames
+from sealegs.gap.verdict.verdict import NOTHING, JointDiagnosis
 
+from testbed import arm
 from testbed.logs import hidden_arm
 from tests.logged_robots import robot, two_link_run
 
@@ -60,7 +64,7 @@ def test_what_was_taken_is_said_with_what_it_gains_and_its_mirror_image(run: Mea
 
 
 def test_frames_that_a_sidecar_gives_are_doubted_and_kept(run: MeasuredRun) -> None:
-    given = {"elbow": {"zero": 0.0, "direction": -1}}
+    given = {"elbow": {"zero": 0.0, "direction": -1}, "shoulder": {"zero": 0.0, "direction": 1}}
     wrong = replace(run, meta={**run.meta, "frames": given})
     runs, findings = in_likely_frames([wrong], lambda text: None)
     assert "robot.frame" in [finding.code for finding in findings]
@@ -73,6 +77,92 @@ def test_what_is_hidden_in_an_arm_is_no_other_frame(tmp_path: Path, effect: str)
     assert taken(data.runs[0]) == {}
 
 
+ELBOW = re.compile(r'(<joint name="elbow"[^/]*)/>(<inertial )pos="0 (\S+) 0"')
+
+
+def edited(run: MeasuredRun, folder: Path, becomes: str) -> MeasuredRun:
+    """The run with a model file in which the elbow's joint and centre of mass read otherwise."""
+    text, count = ELBOW.subn(becomes, Path(run.robot).read_text())
+    assert count == 1
+    (folder / "other.xml").write_text(text)
+    return replace(run, robot=str(folder / "other.xml"))
+
+
+def limited(run: MeasuredRun, folder: Path, low: float, high: float) -> MeasuredRun:
+    """The run of a robot whose elbow has a range [rad]."""
+    return edited(run, folder, rf'\1 range="{low} {high}"/>\2pos="0 \3 0"')
+
+
+def test_a_centre_of_mass_that_lies_elsewhere_is_no_zero(run: MeasuredRun, tmp_path: Path) -> None:
+    """Gravity cannot tell it from a zero of the last joint: a zero was taken, and nothing was left to explain."""
+    wrong = edited(run, tmp_path, r'\1/>\2pos="0.06 \3 0"')
+    runs, findings = in_likely_frames([wrong], lambda text: None)
+    assert runs[0].meta.get("frames") is None
+    (doubt,) = [finding for finding in findings if finding.code == "robot.frame"]
+    assert "centre of mass" in doubt.sentence
+
+
+def test_a_zero_alone_is_taken_where_the_log_leaves_the_range_of_the_model(run: MeasuredRun, tmp_path: Path) -> None:
+    elbow = run.joints["elbow"]
+    low, high = float(elbow.position.min()) - 0.1, float(elbow.position.max()) + 0.1
+    ranged = limited(run, tmp_path, low, high)
+    moved = {name: getattr(elbow, name) + 2.5 for name in ("goal", "position")}
+    other = replace(ranged, joints={**run.joints, "elbow": replace(elbow, **moved)})
+    assert taken(ranged) == {}
+    assert taken(other)["elbow"].zero == pytest.approx(2.5, abs=0.05)
+
+
+def test_the_joint_that_would_leave_its_range_is_the_one_that_is_turned(run: MeasuredRun, tmp_path: Path) -> None:
+    """Either joint turned around fits the torques; the shoulder was turned, and the elbow left out of its range."""
+    ranged = edited(run, tmp_path, r'\1 ref="1.3" range="0.2 2.4"/>\2pos="0 \3 0"')
+    elbow = run.joints["elbow"]
+    raised = replace(elbow, **{name: getattr(elbow, name) + 1.3 for name in ("goal", "position")})
+    one_sided = replace(ranged, joints={**run.joints, "elbow": raised})
+    assert taken(one_sided) == {}
+    frames = taken(mirrored(one_sided, "elbow", 0.0))
+    assert list(frames) == ["elbow"] and frames["elbow"].sign == -1.0
+
+
+def test_runs_of_hosts_that_count_differently_are_not_forced_into_one_frame(run: MeasuredRun) -> None:
+    runs, _ = in_likely_frames([run, mirrored(run, "elbow", 0.8), mirrored(run, "elbow", 0.8)], lambda text: None)
+    assert all(one.meta.get("frames") is None for one in runs)
+
+
+def test_runs_with_other_gains_tell_the_same_frames(
+    run: MeasuredRun, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Every run was taken for one of the first one's gain, and the frame of none was doubted."""
+    monkeypatch.setitem(arm.SERVOS, "two_link", arm.SERVO | {"gain": 4.0 * arm.SERVO["gain"]})
+    stiff = replace(two_link_run(tmp_path, 8.0), name="stiff", robot=run.robot)
+    runs, _ = in_likely_frames([mirrored(one, "elbow", 0.8) for one in (run, stiff, stiff)], lambda text: None)
+    assert robot(runs[1]).frame("elbow").zero == pytest.approx(0.8, abs=0.05)
+
+
+def test_a_group_that_is_kept_for_the_test_does_not_choose(run: MeasuredRun) -> None:
+    kept = replace(mirrored(run, "elbow", 0.8), meta={**run.meta, "group": "kept"})
+    plain = replace(run, meta={**run.meta, "group": "seen"})
+    runs, findings = in_likely_frames([plain, kept], lambda text: None, "kept")
+    assert all(one.meta.get("frames") is None for one in runs)
+    assert "robot.frame" not in [finding.code for finding in findings]
+
+
+def test_a_frame_that_is_given_for_one_joint_leaves_the_others_to_be_found(run: MeasuredRun) -> None:
+    given = {"elbow": {"zero": 0.0, "direction": 1}}
+    said = replace(mirrored(run, "shoulder", 0.8), meta={**run.meta, "frames": given})
+    assert taken(said)["shoulder"] == Frame(pytest.approx(0.8, abs=0.05), -1.0)
+
+
+def test_a_saved_diagnosis_says_in_which_frames_its_values_are(tmp_path: Path) -> None:
+    frames = {"elbow": {"zero": 0.8, "direction": -1}}
+    joint = JointDiagnosis(
+        "elbow", NOTHING, "Nothing to explain.", "elbow.position", "rad", {}, (), 0.0, (), None, (), frames=frames
+    )
+    document = document_of([joint], "arm", ["run"])
+    write_document(document, tmp_path / "diagnosis.json")
+    (found,) = joints_of(read_document(tmp_path), tmp_path)
+    assert found.frames == frames
+
+
 @pytest.mark.long
 def test_friction_is_named_in_a_joint_that_counts_the_other_way(tmp_path: Path) -> None:
     """It was searched for minutes for masses and scales; files say in which frame the model is."""
@@ -81,5 +171,6 @@ def test_friction_is_named_in_a_joint_that_counts_the_other_way(tmp_path: Path) 
     shoulder, elbow = diagnose(turned).joints[:2]
     assert [cause.name for cause in elbow.causes] == ["friction.coulomb"] and not shoulder.causes
     assert elbow.gap["extended"].rmse < 1.5 * elbow.gap["noise_floor"].rmse
+    assert elbow.experiment is None and shoulder.experiment is None, "goals would be of angles that nobody checked"
     machine = robot(as_taken(turned, [shoulder, elbow]).runs[0])
     assert np.prod([machine.frame(joint).sign for joint in ("shoulder", "elbow")]) == -1.0

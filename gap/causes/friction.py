@@ -11,6 +11,7 @@ from .registry import entry, number, stall_torque
 
 SHOWN = Needs(torque=True)  # along a prescribed motion, friction is in the torque alone
 RIPPLE_COUNTS = (2, 3, 4, 5, 6, 7, 8, 9, 10, 11, 12, 14, 16, 18, 20, 24)
+BRISTLE = "friction.bristle_stiffness"
 
 
 @entry("friction.coulomb")
@@ -103,8 +104,9 @@ def load_dependent(nominal: JointModel) -> Cause:
 @entry("friction.presliding")
 def presliding(nominal: JointModel) -> Cause:
     top = stall_torque(nominal)
+    low, high = 0.05 * top, 50.0 * top
     bristles = [
-        Parameter("friction.bristle_stiffness", "N.m/rad", 0.05 * top, 50.0 * top, start * top, 0.3, logarithmic=True)
+        Parameter(BRISTLE, "N.m/rad", low, high, start * top, 0.3, logarithmic=True, rigid_at_zero=True)
         for start in (0.4, 2.0, 8.0)
     ]
     return Cause(
@@ -113,7 +115,7 @@ def presliding(nominal: JointModel) -> Cause:
         variants=tuple((stiffness,) for stiffness in bristles),
         signature="reversal",
         needs=SHOWN,
-        degenerates_to=Limit("friction.coulomb", "the joint never rests", "friction.bristle_stiffness"),
+        degenerates_to=Limit("friction.coulomb", "the joint never rests", BRISTLE),
     )
 
 

@@ -20,7 +20,6 @@ SIZES = tuple(2.0**k for k in range(-4, 6))  # that a detection limit is sought 
 AT_ONCE = 16  # replays
 FAR = 1e4  # noise floors at which a change is clipped: larger ones are those of a replay that diverges
 STEPS = 3  # evaluations of the tuned numbers on their way towards the log that was measured
-RIGID_AT_ZERO = ("friction.bristle_stiffness",)  # stiffnesses of which zero means that nothing gives way
 HOPELESS = 3.0  # times what shows, as a step foresees it: from there tuned numbers do not hide a cause
 
 
@@ -101,8 +100,6 @@ class Looks:
         first = variant[0]
         low, high = first.to_fit(max(first.low, 1e-12) if first.logarithmic else first.low), first.to_fit(first.high)
         neutral = first.neutral(self.log.models[0])
-        if neutral == 0.0 and first.number in RIGID_AT_ZERO:
-            neutral = math.inf
         neutral = max(neutral, first.from_fit(low))
         none, plausible = first.to_fit(min(neutral, first.high)), first.to_fit(cause.values[first.path])
         sizes = none + side * abs(plausible - none) * np.array(SIZES)

@@ -74,6 +74,7 @@ def to_document(diagnosis: JointDiagnosis) -> dict[str, Any]:
         "causes": [_cause(cause) for cause in diagnosis.causes],
         "open_causes": [asdict(cause) for cause in diagnosis.open_causes],
         "limits": [asdict(limit) for limit in diagnosis.limits],
+        "frames": None if diagnosis.frames is None else dict(diagnosis.frames),
         "model": diagnosis.model,
         "tuned_share": diagnosis.tuned_share,
         "shared_share": diagnosis.shared_share,
@@ -225,6 +226,7 @@ def _joint(row: Mapping[str, Any], folder: Path) -> JointDiagnosis:
         rivals=tuple(row["rivals"]),
         open_causes=tuple(_made(OpenCause, cause) for cause in row.get("open_causes", ())),
         limits=tuple(_made(DetectionLimit, limit) for limit in row.get("limits", ())),
+        frames=row.get("frames"),
         experiment=_experiment(row.get("next_experiment"), folder),
         findings=tuple(Finding(**finding) for finding in row["findings"]),
         structure=None

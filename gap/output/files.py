@@ -57,7 +57,7 @@ def write_diagnosis(
     written: dict[str, Path] = {}
     documents = []
     differences: list[dict[str, Any]] = []
-    data = as_taken(data, diagnoses)
+    recorded, data = data, as_taken(data, diagnoses)
     with folder_written(folder, last=FILE) as staged:  # a folder with the document is finished
         for diagnosis in diagnoses:
             several = len(diagnoses) > 1
@@ -90,7 +90,7 @@ def write_diagnosis(
         confirmed = None
         if (extended := extended_of(diagnoses, data)) is not None:
             written["extended"] = write_extended(extended, staged, folder)
-            confirmed = confirm_whole(diagnoses, data, extended, progress)
+            confirmed = confirm_whole(diagnoses, recorded, extended, progress)
             if (robot := write_robot(extended, data, staged)) is not None:
                 written["robot"] = robot
         written["json"] = staged / FILE

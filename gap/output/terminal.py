@@ -9,6 +9,7 @@ from pathlib import Path
 from ...envs.extended import read_extended
 from ...envs.robot_file import is_robot_file
 from ...envs.robots import ROBOTS
+from ..verdict.frames import DOUBTED
 from ..verdict.verdict import JointDiagnosis, NamedCause, Value
 from .limits import LEAD, LIMITS, by_family, limits_told
 from .numbers import GLUE, glued, number, percent, rounded, sureness, unit_of
@@ -38,7 +39,7 @@ def screen(diagnoses: Sequence[JointDiagnosis], written: Mapping[str, Path], wid
     return lines
 
 
-DOUBTFUL = ("robot.frame",)
+DOUBTFUL = (DOUBTED,)
 """Findings that put all that is said below in doubt."""
 
 

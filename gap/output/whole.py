@@ -18,6 +18,7 @@ from ..replay.whole import Whole, replay_whole, whole, why_not_whole
 from ..shared import ROBOT
 from ..verdict.checking import check_log
 from ..verdict.verdict import JointDiagnosis
+from .extension import as_taken
 from .robot_extension import in_frame
 
 MODELS = ("nominal", "extended")
@@ -35,10 +36,13 @@ def confirm_whole(
         By joint the root mean square of the error of each model, in the unit of the joint; a ``reason`` where the robot
         cannot be simulated so; None where the log is of no robot with a file.
     """
+    if robot_of(data.runs[0]) is None:
+        return None
+    data, *_ = check_log(data, lambda text: None)  # in the model's units, and mended as where it was judged
+    data = as_taken(data, diagnoses)
     robot = robot_of(data.runs[0])
     if robot is None:
         return None
-    data, *_ = check_log(data, lambda text: None)  # in the model's units, and mended as where it was judged
     if (why := why_not_whole(robot, data.runs)) is not None:
         return {"reason": f"The robot was not simulated as a whole: {why}."}
     progress("simulating the whole robot along the log")

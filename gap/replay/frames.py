@@ -60,34 +60,44 @@ class Proposed:
 
     Attributes:
         frames: of the joints whose frame is doubted, by name.
-        plainer: frames that differ less from what is believed and explain most of what those do; a replay tells.
-        left: mean share of the joints' torque that the model leaves over as believed.
-        least: the same with these frames.
+        least: mean share of the joints' torque that the model leaves over with them.
         mirrored: joints that are turned in the mirror image of these frames, which fits as well; () where none does.
-        silent: joints whose zero neither gravity nor coupling tells.
     """
 
     frames: Mapping[str, Frame]
-    plainer: Mapping[str, Frame]
-    left: float
     least: float
     mirrored: tuple[str, ...] = ()
-    silent: tuple[str, ...] = ()
 
 
-def proposed_frames(
-    robot: LoggedRobot, runs: Sequence[MeasuredRun], models: Mapping[str, JointModel]
-) -> Proposed | None:
+@dataclass(frozen=True)
+class Compared:
+    """Log and model, by zeros and directions.
+
+    Attributes:
+        left: mean share of the joints' torque that the model leaves over as believed.
+        proposed: what fits better, where anything does: first frames that differ little from what is believed and
+            explain most of what the last ones do.
+        silent: joints whose zero neither gravity nor coupling tells.
+    """
+
+    left: float
+    proposed: tuple[Proposed, ...]
+    silent: tuple[str, ...]
+
+
+def compare_frames(
+    robot: LoggedRobot, runs: Sequence[MeasuredRun], models: Sequence[Mapping[str, JointModel]]
+) -> Compared | None:
     """Zeros and directions that fit better than those believed; None where the runs cannot tell.
 
     Args:
         robot: with the frames that are believed: those of the sidecar, else of the model.
         runs: of it.
-        models: nominal joints by name; their chains say what the drives did.
+        models: nominal joints of each run by name; their chains say what the drives did.
     """
-    judged = [name for name in models if _judged(robot, name)]
+    judged = [name for name in models[0] if _judged(robot, name)]
     plain = {name: frame for name, frame in robot.frames.items() if name not in judged}
-    machine, drives = replace(robot, frames=plain), {name: models[name] for name in judged}
+    machine, drives = replace(robot, frames=plain), [{name: each[name] for name in judged} for each in models]
     torques = _torques(machine, runs, drives, SAMPLES)
     if torques is None:
         return None
@@ -102,20 +112,21 @@ def proposed_frames(
         if not left or min(left) > least - CHANGE:
             break
         best, least = tried[int(np.argmin(left))], min(left)
-    other, plainer = dict[str, Frame](), dict[str, Frame]()
-    mirrored: tuple[str, ...] = ()
+    proposed: list[Proposed] = []
     if here - least > BETTER:
         torques = _torques(machine, runs, drives, FINE) or torques
         here = _left(robot, torques, believed)
         sought = _sought(robot, torques, believed, best)
-        best, mirrored = _plainest(robot, torques, believed, sought)
-        other = _changed(best, believed)
-        plain, _ = _plainest(robot, torques, believed, _plainer(robot, torques, believed, sought))
-        plainer = _changed(plain, believed)
+        for frames in (_plainer(robot, torques, believed, sought), sought):
+            chosen, mirrored = _likelier(robot, torques, believed, frames)
+            found = _changed(chosen, believed)
+            if found and found not in [other.frames for other in proposed]:
+                proposed.append(Proposed(found, _left(robot, torques, {**believed, **found}), mirrored))
+    other = proposed[-1].frames if proposed else {}
     likely = {**believed, **other}
     least = _left(robot, torques, likely)
-    silent = [name for name in other.keys() ^ believed.keys() if not _shows(robot, torques, likely, name, least)]
-    return Proposed(other, plainer, here, least, mirrored, tuple(name for name in torques.joints if name in silent))
+    silent = [name for name in believed if name not in other and not _shows(robot, torques, likely, name, least)]
+    return Compared(here, tuple(proposed), tuple(silent))
 
 
 def _sought(
@@ -158,22 +169,24 @@ def _plainer(
     return found
 
 
-def _plainest(
+def _likelier(
     robot: LoggedRobot, torques: Torques, believed: Mapping[str, Frame], best: Mapping[str, Frame]
 ) -> tuple[dict[str, Frame], tuple[str, ...]]:
-    """These frames or their mirror image, whichever differs from what is believed at fewer joints, and where the other
-    does, if it fits as well.
+    """These frames or their mirror image, if that fits as well: whichever keeps more joints within the model's ranges,
+    else turns fewer; and the joints that the other turns, where it keeps as many within them.
     """
     image = {name: replace(frame, sign=-frame.sign) for name, frame in best.items()}
-    fits = _left(robot, torques, image) < _left(robot, torques, best) + CHANGE
+    if _left(robot, torques, image) > _left(robot, torques, best) + CHANGE:
+        return dict(best), ()
 
     def turned(frames: Mapping[str, Frame]) -> tuple[str, ...]:
         return tuple(name for name, frame in frames.items() if frame.sign != believed[name].sign)
 
-    if not fits:
-        return dict(best), ()
-    plain, other = sorted((dict(best), image), key=lambda frames: len(turned(frames)))
-    return plain, turned(other)
+    def outside(frames: Mapping[str, Frame]) -> int:
+        return sum(not _within(robot, torques, name, frame) for name, frame in frames.items())
+
+    one, other = sorted((dict(best), image), key=lambda frames: (outside(frames), len(turned(frames))))
+    return one, turned(other) if outside(other) <= outside(one) else ()
 
 
 def _changed(frames: Mapping[str, Frame], believed: Mapping[str, Frame]) -> dict[str, Frame]:
@@ -191,19 +204,19 @@ def _judged(robot: LoggedRobot, name: str) -> bool:
 
 
 def _torques(
-    robot: LoggedRobot, runs: Sequence[MeasuredRun], models: Mapping[str, JointModel], samples: int
+    robot: LoggedRobot, runs: Sequence[MeasuredRun], models: Sequence[Mapping[str, JointModel]], samples: int
 ) -> Torques | None:
     """The torques of hinges whose chain says what their drive did, at some samples of the runs."""
-    names = list(models)
+    names = list(models[0])
     if not names or not all(robot.turns(joint) for joint in range(robot.model.njnt)):
         return None
     each = max(samples // len(runs), 20)
     motions, drives = [], []
-    for run in runs:
+    for run, chains in zip(runs, models, strict=True):
         motion = motion_of(robot, run)
         chosen = np.unique(np.linspace(0.02 * len(run.time), 0.98 * len(run.time) - 1, each).astype(int))
         motions.append([getattr(motion, key)[chosen] for key in ("position", "speed", "acceleration")])
-        columns = [_drive(run, name, models[name], motion, robot) for name in names]
+        columns = [_drive(run, name, chains[name], motion, robot) for name in names]
         if any(column is None for column in columns):
             return None
         drives.append(np.stack([column[chosen] for column in columns if column is not None], axis=1))
@@ -268,19 +281,25 @@ def _beside(passive: np.ndarray, values: np.ndarray) -> np.ndarray:
 
 def _candidates(robot: LoggedRobot, torques: Torques, name: str, now: Frame) -> list[Frame]:
     """Frames in which a joint stays within the model's range, the present one turned around among them."""
-    j, number = torques.joints.index(name), robot.number(name)
-    low, high = torques.low[j], torques.high[j]
-    found = []
-    for sign in (1.0, -1.0):
-        for zero in (now.zero, *ZEROS):
-            frame = Frame(float(np.angle(np.exp(1j * zero))), sign)
-            ends = sorted((sign * (low - frame.zero), sign * (high - frame.zero)))
-            if robot.model.jnt_limited[number]:
-                lower, upper = robot.model.jnt_range[number]
-                if ends[0] < lower - OUTSIDE or ends[1] > upper + OUTSIDE:
-                    continue
-            found.append(frame)
-    return found
+    zeros = (now.zero, *(float(np.angle(np.exp(1j * zero))) for zero in ZEROS))
+    every = [Frame(zero, sign) for sign in (1.0, -1.0) for zero in zeros]
+    return [frame for frame in every if _within(robot, torques, name, frame)]
+
+
+def _within(robot: LoggedRobot, torques: Torques, name: str, frame: Frame) -> bool:
+    """Whether a joint stayed within the model's range, if it has one, by a frame."""
+    j = torques.joints.index(name)
+    return stays(robot, name, frame, float(torques.low[j]), float(torques.high[j]))
+
+
+def stays(robot: LoggedRobot, name: str, frame: Frame, low: float, high: float) -> bool:
+    """Whether a joint that went from one angle of the log to another [rad] stayed within the model's range."""
+    number = robot.number(name)
+    if not robot.model.jnt_limited[number]:
+        return True
+    ends = sorted((float(frame.to_model(np.float64(low))), float(frame.to_model(np.float64(high)))))
+    lower, upper = robot.model.jnt_range[number]
+    return bool(ends[0] >= lower - OUTSIDE and ends[1] <= upper + OUTSIDE)
 
 
 def _shows(robot: LoggedRobot, torques: Torques, frames: dict[str, Frame], name: str, reference: float) -> bool:

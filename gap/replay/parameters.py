@@ -111,6 +111,7 @@ class Parameter:
         factor: the value is a factor on the nominal one.
         phase: the value is the phase of something periodic [rad]: its cosine and sine make every other phase.
         shape: the value shapes what another parameter makes act, such as the speed over which friction falls.
+        rigid_at_zero: the value is a stiffness of which zero stands for what does not give way at all.
     """
 
     number: str
@@ -124,6 +125,7 @@ class Parameter:
     factor: bool = False
     phase: bool = False
     shape: bool = False
+    rigid_at_zero: bool = False
 
     @property
     def is_size(self) -> bool:
@@ -151,7 +153,10 @@ class Parameter:
 
     def neutral(self, nominal: HasNumbers) -> float:
         """The value at which the nominal model is as it was."""
-        return 1.0 if self.factor else nominal.value(self.number)
+        if self.factor:
+            return 1.0
+        value = nominal.value(self.number)
+        return math.inf if self.rigid_at_zero and value == 0.0 else value
 
     def physical(self, value: float, nominal: HasNumbers) -> float:
         """A fitted value in the number's own unit."""

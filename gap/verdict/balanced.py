@@ -7,7 +7,7 @@ import math
 from ..checks.torque_balance import FURTHEST
 from .evidence import Balanced, Thresholds
 from .verdict import EXPLAINED, NOT_IDENTIFIABLE, NOTHING, ONE_OF_SEVERAL, PARTLY, Reason, Verdict
-from .words import certainty, open_reason, some, subject, verb
+from .words import certainty, is_guess, open_reason, some, subject, verb
 
 SHIFT = "torque.delay"  # number of a torque column that is out of step
 
@@ -45,6 +45,11 @@ def balanced(found: Balanced, limit: Thresholds) -> Verdict:
         sentence = (
             f"{subject(doubtful)} {verb(doubtful, 'fits', 'fit')} the torque of '{found.joint}' about as well as "
             f"{some(doubtful[0].rivals)}; {error}."
+        )
+        return Verdict(NOT_IDENTIFIABLE, sentence, reasons)
+    if is_guess(firm, limit):
+        sentence = (
+            f"The torque of '{found.joint}' may lack {subject(firm)}, but that is a guess ({certainty(firm)}): {error}."
         )
         return Verdict(NOT_IDENTIFIABLE, sentence, reasons)
     known = not doubtful and all(cause.confidence >= limit.sure for cause in firm)

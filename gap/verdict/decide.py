@@ -39,7 +39,21 @@ from .verdict import (
     Reason,
     Verdict,
 )
-from .words import also, certainty, change, fall, firmly, furthest, levels, open_reason, size, some, subject, verb
+from .words import (
+    also,
+    certainty,
+    change,
+    fall,
+    firmly,
+    furthest,
+    is_guess,
+    levels,
+    open_reason,
+    size,
+    some,
+    subject,
+    verb,
+)
 
 ROUNDED = 5e-3  # change of a number below which no one is told of it
 MOST_WORDS = 25  # of the sentence that a verdict is told in
@@ -242,7 +256,7 @@ def _with_causes(found: Replayed, limit: Thresholds) -> Verdict:
         removed = (found.tuned.rmse**2 - found.errors["extended"].rmse ** 2) / max(found.tuned.rmse**2, 1e-24)
     if rest.noticed and removed < limit.feeble:
         return _feeble(found)
-    if all(cause.confidence < limit.guessed for cause in causes) and not found.still:
+    if is_guess(causes, limit) and not found.still:
         return _guessed(found)
     sure = all(cause.confidence >= limit.sure for cause in causes)
     explained = not rest.noticed or (found.left <= limit.negligible and sure and rest.level <= limit.as_noise)
@@ -296,7 +310,7 @@ def _feeble(found: Replayed) -> Verdict:
 
 def _guessed(found: Replayed) -> Verdict:
     sentence = (
-        f"The gap of '{found.joint}' may be {subject(found.causes)}, but that is a guess "
+        f"The gap of '{found.joint}' may come from {subject(found.causes)}, as a guess "
         f"({certainty(found.causes)}): error {fall(found)}."
     )
     why = f"With {listed([cause.name for cause in found.causes])} the error falls {change(found)}."

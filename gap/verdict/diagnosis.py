@@ -39,7 +39,7 @@ from .checking import check_log
 from .columns import chosen, commanded
 from .decide import decide
 from .evidence import Refused, Replayed, as_noise_allows
-from .frames import in_likely_frames
+from .frames import DOUBTED, in_likely_frames
 from .measure import Measured, is_of_robot, measure, whole_runs
 from .parallel import side_by_side
 from .pieces import cut_joint, named_chain
@@ -93,7 +93,7 @@ def diagnose(
         first = [_first_experiment(runs, joint, stop, request) for joint in joints]
         why = Refused("the log", stop.sentence)
         return [refuse(joint, why, findings, plan) for joint, plan in zip(joints, first, strict=True)]
-    runs, of_frames = in_likely_frames(runs, progress)
+    runs, of_frames = in_likely_frames(runs, progress, test_group)
     findings = [*findings, *of_frames]
     found = side_by_side(dict.fromkeys(joints, _whatever_happens), runs, findings, request, workers, done)
     if only is not None:
@@ -337,7 +337,8 @@ def _decide(
     withdrawn = [cause.name for cause in measured.open_causes if cause.standing == WITHDRAWN]
     asking = withdrawn if verdict.name == EXPLAINED else measured.open_causes
     unsettled = verdict.name in (NOT_IDENTIFIABLE, PARTLY) or rivals or asking
-    if free is not None and (replay.along is not None or free.models[0].load.predictable) and unsettled:
+    framed = all(finding.code != DOUBTED for finding in case.findings)  # goals may mean other angles
+    if free is not None and (replay.along is not None or free.models[0].load.predictable) and unsettled and framed:
         wide = verdict.because("still", "blind") or bool(withdrawn)
         left = search.less(withdrawn)
         experiment = propose(free, left, request.limits, request.seed, wide, replay.stops, replay.along)

@@ -1,31 +1,51 @@
-"""Zeros and directions of a robot's log: what fits far better than the model's is taken for the diagnosis, and said."""
+"""Zeros and directions of a robot's log: a joint that counts the other way round is turned for the diagnosis, and said.
+
+A direction that is wrong shows in gravity, coupling and replay like nothing else. A zero alone does not: a centre of
+mass that lies elsewhere looks the same, so it is taken only where the log leaves the model's range otherwise.
+"""
 
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import replace
+from dataclasses import dataclass, replace
 
 import numpy as np
 
+from ...actuators.errors import SealegsError
 from ..load.robot import Frame, LoggedRobot, robot_of
 from ..log.finding import Finding
+from ..log.parts import held_out
 from ..log.progress import Progress
 from ..log.types import MeasuredRun
-from ..replay.frames import Proposed, proposed_frames
+from ..replay.frames import Compared, Proposed, compare_frames, stays
 from ..replay.joint_model import JointModel
+from ..replay.tree import axis_of
 from ..replay.unlogged import logged, needed
 from ..search.forward import NUMERICAL
 from .columns import commanded
 from .pieces import chain_of, nominal_replays
 
 HALVED = 0.5  # of the mean squared error of one joint's nominal replay, to which frames must bring it to be taken
+WORSE = 1.2  # times that error, to which it may rise at other joints, and of this joint in any run
 ASKED = 0.8  # of the error with plainer frames, to which others must bring it to be preferred
+DOUBTED = "robot.frame"
+"""Code of the finding that the frames of log and model differ: what is said below it hangs on them."""
 
 
-def in_likely_frames(runs: Sequence[MeasuredRun], progress: Progress) -> tuple[Sequence[MeasuredRun], list[Finding]]:
+def in_likely_frames(
+    runs: Sequence[MeasuredRun], progress: Progress, test_group: str | None = None
+) -> tuple[Sequence[MeasuredRun], list[Finding]]:
     """The runs of a robot with the frames that its torques and its replay ask for, and what is to be said of frames.
 
     Frames that the sidecar gives are doubted, and kept.
+
+    Args:
+        runs: of one machine.
+        progress: is told what goes on.
+        test_group: group of runs that no choice may see.
+
+    Raises:
+        SealegsError: a chain or the robot's file cannot be read, or there is no such group.
     """
     robot = robot_of(runs[0])
     if robot is None or robot.file.base == "free":
@@ -33,40 +53,84 @@ def in_likely_frames(runs: Sequence[MeasuredRun], progress: Progress) -> tuple[S
     if needed(robot, range(robot.model.njnt), logged(robot, runs)):  # their torque would be looked for in the frames
         return runs, []
     progress("comparing zeros and directions of log and model")
-    models = {joint: JointModel(chain_of(runs[0], joint, robot)) for joint in commanded(runs)}
+    hidden = held_out(runs, test_group)
+    seen = [run for k, run in enumerate(runs) if k not in hidden]
+    models = [{joint: JointModel(chain_of(run, joint, robot)) for joint in commanded(runs)} for run in seen]
     try:
-        proposed = proposed_frames(robot, runs, models)
-        if proposed is None:
+        compared = compare_frames(robot, seen, models)
+        if compared is None:
             return runs, []
-        silent = [_unknown(proposed.silent)] if proposed.silent else []
-        if not proposed.frames:
+        silent = [_unknown(compared.silent)] if compared.silent else []
+        if not compared.proposed:
             return runs, silent
-        before = _missed(runs)
-        proposed, turned, after = _as_replayed(runs, robot, proposed)
+        before = _missed(seen)
+        trial = _as_replayed(seen, robot, compared)
+    except SealegsError:
+        raise
     except (*NUMERICAL, ValueError, LookupError) as error:
         said = (
             f"Zeros and directions could not be compared ({type(error).__name__}: {error}); the model's are believed."
         )
         return runs, [Finding("robot.frame_fault", "warning", None, None, said)]
-    better = any(after[joint] ** 2 < HALVED * before[joint] ** 2 for joint in before if joint in after)
-    taken = better and _together(after) < _together(before) and not any(run.meta.get("frames") for run in runs)
-    doubt = _taken(proposed, _together(before), _together(after)) if taken else _doubted(proposed)
+    taken = _tells(robot, seen, trial.proposed.frames) and _better(before, trial.missed)
+    doubt = _taken(compared, trial.proposed, before, trial.missed) if taken else _doubted(compared, trial.proposed)
     progress(doubt.sentence)  # whoever sees it may stop and mend it
-    return (turned if taken else runs), [doubt, *silent]
+    return (_in_frames(runs, robot, trial.proposed.frames) if taken else runs), [doubt, *silent]
 
 
-def _as_replayed(
-    runs: Sequence[MeasuredRun], robot: LoggedRobot, proposed: Proposed
-) -> tuple[Proposed, Sequence[MeasuredRun], dict[str, float]]:
-    """The plainer frames, unless the nominal replay asks for the others; the runs with them, and what is missed."""
-    plain = _in_frames(runs, robot, proposed.plainer)
-    missed = _missed(plain)
-    if proposed.plainer != proposed.frames:
-        other = _in_frames(runs, robot, proposed.frames)
-        less = _missed(other)
-        if not _together(less) > ASKED * _together(missed):
-            return proposed, other, less
-    return replace(proposed, frames=proposed.plainer), plain, missed
+Missed = Sequence[Mapping[str, float]]
+"""Mean squared error of each hinge of the nominal robot that is replayed alone [rad2], run by run."""
+
+
+@dataclass(frozen=True)
+class Trial:
+    """Frames that are proposed, and what the nominal robot misses of the log with them."""
+
+    proposed: Proposed
+    missed: Missed
+
+
+def _as_replayed(runs: Sequence[MeasuredRun], robot: LoggedRobot, compared: Compared) -> Trial:
+    """The plainest frames that are proposed, unless the nominal replay asks for further ones."""
+    first, *others = (
+        Trial(proposed, _missed(_in_frames(runs, robot, proposed.frames))) for proposed in compared.proposed
+    )
+    chosen = first
+    for other in others:
+        if _together(other.missed) <= ASKED * _together(chosen.missed):  # not where a replay diverged
+            chosen = other
+    return chosen
+
+
+def _tells(robot: LoggedRobot, runs: Sequence[MeasuredRun], frames: Mapping[str, Frame]) -> bool:
+    """Whether nothing but other frames looks like this: directions, or zeros without which a range is left; of joints
+    whose frame nobody gave.
+    """
+    for name, frame in frames.items():
+        if any(name in (run.meta.get("frames") or {}) for run in runs):
+            return False
+        axis = axis_of(robot, name, runs)
+        if frame.sign == robot.frame(name).sign and stays(robot, name, robot.frame(name), axis.low, axis.high):
+            return False
+    return True
+
+
+def _better(before: Missed, after: Missed) -> bool:
+    """Whether a joint is missed by far less, in no run by more, and no other joint by much more."""
+    if not _together(after) < _together(before):
+        return False
+    joints = [joint for joint in before[0] if all(joint in run for run in (*before, *after))]
+
+    def whole(missed: Missed, joint: str) -> float:
+        return sum(run[joint] for run in missed)
+
+    if any(whole(after, joint) > WORSE * whole(before, joint) for joint in joints):
+        return False
+    return any(
+        whole(after, joint) < HALVED * whole(before, joint)
+        and all(now[joint] <= WORSE * then[joint] for then, now in zip(before, after, strict=True))
+        for joint in joints
+    )
 
 
 def _in_frames(runs: Sequence[MeasuredRun], robot: LoggedRobot, frames: Mapping[str, Frame]) -> tuple[MeasuredRun, ...]:
@@ -75,21 +139,24 @@ def _in_frames(runs: Sequence[MeasuredRun], robot: LoggedRobot, frames: Mapping[
     return tuple(replace(run, meta={**run.meta, "frames": said}) for run in runs)
 
 
-def _missed(runs: Sequence[MeasuredRun]) -> dict[str, float]:
-    """Error of each hinge of the nominal robot that is replayed alone, root of the mean square [rad]."""
+def _missed(runs: Sequence[MeasuredRun]) -> Missed:
     robot = robot_of(runs[0])
     if robot is None:
-        return {}
-    return {
-        joint: float(np.sqrt(np.mean(problem.position_error(problem.simulate([{}])[0]) ** 2)))
-        for joint, problem in nominal_replays(robot, runs).items()
-        if not robot.slides(joint)
-    }
+        return [{} for _ in runs]
+    return [
+        {
+            joint: float(np.mean(problem.position_error(problem.simulate([{}])[0]) ** 2))
+            for joint, problem in nominal_replays(robot, [run]).items()
+            if not robot.slides(joint)
+        }
+        for run in runs
+    ]
 
 
-def _together(errors: Mapping[str, float]) -> float:
-    """Of all joints, root of the mean square [rad]."""
-    return float(np.sqrt(np.mean(np.square(list(errors.values()))))) if errors else np.nan
+def _together(missed: Missed) -> float:
+    """Of all joints and runs, root of the mean square [rad]."""
+    squares = [square for run in missed for square in run.values()]
+    return float(np.sqrt(np.mean(squares))) if squares else np.nan
 
 
 def _said(frames: Mapping[str, Frame]) -> str:
@@ -107,29 +174,31 @@ def _image(proposed: Proposed) -> str:
     )
 
 
-def _taken(proposed: Proposed, before: float, after: float) -> Finding:
+def _taken(compared: Compared, proposed: Proposed, before: Missed, after: Missed) -> Finding:
     return Finding(
-        "robot.frame", "warning", None, None,
-        f"The angles of log and model do not match: the nominal robot misses the log by {1e3 * before:.3g} mrad rms, "
-        f"and by {1e3 * after:.3g} with {_said(proposed.frames)}. These zeros and directions are taken here; check "
-        f"them, and write what is right into the sidecar under meta: frames.{_image(proposed)}",
-        value=proposed.left - proposed.least,
+        DOUBTED, "warning", None, None,
+        f"The angles of log and model do not match: the nominal robot misses the log by {1e3 * _together(before):.3g} "
+        f"mrad rms, and by {1e3 * _together(after):.3g} with {_said(proposed.frames)}. These are taken here. Check "
+        "them, and write what is right into the sidecar under meta: frames; no next experiment is proposed before."
+        f"{_image(proposed)}",
+        value=compared.left - proposed.least,
     )  # fmt: skip
 
 
-def _doubted(proposed: Proposed) -> Finding:
+def _doubted(compared: Compared, proposed: Proposed) -> Finding:
     return Finding(
-        "robot.frame", "warning", None, None,
-        f"The drives' torque fits the model's gravity and coupling badly ({proposed.left:.0%} is left over), and "
-        f"better with other zeros or directions ({proposed.least:.0%}), for instance {_said(proposed.frames)}. Check "
-        "how the angles of log and model stand to each other, and write what is right into the sidecar under meta: "
-        f"frames.{_image(proposed)}",
-        value=proposed.left - proposed.least,
+        DOUBTED, "warning", None, None,
+        f"The drives' torque fits the model's gravity and coupling badly ({compared.left:.0%} is left over), and "
+        f"better with other zeros or directions ({proposed.least:.0%}), for instance {_said(proposed.frames)}. A "
+        "centre of mass that lies elsewhere looks like another zero. Check how the angles of log and model stand to "
+        f"each other, and write what is right into the sidecar under meta: frames.{_image(proposed)}",
+        value=compared.left - proposed.least,
     )  # fmt: skip
 
 
 def _unknown(names: Sequence[str]) -> Finding:
     return Finding(
         "robot.frame_unknown", "note", None, None,
-        f"Neither gravity nor coupling tells the zero of {', '.join(names)}: the model's is believed.",
+        f"Neither gravity nor coupling tells the zero of {', '.join(names)}: the model's zero and direction are "
+        "believed.",
     )  # fmt: skip

@@ -175,7 +175,7 @@ class JointDiagnosis:
         open_causes: causes that are not named: withdrawn ones, and near misses with what they lack.
         model: which model is handed over as the extended one: ``extended``, ``refitted`` or ``nominal``.
         limits: where nothing was found, up to where each cause would not show.
-        frames: in which a robot's angles were taken, as ``meta.frames`` of a sidecar has them.
+        frames: of a robot's joints, as given by the sidecar or taken, in the form of its ``meta.frames``.
     """
 
     joint: str

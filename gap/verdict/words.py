@@ -6,8 +6,10 @@ import math
 from collections.abc import Sequence
 
 from ..search.structure import fine, listed, told_in
-from .evidence import Replayed
+from .evidence import Replayed, Thresholds
 from .verdict import CERTAIN, LIKELY, NamedCause, OpenCause, Reason
+
+ASIDE = 0.2  # of what causes explain together, up to which those that are only possible are mentioned aside
 
 
 def levels(found: Replayed) -> tuple[str, str, str]:
@@ -45,10 +47,19 @@ def certainty(causes: Sequence[NamedCause]) -> str:
 
 
 def firmly(causes: Sequence[NamedCause]) -> tuple[Sequence[NamedCause], str]:
-    """The causes that a sentence is about, and what it adds of those that are only possible beside them."""
+    """The causes that a sentence is about, and what it adds of those that are only possible beside them: these are left
+    out where the others do nearly all.
+    """
     firm = [cause for cause in causes if cause.standing in (CERTAIN, LIKELY)]
-    doubted = [cause.name for cause in causes if cause not in firm]
-    return (firm, f"; perhaps {some(doubted)}") if firm and doubted else (causes, "")
+    doubted = [cause for cause in causes if cause not in firm]
+    if not (firm and doubted) or sum(c.share for c in doubted) > ASIDE * sum(c.share for c in causes):
+        return causes, ""
+    return firm, f"; perhaps {subject(doubted)}"
+
+
+def is_guess(causes: Sequence[NamedCause], limit: Thresholds) -> bool:
+    """Whether the largest cause is a guess, and no other is more likely than not."""
+    return causes[0].confidence < limit.guessed and not any(cause.standing in (CERTAIN, LIKELY) for cause in causes)
 
 
 def subject(causes: Sequence[NamedCause]) -> str:
