@@ -297,9 +297,9 @@ def stays(robot: LoggedRobot, name: str, frame: Frame, low: float, high: float) 
     number = robot.number(name)
     if not robot.model.jnt_limited[number]:
         return True
-    ends = sorted((float(frame.to_model(np.float64(low))), float(frame.to_model(np.float64(high)))))
+    ends = frame.to_model(np.array([low, high]))
     lower, upper = robot.model.jnt_range[number]
-    return bool(ends[0] >= lower - OUTSIDE and ends[1] <= upper + OUTSIDE)
+    return bool(ends.min() >= lower - OUTSIDE and ends.max() <= upper + OUTSIDE)
 
 
 def _shows(robot: LoggedRobot, torques: Torques, frames: dict[str, Frame], name: str, reference: float) -> bool:
