@@ -52,7 +52,7 @@ def test_a_joint_that_counts_the_other_way_from_another_zero_is_found(
     """An arm and its mirror image need the same torques: either joint may be turned around, the zero is the joint's."""
     frames = taken(mirrored(run, joint, zero))
     assert [frame.sign for frame in frames.values()].count(-1.0) == 1
-    assert (frames[joint].zero if zero else 0.0) == pytest.approx(zero, abs=0.05)
+    assert (frames[joint].zero if zero else 0.0) == pytest.approx(zero, abs=5e-3)
 
 
 def test_what_was_taken_is_said_with_what_it_gains_and_its_mirror_image(run: MeasuredRun) -> None:
@@ -109,7 +109,7 @@ def test_a_zero_alone_is_taken_where_the_log_leaves_the_range_of_the_model(run: 
     moved = {name: getattr(elbow, name) + 2.5 for name in ("goal", "position")}
     other = replace(ranged, joints={**run.joints, "elbow": replace(elbow, **moved)})
     assert taken(ranged) == {}
-    assert taken(other)["elbow"].zero == pytest.approx(2.5, abs=0.05)
+    assert taken(other)["elbow"].zero == pytest.approx(2.5, abs=5e-3)
 
 
 def test_the_joint_that_would_leave_its_range_is_the_one_that_is_turned(run: MeasuredRun, tmp_path: Path) -> None:
@@ -166,9 +166,9 @@ def test_a_saved_diagnosis_says_in_which_frames_its_values_are(tmp_path: Path) -
 
 @pytest.mark.long
 def test_friction_is_named_in_a_joint_that_counts_the_other_way(tmp_path: Path) -> None:
-    """It was searched for minutes for masses and scales; files say in which frame the model is."""
+    """It was searched for minutes for masses and scales, then a zero of 0.03 rad too much was named an encoder's."""
     data, _ = hidden_arm(tmp_path, "two_link", {"friction": ("elbow", "clear")}, seed=11)
-    turned = MeasuredSet(tuple(mirrored(run, "elbow", 0.0) for run in data.runs), data.name)
+    turned = MeasuredSet(tuple(mirrored(run, "elbow", 0.8) for run in data.runs), data.name)
     shoulder, elbow = diagnose(turned).joints[:2]
     assert [cause.name for cause in elbow.causes] == ["friction.coulomb"] and not shoulder.causes
     assert elbow.gap["extended"].rmse < 1.5 * elbow.gap["noise_floor"].rmse

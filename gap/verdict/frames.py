@@ -12,22 +12,29 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from ...actuators.errors import SealegsError
+from ..causes.catalogue import adjustable, catalogue
 from ..load.robot import Frame, LoggedRobot, robot_of
 from ..log.finding import Finding
 from ..log.parts import held_out
 from ..log.progress import Progress
 from ..log.types import MeasuredRun
 from ..replay.frames import Compared, Proposed, compare_frames, stays
+from ..replay.free import free_problem
 from ..replay.joint_model import JointModel
 from ..replay.tree import axis_of
 from ..replay.unlogged import logged, needed
+from ..search.fit import fit
 from ..search.forward import NUMERICAL
+from ..search.settings import DEFAULT
 from .columns import commanded
-from .pieces import chain_of, nominal_replays
+from .pieces import chain_of, cut_joint, nominal_replays
 
 HALVED = 0.5  # of the mean squared error of one joint's nominal replay, to which frames must bring it to be taken
 WORSE = 1.2  # times that error, to which it may rise at other joints, and of this joint in any run
 ASKED = 0.8  # of the error with plainer frames, to which others must bring it to be preferred
+REFINED = 3  # times that the zeros of taken frames are fitted, each in the light of the others
+SETTLED = 1e-3  # [rad] by which none moves any more
+OFFSET = "encoder.offset"
 DOUBTED = "robot.frame"
 """Code of the finding that the frames of log and model differ: what is said below it hangs on them."""
 
@@ -65,6 +72,10 @@ def in_likely_frames(
             return runs, silent
         before = _missed(seen)
         trial = _as_replayed(seen, robot, compared)
+        taken = _tells(robot, seen, trial.proposed.frames) and _better(before, trial.missed)
+        if taken:
+            progress("fitting the zeros that are taken")
+            trial = _refined(seen, robot, trial)
     except SealegsError:
         raise
     except (*NUMERICAL, ValueError, LookupError) as error:
@@ -72,7 +83,6 @@ def in_likely_frames(
             f"Zeros and directions could not be compared ({type(error).__name__}: {error}); the model's are believed."
         )
         return runs, [Finding("robot.frame_fault", "warning", None, None, said)]
-    taken = _tells(robot, seen, trial.proposed.frames) and _better(before, trial.missed)
     doubt = _taken(compared, trial.proposed, before, trial.missed) if taken else _doubted(compared, trial.proposed)
     progress(doubt.sentence)  # whoever sees it may stop and mend it
     return (_in_frames(runs, robot, trial.proposed.frames) if taken else runs), [doubt, *silent]
@@ -100,6 +110,34 @@ def _as_replayed(runs: Sequence[MeasuredRun], robot: LoggedRobot, compared: Comp
         if _together(other.missed) <= ASKED * _together(chosen.missed):  # not where a replay diverged
             chosen = other
     return chosen
+
+
+def _refined(runs: Sequence[MeasuredRun], robot: LoggedRobot, trial: Trial) -> Trial:
+    """The same with zeros that were sought by torques fitted to the replay, which tells them some ten times better; as
+    they were where that is clearly worse.
+    """
+    frames = dict(trial.proposed.frames)
+    sought = [name for name, frame in frames.items() if frame.zero != robot.frame(name).zero]
+    for _ in range(REFINED if sought else 0):
+        framed = _in_frames(runs, robot, frames)
+        moved = {name: _offset(framed, name) for name in sought}
+        frames |= {name: replace(frames[name], zero=frames[name].zero + moved[name]) for name in sought}
+        if max(map(abs, moved.values())) < SETTLED:
+            break
+    fitted = Trial(replace(trial.proposed, frames=frames), _missed(_in_frames(runs, robot, frames)))
+    return fitted if sought and ASKED * _together(fitted.missed) < _together(trial.missed) else trial
+
+
+def _offset(runs: Sequence[MeasuredRun], joint: str) -> float:
+    """How far the zero of a joint is off in the log's frame [rad], beside the model's own numbers up to fivefold."""
+    pieces = cut_joint(runs, joint, None)
+    if pieces.terms is None:
+        return 0.0
+    scales = {"position": 1.0 / pieces.noise}
+    problem = free_problem(pieces.runs, joint, pieces.models, pieces.units, scales, pieces.terms)
+    first = pieces.models[0]
+    (offset,) = (v[0] for cause in catalogue(first, ["sensor.offset"]) for v in cause.variants if v[0].number == OFFSET)
+    return fit(problem, [*adjustable(first, DEFAULT.refitted_by), offset]).values[OFFSET]
 
 
 def _tells(robot: LoggedRobot, runs: Sequence[MeasuredRun], frames: Mapping[str, Frame]) -> bool:
@@ -177,10 +215,10 @@ def _image(proposed: Proposed) -> str:
 def _taken(compared: Compared, proposed: Proposed, before: Missed, after: Missed) -> Finding:
     return Finding(
         DOUBTED, "warning", None, None,
-        f"The angles of log and model do not match: the nominal robot misses the log by {1e3 * _together(before):.3g} "
-        f"mrad rms, and by {1e3 * _together(after):.3g} with {_said(proposed.frames)}. These are taken here. Check "
-        "them, and write what is right into the sidecar under meta: frames; no next experiment is proposed before."
-        f"{_image(proposed)}",
+        f"The angles of log and model do not match: the hinges of the nominal robot miss the log by "
+        f"{1e3 * _together(before):.3g} mrad rms as the files say, by {1e3 * _together(after):.3g} mrad with "
+        f"{_said(proposed.frames)}. These are taken here. Check them, write what is right into the sidecar under meta: "
+        f"frames, and diagnose again; no next experiment is proposed before.{_image(proposed)}",
         value=compared.left - proposed.least,
     )  # fmt: skip
 
