@@ -18,6 +18,7 @@ from sealegs.gap.log.finding import Finding
 from sealegs.gap.log.types import MeasuredSet
 from sealegs.gap.output.numbers import GLUE, rounded
 from sealegs.gap.output.report import write_report
+from sealegs.gap.output.terminal import screen
 from sealegs.gap.verdict.verdict import UNUSABLE, DataError, Error, JointDiagnosis, NamedCause, Reason, Value
 
 from tests.quick import quick
@@ -181,9 +182,20 @@ def test_shows_rivals_experiment_findings_and_data_errors(rich_page: Path) -> No
     assert "inertia [kg.m2]" in text
 
 
-def test_what_would_not_show_is_listed_by_family(rich_page: Path) -> None:
+def test_what_could_be_there_unseen_is_a_table(rich_page: Path) -> None:
     text = Outline(rich_page.read_text()).text
-    assert "delay below 0.004" in text and "A wall." not in text and "It agrees." in text
+    assert "0.004 s" in text and "Shows above" in text and "A wall." not in text and "It agrees." in text
+
+
+def test_what_is_to_be_checked_first_stands_once(small: tuple[JointDiagnosis, MeasuredSet], tmp_path: Path) -> None:
+    """It stood at every joint of a robot, and the table above them said that all is explained."""
+    found, data = small
+    doubt = Finding("robot.frame", "warning", None, None, "The angles do not match.")
+    two = [replace(found, joint=joint, findings=(doubt,)) for joint in ("shoulder", "elbow")]
+    text = Outline(write_report(two, data, tmp_path / "report.html").read_text()).text
+    assert text.index("Check first") < text.index("Joint shoulder")
+    assert text.count("Check first") == 1
+    assert "\n".join(screen(two, {})).count("Check first") == 1
 
 
 def test_takes_the_changes_of_the_caller(small: tuple[JointDiagnosis, MeasuredSet], tmp_path: Path) -> None:

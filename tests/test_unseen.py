@@ -271,6 +271,7 @@ def test_a_cause_that_wins_every_draw_needs_not_lower_the_error_in_all_of_few() 
     (lack,) = shortfalls(unlike, near, DEFAULT, further=False)
     assert lack.setting == "least_certainty" and "97.0 %" in lack.sentence
     assert is_near((lack,), near, DEFAULT) and not is_near((lack,), replace(near, better=0.6), DEFAULT)
+    assert not is_near((lack,), replace(near, best=0.0), DEFAULT), "another does better in every draw"
 
 
 def test_equations_that_data_leave_undetermined_are_solved() -> None:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import textwrap
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Collection, Iterable, Mapping, Sequence
 from pathlib import Path
 
 from ...envs.extended import read_extended
@@ -28,8 +28,10 @@ def screen(diagnoses: Sequence[JointDiagnosis], written: Mapping[str, Path], wid
     """
     width = min(max(width, LEAST_WIDTH), MOST_WIDTH)
     lines: list[str] = []
+    told: set[str] = set()
     for diagnosis in diagnoses:
-        lines += ["", *_joint(diagnosis, width)]
+        lines += ["", *_joint(diagnosis, width, told)]
+        told.update(doubts(diagnosis))
     if (command := next_command(diagnoses, written)) is not None:
         lines += ["", "Next", *_wrapped("No further experiment is proposed. Train on the machine as found:", width, 2)]
         lines.append(f"  {command}")  # to be copied, so never broken
@@ -49,13 +51,15 @@ def next_command(diagnoses: Sequence[JointDiagnosis], written: Mapping[str, Path
     found = any(diagnosis.causes or diagnosis.model == "refitted" for diagnosis in diagnoses)
     if proposed or not found or "extended" not in written:
         return None
+    if any(finding.code in DOUBTFUL for diagnosis in diagnoses for finding in diagnosis.findings):
+        return None  # what was found hangs on what is to be checked first
     folder = written["extended"].parent
     robot = read_extended(folder).robot
     task = f" env=track robot={robot}" if is_robot_file(robot) else f" env={robot}" if robot in ROBOTS else ""
     return f"sealegs train{task} extended={folder}"
 
 
-def _joint(diagnosis: JointDiagnosis, width: int) -> Iterable[str]:
+def _joint(diagnosis: JointDiagnosis, width: int, told: Collection[str] = ()) -> Iterable[str]:
     verdict, sentence = diagnosis.verdict, diagnosis.sentence
     said = sentence.lower().startswith(f"{verdict}: ")  # a verdict that its sentence begins with is told once
     yield from _wrapped(f"{verdict.upper()}: {sentence[len(verdict) + 2 :] if said else sentence}", width)
@@ -63,11 +67,11 @@ def _joint(diagnosis: JointDiagnosis, width: int) -> Iterable[str]:
         yield from ("", "Errors of the log")
         for error in diagnosis.data_errors:
             yield from _wrapped(f"{error.name}: {error.sentence}", width, 2)
-    doubted = [finding for finding in diagnosis.findings if finding.code in DOUBTFUL]
+    doubted = [sentence for sentence in doubts(diagnosis) if sentence not in told]
     if doubted:
         yield from ("", "Check first")
-        for finding in doubted:
-            yield from _wrapped(finding.sentence, width, 2)
+        for doubt in doubted:
+            yield from _wrapped(doubt, width, 2)
     if diagnosis.causes:
         yield from ("", "Causes")
         longest = max(len(cause.name) for cause in diagnosis.causes)
@@ -91,6 +95,11 @@ def _joint(diagnosis: JointDiagnosis, width: int) -> Iterable[str]:
     if diagnosis.experiment is not None:
         yield from ("", "Next experiment")
         yield from _wrapped(diagnosis.experiment.sentence, width, 2)
+
+
+def doubts(diagnosis: JointDiagnosis) -> list[str]:
+    """What is to be checked before anything of a joint is believed."""
+    return [finding.sentence for finding in diagnosis.findings if finding.code in DOUBTFUL]
 
 
 def _cause(cause: NamedCause, longest: int, width: int) -> Iterable[str]:

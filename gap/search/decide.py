@@ -171,8 +171,11 @@ def certainty_needed(candidate: Evidence, standing: Standing, settings: SearchSe
 
 
 def is_near(lacks: tuple[Shortfall, ...], standing: Standing, settings: SearchSettings) -> bool:
-    """Whether a candidate that is not named deserves a word: one or two rules short, and seldom worse than nothing."""
-    return 0 < len(lacks) <= 2 and standing.better > settings.near_certainty
+    """Whether a candidate that is not named deserves a word: one or two rules short, seldom worse than nothing, and not
+    always worse than another, which it may only imitate.
+    """
+    seldom_worse = standing.better > settings.near_certainty and standing.best > settings.rival_win_rate
+    return 0 < len(lacks) <= 2 and seldom_worse
 
 
 def stands_in(trial: Replacement, settings: SearchSettings, seed: int) -> bool:

@@ -55,6 +55,7 @@ from .words import (
     verb,
 )
 
+MOSTLY = 0.5  # of what is explained, from which what tuned numbers do is told first
 ROUNDED = 5e-3  # change of a number below which no one is told of it
 MOST_WORDS = 25  # of the sentence that a verdict is told in
 
@@ -235,6 +236,11 @@ def _unknown_cause(found: Replayed, withdrawn: Sequence[OpenCause]) -> Verdict:
         sentence = f"No cause of the gap of '{found.joint}' holds on unseen data: {names} withdrawn; error {before}."
         return Verdict(NOT_IDENTIFIABLE, sentence, (Reason("structure", found.structure.sentence),))
     sentence = f"No known cause explains the gap of '{found.joint}': {before}, {after} when tuned (noise {floor})."
+    if found.errors["extended"].rmse <= THRESHOLDS.at_noise * found.errors["noise_floor"].rmse:
+        sentence = (
+            f"Tuned numbers bring '{found.joint}' from {before} to {after} (noise {floor}); no known cause explains "
+            "the structure that is left."
+        )
     why = Reason(
         "unknown",
         f"The simulation of '{found.joint}' is {before} off and {after} with its numbers tuned within their tolerance, "
@@ -323,10 +329,10 @@ def _guessed(found: Replayed) -> Verdict:
 
 def _explained(found: Replayed) -> Verdict:
     causes, (firm, doubted) = found.causes, firmly(found.causes)
-    sentence = (
-        f"{subject(firm)} {verb(firm, 'explains', 'explain')} the gap of '{found.joint}': error {fall(found)}, "
-        f"{certainty(firm)}{doubted}."
-    )
+    told = f"{subject(firm)} {verb(firm, 'explains', 'explain')}"
+    if 1.0 - found.left - sum(cause.share for cause in causes) > MOSTLY * (1.0 - found.left):
+        told = f"Tuned numbers and {subject(firm)} explain"
+    sentence = f"{told} the gap of '{found.joint}': error {fall(found)}, {certainty(firm)}{doubted}."
     names = listed([cause.name for cause in causes])
     reasons = [Reason("error", f"With {names} the error falls {change(found)}.")]
     if any(cause.rivals for cause in causes):

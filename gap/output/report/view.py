@@ -5,6 +5,7 @@ from __future__ import annotations
 import base64
 import csv
 import io
+import re
 from collections.abc import Mapping, Sequence
 from typing import Any
 
@@ -22,13 +23,14 @@ from ...shared import ROBOT
 from ...verdict.verdict import JointDiagnosis, NamedCause, Value
 from ..extension import changes as changes_of
 from ..extension import not_native
-from ..limits import LEAD, LIMITS, by_family, limits_told
+from ..limits import LIMITS, limits_told
+from ..limits import rows as limit_rows
 from ..numbers import glued, number, percent, rounded, sureness, unit_of
 from ..pictures import cause_pictures, picture_of, png, signature_pictures
 from ..pictures.signatures import told
 from ..pictures.summary import budget_slices
 from ..pictures.timeline import fine
-from ..terminal import DOUBTFUL
+from ..terminal import doubts
 from .figures import excitation, signals
 
 MODELS = {
@@ -75,6 +77,7 @@ CAPTIONS = {
 PARAMETER_UNITS = {"mass": "kg", "arm_mass": "kg", "length": "m"}
 ABSENT = "not in it"
 MOST_CANDIDATES = 7
+LONG = re.compile(r"\d+\.\d{7,}")  # a number with more digits than anyone reads
 
 
 def page(
@@ -85,10 +88,14 @@ def page(
 ) -> dict[str, Any]:
     """Everything the template prints."""
     joints = [_joint(diagnosis, changes, len(diagnoses)) for diagnosis in diagnoses]
+    common = [doubt for doubt in joints[0]["doubts"] if all(doubt in joint["doubts"] for joint in joints[1:])]
+    common = common if len(joints) > 1 else []
     for position, joint in enumerate(joints, start=1):
         joint["id"] = f"joint-{position}"
+        joint["doubts"] = [doubt for doubt in joint["doubts"] if doubt not in common]
     return {
         "title": data.name,
+        "doubts": common,
         "joints": joints,
         "runs": [_run(run) for run in data.runs],
         "robot": None if robot is None else _robot(robot),
@@ -115,9 +122,9 @@ def _joint(diagnosis: JointDiagnosis, changes: Sequence[Mapping[str, Any]] | Non
         "heading": HEADINGS.get(diagnosis.joint, f"Joint {diagnosis.joint}"),
         "verdict": diagnosis.verdict,
         "sentence": glued(diagnosis.sentence),
-        "doubts": [glued(finding.sentence) for finding in diagnosis.findings if finding.code in DOUBTFUL],
+        "doubts": [glued(sentence) for sentence in doubts(diagnosis)],
         "reasons": [glued(reason.sentence) for reason in diagnosis.reasons if reason.code not in ("data", LIMITS)],
-        "limits": {"lead": LEAD, "families": [(name, glued(told)) for name, told in by_family(limits_told(diagnosis))]},
+        "limits": limit_rows(limits_told(diagnosis)),
         "data_errors": [{"name": error.name, "sentence": glued(error.sentence)} for error in diagnosis.data_errors],
         "tuned_share": percent(diagnosis.tuned_share) if diagnosis.tuned_share >= 5e-4 else "",
         "signal": diagnosis.signal,
@@ -136,7 +143,7 @@ def _joint(diagnosis: JointDiagnosis, changes: Sequence[Mapping[str, Any]] | Non
         "findings": _findings(diagnosis),
         "changes": _changes(diagnosis, changes, joints == 1),
         "not_native": [] if chain is None else not_native(chain),
-        "chain": "" if chain is None else chain.to_yaml(),
+        "chain": "" if chain is None else LONG.sub(lambda digits: f"{float(digits[0]):.6g}", chain.to_yaml()),
         "numbers": [] if problem is not None else [(key, number(value)) for key, value in diagnosis.tuned.items()],
         "parts": None if problem is None else _parts(problem),
     }  # fmt: skip
