@@ -156,6 +156,8 @@ def _gap(diagnosis: JointDiagnosis) -> dict[str, Any]:
     for key, (name, about) in MODELS.items():
         if (error := diagnosis.gap.get(key)) is None:
             continue
+        if key == "extended" and not diagnosis.causes:
+            about = "no cause was added"
         change = ""
         if nominal is not None and key in ("refitted", "extended") and nominal.rmse > 0.0:
             change = f"{100.0 * (error.rmse / nominal.rmse - 1.0):+.0f} %".replace("-", "\N{MINUS SIGN}")
