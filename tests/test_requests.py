@@ -93,3 +93,23 @@ def test_what_joints_share_has_rivals_and_rounds(tmp_path: Path, monkeypatch: py
     assert found.joint == ROBOT and found.search is search
     assert found.rivals == ({"of": "load.mass", "names": ["load.mass", "load.inertia"], "confidence": 0.95},)
     assert request.search in asked and True in asked
+
+
+@pytest.mark.parametrize(
+    ("widespread", "confidence", "why"), [(False, 0.95, "fewer than two joints"), (True, 0.35, "a confidence of 35%")]
+)
+def test_what_joints_do_not_share_after_all_is_told(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, widespread: bool, confidence: float, why: str
+) -> None:
+    """A centre of mass was found, said in the progress alone, and never heard of again."""
+    run = two_link_run(tmp_path, 2.0)
+    search = SimpleNamespace(accepted=[SimpleNamespace(cause=SimpleNamespace(key="load.centre_of_mass (head)"))])
+    problem = SimpleNamespace(models=[SimpleNamespace(units={})])
+    sought = SimpleNamespace(search=search, problem=problem, rows={}, widespread=lambda: widespread)
+    measured = SimpleNamespace(values={}, causes=[SimpleNamespace(confidence=confidence)])
+    monkeypatch.setattr(shared, "affected", lambda named, noticed: True)
+    monkeypatch.setattr(shared, "search_shared", lambda *given: sought)
+    monkeypatch.setattr(shared, "measure", lambda *given: measured)
+    (elbow,) = with_robot(robot(run), [run], [not_diagnosed([run], "elbow")], Request(), raising(KeyError("none")))
+    (note,) = [finding.sentence for finding in elbow.findings if finding.code == "robot.not_shared"]
+    assert "load.centre_of_mass" in note and why in note

@@ -12,7 +12,7 @@ from ..log.types import Array, MeasuredRun
 from ..replay.problem import JointProblem
 from ..search.result import Search
 from ..search.settings import SearchSettings
-from ..search.structure import told_in
+from ..search.structure import listed, told_in
 from ..search.windows import in_windows
 from ..shared import ROBOT, SharedFound, affected, search_shared
 from .decide import decide
@@ -21,6 +21,7 @@ from .measure import Measured, measure, whole_runs
 from .request import Request
 from .verdict import JointDiagnosis, Reason, rivals_of
 
+NOT_NAMED = "robot.not_shared"
 SHARED = "robot.shared"
 """Code of the finding that says with what of the whole robot a joint is judged."""
 Asked = Mapping[str, tuple[Sequence[Array], Finding]]
@@ -69,13 +70,17 @@ def with_robot(
         request.search,
         request.look_on,
     )
-    if sought is None or not sought.search.accepted or not sought.widespread():
+    if sought is None or not sought.search.accepted:
         return list(found)
+    names = listed([candidate.cause.key for candidate in sought.search.accepted])
+    if not sought.widespread():
+        return _not_named(found, f"{names} would lower the error of fewer than two joints by a tenth", request)
     request.progress("measuring what joints share on runs that nothing has seen")
     measured = measure(sought.problem, sought.problem, sought.search, ROBOT, (), request.seed)
     values = {number: value for number, value in measured.values.items() if number in sought.rows}
-    if not any(cause.confidence >= THRESHOLDS.sure for cause in measured.causes):  # what joints say stands
-        return list(found)
+    surest = max((cause.confidence for cause in measured.causes), default=0.0)
+    if surest < THRESHOLDS.sure:  # what joints say stands
+        return _not_named(found, f"{names} would have a confidence of {surest:.0%}", request)
     units = {number: sought.problem.models[0].units[number] for number in values}
     said = ", ".join(
         f"{number} {x:.3g}{'' if units[number] == '1' else ' ' + units[number]}" for number, x in values.items()
@@ -91,6 +96,15 @@ def with_robot(
     now = {diagnosis.joint: diagnosis for diagnosis in again(asked)} if asked else {}
     judged = [beside_before(now[one.joint], one, said) if one.joint in now else one for one in found]
     return [*judged, _of_robot(sought, measured, values)]
+
+
+def _not_named(found: Sequence[JointDiagnosis], why: str, request: Request) -> list[JointDiagnosis]:
+    """The diagnoses as they are, each with a note of what was sought of the whole robot, and is not named."""
+    sentence = f"Nothing is said of the whole robot: {why}. What was found of each joint stands."
+    request.progress(sentence)
+    return [
+        replace(one, findings=(*one.findings, Finding(NOT_NAMED, "note", one.joint, None, sentence))) for one in found
+    ]
 
 
 def _joints(found: Sequence[JointDiagnosis], settings: SearchSettings) -> Joints:
