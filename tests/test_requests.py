@@ -75,7 +75,7 @@ def test_what_joints_share_has_rivals_and_rounds(tmp_path: Path, monkeypatch: py
     measured = Measured(
         errors, errors["nominal"], {}, {}, 0.0, 0.0, Structure(0.0, 0.0), (cause,), 0.1
     )  # fmt: skip
-    search = SimpleNamespace(accepted=[cause], rounds=())
+    search = SimpleNamespace(accepted=[SimpleNamespace(cause=SimpleNamespace(key="load.mass"))], rounds=())
     problem = SimpleNamespace(units=(), signal=("position", "rad"))
     asked: list[Any] = []
 
