@@ -15,7 +15,7 @@ from sealegs.gap.diagnose import diagnose
 from sealegs.gap.experiment import propose, write_experiment
 from sealegs.gap.load.robot import robot_of
 from sealegs.gap.load.terms import E_SIZE
-from sealegs.gap.load.tree import ANGLE, Motion, terms_along, tip_behind
+from sealegs.gap.load.tree import ANGLE, Motion, least_payload, terms_along, tip_behind
 from sealegs.gap.log.parts import FIT_A, FIT_B
 from sealegs.gap.log.sidecar import read_sidecar
 from sealegs.gap.log.types import JointLog, MeasuredRun
@@ -209,6 +209,19 @@ def test_a_payload_takes_away_no_more_than_the_body_at_the_end(tmp_path: Path) -
     body = machine.model.body(tip.body).name
     least = machine.file.bare_model({f"{body}_payload": payload.low})  # the engine takes such a body
     assert least.body(body).mass[0] > 0.0
+
+
+def test_a_weight_of_no_mass_at_the_end_has_nothing_to_take_away() -> None:
+    """A public double pendulum has one; the eigenvalues of its inertia did not converge, and nothing was diagnosed."""
+    text = (
+        mjcf(ARMS["two_link"])
+        .replace("<site", '<body name="weight" pos="0 -0.18 0"><site')
+        .replace("</body></body></worldbody>", "</body></body></body></worldbody>")
+    )
+    model = mujoco.MjModel.from_xml_string(text)
+    tip = tip_behind(model, 0)
+    assert model.body(tip.body).name == "weight" and model.body_mass[tip.body] == 0.0
+    assert least_payload(model, tip) == 0.0
 
 
 def test_the_delay_of_a_robots_joint_is_known_to_half_a_turn_of_a_servos_loop(tmp_path: Path) -> None:

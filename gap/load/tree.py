@@ -195,6 +195,8 @@ def least_payload(model: mujoco.MjModel, tip: Tip) -> float:
     lighter, but is another body.
     """
     mass, centre = float(model.body_mass[tip.body]), np.array(model.body_ipos[tip.body])
+    if mass <= 0.0:
+        return 0.0
     axes = np.zeros(9)
     mujoco.mju_quat2Mat(axes, model.body_iquat[tip.body])
     inertia = axes.reshape(3, 3) @ np.diag(model.body_inertia[tip.body]) @ axes.reshape(3, 3).T
