@@ -99,6 +99,16 @@ def test_a_weak_cause_must_take_away_what_neighbouring_errors_share() -> None:
     assert paid(0.033, replace(weak, removed=0.4))  # no weak cause
 
 
+def test_further_causes_that_share_the_win_are_named_as_rivals_where_they_remove_much() -> None:
+    """Dry friction took half of what a double pendulum had left; for three laws of it fit alike, none was named."""
+    first = evidence("load.centre_of_mass", 0.4)
+    alike = [evidence(name, removed) for name, removed in (("a", 0.3), ("b", 0.3), ("c", 0.3))]
+    rounds = (round_of(first), "load.centre_of_mass"), (round_of(*alike, excess=0.5), "a")
+    assert len(named(*rounds)[0]) == 2
+    little = [evidence(name, removed) for name, removed in (("a", 0.06), ("b", 0.06), ("c", 0.06))]
+    assert len(named((round_of(first), "load.centre_of_mass"), (round_of(*little, excess=0.5), None))[0]) == 1
+
+
 def test_a_further_cause_must_win_most_draws() -> None:
     record = round_of(evidence("a", 0.4))
     rare = Standing(0, 1.0, 0.4, 1.0, 0.4)

@@ -125,6 +125,27 @@ def pays(record: RoundRecord, first: Standing, settings: SearchSettings, *, furt
     return not shortfalls(record, first, settings, further=further)
 
 
+def one_pays(record: RoundRecord, order: list[Standing], settings: SearchSettings, *, further: bool) -> bool:
+    """Whether a round names its best candidate: it pays, or shares its win with others that would pay as well, and
+    removes so much that one of them must be meant. These are its rivals then, and its confidence is low.
+    """
+    if not order:
+        return False
+    if pays(record, order[0], settings, further=further):
+        return True
+    first = order[0]
+    if not (further and first.gain > settings.shared_win_gain and first.removed > settings.weak):
+        return False
+    alike = [standing for standing in order if _only_shares(record, standing, settings, further=further)]
+    return first in alike and sum(standing.best for standing in alike) > settings.least_win_rate
+
+
+def _only_shares(record: RoundRecord, standing: Standing, settings: SearchSettings, *, further: bool) -> bool:
+    """Whether a candidate lacks nothing, or nothing but to win most draws alone."""
+    lacks = shortfalls(record, standing, settings, further=further)
+    return all(lack.setting == "least_win_rate" for lack in lacks)
+
+
 def shortfalls(
     record: RoundRecord, standing: Standing, settings: SearchSettings, *, further: bool
 ) -> tuple[Shortfall, ...]:
@@ -230,7 +251,7 @@ def decide(record: SearchRecord, settings: SearchSettings) -> Decision:
         if not seen:
             return decision(open=True)
         order = standings(this, settings, record.seed)
-        if not order or not pays(this, order[0], settings, further=bool(names)):
+        if not one_pays(this, order, settings, further=bool(names)):
             return decision()
         names.append(seen[order[0].index].name)
         rivals.append(rivals_of(this, order, settings))

@@ -102,7 +102,7 @@ class Searcher:
         worth = decide.promising(begin, promise, self.settings)
         candidates = self.ranked(record, fitted) if worth else []
         order = decide.standings(record, self.settings, self.seed) if worth else []
-        pays = bool(order) and decide.pays(record, order[0], self.settings, further=bool(accepted))
+        pays = decide.one_pays(record, order, self.settings, further=bool(accepted))
         rounds.append(Round(record.before, tuple(candidates), pays, begin))
         if not pays:
             return False

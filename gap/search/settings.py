@@ -167,6 +167,12 @@ class SearchSettings:
         "Minimum bootstrap win rate for a weak or an additional cause; below it the cause is ambiguous.",
         decides=True,
     )
+    shared_win_gain: float = threshold(
+        0.2,
+        "Share of what is left that an additional cause must remove to be named, with its rivals, where none of them "
+        "wins most draws alone, and together they do.",
+        decides=True,
+    )
     least_sampled: float = threshold(
         0.01, "Loss that a weak cause must remove from what is judged sample by sample.", decides=True
     )
