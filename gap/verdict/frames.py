@@ -34,7 +34,7 @@ WORSE = 1.2  # times that error, to which it may rise at other joints, and of th
 ASKED = 0.8  # of the error with plainer frames, to which others must bring it to be preferred
 REFINED = 3  # times that the zeros of taken frames are fitted, each in the light of the others
 SETTLED = 1e-3  # [rad] by which none moves any more
-OFFSET = "encoder.offset"
+ZERO, OFFSET, GAIN = "sensor.offset", "encoder.offset", "drive.gain"
 DOUBTED = "robot.frame"
 """Code of the finding that the frames of log and model differ: what is said below it hangs on them."""
 
@@ -136,8 +136,9 @@ def _offset(runs: Sequence[MeasuredRun], joint: str) -> float:
     scales = {"position": 1.0 / pieces.noise}
     problem = free_problem(pieces.runs, joint, pieces.models, pieces.units, scales, pieces.terms)
     first = pieces.models[0]
-    (offset,) = (v[0] for cause in catalogue(first, ["sensor.offset"]) for v in cause.variants if v[0].number == OFFSET)
-    return fit(problem, [*adjustable(first, DEFAULT.refitted_by), offset]).values[OFFSET]
+    (offset,) = (v[0] for cause in catalogue(first, [ZERO]) for v in cause.variants if v[0].number == OFFSET)
+    gain = [cause.variants[0][0] for cause in catalogue(first, [GAIN])]  # else its error bends the zero
+    return fit(problem, [*adjustable(first, DEFAULT.refitted_by), *gain, offset]).values[OFFSET]
 
 
 def _tells(robot: LoggedRobot, runs: Sequence[MeasuredRun], frames: Mapping[str, Frame]) -> bool:
