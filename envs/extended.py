@@ -7,7 +7,6 @@ change that the robot at hand cannot take is refused with a sentence that names 
 from __future__ import annotations
 
 import logging
-import os
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
@@ -287,7 +286,7 @@ def read_extended(path: str | Path) -> Extended:
         raise ExtensionError(f"{folder / FILE} cannot be read: {reason}.") from None
     extended = Extended.from_dict(document, str(folder))
     if is_robot_file(extended.robot):  # named as it lies beside the folder
-        extended = replace(extended, robot=os.path.normpath(folder.absolute() / extended.robot))
+        extended = replace(extended, robot=str((folder / extended.robot).resolve()))
     if path == folder or path.name == FILE:
         return extended
     chosen = {joint: path.name for joint, variants in extended.chains.items() for v in variants if v.file == path.name}

@@ -102,7 +102,10 @@ def _relative(name: T, folder: Path) -> T | str:
     path = Path(name.removeprefix(prefix))
     if not path.is_absolute():
         return name
-    return f"{prefix}{Path(os.path.relpath(path, Path(folder).resolve())).as_posix()}"
+    try:
+        return f"{prefix}{Path(os.path.relpath(path.resolve(), folder.resolve())).as_posix()}"
+    except ValueError:  # another drive
+        return name
 
 
 def _chain_beside(chain: str | list, folder: Path) -> str | list:

@@ -136,9 +136,9 @@ def _offset(runs: Sequence[MeasuredRun], joint: str) -> float:
     scales = {"position": 1.0 / pieces.noise}
     problem = free_problem(pieces.runs, joint, pieces.models, pieces.units, scales, pieces.terms)
     first = pieces.models[0]
-    (offset,) = (v[0] for cause in catalogue(first, [ZERO]) for v in cause.variants if v[0].number == OFFSET)
+    zeros = [v[0] for cause in catalogue(first, [ZERO]) for v in cause.variants if v[0].number == OFFSET]
     gain = [cause.variants[0][0] for cause in catalogue(first, [GAIN])]  # else its error bends the zero
-    return fit(problem, [*adjustable(first, DEFAULT.refitted_by), *gain, offset]).values[OFFSET]
+    return fit(problem, [*adjustable(first, DEFAULT.refitted_by), *gain, *zeros]).values.get(OFFSET, 0.0)
 
 
 def _tells(robot: LoggedRobot, runs: Sequence[MeasuredRun], frames: Mapping[str, Frame]) -> bool:
@@ -200,7 +200,7 @@ def _together(missed: Missed) -> float:
 
 def _said(frames: Mapping[str, Frame]) -> str:
     return "; ".join(
-        f"{name}: {{zero: {frame.zero:.3g}, direction: {frame.sign:.0f}}}" for name, frame in frames.items()
+        f"{name}: {{zero: {frame.zero:.4g}, direction: {frame.sign:.0f}}}" for name, frame in frames.items()
     )
 
 
