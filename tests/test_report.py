@@ -198,6 +198,19 @@ def test_what_is_to_be_checked_first_stands_once(small: tuple[JointDiagnosis, Me
     assert "\n".join(screen(two, {})).count("Check first") == 1
 
 
+def test_says_where_the_whole_robot_misses_a_joint_by_more_than_it_does_alone(
+    small: tuple[JointDiagnosis, MeasuredSet], tmp_path: Path
+) -> None:
+    found, data = small
+    alone = found.gap["extended"].rmse
+    whole = {"joints": {found.joint: {"nominal": 9.0 * alone, "extended": 3.0 * alone, "unit": "rad"}}}
+    text = Outline(write_report([found], data, tmp_path / "a.html", robot=whole).read_text()).text
+    assert f"More than twice the error of the joint alone: {found.joint}." in text
+    whole["joints"][found.joint]["extended"] = 1.5 * alone
+    text = Outline(write_report([found], data, tmp_path / "b.html", robot=whole).read_text()).text
+    assert "joint alone" in text and "More than twice" not in text
+
+
 def test_takes_the_changes_of_the_caller(small: tuple[JointDiagnosis, MeasuredSet], tmp_path: Path) -> None:
     found, data = small
     rows = [{"path": "friction.load", "from": 0.0, "to": 0.125, "why": "because I say so"}]

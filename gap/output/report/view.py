@@ -77,6 +77,7 @@ CAPTIONS = {
 PARAMETER_UNITS = {"mass": "kg", "arm_mass": "kg", "length": "m"}
 ABSENT = "not in it"
 MOST_CANDIDATES = 7
+TOGETHER = 2.0  # times the error of a joint alone, from which it is said that the whole robot misses it by more
 LONG = re.compile(r"\d+\.\d{7,}")  # a number with more digits than anyone reads
 
 
@@ -98,19 +99,22 @@ def page(
         "doubts": common,
         "joints": joints,
         "runs": [_run(run) for run in data.runs],
-        "robot": None if robot is None else _robot(robot),
+        "robot": None if robot is None else _robot(robot, diagnoses),
     }
 
 
-def _robot(found: Mapping[str, Any]) -> dict[str, Any]:
-    """Error of each joint where the whole robot was simulated, or why it was not."""
-    rows = []
+def _robot(found: Mapping[str, Any], diagnoses: Sequence[JointDiagnosis]) -> dict[str, Any]:
+    """Error of each joint where the whole robot was simulated, beside that of the joint alone, or why it was not."""
+    alone = {item.joint: item.gap["extended"].rmse for item in diagnoses if "extended" in item.gap}
+    rows, apart = [], []
     for name, item in found.get("joints", {}).items():
         factor, unit = fine(item["unit"])
-        rows.append(
-            {"joint": name, "unit": unit, **{key: number(factor * item[key], 3) for key in ("nominal", "extended")}}
-        )
-    return {"reason": found.get("reason", ""), "rows": rows}
+        row = {key: number(factor * item[key], 3) for key in ("nominal", "extended")}
+        row["alone"] = number(factor * alone[name], 3) if name in alone else ""
+        rows.append({"joint": name, "unit": unit, **row})
+        if name in alone and item["extended"] > TOGETHER * alone[name]:
+            apart.append(name)
+    return {"reason": found.get("reason", ""), "rows": rows, "apart": ", ".join(apart)}
 
 
 def _joint(diagnosis: JointDiagnosis, changes: Sequence[Mapping[str, Any]] | None, joints: int) -> dict[str, Any]:
