@@ -10,6 +10,7 @@ import pytest
 from sealegs.gap.search.decide import Standing, decide, hopeless, pays
 from sealegs.gap.search.record import Evidence, RoundRecord, SearchRecord, Step, load, save
 from sealegs.gap.search.settings import DEFAULT, SearchSettings
+from sealegs.gap.search.tied import GAIN, ended_tied
 
 from tests.small_diagnosis import small_diagnosis
 
@@ -101,12 +102,19 @@ def test_a_weak_cause_must_take_away_what_neighbouring_errors_share() -> None:
 
 def test_further_causes_that_share_the_win_are_named_as_rivals_where_they_remove_much() -> None:
     """Dry friction took half of what a double pendulum had left; for three laws of it fit alike, none was named."""
-    first = evidence("load.centre_of_mass", 0.4)
-    alike = [evidence(name, removed) for name, removed in (("a", 0.3), ("b", 0.3), ("c", 0.3))]
-    rounds = (round_of(first), "load.centre_of_mass"), (round_of(*alike, excess=0.5), "a")
-    assert len(named(*rounds)[0]) == 2
-    little = [evidence(name, removed) for name, removed in (("a", 0.06), ("b", 0.06), ("c", 0.06))]
-    assert len(named((round_of(first), "load.centre_of_mass"), (round_of(*little, excess=0.5), None))[0]) == 1
+
+    def alike(removed: float, winner: str | None) -> SearchRecord:
+        first, others = evidence("load.centre_of_mass", 0.4), [evidence(name, removed) for name in ("a", "b", "c")]
+        rounds = (round_of(first), "load.centre_of_mass"), (round_of(*others, excess=0.5), winner)
+        return SearchRecord(0, tuple(Step(record, name) for record, name in rounds))
+
+    ties = replace(DEFAULT, shared_win_gain=GAIN)
+    assert decide(alike(0.3, None), DEFAULT).names == ("load.centre_of_mass",)
+    assert ended_tied(alike(0.3, None), ties) and not ended_tied(alike(0.06, None), ties)
+    named_too = decide(alike(0.3, "a"), ties)
+    assert named_too.names == ("load.centre_of_mass", "a") and set(named_too.rivals[1]) == {"b", "c"}
+    single = SearchRecord(0, (Step(round_of(evidence("a", 0.3)), "a"), Step(round_of(evidence("b", 0.3)), None)))
+    assert not ended_tied(single, ties), "one cause that pays is no tie"
 
 
 def test_a_further_cause_must_win_most_draws() -> None:

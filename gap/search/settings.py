@@ -168,9 +168,9 @@ class SearchSettings:
         decides=True,
     )
     shared_win_gain: float = threshold(
-        0.2,
+        1.0,
         "Share of what is left that an additional cause must remove to be named, with its rivals, where none of them "
-        "wins most draws alone, and together they do.",
+        "wins most draws alone, and together they do. 1: never; a search that ends on such a tie goes on with 0.2.",
         decides=True,
     )
     least_sampled: float = threshold(

@@ -33,6 +33,7 @@ from ..search.forward import NUMERICAL, Searcher
 from ..search.loose import search_loosely
 from ..search.result import Search
 from ..search.settings import DEFAULT, SearchSettings
+from ..search.tied import search_tied
 from ..search.windows import in_windows
 from .case import Case, Cut, Replay
 from .checking import check_log
@@ -279,7 +280,7 @@ def _search(replay: Replay, request: Request) -> Search:
         replay.fitting, causes, tuple(replay.tuned), request.progress, request.seed, request.search, request.look_on,
         tuple(replay.wide),
     )  # fmt: skip
-    return search_loosely(searcher, searcher.run())
+    return search_tied(searcher, search_loosely(searcher, searcher.run()))
 
 
 def _decide(
