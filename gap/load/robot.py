@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import lru_cache
 from pathlib import Path
@@ -139,6 +139,11 @@ def robot_of(run: MeasuredRun) -> LoggedRobot | None:
 def _framed(robot: LoggedRobot, frames: tuple[tuple[str, Frame], ...]) -> LoggedRobot:
     """The robot with these frames: one object, on which what was computed of it is kept."""
     return replace(robot, frames=dict(frames))
+
+
+def with_frames(runs: Sequence[MeasuredRun], frames: Mapping[str, Any]) -> tuple[MeasuredRun, ...]:
+    """The runs with frames of their joints, in the form of a sidecar's ``meta.frames``."""
+    return tuple(replace(run, meta={**run.meta, "frames": frames}) for run in runs)
 
 
 def frames_said(said: Any, where: str) -> dict[str, Frame]:

@@ -7,7 +7,7 @@ import os
 from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
 from pathlib import Path
-from typing import Any, TypeVar
+from typing import Any
 
 import yaml
 
@@ -16,8 +16,6 @@ from ...actuators.published import PREFIX
 from ...envs.robot_file import is_robot_file
 from ...envs.robot_sources import files_read
 from .types import LogError
-
-T = TypeVar("T")
 
 FOLDER_DEFAULTS = "log.yaml"
 """Sidecar whose keys hold for every log of its folder that does not say otherwise."""
@@ -86,7 +84,10 @@ def robot_beside(robot: str, folder: Path) -> str:
 
 def named_beside(sidecar: Sidecar, folder: Path) -> Sidecar:
     """The sidecar as it is written into a folder: files are named as they lie beside it, so that both may be moved."""
-    chains = {joint: _relative(chain, folder) for joint, chain in sidecar.actuators.items()}
+    chains = {
+        joint: _relative(chain, folder) if isinstance(chain, str) else chain
+        for joint, chain in sidecar.actuators.items()
+    }
     return replace(sidecar, robot=relative_robot(sidecar.robot, folder), actuators=chains)
 
 
@@ -95,9 +96,7 @@ def relative_robot(robot: str, folder: Path) -> str:
     return _relative(robot, folder) if is_robot_file(robot) else robot
 
 
-def _relative(name: T, folder: Path) -> T | str:
-    if not isinstance(name, str):
-        return name
+def _relative(name: str, folder: Path) -> str:
     prefix = PREFIX if name.startswith(PREFIX) else ""
     path = Path(name.removeprefix(prefix))
     if not path.is_absolute():

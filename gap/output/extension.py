@@ -12,7 +12,7 @@ import yaml
 
 from ...actuators import Chain, load_chain
 from ...envs.extended import FILE, Change, Extended, Mounted, Owner
-from ..load.robot import robot_of
+from ..load.robot import robot_of, with_frames
 from ..log.sidecar import relative_robot
 from ..log.types import MeasuredRun, MeasuredSet
 from ..replay.joint_model import JointModel
@@ -23,7 +23,7 @@ from ..verdict.verdict import JointDiagnosis
 from .mjcf import native_mjcf, not_native
 from .robot_extension import in_frame, of_robot, shared_changes
 
-__all__ = ["as_taken", "changes", "extended_of", "not_native", "write_extended", "write_extension"]
+__all__ = ["as_taken", "changes", "extended_of", "not_native", "readable", "write_extended", "write_extension"]
 
 TUNED = "tuned within its tolerance"
 REFITTED = "refitted, up to fivefold"
@@ -95,9 +95,7 @@ def extended_of(diagnoses: Sequence[JointDiagnosis], data: MeasuredSet) -> Exten
 def as_taken(data: MeasuredSet, diagnoses: Sequence[JointDiagnosis]) -> MeasuredSet:
     """The data with the zeros and directions of a robot's angles that the diagnosis took."""
     frames = next((diagnosis.frames for diagnosis in diagnoses if diagnosis.frames), None)
-    if frames is None:
-        return data
-    return replace(data, runs=tuple(replace(run, meta={**run.meta, "frames": frames}) for run in data.runs))
+    return data if frames is None else replace(data, runs=with_frames(data.runs, frames))
 
 
 def _owner(number: str) -> Owner:
@@ -112,7 +110,7 @@ def _chains(diagnosis: JointDiagnosis, runs: Sequence[MeasuredRun], prefix: str)
     joints = _variants(diagnosis)
     warm = _temperature(diagnosis, runs)
     return tuple(
-        Mounted(_rounded(_warm(joint.chain, warm)), f"{prefix}extended{_suffix(k)}.yaml")
+        Mounted(readable(_warm(joint.chain, warm)), f"{prefix}extended{_suffix(k)}.yaml")
         for k, (joint, _) in enumerate(joints, 1)
     )
 
@@ -221,7 +219,7 @@ def write_extension(
     return written
 
 
-def _rounded(chain: Chain) -> Chain:
+def readable(chain: Chain) -> Chain:
     """Numbers to six digits, so that the file can be read."""
     rounded = [
         replace(stage, **{key: float(f"{value:.6g}") for key, value in stage.parameters().items()})

@@ -51,7 +51,7 @@ def next_command(diagnoses: Sequence[JointDiagnosis], written: Mapping[str, Path
     found = any(diagnosis.causes or diagnosis.model == "refitted" for diagnosis in diagnoses)
     if proposed or not found or "extended" not in written:
         return None
-    if any(finding.code in DOUBTFUL for diagnosis in diagnoses for finding in diagnosis.findings):
+    if any(doubts(diagnosis) for diagnosis in diagnoses):
         return None  # what was found hangs on what is to be checked first
     folder = written["extended"].parent
     robot = read_extended(folder).robot

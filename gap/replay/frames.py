@@ -135,6 +135,8 @@ def _sought(
     """The best frames of a grid with the zeros of doubted joints between its points."""
     found = dict(best)
     names = list(_changed(best, believed))
+    if not names:
+        return found
     starts = np.array([best[name].zero for name in names])
 
     def moved(zeros: np.ndarray) -> dict[str, Frame]:

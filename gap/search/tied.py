@@ -9,7 +9,7 @@ from __future__ import annotations
 from dataclasses import replace
 from typing import TYPE_CHECKING
 
-from .decide import one_pays, pays, standings
+from .decide import decide
 from .record import SearchRecord
 from .result import Search
 from .settings import SearchSettings
@@ -18,6 +18,7 @@ if TYPE_CHECKING:
     from .forward import Searcher
 
 GAIN = 0.2  # share of what is left that they must remove
+NEVER = 1.0  # which nothing exceeds
 
 
 def search_tied(searcher: Searcher, found: Search) -> Search:
@@ -35,10 +36,6 @@ def search_tied(searcher: Searcher, found: Search) -> Search:
 
 
 def ended_tied(record: SearchRecord, settings: SearchSettings) -> bool:
-    """Whether the last round of a search named nothing for want of a cause that wins alone."""
-    if not record.steps or record.steps[-1].winner is not None:
-        return False
-    last, further = record.steps[-1].round, len(record.steps) > 1
-    order = standings(last, settings, record.seed)
-    tied = one_pays(last, order, settings, further=further)
-    return tied and not pays(last, order[0], settings, further=further)
+    """Whether a search whose settings name no ties would have named one more cause with these."""
+    without = replace(settings, shared_win_gain=NEVER)
+    return len(decide(record, settings).names) > len(decide(record, without).names)

@@ -13,7 +13,7 @@ import numpy as np
 
 from ...actuators.errors import SealegsError
 from ..causes.catalogue import adjustable, catalogue
-from ..load.robot import Frame, LoggedRobot, robot_of
+from ..load.robot import Frame, LoggedRobot, robot_of, with_frames
 from ..log.finding import Finding
 from ..log.parts import held_out
 from ..log.progress import Progress
@@ -118,14 +118,16 @@ def _refined(runs: Sequence[MeasuredRun], robot: LoggedRobot, trial: Trial) -> T
     """
     frames = dict(trial.proposed.frames)
     sought = [name for name, frame in frames.items() if frame.zero != robot.frame(name).zero]
-    for _ in range(REFINED if sought else 0):
+    if not sought:
+        return trial
+    for _ in range(REFINED):
         framed = _in_frames(runs, robot, frames)
         moved = {name: _offset(framed, name) for name in sought}
         frames |= {name: replace(frames[name], zero=frames[name].zero + moved[name]) for name in sought}
         if max(map(abs, moved.values())) < SETTLED:
             break
     fitted = Trial(replace(trial.proposed, frames=frames), _missed(_in_frames(runs, robot, frames)))
-    return fitted if sought and ASKED * _together(fitted.missed) < _together(trial.missed) else trial
+    return fitted if ASKED * _together(fitted.missed) < _together(trial.missed) else trial
 
 
 def _offset(runs: Sequence[MeasuredRun], joint: str) -> float:
@@ -175,7 +177,7 @@ def _better(before: Missed, after: Missed) -> bool:
 def _in_frames(runs: Sequence[MeasuredRun], robot: LoggedRobot, frames: Mapping[str, Frame]) -> tuple[MeasuredRun, ...]:
     every = {**robot.frames, **frames}
     said = {name: {"zero": frame.zero, "direction": int(frame.sign)} for name, frame in every.items()}
-    return tuple(replace(run, meta={**run.meta, "frames": said}) for run in runs)
+    return with_frames(runs, said)
 
 
 def _missed(runs: Sequence[MeasuredRun]) -> Missed:

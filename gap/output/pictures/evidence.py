@@ -14,6 +14,7 @@ from functools import cached_property
 import numpy as np
 from scipy.signal import savgol_filter
 
+from ...causes.friction import BRISTLE
 from ...load.terms import E_BIAS, E_COUPLING, E_INERTIA, E_SIZE
 from ...replay.constants import K
 from ...replay.driven_simulator import law_along
@@ -27,7 +28,6 @@ WINDOW = 0.08  # [s] of the parabolas that give speed and acceleration: long aga
 LEAST_SAMPLES = 7
 MOVING = 0.03  # [rad/s] above this, and with one sign over the whole window, a joint counts as moving
 AGREES = 0.8  # least correlation of a logged current or duty with the model's, for it to be taken as it is
-BRISTLE = "friction.bristle_stiffness"
 DUTY, CURRENT = CHANNELS.index("duty"), CHANNELS.index("current")
 
 

@@ -5,7 +5,6 @@ from __future__ import annotations
 import base64
 import csv
 import io
-import re
 from collections.abc import Mapping, Sequence
 from typing import Any
 
@@ -22,7 +21,7 @@ from ...search.result import Search
 from ...shared import ROBOT
 from ...verdict.verdict import JointDiagnosis, NamedCause, Value
 from ..extension import changes as changes_of
-from ..extension import not_native
+from ..extension import not_native, readable
 from ..limits import LIMITS, limits_told
 from ..limits import rows as limit_rows
 from ..numbers import glued, number, percent, rounded, sureness, unit_of
@@ -78,7 +77,6 @@ PARAMETER_UNITS = {"mass": "kg", "arm_mass": "kg", "length": "m"}
 ABSENT = "not in it"
 MOST_CANDIDATES = 7
 TOGETHER = 2.0  # times the error of a joint alone, from which it is said that the whole robot misses it by more
-LONG = re.compile(r"\d+\.\d{7,}")  # a number with more digits than anyone reads
 
 
 def page(
@@ -147,7 +145,7 @@ def _joint(diagnosis: JointDiagnosis, changes: Sequence[Mapping[str, Any]] | Non
         "findings": _findings(diagnosis),
         "changes": _changes(diagnosis, changes, joints == 1),
         "not_native": [] if chain is None else not_native(chain),
-        "chain": "" if chain is None else LONG.sub(lambda digits: f"{float(digits[0]):.6g}", chain.to_yaml()),
+        "chain": "" if chain is None else readable(chain).to_yaml(),
         "numbers": [] if problem is not None else [(key, number(value)) for key, value in diagnosis.tuned.items()],
         "parts": None if problem is None else _parts(problem),
     }  # fmt: skip
