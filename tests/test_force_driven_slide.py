@@ -16,14 +16,17 @@ from sealegs.gap.replay.joint_model import JointModel
 from sealegs.gap.verdict.diagnosis import diagnose
 
 MASS, VISCOUS, COULOMB, BIAS = 40.0, 90.0, 12.0, 1.5  # [kg], [N.s/m], [N], [N]
+LEAN = 20.0  # [N.s/m]
 STEP = 1e-3
 CHAIN = [{"delay": {"seconds": 0.0}}, {"torque_command": {}}]
 MODEL = """<mujoco model="table"><worldbody><body name="table"><joint name="table" type="slide" axis="1 0 0"/>
 <inertial pos="0 0 0" mass="41.5" diaginertia="1 1 1"/></body></worldbody></mujoco>"""
 
 
-def carriage(folder: Path, seconds: float = 15.0) -> MeasuredSet:
-    """One run behind a controller that nobody knows; the force that it commanded is logged, its bias is not."""
+def carriage(folder: Path, seconds: float = 15.0, lean: float = 0.0) -> MeasuredSet:
+    """One run, with so much more viscous friction forwards than backwards, halved [N.s/m], behind a controller that
+    nobody knows; the force that it commanded is logged, its bias is not.
+    """
     rng = np.random.default_rng(3)
     time = np.arange(0.0, seconds, STEP)
     goal = 0.1 * (1.0 - np.cos(1.7 * time)) + 0.04 * np.sin(4.3 * time) * np.minimum(time, 1.0)
@@ -32,7 +35,7 @@ def carriage(folder: Path, seconds: float = 15.0) -> MeasuredSet:
     q, v = goal[0], 0.0
     for k in range(len(time)):
         force[k], position[k] = 9e3 * (goal[k] - q) + 9e2 * (rate[k] - v), q
-        driven = force[k] - BIAS - VISCOUS * v
+        driven = force[k] - BIAS - (VISCOUS + np.sign(v) * lean) * v
         if abs(v) < 1e-6 and abs(driven) <= COULOMB:
             v = 0.0
             continue
@@ -61,6 +64,20 @@ def test_friction_is_named_though_the_amplifier_has_a_bias_that_nobody_knows(tmp
     assert {cause.name for cause in found.causes} == {"friction.coulomb", "friction.viscous"}
     sure = {cause.name: cause.confidence for cause in found.causes}
     assert sure["friction.coulomb"] > 0.8, "charged for laws of errors that no window of the search shows: 0.66"
+    values = {number: value for cause in found.causes for number, value in cause.parameters.items()}
+    assert values["friction.coulomb"].value == pytest.approx(COULOMB, rel=0.1)
+    assert values["friction.viscous"].value == pytest.approx(VISCOUS, rel=0.1)
+
+
+@pytest.mark.long
+def test_friction_that_grows_faster_in_one_direction_is_named(tmp_path: Path) -> None:
+    """Of a chain without friction it was never tried: its dry friction fell back to where a search would begin."""
+    (found,) = diagnose(carriage(tmp_path, lean=-LEAN))
+    named = {cause.name: cause for cause in found.causes}
+    assert set(named) >= {"friction.viscous", "friction.asymmetric"}
+    assert named["friction.asymmetric"].confidence > 0.6
+    lean = named["friction.asymmetric"].parameters["friction.viscous_asymmetry"]
+    assert lean.value == pytest.approx(-LEAN, rel=0.15)
     values = {number: value for cause in found.causes for number, value in cause.parameters.items()}
     assert values["friction.coulomb"].value == pytest.approx(COULOMB, rel=0.1)
     assert values["friction.viscous"].value == pytest.approx(VISCOUS, rel=0.1)

@@ -311,6 +311,8 @@ def test_friction_limits_follow_their_equation():
     lopsided = {"coulomb": 0.1, "asymmetry": 0.03}
     assert (limit(lopsided, w=1.0), limit(lopsided, w=-1.0)) == pytest.approx((0.13, 0.07))
     assert (limit(lopsided, motor=1.0), limit(lopsided, motor=-1.0)) == pytest.approx((0.13, 0.07))
+    steeper = {"coulomb": 0.1, "viscous_asymmetry": 0.02}
+    assert [limit(steeper, w=speed) for speed in (0.0, 2.0, -2.0, -9.0)] == pytest.approx([0.1, 0.14, 0.06, 0.0])
     dragged = {"coulomb": 0.1, "drag": 0.02}
     assert (limit(dragged), limit(dragged, w=3.0), limit(dragged, w=-3.0)) == pytest.approx((0.1, 0.28, 0.28))
     ripple = {"coulomb": 0.1, "ripple": 0.02, "ripple_count": 8.0}

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import Any
 
@@ -13,9 +14,10 @@ from sealegs.gap.log.parts import FIT_A, FIT_B, Unit, cut
 from sealegs.gap.log.types import JointLog, MeasuredRun
 from sealegs.gap.replay.free import free_problem
 from sealegs.gap.replay.joint_model import JointModel
-from sealegs.gap.search import forward
+from sealegs.gap.search import rough
+from sealegs.gap.search import screen as screening
 from sealegs.gap.search.fit import Fit
-from sealegs.gap.search.forward import Searcher
+from sealegs.gap.search.screen import screen
 from sealegs.gap.search.settings import DEFAULT
 from sealegs.gap.search.sketch import sketch, spread
 
@@ -146,9 +148,36 @@ def test_what_the_screen_puts_first_is_not_abandoned_after_an_iteration(
         calls.append(numbers.index({parameter.number for parameter in parameters}))
         return Fit({}, np.zeros((3, 4)), 9.0 if calls[-1] != 1 else 1.0)
 
-    monkeypatch.setattr(forward, "fit", fit)
-    searcher: Any = object.__new__(Searcher)
-    searcher.settings, searcher.sketch = DEFAULT, None
-    searcher._charged = lambda found, cause, variant: found.cost
-    Searcher._rough_fits(searcher, chosen, (), {})
+    monkeypatch.setattr(rough, "fit", fit)
+    nothing: Any = None
+    rough.rough_fits(nothing, chosen, (), {}, DEFAULT)
     assert calls.count(range(len(chosen))[place]) == tries
+
+
+def test_the_screen_keeps_the_numbers_that_a_variant_has_in_common_with_the_model(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    """A second law with the dry friction that was found before was tried with the dry friction of its own start."""
+    nothing = JointModel(load_chain(CHAIN)).with_values({"friction.coulomb": 0.0})
+    (cause,) = catalogue(nothing, ("friction.asymmetric",))
+    rows: list[Mapping[str, float]] = []
+
+    def residuals(problem: Any, here: Mapping[str, float], changes: Sequence[Mapping[str, float]]) -> np.ndarray:
+        rows.extend({**here, **change} for change in changes)
+        return np.ones((1 + len(changes), 3))
+
+    monkeypatch.setattr(screening, "_residuals", residuals)
+    monkeypatch.setattr(screening, "_left_after", lambda rest, tuned: 0.0)
+    problem: Any = Judged()
+    screen(problem, [cause], (), {"friction.coulomb": 0.031}, DEFAULT)
+    assert {row["friction.coulomb"] for row in rows} == {0.031}
+    rows.clear()
+    screen(problem, [cause], (), {}, DEFAULT)
+    assert {row["friction.coulomb"] for row in rows} == {cause.variants[0][1].start}, "what is new begins somewhere"
+
+
+class Judged:
+    """A problem as far as its blocks go."""
+
+    def blocks(self) -> tuple[np.ndarray, np.ndarray]:
+        return np.zeros(3, int), np.array([3])

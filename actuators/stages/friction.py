@@ -29,7 +29,7 @@ class Friction(Stage):
 
     Viscous friction is a torque; the rest is a limit on a friction torque that holds a joint at rest:
 
-        limit = coulomb +- asymmetry + load |m - e| + load_quadratic (m - e)^2
+        limit = coulomb +- (asymmetry + viscous_asymmetry |w|) + load |m - e| + load_quadratic (m - e)^2
                 + S (stribeck + load_stribeck |m - e|) + ripple cos(ripple_count q + ripple_phase) + drag w^2
         S = exp(-|w / stribeck_velocity|^stribeck_exponent)
 
@@ -61,6 +61,13 @@ class Friction(Stage):
     stribeck_exponent: float = parameter(1.0, "-", 0.2, 20.0, "how sharply it falls")
     asymmetry: float = parameter(
         0.0, "N.m", -1e3, 1e3, "dry friction more in positive than in negative direction, halved"
+    )
+    viscous_asymmetry: float = parameter(
+        0.0,
+        "N.m.s/rad",
+        -1e4,
+        1e4,
+        "friction per speed more in positive than in negative direction, halved; dry friction gives what it takes away",
     )
     load: float = parameter(
         0.0, "-", 0.0, 1e2, "dry friction per torque through the gearbox, or per load that presses on it"
@@ -116,6 +123,7 @@ class Friction(Stage):
 SHAPES = (
     "stribeck",
     "asymmetry",
+    "viscous_asymmetry",
     "load",
     "load_quadratic",
     "load_stribeck",
@@ -174,9 +182,10 @@ def limit_under(p, i, q, w, motor, external, moving, resting):
         x = speed / p[i + FRICTION.stribeck_velocity]
         exponent = p[i + FRICTION.stribeck_exponent]
         limit += extra * math.exp(-(x if exponent == 1.0 else x**exponent))
-    if p[i + FRICTION.asymmetry] != 0.0:
+    more = p[i + FRICTION.asymmetry] + p[i + FRICTION.viscous_asymmetry] * speed
+    if more != 0.0:
         push = w if speed > REST_SPEED else motor + external
-        limit += p[i + FRICTION.asymmetry] if push > 0.0 else -p[i + FRICTION.asymmetry]
+        limit += more if push > 0.0 else -more
     if p[i + FRICTION.ripple] > 0.0:
         limit += p[i + FRICTION.ripple] * math.cos(p[i + FRICTION.ripple_count] * q + p[i + FRICTION.ripple_phase])
     return max(limit, 0.0) + p[i + FRICTION.drag] * w * w

@@ -143,6 +143,11 @@ class Cause:
         """Whether it repeats over something, so that it has a phase."""
         return any(p.phase for variant in self.variants for p in variant)
 
+    @property
+    def forms(self) -> list[Variant]:
+        """Of the variants that begin with one number the first, as each is another law."""
+        return list({variant[0].number: variant for variant in reversed(self.variants)}.values())[::-1]
+
     def edge(self, variant: Variant) -> Parameter | None:
         """The parameter of a variant that tells where the cause is the one that it degenerates to."""
         limit = self.degenerates_to

@@ -76,10 +76,12 @@ def asymmetric(nominal: JointModel) -> Cause:
     """A model without dry friction gets it with its asymmetry: alone, that would be friction in one direction only."""
     top = stall_torque(nominal)
     half = Parameter("friction.asymmetry", "N.m", -0.5 * top, 0.5 * top, 0.0, 0.02 * top)
+    slope = Parameter("friction.viscous_asymmetry", "N.m.s/rad", -0.5 * top, 0.5 * top, 0.0, 0.02 * top)
+    dry = () if nominal.value("friction.coulomb") > 0.0 else coulomb(nominal).variants[0]
     return Cause(
-        sentence="Dry friction differs between the two directions.",
+        sentence="Friction differs between the two directions, by a constant or with the speed.",
         picture="friction_against_speed",
-        variants=((half,),) if nominal.value("friction.coulomb") > 0.0 else ((half, *coulomb(nominal).variants[0]),),
+        variants=((half, *dry), (slope, *dry)),
         needs=SHOWN,
         degenerates_to=Limit("drive.offset", "the joint holds a load and hardly moves"),
     )

@@ -26,7 +26,7 @@ STOPS = {"load.stop_angle": 1.0, "load.lower_stop": -1.0}
 CERTAINTY = 0.03  # of bodies to weigh as believed, beside what the joints say of those behind them
 DILUTED = 2.0
 """By how much more than any joint says of all behind it a single body may be off, which is a part of that."""
-ODD = {"offset": ("value",), "friction": ("asymmetry",)}
+ODD = {"offset": ("value",), "friction": ("asymmetry", "viscous_asymmetry")}
 """Numbers of a chain that change sign with the direction of the angle."""
 
 

@@ -19,6 +19,7 @@ from .fit import Fit, fit, merge, middle
 from .loose import refitting_beats
 from .record import Evidence, Replacement, RoundRecord, SearchRecord, Step
 from .result import Candidate, Round, Search
+from .rough import charged, rough_fits, tried
 from .screen import screen
 from .settings import DEFAULT, SearchSettings
 from .simpler import at_bound, contradicted, elaborates, visited, without_friction
@@ -69,6 +70,7 @@ class Searcher:
         self.parts = (self.problem.part(FIT_A), self.problem.part(FIT_B))
         self.both = self.problem.part(FIT_A, FIT_B)
         self.sketch = sketch(self.both, self.settings.sketched)
+        self.fitted = tuple(sketch(part, self.settings.sketched_part) for part in self.parts)
         self.visited = visited(self.both)
         self.shown = [seen for cause in self.shown if (seen := self.within_range(cause)).variants]
         self.counts = np.concatenate([part.blocks()[1] for part in reversed(self.parts)])
@@ -137,6 +139,7 @@ class Searcher:
         """The sketch of a long log, with what the model is most wrong about, and the model's least cost there."""
         if self.sketch is not self.both:
             self.sketch, self.optima = sketch(self.both, self.settings.sketched, here), {}
+            self.fitted = tuple(sketch(part, self.settings.sketched_part, here) for part in self.parts)
             self.fit_sketch(extended, here)
 
     def fit_sketch(self, parameters: Sequence[Parameter], start: Mapping[str, float] | None) -> Fit:
@@ -149,7 +152,7 @@ class Searcher:
     def fit_parts(self, parameters: Sequence[Parameter], optimum: Mapping[str, float]) -> tuple[Fit, Fit]:
         """Fits to the two parts from the optimum of the sketch."""
         more = self.settings.iterations if self.sketch is self.both else self.settings.sketched_iterations
-        a, b = (fit(part, parameters, optimum, more) for part in self.parts)
+        a, b = (fit(part, parameters, optimum, more) for part in self.fitted)
         return a, b
 
     def judged(self, fits: tuple[Fit, Fit]) -> Judged:
@@ -215,10 +218,10 @@ class Searcher:
         screened = screen(self.sketch, [c for c in self.shown if c.key not in taken], extended, here, settings)
         if not self.look_on and not decide.promising(left, screened.promise, settings):
             return [], screened.promise
-        chosen = self.with_usual_forms(screened.chosen, taken, blind=left > settings.far)
+        chosen = tried(screened.chosen, self.shown, taken, self.numbers, blind=left > settings.far)
         if chosen:
             self.progress(f"trying {', '.join(dict.fromkeys(cause.key for cause, _ in chosen))}")
-        rough = self._rough_fits(chosen, extended, here)
+        rough = rough_fits(self.sketch, chosen, extended, here, settings)
         order = list(dict.fromkeys(cause.key for _, cause, _ in rough))
         near = {cause.key for found, cause, _ in rough if found.cost < settings.finalist_cost * rough[0][0].cost}
         finalists = [n for k, n in enumerate(order[: settings.finalists]) if k < settings.sure_finalists or n in near]
@@ -230,7 +233,7 @@ class Searcher:
         before = least = fit(self.sketch, extended, here, 0).cost
         optimum = self.optima.get(frozenset(extended), before)
         for start, cause, variant in rough:
-            cost = self._charged(start, cause, variant)
+            cost = charged(start, cause, variant, settings)
             # a rough fit may have left the usual form far from its optimum
             outrun = cost > settings.outrun_cost * best.setdefault(cause.key, cost) and variant != cause.variants[0]
             if cause.key in finalists and not outrun:
@@ -239,13 +242,14 @@ class Searcher:
                 if not self.look_on and decide.hopeless(joint.cost, least, before, optimum, left, settings):
                     passed.append((joint, cause, variant))
                     continue
-                cost = self._charged(joint, cause, variant)
-                if cost > (1.0 + settings.shared_error) * joined.setdefault(cause.key, cost) and not self.look_on:
+                cost = charged(joint, cause, variant, settings)
+                alike = settings.shared_error if self.sketch is self.both else 0.0
+                if cost > (1.0 + alike) * joined.setdefault(cause.key, cost) and not self.look_on:
                     continue  # another of its cause's variants does better
                 joined[cause.key] = min(cost, joined[cause.key])
                 found.append(self.finalist(extended, joint, cause, variant))
         if passed and not found:  # a round says what came nearest
-            found = [self.finalist(extended, *min(passed, key=lambda row: self._charged(*row)))]
+            found = [self.finalist(extended, *min(passed, key=lambda row: charged(*row, settings)))]
         return self.simplest(found, extended, taken), screened.promise
 
     def finalist(self, extended: Sequence[Parameter], optimum: Fit, cause: Cause, variant: Variant) -> Candidate:
@@ -306,45 +310,6 @@ class Searcher:
             fastest = float(np.nanquantile(np.abs(speed), self.settings.speed_quantile))
             end = min(end, max(fastest, edge.low))
         return min(found.values[edge.path] for found in candidate.fits) >= end
-
-    def with_usual_forms(
-        self, chosen: Sequence[tuple[Cause, Variant]], taken: set[str], *, blind: bool
-    ) -> list[tuple[Cause, Variant]]:
-        """What the screen chose, with the usual form of each cause, and every wrong number of the nominal model.
-
-        A number that is several times wrong is far from what a first order can foresee, and the likeliest error.
-        Where the model is far from the data altogether, no order foresees anything: every cause is tried (``blind``).
-        """
-        every = list(chosen)
-        for cause in dict.fromkeys(cause for cause, _ in chosen):
-            if not any(variant == cause.variants[0] for other, variant in chosen if other is cause):
-                every.append((cause, cause.variants[0]))
-        known = taken | {cause.key for cause, _ in chosen}
-        every += [(cause, cause.variants[0]) for cause in self.shown if cause.seen and cause.key not in known]
-        for cause in self.shown:
-            wrong = cause.error and cause.variants[0][0].number in self.numbers
-            if (wrong or (blind and not cause.seen)) and cause.key not in known:
-                every.append((cause, cause.variants[0]))
-        return every
-
-    def _rough_fits(
-        self, chosen: Sequence[tuple[Cause, Variant]], extended: Sequence[Parameter], here: Mapping[str, float]
-    ) -> list[tuple[Fit, Cause, Variant]]:
-        """A few iterations for each variant, least cost first; effects that are far behind get one."""
-        settings = self.settings
-        first = [fit(self.sketch, merge(extended, variant), here, 1) for _, variant in chosen]
-        least = min((found.cost for found in first), default=0.0)
-        rough = []
-        foreseen = {cause.key for cause, _ in chosen[: settings.foreseen]}
-        for found, (cause, variant) in zip(first, chosen, strict=True):
-            if found.cost < settings.hopeless_cost * least or cause.error or cause.key in foreseen:
-                more = settings.rough_iterations - 1
-                found = fit(self.sketch, merge(extended, variant), found.values, more)
-            rough.append((found, cause, variant))
-        return sorted(rough, key=lambda row: self._charged(*row))
-
-    def _charged(self, found: Fit, cause: Cause, variant: Variant) -> float:
-        return found.cost * (1.0 if cause.is_usual(variant) else self.settings.form_charge)
 
     def recorded(
         self, accepted: Sequence[Candidate], fitted: Sequence[Candidate], current: Judged, begin: float, promise: float

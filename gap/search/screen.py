@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -45,7 +45,8 @@ def screen(
     """
     steps = [{p.path: p.from_fit(p.to_fit(here[p.path]) + _inward(p, here[p.path]))} for p in extended]
     variants = [(cause, variant) for cause in causes for variant in cause.variants]
-    sizes = [_sizes(variant) for _, variant in variants]
+    known = numbers(here)
+    sizes = [_sizes(variant, known) for _, variant in variants]
     error = _residuals(problem, here, [*steps, *(size for tried in sizes for size in tried)])
     rest, changes = error[0], error[1:] - error[0]
     clip = settings.screen_outlier * np.sqrt(np.mean(rest**2))
@@ -122,9 +123,12 @@ def _inward(parameter: Parameter, value: float) -> float:
     return STEP if parameter.to_fit(value) + STEP <= parameter.to_fit(parameter.high) else -STEP
 
 
-def _sizes(variant: Variant) -> list[dict[str, float]]:
-    """Plausible sizes at which a variant is tried: two, or two phases of something periodic."""
-    start = {p.path: p.start for p in variant}
+def _sizes(variant: Variant, known: Collection[str]) -> list[dict[str, float]]:
+    """Plausible sizes at which a variant is tried: two, or two phases of something periodic.
+
+    Of what comes with its first number, the model keeps the numbers that it has (``known``).
+    """
+    start = {p.path: p.start for p in variant if p is variant[0] or p.number not in known}
     if (phase := next((p for p in variant if p.phase), None)) is not None:
         return [start, {**start, phase.path: phase.start + np.pi / 2.0}]
     first = variant[0]

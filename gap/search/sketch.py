@@ -115,10 +115,11 @@ def _wrong(problem: Problem, values: Mapping[str, float]) -> np.ndarray:
 def coarsened(problem: AnyProblem, settings: SearchSettings) -> AnyProblem:
     """The problem with the longer steps of play and switches that a search replays.
 
-    Where the replay converges at the longer step of robots, their motion is slow or their log coarse, and what switches
-    needs no finer one either.
+    Where the replay of a robot's joint converges at the longest step of benches or above, its motion is slow or its log
+    coarse, and what switches needs no finer one either.
     """
-    slow = problem.step > STEPS[0]
+    of_robot = problem.joint is not None and problem.joint.terms is not None
+    slow = of_robot and problem.step >= STEPS[0]
     return problem.with_step_factor(settings.coarse_robot_step if slow else settings.coarse_step)
 
 

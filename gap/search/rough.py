@@ -1,0 +1,81 @@
+"""What a round tries, and a few iterations of a fit for each: which of them is worth more is seen from these."""
+
+from __future__ import annotations
+
+from collections.abc import Collection, Mapping, Sequence
+
+from ..causes.cause import Cause, Variant
+from ..replay.parameters import Parameter
+from ..replay.problem import Problem
+from .fit import Fit, fit, merge
+from .settings import SearchSettings
+
+
+def tried(
+    chosen: Sequence[tuple[Cause, Variant]],
+    shown: Sequence[Cause],
+    taken: Collection[str],
+    numbers: Collection[str],
+    *,
+    blind: bool,
+) -> list[tuple[Cause, Variant]]:
+    """What the screen chose, with the usual form of each cause, and every wrong number of the nominal model.
+
+    A number that is several times wrong is far from what a first order can foresee, and the likeliest error.
+    Where the model is far from the data altogether, no order foresees anything: every cause is tried, in each of its
+    forms.
+
+    Args:
+        chosen: by the screen, the best first.
+        shown: causes that the data can show.
+        taken: keys of those that are not to be tried.
+        numbers: that tuning turns.
+        blind: whether the model is so far.
+    """
+    every = list(chosen)
+    for cause in dict.fromkeys(cause for cause, _ in chosen):
+        if not any(variant == cause.variants[0] for other, variant in chosen if other is cause):
+            every.append((cause, cause.variants[0]))
+    known = {*taken, *(cause.key for cause, _ in chosen)}
+    every += [(cause, cause.variants[0]) for cause in shown if cause.seen and cause.key not in known]
+    for cause in shown:
+        wrong = cause.error and cause.variants[0][0].number in numbers
+        if (wrong or (blind and not cause.seen)) and cause.key not in known:
+            every.append((cause, cause.variants[0]))
+    if blind:
+        left = [cause for cause in shown if not cause.seen and cause.key not in taken]
+        every += [(cause, form) for cause in left for form in cause.forms if (cause, form) not in every]
+    return every
+
+
+def rough_fits(
+    sketch: Problem,
+    chosen: Sequence[tuple[Cause, Variant]],
+    extended: Sequence[Parameter],
+    here: Mapping[str, float],
+    settings: SearchSettings,
+) -> list[tuple[Fit, Cause, Variant]]:
+    """A few iterations for each variant, least cost first; effects that are far behind get one.
+
+    Args:
+        sketch: of the data.
+        chosen: what is tried, the best of the screen first.
+        extended: parameters of the model.
+        here: their values.
+        settings: thresholds.
+    """
+    first = [fit(sketch, merge(extended, variant), here, 1) for _, variant in chosen]
+    least = min((found.cost for found in first), default=0.0)
+    rough = []
+    foreseen = {cause.key for cause, _ in chosen[: settings.foreseen]}
+    for found, (cause, variant) in zip(first, chosen, strict=True):
+        if found.cost < settings.hopeless_cost * least or cause.error or cause.key in foreseen:
+            more = settings.rough_iterations - 1
+            found = fit(sketch, merge(extended, variant), found.values, more)
+        rough.append((found, cause, variant))
+    return sorted(rough, key=lambda row: charged(*row, settings))
+
+
+def charged(found: Fit, cause: Cause, variant: Variant, settings: SearchSettings) -> float:
+    """Cost of a fit, higher by ``form_charge`` for another than the usual form of its cause."""
+    return found.cost * (1.0 if cause.is_usual(variant) else settings.form_charge)
