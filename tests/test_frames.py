@@ -12,7 +12,7 @@ from sealegs.gap.diagnose import diagnose
 from sealegs.gap.load.robot import Frame
 from sealegs.gap.log.types import JointLog, MeasuredRun, MeasuredSet
 from sealegs.gap.output.document import document_of, joints_of, read_document, write_document
-from sealegs.gap.output.extension import as_taken
+from sealegs.gap.output.extension import as_taken, write_extension
 from sealegs.gap.verdict.frames import in_likely_frames
 from sealegs.gap.verdict.verdict import NOTHING, JointDiagnosis
 
@@ -175,3 +175,5 @@ def test_friction_is_named_in_a_joint_that_counts_the_other_way(tmp_path: Path) 
     assert elbow.experiment is None and shoulder.experiment is None, "goals would be of angles that nobody checked"
     machine = robot(as_taken(turned, [shoulder, elbow]).runs[0])
     assert np.prod([machine.frame(joint).sign for joint in ("shoulder", "elbow")]) == -1.0
+    written = write_extension(elbow, as_taken(turned, [shoulder, elbow]).runs, tmp_path)
+    assert "counted as in the log" in written["chain"].read_text(encoding="utf-8")

@@ -12,7 +12,7 @@ import yaml
 
 from ...actuators import Chain, load_chain
 from ...envs.extended import FILE, Change, Extended, Mounted, Owner
-from ..load.robot import robot_of, with_frames
+from ..load.robot import Frame, robot_of, with_frames
 from ..log.sidecar import relative_robot
 from ..log.types import MeasuredRun, MeasuredSet
 from ..replay.joint_model import JointModel
@@ -201,6 +201,9 @@ def write_extension(
     lines.append(
         f"# What is not of the chain (load, stops) stands in {FILE}; extended=<this folder> applies all of it."
     )
+    robot = robot_of(runs[0])
+    if robot is not None and robot.frame(diagnosis.joint) != Frame():  # an offset has the other sign there
+        lines.append(f"# The angle is counted as in the log; {FILE} counts it as the robot's model does.")
     for k, item in enumerate(_chains(diagnosis, runs, prefix), 1):
         path = folder / item.file
         path.write_text("\n".join(lines) + "\n" + item.chain.to_yaml(), encoding="utf-8")
