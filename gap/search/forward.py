@@ -70,7 +70,6 @@ class Searcher:
         self.parts = (self.problem.part(FIT_A), self.problem.part(FIT_B))
         self.both = self.problem.part(FIT_A, FIT_B)
         self.sketch = sketch(self.both, self.settings.sketched)
-        self.fitted = tuple(sketch(part, self.settings.sketched_part) for part in self.parts)
         self.visited = visited(self.both)
         self.shown = [seen for cause in self.shown if (seen := self.within_range(cause)).variants]
         self.counts = np.concatenate([part.blocks()[1] for part in reversed(self.parts)])
@@ -139,7 +138,6 @@ class Searcher:
         """The sketch of a long log, with what the model is most wrong about, and the model's least cost there."""
         if self.sketch is not self.both:
             self.sketch, self.optima = sketch(self.both, self.settings.sketched, here), {}
-            self.fitted = tuple(sketch(part, self.settings.sketched_part, here) for part in self.parts)
             self.fit_sketch(extended, here)
 
     def fit_sketch(self, parameters: Sequence[Parameter], start: Mapping[str, float] | None) -> Fit:
@@ -152,7 +150,7 @@ class Searcher:
     def fit_parts(self, parameters: Sequence[Parameter], optimum: Mapping[str, float]) -> tuple[Fit, Fit]:
         """Fits to the two parts from the optimum of the sketch."""
         more = self.settings.iterations if self.sketch is self.both else self.settings.sketched_iterations
-        a, b = (fit(part, parameters, optimum, more) for part in self.fitted)
+        a, b = (fit(part, parameters, optimum, more) for part in self.parts)
         return a, b
 
     def judged(self, fits: tuple[Fit, Fit]) -> Judged:
@@ -243,8 +241,7 @@ class Searcher:
                     passed.append((joint, cause, variant))
                     continue
                 cost = charged(joint, cause, variant, settings)
-                alike = settings.shared_error if self.sketch is self.both else 0.0
-                if cost > (1.0 + alike) * joined.setdefault(cause.key, cost) and not self.look_on:
+                if cost > (1.0 + settings.shared_error) * joined.setdefault(cause.key, cost) and not self.look_on:
                     continue  # another of its cause's variants does better
                 joined[cause.key] = min(cost, joined[cause.key])
                 found.append(self.finalist(extended, joint, cause, variant))

@@ -66,12 +66,7 @@ class SearchSettings:
     sketched: float = threshold(
         30.0,
         "Length [s] of the data that screen and rough fits see of longer logs, spread evenly, beside which half as "
-        "much shows where the model is most wrong.",
-    )
-    sketched_part: float = threshold(
-        60.0,
-        "Length [s] of the data of each part, beside which half as much shows where the model is most wrong, that "
-        "finalists of longer logs are fitted to.",
+        "much shows where the model is most wrong; finalists are fitted to all.",
     )
     rough_iterations: int = threshold(3, "Iterations of a rough fit.")
     shape_edge: float = threshold(
