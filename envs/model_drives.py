@@ -1,8 +1,15 @@
-"""What actuators of a model file drive."""
+"""What actuators of a model file drive, with the numbers that the engine uses once it has compiled them."""
 
 from __future__ import annotations
 
+import dataclasses
+from collections.abc import Collection, Sequence
 from dataclasses import dataclass
+
+import mujoco
+import numpy as np
+
+OVER_JOINTS = (mujoco.mjtTrn.mjTRN_JOINT, mujoco.mjtTrn.mjTRN_JOINTINPARENT)
 
 
 @dataclass(frozen=True)
@@ -15,6 +22,9 @@ class ModelDrive:
         stiffness, damping: of a position servo, at the driven coordinate; 0 where the file has none.
         force: its largest force [N.m or N]; None: any.
         actuators: names of the file's actuators that it stands for.
+        goals: lowest and highest goal that its controls can give [rad or m]; None: any.
+        dampratio: that the file gives in place of a damping; 0 where it gives none.
+        motor: whether its control is a force: no actuator of it follows a position or a speed.
     """
 
     name: str
@@ -23,3 +33,129 @@ class ModelDrive:
     damping: float = 0.0
     force: float | None = None
     actuators: tuple[str, ...] = ()
+    goals: tuple[float, float] | None = None
+    dampratio: float = 0.0
+    motor: bool = False
+
+
+def read_drives(full: mujoco.MjSpec, joints: Collection[str]) -> tuple[tuple[ModelDrive, ...], tuple[str, ...]]:
+    """What the actuators of a file drive, those of one joint together; and those that no chain can stand for.
+
+    Args:
+        full: specification with actuators; it is left as it is.
+        joints: names of the hinges and slides.
+
+    Raises:
+        ValueError: it does not compile.
+    """
+    spec = full.copy()
+    for key in list(spec.keys):  # of another size than the model, they would stop the compiler
+        spec.delete(key)
+    model = spec.compile()
+    written = [float(actuator.biasprm[2]) for actuator in full.actuators]  # compiling resolves a dampratio
+    together: dict[str, list[int]] = {}
+    terms_of: dict[str, tuple[tuple[str, float], ...]] = {}
+    names: list[str] = []
+    refused: list[str] = []
+    for number, actuator in enumerate(spec.actuators):
+        names.append(actuator.name or actuator.target)
+        if actuator.trntype in OVER_JOINTS:
+            terms = ((actuator.target, 1.0),)
+        elif actuator.trntype == mujoco.mjtTrn.mjTRN_TENDON:
+            terms = _belt(spec, actuator.target)
+        else:
+            terms = ()
+        if not 1 <= len(terms) <= 2 or any(joint not in joints for joint, _ in terms):
+            refused.append(
+                f"actuator '{names[-1]}' acts on '{actuator.target}', which is neither a hinge, a slide nor a fixed "
+                "tendon over at most two of them"
+            )
+            continue
+        together.setdefault(actuator.target, []).append(number)
+        terms_of[actuator.target] = terms
+    found = [
+        dataclasses.replace(
+            _drive(model, target, terms_of[target], numbers, [written[number] for number in numbers]),
+            actuators=tuple(names[number] for number in numbers),
+        )
+        for target, numbers in together.items()
+    ]
+    return tuple(found), tuple(refused)
+
+
+def _drive(
+    model: mujoco.MjModel,
+    name: str,
+    terms: tuple[tuple[str, float], ...],
+    numbers: Sequence[int],
+    written: Sequence[float],
+) -> ModelDrive:
+    """Actuators of one target; ``written`` is ``biasprm[2]`` as the file has it, where above 0 a dampratio."""
+    stiffness = damping = dampratio = 0.0
+    forces = [force for number in numbers if (force := _force(model, number)) is not None]
+    pulls: list[tuple[float, float] | None] = []
+    for number, before in zip(numbers, written, strict=True):
+        if int(model.actuator_biastype[number]) != int(mujoco.mjtBias.mjBIAS_AFFINE):
+            continue
+        square = _gear(model, number) ** 2
+        stiffness -= square * float(model.actuator_biasprm[number, 1])
+        damping -= square * float(model.actuator_biasprm[number, 2])
+        if model.actuator_biasprm[number, 1] < 0.0:
+            pulls.append(_pull(model, number))
+        if before > 0.0 > model.actuator_biasprm[number, 2]:
+            dampratio = before
+    known = [pull for pull in pulls if pull is not None]
+    goals = None
+    if stiffness > 0.0 and len(known) == len(pulls):
+        low, high = (sum(pull[end] for pull in known) / stiffness for end in (0, 1))
+        goals = (low, high)
+    plain = (mujoco.mjtBias.mjBIAS_NONE, mujoco.mjtGain.mjGAIN_FIXED, mujoco.mjtDyn.mjDYN_NONE)
+    kinds = (model.actuator_biastype, model.actuator_gaintype, model.actuator_dyntype)
+    motor = all(int(kind[number]) == int(want) for number in numbers for kind, want in zip(kinds, plain, strict=True))
+    return ModelDrive(
+        name, terms, stiffness, damping, sum(forces) if forces else None, goals=goals, dampratio=dampratio, motor=motor
+    )
+
+
+def _pull(model: mujoco.MjModel, number: int) -> tuple[float, float] | None:
+    """Force of a position servo on what it drives, at 0, for its lowest and highest control; None: any."""
+    if int(model.actuator_gaintype[number]) != int(mujoco.mjtGain.mjGAIN_FIXED):
+        return None
+    if int(model.actuator_dyntype[number]) == int(mujoco.mjtDyn.mjDYN_INTEGRATOR):  # its control is a speed
+        limited, ends = model.actuator_actlimited[number], model.actuator_actrange[number]
+    else:
+        limited, ends = _control(model, number)
+    if not limited:
+        return None
+    gain, offset = float(model.actuator_gainprm[number, 0]), float(model.actuator_biasprm[number, 0])
+    low, high = sorted(_gear(model, number) * (gain * float(end) + offset) for end in ends)
+    return low, high
+
+
+def _force(model: mujoco.MjModel, number: int) -> float | None:
+    """Largest force of an actuator on what it drives; None: any."""
+    gear = abs(_gear(model, number))
+    if model.actuator_forcelimited[number]:
+        return gear * float(np.abs(model.actuator_forcerange[number]).max())
+    limited, ends = _control(model, number)
+    if limited and int(model.actuator_biastype[number]) == int(mujoco.mjtBias.mjBIAS_NONE):  # a motor
+        return gear * abs(float(model.actuator_gainprm[number, 0])) * float(np.abs(ends).max())
+    return None
+
+
+def _control(model: mujoco.MjModel, number: int) -> tuple[bool, np.ndarray]:
+    """Whether the first control of an actuator is limited, and its range."""
+    first = int(model.actuator_ctrladr[number])
+    return bool(model.actuator_ctrllimited[first]), np.asarray(model.actuator_ctrlrange[first])
+
+
+def _gear(model: mujoco.MjModel, number: int) -> float:
+    return float(model.actuator_gear[int(model.actuator_outadr[number]), 0])
+
+
+def _belt(spec: mujoco.MjSpec, name: str) -> tuple[tuple[str, float], ...]:
+    """Joints and coefficients of a fixed tendon; none of a spatial one."""
+    path = spec.tendon(name).path
+    if any(item.type != mujoco.mjtWrap.mjWRAP_JOINT for item in path):
+        return ()
+    return tuple((item.target.name, float(item.coef)) for item in path)

@@ -13,8 +13,9 @@ import mujoco
 import numpy as np
 
 from .model_couplings import couplings, led, unnamed
-from .model_drives import ModelDrive
+from .model_drives import ModelDrive, read_drives
 from .model_reading import line_of, read_specs
+from .model_transmissions import reductions
 from .robot import RobotError
 
 SUFFIXES = (".xml", ".mjcf", ".urdf")
@@ -85,6 +86,9 @@ class ModelFile:
         floor: whether there is a plane or a height field to stand on.
         timestep: of the file [s].
         digest: of the model, to tell two files apart.
+        mobility: at the file's pose, how fast a joint gains speed by a force on another one [1/(kg.m2) or 1/kg], by
+            both names; all joints give way.
+        reductions: mechanical reductions that a URDF states and that nothing here uses, as they stand, by joint.
         unnamed: joints that nothing can drive, since they have no name or are balls, in words.
         said: what was mended in reading, a sentence each.
     """
@@ -103,6 +107,8 @@ class ModelFile:
     floor: bool
     timestep: float
     digest: str
+    mobility: Mapping[tuple[str, str], float]
+    reductions: Mapping[str, str]
     unnamed: tuple[str, ...]
     said: tuple[str, ...]
 
@@ -134,12 +140,12 @@ def _surveyed(path: Path, changed: int) -> ModelFile:
     spec = bare.copy()
     try:
         model = spec.compile()
+        drives, undriveable = read_drives(full, [model.joint(k).name for k in _single(model)])
     except ValueError as error:
         raise RobotError(f"{path} does not compile: {line_of(error)}.") from None
-    inertia = _inertias(model)
-    joints = {joint.name: joint for joint in _joints(model, inertia) if joint.name}
+    masses = _masses(model)
+    joints = {joint.name: joint for joint in _joints(model, np.diag(masses) - model.dof_armature) if joint.name}
     followers, coupled = couplings(model)
-    drives, undriveable = _drives(full, joints)
     drives, carried = led(model, drives)
     undriveable = (*undriveable, *carried)
     moved = [name for drive in drives for name, _ in drive.terms] or list(joints)
@@ -159,18 +165,26 @@ def _surveyed(path: Path, changed: int) -> ModelFile:
         floor=bool(np.isin(model.geom_type, (mujoco.mjtGeom.mjGEOM_PLANE, mujoco.mjtGeom.mjGEOM_HFIELD)).any()),
         timestep=float(model.opt.timestep),
         digest=hashlib.sha256(spec.to_xml().encode()).hexdigest()[:16],
+        mobility=_mobility(model, masses),
+        reductions=reductions(path),
         unnamed=unnamed(model),
         said=said,
     )
 
 
-def _inertias(model: mujoco.MjModel) -> np.ndarray:
-    """Diagonal of the mass matrix at the file's pose, armature left out (nv,)."""
+def _masses(model: mujoco.MjModel) -> np.ndarray:
+    """Mass matrix at the file's pose, with armatures (nv, nv)."""
     data = mujoco.MjData(model)
     mujoco.mj_forward(model, data)
     full = np.zeros((model.nv, model.nv))
     mujoco.mj_fullM(model, data, full)
-    return np.diag(full) - model.dof_armature
+    return full
+
+
+def _mobility(model: mujoco.MjModel, masses: np.ndarray) -> dict[tuple[str, str], float]:
+    inverse = np.linalg.inv(masses)
+    dofs = {model.joint(k).name: int(model.jnt_dofadr[k]) for k in _single(model)}
+    return {(one, two): float(inverse[a, b]) for one, a in dofs.items() for two, b in dofs.items()}
 
 
 def _joints(model: mujoco.MjModel, inertia: np.ndarray) -> list[ModelJoint]:
@@ -202,6 +216,12 @@ def _joints(model: mujoco.MjModel, inertia: np.ndarray) -> list[ModelJoint]:
     return found
 
 
+def _single(model: mujoco.MjModel) -> list[int]:
+    """Hinges and slides that have a name."""
+    kinds = (int(mujoco.mjtJoint.mjJNT_HINGE), int(mujoco.mjtJoint.mjJNT_SLIDE))
+    return [k for k in range(model.njnt) if int(model.jnt_type[k]) in kinds and model.joint(k).name]
+
+
 def _three(values: np.ndarray) -> tuple[float, float, float]:
     x, y, z = map(float, values)
     return x, y, z
@@ -229,57 +249,6 @@ def _tip(model: mujoco.MjModel, body: int) -> tuple[float, float, float]:
     return _three(model.site_pos[sites[-1]] if len(sites) else model.body_ipos[body])
 
 
-def _drives(spec: mujoco.MjSpec, joints: Mapping[str, ModelJoint]) -> tuple[tuple[ModelDrive, ...], tuple[str, ...]]:
-    """What the actuators of a file drive, those of one joint together; and those that no chain can stand for."""
-    found: dict[str, ModelDrive] = {}
-    refused: list[str] = []
-    over_joints = (mujoco.mjtTrn.mjTRN_JOINT, mujoco.mjtTrn.mjTRN_JOINTINPARENT)
-    for actuator in spec.actuators:
-        label = f"actuator '{actuator.name or actuator.target}'"
-        if actuator.trntype in over_joints:
-            terms = ((actuator.target, 1.0),)
-        elif actuator.trntype == mujoco.mjtTrn.mjTRN_TENDON:
-            terms = _belt(spec, actuator.target)
-        else:
-            terms = ()
-        if not 1 <= len(terms) <= 2 or any(joint not in joints for joint, _ in terms):
-            refused.append(
-                f"{label} acts on '{actuator.target}', which is neither a hinge, a slide nor a fixed tendon over at "
-                "most two of them"
-            )
-            continue
-        gear = float(actuator.gear[0])
-        stiffness, damping = -(gear**2) * actuator.biasprm[1], -(gear**2) * actuator.biasprm[2]
-        affine = actuator.biastype == mujoco.mjtBias.mjBIAS_AFFINE
-        drive = found.get(actuator.target, ModelDrive(actuator.target, terms))
-        found[actuator.target] = ModelDrive(
-            drive.name,
-            terms,
-            drive.stiffness + (float(stiffness) if affine else 0.0),
-            drive.damping + (float(damping) if affine else 0.0),
-            _force(actuator, gear, drive.force),
-            (*drive.actuators, actuator.name or actuator.target),
-        )
-    return tuple(found.values()), tuple(refused)
-
-
-def _belt(spec: mujoco.MjSpec, name: str) -> tuple[tuple[str, float], ...]:
-    """Joints and coefficients of a fixed tendon; none of a spatial one."""
-    path = spec.tendon(name).path
-    if any(item.type != mujoco.mjtWrap.mjWRAP_JOINT for item in path):
-        return ()
-    return tuple((item.target.name, float(item.coef)) for item in path)
-
-
-def _force(actuator: mujoco.MjsActuator, gear: float, before: float | None) -> float | None:
-    """Largest force of an actuator at what it drives; several add up."""
-    low, high = map(float, actuator.forcerange)
-    if low >= high and actuator.biastype == mujoco.mjtBias.mjBIAS_NONE:  # a motor: its control is its force
-        gain = float(actuator.gainprm[0])
-        low, high = gain * float(actuator.ctrlrange[0]), gain * float(actuator.ctrlrange[1])
-    return abs(gear) * max(abs(low), abs(high)) + (before or 0.0) if low < high else before
-
-
 def _root(model: mujoco.MjModel, joints: Sequence[str]) -> int:
     """Body below the world that carries the first of these joints."""
     if not joints:
@@ -301,9 +270,4 @@ def _start(spec: mujoco.MjSpec, model: mujoco.MjModel) -> dict[str, float]:
     if not keys:
         return {}
     key = next((key for key in keys if key.name == "home"), keys[0])
-    single = (mujoco.mjtJoint.mjJNT_HINGE, mujoco.mjtJoint.mjJNT_SLIDE)
-    return {
-        model.joint(k).name: float(key.qpos[model.jnt_qposadr[k]])
-        for k in range(model.njnt)
-        if model.jnt_type[k] in single and model.joint(k).name
-    }
+    return {model.joint(k).name: float(key.qpos[model.jnt_qposadr[k]]) for k in _single(model)}

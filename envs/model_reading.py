@@ -20,16 +20,20 @@ def read_specs(path: Path, changed: int) -> tuple[mujoco.MjSpec, mujoco.MjSpec, 
     """The specification without actuators, the same with them, and what was mended."""
     del changed  # a part of the key: a file that was edited is read again
     said: list[str] = []
+    missing: list[str] = []
     try:
         if path.suffix.lower() == ".urdf":
-            full = mujoco.MjSpec.from_string(_mended_urdf(path, said))
+            full = mujoco.MjSpec.from_string(_mended_urdf(path, said, missing))
             full.modelfiledir = str(path.parent)
         else:
             full = mujoco.MjSpec.from_file(str(path))
     except (ValueError, OSError, ElementTree.ParseError) as error:
         raise RobotError(f"{path} cannot be read as a model: {line_of(error)}.") from None
     full.compiler.fusestatic = False  # bodies keep their names, masses and sensors
-    _without_missing_meshes(full, path, said)
+    _without_missing_meshes(full, path, missing)
+    if missing:
+        files = ", ".join(dict.fromkeys(Path(name).name for name in missing))
+        said.append(f"{path.name}: these meshes are not there: {files}; bodies move without them, and are not drawn.")
     bare = full.copy()
     for kind in ("keys", "sensors", "actuators"):
         for item in list(getattr(bare, kind)):
@@ -38,8 +42,11 @@ def read_specs(path: Path, changed: int) -> tuple[mujoco.MjSpec, mujoco.MjSpec, 
     return bare, full, tuple(said)
 
 
-def _mended_urdf(path: Path, said: list[str]) -> str:
-    """The URDF with a link ``world`` where joints need one, and paths of meshes that can be opened."""
+def _mended_urdf(path: Path, said: list[str], missing: list[str]) -> str:
+    """The URDF with a link ``world`` where joints need one, and paths of meshes that can be opened.
+
+    Meshes that are not there are added to ``missing``: MuJoCo passes over those that are only looked at.
+    """
     root = ElementTree.parse(path).getroot()
     links = {link.get("name") for link in root.iter("link")}
     parents = {item.get("link") for item in root.iter("parent")}
@@ -47,7 +54,10 @@ def _mended_urdf(path: Path, said: list[str]) -> str:
         root.insert(0, ElementTree.Element("link", {"name": "world"}))
         said.append(f"{path.name} names a parent 'world' that it does not declare; it is taken for the ground.")
     for mesh in root.iter("mesh"):
-        mesh.set("filename", str(urdf_mesh(path, mesh.get("filename", ""))))
+        file = urdf_mesh(path, mesh.get("filename", ""))
+        if not file.is_file():
+            missing.append(file.name)
+        mesh.set("filename", str(file))
     extension = root.find("mujoco")
     extension = ElementTree.SubElement(root, "mujoco") if extension is None else extension
     compiler = extension.find("compiler")
@@ -67,8 +77,8 @@ def urdf_mesh(path: Path, name: str) -> Path:
     return path.parent / name
 
 
-def _without_missing_meshes(spec: mujoco.MjSpec, path: Path, said: list[str]) -> None:
-    """Leave out geoms whose mesh is not there.
+def _without_missing_meshes(spec: mujoco.MjSpec, path: Path, names: list[str]) -> None:
+    """Leave out geoms whose mesh is not there, and add the files of those meshes to ``names``.
 
     Raises:
         RobotError: the mass of a body comes from such a mesh.
@@ -77,8 +87,6 @@ def _without_missing_meshes(spec: mujoco.MjSpec, path: Path, said: list[str]) ->
     missing = {
         mesh.name or Path(mesh.file).stem: mesh for mesh in spec.meshes if mesh.file and not _found(mesh, folder)
     }
-    if not missing:
-        return
     for geom in list(spec.geoms):
         if geom.type == mujoco.mjtGeom.mjGEOM_MESH and geom.meshname in missing:
             if not geom.parent.explicitinertial and _moves(geom.parent):
@@ -88,9 +96,8 @@ def _without_missing_meshes(spec: mujoco.MjSpec, path: Path, said: list[str]) ->
                 )
             spec.delete(geom)
     for mesh in missing.values():
+        names.append(mesh.file)
         spec.delete(mesh)
-    files = ", ".join(Path(mesh).name for mesh in sorted(missing))
-    said.append(f"{path.name}: the meshes {files} are not there; bodies move without them, and are not drawn.")
 
 
 def _moves(body: mujoco.MjsBody) -> bool:

@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import dataclasses
-import math
 from collections.abc import Sequence
 from pathlib import Path
 from typing import Any, Literal
@@ -13,14 +11,13 @@ from ..actuators.errors import SealegsError, nearest
 from ..actuators.published import PREFIX, bam_file
 from ..configs.check import checked, checked_fields
 from .model_drives import ModelDrive
-from .model_file import UNITS, ModelFile, ModelJoint, read_model
+from .model_file import ModelFile, read_model
 from .robot import RobotError
+from .robot_assumed import goal_range, ideal_servo, reduction_note
 from .robot_described import FileJoint, RobotFile, stated, with_owned
 from .robot_entries import UNKNOWN, YAML_SUFFIXES, FileEntry, JointEntry, Owner, ServoEntry
 
 TIMESTEP = 0.002  # [s] with RK4 accurate to 0.1 mrad (docs/numerics.md)
-BANDWIDTH = 4.0  # [Hz] of the ideal servo that stands for a drive which the file says nothing of: assumed
-SLIDE_REACH = 0.5  # [m] to either side, of a slide without a range: assumed
 
 
 def assembled(path: Path, entry: FileEntry, said: list[str] | None = None) -> RobotFile:
@@ -52,10 +49,15 @@ def assembled(path: Path, entry: FileEntry, said: list[str] | None = None) -> Ro
         entries = {name: checked_fields(f"joints.{name}", row or {}, JointEntry) for name, row in entry.joints.items()}
     if not entries:
         raise RobotError(f"{path}: no joint is driven; the model has {', '.join(model.joints) or 'no named joint'}.")
-    joints = tuple(_joint(path, model, name, row, drives.get(name), said) for name, row in entries.items())
+    timestep = min(TIMESTEP, model.timestep) if entry.timestep is None else entry.timestep
+    if not 1e-5 <= timestep <= 0.05:
+        raise RobotError(f"{path}: timestep is {timestep:g} s; it must lie between 0.00001 and 0.05 s.")
+    joints = tuple(_joint(path, model, name, row, drives.get(name), timestep, said) for name, row in entries.items())
     _check_driven(path, model, joints)
     if entry.joints is None:
-        said += passive_sentence(model, [name for joint in joints for name, _ in joint.terms])
+        driven = [name for joint in joints for name, _ in joint.terms]
+        said += passive_sentence(model, driven)
+        said += [f"joint {name}: {reduction_note(model, name)}." for name in driven if name in model.reductions]
     left = [name for drive in model.drives for name in drive.actuators if drive.name not in entries]
     if entry.joints is not None and left:
         said.append(f"{model.path.name}: the actuators {', '.join(left)} drive nothing here and are left out.")
@@ -66,12 +68,8 @@ def assembled(path: Path, entry: FileEntry, said: list[str] | None = None) -> Ro
         raise RobotError(f"{path}: base is free, but the joints {', '.join(entries)} hang on the world itself.")
     if base == "free" and not model.free and any(joint.body == model.root for joint in model.joints.values()):
         raise RobotError(f"{path}: base is free, but a joint ties '{model.root}' to the world; give the model a base.")
-    timestep = entry.timestep
-    if timestep is None:
-        timestep = min(TIMESTEP, model.timestep)
+    if entry.timestep is None:
         said.append(f"{model.path.name}: the simulation steps by {1e3 * timestep:g} ms, with {entry.integrator}.")
-    if not 1e-5 <= timestep <= 0.05:
-        raise RobotError(f"{path}: timestep is {timestep:g} s; it must lie between 0.00001 and 0.05 s.")
     name = entry.name or path.stem
     return RobotFile(path, name, model, joints, base, timestep, entry.integrator, entry.deploy, tuple(said))
 
@@ -103,23 +101,19 @@ def passive_sentence(model: ModelFile, driven: Sequence[str]) -> list[str]:
 
 
 def _joint(
-    path: Path, model: ModelFile, name: str, entry: JointEntry, drive: ModelDrive | None, said: list[str]
+    path: Path,
+    model: ModelFile,
+    name: str,
+    entry: JointEntry,
+    drive: ModelDrive | None,
+    timestep: float,
+    said: list[str],
 ) -> FileJoint:
     where = f"{path}: joints.{name}"
     terms = _terms(where, model, name, entry)
     joint = model.joints[terms[-1][0]]
-    single = terms == ((joint.name, 1.0),)
-    limits = entry.range
-    if limits is None:
-        limits = joint.range if len(terms) == 1 else None
-        if limits is not None and not single:
-            low, high = sorted(terms[0][1] * end for end in limits)
-            limits = low, high
-        if limits is None:
-            limits = (-math.pi, math.pi) if joint.kind == "hinge" else (-SLIDE_REACH, SLIDE_REACH)
-            said.append(
-                f"joint {name} has no range; {limits[0]:.4g} to {limits[1]:.4g} {UNITS[joint.kind][0]} is assumed."
-            )
+    notes: list[str] = []
+    limits = entry.range or goal_range(model, terms, drive, notes)
     if not limits[0] < limits[1]:
         raise RobotError(f"{where}.range is {limits[0]:g} to {limits[1]:g}; it goes from its low to its high end.")
     ratio = abs(terms[-1][1])  # of the coordinate by the joint
@@ -128,7 +122,11 @@ def _joint(
         "armature": joint.armature / ratio**2,
         "frictionloss": joint.frictionloss / ratio,
     }
-    chain = _chain(where, path, entry, joint, drive, said, name)
+    if entry.chain is not None:
+        chain = _chain(where, path, entry.chain)
+    else:
+        chain = ideal_servo(model, name, terms, drive, limits, timestep, notes)
+    said += [f"joint {name}: {note}." for note in notes]
     owners: dict[str, Owner] = {}
     for key, value in in_file.items():
         of_chain = stated(chain, key)
@@ -150,7 +148,9 @@ def _joint(
         start = sum(c * model.start.get(other, 0.0) for other, c in terms)
         start = min(max(start, limits[0]), limits[1])
     servo = None if entry.servo is None else checked_fields(f"joints.{name}.servo", entry.servo, ServoEntry)
-    return FileJoint(name, terms, joint.kind, limits, chain, owners, in_file, start, tuple(entry.unknown), servo)
+    return FileJoint(
+        name, terms, joint.kind, limits, chain, owners, in_file, start, tuple(entry.unknown), servo, tuple(notes)
+    )
 
 
 def _terms(where: str, model: ModelFile, name: str, entry: JointEntry) -> tuple[tuple[str, float], ...]:
@@ -186,40 +186,14 @@ def _check_driven(path: Path, model: ModelFile, joints: Sequence[FileJoint]) -> 
                 raise RobotError(f"{path}: joint '{name}' {tied} by an equality of the model; leave it out of joints.")
 
 
-def _chain(
-    where: str,
-    path: Path,
-    entry: JointEntry,
-    joint: ModelJoint,
-    drive: ModelDrive | None,
-    said: list[str],
-    name: str,
-) -> Chain:
-    """The chain as the YAML names it, or an ideal servo as the model file has it."""
-    if entry.chain is not None:
-        source: Any = entry.chain
-        if isinstance(source, str) and Path(source).suffix in YAML_SUFFIXES:
-            source = path.parent / source
-        elif isinstance(source, str) and (fit := bam_file(source)) is not None:
-            source = f"{PREFIX}{path.parent / fit}"
-        try:
-            return load_chain(source)
-        except SealegsError as error:
-            raise RobotError(f"{where}.chain: {error}") from None
-    limit = next((force for force in (drive.force if drive else None, joint.force) if force is not None), None)
-    if drive is not None and drive.stiffness > 0.0:
-        stiffness, damping, why = drive.stiffness, drive.damping, "its position actuator's"
-    else:
-        inertia, rate = joint.inertia + joint.armature, 2.0 * math.pi * BANDWIDTH
-        stiffness, damping = inertia * rate**2, 2.0 * inertia * rate
-        why = f"assumed, {BANDWIDTH:g} Hz with the joint's inertia"
-    values = {"stiffness": _rounded(stiffness), "damping": _rounded(damping)}
-    if limit is not None:
-        values["torque_limit"] = _rounded(limit)
-    unit = "/".join(reversed(UNITS[joint.kind]))
-    said.append(f"joint {name} has no chain; an ideal servo of {values['stiffness']:g} {unit} drives it ({why}).")
-    return dataclasses.replace(load_chain([{"ideal": values}]), label=f"ideal on {name}")
-
-
-def _rounded(value: float) -> float:
-    return float(f"{value:.4g}")
+def _chain(where: str, path: Path, source: str | list[Any]) -> Chain:
+    """The chain as the YAML names it."""
+    given: Any = source
+    if isinstance(source, str) and Path(source).suffix in YAML_SUFFIXES:
+        given = path.parent / source
+    elif isinstance(source, str) and (fit := bam_file(source)) is not None:
+        given = f"{PREFIX}{path.parent / fit}"
+    try:
+        return load_chain(given)
+    except SealegsError as error:
+        raise RobotError(f"{where}.chain: {error}") from None

@@ -49,6 +49,7 @@ class FileJoint:
         start: where episodes start [rad or m].
         unknown: words of :data:`UNKNOWN`.
         servo: that drives it, for deployment.
+        notes: what was read of its drive in the model file, or assumed, a phrase each.
     """
 
     name: str
@@ -61,6 +62,7 @@ class FileJoint:
     start: float
     unknown: tuple[str, ...] = ()
     servo: ServoEntry | None = None
+    notes: tuple[str, ...] = ()
 
     @property
     def joint(self) -> str:

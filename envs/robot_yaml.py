@@ -4,6 +4,8 @@ from __future__ import annotations
 
 import dataclasses
 import os
+import textwrap
+from collections.abc import Collection, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -11,9 +13,10 @@ import yaml
 
 from ..actuators.atomic import write_text
 from ..actuators.errors import SealegsError
-from .model_file import UNITS, read_model
+from .model_file import UNITS, ModelFile, read_model
 from .robot import RobotError
 from .robot_assembly import assembled, passive, passive_sentence
+from .robot_assumed import motor_note, reduction_note
 from .robot_described import HINGES, FileJoint, RobotFile
 from .robot_entries import FileEntry
 from .robot_file import load_robot_file
@@ -39,18 +42,21 @@ deploy:   # for sealegs deploy: what configs/robot/bench.yaml holds of the bench
 """
 
 
-def write_robot_yaml(model: Path, out: Path, chain: str | None = None) -> tuple[str, ...]:
+def write_robot_yaml(
+    model: Path, out: Path, chain: str | None = None, reserved: Collection[str] = ()
+) -> tuple[str, ...]:
     """Write the YAML of a model, and return what was assumed in it, a sentence each.
 
     Args:
         model: MJCF or URDF.
         out: file to write; it must not exist.
         chain: that drives every joint; None: an ideal servo as the model has it.
+        reserved: words that joints should not be called by, since columns of logs are.
 
     Raises:
         RobotError: the model cannot be read, or ``out`` exists.
     """
-    text, said = robot_yaml(model, out, chain)
+    text, said = robot_yaml(model, out, chain, reserved)
     try:
         out.parent.mkdir(parents=True, exist_ok=True)
         write_text(out, text)
@@ -60,7 +66,9 @@ def write_robot_yaml(model: Path, out: Path, chain: str | None = None) -> tuple[
     return said
 
 
-def robot_yaml(model: Path, out: Path, chain: str | None = None) -> tuple[str, tuple[str, ...]]:
+def robot_yaml(
+    model: Path, out: Path, chain: str | None = None, reserved: Collection[str] = ()
+) -> tuple[str, tuple[str, ...]]:
     """The text that :func:`write_robot_yaml` writes, and what was assumed."""
     facts = read_model(model)
     names = [drive.name for drive in facts.drives] or [name for name in facts.joints if name not in facts.followers]
@@ -85,16 +93,36 @@ def robot_yaml(model: Path, out: Path, chain: str | None = None) -> tuple[str, t
         timestep=robot.timestep,
         integrator=robot.integrator,
     )
-    lines = [_joint(number, joint, chain, belts.get(joint.name)) for number, joint in enumerate(robot.joints, 1)]
+    more = {joint.name: _more_notes(facts, joint, chain, reserved) for joint in robot.joints}
+    lines = [
+        _joint(number, joint, chain, belts.get(joint.name), more[joint.name])
+        for number, joint in enumerate(robot.joints, 1)
+    ]
     left = [f"# Left out: {reason}.\n" for reason in facts.undriveable]
     left += [
         f"# Joint {name} is not driven: it follows {other or 'a place'}.\n" for name, other in facts.followers.items()
     ]
     driven = [name for joint in robot.joints for name, _ in joint.terms]
     left += [f"# Nothing drives {what}: it moves freely.\n" for what in passive(facts, driven)]
-    said = (*robot.said, *(f"{reason}; it is left out." for reason in facts.undriveable))
+    said = (*robot.said, *(f"joint {name}: {note}." for name, notes in more.items() for note in notes))
+    said = (*said, *(f"{reason}; it is left out." for reason in facts.undriveable))
     said = (*said, *passive_sentence(facts, driven), *_chain_on_slides(robot, chain))
     return head + "".join(lines) + "".join(left) + TAIL.format(safety=_safety(robot)), said
+
+
+def _more_notes(facts: ModelFile, joint: FileJoint, chain: str | None, reserved: Collection[str]) -> list[str]:
+    """What somebody who edits a file for the first time should know of a joint, a phrase each."""
+    notes = []
+    drive = next((drive for drive in facts.drives if drive.name == joint.name), None)
+    if chain is not None and drive is not None and drive.stiffness <= 0.0:  # without a chain, assembling noted it
+        notes.append(motor_note(drive, joint.kind))
+    notes += [reduction_note(facts, name) for name, _ in joint.terms if name in facts.reductions]
+    if joint.name in reserved:
+        notes.append(
+            f"logs have columns '{joint.name}.*' that belong to no joint, so a log of this robot cannot be read; give "
+            f"the joint another name here and name the model's: my_{joint.name}: {{joint: {joint.name}, ...}}"
+        )
+    return notes
 
 
 def _chain_on_slides(robot: RobotFile, chain: str | None) -> tuple[str, ...]:
@@ -121,7 +149,7 @@ def _safety(robot: RobotFile) -> str:
     return "".join(f"\n{row}" for row in rows) if rows else " {}"
 
 
-def _joint(number: int, joint: FileJoint, chain: str | None, belt: dict[str, float] | None) -> str:
+def _joint(number: int, joint: FileJoint, chain: str | None, belt: dict[str, float] | None, more: Sequence[str]) -> str:
     position, force = UNITS[joint.kind]
     drive: Any = chain
     if drive is None:
@@ -134,6 +162,10 @@ def _joint(number: int, joint: FileJoint, chain: str | None, belt: dict[str, flo
         "frictionloss": force,
     }
     lines = [f"  {joint.name}:   # {joint.kind}, {position} and {force}"]
+    for note in (*joint.notes, *more):
+        lines += textwrap.wrap(
+            f"{note[:1].upper()}{note[1:]}.", 120, initial_indent="    # ", subsequent_indent="    #   "
+        )
     if belt is not None:
         lines.append(f"    belt: {_flow(belt)}   # driven is the sum of these joints, times their coefficients")
     lines.append(f"    chain: {_flow(drive)}   # a word of configs/actuator (sts3215, xl330), a file, or stages")

@@ -87,7 +87,7 @@ def test_two_columns_of_one_name_are_two_joints_with_names(tmp_path: Path) -> No
         (TIME[::-1], "it runs backwards, from 4.99 to 0: turn the order of the rows round"),
         (np.repeat(TIME[:250], 2), "2 rows have the same stamp: of a row for each joint make a column for each joint"),
         (np.floor(TIME), "100 rows have the same stamp: export it with fractions of a second"),
-        (TIME % 2.5, "it jumps back in row 251, from 2.49 to 0: sort the rows by it, or part the recordings"),
+        (TIME % 2.5, "it jumps back in row 251, from 2.49 to 0: there one recording ends and the next begins"),
         (1e12 * TIME, "its steps of 1e+10 are no sample period"),
     ],
 )

@@ -109,7 +109,7 @@ def test_a_urdf_with_a_slide_a_mimic_joint_a_missing_mesh_and_an_undeclared_worl
     ]
     assert "ties 'mirror' to 'grip'" in file.coupled["grip"]
     said = " ".join(file.said)
-    assert "taken for the ground" in said and "part are not there" in said
+    assert "taken for the ground" in said and "these meshes are not there: part.stl;" in said
     drivetrain = file.robot().drivetrain()
     data = mujoco.MjData(drivetrain.model)
     data.ctrl[:] = 0.2, 0.5

@@ -34,6 +34,7 @@ from .sidecars import (
     joints_of_robot,
     proposed_sidecar,
     said_before,
+    slides_of,
     text_with_blanks,
 )
 
@@ -112,7 +113,7 @@ def propose_for(
         LogError: the source cannot be read.
     """
     recordings, left = _alike(read_recordings(source))
-    proposal = propose(recordings, unit)
+    proposal = propose(recordings, unit, slides_of(checked_robot(robot, out), out))
     sidecar = proposed_sidecar(
         recordings, proposal, beside(checked_robot(robot, out), out), checked_actuator(actuator), params
     )

@@ -13,13 +13,16 @@ from .evidence import CLOCKS, FASTEST, SLOWEST, clock_units
 from .expression import ROW, quoted, without_overflows
 from .names import said
 from .recording import Recording
+from .unit_words import measures
 from .units import ASK, LIKELY, SURE, Read
 
 NEVER = "it never changes"
 PERIODS = frozenset(["dt", "deltat", "period"])
 """Words for the time from one sample to the next."""
-FACTORS = {"s": "", "ms": "*1e-3", "us": "*1e-6", "ns": "*1e-9", "d": "*86400"}
-"""Expression behind a column that makes it seconds."""
+FACTORS = {unit: known.behind for unit in CLOCKS if (known := measures(unit, "time"))}
+"""Expression behind a column that makes it seconds, by the units that steps tell."""
+DISORDER = 0.01
+"""Share of the rows that go back in time from which a file is in no order, and not of several recordings."""
 
 
 @dataclass(frozen=True)
@@ -44,7 +47,7 @@ def find_clock(recording: Recording) -> Clock:
     spoken = sorted(
         (name for name in columns if said(name).signal == "time"), key=lambda name: (said(name).joint != "", len(name))
     )
-    named = [name for name in spoken if clock_units(columns[name])]
+    named = [name for name in spoken if _units(columns[name], _spoken(recording, name))]
     running = [name for name in columns if clock_units(columns[name]) and len(np.unique(columns[name])) > 10]
     candidates = by_format or named or running
     faults = {name: clock_fault(columns[name]) for name in spoken if name not in (*named, *by_format)}
@@ -82,21 +85,38 @@ def _summed(name: str, periods: Array) -> Read:
     """The time as the sum of the sample periods in a column."""
     period, spoken = float(np.nanmedian(periods)), said(name).unit
     units = [unit for unit in ("s", "ms", "us") if FASTEST <= period * CLOCKS[unit] <= SLOWEST]
-    unit = spoken if spoken in units else next(iter(units), "s")
-    text = f"cumsum({quoted(name)}){FACTORS[unit]}"
+    known = measures(spoken, "time")
+    unit = spoken if known and FASTEST <= period * known.factor <= SLOWEST else next(iter(units), "s")
+    text = f"cumsum({quoted(name)}){known.behind if known and unit == spoken else FACTORS[unit]}"
     ask = f"is {quoted(name)} the time from one sample to the next, in {unit}?"
     return Read(text, unit, SURE if spoken == unit else ASK, f"sum of the sample periods, {period:.4g} {unit}", ask)
 
 
+def _spoken(recording: Recording, name: str) -> str:
+    return recording.units.get(name) or said(name).unit
+
+
+def _units(values: Array, spoken: str) -> list[str]:
+    """Units in which a column is a clock, with the one that its name says."""
+    units = clock_units(values)
+    known = measures(spoken, "time")
+    if known and spoken not in units and "s" in clock_units(values * known.factor):
+        units.append(spoken)
+    return units
+
+
 def _read(recording: Recording, name: str, by_format: bool, sure_of_it: bool) -> Read:
     values, column = recording.columns[name], quoted(name)
-    spoken = recording.units.get(name) or said(name).unit
-    possible = clock_units(values)
+    spoken = _spoken(recording, name)
+    known, possible = measures(spoken, "time"), _units(values, spoken)
     step = float(f"{np.nanmedian(np.diff(values)):.4g}")
-    if spoken in FACTORS and (spoken in possible or by_format):
-        return Read(column + FACTORS[spoken], spoken, SURE, f"in {spoken}, a sample each {step:g}")
-    if spoken in FACTORS or not possible:
+    if known and (spoken in possible or by_format):
+        return Read(column + known.behind, spoken, SURE, f"in {spoken}, a sample each {step:g}")
+    if known or not possible:
         return Read(column, "?", ASK, f"steps of {step:g} are no sample period in {spoken or 'any unit'}")
+    if spoken:
+        ask = f"the name says {spoken}, which is no unit of a time: write an expression in seconds"
+        return Read(column, "?", ASK, f"{ask.partition(':')[0]}; a sample each {step:g}", ask)
     unit = possible[0]
     whole = step == 1.0 and unit != "s" and len(np.unique(np.diff(values))) == 1
     why = f"a sample each {step:g} is one of {1.0 / (step * CLOCKS[unit]):.4g} Hz in {unit}"
@@ -119,11 +139,7 @@ def clock_fault(values: Array) -> str:
     if (steps <= 0.0).all():
         return f"it runs backwards, from {known[0]:g} to {known[-1]:g}: turn the order of the rows round"
     if (steps < 0.0).any():
-        at = int(np.argmax(steps < 0.0))
-        return (
-            f"it jumps back in row {at + 2}, from {known[at]:g} to {known[at + 1]:g}: sort the rows by it, or part the "
-            "recordings"
-        )
+        return _jumps(known, np.flatnonzero(np.isfinite(values))[np.flatnonzero(steps < 0.0) + 1], steps)
     if np.median(steps) == 0.0:
         each = len(known) / len(np.unique(known))
         if (known == np.round(known)).all():
@@ -133,3 +149,24 @@ def clock_fault(values: Array) -> str:
             "joint, one row a sample"
         )
     return f"its steps of {np.median(steps):.4g} are no sample period in s, ms, us or ns"
+
+
+def _jumps(known: Array, rows: np.ndarray, steps: Array) -> str:
+    """What to do with a clock that jumps back: several recordings in one file, or rows in no order.
+
+    Args:
+        known: stamps that there are.
+        rows: first one behind each jump, counted from 0.
+        steps: between the stamps.
+    """
+    at = int(np.argmax(steps < 0.0))
+    where = f"it jumps back in row {rows[0] + 1}, from {known[at]:g} to {known[at + 1]:g}"
+    if len(rows) > DISORDER * len(known):
+        return f"{where}, and in {len(rows)} rows in all: put the rows into their order, or record again"
+    if len(rows) > 1:
+        further = ", ".join(str(row + 1) for row in rows[1:4])
+        return f"{where}, and again in row {further}: there recordings end and begin, so part the file at these rows"
+    return (
+        f"{where}: there one recording ends and the next begins, so part the file, or import it twice, with the line "
+        f"`where: {rows[0]} - {ROW}` in one mapping and `where: {ROW} - {rows[0] - 1}` in the other"
+    )

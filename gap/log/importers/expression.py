@@ -47,6 +47,13 @@ without_overflows = passing(_without_overflows)
 """A counter of 8 to 32 bits that runs on where it started from 0 again."""
 
 
+def hold(values: Any) -> Array:
+    """A column with the last known value in each empty cell; those before the first known one stay empty."""
+    cells = np.array(values, np.float64, ndmin=1)
+    last = np.maximum.accumulate(np.where(np.isfinite(cells), np.arange(len(cells)), -1))
+    return np.where(last >= 0, cells[last], np.nan)
+
+
 CONSTANTS = {"pi": math.pi}
 ROW = "row"
 """Name for the number of a sample, from 0."""
@@ -63,6 +70,7 @@ FUNCTIONS: dict[str, tuple[int, Callable[..., Any]]] = {
     "min": (2, np.minimum),
     "max": (2, np.maximum),
     "hypot": (2, np.hypot),
+    "hold": (1, hold),
     "known": (1, lambda values: np.isfinite(values).astype(float)),
 }
 """Functions by name: how many arguments they take, and what they do."""

@@ -185,15 +185,29 @@ def _check_known(table: AnyMapping[str, Array], mapping: Mapping, where: str) ->
             f"{where}: column '{lost[0]}' has no finite value in any sample; correct '{mapping.columns[lost[0]]}'."
         )
     count, row = int(bad[lost[0]].sum()), int(np.argmax(bad[lost[0]])) + 1
-    taken = dict.fromkeys(one for name in lost for one in names_in(mapping.columns[name]) if one not in ("pi", ROW))
+    said = f"{where}: column '{lost[0]}' has no value in {count} sample{'s' * (count > 1)}, the first in row {row}; "
+    left = len(bad[lost[0]]) - int(np.logical_or.reduce([bad[name] for name in lost]).sum())
+    if not left:
+        raise LogError(
+            f"{said}no sample has a value of all of {', '.join(lost)}: a goal that is written only where it changes is "
+            "hold(<column>) in the mapping."
+        )
     keep = "*".join(
-        [f"known({quoted(one)})" for one in taken if one not in mapping.constants]
+        [*dict.fromkeys(factor for name in lost for factor in _known_factors(mapping, name))]
         + [f"({mapping.where})"] * bool(mapping.where)
     )
     raise LogError(
-        f"{where}: column '{lost[0]}' has no value in {count} sample{'s' * (count > 1)}, the first in row {row}; leave "
-        f"them out by the line `where: {keep}` in the mapping, or record again."
+        f"{said}leave them out by the line `where: {keep}` in the mapping, which keeps {left} "
+        f"sample{'s' * (left > 1)}, or record again."
     )
+
+
+def _known_factors(mapping: Mapping, name: str) -> list[str]:
+    """Conditions under which a column of the log has a value."""
+    text = mapping.columns[name]
+    if "hold(" in text:
+        return [f"known({text})"]
+    return [f"known({quoted(one)})" for one in names_in(text) if one not in ("pi", ROW, *mapping.constants)]
 
 
 def _in_order(table: dict[str, Array]) -> dict[str, Array]:

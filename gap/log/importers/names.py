@@ -7,6 +7,8 @@ import unicodedata
 from dataclasses import dataclass
 from itertools import pairwise
 
+from .unit_words import OF_TEMPERATURE, OF_TIME, SPELT, UNITS, like_a_unit, measure, measures, unit_of
+
 COMMANDED = frozenset(
     [
         "goal",
@@ -97,6 +99,7 @@ FILLERS = frozenset(
         "observation",
         "data",
         "robot",
+        "joints",
         "value",
         "values",
         "msg",
@@ -138,41 +141,20 @@ SIGNALS: tuple[tuple[str, frozenset[str]], ...] = (
 """Signals by the words that say them; the first one that a name has is its signal."""
 SUPPLY = frozenset(["supply", "vsupply", "battery", "batt", "bat", "vbat", "vbatt", "vcc", "vdd", "psu", "versorgung"])
 """What a voltage is of; a name that says no other signal and no other unit means the voltage."""
-UNITS = {
-    "deg": "deg", "degree": "deg", "degrees": "deg", "degs": "deg", "grad": "deg", "rad": "rad", "rads": "rad",
-    "radian": "rad", "radians": "rad", "mrad": "mrad", "turn": "turn", "turns": "turn", "rev": "turn",
-    "revs": "turn", "rpm": "rpm",
-    "dps": "deg/s", "rps": "turn/s", "tick": "tick", "ticks": "tick", "count": "tick", "counts": "tick",
-    "steps": "tick", "raw": "tick", "ms": "ms", "msec": "ms",
-    "millis": "ms", "us": "us", "usec": "us", "micros": "us", "ns": "ns",
-    "nsec": "ns", "nanosec": "ns", "s": "s", "sec": "s", "secs": "s", "seconds": "s", "nm": "N.m", "mnm": "mN.m",
-    "n": "N", "newton": "N", "ma": "mA", "a": "A", "amps": "A",
-    "amp": "A", "mv": "mV", "v": "V", "volts": "V", "percent": "%",
-    "pct": "%", "mm": "mm", "cm": "cm", "m": "m", "meter": "m", "meters": "m", "degc": "degC", "celsius": "degC",
-    "normalized": "%", "norm": "%", "grados": "deg", "degres": "deg", "gradi": "deg", "fahrenheit": "degF",
-    "degf": "degF",
-}  # fmt: skip
-"""Units by the words that say them."""
 CLOCK_WORDS = frozenset(["ms", "seconds", "sec", "secs", "us", "ns", "millis", "micros"])
 """Units that are the whole name of a clock."""
-SPELT = {
-    "rad/s": "rad/s", "rad/sec": "rad/s", "rads/s": "rad/s", "deg/s": "deg/s", "deg/sec": "deg/s", "°/s": "deg/s",
-    "grad/s": "deg/s", "u/min": "rpm",
-    "°": "deg", "°c": "degC", "n.m": "N.m", "n*m": "N.m", "nm": "N.m", "n m": "N.m", "mm/s": "mm/s", "m/s": "m/s",
-    "rev/s": "turn/s", "rev/min": "rpm", "1/min": "rpm", "%": "%", "µs": "us", "n·m": "N.m", "c": "degC",
-    "tr/min": "rpm", "g/min": "rpm", "degrés": "deg", "°f": "degF", "f": "degF",
-}  # fmt: skip
-"""Units as they stand in brackets."""
 SHORT = re.compile(r"(q|theta|phi|x)(m|meas|a|act|g|r|ref|d|des|c|cmd|goal)")
 """Signs of control theory: ``qm`` measured, ``qg`` goal, ``qd`` desired (or the derivative: the data tell)."""
-ONLY_UNIT = {
-    "deg": "position", "rad": "position", "tick": "position", "rpm": "velocity", "N.m": "torque", "mA": "current",
-    "A": "current", "V": "voltage", "mV": "voltage", "degC": "temperature",
-}  # fmt: skip
+ONLY_UNIT = {"angle": "position", "rate": "velocity", "torque": "torque", "current": "current", "voltage": "voltage"}
+"""Signals by the quantity of a unit, where a name says nothing else."""
 ODRIVE = re.compile(r"(?:.*[._/])?(pos_estimate|input_pos|pos_setpoint|vel_estimate|input_vel|vel_setpoint)")
 """Names of ODrive, which counts turns."""
-SINGLE = frozenset(["s", "a", "n", "m", "v", "c", "t", "q"])
-"""Words of one letter: a unit only at the end of a name."""
+ANYWHERE = frozenset(["ms", "us", "ns", "ma", "ua", "mv", "mm", "cm"])
+"""Words of two letters that are units wherever they stand; others, and single letters, only at the end of a name."""
+NUMBERED = re.compile(r"(?<![A-Za-z0-9.])(?:10+|0?\.\d+)[A-Za-zµμ°]+(?![A-Za-z0-9])")
+"""A unit with its number, as in ``time_10us``; ``pos_2deg`` is joint 2."""
+CASED = re.compile(r"(?<![A-Za-z])([nuµμmcdk](?:A|V|C|N|Nm|Ncm|Nmm)|Nm|Ncm|Nmm|degC)(?![a-z])")
+"""Units in which a capital follows a small letter, or does not begin a word."""
 
 
 @dataclass(frozen=True)
@@ -202,11 +184,7 @@ def said(name: str) -> Said:
     low = [word.lower() for word in words]
     if not unit:
         unit, at = _unit(low)
-        if at is not None:
-            words, low = words[:at] + words[at + 1 :], low[:at] + low[at + 1 :]
-            if unit in ("rad", "deg") and at < len(low) and low[at] in ("s", "sec"):
-                unit += "/s"
-                words, low = words[:at] + words[at + 1 :], low[:at] + low[at + 1 :]
+        del words[at], low[at]
     sides = set(low)
     commanded, measured = bool(sides & COMMANDED), bool(sides & (MEASURED - WEAK))
     measured |= not commanded and bool(sides & WEAK)
@@ -218,7 +196,7 @@ def said(name: str) -> Said:
             signal, how = candidate, words[hits[0]]
             used |= set(hits)
             break
-    if signal == "position" and "current" in low and unit in ("A", "mA"):  # q_current (A)
+    if signal == "position" and "current" in low and measures(unit, "current"):  # q_current (A)
         signal, used = "current", used | {low.index("current"), *(k for k, word in enumerate(low) if word == "q")}
     if signal in ("position", "velocity", "torque") and {"input", "control"} & set(low):
         commanded = True
@@ -236,19 +214,25 @@ def said(name: str) -> Said:
     if not signal and len(words) == 1 and low[0] in CLOCK_WORDS:
         signal, how = "time", words[0]
         used.add(0)
-    if not signal and not commanded and unit in ("", "V", "mV") and (named := [w for w in low if w in SUPPLY]):
+    if (
+        not signal
+        and not commanded
+        and (not unit or measures(unit, "voltage"))
+        and (named := [w for w in low if w in SUPPLY])
+    ):
         signal, how = "voltage", named[0]
         used |= {k for k, word in enumerate(low) if word in SUPPLY}
-    if not signal and unit in ONLY_UNIT:
-        signal, how = ONLY_UNIT[unit], f"[{unit}]"
+    if not signal and (only := _only(unit)):
+        signal, how = only, f"[{unit}]"
         if signal == "current" and low[-1:] == ["i"]:  # beside its unit, as in elbow_I_mA: of no joint
             used.add(len(low) - 1)
     if not signal and commanded:
         signal, how = "position", next(word for word in words if word.lower() in COMMANDED)
     if not signal and sides and sides <= ALONE:
         signal, how = "position", words[0]
-    if signal == "temperature" and not unit and low[-1] == "f":
-        unit, used = "degF", used | {len(low) - 1}
+    own = {"temperature": OF_TEMPERATURE, "time": OF_TIME}.get(signal, {})
+    if not unit and len(low) > 1 and low[-1] in own:
+        unit, used = own[low[-1]], used | {len(low) - 1}
     if not unit and ODRIVE.fullmatch(name.lower()):
         unit = "turn/s" if signal == "velocity" else "turn"
     used |= {k for k, (one, two) in enumerate(pairwise(low)) if one == "joint" and two in ("state", "states")}
@@ -263,42 +247,75 @@ def said(name: str) -> Said:
     return Said(signal, unit, joint, bool(sides & FILTERED), how)
 
 
-def unit_of(text: str) -> str:
-    """Unit that a text is, in brackets or without; empty where it is none."""
-    text = text.strip().strip("[]()").strip().lower()
-    return SPELT.get(text) or UNITS.get(text, "")
+def _only(unit: str) -> str:
+    """The signal that a unit says on its own; turns and ways are too common to."""
+    measured = measure(unit) if unit != "turn" else None
+    by_word = {"tick": "position", "degC": "temperature"}
+    return ONLY_UNIT.get(measured.quantity, "") if measured else by_word.get(unit, "")
 
 
 def _bracketed(name: str) -> tuple[str, str]:
-    """A unit in brackets or after a slash, and the name without it."""
-    for match in re.finditer(r"[\[(]([^\])]*)[\])]", name):
-        text = match[1].strip().lower()
-        unit = SPELT.get(text) or UNITS.get(text, "")
+    """A unit in brackets or with its number, understood or not, and the name without it."""
+    brackets = list(re.finditer(r"[\[(]([^\])]*)[\])]", name))
+    found = [(unit_of(match[1]), match) for match in brackets]
+    found += [(unit_of(match[0]), match) for match in NUMBERED.finditer(name)]
+    found += [(match[1].strip(), match) for match in brackets if like_a_unit(match[1])]
+    for unit, match in found:
         if unit:
-            return unit, name[: match.start()] + name[match.end() :]
+            return unit, f"{name[: match.start()]} {name[match.end() :]}"
     return "", name
 
 
 def _words(text: str) -> list[str]:
     """Words of a name: parted by signs, by digits, and where a capital follows a small letter."""
-    text = re.sub(r"(?<![A-Za-z])(mA|mV|mNm|Nm|degC)(?![a-z])", lambda unit: unit[0].lower(), text)
+    text = CASED.sub(lambda unit: unit[0].lower(), text)
     text = re.sub(r"(?<=[a-z0-9])(?=[A-Z])", " ", text)
     plain = "".join(sign for sign in unicodedata.normalize("NFD", text) if not unicodedata.combining(sign))
     return re.findall(r"[^\W\d_]+|°|\d+", plain)
 
 
-def _unit(words: list[str]) -> tuple[str, int | None]:
-    """Unit that a word says, and which: the last one; a single letter only at the end, behind another word."""
+def _unit(words: list[str]) -> tuple[str, slice]:
+    """Unit that words say, and which: the last of them, behind another word."""
+    spoken = {signal for signal, own in SIGNALS if own & set(words)}
+    spoken |= {"voltage"} if SUPPLY & set(words) else set()
     for k in range(len(words) - 1, 0, -1):
-        word = words[k]
         last = all(other.isdigit() for other in words[k + 1 :])
-        if word in UNITS and (word not in SINGLE or last):
-            if word == "s" and words[k - 1] in ("rad", "deg", "grad"):
-                continue
-            return UNITS[word], k
+        if found := _of_several(words, k, last, spoken):
+            return found
+        if found := _of_one(words[k], last, spoken):
+            return found, slice(k, k + 1)
     if len(words) == 1 and words[0] in CLOCK_WORDS:
-        return UNITS[words[0]], None
-    return "", None
+        return unit_of(words[0]), slice(0, 0)
+    return "", slice(0, 0)
+
+
+def _of_several(words: list[str], k: int, last: bool, spoken: set[str]) -> tuple[str, slice] | None:
+    """A unit of two or three words that end at one: ``rad s``, ``deg per sec``, ``kg cm``."""
+    start = k - 2 if words[k - 1] == "per" else k - 1
+    if start < 1:
+        return None
+    if words[k] in ("s", "sec") or (words[k] == "min" and "velocity" in spoken):  # min is the least, too
+        unit = unit_of(f"{words[start]}/{words[k]}")
+    else:
+        unit = unit_of(" ".join(words[start : k + 1])) if last else ""
+        unit = unit if measures(unit, "torque") else ""
+    return (unit, slice(start, k + 1)) if unit else None
+
+
+def _of_one(word: str, last: bool, spoken: set[str]) -> str:
+    """The unit that one word is; at the end of a name also one that is not understood, as it stands."""
+    if word in UNITS and (last or len(word) > 1):
+        return UNITS[word]
+    if word in SPELT or len(word) < 2:
+        return ""
+    if unit := unit_of(word):
+        if len(word) > 2 and not measures(unit, "torque"):
+            return unit
+        measured = measure(unit)
+        quantity = measured.quantity if measured else ""
+        meant = quantity not in ("current", "voltage", "force") or quantity.replace("force", "torque") in spoken
+        return unit if word in ANYWHERE or (last and meant) else ""
+    return word if last and like_a_unit(word) else ""
 
 
 def _joined(words: list[str]) -> str:

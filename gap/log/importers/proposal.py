@@ -2,25 +2,28 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from collections.abc import Collection, Sequence
+from dataclasses import replace
 
 import numpy as np
 
-from ..types import COMMANDS, SIGNAL_UNITS, Array
+from ..types import COMMANDS, OTHER, SIGNAL_UNITS, Array
+from .answer import Answer
+from .between_runs import differing_units
 from .clocks import find_clock
+from .column import Column, plain, span, taken, without_doubt
 from .evidence import Relation, as_derivative, drives, following, multiple
 from .expression import evaluate, names_in, quoted
 from .mapping import Question
-from .names import Said, said
+from .names import said
 from .pairs import best_pair, same_joint
 from .proposed import Proposal
 from .recording import Recording
-from .units import ANGLE, ASK, WAY, Read, read_alike, read_other, read_position, read_velocity
+from .sparse import held_goal, held_read, kept_samples
+from .unit_words import measures
+from .units import ASK, POSITION, Read, read_other, read_velocity
 
 ONLY_JOINT = "joint"
-VAGUE = ("motor", "servo", "joint", "axis", "arm", "pendulum", "robot")
-"""Words that name no joint where there is only one."""
 FOLLOWS = 0.5
 """Share of a motion that another one explains, from which the two are goal and position."""
 MEASURED_BY_MOTION = ("velocity", "torque", "current")
@@ -28,35 +31,30 @@ DRIVES = 0.6
 """Share of a column that motion explains, from which it may be a command or a torque."""
 
 
-@dataclass(frozen=True)
-class _Column:
-    """A column of the file with what its name and its format say."""
-
-    name: str
-    said: Said
-    unit: str
-    how: str
-    by_format: bool
-
-
-def propose(recordings: Sequence[Recording], unit: str | None = None) -> Proposal:
+def propose(
+    recordings: Sequence[Recording], unit: str | None = None, slides: Collection[str] = frozenset()
+) -> Proposal:
     """Propose a mapping for recordings that have the same columns.
 
     Args:
         recordings: of one kind.
         unit: of positions and goals, the answer to the question for it.
+        slides: joints that are slides as the robot's file says.
+
+    Raises:
+        LogError: each column says another unit than the answer.
     """
-    return _Proposer(recordings, unit).run()
+    return _Proposer(recordings, unit, slides).run()
 
 
 class _Proposer:
-    def __init__(self, recordings: Sequence[Recording], unit: str | None) -> None:
-        self.recordings = recordings
+    def __init__(self, recordings: Sequence[Recording], unit: str | None, slides: Collection[str]) -> None:
+        self.recordings, self.slides = recordings, slides
         self.first = max(recordings, key=lambda recording: recording.length)
-        self.unit = unit
+        self.answer = Answer(unit)
         self.out = Proposal()
         self.time = ""
-        self.groups: dict[str, dict[str, list[_Column]]] = {}
+        self.groups: dict[str, dict[str, list[Column]]] = {}
         self.unknown: list[str] = []
 
     def run(self) -> Proposal:
@@ -65,12 +63,18 @@ class _Proposer:
         self.sort_by_name()
         self.find_positions()
         self.place_unknown()
-        for joint, signals in self.groups.items():
-            if signals.get("position"):
-                self.read_joint(joint, signals)
+        measured = {joint: signals for joint, signals in self.groups.items() if signals.get("position")}
+        bases = [self.choose("position", signals["position"]) for signals in measured.values()]
+        self.answer.look_at((base, self.moved(base.name).columns[base.name]) for base in bases)
+        for joint, signals in measured.items():
+            self.read_joint(joint, signals)
+        self.answer.check(self.first.source)
         self.leave_out_strays()
         if len(self.out.joints) >= 1:
             self.ask_for_commands()
+        for question in differing_units(self.recordings, self.out.columns):
+            self.out.questions.append(question)
+            self.out.columns |= {name: replace(self.out.columns[name], trust=ASK) for name in question.about}
         return self.out
 
     # --- the steps -------------------------------------------------------------------------------------------------
@@ -85,7 +89,7 @@ class _Proposer:
     def sort_by_name(self) -> None:
         """Columns by joint and signal, as the format or their names say."""
         known = {*SIGNAL_UNITS, "load"}
-        found: list[tuple[str, str, _Column]] = []
+        found: list[tuple[str, str, Column]] = []
         for name in self.first.columns:
             if name in self.out.unused or name in names_in(self.out.columns["time"].text):
                 continue
@@ -93,10 +97,10 @@ class _Proposer:
             unit = self.first.units.get(name, "")
             if role and role != "time":
                 joint, _, signal = role.rpartition(".")
-                column = _Column(name, spoken, unit or spoken.unit, "the format", True)
+                column = Column(name, spoken, unit or spoken.unit, "the format", True)
                 found.append((joint, signal, column))
             elif spoken.signal in known:
-                column = _Column(name, spoken, spoken.unit, "the name", False)
+                column = Column(name, spoken, spoken.unit, "the name", False)
                 found.append((spoken.joint, spoken.signal, column))
             elif spoken.signal == "time":
                 self.out.unused[name] = "another clock"
@@ -106,10 +110,12 @@ class _Proposer:
                 self.unknown.append(name)
         joints = {joint for joint, _, column in found if not column.by_format}
         moving = {joint for joint, signal, _ in found if signal in ("position", "goal", "velocity")}
-        single = len({_plain(joint) for joint in moving}) <= 1
+        single = len({plain(joint) for joint in moving}) <= 1
         for joint, signal, column in found:
             if not column.by_format:
                 joint = self.joint_of(joint, single, joints, moving)
+                unexplained = single and plain(column.said.joint).isalpha() and column.said.joint != joint
+                column = replace(column, rest=column.said.joint if unexplained else "")
             self.groups.setdefault(joint, {}).setdefault(signal, []).append(column)
         self.join_names()
         self.join_strays()
@@ -119,6 +125,7 @@ class _Proposer:
         names = same_joint(self.groups, self.same_motion)
         if len(self.groups) > 1 and "position" in self.groups.get("", {}) and ONLY_JOINT not in self.groups:
             names[""] = ONLY_JOINT
+        names |= {joint: f"{joint}_{ONLY_JOINT}" for joint in OTHER if joint in self.groups}
         groups, self.groups = self.groups, {}
         for joint, signals in groups.items():
             own = self.groups.setdefault(names.get(joint, joint), {})
@@ -137,11 +144,11 @@ class _Proposer:
             named = [name for name in self.unknown if joint and said(name).joint == joint]
             if "position" not in signals and named and signals.keys() & {*COMMANDS}:
                 self.unknown.remove(named[0])
-                signals["position"] = [_Column(named[0], said(named[0]), said(named[0]).unit, "the name", False)]
+                signals["position"] = [Column(named[0], said(named[0]), said(named[0]).unit, "the name", False)]
         if any("position" in signals for signals in self.groups.values()):
             return
         goals = [(joint, signals["goal"][0].name) for joint, signals in self.groups.items() if "goal" in signals]
-        moving = [name for name in self.unknown if _span(self.first.columns[name]) > 0.0]
+        moving = [name for name in self.unknown if span(self.first.columns[name]) > 0.0]
         if len(goals) > 1:
             return
         joint, goal = goals[0] if goals else (ONLY_JOINT, None)
@@ -152,7 +159,7 @@ class _Proposer:
         for signal, name in (("goal", pair[0]), ("position", pair[1])):
             if signal not in signals:
                 self.unknown.remove(name)
-                signals[signal] = [_Column(name, said(name), said(name).unit, "the name", False)]
+                signals[signal] = [Column(name, said(name), said(name).unit, "the name", False)]
         ask = (
             f"is {quoted(pair[1])} the position and {quoted(pair[0])} its goal? It moves as that does, "
             f"{1e3 * pair[2].lag:.0f} ms later"
@@ -173,11 +180,11 @@ class _Proposer:
             for signal in [*COMMANDS, "velocity"]:
                 if joint == measured[0] or signal not in signals or signal in own:
                     continue
-                if _plain(joint) and not self.goes_along(signals[signal][0], own["position"][0]):
+                if plain(joint) and not self.goes_along(signals[signal][0], own["position"][0]):
                     continue
                 own[signal] = signals.pop(signal)
 
-    def goes_along(self, column: _Column, base: _Column) -> bool:
+    def goes_along(self, column: Column, base: Column) -> bool:
         """Whether a position moves as a goal, or its derivative as a velocity."""
         run = self.moved(base.name)
         time, position, values = self.clock(run), run.columns[base.name], run.columns[column.name]
@@ -188,7 +195,7 @@ class _Proposer:
         """The joint that a name's rest means."""
         by_format = {role.rpartition(".")[0] for role in self.first.roles.values() if role != "time"}
         if single:
-            return next(iter(by_format)) if len(by_format) == 1 else (_plain(next(iter(moving), "")) or ONLY_JOINT)
+            return next(iter(by_format)) if len(by_format) == 1 else (plain(next(iter(moving), "")) or ONLY_JOINT)
         ends = [known for known in by_format | moving if known and joint.endswith(f"_{known}")]
         return max(ends, key=len) if ends and joint not in moving else joint
 
@@ -209,7 +216,7 @@ class _Proposer:
             for other in signals.get("position", []):
                 run = self.moved(other.name)
                 time, position, values = self.clock(run), run.columns[other.name], run.columns[name]
-                column = _Column(name, said(name), "", "its name", False)
+                column = Column(name, said(name), "", "its name", False)
                 slope = as_derivative(time, position, values)
                 if slope.fit > 0.9 and "velocity" not in signals:
                     signals["velocity"] = [column]
@@ -238,45 +245,54 @@ class _Proposer:
         self.out.columns[f"{joint}.torque_command"] = read
         self.out.questions.append(Question((f"{joint}.torque_command",), ask))
 
-    def read_joint(self, joint: str, signals: dict[str, list[_Column]]) -> None:
+    def read_joint(self, joint: str, signals: dict[str, list[Column]]) -> None:
         """The columns of one joint, their units and what they say of each other."""
         self.untwist(joint, signals)
         chosen = {signal: self.choose(signal, columns) for signal, columns in signals.items() if columns}
         base = chosen["position"]
         run = self.moved(base.name)
         position = run.columns[base.name]
-        unit = self.unit or base.unit
-        slide = any(column.unit in ("m", "mm", "cm", "N", "m/s", "mm/s") for column in chosen.values())
-        read = read_position(base.name, position, unit, "unit=" if self.unit else base.how, slide)
-        if read.unit in ("m", "mm", "cm"):
+        slide = joint in self.slides or any(measures(one.unit, "way", "speed", "force") for one in chosen.values())
+        read = self.answer.position(base, position, slide)
+        if measures(read.unit, "way"):
             self.out.slides.add(joint)
+        if joint.removesuffix(f"_{ONLY_JOINT}") in OTHER:
+            read = replace(read, why=f"{read.why}; {joint}, for {joint.split('_')[0]}.* means no joint in a log")
         self.put(f"{joint}.position", read)
         for signal, column in chosen.items():
             values = run.columns[column.name]
             if signal == "position":
                 continue
-            if signal in MEASURED_BY_MOTION and _span(self.moved(column.name).columns[column.name]) == 0.0:
+            if signal in MEASURED_BY_MOTION and span(self.moved(column.name).columns[column.name]) == 0.0:
                 self.out.unused[column.name] = f"a {signal} that never changes is not measured"
                 continue
             if signal in ("goal", "link_position"):
-                goes = following(self.clock(run), values, position)
-                other = read_alike(column.name, self.unit or _known(column.unit), column.how, read, goes)
+                held = held_goal(values) if signal == "goal" else None
+                goes = following(self.clock(run), values if held is None else held, position)
+                other = self.answer.alike(column, read, goes)
                 if signal == "goal":
                     other = self.check_order(other, goes.lag, goes.fit)
+                if held is not None:
+                    other = held_read(other, column.name, values)
+                    self.out.keep[joint] = kept_samples(column.name, held, base.name, position)
                 self.put(f"{joint}.{signal}", other)
             elif signal == "velocity":
                 slope = as_derivative(self.clock(run), position, values)
-                self.put(f"{joint}.velocity", read_velocity(column.name, _known(column.unit), column.how, slope, read))
+                self.put(
+                    f"{joint}.velocity", read_velocity(column.name, without_doubt(column.unit), column.how, slope, read)
+                )
             elif signal == "load":
                 wraps = " (65527 is -9 as a number of 16 bits: signed16(load))" if np.nanmax(values) > 32767 else ""
                 self.out.unused[column.name] = f"a register without a unit{wraps}, no torque"
             else:
                 whole = self.moved(column.name).columns[column.name]
-                self.put(f"{joint}.{signal}", read_other(signal, column.name, whole, column.unit, column.how))
+                self.put(
+                    f"{joint}.{signal}", read_other(signal, column.name, whole, column.unit, column.how, column.rest)
+                )
 
     def leave_out_strays(self) -> None:
         """Joints that have no position: shared columns such as a supply go to the only joint, others are left out."""
-        placed = {name for read in self.out.columns.values() for name in _taken(read.text, self.first)}
+        placed = {name for read in self.out.columns.values() for name in taken(read.text, self.first)}
         for joint, signals in self.groups.items():
             if signals.get("position"):
                 continue
@@ -284,7 +300,7 @@ class _Proposer:
                 for column in columns:
                     only = self.out.joints[0] if len(self.out.joints) == 1 else None
                     target = f"{only}.{signal}"
-                    if signal == "voltage" and not only and not _plain(joint):
+                    if signal == "voltage" and not only and not plain(joint):
                         self.share(column)
                     elif (
                         only
@@ -299,7 +315,7 @@ class _Proposer:
             ask = "which column is the position of a joint? Write <joint>.position: <column>, in rad (slide: m)"
             self.out.questions.append(Question((f"{ONLY_JOINT}.position",), ask))
 
-    def share(self, column: _Column) -> None:
+    def share(self, column: Column) -> None:
         """A supply that all joints have."""
         values = self.moved(column.name).columns[column.name]
         for joint in self.out.joints:
@@ -338,7 +354,7 @@ class _Proposer:
 
     def moved(self, name: str) -> Recording:
         """The recording in which a column changes most."""
-        return max(self.recordings, key=lambda run: _span(run.columns[name]))
+        return max(self.recordings, key=lambda run: span(run.columns[name]))
 
     def clock(self, run: Recording) -> Array:
         """Time of a recording [s], as far as it is known."""
@@ -347,7 +363,7 @@ class _Proposer:
         seconds = np.asarray(evaluate(self.out.columns["time"].text, run.columns, str(run.source)), np.float64)
         return seconds - seconds[0]
 
-    def untwist(self, joint: str, signals: dict[str, list[_Column]]) -> None:
+    def untwist(self, joint: str, signals: dict[str, list[Column]]) -> None:
         """``qd`` may be the derivative or the wanted one: the numbers tell."""
         base = self.choose("position", signals["position"])
         for column in list(signals.get("goal", [])):
@@ -359,11 +375,11 @@ class _Proposer:
                 signals["goal"].remove(column)
                 signals.setdefault("velocity", []).append(column)
 
-    def choose(self, signal: str, columns: list[_Column]) -> _Column:
+    def choose(self, signal: str, columns: list[Column]) -> Column:
         """One of several columns of the same signal: what the format says, not processed, in a unit that is said."""
         ranked = sorted(columns, key=lambda c: (not c.by_format, c.said.filtered, c.unit in ("tick", "%"), len(c.name)))
         if signal == "position":  # none whose name says a unit of something else
-            ranked.sort(key=lambda c: c.unit not in ("", "?", "tick", "%", *ANGLE, *WAY))
+            ranked.sort(key=lambda c: c.unit not in ("", "?", "tick", "%") and not measures(c.unit, *POSITION))
         best = ranked[0]
         for other in ranked[1:]:
             ratio = multiple(self.first.columns[best.name], self.first.columns[other.name])
@@ -379,21 +395,3 @@ class _Proposer:
         if fit > FOLLOWS and self.time:
             return replace(read, why=f"{read.why}; the position follows it by {1e3 * lag:.0f} ms")
         return read
-
-
-def _span(values: Array) -> float:
-    finite = values[np.isfinite(values)]
-    return float(np.ptp(finite)) if len(finite) else -1.0
-
-
-def _known(unit: str) -> str:
-    return "" if unit == "?" else unit
-
-
-def _plain(joint: str) -> str:
-    """A joint's name without words that name none."""
-    return "" if joint in VAGUE else joint
-
-
-def _taken(text: str, recording: Recording) -> list[str]:
-    return [name for name in names_in(text) if name in recording.columns]

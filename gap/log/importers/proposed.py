@@ -19,21 +19,30 @@ class Proposal:
         questions: that are open.
         joints: names.
         slides: joints whose position is a way.
+        keep: by joint the conditions of the samples that are kept, each of them a factor of ``where``.
     """
 
     columns: dict[str, Read] = field(default_factory=dict)
     unused: dict[str, str] = field(default_factory=dict)
     questions: list[Question] = field(default_factory=list)
     slides: set[str] = field(default_factory=set)
+    keep: dict[str, list[str]] = field(default_factory=dict)
 
     @property
     def joints(self) -> list[str]:
         """Joints that have a position."""
         return [name.rpartition(".")[0] for name in self.columns if name.endswith(".position")]
 
+    @property
+    def where(self) -> str | None:
+        """Expression of the samples that are kept; None where all are."""
+        factors = dict.fromkeys(factor for joint in self.joints for factor in self.keep.get(joint, []))
+        return "*".join(factors) or None
+
     def mapping(self) -> Mapping:
         """The mapping without what it says of itself."""
-        return Mapping({name: read.text for name, read in self.columns.items()}, questions=tuple(self.questions))
+        texts = {name: read.text for name, read in self.columns.items()}
+        return Mapping(texts, questions=tuple(self.questions), where=self.where)
 
     def certain(self) -> Proposal:
         """Without what is in question; a joint whose position or command is goes as a whole."""
@@ -42,4 +51,4 @@ class Proposal:
         for joint in self.joints:
             if f"{joint}.position" not in kept or not any(f"{joint}.{signal}" in kept for signal in COMMANDS):
                 kept = {name: read for name, read in kept.items() if name.rpartition(".")[0] != joint}
-        return Proposal(kept, self.unused, [], self.slides)
+        return Proposal(kept, self.unused, [], self.slides, self.keep)

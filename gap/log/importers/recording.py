@@ -46,25 +46,32 @@ class Recording:
         return len(next(iter(self.columns.values()), ()))
 
 
-def facts_beside(path: Path) -> dict[str, float | str]:
-    """Numbers and words of ``<name>.meta.json`` or ``<name>.json`` beside a table; none where there is no such file.
+def facts_beside(path: Path) -> tuple[dict[str, float | str], list[str]]:
+    """Numbers and words of ``<name>.meta.json`` or ``<name>.json`` beside a table, and notes; of a
+    ``<name>.json`` that is of something else a note alone.
 
     Raises:
-        LogError: the file is there and is no mapping.
+        LogError: the file that is called meta cannot be read, or is no mapping.
     """
     for ending in (".meta.json", ".meta.yaml", ".json"):
         beside = path.with_suffix(ending)
         if beside == path or not beside.is_file():
             continue
+        fault, content = "", None
         try:
             text = beside.read_text(encoding="utf-8")
             content = json.loads(text) if ending.endswith("json") else yaml.safe_load(text)
         except (OSError, ValueError, yaml.YAMLError) as error:
-            raise LogError(f"{beside}: cannot be read: {str(error).splitlines()[0]}; correct or remove it.") from None
-        if not isinstance(content, Mapping):
-            raise LogError(f"{beside}: must be a mapping of names to numbers; correct or remove it.")
-        return plain_facts(content)
-    return {}
+            fault = f"cannot be read: {str(error).splitlines()[0]}"
+        if not fault and not isinstance(content, Mapping):
+            fault = "must be a mapping of names to numbers"
+        facts = plain_facts(content) if isinstance(content, Mapping) else {}
+        if ending == ".json" and not facts:
+            return {}, [f"{beside.name} has no numbers by their names and is not read"]
+        if fault:
+            raise LogError(f"{beside}: {fault}; correct or remove it.")
+        return facts, []
+    return {}, []
 
 
 def plain_facts(content: Mapping[str, Any]) -> dict[str, float | str]:

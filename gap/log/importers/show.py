@@ -40,6 +40,8 @@ def proposal_text(
         first_line, *more = textwrap.wrap(why, max(WIDTH - margin - 4, 40)) or [""]
         lines.append(f"{head}  # {first_line}")
         lines += [" " * margin + f"  # {line}" for line in more]
+    if proposal.where:
+        lines.append(f"where: {_scalar(proposal.where)} # samples that are kept: others have no goal or no position")
     if proposal.questions:
         lines.append("questions: # the import waits for these: correct the lines above, then remove the question")
         for question in proposal.questions:

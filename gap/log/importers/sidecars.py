@@ -258,6 +258,15 @@ def checked_robot(robot: str | None, out: Path) -> str | None:
     return robot
 
 
+def slides_of(robot: str | None, out: Path) -> frozenset[str]:
+    """Joints that the robot's file calls slides; none without such a file."""
+    if robot is None or not is_robot_file(robot):
+        return frozenset()
+    found = load_robot_file(Path(robot) if Path(robot).is_file() else out / robot)
+    joints = [*found.model.joints.values(), *found.joints]
+    return frozenset(joint.name for joint in joints if joint.kind == "slide")
+
+
 def joints_of_robot(runs: Sequence[MeasuredRun], out: Path) -> None:
     """Refuse joints that the robot's file does not have, before anything is written.
 

@@ -12,32 +12,37 @@ from ..types import Array
 from ..units import FACTOR, behind
 from .evidence import Relation, encoder, grid, whole_numbers
 from .expression import names_in, quoted
+from .unit_words import measures
 
 SURE, LIKELY, ASK = "sure", "likely", "ask"
 
 ANGLE = behind("rad", "deg", "mrad", "turn")
-"""Expression behind a column that makes it an angle in rad."""
+"""Expression behind a column that makes it an angle in rad, by the units that numbers tell."""
 WAY = behind("m", "mm", "cm")
-POSITION = ANGLE | WAY
-RATE = behind("rad/s", "deg/s", "rpm", "turn/s", "m/s", "mm/s")
+POSITION = ("angle", "way")
+"""Quantities of a position."""
 TURNING, MOVING = ("rad/s", "deg/s", "rpm", "turn/s", "mrad/s"), ("m/s", "mm/s")
 """Units that the velocity of a hinge and of a slide may be in."""
-OTHERS = {
-    "torque": {"N.m": "", "mN.m": "*1e-3", "N": ""},
-    "torque_command": {"N.m": "", "mN.m": "*1e-3", "N": ""},
-    "current": {"A": "", "mA": "*1e-3"},
-    "voltage": {"V": "", "mV": "*1e-3"},
-    "temperature": {"degC": ""},
-    "duty": {"%": "/100", "1": ""},
-    "enabled": {"": ""},
+RATE = behind(*TURNING, *MOVING)
+QUANTITIES = {
+    "torque": ("torque", "force"),
+    "torque_command": ("torque", "force"),
+    "current": ("current",),
+    "voltage": ("voltage",),
 }
-"""By signal: expression behind a column in a unit that its name says."""
+"""By signal what it may be measured as."""
+TEMPERATURES = {"degC": "{}", "0.1 degC": "{}*0.1", "degF": "({} - 32)/1.8", "K": "({} - 273.15)"}
+"""Expression of a temperature by its unit."""
 MILLI = {"current": "mA", "torque": "mN.m", "torque_command": "mN.m"}
 """By signal the unit in which registers count."""
 FULL_SCALES = (885.0, 1000.0, 1023.0, 100.0, 255.0)
 """Counts that mean a full duty on known servos and drives."""
 CLOSE = 2.5
 """Two scales within this factor are the same unit."""
+MOST_RAD = 60.0
+"""An angle that goes beyond this is hardly in rad."""
+STRAY = 0.02
+"""Share of the samples that may lie far outside as what a recorder writes for a lost one."""
 FAR = 2.2 * math.pi
 """An angle in rad without a turn to spare stays below this."""
 
@@ -74,8 +79,8 @@ def read_position(name: str, values: Array, said: str, how: str, slide: bool = F
     column = quoted(name)
     low, high = (float(f(values)) for f in (np.nanmin, np.nanmax))
     span = f"{low:.3g} to {high:.3g}"
-    if said in WAY:
-        return Read(column + WAY[said], said, SURE, f"{how} says {said}: a slide")
+    if way := measures(said, "way"):
+        return Read(column + way.behind, said, SURE, f"{how} says {said}: a slide; {span}")
     found = encoder(values)
     if said == "tick" or (said in ("", "?") and whole_numbers(values) and high - low > 400):
         turn = 4096 if high < 4200 else 2 ** math.ceil(math.log2(max(high - min(low, 0.0), 2.0)))
@@ -85,32 +90,30 @@ def read_position(name: str, values: Array, said: str, how: str, slide: bool = F
             f"{centred}*2*pi/{turn}", "tick", ASK, f"counts of an encoder, {span}",
             f"how many counts are a turn, and which one is 0 rad? {turn} and {middle} are a guess",
         )  # fmt: skip
-    if said in ANGLE:
+    if angle := measures(said, "angle"):
         if found and found[0] != said and said in ("rad", "deg"):
             return Read(
                 column + ANGLE[found[0]], found[0], ASK,
                 f"{how} says {said}, but the steps of its values are a turn in {found[0]} by {found[1]}",
             )  # fmt: skip
-        if said == "rad" and max(abs(low), abs(high)) > 60.0:
-            return Read(column + ANGLE["deg"], "deg", ASK, f"{how} says rad, but it reaches {span}: degrees?")
-        return Read(column + ANGLE[said], said, SURE, f"{how} says {said}; {span}")
+        if said == "rad" and max(abs(low), abs(high)) > MOST_RAD:
+            return _too_far(column, values, span, how)
+        return Read(column + angle.behind, said, SURE, f"{how} says {said}; {span}")
     if found:
         return Read(
             column + ANGLE[found[0]], found[0], SURE,
             f"its steps of {grid(values):.6g} are a turn in {found[0]} by {found[1]}; {span}",
         )  # fmt: skip
-    if slide:
+    if slide and not said:
         return Read(column, "m", LIKELY, f"of a slide; {span}, taken for m")
     largest = max(abs(low), abs(high))
     if said in ("?", "%"):
-        reaches = "-100..100" if low < 0 else "0..100"
+        si = "m" if slide else "rad"
         guess = "deg" if largest > 105.0 or said == "?" else "%"
-        text = column + ANGLE["deg"]
-        ask = (
-            f"degrees (unit=deg), rad (unit=rad), or {reaches} of the range that was calibrated? Of the last that "
-            "range is needed: <column>/100*<half the range in rad>"
-        )
-        return Read(text, guess, ASK, f"{span}", ask)
+        ask = _share(low, si)
+        if said == "?":
+            ask = f"degrees (unit=deg), rad (unit=rad), or {ask[0].lower()}{ask[1:]}"
+        return Read(column + ANGLE["deg"], guess, ASK, span if said == "?" else f"{how} says %; {span}", ask)
     if said:
         return Read(column, said, ASK, f"{how} says {said}, which is no unit of an angle or a way; {span}")
     if low >= 0.0 and high <= 1.001 and high - low > 0.2:
@@ -120,25 +123,60 @@ def read_position(name: str, values: Array, said: str, how: str, slide: bool = F
         return Read(column, "rad", LIKELY, f"no unit is said; {span} look like rad (of a slide they would be m)")
     unit = "deg" if largest > 12.0 else "rad"
     ask = "degrees (unit=deg), rad over several turns (unit=rad), or mm of a slide (unit=mm)? No unit is said"
+    if largest <= 105.0 and (low >= 0.0 or largest > 90.0):
+        ask += f". Or is it a share? {_share(low, 'rad')}"
     return Read(column + ANGLE[unit], unit, ASK, span, ask)
+
+
+def _share(low: float, si: str) -> str:
+    """How a share of a joint's range becomes an angle or a way."""
+    if low < 0.0:
+        reaches, text = "-100..100", "middle + <column>/100*(high - low)/2"
+    else:
+        reaches, text = "0..100", "low + <column>/100*(high - low)"
+    if low >= 0.0:
+        text += (
+            f" with the ends of that range in {si}; or, where the robot's file has the range, keep the column as it is "
+        )
+        text += "and put `units: {<joint>.position: percent, <joint>.goal: percent}` under sidecar"
+    else:
+        text += f" with the ends and the middle of that range in {si}"
+    return f"{reaches} of the range that was calibrated: write {text}"
+
+
+def _too_far(column: str, values: Array, span: str, how: str) -> Read:
+    """An angle that goes too far for rad: in degrees, or with stray values for lost samples."""
+    stray = np.isfinite(values) & (np.abs(values) > MOST_RAD)
+    if stray.sum() <= STRAY * len(values):
+        first = int(np.argmax(stray))
+        ask = (
+            f"{column} is {values[first]:.4g} in row {first + 1}, {int(stray.sum())} such in all, which is no angle in "
+            f"rad: leave these samples out by the line `where: {MOST_RAD:g} - abs({column})` in the mapping"
+        )
+        return Read(column, "rad", ASK, f"{how} says rad, but it reaches {span}", ask)
+    return Read(column + ANGLE["deg"], "deg", ASK, f"{how} says rad, but it reaches {span}: degrees?")
 
 
 def read_alike(name: str, said: str, how: str, other: Read, goes: Relation) -> Read:
     """A goal or a second position, by its name or by how it goes with the position that is read as ``other``."""
     column = quoted(name)
-    if said in POSITION:
-        return Read(column + POSITION[said], said, SURE, f"{how} says {said}")
-    if other.unit in POSITION and goes.fit > 0.3 and goes.scale > 0.0:
-        known = WAY if other.unit in WAY else ANGLE
-        unit = min(known, key=lambda unit: abs(math.log(FACTOR[unit] / goes.scale / FACTOR[other.unit])))
+    if own := measures(said, *POSITION):
+        return Read(column + own.behind, said, SURE, f"{how} says {said}")
+    if said and said != other.unit:
+        return Read(column, said, ASK, f"{how} says {said}, which is no unit of an angle or a way", other.ask)
+    base = measures(other.unit, *POSITION)
+    if base and goes.fit > 0.3 and goes.scale > 0.0:
+        known = dict(WAY if base.quantity == "way" else ANGLE) | {other.unit: base.behind}
+        sizes = {unit: FACTOR.get(unit, base.factor) for unit in known}
+        unit = min(known, key=lambda unit: abs(math.log(sizes[unit] / goes.scale / base.factor)))
         if unit != other.unit and abs(math.log(goes.scale)) < math.log(CLOSE):
             unit = other.unit
         trust = other.trust if unit == other.unit or other.trust == ASK else LIKELY
         why = f"the position moves {goes.scale:.2f} times as far: {unit}"
         return Read(column + known[unit], unit, trust, why, other.ask)
     text = other.text.replace(next(iter(_columns(other.text)), ""), column) if other.trust == ASK else column
-    if other.unit in POSITION:
-        text = column + POSITION[other.unit]
+    if base:
+        text = column + base.behind
     trust = ASK if other.trust == ASK else LIKELY
     return Read(text, other.unit, trust, f"taken to be in the unit of the position, {other.unit}", other.ask)
 
@@ -150,51 +188,63 @@ def _columns(text: str) -> list[str]:
 def read_velocity(name: str, said: str, how: str, slope: Relation, position: Read) -> Read:
     """A velocity, by its name and by how it goes with the derivative of the position [as logged]."""
     column = quoted(name)
-    known = RATE
-    if said in ("deg", "rad", "mm", "m"):
+    slide = bool(measures(position.unit, "way"))
+    if measures(said, *POSITION):
         said += "/s"
+    rate = measures(said, "rate", "speed")
     shown = ""
     if slope.fit > 0.7 and slope.scale > 0.0:
-        per = slope.scale / (FACTOR[position.unit] if position.unit in POSITION else 1.0)
+        base = measures(position.unit, *POSITION)
+        per = slope.scale / (base.factor if base else 1.0)
         shown = f"it is {slope.scale:.3g} times the derivative of the position as logged"
-        rates = MOVING if position.unit in WAY else TURNING
+        rates = MOVING if slide else TURNING
         unit = min(rates, key=lambda unit: abs(math.log(per * FACTOR[unit])))
-        size = per * FACTOR[unit]
-        if said in known and unit != said:
-            return Read(column + known[said], said, ASK, f"{how} says {said}, but {shown}, as {unit} would be")
+        if rate and abs(math.log(per * rate.factor)) > min(math.log(CLOSE), abs(math.log(per * FACTOR[unit])) + 0.01):
+            return Read(column + rate.behind, said, ASK, f"{how} says {said}, but {shown}, as {unit} would be")
         if position.unit == "tick" and not said:
             turn = re.search(r"\*2\*pi/(\d+)", position.text)
             per_count = 2.0 * math.pi / float(turn[1] if turn else 4096) / slope.scale
             return Read(f"{column}*{per_count:.4g}", "counts", ASK, f"{shown}, in rad/s", position.ask)
         if position.trust == ASK and not said:
-            text = column + (known.get(f"{position.unit}/s") or known.get(unit, ""))
-            return Read(text, unit, ASK, "its unit hangs on that of the position", position.ask)
-        if abs(math.log(size)) < math.log(1.3) and unit in known:
-            return Read(column + known[unit], unit, SURE if said == unit else position.trust, f"{shown}: {unit}")
+            own = measures(f"{position.unit}/s", "rate", "speed")
+            return Read(
+                column + (own.behind if own else RATE[unit]), unit, ASK, "its unit hangs on that of the position",
+                position.ask,
+            )  # fmt: skip
+        if rate and abs(math.log(per * rate.factor)) < math.log(1.3):
+            return Read(column + rate.behind, said, SURE, f"{how} says {said}; {shown}")
+        if not rate and abs(math.log(per * FACTOR[unit])) < math.log(1.3):
+            return Read(column + RATE[unit], unit, position.trust, f"{shown}: {unit}")
     elif slope.fit > 0.7:
         shown = "it goes against the derivative of the position"
-    if said in known:
-        return Read(
-            column + known[said],
-            said,
-            SURE if not shown else LIKELY,
-            f"{how} says {said}" + (f"; {shown}" * bool(shown)),
-        )
-    return Read(
-        column, "?", ASK, f"no unit is said, and {shown or 'it does not go with the derivative of the position'}"
-    )
+    if rate:
+        trust, shown = (LIKELY, f"; {shown}") if shown else (SURE, "")
+        return Read(column + rate.behind, said, trust, f"{how} says {said}{shown}")
+    no_unit = f"{how} says {said}, which is no unit of a velocity" if said else "no unit is said"
+    return Read(column, "?", ASK, f"{no_unit}, and {shown or 'it does not go with the derivative of the position'}")
 
 
-def read_other(signal: str, name: str, values: Array, said: str, how: str) -> Read:
-    """A column of the drive, by its name and its range."""
-    column, known = quoted(name), OTHERS[signal]
+def read_other(signal: str, name: str, values: Array, said: str, how: str, rest: str = "") -> Read:
+    """A column of the drive, by its name and its range.
+
+    Args:
+        signal: of the log.
+        name: of the column.
+        values: of it, of the recording in which it moves most.
+        said: unit by its name or its format; ``?`` where the format leaves it open.
+        how: who says so.
+        rest: word of its name that names nothing that is known, and may be a unit.
+    """
+    column = quoted(name)
     finite = values[np.isfinite(values)]
     largest = float(np.abs(finite).max()) if len(finite) else 0.0
     span = f"{finite.min():.3g} to {finite.max():.3g}" if len(finite) else "no values"
-    if signal == "temperature" and said == "degF":
-        return Read(f"({column} - 32)/1.8", said, SURE, f"{how} says {said}; {span}")
-    if said in known and said:
-        return Read(column + known[said], said, SURE, f"{how} says {said}; {span}")
+    if signal == "temperature" and said in TEMPERATURES:
+        return Read(TEMPERATURES[said].format(column), said, SURE, f"{how} says {said}; {span}")
+    if signal == "duty" and said == "%":
+        return Read(f"{column}/100", said, SURE, f"{how} says {said}; {span}")
+    if known := measures(said, *QUANTITIES.get(signal, ())):
+        return Read(column + known.behind, said, SURE, f"{how} says {said}; {span}")
     if signal == "enabled":
         good = set(np.unique(finite)) <= {0.0, 1.0}
         return Read(column, "", SURE if good else ASK, "0 and 1" if good else f"{span}: which of these mean on?")
@@ -224,6 +274,9 @@ def read_other(signal: str, name: str, values: Array, said: str, how: str) -> Re
         milli = dict.fromkeys(MILLI, "*1e-3")
         smaller = (milli | {"voltage": "*0.1" if largest < 600 else "*1e-3"}).get(signal, "")
         return Read(column + smaller * (largest > plausible[signal]), unit, ASK, span, ask)
+    if rest and signal in MILLI:
+        ask = f"is {rest!r} in the name of {column} its unit? It is none that is known: write what makes it {unit}"
+        return Read(column, unit, ASK, span, ask)
     if signal in MILLI and whole_numbers(finite) and np.ptp(finite) > 1.0:
         ask = f"in which unit is this {signal}? Whole numbers are counts of a register, or {MILLI[signal]} (*1e-3)"
         return Read(f"{column}*1e-3", unit, ASK, span, ask)

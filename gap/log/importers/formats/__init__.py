@@ -2,19 +2,18 @@
 
 from __future__ import annotations
 
-import json
 from collections.abc import Callable
 from pathlib import Path
 
 from ...types import LogError
 from ..recording import Recording
 from . import ros, tables
-from .bam import is_bam, read_bam
+from .json_rows import LINES, is_recording, read_json
 from .lerobot import is_lerobot, read_lerobot
-from .matlab import read_matlab
+from .matlab import read_matlab, read_numpy
 from .tables import read_table
 
-KNOWN = (*tables.ENDINGS, ".json", ".mat", *ros.ENDINGS)
+KNOWN = (*tables.ENDINGS, ".json", *LINES, ".mat", ".npz", *ros.ENDINGS)
 
 
 def read_recordings(path: Path) -> list[Recording]:
@@ -48,10 +47,12 @@ def read_recordings(path: Path) -> list[Recording]:
 
 def _reader(path: Path) -> Callable[[Path], list[Recording]]:
     ending = path.suffix.lower()
-    if ending == ".json":
-        return read_bam
+    if ending in (".json", *LINES):
+        return read_json
     if ending == ".mat":
         return read_matlab
+    if ending == ".npz":
+        return read_numpy
     if ending in tables.ENDINGS:
         return read_table
     raise LogError(f"{path}: is of no kind that is read; there are {', '.join(KNOWN)}, and LeRobot data sets.")
@@ -63,9 +64,4 @@ def _is_recording(path: Path) -> bool:
         return False
     if path.is_dir():
         return ros.is_bag(path)
-    if path.suffix.lower() != ".json":
-        return path.suffix.lower() in KNOWN
-    try:
-        return is_bam(json.loads(path.read_text(encoding="utf-8")))
-    except (OSError, ValueError):
-        return False
+    return is_recording(path) if path.suffix.lower() == ".json" else path.suffix.lower() in KNOWN

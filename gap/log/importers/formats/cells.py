@@ -13,7 +13,7 @@ import pyarrow as pa
 from pyarrow import compute
 
 from ...types import Array
-from ..names import unit_of
+from ..unit_words import unit_of
 
 EXACT = 2**53
 """Whole numbers beyond this one are not exact as float64."""

@@ -46,7 +46,11 @@ def pivoted(table: pa.Table, cells: Cells, path: Path) -> LongForm | None:
     Raises:
         LogError: the joints were read at different times, and a log has one time for all.
     """
-    words: dict[str, list[Any]] = {name: table[name].to_pylist() for name in cells.left if name in table.column_names}
+    words: dict[str, list[Any]] = {
+        name: table[name].to_pylist()
+        for name in cells.left
+        if name in table.column_names and _of_words(table.schema.field(name).type)
+    }
     words |= {name: values.tolist() for name, values in cells.columns.items() if _says_joint(name)}
     for name, column in words.items():
         spelt = {word: _label(word) for word in set(column) if word == word}
@@ -62,6 +66,12 @@ def pivoted(table: pa.Table, cells: Cells, path: Path) -> LongForm | None:
             if name in cells.left and _says_joint(name):
                 _refuse(cells.columns[clock], clock, name, labels, joints, path)
     return None
+
+
+def _of_words(kind: pa.DataType) -> bool:
+    """Whether a column holds a word a row, and no list of them."""
+    kind = kind.value_type if pa.types.is_dictionary(kind) else kind
+    return pa.types.is_string(kind) or pa.types.is_large_string(kind)
 
 
 def _says_joint(name: str) -> bool:

@@ -1,4 +1,4 @@
-"""CSV and Parquet of any origin: separators, comment lines and decimal commas as they come."""
+"""CSV, Parquet and other tables of any origin: separators, comment lines and decimal commas as they come."""
 
 from __future__ import annotations
 
@@ -23,14 +23,24 @@ def read_table(path: Path) -> list[Recording]:
         LogError: it cannot be read, has no header, or no column of numbers, or has joints of different times.
     """
     table, notes = (_parquet(path), []) if path.suffix.lower() == ".parquet" else read_text(path)
+    return [recording_of(table, path, notes)]
+
+
+def recording_of(table: pa.Table, path: Path, notes: list[str]) -> Recording:
+    """The recording that a table is.
+
+    Raises:
+        LogError: it has no column of numbers, or has joints of different times.
+    """
     cells = numeric_columns(table)
     if not cells.columns:
         why = _first_reason(cells.left)
         raise LogError(f"{path}: has no column of numbers{why}; export it as CSV with one header line, or as Parquet.")
     long = pivoted(table, cells, path) or LongForm(cells)
-    cells, facts = long.cells, facts_beside(path)
-    notes += cells.notes
-    return [Recording(path.stem, cells.columns, path, "table", facts, long.roles, tuple(notes), long.units, cells.left)]
+    cells = long.cells
+    facts, of_facts = facts_beside(path)
+    notes = [*notes, *cells.notes, *of_facts]
+    return Recording(path.stem, cells.columns, path, "table", facts, long.roles, tuple(notes), long.units, cells.left)
 
 
 def _first_reason(left: dict[str, str]) -> str:

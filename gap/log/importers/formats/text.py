@@ -14,7 +14,7 @@ import pyarrow as pa
 from pyarrow import csv as arrow_csv
 
 from ...types import LogError
-from ..names import unit_of
+from ..unit_words import unit_of
 from .cells import CLOCK, GROUPED, PLAIN, quantity
 
 SEPARATORS = (",", ";", "\t", "|", " ")

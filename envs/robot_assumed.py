@@ -1,0 +1,189 @@
+"""What a model file makes of a joint where the YAML says nothing: the range of its goals and an ideal servo.
+
+What is read from an actuator, and what is assumed, is noted: the notes become sentences on the terminal and comments of
+the YAML that ``sealegs new-robot`` writes.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+import math
+from collections.abc import Sequence
+
+from ..actuators import Chain, load_chain
+from ..actuators.errors import SealegsError
+from .model_drives import ModelDrive
+from .model_file import UNITS, ModelFile
+from .robot import RobotError
+
+BANDWIDTH = 4.0  # [Hz] at least, of the ideal servo that stands for a drive whose gain the file does not say
+FULL_FORCE = 0.125  # of the range: position error at which that servo gives its largest force
+RESOLVED = 0.5  # of a timestep times a servo's natural frequency, at most: the engine resolves its damping below that
+SLIDE_REACH = 0.5  # [m] to either side, of a slide without a range
+SAME = 1e-6  # of a range [rad or m]: what differs by less is the same
+
+
+def goal_range(
+    model: ModelFile, terms: Sequence[tuple[str, float]], drive: ModelDrive | None, notes: list[str]
+) -> tuple[float, float]:
+    """Lowest and highest goal [rad or m]: of what the joints and the controls of their actuators allow, the narrower.
+
+    Args:
+        model: as read.
+        terms: joints and coefficients whose sum is driven.
+        drive: of the model that drives them.
+        notes: where a phrase is added if it is not the range of the joint.
+    """
+    kind = model.joints[terms[-1][0]].kind
+    unit = UNITS[kind][0]
+    ranges = [model.joints[name].range for name, _ in terms]
+    stops = None
+    if len(known := [item for item in ranges if item is not None]) == len(terms):
+        ends = [sorted(factor * end for end in item) for item, (_, factor) in zip(known, terms, strict=True)]
+        stops = sum(low for low, _ in ends), sum(high for _, high in ends)
+    goals = drive.goals if drive is not None else None
+    if drive is None or goals is None:
+        if stops is None:
+            stops = (-math.pi, math.pi) if kind == "hinge" else (-SLIDE_REACH, SLIDE_REACH)
+            notes.append(f"it has no range; {_ends(stops, unit)} is assumed")
+        elif len(terms) > 1:
+            notes.append(f"its range, {_ends(stops, unit)}, is what those of {_and(terms)} add up to")
+        return stops
+    label = f"the control range of {_listed(drive.actuators)} ({_ends(goals, unit)})"
+    if stops is None:
+        notes.append(f"it has no range; its goals end with {label}")
+        return goals
+    both = max(stops[0], goals[0]), min(stops[1], goals[1])
+    if not both[0] < both[1]:
+        hint = "; a control range is in radians, whatever the compiler's angle" if kind == "hinge" else ""
+        notes.append(f"{label} lies outside its range ({_ends(stops, unit)}), which counts{hint}")
+        return stops
+    if max(abs(both[0] - stops[0]), abs(both[1] - stops[1])) > SAME:
+        notes.append(f"its goals end with {label}, which is narrower than its range ({_ends(stops, unit)})")
+        return both
+    return stops
+
+
+def ideal_servo(
+    model: ModelFile,
+    name: str,
+    terms: Sequence[tuple[str, float]],
+    drive: ModelDrive | None,
+    limits: tuple[float, float],
+    timestep: float,
+    notes: list[str],
+) -> Chain:
+    """An ideal servo with the numbers of the model's position actuators, or with assumed ones.
+
+    Args:
+        model: as read.
+        name: of the coordinate.
+        terms: joints and coefficients whose sum is driven.
+        drive: of the model that drives them.
+        limits: of its goals [rad or m].
+        timestep: of the simulation [s].
+        notes: where phrases are added that say where the numbers come from.
+
+    Raises:
+        RobotError: the file has numbers that no servo has.
+    """
+    joint = model.joints[terms[-1][0]]
+    ratio = abs(terms[-1][1])  # of the coordinate by the joint
+    position, force = UNITS[joint.kind]
+    forces = [drive.force if drive is not None else None, None if joint.force is None else joint.force / ratio]
+    limit = min((item for item in forces if item is not None), default=None)
+    if drive is not None and drive.stiffness > 0.0:
+        stiffness, damping, why = drive.stiffness, drive.damping, "its position actuator's"
+    else:
+        if drive is not None:
+            notes.append(motor_note(drive, joint.kind))
+        inertia = (joint.inertia + joint.armature) / ratio**2
+        mobility = sum(c * d * model.mobility[one, two] for one, c in terms for two, d in terms)
+        rate, why = _rate(limit, inertia, 1.0 / mobility, limits, timestep)
+        stiffness, damping = inertia * rate**2, min(2.0 * inertia * rate, 2.0 * RESOLVED / (mobility * timestep))
+    values = {"stiffness": _rounded(stiffness), "damping": _rounded(damping)}
+    if limit is not None:
+        values["torque_limit"] = _rounded(limit)
+    notes.append(f"an ideal servo of {values['stiffness']:g} {force}/{position} drives it ({why})")
+    if drive is not None and drive.dampratio and drive.stiffness > 0.0:
+        notes.append(
+            f"its damping, {values['damping']:g} {force}.s/{position}, is what the engine makes of dampratio "
+            f"{drive.dampratio:g} of {_listed(drive.actuators)} with kp and the inertia that it moves"
+        )
+    try:
+        chain = load_chain([{"ideal": values}])
+    except SealegsError as error:
+        raise RobotError(
+            f"{model.path}: joint '{name}': {_listed(drive.actuators) if drive else 'it'} cannot be taken as an ideal "
+            f"servo: {str(error).partition(': ')[2] or error} Correct it there, or give the joint a chain."
+        ) from None
+    return dataclasses.replace(chain, label=f"ideal on {name}")
+
+
+def motor_note(drive: ModelDrive, kind: str) -> str:
+    """That actuators take no position, while a servo takes their place that does.
+
+    Args:
+        drive: of the model, without a stiffness.
+        kind: of its joint, hinge or slide.
+    """
+    control = "torque" if kind == "hinge" else "force"
+    if len(drive.actuators) > 1:
+        what = f"are motors, whose controls are a {control}" if drive.motor else "are no position servos"
+    else:
+        what = f"is a motor, whose control is a {control}" if drive.motor else "is no position servo"
+    return f"{_listed(drive.actuators)} {what}; here goals are positions, so a position servo takes its place"
+
+
+def reduction_note(model: ModelFile, name: str) -> str:
+    """That a URDF states a mechanical reduction at a joint, and why it is not used.
+
+    Args:
+        model: as read.
+        name: of a joint in :attr:`ModelFile.reductions`.
+    """
+    return (
+        f"a mechanical reduction of {model.reductions[name]} stands in {model.path.name} and is not used: limits and "
+        "goals count at the joint; the gear of a motor stands in its chain (gear: {ratio: ...})"
+    )
+
+
+def _rate(
+    limit: float | None, inertia: float, apparent: float, limits: tuple[float, float], timestep: float
+) -> tuple[float, str]:
+    """Natural frequency [rad/s] of a critically damped servo whose gain nobody stated, and why it is that.
+
+    Args:
+        limit: its largest force [N.m or N]; None: any.
+        inertia: that it moves while the other joints are held [kg.m2 or kg].
+        apparent: the same while they give way, which is less: a damping acts on this one before the others resist.
+        limits: of its goals [rad or m].
+        timestep: of the simulation [s].
+    """
+    slowest = 2.0 * math.pi * BANDWIDTH
+    fastest = RESOLVED * min(apparent / inertia, 1.0) / timestep
+    wanted = 0.0 if limit is None else math.sqrt(limit / (FULL_FORCE * (limits[1] - limits[0])) / inertia)
+    if min(wanted, fastest) <= slowest:
+        return slowest, f"assumed, {BANDWIDTH:g} Hz with the joint's inertia"
+    if wanted <= fastest:
+        return wanted, f"assumed, full force at an error of 1/{1.0 / FULL_FORCE:g} of its range"
+    return fastest, (
+        f"assumed, {fastest / (2.0 * math.pi):.3g} Hz with the joint's inertia, the fastest that a timestep of "
+        f"{1e3 * timestep:g} ms resolves"
+    )
+
+
+def _ends(ends: tuple[float, float], unit: str) -> str:
+    return f"{ends[0]:.4g} to {ends[1]:.4g} {unit}"
+
+
+def _and(terms: Sequence[tuple[str, float]]) -> str:
+    return " and ".join(name for name, _ in terms)
+
+
+def _listed(names: Sequence[str]) -> str:
+    return ("actuators " if len(names) > 1 else "actuator ") + " and ".join(f"'{name}'" for name in names)
+
+
+def _rounded(value: float) -> float:
+    return float(f"{value:.4g}")

@@ -1,0 +1,86 @@
+"""Tables as JSON, lines of JSON and named arrays, and columns of Parquet and MATLAB that are no vectors of numbers."""
+
+from __future__ import annotations
+
+import json
+import warnings
+from pathlib import Path
+
+import numpy as np
+import pyarrow as pa
+import pytest
+from pyarrow import parquet
+from scipy.io import savemat
+from sealegs.gap.log import LogError
+from sealegs.gap.log.importers import propose_for, read_recordings
+
+from tests.test_import_units import ANGLE, LATE, RAD, TIME, table
+
+ROWS = [{"t": t, "arm": {"pos": p, "cmd": g}, "q": [p, g]} for t, g, p in zip(TIME, ANGLE, LATE, strict=True)]
+
+
+@pytest.mark.parametrize("name", ["run.json", "run.jsonl", "lines.json", "columns.json"])
+def test_json_is_a_table_by_rows_by_columns_and_by_lines(tmp_path: Path, name: str) -> None:
+    path = tmp_path / name
+    lines = "\n".join(json.dumps(row) for row in ROWS)
+    columns = {"t": list(TIME), "arm": {"pos": list(LATE), "cmd": list(ANGLE)}, "q": [row["q"] for row in ROWS]}
+    texts = {"run.json": json.dumps(ROWS), "columns.json": json.dumps({**columns, "mass": 0.5})}
+    path.write_text(texts.get(name, lines))
+    (recording,) = read_recordings(path)
+    assert list(recording.columns) == ["t", "arm.pos", "arm.cmd", "q[0]", "q[1]"]
+    np.testing.assert_allclose(recording.columns["arm.pos"], LATE)
+    assert recording.facts == ({"mass": 0.5} if name == "columns.json" else {})
+
+
+def test_a_line_that_is_no_json_is_named_and_a_last_one_that_was_cut_off_left_out(tmp_path: Path) -> None:
+    path = tmp_path / "run.jsonl"
+    lines = [json.dumps(row) for row in ROWS]
+    path.write_text("\n".join([*lines, lines[0][:12]]))
+    assert read_recordings(path)[0].length == len(ROWS)
+    path.write_text("\n".join([lines[0], lines[0][:12], *lines]))
+    with pytest.raises(LogError, match="line 2 is not JSON"):
+        read_recordings(path)
+
+
+def test_named_arrays_of_numpy_are_read_as_matlabs(tmp_path: Path) -> None:
+    np.savez(tmp_path / "run.npz", t=TIME, q=np.stack([ANGLE, LATE], 1), mass=0.5, who=np.array("me"))
+    (recording,) = read_recordings(tmp_path / "run.npz")
+    assert list(recording.columns) == ["t", "q[0]", "q[1]"] and recording.facts == {"mass": 0.5, "who": "me"}
+    (tmp_path / "bad.npz").write_bytes(b"no arrays")
+    with pytest.raises(LogError, match="is no file of named arrays"):
+        read_recordings(tmp_path / "bad.npz")
+
+
+@pytest.mark.parametrize("cells", [[["a", "b"]] * len(TIME), [[0.1] * (1 + k % 3) for k in range(len(TIME))]])
+def test_lists_of_words_or_of_changing_length_are_unused(tmp_path: Path, cells: list[list[object]]) -> None:
+    columns = {"time_s": TIME, **RAD, "tags": cells}
+    parquet.write_table(pa.table(columns), tmp_path / "run.parquet")
+    assert (
+        "tags: lists of different lengths, or not of numbers"
+        in propose_for(tmp_path / "run.parquet", tmp_path / "out").text
+    )
+
+
+def test_complex_numbers_of_matlab_are_told_without_a_warning(tmp_path: Path) -> None:
+    savemat(tmp_path / "run.mat", {"t": TIME, "pos": LATE, "q": LATE * (1.0 + 1.0j)})
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        text = propose_for(tmp_path / "run.mat", tmp_path / "out").text
+    assert "q: complex numbers, where a log has real ones" in text
+
+
+@pytest.mark.parametrize("content", ["[1, 2]", '{"a": [1, 2]}', "no json"])
+def test_a_neighbour_that_has_no_numbers_by_name_is_noted_and_not_read(tmp_path: Path, content: str) -> None:
+    source = table(tmp_path, {"time_s": TIME, **RAD})
+    source.with_suffix(".json").write_text(content)
+    assert (
+        "# Note: run.json has no numbers by their names and is not read." in propose_for(source, tmp_path / "out").text
+    )
+    assert len(read_recordings(tmp_path)) == 1
+
+
+def test_a_clock_that_jumps_back_once_is_parted_there(tmp_path: Path) -> None:
+    time = np.where(TIME < 5.0, TIME, TIME - 5.0)
+    text = propose_for(table(tmp_path, {"time_s": time, **RAD}), tmp_path / "out").text
+    assert "it jumps back in row 501, from 4.99 to 0: there one recording ends and the next begins" in text
+    assert "`where: 500 - row`" in text and "`where: row - 499`" in text and "sort" not in text

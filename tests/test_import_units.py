@@ -1,0 +1,217 @@
+"""Units of foreign columns: understood whole or asked about, and what the answer ``unit=`` is for."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+from sealegs.gap.log import LogError
+from sealegs.gap.log.importers import import_logs, propose_for, read_recordings
+from sealegs.gap.log.importers.expression import evaluate
+from sealegs.gap.log.importers.names import said
+from sealegs.gap.log.importers.proposal import propose
+from sealegs.gap.log.importers.unit_words import measure, unit_of
+
+TIME = np.arange(0.0, 10.0, 0.01)
+ANGLE = 0.6 * np.sin(2.0 * TIME) + 0.2 * np.sin(5.1 * TIME)
+LATE = 0.6 * np.sin(2.0 * (TIME - 0.04)) + 0.2 * np.sin(5.1 * (TIME - 0.04))
+DEG = 180.0 / np.pi
+RAD = {"goal_rad": ANGLE, "pos_rad": LATE}
+
+
+def table(folder: Path, columns: dict[str, np.ndarray], name: str = "run.csv") -> Path:
+    path = folder / name
+    rows = np.stack(list(columns.values()), axis=1)
+    np.savetxt(path, rows, delimiter=",", header=",".join(columns), comments="", fmt="%.9g")
+    return path
+
+
+@pytest.mark.parametrize(
+    ("name", "joint", "factor"),
+    [
+        ("current_uA", "current", 1e-6),
+        ("current (µA)", "current", 1e-6),
+        ("current_cA", "current", 1e-2),
+        ("current (10mA)", "current", 1e-2),
+        ("current (kA)", "current", 1e3),
+        ("voltage (0.1V)", "voltage", 0.1),
+        ("voltage_dV", "voltage", 0.1),
+        ("voltage_cV", "voltage", 1e-2),
+        ("voltage_kV", "voltage", 1e3),
+        ("pos (0.1deg)", "position", 0.1 / DEG),
+        ("pos (0,1 deg)", "position", 0.1 / DEG),
+        ("pos (0.01deg)", "position", 0.01 / DEG),
+        ("pos (pi rad)", "position", np.pi),
+        ("pos_cdeg", "position", 0.01 / DEG),
+        ("pos_mdeg", "position", 1e-3 / DEG),
+        ("pos (millideg)", "position", 1e-3 / DEG),
+        ("pos_urad", "position", 1e-6),
+        ("pos_um", "position", 1e-6),
+        ("pos_inch", "position", 0.0254),
+        ("velocity (0.229rpm)", "velocity", 0.229 * 2.0 * np.pi / 60.0),
+        ("velocity_rad_min", "velocity", 1.0 / 60.0),
+        ("velocity_kdeg_s", "velocity", 1e3 / DEG),
+        ("time (10ms)", "time", 1e-2),
+        ("time (0.1ms)", "time", 1e-4),
+        ("time_10us", "time", 1e-5),
+        ("time_100us", "time", 1e-4),
+        ("time_min", "time", 60.0),
+        ("t_min", "time", 60.0),
+        ("time (min)", "time", 60.0),
+        ("Time [h]", "time", 3600.0),
+        ("torque_kgcm", "torque", 0.0980665),
+        ("torque_kg_cm", "torque", 0.0980665),
+        ("torque (kgf.cm)", "torque", 0.0980665),
+        ("torque (kgf·cm)", "torque", 0.0980665),
+        ("torque_Ncm", "torque", 1e-2),
+        ("torque (N.cm)", "torque", 1e-2),
+        ("torque_Nmm", "torque", 1e-3),
+        ("torque (lb-in)", "torque", 0.1129848290),
+        ("torque (lbf.ft)", "torque", 1.3558179483),
+        ("torque (oz-in)", "torque", 0.0070615518),
+        ("torque_N_m", "torque", 1.0),
+    ],
+)
+def test_a_unit_is_understood_with_its_prefix_its_number_and_its_arm(name: str, joint: str, factor: float) -> None:
+    spoken = said(name)
+    known = measure(spoken.unit)
+    assert (spoken.signal, spoken.joint) == (joint, "") and known is not None
+    assert known.factor == pytest.approx(factor, rel=1e-8)
+    assert evaluate(f"1{known.behind}", {}, "test") == pytest.approx(factor, rel=1e-8)
+
+
+@pytest.mark.parametrize("text", ["halfturns", "counts/rev", "deg/s^2", "Hz", "fmA", "left"])
+def test_a_unit_that_is_not_understood_to_its_last_letter_is_none(text: str) -> None:
+    assert unit_of(text) == ""
+
+
+@pytest.mark.parametrize("name", ["pos_2deg", "pos_deg_min", "clamp_pos", "hip_na"])
+def test_a_joint_or_a_least_value_is_no_factor_and_no_unit(name: str) -> None:
+    assert said(name).unit in ("deg", "") and said(name).joint
+
+
+def test_a_unit_of_time_that_says_a_number_makes_seconds(tmp_path: Path) -> None:
+    for name, per in (("time_100us", 1e4), ("time (min)", 1.0 / 60.0), ("Time [h]", 1.0 / 3600.0)):
+        proposed = propose_for(table(tmp_path, {name: TIME * per, **RAD}), tmp_path / "out")
+        assert proposed.mapping.questions == ()
+        (recording,) = proposed.recordings
+        time = evaluate(proposed.mapping.columns["time"], recording.columns, "test")
+        assert time[-1] == pytest.approx(TIME[-1], rel=1e-6)
+
+
+def test_a_unit_word_that_is_not_known_is_asked_about(tmp_path: Path) -> None:
+    columns = {"time_s": TIME, "goal_halfturns": ANGLE / np.pi, "pos_halfturns": LATE / np.pi}
+    text = propose_for(table(tmp_path, columns), tmp_path / "out").text
+    assert "the name says halfturns, which is no unit of an angle or a way" in text
+    proposed = propose_for(table(tmp_path, {"time_s": TIME, **RAD, "torque_foot": ANGLE}), tmp_path / "out")
+    (question,) = proposed.mapping.questions
+    assert question.about == ("joint.torque",) and "is 'foot' in the name of torque_foot its unit?" in question.ask
+
+
+# --- unit= -----------------------------------------------------------------------------------------------------------
+
+
+def test_the_answer_fills_the_unit_that_is_open_and_no_other(tmp_path: Path) -> None:
+    columns = {"time_s": TIME, "lift_cmd_mm": 100 * ANGLE, "lift_pos_mm": 100 * LATE}
+    columns |= {"pan_cmd": ANGLE * DEG, "pan_pos": LATE * DEG}
+    proposal = propose(read_recordings(table(tmp_path, columns)), "deg")
+    assert {name: read.text for name, read in proposal.columns.items() if name != "time"} == {
+        "lift.position": "lift_pos_mm*1e-3",
+        "lift.goal": "lift_cmd_mm*1e-3",
+        "pan.position": "pan_pos*pi/180",
+        "pan.goal": "pan_cmd*pi/180",
+    }
+    assert "unit=deg is for columns that say none" in proposal.columns["lift.position"].why
+    for name in ("pan.position", "pan.goal"):
+        assert proposal.columns[name].why.startswith("unit= says deg")
+
+
+def test_a_unit_in_one_of_two_columns_is_kept_against_the_answer(tmp_path: Path) -> None:
+    columns = {"t [s]": TIME, "goal [rad]": ANGLE, "pos [deg]": LATE * DEG}
+    proposal = propose(read_recordings(table(tmp_path, columns)), "deg")
+    assert proposal.columns["joint.goal"].text == "`goal [rad]`"
+
+
+def test_an_answer_that_every_column_contradicts_is_refused(tmp_path: Path) -> None:
+    with pytest.raises(LogError, match="unit=deg is for positions and goals whose unit is open, and none is"):
+        propose_for(table(tmp_path, {"time_s": TIME, **RAD}), tmp_path / "out", "deg")
+
+
+def test_an_answer_that_would_leave_a_joint_at_rest_beside_others_is_asked_about(tmp_path: Path) -> None:
+    columns = {"time_s": TIME, "a_goal": ANGLE * DEG, "a_pos": LATE * DEG, "b_goal": ANGLE, "b_pos": LATE}
+    proposal = propose(read_recordings(table(tmp_path, columns)), "deg")
+    assert [question.about for question in proposal.questions] == [("b.position", "b.goal")]
+
+
+def test_a_few_samples_far_outside_are_left_out_by_a_line_that_is_offered(tmp_path: Path) -> None:
+    lost = np.where((TIME > 3.0) & (TIME < 3.1), -1e10, LATE)
+    text = propose_for(table(tmp_path, {"time_s": TIME, **RAD, "pos_rad": lost}), tmp_path / "out").text
+    assert "`where: 60 - abs(pos_rad)`" in text and "degrees?" not in text
+
+
+def test_a_share_of_the_range_is_asked_with_what_the_range_is_good_for(tmp_path: Path) -> None:
+    for middle, sentence in ((50.0, "low + <column>/100*(high - low)"), (0.0, "middle + <column>/100*(high - low)/2")):
+        columns = {"time_s": TIME, "goal_pct": middle + 50 * ANGLE, "pos_pct": middle + 50 * LATE}
+        text = propose_for(table(tmp_path, columns), tmp_path / "out").text
+        assert sentence in text and ("percent, <joint>.goal: percent" in text) == (middle > 0.0)
+    assert "range in m" in "".join(
+        q.ask for q in propose(read_recordings(tmp_path / "run.csv"), None, {"joint"}).questions
+    )
+
+
+# --- folders, joints, goals ------------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize(
+    ("angle", "clock", "about", "pair"),
+    [(DEG, 1.0, "joint.position", "deg and rad"), (1.0, 1e3, "time", "ms and s")],
+)
+def test_runs_of_a_folder_in_two_units_are_asked_about(
+    tmp_path: Path, angle: float, clock: float, about: str, pair: str
+) -> None:
+    folder = tmp_path / "runs"
+    folder.mkdir()
+    table(folder, {"time": TIME, "goal": ANGLE, "pos": LATE}, "one.csv")
+    table(folder, {"time": clock * TIME, "goal": angle * ANGLE, "pos": angle * LATE}, "two.csv")
+    proposed = propose_for(folder, tmp_path / "out")
+    (question,) = [one for one in proposed.mapping.questions if pair in one.ask]
+    assert about in question.about and about not in proposed.certain.columns
+
+
+def test_a_joint_that_is_called_as_a_group_of_columns_gets_another_name(tmp_path: Path) -> None:
+    columns = {"time_s": TIME, "base_goal_rad": ANGLE, "base_pos_rad": LATE, "arm_goal_rad": LATE, "arm_pos_rad": ANGLE}
+    proposed = propose_for(table(tmp_path, columns), tmp_path / "out")
+    text = " ".join(proposed.text.replace("#", "").split())
+    assert "base_joint, for base.* means no joint in a log" in text
+    assert "base_joint.goal" in proposed.mapping.columns
+
+
+@pytest.mark.parametrize("begins", [0, 70])
+def test_a_goal_that_stands_only_where_it_changes_is_held(tmp_path: Path, begins: int) -> None:
+    places = np.arange(len(TIME))
+    held = np.floor(places / 70.0) % 3
+    goal = np.where((places % 70 == 0) & (places >= begins), held, np.nan)
+    late = np.concatenate([np.zeros(5), held[:-5]])
+    source = table(tmp_path, {"time": TIME, "goal_rad": goal, "pos_rad": late + 1e-3 * np.sin(TIME)})
+    proposed = propose_for(source, tmp_path / "out")
+    assert proposed.certain.columns["joint.goal"] == "hold(goal_rad)"
+    assert proposed.certain.where == ("known(hold(goal_rad))" if begins else None)
+    import_logs(source, tmp_path / "out", proposed.certain)
+    log = (tmp_path / "out" / "run.csv").read_text().splitlines()
+    assert len(log) - 1 == len(TIME) - begins
+
+
+def test_hold_leaves_what_stands_before_the_first_value_unknown() -> None:
+    column = np.array([np.nan, 1.0, np.nan, 2.0, np.nan])
+    np.testing.assert_array_equal(evaluate("hold(x)", {"x": column}, "test"), [np.nan, 1.0, 1.0, 2.0, 2.0])
+
+
+def test_no_line_is_offered_that_would_keep_no_sample(tmp_path: Path) -> None:
+    odd = np.arange(len(TIME)) % 2 == 0
+    columns = {"time_s": TIME, "goal_rad": np.where(odd, ANGLE, np.nan), "pos_rad": np.where(odd, np.nan, LATE)}
+    source = table(tmp_path, columns)
+    proposed = propose_for(source, tmp_path / "out")
+    with pytest.raises(LogError, match="no sample has a value of all of") as caught:
+        import_logs(source, tmp_path / "out", proposed.certain)
+    assert "where:" not in str(caught.value)
