@@ -99,7 +99,10 @@ class SearchSettings:
         6, "The same to each part of a log that is sketched, where it starts from the optimum of the sketch."
     )
     coarse_step: float = threshold(2.0, "Factor on the largest step for play and switching firmware during the search.")
-    coarse_robot_step: float = threshold(10.0, "The same where the replay converges at the longer step of robots.")
+    coarse_robot_step: float = threshold(
+        10.0,
+        "The same for a joint of a robot whose replay converges at the longest step of benches, or a longer one.",
+    )
     most_causes: int = threshold(6, "Causes after which the search ends.")
     least_temperature_range: float = threshold(
         1.0, "Change of the temperature [K] from which a thermal cause can show."
