@@ -131,17 +131,15 @@ def read_position(name: str, values: Array, said: str, how: str, slide: bool = F
 def _share(low: float, si: str) -> str:
     """How a share of a joint's range becomes an angle or a way."""
     if low < 0.0:
-        reaches, text = "-100..100", "middle + <column>/100*(high - low)/2"
-    else:
-        reaches, text = "0..100", "low + <column>/100*(high - low)"
-    if low >= 0.0:
-        text += (
-            f" with the ends of that range in {si}; or, where the robot's file has the range, keep the column as it is "
+        return (
+            "-100..100 of the range that was calibrated: write middle + <column>/100*(high - low)/2 with the ends and the "
+            f"middle of that range in {si}"
         )
-        text += "and put `units: {<joint>.position: percent, <joint>.goal: percent}` under sidecar"
-    else:
-        text += f" with the ends and the middle of that range in {si}"
-    return f"{reaches} of the range that was calibrated: write {text}"
+    return (
+        f"0..100 of the range that was calibrated: write low + <column>/100*(high - low) with the ends of that range in "
+        f"{si}; or, where the robot's file has the range, keep the column as it is and put "
+        "`units: {<joint>.position: percent, <joint>.goal: percent}` under sidecar"
+    )
 
 
 def _too_far(column: str, values: Array, span: str, how: str) -> Read:
