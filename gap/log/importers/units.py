@@ -132,12 +132,12 @@ def _share(low: float, si: str) -> str:
     """How a share of a joint's range becomes an angle or a way."""
     if low < 0.0:
         return (
-            "-100..100 of the range that was calibrated: write middle + <column>/100*(high - low)/2 with the ends and the "
-            f"middle of that range in {si}"
+            "-100..100 of the range that was calibrated: write middle + <column>/100*(high - low)/2 with the ends and "
+            f"the middle of that range in {si}"
         )
     return (
-        f"0..100 of the range that was calibrated: write low + <column>/100*(high - low) with the ends of that range in "
-        f"{si}; or, where the robot's file has the range, keep the column as it is and put "
+        "0..100 of the range that was calibrated: write low + <column>/100*(high - low) with the ends of that range "
+        f"in {si}; or, where the robot's file has the range, keep the column as it is and put "
         "`units: {<joint>.position: percent, <joint>.goal: percent}` under sidecar"
     )
 
