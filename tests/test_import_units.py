@@ -185,6 +185,9 @@ def test_a_joint_that_is_called_as_a_group_of_columns_gets_another_name(tmp_path
     text = " ".join(proposed.text.replace("#", "").split())
     assert "base_joint, for base.* means no joint in a log" in text
     assert "base_joint.goal" in proposed.mapping.columns
+    own = {name.replace("base_", "base_joint_"): values for name, values in columns.items()}
+    proposed = propose_for(table(tmp_path, own), tmp_path / "out")
+    assert "base_joint.goal" in proposed.mapping.columns and "means no joint" not in proposed.text, "it is called so"
 
 
 @pytest.mark.parametrize("begins", [0, 70])

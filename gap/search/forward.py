@@ -19,7 +19,7 @@ from .fit import Fit, fit, merge, middle
 from .loose import refitting_beats
 from .record import Evidence, Replacement, RoundRecord, SearchRecord, Step
 from .result import Candidate, Round, Search
-from .rough import charged, rough_fits, tried
+from .rough import charged, rough_fits, to_try
 from .screen import screen
 from .settings import DEFAULT, SearchSettings
 from .simpler import at_bound, contradicted, elaborates, visited, without_friction
@@ -216,7 +216,7 @@ class Searcher:
         screened = screen(self.sketch, [c for c in self.shown if c.key not in taken], extended, here, settings)
         if not self.look_on and not decide.promising(left, screened.promise, settings):
             return [], screened.promise
-        chosen = tried(screened.chosen, self.shown, taken, self.numbers, blind=left > settings.far)
+        chosen = to_try(screened.chosen, self.shown, taken, self.numbers, blind=left > settings.far)
         if chosen:
             self.progress(f"trying {', '.join(dict.fromkeys(cause.key for cause, _ in chosen))}")
         rough = rough_fits(self.sketch, chosen, extended, here, settings)

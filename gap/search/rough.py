@@ -11,7 +11,7 @@ from .fit import Fit, fit, merge
 from .settings import SearchSettings
 
 
-def tried(
+def to_try(
     chosen: Sequence[tuple[Cause, Variant]],
     shown: Sequence[Cause],
     taken: Collection[str],
@@ -40,7 +40,7 @@ def tried(
     every += [(cause, cause.variants[0]) for cause in shown if cause.seen and cause.key not in known]
     for cause in shown:
         wrong = cause.error and cause.variants[0][0].number in numbers
-        if (wrong or (blind and not cause.seen)) and cause.key not in known:
+        if wrong and cause.key not in known:
             every.append((cause, cause.variants[0]))
     if blind:
         left = [cause for cause in shown if not cause.seen and cause.key not in taken]

@@ -113,10 +113,9 @@ def propose_for(
         LogError: the source cannot be read.
     """
     recordings, left = _alike(read_recordings(source))
-    proposal = propose(recordings, unit, slides_of(checked_robot(robot, out), out))
-    sidecar = proposed_sidecar(
-        recordings, proposal, beside(checked_robot(robot, out), out), checked_actuator(actuator), params
-    )
+    robot = checked_robot(robot, out)
+    proposal = propose(recordings, unit, slides_of(robot, out))
+    sidecar = proposed_sidecar(recordings, proposal, beside(robot, out), checked_actuator(actuator), params)
     text = proposal_text(proposal, sidecar, recordings, command, left)
     mapping = replace(proposal.mapping(), sidecar=sidecar)
     return Proposed(text, mapping, _certain(proposal, sidecar), tuple(recordings), tuple(left))

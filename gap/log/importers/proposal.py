@@ -56,6 +56,7 @@ class _Proposer:
         self.time = ""
         self.groups: dict[str, dict[str, list[Column]]] = {}
         self.unknown: list[str] = []
+        self.renamed: dict[str, str] = {}  # words that logs reserve, by the joint's name here
 
     def run(self) -> Proposal:
         """All steps, in the order in which one needs the other."""
@@ -125,7 +126,8 @@ class _Proposer:
         names = same_joint(self.groups, self.same_motion)
         if len(self.groups) > 1 and "position" in self.groups.get("", {}) and ONLY_JOINT not in self.groups:
             names[""] = ONLY_JOINT
-        names |= {joint: f"{joint}_{ONLY_JOINT}" for joint in OTHER if joint in self.groups}
+        self.renamed = {f"{joint}_{ONLY_JOINT}": joint for joint in OTHER if joint in self.groups}
+        names |= {joint: name for name, joint in self.renamed.items()}
         groups, self.groups = self.groups, {}
         for joint, signals in groups.items():
             own = self.groups.setdefault(names.get(joint, joint), {})
@@ -256,8 +258,8 @@ class _Proposer:
         read = self.answer.position(base, position, slide)
         if measures(read.unit, "way"):
             self.out.slides.add(joint)
-        if joint.removesuffix(f"_{ONLY_JOINT}") in OTHER:
-            read = replace(read, why=f"{read.why}; {joint}, for {joint.split('_')[0]}.* means no joint in a log")
+        if joint in self.renamed:
+            read = replace(read, why=f"{read.why}; {joint}, for {self.renamed[joint]}.* means no joint in a log")
         self.put(f"{joint}.position", read)
         for signal, column in chosen.items():
             values = run.columns[column.name]
