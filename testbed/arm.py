@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -161,6 +161,8 @@ def links_of(bodies: tuple[Body, ...], masses: np.ndarray) -> Links:
         np.array([body.centre for body in bodies], float),
         inertia,
         np.array([0.0, 0.0, -GRAVITY]),
+        end_of(np.array(bodies[-1].centre)),
+        -math.inf,
     )
 
 
@@ -255,6 +257,7 @@ def record_arm(
     faults: Mapping[str, str] | None = None,
     passive: tuple[str, ...] = (),
     kinds: tuple[str, ...] = KINDS,
+    goals: Callable[[np.ndarray, np.random.Generator], np.ndarray] | None = None,
 ) -> tuple[list[Recording], dict[str, Any]]:
     """Record runs of an arm that hides effects, and write the model file that is believed of it.
 
@@ -269,6 +272,7 @@ def record_arm(
         faults: of columns: ``degrees`` or ``reversed`` by joint.
         passive: joints that nothing drives; only their position is logged.
         kinds: of excitation of each joint, in an order of its own.
+        goals: in place of these: of times (k,) and a source of chance the goals (k, n) of all joints [rad].
 
     Returns:
         The recordings, and the truth.
@@ -305,7 +309,7 @@ def record_arm(
             f"run{k}",
             *_run(
                 links, servos, names, duration, np.random.default_rng([seed, 12, k]), k, dict(faults or {}), passive,
-                kinds,
+                kinds, goals,
             ),
             {}, str(folder / "arm.xml"), {}, {name: chain for name in names if name not in passive},
         )
@@ -347,11 +351,12 @@ def _run(
     faults: dict[str, str],
     passive: tuple[str, ...],
     kinds: tuple[str, ...],
+    goals: Callable[[np.ndarray, np.random.Generator], np.ndarray] | None,
 ) -> tuple[np.ndarray, dict[str, dict[str, np.ndarray]]]:
     count = int(duration / SAMPLE_PERIOD)
     jitter = np.clip(rng.normal(0.0, JITTER, count), -0.3 * SAMPLE_PERIOD, 0.3 * SAMPLE_PERIOD)
     time = SAMPLE_PERIOD * (1.0 + np.arange(count)) + jitter
-    goal = goals_of(len(names), time, rng, run, servos.by_torque, kinds)
+    goal = goals_of(len(names), time, rng, run, servos.by_torque, kinds) if goals is None else goals(time, rng)
     at, angle, speed, duty, current, _ = simulate(links, servos, time, goal, float(time[-1]) + 2e-3)
     held = np.clip(np.searchsorted(at, time, side="right") - 1, 0, len(at) - 1)
     joints = {}

@@ -89,6 +89,11 @@ def _payload(links: Links, servos: Servos, joint: int, size: float) -> tuple[Lin
     return links._replace(mass=mass, centre=centre, inertia=inertia), servos
 
 
+def _table(links: Links, servos: Servos, joint: int, size: float) -> tuple[Links, Servos]:
+    """A table at this height [m], which the end of the arm cannot pass."""
+    return links._replace(table=size), servos
+
+
 def end_of(centre: np.ndarray) -> np.ndarray:
     """Where the last link ends: twice as far as its centre of mass (3,) [m]."""
     return 2.0 * centre
@@ -109,6 +114,7 @@ EFFECTS: dict[str, Hidden] = {
 }
 FURTHER: dict[str, Hidden] = {
     "meshing": Hidden("friction.position_dependent", "friction.ripple", (0.5, 0.25), _meshing),
+    "table": Hidden("", "", (0.0, 0.0), _table, everywhere=True),
     "softer": Hidden("transmission.compliance", "compliance.stiffness", (12.0, 20.0), _softer),
 }
 """Effects of single machines, which the matrix of arms does not hide."""

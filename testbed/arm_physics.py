@@ -27,6 +27,8 @@ class Links(NamedTuple):
     centre: np.ndarray  # (n, 3) of its mass [m]
     inertia: np.ndarray  # (n, 3, 3) about that [kg.m2]
     gravity: np.ndarray  # (3,) in the frame of the base [m/s2]
+    end: np.ndarray  # (3,) of the arm, in the last link [m]
+    table: float  # height of a table below it, in the frame of the base [m]; -inf: none
 
 
 class Servos(NamedTuple):
@@ -58,6 +60,8 @@ class Servos(NamedTuple):
 CABLE_TIME = 2.0  # [s] over which a cable relaxes
 STOP_STIFFNESS, STOP_DAMPING = 300.0, 1.5
 TOOTH_STIFFNESS, TOOTH_DAMPING = 800.0, 0.6
+TABLE_STIFFNESS, TABLE_DAMPING = 5000.0, 30.0  # [N/m, N.s/m]
+TABLE_FRICTION, TABLE_SLIP = 0.3, 0.01  # of the end on it, and the speed below which that grows [m/s]
 SOFT_DAMPING = 0.02  # [N.m.s/rad] of the spring in place of teeth
 
 
@@ -155,6 +159,31 @@ def mass_matrix(links, turns, out):
 
 
 @numba.njit(cache=True)
+def push_of(links, turns, w, out):
+    """Fill the torques (n,) with which a table pushes the joints at speeds (n,)."""
+    n = len(w)
+    turned, place, at = np.eye(3), np.zeros(3), np.zeros(3)
+    axes, places, levers = np.empty((n, 3)), np.empty((n, 3)), np.empty((n, 3))
+    for i in range(n):
+        place = place + turned @ links.place[i]
+        turned = turned @ turns[i]
+        axes[i], places[i] = turned[:, 2], place
+    end = place + turned @ links.end
+    speed = np.zeros(3)
+    for i in range(n):
+        at[:] = end - places[i]
+        _cross(axes[i], at, levers[i])
+        speed += levers[i] * w[i]
+    force = 0.0
+    if end[2] < links.table:
+        force = max(TABLE_STIFFNESS * (links.table - end[2]) - TABLE_DAMPING * speed[2], 0.0)
+    slip = max(math.hypot(speed[0], speed[1]), TABLE_SLIP)
+    for i in range(n):
+        along = (levers[i, 0] * speed[0] + levers[i, 1] * speed[1]) / slip
+        out[i] = force * (levers[i, 2] - TABLE_FRICTION * along)
+
+
+@numba.njit(cache=True)
 def simulate(links, servos, goal_time, goal, duration):
     """Integrate one run from rest at the first goals (n,), or hanging at zero where goals are torques.
 
@@ -178,7 +207,8 @@ def simulate(links, servos, goal_time, goal, duration):
         q[:] = goal[0]
     relaxed = q.copy()
     turns, matrix = np.empty((n, 3, 3)), np.empty((n, n))
-    bias, drive, duty, current, dry, impulse = (
+    bias, drive, duty, current, dry, impulse, push = (
+        np.zeros(n),
         np.zeros(n),
         np.zeros(n),
         np.zeros(n),
@@ -202,6 +232,8 @@ def simulate(links, servos, goal_time, goal, duration):
                     matrix[i, i] += servos.armature[i]
             inverse = np.linalg.inv(matrix)
         torques_of(links, turns, w, still, links.gravity, bias)
+        if links.table > -np.inf:
+            push_of(links, turns, w, push)
         motor_torque = 0.0
         for i in range(n):
             angle, rate = (motor, motor_w) if i == b else (q[i], w[i])
@@ -221,7 +253,7 @@ def simulate(links, servos, goal_time, goal, duration):
                 limit += servos.ripple[i] * math.cos(servos.ripple_count[i] * angle + servos.ripple_phase[i])
             dry[i] = max(limit, 0.0) * STEP
             relaxed[i] += STEP / CABLE_TIME * (q[i] - relaxed[i])
-            outside = servos.cable[i] * (relaxed[i] - q[i])
+            outside = servos.cable[i] * (relaxed[i] - q[i]) + push[i]
             if q[i] > servos.upper_stop[i]:
                 outside -= max(STOP_STIFFNESS * (q[i] - servos.upper_stop[i]) + STOP_DAMPING * w[i], 0.0)
             if i == b:

@@ -68,10 +68,12 @@ def read_stops(joints: Sequence[JointContext], reach: float = 1.0) -> tuple[Stop
 
 
 def _rows(joint: JointContext) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
-    """Goal, angle, whether the joint is slow, and sample period, at the samples with the drive on."""
+    """Goal, angle, whether the joint is slow, and sample period, where the drive is on and nothing touches it."""
     goal = joint.log.goal
     assert goal is not None
     on = joint.on & np.isfinite(goal)
+    if joint.log.touched is not None:
+        on &= joint.log.touched < 0.5
     return goal[on], joint.log.position[on], ~joint.moving[on], np.full(int(on.sum()), joint.period)
 
 

@@ -19,6 +19,7 @@ SWING = 0.125  # of a run that is not judged at its start where the link hangs o
 PIECES = 4  # a run is cut into at least, where there are too few runs to hold whole ones out
 PIECE = 6.0  # [s] that a piece takes at most, about: what changes along a run, as in a chirp, is in every part
 ENOUGH_RUNS = 6
+LEAST_FREE = 0.5  # [s] that is judged at least between two stretches in which something touches what a joint moves
 LONG = 60.0  # [s] from which runs are cut however many there are: each part needs what only one of them shows
 FIT_A, FIT_B, TEST = 0, 1, 2
 
@@ -48,7 +49,8 @@ def cut(runs: Sequence[MeasuredRun], joint: str, test_group: str | None = None) 
 
     Whole runs (or groups of runs, where the sidecars name them and there are at least three) are dealt out if there
     are enough; else, and of a long run without a group, pieces, shifted from run to run so that each part gets every
-    excitation. A single run beside the test group is cut into pieces as well.
+    excitation. A single run beside the test group is cut into pieces as well. Stretches in which something that no
+    model has touches what the joint moves are in no unit.
 
     Args:
         runs: of one machine.
@@ -58,6 +60,29 @@ def cut(runs: Sequence[MeasuredRun], joint: str, test_group: str | None = None) 
     Raises:
         LogError: the test group does not exist, or nothing is left to fit on.
     """
+    return [free for unit in _dealt(runs, joint, test_group) for free in _untouched(runs, joint, unit)]
+
+
+def _untouched(runs: Sequence[MeasuredRun], joint: str, unit: Unit) -> list[Unit]:
+    """A unit without the stretches in which something touches what the joint moves."""
+    log, time = runs[unit.run].joints[joint], runs[unit.run].time
+    if log.touched is None or not log.touched[unit.start : unit.stop].any():
+        return [unit]
+    free = log.touched[unit.start : unit.stop] < 0.5
+    found = []
+    for a, b in np.flatnonzero(np.diff(np.concatenate([[False], free, [False]]).astype(int))).reshape(-1, 2):
+        start, stop = unit.start + int(a), unit.start + int(b)
+        judged = unit.start + unit.judged
+        if a > 0:
+            judged = max(judged, int(np.searchsorted(time, time[start] + WARM_UP)))
+        if judged < stop and time[stop - 1] - time[judged] >= LEAST_FREE:
+            state = unit.state if a == 0 else state_at(time, log.position, start)
+            found.append(Unit(unit.run, unit.part, start, stop, max(judged - start, 1), state))
+    return found
+
+
+def _dealt(runs: Sequence[MeasuredRun], joint: str, test_group: str | None) -> list[Unit]:
+    """The same with what is touched."""
     groups = _groups(runs)
     names = sorted(set(groups), key=groups.index)
     if test_group is not None:
@@ -114,9 +139,25 @@ def _groups(runs: Sequence[MeasuredRun]) -> list[str]:
 
 def _pieces(runs: Sequence[MeasuredRun], k: int, joint: str, least: int, parts: int, shift: int = 0) -> Iterator[Unit]:
     """A run in so many pieces at least, dealt to the first so many parts in turn from part ``shift`` on."""
-    count = max(least, round(float(runs[k].time[-1] - runs[k].time[0]) / PIECE))
+    length = float(runs[k].time[-1] - runs[k].time[0])
+    count = max(least, round(length / PIECE))
+    if parts == 3 and length >= LONG:
+        shift = _first(runs[k], joint, count)
     for piece in range(count):
         yield _unit(runs, k, joint, (piece + shift) % parts, piece / count, (piece + 1) / count)
+
+
+def _first(run: MeasuredRun, joint: str, count: int) -> int:
+    """Part of the first piece of a long run that puts the piece of the fastest commands into FIT_B, the one before it
+    into FIT_A: what a sweep reaches at its end alone, its fits must both see.
+    """
+    log = run.joints[joint]
+    command = log.position if log.goal is None else log.goal
+    known = np.isfinite(command)
+    way = np.abs(np.diff(command[known], prepend=command[known][0]))
+    ends = np.linspace(run.time[0], run.time[-1], count + 1)
+    fastest = int(np.histogram(run.time[known], ends, weights=way)[0].argmax())
+    return (FIT_B - fastest) % 3
 
 
 def _unit(runs: Sequence[MeasuredRun], k: int, joint: str, part: int, begin: float, end: float) -> Unit:

@@ -66,6 +66,8 @@ class JointLog:
         enabled: 1 while the drive is on, 0 while the motor is left without torque; None where it was on throughout.
         torque_command: commanded torque, held until the next sample [N.m]; of an open loop, or of a controller outside
             the drive that closes one. None where the drive takes a position goal.
+        touched: 1 where something that the model lacks holds what the joint moves, as a table under an arm; no column,
+            but found before a diagnosis. None where nothing does.
     """
 
     goal: Array | None
@@ -79,6 +81,7 @@ class JointLog:
     temperature: Array | None = None
     enabled: Array | None = None
     torque_command: Array | None = None
+    touched: Array | None = None
 
     def signals(self) -> dict[str, Array]:
         """Return the recorded signals by name, in the order of the format."""

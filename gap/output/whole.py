@@ -17,6 +17,7 @@ from ..log.types import MeasuredRun, MeasuredSet
 from ..replay.whole import Whole, replay_whole, whole, why_not_whole
 from ..shared import ROBOT
 from ..verdict.checking import check_log
+from ..verdict.resting import without_rests
 from ..verdict.verdict import JointDiagnosis
 from .extension import as_taken
 from .robot_extension import in_frame
@@ -40,6 +41,7 @@ def confirm_whole(
         return None
     data, *_ = check_log(data, lambda text: None)  # in the model's units, and mended as where it was judged
     data = as_taken(data, diagnoses)
+    data = replace(data, runs=tuple(without_rests(data.runs)[0]))
     robot = robot_of(data.runs[0])
     if robot is None:
         return None
@@ -98,5 +100,6 @@ def _errors(
     errors = {}
     for name, (scale, offset) in hosts.items():
         error = scale * readings[name] + offset - run.joints[name].position
-        errors[name] = error[np.isfinite(error)]
+        touched = run.joints[name].touched
+        errors[name] = error[np.isfinite(error) & (True if touched is None else touched < 0.5)]
     return errors

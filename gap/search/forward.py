@@ -45,6 +45,7 @@ class Searcher:
             What is named stays the same.
         wide: nuisance parameters with the bounds of refitting, where a round is to be compared with that.
         start: values by path from which the nuisance parameters are first fitted; default: the parameters' own.
+        led: keys of causes that alone are tried as long as one of them pays, and all others after them.
     """
 
     problem: Problem
@@ -56,6 +57,7 @@ class Searcher:
     look_on: bool = False
     wide: tuple[Parameter, ...] = ()
     start: Mapping[str, float] | None = None
+    led: tuple[str, ...] = ()
     outrun: bool = field(default=False, init=False)  # by refitted numbers, in a round
     replaced: set[str] = field(default_factory=set, init=False)  # causes that a later one made redundant
     optima: dict[frozenset[Parameter], float] = field(default_factory=dict, init=False)  # costs on the sketch
@@ -80,7 +82,7 @@ class Searcher:
         base = self.judged(self.fit_both(self.tuned, self.start))
         found, fault = Found(base), ""
         try:
-            while len(found.accepted) < self.settings.most_causes and self.step(found):
+            while len(found.accepted) < self.settings.most_causes and (self.step(found) or self.unled(found)):
                 pass
         except NUMERICAL as error:
             fault = f"the search for a further cause failed numerically ({type(error).__name__}: {error})"
@@ -89,6 +91,16 @@ class Searcher:
             self.tuned, tuple(found.accepted), tuple(found.rounds), self.counts, base.fits, self.considered,
             self.settings, SearchRecord(self.seed, tuple(found.steps)), fault,
         )  # fmt: skip
+
+    def unled(self, found: Found) -> bool:
+        """Whether causes led the last round, and none of them paid: now all are tried in its place."""
+        if not self.led:
+            return False
+        self.led = ()
+        over = found.steps.pop().round
+        if found.rounds and found.rounds[-1].excess == over.excess and not found.rounds[-1].accepted:
+            found.rounds.pop()
+        return True
 
     def step(self, found: Found) -> bool:
         """One round of the selection, which changes what was found; whether another is to follow."""
@@ -213,10 +225,15 @@ class Searcher:
         taken = {c.cause.key for c in accepted} | self.replaced | without_friction(self.shown, extended, self.nominal)
         here = middle(*current.fits)
         self.sketch_anew(extended, here)
-        screened = screen(self.sketch, [c for c in self.shown if c.key not in taken], extended, here, settings)
+        shown = [c for c in self.shown if c.key not in taken]
+        if leaders := [c for c in shown if c.key in self.led]:
+            shown = leaders
+        else:
+            self.led = ()
+        screened = screen(self.sketch, shown, extended, here, settings)
         if not self.look_on and not decide.promising(left, screened.promise, settings):
             return [], screened.promise
-        chosen = to_try(screened.chosen, self.shown, taken, self.numbers, blind=left > settings.far)
+        chosen = to_try(screened.chosen, shown, taken, self.numbers, blind=left > settings.far)
         if chosen:
             self.progress(f"trying {', '.join(dict.fromkeys(cause.key for cause, _ in chosen))}")
         rough = rough_fits(self.sketch, chosen, extended, here, settings)
@@ -224,7 +241,7 @@ class Searcher:
         near = {cause.key for found, cause, _ in rough if found.cost < settings.finalist_cost * rough[0][0].cost}
         finalists = [n for k, n in enumerate(order[: settings.finalists]) if k < settings.sure_finalists or n in near]
         finalists += [cause.key for cause, _ in chosen[: settings.foreseen] if cause.key not in finalists]
-        finalists += [cause.key for cause in self.shown if cause.seen and cause.key not in (*finalists, *taken)]
+        finalists += [cause.key for cause in shown if cause.seen and cause.key not in finalists]
         found: list[Candidate] = []
         passed: list[tuple[Fit, Cause, Variant]] = []
         best, joined = dict[str, float](), dict[str, float]()

@@ -23,7 +23,7 @@ if TYPE_CHECKING:
     from .forward import Searcher
 
 
-def search_loosely(searcher: Searcher, found: Search) -> Search:
+def search_loosely(searcher: Searcher, found: Search, *, astray: bool = True) -> Search:
     """What is found on top of refitted numbers, where that is something and better; else what was found.
 
     Both are charged for each parameter of their causes, and the second for each number that it refits.
@@ -31,18 +31,20 @@ def search_loosely(searcher: Searcher, found: Search) -> Search:
     Args:
         searcher: that found something.
         found: by it.
+        astray: whether what it found may have gone astray: what is left is then reason enough, and so is a round that
+            refitted numbers beat.
     """
     tight = _blocks(searcher, found)
     far = held_back(searcher, found.fits) and searcher.excess(found.fits) > searcher.settings.open_excess
-    if not (searcher.outrun or far or refitting_beats(searcher, found.accepted, found.fits, tight)):
+    if not ((astray and (searcher.outrun or far)) or refitting_beats(searcher, found.accepted, found.fits, tight)):
         return found
     searcher.progress("its numbers are off by more than their tolerance: seeking causes beside refitted numbers")
-    causes = [cause for cause in searcher.considered if not _turned_anyway(cause, searcher.wide)]
+    causes = [cause for cause in searcher.considered if not turned_anyway(cause, searcher.wide)]
     loose = replace(searcher, causes=causes, tuned=searcher.wide, wide=()).run()
     charge = searcher.settings.parameter_charge
     turned = sum(p.factor for p in searcher.wide)
-    held = float(tight.sum()) * (1.0 + charge * _flexibility(found))
-    freed = float(_blocks(searcher, loose).sum()) * (1.0 + charge * (_flexibility(loose) + turned))
+    held = float(tight.sum()) * (1.0 + charge * flexibility(found))
+    freed = float(_blocks(searcher, loose).sum()) * (1.0 + charge * (flexibility(loose) + turned))
     return replace(loose, causes=searcher.considered, loose=True) if loose.accepted and freed < held else found
 
 
@@ -75,12 +77,12 @@ def _blocks(searcher: Searcher, found: Search) -> np.ndarray:
     return found.accepted[-1].blocks if found.accepted else searcher.judged(found.base).blocks
 
 
-def _flexibility(found: Search) -> int:
+def flexibility(found: Search) -> int:
     """Parameters of the causes that were found; a missing effect counts as one more."""
     return sum(len(candidate.variant) + (not candidate.cause.error) for candidate in found.accepted)
 
 
-def _turned_anyway(cause: Cause, wide: Sequence[Parameter]) -> bool:
+def turned_anyway(cause: Cause, wide: Sequence[Parameter]) -> bool:
     """Whether a wrong number is among those that are refitted, as far as the cause would turn it."""
     (first, *others) = cause.variants[0]
     known = next((p for p in wide if p.number == first.number and p.factor == first.factor), None)

@@ -30,10 +30,9 @@ from ..replay.steps import converged
 from ..replay.tree import HELD
 from ..search.channels import weigh_channels
 from ..search.forward import NUMERICAL, Searcher
-from ..search.loose import search_loosely
 from ..search.result import Search
+from ..search.seek import seek
 from ..search.settings import DEFAULT, SearchSettings
-from ..search.tied import search_tied
 from ..search.windows import in_windows
 from .case import Case, Cut, Replay
 from .checking import check_log
@@ -47,6 +46,7 @@ from .pieces import cut_joint, named_chain
 from .recorded import recording_reasons
 from .refusal import refuse
 from .request import Request
+from .resting import without_rests
 from .robot import Asked, with_robot
 from .torque import diagnose_torque
 from .unseen_range import unseen_range
@@ -95,7 +95,8 @@ def diagnose(
         why = Refused("the log", stop.sentence)
         return [refuse(joint, why, findings, plan) for joint, plan in zip(joints, first, strict=True)]
     runs, of_frames = in_likely_frames(runs, progress, test_group)
-    findings = [*findings, *of_frames]
+    runs, of_table = without_rests(runs, progress)
+    findings = [*findings, *of_frames, *of_table]
     found = side_by_side(dict.fromkeys(joints, _whatever_happens), runs, findings, request, workers, done)
     if only is not None:
         return found
@@ -280,7 +281,7 @@ def _search(replay: Replay, request: Request) -> Search:
         replay.fitting, causes, tuple(replay.tuned), request.progress, request.seed, request.search, request.look_on,
         tuple(replay.wide),
     )  # fmt: skip
-    return search_tied(searcher, search_loosely(searcher, searcher.run()))
+    return seek(searcher)
 
 
 def _decide(

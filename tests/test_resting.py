@@ -1,0 +1,106 @@
+"""An arm that presses on a table that its model lacks: found, told, and left out of what is judged."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+from sealegs.gap.checks.stops import stops_of
+from sealegs.gap.load.resting import Resting, find_resting
+from sealegs.gap.log.parts import LEAST_FREE, cut
+from sealegs.gap.log.types import MeasuredSet
+from sealegs.gap.verdict.checking import check_log
+from sealegs.gap.verdict.diagnosis import diagnose
+from sealegs.gap.verdict.resting import RESTS, without_rests
+from sealegs.gap.verdict.verdict import NOTHING
+
+from benchmarks.robot_logs import DATA, so101
+from testbed.logs import hidden_arm
+from tests.logged_robots import robot
+
+TABLE = -0.05  # [m]
+Hidden = dict[str, tuple[str, str | float]]
+
+
+def dips(time: np.ndarray, rng: np.random.Generator) -> np.ndarray:
+    """Goals (k, 6) [rad] of slow motions whose lowest points are some centimetres below the table."""
+    rates = np.array([0.05, 0.11, 0.07, 0.17, 0.1, 0.1])
+    sizes, middles = np.array([0.4, 0.3, 0.5, 0.4, 0.3, 0.2]), np.array([0.0, 0.3, 0.6, 0.3, 0.0, 0.3])
+    return middles + sizes * np.sin(2.0 * np.pi * rates * time[:, None] + rng.uniform(0.0, 2.0 * np.pi, 6))
+
+
+def arm(folder: Path, hidden: Hidden, seed: int = 4, runs: int = 2, duration: float = 24.0) -> MeasuredSet:
+    return hidden_arm(folder, "six_joint", hidden, seed, runs=runs, duration=duration, goals=dips)[0]
+
+
+def rests(data: MeasuredSet) -> Resting | None:
+    return find_resting(robot(data.runs[0]), data.runs)
+
+
+@pytest.fixture(scope="module")
+def pressed(tmp_path_factory: pytest.TempPathFactory) -> MeasuredSet:
+    return arm(tmp_path_factory.mktemp("arm"), {"table": ("elbow_flex", TABLE)})
+
+
+def test_a_table_is_found_at_its_height_by_the_body_that_touches_it(pressed: MeasuredSet) -> None:
+    found = rests(pressed)
+    assert found is not None
+    assert found.body == "gripper_link"
+    assert found.height == pytest.approx(TABLE, abs=0.006)
+    assert 0.01 < found.deeper < 0.05
+    assert {"shoulder_lift", "elbow_flex"} <= set(found.joints)
+    assert "shoulder_pan" not in found.joints
+
+
+def test_the_contacts_are_told_and_no_piece_and_no_stop_is_taken_from_them(pressed: MeasuredSet) -> None:
+    runs, (finding,) = without_rests(pressed.runs)
+    assert finding.code == RESTS
+    assert "shoulder_lift, elbow_flex" in finding.sentence and "such as a table" in finding.sentence
+    for name in ("shoulder_lift", "elbow_flex"):
+        for unit in cut(runs, name):
+            touched = runs[unit.run].joints[name].touched
+            assert touched is not None and not touched[unit.start : unit.stop].any()
+            time = runs[unit.run].time[unit.start : unit.stop]
+            assert time[-1] - time[unit.judged] >= LEAST_FREE - 0.01
+        assert stops_of(runs, name) == ()
+    assert all(run.joints["shoulder_pan"].touched is None for run in runs)
+
+
+@pytest.mark.skipif(not (DATA / "so101_arm").is_dir(), reason="the public arm's logs are not beside the project")
+def test_the_public_arm_presses_on_its_table_in_two_motions(tmp_path: Path) -> None:
+    motions = ("friction_gravity", "hold_under_gravity", "single_joint_elbow")
+    found = rests(check_log(so101(DATA, tmp_path, motions), lambda text: None)[0])
+    assert found is not None
+    assert set(found.stretches) == {"run2", "run3"}
+    assert found.joints == ("shoulder_lift", "elbow_flex", "wrist_flex")
+
+
+@pytest.mark.parametrize(
+    "hidden",
+    [
+        {"friction": ("elbow_flex", 0.3)},
+        pytest.param({}, marks=pytest.mark.long),
+        pytest.param({"stop": ("elbow_flex", 0.8)}, marks=pytest.mark.long),
+        pytest.param({"payload": ("gripper", 0.15)}, marks=pytest.mark.long),
+        pytest.param({"weak_motor": ("shoulder_lift", 0.7)}, marks=pytest.mark.long),
+        pytest.param({"play": ("elbow_flex", 0.12)}, marks=pytest.mark.long),
+        pytest.param({"cable": ("elbow_flex", 0.6)}, marks=pytest.mark.long),
+    ],
+)
+def test_nothing_else_is_taken_for_a_table(tmp_path: Path, hidden: Hidden) -> None:
+    assert rests(arm(tmp_path, hidden)) is None
+
+
+@pytest.mark.long
+@pytest.mark.parametrize("friction", [False, True])
+def test_behind_a_table_a_joint_is_judged_as_in_clear_air(tmp_path: Path, friction: bool) -> None:
+    hidden: Hidden = {"table": ("elbow_flex", TABLE)}
+    if friction:
+        hidden["friction"] = ("elbow_flex", "clear")
+    (found,) = diagnose(arm(tmp_path, hidden, runs=3), only=["elbow_flex"])
+    assert any(finding.code == RESTS for finding in found.findings)
+    if friction:
+        assert found.causes[0].name == "friction.coulomb" and found.causes[0].confidence > 0.6
+    else:
+        assert found.verdict == NOTHING or not found.causes

@@ -1,0 +1,93 @@
+"""What leads a search: the fastest run of a long log, and a cause that came close round after round."""
+
+from __future__ import annotations
+
+from types import SimpleNamespace
+from typing import Any
+
+import numpy as np
+import pytest
+from sealegs.actuators import load_chain
+from sealegs.gap.log.parts import FIT_A, FIT_B, TEST, cut
+from sealegs.gap.log.types import JointLog, MeasuredRun
+from sealegs.gap.replay.free import FreeProblem, free_problem
+from sealegs.gap.replay.joint_model import JointModel
+from sealegs.gap.search.contender import contender
+from sealegs.gap.search.led import fastest, of_run
+
+from tests.smooth_bench import CHAIN, PARAMS
+
+RATE = 50.0  # [1/s]
+
+
+def run(name: str, frequency: float, seconds: float = 90.0, sweep: float = 0.0) -> MeasuredRun:
+    """A sine of a frequency [Hz] that grows to ``sweep`` times that at the end, followed without error."""
+    time = np.arange(0.0, seconds, 1.0 / RATE)
+    phase = frequency * (time + 0.5 * max(sweep - 1.0, 0.0) * time**2 / seconds)
+    goal = 0.5 * np.sin(2.0 * np.pi * phase)
+    return MeasuredRun(name, time, {"servo": JointLog(goal, goal)}, {}, "bench", dict(PARAMS), {"servo": CHAIN})
+
+
+def problem(*runs: MeasuredRun) -> FreeProblem:
+    models = [JointModel(load_chain(CHAIN)) for _ in runs]
+    return free_problem(runs, "servo", models, cut(runs, "servo"), {"position": 1e3})
+
+
+@pytest.mark.parametrize("before", [0, 1, 2])
+def test_both_fits_see_the_fastest_end_of_a_sweep_whichever_run_it_is(before: int) -> None:
+    """As the second of eight runs a sweep had its end in the test, and one fit saw nothing of the limit there."""
+    runs = [run(f"slow{k}", 0.1) for k in range(before)] + [run("sweep", 0.1, 120.0, 20.0)]
+    units = [unit for unit in cut(runs, "servo") if unit.run == before]
+    assert [unit.part for unit in units[-2:]] == [FIT_A, FIT_B]
+    assert [sum(unit.part == part for unit in units) for part in (FIT_A, FIT_B, TEST)] == pytest.approx(
+        [7, 7, 6], abs=1
+    )
+
+
+def test_the_fastest_run_of_a_long_log_leads() -> None:
+    whole = problem(run("a", 0.1), run("fast", 0.6), run("b", 0.15))
+    assert fastest(whole.part(FIT_A, FIT_B)) == 1
+    alone = of_run(whole, 1)
+    assert {unit.run for unit in alone.units} == {1} and {unit.part for unit in alone.units} == {FIT_A, FIT_B}
+
+
+@pytest.mark.parametrize(
+    "runs",
+    [
+        [run("a", 0.3), run("b", 0.35), run("c", 0.3)],  # none is much faster
+        [run("a", 0.1), run("fast", 0.6)],  # two runs
+        [run("a", 0.1, 12.0), run("fast", 0.6, 12.0), run("b", 0.1, 12.0)],  # short
+        [run("a", 0.1, 62.0), run("fast", 0.6, 300.0), run("b", 0.1, 62.0)],  # nearly all of the log
+    ],
+)
+def test_nothing_leads_where_no_run_stands_out_or_little_was_logged(runs: list[MeasuredRun]) -> None:
+    assert fastest(problem(*runs).part(FIT_A, FIT_B)) is None
+
+
+def found(accepted: list[str], rounds: list[dict[str, float]]) -> Any:
+    """A search with the win rates of its rounds' candidates."""
+
+    def candidate(name: str, best: float = 1.0) -> SimpleNamespace:
+        return SimpleNamespace(cause=SimpleNamespace(key=name), best=best, better=1.0)
+
+    return SimpleNamespace(
+        accepted=[candidate(name) for name in accepted],
+        rounds=[SimpleNamespace(candidates=[candidate(*pair) for pair in each.items()]) for each in rounds],
+    )
+
+
+def test_what_came_close_twice_is_tried_after_what_was_chosen_before_it() -> None:
+    rounds = [{"friction": 0.7, "coulomb": 0.3}, {"motor": 0.85, "limit": 0.15}, {"spring": 0.8, "limit": 0.13}, {}]
+    assert contender(found(["friction", "motor", "spring"], rounds)) == (("friction", "limit"), "limit")
+
+
+@pytest.mark.parametrize(
+    "rounds",
+    [
+        [{"friction": 0.7, "coulomb": 0.3}, {"motor": 0.99, "limit": 0.01}],  # once; never close again
+        [{"friction": 0.7, "motor": 0.3}, {"motor": 0.9}],  # chosen later
+        [{"friction": 1.0}, {"limit": 0.5, "motor": 0.5}, {"limit": 0.5}],  # after all that was chosen
+    ],
+)
+def test_what_came_close_once_or_was_chosen_is_no_contender(rounds: list[dict[str, float]]) -> None:
+    assert contender(found(["friction", "motor"] if "motor" in rounds[0] else ["friction"], rounds)) is None
