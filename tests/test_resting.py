@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -9,7 +10,8 @@ import pytest
 from sealegs.gap.checks.stops import stops_of
 from sealegs.gap.load.resting import Resting, find_resting
 from sealegs.gap.log.parts import LEAST_FREE, cut
-from sealegs.gap.log.types import MeasuredSet
+from sealegs.gap.log.types import JointLog, MeasuredRun, MeasuredSet
+from sealegs.gap.verdict import resting
 from sealegs.gap.verdict.checking import check_log
 from sealegs.gap.verdict.diagnosis import diagnose
 from sealegs.gap.verdict.resting import RESTS, without_rests
@@ -49,14 +51,13 @@ def test_a_table_is_found_at_its_height_by_the_body_that_touches_it(pressed: Mea
     assert found.body == "gripper_link"
     assert found.height == pytest.approx(TABLE, abs=0.006)
     assert 0.01 < found.deeper < 0.05
-    assert {"shoulder_lift", "elbow_flex"} <= set(found.joints)
-    assert "shoulder_pan" not in found.joints
+    assert found.joints == ("shoulder_pan", "shoulder_lift", "elbow_flex", "wrist_flex", "wrist_roll", "gripper")
 
 
 def test_the_contacts_are_told_and_no_piece_and_no_stop_is_taken_from_them(pressed: MeasuredSet) -> None:
     runs, (finding,) = without_rests(pressed.runs)
     assert finding.code == RESTS
-    assert "shoulder_lift, elbow_flex" in finding.sentence and "such as a table" in finding.sentence
+    assert "such as a table" in finding.sentence and "left out at shoulder_pan" in finding.sentence
     for name in ("shoulder_lift", "elbow_flex"):
         for unit in cut(runs, name):
             touched = runs[unit.run].joints[name].touched
@@ -64,7 +65,28 @@ def test_the_contacts_are_told_and_no_piece_and_no_stop_is_taken_from_them(press
             time = runs[unit.run].time[unit.start : unit.stop]
             assert time[-1] - time[unit.judged] >= LEAST_FREE - 0.01
         assert stops_of(runs, name) == ()
-    assert all(run.joints["shoulder_pan"].touched is None for run in runs)
+
+
+def test_one_wrong_reading_and_a_run_of_a_moment_hide_no_table(pressed: MeasuredSet) -> None:
+    """A single reading far below became the lowest height, and a run of one pose ended in a traceback."""
+    first, second = pressed.runs
+    log = first.joints["elbow_flex"]
+    wrong = log.position.copy()
+    wrong[1200] += 0.6
+    torn = replace(first, joints={**first.joints, "elbow_flex": replace(log, position=wrong)})
+    joints = {name: JointLog(log.position[:3], log.position[:3]) for name, log in first.joints.items()}
+    moment = MeasuredRun("moment", first.time[:3], joints, robot=first.robot, actuators=first.actuators)
+    found = find_resting(robot(first), [torn, second, moment])
+    assert found is not None and found.height == pytest.approx(TABLE, abs=0.006)
+
+
+def test_contacts_are_kept_where_too_little_would_be_left_and_that_is_said(
+    pressed: MeasuredSet, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(resting, "LEFT", 0.99)
+    runs, (finding,) = without_rests(pressed.runs)
+    assert all(log.touched is None for run in runs for log in run.joints.values())
+    assert "too little would be left" in finding.sentence
 
 
 @pytest.mark.skipif(not (DATA / "so101_arm").is_dir(), reason="the public arm's logs are not beside the project")
@@ -73,7 +95,7 @@ def test_the_public_arm_presses_on_its_table_in_two_motions(tmp_path: Path) -> N
     found = rests(check_log(so101(DATA, tmp_path, motions), lambda text: None)[0])
     assert found is not None
     assert set(found.stretches) == {"run2", "run3"}
-    assert found.joints == ("shoulder_lift", "elbow_flex", "wrist_flex")
+    assert "wrist_flex" in found.joints and "gripper" not in found.joints
 
 
 @pytest.mark.parametrize(

@@ -1,9 +1,6 @@
-"""What leads a search: the fastest run of a long log, and a cause that came close round after round."""
+"""What leads a search: the fastest run of a long log, whose fastest pieces its fits see."""
 
 from __future__ import annotations
-
-from types import SimpleNamespace
-from typing import Any
 
 import numpy as np
 import pytest
@@ -12,7 +9,6 @@ from sealegs.gap.log.parts import FIT_A, FIT_B, TEST, cut
 from sealegs.gap.log.types import JointLog, MeasuredRun
 from sealegs.gap.replay.free import FreeProblem, free_problem
 from sealegs.gap.replay.joint_model import JointModel
-from sealegs.gap.search.contender import contender
 from sealegs.gap.search.led import fastest, of_run
 
 from tests.smooth_bench import CHAIN, PARAMS
@@ -62,32 +58,3 @@ def test_the_fastest_run_of_a_long_log_leads() -> None:
 )
 def test_nothing_leads_where_no_run_stands_out_or_little_was_logged(runs: list[MeasuredRun]) -> None:
     assert fastest(problem(*runs).part(FIT_A, FIT_B)) is None
-
-
-def found(accepted: list[str], rounds: list[dict[str, float]]) -> Any:
-    """A search with the win rates of its rounds' candidates."""
-
-    def candidate(name: str, best: float = 1.0) -> SimpleNamespace:
-        return SimpleNamespace(cause=SimpleNamespace(key=name), best=best, better=1.0)
-
-    return SimpleNamespace(
-        accepted=[candidate(name) for name in accepted],
-        rounds=[SimpleNamespace(candidates=[candidate(*pair) for pair in each.items()]) for each in rounds],
-    )
-
-
-def test_what_came_close_twice_is_tried_after_what_was_chosen_before_it() -> None:
-    rounds = [{"friction": 0.7, "coulomb": 0.3}, {"motor": 0.85, "limit": 0.15}, {"spring": 0.8, "limit": 0.13}, {}]
-    assert contender(found(["friction", "motor", "spring"], rounds)) == (("friction", "limit"), "limit")
-
-
-@pytest.mark.parametrize(
-    "rounds",
-    [
-        [{"friction": 0.7, "coulomb": 0.3}, {"motor": 0.99, "limit": 0.01}],  # once; never close again
-        [{"friction": 0.7, "motor": 0.3}, {"motor": 0.9}],  # chosen later
-        [{"friction": 1.0}, {"limit": 0.5, "motor": 0.5}, {"limit": 0.5}],  # after all that was chosen
-    ],
-)
-def test_what_came_close_once_or_was_chosen_is_no_contender(rounds: list[dict[str, float]]) -> None:
-    assert contender(found(["friction", "motor"] if "motor" in rounds[0] else ["friction"], rounds)) is None

@@ -24,8 +24,10 @@ FLOW = 0.3  # [s] over which a speed is told
 LEVER = 0.01  # [m/rad] from which the height of a body tells of a joint
 NEAR = 0.05  # of the reach of a robot: heights above the lowest one at which it may rest, where its shape is not known
 CLEAR = 0.1  # and above which it certainly does not
-LEVEL = 0.02  # by which heights at which it rests differ
-ENOUGH = 200  # slow poses clear of what is below, at which what holds a joint is seen
+HIGHEST = 0.95  # share of the poses that certainly rest, above whose heights no contact is expected
+THICK = 0.002  # [m] by which it may be higher all the same
+ENOUGH = 8.0  # [s] slow and clear of what is below, in which what holds a joint is seen
+LOWEST = 1e-3  # of all poses, that may be lower than the lowest one: a reading that is none
 USUAL = 0.005  # of these on either side that may be anything
 BEYOND = 0.25  # of the width of what friction holds, by which a push must leave it
 LEAST = 0.005  # [rad] and at least so much: resolution, and what a soft drive leaves
@@ -33,6 +35,7 @@ SHORTEST = 0.2  # [s] of one contact
 TOGETHER = 0.6  # [s] of all
 PAD = 0.1  # [s] around a contact that is left out with it
 PUSHED = 2  # joints at least
+HINGE = int(mujoco.mjtJoint.mjJNT_HINGE)
 
 
 @dataclass(frozen=True, eq=False)
@@ -43,7 +46,7 @@ class Resting:
         body: its name.
         height: of its lowest known point in the frame of the model, where it rests [m].
         deeper: how far below that the goals went [m].
-        joints: that are pushed up: those the contacts cannot be simulated without.
+        joints: that carry it, and were logged: those that cannot be simulated without the contacts.
         stretches: first and last time of each contact by the name of its run [s].
     """
 
@@ -64,6 +67,8 @@ class _Poses:
     """A run at some samples: positions of all coordinates as measured and as commanded (m, nv), and what is known."""
 
     run: str
+    joints: tuple[str, ...]  # that were logged and have one coordinate
+    period: float  # [s] between two of them
     time: Array
     measured: Array
     goal: Array
@@ -128,30 +133,49 @@ def _on_body(
     speed = np.concatenate([each.speed for each in poses])
     judged = np.concatenate([each.on for each in poses])
     judged &= (np.abs(speed[:, list(carrying.values())]) < slow).all(axis=1)
-    reach, lowest = float(np.abs(lever[:, list(carrying.values())]).max()), float(height.min())
+    hinges = [dof for dof in carrying.values() if int(model.jnt_type[model.dof_jntid[dof]]) == HINGE]
+    reach = float(np.abs(lever[:, hinges]).max()) if hinges else float(np.ptp(height))
+    lowest = float(np.quantile(height, LOWEST))
     clear = judged & (height > lowest + CLEAR * reach)
-    if clear.sum() < ENOUGH:
+    period = np.concatenate([np.full(len(each.time), each.period) for each in poses])
+    if period[clear].sum() < ENOUGH:
         return None
     error = np.concatenate([each.measured - each.goal for each in poses])
     pushed = np.zeros(len(height), int)
     for dof in carrying.values():
         moves = np.stack([held[:, dof], speed[:, dof], np.tanh(speed[:, dof] / SLIP)], axis=1)
         pushed += _pushed(error[:, dof], moves, lever[:, dof], clear)
-    sinks = np.concatenate([np.abs(np.gradient(h, each.time)) for (h, _), each in zip(places, poses, strict=True)])
-    above = (height < lowest + NEAR * reach) & (goals < height) & (sinks < SINKS * reach)
+    sinks = np.concatenate([_rate(each.time, h) for (h, _), each in zip(places, poses, strict=True)])
+    near = (height < lowest + NEAR * reach) & (goals < height)
+    above = near & (sinks < SINKS * reach)
     sure = above & judged & (pushed >= PUSHED)
     if _seconds(_stretches(poses, sure, sure)) < TOGETHER:
         return None
-    level = height[sure].max() + LEVEL * reach  # what rests there sometimes shows it less clearly at other times
-    rests = sure | (above & (pushed > 0))
-    stretches = _stretches(poses, rests, (height < max(level, lowest + NEAR * reach)) & (goals < height))
+    # once there is a table, an arm that sags onto it from goals above it rests there as well
+    touches = height < np.quantile(height[sure], HIGHEST) + THICK
+    rests = sure | ((above | touches) & (pushed > 0))
     return Resting(
         model.body(body).name or f"body {body}",
         float(np.median(height[sure])),
-        float((height - goals)[rests].max()),
-        tuple(carrying),
-        stretches,
+        float((height - goals)[sure].max()),
+        tuple(_carrying(robot, body, poses)),
+        _stretches(poses, rests, near | touches),
     )
+
+
+def _carrying(robot: LoggedRobot, body: int, poses: Sequence[_Poses]) -> list[str]:
+    """Logged joints that a body hangs on, the one next to the base first."""
+    bodies = set[int]()
+    while body > 0:
+        bodies.add(body)
+        body = int(robot.model.body_parentid[body])
+    names = dict.fromkeys(name for each in poses for name in each.joints)
+    return [name for name in names if int(robot.model.jnt_bodyid[robot.number(name)]) in bodies]
+
+
+def _rate(time: Array, values: Array) -> Array:
+    """How fast values change (m,); zero of a single one."""
+    return np.abs(np.gradient(values, time)) if len(time) > 1 else np.zeros(len(time))
 
 
 def _pushed(error: Array, moves: Array, lever: Array, clear: np.ndarray) -> np.ndarray:
@@ -206,7 +230,7 @@ def _spans(time: Array, rests: np.ndarray, around: np.ndarray) -> tuple[tuple[fl
             a -= 1
         while b < len(time) and around[b]:
             b += 1
-        span = float(time[a] - PAD), float(time[b - 1] + PAD)
+        span = max(float(time[a] - PAD), float(time[0])), min(float(time[b - 1] + PAD), float(time[-1]))
         if found and span[0] <= found[-1][1]:
             last = found.pop()
             span = min(last[0], span[0]), max(last[1], span[1])
@@ -237,10 +261,10 @@ def _poses(robot: LoggedRobot, run: MeasuredRun, joints: Mapping[str, int]) -> _
     time = run.time[::every]
     measured, goal, speed = (np.zeros((len(time), robot.model.nv)) for _ in range(3))
     on = np.ones(len(time), bool)
-    for name, log in run.joints.items():
-        number = robot.number(name)
-        if number < 0 or not robot.turns(number):
-            continue
+    turning = {name: robot.number(name) for name in run.joints}
+    turning = {name: number for name, number in turning.items() if number >= 0 and robot.turns(number)}
+    for name, number in turning.items():
+        log = run.joints[name]
         dof, frame, ratio = int(robot.model.jnt_dofadr[number]), robot.frame(name), robot.ratio(name)
         place = frame.to_model(_whole(run.time, log.position)) / ratio
         before, measured[:, dof], after = (np.interp(time + side * FLOW, run.time, place) for side in (-0.5, 0.0, 0.5))
@@ -249,7 +273,7 @@ def _poses(robot: LoggedRobot, run: MeasuredRun, joints: Mapping[str, int]) -> _
         if name in joints and log.goal is not None:
             goal[:, dof] = frame.to_model(_whole(run.time, log.goal)[::every]) / ratio
             on &= np.ones(len(time), bool) if log.enabled is None else log.enabled[::every] > 0.5
-    return _Poses(run.name, time, measured, goal, speed, on)
+    return _Poses(run.name, tuple(turning), every * run.period, time, measured, goal, speed, on)
 
 
 def _whole(time: Array, values: Array) -> Array:

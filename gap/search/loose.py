@@ -23,7 +23,7 @@ if TYPE_CHECKING:
     from .forward import Searcher
 
 
-def search_loosely(searcher: Searcher, found: Search, *, astray: bool = True) -> Search:
+def search_loosely(searcher: Searcher, found: Search) -> Search:
     """What is found on top of refitted numbers, where that is something and better; else what was found.
 
     Both are charged for each parameter of their causes, and the second for each number that it refits.
@@ -31,12 +31,10 @@ def search_loosely(searcher: Searcher, found: Search, *, astray: bool = True) ->
     Args:
         searcher: that found something.
         found: by it.
-        astray: whether what it found may have gone astray: what is left is then reason enough, and so is a round that
-            refitted numbers beat.
     """
     tight = _blocks(searcher, found)
     far = held_back(searcher, found.fits) and searcher.excess(found.fits) > searcher.settings.open_excess
-    if not ((astray and (searcher.outrun or far)) or refitting_beats(searcher, found.accepted, found.fits, tight)):
+    if not (searcher.outrun or far or refitting_beats(searcher, found.accepted, found.fits, tight)):
         return found
     searcher.progress("its numbers are off by more than their tolerance: seeking causes beside refitted numbers")
     causes = [cause for cause in searcher.considered if not turned_anyway(cause, searcher.wide)]

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING
 
-from .contender import search_contender
 from .led import search_led
 from .loose import search_loosely
 from .result import Search
@@ -15,13 +14,12 @@ if TYPE_CHECKING:
 
 
 def seek(searcher: Searcher) -> Search:
-    """What is found of a joint: led by its fastest run, by a cause that came close, beside refitted numbers."""
+    """What is found of a joint: led by its fastest run where one stands out, and beside refitted numbers."""
     return search_led(searcher, _ways)
 
 
 def _ways(searcher: Searcher) -> tuple[Search, ...]:
     """What is found within the tolerance of the numbers, and what is taken in the end; one where they are the same."""
     first = searcher.run()
-    other = search_contender(searcher, first)
-    taken = search_tied(searcher, search_loosely(searcher, other, astray=other is first))
-    return (other, taken) if taken.loose else (taken,)
+    taken = search_tied(searcher, search_loosely(searcher, first))
+    return (first, taken) if taken.loose else (taken,)

@@ -95,7 +95,7 @@ def diagnose(
         why = Refused("the log", stop.sentence)
         return [refuse(joint, why, findings, plan) for joint, plan in zip(joints, first, strict=True)]
     runs, of_frames = in_likely_frames(runs, progress, test_group)
-    runs, of_table = without_rests(runs, progress)
+    runs, of_table = without_rests(runs, progress, test_group)
     findings = [*findings, *of_frames, *of_table]
     found = side_by_side(dict.fromkeys(joints, _whatever_happens), runs, findings, request, workers, done)
     if only is not None:

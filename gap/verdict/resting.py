@@ -10,24 +10,29 @@ import numpy as np
 from ..load.resting import Resting, find_resting
 from ..load.robot import robot_of
 from ..log.finding import Finding
+from ..log.parts import cut
 from ..log.progress import Progress
 from ..log.types import MeasuredRun
 from ..search.structure import listed
 
 RESTS = "robot.rests"
 """Code of the finding that the robot rests on something level."""
-MOST = 0.6  # share of a run beyond which leaving contacts out would leave too little of it
+LEFT = 0.4  # of what is judged of a joint, that must be left without the contacts
 LISTED = 4  # contacts that are said with their times
 
 
 def without_rests(
-    runs: Sequence[MeasuredRun], progress: Progress = lambda text: None
+    runs: Sequence[MeasuredRun], progress: Progress = lambda text: None, test_group: str | None = None
 ) -> tuple[Sequence[MeasuredRun], list[Finding]]:
-    """The runs of a robot with its contacts marked at the joints that they push, and what is said of them.
+    """The runs of a robot with its contacts marked at the joints that carry what touches, and what is said of them.
 
     Args:
         runs: of one machine, in the model's frames.
         progress: is told what is found.
+        test_group: group of runs that is kept for the test.
+
+    Raises:
+        LogError: there is no such group.
     """
     robot = robot_of(runs[0])
     if robot is None or robot.file.base == "free":
@@ -36,32 +41,56 @@ def without_rests(
     if resting is None:
         return runs, []
     marked = [_marked(run, resting) for run in runs]
-    finding = _finding(resting, runs)
+    enough = all(_enough(runs, marked, joint, test_group) for joint in resting.joints)
+    finding = _finding(resting, runs, left_out=enough)
     progress(finding.sentence)
-    return marked, [finding]
+    return marked if enough else runs, [finding]
 
 
 def _marked(run: MeasuredRun, resting: Resting) -> MeasuredRun:
     spans = resting.stretches.get(run.name, ())
-    touched = np.any([(run.time >= a) & (run.time <= b) for a, b in spans], axis=0) if spans else np.zeros(1, bool)
-    if not touched.any() or touched.mean() > MOST:
+    touched = np.zeros(len(run.time))
+    for a, b in spans:
+        touched[(run.time >= a) & (run.time <= b)] = 1.0
+    if not touched.any():
         return run
-    joints = {
-        name: replace(log, touched=touched.astype(float)) if name in resting.joints else log
-        for name, log in run.joints.items()
-    }
-    return replace(run, joints=joints)
+    marked = {name: replace(run.joints[name], touched=touched) for name in resting.joints if name in run.joints}
+    return replace(run, joints={**run.joints, **marked})
 
 
-def _finding(resting: Resting, runs: Sequence[MeasuredRun]) -> Finding:
+def _enough(runs: Sequence[MeasuredRun], marked: Sequence[MeasuredRun], joint: str, test_group: str | None) -> bool:
+    """Whether what is left of a joint without the contacts is enough in each part of the data."""
+    if any(joint not in run.joints for run in runs):
+        return True  # it is not diagnosed
+    before, after = (_judged(each, joint, test_group) for each in (runs, marked))
+    return all(after.get(part, 0.0) >= LEFT * seconds for part, seconds in before.items())
+
+
+def _judged(runs: Sequence[MeasuredRun], joint: str, test_group: str | None) -> dict[int, float]:
+    """How much is judged of a joint in each part [s]."""
+    lengths: dict[int, float] = {}
+    for unit in cut(runs, joint, test_group):
+        time = runs[unit.run].time
+        length = float(time[unit.stop - 1] - time[min(unit.start + unit.judged, unit.stop - 1)])
+        lengths[unit.part] = lengths.get(unit.part, 0.0) + length
+    return lengths
+
+
+def _finding(resting: Resting, runs: Sequence[MeasuredRun], *, left_out: bool) -> Finding:
     every = [(run.name, a, b) for run in runs for a, b in resting.stretches.get(run.name, ())]
     said = "; ".join(f"{name} {a:.1f} to {b:.1f} s" for name, a, b in every[:LISTED])
     more = f"; and {len(every) - LISTED} more" if len(every) > LISTED else ""
+    done = f"These stretches are left out at {listed(resting.joints)}."
+    if not left_out:
+        done = (
+            "Without these stretches too little would be left, so they are judged: what is found of "
+            f"{listed(resting.joints)} may be the surface. Record with goals above it."
+        )
     return Finding(
         RESTS, "warning", None, None,
         f"Something level that the model lacks, such as a table, holds the robot up for {resting.seconds:.3g} s "
-        f"({said}{more}): {resting.body} comes no lower than {resting.height:.3f} m in the model's frame, though goals "
-        f"go {1e3 * resting.deeper:.0f} mm deeper, and {listed(resting.joints)} are pushed. These stretches are left "
-        "out at those joints. Keep goals above that height, or add the surface to the model before you train on it.",
+        f"({said}{more}): {resting.body} rests at {resting.height:.3f} m in the model's frame, though goals go "
+        f"{1e3 * resting.deeper:.0f} mm deeper, and joints that carry it are pushed. {done} Keep goals above that "
+        "height, or add the surface to the model before you train on it.",
         value=resting.height,
     )  # fmt: skip
