@@ -91,12 +91,12 @@ def find_resting(robot: LoggedRobot, runs: Sequence[MeasuredRun]) -> Resting | N
     poses = [_poses(robot, run, joints) for run in runs]
     held = np.concatenate([_gravity(model, each.measured) for each in poses])
     up = -model.opt.gravity / strength
-    found = [
-        each
-        for body in _bodies(robot)
-        for slow in SLOW
-        if (each := _on_body(robot, body, joints, poses, held, up, slow)) is not None
-    ]
+    found = []
+    for body in _bodies(robot):
+        places = [_lowest(model, body, each.measured, up) for each in poses]
+        goals = np.concatenate([_lowest(model, body, each.goal, up)[0] for each in poses])
+        tried = (_on_body(robot, body, joints, poses, held, places, goals, slow) for slow in SLOW)
+        found += [each for each in tried if each is not None]
     if not found:
         return None
     lowest = min(found, key=lambda each: each.height).body  # what carries it comes to its own lowest with it
@@ -109,7 +109,8 @@ def _on_body(
     joints: Mapping[str, int],
     poses: Sequence[_Poses],
     held: Array,
-    up: Array,
+    places: Sequence[tuple[Array, Array]],
+    goals: Array,
     slow: float,
 ) -> Resting | None:
     """Contacts of one body, see :func:`find_resting`.
@@ -120,12 +121,11 @@ def _on_body(
         joints: that follow goals, with their coordinates.
         poses: of each run.
         held: torque of gravity on all coordinates (all poses, nv).
-        up: unit vector against gravity (3,).
+        places: height of its lowest point [m] and the change of that with each coordinate, in each run.
+        goals: the same height at the goals (all poses,) [m].
         slow: speed below which joints are judged [rad/s].
     """
     model = robot.model
-    places = [_lowest(model, body, each.measured, up) for each in poses]
-    goals = np.concatenate([_lowest(model, body, each.goal, up)[0] for each in poses])
     height, lever = (np.concatenate(part) for part in zip(*places, strict=True))
     carrying = {name: dof for name, dof in joints.items() if np.quantile(np.abs(lever[:, dof]), 0.9) > LEVER}
     if len(carrying) < PUSHED:

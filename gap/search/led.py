@@ -15,7 +15,7 @@ import numpy as np
 
 from ..log.parts import FIT_A, FIT_B
 from ..replay.problem import JointProblem, Problem
-from .loose import flexibility, turned_anyway
+from .loose import charged, turned_anyway
 from .result import Search
 
 if TYPE_CHECKING:
@@ -50,7 +50,7 @@ def search_led(searcher: Searcher, find: Callable[[Searcher], Sequence[Search]])
     found = [each for lead in leads if (each := _led(searcher, lead)) is not None]
     if not found:
         return find(searcher)[-1]
-    return min(found, key=lambda each: _charged(searcher, each))
+    return min(found, key=lambda each: charged(searcher, each))
 
 
 def _led(searcher: Searcher, lead: Search) -> Search | None:
@@ -67,13 +67,6 @@ def _led(searcher: Searcher, lead: Search) -> Search | None:
     sure = {candidate.cause.key: candidate.best for candidate in lead.accepted}
     accepted = tuple(replace(c, best=min(c.best, sure.get(c.cause.key, 1.0))) for c in found.accepted)
     return replace(found, accepted=accepted, causes=searcher.considered, loose=lead.loose)
-
-
-def _charged(searcher: Searcher, found: Search) -> float:
-    """Loss of what was found, with a charge for each parameter."""
-    turned = sum(p.factor for p in found.tuned) if found.loose else 0
-    charge = searcher.settings.parameter_charge * (flexibility(found) + turned)
-    return float(found.accepted[-1].blocks.sum()) * (1.0 + charge)
 
 
 def fastest(problem: JointProblem) -> int | None:

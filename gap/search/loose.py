@@ -39,11 +39,15 @@ def search_loosely(searcher: Searcher, found: Search) -> Search:
     searcher.progress("its numbers are off by more than their tolerance: seeking causes beside refitted numbers")
     causes = [cause for cause in searcher.considered if not turned_anyway(cause, searcher.wide)]
     loose = replace(searcher, causes=causes, tuned=searcher.wide, wide=()).run()
-    charge = searcher.settings.parameter_charge
-    turned = sum(p.factor for p in searcher.wide)
-    held = float(tight.sum()) * (1.0 + charge * flexibility(found))
-    freed = float(_blocks(searcher, loose).sum()) * (1.0 + charge * (flexibility(loose) + turned))
-    return replace(loose, causes=searcher.considered, loose=True) if loose.accepted and freed < held else found
+    loose = replace(loose, causes=searcher.considered, loose=True)
+    return loose if loose.accepted and charged(searcher, loose) < charged(searcher, found) else found
+
+
+def charged(searcher: Searcher, found: Search) -> float:
+    """Loss of what was found, with a charge for each parameter of its causes and each number that it refits."""
+    turned = sum(p.factor for p in found.tuned) if found.loose else 0
+    charge = searcher.settings.parameter_charge * (_flexibility(found) + turned)
+    return float(_blocks(searcher, found).sum()) * (1.0 + charge)
 
 
 def refitting_beats(
@@ -75,7 +79,7 @@ def _blocks(searcher: Searcher, found: Search) -> np.ndarray:
     return found.accepted[-1].blocks if found.accepted else searcher.judged(found.base).blocks
 
 
-def flexibility(found: Search) -> int:
+def _flexibility(found: Search) -> int:
     """Parameters of the causes that were found; a missing effect counts as one more."""
     return sum(len(candidate.variant) + (not candidate.cause.error) for candidate in found.accepted)
 
