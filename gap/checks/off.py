@@ -13,6 +13,7 @@ from dataclasses import replace
 import numpy as np
 
 from ..log.finding import Finding
+from ..log.stretches import stretches
 from ..log.types import MeasuredSet
 from .context import JointContext, joint_contexts
 
@@ -92,9 +93,8 @@ def _effort(joint: JointContext) -> np.ndarray | None:
 
 def _stretches(time: np.ndarray, idle: np.ndarray, far: np.ndarray) -> np.ndarray:
     """Samples (n,) of the long stretches without effort in which the goal is mostly far away."""
-    edges = np.flatnonzero(np.diff(np.concatenate([[False], idle, [False]]).astype(int)))
     off = np.zeros(len(time), bool)
-    for a, b in edges.reshape(-1, 2):
+    for a, b in stretches(idle):
         if time[b - 1] - time[a] >= SHORTEST and far[a:b].mean() > OFTEN:
             off[a:b] = True
     return off

@@ -13,6 +13,7 @@ from dataclasses import dataclass
 import mujoco
 import numpy as np
 
+from ..log.stretches import stretches
 from ..log.types import Array, MeasuredRun
 from .robot import LoggedRobot
 
@@ -91,11 +92,12 @@ def find_resting(robot: LoggedRobot, runs: Sequence[MeasuredRun]) -> Resting | N
     poses = [_poses(robot, run, joints) for run in runs]
     held = np.concatenate([_gravity(model, each.measured) for each in poses])
     up = -model.opt.gravity / strength
+    places = [_lowest(model, _bodies(robot), each.measured, up) for each in poses]
+    goals = [_lowest(model, _bodies(robot), each.goal, up) for each in poses]
     found = []
     for body in _bodies(robot):
-        places = [_lowest(model, body, each.measured, up) for each in poses]
-        goals = np.concatenate([_lowest(model, body, each.goal, up)[0] for each in poses])
-        tried = (_on_body(robot, body, joints, poses, held, places, goals, slow) for slow in SLOW)
+        mine, its = [each[body] for each in places], np.concatenate([each[body][0] for each in goals])
+        tried = (_on_body(robot, body, joints, poses, held, mine, its, slow) for slow in SLOW)
         found += [each for each in tried if each is not None]
     if not found:
         return None
@@ -222,8 +224,7 @@ def _stretches(poses: Sequence[_Poses], rests: np.ndarray, around: np.ndarray) -
 
 def _spans(time: Array, rests: np.ndarray, around: np.ndarray) -> tuple[tuple[float, float], ...]:
     found: list[tuple[float, float]] = []
-    edges = np.flatnonzero(np.diff(np.concatenate([[False], rests, [False]]).astype(int))).reshape(-1, 2)
-    for a, b in edges:
+    for a, b in stretches(rests):
         if time[b - 1] - time[a] < SHORTEST:
             continue
         while a > 0 and around[a - 1]:
@@ -240,14 +241,21 @@ def _spans(time: Array, rests: np.ndarray, around: np.ndarray) -> tuple[tuple[fl
 
 def _following(robot: LoggedRobot, runs: Sequence[MeasuredRun]) -> dict[str, int]:
     """Hinges and slides that follow position goals in every run, with their coordinates."""
-    found = {}
-    for name in runs[0].joints:
-        number = robot.number(name)
-        if number < 0 or not robot.turns(number):
-            continue
-        if all(name in run.joints and run.joints[name].goal is not None for run in runs):
-            found[name] = int(robot.model.jnt_dofadr[number])
-    return found
+    return {
+        name: dof
+        for name, dof in _turning(robot, runs[0]).items()
+        if all(name in run.joints and run.joints[name].goal is not None for run in runs)
+    }
+
+
+def _turning(robot: LoggedRobot, run: MeasuredRun) -> dict[str, int]:
+    """Logged joints of one coordinate, with it."""
+    numbers = {name: robot.number(name) for name in run.joints}
+    return {
+        name: int(robot.model.jnt_dofadr[number])
+        for name, number in numbers.items()
+        if number >= 0 and robot.turns(number)
+    }
 
 
 def _bodies(robot: LoggedRobot) -> list[int]:
@@ -261,11 +269,9 @@ def _poses(robot: LoggedRobot, run: MeasuredRun, joints: Mapping[str, int]) -> _
     time = run.time[::every]
     measured, goal, speed = (np.zeros((len(time), robot.model.nv)) for _ in range(3))
     on = np.ones(len(time), bool)
-    turning = {name: robot.number(name) for name in run.joints}
-    turning = {name: number for name, number in turning.items() if number >= 0 and robot.turns(number)}
-    for name, number in turning.items():
-        log = run.joints[name]
-        dof, frame, ratio = int(robot.model.jnt_dofadr[number]), robot.frame(name), robot.ratio(name)
+    turning = _turning(robot, run)
+    for name, dof in turning.items():
+        log, frame, ratio = run.joints[name], robot.frame(name), robot.ratio(name)
         place = frame.to_model(_whole(run.time, log.position)) / ratio
         before, measured[:, dof], after = (np.interp(time + side * FLOW, run.time, place) for side in (-0.5, 0.0, 0.5))
         speed[:, dof] = (after - before) / FLOW
@@ -292,22 +298,24 @@ def _gravity(model: mujoco.MjModel, positions: Array) -> Array:
     return out
 
 
-def _lowest(model: mujoco.MjModel, body: int, positions: Array, up: Array) -> tuple[Array, Array]:
-    """Height of the lowest known point of a body (m,) [m], and its change with each coordinate (m, nv)."""
-    points, radii = _surface(model, body)
+def _lowest(
+    model: mujoco.MjModel, bodies: Sequence[int], positions: Array, up: Array
+) -> dict[int, tuple[Array, Array]]:
+    """Height of the lowest known point of each body (m,) [m], and its change with each coordinate (m, nv)."""
+    surfaces = {body: _surface(model, body) for body in bodies}
+    found = {body: (np.empty(len(positions)), np.empty((len(positions), model.nv))) for body in bodies}
     data, rows = mujoco.MjData(model), np.zeros((3, model.nv))
-    height, lever = np.empty(len(positions)), np.empty((len(positions), model.nv))
     for k, position in enumerate(positions):
         data.qpos[:] = position
         mujoco.mj_kinematics(model, data)
         mujoco.mj_comPos(model, data)
-        places = data.xpos[body] + points @ data.xmat[body].reshape(3, 3).T
-        heights = places @ up - radii
-        point = int(np.argmin(heights))
-        height[k] = heights[point]
-        mujoco.mj_jac(model, data, rows, None, places[point], body)
-        lever[k] = up @ rows
-    return height, lever
+        for body, (points, radii) in surfaces.items():
+            places = data.xpos[body] + points @ data.xmat[body].reshape(3, 3).T
+            heights = places @ up - radii
+            point = int(np.argmin(heights))
+            mujoco.mj_jac(model, data, rows, None, places[point], body)
+            found[body][0][k], found[body][1][k] = heights[point], up @ rows
+    return found
 
 
 def _surface(model: mujoco.MjModel, body: int) -> tuple[Array, Array]:

@@ -7,6 +7,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from .stretches import stretches
 from .types import LogError, MeasuredRun
 
 WARM_UP = 1.5  # [s] replayed but not judged, so that what came before a piece is forgotten
@@ -70,8 +71,8 @@ def _untouched(runs: Sequence[MeasuredRun], joint: str, unit: Unit) -> list[Unit
         return [unit]
     free = log.touched[unit.start : unit.stop] < 0.5
     found = []
-    for a, b in np.flatnonzero(np.diff(np.concatenate([[False], free, [False]]).astype(int))).reshape(-1, 2):
-        start, stop = unit.start + int(a), unit.start + int(b)
+    for a, b in stretches(free):
+        start, stop = unit.start + a, unit.start + b
         judged = unit.start + unit.judged
         if a > 0:
             judged = max(judged, int(np.searchsorted(time, time[start] + WARM_UP)))

@@ -15,7 +15,7 @@ import numpy as np
 
 from ..log.parts import FIT_A, FIT_B
 from ..replay.problem import JointProblem, Problem
-from .loose import charged, turned_anyway
+from .loose import beside_refitted, charged
 from .result import Search
 
 if TYPE_CHECKING:
@@ -57,16 +57,13 @@ def _led(searcher: Searcher, lead: Search) -> Search | None:
     """What is found of all data led by what was found of one run; None where none of that pays."""
     keys = tuple(candidate.cause.key for candidate in lead.accepted)
     led = replace(searcher, led=keys)
-    if lead.loose:
-        causes = [cause for cause in searcher.considered if not turned_anyway(cause, searcher.wide)]
-        led = replace(led, causes=causes, tuned=searcher.wide, wide=())
-    found = led.run()
+    found = beside_refitted(led) if lead.loose else led.run()
     if not any(candidate.cause.key in keys for candidate in found.accepted):
         return None
     # a cause that led had none to compete with but those that led too: it is as sure as where it was found
     sure = {candidate.cause.key: candidate.best for candidate in lead.accepted}
     accepted = tuple(replace(c, best=min(c.best, sure.get(c.cause.key, 1.0))) for c in found.accepted)
-    return replace(found, accepted=accepted, causes=searcher.considered, loose=lead.loose)
+    return replace(found, accepted=accepted)
 
 
 def fastest(problem: JointProblem) -> int | None:

@@ -37,10 +37,15 @@ def search_loosely(searcher: Searcher, found: Search) -> Search:
     if not (searcher.outrun or far or refitting_beats(searcher, found.accepted, found.fits, tight)):
         return found
     searcher.progress("its numbers are off by more than their tolerance: seeking causes beside refitted numbers")
-    causes = [cause for cause in searcher.considered if not turned_anyway(cause, searcher.wide)]
-    loose = replace(searcher, causes=causes, tuned=searcher.wide, wide=()).run()
-    loose = replace(loose, causes=searcher.considered, loose=True)
+    loose = beside_refitted(searcher)
     return loose if loose.accepted and charged(searcher, loose) < charged(searcher, found) else found
+
+
+def beside_refitted(searcher: Searcher) -> Search:
+    """What a searcher finds on top of refitted numbers."""
+    causes = [cause for cause in searcher.considered if not _turned_anyway(cause, searcher.wide)]
+    found = replace(searcher, causes=causes, tuned=searcher.wide, wide=()).run()
+    return replace(found, causes=searcher.considered, loose=True)
 
 
 def charged(searcher: Searcher, found: Search) -> float:
@@ -84,7 +89,7 @@ def _flexibility(found: Search) -> int:
     return sum(len(candidate.variant) + (not candidate.cause.error) for candidate in found.accepted)
 
 
-def turned_anyway(cause: Cause, wide: Sequence[Parameter]) -> bool:
+def _turned_anyway(cause: Cause, wide: Sequence[Parameter]) -> bool:
     """Whether a wrong number is among those that are refitted, as far as the cause would turn it."""
     (first, *others) = cause.variants[0]
     known = next((p for p in wide if p.number == first.number and p.factor == first.factor), None)
