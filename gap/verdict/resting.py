@@ -13,6 +13,7 @@ from ..log.finding import Finding
 from ..log.parts import cut
 from ..log.progress import Progress
 from ..log.types import MeasuredRun
+from ..search.forward import NUMERICAL
 from ..search.structure import listed
 
 RESTS = "robot.rests"
@@ -37,7 +38,11 @@ def without_rests(
     robot = robot_of(runs[0])
     if robot is None or robot.file.base == "free":
         return runs, []
-    resting = find_resting(robot, runs)
+    try:
+        resting = find_resting(robot, runs)
+    except (*NUMERICAL, ValueError, LookupError) as error:
+        said = f"Whether the robot rests on something could not be told ({type(error).__name__}: {error})."
+        return runs, [Finding("robot.rests_fault", "warning", None, None, said)]
     if resting is None:
         return runs, []
     marked = [_marked(run, resting) for run in runs]
