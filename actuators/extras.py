@@ -14,6 +14,7 @@ EXTRAS = {
     "hw": ("onnxruntime", "scservo_sdk", "serial"),
     "dynamixel": ("dynamixel_sdk",),
     "fleet": ("ray",),
+    "hdf5": ("h5py",),
     "ros": ("rosbags",),
 }
 """Packages, as they are imported, by extra."""

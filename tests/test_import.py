@@ -282,7 +282,7 @@ def test_matlab_vectors_and_numbers_become_columns_and_constants(tmp_path: Path)
     assert log.torque_command is not None
     np.testing.assert_allclose(log.torque_command, 2.0 * m["velocity"], atol=1e-12)
     (tmp_path / "b.mat").write_bytes(b"MATLAB 7.3 MAT-file, Platform: GLNXA64".ljust(124) + b"\x00\x02IM" + b"\0" * 600)
-    with pytest.raises(LogError, match=r"version 7\.3 \(HDF5\)"):
+    with pytest.raises(LogError, match="is not a MATLAB file, or a damaged one"):
         read_recordings(tmp_path / "b.mat")
 
 

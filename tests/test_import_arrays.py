@@ -84,3 +84,56 @@ def test_a_clock_that_jumps_back_once_is_parted_there(tmp_path: Path) -> None:
     text = propose_for(table(tmp_path, {"time_s": time, **RAD}), tmp_path / "out").text
     assert "it jumps back in row 501, from 4.99 to 0: there one recording ends and the next begins" in text
     assert "`where: 500 - row`" in text and "`where: row - 499`" in text and "sort" not in text
+
+
+def cell(items: list[object]) -> np.ndarray:
+    out = np.empty(len(items), object)
+    out[:] = items
+    return out
+
+
+@pytest.mark.parametrize("kind", ["cells", "structures", "structures in a structure"])
+def test_a_cell_or_structure_for_each_run_becomes_runs(tmp_path: Path, kind: str) -> None:
+    runs = [{"t": TIME[:n], "pos": LATE[:n], "cmd": ANGLE[:n]} for n in (1000, 700, 900)]
+    contents: dict[str, dict[str, object]] = {
+        "cells": {key: cell([run[key] for run in runs]) for key in runs[0]},
+        "structures": {"run": cell(list(runs))},
+        "structures in a structure": {"data": {"run": cell(list(runs)), "kp": 400.0}},
+    }
+    savemat(tmp_path / "log.mat", {**contents[kind], "mass": 0.5})
+    recordings = read_recordings(tmp_path / "log.mat")
+    assert [one.name for one in recordings] == ["log-1", "log-2", "log-3"]
+    assert [one.length for one in recordings] == [1000, 700, 900]
+    assert all(one.facts["mass"] == 0.5 for one in recordings)
+    np.testing.assert_allclose(recordings[1].columns["pos"], LATE[:700])
+    assert "joint.position: " in propose_for(tmp_path / "log.mat", tmp_path / "out").text
+
+
+def test_columns_of_a_matrix_have_the_names_that_stand_beside_it(tmp_path: Path) -> None:
+    content = {"q": np.stack([LATE, 0.5 * LATE], 1), "q_ref": np.stack([ANGLE, 0.5 * ANGLE], 1), "Ts": 0.01}
+    savemat(tmp_path / "log.mat", {**content, "joint_names": cell(["shoulder", "elbow"])})
+    np.savez(tmp_path / "log.npz", **content, joint_names=np.array(["shoulder", "elbow"]))
+    for name in ("log.mat", "log.npz"):
+        text = propose_for(tmp_path / name, tmp_path / "out").text
+        for line in ("elbow.position: elbow.q ", "shoulder.goal: shoulder.q_ref ", "time: row*Ts "):
+            assert line in text, text
+        assert "questions" not in text.partition("unused")[0] or "time" not in text.partition("questions")[2]
+
+
+@pytest.mark.parametrize(
+    "name, value, text",
+    [
+        ("Ts", 0.01, "row*Ts"),
+        ("dt_ms", 10.0, "row*dt_ms*1e-3"),
+        ("fs", 100.0, "row/fs"),
+        ("sampling_rate", 100, "row/sampling_rate"),
+    ],
+)
+def test_a_sample_period_or_rate_of_the_file_is_the_time_where_no_clock_is(
+    tmp_path: Path, name: str, value: float, text: str
+) -> None:
+    savemat(tmp_path / "log.mat", {"pos_deg": LATE, "cmd_deg": ANGLE, name: value})
+    shown = propose_for(tmp_path / "log.mat", tmp_path / "out").text
+    assert f"time: {text} " in shown and "100 Hz" in shown
+    savemat(tmp_path / "other.mat", {"pos_deg": LATE, "cmd_deg": ANGLE, "frequency": 5.0})
+    assert "which column is the time?" in propose_for(tmp_path / "other.mat", tmp_path / "out").text

@@ -19,6 +19,10 @@ from .units import ASK, LIKELY, SURE, Read
 NEVER = "it never changes"
 PERIODS = frozenset(["dt", "deltat", "period"])
 """Words for the time from one sample to the next."""
+RATE = re.compile(r"(.*[._])?(fs|fps|f_?sampl\w*|sampl\w*(rate|freq\w*|hz))(_?hz)?", re.IGNORECASE)
+"""Names of a single number that is the samples a second."""
+STEP = re.compile(r"(.*[._])?(ts|dt|delta_?t|t_?sampl\w*|sampl\w*(time|period|step|interval))(_[a-z]+)?", re.IGNORECASE)
+"""Names of a single number that is the sample period."""
 FACTORS = {unit: known.behind for unit in CLOCKS if (known := measures(unit, "time"))}
 """Expression behind a column that makes it seconds, by the units that steps tell."""
 DISORDER = 0.01
@@ -30,7 +34,7 @@ class Clock:
     """The time of a recording.
 
     Attributes:
-        name: of the column; empty where there is none.
+        name: of the column, or the number of the sample; empty where nothing tells the time.
         read: how it becomes seconds.
         unused: why other columns that look like clocks are not taken.
     """
@@ -59,14 +63,15 @@ def find_clock(recording: Recording) -> Clock:
             text = read.text.replace(quoted(name), f"counter({quoted(name)})", 1)
             return Clock(name, replace(read, text=text, why=f"{read.why}; it overflows, which counter() mends"), {})
     if not candidates or (moving and not named and not by_format):
-        return _no_clock(columns, faults)
+        return _no_clock(recording, faults)
     name = candidates[0]
     unused = faults | dict.fromkeys(candidates[1:], f"another clock; {name} is taken")
     sure_of_it = bool(by_format or named) or len(running) == 1
     return Clock(name, _read(recording, name, bool(by_format), sure_of_it), unused)
 
 
-def _no_clock(columns: Mapping[str, Array], faults: dict[str, str]) -> Clock:
+def _no_clock(recording: Recording, faults: dict[str, str]) -> Clock:
+    columns = recording.columns
     if faults:
         name, fault = next(iter(faults.items()))
         ask = f"{quoted(name)} says that it is the time, but {fault}; or write another expression, in seconds"
@@ -74,11 +79,27 @@ def _no_clock(columns: Mapping[str, Array], faults: dict[str, str]) -> Clock:
         return Clock("", Read(quoted(name), "?", ASK, fault, ask), others)
     if period := next((name for name in columns if PERIODS & set(re.findall("[a-z]+", name.lower()))), None):
         return Clock(period, _summed(period, columns[period]))
+    if read := _counted(recording.facts):
+        return Clock(ROW, read)
     ask = (
         "which column is the time? None runs on in steps of a sample period. Write its expression, in seconds; "
         f"where the file has none, {ROW}/<samples a second>"
     )
     return Clock("", Read(f"{ROW}/100", "?", ASK, "100 Hz is a guess", ask))
+
+
+def _counted(facts: Mapping[str, float | str]) -> Read | None:
+    """The time by the number of the sample, where a single number of the file is its period or rate."""
+    for name, value in facts.items():
+        rate = bool(RATE.fullmatch(name))
+        if isinstance(value, str) or not value > 0.0 or not (rate or STEP.fullmatch(name)):
+            continue
+        known = measures(said(name).unit, "time")
+        period = 1.0 / value if rate else value * (known.factor if known else 1.0)
+        if FASTEST <= period <= SLOWEST:
+            text = f"{ROW}/{quoted(name)}" if rate else f"{ROW}*{quoted(name)}{known.behind if known else ''}"
+            return Read(text, "s", LIKELY, f"there is no clock, and {name} is {value:g}: {1.0 / period:.4g} Hz")
+    return None
 
 
 def _summed(name: str, periods: Array) -> Read:

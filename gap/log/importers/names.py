@@ -25,6 +25,7 @@ COMMANDED = frozenset(
         "con",
         "set",
         "action",
+        "actions",
         "demand",
         "requested",
         "wanted",
@@ -97,6 +98,8 @@ DROPPED = frozenset(
 FILLERS = frozenset(
     [
         "observation",
+        "observations",
+        "obs",
         "data",
         "robot",
         "joints",

@@ -3,14 +3,20 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Mapping
+from dataclasses import replace
 
 from ..types import COMMANDS
 from .evidence import Relation
+from .units import ASK, LIKELY, Read
 
+FOLLOWS = 0.5
+"""Share of a motion that another one explains, from which the two are goal and position."""
 PAIRED = 0.8
 """Share of a motion that another one explains, from which two columns without names may be goal and position."""
 MOST = 8
 """Columns without names that are looked at."""
+CLEARER = 0.1
+"""Share of the motion by which the joint of a goal without a name is ahead of the next one."""
 
 
 def same_joint(groups: Mapping[str, Mapping[str, object]], same_motion: Callable[[str, str], bool]) -> dict[str, str]:
@@ -56,3 +62,39 @@ def best_pair(
         and 0.2 < goes.scale < 5.0
     ]  # fmt: skip
     return max(found, key=lambda one: (round(one[2].fit, 2), -one[2].lag), default=None)
+
+
+def matched(goals: Iterable[str], positions: Iterable[str], follows: Callable[[str, str], Relation]) -> dict[str, str]:
+    """Which position follows which goal, where names do not tell and motions tell clearly, either way round."""
+    goals, positions = list(goals), list(positions)
+    fits = {
+        (goal, position): goes.fit if goes.lag >= 0.0 and 0.2 < goes.scale < 5.0 else 0.0
+        for goal in goals
+        for position in positions
+        for goes in [follows(goal, position)]
+    }
+
+    def clear(goal: str, position: str) -> bool:
+        fit = fits[goal, position]
+        others = [own for (one, other), own in fits.items() if (one == goal) != (other == position)]
+        return fit > PAIRED and all(own < fit - CLEARER for own in others)
+
+    return {goal: position for goal, position in fits if clear(goal, position)}
+
+
+def in_order(read: Read, goes: Relation, by_motion: bool) -> Read:
+    """A goal's column with how late its position comes, in question where it comes before it.
+
+    Args:
+        read: how the column becomes a goal.
+        goes: of the position behind it.
+        by_motion: whether motion alone says whose goal it is.
+    """
+    if by_motion:
+        read = replace(read, trust=LIKELY, why=f"no name says whose goal it is; {read.why}")
+    if goes.fit > FOLLOWS and goes.lag < 0.0:
+        why = f"the position moves {-1e3 * goes.lag:.0f} ms before it: are goal and position exchanged?"
+        return replace(read, trust=ASK, why=why, ask=why)
+    if goes.fit > FOLLOWS:
+        return replace(read, why=f"{read.why}; the position follows it by {1e3 * goes.lag:.0f} ms")
+    return read

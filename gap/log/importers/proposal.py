@@ -14,9 +14,9 @@ from .clocks import find_clock
 from .column import Column, plain, span, taken, without_doubt
 from .evidence import Relation, as_derivative, drives, following, multiple
 from .expression import evaluate, names_in, quoted
-from .mapping import Question
+from .mapping import Question, known_names
 from .names import said
-from .pairs import best_pair, same_joint
+from .pairs import FOLLOWS, best_pair, in_order, matched, same_joint
 from .proposed import Proposal
 from .recording import Recording
 from .sparse import held_goal, held_read, kept_samples
@@ -24,8 +24,6 @@ from .unit_words import measures
 from .units import ASK, POSITION, Read, read_other, read_velocity
 
 ONLY_JOINT = "joint"
-FOLLOWS = 0.5
-"""Share of a motion that another one explains, from which the two are goal and position."""
 MEASURED_BY_MOTION = ("velocity", "torque", "current")
 DRIVES = 0.6
 """Share of a column that motion explains, from which it may be a command or a torque."""
@@ -56,6 +54,7 @@ class _Proposer:
         self.time = ""
         self.groups: dict[str, dict[str, list[Column]]] = {}
         self.unknown: list[str] = []
+        self.by_motion: set[str] = set()  # goals that no name puts to a joint
         self.renamed: dict[str, str] = {}  # words that logs reserve, by the joint's name here
 
     def run(self) -> Proposal:
@@ -120,6 +119,7 @@ class _Proposer:
             self.groups.setdefault(joint, {}).setdefault(signal, []).append(column)
         self.join_names()
         self.join_strays()
+        self.match_goals()
 
     def join_names(self) -> None:
         """Joints that are one by their names, and a name for the one that has none beside others."""
@@ -185,6 +185,16 @@ class _Proposer:
                 if plain(joint) and not self.goes_along(signals[signal][0], own["position"][0]):
                     continue
                 own[signal] = signals.pop(signal)
+
+    def match_goals(self) -> None:
+        """Goals that no name puts to a joint, as of a list without names, go to the joint that follows them."""
+        goals = {signals["goal"][0].name: joint for joint, signals in self.groups.items()
+                 if "goal" in signals and "position" not in signals}  # fmt: skip
+        free = {signals["position"][0].name: joint for joint, signals in self.groups.items()
+                if "position" in signals and not signals.keys() & {*COMMANDS}}  # fmt: skip
+        for goal, position in matched(goals, free, self.relation).items():
+            self.groups[free[position]]["goal"] = self.groups[goals[goal]].pop("goal")
+            self.by_motion.add(goal)
 
     def goes_along(self, column: Column, base: Column) -> bool:
         """Whether a position moves as a goal, or its derivative as a velocity."""
@@ -272,8 +282,8 @@ class _Proposer:
                 held = held_goal(values) if signal == "goal" else None
                 goes = following(self.clock(run), values if held is None else held, position)
                 other = self.answer.alike(column, read, goes)
-                if signal == "goal":
-                    other = self.check_order(other, goes.lag, goes.fit)
+                if signal == "goal" and self.time:
+                    other = in_order(other, goes, column.name in self.by_motion)
                 if held is not None:
                     other = held_read(other, column.name, values)
                     self.out.keep[joint] = kept_samples(column.name, held, base.name, position)
@@ -362,7 +372,7 @@ class _Proposer:
         """Time of a recording [s], as far as it is known."""
         if not self.time:
             return np.arange(run.length, dtype=np.float64) * 0.01
-        seconds = np.asarray(evaluate(self.out.columns["time"].text, run.columns, str(run.source)), np.float64)
+        seconds = np.asarray(evaluate(self.out.columns["time"].text, known_names(run), str(run.source)), np.float64)
         return seconds - seconds[0]
 
     def untwist(self, joint: str, signals: dict[str, list[Column]]) -> None:
@@ -388,12 +398,3 @@ class _Proposer:
             what = f"{ratio:.6g} times {best.name}" if ratio else f"{signal} as well"
             self.out.unused[other.name] = f"{what}{', filtered' if other.said.filtered else ''}; {best.name} is taken"
         return best
-
-    def check_order(self, read: Read, lag: float, fit: float) -> Read:
-        """A position comes after its goal."""
-        if fit > FOLLOWS and lag < 0.0 and self.time:
-            why = f"the position moves {-1e3 * lag:.0f} ms before it: are goal and position exchanged?"
-            return replace(read, trust=ASK, why=why, ask=why)
-        if fit > FOLLOWS and self.time:
-            return replace(read, why=f"{read.why}; the position follows it by {1e3 * lag:.0f} ms")
-        return read

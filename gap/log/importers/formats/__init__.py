@@ -7,13 +7,13 @@ from pathlib import Path
 
 from ...types import LogError
 from ..recording import Recording
-from . import ros, tables
+from . import hdf5, ros, tables
 from .json_rows import LINES, is_recording, read_json
 from .lerobot import is_lerobot, read_lerobot
 from .matlab import read_matlab, read_numpy
 from .tables import read_table
 
-KNOWN = (*tables.ENDINGS, ".json", *LINES, ".mat", ".npz", *ros.ENDINGS)
+KNOWN = (*tables.ENDINGS, ".json", *LINES, ".mat", ".npz", *hdf5.ENDINGS, *ros.ENDINGS)
 
 
 def read_recordings(path: Path) -> list[Recording]:
@@ -51,6 +51,8 @@ def _reader(path: Path) -> Callable[[Path], list[Recording]]:
         return read_json
     if ending == ".mat":
         return read_matlab
+    if ending in hdf5.ENDINGS:
+        return hdf5.read_hdf5
     if ending == ".npz":
         return read_numpy
     if ending in tables.ENDINGS:
