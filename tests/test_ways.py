@@ -10,6 +10,7 @@ from sealegs.gap.log.types import JointLog, MeasuredRun
 from sealegs.gap.replay.free import FreeProblem, free_problem
 from sealegs.gap.replay.joint_model import JointModel
 from sealegs.gap.search.led import fastest, of_run
+from sealegs.gap.verdict.measure import unseen_in
 
 from tests.smooth_bench import CHAIN, PARAMS
 
@@ -58,3 +59,16 @@ def test_the_fastest_run_of_a_long_log_leads() -> None:
 )
 def test_nothing_leads_where_no_run_stands_out_or_little_was_logged(runs: list[MeasuredRun]) -> None:
     assert fastest(problem(*runs).part(FIT_A, FIT_B)) is None
+
+
+def test_what_led_is_as_sure_as_in_its_own_run() -> None:
+    """Of eight motions seven cannot show a limit that the sweep reaches: their errors say nothing for or against it."""
+    whole = problem(run("a", 0.1), run("fast", 0.6), run("b", 0.15))
+    values: list[dict[str, float]] = [{"friction.coulomb": 0.1}, {"friction.coulomb": 0.2}]
+    alone = problem(run("fast", 0.6))
+    found = unseen_in(whole, 1, values[0], values)
+    of_run_one = whole.part(TEST).errors(whole.part(TEST).simulate([values[0]])[0])
+    assert len(found) < 0.5 * int(whole.judged.sum()) and len(of_run_one) > 0
+    assert len(found) == pytest.approx(int(alone.judged.sum()), rel=0.1)
+    rest = np.concatenate([unseen_in(whole, k, values[0], values) for k in (0, 2)])
+    assert len(found) + len(rest) == int(whole.judged.sum())

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -12,11 +12,9 @@ from ..replay.problem import Problem
 from ..replay.robust import robust_loss, robust_weight
 from .bounded import bounded_step
 from .journal import recalled, recorded
+from .several import CONVERGED, LONGEST, TRIED, JointByJoint, Several
 
 MOST_SAMPLES = 30_000
-CONVERGED = 5e-4  # relative improvement of the cost below which a fit ends
-TRIED = (0.1, 1.0, 20.0)  # dampings that each iteration tries, relative to the last one
-LONGEST = 10.0  # step of a parameter in one iteration, in units of its scale
 
 
 @dataclass(frozen=True, eq=False)
@@ -83,6 +81,31 @@ def fit(
     def values(u: np.ndarray) -> dict[str, float]:
         return {p.path: p.from_fit(x) for p, x in zip(parameters, u, strict=True)}
 
+    if isinstance(problem, Several):
+        u = JointByJoint(problem, [p.path for p in parameters], values, u, (low, high), reach, every).run(evaluations)
+    else:
+        u = _descended(problem, values, u, low, high, reach, every, evaluations)
+    best_values = values(u)
+    simulated = problem.simulate([best_values])[0]
+    edge = 1e-3 * (high - low)
+    at_bound = tuple(p.path for k, p in enumerate(parameters) if min(u[k] - low[k], high[k] - u[k]) < edge[k])
+    found = Fit(best_values, simulated, float(robust_loss(problem.residual(simulated[None])).mean()), at_bound)
+    recorded(problem, parameters, start, evaluations, vars(found))
+    return found
+
+
+def _descended(
+    problem: Problem,
+    values: Callable[[np.ndarray], dict[str, float]],
+    u: np.ndarray,
+    low: np.ndarray,
+    high: np.ndarray,
+    reach: np.ndarray,
+    every: int,
+    evaluations: int,
+) -> np.ndarray:
+    """Where Levenberg-Marquardt ends (p,), from a start ``u`` within bounds (p,)."""
+
     def errors(rows: np.ndarray) -> np.ndarray:
         return problem.residual(problem.simulate([values(row) for row in rows]), every)
 
@@ -120,13 +143,7 @@ def fit(
             if both_sides:
                 break
             both_sides, damping = True, 1e-3
-    best_values = values(u)
-    simulated = problem.simulate([best_values])[0]
-    edge = 1e-3 * (high - low)
-    at_bound = tuple(p.path for k, p in enumerate(parameters) if min(u[k] - low[k], high[k] - u[k]) < edge[k])
-    found = Fit(best_values, simulated, float(robust_loss(problem.residual(simulated[None])).mean()), at_bound)
-    recorded(problem, parameters, start, evaluations, vars(found))
-    return found
+    return u
 
 
 def _step(

@@ -7,7 +7,7 @@ What is found there must pay on all data, and all causes may be added to it.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Collection, Sequence
 from dataclasses import replace
 from typing import TYPE_CHECKING, TypeVar
 
@@ -47,13 +47,13 @@ def search_led(searcher: Searcher, find: Callable[[Searcher], Sequence[Search]])
     if not leads:
         return find(searcher)[-1]
     searcher.progress("seeking what was found there in all runs")
-    found = [each for lead in leads if (each := _led(searcher, lead)) is not None]
+    found = [each for lead in leads if (each := _led(searcher, lead, run)) is not None]
     if not found:
         return find(searcher)[-1]
     return min(found, key=lambda each: charged(searcher, each))
 
 
-def _led(searcher: Searcher, lead: Search) -> Search | None:
+def _led(searcher: Searcher, lead: Search, run: int) -> Search | None:
     """What is found of all data led by what was found of one run; None where none of that pays."""
     keys = tuple(candidate.cause.key for candidate in lead.accepted)
     led = replace(searcher, led=keys)
@@ -63,7 +63,7 @@ def _led(searcher: Searcher, lead: Search) -> Search | None:
     # a cause that led had none to compete with but those that led too: it is as sure as where it was found
     sure = {candidate.cause.key: candidate.best for candidate in lead.accepted}
     accepted = tuple(replace(c, best=min(c.best, sure.get(c.cause.key, 1.0))) for c in found.accepted)
-    return replace(found, accepted=accepted)
+    return replace(found, accepted=accepted, led=keys, leader=run)
 
 
 def fastest(problem: JointProblem) -> int | None:
@@ -90,9 +90,7 @@ def fastest(problem: JointProblem) -> int | None:
     return first if fast and parts >= {FIT_A, FIT_B} else None
 
 
-def of_run(problem: AnyProblem, run: int) -> AnyProblem:
-    """The parts of a problem that are fitted, of one run alone."""
-    kept = tuple(
-        unit if unit.run == run and unit.part in (FIT_A, FIT_B) else replace(unit, part=-1) for unit in problem.units
-    )
-    return replace(problem, units=kept).part(FIT_A, FIT_B)
+def of_run(problem: AnyProblem, run: int, parts: Collection[int] = (FIT_A, FIT_B)) -> AnyProblem:
+    """Parts of a problem, by default those that are fitted, of one run alone."""
+    kept = tuple(unit if unit.run == run and unit.part in parts else replace(unit, part=-1) for unit in problem.units)
+    return replace(problem, units=kept).part(*parts)

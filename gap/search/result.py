@@ -76,6 +76,8 @@ class Search:
         record: what it decided on.
         fault: why it ended early; empty where it did not.
         loose: whether ``tuned`` were refitted, by more than their tolerance (:mod:`sealegs.gap.search.loose`).
+        led: keys of the causes that one run of many showed first (:mod:`sealegs.gap.search.led`).
+        leader: number of that run.
     """
 
     tuned: tuple[Parameter, ...]
@@ -88,6 +90,8 @@ class Search:
     record: SearchRecord = NOTHING
     fault: str = ""
     loose: bool = False
+    led: tuple[str, ...] = ()
+    leader: int | None = None
 
     @property
     def fits(self) -> tuple[Fit, Fit]:

@@ -14,6 +14,7 @@ from ..replay.problem import JointProblem, Problem
 from ..replay.robust import robust_loss
 from ..replay.steps import STEPS
 from .settings import SearchSettings
+from .several import Several
 from .windows import hidden_state, split
 
 WRONG = 0.5  # of what is kept of all pieces, beside which so much is kept of those that a model is most wrong about
@@ -118,6 +119,8 @@ def coarsened(problem: AnyProblem, settings: SearchSettings) -> AnyProblem:
     Where the replay of a robot's joint converges at the longest step of benches or above, its motion is slow or its log
     coarse, and what switches needs no finer one either.
     """
+    if isinstance(problem, Several):
+        return cast(AnyProblem, problem.each(lambda joint: coarsened(joint, settings)))
     of_robot = problem.joint is not None and problem.joint.terms is not None
     slow = of_robot and problem.step >= STEPS[0]
     return problem.with_step_factor(settings.coarse_robot_step if slow else settings.coarse_step)

@@ -6,7 +6,7 @@ robot: ``body.forearm.mass_factor``.
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import Any, Self
@@ -230,7 +230,11 @@ class RobotProblem:
 
     def with_step_factor(self, factor: float) -> Self:
         """The problem with so many times longer a step of what plays and switches."""
-        return replace(self, joints={name: problem.with_step_factor(factor) for name, problem in self.joints.items()})
+        return self.each(lambda problem: problem.with_step_factor(factor))
+
+    def each(self, change: Callable[[JointProblem], JointProblem]) -> Self:
+        """The problem with each joint changed, which keeps its samples."""
+        return replace(self, joints={name: change(problem) for name, problem in self.joints.items()})
 
     def simulate(self, variants: Sequence[Mapping[str, float]], step: float | None = None) -> np.ndarray:
         """Channels (v, n, 4) of every variant; what is alike for a joint is replayed once.
@@ -239,27 +243,43 @@ class RobotProblem:
         most joints have few.
         """
         out = np.empty((len(variants), len(self.time), len(self.channels)))
-        for name, problem in self.joints.items():
-            asked: dict[Shared, dict[Own, list[int]]] = {}
-            for k, values in enumerate(variants):
-                addresses = ((address(path), x) for path, x in values.items())
-                own = tuple((at.own, x) for at, x in addresses if at.joint == name)
-                shared = tuple(
-                    (path, x)
-                    for path, x in values.items()
-                    if name in self.rows.get(path, {}) and x != self.models[0].neutral[path]
-                )
-                asked.setdefault(shared, {}).setdefault(own, []).append(k)
-            for shared, each in asked.items():
-                fresh = [own for own in each if (name, shared, own, step) not in self._kept]
-                if fresh:
-                    moved = replace(problem, terms=self.terms(name, dict(shared)))
-                    found = moved.simulate([dict(own) for own in fresh], step)
-                    self._kept.add({(name, shared, own, step): row for own, row in zip(fresh, found, strict=True)})
-                for own, numbers in each.items():
-                    out[numbers, self._slices[name]] = self._kept.recalled((name, shared, own, step))
-            self._kept.forget()
+        for name in self.joints:
+            out[:, self._slices[name]] = self.replayed(name, variants, step)
         return out
+
+    def replayed(self, name: str, variants: Sequence[Mapping[str, float]], step: float | None = None) -> np.ndarray:
+        """Channels (v, m, 4) of one joint."""
+        problem = self.joints[name]
+        out = np.empty((len(variants), len(problem.time), len(self.channels)))
+        asked: dict[Shared, dict[Own, list[int]]] = {}
+        for k, values in enumerate(variants):
+            addresses = ((address(path), x) for path, x in values.items())
+            own = tuple((at.own, x) for at, x in addresses if at.joint == name)
+            shared = tuple(
+                (path, x)
+                for path, x in values.items()
+                if name in self.rows.get(path, {}) and x != self.models[0].neutral[path]
+            )
+            asked.setdefault(shared, {}).setdefault(own, []).append(k)
+        for shared, each in asked.items():
+            fresh = [own for own in each if (name, shared, own, step) not in self._kept]
+            if fresh:
+                moved = replace(problem, terms=self.terms(name, dict(shared)))
+                found = moved.simulate([dict(own) for own in fresh], step)
+                self._kept.add({(name, shared, own, step): row for own, row in zip(fresh, found, strict=True)})
+            for own, numbers in each.items():
+                out[numbers] = self._kept.recalled((name, shared, own, step))
+        self._kept.forget()
+        return out
+
+    def felt_by(self, path: str) -> tuple[str, ...]:
+        """Names of the joints that a number turns."""
+        at = address(path)
+        return (at.joint,) if at.joint else tuple(name for name in self.joints if name in self.rows.get(path, {}))
+
+    def residual_of(self, joint: str, variants: Sequence[Mapping[str, float]], every: int = 1) -> np.ndarray:
+        """Weighted errors (v, m) of one joint."""
+        return self.joints[joint].residual(self.replayed(joint, variants), every)
 
     @cached_property
     def _kept(self) -> Replays:

@@ -15,6 +15,7 @@ from ..replay.parameters import Parameter, absolute
 from ..replay.problem import Nominal, Problem
 from ..replay.robust import robust_loss
 from ..search.fit import Fit, fit, middle
+from ..search.led import of_run
 from ..search.result import Search
 from ..search.settings import DEFAULT
 from ..search.sketch import coarsened
@@ -93,15 +94,17 @@ def measure(
     errors = {name: error_of(error) for name, error in unseen.items()}
 
     @cache
-    def crossed(name: str) -> np.ndarray:
+    def halves(name: str) -> Sequence[Mapping[str, float]]:
         if name == "nominal":
-            return crossed_errors(problem, [{}, {}])
+            return [{}, {}]
         if name == "refitted":
-            halves = (fitting.part(FIT_A), fitting.part(FIT_B))
-            fits = [fit(half, wide, refitted.values, evaluations) for half in halves]
-        else:
-            fits = model.search.fits if name == "extended" else search.base
-        return crossed_errors(problem, [f.values for f in fits])
+            parts = (fitting.part(FIT_A), fitting.part(FIT_B))
+            return [fit(part, wide, refitted.values, evaluations).values for part in parts]
+        return [f.values for f in (model.search.fits if name == "extended" else search.base)]
+
+    @cache
+    def crossed(name: str) -> np.ndarray:
+        return crossed_errors(problem, halves(name))
 
     draws = search.settings.verdict_draws
     named = bool(sought.accepted)
@@ -141,10 +144,14 @@ def measure(
         both = (np.concatenate([unseen[name], crossed(name)]) for name in ("refitted", "extended"))
         beyond = beyond_refitting(*(float(np.mean(error**2)) - white for error in both))
     charge = beyond if rest.noticed else 1.0
+    led: dict[str, float] = {}
+    if rest.noticed and sought.accepted and sought.leader is not None:  # the other runs cannot show what led
+        both = (unseen_in(problem, sought.leader, found[name], halves(name)) for name in ("refitted", "extended"))
+        led = dict.fromkeys(sought.led, beyond_refitting(*(float(np.mean(error**2)) - white for error in both)))
     sought_in = excess  # counted where causes were sought: in windows that restart, or in whole pieces
     if fitting is not problem:
         sought_in = float(np.mean(fitting.position_error(fitting.simulate([{}])[0]) ** 2))
-    account = Account(1.0 - unexplained, sought_in / problem.noise**2, charge, {p.number for p in wide})
+    account = Account(1.0 - unexplained, sought_in / problem.noise**2, charge, {p.number for p in wide}, led)
     freed = problem.joint.models[0] if problem.joint and handed == "extended" and sought.loose else None
     causes, tuned_share = _name_causes(fitting, sought, model, joint, account, rest, features)
     return Measured(
@@ -206,6 +213,25 @@ def error_of(error: np.ndarray) -> Error:
     return Error(float(np.sqrt(np.mean(error**2))), float(np.mean(np.abs(error))))
 
 
+def unseen_in(
+    problem: Problem, run: int, values: Mapping[str, float], halves: Sequence[Mapping[str, float]]
+) -> np.ndarray:
+    """Errors of a model on all of one run that its fits did not see (n,).
+
+    Args:
+        problem: all data.
+        run: its number.
+        values: fitted to all that may be fitted, for the test part.
+        halves: fitted to the first half of that, and to the second.
+    """
+    own = of_run(problem, run, (FIT_A, FIT_B, TEST))
+    errors = [crossed_errors(own, halves)]
+    if any(unit.part == TEST for unit in own.units):
+        test = own.part(TEST)
+        errors.append(test.position_error(test.simulate([values])[0]))
+    return np.concatenate(errors)
+
+
 @dataclass(frozen=True)
 class Account:
     """What the causes of a joint explain together.
@@ -215,12 +241,14 @@ class Account:
         size: that error, in squares of the noise floor.
         beyond: as of :func:`sealegs.gap.verdict.decide.confidence`.
         numbers: that refitting turns: of a wrong one it must do as well.
+        led: the same as ``beyond`` in the run that showed a cause first, by the cause's key.
     """
 
     explained: float
     size: float
     beyond: float
     numbers: frozenset[str] | set[str]
+    led: Mapping[str, float]
 
 
 def beyond_refitting(refitted: float, extended: float) -> float:
@@ -254,7 +282,8 @@ def _name_causes(
         # a rival of the same name is another body's
         rivals = tuple(dict.fromkeys(c.key if c.name == candidate.cause.name else c.name for c in close))
         wrong = float(robust_loss(np.sqrt(law_error(account.size * (sum(shares) - share)))))
-        beyond = 1.0 if candidate.variant[0].number in account.numbers else account.beyond
+        beyond = account.led.get(candidate.cause.key, account.beyond)
+        beyond = 1.0 if candidate.variant[0].number in account.numbers else beyond
         sure = confidence(min(candidate.best, candidate.better), removed, residual + wrong, beyond)
         simpler = not_excluded(candidate.cause, candidate.variant, model.bounds, search.settings.shape_edge)
         if simpler and simpler not in {c.cause.name for c in search.accepted}:
