@@ -17,7 +17,7 @@ def couplings(model: mujoco.MjModel) -> tuple[dict[str, str], dict[str, str]]:
     """Joints that follow others, and joints whose load is more than a tree says with the reason."""
     followers: dict[str, str] = {}
     coupled: dict[str, str] = {}
-    for k in range(model.neq):
+    for k in _active(model):
         kind, one, two = int(model.eq_type[k]), int(model.eq_obj1id[k]), int(model.eq_obj2id[k])
         name = model.equality(k).name or f"constraint {k}"
         if kind == mujoco.mjtEq.mjEQ_JOINT:
@@ -50,6 +50,11 @@ def couplings(model: mujoco.MjModel) -> tuple[dict[str, str], dict[str, str]]:
     return followers, coupled
 
 
+def _active(model: mujoco.MjModel) -> list[int]:
+    """Equality constraints that act; a file can hold others, for programs that switch them on."""
+    return [k for k in range(model.neq) if model.eq_active0[k]]
+
+
 def above(model: mujoco.MjModel, body: int) -> list[int]:
     """Joints between a body and the world."""
     found = []
@@ -64,7 +69,7 @@ def _wrapped(model: mujoco.MjModel, tendon: int) -> list[int]:
     first, count = int(model.tendon_adr[tendon]), int(model.tendon_num[tendon])
     found: set[int] = set()
     for k in range(first, first + count):
-        if model.wrap_type[k] == mujoco.mjtWrap.mjWRAP_JOINT:
+        if model.wrap_type[k] == mujoco.mjtWrap.mjWRAP_JOINT and model.wrap_prm[k]:
             found.add(int(model.wrap_objid[k]))
         elif model.wrap_type[k] == mujoco.mjtWrap.mjWRAP_SITE:
             found.update(above(model, int(model.site_bodyid[model.wrap_objid[k]])))
@@ -77,6 +82,7 @@ def led(model: mujoco.MjModel, drives: Sequence[ModelDrive]) -> tuple[tuple[Mode
     A fixed tendon over the two fingers of a gripper, of which one follows the other, drives the leading one.
     """
     kept: dict[tuple[str, ...], ModelDrive] = {}
+    origins: dict[tuple[str, ...], str] = {}
     left: list[str] = []
     ways = _linear(model)
     for drive in drives:
@@ -88,22 +94,64 @@ def led(model: mujoco.MjModel, drives: Sequence[ModelDrive]) -> tuple[tuple[Mode
         names = tuple(sorted(name for name, coefficient in terms.items() if abs(coefficient) > EXACT))
         label = f"actuator '{', '.join(drive.actuators)}' of '{drive.name}'"
         if not names or any(name in ways for name in names):
-            left.append(f"{label} drives joints that an equality of the model ties, and nothing that leads them")
+            left.append(
+                f"{label} drives a joint that an equality of the model ties to a place, or otherwise than by a plain "
+                "ratio to another joint, so no servo can stand for it"
+            )
         elif len(names) == 1 and names in kept:
-            left.append(f"{label} drives '{names[0]}', which '{kept[names].name}' drives already")
+            first = kept[names]
+            if drive.terms == ((drive.name, 1.0),) and drive.name == names[0]:  # the leader's own coordinate counts
+                kept[names] = _together(drive, first, first.terms[0][1], origins[names])
+            else:
+                kept[names] = _together(first, drive, terms[names[0]], drive.name)
         elif terms == dict(drive.terms):
-            kept[names] = drive
+            kept[names], origins[names] = drive, drive.name
         else:
             own = names == (drive.name,) and terms[drive.name] == 1.0
             name = drive.name if own or drive.name not in ways else names[0]
+            origins[names] = drive.name
             kept[names] = dataclasses.replace(drive, name=name, terms=tuple((n, terms[n]) for n in names))
     return tuple(kept.values()), tuple(left)
+
+
+def _together(one: ModelDrive, other: ModelDrive, coefficient: float, origin: str) -> ModelDrive:
+    """Two drives of a joint as one, at the coordinate of the first.
+
+    Args:
+        one: drive of a joint, on its own coordinate.
+        other: drive of the same joint, or of one that follows it.
+        coefficient: of the joint in the coordinate of ``other``.
+        origin: joint or tendon that ``other`` stands for in the file.
+    """
+    ratio = coefficient / one.terms[0][1]  # of the other coordinate by this one
+    stiffness = one.stiffness + ratio**2 * other.stiffness
+    pulls = [
+        None if drive.goals is None else np.sort(factor * drive.stiffness * np.array(drive.goals))
+        for drive, factor in ((one, 1.0), (other, ratio))
+        if drive.stiffness > 0.0
+    ]
+    known = [pull for pull in pulls if pull is not None]
+    goals = None
+    if known and len(known) == len(pulls):
+        low, high = (float(sum(pull[end] for pull in known)) / stiffness for end in (0, 1))
+        goals = (low, high)
+    return dataclasses.replace(
+        one,
+        stiffness=stiffness,
+        damping=one.damping + ratio**2 * other.damping,
+        force=None if one.force is None or other.force is None else one.force + abs(ratio) * other.force,
+        actuators=(*one.actuators, *other.actuators),
+        goals=goals,
+        dampratio=one.dampratio if one.dampratio == other.dampratio else 0.0,
+        motor=one.motor and other.motor,
+        tied=(*one.tied, origin),
+    )
 
 
 def _linear(model: mujoco.MjModel) -> dict[str, tuple[str, float]]:
     """Leader and ratio of the joints that follow in proportion; an empty leader where they follow otherwise."""
     found = {}
-    for k in range(model.neq):
+    for k in _active(model):
         if int(model.eq_type[k]) != int(mujoco.mjtEq.mjEQ_JOINT):
             continue
         one, two = int(model.eq_obj1id[k]), int(model.eq_obj2id[k])

@@ -25,6 +25,7 @@ class ModelDrive:
         goals: lowest and highest goal that its controls can give [rad or m]; None: any.
         dampratio: that the file gives in place of a damping; 0 where it gives none.
         motor: whether its control is a force: no actuator of it follows a position or a speed.
+        tied: joints with actuators of their own that an equality ties to it, whose drives were added to it.
     """
 
     name: str
@@ -36,6 +37,7 @@ class ModelDrive:
     goals: tuple[float, float] | None = None
     dampratio: float = 0.0
     motor: bool = False
+    tied: tuple[str, ...] = ()
 
 
 def read_drives(full: mujoco.MjSpec, joints: Collection[str]) -> tuple[tuple[ModelDrive, ...], tuple[str, ...]]:
@@ -154,8 +156,8 @@ def _gear(model: mujoco.MjModel, number: int) -> float:
 
 
 def _belt(spec: mujoco.MjSpec, name: str) -> tuple[tuple[str, float], ...]:
-    """Joints and coefficients of a fixed tendon; none of a spatial one."""
+    """Joints and coefficients of a fixed tendon, those of 0 left out; none of a spatial one."""
     path = spec.tendon(name).path
     if any(item.type != mujoco.mjtWrap.mjWRAP_JOINT for item in path):
         return ()
-    return tuple((item.target.name, float(item.coef)) for item in path)
+    return tuple((item.target.name, float(item.coef)) for item in path if item.coef)

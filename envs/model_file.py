@@ -14,7 +14,8 @@ import numpy as np
 
 from .model_couplings import couplings, led, unnamed
 from .model_drives import ModelDrive, read_drives
-from .model_reading import line_of, read_specs
+from .model_errors import uncompiled
+from .model_reading import read_specs
 from .model_transmissions import reductions
 from .robot import RobotError
 
@@ -124,6 +125,11 @@ def read_model(path: str | Path) -> ModelFile:
         RobotError: it is missing, no model, or does not compile.
     """
     path = Path(path).resolve()
+    if path.suffix.lower() in (".xacro", ".sdf"):
+        stem = path.stem.partition(".")[0]
+        raise RobotError(
+            f"{path} is no MJCF or URDF; give the URDF that xacro macros make: xacro {stem}.xacro > {stem}.urdf."
+        )
     if path.suffix.lower() not in SUFFIXES:
         raise RobotError(f"{path} is no model of a robot; give a file that ends in {', '.join(SUFFIXES)}.")
     if not path.is_file():
@@ -142,7 +148,7 @@ def _surveyed(path: Path, changed: int) -> ModelFile:
         model = spec.compile()
         drives, undriveable = read_drives(full, [model.joint(k).name for k in _single(model)])
     except ValueError as error:
-        raise RobotError(f"{path} does not compile: {line_of(error)}.") from None
+        raise RobotError(uncompiled(path, error)) from None
     masses = _masses(model)
     joints = {joint.name: joint for joint in _joints(model, np.diag(masses) - model.dof_armature) if joint.name}
     followers, coupled = couplings(model)

@@ -6,6 +6,8 @@ import xml.etree.ElementTree as ElementTree
 from collections.abc import Iterable
 from pathlib import Path
 
+from .urdf_text import urdf_root
+
 REDUCTIONS = ("mechanicalReduction", "mechanical_reduction")
 """Tags of ROS 1 and of ros2_control."""
 
@@ -15,7 +17,7 @@ def reductions(path: Path) -> dict[str, str]:
     if path.suffix.lower() != ".urdf":
         return {}
     found: dict[str, str] = {}
-    for transmission in ElementTree.parse(path).getroot().iter("transmission"):
+    for transmission in urdf_root(path).iter("transmission"):
         joints = transmission.findall("joint")
         inside = {id(item) for joint in joints for item in joint.iter()}
         shared = _stated(item for item in transmission.iter() if id(item) not in inside)

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any, Literal
 
@@ -14,6 +14,7 @@ from .model_drives import ModelDrive
 from .model_file import ModelFile, read_model
 from .robot import RobotError
 from .robot_assumed import goal_range, ideal_servo, reduction_note
+from .robot_choice import chosen, none_to_drive, passive_sentence
 from .robot_described import FileJoint, RobotFile, stated, with_owned
 from .robot_entries import UNKNOWN, YAML_SUFFIXES, FileEntry, JointEntry, Owner, ServoEntry
 
@@ -36,29 +37,34 @@ def assembled(path: Path, entry: FileEntry, said: list[str] | None = None) -> Ro
     said += model.said
     drives = {drive.name: drive for drive in model.drives}
     if entry.joints is None:
-        chosen = list(drives) or [name for name in model.joints if name not in model.followers]
+        names, held = chosen(model)
+        if not names:
+            raise RobotError(f"{model.path}: {none_to_drive(model)}")
         why = "as its actuators do" if drives else "since it has no actuators"
-        said.append(f"{model.path.name} says which joints are driven, {why}: {', '.join(chosen)}.")
-        entries = {name: _default_entry(drives.get(name)) for name in chosen}
+        said.append(f"{model.path.name} says which joints are driven, {why}: {', '.join(names)}.")
+        said += [f"{reason}; it is not driven." for reason in held]
+        entries = {name: _default_entry(drives.get(name)) for name in names}
         if model.undriveable:
             raise RobotError(
                 f"{model.path}: {model.undriveable[0]}; write which joints to drive into a YAML "
                 f"(sealegs new-robot {model.path.name})."
             )
     else:
+        _check_names(path, entry.joints)
         entries = {name: checked_fields(f"joints.{name}", row or {}, JointEntry) for name, row in entry.joints.items()}
     if not entries:
         raise RobotError(f"{path}: no joint is driven; the model has {', '.join(model.joints) or 'no named joint'}.")
     timestep = min(TIMESTEP, model.timestep) if entry.timestep is None else entry.timestep
     if not 1e-5 <= timestep <= 0.05:
         raise RobotError(f"{path}: timestep is {timestep:g} s; it must lie between 0.00001 and 0.05 s.")
-    joints = tuple(_joint(path, model, name, row, drives.get(name), timestep, said) for name, row in entries.items())
+    own = {name: drives.get(row.joint or name) for name, row in entries.items()}
+    joints = tuple(_joint(path, model, name, row, own[name], timestep, said) for name, row in entries.items())
     _check_driven(path, model, joints)
     if entry.joints is None:
         driven = [name for joint in joints for name, _ in joint.terms]
         said += passive_sentence(model, driven)
         said += [f"joint {name}: {reduction_note(model, name)}." for name in driven if name in model.reductions]
-    left = [name for drive in model.drives for name in drive.actuators if drive.name not in entries]
+    left = [name for drive in model.drives for name in drive.actuators if drive not in own.values()]
     if entry.joints is not None and left:
         said.append(f"{model.path.name}: the actuators {', '.join(left)} drive nothing here and are left out.")
     base: Literal["fixed", "free"] = entry.base or ("free" if model.free else "fixed")
@@ -74,30 +80,16 @@ def assembled(path: Path, entry: FileEntry, said: list[str] | None = None) -> Ro
     return RobotFile(path, name, model, joints, base, timestep, entry.integrator, entry.deploy, tuple(said))
 
 
+def _check_names(path: Path, joints: Mapping[Any, Any]) -> None:
+    """Refuse names that YAML reads as a number or as yes and no."""
+    for name in joints:
+        if not isinstance(name, str):
+            raise RobotError(f"{path}: in joints, YAML reads the name {name} as a value; put it in quotes, as in '8':.")
+
+
 def _default_entry(drive: ModelDrive | None) -> JointEntry:
     own = drive is None or drive.terms == ((drive.name, 1.0),)
     return JointEntry(belt=None if own or drive is None else dict(drive.terms))
-
-
-def passive(model: ModelFile, driven: Sequence[str]) -> list[str]:
-    """Joints of a model that nothing drives and nothing leads, in words.
-
-    Args:
-        model: as read.
-        driven: names of joints of the model.
-    """
-    named = [name for name in model.joints if name not in driven and name not in model.followers]
-    return [*(f"the {model.joints[name].kind} {name}" for name in named), *model.unnamed]
-
-
-def passive_sentence(model: ModelFile, driven: Sequence[str]) -> list[str]:
-    """That joints are passive, where there are any."""
-    if not (found := passive(model, driven)):
-        return []
-    return [
-        f"{model.path.name}: nothing drives {', '.join(found)}; such joints move freely, with the springs, damping and "
-        "friction of the file."
-    ]
 
 
 def _joint(
@@ -137,7 +129,14 @@ def _joint(
                 f"counts ({key}: chain), the other is left out."
             )
         if owners[key] == "file":
-            chain = with_owned(chain, key, value)
+            try:
+                chain = with_owned(chain, key, value)
+            except SealegsError as error:
+                why = str(error).partition(": ")[2] or str(error)
+                raise RobotError(
+                    f"{model.path}: joint '{joint.name}' has a {key} of {value:g}: {why} Correct it there, give {key}: "
+                    f"chain in {path.name}, or do not drive the joint."
+                ) from None
             if getattr(entry, key) is None:
                 said.append(f"joint {name}: {key} {value:g} of {model.path.name} counts, its chain states none.")
     for word in entry.unknown:

@@ -12,6 +12,7 @@ from collections.abc import Sequence
 
 from ..actuators import Chain, load_chain
 from ..actuators.errors import SealegsError
+from ..actuators.stages.controller import Ideal
 from .model_drives import ModelDrive
 from .model_file import UNITS, ModelFile
 from .robot import RobotError
@@ -20,7 +21,12 @@ BANDWIDTH = 4.0  # [Hz] at least, of the ideal servo that stands for a drive who
 FULL_FORCE = 0.125  # of the range: position error at which that servo gives its largest force
 RESOLVED = 0.5  # of a timestep times a servo's natural frequency, at most: the engine resolves its damping below that
 SLIDE_REACH = 0.5  # [m] to either side, of a slide without a range
+NO_STOP = 1e4  # [rad or m] a range that ends beyond is written for none
 SAME = 1e-6  # of a range [rad or m]: what differs by less is the same
+BOUNDS = {field.name: field.metadata for field in dataclasses.fields(Ideal)}
+STIFFEST, MOST_DAMPED = float(BOUNDS["stiffness"]["high"]), float(BOUNDS["damping"]["high"])
+STRONGEST = float(BOUNDS["torque_limit"]["high"])
+"""What an ideal servo takes: stiffness, damping, largest force."""
 
 
 def goal_range(
@@ -36,7 +42,7 @@ def goal_range(
     """
     kind = model.joints[terms[-1][0]].kind
     unit = UNITS[kind][0]
-    ranges = [model.joints[name].range for name, _ in terms]
+    ranges = [_stops(model.joints[name].range) for name, _ in terms]
     stops = None
     if len(known := [item for item in ranges if item is not None]) == len(terms):
         ends = [sorted(factor * end for end in item) for item, (_, factor) in zip(known, terms, strict=True)]
@@ -45,7 +51,9 @@ def goal_range(
     if drive is None or goals is None:
         if stops is None:
             stops = (-math.pi, math.pi) if kind == "hinge" else (-SLIDE_REACH, SLIDE_REACH)
-            notes.append(f"it has no range; {_ends(stops, unit)} is assumed")
+            far = [item for name, _ in terms if (item := model.joints[name].range) is not None and _stops(item) is None]
+            no = f"its range ({_ends(far[0], unit)}) counts as none" if far else "it has no range"
+            notes.append(f"{no}; {_ends(stops, unit)} is assumed")
         elif len(terms) > 1:
             notes.append(f"its range, {_ends(stops, unit)}, is what those of {_and(terms)} add up to")
         return stops
@@ -62,6 +70,11 @@ def goal_range(
         notes.append(f"its goals end with {label}, which is narrower than its range ({_ends(stops, unit)})")
         return both
     return stops
+
+
+def _stops(written: tuple[float, float] | None) -> tuple[float, float] | None:
+    """A range, or None where it is written for none."""
+    return None if written is None or max(map(abs, written)) >= NO_STOP else written
 
 
 def ideal_servo(
@@ -100,9 +113,15 @@ def ideal_servo(
         inertia = (joint.inertia + joint.armature) / ratio**2
         mobility = sum(c * d * model.mobility[one, two] for one, c in terms for two, d in terms)
         rate, why = _rate(limit, inertia, 1.0 / mobility, limits, timestep)
+        if (wanted := inertia * rate**2) > STIFFEST:
+            rate = math.sqrt(STIFFEST / inertia)
+            why = f"assumed, the most that a chain takes; {why.removeprefix('assumed, ')} would be {wanted:.4g}"
         stiffness, damping = inertia * rate**2, min(2.0 * inertia * rate, 2.0 * RESOLVED / (mobility * timestep))
+        damping = min(damping, MOST_DAMPED)
+    if drive is not None and drive.tied:
+        notes.append(tied_note(drive))
     values = {"stiffness": _rounded(stiffness), "damping": _rounded(damping)}
-    if limit is not None:
+    if limit is not None and limit < STRONGEST:
         values["torque_limit"] = _rounded(limit)
     notes.append(f"an ideal servo of {values['stiffness']:g} {force}/{position} drives it ({why})")
     if drive is not None and drive.dampratio and drive.stiffness > 0.0:
@@ -133,6 +152,18 @@ def motor_note(drive: ModelDrive, kind: str) -> str:
     else:
         what = f"is a motor, whose control is a {control}" if drive.motor else "is no position servo"
     return f"{_listed(drive.actuators)} {what}; here goals are positions, so a position servo takes its place"
+
+
+def tied_note(drive: ModelDrive) -> str:
+    """That actuators of joints which an equality ties became one servo.
+
+    Args:
+        drive: of the model, to which others were added.
+    """
+    return (
+        f"{_listed(drive.actuators)} drive it together, since an equality of the model ties {' and '.join(drive.tied)} "
+        "to it; their gains and forces are added"
+    )
 
 
 def reduction_note(model: ModelFile, name: str) -> str:

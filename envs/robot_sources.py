@@ -11,8 +11,8 @@ import yaml
 
 from ..actuators.published import PREFIX
 from .model_file import SUFFIXES
-from .model_reading import urdf_mesh
 from .robot_entries import YAML_SUFFIXES
+from .urdf_text import mesh_folder, urdf_mesh, urdf_root
 
 ENDINGS = (*YAML_SUFFIXES, *SUFFIXES, ".json", ".npz")
 """Of what a YAML names: chains, models, fits that others published, actuator nets."""
@@ -76,7 +76,7 @@ def _of_model(path: Path) -> Iterator[Path]:
         for item in root.iter():
             for key, name in item.attrib.items():
                 if key == "filename":
-                    yield urdf_mesh(path, name)
+                    yield urdf_mesh(path, name, mesh_folder(root))
                 elif key.startswith("file") and name:
                     yield from (path.parent / folder / one for folder in folders for one in (name, Path(name).name))
 
@@ -87,7 +87,7 @@ def _roots(path: Path, folder: Path, seen: set[Path]) -> Iterator[ElementTree.El
         return
     seen.add(path)
     try:
-        root = ElementTree.parse(path).getroot()
+        root = urdf_root(path) if path.suffix.lower() == ".urdf" else ElementTree.parse(path).getroot()
     except (OSError, ValueError, ElementTree.ParseError):  # reading the robot says it
         return
     yield root

@@ -15,11 +15,13 @@ from ..actuators.atomic import write_text
 from ..actuators.errors import SealegsError
 from .model_file import UNITS, ModelFile, read_model
 from .robot import RobotError
-from .robot_assembly import assembled, passive, passive_sentence
-from .robot_assumed import motor_note, reduction_note
+from .robot_assembly import assembled
+from .robot_assumed import motor_note, reduction_note, tied_note
+from .robot_choice import chosen, none_to_drive, passive, passive_sentence
 from .robot_described import HINGES, FileJoint, RobotFile
 from .robot_entries import FileEntry
 from .robot_file import load_robot_file
+from .robot_names import in_yaml, name_note
 
 HEAD = """\
 # Robot {name}, written from {model} by sealegs new-robot; edit what is wrong. docs/your-own-robot.md explains it.
@@ -54,7 +56,7 @@ def write_robot_yaml(
         reserved: words that joints should not be called by, since columns of logs are.
 
     Raises:
-        RobotError: the model cannot be read, or ``out`` exists.
+        RobotError: the model cannot be read, ``out`` exists, or what was written cannot be read.
     """
     text, said = robot_yaml(model, out, chain, reserved)
     try:
@@ -62,7 +64,11 @@ def write_robot_yaml(
         write_text(out, text)
     except FileExistsError:
         raise RobotError(f"{out} exists, and is not overwritten; give another out=.") from None
-    load_robot_file(out)
+    try:
+        load_robot_file(out)
+    except BaseException:  # what cannot be read is no robot
+        out.unlink(missing_ok=True)
+        raise
     return said
 
 
@@ -71,9 +77,9 @@ def robot_yaml(
 ) -> tuple[str, tuple[str, ...]]:
     """The text that :func:`write_robot_yaml` writes, and what was assumed."""
     facts = read_model(model)
-    names = [drive.name for drive in facts.drives] or [name for name in facts.joints if name not in facts.followers]
+    names, held = chosen(facts)
     if not names:
-        raise RobotError(f"{model} has no hinge or slide with a name that could be driven.")
+        raise RobotError(f"{model}: {none_to_drive(facts)}")
     belts = {drive.name: dict(drive.terms) for drive in facts.drives if drive.terms != ((drive.name, 1.0),)}
     if chain is not None and Path(chain).suffix in (".yaml", ".yml"):
         chain = os.path.relpath(Path(chain).resolve(), out.resolve().parent)
@@ -84,28 +90,29 @@ def robot_yaml(
     try:
         robot = assembled(out.resolve(), FileEntry(path, joints=rows))
     except SealegsError as error:
-        raise RobotError(str(error)) from None
+        raise RobotError(str(error).replace(f"{out.resolve()}: ", f"{model}: ")) from None  # there is no such file yet
     head = HEAD.format(
         name=robot.name,
         model=model.name,
-        path=path,
+        path=in_yaml(path),
         base=robot.base,
         timestep=robot.timestep,
         integrator=robot.integrator,
     )
+    undriveable = (*facts.undriveable, *held)
     more = {joint.name: _more_notes(facts, joint, chain, reserved) for joint in robot.joints}
     lines = [
         _joint(number, joint, chain, belts.get(joint.name), more[joint.name])
         for number, joint in enumerate(robot.joints, 1)
     ]
-    left = [f"# Left out: {reason}.\n" for reason in facts.undriveable]
+    left = [f"# Left out: {reason}.\n" for reason in undriveable]
     left += [
         f"# Joint {name} is not driven: it follows {other or 'a place'}.\n" for name, other in facts.followers.items()
     ]
     driven = [name for joint in robot.joints for name, _ in joint.terms]
     left += [f"# Nothing drives {what}: it moves freely.\n" for what in passive(facts, driven)]
     said = (*robot.said, *(f"joint {name}: {note}." for name, notes in more.items() for note in notes))
-    said = (*said, *(f"{reason}; it is left out." for reason in facts.undriveable))
+    said = (*said, *(f"{reason}; it is left out." for reason in undriveable))
     said = (*said, *passive_sentence(facts, driven), *_chain_on_slides(robot, chain))
     return head + "".join(lines) + "".join(left) + TAIL.format(safety=_safety(robot)), said
 
@@ -116,12 +123,10 @@ def _more_notes(facts: ModelFile, joint: FileJoint, chain: str | None, reserved:
     drive = next((drive for drive in facts.drives if drive.name == joint.name), None)
     if chain is not None and drive is not None and drive.stiffness <= 0.0:  # without a chain, assembling noted it
         notes.append(motor_note(drive, joint.kind))
+    if chain is not None and drive is not None and drive.tied:
+        notes.append(tied_note(drive))
     notes += [reduction_note(facts, name) for name, _ in joint.terms if name in facts.reductions]
-    if joint.name in reserved:
-        notes.append(
-            f"logs have columns '{joint.name}.*' that belong to no joint, so a log of this robot cannot be read; give "
-            f"the joint another name here and name the model's: my_{joint.name}: {{joint: {joint.name}, ...}}"
-        )
+    notes += filter(None, [name_note(joint.name, joint.terms == ((joint.name, 1.0),), reserved)])
     return notes
 
 
@@ -161,7 +166,7 @@ def _joint(number: int, joint: FileJoint, chain: str | None, belt: dict[str, flo
         "armature": "kg.m2" if joint.kind == "hinge" else "kg",
         "frictionloss": force,
     }
-    lines = [f"  {joint.name}:   # {joint.kind}, {position} and {force}"]
+    lines = [f"  {in_yaml(joint.name)}:   # {joint.kind}, {position} and {force}"]
     for note in (*joint.notes, *more):
         lines += textwrap.wrap(
             f"{note[:1].upper()}{note[1:]}.", 120, initial_indent="    # ", subsequent_indent="    #   "
@@ -169,15 +174,20 @@ def _joint(number: int, joint: FileJoint, chain: str | None, belt: dict[str, flo
     if belt is not None:
         lines.append(f"    belt: {_flow(belt)}   # driven is the sum of these joints, times their coefficients")
     lines.append(f"    chain: {_flow(drive)}   # a word of configs/actuator (sts3215, xl330), a file, or stages")
-    lines.append(f"    range: {_flow([round(end, 6) for end in joint.range])}   # of its goals [{position}]")
+    low, high = (round(end, 6) for end in joint.range)
+    lines.append(f"    range: {_flow([low, high])}   # of its goals [{position}]")
     for key, owner in joint.owners.items():
         value = joint.model_values[key]
         lines.append(f"    {key}: {owner}   # chain or file; the file has {value:g} {units[key]}")
-    lines.append(f"    start: {joint.start:g}   # of episodes [{position}]")
+    lines.append(f"    start: {min(max(round(joint.start, 6), low), high):.10g}   # of episodes [{position}]")
     lines.append("    unknown: []   # what nobody measured: zero, direction, friction, armature, motor, load")
     lines.append(f"    servo: {{id: {number}}}   # and zero: its step at 0, direction: 1 or -1")
     return "\n".join(lines) + "\n"
 
 
 def _flow(value: Any) -> str:
-    return yaml.safe_dump(value, default_flow_style=True, width=1000, sort_keys=False).removesuffix("\n...\n").strip()
+    if isinstance(value, str):
+        return in_yaml(value)
+    return yaml.safe_dump(
+        value, allow_unicode=True, default_flow_style=True, width=float("inf"), sort_keys=False
+    ).strip()

@@ -276,11 +276,13 @@ def test_a_tendon_over_two_fingers_of_which_one_follows_drives_the_leading_one(t
     assert float(data.joint("finger_r").qpos[0]) == pytest.approx(0.02, abs=2e-3)
 
 
-def test_an_actuator_of_a_follower_alone_is_left_out_with_a_comment_where_its_leader_is_driven(tmp_path: Path) -> None:
-    path = write(tmp_path, "hand.xml", GRIPPER.format(more="", actuator='<position name="twin" joint="finger_r"/>'))
+def test_an_actuator_of_a_follower_is_added_to_the_drive_of_its_leader(tmp_path: Path) -> None:
+    twin = '<position name="twin" joint="finger_r" kp="80"/>'
+    path = write(tmp_path, "hand.xml", GRIPPER.format(more="", actuator=twin))
     text, said = robot_yaml(path, tmp_path / "hand.yaml")
-    left = "actuator 'twin' of 'finger_r' drives 'finger_l', which 'split' drives already"
-    assert f"# Left out: {left}." in text and f"{left}; it is left out." in said
+    sentence = "drive it together, since an equality of the model ties finger_r to it; their gains and forces are added"
+    assert sentence in " ".join(said) and "Left out" not in text
+    assert load_robot_file(path).joint("split").chain.value("ideal.stiffness") == 380.0
 
 
 def test_joints_that_nothing_drives_are_told_and_commented(tmp_path: Path) -> None:

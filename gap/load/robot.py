@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import lru_cache
 from pathlib import Path
@@ -181,4 +181,29 @@ def _frames(said: Any, run: str, robot: LoggedRobot) -> dict[str, Frame]:
 def _read(path: Path, changed: tuple[int, ...], params: tuple[tuple[str, float], ...]) -> LoggedRobot:
     del changed  # files that were edited are read again
     file = load_robot_file(path)
-    return LoggedRobot(file, file.bare_model(dict(params)))
+    return LoggedRobot(file, without_objects(file, dict(params)))
+
+
+def without_objects(file: RobotFile, params: Mapping[str, float]) -> mujoco.MjModel:
+    """A robot's model without the objects of its scene that move freely: trees of bodies with a free or a ball joint
+    and no joint that is driven. No log says how they moved, and no joint of the robot carries them.
+
+    Raises:
+        RobotError: as :meth:`RobotFile.bare_model`.
+    """
+    spec = file.robot().build_spec(params)
+    driven = {name for item in file.joints for name, _ in item.terms}
+    loose = [root for root in spec.worldbody.bodies if _is_object(root, driven)]
+    if not loose:
+        return spec.compile()
+    for key in list(spec.keys):  # they have a place for each coordinate
+        spec.delete(key)
+    for root in loose:
+        spec.delete(root)
+    return spec.compile()
+
+
+def _is_object(root: mujoco.MjsBody, driven: Collection[str]) -> bool:
+    joints = [*root.joints, *(joint for body in root.find_all("body") for joint in body.joints)]
+    loose = any(joint.type in (mujoco.mjtJoint.mjJNT_FREE, mujoco.mjtJoint.mjJNT_BALL) for joint in joints)
+    return loose and not any(joint.name in driven for joint in joints)

@@ -273,14 +273,21 @@ def passive_torques(model: mujoco.MjModel, data: mujoco.MjData) -> Array:
     return -(data.qfrc_spring + data.qfrc_gravcomp)
 
 
+def _single(model: mujoco.MjModel) -> tuple[Array, Array]:
+    """Degrees of freedom of hinges and slides, and their coordinates; free and ball joints stay where they are."""
+    kinds = (int(mujoco.mjtJoint.mjJNT_HINGE), int(mujoco.mjtJoint.mjJNT_SLIDE))
+    found = [j for j in range(model.njnt) if int(model.jnt_type[j]) in kinds]
+    return model.jnt_dofadr[found], model.jnt_qposadr[found]
+
+
 def passive_block(model: mujoco.MjModel, dof: int, motion: Motion) -> Array:
     """The same columns of springs and weight compensation (n, T_SIZE): they have no inertia and no drag."""
     out = np.zeros((len(motion.position), T_SIZE))
     if not is_passive(model):
         return out
     data = mujoco.MjData(model)
-    address = [int(model.jnt_qposadr[j]) for j in range(model.njnt)]
-    at = address[int(model.dof_jntid[dof])]
+    dofs, address = _single(model)
+    at = int(model.jnt_qposadr[model.dof_jntid[dof]])
 
     def placed(q: float) -> float:
         data.qpos[at] = q
@@ -289,7 +296,7 @@ def passive_block(model: mujoco.MjModel, dof: int, motion: Motion) -> Array:
         return float(passive_torques(model, data)[dof])
 
     for k, row in enumerate(motion.position):
-        data.qpos[address] = row
+        data.qpos[address] = row[dofs]
         above, here, below = (placed(row[dof] + way) for way in (ANGLE, 0.0, -ANGLE))
         out[k, BIAS : CURVE + 1] = here, *_derivatives(model, dof, above, here, below)
     return out
@@ -307,7 +314,7 @@ def _block(model: mujoco.MjModel, dof: int, motion: Motion) -> Array:
     data = mujoco.MjData(model)
     result = np.zeros(model.nv)
     out = np.empty((len(motion.position), T_SIZE))
-    address = [int(model.jnt_qposadr[j]) for j in range(model.njnt)]
+    dofs, address = _single(model)
     positions, speeds, accelerations = motion.position, motion.speed, motion.acceleration.copy()
     accelerations[:, dof] = 0.0
 
@@ -319,9 +326,9 @@ def _block(model: mujoco.MjModel, dof: int, motion: Motion) -> Array:
         mujoco.mj_rne(model, data, 1, result)
         return result[dof]
 
-    at = address[int(model.dof_jntid[dof])]
+    at = int(model.jnt_qposadr[model.dof_jntid[dof]])
     for k in range(len(positions)):
-        data.qpos[address] = positions[k]
+        data.qpos[address] = positions[k][dofs]
         data.qvel[:] = speeds[k]
         data.qacc[:] = accelerations[k]
         q = positions[k, dof]

@@ -101,5 +101,5 @@ def _errors(
     for name, (scale, offset) in hosts.items():
         error = scale * readings[name] + offset - run.joints[name].position
         touched = run.joints[name].touched
-        errors[name] = error[np.isfinite(error) & (True if touched is None else touched < 0.5)]
+        errors[name] = error[np.isfinite(error) & (True if touched is None or touched.all() else touched < 0.5)]
     return errors

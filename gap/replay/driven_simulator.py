@@ -26,7 +26,7 @@ from ...actuators.stages.friction import REST_SPEED
 from ..load.terms import E_SIZE
 from .compiled import compiled, pointer
 from .constants import K
-from .simulator import coupling_torque, drive, host_reading_smooth, joint_state, next_change, slide
+from .simulator import DIVERGED, coupling_torque, drive, host_reading_smooth, joint_state, next_change, slide
 
 CHANNELS = ("position", "torque", "duty", "current")
 
@@ -134,7 +134,7 @@ def _replay_driven(acting, advancing, p, k, s, x, nothing, time, goal, on, tempe
                     drive(acting, p, k, s, at, goal[j], on[j], x[0], x[1], 0.0, True)
             now = end
         if not (abs(x[0]) < 1e4 and abs(x[1]) < 1e6):
-            out[j:, :] = 1e3
+            out[j:, :] = DIVERGED
             return
     s[S_TIME] = time[n - 1]
 

@@ -41,6 +41,7 @@ from ..load.terms import (
 from .compiled import compiled, pointer
 from .constants import K
 
+DIVERGED = 1e3  # in each channel from where a replay has left all bounds
 ELASTIC_STEP = 1e-3  # [s] largest step with a spring between motor and link, whose frequency bounds it
 # [s] with play, whose teeth meet for a few milliseconds, and with firmware that switches: it must when the machine does
 EVENT_STEP = 2.5e-4
@@ -275,7 +276,7 @@ def _replay(acting, advancing, p, k, s, x, e, before, after, terms, time, goal, 
                 slide(acting, p, k, e, s, x, at, span, goal[j], on[j], at > time[j])
             now = end
         if not (abs(x[0]) < 1e4 and abs(x[1]) < 1e6):
-            out[j:, :] = 1e3
+            out[j:, :] = DIVERGED
             return
     s[S_TIME] = time[n - 1]
 

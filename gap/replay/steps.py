@@ -9,7 +9,7 @@ import numpy as np
 
 from ...actuators import Chain
 from .problem import JointProblem
-from .simulator import ELASTIC_STEP, EVENT_STEP, SWITCHING
+from .simulator import DIVERGED, ELASTIC_STEP, EVENT_STEP, SWITCHING
 
 ROBOT_STEP = 5e-3  # [s] tried first at joints of robots, whose logs are coarser and longer than those of benches
 STEPS = (2.5e-3, 1.7e-3, 1e-3, 5e-4, 2.5e-4, 1e-4)  # [s]
@@ -44,7 +44,15 @@ def converged(problem: Joint) -> Joint:
     # a chain with springs or switches is replayed in shorter steps whatever is tried, and says nothing of long ones
     bounded = largest_step(problem.models[0].chain) < np.inf
     for step in [length for length in problem.steps if not bounded or length <= STEPS[0]]:
-        whole, halved = (problem.position_error(problem.simulate([{}], s)[0]) for s in (step, step / 2.0))
+        replays = [problem.simulate([{}], length)[0] for length in (step, step / 2.0)]
+        if any(map(diverged, replays)):  # two that leave all bounds are alike
+            continue
+        whole, halved = map(problem.position_error, replays)
         if np.sqrt(np.mean((whole - halved) ** 2)) < 0.1 * problem.noise:
             break
     return replace(problem, step=step)
+
+
+def diverged(simulated: np.ndarray) -> bool:
+    """Whether a replay (n, 4) left all bounds: its steps are too long for what it simulates, or nothing holds it."""
+    return bool((simulated == DIVERGED).all(axis=-1).any())

@@ -46,6 +46,8 @@ def not_free(
         if any(int(robot.model.jnt_type[number]) == int(mujoco.mjtJoint.mjJNT_FREE) for number in loose):
             return _held(joint, "the robot's base moves, and no column says how in a way that a replay could use")
         return _held(joint, f"no column says how the ball joint '{robot.column(loose[0])}' moves; weld it in the model")
+    if _always_touched(runs, joint):
+        return _held(joint, "what it carries touches the floor, or what else stands still in the model, nearly always")
     absent = _absent(robot, joint, runs)
     if not absent or _light(robot, joint, runs, absent, armature):
         return None
@@ -53,6 +55,11 @@ def not_free(
     columns = " and ".join(f"'{robot.column(number)}.position'" for number in absent)
     first = f"name {' and '.join(unnamed)} in the model, and " if unnamed else ""
     return _held(joint, f"what it works against depends on joints that were not logged; {first}log {columns}")
+
+
+def _always_touched(runs: Sequence[MeasuredRun], joint: str) -> bool:
+    marks = [run.joints[joint].touched for run in runs if joint in run.joints]
+    return bool(marks) and all(touched is not None and touched.all() for touched in marks)
 
 
 def held_still(

@@ -44,7 +44,7 @@ from .measure import Measured, is_of_robot, measure, whole_runs
 from .parallel import side_by_side
 from .pieces import cut_joint, named_chain
 from .recorded import recording_reasons
-from .refusal import refuse
+from .refusal import refuse, refuse_divergence
 from .request import Request
 from .resting import without_rests
 from .robot import Asked, with_robot
@@ -254,12 +254,12 @@ def _replay(pieces: Cut, request: Request, *, before_goal: bool = False) -> Repl
     stops = stops_of(pieces.runs, pieces.joint, axis.reach)
     seen = (*pieces.findings, *told_stops(stops, pieces.joint, axis.unit("rad")))
     if pieces.terms is not None or all(run.robot == "bench" for run in pieces.runs):
-        free = free_problem(*layout, {"position": 1.0 / pieces.noise}, pieces.terms)
-        problem = weigh_channels(converged(free), request.search)
-        causes = with_stops(causes, stops, pieces.models[0])
-        return Replay(
-            problem, in_windows(problem, wide, request.search), wide, tuned, causes, seen, stops, along=pieces.along
-        )
+        free = converged(free_problem(*layout, {"position": 1.0 / pieces.noise}, pieces.terms))
+        if (lost := refuse_divergence(free, pieces.joint)) is not None:
+            return lost
+        problem, causes = weigh_channels(free, request.search), with_stops(causes, stops, pieces.models[0])
+        fitting = in_windows(problem, wide, request.search)
+        return Replay(problem, fitting, wide, tuned, causes, seen, stops, along=pieces.along)
     if before_goal:  # on a bench the motion tells of the true delay; here nothing else does
         late = [model.with_values({"delay.seconds": model.value("delay.seconds") + MOMENT}) for model in pieces.models]
         layout = pieces.runs, pieces.joint, late, pieces.units

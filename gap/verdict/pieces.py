@@ -22,6 +22,7 @@ from ..log.types import Array, LogError, MeasuredRun
 from ..replay.flattened import flattened
 from ..replay.free import FreeProblem, free_problem
 from ..replay.joint_model import JointModel
+from ..replay.scene import untouched
 from ..replay.tree import held_still, held_terms, joint_of_tree, motion_of, not_free, owned, terms_of
 from ..search.structure import fine
 from .case import Cut
@@ -42,7 +43,9 @@ def cut_joint(
     if robot is not None:
         armature = chains[0].armature()
         why = not_free(robot, joint, runs, armature)
-        if why is None:
+        if why is not None:
+            runs = untouched(runs, joint)
+        else:
             terms = terms_of(robot, joint, runs, _motions(robot, _Logged(_digest(runs), tuple(runs))))
             for table, added in zip(terms, more or (), strict=False):
                 table[:, T_OWN : T_OWN + T_SIZE] += added

@@ -6,6 +6,8 @@ from collections.abc import Sequence
 
 from ..experiment import Experiment
 from ..log.finding import Finding
+from ..replay.problem import JointProblem
+from ..replay.steps import diverged
 from .decide import decide
 from .evidence import Refused
 from .verdict import JointDiagnosis
@@ -36,3 +38,15 @@ def refuse(
         findings=tuple(findings),
         reasons=verdict.reasons,
     )
+
+
+def refuse_divergence(problem: JointProblem, joint: str) -> Refused | None:
+    """Why a joint cannot be judged whose replay with the nominal model leaves all bounds; None where it does not."""
+    if not diverged(problem.simulate([{}])[0]):
+        return None
+    why = (
+        f"its nominal model leaves all bounds even in steps of {1e3 * problem.step:g} ms: it is driven away from its "
+        "goal, or damping and stiffness are too large for its inertia; check direction, gains, damping and armature in "
+        "the robot's file and the chain"
+    )
+    return Refused(f"'{joint}'", why, usable=True)

@@ -1,8 +1,10 @@
-"""Stretches in which a robot rests on what its model lacks are left out of what is judged, and said."""
+"""Stretches in which a robot rests on what its model lacks, or touches the scene that its model has, are left out of
+what is judged, and said.
+"""
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import replace
 
 import numpy as np
@@ -13,9 +15,12 @@ from ..log.finding import Finding
 from ..log.parts import cut
 from ..log.progress import Progress
 from ..log.types import MeasuredRun
+from ..replay.scene import Touch, touches_of
 from ..search.forward import NUMERICAL
 from ..search.structure import listed
 
+TOUCHES = "robot.touches"
+"""Code of the finding that the robot touches the scene of its own file."""
 RESTS = "robot.rests"
 """Code of the finding that the robot rests on something level."""
 LEFT = 0.4  # of what is judged of a joint, that must be left without the contacts
@@ -38,6 +43,8 @@ def without_rests(
     robot = robot_of(runs[0])
     if robot is None or robot.file.base == "free":
         return runs, []
+    if (touches := [touches_of(robot, run) for run in runs]) and any(touches):
+        return _off_scene(runs, touches, progress, test_group)
     try:
         resting = find_resting(robot, runs)
     except (*NUMERICAL, ValueError, LookupError) as error:
@@ -52,6 +59,37 @@ def without_rests(
     return marked if enough else runs, [finding]
 
 
+def _off_scene(
+    runs: Sequence[MeasuredRun], touches: Sequence[Touch | None], progress: Progress, test_group: str | None
+) -> tuple[Sequence[MeasuredRun], list[Finding]]:
+    """The runs without their contacts with the robot's own scene; joints of which too little is left are held."""
+    joints = dict.fromkeys(name for touch in touches if touch for name, own in touch.joints.items() if own.any())
+    marked = [run if touch is None else _with(run, touch.joints) for run, touch in zip(runs, touches, strict=True)]
+    left = [joint for joint in joints if _enough(runs, marked, joint, test_group)]
+    for joint in joints:
+        if joint not in left:  # marked throughout: its link is moved as measured
+            marked = [_with(run, {joint: np.ones(len(run.time))}) for run in marked]
+    seconds = sum(
+        run.period * float(np.max(list(touch.joints.values()), axis=0).sum())
+        for run, touch in zip(runs, touches, strict=True) if touch
+    )  # fmt: skip
+    body = next(touch.body for touch in touches if touch)
+    done = [f"These stretches are left out at {listed(left)}."] if left else []
+    if held := [joint for joint in joints if joint not in left]:
+        done.append(f"Too little is left of {listed(held)}, whose links are moved as measured.")
+    sentence = (
+        f"The robot touches what stands still in its own model, such as a floor, for {seconds:.3g} s ('{body}' most), "
+        f"and joints are replayed without contacts. {' '.join(done)} Record in the air, or remove what is not there."
+    )
+    progress(sentence)
+    return marked, [Finding(TOUCHES, "warning", None, None, sentence, value=seconds)]
+
+
+def _with(run: MeasuredRun, touched: Mapping[str, np.ndarray]) -> MeasuredRun:
+    marks = {name: replace(run.joints[name], touched=own) for name, own in touched.items() if name in run.joints}
+    return replace(run, joints={**run.joints, **marks})
+
+
 def _marked(run: MeasuredRun, resting: Resting) -> MeasuredRun:
     spans = resting.stretches.get(run.name, ())
     touched = np.zeros(len(run.time))
@@ -59,8 +97,7 @@ def _marked(run: MeasuredRun, resting: Resting) -> MeasuredRun:
         touched[(run.time >= a) & (run.time <= b)] = 1.0
     if not touched.any():
         return run
-    marked = {name: replace(run.joints[name], touched=touched) for name in resting.joints if name in run.joints}
-    return replace(run, joints={**run.joints, **marked})
+    return _with(run, dict.fromkeys(resting.joints, touched))
 
 
 def _enough(runs: Sequence[MeasuredRun], marked: Sequence[MeasuredRun], joint: str, test_group: str | None) -> bool:

@@ -1,0 +1,103 @@
+"""What becomes of drives that no chain can have, of tendons with a coefficient of 0, and of joints that are tied."""
+
+from pathlib import Path
+
+import mujoco
+import numpy as np
+import pytest
+from sealegs.commands import new_robot
+from sealegs.envs.robot import RobotError
+from sealegs.envs.robot_file import load_robot_file
+
+PAIR = """<mujoco><compiler angle="radian"/><worldbody><body><joint name="a" axis="0 1 0" range="-1 1" {a}/>
+<geom type="capsule" size="0.02" fromto="0 0 0 0 0 -0.2" mass="0.3"/><body pos="0 0 -0.2">
+<joint name="b" axis="0 1 0" range="-2 2" {b}/><geom type="capsule" size="0.02" fromto="0 0 0 0 0 -0.2" mass="0.3"/>
+</body></body></worldbody>{more}</mujoco>"""
+TIED = '<equality><joint joint1="b" joint2="a" polycoef="0 {ratio} 0 0 0" active="{active}"/></equality>'
+SERVOS = """<actuator><position name="A" joint="a" kp="12" kv="0.2" forcerange="-3 3" ctrlrange="-0.5 0.5"/>
+<position name="B" joint="b" kp="10" kv="0.1" forcerange="-2 2" ctrlrange="-2 2"/></actuator>"""
+
+
+def pair(folder: Path, more: str = "", a: str = "", b: str = "") -> Path:
+    path = folder / "pair.xml"
+    path.write_text(PAIR.format(a=a, b=b, more=more))
+    return path
+
+
+def told(model: Path, capsys: pytest.CaptureFixture[str]) -> str:
+    """What the terminal says."""
+    new_robot.main([str(model)])
+    return capsys.readouterr().out
+
+
+def test_an_assumed_gain_ends_where_a_chain_does(tmp_path: Path, capsys) -> None:
+    said = told(pair(tmp_path, a='armature="990" actuatorfrcrange="-9e5 9e5"', b='actuatorfrcrange="-3 3"'), capsys)
+    assert "an ideal servo of 1e+06 N.m/rad drives it (assumed, the most that a chain takes; " in said
+    assert load_robot_file(tmp_path / "pair.yaml").joint("a").chain.value("ideal.stiffness") == 1e6
+
+
+def test_a_range_without_an_end_counts_as_none(tmp_path: Path, capsys) -> None:
+    model = pair(tmp_path)
+    model.write_text(model.read_text().replace('range="-1 1"', 'range="-1e16 1e16"'))
+    assert "joint a: its range (-1e+16 to 1e+16 rad) counts as none; -3.142 to 3.142 rad is assumed" in told(
+        model, capsys
+    )
+
+
+def test_a_joint_that_its_damping_holds_in_place_is_not_driven_and_named(tmp_path: Path, capsys) -> None:
+    model = pair(tmp_path, a='damping="1e11"')
+    sentence = "joint 'a' has a damping of 1e+11 N.m.s/rad in pair.xml, which holds it in place; correct it there if it"
+    assert sentence in told(model, capsys) and f"# Left out: {sentence}" in (tmp_path / "pair.yaml").read_text()
+    assert [joint.name for joint in load_robot_file(tmp_path / "pair.yaml").joints] == ["b"]
+    assert sentence in " ".join(load_robot_file(model).said)
+    (tmp_path / "pair.yaml").write_text("model: pair.xml\njoints: {a: {chain: ideal}}\n")
+    with pytest.raises(RobotError, match=r"pair\.xml: joint 'a' has a damping of 1e\+11: .* Correct it there, give"):
+        load_robot_file(tmp_path / "pair.yaml")
+
+
+def test_terms_of_0_in_a_tendon_are_left_out(tmp_path: Path) -> None:
+    terms = '<fixed name="{}"><joint joint="a" coef="{}"/><joint joint="b" coef="{}"/></fixed>'
+    tendons = terms.format("t1", 1, 0) + terms.format("t2", 0, 1)
+    motors = '<actuator><motor name="t1" tendon="t1"/><motor name="t2" tendon="t2"/></actuator>'
+    new_robot.main([str(pair(tmp_path, f"<tendon>{tendons}</tendon>{motors}"))])
+    robot = load_robot_file(tmp_path / "pair.yaml")
+    assert [joint.terms for joint in robot.joints] == [(("a", 1.0),), (("b", 1.0),)]
+    assert not robot.coupled
+
+
+def test_a_sentence_names_no_file_that_was_not_written(tmp_path: Path) -> None:
+    with pytest.raises(RobotError) as caught:
+        new_robot.main([str(pair(tmp_path)), "chain=stz3215"])
+    assert "pair.yaml" not in str(caught.value) and "pair.xml: joints.a.chain: " in str(caught.value)
+
+
+def test_an_equality_that_is_switched_off_ties_nothing(tmp_path: Path) -> None:
+    robot = load_robot_file(pair(tmp_path, TIED.format(ratio=1, active="false") + SERVOS))
+    assert [joint.name for joint in robot.joints] == ["a", "b"] and not robot.coupled
+
+
+@pytest.mark.parametrize(("ratio", "reach"), [(1.0, 1.0), (-2.0, 46.0 / 52.0)])
+@pytest.mark.parametrize("swapped", [False, True])
+def test_two_servos_on_tied_joints_become_one_that_moves_both_as_the_model_does(
+    ratio: float, reach: float, swapped: bool, tmp_path: Path, capsys
+) -> None:
+    servos = SERVOS
+    if swapped:
+        first, _, second = SERVOS.removeprefix("<actuator>").removesuffix("</actuator>").partition("\n")
+        servos = f"<actuator>{second}{first}</actuator>"
+    model = pair(tmp_path, TIED.format(ratio=ratio, active="true") + servos)
+    assert "since an equality of the model ties b to it; their gains and forces are added" in told(model, capsys)
+    (joint,) = load_robot_file(tmp_path / "pair.yaml").joints
+    assert joint.terms == (("a", 1.0),) and joint.range == pytest.approx((-reach, reach), abs=1e-6)
+    assert joint.chain.value("ideal.stiffness") == pytest.approx(12.0 + 10.0 * ratio**2)
+    assert joint.chain.value("ideal.damping") == pytest.approx(0.2 + 0.1 * ratio**2)
+    assert joint.chain.value("ideal.torque_limit") == pytest.approx(3.0 + 2.0 * abs(ratio))
+    plain = mujoco.MjModel.from_xml_path(str(model))
+    both = mujoco.MjData(plain)
+    both.ctrl[:] = [0.3 * ratio, 0.3] if swapped else [0.3, 0.3 * ratio]
+    mujoco.mj_step(plain, both, 3000)
+    drivetrain = load_robot_file(tmp_path / "pair.yaml").robot().drivetrain()
+    one = mujoco.MjData(drivetrain.model)
+    one.ctrl[0] = 0.3
+    mujoco.mj_step(drivetrain.model, one, 3000)
+    np.testing.assert_allclose(one.qpos, both.qpos, atol=6e-3)  # the equality is soft

@@ -1,0 +1,110 @@
+"""Names of joints and paths that YAML, logs or the command line take for something else."""
+
+import html
+from pathlib import Path
+
+import pytest
+from sealegs.commands import new_robot
+from sealegs.envs import robot_yaml
+from sealegs.envs.robot import RobotError
+from sealegs.envs.robot_file import load_robot_file
+
+ARM = """<mujoco><compiler angle="radian"/><worldbody><body><joint name="{name}" axis="0 1 0" range="-1 {high}"/>
+<geom type="capsule" size="0.02" fromto="0 0 0 0 0 -0.2" mass="0.3"/></body></worldbody>
+<actuator><position name="p" joint="{name}" kp="20"/></actuator>
+<keyframe><key qpos="{start}"/></keyframe></mujoco>"""
+NAMES = (
+    "8",
+    "on",
+    "yes",
+    "null",
+    "007",
+    "1_000",
+    "12:30",
+    "1e3",
+    "a: b",
+    "*",
+    "@x",
+    "x #y",
+    "[a]",
+    "a,b",
+    "it's",
+    "ü",
+    "~",
+)
+
+
+def arm(folder: Path, name: str = "j", high: str = "1", start: str = "0", file: str = "arm.xml") -> Path:
+    path = folder / file
+    path.parent.mkdir(parents=True, exist_ok=True)
+    path.write_text(ARM.format(name=html.escape(name), high=high, start=start), encoding="utf-8")
+    return path
+
+
+@pytest.mark.parametrize("name", NAMES)
+def test_a_joint_whose_name_yaml_reads_as_something_else_stands_in_quotes(name: str, tmp_path: Path) -> None:
+    new_robot.main([str(arm(tmp_path, name))])
+    assert [joint.name for joint in load_robot_file(tmp_path / "arm.yaml").joints] == [name]
+
+
+@pytest.mark.parametrize("file", ["a: b/arm.xml", "a #b/arm.xml", "8.xml"])
+def test_a_path_that_yaml_reads_as_something_else_stands_in_quotes(file: str, tmp_path: Path) -> None:
+    model = arm(tmp_path, file=file)
+    new_robot.main([str(model), f"out={tmp_path / 'robot.yaml'}"])
+    assert load_robot_file(tmp_path / "robot.yaml").model.path == model.resolve()
+
+
+def test_a_file_that_cannot_be_read_after_writing_does_not_stay(tmp_path: Path, monkeypatch) -> None:
+    monkeypatch.setattr(robot_yaml, "robot_yaml", lambda *_: ("model: nothing.xml\n", ()))
+    with pytest.raises(RobotError, match=r"nothing\.xml"):
+        robot_yaml.write_robot_yaml(arm(tmp_path), tmp_path / "arm.yaml")
+    assert not (tmp_path / "arm.yaml").exists()
+
+
+def test_a_name_of_the_yaml_without_quotes_that_reads_as_a_number_is_refused_with_the_way_out(tmp_path: Path) -> None:
+    arm(tmp_path, "8")
+    (tmp_path / "arm.yaml").write_text("model: arm.xml\njoints: {8: {chain: sts3215}}\n")
+    with pytest.raises(RobotError, match=r"reads the name 8 as a value; put it in quotes"):
+        load_robot_file(tmp_path / "arm.yaml")
+
+
+@pytest.mark.parametrize(
+    ("name", "why", "other"),
+    [
+        ("left/waist", "has a slash, so a log of this robot cannot be read", "left_waist: {joint: left/waist, ...}"),
+        ("robot0:W", "has a sign that sealegs deploy cannot take", "robot0_W: {joint: robot0:W, ...}"),
+        ("8", "reads as a value", "joint_8: {joint: '8', ...}"),
+    ],
+)
+def test_a_name_that_logs_or_deploy_cannot_take_is_warned_about(
+    name: str, why: str, other: str, tmp_path: Path, capsys
+) -> None:
+    new_robot.main([str(arm(tmp_path, name))])
+    said = capsys.readouterr().out
+    assert f"its name {why}" in said and other in said.replace("'robot0:W'", "robot0:W")
+    row = other.replace(", ...", ", chain: sts3215")
+    (tmp_path / "renamed.yaml").write_text(f"model: arm.xml\njoints:\n  {row}\n")
+    robot = load_robot_file(tmp_path / "renamed.yaml")
+    assert [joint.joint for joint in robot.joints] == [name]
+    assert "drive nothing here" not in " ".join(robot.said), "its actuator's joint is driven, by another name"
+
+
+def test_a_start_at_the_end_of_the_range_lies_in_the_range_as_written(tmp_path: Path) -> None:
+    new_robot.main([str(arm(tmp_path, high="1.23456789", start="1.23456789"))])
+    joint = load_robot_file(tmp_path / "arm.yaml").joint("j")
+    assert joint.start == joint.range[1]
+
+
+def test_a_robot_without_named_joints_is_told_to_name_them(tmp_path: Path) -> None:
+    model = arm(tmp_path)
+    model.write_text(model.read_text().replace('name="j" ', "").partition("<actuator>")[0] + "</mujoco>")
+    with pytest.raises(
+        RobotError, match=r'the hinge without a name on .*; give hinges and slides a name: <joint name="'
+    ):
+        new_robot.main([str(model)])
+
+
+@pytest.mark.parametrize("file", ["arm.urdf.xacro", "arm.sdf"])
+def test_a_file_of_macros_is_refused_with_the_command_that_expands_it(file: str, tmp_path: Path) -> None:
+    with pytest.raises(RobotError, match=r"xacro arm\.xacro > arm\.urdf"):
+        new_robot.main([str(arm(tmp_path, file=file))])

@@ -1,0 +1,135 @@
+"""URDFs as they lie about: what MuJoCo reads is read, what it cannot is left out or named with the link."""
+
+import warnings
+from pathlib import Path
+
+import mujoco
+import numpy as np
+import pytest
+from sealegs.envs.model_file import read_model
+from sealegs.envs.robot import RobotError
+from sealegs.envs.robot_file import load_robot_file
+from sealegs.envs.robot_sources import files_read
+
+GOOD = 'ixx="1e-3" iyy="1e-3" izz="1e-3" ixy="0" ixz="0" iyz="0"'
+URDF = """<robot name="arm"><link name="{root}"/>{head}
+<link name="upper"><inertial><mass value="0.3"/><inertia {inertia}/></inertial>{shape}</link>
+<joint name="yaw" type="{kind}"><parent link="{root}"/><child link="upper"/><axis xyz="0 0 1"/>
+<limit lower="-1" upper="1" effort="3" velocity="6"{limit}/></joint>{more}</robot>"""
+MESH = '<collision><geometry><mesh filename="{}"/></geometry></collision>'
+CORNERS = ("0 0 0", "1 0 0", "0 1 0", "0 0 1")
+SOLID = "".join(f"v {corner}\n" for corner in CORNERS) + "f 1 3 2\nf 1 2 4\nf 1 4 3\nf 2 3 4\n"
+FLAT = SOLID.replace("v 0 0 1", "v 1 1 0")
+
+
+def urdf(folder: Path, **more: str) -> Path:
+    given = {"root": "base", "head": "", "inertia": GOOD, "shape": "", "kind": "revolute", "limit": "", "more": ""}
+    path = folder / "arm.urdf"
+    path.write_text(URDF.format(**given | more))
+    return path
+
+
+def test_a_folder_of_meshes_that_a_urdf_names_for_mujoco_is_looked_into(tmp_path: Path) -> None:
+    head = '<mujoco><compiler meshdir="parts" strippath="true" discardvisual="false"/></mujoco>'
+    path = urdf(tmp_path, head=head, shape=MESH.format("package://other/solid.obj"))
+    (tmp_path / "parts").mkdir()
+    (tmp_path / "parts" / "solid.obj").write_text(SOLID)
+    robot = load_robot_file(path)
+    assert robot.model.spec().compile().nmesh == 1 and "not there" not in " ".join(robot.said)
+    assert (tmp_path / "parts" / "solid.obj").resolve() in files_read([str(path)])
+
+
+def test_a_floating_joint_on_a_root_link_of_any_name_is_a_free_base(tmp_path: Path) -> None:
+    arm = urdf(tmp_path, root="trunk").read_text()
+    base = '<robot name="arm"><link name="footprint"/><joint name="float" type="floating"><parent link="footprint"/>'
+    trunk = f'<link name="trunk"><inertial><mass value="1"/><inertia {GOOD}/></inertial></link>'
+    arm = arm.replace('<robot name="arm"><link name="trunk"/>', f'{base}<child link="trunk"/></joint>{trunk}')
+    (tmp_path / "arm.urdf").write_text(arm)
+    robot = load_robot_file(tmp_path / "arm.urdf")
+    assert robot.base == "free" and robot.model.root == "trunk"
+    assert "a floating joint hangs on its root link 'footprint'; that is taken for the ground" in " ".join(robot.said)
+
+
+def test_a_prefix_that_nothing_declares_is_passed_over(tmp_path: Path) -> None:
+    path = urdf(tmp_path, limit=' drake:acceleration="2"', more='<drake:joint name="x"/><gazebo/>')
+    assert list(read_model(path).joints) == ["yaw"]
+
+
+@pytest.mark.parametrize(("before", "after"), [("\n\n", ""), ("", "\n\0"), ("\ufeff", "")])
+def test_what_stands_before_the_declaration_or_behind_the_end_is_passed_over(
+    before: str, after: str, tmp_path: Path
+) -> None:
+    path = urdf(tmp_path)
+    path.write_text(f'{before}<?xml version="1.0"?>\n{path.read_text()}{after}', encoding="utf-8")
+    assert list(read_model(path).joints) == ["yaw"]
+
+
+def test_elements_of_xacro_are_said_to_count_for_nothing(tmp_path: Path) -> None:
+    path = urdf(tmp_path, more='<xacro:arm side="left"/>')
+    assert "expand them: xacro arm.urdf > robot.urdf" in " ".join(load_robot_file(path).said)
+
+
+@pytest.mark.parametrize(("file", "text"), [("a.dae", "<COLLADA/>"), ("a.stl", "not\n"), ("a.obj", FLAT)])
+def test_a_mesh_that_cannot_be_read_is_left_out_where_the_link_has_an_inertia(
+    file: str, text: str, tmp_path: Path
+) -> None:
+    (tmp_path / file).write_text(text)
+    (tmp_path / "solid.obj").write_text(SOLID)
+    path = urdf(tmp_path, shape=MESH.format(file) + MESH.format("solid.obj"))
+    robot = load_robot_file(path)
+    assert f"arm.urdf: MuJoCo cannot read these meshes: {file}; bodies move without them" in " ".join(robot.said)
+    assert robot.bare_model().ngeom == 1
+    bodies = '<body name="upper"><joint name="yaw"/><geom type="mesh" mesh="m"/></body>'
+    model = f'<mujoco><asset><mesh name="m" file="{file}"/></asset><worldbody>{bodies}</worldbody></mujoco>'
+    (tmp_path / "arm.xml").write_text(model)
+    with pytest.raises(
+        RobotError, match=r"body 'upper' takes its mass from a\.\w+, which MuJoCo cannot read; give it as"
+    ):
+        read_model(tmp_path / "arm.xml")
+
+
+@pytest.mark.parametrize(
+    ("inertia", "sentence"),
+    [
+        (
+            GOOD.replace('ixx="1e-3"', 'ixx="9"'),
+            r"link 'upper' has an inertia .* add <mujoco><compiler balanceinertia=\"",
+        ),
+        (GOOD.replace('ixx="1e-3"', 'ixx="-9"'), r"link 'upper' has an inertia that no body has: a principal moment"),
+        (GOOD.replace("1e-3", "0"), r"link 'upper'"),
+    ],
+)
+def test_an_inertia_that_no_body_has_is_named_with_its_link(inertia: str, sentence: str, tmp_path: Path) -> None:
+    with pytest.raises(RobotError, match=sentence):
+        read_model(urdf(tmp_path, inertia=inertia))
+
+
+def test_the_line_that_balances_inertias_mends_the_urdf(tmp_path: Path) -> None:
+    line = '<mujoco><compiler balanceinertia="true"/></mujoco>'
+    assert (
+        read_model(urdf(tmp_path, inertia=GOOD.replace('ixx="1e-3"', 'ixx="9"'), head=line)).bodies["upper"].mass == 0.3
+    )
+
+
+def test_a_line_of_a_urdf_is_that_of_the_file(tmp_path: Path) -> None:
+    path = urdf(tmp_path, limit=' drake:acceleration="2"', kind="revolute")
+    path.write_text("<!--\n\n\n-->\n" + path.read_text().replace('xyz="0 0 1"', 'xyz="0 0 up"'))
+    with pytest.raises(RobotError, match=r"bad format in attribute 'xyz' Element 'axis', line 7\."):
+        read_model(path)
+
+
+def test_a_total_mass_is_worked_into_the_masses_and_warned_of_by_no_one(tmp_path: Path) -> None:
+    text = """<mujoco><compiler settotalmass="2"/><worldbody><body name="a"><joint name="j" axis="0 1 0"/>
+    <geom size=".1" pos=".2 0 0"/><geom size=".1" mass="3"/><body name="b"><joint name="k"/>
+    <inertial mass="1" pos=".1 0 0" fullinertia="1 2 2 .1 0 0"/></body></body></worldbody></mujoco>"""
+    (tmp_path / "arm.xml").write_text(text)
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore")
+        wanted = mujoco.MjModel.from_xml_string(text)
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        robot = load_robot_file(tmp_path / "arm.xml")
+        model = robot.bare_model()
+    np.testing.assert_allclose(model.body_mass, wanted.body_mass)
+    np.testing.assert_allclose(model.body_inertia, wanted.body_inertia)
+    assert "asks for a total mass of 2 kg" in " ".join(robot.said)
