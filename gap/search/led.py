@@ -63,7 +63,12 @@ def _led(searcher: Searcher, lead: Search, run: int) -> Search | None:
     # a cause that led had none to compete with but those that led too: it is as sure as where it was found
     sure = {candidate.cause.key: candidate.best for candidate in lead.accepted}
     accepted = tuple(replace(c, best=min(c.best, sure.get(c.cause.key, 1.0))) for c in found.accepted)
-    return replace(found, accepted=accepted, led=keys, leader=run)
+    rounds = [r for r in lead.rounds if r.accepted]
+    removed = {
+        candidate.cause.key: float((own.before.sum() - candidate.blocks.sum()) / lead.counts.sum())
+        for candidate, own in zip(lead.accepted, rounds, strict=True)
+    }
+    return replace(found, accepted=accepted, led=removed, leader=run)
 
 
 def fastest(problem: JointProblem) -> int | None:

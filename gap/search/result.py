@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Collection, Sequence
-from dataclasses import dataclass, replace
+from collections.abc import Collection, Mapping, Sequence
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 
@@ -76,7 +76,8 @@ class Search:
         record: what it decided on.
         fault: why it ended early; empty where it did not.
         loose: whether ``tuned`` were refitted, by more than their tolerance (:mod:`sealegs.gap.search.loose`).
-        led: keys of the causes that one run of many showed first (:mod:`sealegs.gap.search.led`).
+        led: by the key of each cause that one run of many showed first, the loss per value that it removes there
+            (:mod:`sealegs.gap.search.led`).
         leader: number of that run.
     """
 
@@ -90,7 +91,7 @@ class Search:
     record: SearchRecord = NOTHING
     fault: str = ""
     loose: bool = False
-    led: tuple[str, ...] = ()
+    led: Mapping[str, float] = field(default_factory=dict)
     leader: int | None = None
 
     @property

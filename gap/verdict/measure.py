@@ -144,10 +144,12 @@ def measure(
         both = (np.concatenate([unseen[name], crossed(name)]) for name in ("refitted", "extended"))
         beyond = beyond_refitting(*(float(np.mean(error**2)) - white for error in both))
     charge = beyond if rest.noticed else 1.0
-    led: dict[str, float] = {}
+    led: dict[str, Led] = {}
     if rest.noticed and sought.accepted and sought.leader is not None:  # the other runs cannot show what led
         both = (unseen_in(problem, sought.leader, found[name], halves(name)) for name in ("refitted", "extended"))
-        led = dict.fromkeys(sought.led, beyond_refitting(*(float(np.mean(error**2)) - white for error in both)))
+        before, after = (max(float(np.mean(error**2)) - white, 0.0) for error in both)
+        left_there = float(robust_loss(np.sqrt(after / problem.noise**2)))
+        led = {key: Led(removed, left_there, beyond_refitting(before, after)) for key, removed in sought.led.items()}
     sought_in = excess  # counted where causes were sought: in windows that restart, or in whole pieces
     if fitting is not problem:
         sought_in = float(np.mean(fitting.position_error(fitting.simulate([{}])[0]) ** 2))
@@ -233,6 +235,21 @@ def unseen_in(
 
 
 @dataclass(frozen=True)
+class Led:
+    """A cause in the one run of many that showed it first, as of :func:`sealegs.gap.verdict.decide.confidence`.
+
+    Attributes:
+        removed: loss per value that it removes there.
+        residual: loss per value of what is left there.
+        beyond: share of what refitted numbers leave there.
+    """
+
+    removed: float
+    residual: float
+    beyond: float
+
+
+@dataclass(frozen=True)
 class Account:
     """What the causes of a joint explain together.
 
@@ -241,14 +258,14 @@ class Account:
         size: that error, in squares of the noise floor.
         beyond: as of :func:`sealegs.gap.verdict.decide.confidence`.
         numbers: that refitting turns: of a wrong one it must do as well.
-        led: the same as ``beyond`` in the run that showed a cause first, by the cause's key.
+        led: the same in the run that showed a cause first, by the cause's key.
     """
 
     explained: float
     size: float
     beyond: float
     numbers: frozenset[str] | set[str]
-    led: Mapping[str, float]
+    led: Mapping[str, Led]
 
 
 def beyond_refitting(refitted: float, extended: float) -> float:
@@ -273,8 +290,7 @@ def _name_causes(
     final = search.accepted[-1]
     rounds = [r for r in search.rounds if r.accepted]
     residual = float(robust_loss(np.sqrt(rest.level))) if rest.noticed else 0.0
-    if is_of_robot(fitting):
-        residual += float(robust_loss(np.sqrt(THRESHOLDS.neighbours)))
+    neighbours = float(robust_loss(np.sqrt(THRESHOLDS.neighbours))) if is_of_robot(fitting) else 0.0
     named = []
     for candidate, share, without, chosen in zip(search.accepted, shares, debts.without, rounds, strict=True):
         removed = float((chosen.before.sum() - candidate.blocks.sum()) / search.counts.sum())
@@ -282,9 +298,9 @@ def _name_causes(
         # a rival of the same name is another body's
         rivals = tuple(dict.fromkeys(c.key if c.name == candidate.cause.name else c.name for c in close))
         wrong = float(robust_loss(np.sqrt(law_error(account.size * (sum(shares) - share)))))
-        beyond = account.led.get(candidate.cause.key, account.beyond)
-        beyond = 1.0 if candidate.variant[0].number in account.numbers else beyond
-        sure = confidence(min(candidate.best, candidate.better), removed, residual + wrong, beyond)
+        led = account.led.get(candidate.cause.key, Led(removed, residual, account.beyond))
+        beyond = 1.0 if candidate.variant[0].number in account.numbers else led.beyond
+        sure = confidence(min(candidate.best, candidate.better), led.removed, led.residual + neighbours + wrong, beyond)
         simpler = not_excluded(candidate.cause, candidate.variant, model.bounds, search.settings.shape_edge)
         if simpler and simpler not in {c.cause.name for c in search.accepted}:
             rivals, sure = tuple(dict.fromkeys((*rivals, simpler))), sure * THRESHOLDS.at_bound
