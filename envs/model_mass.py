@@ -29,6 +29,8 @@ def with_total_mass(spec: mujoco.MjSpec, path: Path, said: list[str]) -> None:
         before = float(np.sum(plain.compile().body_mass))
     except ValueError:  # surveying the model says it
         return
+    if before <= 0.0:
+        return
     factor = total / before
     spec.compiler.settotalmass = -1.0
     for geom in spec.geoms:

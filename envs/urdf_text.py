@@ -10,7 +10,9 @@ from __future__ import annotations
 import re
 import xml.etree.ElementTree as ElementTree
 from pathlib import Path
-from xml.parsers.expat import errors
+from xml.parsers.expat import ErrorString, errors
+
+from .urdf_static import without_static_inertias
 
 UNBOUND = errors.codes[errors.XML_ERROR_UNBOUND_PREFIX]
 PREFIXED = re.compile(rb"[\s</]([A-Za-z_][\w.-]*):[A-Za-z_]")
@@ -27,14 +29,16 @@ def urdf_root(path: Path) -> ElementTree.Element:
         OSError: it cannot be opened.
         xml.etree.ElementTree.ParseError: it is no XML.
     """
-    data = path.read_bytes()
+    whole = data = path.read_bytes()
     if data[:2] not in (b"\xff\xfe", b"\xfe\xff"):  # of UTF-16, whose letters hold zero bytes
         data = data.removeprefix(b"\xef\xbb\xbf").strip(b"\0 \t\r\n")
     try:
         root = ElementTree.fromstring(data)
     except ElementTree.ParseError as error:
         if error.code != UNBOUND:
-            raise
+            line, column = error.position
+            line += whole.partition(data)[0].count(b"\n")
+            raise ElementTree.ParseError(f"{ErrorString(error.code)}: line {line}, column {column}") from None
         root = ElementTree.fromstring(_with_prefixes(data))
     _without_namespaces(root)
     return root
@@ -92,6 +96,7 @@ def mended_urdf(path: Path, said: list[str], missing: list[str]) -> str:
         said.append(f"{path.name} names a parent 'world' that it does not declare; it is taken for the ground.")
     elif GROUND not in links:
         _ground(root, path, said)
+    without_static_inertias(root, path, said)
     extension = root.find("mujoco")
     extension = ElementTree.SubElement(root, "mujoco") if extension is None else extension
     compiler = extension.find("compiler")

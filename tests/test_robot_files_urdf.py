@@ -104,6 +104,22 @@ def test_an_inertia_that_no_body_has_is_named_with_its_link(inertia: str, senten
         read_model(urdf(tmp_path, inertia=inertia))
 
 
+def test_an_impossible_inertia_of_a_link_that_stands_still_is_left_out(tmp_path: Path) -> None:
+    path = urdf(tmp_path)
+    links = {"none": GOOD.replace("1e-3", "0"), "flat": GOOD.replace('izz="1e-3"', 'izz="2e-3"')}
+    links["base"] = GOOD.replace('"0"', '"1e-3"')
+    text = path.read_text().replace('<link name="base"/>', "")
+    for name, inertia in links.items():
+        link = f'<link name="{name}"><inertial><mass value="1"/><inertia {inertia}/></inertial></link>'
+        text = text.replace("</robot>", f"{link}</robot>")
+    for name in ("none", "flat"):
+        joint = f'<joint name="{name}" type="fixed"><parent link="base"/><child link="{name}"/></joint>'
+        text = text.replace("</robot>", f"{joint}</robot>")
+    path.write_text(text)
+    robot = load_robot_file(path)
+    assert "arm.urdf: no body has the inertia of 'base'; it is left out with the mass" in " ".join(robot.said)
+
+
 def test_the_line_that_balances_inertias_mends_the_urdf(tmp_path: Path) -> None:
     line = '<mujoco><compiler balanceinertia="true"/></mujoco>'
     assert (
@@ -115,6 +131,13 @@ def test_a_line_of_a_urdf_is_that_of_the_file(tmp_path: Path) -> None:
     path = urdf(tmp_path, limit=' drake:acceleration="2"', kind="revolute")
     path.write_text("<!--\n\n\n-->\n" + path.read_text().replace('xyz="0 0 1"', 'xyz="0 0 up"'))
     with pytest.raises(RobotError, match=r"bad format in attribute 'xyz' Element 'axis', line 7\."):
+        read_model(path)
+
+
+def test_a_line_of_a_urdf_that_is_no_xml_is_that_of_the_file(tmp_path: Path) -> None:
+    path = urdf(tmp_path)
+    path.write_text(f'\n\n<?xml version="1.0"?>\n{path.read_text().replace("</joint>", "</link>")}')
+    with pytest.raises(RobotError, match=r"mismatched tag: line 7, column"):
         read_model(path)
 
 

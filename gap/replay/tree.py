@@ -44,7 +44,11 @@ def not_free(
         return _held(joint, robot.file.coupled[joint])
     if loose := [number for number in robot.felt_by(joint) if not robot.turns(number)]:
         if any(int(robot.model.jnt_type[number]) == int(mujoco.mjtJoint.mjJNT_FREE) for number in loose):
-            return _held(joint, "the robot's base moves, and no column says how in a way that a replay could use")
+            return _held(
+                joint,
+                "the robot's base moves, and what the ground does to it is in no column; to judge it by its position "
+                "alone, hang the robot up and write base: fixed in its YAML",
+            )
         return _held(joint, f"no column says how the ball joint '{robot.column(loose[0])}' moves; weld it in the model")
     if _always_touched(runs, joint):
         return _held(joint, "what it carries touches the floor, or what else stands still in the model, nearly always")
