@@ -69,7 +69,8 @@ def test_a_joint_that_is_hard_to_fit_does_not_hold_up_another() -> None:
 
 @pytest.mark.parametrize("seed", range(8))
 def test_no_iteration_makes_it_worse(seed: int) -> None:
-    fit, _ = fitted(list(TRUE), np.random.default_rng(seed).uniform([0.1, -2.0, 0.1, 0.1, 0.2], [5, 2, 5, 5, 4]), 0)
+    start = np.random.default_rng(seed).uniform([0.1, -2.0, 0.1, 0.1, 0.2], [5, 2, 5, 5, 4])
+    fit, _ = fitted(list(TRUE), list(start), 0)
     for _ in range(12):
         before = dict(fit.costs)
         fit.iterate()
