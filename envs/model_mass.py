@@ -21,12 +21,8 @@ def with_total_mass(spec: mujoco.MjSpec, path: Path, said: list[str]) -> None:
     total = float(spec.compiler.settotalmass)
     if total <= 0.0:
         return
-    plain = spec.copy()
-    plain.compiler.settotalmass = -1.0
-    for key in list(plain.keys):  # of another size than the model, they would stop the compiler
-        plain.delete(key)
     try:
-        before = float(np.sum(plain.compile().body_mass))
+        before = float(np.sum(plain_copy(spec).compile().body_mass))
     except ValueError:  # surveying the model says it
         return
     if before <= 0.0:
@@ -40,3 +36,14 @@ def with_total_mass(spec: mujoco.MjSpec, path: Path, said: list[str]) -> None:
             body.mass, body.inertia = factor * body.mass, factor * body.inertia
             body.fullinertia = factor * body.fullinertia
     said.append(f"{path.name} asks for a total mass of {total:g} kg; its masses are multiplied by {factor:.4g}.")
+
+
+def plain_copy(spec: mujoco.MjSpec) -> mujoco.MjSpec:
+    """A copy without a total mass, of which MuJoCo warns, and without keys: of another size than the model, they would
+    stop the compiler.
+    """
+    plain = spec.copy()
+    plain.compiler.settotalmass = -1.0
+    for key in list(plain.keys):
+        plain.delete(key)
+    return plain

@@ -11,6 +11,7 @@ from pathlib import Path
 import mujoco
 
 from .model_errors import line_of
+from .model_mass import plain_copy
 from .robot import RobotError
 
 
@@ -60,12 +61,8 @@ def _place(mesh: mujoco.MjsMesh, folder: Path) -> Path | None:
 
 def _meshes_stop(spec: mujoco.MjSpec) -> bool:
     """Whether the model does not compile because of a mesh."""
-    probe = spec.copy()
-    probe.compiler.settotalmass = -1.0  # MuJoCo would warn of it
-    for key in list(probe.keys):  # of another size than the model, they would stop the compiler
-        probe.delete(key)
     try:
-        probe.compile()
+        plain_copy(spec).compile()
     except ValueError as error:
         sentence = line_of(error)
         return any(word in sentence.lower() for word in ("mesh", "stl", "obj file", "decoder", ".obj"))

@@ -18,6 +18,7 @@ import numpy as np
 
 from ..log.types import Array
 from .load import Range
+from .robot import KINDS
 from .terms import E_BIAS, E_COUPLING, E_CURVE, T_COLUMNS, T_OWN, T_SIZE
 
 NONE = int(mujoco.mjtSameFrame.mjSAMEFRAME_NONE)  # else the engine does not read where a centre of mass is
@@ -189,6 +190,13 @@ def tip_behind(model: mujoco.MjModel, joint: int) -> Tip:
     return Tip(body, np.array(model.body_ipos[body]))
 
 
+def carries(model: mujoco.MjModel, joint: int, body: int) -> bool:
+    """Whether a joint moves a body: another one's mass it does not feel, along a motion that is given."""
+    while body > 0 and body != int(model.jnt_bodyid[joint]):
+        body = int(model.body_parentid[body])
+    return body > 0
+
+
 def least_payload(model: mujoco.MjModel, tip: Tip) -> float:
     """The least payload that leaves a body with a mass and an inertia [kg], below zero: a body that is lighter at its
     tip than believed. Zero at a frame without a mass of its own, such as that of a tool: what is welded to it may be
@@ -275,8 +283,7 @@ def passive_torques(model: mujoco.MjModel, data: mujoco.MjData) -> Array:
 
 def _single(model: mujoco.MjModel) -> tuple[Array, Array]:
     """Degrees of freedom of hinges and slides, and their coordinates; free and ball joints stay where they are."""
-    kinds = (int(mujoco.mjtJoint.mjJNT_HINGE), int(mujoco.mjtJoint.mjJNT_SLIDE))
-    found = [j for j in range(model.njnt) if int(model.jnt_type[j]) in kinds]
+    found = [j for j in range(model.njnt) if int(model.jnt_type[j]) in KINDS]
     return model.jnt_dofadr[found], model.jnt_qposadr[found]
 
 

@@ -83,6 +83,11 @@ class JointLog:
     torque_command: Array | None = None
     touched: Array | None = None
 
+    @property
+    def always_touched(self) -> bool:
+        """Whether something holds what the joint moves throughout, so that its link is moved as measured."""
+        return self.touched is not None and bool(self.touched.all())
+
     def signals(self) -> dict[str, Array]:
         """Return the recorded signals by name, in the order of the format."""
         recorded = {name: getattr(self, name) for name in SIGNAL_UNITS}

@@ -100,6 +100,7 @@ def _errors(
     errors = {}
     for name, (scale, offset) in hosts.items():
         error = scale * readings[name] + offset - run.joints[name].position
-        touched = run.joints[name].touched
-        errors[name] = error[np.isfinite(error) & (True if touched is None or touched.all() else touched < 0.5)]
+        log = run.joints[name]
+        free = True if log.touched is None or log.always_touched else log.touched < 0.5
+        errors[name] = error[np.isfinite(error) & free]
     return errors

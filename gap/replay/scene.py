@@ -11,6 +11,7 @@ import mujoco
 import numpy as np
 
 from ..load.robot import LoggedRobot
+from ..load.tree import carries
 from ..log.types import MeasuredRun
 from .tree import motion_of
 
@@ -60,7 +61,7 @@ def touches_of(robot: LoggedRobot, run: MeasuredRun) -> Touch | None:
     joints = {}
     for name in run.joints:
         if (number := robot.number(name)) >= 0:
-            mine = touching[:, [_carries(model, number, body) for body in range(model.nbody)]].any(axis=1)
+            mine = touching[:, [carries(model, number, body) for body in range(model.nbody)]].any(axis=1)
             mine = np.convolve(mine, np.ones(3), "same") > 0.0  # what lies between two poses, and just beside them
             joints[name] = np.interp(np.arange(len(run.time)), at, mine) > 0.0
     most = int(np.argmax(touching.sum(axis=0)))
@@ -79,12 +80,6 @@ def _body(model: mujoco.MjModel, one: int, other: int) -> int:
         return 0
     stands_on = int(model.geom_type[ground]) in LEVEL
     return body if stands_on or int(model.body_weldid[model.body_parentid[body]]) else 0
-
-
-def _carries(model: mujoco.MjModel, joint: int, body: int) -> bool:
-    while body > 0 and body != int(model.jnt_bodyid[joint]):
-        body = int(model.body_parentid[body])
-    return body > 0
 
 
 def untouched(runs: Sequence[MeasuredRun], joint: str) -> list[MeasuredRun]:

@@ -50,7 +50,8 @@ def not_free(
                 "alone, hang the robot up and write base: fixed in its YAML",
             )
         return _held(joint, f"no column says how the ball joint '{robot.column(loose[0])}' moves; weld it in the model")
-    if _always_touched(runs, joint):
+    logs = [run.joints[joint] for run in runs if joint in run.joints]
+    if logs and all(log.always_touched for log in logs):
         return _held(joint, "what it carries touches the floor, or what else stands still in the model, nearly always")
     absent = _absent(robot, joint, runs)
     if not absent or _light(robot, joint, runs, absent, armature):
@@ -59,11 +60,6 @@ def not_free(
     columns = " and ".join(f"'{robot.column(number)}.position'" for number in absent)
     first = f"name {' and '.join(unnamed)} in the model, and " if unnamed else ""
     return _held(joint, f"what it works against depends on joints that were not logged; {first}log {columns}")
-
-
-def _always_touched(runs: Sequence[MeasuredRun], joint: str) -> bool:
-    marks = [run.joints[joint].touched for run in runs if joint in run.joints]
-    return bool(marks) and all(touched is not None and touched.all() for touched in marks)
 
 
 def held_still(

@@ -6,6 +6,7 @@ import numpy as np
 from scipy.optimize import lsq_linear
 
 NARROWEST = 1e-9  # the solver needs some room between bounds
+LONGEST = 10.0  # step of a parameter in one iteration, in units of its scale
 FLAT = 1e-12  # share of the largest curvature below which a direction has none
 
 
@@ -49,6 +50,21 @@ def bounded_step(curvature: np.ndarray, slope: np.ndarray, low: np.ndarray, high
     size, axes = np.linalg.eigh(curvature)
     root = np.sqrt(np.maximum(size, max(1e-15 * size[-1], 1e-300)))
     return nearest_within(root[:, None] * axes.T, -(axes.T @ slope) / root, low, high)
+
+
+def damped_step(
+    at: np.ndarray, slope: np.ndarray, curvature: np.ndarray, damping: float | np.ndarray, low: np.ndarray,
+    high: np.ndarray,
+) -> np.ndarray:  # fmt: skip
+    """Where a damped Gauss-Newton step from a point (p,) ends, within the bounds; one damping, or one for each (p,)."""
+    diagonal = np.diag(curvature)
+    damped = curvature + np.diag(damping * diagonal + 1e-9 * diagonal.max() + 1e-12)
+    return at + bounded_step(damped, slope, np.maximum(low - at, -LONGEST), np.minimum(high - at, LONGEST))
+
+
+def may_turn(at: np.ndarray, slope: np.ndarray, low: np.ndarray, high: np.ndarray) -> bool:
+    """Whether a cost falls from a point (p,) along any number that is not held there by a bound."""
+    return not (((at <= low + 1e-9) & (slope > 0.0)) | ((at >= high - 1e-9) & (slope < 0.0))).all()
 
 
 def nearest_within(matrix: np.ndarray, wanted: np.ndarray, low: np.ndarray, high: np.ndarray) -> np.ndarray:

@@ -10,9 +10,9 @@ import numpy as np
 from ..replay.parameters import Parameter
 from ..replay.problem import Problem
 from ..replay.robust import robust_loss, robust_weight
-from .bounded import bounded_step
+from .bounded import damped_step, may_turn
 from .journal import recalled, recorded
-from .several import CONVERGED, LONGEST, TRIED, JointByJoint, Several
+from .several import CONVERGED, DAMPING, LEAST, MOST, STIFFER, TRIED, JointByJoint, Several
 
 MOST_SAMPLES = 30_000
 
@@ -110,7 +110,7 @@ def _descended(
         return problem.residual(problem.simulate([values(row) for row in rows]), every)
 
     here = errors(u[None])[0]
-    cost, damping = float(robust_loss(here).sum()), 1e-3
+    cost, damping = float(robust_loss(here).sum()), DAMPING
     both_sides = False  # differences to one side are cheaper and carry a fit most of its way
     ahead: np.ndarray | None = None
     for _ in range(evaluations if cost > 0.0 else 0):
@@ -124,10 +124,9 @@ def _descended(
             jacobian = (ahead - here) / up[:, None]
         weighted = jacobian * robust_weight(here)
         slope, curvature = weighted @ here, weighted @ jacobian.T
-        free = ~(((u <= low + 1e-9) & (slope > 0.0)) | ((u >= high - 1e-9) & (slope < 0.0)))
         improved = 0.0
-        for _ in range(1 + both_sides if free.any() else 0):
-            trials = np.stack([_step(u, slope, curvature, damping * more, low, high) for more in TRIED])
+        for _ in range(1 + both_sides if may_turn(u, slope, low, high) else 0):
+            trials = np.stack([damped_step(u, slope, curvature, damping * more, low, high) for more in TRIED])
             # ripple in the Jacobian looks like curvature and shortens steps along a valley: also try further
             trials = np.concatenate([trials, np.clip(u + 3.0 * (trials[:1] - u), low, high)])
             tried = errors(trials)
@@ -136,20 +135,11 @@ def _descended(
             if costs[best] < cost:
                 improved = (cost - costs[best]) / cost
                 u, here, cost, ahead = trials[best], tried[best], float(costs[best]), None
-                damping = min(max(damping * (*TRIED, 0.1)[best], 1e-7), 1e6)
+                damping = min(max(damping * (*TRIED, TRIED[0])[best], LEAST), MOST)
                 break
-            damping *= 400.0
+            damping *= STIFFER
         if improved < CONVERGED:
             if both_sides:
                 break
-            both_sides, damping = True, 1e-3
+            both_sides, damping = True, DAMPING
     return u
-
-
-def _step(
-    u: np.ndarray, slope: np.ndarray, curvature: np.ndarray, damping: float, low: np.ndarray, high: np.ndarray
-) -> np.ndarray:
-    """Where a damped Gauss-Newton step from ``u`` ends, within the bounds."""
-    diagonal = np.diag(curvature)
-    damped = curvature + np.diag(damping * diagonal + 1e-9 * diagonal.max() + 1e-12)
-    return u + bounded_step(damped, slope, np.maximum(low - u, -LONGEST), np.minimum(high - u, LONGEST))

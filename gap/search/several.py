@@ -14,11 +14,10 @@ import numpy as np
 
 from ..replay.problem import JointProblem
 from ..replay.robust import robust_loss, robust_weight
-from .bounded import bounded_step
+from .bounded import damped_step, may_turn
 
 CONVERGED = 5e-4  # relative improvement of the cost below which a fit ends
 TRIED = (0.1, 1.0, 20.0)  # dampings that each iteration tries, relative to the last ones
-LONGEST = 10.0  # step of a parameter in one iteration, in units of its scale
 DAMPING = 1e-3  # of the first iteration
 STIFFER = 400.0  # factor on the damping of a joint for which no step was better
 LEAST, MOST = 1e-7, 1e6  # dampings
@@ -104,11 +103,10 @@ class JointByJoint:
     def iterate(self) -> bool:
         """One iteration; whether anything may be turned."""
         slope, curvature = self.derivatives()
-        free = ~(((self.at <= self.low + 1e-9) & (slope > 0.0)) | ((self.at >= self.high - 1e-9) & (slope < 0.0)))
-        if not free.any():
+        if not may_turn(self.at, slope, self.low, self.high):
             return False
         damping = np.array([self.damping[name] for name in self.owner])
-        points = [self.stepped(slope, curvature, damping * more) for more in TRIED]
+        points = [damped_step(self.at, slope, curvature, damping * more, self.low, self.high) for more in TRIED]
         # ripple in the Jacobian looks like curvature and shortens steps along a valley: also try further
         points.append(np.clip(self.at + 3.0 * (points[0] - self.at), self.low, self.high))
         tried = {j: self.errors(j, points) for j in self.joints}
@@ -118,7 +116,7 @@ class JointByJoint:
         sums = [sum(_loss(tried[j][k]) for j in self.joints) for k in range(len(points))]
         best = int(np.argmin(sums))
         if not self.take_shared(points, tried, best):
-            self.damping[""] = min(STIFFER * self.damping[""], MOST)
+            self.stiffen("")
             kept = [np.where(self.shared, self.at, point) for point in points]
             turned = [j for j in self.joints if self.shared[self.feels[j]].any()]
             self.take(kept, tried | {j: self.errors(j, kept) for j in turned})
@@ -130,23 +128,16 @@ class JointByJoint:
         up = np.where(self.at + self.reach <= self.high, self.reach, -self.reach)
         back = np.where((self.at - up >= self.low) & (self.at - up <= self.high), up, 0.0)
         for joint, feels in self.feels.items():
-            ahead, steps = self.errors(joint, (self.at + up[k] * _unit(k, self.at) for k in feels)), up[feels]
+            ahead, steps = self.errors(joint, self.at + np.diag(up)[feels]), up[feels]
             behind = self.here[joint]
             if self.both_sides:
-                behind = self.errors(joint, (self.at - back[k] * _unit(k, self.at) for k in feels))
+                behind = self.errors(joint, self.at - np.diag(back)[feels])
                 steps = steps + back[feels]
             jacobian = (ahead - behind) / steps[:, None]
             weighted = jacobian * robust_weight(self.here[joint])
             slope[feels] += weighted @ self.here[joint]
             curvature[np.ix_(feels, feels)] += weighted @ jacobian.T
         return slope, curvature
-
-    def stepped(self, slope: np.ndarray, curvature: np.ndarray, damping: np.ndarray) -> np.ndarray:
-        """Where a damped step ends, within the bounds."""
-        diagonal = np.diag(curvature)
-        damped = curvature + np.diag(damping * diagonal + 1e-9 * diagonal.max() + 1e-12)
-        room = np.maximum(self.low - self.at, -LONGEST), np.minimum(self.high - self.at, LONGEST)
-        return self.at + bounded_step(damped, slope, *room)
 
     def take(self, points: Sequence[np.ndarray], tried: Mapping[str, np.ndarray]) -> None:
         """Each joint takes its best point, as far as its own numbers go, where that is better than now."""
@@ -157,7 +148,7 @@ class JointByJoint:
                 self.move(joint, points[best], tried[joint][best])
                 self.soften(joint, best)
             else:
-                self.damping[joint] = min(STIFFER * self.damping[joint], MOST)
+                self.stiffen(joint)
 
     def take_shared(self, points: Sequence[np.ndarray], tried: Mapping[str, np.ndarray], best: int) -> bool:
         """Shared numbers go to one point, and each joint to the best of its own there; whether all are better then."""
@@ -188,7 +179,7 @@ class JointByJoint:
             if k >= 0:
                 self.soften(joint, k)
             else:
-                self.damping[joint] = min(STIFFER * self.damping[joint], MOST)
+                self.stiffen(joint)
         return True
 
     def move(self, joint: str, point: np.ndarray, errors: np.ndarray) -> None:
@@ -198,6 +189,10 @@ class JointByJoint:
         self.at[own] = point[own]
         self.here[joint], self.costs[joint] = errors, _loss(errors)
 
+    def stiffen(self, name: str) -> None:
+        """A larger damping, after no step was better."""
+        self.damping[name] = min(STIFFER * self.damping[name], MOST)
+
     def soften(self, name: str, best: int) -> None:
         """The damping of the step that did best, from which the next iteration begins."""
         self.damping[name] = min(max(self.damping[name] * (*TRIED, TRIED[0])[best], LEAST), MOST)
@@ -205,9 +200,3 @@ class JointByJoint:
 
 def _loss(errors: np.ndarray) -> float:
     return float(robust_loss(errors).sum())
-
-
-def _unit(k: int, like: np.ndarray) -> np.ndarray:
-    out = np.zeros(len(like))
-    out[k] = 1.0
-    return out

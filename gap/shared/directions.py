@@ -14,7 +14,7 @@ import mujoco
 import numpy as np
 
 from ..load.robot import LoggedRobot
-from ..load.tree import NONE, Motion, block_along, least_payload, tip_behind
+from ..load.tree import NONE, Motion, block_along, carries, least_payload, tip_behind
 from ..log.types import Array, MeasuredRun
 from ..replay.parameters import Parameter
 from ..search.settings import DEFAULT
@@ -76,13 +76,6 @@ def rows_of(
         samples = np.arange(len(run.time))
         found.append(np.stack([np.interp(samples, at, column) for column in (rows / by).T], axis=1))
     return found if max(float(np.abs(rows).max()) for rows in found) > 1e-9 else None
-
-
-def carries(model: mujoco.MjModel, joint: int, body: int) -> bool:
-    """Whether a joint moves a body: another one's mass it does not feel, along a motion that is given."""
-    while body > 0 and body != int(model.jnt_bodyid[joint]):
-        body = int(model.body_parentid[body])
-    return body > 0
 
 
 # --- which numbers there are ---------------------------------------------------------------------------------------
