@@ -105,6 +105,20 @@ def test_matlab_files_of_version_7_3_are_read_as_those_before(tmp_path: Path) ->
     assert read[0].facts == {"data.motor": "XL330", "kp": 400.0}
 
 
+def test_what_is_neither_numbers_nor_words_is_unused_and_words_of_either_kind_name_columns(tmp_path: Path) -> None:
+    """References, lists of changing length and empty data sets ended in a traceback."""
+    with h5py.File(tmp_path / "log.h5", "w") as file:
+        file["q"] = LATE[:, None] * SCALES
+        file["names"] = np.array([b"shoulder", b"elbow"])
+        file["refs"] = np.array([file["q"].ref], h5py.ref_dtype)
+        file.create_dataset("lists", (2,), h5py.vlen_dtype(np.float64))
+        file["nothing"] = h5py.Empty("f8")
+        file["no_words"] = h5py.Empty(h5py.string_dtype())
+    (run,) = read_recordings(tmp_path / "log.h5")
+    assert set(run.columns) == {"shoulder.q", "elbow.q"} and not run.facts
+    assert {"refs", "lists", "nothing", "no_words", "names"} <= set(run.left)
+
+
 @pytest.mark.parametrize("name", ["log.h5", "log.mat"])
 def test_a_damaged_file_gets_one_sentence(tmp_path: Path, name: str) -> None:
     (tmp_path / name).write_bytes(b"MATLAB 7.3 MAT-file".ljust(124) + b"\x00\x02IM" + b"\0" * 600)

@@ -18,6 +18,8 @@ from .variables import recording_of, recordings_of
 ENDINGS = (".h5", ".hdf5")
 RUN = re.compile(r"(demo|episode|ep|traj\w*|run|trial|test|experiment|exp|rollout|recording|rec|seq\w*|log)[_-]?\d+")
 """Names of groups that are a run each, whatever their lengths."""
+DAMAGED = (OSError, KeyError, RuntimeError, ValueError, TypeError, IndexError)
+"""What the library raises of a file that is torn, or of what it does not know."""
 NUMBERED = re.compile(r"(.*?)[_-]?\d+")
 
 
@@ -35,10 +37,17 @@ def read_hdf5(path: Path) -> list[Recording]:
     try:
         with h5py.File(path) as file:
             content = dict(_contents(file))
-    except (OSError, KeyError, RuntimeError) as error:
+    except DAMAGED as error:
         raise LogError(f"{path}: is no HDF5 file, or a damaged one: {str(error).splitlines()[0]}.") from None
     runs = _runs(content)
     return [recording_of(path, "hdf5", own, f"{path.stem}-{name}" if name else path.stem) for name, own in runs.items()]
+
+
+def _is_text(kind: np.dtype) -> bool:
+    """Whether a data set holds words; other objects are references, or lists of changing length."""
+    import h5py
+
+    return h5py.check_string_dtype(kind) is not None
 
 
 def _contents(group: Any, path: tuple[str, ...] = ()) -> Iterator[tuple[tuple[str, ...], Any]]:
@@ -52,7 +61,7 @@ def _contents(group: Any, path: tuple[str, ...] = ()) -> Iterator[tuple[tuple[st
             yield from _contents(item, (*path, name))
         elif item.dtype.kind in "fiub" and item.ndim <= 2:
             yield (*path, name), np.squeeze(item[()])
-        elif item.dtype.kind == "O" and item.ndim <= 1:
+        elif _is_text(item.dtype) and item.ndim <= 1 and item.shape is not None:
             words = np.asarray(item.asstr()[()], object)
             yield (*path, name), str(words) if words.ndim == 0 else words
         else:
@@ -109,7 +118,7 @@ def read_matlab73(path: Path) -> list[Recording]:
     try:
         with h5py.File(path) as file:
             content = {name: _matlab(item, file) for name, item in file.items() if not name.startswith("#")}
-    except (OSError, KeyError, RuntimeError) as error:
+    except DAMAGED as error:
         raise LogError(f"{path}: is not a MATLAB file, or a damaged one: {str(error).splitlines()[0]}.") from None
     return recordings_of(path, "matlab", content)
 
