@@ -42,6 +42,36 @@ def velocity_slope(chain: Chain, step: float) -> float:
     return slope if lag == 0.0 else -slope * math.expm1(-step / lag)  # the share of the current that follows in a step
 
 
+def unstable_beyond(
+    chain: Chain, inertia: float, coupled: bool, step: float, integrator: int
+) -> tuple[float, str] | None:
+    """Longest stable step [s], and what bounds it, of a chain that a step makes unstable; None where none does.
+
+    Args:
+        chain: on a coordinate.
+        inertia: that the motor moves, with its armature [kg.m2].
+        coupled: whether a spring or play lies between motor and link.
+        step: of the simulation [s].
+        integrator: of the engine, a ``mujoco.mjtIntegrator``.
+    """
+    kutta = integrator == mujoco.mjtIntegrator.mjINT_RK4
+    most_damping, most_frequency = RUNGE_KUTTA if kutta else ONE_STAGE
+    slope = velocity_slope(chain, step)
+    if kutta and (friction := chain.find("friction")) is not None:
+        slope += friction.viscous  # implicit in the other integrators
+    springs = [stage for stage in (chain.find("spring"), chain.find("compliance")) if stage is not None]
+    stiffness = sum(stage.stiffness for stage in springs) if coupled else 0.0
+    pulley = min((stage.inertia for stage in springs if stage.parameters().get("inertia")), default=inertia)
+    frequency = math.sqrt(stiffness / min(pulley, inertia))
+    if integrator == mujoco.mjtIntegrator.mjINT_DISCRETE:  # takes springs implicitly, which hold the rotor
+        inertia, frequency = inertia + step**2 * stiffness, 0.0
+    if step * slope > most_damping * inertia:
+        return most_damping * inertia / slope, f"its torque falls by {slope:.3g} N.m per rad/s"
+    if step * frequency > most_frequency:
+        return most_frequency / frequency, f"its spring of {stiffness:g} N.m/rad pulls"
+    return None
+
+
 def check_step(name: str, chain: Chain, inertia: float, coupled: bool, option: mujoco.MjOption) -> None:
     """Refuse a chain that its model's step makes unstable.
 
@@ -55,24 +85,11 @@ def check_step(name: str, chain: Chain, inertia: float, coupled: bool, option: m
     Raises:
         ChainError: the step is too long.
     """
-    step, kutta = option.timestep, option.integrator == mujoco.mjtIntegrator.mjINT_RK4
-    most_damping, most_frequency = RUNGE_KUTTA if kutta else ONE_STAGE
-    slope = velocity_slope(chain, step)
-    if kutta and (friction := chain.find("friction")) is not None:
-        slope += friction.viscous  # implicit in the other integrators
-    springs = [stage for stage in (chain.find("spring"), chain.find("compliance")) if stage is not None]
-    stiffness = sum(stage.stiffness for stage in springs) if coupled else 0.0
-    pulley = min((stage.inertia for stage in springs if stage.parameters().get("inertia")), default=inertia)
-    frequency = math.sqrt(stiffness / min(pulley, inertia))
-    if option.integrator == mujoco.mjtIntegrator.mjINT_DISCRETE:  # takes springs implicitly, which hold the rotor
-        inertia, frequency = inertia + step**2 * stiffness, 0.0
-    if step * slope > most_damping * inertia:
-        reason, longest = f"its torque falls by {slope:.3g} N.m per rad/s", most_damping * inertia / slope
-    elif step * frequency > most_frequency:
-        reason, longest = f"its spring of {stiffness:g} N.m/rad pulls", most_frequency / frequency
-    else:
+    found = unstable_beyond(chain, inertia, coupled, option.timestep, option.integrator)
+    if found is None:
         return
+    longest, reason = found
     raise ChainError(
-        f"{chain.label}: the chain on '{name}' is unstable at a step of {step:g} s, because {reason} on an inertia of "
-        f"{inertia:.3g} kg.m2; make the step shorter than {longest:.2g} s, or correct the armature."
+        f"{chain.label}: the chain on '{name}' is unstable at a step of {option.timestep:g} s, because {reason} on an "
+        f"inertia of {inertia:.3g} kg.m2; make the step shorter than {longest:.2g} s, or correct the armature."
     )

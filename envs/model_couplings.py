@@ -34,18 +34,16 @@ def couplings(model: mujoco.MjModel) -> tuple[dict[str, str], dict[str, str]]:
                 coupled[model.joint(joint).name] = f"the equality '{name}' closes a loop over it"
         elif kind == mujoco.mjtEq.mjEQ_TENDON:
             for tendon in (one, two):
-                for joint in _wrapped(model, tendon) if tendon >= 0 else ():
+                for joint in wrapped(model, tendon) if tendon >= 0 else ():
                     coupled[model.joint(joint).name] = f"the equality '{name}' holds a tendon over it"
     for tendon in range(model.ntendon):
-        acts = (
-            model.tendon_limited[tendon]
-            or np.any(model.tendon_stiffness[tendon])
+        acts = (  # one that has only ends pulls nowhere but there, which is looked for along a log
+            np.any(model.tendon_stiffness[tendon])
             or np.any(model.tendon_damping[tendon])
             or model.tendon_frictionloss[tendon]
             or model.tendon_armature[tendon]
         )
-        wrapped = _wrapped(model, tendon)
-        for joint in wrapped if acts else ():
+        for joint in wrapped(model, tendon) if acts else ():
             coupled[model.joint(joint).name] = f"the tendon '{model.tendon(tendon).name}' pulls on it"
     return followers, coupled
 
@@ -64,8 +62,8 @@ def above(model: mujoco.MjModel, body: int) -> list[int]:
     return found
 
 
-def _wrapped(model: mujoco.MjModel, tendon: int) -> list[int]:
-    """Joints that a tendon acts on."""
+def wrapped(model: mujoco.MjModel, tendon: int) -> list[int]:
+    """Numbers of the joints that a tendon acts on."""
     first, count = int(model.tendon_adr[tendon]), int(model.tendon_num[tendon])
     found: set[int] = set()
     for k in range(first, first + count):

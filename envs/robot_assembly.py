@@ -6,9 +6,12 @@ from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any, Literal
 
+import mujoco
+
 from ..actuators import Chain, load_chain
 from ..actuators.errors import SealegsError, nearest
 from ..actuators.published import PREFIX, bam_file
+from ..actuators.stability import unstable_beyond
 from ..configs.check import checked, checked_fields
 from .model_drives import ModelDrive
 from .model_file import ModelFile, read_model
@@ -19,6 +22,8 @@ from .robot_described import FileJoint, RobotFile, stated, with_owned
 from .robot_entries import UNKNOWN, YAML_SUFFIXES, FileEntry, JointEntry, Owner, ServoEntry
 
 TIMESTEP = 0.002  # [s] with RK4 accurate to 0.1 mrad (docs/numerics.md)
+SHORTEST = 1e-5  # [s] that a YAML may ask for
+HALVINGS = 4  # of an assumed step at most; a chain that needs more has a wrong number, which the engine then names
 
 
 def assembled(path: Path, entry: FileEntry, said: list[str] | None = None) -> RobotFile:
@@ -55,11 +60,13 @@ def assembled(path: Path, entry: FileEntry, said: list[str] | None = None) -> Ro
     if not entries:
         raise RobotError(f"{path}: no joint is driven; the model has {', '.join(model.joints) or 'no named joint'}.")
     timestep = min(TIMESTEP, model.timestep) if entry.timestep is None else entry.timestep
-    if not 1e-5 <= timestep <= 0.05:
-        raise RobotError(f"{path}: timestep is {timestep:g} s; it must lie between 0.00001 and 0.05 s.")
+    if not SHORTEST <= timestep <= 0.05:
+        raise RobotError(f"{path}: timestep is {timestep:g} s; it must lie between {SHORTEST:.5f} and 0.05 s.")
     own = {name: drives.get(row.joint or name) for name, row in entries.items()}
     joints = tuple(_joint(path, model, name, row, own[name], timestep, said) for name, row in entries.items())
     _check_driven(path, model, joints)
+    if entry.timestep is None:
+        timestep = _stable_step(model, joints, timestep, entry.integrator)
     if entry.joints is None:
         driven = [name for joint in joints for name, _ in joint.terms]
         said += passive_sentence(model, driven)
@@ -78,6 +85,24 @@ def assembled(path: Path, entry: FileEntry, said: list[str] | None = None) -> Ro
         said.append(f"{model.path.name}: the simulation steps by {1e3 * timestep:g} ms, with {entry.integrator}.")
     name = entry.name or path.stem
     return RobotFile(path, name, model, joints, base, timestep, entry.integrator, entry.deploy, tuple(said))
+
+
+def _stable_step(model: ModelFile, joints: Sequence[FileJoint], timestep: float, integrator: str) -> float:
+    """A step at which every chain is stable: ``timestep``, or a half, a quarter, ... of it [s].
+
+    The engine is what refuses a chain in the end. Here inertias are those of the file's pose, with its own armatures.
+    """
+    number = int(getattr(mujoco.mjtIntegrator, f"mjINT_{integrator.upper()}"))
+    for joint in joints:
+        mobility = sum(c * d * model.mobility[one, two] for one, c in joint.terms for two, d in joint.terms)
+        inertia = 1.0 / mobility
+        if joint.owners["armature"] == "chain":
+            inertia += max(joint.chain.armature() - joint.model_values["armature"], 0.0)
+        coupled = any(joint.chain.find(stage) is not None for stage in ("spring", "compliance", "backlash"))
+        steps = [timestep / 2.0**k for k in range(HALVINGS + 1)]
+        stable = (step for step in steps if unstable_beyond(joint.chain, inertia, coupled, step, number) is None)
+        timestep = next(stable, timestep)
+    return timestep
 
 
 def _check_names(path: Path, joints: Mapping[Any, Any]) -> None:

@@ -5,6 +5,7 @@ from pathlib import Path
 import mujoco
 import numpy as np
 import pytest
+from sealegs.actuators.errors import SealegsError
 from sealegs.commands import new_robot
 from sealegs.envs.robot import RobotError
 from sealegs.envs.robot_file import load_robot_file
@@ -101,3 +102,15 @@ def test_two_servos_on_tied_joints_become_one_that_moves_both_as_the_model_does(
     one.ctrl[0] = 0.3
     mujoco.mj_step(drivetrain.model, one, 3000)
     np.testing.assert_allclose(one.qpos, both.qpos, atol=6e-3)  # the equality is soft
+
+
+def test_the_step_that_is_assumed_is_short_enough_for_the_drives(tmp_path: Path, capsys) -> None:
+    """A gripper with a stiff servo had 2 ms from new-robot, which deploy then refused."""
+    stiff = SERVOS.replace('kp="10" kv="0.1"', 'kp="100" kv="2"')
+    told(pair(tmp_path, stiff), capsys)
+    robot = load_robot_file(tmp_path / "pair.yaml")
+    assert 0.0002 < robot.timestep < 0.002
+    robot.robot().drivetrain()
+    (tmp_path / "pair.yaml").write_text((tmp_path / "pair.yaml").read_text().replace(f"{robot.timestep:g} ", "0.002 "))
+    with pytest.raises(SealegsError, match="unstable at a step of 0.002 s"):
+        load_robot_file(tmp_path / "pair.yaml").robot().drivetrain()

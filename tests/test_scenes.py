@@ -71,7 +71,7 @@ def test_where_a_robot_touches_its_own_floor_is_left_out_at_the_joints_that_carr
     tip = heights(robot(run), run)
     low = float(np.quantile(tip, 0.1))
     found = touches_of(robot(floor(two_link_run(tmp_path, 8.0), low - 0.01)), run)
-    assert found is not None and found.body == "elbow_link" and set(found.joints) == {"shoulder", "elbow"}
+    assert found is not None and found.part == "elbow_link" and set(found.joints) == {"shoulder", "elbow"}
     np.testing.assert_array_equal(found.joints["elbow"][tip < low - 0.002], 1.0)
     assert 0.1 <= found.joints["elbow"].mean() < 0.4
 
@@ -83,6 +83,35 @@ def test_a_joint_that_always_touches_is_moved_as_measured(tmp_path: Path) -> Non
     assert "moved as measured" in finding.sentence and finding.code == "robot.touches"
     why = not_free(robot(run), "elbow", marked)
     assert why is not None and "touches the floor" in why.sentence
+
+
+def tied(run: MeasuredRun, low: float, high: float) -> MeasuredRun:
+    """The run with a tendon in its robot's file that has only ends: the sum of both angles."""
+    path = Path(run.robot)
+    tendon = f'''<tendon><fixed name="cord" limited="true" range="{low} {high}">
+    <joint joint="shoulder" coef="1"/><joint joint="elbow" coef="1"/></fixed></tendon></mujoco>'''
+    path.write_text(path.read_text().replace("</mujoco>", tendon))
+    return run
+
+
+def test_a_tendon_that_only_ends_is_nothing_where_it_does_not(tmp_path: Path) -> None:
+    """Each joint of a hand with such tendons was moved as measured, so nothing but its current could be judged."""
+    run = two_link_run(tmp_path, 4.0)
+    tied(run, -9.0, 9.0)
+    assert not_free(robot(run), "elbow", [run]) is None
+    assert without_rests([run]) == ([run], [])
+    assert nominal_error(free_replay(run, "elbow")) < 2e-3
+
+
+def test_what_a_tendon_ends_is_left_out_at_the_joints_that_it_runs_over(tmp_path: Path) -> None:
+    run = two_link_run(tmp_path, 8.0)
+    position = motion_of(robot(run), run).position.sum(axis=1)
+    tied(run, float(position.min()) - 0.5, float(np.quantile(position, 0.97)))
+    (marked,), (finding,) = without_rests([run])
+    assert finding.code == "robot.touches" and "'cord' most" in finding.sentence
+    for name in ("shoulder", "elbow"):
+        touched = marked.joints[name].touched
+        assert touched is not None and 0.02 < touched.mean() < 0.5
 
 
 def heights(machine: LoggedRobot, run: MeasuredRun) -> np.ndarray:

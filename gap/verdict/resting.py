@@ -73,13 +73,13 @@ def _off_scene(
         run.period * float(np.max(list(touch.joints.values()), axis=0).sum())
         for run, touch in zip(runs, touches, strict=True) if touch
     )  # fmt: skip
-    body = next(touch.body for touch in touches if touch)
+    part = next(touch.part for touch in touches if touch)
     done = [f"These stretches are left out at {listed(left)}."] if left else []
     if held := [joint for joint in joints if joint not in left]:
         done.append(f"Too little is left of {listed(held)}, whose links are moved as measured.")
     sentence = (
-        f"The robot touches what stands still in its own model, such as a floor, for {seconds:.3g} s ('{body}' most), "
-        f"and joints are replayed without contacts. {' '.join(done)} Record in the air, or remove what is not there."
+        f"The robot touches what stands still in its own model, such as a floor or the end of a tendon, for "
+        f"{seconds:.3g} s ('{part}' most), and joints are replayed without contacts. {' '.join(done)} Record in the air, or remove what is not there."
     )
     progress(sentence)
     return marked, [Finding(TOUCHES, "warning", None, None, sentence, value=seconds)]
