@@ -23,10 +23,12 @@ def couplings(model: mujoco.MjModel) -> tuple[dict[str, str], dict[str, str]]:
         if kind == mujoco.mjtEq.mjEQ_JOINT:
             follower, leader = model.joint(one).name, model.joint(two).name if two >= 0 else ""
             followers[follower] = leader
-            for joint in filter(None, (follower, leader)):
-                coupled[joint] = f"the equality '{name}' ties '{follower}' to " + (
-                    f"'{leader}'" if leader else "a place"
-                )
+            tied = f"the equality '{name}' ties '{follower}' to " + (f"'{leader}'" if leader else "a place")
+            coupled[follower] = tied
+            if leader and np.any(model.eq_data[k, 2:5]):  # else the two are one joint with the mass of both
+                coupled[leader] = f"{tied} otherwise than in proportion"
+            elif leader and model.dof_frictionloss[model.jnt_dofadr[one]] > 0.0:
+                coupled[leader] = f"{tied}, which has dry friction of its own in the file (frictionloss)"
         elif kind in (mujoco.mjtEq.mjEQ_CONNECT, mujoco.mjtEq.mjEQ_WELD):
             if int(model.eq_objtype[k]) == mujoco.mjtObj.mjOBJ_SITE:
                 one, two = (int(model.site_bodyid[site]) for site in (one, two))

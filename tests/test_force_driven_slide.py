@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from sealegs.actuators.chain import load_chain
 from sealegs.gap.causes.catalogue import adjustable, catalogue
-from sealegs.gap.load.tree import TreeLoad
+from sealegs.gap.load.tree_load import TreeLoad
 from sealegs.gap.log.arrays import measured_set
 from sealegs.gap.log.types import MeasuredSet
 from sealegs.gap.replay.axis import Axis

@@ -112,5 +112,5 @@ def test_the_step_that_is_assumed_is_short_enough_for_the_drives(tmp_path: Path,
     assert 0.0002 < robot.timestep < 0.002
     robot.robot().drivetrain()
     (tmp_path / "pair.yaml").write_text((tmp_path / "pair.yaml").read_text().replace(f"{robot.timestep:g} ", "0.002 "))
-    with pytest.raises(SealegsError, match="unstable at a step of 0.002 s"):
+    with pytest.raises(SealegsError, match=r"unstable at a step of 0\.002 s"):
         load_robot_file(tmp_path / "pair.yaml").robot().drivetrain()

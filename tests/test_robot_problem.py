@@ -10,7 +10,7 @@ import pytest
 from sealegs.actuators import load_chain
 from sealegs.gap.causes.cause import Cause
 from sealegs.gap.load.terms import T_COLUMNS, T_OWN, T_SIZE
-from sealegs.gap.load.tree import TreeLoad
+from sealegs.gap.load.tree_load import TreeLoad
 from sealegs.gap.log.parts import cut
 from sealegs.gap.log.types import JointLog, MeasuredRun
 from sealegs.gap.replay.axis import Axis

@@ -11,7 +11,7 @@ from sealegs.actuators import load_chain
 from sealegs.gap.causes.catalogue import catalogue
 from sealegs.gap.causes.unknown import UNKNOWN, unknown_parameters, with_believed_load
 from sealegs.gap.load.pendulum import PendulumLoad
-from sealegs.gap.load.tree import TreeLoad
+from sealegs.gap.load.tree_load import TreeLoad
 from sealegs.gap.log.sidecar import read_sidecar
 from sealegs.gap.log.types import JointLog, LogError, MeasuredRun
 from sealegs.gap.replay.joint_model import JointModel

@@ -13,6 +13,7 @@ import mujoco
 from ...envs.robot_described import FileJoint, RobotFile
 from ...envs.robot_file import is_robot_file, load_robot_file
 from ..log.types import Array, LogError, MeasuredRun
+from .ties import moved_by
 
 KINDS = (int(mujoco.mjtJoint.mjJNT_HINGE), int(mujoco.mjtJoint.mjJNT_SLIDE))
 
@@ -93,16 +94,17 @@ class LoggedRobot:
         return min(ends), max(ends)
 
     def felt_by(self, name: str) -> list[int]:
-        """Numbers of the joints whose motion a joint feels: those that carry it and those that it carries."""
-        own = int(self.model.jnt_bodyid[self.number(name)])
-        related = {own}
-        for body in range(own + 1, self.model.nbody):
+        """Numbers of the joints whose motion a joint feels: those that carry it, those that it carries, and those of
+        both that an equality moves with it."""
+        own = {int(self.model.jnt_bodyid[number]) for number in moved_by(self.model, self.number(name))}
+        related = set(own)
+        for body in range(min(own) + 1, self.model.nbody):
             if int(self.model.body_parentid[body]) in related:
                 related.add(body)
-        body = own
-        while body > 0:
-            related.add(body)
-            body = int(self.model.body_parentid[body])
+        for body in own:
+            while body > 0:
+                related.add(body)
+                body = int(self.model.body_parentid[body])
         return [j for j in range(self.model.njnt) if int(self.model.jnt_bodyid[j]) in related]
 
     def column(self, number: int) -> str:

@@ -8,140 +8,24 @@ their masses.
 
 from __future__ import annotations
 
-import dataclasses
 import math
-from collections.abc import Mapping
 from dataclasses import dataclass
 
 import mujoco
 import numpy as np
 
 from ..log.types import Array
-from .load import Range
 from .robot import KINDS
-from .terms import E_BIAS, E_COUPLING, E_CURVE, T_COLUMNS, T_OWN, T_SIZE
+from .terms import E_BIAS, E_COUPLING, E_CURVE, E_DRAG, E_INERTIA, T_COLUMNS, T_OWN, T_SIZE
+from .ties import Turned, moved_by
 
 NONE = int(mujoco.mjtSameFrame.mjSAMEFRAME_NONE)  # else the engine does not read where a centre of mass is
 ANGLE = 0.02  # [rad] or [m] either side of the measured position at which the terms are taken for their derivatives
-BIAS, CURVE, COUPLING = E_BIAS - T_OWN, E_CURVE - T_OWN, E_COUPLING - T_OWN  # columns of a block
+# columns of a block
+INERTIA, BIAS, CURVE = E_INERTIA - T_OWN, E_BIAS - T_OWN, E_CURVE - T_OWN
+DRAG, COUPLING = E_DRAG - T_OWN, E_COUPLING - T_OWN
 SHARES = 50  # of a body's mass in which it is tried how much of it may be missing at its tip
 SHIFT = 0.01  # [m] of a centre of mass, either way: its effect is quadratic, so any does
-
-
-@dataclass(frozen=True)
-class TreeLoad:
-    """What hangs behind a joint of a robot, as a change of what its model file says.
-
-    Attributes:
-        mass_factor: true over believed mass of all that hangs behind the joint.
-        payload: at the end of the robot, believed to carry nothing [kg].
-        extra_inertia: about the joint, beyond that of the bodies [kg.m2].
-        centre_shift: of the joint's own body's centre of mass, away from the joint [m].
-        stop_angle, lower_stop: beyond and below which something blocks the link [rad].
-        typical_inertia: in the middle of the log [kg.m2].
-        typical_gravity: largest change of the torque with the angle [N.m/rad].
-        least_payload: the least that leaves a body at the end of the robot [kg], below zero.
-    """
-
-    mass_factor: float = 1.0
-    payload: float = 0.0
-    extra_inertia: float = 0.0
-    centre_shift: float = 0.0
-    stop_angle: float = math.inf
-    lower_stop: float = -math.inf
-    typical_inertia: float = 0.0
-    typical_gravity: float = 0.0
-    least_payload: float = 0.0
-
-    @property
-    def mass_keys(self) -> tuple[str, ...]:
-        """All that hangs behind the joint, or something at the end of it."""
-        return ("mass_factor", "payload")
-
-    @property
-    def tunable(self) -> tuple[str, ...]:
-        """Masses of bodies that somebody weighed or computed."""
-        return ("mass_factor",)
-
-    @property
-    def pull_back(self) -> float:
-        """As it was along the log."""
-        return self.typical_gravity * self.mass_factor
-
-    @property
-    def predictable(self) -> bool:
-        """It depends on how the other joints move."""
-        return False
-
-    @property
-    def pose_known(self) -> bool:
-        """The model file says it."""
-        return True
-
-    def known(self, params: Mapping[str, float]) -> bool:
-        """Whether the load is known; it is, or there would be none of these."""
-        del params
-        return True
-
-    def inertia(self, params: Mapping[str, float]) -> float:
-        """Typical inertia about the joint [kg.m2]."""
-        del params
-        return self.typical_inertia * self.mass_factor + self.extra_inertia
-
-    def gravity_torque(self, params: Mapping[str, float]) -> float:
-        """Largest torque of gravity [N.m]."""
-        del params
-        return self.typical_gravity * self.mass_factor
-
-    def planned_gravity(self, params: Mapping[str, float]) -> float:
-        """None: a planned motion of a robot goes where it went before [N.m]."""
-        del params
-        return 0.0
-
-    def stops(self, params: Mapping[str, float]) -> tuple[float, float]:
-        """Angles below and beyond which something blocks the link [rad]."""
-        del params
-        return self.lower_stop, self.stop_angle
-
-    def numbers(self, params: Mapping[str, float]) -> dict[str, float]:
-        """Numbers of a bench with this load: none, a robot's stand in its model file."""
-        return dict(params)
-
-    def stop_ranges(self, middle: float, half: float, start: float) -> tuple[Range, Range]:
-        """About the middle of its motion, which need not be at zero; what it reached is less than it would have."""
-        away = 1.05 * start * half
-        upper = Range(middle - 0.25 * half, middle + 2.0 * half, middle + away, 0.03)
-        return upper, Range(middle - 2.0 * half, middle + 0.25 * half, middle - away, 0.03)
-
-    def inertia_range(self, armature: float) -> Range:
-        """Down to a tenth of what the file gives [kg.m2]."""
-        whole = self.typical_inertia + armature
-        return Range(-0.9 * self.typical_inertia, 20.0 * whole, 0.1 * whole, 0.1 * whole)
-
-    def unknown_ranges(self, armature: float) -> dict[str, Range]:
-        """About what the file gives: what hangs behind the joint by a factor, and more inertia."""
-        whole = self.inertia({}) + armature
-        more = Range(-0.9 * self.inertia({}), 20.0 * whole, 0.0, 0.1 * whole)
-        return {"mass_factor": Range(0.05, 20.0, 1.0, 0.3), "extra_inertia": more}
-
-    def along_log(self, slide: bool) -> dict[str, float]:
-        """What a fit changes of the terms."""
-        return {
-            "inertia": self.extra_inertia,
-            "gravity": 0.0,
-            "tree": 2.0 if slide else 1.0,
-            "mass": self.mass_factor,
-            "payload": self.payload,
-            "shift": self.centre_shift,
-        }
-
-    def value(self, key: str) -> float:
-        """A number that a fit may turn."""
-        return getattr(self, key)
-
-    def with_values(self, values: Mapping[str, float]) -> TreeLoad:
-        """The load with some of these numbers set."""
-        return dataclasses.replace(self, **values)
 
 
 @dataclass(frozen=True, eq=False)
@@ -192,7 +76,8 @@ def tip_behind(model: mujoco.MjModel, joint: int) -> Tip:
 
 def carries(model: mujoco.MjModel, joint: int, body: int) -> bool:
     """Whether a joint moves a body: another one's mass it does not feel, along a motion that is given."""
-    while body > 0 and body != int(model.jnt_bodyid[joint]):
+    owned = {int(model.jnt_bodyid[number]) for number in moved_by(model, joint)}
+    while body > 0 and body not in owned:
         body = int(model.body_parentid[body])
     return body > 0
 
@@ -232,13 +117,13 @@ def terms_along(model: mujoco.MjModel, joint: int, motion: Motion, sign: float =
         changes: whether also what other numbers of the robot would add; else those blocks are zero.
     """
     dof = int(model.jnt_dofadr[joint])
-    own = _block(model, dof, motion)
+    own = _block(model, joint, motion)
     rows = [motion.position[:, [dof]], sign * motion.speed[:, [dof]], own]
-    passive = passive_block(model, dof, motion)
+    passive = passive_block(model, joint, motion)
     if changes:
         here = own + passive
-        further, nearer = (_whole_block(_shifted(model, joint, way * SHIFT), dof, motion) for way in (1.0, -1.0))
-        rows.append(_block(_payload(model, tip_behind(model, joint)), dof, motion))
+        further, nearer = (_whole_block(_shifted(model, joint, way * SHIFT), joint, motion) for way in (1.0, -1.0))
+        rows.append(_block(_payload(model, tip_behind(model, joint)), joint, motion))
         rows += [(further - nearer) / (2.0 * SHIFT), (further + nearer - 2.0 * here) / (2.0 * SHIFT**2)]
     else:
         rows += [np.zeros_like(own)] * 3
@@ -252,7 +137,7 @@ def terms_along(model: mujoco.MjModel, joint: int, motion: Motion, sign: float =
 
 def block_along(model: mujoco.MjModel, joint: int, motion: Motion, sign: float = 1.0) -> Array:
     """All that a joint works against with the bodies as they are (n, T_SIZE)."""
-    table = _whole_block(model, int(model.jnt_dofadr[joint]), motion)
+    table = _whole_block(model, joint, motion)
     if sign < 0.0:
         _reverse(table)
     return table
@@ -265,8 +150,8 @@ def _reverse(block: Array) -> None:
     block[:, [BIAS, CURVE, COUPLING]] *= -1.0
 
 
-def _whole_block(model: mujoco.MjModel, dof: int, motion: Motion) -> Array:
-    return _block(model, dof, motion) + passive_block(model, dof, motion)
+def _whole_block(model: mujoco.MjModel, joint: int, motion: Motion) -> Array:
+    return _block(model, joint, motion) + passive_block(model, joint, motion)
 
 
 def is_passive(model: mujoco.MjModel) -> bool:
@@ -287,72 +172,89 @@ def _single(model: mujoco.MjModel) -> tuple[Array, Array]:
     return model.jnt_dofadr[found], model.jnt_qposadr[found]
 
 
-def passive_block(model: mujoco.MjModel, dof: int, motion: Motion) -> Array:
-    """The same columns of springs and weight compensation (n, T_SIZE): they have no inertia and no drag."""
+def passive_block(model: mujoco.MjModel, joint: int, motion: Motion) -> Array:
+    """The same columns of springs, of weight compensation, and of what tied joints have of their own (n, T_SIZE)."""
     out = np.zeros((len(motion.position), T_SIZE))
+    _add_ties(model, joint, motion, out)
     if not is_passive(model):
         return out
     data = mujoco.MjData(model)
     dofs, address = _single(model)
-    at = int(model.jnt_qposadr[model.dof_jntid[dof]])
+    turned = Turned(model, joint)
 
-    def placed(q: float) -> float:
-        data.qpos[at] = q
+    def placed(way: float) -> float:
+        turned.place(data, row, way)
         mujoco.mj_kinematics(model, data)
         mujoco.mj_comPos(model, data)
-        return float(passive_torques(model, data)[dof])
+        return turned.of(passive_torques(model, data))
 
     for k, row in enumerate(motion.position):
         data.qpos[address] = row[dofs]
-        above, here, below = (placed(row[dof] + way) for way in (ANGLE, 0.0, -ANGLE))
-        out[k, BIAS : CURVE + 1] = here, *_derivatives(model, dof, above, here, below)
+        above, here, below = (placed(way) for way in (ANGLE, 0.0, -ANGLE))
+        out[k, BIAS] += here
+        out[k, BIAS + 1 : CURVE + 1] = _derivatives(model, joint, above, here, below)
     return out
 
 
-def _derivatives(model: mujoco.MjModel, dof: int, above: float, here: float, below: float) -> tuple[float, float]:
+def _add_ties(model: mujoco.MjModel, joint: int, motion: Motion, out: Array) -> None:
+    """Add armature and damping of the joints that an equality moves with one."""
+    for other, ratio in list(moved_by(model, joint).items())[1:]:
+        dof = int(model.jnt_dofadr[other])
+        damping = ratio**2 * float(model.dof_damping[dof])
+        out[:, INERTIA] += ratio**2 * float(model.dof_armature[dof])
+        out[:, DRAG] += damping
+        out[:, BIAS] += damping * motion.speed[:, int(model.jnt_dofadr[joint])]
+
+
+def _derivatives(model: mujoco.MjModel, joint: int, above: float, here: float, below: float) -> tuple[float, float]:
     """Slope and curve of a torque from its values either side; of a hinge as of a + b sin(away) + c (1 - cos(away))."""
-    if int(model.jnt_type[model.dof_jntid[dof]]) != int(mujoco.mjtJoint.mjJNT_HINGE):
+    if int(model.jnt_type[joint]) != int(mujoco.mjtJoint.mjJNT_HINGE):
         return (above - below) / (2.0 * ANGLE), 0.0
     return (above - below) / (2.0 * math.sin(ANGLE)), (above + below - 2.0 * here) / (2.0 * (1.0 - math.cos(ANGLE)))
 
 
-def _block(model: mujoco.MjModel, dof: int, motion: Motion) -> Array:
-    """Inertia, bias, slope, curve, drag and coupling (n, T_SIZE) of one degree of freedom."""
+def _block(model: mujoco.MjModel, joint: int, motion: Motion) -> Array:
+    """Inertia, bias, slope, curve, drag and coupling (n, T_SIZE) of one joint and of what an equality moves with it."""
     data = mujoco.MjData(model)
     result = np.zeros(model.nv)
     out = np.empty((len(motion.position), T_SIZE))
     dofs, address = _single(model)
+    turned = Turned(model, joint)
+    own = int(model.jnt_dofadr[joint])
     positions, speeds, accelerations = motion.position, motion.speed, motion.acceleration.copy()
-    accelerations[:, dof] = 0.0
+    accelerations[:, turned.dofs] -= np.outer(accelerations[:, own], turned.ratios)
 
-    def placed(q: float) -> float:
-        data.qpos[at] = q
+    def torque() -> float:
+        mujoco.mj_rne(model, data, 1, result)
+        return turned.of(result)
+
+    def placed(way: float) -> float:
+        turned.place(data, positions[k], way)
         mujoco.mj_kinematics(model, data)
         mujoco.mj_comPos(model, data)
         mujoco.mj_comVel(model, data)
-        mujoco.mj_rne(model, data, 1, result)
-        return result[dof]
+        return torque()
 
-    at = int(model.jnt_qposadr[model.dof_jntid[dof]])
+    def faster(way: float) -> float:
+        data.qvel[turned.dofs] = speeds[k][turned.dofs] + way * turned.ratios
+        mujoco.mj_comVel(model, data)
+        return torque()
+
     for k in range(len(positions)):
         data.qpos[address] = positions[k][dofs]
         data.qvel[:] = speeds[k]
         data.qacc[:] = accelerations[k]
-        q = positions[k, dof]
-        above, below = placed(q + ANGLE), placed(q - ANGLE)
-        here = placed(q)
-        data.qacc[dof] = 1.0
-        mujoco.mj_rne(model, data, 1, result)
-        inertia = result[dof] - here
+        above, below = placed(ANGLE), placed(-ANGLE)
+        here = placed(0.0)
+        data.qacc[turned.dofs] += turned.ratios
+        inertia = torque() - here
         data.qacc[:] = 0.0
-        mujoco.mj_rne(model, data, 1, result)
-        coupling = here - result[dof]
+        coupling = here - torque()
         data.qacc[:] = accelerations[k]
-        data.qvel[dof] += 1.0  # the torque is linear in the own speed: it turns no body's inertia about its own axis
-        mujoco.mj_comVel(model, data)
-        mujoco.mj_rne(model, data, 1, result)
-        slope, curve = _derivatives(model, dof, above, here, below)
-        out[k] = inertia, here, slope, curve, result[dof] - here, coupling
+        slope, curve = _derivatives(model, joint, above, here, below)
+        # linear in the speed of one joint, which turns no body about two axes; of tied ones quadratic
+        drag = faster(1.0) - here if turned.alone else 0.5 * (faster(1.0) - faster(-1.0))
+        out[k] = inertia, here, slope, curve, drag, coupling
     return out
 
 

@@ -14,6 +14,7 @@ import numpy as np
 from scipy.optimize import minimize
 
 from ..load.robot import Frame, LoggedRobot
+from ..load.ties import Turned
 from ..load.tree import Motion
 from ..log.types import MeasuredRun
 from .driven_simulator import law_along
@@ -268,7 +269,7 @@ def _left(robot: LoggedRobot, torques: Torques, frames: Mapping[str, Frame]) -> 
         speed = torques.motion.speed[:, dof]
         passive = np.stack([np.tanh(speed / SLIP), speed, torques.motion.acceleration[:, dof]], axis=1)
         drive = _beside(passive, torques.drive[:, j])
-        load = _beside(passive, frames[name].sign * need[:, dof])
+        load = _beside(passive, frames[name].sign * Turned(model, robot.number(name)).along(need))
         size = float(load @ load)
         scale = max(float(load @ drive) / size, 0.0) if size > 1e-12 else 0.0  # a mass is positive
         whole = float(drive @ drive)

@@ -69,7 +69,7 @@ def touches_of(robot: LoggedRobot, run: MeasuredRun) -> Touch | None:
     for name in run.joints:
         if (number := robot.number(name)) >= 0:
             bodies = touching[:, [carries(model, number, body) for body in range(model.nbody)]]
-            over = taut[:, [number in wrapped(model, tendon) for tendon in ending]]
+            over = taut[:, [number in wrapped(model, tendon) for tendon in map(int, ending)]]
             mine = bodies.any(axis=1) | over.any(axis=1)
             mine = np.convolve(mine, np.ones(3), "same") > 0.0  # what lies between two poses, and just beside them
             joints[name] = np.interp(np.arange(len(run.time)), at, mine) > 0.0

@@ -12,7 +12,8 @@ from ...actuators import Chain
 from ..checks.signal import derivatives
 from ..load.robot import LoggedRobot
 from ..load.terms import E_INERTIA, E_POSITION, E_SLOPE
-from ..load.tree import Motion, TreeLoad, least_payload, terms_along, tip_behind
+from ..load.tree import Motion, least_payload, terms_along, tip_behind
+from ..load.tree_load import TreeLoad
 from ..log.finding import Finding
 from ..log.types import MeasuredRun
 from .axis import Axis

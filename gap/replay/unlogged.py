@@ -4,13 +4,12 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
 
 import mujoco
 import numpy as np
-from numpy.polynomial import Polynomial
 
 from ..load.robot import LoggedRobot
+from ..load.ties import Follower, followers_of, home_of
 from ..load.tree import Motion, is_passive, passive_torques
 from ..log.types import MeasuredRun
 
@@ -18,37 +17,6 @@ LIGHT = 0.05  # share of a joint's torque that a joint behind it may change and 
 SAMPLES = 60  # of a run at which that is asked
 QUARTER = 0.5 * math.pi  # [rad] to either side, that a hinge without a range may turn: assumed
 HAND = 0.05  # [m] the same of a slide
-
-
-@dataclass(frozen=True)
-class Follower:
-    """A joint that an equality constraint of the model moves.
-
-    Attributes:
-        leader: number of the joint that it follows; -1: it stays in a place.
-        way: its position as a polynomial of the leader's.
-    """
-
-    leader: int
-    way: Polynomial
-
-
-def followers_of(robot: LoggedRobot) -> dict[int, Follower]:
-    """By number of the joint."""
-    model, found = robot.model, {}
-    for k in range(model.neq):
-        if int(model.eq_type[k]) != int(mujoco.mjtEq.mjEQ_JOINT) or not model.eq_active0[k]:
-            continue
-        one, two = int(model.eq_obj1id[k]), int(model.eq_obj2id[k])
-        way = Polynomial(model.eq_data[k, :5] if two >= 0 else model.eq_data[k, :1])
-        if two >= 0:
-            way = way(Polynomial([-_home(model, two), 1.0]))
-        found[one] = Follower(two, way + _home(model, one))
-    return found
-
-
-def _home(model: mujoco.MjModel, joint: int) -> float:
-    return float(model.qpos0[model.jnt_qposadr[joint]])
 
 
 def logged(robot: LoggedRobot, runs: Sequence[MeasuredRun]) -> set[int]:
@@ -59,7 +27,7 @@ def logged(robot: LoggedRobot, runs: Sequence[MeasuredRun]) -> set[int]:
 
 def needed(robot: LoggedRobot, numbers: Sequence[int], known: set[int]) -> list[int]:
     """Of some joints those that must be logged and are not: a follower is as well known as its leader."""
-    followers, found = followers_of(robot), []
+    followers, found = followers_of(robot.model), []
     for number in numbers:
         for _ in range(robot.model.njnt):
             if number in known or number not in followers:
@@ -72,7 +40,7 @@ def needed(robot: LoggedRobot, numbers: Sequence[int], known: set[int]) -> list[
 
 def with_unlogged(robot: LoggedRobot, motion: Motion, known: set[int], held: Mapping[int, float] | None = None) -> None:
     """Write into a motion where joints are that were not logged: at the start, held elsewhere, or behind a leader."""
-    model, followers = robot.model, followers_of(robot)
+    model, followers = robot.model, followers_of(robot.model)
     for number in range(model.njnt):
         if number not in known and robot.turns(number):
             motion.position[:, int(model.jnt_dofadr[number])] = (held or {}).get(number, start_of(robot, number))
@@ -98,7 +66,7 @@ def start_of(robot: LoggedRobot, number: int) -> float:
     """Where a joint of the model is before it moves [rad or m]."""
     name, model = robot.model.joint(number).name, robot.model
     start = next((item.start for item in robot.file.joints if item.terms == ((name, 1.0),)), None)
-    start = robot.file.model.start.get(name, _home(model, number)) if start is None else start
+    start = robot.file.model.start.get(name, home_of(model, number)) if start is None else start
     return float(np.clip(start, *model.jnt_range[number])) if model.jnt_limited[number] else start
 
 

@@ -79,7 +79,8 @@ def _off_scene(
         done.append(f"Too little is left of {listed(held)}, whose links are moved as measured.")
     sentence = (
         f"The robot touches what stands still in its own model, such as a floor or the end of a tendon, for "
-        f"{seconds:.3g} s ('{part}' most), and joints are replayed without contacts. {' '.join(done)} Record in the air, or remove what is not there."
+        f"{seconds:.3g} s ('{part}' most), and joints are replayed without contacts. {' '.join(done)} Record in the "
+        "air, or remove what is not there."
     )
     progress(sentence)
     return marked, [Finding(TOUCHES, "warning", None, None, sentence, value=seconds)]

@@ -1,0 +1,80 @@
+"""Joints that an equality constraint of a robot's file ties to another one, such as the fingers of a gripper."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import mujoco
+import numpy as np
+from numpy.polynomial import Polynomial
+
+from ..log.types import Array
+
+
+@dataclass(frozen=True)
+class Follower:
+    """A joint that an equality constraint of the model moves.
+
+    Attributes:
+        leader: number of the joint that it follows; -1: it stays in a place.
+        way: its position as a polynomial of the leader's.
+    """
+
+    leader: int
+    way: Polynomial
+
+
+def followers_of(model: mujoco.MjModel) -> dict[int, Follower]:
+    """By number of the joint."""
+    found = {}
+    for k in range(model.neq):
+        if int(model.eq_type[k]) != int(mujoco.mjtEq.mjEQ_JOINT) or not model.eq_active0[k]:
+            continue
+        one, two = int(model.eq_obj1id[k]), int(model.eq_obj2id[k])
+        way = Polynomial(model.eq_data[k, :5] if two >= 0 else model.eq_data[k, :1])
+        if two >= 0:
+            way = way(Polynomial([-home_of(model, two), 1.0]))
+        found[one] = Follower(two, way + home_of(model, one))
+    return found
+
+
+def home_of(model: mujoco.MjModel, joint: int) -> float:
+    """Where a joint is in the model's own pose [rad or m]."""
+    return float(model.qpos0[model.jnt_qposadr[joint]])
+
+
+def moved_by(model: mujoco.MjModel, joint: int) -> dict[int, float]:
+    """How far joints go that move with one in proportion, per unit of its own way: itself first, by number."""
+    found, followers = {joint: 1.0}, followers_of(model)
+    for _ in followers:
+        for number, follower in followers.items():
+            if number not in found and follower.leader in found and follower.way.trim().degree() <= 1:
+                found[number] = found[follower.leader] * float(follower.way.deriv()(0.0))
+    return found
+
+
+class Turned:
+    """A joint with those that an equality moves with it: where they are as it goes further, and their torques on it."""
+
+    def __init__(self, model: mujoco.MjModel, joint: int) -> None:
+        moved = moved_by(model, joint)
+        self.dofs = np.array([model.jnt_dofadr[number] for number in moved])
+        self.address = np.array([model.jnt_qposadr[number] for number in moved])
+        self.ratios = np.array(list(moved.values()))
+        self.alone = len(moved) == 1
+        self._dof, self._at = int(self.dofs[0]), int(self.address[0])
+
+    def place(self, data: mujoco.MjData, row: Array, way: float) -> None:
+        """Put them where a row of positions (nv,) has them, and ``way`` further [rad or m]."""
+        if self.alone:  # a tenth of the time
+            data.qpos[self._at] = row[self._dof] + way
+        else:
+            data.qpos[self.address] = row[self.dofs] + way * self.ratios
+
+    def of(self, torques: Array) -> float:
+        """What torques (nv,) come to at the joint."""
+        return float(torques[self._dof]) if self.alone else float(self.ratios @ torques[self.dofs])
+
+    def along(self, torques: Array) -> Array:
+        """The same of torques along a log (n, nv), as (n,)."""
+        return torques[:, self.dofs] @ self.ratios
