@@ -66,6 +66,20 @@ def test_a_rigid_joint_asks_for_the_duty_that_its_measured_position_asks_for() -
     np.testing.assert_allclose(out[5:, 1], (0.664 * current - 0.35 * speed - 0.010 * link[:, 2])[5:], atol=1e-9)
 
 
+def test_friction_of_a_rigid_joint_grows_with_the_load_that_its_link_is() -> None:
+    """It saw the motor's torque without the link's, half of what passes the gears: it was fitted twice as large."""
+    time = np.arange(0.0, 2.0, 0.005)
+    link = np.stack([0.5 * time, np.full(len(time), 0.5), np.zeros(len(time))], axis=1)
+    loaded = [
+        {**stage, "friction": {**stage["friction"], "load": 0.1}} if "friction" in stage else stage for stage in RIGID
+    ]
+    goal = link[:, 0] + 0.02
+    left, passed = drive(RIGID, goal, link, time)[5:, 1], drive(loaded, goal, link, time)[5:, 1]
+    motor = left + 0.35 * 0.5  # viscous friction takes its share behind the gears
+    assert motor.min() > 0.5
+    np.testing.assert_allclose(passed, left - 0.1 * (motor + passed), rtol=2e-3)
+
+
 def test_a_rigid_joint_whose_position_is_read_late_asks_for_the_duty_of_where_it_is() -> None:
     time = np.arange(0.0, 2.0, 0.005)
 

@@ -2,13 +2,16 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import replace
 from functools import cache
 
 import numpy as np
+import pytest
 from sealegs.gap.checks.data_set import check_set, corrected
 from sealegs.gap.checks.off import released
 from sealegs.gap.log.types import MeasuredRun, MeasuredSet
+from sealegs.gap.verdict.checking import check_log
 
 from testbed import hidden_bench
 from tests.changed_logs import JOINT, signal, with_log
@@ -76,3 +79,15 @@ def test_a_drive_that_looks_off_is_told_and_taken_as_off() -> None:
     assert (enabled & off).sum() > 0.9 * off.sum() and (enabled & ~off).sum() < 0.05 * off.sum()
     assert all(run.joints[JOINT].enabled is None for run in seen.runs[:3])
     assert "column.stuck" not in {f.code for f in check_set(seen)}
+
+
+@pytest.mark.parametrize("wrong", [np.degrees, np.negative])
+def test_no_drive_looks_off_for_a_position_that_is_mended(wrong: Callable[[np.ndarray], np.ndarray]) -> None:
+    """An eighth of a log in degrees was taken as off, by a goal that looked far away, and replayed without a drive."""
+    data = four_runs()
+    runs = tuple(with_log(run, position=wrong(signal(run, "position")), velocity=None) for run in data.runs)
+    seen, findings, _ = check_log(replace(data, runs=runs), lambda text: None)
+    assert "drive.looks_off" not in {finding.code for finding in findings}
+    for run, right in zip(seen.runs, data.runs, strict=True):
+        assert run.joints[JOINT].enabled is None
+        np.testing.assert_allclose(signal(run, "position"), signal(right, "position"), atol=1e-9)

@@ -97,8 +97,25 @@ def test_a_motion_made_smaller_stays_within_the_limits_and_where_its_load_is_hel
     monkeypatch.setattr("sealegs.gap.experiment.proposal.measurement", measurement)
     for name, goal in excitations(limits, NOMINAL, heavy).items():
         kept = kept_within(None, heavy, goal, [Hypothesis("any", {}, ())], limits)  # type: ignore[arg-type]
-        assert kept.min() >= limits.lower and kept.max() <= held + 1e-9, name
+        assert kept is not None and kept.min() >= limits.lower and kept.max() <= held + 1e-9, name
         assert measurement(None, heavy, kept).simulate([]).min() >= limits.lower - 0.05 * limits.reach - 1e-9, name
+
+
+@pytest.mark.parametrize(("overshoot", "kept"), [(40.0, True), (1e6, False)])
+def test_a_motion_that_a_hypothesis_lets_shoot_far_beyond_is_made_small_enough_or_dropped(
+    monkeypatch: pytest.MonkeyPatch, overshoot: float, kept: bool
+) -> None:
+    """After three halvings it was proposed all the same."""
+
+    def measurement(problem: object, load: object, goal: np.ndarray, along: object = None) -> SimpleNamespace:
+        return SimpleNamespace(simulate=lambda variants: (overshoot * goal)[None, :, None])
+
+    monkeypatch.setattr("sealegs.gap.experiment.proposal.measurement", measurement)
+    goal = np.sin(np.arange(200) / 10.0)
+    found = kept_within(None, {}, goal, [Hypothesis("any", {}, ())], Limits(-1.0, 1.0))  # type: ignore[arg-type]
+    assert (found is not None) == kept
+    if found is not None:
+        assert overshoot * np.abs(found).max() <= 1.1 + 1e-9
 
 
 def test_smooth_motions_are_slow_enough_for_the_motor() -> None:

@@ -16,6 +16,7 @@ import numpy as np
 from pyarrow import parquet
 
 from ..log.finding import Finding
+from ..log.gaps import PERIODS
 from ..log.progress import Progress
 from ..log.reader import iterate_runs, log_files, read_measured
 from ..log.types import LogError, MeasuredRun, MeasuredSet
@@ -27,7 +28,6 @@ PARTS = 3  # of the data: two to fit and choose on, one for the test
 LEAST_WINDOWS = 30  # that the rows must suffice for; windows of fast logs are shorter
 SHORTEST = 6.0  # [s], but not shorter than this: up to half of it finds a quiet start and warms up
 PIECE_ROWS = 1 << 17
-GAP = 3.5  # sample periods without a sample after which a window is not used
 SPEED_SPAN = 0.025  # [s] over which speeds are taken, so that they are not noise of the encoder
 JUDGED_IN_WHOLE = ("motion.none", "goal.still", "excitation.little")  # a long log may rest for a piece
 
@@ -158,7 +158,7 @@ def survey(path: Path, rows: int, most_rows: int, progress: Progress = lambda te
         used = 0
         while used + size <= len(joined.time):
             part = _part(joined, used, used + size)
-            if float(np.diff(part.time).max()) <= GAP * period:
+            if float(np.diff(part.time).max()) <= PERIODS * period:
                 starts.append(begin + used)
                 features.append(describe(part))
             used += size
@@ -292,8 +292,8 @@ def _part(run: MeasuredRun, start: int, stop: int) -> MeasuredRun:
         name: replace(log, **{signal: values[start:stop] for signal, values in log.signals().items()})
         for name, log in run.joints.items()
     }
-    base = {name: values[start:stop] for name, values in run.base.items()}
-    return replace(run, time=run.time[start:stop], joints=joints, base=base)
+    base, host = ({name: values[start:stop] for name, values in table.items()} for table in (run.base, run.host))
+    return replace(run, time=run.time[start:stop], joints=joints, base=base, host=host)
 
 
 def _joined(a: MeasuredRun, b: MeasuredRun) -> MeasuredRun:
@@ -304,5 +304,8 @@ def _joined(a: MeasuredRun, b: MeasuredRun) -> MeasuredRun:
         )
         for name, log in b.joints.items()
     }
-    base = {name: np.concatenate([a.base[name], values]) for name, values in b.base.items()}
-    return replace(b, time=np.concatenate([a.time, b.time]), joints=joints, base=base)
+    base, host = (
+        {name: np.concatenate([before[name], values]) for name, values in table.items()}
+        for before, table in ((a.base, b.base), (a.host, b.host))
+    )
+    return replace(b, time=np.concatenate([a.time, b.time]), joints=joints, base=base, host=host)

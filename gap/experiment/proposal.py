@@ -41,6 +41,7 @@ MOST_RIVALS = 4
 REPEATS = 3  # times the excitation is to be run: once for each part of the data
 LOAD_FACTORS = (2.0, 1.5, 0.5)  # of the mass on the shaft, the heavier first: it shows more
 RIDGE = 1e-9  # of the normal equations, relative and absolute
+SHRINKS = 9  # of a motion that a hypothesis predicts to leave the limits, by up to 2 each: to less than a hundredth
 MOST_SAMPLES = 6000  # of the old log that the hypotheses must also fit
 
 
@@ -157,6 +158,8 @@ def propose(
             break
         for name, goal in excitations(limits, nominal, load, seed).items():
             goal = kept_within(problem, load, goal, hypotheses, limits, along)
+            if goal is None:
+                continue
             label = name if load == loads[0] else f"{name}, {load['mass']:.3g} kg"
             new = measurement(problem, load, goal, along)
             predicted = [predict(new, h) for h in hypotheses]
@@ -296,24 +299,25 @@ def kept_within(
     hypotheses: Sequence[Hypothesis],
     limits: Limits,
     along: Along | None = None,
-) -> np.ndarray:
+) -> np.ndarray | None:
     """The goals (n,), smaller where a hypothesis predicts that the joint shoots beyond its limits.
 
-    They shrink about their own middle: that of the limits may lie where the servo cannot hold its load.
+    They shrink about their own middle: that of the limits may lie where the servo cannot hold its load. None where a
+    hypothesis predicts that of ever so small a motion: this moves metal.
     """
     spare = 0.05 * limits.reach
     centre = 0.5 * (goal.min() + goal.max())
-    for _ in range(3):
+    for _ in range(SHRINKS):
         planned = measurement(problem, load, goal, along)
         out = planned.simulate([h.values for h in hypotheses])[:, :, 0]
         out = np.clip(out, -1e2, 1e2) - centre
         beyond = max(
             float(out.max()) / (limits.upper + spare - centre), float(-out.min()) / (centre - limits.lower + spare)
         )
-        if beyond <= 1.0:
-            break
+        if beyond <= 1.0 + 1e-6:
+            return goal
         goal = centre + (goal - centre) / min(beyond, 2.0)
-    return goal
+    return None
 
 
 def thinned(problem: JointProblem) -> JointProblem:

@@ -79,6 +79,14 @@ def replay_driven(p, k, time, goal, on, temperature, link, q0, w0, step, out):
     return acting[0] + advancing[0] + s[0] + x[0] + nothing[0]
 
 
+@compiled(forceinline=True)
+def less_friction(torque, limit, speed):
+    """A torque [N.m] less dry friction of a limit [N.m] at a speed [rad/s]; at rest friction takes what it can hold."""
+    if abs(speed) > REST_SPEED:
+        return torque - math.copysign(limit, speed)
+    return torque - math.copysign(min(limit, abs(torque)), torque)
+
+
 @compiled()
 def _replay_driven(acting, advancing, p, k, s, x, nothing, time, goal, on, temperature, link, q0, w0, step, out):
     """As :func:`replay_driven`, in memory that it made."""
@@ -91,6 +99,7 @@ def _replay_driven(acting, advancing, p, k, s, x, nothing, time, goal, on, tempe
     n = len(time)
     arrival = 0
     motor = int(k[K.motor])
+    passed = 0.0  # to the link, which pushes back as much
     for j in range(n):
         if motor > 0:
             p[motor] = k[K.constant] * max(1.0 - k[K.loss] * (temperature[j] - k[K.reference]), 0.05)
@@ -101,12 +110,11 @@ def _replay_driven(acting, advancing, p, k, s, x, nothing, time, goal, on, tempe
             given = drive(acting, p, k, s, time[j], goal[j], on[j], x[0], x[1], -passed, True)
         else:
             x[0], x[1] = x[2], x[3]
-            given = drive(acting, p, k, s, time[j], goal[j], on[j], x[0], x[1], 0.0, True)
-            passed = given - k[K.motor_inertia] * link[j, 2]
-            if abs(x[1]) > REST_SPEED:
-                passed -= math.copysign(s[S_LIMIT], x[1])
-            else:  # dry friction takes what it can hold
-                passed -= math.copysign(min(s[S_LIMIT], abs(passed)), passed)
+            given = drive(acting, p, k, s, time[j], goal[j], on[j], x[0], x[1], -passed, True)
+            free = given - k[K.motor_inertia] * link[j, 2]
+            passed = less_friction(free, s[S_LIMIT], x[1])
+            drive(acting, p, k, s, time[j], goal[j], on[j], x[0], x[1], -passed, False)  # friction by this very load
+            passed = less_friction(free, s[S_LIMIT], x[1])
         out[j, 0] = k[K.host_scale] * host_reading_smooth(p, s, time[j], x[0]) + k[K.host_offset]
         out[j, 1] = passed if k[K.at_drive] == 0.0 else given + k[K.viscous] * x[1]
         out[j, 2] = s[S_DUTY]
@@ -131,7 +139,7 @@ def _replay_driven(acting, advancing, p, k, s, x, nothing, time, goal, on, tempe
                 if coupled:
                     slide(acting, p, k, nothing, s, x, at, span, goal[j], on[j], at > time[j])
                 elif at > time[j]:
-                    drive(acting, p, k, s, at, goal[j], on[j], x[0], x[1], 0.0, True)
+                    drive(acting, p, k, s, at, goal[j], on[j], x[0], x[1], -passed, True)
             now = end
         if not (abs(x[0]) < 1e4 and abs(x[1]) < 1e6):
             out[j:, :] = DIVERGED

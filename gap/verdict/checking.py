@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 
 from ...actuators.errors import nearest
@@ -46,10 +48,24 @@ def check_log(data: MeasuredSet, progress: Progress) -> tuple[MeasuredSet, list[
         _check_ways(run, now, converted[run.name])
     said += of_joints
     progress("checking the log")
-    data, off = released(data)
-    data, every = corrected(data, [*data.findings, *said, *off, *check_set(data)])
+    marked, _ = released(data)  # a sign is told where the drive is on
+    mended, every = corrected(marked, [*data.findings, *said, *check_set(marked)])
     _check_said(every, converted)
+    data, off = released(_unmarked(mended, data))  # and once more: a goal in another unit or direction looks away
+    every += off
     return data, merged(every), unusable(every, data)
+
+
+def _unmarked(data: MeasuredSet, recorded: MeasuredSet) -> MeasuredSet:
+    """The data with ``enabled`` columns only where they were recorded, run by run."""
+    runs = []
+    for run, before in zip(data.runs, recorded.runs, strict=True):
+        joints = {
+            name: replace(log, enabled=None) if before.joints[name].enabled is None else log
+            for name, log in run.joints.items()
+        }
+        runs.append(replace(run, joints=joints))
+    return replace(data, runs=tuple(runs))
 
 
 def _alike(data: MeasuredSet) -> None:

@@ -21,6 +21,7 @@ from ..search.settings import threshold
 
 AGREES, SILENT, DISAGREES = "agrees", "silent", "disagrees"
 SINCE = 0.15  # [s] after the drive pushes the other way in which play shows
+SHORTEST = 60  # samples of a piece, those that are judged
 COAST = 0.1  # [s] with the drive off from which a joint coasts
 
 
@@ -254,7 +255,7 @@ def _pieces(problem: Problem, channels: np.ndarray) -> list[Piece]:
     pieces = []
     for a, b in itertools.pairwise(problem.starts):
         time, position = problem.time[a:b], problem.measured[a:b, 0]
-        if b - a < 60 or not np.isfinite(position).all():
+        if min(b - a, int(problem.judged[a:b].sum())) < SHORTEST or not np.isfinite(position).all():
             continue
         _, speed, acceleration = derivatives(time, position)
         slow = max(0.05 * float(np.quantile(np.abs(speed), 0.99)), 1e-6)
