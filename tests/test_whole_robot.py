@@ -10,10 +10,11 @@ import numpy as np
 import pytest
 from sealegs.actuators.chain import load_chain
 from sealegs.envs.extended import Change, Extended, Mounted
+from sealegs.gap.load.chain_frame import in_frame
 from sealegs.gap.load.robot import Frame, LoggedRobot
 from sealegs.gap.load.tree import Motion, terms_along
 from sealegs.gap.log.types import MeasuredRun, MeasuredSet
-from sealegs.gap.output.robot_extension import in_frame, of_robot
+from sealegs.gap.output.robot_extension import of_robot
 from sealegs.gap.output.robot_mjcf import write_robot
 from sealegs.gap.replay.whole import replay_whole, whole, why_not_whole
 

@@ -12,6 +12,7 @@ import yaml
 
 from ...actuators import Chain, load_chain
 from ...envs.extended import FILE, Change, Extended, Mounted, Owner
+from ..load.chain_frame import in_frame
 from ..load.robot import Frame, robot_of, with_frames
 from ..log.sidecar import relative_robot
 from ..log.types import MeasuredRun, MeasuredSet
@@ -21,7 +22,7 @@ from ..replay.problem import JointProblem
 from ..shared import ROBOT
 from ..verdict.verdict import JointDiagnosis
 from .mjcf import native_mjcf, not_native
-from .robot_extension import in_frame, of_robot, shared_changes
+from .robot_extension import of_robot, shared_changes
 
 __all__ = ["as_taken", "changes", "extended_of", "not_native", "readable", "write_extended", "write_extension"]
 

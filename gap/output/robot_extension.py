@@ -13,7 +13,6 @@ import mujoco
 import numpy as np
 from scipy.optimize import lsq_linear
 
-from ...actuators import Chain
 from ...envs.extended import Change
 from ..load.robot import Frame, LoggedRobot
 from ..load.tree import tip_behind
@@ -26,8 +25,6 @@ STOPS = {"load.stop_angle": 1.0, "load.lower_stop": -1.0}
 CERTAINTY = 0.03  # of bodies to weigh as believed, beside what the joints say of those behind them
 DILUTED = 2.0
 """By how much more than any joint says of all behind it a single body may be off, which is a part of that."""
-ODD = {"offset": ("value",), "friction": ("asymmetry", "viscous_asymmetry")}
-"""Numbers of a chain that change sign with the direction of the angle."""
 
 
 def of_robot(robot: LoggedRobot, changes: Sequence[Change]) -> list[Change]:
@@ -161,19 +158,3 @@ def _weight(model: mujoco.MjModel, joint: int, bodies: Sequence[int]) -> float:
         own = float(turn @ (model.body_inertia[body] * turn))
         total += own + float(model.body_mass[body]) * float(away @ away - (away @ axis) ** 2)
     return total
-
-
-def in_frame(chain: Chain, frame: Frame) -> Chain:
-    """A chain that was found with the angle as the log has it, for the angle of the model."""
-    if frame == Frame():
-        return chain
-    stages = []
-    for stage in chain.stages:
-        values = stage.parameters()
-        if stage.name == "encoder":
-            offset = values["offset"] + (values["scale"] - 1.0) * frame.zero
-            stage = dataclasses.replace(stage, offset=frame.sign * offset)
-        elif stage.name in ODD:
-            stage = dataclasses.replace(stage, **{key: frame.sign * values[key] for key in ODD[stage.name]})
-        stages.append(stage)
-    return dataclasses.replace(chain, stages=tuple(stages))

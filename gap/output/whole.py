@@ -11,6 +11,7 @@ import numpy as np
 from ...actuators import Chain, load_chain
 from ...actuators.errors import SealegsError
 from ...envs.extended import Extended
+from ..load.chain_frame import in_frame
 from ..load.robot import LoggedRobot, robot_of
 from ..log.progress import Progress
 from ..log.types import MeasuredRun, MeasuredSet
@@ -20,7 +21,6 @@ from ..verdict.checking import check_log
 from ..verdict.resting import without_rests
 from ..verdict.verdict import JointDiagnosis
 from .extension import as_taken
-from .robot_extension import in_frame
 
 MODELS = ("nominal", "extended")
 

@@ -13,6 +13,7 @@ from ...actuators.chain import Chain, load_chain
 from ...actuators.errors import SealegsError
 from ..causes.unknown import unknown_parameters
 from ..checks.data_set import noise_floor
+from ..load.chain_frame import in_log
 from ..load.robot import LoggedRobot, robot_of
 from ..load.terms import T_OWN, T_SIZE
 from ..load.tree import Motion
@@ -117,11 +118,11 @@ def nominal_replays(robot: LoggedRobot, runs: Sequence[MeasuredRun]) -> dict[str
 
 
 def chain_of(run: MeasuredRun, joint: str, robot: LoggedRobot | None) -> Chain:
-    """The chain that the sidecar names, or else the robot's file."""
+    """The chain that the sidecar names, or else the robot's file, whose angle is that of its model."""
     if robot is None:
         return named_chain(run, joint)
     item = robot.joint(joint)
-    return item.carried(named_chain(run, joint) if joint in run.actuators else item.chain)
+    return item.carried(named_chain(run, joint) if joint in run.actuators else in_log(item.chain, robot.frame(joint)))
 
 
 def named_chain(run: MeasuredRun, joint: str) -> Chain:
