@@ -13,6 +13,7 @@ from sealegs.gap.checks.stops import Stop, stops_of
 from sealegs.gap.experiment.excitations import CLEAR, Limits, excitations, within
 from sealegs.gap.log.types import MeasuredSet
 from sealegs.gap.replay.joint_model import JointModel
+from sealegs.gap.verdict.pieces import cut_joint, fit_runs
 
 from testbed import hidden_bench
 from tests.changed_logs import JOINT, with_log
@@ -70,3 +71,20 @@ def test_a_stop_that_was_seen_is_tried_from_where_it_is() -> None:
     assert cause.name == "contact.blocked"
     assert [(p.number, p.start) for p in cause.variants[0]] == [("load.lower_stop", -1.03)]
     assert np.isfinite(cause.variants[0][0].low)
+
+
+def test_a_stop_that_only_the_test_part_meets_is_told_and_not_fitted() -> None:
+    """Its angle was where the search began: the test part had told the fit what it was to foretell."""
+    hit = blocked(0.75)
+    free = [
+        with_log(run, **{key: 0.3 * getattr(run.joints[JOINT], key) for key in ("goal", "position")})
+        for run in blocked(None).runs
+    ]
+    parted = [
+        replace(run, name=f"{run.name}-{k}", meta={**run.meta, "group": name})
+        for k, (run, name) in enumerate([(free[0], "a"), (free[1], "b"), (hit.runs[0], "last"), (hit.runs[1], "last")])
+    ]
+    pieces = cut_joint(parted, JOINT, "last")
+    assert stops_of(pieces.runs, JOINT) and stops_of(fit_runs(pieces), JOINT) == ()
+    pieces = cut_joint(parted, JOINT, "a")
+    assert stops_of(fit_runs(pieces), JOINT) == stops_of(pieces.runs, JOINT)

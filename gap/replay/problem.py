@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import itertools
 from collections.abc import Mapping, Sequence
 from dataclasses import Field
 from typing import Any, ClassVar, Protocol, Self
@@ -262,3 +263,9 @@ class JointProblem(Problem, Protocol):
     def means(self, signal: np.ndarray) -> np.ndarray:
         """Means (..., g) of a signal (..., n) over the groups of samples; NaN where one of them is missing."""
         ...
+
+
+def periods_of(problem: Problem) -> list[float]:
+    """Sample period of each unit [s]: runs of one machine may be logged at different rates."""
+    times = (problem.time[a:b] for a, b in itertools.pairwise(problem.starts))
+    return [float(np.median(np.diff(time))) if len(time) > 1 else np.inf for time in times]

@@ -6,10 +6,12 @@ is left of it. That errors close to each other are alike does.
 
 from __future__ import annotations
 
+import itertools
+
 import numpy as np
 
 from ..checks.signal import quantisation_step
-from ..replay.problem import Problem
+from ..replay.problem import Problem, periods_of
 from ..replay.robust import robust_loss
 
 MEMORY = 0.025  # [s] errors up to this far apart share what the model gets wrong
@@ -45,10 +47,9 @@ def _loss_root(error: np.ndarray) -> np.ndarray:
 
 def shared(problem: Problem, error: np.ndarray) -> float:
     """What errors of one piece up to :data:`MEMORY` apart have in common: their mean product."""
-    period = float(np.median(np.diff(problem.time[: problem.starts[1]])))
     total, count = 0.0, 0
-    for lag in range(1, max(round(MEMORY / period), 1) + 1):
-        for a, b in zip(problem.starts[:-1], problem.starts[1:], strict=True):
+    for (a, b), period in zip(itertools.pairwise(problem.starts), periods_of(problem), strict=True):
+        for lag in range(1, max(round(MEMORY / period), 1) + 1):
             product = error[a + lag : b] * error[a : b - lag]
             good = np.isfinite(product)
             total, count = total + float(product[good].sum()), count + int(good.sum())

@@ -8,7 +8,7 @@ import numpy as np
 
 from ..checks.bootstrap import block_weights
 from ..replay.parameters import Parameter
-from ..replay.problem import Problem
+from ..replay.problem import Problem, periods_of
 from ..replay.robust import robust_weight
 from .bounded import FLAT, nearest_within, root_of, solved
 from .fit import Fit
@@ -55,14 +55,11 @@ def intervals(
     scores = np.stack([np.bincount(block, jacobian[:, k] * residual * weight, count) for k in range(len(u))], axis=1)
     curvature = (jacobian * weight[:, None]).T @ jacobian
     weights = block_weights(count, draws, np.random.default_rng(seed))
-    # variance inflation: scatter of the score over resampled blocks, in parts of that of independent errors
     ridge = max(1e-9 * float(np.trace(curvature)), FLAT) * np.eye(len(u))
-    moves = (weights - 1.0) @ scores
-    spread = solved(curvature + ridge, moves.T)
-    dependent = max(float(np.mean((moves * spread.T).sum(axis=1))) / len(u), 1.0)
-    lows, highs = _reach(u, scores.sum(axis=0), curvature + ridge, low, high, UNLIKELY * dependent)
+    rises = UNLIKELY * inflation(curvature + ridge, (weights - 1.0) @ scores)
+    lows, highs = _reach(u, scores.sum(axis=0), curvature + ridge, low, high, rises)
     found_intervals = {}
-    period = float(np.median(np.diff(problem.time[: problem.starts[1]])))
+    period = max(periods_of(problem))
     for k, p in enumerate(parameters):
         value, least, most = (p.from_fit(x) for x in (u[k], lows[k], highs[k]))
         values = [fit.values[p.path] for fit in halves if p.path in fit.values]
@@ -72,10 +69,23 @@ def intervals(
     return found_intervals
 
 
+def inflation(curvature: np.ndarray, moves: np.ndarray) -> np.ndarray:
+    """By how much the variance of each parameter (p,) is more than that of independent errors, at least 1.
+
+    Args:
+        curvature: of the cost (p, p).
+        moves: of its slope, from draw to draw of the resampled blocks (draws, p).
+    """
+    spread = solved(curvature, moves.T)
+    independent = np.diag(solved(curvature, np.eye(len(curvature))))
+    return np.maximum(np.mean(spread**2, axis=1) / np.maximum(independent, FLAT), 1.0)
+
+
 def _reach(
-    u: np.ndarray, slope: np.ndarray, curvature: np.ndarray, low: np.ndarray, high: np.ndarray, rise: float
+    u: np.ndarray, slope: np.ndarray, curvature: np.ndarray, low: np.ndarray, high: np.ndarray, rises: np.ndarray
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Ends of the profile of each parameter (p,), (p,): up to where the cost, quadratic about ``u``, rises by ``rise``.
+    """Ends of the profile of each parameter (p,), (p,): up to where the cost, quadratic about ``u``, rises by its own
+    of ``rises`` (p,).
 
     The nuisance parameters are at their optimum within their bounds.
     """
@@ -96,10 +106,10 @@ def _reach(
     for k in range(len(u)):
         for side, bound in enumerate((low[k], high[k])):
             inside, outside = 0.0, bound - u[k]
-            if abs(outside) > 1e-9 and cost(k, outside) > rise:
+            if abs(outside) > 1e-9 and cost(k, outside) > rises[k]:
                 for _ in range(30):
                     middle_way = 0.5 * (inside + outside)
-                    inside, outside = (inside, middle_way) if cost(k, middle_way) > rise else (middle_way, outside)
+                    inside, outside = (inside, middle_way) if cost(k, middle_way) > rises[k] else (middle_way, outside)
                 outside = inside
             ends[side, k] = u[k] + outside
     return ends[0], ends[1]

@@ -42,7 +42,7 @@ from .evidence import Refused, Replayed, as_noise_allows
 from .frames import DOUBTED, in_likely_frames
 from .measure import Measured, is_of_robot, measure, whole_runs
 from .parallel import side_by_side
-from .pieces import cut_joint, named_chain
+from .pieces import cut_joint, fit_runs, named_chain
 from .recorded import recording_reasons
 from .refusal import refuse, refuse_divergence
 from .request import Request
@@ -249,15 +249,15 @@ def _replay(pieces: Cut, request: Request, *, before_goal: bool = False) -> Repl
     """
     wide, tuned = adjustable(pieces.models[0], request.search.refitted_by), adjustable(pieces.models[0])
     causes = catalogue(pieces.models[0], request.causes)
-    layout = pieces.runs, pieces.joint, pieces.models, pieces.units
-    axis = pieces.models[0].axis
+    layout, axis = (pieces.runs, pieces.joint, pieces.models, pieces.units), pieces.models[0].axis
     stops = stops_of(pieces.runs, pieces.joint, axis.reach)
     seen = (*pieces.findings, *told_stops(stops, pieces.joint, axis.unit("rad")))
     if pieces.terms is not None or all(run.robot == "bench" for run in pieces.runs):
         free = converged(free_problem(*layout, {"position": 1.0 / pieces.noise}, pieces.terms))
         if (lost := refuse_divergence(free, pieces.joint)) is not None:
             return lost
-        problem, causes = weigh_channels(free, request.search), with_stops(causes, stops, pieces.models[0])
+        fitted = stops_of(fit_runs(pieces), pieces.joint, axis.reach)
+        problem, causes = weigh_channels(free, request.search), with_stops(causes, fitted, pieces.models[0])
         fitting = in_windows(problem, wide, request.search)
         return Replay(problem, fitting, wide, tuned, causes, seen, stops, along=pieces.along)
     if before_goal:  # on a bench the motion tells of the true delay; here nothing else does

@@ -18,7 +18,7 @@ from ..load.robot import LoggedRobot, robot_of
 from ..load.terms import T_OWN, T_SIZE
 from ..load.tree import Motion
 from ..log.finding import Finding
-from ..log.parts import cut
+from ..log.parts import TEST, cut
 from ..log.types import Array, LogError, MeasuredRun
 from ..replay.flattened import flattened
 from ..replay.free import FreeProblem, free_problem
@@ -69,6 +69,19 @@ def cut_joint(
     if robot is not None and terms is not None and not (robot.slides(joint) or models[0].by_torque):
         along = held_terms(robot, joint, runs)
     return Cut(joint, runs, models, cut(runs, joint, test_group), noise, terms, tuple(findings), along)
+
+
+def fit_runs(pieces: Cut) -> list[MeasuredRun]:
+    """The runs with what no fit may see marked as touched: nothing of it is to be read off."""
+    found = []
+    for number, run in enumerate(pieces.runs):
+        log = run.joints[pieces.joint]
+        marks = np.ones(len(run.time))
+        for unit in pieces.units:
+            if unit.run == number and unit.part != TEST:
+                marks[unit.start : unit.stop] = 0.0 if log.touched is None else log.touched[unit.start : unit.stop]
+        found.append(replace(run, joints={**run.joints, pieces.joint: replace(log, touched=marks)}))
+    return found
 
 
 @dataclass(frozen=True)
