@@ -12,6 +12,7 @@ from sealegs.gap.causes.catalogue import catalogue
 from sealegs.gap.causes.cause import Cause, View
 from sealegs.gap.causes.registry import ENTRIES
 from sealegs.gap.causes.unknown import UNKNOWN
+from sealegs.gap.load.pendulum import hung
 from sealegs.gap.replay.joint_model import JointModel
 from sealegs.gap.replay.parameters import Target, address
 
@@ -101,3 +102,14 @@ def test_a_model_without_dry_friction_gets_it_together_with_its_asymmetry(believ
     joint = JointModel(load_chain("sts3215")).with_values({"friction.coulomb": believed})
     (cause,) = (cause for cause in catalogue(joint) if cause.name == "friction.asymmetric")
     assert {address(parameter.number).key for parameter in cause.variants[0]} == turned
+
+
+def test_inertia_is_sought_by_the_size_of_what_hangs_there() -> None:
+    """From 2 g.m2 on, whatever hung there: of 1.3 kg.m2 that is nothing, and it was never tried further."""
+    small, large = ({"mass": 0.3, "length": 0.12}, {"mass": 5.0, "length": 0.5})
+    for params, inertia in ((small, 0.0043), (large, 1.25)):
+        nominal = JointModel(load_chain("sts3215"), hung([params, {"mass": 0.1, "length": 0.1}]))
+        (cause,) = [cause for cause in catalogue(nominal) if cause.name == "load.inertia"]
+        (extra,) = cause.variants[0]
+        assert max(0.002, 0.1 * inertia) <= extra.start <= 0.01 + 0.15 * inertia
+        assert extra.high >= 10.0 * inertia

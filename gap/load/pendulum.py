@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import dataclasses
 import math
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
 from ...actuators.errors import SealegsError, nearest
@@ -23,6 +23,7 @@ class PendulumLoad:
         extra_inertia: beyond that of mass and arm [kg.m2].
         centre_shift: of the mass along the arm [m].
         stop_angle, lower_stop: beyond and below which something blocks the link [rad].
+        typical_inertia: of the largest load that a run's sidecar describes [kg.m2], by which a search is scaled.
     """
 
     mass_factor: float = 1.0
@@ -30,6 +31,7 @@ class PendulumLoad:
     centre_shift: float = 0.0
     stop_angle: float = math.inf
     lower_stop: float = -math.inf
+    typical_inertia: float = 0.0
 
     @property
     def mass_keys(self) -> tuple[str, ...]:
@@ -105,9 +107,10 @@ class PendulumLoad:
         return Range(-0.5, 2.0, start, 0.03), Range(-2.0, 0.5, -start, 0.03)
 
     def inertia_range(self, armature: float) -> Range:
-        """Beyond that of mass and arm [kg.m2]."""
-        del armature
-        return Range(0.0, 0.5, 0.002, 0.002)
+        """Beyond that of mass and arm [kg.m2]: at least what a hobby servo carries, more where the load is larger."""
+        whole = self.typical_inertia + armature
+        change = max(0.002, 0.1 * whole)
+        return Range(0.0, max(0.5, 20.0 * whole), change, change)
 
     def unknown_ranges(self, armature: float) -> dict[str, Range]:
         """Of a mass that nobody weighed, from a gram to some kilograms, and more inertia than that of a point."""
@@ -161,3 +164,8 @@ def bench_parameters(params: Mapping[str, float], where: str) -> dict[str, float
             "the sidecar."
         )
     return {"arm_mass": completed(params)["arm_mass"], **params}
+
+
+def hung(params: Sequence[Mapping[str, float]]) -> PendulumLoad:
+    """The load of a bench as the sidecars of its runs describe it, each by its numbers."""
+    return PendulumLoad(typical_inertia=max((pendulum_inertia(completed(one)) for one in params), default=0.0))

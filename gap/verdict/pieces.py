@@ -14,6 +14,7 @@ from ...actuators.errors import SealegsError
 from ..causes.unknown import unknown_parameters
 from ..checks.data_set import noise_floor
 from ..load.chain_frame import in_log
+from ..load.pendulum import hung
 from ..load.robot import LoggedRobot, robot_of
 from ..load.terms import T_OWN, T_SIZE
 from ..load.tree import Motion
@@ -58,8 +59,10 @@ def cut_joint(
             for run, model in zip(runs, models, strict=True)
         ]
     else:
+        load = hung([run.robot_params for run in runs if run.robot == "bench"])
         models = [
-            JointModel(chain, unknown=unknown_parameters(run, chain)) for run, chain in zip(runs, chains, strict=True)
+            JointModel(chain, load, unknown=unknown_parameters(run, chain))
+            for run, chain in zip(runs, chains, strict=True)
         ]
     logged = float(np.median([noise_floor(run, joint) for run in runs]))
     noise = max(logged, PRECISION * models[0].axis.span)
