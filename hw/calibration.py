@@ -40,9 +40,9 @@ from .joints import (
     read_joints,
     read_lines,
 )
+from .newest_calibration import FOLDER, STAMP
 from .registers import ServoModel
 
-FOLDER = Path("calibrations")
 HEAD = (
     "# zero: step of the encoder at 0; direction: 1 where steps grow with the joint; range: rad or m; per_radian:\n"
     "# how far the joint moves per radian of its servo; homing_offset: of the servo, with which these steps hold\n"
@@ -207,12 +207,6 @@ def as_row(joint: Joint) -> dict[str, Any]:
     return row if joint.homing_offset is None else {**row, "homing_offset": joint.homing_offset}
 
 
-def newest(robot: str, folder: Path = FOLDER) -> Path | None:
-    """The latest calibration of a robot; None where there is none."""
-    found = sorted(folder.glob(f"{robot}-*.yaml"), key=lambda path: path.stat().st_mtime)
-    return found[-1] if found else None
-
-
 # --- one joint -----------------------------------------------------------------------------------------------------
 
 
@@ -355,7 +349,7 @@ def main(arguments: list[str]) -> None:
         raise SealegsError("port=<path> is missing: name the adapter's port, such as /dev/ttyUSB0.")
     settings = config["robot"]
     robot, servo = get_robot(settings["name"]), load_model(settings["servo"])
-    stamp = datetime.datetime.now().strftime("%Y%m%d-%H%M%S")
+    stamp = datetime.datetime.now().strftime(STAMP)
     out = Path(str(config["out"] or FOLDER / f"{robot.name}-{stamp}.yaml"))
     if out.exists():
         raise CalibrationError(f"{out} exists, and a calibration is never overwritten; give another out=.")

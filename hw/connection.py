@@ -12,6 +12,7 @@ from ..actuators.errors import SealegsError
 from ..configs.check import checked
 from .bus import ServoBus
 from .buses import BusGroup
+from .clock import Hold
 from .interface import Bus
 from .limits import Limits
 from .packets import ConfigurationError
@@ -30,10 +31,12 @@ class Opened:
     Attributes:
         ports: their paths, by name of the bus.
         let_go: takes away the hand that holds a virtual machine; does nothing on a real one.
+        hold: of a virtual machine in stepped time, which waits for the loop; None: time is the host's.
     """
 
     ports: Mapping[str, str]
     let_go: Callable[[], None] = lambda: None
+    hold: Hold | None = None
 
 
 @contextlib.contextmanager
@@ -103,7 +106,8 @@ def opened_port(
     if truth is not None:
         known["actuator"] = truth
     with VirtualBus(**{**known, **hw["virtual"]}) as bus:
-        yield Opened({line.name: bus.ports[line.name] for line in robot.lines}, bus.let_go)
+        hold = bus.hold if hw["virtual"].get("time") == "stepped" else None
+        yield Opened({line.name: bus.ports[line.name] for line in robot.lines}, bus.let_go, hold)
 
 
 def check_joint(bus: ServoBus, joint: Joint) -> None:

@@ -16,7 +16,7 @@ from ..actuators.errors import SealegsError
 from ..configs.check import checked, checked_seed
 from ..envs.bench.robot import BENCH
 from ..envs.robots import get_robot
-from .calibration import as_row, newest
+from .calibration import as_row
 from .clock import HIGHEST_RATE, LOWEST_RATE
 from .commands import Commands, PolicyCommands, Reference, park_motion, read_excitation, read_replay
 from .connection import Opened, charge_of, opened_bus, opened_port
@@ -28,6 +28,7 @@ from .interface import Bus
 from .live import live_view
 from .loop import ControlLoop, Outcome, Stop
 from .measured_log import MeasuredLog, make_sidecar, read_events
+from .newest_calibration import newest
 from .policy import Policy
 from .realtime import realtime
 from .robot import ServoRobot, build_robot, extended_robot
@@ -237,7 +238,7 @@ def _guarded(deployment: Deployment, bus: Bus, opened: Opened, stop: Stop, say: 
             rest=rest,
             park=deployment.park,
             stop=stop,
-            stepped=(hw["virtual"] or {}).get("time") == "stepped",
+            stepped=opened.hold,
             each_cycle=switch or (lambda: None),
             armed=(lambda: switch.armed(lambda: stop.reason is not None)) if switch else (lambda: None),
             overruns=config["overruns"],

@@ -13,7 +13,7 @@ import numpy as np
 from ..actuators.errors import SealegsError
 from .address import named
 from .alarm import to_stderr
-from .clock import Metronome
+from .clock import Hold, Metronome
 from .commands import Commands
 from .current_sign import CurrentSign
 from .interface import Bus
@@ -61,7 +61,7 @@ class ControlLoop:
         supervisor: Supervisor | None = None,
         rest: Rest = "release",
         stop: Stop | None = None,
-        stepped: bool = False,
+        stepped: Hold | None = None,
         each_cycle: Callable[[], str | None] = lambda: None,
         alarm: Callable[[str], None] = to_stderr,
         overruns: Literal["log", "stop"] = "log",
@@ -81,7 +81,7 @@ class ControlLoop:
             supervisor: that outlives the loop; None: none.
             rest: what becomes of the servos at the end.
             stop: a person's wish to stop.
-            stepped: the machine's time advances by a period in each cycle, however long that takes; of a virtual bus.
+            stepped: holds a virtual machine whose time advances by a period in each cycle, however long that takes.
             each_cycle: called in every cycle, and on the ways to the start and to the park pose; a text that it
                 returns stops all motion, such as the dead-man's switch.
             alarm: says at once what a person must know.
@@ -327,7 +327,7 @@ class ControlLoop:
         if isinstance(admitted, Fault):
             self._write_last(reading)
             return admitted
-        if (delay := getattr(self.commands, "delay", 0.0)) > 0.0 and not self._metronome.stepped:
+        if (delay := getattr(self.commands, "delay", 0.0)) > 0.0:
             self._metronome.hold(reading.time + delay)
         try:
             sent = self.bus.write_goals(ids, self.robot.to_servo(admitted))

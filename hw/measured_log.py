@@ -37,6 +37,7 @@ FORMATS = {
     "temperature": "%.1f",
     "link_position": "%.6f",
 }
+TAKEN = "{}: exists already and a recording is never overwritten; choose another name or folder"
 HOST = ("read_sent", "read_done", "goal_sent")
 """Host's clock [s]: as the request for the readings went out, as the last reply had come, as the goals went out."""
 
@@ -87,18 +88,18 @@ class MeasuredLog:
             + ["%d"] * len(joints)
         )
         self._format += "\n"
-        made: list[Path] = []
+        made: list[Path] = []  # by this process: what another one makes meanwhile is its recording
+        beside = folder / f"{name}.yaml"
         taken = [folder / f"{name}{end}" for end in (".csv", ".parquet", ".yaml", ".yml")]
         try:
             folder.mkdir(parents=True, exist_ok=True)
             for path in taken:
                 if path.exists():
-                    raise LogError(
-                        f"{path}: exists already and a recording is never overwritten; choose another name or folder"
-                    )
-            made = [folder / f"{name}.yaml", self.path]
-            write_text(made[0], sidecar_text(sidecar))
+                    raise LogError(TAKEN.format(path))
+            write_text(beside, sidecar_text(sidecar))  # which refuses a file that is there, as O_EXCL does
+            made.append(beside)
             self._file = os.open(self.path, os.O_WRONLY | os.O_CREAT | os.O_EXCL | os.O_APPEND, 0o644)
+            made.append(self.path)
             self._events = os.open(self.events_path, os.O_WRONLY | os.O_CREAT | os.O_APPEND, 0o644)
             _write_whole(self._file, (",".join(columns) + "\n").encode())
             os.fsync(self._file)
@@ -107,6 +108,8 @@ class MeasuredLog:
             for path in made:  # what a full disk took a part of is no recording
                 with contextlib.suppress(OSError):
                     path.unlink(missing_ok=True)
+            if isinstance(error, FileExistsError) and folder.is_dir():
+                raise LogError(TAKEN.format(self.path if made else beside)) from None
             raise LogError(f"{self.path}: cannot be written: {error.strerror}") from None
         _sync_folder(folder)
         self._failed: OSError | None = None

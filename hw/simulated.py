@@ -86,6 +86,7 @@ def simulate(
         if not isinstance(admitted, np.ndarray):
             break
         sent = admitted
+        clock.sleep(reading.time + getattr(commands, "delay", 0.0) - clock.now())  # not at all where it has passed
         went = bus.write_goals(robot.ids, robot.to_servo(sent))
         rows.append((*_signals(reading), sent, went))
     columns = [np.array(column) for column in zip(*rows, strict=True)]

@@ -12,8 +12,9 @@ import pytest
 from sealegs.configs.compose import compose
 from sealegs.envs.robots import get_robot
 from sealegs.hw.bus import ServoBus
-from sealegs.hw.calibration import guide, kept, newest, unfinished, write_calibration
+from sealegs.hw.calibration import guide, kept, unfinished, write_calibration
 from sealegs.hw.joints import CalibrationError, Joint, check_joints, nominal_joints, read_joints
+from sealegs.hw.newest_calibration import newest
 from sealegs.hw.registers import load_model
 from sealegs.hw.robot import ServoRobot, build_robot
 from sealegs.hw.servo_state import ServoState

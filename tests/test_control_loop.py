@@ -64,8 +64,9 @@ class Run:
         commands = PolicyCommands(loaded, self.robot)
         self.stop = Stop()
         self.loop = ControlLoop(
-            self.bus, self.robot, safety, commands, rate, log=self.log, rest=rest, stop=self.stop, stepped=stepped
-        )
+            self.bus, self.robot, safety, commands, rate, log=self.log, rest=rest, stop=self.stop,
+            stepped=virtual.hold if stepped else None,
+        )  # fmt: skip
         self.outcome: Outcome | None = None
         self.thread = threading.Thread(target=self._run)
         self.thread.start()
@@ -227,7 +228,7 @@ def still(virtual: VirtualBus, trajectory: type[Trajectory] = Trajectory, **keys
     commands = trajectory("still", np.array([0.0, 1.0]), np.tile([-0.61, 0.61], (2, 1)))
     safety = Safety(robot, Limits.from_config({**settings, "speed": 200.0}), PERIOD)
     bus = ServoBus(virtual.port, timeout=TIMEOUT)
-    return ControlLoop(bus, robot, safety, commands, 1.0 / PERIOD, stepped=True, **keys).run(1.0)
+    return ControlLoop(bus, robot, safety, commands, 1.0 / PERIOD, stepped=virtual.hold, **keys).run(1.0)
 
 
 def switched_on(virtual: VirtualBus, since: float) -> bool:
@@ -282,7 +283,7 @@ def test_an_exception_in_the_loop_releases_the_servos(virtual: VirtualBus, tmp_p
     bus = ServoBus(virtual.port, timeout=TIMEOUT)
     safety = Safety(robot, Limits.from_config({**settings, "speed": 200.0}), PERIOD)
     with pytest.raises(ZeroDivisionError):
-        ControlLoop(bus, robot, safety, commands, 1.0 / PERIOD, stepped=True).run(5.0)
+        ControlLoop(bus, robot, safety, commands, 1.0 / PERIOD, stepped=virtual.hold).run(5.0)
     assert torque(virtual) == {1: False, 2: False}
     with ServoBus(virtual.port, timeout=TIMEOUT) as again:  # the port was closed
         assert again.ping(1) == 777
@@ -369,7 +370,7 @@ def test_real_sleep_leaves_the_processor_alone(monkeypatch: pytest.MonkeyPatch) 
 
 
 def test_stepped_time_waits_for_nothing(clock: Clock) -> None:
-    metronome = Metronome(100.0, stepped=True)
+    metronome = Metronome(100.0, stepped=lambda _: None)
     times = [metronome.wait() for _ in range(3)]
     assert " ms" not in metronome.timing().sentence(), "a clock that nobody kept says nothing about speed"
     assert np.diff(times) == pytest.approx([0.01, 0.01]) and metronome.now() == times[-1] and clock.slept == 0.0

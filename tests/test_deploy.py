@@ -278,8 +278,9 @@ def test_the_loop_goes_on_with_what_is_done_and_puts_unfinished_logs_aside(tmp_p
 @pytest.mark.parametrize("robot", ["bench", "hexapod"])
 def test_the_loop_gives_its_steps_the_safety_limits_that_it_was_given(robot: str, tmp_path: Path) -> None:
     """It ended at its first step, with 'safety.goal_speed takes a number or null, not None'."""
-    settings = compose("loop", {"robot": robot, "robot.safety.log_only": "[following]"})
-    arguments = loop.machine_arguments(settings, tmp_path)
+    asked = {"robot": robot, "robot.safety.log_only": "[following]"}
+    settings = compose("loop", asked)
+    arguments = loop.machine_arguments(settings, asked, tmp_path)
     given = compose("deploy", split(arguments, deploy.PLAIN))["robot"]["safety"]
     assert given == settings["robot"]["safety"] and given["log_only"] == ["following"]
     Limits.from_config(given)

@@ -116,6 +116,10 @@ class VirtualBus:
         """Let time pass, in stepped time."""
         self._control.order("advance", seconds=seconds)
 
+    def hold(self, seconds: float) -> None:
+        """Let time pass, in stepped time, until so long after the latest reading [s]; not at all where it has."""
+        self._control.order("hold", seconds=seconds)
+
 
 def _from_here(key: str, value: Any) -> Any:
     """The value; a file's name as it is called from anywhere, since the process runs in the checkout."""

@@ -103,7 +103,7 @@ class Server:
             beside = None if link is None else link.with_name(f"{link.name}-{other.bus}")
             self.lines[other.bus] = Line(other, beside)
         self._control = ControlSocket()
-        self._stepped_now = 0.0
+        self._stepped_now = self._read_at = 0.0
         self._start = time.monotonic()
         self._linger = linger
         self._parent = sys.stdin.fileno() if linger is not None else None
@@ -200,7 +200,8 @@ class Server:
 
     def _handle(self, line: Line, request: Request) -> None:
         wire = line.wire
-        if self.stepped and request.instruction == protocol.SYNC_READ and self.cycle > 0.0 and wire is self.wire:
+        reads = request.instruction == protocol.SYNC_READ and wire is self.wire
+        if self.stepped and reads and self.cycle > 0.0:
             cycles = int(self._stepped_now / self.cycle + 1e-6) + 1
             self._stepped_now = cycles * self.cycle
             line.flush(self._stepped_now)
@@ -214,7 +215,8 @@ class Server:
                 print(servo.refused, file=sys.stderr, flush=True)
                 servo.refused = None
         if self.stepped:
-            self._stepped_now = max(self._stepped_now, wire.free_at)
+            asked, self._stepped_now = self._stepped_now, max(self._stepped_now, wire.free_at)
+            self._read_at = 0.5 * (asked + self._stepped_now) if reads else self._read_at  # as the host reckons it
             line.flush(self._stepped_now + self.latency + 1e-9)
 
     # --- control -----------------------------------------------------------------------------------------------
@@ -225,6 +227,7 @@ class Server:
             "fault": self._fault,
             "clear": self._clear,
             "advance": self._advance,
+            "hold": self._hold,
             "let_go": self._let_go,
             "stop": self._stop,
         }
@@ -294,6 +297,10 @@ class Server:
         for line in self.lines.values():
             line.flush(self._stepped_now)
         return {"time": self._stepped_now}
+
+    def _hold(self, order: dict[str, Any]) -> dict[str, Any]:
+        left = self._read_at + float(order.get("seconds", 0.0)) - self._stepped_now
+        return self._advance({"seconds": max(left, 0.0)})
 
     def _let_go(self, _: dict[str, Any]) -> dict[str, Any]:
         if not self.stepped:

@@ -24,6 +24,7 @@ from sealegs.configs.script import Interrupted
 
 BENCH_LOADS = [{"mass": 0.25, "length": 0.10}, {"mass": 0.5, "length": 0.12}]
 """Numbers of a bench that the excitations are run with: two loads that a person has [kg], [m]."""
+PLAIN = ("out", "port", "calibration", "hw.virtual.hidden", "hw.virtual.faults")
 
 
 def main(arguments: list[str]) -> None:
@@ -32,7 +33,8 @@ def main(arguments: list[str]) -> None:
     from sealegs.envs.robots import get_robot
     from sealegs.hw.own_robot import READERS
 
-    config = compose("loop", split(arguments, plain=("out", "port", "calibration")), readers=READERS)
+    given = split(arguments, PLAIN)
+    config = compose("loop", given, readers=READERS)
     config = dict(config) | checked_settings(config)
     seed, steps = config["seed"], config["total_timesteps"]
     robot = get_robot(config["robot"]["name"])
@@ -46,16 +48,17 @@ def main(arguments: list[str]) -> None:
     if config["loads"] is None:
         config["loads"] = BENCH_LOADS if robot.file is None else [{}]
     for load in config["loads"]:
-        robot.parameters(load)  # says at once that it has no such number
+        robot.parameters({**numbers(config), **load})  # says at once that it has no such number
     out = Path(str(config["out"] or f"runs/loop-{datetime.datetime.now():%Y%m%d-%H%M%S}"))
     out.mkdir(parents=True, exist_ok=True)
     keep(out / "loop.yaml", {key: value for key, value in config.items() if key != "out"})
-    machine = machine_arguments(config, out)
+    machine = machine_arguments(config, given, out)
 
     try:
         measure(config, out, machine, seed)
         extended = diagnose(config, out, machine, seed)
-        models = {"nominal": f"actuator={config['robot']['actuator'] or 'null'}"}
+        chain = given.get("robot.actuator", config["robot"]["actuator"] or "null")  # as given: it may be a mapping
+        models = {"nominal": f"actuator={chain}"}
         if extended:
             models["extended"] = f"extended={extended}"
         pages = {}
@@ -103,20 +106,34 @@ def checked_settings(config: Mapping[str, Any]) -> dict[str, Any]:
     return values
 
 
-def machine_arguments(config: Mapping[str, Any], out: Path) -> list[str]:
-    """Arguments by which the other scripts reach the machine."""
-    shared = [f"robot={config['robot']['name']}", "live=false"]
-    if config["calibration"] is not None:
-        shared.append(f"calibration={config['calibration']}")
-    shared += [f"robot.safety.{key}={json.dumps(value)}" for key, value in config["robot"]["safety"].items()]
-    shared += [f"hw.timeout={config['hw']['timeout']}", f"silence={config['silence']}"]
-    if config["hw"]["virtual"] is None:
-        return [*shared, "hw=feetech", f"port={config['port']}"]
-    hidden = out / "hidden.yaml"
-    if not hidden.exists():
-        write_text(hidden, yaml.safe_dump(dict(config["hidden"] or {})))
-    clock = "stepped" if config["stepped"] else "real"
-    return [*shared, "hw=virtual", f"hw.virtual.hidden={hidden.resolve()}", f"hw.virtual.time={clock}"]
+def machine_arguments(config: Mapping[str, Any], given: Mapping[str, str], out: Path) -> list[str]:
+    """Arguments by which the other scripts reach the machine.
+
+    Args:
+        config: of the loop.
+        given: its arguments. Those of the groups ``hw`` and ``robot`` go on as they are, whatever keys a group has: the
+            other scripts compose these groups from the same files.
+        out: folder for what the virtual machine hides.
+    """
+    shared = [f"{key}={value}" for key, value in given.items() if key.partition(".")[0] in ("hw", "robot")]
+    shared += ["live=false", f"silence={config['silence']}"]
+    shared += [f"{key}={config[key]}" for key in ("port", "calibration") if config[key] is not None]
+    virtual = config["hw"]["virtual"]
+    if virtual is None:
+        return shared
+    if "hidden" not in virtual:
+        hidden = out / "hidden.yaml"
+        if not hidden.exists():
+            write_text(hidden, yaml.safe_dump(dict(config["hidden"] or {})))
+        shared.append(f"hw.virtual.hidden={hidden.resolve()}")
+    if "time" not in virtual:
+        shared.append(f"hw.virtual.time={'stepped' if config['stepped'] else 'real'}")
+    return shared
+
+
+def numbers(config: Mapping[str, Any]) -> dict[str, Any]:
+    """Numbers of the robot other than its own, before a load is put on."""
+    return dict(config["robot"].get("params") or {})
 
 
 def measure(config: Mapping[str, Any], out: Path, machine: list[str], seed: int) -> None:
@@ -150,9 +167,10 @@ def excite(
     """One excitation; its log is ``out/log/<name>.csv``."""
     from sealegs.commands import deploy as script
 
-    params = ",".join(f"{key}:{value}" for key, value in load.items())
-    arguments = [f"excitation={word}", f"out={out / 'log'}", f"name={name}", f"robot.params={{{params}}}"]
-    arguments += [f"rate={config['rate']}", f"seed={seed}", *machine]
+    params = json.dumps({**numbers(config), **load})
+    machine = [argument for argument in machine if not argument.startswith(("robot.params=", "robot.params."))]
+    arguments = [f"excitation={word}", f"out={out / 'log'}", f"name={name}", *machine, f"robot.params={params}"]
+    arguments += [f"rate={config['rate']}", f"seed={seed}"]
     arguments += [] if config["reach"] is None else [f"reach={config['reach']}"]
     heading(f"sealegs deploy {' '.join(arguments)}")
     script.main(arguments)
@@ -217,6 +235,8 @@ def train(config: Mapping[str, Any], out: Path, name: str, model: str, steps: in
         arguments = [*task, model, f"out={out}", f"name={folder.name}"]
         arguments += [f"seed={seed}", f"total_timesteps={steps}", "video.seconds=0"]
         arguments.append(f"env.energy_weight={config['energy_weight']}")
+        if params := numbers(config):
+            arguments.append(f"env.params={json.dumps(params)}")
     heading(f"sealegs train {' '.join(arguments)}")
     script.main(arguments)
 
