@@ -24,11 +24,12 @@ from sealegs.gap.search.fit import fit
 from sealegs.gap.search.result import Search
 from sealegs.gap.search.windows import split
 from sealegs.gap.verdict.measure import whole_fit
+from sealegs.gap.verdict.pieces import cut_joint
 
 from testbed.arm import ARMS, mjcf
 from testbed.bench import NOISE_FLOOR
 from testbed.logs import hidden_arm
-from tests.logged_robots import block_of, robot
+from tests.logged_robots import block_of, robot, two_link_run
 from tests.logged_robots import free_replay as problem
 from tests.logged_robots import nominal_error as error
 
@@ -231,3 +232,12 @@ def test_the_delay_of_a_robots_joint_is_known_to_half_a_turn_of_a_servos_loop(tm
     for joint, seconds in ((model, 5e-4), (replace(model, of_robot=False), 0.06 * 5e-3)):
         (delay,) = [number for number in adjustable(joint) if number.number == "delay.seconds"]
         assert (delay.high - 1.0) * joint.value("delay.seconds") == pytest.approx(seconds)
+
+
+def test_a_drive_that_nobody_named_is_reported_as_assumed(tmp_path: Path) -> None:
+    """Its gains were an invention, and fitted as if somebody had measured them."""
+    run = two_link_run(tmp_path, 3.0)
+    assert "robot.assumed_drive" not in {finding.code for finding in cut_joint([run], "elbow", None).findings}
+    del run.actuators["elbow"]
+    (said,) = [f.sentence for f in cut_joint([run], "elbow", None).findings if f.code == "robot.assumed_drive"]
+    assert "names no actuator for joint 'elbow'" in said and "an ideal servo of" in said and "assumed" in said

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
@@ -12,6 +13,7 @@ import yaml
 
 from ...actuators import Chain, load_chain
 from ...envs.extended import FILE, Change, Extended, Mounted, Owner
+from ..causes.catalogue import adjustable
 from ..load.chain_frame import in_frame
 from ..load.robot import Frame, robot_of, with_frames
 from ..log.sidecar import relative_robot
@@ -28,6 +30,7 @@ __all__ = ["as_taken", "changes", "extended_of", "not_native", "readable", "writ
 
 TUNED = "tuned within its tolerance"
 REFITTED = "refitted, up to fivefold"
+SLIGHTLY = 1.001  # factor by which a number at the end of its tolerance may be beyond it
 OWNERS: dict[Target, Owner] = {
     Target.STAGE: "chain",
     Target.GEAR: "chain",
@@ -49,12 +52,16 @@ def changes(diagnosis: JointDiagnosis) -> list[dict[str, Any]]:
     nominal = diagnosis.problem.models[0]
     named = {cause.name for cause in diagnosis.causes}
     owner = {p.path: c.cause.name for c in diagnosis.search.accepted if c.cause.name in named for p in c.variant}
-    other = REFITTED if diagnosis.model == "refitted" else TUNED
+    joint = diagnosis.problem.joint
+    tight = [] if joint is None else [p for p in adjustable(joint.models[0]) if p.start == 1.0]
+    known = {p.path: (p.low / SLIGHTLY, p.high * SLIGHTLY) for p in tight}
     rows = []
     for path, value in diagnosis.values.items():
         at = address(path)
         before = nominal.value(at.number)
         after = value * before if at.factor else value
+        low, high = known.get(path, (-math.inf, math.inf))
+        other = TUNED if low <= value <= high and diagnosis.model != "refitted" else REFITTED
         rows.append({"path": at.number, "from": float(before), "to": float(after), "why": owner.get(path, other)})
     return sorted(rows, key=lambda row: row["why"] in (TUNED, REFITTED))
 

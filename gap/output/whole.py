@@ -78,9 +78,10 @@ def _chain(
     if found is not None and found.problem is not None and found.problem.joint is not None:
         joint = found.problem.joint.models[index]
         chain = joint.with_fitted(found.values).chain if model == "extended" else joint.chain
+    elif name in run.actuators:
+        chain = robot.joint(name).carried(load_chain(run.actuators[name]))
     else:
-        item = robot.joint(name)
-        chain = item.carried(load_chain(run.actuators[name])) if name in run.actuators else item.chain
+        return robot.joint(name).chain  # in that frame already
     return in_frame(chain, robot.frame(name))
 
 

@@ -53,6 +53,8 @@ def cut_joint(
                 table[:, T_OWN : T_OWN + T_SIZE] += added
         notes = (owned(robot, joint), held_still(robot, joint, runs, armature) if why is None else why)
         findings += [said for said in notes if said is not None]
+        if missing and (assumed := robot.joint(joint).notes):
+            findings.append(_assumed(joint, missing[0], assumed))
         models = [joint_of_tree(robot, joint, chain, runs, terms) for chain in chains]
         models = [
             replace(model, unknown=unknown_parameters(run, model.chain, robot.joint(joint).unknown, model.load))
@@ -151,6 +153,15 @@ def named_chain(run: MeasuredRun, joint: str) -> Chain:
         return load_chain(run.actuators[joint])
     except SealegsError as error:
         raise LogError(f"{run.name}: actuator of joint '{joint}': {error}") from None
+
+
+def _assumed(joint: str, run: str, notes: Sequence[str]) -> Finding:
+    """That nobody said what drives a joint."""
+    return Finding(
+        "robot.assumed_drive", "warning", joint, None,
+        f"The sidecar of {run} names no actuator for joint '{joint}', and the robot's file has no chain for it: "
+        f"{'; '.join(notes)}. Its numbers are nobody's measurement; name the actuator.",
+    )  # fmt: skip
 
 
 def _finer(joint: str, noise: float, unit: str) -> Finding:

@@ -304,11 +304,20 @@ def near_misses(search: Search, most: int = 3) -> tuple[OpenCause, ...]:
     return tuple(found[:most])
 
 
+def _is_factor(parameter: Parameter) -> bool:
+    return parameter.factor or (parameter.logarithmic and parameter.start == 1.0 and parameter.unit == "1")
+
+
 SLIGHTLY = 1.001  # factor that tells a number that was turned from one that was not
 
 
 def refitted_numbers(wide: Sequence[Parameter], values: Mapping[str, float], known: Sequence[Parameter] = ()) -> str:
-    """The numbers that refitting turned furthest, for people; only those turned beyond the tolerances of ``known``."""
-    ends = {p.number: (p.low, p.high) for p in known if p.factor}
-    turned = [(p.number, values[p.path], ends.get(p.number, (1.0, 1.0))) for p in wide if p.factor and p.path in values]
+    """The numbers that refitting turned furthest, for people; only those turned beyond the tolerances of ``known``.
+
+    Factors are those on a number of the chain, and the scale of a torque and of a load's mass.
+    """
+    ends = {p.number: (p.low, p.high) for p in known if _is_factor(p)}
+    turned = [
+        (p.number, values[p.path], ends.get(p.number, (1.0, 1.0))) for p in wide if _is_factor(p) and p.path in values
+    ]
     return furthest([(name, factor) for name, factor, (a, b) in turned if not a / SLIGHTLY <= factor <= b * SLIGHTLY])
