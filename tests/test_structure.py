@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from dataclasses import replace
 from typing import Any
 
@@ -75,6 +76,19 @@ def test_what_is_left_at_a_place_is_told_by_it_before_it_is_called_random() -> N
     assert "moving down" in where(problem, simulated, np.where(speed < -0.2, 2e-3, 0.0))
     assert "random times" in where(problem, simulated, np.where(problem.time % 6.0 < 0.1, 5e-3, 0.0))
     assert "spread" in where(problem, simulated, np.full(len(angle), 1e-3))
+
+
+@pytest.mark.parametrize("off", [-0.03, 0.005])
+def test_a_position_that_is_off_from_a_moment_on_is_told_with_the_moment(off: float) -> None:
+    """A stepper that had lost steps had its error "spread over the whole log"."""
+    problem, simulated = of_true_model({}, 31)
+    runs = np.repeat([unit.run for unit in problem.units], np.diff(problem.starts))
+    late = (runs == 1) & (problem.time > 5.0)
+    error = (simulated[:, 0] - problem.measured[:, 0] - np.where(late, off, 0.0)) / problem.noise
+    told = where(problem, simulated, np.where(problem.judged, error, np.nan))
+    found = re.search(r"a shift in run 2: from ([\d.]+) s on the position is off by (\S+) mrad", told)
+    assert found is not None, told
+    assert float(found[1]) == pytest.approx(5.0, abs=0.3) and float(found[2]) == pytest.approx(1e3 * off, rel=0.05)
 
 
 def test_the_size_of_what_is_left_is_that_of_the_effect() -> None:

@@ -11,6 +11,9 @@ from .settings import DEFAULT, SearchSettings
 
 BINS = 12  # of an angle's range
 WINDOW = 0.25  # [s] errors closer than this are one event
+LASTS = 1.0  # [s] on either side of a shift
+RIGHT = 0.3  # of a shift, by which the position may be off on its other side
+KEEPS = 0.3  # of the samples of a shift in which the joint moves, where it was without it: a pose that it holds is none
 
 
 def where(problem: Problem, simulated: np.ndarray, error: np.ndarray, settings: SearchSettings = DEFAULT) -> str:
@@ -29,12 +32,56 @@ def where(problem: Problem, simulated: np.ndarray, error: np.ndarray, settings: 
     total, count = float(size.sum()), int(good.sum())
     if total <= 0.0 or count == 0:
         return ""
+    if shift := _shift(problem, simulated, error, settings):
+        return shift
     best, told = settings.place_lift, ""
     for words, rows in _places(problem, simulated, settings):
         held, time = float(size[rows & good].sum()) / total, float((rows & good).sum()) / count
         if held > settings.place_error and time > 0.0 and held / time > best:
             best, told = held / time, f"{100 * held:.0f} % of it {words}, in {100 * time:.0f} % of the time"
     return told or _events(problem, size, good, settings)
+
+
+def _shift(problem: Problem, simulated: np.ndarray, error: np.ndarray, settings: SearchSettings) -> str:
+    """Whether most of an error (n,), in noise floors, is that one run is off by a constant from a moment on, or until
+    one, while it goes on moving where it was before.
+    """
+    speed = problem.covariates(simulated).get("speed")
+    if speed is None or problem.signal[0] != "position":
+        return ""
+    runs = np.repeat([unit.run for unit in problem.units], np.diff(problem.starts))
+    total = float(np.nansum(error**2))
+    moving = np.abs(speed) > settings.at_rest_speed * float(np.nanquantile(np.abs(speed), 0.99))
+    for run in np.unique(runs):
+        rows = np.flatnonzero((runs == run) & np.isfinite(error))
+        rows = rows[np.argsort(problem.time[rows], kind="stable")]
+        time, values = problem.time[rows], error[rows]
+        splits = np.searchsorted(time, np.arange(time[0] + LASTS, time[-1] - LASTS, WINDOW)) if len(rows) else []
+        if len(splits) == 0:
+            continue
+        k = max(map(int, splits), key=lambda k: _between(values, k))
+        late = abs(values[k:].mean()) > abs(values[:k].mean())
+        one, rest = (slice(k, None), slice(k)) if late else (slice(k), slice(k, None))
+        off = float(values[one].mean())
+        share = len(values[one]) * off**2 / total
+        parted = _between(values, k) / max(float(np.var(values)) * len(values), 1e-300)
+        if min(share, parted) <= settings.place_error or abs(values[rest].mean()) > RIGHT * abs(off):
+            continue
+        position, away = problem.measured[rows, 0], abs(off) * problem.noise
+        low, high = np.quantile(position[rest], [0.02, 0.98])
+        there = (position[one] > low - away) & (position[one] < high + away)
+        if (there & moving[rows[one]]).mean() > KEEPS:
+            when = f"from {time[k]:.3g} s on" if late else f"until {time[k]:.3g} s"
+            return (
+                f"{100 * share:.0f} % of it is a shift in run {run + 1}: {when} the position is off by "
+                f"{-1e3 * off * problem.noise:.3g} m{problem.signal[1]}, as by a slip, lost steps or a new zero"
+            )
+    return ""
+
+
+def _between(values: np.ndarray, k: int) -> float:
+    """What two means instead of one take of the squares of values (n,) that are parted at ``k``."""
+    return k * (len(values) - k) / len(values) * float(values[:k].mean() - values[k:].mean()) ** 2
 
 
 def _events(problem: Problem, size: np.ndarray, good: np.ndarray, settings: SearchSettings) -> str:
