@@ -241,3 +241,12 @@ def test_a_drive_that_nobody_named_is_reported_as_assumed(tmp_path: Path) -> Non
     del run.actuators["elbow"]
     (said,) = [f.sentence for f in cut_joint([run], "elbow", None).findings if f.code == "robot.assumed_drive"]
     assert "names no actuator for joint 'elbow'" in said and "an ideal servo of" in said and "assumed" in said
+
+
+def test_a_second_command_that_the_chain_does_not_take_is_reported(tmp_path: Path) -> None:
+    """A feed-forward torque beside a goal was left out without a word."""
+    run = two_link_run(tmp_path, 3.0)
+    log = replace(run.joints["elbow"], torque_command=np.zeros(len(run.time)))
+    both = replace(run, joints={**run.joints, "elbow": log})
+    (said,) = [f.sentence for f in cut_joint([both], "elbow", None).findings if f.code == "command.unused"]
+    assert "elbow.torque_command is not used: the chain of joint 'elbow' takes elbow.goal alone" in said
