@@ -162,8 +162,9 @@ def _unused(runs: Sequence[MeasuredRun], joint: str, model: JointModel) -> list[
     if model.by_torque or not both:
         return []
     sentence = (
-        f"{joint}.torque_command is not used: the chain of joint '{joint}' takes {joint}.goal alone. Of a drive that adds "
-        "a torque to its position loop, log the whole torque that it commands, and take a chain with torque_command."
+        f"{joint}.torque_command is not used: the chain of joint '{joint}' takes {joint}.goal alone. Of a drive that "
+        "adds a torque to its position loop, log the whole torque that it commands, and take a chain with "
+        "torque_command."
     )
     return [Finding("command.unused", "warning", joint, f"{joint}.torque_command", sentence)]
 
