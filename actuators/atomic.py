@@ -9,6 +9,11 @@ import shutil
 from collections.abc import Iterator
 from pathlib import Path
 
+try:
+    import fcntl
+except ImportError:  # Windows has no such lock
+    fcntl = None
+
 UNFINISHED = ".writing-"
 """Prefix of what is being written; what a killed process left begins with it."""
 REPLACED = ".replaced-"
@@ -17,6 +22,42 @@ STAGED = ".writing"
 """Folder within another in which entries grow before all of them appear in it."""
 NO_LINKS = (errno.EPERM, errno.ENOTSUP, errno.ENOSYS, errno.EMLINK)
 """What a file system without hard links answers."""
+_HELD: set[Path] = set()
+"""Lock files that this process holds."""
+
+
+@contextlib.contextmanager
+def locked(path: Path) -> Iterator[None]:
+    """Hold the lock file ``path`` against other processes while the block runs, then remove it.
+
+    The system releases it where the process is killed. A block within a block of the same file holds it already.
+
+    Args:
+        path: of the lock file, in a folder that there is.
+
+    Raises:
+        BlockingIOError: another process holds it.
+    """
+    path = path.absolute()
+    if fcntl is None or path in _HELD:
+        yield
+        return
+    with path.open("a") as file:
+        try:
+            fcntl.flock(file, fcntl.LOCK_EX | fcntl.LOCK_NB)
+        except BlockingIOError:
+            raise BlockingIOError(errno.EWOULDBLOCK, "another process holds the lock", str(path)) from None
+        except OSError:  # a file system without locks
+            yield
+            return
+        if not path.exists() or not os.path.samestat(os.fstat(file.fileno()), path.stat()):  # its holder ended just now
+            raise BlockingIOError(errno.EWOULDBLOCK, "another process held the lock until now", str(path))
+        _HELD.add(path)
+        try:
+            yield
+        finally:
+            _HELD.discard(path)
+            path.unlink(missing_ok=True)
 
 
 def unfinished(path: Path) -> Path:

@@ -23,6 +23,9 @@ from .robot_entries import UNKNOWN, YAML_SUFFIXES, FileEntry, JointEntry, Owner,
 
 TIMESTEP = 0.002  # [s] with RK4 accurate to 0.1 mrad (docs/numerics.md)
 SHORTEST = 1e-5  # [s] that a YAML may ask for
+WARNING = "Warning: "
+"""Beginning of a sentence that a person should not pass over."""
+APART = 3.0  # ratio of the numbers of file and chain from which a warning is due; assumed
 HALVINGS = 4  # of an assumed step at most; a chain that needs more has a wrong number, which the engine then names
 
 
@@ -149,9 +152,12 @@ def _joint(
         of_chain = stated(chain, key)
         owners[key] = getattr(entry, key) or ("chain" if of_chain > 0.0 or value == 0.0 else "file")
         if of_chain > 0.0 and value > 0.0 and getattr(entry, key) is None:
+            factor = max(value, of_chain) / min(value, of_chain)
+            warning = WARNING if factor >= APART else ""
+            by = f", {factor:.2g} times {'less' if of_chain < value else 'more'}" if warning else ""
             said.append(
-                f"joint {name}: {key} is {value:g} in {model.path.name} and {of_chain:g} in its chain; the chain's "
-                f"counts ({key}: chain), the other is left out."
+                f"{warning}joint {name}: {key} is {value:g} in {model.path.name} and {of_chain:g} in its chain{by}; "
+                f"the chain's counts ({key}: chain), the other is left out."
             )
         if owners[key] == "file":
             try:

@@ -23,6 +23,7 @@ RESOLVED = 0.5  # of a timestep times a servo's natural frequency, at most: the 
 SLIDE_REACH = 0.5  # [m] to either side, of a slide without a range
 NO_STOP = 1e4  # [rad or m] a range that ends beyond is written for none
 SAME = 1e-6  # of a range [rad or m]: what differs by less is the same
+TOLD = 0.01  # of a range: goals that end nearer to its ends are not worth a word
 BOUNDS = {field.name: field.metadata for field in dataclasses.fields(Ideal)}
 STIFFEST, MOST_DAMPED = float(BOUNDS["stiffness"]["high"]), float(BOUNDS["damping"]["high"])
 STRONGEST = float(BOUNDS["torque_limit"]["high"])
@@ -66,10 +67,12 @@ def goal_range(
         hint = "; a control range is in radians, whatever the compiler's angle" if kind == "hinge" else ""
         notes.append(f"{label} lies outside its range ({_ends(stops, unit)}), which counts{hint}")
         return stops
-    if max(abs(both[0] - stops[0]), abs(both[1] - stops[1])) > SAME:
+    narrower = max(abs(both[0] - stops[0]), abs(both[1] - stops[1]))
+    if narrower <= SAME:
+        return stops
+    if narrower >= TOLD * (stops[1] - stops[0]):
         notes.append(f"its goals end with {label}, which is narrower than its range ({_ends(stops, unit)})")
-        return both
-    return stops
+    return both
 
 
 def _stops(written: tuple[float, float] | None) -> tuple[float, float] | None:

@@ -15,7 +15,7 @@ from ..actuators.atomic import write_text
 from ..actuators.errors import SealegsError
 from .model_file import UNITS, ModelFile, read_model
 from .robot import RobotError
-from .robot_assembly import assembled
+from .robot_assembly import WARNING, assembled
 from .robot_assumed import motor_note, reduction_note, tied_note
 from .robot_choice import chosen, none_to_drive, passive, passive_sentence
 from .robot_described import HINGES, FileJoint, RobotFile
@@ -114,6 +114,7 @@ def robot_yaml(
     said = (*robot.said, *(f"joint {name}: {note}." for name, notes in more.items() for note in notes))
     said = (*said, *(f"{reason}; it is left out." for reason in undriveable))
     said = (*said, *passive_sentence(facts, driven), *_chain_on_slides(robot, chain))
+    said = tuple(sorted(said, key=lambda sentence: sentence.startswith(WARNING)))  # at the end they are seen
     return head + "".join(lines) + "".join(left) + TAIL.format(safety=_safety(robot)), said
 
 

@@ -4,19 +4,27 @@ from __future__ import annotations
 
 import csv
 import math
+import shlex
 from collections.abc import Mapping
 from pathlib import Path
-from typing import Any, Protocol
+from typing import TYPE_CHECKING, Any, Protocol
 
 import numpy as np
 
 from ..actuators.errors import SealegsError, nearest
 from ..configs.check import checked
+from ..envs.bench.robot import BENCH
 from ..envs.contract import start_pose
 from ..envs.hopper.controller import BangBang, spring_stiffness
 from .observer import Observer, Seen
 from .policy import Policy
 from .robot import Reading, ServoRobot
+
+if TYPE_CHECKING:
+    from ..gap.log.sidecar import Sidecar
+
+GOAL = "goal"
+"""Column of goals that may stand without a joint where the robot has one joint only."""
 
 
 class Commands(Protocol):
@@ -156,12 +164,13 @@ class Reference:
 def read_excitation(path: Path, robot: ServoRobot) -> Trajectory:
     """Goals of a CSV file with the columns ``time`` [s] and ``<joint>.goal`` [rad], such as a diagnosis proposes.
 
-    A joint without a column is brought to the middle of its range and held there. On a robot of one joint, the only
-    goal column is that joint's, whatever it is called. Goals whose sidecar has ``frames`` are of another machine's
-    zeros and directions, and are turned into the model's.
+    A joint without a column is brought to the middle of its range and held there. On a robot of one joint the column
+    may be called ``goal``; the servo of a bench has any name where a sidecar says that the goals are of the bench.
+    Goals whose sidecar has ``frames`` are of another machine's zeros and directions, and are turned into the model's.
 
     Raises:
-        SealegsError: the file cannot be read, names other joints, or its goals are beyond a joint's range.
+        SealegsError: the file cannot be read, its sidecar names another robot or load, it names other joints, or its
+            goals are beyond a joint's range.
     """
     try:
         with path.open(newline="", encoding="utf-8-sig") as file:
@@ -173,12 +182,26 @@ def read_excitation(path: Path, robot: ServoRobot) -> Trajectory:
         raise SealegsError(f"the excitation {path} is no table of numbers with a header: {error}.") from None
     columns = {name.strip(): values[:, k] for k, name in enumerate(header)} if values.ndim == 2 else {}
     goals = {name.removesuffix(".goal"): column for name, column in columns.items() if name.endswith(".goal")}
+    if GOAL in columns and not goals and len(robot.joints) == 1:
+        goals = {robot.names[0]: columns[GOAL]}
     if "time" not in columns or not goals:
         raise SealegsError(
             f"the excitation {path} needs the columns time and <joint>.goal; it has {', '.join(header)}."
         )
-    frames = _check_beside(path, robot)
-    return _trajectory("excitation", path, columns["time"], _in_model_frame(goals, frames, path), robot)
+    said = _check_beside(path, robot)
+    goals = _in_model_frame(goals, None if said is None else said.meta.get("frames"), path)
+    return _trajectory("excitation", path, columns["time"], goals, robot, said is not None)
+
+
+def robot_beside(path: Path) -> str | None:
+    """The robot that the sidecar of an excitation names: a word, or the path of a file; None without a sidecar.
+
+    Raises:
+        SealegsError: the sidecar cannot be read.
+    """
+    from ..gap.log.sidecar import read_sidecar
+
+    return read_sidecar(path).robot if _beside(path) is not None else None
 
 
 def park_motion(park: Any, robot: ServoRobot) -> Trajectory:
@@ -211,21 +234,27 @@ def _in_model_frame(goals: Mapping[str, np.ndarray], said: Any, path: Path) -> d
     return {name: frames.get(name, Frame()).to_model(values) for name, values in goals.items()}
 
 
-def _check_beside(path: Path, robot: ServoRobot) -> Any:
-    """An experiment may be meant for another load, which its sidecar names; with the wrong one it tells nothing.
+def _beside(path: Path) -> Path | None:
+    """The sidecar of an excitation."""
+    return next((file for ending in (".yaml", ".yml") if (file := path.with_suffix(ending)).is_file()), None)
 
-    Returns:
-        ``frames`` of the sidecar; None where there are none.
+
+def _check_beside(path: Path, robot: ServoRobot) -> Sidecar | None:
+    """The sidecar of an excitation: its goals are one robot's, and with another load they tell nothing.
 
     Raises:
-        SealegsError: the robot is said to carry another.
+        SealegsError: it names another robot, or the robot is said to carry another load.
     """
-    beside = path.with_suffix(".yaml")
-    if not beside.is_file():
+    if (beside := _beside(path)) is None:
         return None
     from ..gap.log.sidecar import read_sidecar
 
     said = read_sidecar(path)
+    if not robot.robot.is_called(said.robot):
+        raise SealegsError(
+            f"{beside} says that the goals are of robot '{said.robot}', not of '{robot.robot.name}': give "
+            f"{shlex.quote(f'robot={said.robot}')}, or correct robot: in that file."
+        )
     meant, believed = said.robot_params, robot.robot.parameters(robot.params)
     other = {
         name: value
@@ -237,7 +266,7 @@ def _check_beside(path: Path, robot: ServoRobot) -> Any:
         load = ", ".join(f"{name} {value:g}" for name, value in other.items())
         words = " ".join(f"robot.params.{name}={value:g}" for name, value in other.items())
         raise SealegsError(f"{beside} asks for another load ({load}): mount it and say so, with {words}.")
-    return said.meta.get("frames")
+    return said
 
 
 def read_replay(path: Path, robot: ServoRobot) -> Trajectory:
@@ -256,21 +285,28 @@ def read_replay(path: Path, robot: ServoRobot) -> Trajectory:
     run = run_in_model_units(run, robot_of(run))
     goals = {name: log.goal for name, log in run.joints.items() if log.goal is not None}
     goals = _in_model_frame(goals, run.meta.get("frames"), path)
-    return _trajectory("replay", path, run.time, goals, robot)
+    return _trajectory("replay", path, run.time, goals, robot, of_robot=True)
 
 
 def _trajectory(
-    kind: str, path: Path, time: np.ndarray, goals: Mapping[str, np.ndarray], robot: ServoRobot
+    kind: str,
+    path: Path,
+    time: np.ndarray,
+    goals: Mapping[str, np.ndarray],
+    robot: ServoRobot,
+    of_robot: bool = False,
 ) -> Trajectory:
+    """Goals by joint (n,) as a trajectory; ``of_robot``: a sidecar says that they are of this robot."""
     if len(time) < 2 or not (np.diff(time) > 0.0).all() or not np.isfinite(time).all():
         raise SealegsError(f"{path}: the column 'time' must grow from row to row, over two rows at least.")
-    if len(goals) == 1 and len(robot.joints) == 1:
-        goals = {robot.names[0]: next(iter(goals.values()))}
+    if of_robot and len(goals) == 1 and robot.robot.name == BENCH.name and robot.robot.file is None:
+        goals = {robot.names[0]: next(iter(goals.values()))}  # logs of a bench call its servo as they like
     for name in goals:
         if name not in robot.names:
             known = robot.names
             raise SealegsError(
-                f"{path}: the robot has no joint '{name}'{nearest(name, known)}; it has {', '.join(known)}."
+                f"{path}: the robot has no joint '{name}'{nearest(name, known)}; it has {', '.join(known)}: give goals "
+                "of these, or the robot= that has it."
             )
     table = np.tile(0.5 * (robot.low + robot.high), (len(time), 1))
     for k, joint in enumerate(robot.joints):

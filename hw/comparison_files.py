@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import json
 import math
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import asdict
 from pathlib import Path
 from typing import Any
@@ -31,8 +31,8 @@ def write_comparison(comparison: Comparison, folder: Path, say: Callable[[str], 
     write_text(paths["json"], json.dumps(_finite(document), indent=1))
     write_page(comparison, paths["page"])
     header, rows = table(comparison)
-    for row in [header, *rows]:
-        say(f"  {row[0]:<40}" + "".join(f"{cell:>18}" for cell in row[1:]))
+    for line in columns([header, *rows]):
+        say(f"  {line}")
     for name, figures in comparison.figures.items():
         if name != MACHINE:
             say(f"  The {name} model: {verdict(figures)}")
@@ -40,6 +40,16 @@ def write_comparison(comparison: Comparison, folder: Path, say: Callable[[str], 
         say(f"  The machine's run ended early: {comparison.ending}")
     say(f"  Page  {paths['page']}")
     return paths
+
+
+def columns(rows: Sequence[Sequence[str]]) -> list[str]:
+    """Lines of a table: the first column to the left, the others to the right, two spaces between them at least."""
+    widths = [max(map(len, column)) for column in zip(*rows, strict=True)]
+    widths = [max(widths[0], 40), *(max(width, 16) for width in widths[1:])]
+    return [
+        "  ".join(f"{cell:{'>' if k else '<'}{width}}" for k, (cell, width) in enumerate(zip(row, widths, strict=True)))
+        for row in rows
+    ]
 
 
 def _finite(value: Any) -> Any:

@@ -5,6 +5,7 @@ from __future__ import annotations
 import contextlib
 import datetime
 import os
+import shlex
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -52,7 +53,7 @@ class Deployment:
         config: as composed from ``configs/deploy.yaml``.
         robot: with its calibration.
         commands: source of goals.
-        limits: of safety.
+        limits: safety limits.
         rate: [Hz].
         duration: [s].
         calibration: file; None: built as drawn.
@@ -332,7 +333,7 @@ def calibration_of(config: Mapping[str, Any]) -> Path | None:
     name = config["robot"]["name"]
     if (found := newest(get_robot(name).name)) is None:
         raise SealegsError(
-            f"robot '{name}' has no calibration yet: make one with sealegs calibrate robot={name} "
+            f"robot '{name}' has no calibration yet: make one with sealegs calibrate {shlex.quote(f'robot={name}')} "
             f"port={config['port'] or '<path>'}, or give calibration=<file>."
         )
     return found

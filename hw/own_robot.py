@@ -13,7 +13,7 @@ from ..envs.robot import RobotError
 from ..envs.robots import get_robot
 
 DEFAULTS = "bench"
-"""Robot of ``configs/robot`` whose limits of safety hold where a robot's file says nothing: those of a small servo."""
+"""Robot of ``configs/robot`` whose safety limits hold where a robot's file says nothing: those of a small servo."""
 
 
 def own_robot(word: str) -> dict[str, Any]:

@@ -75,6 +75,7 @@ def test_what_a_diagnosis_proposes_is_run_and_can_be_diagnosed(tmp_path: Path) -
     time = np.arange(0.0, 1.0, 0.01)
     goal = 0.2 + 0.3 * np.sin(6.0 * time)
     np.savetxt(proposal, np.stack([time, goal], axis=1), "%.6f", ",", header="time,servo.goal", comments="")
+    proposal.with_suffix(".yaml").write_text("robot: bench\n")  # whose logs call the servo as they like
     assert run(f"excitation={proposal}", f"out={tmp_path / 'log'}", "name=next", "robot.params={mass:0.3}") == 0
     data = read_measured(tmp_path / "log")
     log = data.runs[0]
@@ -199,7 +200,8 @@ def test_a_policy_at_another_rate_or_for_a_heavier_load_is_refused(policy: Path)
     [
         ("time,joint.goal\n0,0\n0.1,9\n", "row 3 asks joint joint for 9.000 rad"),
         ("time,joint.goal\n0,0\n0,0.1\n", "must grow"),
-        ("time,goal\n0,0\n0.1,0\n", "needs the columns time and <joint>.goal"),
+        ("time,aim\n0,0\n0.1,0\n", "needs the columns time and <joint>.goal"),
+        ("time,wrist_roll.goal\n0,0\n0.1,0\n", "the robot has no joint 'wrist_roll'; it has joint"),
         ("time,joint.goal\n0,x\n", "no table of numbers"),
         ("", "no table of numbers"),
         ("time,a.goal,b.goal\n0,0,0\n0.1,0,0\n", "the robot has no joint 'a'"),
@@ -212,6 +214,26 @@ def test_an_excitation_that_cannot_be_run_is_refused(text: str, says: str, tmp_p
     with pytest.raises(SealegsError) as refusal:
         read_excitation(path, build_robot(config()["robot"]))
     assert says in str(refusal.value)
+
+
+def test_goals_without_a_joint_are_those_of_the_only_one(tmp_path: Path) -> None:
+    (tmp_path / "goals.csv").write_text("time,goal\n0,0.1\n0.1,0.2\n")
+    reading: Any = None
+    commands = read_excitation(tmp_path / "goals.csv", build_robot(config()["robot"]))
+    assert commands.goals(0.1, reading) == pytest.approx(0.2)
+    with pytest.raises(SealegsError, match=r"needs the columns time and <joint>\.goal"):
+        read_excitation(tmp_path / "goals.csv", build_robot(config("robot=hopper")["robot"]))
+
+
+def test_an_excitation_of_another_robot_is_refused(tmp_path: Path) -> None:
+    """The goals of an arm's wrist were sent to the servo on the bench: metal moved that was not meant."""
+    goals = excitation(tmp_path / "next_experiment.csv", "wrist_roll")
+    for ending in (".yaml", ".yml"):
+        beside = goals.with_suffix(ending)
+        beside.write_text("robot: so101.yaml\n")
+        with pytest.raises(SealegsError, match=r"goals are of robot 'so101\.yaml', not of 'bench': give robot=so101"):
+            read_excitation(goals, build_robot(config()["robot"]))
+        beside.unlink()
 
 
 def test_goals_are_held_until_the_next_and_a_log_is_replayed_with_its_own(tmp_path: Path) -> None:

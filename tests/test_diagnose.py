@@ -278,3 +278,10 @@ def test_xl330_loses_torque_under_load(tmp_path: Path) -> None:
     chain = found.problem.chain(found.values)
     assert chain is not None
     assert max(chain.value(f"friction.{form}") for form in ("load", "load_quadratic")) > 0.0
+
+
+@pytest.mark.parametrize("words", ["joints=wrist_roll", "causes=drive.delay", "joints=[a,b]"])
+def test_a_single_name_needs_no_brackets(words: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    assert diagnose_command(f"log={tmp_path / 'none.csv'}", f"out={tmp_path / 'out'}", words) == 2
+    said = capsys.readouterr().err
+    assert "none.csv" in said and "must be a list" not in said and not (tmp_path / "out").exists()

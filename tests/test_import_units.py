@@ -154,7 +154,7 @@ def test_a_share_of_the_range_is_asked_with_what_the_range_is_good_for(tmp_path:
     for middle, sentence in ((50.0, "low + <column>/100*(high - low)"), (0.0, "middle + <column>/100*(high - low)/2")):
         columns = {"time_s": TIME, "goal_pct": middle + 50 * ANGLE, "pos_pct": middle + 50 * LATE}
         text = propose_for(table(tmp_path, columns), tmp_path / "out").text
-        assert sentence in text and ("percent, <joint>.goal: percent" in text) == (middle > 0.0)
+        assert sentence in text and ("unit=percent beside robot=" in text) == (middle > 0.0)
     assert "range in m" in "".join(
         q.ask for q in propose(read_recordings(tmp_path / "run.csv"), None, {"joint"}).questions
     )

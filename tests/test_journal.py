@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import subprocess
+import sys
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -11,7 +13,7 @@ import pytest
 from sealegs.actuators import load_chain
 from sealegs.actuators.errors import SealegsError
 from sealegs.gap.log.parts import cut
-from sealegs.gap.log.types import JointLog, MeasuredRun
+from sealegs.gap.log.types import JointLog, LogError, MeasuredRun
 from sealegs.gap.output import partial
 from sealegs.gap.replay.free import FreeProblem, free_problem
 from sealegs.gap.replay.joint_model import JointModel
@@ -64,3 +66,44 @@ def test_fits_of_other_code_are_not_gone_on_with(tmp_path: Path, monkeypatch: py
     assert partial.unfinished(iter([tmp_path / "out"]), source) is None
     with pytest.raises(SealegsError, match="another version of sealegs began"):
         partial.Partial(tmp_path / "out", source)
+
+
+HOLDS = """
+import sys, time
+from pathlib import Path
+from sealegs.gap.output.partial import Partial, alone
+
+out = Path(sys.argv[1])
+with alone(out):
+    Partial(out, {})
+    print("held", flush=True)
+    time.sleep(60.0)
+"""
+
+
+def test_a_second_process_on_one_folder_is_refused_and_a_killed_one_holds_nothing(tmp_path: Path) -> None:
+    """The second went on with the first one's fits, whose folder then went away under it: a traceback."""
+    out = tmp_path / "out"
+    other = subprocess.Popen([sys.executable, "-c", HOLDS, str(out)], stdout=subprocess.PIPE, text=True)
+    assert other.stdout is not None and other.stdout.readline() == "held\n"
+    kept = (out / partial.FOLDER / partial.TOLD).read_text()
+    said = "Another process is diagnosing into .*out: wait until it is done, or give another out=<folder>"
+    with pytest.raises(LogError, match=said), partial.going_on(out, dict, lambda text: None):
+        raise AssertionError("it was not refused")
+    assert (out / partial.FOLDER / partial.TOLD).read_text() == kept
+    other.kill()
+    other.wait()
+    with partial.alone(out), partial.going_on(out, dict, lambda text: None):
+        assert (out / partial.FOLDER / partial.LOCK).exists()
+    assert not (out / partial.FOLDER / partial.LOCK).exists() and (out / partial.FOLDER / partial.TOLD).exists()
+
+
+def test_what_was_only_locked_leaves_nothing(tmp_path: Path) -> None:
+    for inner in (partial.FOLDER, ""):
+        with partial.alone(tmp_path / "out", inner):
+            assert (tmp_path / "out" / inner / partial.LOCK).exists()
+        assert not (tmp_path / "out").exists()
+    (tmp_path / "file").touch()
+    with partial.alone(tmp_path / "file"):
+        pass
+    assert list(tmp_path.iterdir()) == [tmp_path / "file"]

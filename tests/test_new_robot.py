@@ -63,6 +63,7 @@ def test_an_actuator_that_no_servo_can_stand_for_is_named_with_its_file_and_join
         ('ctrlrange="-0.5 0.4" gear="2"', "", (-0.25, 0.2), "no range; its goals end with the control range"),
         ('ctrlrange="-0.5 3"', 'range="-1 1"', (-0.5, 1.0), "which is narrower than its range (-1 to 1 rad)"),
         ('ctrlrange="-2 3"', 'range="-1 1"', (-1.0, 1.0), ""),
+        ('ctrlrange="-1.91986 1.91986"', 'range="-1.92 1.92"', (-1.91986, 1.91986), ""),
         ('inheritrange="1"', 'range="-1 1"', (-1.0, 1.0), ""),
         ('ctrlrange="30 60"', 'range="-1 1"', (-1.0, 1.0), "(30 to 60 rad) lies outside its range (-1 to 1 rad)"),
         ('ctrlrange="-0.5 0.4" ctrllimited="false"', "", (-math.pi, math.pi), "-3.142 to 3.142 rad is assumed"),
@@ -76,6 +77,17 @@ def test_goals_end_where_the_joint_or_its_control_does_whichever_is_narrower(
     for file in (model, tmp_path / "arm.yaml"):
         assert load_robot_file(file).joint("j").range == pytest.approx(goals, abs=1e-6)
     assert note in text and note in said and (note != "" or "its goals" not in said)
+
+
+def test_numbers_of_file_and_chain_that_differ_threefold_are_a_warning_at_the_end(tmp_path: Path, capsys) -> None:
+    """A damping of 0.6 in the file stood among notes as if 0.059 in the chain were the same."""
+    model = arm(tmp_path, '<position name="p" joint="j" kp="20"/>', 'damping="0.6" frictionloss="0.06"')
+    new_robot.main([str(model), "chain=sts3215"])
+    said = [line.strip() for line in capsys.readouterr().out.splitlines()]
+    warnings = [line for line in said if line.startswith("Warning: ")]
+    assert len(warnings) == 1 and said[-2] == warnings[0]
+    assert "damping is 0.6 in arm.xml and 0.059 in its chain, 10 times less; the chain's counts" in warnings[0]
+    assert any(line.startswith("joint j: frictionloss is 0.06") for line in said)
 
 
 def test_of_two_servos_on_a_joint_goals_end_where_both_together_can_hold_it(tmp_path: Path) -> None:

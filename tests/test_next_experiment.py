@@ -250,3 +250,14 @@ def test_the_sentence_of_an_experiment_says_what_it_tells(
 ) -> None:
     best = Experiment("steps", "", separation, np.arange(5.0), np.zeros(5), {}, {}, rivals=rivals)
     assert said in experiment_sentence(best, [{}], False, alone=False)
+
+
+@pytest.mark.parametrize("blind", [False, True])
+def test_an_experiment_that_tells_nothing_apart_says_so_and_what_is_needed(blind: bool) -> None:
+    """One whose rivals differ by less than the noise was recommended as if it helped."""
+    best = Experiment("steps", "", 0.12, np.arange(5.0), np.zeros(5), {}, {}, rivals=("drive.delay", "nothing more"))
+    said = experiment_sentence(best, [{}], blind, alone=False)
+    assert said.startswith("Within the limits of motion, no motion and no load of the library tells ")
+    assert "at most 0.12 times the noise" in said and "limits=[lower,upper]" in said
+    best = replace(best, separation=0.4)
+    assert experiment_sentence(best, [{}], blind, alone=False).startswith("Run 'steps' 3 times")

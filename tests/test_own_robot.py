@@ -9,7 +9,7 @@ import pytest
 import yaml
 from sealegs import cli
 from sealegs.actuators.errors import SealegsError
-from sealegs.commands import new_robot, relevant
+from sealegs.commands import deploy, new_robot, relevant
 from sealegs.configs.compose import compose
 from sealegs.envs.robot_file import load_robot_file
 from sealegs.gap.log import read_measured
@@ -60,6 +60,24 @@ def test_new_robot_takes_a_chain_for_all_joints_and_says_whose_numbers_it_leaves
     assert robot.name == "mine" and set(robot.joint("elbow").owners.values()) == {"chain"}
     with pytest.raises(SealegsError, match=r"there is no key 'chian' \(did you mean 'chain'\?\)"):
         new_robot.main([str(arm), "chian=sts3215"])
+
+
+def test_an_excitation_runs_on_the_robot_that_lies_beside_it(
+    arm: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """As documented, without robot=, the experiment of an arm ran on the servo of the bench."""
+    new_robot.main([str(arm), "chain=sts3215"])
+    goals = tmp_path / "a diagnosis" / "next_experiment.csv"
+    goals.parent.mkdir()
+    goals.write_text("time,elbow.goal\n0,0\n0.1,0.1\n")
+    goals.with_suffix(".yaml").write_text("robot: ../arm.yaml\nactuators: {elbow: sts3215}\n")
+    ran: list[deployment.Deployment] = []
+    monkeypatch.setattr(deployment, "run", ran.append)
+    deploy.main([f"excitation={goals}"])
+    assert ran[0].robot.names == ["shoulder", "elbow"] and "arm.yaml" in capsys.readouterr().out
+    deploy.main([f"excitation={goals}", f"robot={arm.with_suffix('.yaml')}"])
+    with pytest.raises(SealegsError, match=r"not of 'bench': give robot=.*arm\.yaml"):
+        deploy.main([f"excitation={goals}", "robot=bench"])
 
 
 def config(*arguments: str, **keys: str) -> dict:

@@ -74,7 +74,8 @@ def test_what_stands_in_both_is_said_where_the_yaml_does_not_choose(tmp_path: Pa
     write(tmp_path, "arm.xml", (ROBOTS / "arm.xml").read_text())
     path = write(tmp_path, "arm.yaml", "model: arm.xml\njoints: {elbow: {chain: sts3215}}\n")
     said = " ".join(load_robot_file(path).said)
-    assert "joint elbow: damping is 0.3 in arm.xml and 0.059 in its chain; the chain's counts" in said
+    damping = "damping is 0.3 in arm.xml and 0.059 in its chain, 5.1 times less; the chain's counts"
+    assert f"Warning: joint elbow: {damping}" in said and "Warning: joint elbow: armature" not in said
     assert "the actuators shoulder drive nothing here" in said
     assert load_robot_file(path).joint("elbow").owners["armature"] == "chain"
 

@@ -20,7 +20,7 @@ from sealegs.hw.comparison import (
     verdict,
 )
 from sealegs.hw.comparison_figures import hop_height, measure, strongest_frequency
-from sealegs.hw.comparison_files import write_comparison
+from sealegs.hw.comparison_files import columns, write_comparison
 from sealegs.hw.robot import build_robot
 from sealegs.hw.simulated import Recording
 
@@ -121,3 +121,8 @@ def test_a_spike_is_no_departure() -> None:
     spiked = truth.copy()
     spiked[40] += 5.0
     assert find_departures(recording(truth), recording(spiked, goal=truth), robot) == {}
+
+
+def test_long_names_do_not_run_into_the_next_column() -> None:
+    lines = columns([["", "nominal", "extended"], ["departs first", "elbow_flex.current", "elbow_flex.current"]])
+    assert "elbow_flex.current  elbow_flex.current" in lines[1] and len(set(map(len, lines))) == 1

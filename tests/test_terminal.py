@@ -3,25 +3,34 @@
 from __future__ import annotations
 
 import re
+import shlex
 from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 import pytest
 from sealegs.commands.diagnose import how_to_go_on
+from sealegs.envs.bench.robot import BENCH
 from sealegs.envs.extended import Extended
-from sealegs.gap.experiment import DetectionLimit, Experiment
+from sealegs.gap.experiment import DetectionLimit, Experiment, write_experiment
 from sealegs.gap.output.extension import write_extended
+from sealegs.gap.output.next_step import experiment_command
 from sealegs.gap.output.numbers import number, percent, rounded, sureness
 from sealegs.gap.output.partial import FOLDER, TOLD
-from sealegs.gap.output.terminal import screen
+from sealegs.gap.output.terminal import screen, told_once
+from sealegs.gap.verdict.evidence import Refused
+from sealegs.gap.verdict.refusal import refuse
 from sealegs.gap.verdict.verdict import (
+    CERTAIN,
     EXPLAINED,
+    NEAR_MISS,
     NOT_IDENTIFIABLE,
     NOTHING,
+    PARTLY,
     DataError,
     JointDiagnosis,
     NamedCause,
+    OpenCause,
     Reason,
     Value,
 )
@@ -114,6 +123,61 @@ def test_where_no_experiment_is_proposed_the_screen_says_what_to_type_next(
     assert f"  sealegs train{task} extended={extended.parent}" in lines
     assert not any("sealegs train" in line for line in screen([FOUND], {"extended": extended}, 60))
     assert not any("sealegs train" in line for line in screen([explained], {}, 60)), "there is nothing to train on"
+
+
+def test_what_is_not_identifiable_is_not_trained_on(tmp_path: Path) -> None:
+    """After `not identifiable` the last line said to train on what was found."""
+    files = {"extended": write_extended(Extended("bench", {}, {}), tmp_path)}
+    unhelpful = replace(PLAN, separation=0.1)
+    for plan in (None, unhelpful):
+        text = " ".join(screen([replace(FOUND, experiment=plan)], files, 80))
+        assert "sealegs train" not in text and "Nothing to train on yet" in text and "limits=" in text
+    for verdict in (PARTLY, EXPLAINED):
+        lines = screen([replace(FOUND, verdict=verdict, experiment=unhelpful)], files, 80)
+        assert f"  sealegs train env=bench extended={tmp_path}" in lines
+    certain = replace(FOUND.causes[0], standing=CERTAIN)
+    sure, other = replace(FOUND, causes=(certain,), experiment=None), replace(FOUND, joint="b", experiment=None)
+    lines = screen([sure, other], files, 80)
+    assert any("sealegs train" in line for line in lines), "what is certain speaks for the machine"
+
+
+def test_a_proposed_experiment_is_the_next_command_and_can_be_copied_into_a_shell(tmp_path: Path) -> None:
+    """The command was not printed, and the documented one ran the motion of an arm on the bench."""
+    folder = tmp_path / "a diagnosis"
+    folder.mkdir()
+    plan = replace(PLAN, load={"mass": 0.8, "length": BENCH.parameters({})["length"], "arm_mass": 0.0})
+    files = write_experiment(plan, "servo", folder, "xl330")
+    found = replace(FOUND, experiment=plan)
+    command = screen([found], files, 80, tmp_path / "my logs")
+    words = next(shlex.split(line) for line in command if "sealegs deploy" in line)
+    assert words[2:] == [
+        f"excitation={folder / 'next_experiment.csv'}", "robot=bench", "actuator=xl330", "robot.params.mass=0.8",
+        f"out={tmp_path / 'my logs'}",
+    ]  # fmt: skip
+    (tmp_path / "arm.yaml").write_text("model: none.xml\n")
+    robot = str(tmp_path / "arm.yaml")
+    frame = {"zero": 0.1, "direction": -1}
+    files = write_experiment(PLAN, "elbow", folder, None, robot=robot, frame=frame, prefix="elbow-")
+    assert shlex.split(experiment_command(files["experiment"], tmp_path / "logs"))[2:] == [
+        f"excitation={folder / 'elbow-next_experiment.csv'}", f"robot={robot}", f"out={tmp_path / 'logs'}-model-frame",
+    ]  # fmt: skip
+
+
+def test_a_refusal_is_told_once() -> None:
+    """The clause that a long refusal begins with stood there twice."""
+    why = "no run moves joint a. " + "Log a motion of it, as the page on measured logs says. " * 3
+    refused = refuse("a", Refused("the log", why))
+    assert refused.reasons and "no run moves" in refused.sentence
+    sentence, reasons = told_once(refused)
+    assert sentence == f"The log cannot be used: {why}" and not reasons
+    assert " ".join(screen([refused], {}, 80)).count("no run moves joint a") == 1
+
+
+def test_draws_are_told_where_a_near_miss_counts_them() -> None:
+    near = OpenCause("load.mass", NEAR_MISS, "it is the best in 28 % of the draws.")
+    text = " ".join(" ".join(screen([replace(FOUND, open_causes=(near,))], {}, 80)).split())
+    assert "Draws: blocks of the data that no fit saw, resampled at random" in text
+    assert "Draws:" not in " ".join(screen([FOUND], {}, 80))
 
 
 def test_numbers_are_rounded_by_their_interval() -> None:

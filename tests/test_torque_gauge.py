@@ -19,11 +19,11 @@ JOINT = JointModel(
 )
 
 
-def test_refitting_leaves_the_mass_of_a_torque_driven_joint_within_its_tolerance() -> None:
-    """Scale and mass of a leg's knee grew by 1.3 together, and friction with them: its interval excluded the truth."""
+def test_refitting_leaves_scale_and_mass_of_a_torque_driven_joint_within_their_tolerance() -> None:
+    """Both of a leg's knee grew by 1.3 together, and friction with them: its interval excluded the truth."""
     wide = {p.number: p for p in adjustable(JOINT, 4.0)}
-    assert wide["load.mass_factor"].high == pytest.approx(1.0 + TIGHT)
-    assert wide["scale.factor"].high == wide["friction.coulomb"].high == 5.0
+    assert wide["load.mass_factor"].high == wide["scale.factor"].high == pytest.approx(1.0 + TIGHT)
+    assert wide["friction.coulomb"].high == 5.0
     servo = replace(JOINT, chain=load_chain("sts3215"))  # its back-EMF tells volts from speed
     assert {p.number: p for p in adjustable(servo, 4.0)}["load.mass_factor"].high == 5.0
 
@@ -31,4 +31,5 @@ def test_refitting_leaves_the_mass_of_a_torque_driven_joint_within_its_tolerance
 def test_what_refitting_turned_names_scale_and_mass_too() -> None:
     wide = adjustable(JOINT, 4.0)
     values = {p.path: {"scale.factor": 0.57, "load.mass_factor": 1.05}.get(p.path, 1.0) for p in wide}
+    assert refitted_numbers(wide, values) == "scale.factor x 0.57, load.mass_factor x 1.05"
     assert refitted_numbers(wide, values, adjustable(JOINT)) == "scale.factor x 0.57"

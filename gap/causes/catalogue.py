@@ -76,8 +76,6 @@ def adjustable(nominal: JointModel, width: float = TIGHT) -> list[Parameter]:
         if nominal.load.pull_back * nominal.axis.reach < TIGHT * effort:
             bias = min(width, WIDEST_BIAS) * effort
             found.append(Parameter("offset.value", "N.m", believed - bias, believed + bias, believed, 0.2 * bias))
-    if nominal.by_torque:  # a log tells torque per mass alone: with both open, neither they nor friction have a size
-        low, high = 1.0 / (1.0 + TIGHT), 1.0 + TIGHT
     found += [Parameter(f"load.{key}", "1", low, high, 1.0, 0.05, logarithmic=True) for key in nominal.load.tunable]
     return [*found, *nominal.unknown]
 

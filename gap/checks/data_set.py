@@ -14,6 +14,7 @@ from .columns import check_columns
 from .context import JointContext, joint_contexts
 from .correction import mendable, mended, told
 from .drive import check_drive
+from .goals import check_goal
 from .machine import decided
 from .motion import check_motion
 from .ratios import together
@@ -188,6 +189,7 @@ def _without_torque(run: MeasuredRun) -> list[Finding]:
         if not joint.still and UNKNOWN_UNIT.isdisjoint(finding.code for finding in of_motion):
             findings += check_columns(joint)
             findings += check_drive(joint)
+            findings += check_goal(joint)
             if not any(finding.severity == "error" for finding in of_motion):
                 findings += check_recording(joint)
     fastest = max(joint_contexts(run), key=lambda joint: joint.span / max(joint.noise, 1e-12))

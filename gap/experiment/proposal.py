@@ -194,15 +194,17 @@ def experiment_sentence(
     elif len(loads) > 1:
         what += f" with {best.load['mass']:.3g} kg at {best.load['length']:.3g} m"
     what += " and diagnose these logs together with the old ones"
-    if blind:
-        return f"{what}: the causes of the catalogue differ there by {best.separation:.1f} times the noise on average."
-    names = _apart(best.rivals)
+    names = "the causes of the catalogue apart" if blind else _apart(best.rivals)
+    mean = " on average" if blind else ""
     if best.separation < SHOWS:
-        it = "one of these" if len(best.rivals) > 2 else "it"
+        it = "one of these" if blind or len(best.rivals) > 2 else "it"
         return (
-            f"No motion and no load of the library tells {names} (at most {best.separation:.2f} times the noise): "
-            f"measure {it} directly. The best motion there is: {what[0].lower()}{what[1:]}."
+            f"Within the limits of motion, no motion and no load of the library tells {names} (at most "
+            f"{best.separation:.2f} times the noise{mean}): allow a wider motion (limits=[lower,upper]), log more "
+            f"columns (current, duty), or measure {it} directly. The best motion there is: {what[0].lower()}{what[1:]}."
         )
+    if blind:
+        return f"{what}: the causes of the catalogue differ there by {best.separation:.1f} times the noise{mean}."
     return f"{what}: it tells {names}, by {best.separation:.1f} times the noise."
 
 

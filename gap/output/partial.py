@@ -2,10 +2,12 @@
 
 <out>/partial/partial.json    data, settings, what was said and when, joints that are done
 <out>/partial/fits.jsonl      every fit (:mod:`sealegs.gap.search.journal`), by which the same command goes on
+<out>/partial/.lock           while a process writes there: a second one on the same folder is refused
 """
 
 from __future__ import annotations
 
+import contextlib
 import functools
 import hashlib
 import json
@@ -17,7 +19,7 @@ from pathlib import Path
 from typing import Any
 
 from ... import actuators, envs
-from ...actuators.atomic import write_text
+from ...actuators.atomic import locked, write_text
 from ...actuators.errors import SealegsError
 from ..log.progress import Milestone, Progress
 from ..log.reader import files_named_by
@@ -27,7 +29,7 @@ from ..search.journal import keeping
 from ..verdict.verdict import JointDiagnosis
 from .document import plain
 
-FOLDER, TOLD, FITS = "partial", "partial.json", "fits.jsonl"
+FOLDER, TOLD, FITS, LOCK = "partial", "partial.json", "fits.jsonl", ".lock"
 
 
 class Partial:
@@ -94,6 +96,37 @@ class Partial:
 
 
 @contextmanager
+def alone(out: Path, inner: str = FOLDER) -> Iterator[None]:
+    """Keep other processes from diagnosing into ``out`` while the block runs; folders that stay empty are removed.
+
+    Args:
+        out: a folder, which need not be there; what is no folder is left to who writes there.
+        inner: name of the folder in it that holds the lock file; empty: ``out`` itself does.
+
+    Raises:
+        LogError: another process does so.
+    """
+    made = [path for path in (out / inner, out) if not path.exists()]
+    if out.exists() and not out.is_dir():
+        yield
+        return
+    (out / inner).mkdir(parents=True, exist_ok=True)
+    try:
+        with contextlib.ExitStack() as stack:
+            try:
+                stack.enter_context(locked(out / inner / LOCK))
+            except BlockingIOError:
+                raise LogError(
+                    f"Another process is diagnosing into {out}: wait until it is done, or give another out=<folder>."
+                ) from None
+            yield
+    finally:
+        for path in made:
+            with contextlib.suppress(OSError):  # not empty, or gone
+                path.rmdir()
+
+
+@contextmanager
 def going_on(
     out: Path | None, source: Callable[[], Mapping[str, Any]], progress: Progress
 ) -> Iterator[tuple[Progress, Callable[[JointDiagnosis], None]]]:
@@ -105,24 +138,22 @@ def going_on(
     if out is None:
         yield progress, lambda joint: None
         return
-    fresh = not out.exists()
-    partial = Partial(out, source())
-    if partial.reused:
-        progress(Milestone(f"going on with {partial.reused} fits of the session before"))
+    with alone(out):
+        partial = Partial(out, source())
+        if partial.reused:
+            progress(Milestone(f"going on with {partial.reused} fits of the session before"))
 
-    def say(text: str) -> None:
-        partial.say(text)
-        progress(text)
+        def say(text: str) -> None:
+            partial.say(text)
+            progress(text)
 
-    try:
-        with keeping(partial.fits):
-            yield say, partial.done
-    except SealegsError:  # what is refused leaves nothing behind, so that the mended log finds its folder free
-        if not partial.reused:
-            partial.remove()
-            if fresh:
-                out.rmdir()
-        raise
+        try:
+            with keeping(partial.fits):
+                yield say, partial.done
+        except SealegsError:  # what is refused leaves nothing behind, so that the mended log finds its folder free
+            if not partial.reused:
+                partial.remove()
+            raise
 
 
 def source_of(log: Path, settings: Mapping[str, Any]) -> dict[str, Any]:

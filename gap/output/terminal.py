@@ -6,25 +6,26 @@ import textwrap
 from collections.abc import Collection, Iterable, Mapping, Sequence
 from pathlib import Path
 
-from ...envs.extended import read_extended
-from ...envs.robot_file import is_robot_file
-from ...envs.robots import ROBOTS
 from ..verdict.frames import DOUBTED
-from ..verdict.verdict import JointDiagnosis, NamedCause, Value
+from ..verdict.verdict import JointDiagnosis, NamedCause, Reason, Value
 from .limits import LEAD, LIMITS, by_family, limits_told
+from .next_step import next_step
 from .numbers import GLUE, glued, number, percent, rounded, sureness, unit_of
 
 LEAST_WIDTH = 40  # columns below which lines are allowed to run over
 MOST_WIDTH = 100  # longer lines are hard to read
 
 
-def screen(diagnoses: Sequence[JointDiagnosis], written: Mapping[str, Path], width: int = 80) -> list[str]:
+def screen(
+    diagnoses: Sequence[JointDiagnosis], written: Mapping[str, Path], width: int = 80, logs: Path | None = None
+) -> list[str]:
     """Lines to print: per joint the sentence, errors of the log, causes and what to do next; then the files.
 
     Args:
         diagnoses: one per joint.
         written: files by what they hold.
         width: of the terminal, in characters.
+        logs: folder of the logs, where those of the next experiment belong.
     """
     width = min(max(width, LEAST_WIDTH), MOST_WIDTH)
     lines: list[str] = []
@@ -32,9 +33,10 @@ def screen(diagnoses: Sequence[JointDiagnosis], written: Mapping[str, Path], wid
     for diagnosis in diagnoses:
         lines += ["", *_joint(diagnosis, width, told)]
         told.update(doubts(diagnosis))
-    if (command := next_command(diagnoses, written)) is not None:
-        lines += ["", "Next", *_wrapped("No further experiment is proposed. Train on the machine as found:", width, 2)]
-        lines.append(f"  {command}")  # to be copied, so never broken
+    words, commands = ("", ()) if any(map(doubts, diagnoses)) else next_step(diagnoses, written, logs)
+    if words:
+        lines += ["", "Next", *_wrapped(words, width, 2)]
+        lines += [f"  {command}" for command in commands]  # to be copied, so never broken
     lines.append("")
     longest = max((len(name) for name in written), default=0)
     lines += [f"  {name:{longest}s}  {path}" for name, path in written.items()]  # a path is one word, whatever it takes
@@ -43,24 +45,11 @@ def screen(diagnoses: Sequence[JointDiagnosis], written: Mapping[str, Path], wid
 
 DOUBTFUL = (DOUBTED,)
 """Findings that put all that is said below in doubt."""
-
-
-def next_command(diagnoses: Sequence[JointDiagnosis], written: Mapping[str, Path]) -> str | None:
-    """What to type where no experiment is proposed; None where one is, or where there is no model that was found."""
-    proposed = any(diagnosis.experiment is not None for diagnosis in diagnoses)
-    found = any(diagnosis.causes or diagnosis.model == "refitted" for diagnosis in diagnoses)
-    if proposed or not found or "extended" not in written:
-        return None
-    if any(doubts(diagnosis) for diagnosis in diagnoses):
-        return None  # what was found hangs on what is to be checked first
-    folder = written["extended"].parent
-    robot = read_extended(folder).robot
-    task = f" env=track robot={robot}" if is_robot_file(robot) else f" env={robot}" if robot in ROBOTS else ""
-    return f"sealegs train{task} extended={folder}"
+DRAWS = "(Draws: blocks of the data that no fit saw, resampled at random.)"
 
 
 def _joint(diagnosis: JointDiagnosis, width: int, told: Collection[str] = ()) -> Iterable[str]:
-    verdict, sentence = diagnosis.verdict, diagnosis.sentence
+    verdict, (sentence, reasons) = diagnosis.verdict, told_once(diagnosis)
     said = sentence.lower().startswith(f"{verdict}: ")  # a verdict that its sentence begins with is told once
     yield from _wrapped(f"{verdict.upper()}: {sentence[len(verdict) + 2 :] if said else sentence}", width)
     if diagnosis.data_errors:
@@ -79,9 +68,9 @@ def _joint(diagnosis: JointDiagnosis, width: int, told: Collection[str] = ()) ->
             yield from _cause(cause, longest, width)
         if diagnosis.tuned_share >= 5e-4:
             yield from _wrapped(f"{'tuned numbers':{longest}s}  {_share(diagnosis.tuned_share)}", width, 2)
-    elif diagnosis.reasons and not diagnosis.data_errors:
+    elif reasons and not diagnosis.data_errors:
         yield ""
-        for reason in diagnosis.reasons:
+        for reason in reasons:
             if reason.code == LIMITS:
                 yield from _wrapped(LEAD, width, 2)
                 for family, told in by_family(limits_told(diagnosis)):
@@ -92,9 +81,20 @@ def _joint(diagnosis: JointDiagnosis, width: int, told: Collection[str] = ()) ->
         yield from ("", "Not named")
         for cause in diagnosis.open_causes:
             yield from _wrapped(f"{cause.name} ({cause.standing}): {cause.sentence}", width, 2)
+        if any("draws" in cause.sentence for cause in diagnosis.open_causes):
+            yield from _wrapped(DRAWS, width, 2)
     if diagnosis.experiment is not None:
         yield from ("", "Next experiment")
         yield from _wrapped(diagnosis.experiment.sentence, width, 2)
+
+
+def told_once(diagnosis: JointDiagnosis) -> tuple[str, Sequence[Reason]]:
+    """Sentence and reasons of a joint; a refusal whose sentence begins with its reason is the whole reason."""
+    whole = next((reason.sentence for reason in diagnosis.reasons if reason.code == "refused"), None)
+    if whole is None:
+        return diagnosis.sentence, diagnosis.reasons
+    start = diagnosis.sentence.partition(":")[0].partition(";")[0]
+    return f"{start}: {whole}", [reason for reason in diagnosis.reasons if reason.code != "refused"]
 
 
 def doubts(diagnosis: JointDiagnosis) -> list[str]:

@@ -280,9 +280,10 @@ def _with_causes(found: Replayed, limit: Thresholds) -> Verdict:
 def _beside(found: Replayed, certain: Sequence[NamedCause], doubtful: NamedCause) -> Verdict:
     """Certain causes, which doubt about another does not touch."""
     others = " or ".join((doubtful.name, *doubtful.rivals[:1]))
+    them = "it" if len(certain) == 1 else "them"
     sentence = (
         f"{subject(certain)} {verb(certain, 'is', 'are')} certain at '{found.joint}': error "
-        f"{fall(found)}, {certainty(certain)}; {others} unexplained."
+        f"{fall(found)}, {certainty(certain)}; beside {them} perhaps {others}."
     )
     names = listed([cause.name for cause in found.causes])
     reasons = [Reason("error", f"With {names} the error falls {change(found)}.")]

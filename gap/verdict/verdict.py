@@ -61,8 +61,9 @@ class NamedCause:
         name, sentence, joint: what it is and where.
         share: of the nominal model's mean squared error beyond the noise, that the final model owes to this cause: by
             how much the error rises when it is left out and all else is refitted.
-        confidence: win rate x removed / (removed + residual structure). The win rate is the share of block-bootstrap
-            draws in which it beats every other candidate on data that its fit did not see.
+        confidence: win rate x removed / (removed + residual structure + model error) x beyond refitting x doubts; see
+            docs/verdict.md. The win rate is the share of block-bootstrap draws in which it beats every other candidate
+            on data that its fit did not see.
         parameters: by path.
         gain: error that it removes, as a share of the error without it; cross-validated on the data that chose it.
         kind: ``effect`` that the model lacks, wrong ``number`` of the model, or, where a column's fault is itself what

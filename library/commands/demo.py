@@ -12,6 +12,7 @@ from __future__ import annotations
 
 import datetime
 import json
+import shlex
 import time
 from pathlib import Path
 
@@ -86,7 +87,7 @@ def diagnose(log: Path, out: Path, seed: int) -> Path | None:
     from sealegs.envs.extended import FILE
 
     arguments = [f"log={log}", f"out={out}", f"seed={seed}"]
-    heading(f"sealegs diagnose {' '.join(arguments)}")
+    heading(shlex.join(["sealegs", "diagnose", *arguments]))
     script.main(arguments)
     return out if (out / FILE).is_file() else None
 

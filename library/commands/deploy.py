@@ -2,7 +2,7 @@
 
     sealegs deploy policy=runs/first/final robot=hopper                on a virtual machine
     sealegs deploy excitation=chirp                                    an excitation of the library, on the bench
-    sealegs deploy excitation=diagnosis/next_experiment.csv out=logs/today
+    sealegs deploy excitation=diagnosis/next_experiment.csv out=logs/today     on the robot that its .yaml names
     sealegs deploy policy=runs/first/final robot=hopper hw=feetech port=/dev/ttyUSB0
     sealegs deploy policy=runs/first/final robot=hopper dry_run=true   print the first goals, no torque
 
@@ -12,6 +12,9 @@ that sealegs diagnose reads, complete up to the last cycle.
 """
 
 from __future__ import annotations
+
+from collections.abc import Sequence
+from pathlib import Path
 
 from sealegs.configs.script import Interrupted
 
@@ -36,7 +39,11 @@ def main(arguments: list[str]) -> None:
     from sealegs.hw import deployment
     from sealegs.hw.own_robot import READERS
 
-    config = compose("deploy", split(arguments, PLAIN, _meant(arguments)), readers=READERS)
+    given = split(arguments, PLAIN, _meant(arguments))
+    if "robot" not in given and (robot := _robot_of_the_excitation(arguments)) is not None:
+        print(f"The robot is {robot}, as the file beside the excitation says.")
+        given["robot"] = robot
+    config = compose("deploy", given, readers=READERS)
     prepared = deployment.prepare(config)
     done = deployment.run(prepared)
     if done is None:
@@ -52,3 +59,16 @@ def _meant(arguments: list[str]) -> str:
     """The key that a value without one is likely meant for."""
     value = next((argument for argument in arguments if "=" not in argument), "")
     return "excitation" if value.endswith(".csv") or "/" not in value else "policy"
+
+
+def _robot_of_the_excitation(arguments: Sequence[str]) -> str | None:
+    """The robot that the sidecar of an excitation names; None where there is none: its goals are one robot's.
+
+    Raises:
+        SealegsError: the sidecar cannot be read.
+    """
+    from sealegs.hw.commands import robot_beside
+
+    words = [argument.partition("=")[2].strip("'\" ") for argument in arguments if argument.startswith("excitation=")]
+    path = Path(words[-1] if words else "")
+    return robot_beside(path) if path.suffix == ".csv" else None

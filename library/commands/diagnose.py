@@ -29,6 +29,7 @@ def main(arguments: list[str]) -> None:
     """Diagnose the log that the command line names."""
     from sealegs.configs.compose import compose, split  # here, so that --help does not wait for the compiled laws
     from sealegs.gap.diagnose import checked_settings
+    from sealegs.gap.output.partial import alone
 
     config = compose("diagnose", split(arguments, plain=("log", "out", "test"), first="log"))
     if config["log"] is None:
@@ -40,11 +41,13 @@ def main(arguments: list[str]) -> None:
     log = Path(str(config["log"]))
     out = None if config["out"] is None else Path(str(config["out"]))
     test = None if config["test"] is None else str(config["test"])
-    numbers = (config[key] for key in ("seed", "limits", "speed_limit", "causes", "joints"))
-    settings = checked_settings(test, *numbers)
+    numbers = (config[key] for key in ("seed", "limits", "speed_limit"))
+    names = ([config[key]] if isinstance(config[key], str) else config[key] for key in ("causes", "joints"))
+    settings = checked_settings(test, *numbers, *names)
     if values["fleet"]:
         out = out or DIAGNOSES / f"{log.stem}-{time.strftime('%Y%m%d-%H%M%S')}"
-        diagnose_fleet(log, out, settings, values["workers"], values["fleet"] == "ray")
+        with alone(out, inner=""):
+            diagnose_fleet(log, out, settings, values["workers"], values["fleet"] == "ray")
     else:
         diagnose_one(log, out, settings, values["workers"], arguments)
 
@@ -74,8 +77,9 @@ def diagnose_one(
     from rich.markup import escape
     from sealegs.gap.fleet.jobs import diagnose_folder
     from sealegs.gap.log.progress import Milestone
-    from sealegs.gap.output.partial import source_of, unfinished
-    from sealegs.gap.output.terminal import screen
+    from sealegs.gap.output.next_step import next_step
+    from sealegs.gap.output.partial import alone, source_of, unfinished
+    from sealegs.gap.output.terminal import screen, told_once
     from sealegs.gap.verdict.verdict import UNUSABLE
 
     if out is None:
@@ -93,13 +97,19 @@ def diagnose_one(
                 console.print(line, highlight=False, markup=False, soft_wrap=True)
 
         try:
-            diagnosis, written = diagnose_folder(log, out, progress, workers=workers, **settings)
+            with alone(out):
+                diagnosis, written = diagnose_folder(log, out, progress, workers=workers, **settings)
         except KeyboardInterrupt:
             raise Interrupted(how_to_go_on(arguments, out)) from None
+    logs = log if log.is_dir() else log.parent
     if diagnosis.verdict == UNUSABLE:
         first = next(joint for joint in diagnosis.joints if joint.verdict == UNUSABLE)
-        raise SealegsError(f"{first.text} The findings are in {out}; give another out= for the next try.")
-    for line in screen(diagnosis.joints, written, console.width):
+        sentence, reasons = told_once(first)
+        why = " ".join((sentence, *(reason.sentence for reason in reasons)))
+        _, commands = next_step(diagnosis.joints, written, logs)
+        begin = f" A motion to begin with: {' ; '.join(commands)}" if commands else ""
+        raise SealegsError(f"{why} The findings are in {out}; give another out= for the next try.{begin}")
+    for line in screen(diagnosis.joints, written, console.width, logs):
         console.print(line, highlight=False, markup=False, soft_wrap=True)
 
 

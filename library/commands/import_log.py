@@ -25,7 +25,7 @@ from sealegs.gap.log.importers import Imported, Proposed, answered, import_logs,
 from sealegs.gap.log.importers.mapping import FOLDER, ended
 
 PLAIN = ("source", "out", "mapping", "unit", "robot", "actuator", "format")
-UNITS = ("rad", "deg", "turn", "m", "mm")
+UNITS = ("rad", "deg", "turn", "ticks", "percent", "m", "mm")
 
 
 def main(arguments: list[str]) -> None:
@@ -89,12 +89,14 @@ def tell(done: Imported, out: Path) -> None:
     """Say what was written and what has to be filled in."""
     for sentence in done.left:
         print(f"Left out: {sentence}.")
+    for sentence in done.far:
+        print(f"{sentence}.")
     print(f"{len(done.files)} measured log{'s' * (len(done.files) != 1)} in {out}")
     if done.missing:
         *first, last = done.missing
         what = f"{', '.join(first)} and {last}" if first else last
         print(f"Fill in {what} in {done.sidecar}, where FILL IN stands. Then")
-    print(f"  sealegs diagnose log={out} out={out}-diagnosis")
+    print(f"  {shlex.join(['sealegs', 'diagnose', f'log={out}', f'out={out}-diagnosis'])}")
 
 
 def _confirmed(proposed: Proposed) -> bool:

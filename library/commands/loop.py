@@ -2,7 +2,7 @@
 
     sealegs loop                                a virtual machine that hides an effect
     sealegs loop out=runs/loop-1                go on with it after a stop, a crash or a kill
-    sealegs loop hw=feetech port=/dev/ttyUSB0   the same on real servos
+    sealegs loop hw=feetech port=/dev/ttyUSB0   the same on real servos (hw=dynamixel for Dynamixels)
 
 The machine is measured, and the log is diagnosed. One policy learns on the servos as believed, another on the extended
 model; both run on the machine and in both models. The result is the gap before and after, printed and drawn in gap.png.
@@ -13,6 +13,7 @@ from __future__ import annotations
 
 import datetime
 import json
+import shlex
 from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
@@ -67,7 +68,7 @@ def main(arguments: list[str]) -> None:
             pages[name] = compare(config, out, name, extended, machine, seed)
     except (Interrupted, KeyboardInterrupt) as stop:
         others = [argument for argument in arguments if not argument.startswith("out=")]
-        command = " ".join(["sealegs loop", f"out={out}", *others])
+        command = shlex.join(["sealegs", "loop", f"out={out}", *others])
         raise Interrupted(f"{str(stop) or 'Stopped.'} The loop goes on with: {command}") from stop
     tell(out, pages)
 
@@ -172,7 +173,7 @@ def excite(
     arguments = [f"excitation={word}", f"out={out / 'log'}", f"name={name}", *machine, f"robot.params={params}"]
     arguments += [f"rate={config['rate']}", f"seed={seed}"]
     arguments += [] if config["reach"] is None else [f"reach={config['reach']}"]
-    heading(f"sealegs deploy {' '.join(arguments)}")
+    heading(shlex.join(["sealegs", "deploy", *arguments]))
     script.main(arguments)
 
 
@@ -205,7 +206,7 @@ def diagnose(config: Mapping[str, Any], out: Path, machine: list[str], seed: int
         folder = out / ("diagnosis" if further == 0 else f"diagnosis-{further + 1}")
         if not (folder / "diagnosis.json").exists():  # one that was stopped goes on by itself
             arguments = [f"log={out / 'log'}", f"out={folder}", f"seed={seed}"]
-            heading(f"sealegs diagnose {' '.join(arguments)}")
+            heading(shlex.join(["sealegs", "diagnose", *arguments]))
             script.main(arguments)
         proposal = folder / "next_experiment.csv"
         if not proposal.exists() or further == config["further"]:
@@ -237,7 +238,7 @@ def train(config: Mapping[str, Any], out: Path, name: str, model: str, steps: in
         arguments.append(f"env.energy_weight={config['energy_weight']}")
         if params := numbers(config):
             arguments.append(f"env.params={json.dumps(params)}")
-    heading(f"sealegs train {' '.join(arguments)}")
+    heading(shlex.join(["sealegs", "train", *arguments]))
     script.main(arguments)
 
 
@@ -252,7 +253,7 @@ def compare(
         put_aside(folder, out)
         arguments = [f"policy={out / f'policy-{name}' / 'final'}", f"out={folder}", f"seconds={config['seconds']}"]
         arguments += [f"seed={seed}", *machine] + ([f"extended={extended}"] if extended else [])
-        heading(f"sealegs evaluate {' '.join(arguments)}")
+        heading(shlex.join(["sealegs", "evaluate", *arguments]))
         script.main(arguments)
     return folder
 

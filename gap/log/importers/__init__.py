@@ -20,6 +20,7 @@ from .formats import read_recordings
 from .mapping import Mapping, converted, ended, fits, lacking, read_mapping
 from .proposal import propose
 from .proposed import Proposal
+from .ranges import check_shares, far_in_proposal, far_in_runs
 from .recording import Recording
 from .show import proposal_text
 from .sidecars import (
@@ -81,12 +82,14 @@ class Imported:
         missing: keys of the sidecar that must be filled in.
         left: recordings that were not imported, with the reason.
         sidecar: of the folder.
+        far: sentences on columns far outside the range of their joint.
     """
 
     files: tuple[Path, ...]
     missing: tuple[str, ...]
     left: tuple[str, ...]
     sidecar: Path
+    far: tuple[str, ...] = ()
 
 
 def propose_for(
@@ -115,8 +118,13 @@ def propose_for(
     recordings, left = _alike(read_recordings(source))
     robot = checked_robot(robot, out)
     proposal = propose(recordings, unit, slides_of(robot, out))
-    sidecar = proposed_sidecar(recordings, proposal, beside(robot, out), checked_actuator(actuator), params)
-    text = proposal_text(proposal, sidecar, recordings, command, left)
+    check_shares(proposal, robot, out)
+    sidecar = proposed_sidecar(
+        recordings, proposal, beside(robot, out), beside(checked_actuator(actuator), out), params
+    )
+    text = proposal_text(
+        proposal, sidecar, recordings, command, left, far_in_proposal(proposal, recordings, robot, out)
+    )
     mapping = replace(proposal.mapping(), sidecar=sidecar)
     return Proposed(text, mapping, _certain(proposal, sidecar), tuple(recordings), tuple(left))
 
@@ -126,6 +134,8 @@ def _certain(proposal: Proposal, sidecar: dict[str, Any]) -> Mapping:
     kept = dict(sidecar)
     if isinstance(kept.get("actuators"), dict):
         kept["actuators"] = {joint: chain for joint, chain in kept["actuators"].items() if joint in certain.joints}
+    if isinstance(kept.get("units"), dict):
+        kept["units"] = {name: unit for name, unit in kept["units"].items() if name in certain.columns}
     return replace(certain.mapping(), sidecar=kept)
 
 
@@ -174,6 +184,7 @@ def import_logs(
     said, sidecar = said_before(out), out / FOLDER_DEFAULTS
     whole = [completed(run, said or {}) for run in runs]
     joints_of_robot(whole, out)
+    far = far_in_runs(whole, whole[0].robot, out)
     shared, own = folder_and_own(runs) if said is None else ({}, [beyond(run, said, out) for run in runs])
     text, missing = text_with_blanks(shared, runs), blanks(whole)
     if format is None:
@@ -184,4 +195,4 @@ def import_logs(
     files = []
     for run, content in zip(runs, own, strict=True):
         files.append(write_run(run, out, format, yaml.safe_dump(content, sort_keys=False, allow_unicode=True)))
-    return Imported(tuple(files), tuple(missing), tuple(left), sidecar)
+    return Imported(tuple(files), tuple(missing), tuple(left), sidecar, far)

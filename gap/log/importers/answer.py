@@ -2,18 +2,20 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+import math
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 
 import numpy as np
 
 from ..types import Array, LogError
+from . import steps
 from .column import Column, span, without_doubt
-from .evidence import Relation
+from .evidence import Relation, whole_numbers
 from .expression import quoted
 from .unit_words import measures
-from .units import ASK, LIKELY, POSITION, SURE, Read, read_alike, read_position
+from .units import ASK, CLOSE, LIKELY, POSITION, SURE, Read, read_alike, read_position
 
 APART = 20.0
 """Two joints whose motions differ by this factor in one unit are hardly both in it."""
@@ -28,49 +30,94 @@ class Answer:
         largest: motion of the joints whose unit is in question, in the unit of the file.
         filled: columns that it is for, or that say the same.
         against: unit that a column says itself, by column.
+        steps: the question, by column of a position whose whole numbers look like encoder steps.
     """
 
     unit: str | None
     largest: float = 0.0
     filled: set[str] = field(default_factory=set)
     against: dict[str, str] = field(default_factory=dict)
+    steps: dict[str, str] = field(default_factory=dict)
 
-    def look_at(self, positions: Iterable[tuple[Column, Array]]) -> None:
-        """Note how far the joints move that the question for the unit is about."""
-        for column, values in positions:
+    def look_at(self, positions: Iterable[tuple[Column, Array, Sequence[Array]]]) -> None:
+        """Note how far the joints move that the question for the unit is about, and which are in encoder steps.
+
+        Args:
+            positions: column, values (n,) and goals, each (n,), of each joint.
+        """
+        whole: dict[str, Array] = {}
+        for column, values, goals in positions:
             if read_position(column.name, values, column.unit, column.how).trust == ASK:
                 self.largest = max(self.largest, span(values))
+            if column.unit in ("", "?", "tick") and steps.may_be_steps(values, goals):
+                whole[column.name] = values
+        if any(steps.beyond_degrees(values) for values in whole.values()):
+            few = max(float(np.nanmax(values)) for values in whole.values()) <= steps.FEW
+            self.steps = dict.fromkeys(whole, steps.ASKED_OF_FEW if few else steps.ASKED)
 
     def position(self, column: Column, values: Array, slide: bool) -> Read:
         """A position, in the unit of the answer where its own is open."""
-        read = read_position(column.name, values, column.unit, column.how, slide)
+        asked = "" if slide else self.steps.get(column.name, "")
+        read = read_position(column.name, values, "tick" if asked else column.unit, column.how, slide)
+        if asked:
+            read = replace(read, ask=asked)
         if self.unit is None:
             return read
-        if without_doubt(column.unit) or read.trust == SURE:
-            return self._kept(column.name, read, without_doubt(column.unit) or read.unit)
+        own = without_doubt(column.unit)
+        if (own, self.unit) in (("tick", steps.TICKS), ("%", steps.PERCENT)):
+            own = ""
+        if own or read.trust == SURE:
+            return self._kept(column.name, read, own or read.unit)
+        if self.unit == steps.PERCENT and not steps.is_percent(values):
+            return read
         self.filled.add(column.name)
+        low, high = float(np.nanmin(values)), float(np.nanmax(values))
         if read.trust == LIKELY and read.unit != self.unit and APART * span(values) < self.largest:
-            low, high = np.nanmin(values), np.nanmax(values)
             ask = (
                 f"is {quoted(column.name)} in {read.unit}? As unit={self.unit} it goes from {low:.3g} to {high:.3g}, "
                 f"where another joint moves by {self.largest:.3g}"
             )
             return replace(read, trust=ASK, ask=ask)
-        return read_position(column.name, values, self.unit, "unit=", slide)
+        if self.unit == steps.PERCENT:
+            why = f"unit= says percent, of the range that the robot's model has; {low:.3g} to {high:.3g}"
+            return Read(quoted(column.name), steps.PERCENT, SURE, why)
+        if self.unit == steps.TICKS:
+            return _in_steps(column.name, values, slide)
+        answered = read_position(column.name, values, self.unit, "unit=", slide)
+        if asked and measures(self.unit, "angle"):
+            ask = (
+                f"are these in {self.unit}, as unit= says? Positions and goals are whole numbers within 0..4095, as "
+                f"encoder steps are (unit={steps.TICKS})"
+            )
+            return replace(answered, trust=ASK, ask=ask)
+        return answered
 
     def alike(self, column: Column, base: Read, goes: Relation) -> Read:
         """A goal or a second position, in the unit of the answer where its own is open."""
         own = without_doubt(column.unit)
+        if (own, self.unit) in (("tick", steps.TICKS), ("%", steps.PERCENT)):
+            own = ""
         read = read_alike(column.name, own, column.how, base, goes)
         if self.unit is None:
             return read
         if own:
             return self._kept(column.name, read, own)
-        self.filled.add(column.name)
+        if self.unit != steps.PERCENT or base.unit == steps.PERCENT:
+            self.filled.add(column.name)
         known = measures(self.unit, *POSITION)
-        if known is None or base.trust == ASK:
+        shared = {steps.TICKS: "tick", steps.PERCENT: steps.PERCENT}.get(self.unit)
+        if base.trust == ASK or (known is None and base.unit != shared):
             return read
         told = goes.fit > 0.3 and goes.scale > 0.0
+        if known is None:
+            if told and abs(math.log(goes.scale)) > math.log(CLOSE):
+                ask = (
+                    f"is {quoted(column.name)} in {self.unit}, as unit= says? The position moves {goes.scale:.2f} "
+                    "times as far"
+                )
+                return replace(read, trust=ASK, ask=ask)
+            text = steps.steps_text(column.name) if self.unit == steps.TICKS else quoted(column.name)
+            return Read(text, base.unit, SURE, f"unit= says {self.unit}")
         if told and read.unit != self.unit:
             ask = f"is {quoted(column.name)} in {self.unit}, as unit= says? {read.why[0].upper()}{read.why[1:]}"
             return replace(read, trust=ASK, ask=ask)
@@ -87,11 +134,36 @@ class Answer:
         """Refuse an answer that no column has a use for.
 
         Raises:
-            LogError: each column says another unit itself.
+            LogError: each column says another unit itself, or none is a share.
         """
+        if self.unit == steps.PERCENT and not self.filled:
+            raise LogError(
+                f"{source}: unit={self.unit} is for positions that stay within 0 to 100 and say no other unit, and "
+                "there is none; leave unit= out."
+            )
         if self.unit is not None and self.against and not self.filled:
             says = ", ".join(f"{quoted(name)} says {unit}" for name, unit in list(self.against.items())[:3])
             raise LogError(
                 f"{source}: unit={self.unit} is for positions and goals whose unit is open, and none is: {says}; "
                 "leave unit= out, or correct the line of a column in the mapping."
             )
+
+
+def _in_steps(name: str, values: Array, slide: bool) -> Read:
+    """A position that ``unit=ticks`` says to be in encoder steps."""
+    low, high = float(np.nanmin(values)), float(np.nanmax(values))
+    read = Read(
+        steps.steps_text(name), "tick", SURE,
+        f"unit= says {steps.TICKS}: {steps.TURN} a turn, {steps.ZERO} at 0 rad (assumed: edit them); "
+        f"{low:.5g} to {high:.5g}",
+    )  # fmt: skip
+    ask = ""
+    if slide:
+        ask = f"{quoted(name)} is of a slide: how many m is a step, and which step is 0 m?"
+    elif not whole_numbers(values):
+        ask = f"is {quoted(name)} in {steps.TICKS}, as unit= says? Its values are no whole numbers"
+    elif max(abs(low), abs(high)) >= steps.REGISTER:
+        ask = (
+            f"how many steps of {quoted(name)} are a turn, and which one is 0 rad? It goes from {low:.0f} to {high:.0f}"
+        )
+    return replace(read, trust=ASK, ask=ask) if ask else read

@@ -54,6 +54,13 @@ def hold(values: Any) -> Array:
     return np.where(last >= 0, cells[last], np.nan)
 
 
+def later(values: Any) -> Array:
+    """1 where a clock is later than at every row before, else 0: repeated stamps get 0 but for their first row."""
+    cells = np.array(values, np.float64, ndmin=1)
+    latest = np.maximum.accumulate(np.where(np.isfinite(cells), cells, -np.inf))
+    return (cells > np.concatenate([[-np.inf], latest[:-1]])).astype(float)
+
+
 CONSTANTS = {"pi": math.pi}
 ROW = "row"
 """Name for the number of a sample, from 0."""
@@ -71,6 +78,7 @@ FUNCTIONS: dict[str, tuple[int, Callable[..., Any]]] = {
     "max": (2, np.maximum),
     "hypot": (2, np.hypot),
     "hold": (1, hold),
+    "later": (1, later),
     "known": (1, lambda values: np.isfinite(values).astype(float)),
 }
 """Functions by name: how many arguments they take, and what they do."""

@@ -159,6 +159,7 @@ def converted(mapping: Mapping, recording: Recording) -> MeasuredRun:
         kept = column(mapping.where, values, f"{where}: the key where", recording.length) > 0.0
         table = {name: cells[kept] for name, cells in table.items()}
     _check_known(table, mapping, where)
+    _check_repeats(table, mapping, where)
     for name, cells in list(table.items()):
         if name.endswith(".enabled") and (cells > 0.5).all():  # on throughout is what its absence says
             del table[name]
@@ -203,6 +204,20 @@ def _check_known(table: AnyMapping[str, Array], mapping: Mapping, where: str) ->
     raise LogError(
         f"{said}leave them out by the line `where: {keep}` in the mapping, which keeps {left} "
         f"sample{'s' * (left > 1)}, or record again."
+    )
+
+
+def _check_repeats(table: AnyMapping[str, Array], mapping: Mapping, where: str) -> None:
+    """Stamps that repeat; the key where leaves out all but the first row of each."""
+    steps = np.diff(table.get("time", np.zeros(0)))
+    if not (steps == 0.0).any() or (steps < 0.0).any() or np.median(steps) == 0.0:
+        return  # what is wrong with such clocks the checks of the log say
+    count, at = int((steps == 0.0).sum()), int(np.argmax(steps == 0.0))
+    keep = "*".join([f"later({mapping.columns['time']})"] + [f"({mapping.where})"] * bool(mapping.where))
+    raise LogError(
+        f"{where}: column 'time' repeats in {count} sample{'s' * (count > 1)}, the first in row {at + 2} "
+        f"({table['time'][at]:.9g} s); leave them out by the line `where: {keep}` in the mapping, which keeps "
+        f"{len(steps) + 1 - count} samples, or record again."
     )
 
 

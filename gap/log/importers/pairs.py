@@ -5,8 +5,12 @@ from __future__ import annotations
 from collections.abc import Callable, Iterable, Mapping
 from dataclasses import replace
 
-from ..types import COMMANDS
+import numpy as np
+
+from ..types import COMMANDS, Array
 from .evidence import Relation
+from .expression import quoted
+from .mapping import Question
 from .units import ASK, LIKELY, Read
 
 FOLLOWS = 0.5
@@ -17,6 +21,11 @@ MOST = 8
 """Columns without names that are looked at."""
 CLEARER = 0.1
 """Share of the motion by which the joint of a goal without a name is ahead of the next one."""
+
+NEARLY_ALL = 0.98
+"""Share of the samples in motion in which a goal that was never one is the reading itself."""
+FEWEST = 40
+"""Samples in motion from which that is told."""
 
 
 def same_joint(groups: Mapping[str, Mapping[str, object]], same_motion: Callable[[str, str], bool]) -> dict[str, str]:
@@ -98,3 +107,46 @@ def in_order(read: Read, goes: Relation, by_motion: bool) -> Read:
     if goes.fit > FOLLOWS:
         return replace(read, why=f"{read.why}; the position follows it by {1e3 * goes.lag:.0f} ms")
     return read
+
+
+def no_reading(read: Read, goal: tuple[str, Array], position: tuple[str, Array]) -> Read:
+    """A goal's column, in question where it is the reading itself, of the same row or of the next.
+
+    Args:
+        read: how the column becomes a goal.
+        goal, position: name and values (n,) of the two columns, as logged.
+    """
+    changes = np.flatnonzero(np.diff(position[1]) != 0.0)
+    if len(changes) < FEWEST:
+        return read
+    for ahead in (0, 1):
+        share = float(np.mean(goal[1][changes] == position[1][changes + ahead]))
+        if share >= NEARLY_ALL:
+            ask = (
+                f"is {quoted(goal[0])} what was sent to the servo? It is {quoted(position[0])}"
+                f"{' of the next row' if ahead else ''} in {share:.0%} of the rows in motion, as no servo follows a "
+                "goal: log what was sent as the goal"
+            )
+            return replace(read, trust=ASK, ask=ask, why=ask.partition("? ")[2].partition(":")[0])
+    return read
+
+
+def what_drives(joint: str, name: str, share: float, facts: Mapping[str, float | str]) -> tuple[Read, Question]:
+    """How a column is read that goes with a joint's motion as a torque does, and the question about it.
+
+    Args:
+        joint: that moves.
+        name: of the column.
+        share: of the column that the motion explains.
+        facts: numbers and words of the file.
+    """
+    factors = [key for key, value in facts.items() if not isinstance(value, str)]
+    near = [key for key in factors if any(word in key.lower() for word in ("tau", "torque", "force", "kt", "gain"))]
+    times = f"*{near[0]}" if near else ""
+    among = f" The file has the numbers {', '.join(factors)}." if factors else ""
+    ask = (
+        f"is {quoted(name)} what drives {joint}? Motion explains {share:.0%} of it, as of a torque or force. If it "
+        f"is its command, the line is {joint}.torque_command: {quoted(name)}{times} in N.m (slide: N).{among}"
+    )
+    read = Read(f"{quoted(name)}{times}", "?", ASK, "it goes with acceleration and speed as a torque or force does")
+    return read, Question((f"{joint}.torque_command",), ask)

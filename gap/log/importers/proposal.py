@@ -16,7 +16,7 @@ from .evidence import Relation, as_derivative, drives, following, multiple
 from .expression import evaluate, names_in, quoted
 from .mapping import Question, known_names
 from .names import said
-from .pairs import FOLLOWS, best_pair, in_order, matched, same_joint
+from .pairs import FOLLOWS, best_pair, in_order, matched, no_reading, same_joint, what_drives
 from .proposed import Proposal
 from .recording import Recording
 from .sparse import held_goal, held_read, kept_samples
@@ -64,8 +64,7 @@ class _Proposer:
         self.find_positions()
         self.place_unknown()
         measured = {joint: signals for joint, signals in self.groups.items() if signals.get("position")}
-        bases = [self.choose("position", signals["position"]) for signals in measured.values()]
-        self.answer.look_at((base, self.moved(base.name).columns[base.name]) for base in bases)
+        self.answer.look_at(self.base_and_goals(signals) for signals in measured.values())
         for joint, signals in measured.items():
             self.read_joint(joint, signals)
         self.answer.check(self.first.source)
@@ -245,17 +244,8 @@ class _Proposer:
 
     def ask_what_drives(self, joint: str, name: str, share: float) -> None:
         """A column that goes with the motion as a torque does."""
-        factors = [key for key, value in self.first.facts.items() if not isinstance(value, str)]
-        near = [key for key in factors if any(word in key.lower() for word in ("tau", "torque", "force", "kt", "gain"))]
-        times = f"*{near[0]}" if near else ""
-        among = f" The file has the numbers {', '.join(factors)}." if factors else ""
-        ask = (
-            f"is {quoted(name)} what drives {joint}? Motion explains {share:.0%} of it, as of a torque or force. If it "
-            f"is its command, the line is {joint}.torque_command: {quoted(name)}{times} in N.m (slide: N).{among}"
-        )
-        read = Read(f"{quoted(name)}{times}", "?", ASK, "it goes with acceleration and speed as a torque or force does")
-        self.out.columns[f"{joint}.torque_command"] = read
-        self.out.questions.append(Question((f"{joint}.torque_command",), ask))
+        self.out.columns[f"{joint}.torque_command"], question = what_drives(joint, name, share, self.first.facts)
+        self.out.questions.append(question)
 
     def read_joint(self, joint: str, signals: dict[str, list[Column]]) -> None:
         """The columns of one joint, their units and what they say of each other."""
@@ -284,6 +274,7 @@ class _Proposer:
                 other = self.answer.alike(column, read, goes)
                 if signal == "goal" and self.time:
                     other = in_order(other, goes, column.name in self.by_motion)
+                    other = no_reading(other, (column.name, values), (base.name, position))
                 if held is not None:
                     other = held_read(other, column.name, values)
                     self.out.keep[joint] = kept_samples(column.name, held, base.name, position)
@@ -367,6 +358,12 @@ class _Proposer:
     def moved(self, name: str) -> Recording:
         """The recording in which a column changes most."""
         return max(self.recordings, key=lambda run: span(run.columns[name]))
+
+    def base_and_goals(self, signals: dict[str, list[Column]]) -> tuple[Column, Array, list[Array]]:
+        """The position of a joint, and its goals in the same recording."""
+        base = self.choose("position", signals["position"])
+        run = self.moved(base.name)
+        return base, run.columns[base.name], [run.columns[one.name] for one in signals.get("goal", [])]
 
     def clock(self, run: Recording) -> Array:
         """Time of a recording [s], as far as it is known."""

@@ -18,9 +18,23 @@ MARKS = {ASK: "? ", LIKELY: "likely: "}
 
 
 def proposal_text(
-    proposal: Proposal, sidecar: Mapping[str, Any], recordings: Sequence[Recording], command: str, left: Sequence[str]
+    proposal: Proposal,
+    sidecar: Mapping[str, Any],
+    recordings: Sequence[Recording],
+    command: str,
+    left: Sequence[str],
+    said: Sequence[str] = (),
 ) -> str:
-    """The mapping file that is shown, edited and read again."""
+    """The mapping file that is shown, edited and read again.
+
+    Args:
+        proposal: what is proposed.
+        sidecar: of the logs.
+        recordings: that it is for.
+        command: that imports with it.
+        left: sentences on recordings that are left out.
+        said: notes on the proposal, without the sign at their end.
+    """
     first = recordings[0]
     rows = sum(recording.length for recording in recordings)
     count = f"{len(recordings)} recordings" if len(recordings) > 1 else "1 recording"
@@ -28,7 +42,7 @@ def proposal_text(
         f"# How {first.source if len(recordings) == 1 else first.source.parent} becomes a log: {count}, {rows} samples."
     ]
     lines += ["# Correct what is wrong; columns that are not wanted are removed. Then:", f"#   {command}"]
-    lines += [f"# Note: {note}." for note in dict.fromkeys(note for one in recordings for note in one.notes)]
+    lines += [f"# Note: {note}." for note in dict.fromkeys([*(n for one in recordings for n in one.notes), *said])]
     lines += [f"# Left out: {one}" for one in left]
     lines.append("columns:")
     entries = [

@@ -23,6 +23,7 @@ from ..units import FACTOR
 from .mapping import Mapping as LogMapping
 from .proposed import Proposal
 from .recording import Recording
+from .steps import PERCENT
 
 BENCH = "bench"
 ARM = NUMBERS["arm_mass"].value  # [kg] of a rod that nobody weighed
@@ -78,6 +79,8 @@ def proposed_sidecar(
     if units := {f"{joint}.{signal}": "m" for joint in sorted(proposal.slides) for signal in ("position", "goal")
                  if f"{joint}.{signal}" in proposal.columns}:  # fmt: skip
         sidecar["units"] = units
+    if percent := {name: PERCENT for name, read in proposal.columns.items() if read.unit == PERCENT}:
+        sidecar["units"] = {**sidecar.get("units", {}), **percent}
     if pendulum and sidecar.get("robot") == BENCH and "arm_mass" not in {**facts, **(params or {})}:
         sidecar["notes"] = UNMEASURED["notes"]
         sidecar["meta"] = {"unknown": UNMEASURED["unknown"]}
@@ -236,11 +239,11 @@ def _without_load(runs: Sequence[MeasuredRun]) -> bool:
     return all(run.robot in ("", BENCH) and not run.robot_params for run in runs) and len(runs[0].joints) == 1
 
 
-def beside(robot: str | None, out: Path) -> str | None:
-    """A robot's file as its path from the folder of the logs; a name as it is."""
-    if robot and Path(robot).is_file():
-        return os.path.relpath(Path(robot).resolve(), out.resolve())
-    return robot
+def beside(name: str | None, out: Path) -> str | None:
+    """A file of a robot or a chain as its path from the folder of the logs; a name as it is."""
+    if name and Path(name).is_file():
+        return os.path.relpath(Path(name).resolve(), out.resolve())
+    return name
 
 
 def checked_robot(robot: str | None, out: Path) -> str | None:
@@ -300,7 +303,7 @@ def answered(
         sidecar["robot"] = robot
     if params:
         sidecar["robot_params"] = {**(sidecar.get("robot_params") or {}), **params}
-    if actuator := checked_actuator(actuator):
+    if actuator := beside(checked_actuator(actuator), out):
         joints = [name.rpartition(".")[0] for name in mapping.columns if name.endswith((".goal", ".torque_command"))]
         sidecar["actuators"] = dict.fromkeys(joints, actuator)
     return replace(mapping, sidecar=sidecar)

@@ -3,13 +3,13 @@
 from __future__ import annotations
 
 import math
-import re
 from dataclasses import dataclass
 
 import numpy as np
 
 from ..types import Array
 from ..units import FACTOR, behind
+from . import steps
 from .evidence import Relation, encoder, grid, whole_numbers
 from .expression import names_in, quoted
 from .unit_words import measures
@@ -82,14 +82,16 @@ def read_position(name: str, values: Array, said: str, how: str, slide: bool = F
     if way := measures(said, "way"):
         return Read(column + way.behind, said, SURE, f"{how} says {said}: a slide; {span}")
     found = encoder(values)
-    if said == "tick" or (said in ("", "?") and whole_numbers(values) and high - low > 400):
+    whole = whole_numbers(values)
+    if said == "tick" or (said in ("", "?") and whole and high - low > 400):
         turn = 4096 if high < 4200 else 2 ** math.ceil(math.log2(max(high - min(low, 0.0), 2.0)))
         middle = turn // 2 if low >= 0 else 0
         centred = f"({column} - {middle})" if middle else column
+        known = (turn, middle) == (steps.TURN, steps.ZERO)
+        ask = f"how many counts are a turn, and which one is 0 rad? {turn} and {middle} are a guess"
         return Read(
-            f"{centred}*2*pi/{turn}", "tick", ASK, f"counts of an encoder, {span}",
-            f"how many counts are a turn, and which one is 0 rad? {turn} and {middle} are a guess",
-        )  # fmt: skip
+            f"{centred}*2*pi/{turn}", "tick", ASK, f"counts of an encoder, {span}", steps.ASKED if known else ask
+        )
     if angle := measures(said, "angle"):
         if found and found[0] != said and said in ("rad", "deg"):
             return Read(
@@ -123,6 +125,8 @@ def read_position(name: str, values: Array, said: str, how: str, slide: bool = F
         return Read(column, "rad", LIKELY, f"no unit is said; {span} look like rad (of a slide they would be m)")
     unit = "deg" if largest > 12.0 else "rad"
     ask = "degrees (unit=deg), rad over several turns (unit=rad), or mm of a slide (unit=mm)? No unit is said"
+    if whole and low >= 0.0:
+        ask += f". Whole numbers may also be encoder steps (unit={steps.TICKS})"
     if largest <= 105.0 and (low >= 0.0 or largest > 90.0):
         ask += f". Or is it a share? {_share(low, 'rad')}"
     return Read(column + ANGLE[unit], unit, ASK, span, ask)
@@ -136,9 +140,8 @@ def _share(low: float, si: str) -> str:
             f"the middle of that range in {si}"
         )
     return (
-        "0..100 of the range that was calibrated: write low + <column>/100*(high - low) with the ends of that range "
-        f"in {si}; or, where the robot's file has the range, keep the column as it is and put "
-        "`units: {<joint>.position: percent, <joint>.goal: percent}` under sidecar"
+        f"0..100 of the joint's range (unit={steps.PERCENT} beside robot=<its file>: the range that its model has; "
+        f"else write low + <column>/100*(high - low) with the ends of the calibrated range in {si})"
     )
 
 
@@ -186,23 +189,31 @@ def _columns(text: str) -> list[str]:
 def read_velocity(name: str, said: str, how: str, slope: Relation, position: Read) -> Read:
     """A velocity, by its name and by how it goes with the derivative of the position [as logged]."""
     column = quoted(name)
+    if position.unit == steps.PERCENT and not said:
+        ask = (
+            f"in which unit is {column}? Its position is in percent: write it in rad/s (slide: m/s), or remove the line"
+        )
+        return Read(column, "?", ASK, "no unit is said, and the position is in percent", ask)
     slide = bool(measures(position.unit, "way"))
     if measures(said, *POSITION):
         said += "/s"
     rate = measures(said, "rate", "speed")
     shown = ""
-    if slope.fit > 0.7 and slope.scale > 0.0:
+    if slope.fit > 0.7 and slope.scale > 0.0 and position.unit != steps.PERCENT:
         base = measures(position.unit, *POSITION)
-        per = slope.scale / (base.factor if base else 1.0)
+        step = steps.step_size(position.text) if position.unit == "tick" else 1.0
+        per = slope.scale / (base.factor if base else step)
         shown = f"it is {slope.scale:.3g} times the derivative of the position as logged"
         rates = MOVING if slide else TURNING
         unit = min(rates, key=lambda unit: abs(math.log(per * FACTOR[unit])))
         if rate and abs(math.log(per * rate.factor)) > min(math.log(CLOSE), abs(math.log(per * FACTOR[unit])) + 0.01):
             return Read(column + rate.behind, said, ASK, f"{how} says {said}, but {shown}, as {unit} would be")
         if position.unit == "tick" and not said:
-            turn = re.search(r"\*2\*pi/(\d+)", position.text)
-            per_count = 2.0 * math.pi / float(turn[1] if turn else 4096) / slope.scale
-            return Read(f"{column}*{per_count:.4g}", "counts", ASK, f"{shown}, in rad/s", position.ask)
+            if position.trust == SURE and abs(math.log(slope.scale)) < math.log(1.3):
+                behind_steps = f"*2*pi/{2.0 * math.pi / step:.0f}"
+                return Read(column + behind_steps, "tick/s", LIKELY, f"{shown}: steps a second")
+            ask = position.ask or f"how many rad/s is a count of {column}? {shown}"
+            return Read(f"{column}*{step / slope.scale:.4g}", "counts", ASK, f"{shown}, in rad/s", ask)
         if position.trust == ASK and not said:
             own = measures(f"{position.unit}/s", "rate", "speed")
             return Read(

@@ -42,7 +42,7 @@ def features(cause: NamedCause) -> Figure:
         axes.set_ylim(-0.6, 1.6)
         axes.set_yticks([])
         axes.set_title(f"{signature.name}: {signature.verdict}", fontsize=9, loc="left")
-        axes.set_xlabel(f"measured less model [m{signature.unit}]", fontsize=8)
+        axes.set_xlabel(f"measured minus model [m{signature.unit}]", fontsize=8)
     chart.axes[0].legend(loc="lower right", bbox_to_anchor=(1.0, 1.0), ncols=2, fontsize=8, frameon=False)
     return chart
 

@@ -13,8 +13,10 @@ from typing import Any
 
 import numpy as np
 import pyarrow as pa
+import yaml
 from pyarrow import compute, parquet
 
+from .....actuators.chain import load_chain
 from ...types import LogError
 from ..recording import Recording
 from .cells import numeric_columns
@@ -26,6 +28,12 @@ SIGNALS |= {"effort": "torque", "torque": "torque", "current": "current", "eff":
 EXTRA = {"observation.velocity": "velocity", "observation.effort": "torque", "observation.current": "current"}
 COMMANDS = {"position": "goal", "torque": "torque_command"}
 UNITS = {"velocity": "?", "torque": "?", "current": "?"}
+FOLLOWERS = re.compile(r"(bi_)?so(100|101)?(_follower)?\Z")
+"""Types of the robots on whose STS3215 LeRobot sets gains of its own at every start."""
+CHAIN = "sts3215"
+FACTORY_P, SET_P = 32, 16
+"""Register P of the servo: from the factory, which :data:`CHAIN` has, and as LeRobot sets it beside I 0, D 32 and
+acceleration 254 (configure in src/lerobot/robots/so_follower/so_follower.py)."""
 
 
 def is_lerobot(folder: Path) -> bool:
@@ -51,6 +59,8 @@ def read_lerobot(folder: Path) -> list[Recording]:
     if MEASURED not in wanted:
         raise LogError(f"{folder}: has no '{MEASURED}', so it says nothing of a robot's joints.")
     notes = ("timestamps are the frame's number over the frame rate, not read from a clock",)
+    if FOLLOWERS.match(robot := str(info.get("robot_type") or "")):
+        notes = (*notes, _gains(robot))
     facts: dict[str, float | str] = {
         "fps": float(info.get("fps") or 0.0),
         "robot_type": str(info.get("robot_type") or ""),
@@ -59,6 +69,18 @@ def read_lerobot(folder: Path) -> list[Recording]:
         _episode(number, table, features, folder, facts, notes)
         for number, table in _episodes(files, [*wanted, "timestamp", "episode_index", "frame_index"])
     ]
+
+
+def _gains(robot: str) -> str:
+    """What LeRobot sets on the servos of a robot, and the chain that has it."""
+    chain = load_chain(CHAIN)
+    gain = chain.value("position_p.gain")
+    halved = chain.with_value("position_p.gain", gain * SET_P / FACTORY_P).to_list()
+    text = yaml.safe_dump(halved, default_flow_style=True, width=10**6, sort_keys=False).strip()
+    return (
+        f"LeRobot sets P {SET_P}, I 0, D 32 and acceleration 254 on the servos of {robot}, and the chain {CHAIN} has "
+        f"the factory's P {FACTORY_P}: halve its gain, actuator=so101_servo.yaml, a file with the line `{text}`"
+    )
 
 
 def _info(path: Path) -> dict[str, Any]:
