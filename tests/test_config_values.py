@@ -114,7 +114,7 @@ def test_arguments_that_no_file_can_hold_are_left_out() -> None:
         ("diagnose", "fleet=no", "fleet=no must be true (this machine), ray (a Ray cluster) or false."),
         ("diagnose", "limits=1", "limits=1 must be two angles [rad], the lower one first"),
         ("diagnose", "limits=[1,-1]", "limits=[1, -1] must be two angles [rad], the lower one first"),
-        ("diagnose", "causes=friction.coulomb", "causes=friction.coulomb must be a list of names"),
+        ("diagnose", "causes=friction.colomb", "no cause 'friction.colomb' (did you mean 'friction.coulomb'?)"),
         ("diagnose", "causes=[friction.colomb]", "no cause 'friction.colomb' (did you mean 'friction.coulomb'?)"),
         ("diagnose", "speed_limit=0", "speed_limit=0 must be a speed above zero [rad/s]."),
         ("watch", "width=8", "width must be at least 16, not 8."),
