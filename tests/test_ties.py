@@ -10,15 +10,16 @@ import pytest
 from sealegs.gap.diagnose import diagnose
 from sealegs.gap.load.robot import LoggedRobot
 from sealegs.gap.load.ties import followers_of, moved_by
-from sealegs.gap.load.tree import Motion, carries, terms_along
+from sealegs.gap.load.tree import Motion, block_along, carries, terms_along
 from sealegs.gap.log.types import MeasuredRun
 from sealegs.gap.replay.tree import not_free
 from sealegs.gap.replay.unlogged import torques_of
+from sealegs.gap.shared.directions import payload
 
 MASSES, LENGTHS, RATIO = (0.3, 0.2), (0.12, 0.15), -0.8  # of the two fingers [kg, m], and of the ways they go
 STIFFNESS, DAMPING = 6.0, 0.15  # of the servo [N.m/rad, N.m.s/rad]
 FINGERS = """<mujoco><compiler angle="radian"/><worldbody>
-<body><joint name="jaw" axis="0 1 0" range="-2 2"/>
+<body name="thumb"><joint name="jaw" axis="0 1 0" range="-2 2"/>
 <inertial pos="0 0 -0.12" mass="0.3" diaginertia="1e-7 1e-7 1e-7"/>{inside}</body>{beside}</worldbody>
 <equality><joint name="tie" joint1="mirror" joint2="jaw" polycoef="{polycoef}"/></equality></mujoco>"""
 MIRROR = """<body name="finger" pos="0.1 0 0"><joint name="mirror" axis="0 1 0" damping="{damping}" {more}/>
@@ -31,6 +32,7 @@ def gripper(
     """The model of two fingers side by side, or of one on the other."""
     mirror = MIRROR.format(damping=damping, more=more)
     text = FINGERS.format(inside=mirror if inside else "", beside="" if inside else mirror, polycoef=polycoef)
+    folder.mkdir(exist_ok=True)
     path = folder / "gripper.xml"
     path.write_text(text)
     return path
@@ -112,3 +114,15 @@ def test_the_terms_of_tied_joints_are_those_of_one_joint(tmp_path: Path, inside:
 def test_a_finger_is_moved_as_measured_where_the_other_one_follows_otherwise(tmp_path: Path, more, why: str) -> None:
     held = not_free(machine(gripper(tmp_path, **more)), "jaw", [])
     assert held is not None and why in held.sentence
+
+
+def test_armature_and_damping_of_a_follower_are_no_mass_of_a_body(tmp_path: Path) -> None:
+    """They were added once more per kilogram of a payload that joints share."""
+    plain, heavy = (
+        payload(machine(gripper(folder, damping=damping, more=more)), "jaw")
+        for folder, damping, more in ((tmp_path / "a", 0.0, ""), (tmp_path / "b", 0.5, 'armature="0.3"'))
+    )
+    assert plain is not None and heavy is not None
+    motion = Motion(*(np.full((4, 2), value) for value in (0.3, 1.0, 2.0)))
+    one, other = (block_along(found.change()[1], 0, motion) for found in (plain, heavy))
+    np.testing.assert_allclose(one, other, atol=1e-12)

@@ -212,8 +212,9 @@ def _heavy(model: mujoco.MjModel, light: float) -> list[int]:
 
 
 def _empty(model: mujoco.MjModel) -> mujoco.MjModel:
-    """The robot without any mass, and without the springs of its joints, which are no body's."""
+    """The robot without any mass, and without springs, armature and damping of its joints, which are no body's."""
     other = model.__copy__()
+    other.dof_armature[:] = other.dof_damping[:] = 0.0
     other.jnt_stiffness[:] = other.jnt_stiffnesspoly[:] = 0.0
     other.body_mass[:] = other.body_inertia[:] = other.body_subtreemass[:] = 0.0
     return other
