@@ -113,6 +113,10 @@ class ModelFile:
     unnamed: tuple[str, ...]
     said: tuple[str, ...]
 
+    def mobility_of(self, terms: Sequence[tuple[str, float]]) -> float:
+        """The same of a coordinate that is a sum of joints times coefficients, by a force on it [1/(kg.m2) or 1/kg]."""
+        return sum(c * d * self.mobility[one, two] for one, c in terms for two, d in terms)
+
     def spec(self) -> mujoco.MjSpec:
         """A specification of its own: without actuators, and without keyframes, which would count them."""
         return read_specs(self.path, self.path.stat().st_mtime_ns)[0].copy()

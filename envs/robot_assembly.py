@@ -97,8 +97,7 @@ def _stable_step(model: ModelFile, joints: Sequence[FileJoint], timestep: float,
     """
     number = int(getattr(mujoco.mjtIntegrator, f"mjINT_{integrator.upper()}"))
     for joint in joints:
-        mobility = sum(c * d * model.mobility[one, two] for one, c in joint.terms for two, d in joint.terms)
-        inertia = 1.0 / mobility
+        inertia = 1.0 / model.mobility_of(joint.terms)
         if joint.owners["armature"] == "chain":
             inertia += max(joint.chain.armature() - joint.model_values["armature"], 0.0)
         coupled = any(joint.chain.find(stage) is not None for stage in ("spring", "compliance", "backlash"))

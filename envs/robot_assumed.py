@@ -114,7 +114,7 @@ def ideal_servo(
         if drive is not None:
             notes.append(motor_note(drive, joint.kind))
         inertia = (joint.inertia + joint.armature) / ratio**2
-        mobility = sum(c * d * model.mobility[one, two] for one, c in terms for two, d in terms)
+        mobility = model.mobility_of(terms)
         rate, why = _rate(limit, inertia, 1.0 / mobility, limits, timestep)
         if (wanted := inertia * rate**2) > STIFFEST:
             rate = math.sqrt(STIFFEST / inertia)

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
@@ -19,7 +18,7 @@ from ..load.robot import Frame, robot_of, with_frames
 from ..log.sidecar import relative_robot
 from ..log.types import MeasuredRun, MeasuredSet
 from ..replay.joint_model import JointModel
-from ..replay.parameters import Target, address
+from ..replay.parameters import Target, about, address
 from ..replay.problem import JointProblem
 from ..shared import ROBOT
 from ..verdict.verdict import JointDiagnosis
@@ -30,7 +29,6 @@ __all__ = ["as_taken", "changes", "extended_of", "not_native", "readable", "writ
 
 TUNED = "tuned within its tolerance"
 REFITTED = "refitted, up to fivefold"
-SLIGHTLY = 1.001  # factor by which a number at the end of its tolerance may be beyond it
 OWNERS: dict[Target, Owner] = {
     Target.STAGE: "chain",
     Target.GEAR: "chain",
@@ -53,15 +51,15 @@ def changes(diagnosis: JointDiagnosis) -> list[dict[str, Any]]:
     named = {cause.name for cause in diagnosis.causes}
     owner = {p.path: c.cause.name for c in diagnosis.search.accepted if c.cause.name in named for p in c.variant}
     joint = diagnosis.problem.joint
-    tight = [] if joint is None else [p for p in adjustable(joint.models[0]) if p.start == 1.0]
-    known = {p.path: (p.low / SLIGHTLY, p.high * SLIGHTLY) for p in tight}
+    tight = [] if joint is None else adjustable(joint.models[0])
+    ends = {p.path: (p.low, p.high) for p in tight if p.relative}
     rows = []
     for path, value in diagnosis.values.items():
         at = address(path)
         before = nominal.value(at.number)
         after = value * before if at.factor else value
-        low, high = known.get(path, (-math.inf, math.inf))
-        other = TUNED if low <= value <= high and diagnosis.model != "refitted" else REFITTED
+        within = path not in ends or about(value, *ends[path])
+        other = TUNED if within and diagnosis.model != "refitted" else REFITTED
         rows.append({"path": at.number, "from": float(before), "to": float(after), "why": owner.get(path, other)})
     return sorted(rows, key=lambda row: row["why"] in (TUNED, REFITTED))
 

@@ -133,6 +133,11 @@ class Parameter:
         return not (self.phase or self.shape)
 
     @property
+    def relative(self) -> bool:
+        """Whether the value is by how much something is larger than believed: a factor, or a scale that begins at 1."""
+        return self.factor or (self.logarithmic and self.start == 1.0 and self.unit == "1")
+
+    @property
     def path(self) -> str:
         """Key of its value among those of a fit: the number, with :data:`FACTOR` behind it where it is a factor."""
         return f"{self.number}{FACTOR}" if self.factor else self.number
@@ -170,6 +175,14 @@ class Parameter:
         """The optimiser's coordinate to a value within the bounds."""
         value = math.exp(u * self.scale) if self.logarithmic else float(u) * self.scale
         return min(max(value, self.low), self.high)
+
+
+SLIGHTLY = 1.001  # factor that tells a number that was turned from one that was not
+
+
+def about(value: float, low: float, high: float) -> bool:
+    """Whether a relative value is within these ends, or hardly beyond them."""
+    return low / SLIGHTLY <= value <= high * SLIGHTLY
 
 
 def factor(number: str, low: float, high: float, scale: float = 0.1, difference: float = 0.3) -> Parameter:

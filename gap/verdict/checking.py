@@ -48,12 +48,13 @@ def check_log(data: MeasuredSet, progress: Progress) -> tuple[MeasuredSet, list[
         _check_ways(run, now, converted[run.name])
     said += of_joints
     progress("checking the log")
-    marked, _ = released(data)  # a sign is told where the drive is on
+    marked, off = released(data)  # a sign is told where the drive is on
     mended, every = corrected(marked, [*data.findings, *said, *check_set(marked)])
     _check_said(every, converted)
-    data, off = released(_unmarked(mended, data))  # and once more: a goal in another unit or direction looks away
+    if mended is not marked:  # once more: a goal in another unit or direction looks away
+        mended, off = released(_unmarked(mended, data))
     every += off
-    return data, merged(every), unusable(every, data)
+    return mended, merged(every), unusable(every, mended)
 
 
 def _unmarked(data: MeasuredSet, recorded: MeasuredSet) -> MeasuredSet:

@@ -16,7 +16,7 @@ import numpy as np
 
 from ..checks.bootstrap import block_weights
 from ..log.parts import FIT_A, FIT_B
-from ..replay.parameters import Parameter
+from ..replay.parameters import Parameter, about
 from ..replay.problem import Nominal, Problem
 from ..search.fit import Fit, fit, middle
 from ..search.intervals import intervals
@@ -304,20 +304,11 @@ def near_misses(search: Search, most: int = 3) -> tuple[OpenCause, ...]:
     return tuple(found[:most])
 
 
-def _is_factor(parameter: Parameter) -> bool:
-    return parameter.factor or (parameter.logarithmic and parameter.start == 1.0 and parameter.unit == "1")
-
-
-SLIGHTLY = 1.001  # factor that tells a number that was turned from one that was not
-
-
 def refitted_numbers(wide: Sequence[Parameter], values: Mapping[str, float], known: Sequence[Parameter] = ()) -> str:
     """The numbers that refitting turned furthest, for people; only those turned beyond the tolerances of ``known``.
 
     Factors are those on a number of the chain, and the scale of a torque and of a load's mass.
     """
-    ends = {p.number: (p.low, p.high) for p in known if _is_factor(p)}
-    turned = [
-        (p.number, values[p.path], ends.get(p.number, (1.0, 1.0))) for p in wide if _is_factor(p) and p.path in values
-    ]
-    return furthest([(name, factor) for name, factor, (a, b) in turned if not a / SLIGHTLY <= factor <= b * SLIGHTLY])
+    ends = {p.number: (p.low, p.high) for p in known if p.relative}
+    turned = [(p.number, values[p.path]) for p in wide if p.relative and p.path in values]
+    return furthest([(name, factor) for name, factor in turned if not about(factor, *ends.get(name, (1.0, 1.0)))])
