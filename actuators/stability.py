@@ -28,7 +28,7 @@ def velocity_slope(chain: Chain, step: float) -> float:
     scale = encoder.scale if encoder is not None else 1.0
     damping = controller.damping * scale if controller is not None else 0.0  # duty per speed
     if ideal is not None:
-        return ideal.damping * scale
+        return ideal.strength * ideal.damping * scale
     if regression is not None:
         ratio = chain.gear_ratio()
         return damping * regression.duty_torque * ratio - regression.speed_torque * ratio**2

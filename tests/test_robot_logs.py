@@ -23,6 +23,7 @@ from sealegs.gap.replay.tree import held_terms, not_free
 from sealegs.gap.search.fit import fit
 from sealegs.gap.search.result import Search
 from sealegs.gap.search.windows import split
+from sealegs.gap.verdict.feed_forward import with_whole_goals
 from sealegs.gap.verdict.measure import whole_fit
 from sealegs.gap.verdict.pieces import cut_joint
 
@@ -247,6 +248,6 @@ def test_a_second_command_that_the_chain_does_not_take_is_reported(tmp_path: Pat
     """A feed-forward torque beside a goal was left out without a word."""
     run = two_link_run(tmp_path, 3.0)
     log = replace(run.joints["elbow"], torque_command=np.zeros(len(run.time)))
-    both = replace(run, joints={**run.joints, "elbow": log})
-    (said,) = [f.sentence for f in cut_joint([both], "elbow", None).findings if f.code == "command.unused"]
-    assert "elbow.torque_command is not used: the chain of joint 'elbow' takes elbow.goal alone" in said
+    (as_it_was,), (said,) = with_whole_goals([replace(run, joints={**run.joints, "elbow": log})])
+    assert said.code == "command.unused" and as_it_was.joints["elbow"].goal is log.goal
+    assert "elbow.torque_command is not used: the chain of joint 'elbow' does not take it" in said.sentence

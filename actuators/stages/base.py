@@ -131,6 +131,11 @@ class Stage:
         return {item.name: getattr(self, item.name) for item in dataclasses.fields(self) if "unit" in item.metadata}
 
     @classmethod
+    def unit_of(cls, key: str) -> str:
+        """Unit of a parameter; empty where the stage has none of that name."""
+        return next((item.metadata.get("unit", "") for item in dataclasses.fields(cls) if item.name == key), "")
+
+    @classmethod
     def record_names(cls) -> tuple[str, ...]:
         """Names of the numbers that the law reads, in the order of its record."""
         own = [item.name for item in dataclasses.fields(cls) if item.metadata.get("in_law")]

@@ -142,7 +142,9 @@ PositionController.law = Law(advance=advance_integral, act=controlled_duty)
 class Ideal(Stage):
     """A perfect servo: torque = stiffness (goal - position) - damping speed, within a limit.
 
-    This is what most simulations assume.
+    This is what most simulations assume. With a ``feedforward`` of 1 it is an impedance drive (MIT mode): torque =
+    stiffness (goal - position) + damping (goal velocity - speed) + commanded torque, where the log has the columns
+    ``goal_velocity`` and ``torque_command`` beside the goal; without them both are zero.
     """
 
     name: ClassVar[str] = "ideal"
@@ -154,6 +156,21 @@ class Ideal(Stage):
     damping: float = parameter(0.0, "N.m.s/rad", 0.0, 1e5, "torque per rad/s of speed")
     torque_limit: float = parameter(1e6, "N.m", 0.0, 1e6, "largest torque")
     armature: float = parameter(0.0, "kg.m2", 0.0, 1e3, "rotor inertia at the joint", in_law=False)
+    strength: float = parameter(1.0, "-", 0.0, 10.0, "torque that it gives per torque that it computes")
+    feedforward: float = parameter(
+        0.0,
+        "-",
+        0.0,
+        1.0,
+        "share of a log's goal velocity and torque command that acts beside the goal",
+        in_law=False,
+    )
+
+    def check(self, chain: Any) -> None:
+        if self.feedforward > 0.0 and self.stiffness == 0.0:
+            raise ChainError(
+                f"{chain.label}: 'ideal' has a feedforward and no stiffness; a drive without one is a torque_command."
+            )
 
 
 IDEAL = Ideal.offsets()
@@ -164,7 +181,7 @@ def ideal_torque(p, i, s, value):
     """Torque of an ideal servo for the goal ``value``."""
     s[S_GOAL] = value
     torque = p[i + IDEAL.stiffness] * (value - s[S_READING]) - p[i + IDEAL.damping] * s[S_SPEED]
-    return min(max(torque, -p[i + IDEAL.torque_limit]), p[i + IDEAL.torque_limit])
+    return p[i + IDEAL.strength] * min(max(torque, -p[i + IDEAL.torque_limit]), p[i + IDEAL.torque_limit])
 
 
 Ideal.law = Law(act=ideal_torque)

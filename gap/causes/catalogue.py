@@ -69,9 +69,10 @@ def adjustable(nominal: JointModel, width: float = TIGHT) -> list[Parameter]:
                 for path in (f"{stage}.{key}" for key in keys)
                 if nominal.value(path) > 0.0 and path not in unknown
             ]
-    if nominal.by_torque:
+    if nominal.by_torque or nominal.chain.find("ideal") is not None:
         # a log tells torque per mass alone: with scale or mass far open, neither they nor friction have a size
         low, high = 1.0 / (1.0 + TIGHT), 1.0 + TIGHT
+    if nominal.by_torque:
         found.append(Parameter("scale.factor", "1", low, high, 1.0, 0.05, logarithmic=True))
         effort, believed = nominal.axis.effort or 1.0, nominal.value("offset.value")
         # where nothing holds it, the bias of an amplifier adds up to more than friction

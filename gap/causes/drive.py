@@ -227,15 +227,16 @@ def thermal(nominal: JointModel) -> Cause:
     )
 
 
-@entry("drive.motor_constant", has_any("dc_motor", "torque_command"))
+@entry("drive.motor_constant", has_any("dc_motor", "torque_command", "ideal"))
 def motor_constant(nominal: JointModel) -> Cause:
-    motor = nominal.chain.find("dc_motor") is not None
+    motor, ideal = (nominal.chain.find(stage) is not None for stage in ("dc_motor", "ideal"))
+    strength = factor("ideal.strength", 0.3, 3.0) if ideal else PER_COMMAND
     return Cause(
         sentence="Torque per current and back-EMF differ from the data sheet."
         if motor
         else "The drive gives more or less torque than it is commanded.",
         picture="response",
         against="motor torque",
-        variants=((factor("dc_motor.motor_constant", 0.3, 3.0) if motor else PER_COMMAND,),),
+        variants=((factor("dc_motor.motor_constant", 0.3, 3.0) if motor else strength,),),
         error=True,
     )

@@ -16,7 +16,7 @@ HINGE: Mapping[str, float] = MappingProxyType(factors("rad", "deg", "turn", "rad
 SLIDE: Mapping[str, float] = MappingProxyType(factors("m", "cm", "mm", "m/s", "mm/s"))
 SHARES: Mapping[str, float] = MappingProxyType({"fraction": 1.0, "percent": 100.0})
 """Of the joint's range in the model, from its lower end, with what the whole range is."""
-POSITIONS, SPEEDS = ("position", "goal", "link_position"), ("velocity",)
+POSITIONS, SPEEDS = ("position", "goal", "link_position"), ("velocity", "goal_velocity")
 
 
 def in_model_units(data: MeasuredSet, robot: LoggedRobot | None) -> tuple[MeasuredSet, list[Finding]]:

@@ -24,6 +24,7 @@ class LogError(SealegsError):
 
 SIGNAL_UNITS: dict[str, str] = {
     "goal": "rad",
+    "goal_velocity": "rad/s",
     "torque_command": "N.m",
     "position": "rad",
     "velocity": "rad/s",
@@ -43,7 +44,7 @@ COMMANDS = ("goal", "torque_command", "torque")
 OTHER = ("base", "host")
 """Groups of columns that belong to no joint: of the floating base, and of the computer that ran the loop."""
 
-REQUIRED_EVERYWHERE = ("goal", "torque_command", "position", "enabled")
+REQUIRED_EVERYWHERE = ("goal", "goal_velocity", "torque_command", "position", "enabled")
 """Signals that may not miss a value in any sample where their column exists."""
 
 
@@ -65,7 +66,8 @@ class JointLog:
         temperature: motor temperature [degC].
         enabled: 1 while the drive is on, 0 while the motor is left without torque; None where it was on throughout.
         torque_command: commanded torque, held until the next sample [N.m]; of an open loop, or of a controller outside
-            the drive that closes one. None where the drive takes a position goal.
+            the drive that closes one. None where the drive takes a position goal alone.
+        goal_velocity: commanded velocity beside the goal, of an impedance drive [rad/s].
         touched: 1 where something that the model lacks holds what the joint moves, as a table under an arm; no column,
             but found before a diagnosis. None where nothing does.
     """
@@ -81,6 +83,7 @@ class JointLog:
     temperature: Array | None = None
     enabled: Array | None = None
     torque_command: Array | None = None
+    goal_velocity: Array | None = None
     touched: Array | None = None
 
     @property

@@ -43,7 +43,7 @@ ACTUATOR = {
     "current_limit": ("limit",),
     "dc_motor": ("motor_constant", "resistance"),
     "torque_limit": ("limit",),
-    "ideal": ("stiffness", "damping", "torque_limit"),
+    "ideal": ("stiffness", "damping", "torque_limit", "strength"),
 }
 """Parameters that MuJoCo's own actuators have."""
 POSITION_ACTUATOR = ("delay", "ideal", "torque_limit")
@@ -129,8 +129,8 @@ def _actuator(chain: Chain, law: ElementTree.Element, timestep: float) -> Elemen
         stage.law_values(chain)["limit"] for stage in chain.stages if stage.name == "torque_limit"
     ]  # at the joint
     if (ideal := chain.find("ideal")) is not None:
-        torques.append(ideal.torque_limit)
-        attributes |= {"kp": _text(ideal.stiffness), "kv": _text(ideal.damping)}
+        torques.append(ideal.strength * ideal.torque_limit)
+        attributes |= {"kp": _text(ideal.strength * ideal.stiffness), "kv": _text(ideal.strength * ideal.damping)}
         attributes |= {"forcerange": f"{-min(torques):.9g} {min(torques):.9g}"} if min(torques) < 1e6 else {}
         return ElementTree.Element("position", attributes)
     constant = chain.gear_ratio() * chain.find("dc_motor").motor_constant * chain.magnetisation()

@@ -69,6 +69,7 @@ class Searcher:
         warms = self.problem.temperature_range >= self.settings.least_temperature_range
         self.shown = [cause for cause in self.considered if warms or not cause.needs.temperature_range]
         self.numbers = {parameter.number for parameter in self.tuned}
+        self.numbers |= {"ideal.strength"} if "ideal.stiffness" in self.numbers else set()  # of all that it gives
         self.parts = (self.problem.part(FIT_A), self.problem.part(FIT_B))
         self.both = self.problem.part(FIT_A, FIT_B)
         self.sketch = sketch(self.both, self.settings.sketched)

@@ -12,6 +12,7 @@ from ..replay.problem import Problem, periods_of
 from ..replay.robust import robust_weight
 from .bounded import FLAT, nearest_within, root_of, solved
 from .fit import Fit
+from .torque_gauge import is_torque, room
 
 UNLIKELY = 3.84  # rise of the cost, in squared noise floors: the 95 % quantile of chi square with one degree of freedom
 CLOCK = 0.03  # of a sample period: what all time stamps are late or early by
@@ -28,8 +29,9 @@ def intervals(
     """95 % profile-likelihood intervals, widened for autocorrelated errors by a block bootstrap.
 
     Nuisance parameters move within their bounds: an armature that only its tolerance holds widens the interval of a
-    load's inertia. Two terms are added in quadrature: how far the fits of the two parts of the data disagree, and
-    the systematic error that all data share (calibration of the columns, clock of the log, discretisation error).
+    load's inertia. What the log leaves open of all torques together (:mod:`.torque_gauge`) widens theirs. Two terms are
+    added in quadrature: how far the fits of the two parts of the data disagree, and the systematic error that all data
+    share (calibration of the columns, clock of the log, discretisation error).
 
     Args:
         halves: fits of the same parameters to two parts of the data.
@@ -59,9 +61,12 @@ def intervals(
     rises = UNLIKELY * inflation(curvature + ridge, (weights - 1.0) @ scores)
     lows, highs = _reach(u, scores.sum(axis=0), curvature + ridge, low, high, rises)
     found_intervals = {}
+    smaller, larger = room(problem, parameters, found.values)
     period = max(periods_of(problem))
     for k, p in enumerate(parameters):
         value, least, most = (p.from_fit(x) for x in (u[k], lows[k], highs[k]))
+        if is_torque(p):
+            least, most = min(least, value * smaller, value * larger), max(most, value * smaller, value * larger)
         values = [fit.values[p.path] for fit in halves if p.path in fit.values]
         shared = CLOCK * period if p.unit == "s" else problem.systematic_error(p.path) * abs(value)
         wide = float(np.linalg.norm([0.5 * (most - least), max(values) - min(values) if values else 0.0, shared]))

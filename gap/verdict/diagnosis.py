@@ -39,6 +39,7 @@ from .checking import check_log
 from .columns import chosen, commanded
 from .decide import decide
 from .evidence import Refused, Replayed, as_noise_allows
+from .feed_forward import with_whole_goals
 from .frames import DOUBTED, in_likely_frames
 from .measure import Measured, is_of_robot, measure, whole_runs
 from .parallel import side_by_side
@@ -94,9 +95,10 @@ def diagnose(
         first = [_first_experiment(runs, joint, stop, request) for joint in joints]
         why = Refused("the log", stop.sentence)
         return [refuse(joint, why, findings, plan) for joint, plan in zip(joints, first, strict=True)]
+    runs, of_drives = with_whole_goals(runs)
     runs, of_frames = in_likely_frames(runs, progress, test_group)
     runs, of_table = without_rests(runs, progress, test_group)
-    findings = [*findings, *of_frames, *of_table]
+    findings = [*findings, *of_drives, *of_frames, *of_table]
     found = side_by_side(dict.fromkeys(joints, _whatever_happens), runs, findings, request, workers, done)
     if only is not None:
         return found
@@ -276,10 +278,9 @@ def _replay(pieces: Cut, request: Request, *, before_goal: bool = False) -> Repl
 
 
 def _search(replay: Replay, request: Request) -> Search:
-    causes = list(replay.causes)
     searcher = Searcher(
-        replay.fitting, causes, tuple(replay.tuned), request.progress, request.seed, request.search, request.look_on,
-        tuple(replay.wide),
+        replay.fitting, list(replay.causes), tuple(replay.tuned), request.progress, request.seed, request.search,
+        request.look_on, tuple(replay.wide),
     )  # fmt: skip
     return seek(searcher)
 
@@ -303,8 +304,7 @@ def _decide(
     silent = settled and not (measured.causes or measured.turned)
     held = next((finding for finding in replay.findings if finding.code == HELD), None)
     asked = problem.joint if silent and held is None else None
-    blind = () if asked is None else blind_spots(asked, search, replay.hidden)
-    limits = () if asked is None else detection_limits(asked, search)
+    blind, limits = (blind_spots(asked, search, replay.hidden), detection_limits(asked, search)) if asked else ((), ())
     tuned = {p.number: measured.values[p.path] for p in search.tuned if p.path in measured.values}
     unmeasured = () if problem.joint is None else problem.joint.models[0].unknown
     within = [p.number for p in search.tuned if p.factor and not search.loose and p not in unmeasured]

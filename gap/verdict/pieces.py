@@ -70,7 +70,6 @@ def cut_joint(
     noise = max(logged, PRECISION * models[0].axis.span)
     if noise > logged:
         findings.append(_finer(joint, noise, models[0].axis.unit("rad")))
-    findings += _unused(runs, joint, models[0])
     along = None
     if robot is not None and terms is not None and not (robot.slides(joint) or models[0].by_torque):
         along = held_terms(robot, joint, runs)
@@ -154,19 +153,6 @@ def named_chain(run: MeasuredRun, joint: str) -> Chain:
         return load_chain(run.actuators[joint])
     except SealegsError as error:
         raise LogError(f"{run.name}: actuator of joint '{joint}': {error}") from None
-
-
-def _unused(runs: Sequence[MeasuredRun], joint: str, model: JointModel) -> list[Finding]:
-    """That a torque is commanded beside a goal, which is all that the joint's chain takes."""
-    both = any(run.joints[joint].signals().keys() >= {"goal", "torque_command"} for run in runs)
-    if model.by_torque or not both:
-        return []
-    sentence = (
-        f"{joint}.torque_command is not used: the chain of joint '{joint}' takes {joint}.goal alone. Of a drive that "
-        "adds a torque to its position loop, log the whole torque that it commands, and take a chain with "
-        "torque_command."
-    )
-    return [Finding("command.unused", "warning", joint, f"{joint}.torque_command", sentence)]
 
 
 def _assumed(joint: str, run: str, notes: Sequence[str]) -> Finding:

@@ -1,0 +1,64 @@
+"""What a log of commands and motion leaves open: all torques and inertias of a joint may be larger by one factor.
+
+Nothing in such a log is a torque that was measured. A torque-driven joint moves alike where drive, friction, mass and
+inertia are all a few percent more, and so does one behind an ideal position loop. Only what is believed of drive and
+mass, each within its tolerance, says how large they are; a profile to first order about one optimum misses most of it.
+A DC motor's back-EMF fixes the factor.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping, Sequence
+
+from ...actuators.stages import STAGES
+from ..replay.joint_model import JointModel
+from ..replay.parameters import Parameter, address
+from ..replay.problem import Problem
+
+LOADS = ("load.mass_factor", "load.payload", "load.extra_inertia")
+DRIVES = (("scale.factor",), ("ideal.stiffness", "ideal.strength"))
+"""Numbers of drives whose product says what a command is worth."""
+
+
+def room(problem: Problem, parameters: Sequence[Parameter], values: Mapping[str, float]) -> tuple[float, float]:
+    """The least and the largest factor on all torques at once that what is believed of drive and mass allows.
+
+    Args:
+        problem: of which the parameters are.
+        parameters: that were fitted.
+        values: of them, by path.
+
+    Returns:
+        1 and 1 where something else fixes the factor, or nothing holds it.
+    """
+    if problem.joint is None or not is_open(problem.joint.models[0]):
+        return 1.0, 1.0
+    least, most = 0.0, math.inf
+    by_number = {p.number: p for p in parameters}
+    for anchor in (("load.mass_factor",), *DRIVES):
+        held = [by_number[number] for number in anchor if number in by_number]
+        if held:
+            least = max(least, math.prod(p.low / values[p.path] for p in held))
+            most = min(most, math.prod(p.high / values[p.path] for p in held))
+    if least == 0.0 or most == math.inf:
+        return 1.0, 1.0
+    return min(least, 1.0), max(most, 1.0)
+
+
+def is_open(model: JointModel) -> bool:
+    """Whether a joint's log leaves the factor open: torques or an ideal loop drive it, and no spring is behind."""
+    chain = model.chain
+    elastic = any(chain.find(stage) is not None for stage in ("spring", "compliance", "backlash"))
+    return not elastic and (model.by_torque or chain.find("ideal") is not None)
+
+
+def is_torque(parameter: Parameter) -> bool:
+    """Whether a number grows with all torques."""
+    at = address(parameter.number)
+    if parameter.number in (*LOADS, "scale.factor", "ideal.strength"):
+        return True
+    unit = parameter.unit
+    if parameter.factor and at.owner in STAGES:
+        unit = STAGES[at.owner].unit_of(at.key)
+    return unit.startswith(("N.m", "kg.m2"))

@@ -1,0 +1,111 @@
+"""A joint behind an impedance drive (MIT mode), by equations of its own: goal, goal velocity and torque together."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+from sealegs.actuators.chain import load_chain
+from sealegs.actuators.errors import SealegsError
+from sealegs.gap.log.arrays import measured_set
+from sealegs.gap.log.types import MeasuredSet
+from sealegs.gap.verdict.diagnosis import diagnose
+from sealegs.gap.verdict.feed_forward import with_whole_goals
+
+GRAVITY, STEP, EVERY = 9.81, 1e-4, 50
+MASS, LENGTH, BODY, ROTOR = 1.2, 0.22, 4e-3, 0.012  # [kg], [m], [kg.m2], [kg.m2]
+STIFFNESS, DAMPING = 18.0, 0.6  # [N.m/rad], [N.m.s/rad]: of a leg that walks softly
+DRIVE = {"stiffness": STIFFNESS, "damping": DAMPING, "torque_limit": 17.0, "armature": ROTOR}
+MODEL = f"""<mujoco model="thigh"><worldbody><body><joint name="thigh" axis="0 1 0"/>
+<inertial pos="0 0 -{LENGTH}" mass="{MASS}" diaginertia="{BODY} {BODY} {BODY}"/></body></worldbody></mujoco>"""
+
+
+def moved(seed: int, coulomb: float, weak: float, seconds: float = 12.0) -> dict[str, np.ndarray]:
+    """One run at 200 Hz: what the host sent, and where the joint was."""
+    rng = np.random.default_rng(seed)
+    rate, phase = rng.uniform(1.5, 9.0, 3), rng.uniform(0.0, 6.0, 3)
+    inertia, hangs = BODY + MASS * LENGTH**2 + ROTOR, MASS * GRAVITY * LENGTH
+    q = v = 0.0
+    rows = []
+    for k in range(int(seconds / STEP)):
+        if k % EVERY == 0:
+            now = k * STEP
+            way = 0.25 * np.sin(rate * now + phase)
+            goal, speed = way.sum(), (0.25 * rate * np.cos(rate * now + phase)).sum()
+            forward = hangs * np.sin(goal) - inertia * (way * rate**2).sum()
+            rows.append((now, goal, speed, forward, q + rng.normal(0.0, 2e-4)))
+        torque = weak * np.clip(STIFFNESS * (goal - q) + DAMPING * (speed - v) + forward, -17.0, 17.0)
+        free = v + STEP * (torque - hangs * np.sin(q)) / inertia
+        v = free - np.clip(free, -STEP * coulomb / inertia, STEP * coulomb / inertia)
+        q += STEP * v
+    names = ("time", "thigh.goal", "thigh.goal_velocity", "thigh.torque_command", "thigh.position")
+    return dict(zip(names, np.array(rows).T, strict=True))
+
+
+def leg(folder: Path, coulomb: float = 0.0, weak: float = 1.0, feedforward: float = 1.0) -> MeasuredSet:
+    """Three runs of a thigh whose file knows of no friction."""
+    path = folder / "thigh.xml"
+    path.write_text(MODEL, encoding="utf-8")
+    chain = [{"delay": {"seconds": 0.0}}, {"ideal": {**DRIVE, "feedforward": feedforward}}]
+    sidecar = {"robot": str(path), "actuators": {"thigh": chain}}
+    return measured_set([moved(seed, coulomb, weak) for seed in (1, 2, 3)], sidecar, "leg")
+
+
+def test_one_goal_asks_for_what_goal_velocity_and_torque_ask_for_together(tmp_path: Path) -> None:
+    before = leg(tmp_path).runs[0]
+    (after, *_), (note,) = with_whole_goals([before])
+    log, whole = before.joints["thigh"], after.joints["thigh"]
+    assert log.goal is not None and log.goal_velocity is not None and log.torque_command is not None
+    asked = STIFFNESS * log.goal + DAMPING * log.goal_velocity + log.torque_command
+    np.testing.assert_allclose(STIFFNESS * np.asarray(whole.goal), asked)
+    assert whole.goal_velocity is None and whole.torque_command is None and note.code == "command.beside"
+
+
+def test_a_log_without_an_impedance_drive_keeps_its_goals_and_says_what_is_unused(tmp_path: Path) -> None:
+    before = leg(tmp_path, feedforward=0.0).runs[0]
+    (after, *_), (note,) = with_whole_goals([before])
+    assert after.joints["thigh"].goal is before.joints["thigh"].goal
+    assert (
+        note.code == "command.unused" and "thigh.goal_velocity and thigh.torque_command are not used" in note.sentence
+    )
+
+
+def test_a_drive_without_stiffness_has_no_goal_to_feed_forward_to() -> None:
+    with pytest.raises(SealegsError, match="a drive without one is a torque_command"):
+        load_chain([{"ideal": {"stiffness": 0.0, "damping": 1.0, "feedforward": 1.0}}])
+
+
+def test_a_right_leg_behind_an_impedance_drive_leaves_nothing_to_explain(tmp_path: Path) -> None:
+    """Its goal alone was replayed: 100 mrad of gap, and causes for it."""
+    (found,) = diagnose(leg(tmp_path), only=["thigh"])
+    assert found.verdict == "nothing to explain" and not found.causes
+    assert found.gap["nominal"].rmse < 1e-3
+
+
+@pytest.mark.long
+@pytest.mark.parametrize(
+    "hidden",
+    [
+        {"friction.coulomb": 0.4},
+        {"drive.motor_constant": 0.8},
+        {"friction.coulomb": 0.4, "drive.motor_constant": 0.8},
+    ],
+)
+def test_what_a_leg_behind_an_impedance_drive_hides_is_named(hidden: dict[str, float], tmp_path: Path) -> None:
+    """Of both, friction of 2 N.m was certain where 0.4 was hidden: drive and mass had grown fivefold with it."""
+    data = leg(tmp_path, hidden.get("friction.coulomb", 0.0), hidden.get("drive.motor_constant", 1.0))
+    found = diagnose(data)[0]
+    assert [cause.name for cause in found.causes] == list(hidden)
+    for cause in found.causes:
+        (value,) = cause.parameters.values()
+        assert value.low <= hidden[cause.name] <= value.high and value.high < 1.35 * value.low
+
+
+def test_what_a_mapping_leaves_out_is_no_command(tmp_path: Path) -> None:
+    """A goal alone is what it was."""
+    run = leg(tmp_path).runs[0]
+    alone = replace(run, joints={"thigh": replace(run.joints["thigh"], goal_velocity=None, torque_command=None)})
+    (after, *_), notes = with_whole_goals([alone])
+    assert after.joints["thigh"].goal is alone.joints["thigh"].goal and not notes
