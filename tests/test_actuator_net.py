@@ -69,6 +69,7 @@ def test_equal_seeds_train_equal_nets():
     assert not np.array_equal(first.arrays["weights"], other.arrays["weights"])
 
 
+@pytest.mark.long
 def test_without_a_torque_column_the_net_learns_it_from_the_motion():
     unlogged = bench_runs(torque_logged=False, noise=2e-4)
     net = train(unlogged, SHORT)

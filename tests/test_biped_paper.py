@@ -264,6 +264,7 @@ def test_without_the_update_of_the_lean_or_without_cable_stretch_it_falls() -> N
     assert HoppingExperiment(chains=rigid_cables).run(20, 20.0).fell
 
 
+@pytest.mark.long
 def test_cables_stretch_as_their_torque_asks(hopping: Hopping) -> None:
     name = "left_leg_shape"
     stance = (hopping.hop > 10) & (hopping.phase == Phase.TOUCHDOWN)
@@ -366,6 +367,7 @@ def canned(name: str, *_: object) -> paper.Identified:
     )
 
 
+@pytest.mark.long
 def test_the_comparison_writes_numbers_and_pictures_and_never_over_old_ones(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, hopping: Hopping
 ) -> None:

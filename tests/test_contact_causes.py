@@ -101,6 +101,7 @@ def test_the_leg_in_flight_moves_as_the_plant_does() -> None:
     assert (np.abs(np.mean(errors, axis=(0, 1))) < [1e-4, 1e-4, 1.5e-3, 1.5e-3]).all()
 
 
+@pytest.mark.long
 def test_a_ground_as_believed_leaves_no_more_than_the_noise() -> None:
     problem = problem_of(recorded()[0])
     found = fit(problem, ground_numbers(leg_of(recorded()[0])))

@@ -40,6 +40,7 @@ def test_a_simulated_run_keeps_the_delay_of_its_commands() -> None:
     assert behind.max() > 0.02 and behind.min() > -0.05, "the same motion, later"
 
 
+@pytest.mark.long
 def test_a_run_in_stepped_time_keeps_the_delay_as_a_simulated_one_does(tmp_path: Path) -> None:
     """It was simulated and run without it, and compared with servos that had it."""
     settings = config("hw.virtual.time=stepped", "silence=20", f"rate={RATE}", f"out={tmp_path}", "name=run")

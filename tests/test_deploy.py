@@ -61,6 +61,7 @@ def test_a_policy_runs_and_its_log_says_everything(
     assert "never overwritten" in capsys.readouterr().err
 
 
+@pytest.mark.long
 def test_what_a_virtual_bus_did_does_not_lie_among_what_was_measured(
     policy: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:

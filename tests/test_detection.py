@@ -6,6 +6,7 @@ from functools import cache
 from typing import Any
 
 import numpy as np
+import pytest
 from sealegs.gap.experiment import DetectionLimit
 from sealegs.gap.verdict.diagnosis import diagnose
 from sealegs.gap.verdict.verdict import NOT_IDENTIFIABLE, NOTHING, JointDiagnosis
@@ -28,6 +29,7 @@ def limits() -> dict[str, DetectionLimit]:
     return {limit.name: limit for limit in nothing_hidden().limits}
 
 
+@pytest.mark.long
 def test_each_cause_has_a_limit_around_what_is_believed() -> None:
     assert nothing_hidden().verdict == NOTHING
     assert set(limits()) == set(CAUSES)
@@ -50,6 +52,7 @@ def test_a_number_that_tuning_takes_up_has_a_wider_limit() -> None:
     assert scale.hides(0.99) and scale.hides(1.01) and not scale.hides(0.8)
 
 
+@pytest.mark.long
 def test_what_the_limit_does_not_hide_is_found() -> None:
     beyond = min(0.97 * limits()["sensor.scale"].low, 0.93)
     assert nothing_hidden(beyond).verdict != NOTHING

@@ -125,6 +125,7 @@ def test_one_lost_reply_in_a_hundred_is_survived() -> None:
     assert outcome.timing.overrun_share < 0.01 and simulation.torque == [False, False] and simulation.said == []
 
 
+@pytest.mark.long
 def test_a_garbled_request_is_asked_again() -> None:
     noise = {"kind": "garble", "probability": 0.01}
     simulation = Simulation("hopper", *LEGS, commands=sine(0.1), faults=[noise], limits=QUIET)

@@ -30,6 +30,7 @@ CHAIN = ("robot.servo=xl330_m288", "robot.actuator=xl330", "robot.params.mass=0.
 QUIET = {"speed": 99.0, "range_margin": 9.0, "following_error": 9.0}
 
 
+@pytest.mark.long
 def test_a_joint_with_a_dynamixel_is_calibrated_by_hand(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:

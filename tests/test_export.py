@@ -140,6 +140,7 @@ def test_a_file_without_contract_or_with_a_damaged_one_is_refused(tmp_path: Path
         Contract.from_json('{"version": 99}', "here")
 
 
+@pytest.mark.long
 def test_running_a_policy_needs_no_torch() -> None:
     code = "import sys, sealegs.hw.policy; sys.exit('torch' in sys.modules or 'stable_baselines3' in sys.modules)"
     assert subprocess.run([sys.executable, "-c", code], cwd=REPOSITORY).returncode == 0

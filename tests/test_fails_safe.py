@@ -196,6 +196,7 @@ def test_a_frozen_encoder_ends_the_run_within_two_thirds_of_a_period(amplitude: 
     assert simulation.port.now() - at - 1.0 < 1.4, "of a sine of 0.5 Hz"
 
 
+@pytest.mark.long
 def test_a_joint_that_follows_is_left_alone_however_it_is_driven() -> None:
     for commands in (sine(0.9, 0.3), sine(0.5, 4.0), sine(0.9, 1.5)):
         assert Simulation(commands=commands, limits={"speed": 100.0}).run(6.0).ending == "finished"

@@ -45,6 +45,7 @@ def test_models_without_our_actuators_are_untouched():
     foreign_script("", "[0, 2, 0, 2]")
 
 
+@pytest.mark.long
 def test_a_python_callback_of_another_library_keeps_its_actuators():
     foreign_script("mujoco.set_mjcb_act_bias(lambda model, data, actuator: 0.25)", "[0.25, 2, 0.25, 2]")
 

@@ -55,6 +55,7 @@ def test_a_joint_that_counts_the_other_way_from_another_zero_is_found(
     assert (frames[joint].zero if zero else 0.0) == pytest.approx(zero, abs=5e-3)
 
 
+@pytest.mark.long
 def test_what_was_taken_is_said_with_what_it_gains_and_its_mirror_image(run: MeasuredRun) -> None:
     told: list[str] = []
     _, findings = in_likely_frames([mirrored(run, "elbow", 0.8)], told.append)
@@ -102,6 +103,7 @@ def test_a_centre_of_mass_that_lies_elsewhere_is_no_zero(run: MeasuredRun, tmp_p
     assert "centre of mass" in doubt.sentence
 
 
+@pytest.mark.long
 def test_a_zero_alone_is_taken_where_the_log_leaves_the_range_of_the_model(run: MeasuredRun, tmp_path: Path) -> None:
     elbow = run.joints["elbow"]
     low, high = float(elbow.position.min()) - 0.1, float(elbow.position.max()) + 0.1
@@ -123,11 +125,13 @@ def test_the_joint_that_would_leave_its_range_is_the_one_that_is_turned(run: Mea
     assert list(frames) == ["elbow"] and frames["elbow"].sign == -1.0
 
 
+@pytest.mark.long
 def test_runs_of_hosts_that_count_differently_are_not_forced_into_one_frame(run: MeasuredRun) -> None:
     runs, _ = in_likely_frames([run, mirrored(run, "elbow", 0.8), mirrored(run, "elbow", 0.8)], lambda text: None)
     assert all(one.meta.get("frames") is None for one in runs)
 
 
+@pytest.mark.long
 def test_runs_with_other_gains_tell_the_same_frames(
     run: MeasuredRun, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:

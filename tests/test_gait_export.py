@@ -50,6 +50,7 @@ def differences(policy: Policy, act: Any, rows: int, actions: int) -> dict[str, 
     return found
 
 
+@pytest.mark.long
 @pytest.mark.parametrize(
     ("kind", "rows", "actions"),
     [("hopper", 100, 5), ("biped", 100, 5), ("hexapod", 50, 2), ("leg", 20, 1), ("arm", 20, 1)],

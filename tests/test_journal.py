@@ -81,6 +81,7 @@ with alone(out):
 """
 
 
+@pytest.mark.long
 def test_a_second_process_on_one_folder_is_refused_and_a_killed_one_holds_nothing(tmp_path: Path) -> None:
     """The second went on with the first one's fits, whose folder then went away under it: a traceback."""
     out = tmp_path / "out"

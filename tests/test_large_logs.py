@@ -163,6 +163,7 @@ def test_a_window_is_long_enough_to_warm_up_whatever_the_rate(rate: float) -> No
     assert all(unit.judged < 0.6 * rows for unit in units)
 
 
+@pytest.mark.long
 def test_a_fault_of_one_long_log_is_mended_in_that_one_alone(tmp_path: Path) -> None:
     for name, unit in (("a", 1.0), ("b", 180.0 / np.pi)):
         write(tmp_path / f"{name}.parquet", 30_000)

@@ -35,6 +35,7 @@ def reading(time: float, position: np.ndarray, link: np.ndarray, base: np.ndarra
     )
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("name", ["bench", "hopper"])
 def test_on_servos_a_policy_sees_what_it_saw_in_training(
     name: str, monkeypatch: pytest.MonkeyPatch, tmp_path: Path

@@ -202,6 +202,7 @@ def test_relevant_dynamics_of_a_robot_of_ones_own(tmp_path: Path, capsys) -> Non
     assert json.loads((tmp_path / "found" / "relevant.json").read_text())["robot"] == model
 
 
+@pytest.mark.long
 def test_a_robot_that_leans_on_the_way_to_the_start_leaves_its_way_and_is_told_of_a_stand(tmp_path: Path) -> None:
     floating = LIFT.replace('kp="800" kv="60"', 'kp="20" kv="0.5"').replace(
         "<joint name", "<freejoint/><geom size='0.01'/><body><joint name", 1

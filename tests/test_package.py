@@ -102,6 +102,7 @@ def test_a_source_distribution_builds_the_same_wheel(wheel: Path, tmp_path: Path
     assert sorted(zipfile.ZipFile(again).namelist()) == sorted(zipfile.ZipFile(wheel).namelist())
 
 
+@pytest.mark.long
 def test_nothing_but_sealegs_is_installed(installed: Stranger) -> None:
     here = {path.name.partition(".")[0] for path in installed.packages.iterdir()}
     assert here - {"borrowed"} == {"sealegs", "sealegs-0"}

@@ -321,6 +321,7 @@ def test_what_is_read_first_stands_first(rich_page: Path) -> None:
     assert order == sorted(order)
 
 
+@pytest.mark.long
 def test_everything_else_is_folded(browser: Any, page: Path) -> None:
     view = opened(browser, page, 390, 844)
     view.tab.evaluate(FOLD)
@@ -328,6 +329,7 @@ def test_everything_else_is_folded(browser: Any, page: Path) -> None:
     view.tab.close()
 
 
+@pytest.mark.long
 def test_the_buttons_zoom(browser: Any, page: Path) -> None:
     view = opened(browser, page, 1280)
     reach = "document.querySelector('.plotly-graph-div')._fullLayout.xaxis.range"

@@ -66,6 +66,7 @@ def test_the_ground_is_sought_with_the_settings_that_were_asked_for(monkeypatch:
     assert settings in asked and True in asked
 
 
+@pytest.mark.long
 def test_what_joints_share_has_rivals_and_rounds(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """Its rivals were dropped, and its report had no rounds."""
     run = two_link_run(tmp_path, 2.0)

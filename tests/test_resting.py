@@ -100,6 +100,7 @@ def test_numbers_that_fail_are_told_and_stop_no_diagnosis(
     assert runs is pressed.runs and "could not be told (LinAlgError: SVD did not converge)" in finding.sentence
 
 
+@pytest.mark.long
 @pytest.mark.skipif(not (DATA / "so101_arm").is_dir(), reason="the public arm's logs are not beside the project")
 def test_the_public_arm_presses_on_its_table_in_two_motions(tmp_path: Path) -> None:
     motions = ("friction_gravity", "hold_under_gravity", "single_joint_elbow")

@@ -78,6 +78,7 @@ def test_three_wrong_numbers_are_named_one_after_the_other() -> None:
     assert found.search is not None and {one.cause.name for one in found.search.accepted} == set(effects)
 
 
+@pytest.mark.long
 def test_a_round_whose_finalists_cannot_pay_says_which_came_nearest() -> None:
     problem = bench("friction.coulomb")
     causes = catalogue(problem.models[0], ["sensor.offset", "drive.offset"])

@@ -117,6 +117,7 @@ def test_continuous_integration_runs_every_test() -> None:
     assert '-m "not long"' in makefile and "-m long" in makefile
 
 
+@pytest.mark.long
 def test_the_demo_never_writes_into_an_existing_folder(tmp_path: Path) -> None:
     (tmp_path / "kept").touch()
     command = [sys.executable, "demo.py", f"out={tmp_path}"]

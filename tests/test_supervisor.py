@@ -100,6 +100,7 @@ def test_after_a_kill_the_servos_are_held_where_that_is_configured(virtual: Virt
     assert all(abs(servo["goal"] - servo["steps"]) < 60 for servo in status), "it stands at its goal"
 
 
+@pytest.mark.long
 def test_a_loop_that_hangs_loses_the_servos_and_cannot_wake_up_again(virtual: VirtualBus, tmp_path: Path) -> None:
     process = running(virtual, tmp_path, "silence=0.3")
     os.kill(process.pid, signal.SIGSTOP)
@@ -110,6 +111,7 @@ def test_a_loop_that_hangs_loses_the_servos_and_cannot_wake_up_again(virtual: Vi
     assert "silent for 0.3 s" in events["supervisor"]["why"]
 
 
+@pytest.mark.long
 def test_ctrl_c_releases_the_servos_without_the_supervisor(virtual: VirtualBus, tmp_path: Path) -> None:
     process = running(virtual, tmp_path)
     process.send_signal(signal.SIGINT)

@@ -76,6 +76,7 @@ def test_a_finger_that_another_one_follows_is_replayed_with_the_mass_of_both(tmp
     assert "robot.held" not in [finding.code for finding in found.findings] and not found.causes
 
 
+@pytest.mark.long
 def test_friction_behind_a_finger_that_another_one_follows_is_found(tmp_path: Path) -> None:
     model = gripper(tmp_path)
     found = diagnose(log(0.12, 0.0), sidecar=sidecar(model), causes=["friction.coulomb", "load.mass", "drive.delay"])

@@ -222,6 +222,7 @@ def test_an_existing_run_is_never_overwritten(finished: Path, capsys: pytest.Cap
     assert contents(finished) == before
 
 
+@pytest.mark.long
 def test_a_run_without_a_name_is_called_after_its_choices(tmp_path: Path) -> None:
     for _ in range(2):  # within one second
         assert run(*SMALL, f"out={tmp_path}", "total_timesteps=128", "evaluate.every=0") == 0
@@ -278,6 +279,7 @@ def test_a_damaged_checkpoint_gives_way_to_the_one_before(tmp_path: Path, capsys
     assert json.loads((folder / "run.json").read_text())["sessions"][-1]["from_step"] == 256
 
 
+@pytest.mark.long
 def test_a_full_disk_ends_in_one_sentence_and_keeps_the_checkpoints(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
@@ -429,6 +431,7 @@ def test_a_chain_given_by_path_stays_with_the_run(tmp_path: Path) -> None:
     assert run(f"resume={tmp_path / 'own'}", "total_timesteps=384") == 0
 
 
+@pytest.mark.long
 def test_a_randomisation_given_by_path_stays_with_the_run(tmp_path: Path) -> None:
     file = tmp_path / "random.yaml"
     file.write_text("joint: {friction.load: [0.0, 0.2], friction.viscous: {times: [0.8, 1.2]}}\n")

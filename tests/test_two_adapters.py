@@ -125,6 +125,7 @@ def test_no_watchdog_stops_the_servos_of_one_bus_while_another_bus_gets_its_torq
     assert both.bus.read_register(KNEE, "bus_watchdog") == 10
 
 
+@pytest.mark.long
 def test_one_loop_runs_both_and_releases_both() -> None:
     both = Both()
     before = [servo.sensors.steps for servo in both.rig.servos[:2]]

@@ -64,6 +64,7 @@ def test_joints_follow_their_measured_motion_whatever_the_ground() -> None:
         assert np.abs(column - measured).max() < 5e-3
 
 
+@pytest.mark.long
 def test_a_robot_with_closed_loops_starts_with_them_closed() -> None:
     robot = get_robot("hexapod")
     drivetrain = robot.drivetrain()
@@ -130,12 +131,14 @@ def test_a_robot_on_several_planes_is_refused(tmp_path: Path) -> None:
         TreeModel.of(robot, {}, robot.drivetrain().chains, (0.0, 0.0))
 
 
+@pytest.mark.long
 def test_a_walk_without_the_pose_of_its_base_says_what_to_record() -> None:
     runs = [replace(run, base={key: run.base[key] for key in ("x", "z", "roll")}) for run in walked().runs]
     found = search_ground(runs, {}, 0, lambda text: None)
     assert isinstance(found, str) and "record base.trunk.pitch" in found
 
 
+@pytest.mark.long
 def test_columns_may_leave_the_name_of_the_free_joint_out() -> None:
     with_name = [replace(run, base={f"trunk.{key}": v for key, v in run.base.items()}) for run in walked().runs]
     one, other = laid_out(walked()), laid_out(replace(walked(), runs=tuple(with_name)))

@@ -6,6 +6,7 @@ from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
+import pytest
 from sealegs.gap.log.types import MeasuredSet
 from sealegs.gap.output.extension import extended_of
 from sealegs.gap.output.whole import confirm_whole
@@ -15,6 +16,7 @@ from testbed.bench import NOISE_FLOOR
 from tests.logged_robots import JOINTS, two_link_run
 
 
+@pytest.mark.long
 def test_a_log_in_degrees_is_simulated_in_radians(tmp_path: Path) -> None:
     """The errors were those of a machine that flew apart: 86 rad, under warnings of the engine."""
     run = two_link_run(tmp_path, 6.0)

@@ -72,6 +72,8 @@ def adjustable(nominal: JointModel, width: float = TIGHT) -> list[Parameter]:
     if nominal.by_torque or nominal.chain.find("ideal") is not None:
         # a log tells torque per mass alone: with scale or mass far open, neither they nor friction have a size
         low, high = 1.0 / (1.0 + TIGHT), 1.0 + TIGHT
+        if (apart := 2.0 * TIGHT * nominal.load.own_lever) > 0.0:  # one body's mass too large, another's too small
+            found.append(Parameter("load.centre_shift", "m", -apart, apart, 0.0, 0.2 * apart))
     if nominal.by_torque:
         found.append(Parameter("scale.factor", "1", low, high, 1.0, 0.05, logarithmic=True))
         effort, believed = nominal.axis.effort or 1.0, nominal.value("offset.value")

@@ -33,6 +33,11 @@ class Load(Protocol):
         ...
 
     @property
+    def own_lever(self) -> float:
+        """How far the centre of mass of a joint's own body is from it where others hang behind [m]; 0 elsewhere."""
+        ...
+
+    @property
     def tunable(self) -> tuple[str, ...]:
         """Factors of it that nobody knows exactly, though somebody claims them."""
         ...

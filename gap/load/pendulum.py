@@ -44,6 +44,11 @@ class PendulumLoad:
         return 0.0
 
     @property
+    def own_lever(self) -> float:
+        """0: nothing hangs behind what hangs on the shaft."""
+        return 0.0
+
+    @property
     def tunable(self) -> tuple[str, ...]:
         """None: whoever hangs a mass there has weighed it."""
         return ()

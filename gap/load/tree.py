@@ -278,13 +278,25 @@ def _payload(model: mujoco.MjModel, tip: Tip) -> mujoco.MjModel:
 def _shifted(model: mujoco.MjModel, joint: int, way: float) -> mujoco.MjModel:
     """The robot with the centre of mass of a joint's own body further from the joint [m]."""
     other = model.__copy__()
-    body = int(model.jnt_bodyid[joint])
-    arm = np.array(model.body_ipos[body]) - model.jnt_pos[joint]
-    axis = np.array(model.jnt_axis[joint])
-    if int(model.jnt_type[joint]) == int(mujoco.mjtJoint.mjJNT_HINGE):
-        arm = arm - axis * (arm @ axis)
+    body, arm = int(model.jnt_bodyid[joint]), _arm(model, joint)
     size = float(np.linalg.norm(arm))
     if size > 1e-6:
         other.body_ipos[body] = np.array(model.body_ipos[body]) + way * arm / size
         other.body_sameframe[body] = NONE
     return other
+
+
+def _arm(model: mujoco.MjModel, joint: int) -> Array:
+    """From a joint to the centre of mass of its own body (3,), for a hinge square to its axis [m]."""
+    arm = np.array(model.body_ipos[model.jnt_bodyid[joint]]) - model.jnt_pos[joint]
+    axis = np.array(model.jnt_axis[joint])
+    if int(model.jnt_type[joint]) == int(mujoco.mjtJoint.mjJNT_HINGE):
+        arm = arm - axis * (arm @ axis)
+    return arm
+
+
+def own_lever(model: mujoco.MjModel, joint: int) -> float:
+    """Length of that where other bodies with a mass hang behind the joint [m]; 0 where its own is all of it."""
+    body = int(model.jnt_bodyid[joint])
+    further = float(model.body_subtreemass[body] - model.body_mass[body])
+    return float(np.linalg.norm(_arm(model, joint))) if further > 1e-9 and model.body_mass[body] > 0.0 else 0.0

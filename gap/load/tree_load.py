@@ -23,6 +23,8 @@ class TreeLoad:
         typical_inertia: in the middle of the log [kg.m2].
         typical_gravity: largest change of the torque with the angle [N.m/rad].
         least_payload: the least that leaves a body at the end of the robot [kg], below zero.
+        own_lever: of the joint's own body where others hang behind it, from the joint to its centre of mass [m]; 0
+            where nothing does: then one factor is all that its mass may be wrong by.
     """
 
     mass_factor: float = 1.0
@@ -34,6 +36,7 @@ class TreeLoad:
     typical_inertia: float = 0.0
     typical_gravity: float = 0.0
     least_payload: float = 0.0
+    own_lever: float = 0.0
 
     @property
     def mass_keys(self) -> tuple[str, ...]:
