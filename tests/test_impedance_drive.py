@@ -2,14 +2,18 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 import pytest
+import yaml
 from sealegs.actuators.chain import load_chain
 from sealegs.actuators.errors import SealegsError
+from sealegs.gap.log import read_measured
 from sealegs.gap.log.arrays import measured_set
+from sealegs.gap.log.importers import import_logs, propose_for
 from sealegs.gap.log.types import MeasuredSet
 from sealegs.gap.verdict.diagnosis import diagnose
 from sealegs.gap.verdict.feed_forward import with_whole_goals
@@ -27,34 +31,37 @@ def moved(seed: int, coulomb: float, weak: float, seconds: float = 12.0) -> dict
     rng = np.random.default_rng(seed)
     rate, phase = rng.uniform(1.5, 9.0, 3), rng.uniform(0.0, 6.0, 3)
     inertia, hangs = BODY + MASS * LENGTH**2 + ROTOR, MASS * GRAVITY * LENGTH
-    q = v = 0.0
+    stops = STEP * coulomb / inertia
+    goal = speed = forward = q = v = 0.0
     rows = []
     for k in range(int(seconds / STEP)):
         if k % EVERY == 0:
             now = k * STEP
             way = 0.25 * np.sin(rate * now + phase)
-            goal, speed = way.sum(), (0.25 * rate * np.cos(rate * now + phase)).sum()
-            forward = hangs * np.sin(goal) - inertia * (way * rate**2).sum()
+            goal, speed = float(way.sum()), float((0.25 * rate * np.cos(rate * now + phase)).sum())
+            forward = hangs * math.sin(goal) - inertia * float((way * rate**2).sum())
             rows.append((now, goal, speed, forward, q + rng.normal(0.0, 2e-4)))
-        torque = weak * np.clip(STIFFNESS * (goal - q) + DAMPING * (speed - v) + forward, -17.0, 17.0)
-        free = v + STEP * (torque - hangs * np.sin(q)) / inertia
-        v = free - np.clip(free, -STEP * coulomb / inertia, STEP * coulomb / inertia)
+        torque = STIFFNESS * (goal - q) + DAMPING * (speed - v) + forward
+        free = v + STEP * (weak * max(min(torque, 17.0), -17.0) - hangs * math.sin(q)) / inertia
+        v = free - max(min(free, stops), -stops)
         q += STEP * v
     names = ("time", "thigh.goal", "thigh.goal_velocity", "thigh.torque_command", "thigh.position")
     return dict(zip(names, np.array(rows).T, strict=True))
 
 
-def leg(folder: Path, coulomb: float = 0.0, weak: float = 1.0, feedforward: float = 1.0) -> MeasuredSet:
+def leg(
+    folder: Path, coulomb: float = 0.0, weak: float = 1.0, feedforward: float = 1.0, seconds: float = 12.0
+) -> MeasuredSet:
     """Three runs of a thigh whose file knows of no friction."""
     path = folder / "thigh.xml"
     path.write_text(MODEL, encoding="utf-8")
     chain = [{"delay": {"seconds": 0.0}}, {"ideal": {**DRIVE, "feedforward": feedforward}}]
     sidecar = {"robot": str(path), "actuators": {"thigh": chain}}
-    return measured_set([moved(seed, coulomb, weak) for seed in (1, 2, 3)], sidecar, "leg")
+    return measured_set([moved(seed, coulomb, weak, seconds) for seed in (1, 2, 3)], sidecar, "leg")
 
 
 def test_one_goal_asks_for_what_goal_velocity_and_torque_ask_for_together(tmp_path: Path) -> None:
-    before = leg(tmp_path).runs[0]
+    before = leg(tmp_path, seconds=1.0).runs[0]
     (after, *_), (note,) = with_whole_goals([before])
     log, whole = before.joints["thigh"], after.joints["thigh"]
     assert log.goal is not None and log.goal_velocity is not None and log.torque_command is not None
@@ -64,7 +71,7 @@ def test_one_goal_asks_for_what_goal_velocity_and_torque_ask_for_together(tmp_pa
 
 
 def test_a_log_without_an_impedance_drive_keeps_its_goals_and_says_what_is_unused(tmp_path: Path) -> None:
-    before = leg(tmp_path, feedforward=0.0).runs[0]
+    before = leg(tmp_path, feedforward=0.0, seconds=1.0).runs[0]
     (after, *_), (note,) = with_whole_goals([before])
     assert after.joints["thigh"].goal is before.joints["thigh"].goal
     assert (
@@ -79,7 +86,7 @@ def test_a_drive_without_stiffness_has_no_goal_to_feed_forward_to() -> None:
 
 def test_a_right_leg_behind_an_impedance_drive_leaves_nothing_to_explain(tmp_path: Path) -> None:
     """Its goal alone was replayed: 100 mrad of gap, and causes for it."""
-    (found,) = diagnose(leg(tmp_path), only=["thigh"])
+    (found,) = diagnose(leg(tmp_path), only=["thigh"], causes=["friction.coulomb", "drive.motor_constant"])
     assert found.verdict == "nothing to explain" and not found.causes
     assert found.gap["nominal"].rmse < 1e-3
 
@@ -105,7 +112,39 @@ def test_what_a_leg_behind_an_impedance_drive_hides_is_named(hidden: dict[str, f
 
 def test_what_a_mapping_leaves_out_is_no_command(tmp_path: Path) -> None:
     """A goal alone is what it was."""
-    run = leg(tmp_path).runs[0]
+    run = leg(tmp_path, seconds=1.0).runs[0]
     alone = replace(run, joints={"thigh": replace(run.joints["thigh"], goal_velocity=None, torque_command=None)})
     (after, *_), notes = with_whole_goals([alone])
     assert after.joints["thigh"].goal is alone.joints["thigh"].goal and not notes
+
+
+def foreign(path: Path, **gains: float | np.ndarray) -> Path:
+    """A log as hosts of such drives write it: everything that was sent, with the gains in every row."""
+    own = moved(1, 0.0, 1.0, seconds=3.0)
+    names = ("time", "motor_cmd[0].q", "motor_cmd[0].dq", "motor_cmd[0].tau", "motor_state[0].q")
+    columns = dict(zip(names, own.values(), strict=True))
+    columns |= {f"motor_cmd[0].{gain}": value + 0.0 * own["time"] for gain, value in gains.items()}
+    np.savetxt(path, np.stack(list(columns.values()), axis=1), "%.7f", ",", header=",".join(columns), comments="")
+    return path
+
+
+def test_what_a_host_of_impedance_drives_wrote_is_imported_with_the_chain_that_it_says(tmp_path: Path) -> None:
+    """The goal velocity had no column, and kp was a force in kiloponds."""
+    source = foreign(tmp_path / "low.csv", kp=STIFFNESS, kd=DAMPING)
+    (tmp_path / "leg.xml").write_text(MODEL.replace('name="thigh"', 'name="motor0"'), encoding="utf-8")
+    found = propose_for(source, tmp_path / "out", robot=str(tmp_path / "leg.xml"))
+    assert {"motor0.goal", "motor0.goal_velocity", "motor0.torque_command"} <= found.mapping.columns.keys()
+    import_logs(source, tmp_path / "out", found.mapping)
+    said = yaml.safe_load((tmp_path / "out" / "log.yaml").read_text(encoding="utf-8"))
+    drive = {"stiffness": STIFFNESS, "damping": DAMPING, "feedforward": 1}
+    assert said["actuators"] == {"motor0": [{"ideal": drive}]}
+    (run,) = read_measured(tmp_path / "out").runs
+    (whole,), (note,) = with_whole_goals([run])
+    assert note.code == "command.beside" and whole.joints["motor0"].goal_velocity is None
+
+
+def test_gains_that_change_make_no_chain(tmp_path: Path) -> None:
+    """Then only the whole torque says what the drive was told."""
+    source = foreign(tmp_path / "low.csv", kp=np.linspace(10.0, 20.0, 600), kd=DAMPING)
+    found = propose_for(source, tmp_path / "out")
+    assert "actuators" not in found.mapping.sidecar

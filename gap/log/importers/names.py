@@ -95,6 +95,8 @@ DROPPED = frozenset(
     ]
 )
 """Parts of a controller or of a model: no signal of the log, whatever else the name says."""
+STIFFNESS, DAMPING = ("kp", "stiffness"), ("kd", "damping")
+"""Those of them that are gains of an impedance drive."""
 FILLERS = frozenset(
     [
         "observation",
@@ -185,10 +187,14 @@ def said(name: str) -> Said:
     unit, text = _bracketed(name)
     words = _words(text)
     low = [word.lower() for word in words]
+    gains = DROPPED & set(low)  # kp is a kilopond, too
     if not unit:
         unit, at = _unit(low)
         del words[at], low[at]
     sides = set(low)
+    part = sides & DROPPED
+    if "kp" in gains - part and not any(sides & own for one, own in SIGNALS if one in ("torque", "load")):
+        part, unit = {"kp"}, ""
     commanded, measured = bool(sides & COMMANDED), bool(sides & (MEASURED - WEAK))
     measured |= not commanded and bool(sides & WEAK)
     used = {k for k, word in enumerate(low) if word in COMMANDED | MEASURED | FILTERED | FILLERS}
@@ -239,10 +245,18 @@ def said(name: str) -> Said:
     if not unit and ODRIVE.fullmatch(name.lower()):
         unit = "turn/s" if signal == "velocity" else "turn"
     used |= {k for k, (one, two) in enumerate(pairwise(low)) if one == "joint" and two in ("state", "states")}
-    if sides & DROPPED:
-        signal = f"{signal or 'value'} of a controller or model"
+    if part:
+        gain = next((word for word in (*STIFFNESS, *DAMPING) if word in part), "")
+        used |= {k for k, word in enumerate(low) if word == gain}
+        signal = f"{gain or signal or 'value'} of a controller or model"
     elif commanded and not measured:
-        known = {"position": "goal", "torque": "torque_command", "time": "time", "enabled": "enabled"}
+        known = {
+            "position": "goal",
+            "velocity": "goal_velocity",
+            "torque": "torque_command",
+            "time": "time",
+            "enabled": "enabled",
+        }
         signal = known.get(signal, f"commanded {signal}" if signal else "")
     elif signal == "position" and {"link", "output"} & sides and {"motor", "link"} & sides:
         signal = "link_position" if "motor" not in sides else "position"

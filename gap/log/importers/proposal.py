@@ -14,6 +14,7 @@ from .clocks import find_clock
 from .column import Column, plain, span, taken, without_doubt
 from .evidence import Relation, as_derivative, drives, following, multiple
 from .expression import evaluate, names_in, quoted
+from .impedance import place_goal_velocity
 from .mapping import Question, known_names
 from .names import said
 from .pairs import FOLLOWS, best_pair, in_order, matched, no_reading, same_joint, what_drives
@@ -178,7 +179,7 @@ class _Proposer:
             return
         own = self.groups[measured[0]]
         for joint, signals in list(self.groups.items()):
-            for signal in [*COMMANDS, "velocity"]:
+            for signal in [*COMMANDS, "velocity", "goal_velocity"]:
                 if joint == measured[0] or signal not in signals or signal in own:
                     continue
                 if plain(joint) and not self.goes_along(signals[signal][0], own["position"][0]):
@@ -263,7 +264,7 @@ class _Proposer:
         self.put(f"{joint}.position", read)
         for signal, column in chosen.items():
             values = run.columns[column.name]
-            if signal == "position":
+            if signal in ("position", "goal_velocity"):
                 continue
             if signal in MEASURED_BY_MOTION and span(self.moved(column.name).columns[column.name]) == 0.0:
                 self.out.unused[column.name] = f"a {signal} that never changes is not measured"
@@ -292,6 +293,7 @@ class _Proposer:
                 self.put(
                     f"{joint}.{signal}", read_other(signal, column.name, whole, column.unit, column.how, column.rest)
                 )
+        place_goal_velocity(self.out, joint, chosen, run.columns, self.clock(run))
 
     def leave_out_strays(self) -> None:
         """Joints that have no position: shared columns such as a supply go to the only joint, others are left out."""

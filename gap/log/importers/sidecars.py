@@ -20,6 +20,7 @@ from ..sidecar import FOLDER_DEFAULTS, Sidecar, folder_defaults, robot_beside, s
 from ..table import ENDINGS
 from ..types import LogError, MeasuredRun
 from ..units import FACTOR
+from .impedance import impedance_chains
 from .mapping import Mapping as LogMapping
 from .proposed import Proposal
 from .recording import Recording
@@ -71,6 +72,8 @@ def proposed_sidecar(
         sidecar["actuators"] = dict.fromkeys(joints, actuator)
     elif first.kind in ("bam", "table") and pendulum and driven and (chain := _bam_chain(facts)):
         sidecar["actuators"] = {driven[0]: chain}
+    elif driven and robot != BENCH and (chains := impedance_chains(recordings, proposal)):
+        sidecar["actuators"] = chains
     if "kp" in facts and pendulum:
         sidecar["group"] = "kp${kp}"
     machine = facts.get("motor") or facts.get("robot_type")

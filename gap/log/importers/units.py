@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -231,6 +231,16 @@ def read_velocity(name: str, said: str, how: str, slope: Relation, position: Rea
         return Read(column + rate.behind, said, trust, f"{how} says {said}{shown}")
     no_unit = f"{how} says {said}, which is no unit of a velocity" if said else "no unit is said"
     return Read(column, "?", ASK, f"{no_unit}, and {shown or 'it does not go with the derivative of the position'}")
+
+
+def read_goal_velocity(name: str, said: str, how: str, slope: Relation, goal: Read) -> Read:
+    """A velocity that is commanded beside a goal; it need not be the goal's derivative."""
+    read = read_velocity(name, said, how, slope, goal)
+    if read.trust == ASK and not said and measures(goal.unit, *POSITION):
+        rates = MOVING if measures(goal.unit, "way") else TURNING
+        unit = next((rate for rate in rates if rate == f"{goal.unit}/s"), rates[0])
+        return Read(quoted(name) + RATE[unit], unit, LIKELY, f"no unit is said; taken for {unit}, as its goal")
+    return replace(read, why=read.why.replace("of the position", "of the goal"))
 
 
 def read_other(signal: str, name: str, values: Array, said: str, how: str, rest: str = "") -> Read:
