@@ -15,6 +15,7 @@ from sealegs.gap.log import read_measured
 from sealegs.gap.log.arrays import measured_set
 from sealegs.gap.log.importers import import_logs, propose_for
 from sealegs.gap.log.types import MeasuredSet
+from sealegs.gap.verdict.checking import check_log
 from sealegs.gap.verdict.diagnosis import diagnose
 from sealegs.gap.verdict.feed_forward import with_whole_goals
 
@@ -108,6 +109,23 @@ def test_what_a_leg_behind_an_impedance_drive_hides_is_named(hidden: dict[str, f
     for cause in found.causes:
         (value,) = cause.parameters.values()
         assert value.low <= hidden[cause.name] <= value.high and value.high < 1.35 * value.low
+
+
+def test_a_goal_that_stands_still_is_not_all_that_a_drive_was_told(tmp_path: Path) -> None:
+    """Its log was refused: "the goal never moves"."""
+    data = leg(tmp_path, seconds=3.0)
+    still = []
+    for run in data.runs:
+        log = run.joints["thigh"]
+        assert log.goal is not None and log.torque_command is not None
+        torque = log.torque_command + STIFFNESS * (log.goal - 0.1)  # tells the same
+        still.append(
+            replace(run, joints={"thigh": replace(log, goal=np.full_like(torque, 0.1), torque_command=torque)})
+        )
+    checked, findings, stop = check_log(replace(data, runs=tuple(still)), lambda text: None)
+    assert stop is None and "command.beside" in {finding.code for finding in findings}
+    moves = checked.runs[0].joints["thigh"].goal
+    assert moves is not None and np.ptp(moves) > 0.5
 
 
 def test_what_a_mapping_leaves_out_is_no_command(tmp_path: Path) -> None:

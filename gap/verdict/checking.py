@@ -19,6 +19,7 @@ from ..log.finding import Finding
 from ..log.progress import Progress
 from ..log.types import Array, LogError, MeasuredRun, MeasuredSet
 from .columns import check_robot
+from .feed_forward import with_whole_goals
 
 MISTYPED = 0.7  # likeness to a robot's name from which a log means it: any other is a machine whose load nobody knows
 TURNS = {"rad": 2.0 * np.pi, "deg": 360.0, "turn": 1.0}
@@ -46,7 +47,8 @@ def check_log(data: MeasuredSet, progress: Progress) -> tuple[MeasuredSet, list[
     for run, now in zip(recorded.runs, data.runs, strict=True):
         _check_steps(run, converted[run.name])
         _check_ways(run, now, converted[run.name])
-    said += of_joints
+    whole, of_drives = with_whole_goals(data.runs)  # a goal that stands still may not be all that was told
+    data, said = replace(data, runs=whole), [*said, *of_joints, *of_drives]
     progress("checking the log")
     marked, off = released(data)  # a sign is told where the drive is on
     mended, every = corrected(marked, [*data.findings, *said, *check_set(marked)])

@@ -39,7 +39,6 @@ from .checking import check_log
 from .columns import chosen, commanded
 from .decide import decide
 from .evidence import Refused, Replayed, as_noise_allows
-from .feed_forward import with_whole_goals
 from .frames import DOUBTED, in_likely_frames
 from .measure import Measured, is_of_robot, measure, whole_runs
 from .parallel import side_by_side
@@ -95,10 +94,9 @@ def diagnose(
         first = [_first_experiment(runs, joint, stop, request) for joint in joints]
         why = Refused("the log", stop.sentence)
         return [refuse(joint, why, findings, plan) for joint, plan in zip(joints, first, strict=True)]
-    runs, of_drives = with_whole_goals(runs)
     runs, of_frames = in_likely_frames(runs, progress, test_group)
     runs, of_table = without_rests(runs, progress, test_group)
-    findings = [*findings, *of_drives, *of_frames, *of_table]
+    findings = [*findings, *of_frames, *of_table]
     found = side_by_side(dict.fromkeys(joints, _whatever_happens), runs, findings, request, workers, done)
     if only is not None:
         return found
