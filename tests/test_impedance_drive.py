@@ -11,10 +11,14 @@ import pytest
 import yaml
 from sealegs.actuators.chain import load_chain
 from sealegs.actuators.errors import SealegsError
+from sealegs.gap.causes.catalogue import adjustable, catalogue
+from sealegs.gap.checks.stops import stops_of
 from sealegs.gap.log import read_measured
 from sealegs.gap.log.arrays import measured_set
 from sealegs.gap.log.importers import import_logs, propose_for
 from sealegs.gap.log.types import MeasuredSet
+from sealegs.gap.replay.joint_model import JointModel
+from sealegs.gap.replay.parameters import TIGHT
 from sealegs.gap.verdict.checking import check_log
 from sealegs.gap.verdict.diagnosis import diagnose
 from sealegs.gap.verdict.feed_forward import with_whole_goals
@@ -35,6 +39,11 @@ def moved(seed: int, coulomb: float, weak: float, seconds: float = 12.0) -> dict
     stops = STEP * coulomb / inertia
     goal = speed = forward = q = v = 0.0
     rows = []
+
+    def pushed(q: float, v: float) -> float:
+        torque = STIFFNESS * (goal - q) + DAMPING * (speed - v) + forward
+        return (weak * max(min(torque, 17.0), -17.0) - hangs * math.sin(q)) / inertia
+
     for k in range(int(seconds / STEP)):
         if k % EVERY == 0:
             now = k * STEP
@@ -42,10 +51,10 @@ def moved(seed: int, coulomb: float, weak: float, seconds: float = 12.0) -> dict
             goal, speed = float(way.sum()), float((0.25 * rate * np.cos(rate * now + phase)).sum())
             forward = hangs * math.sin(goal) - inertia * float((way * rate**2).sum())
             rows.append((now, goal, speed, forward, q + rng.normal(0.0, 2e-4)))
-        torque = STIFFNESS * (goal - q) + DAMPING * (speed - v) + forward
-        free = v + STEP * (weak * max(min(torque, 17.0), -17.0) - hangs * math.sin(q)) / inertia
-        v = free - max(min(free, stops), -stops)
-        q += STEP * v
+        half_q, half_v = q + 0.5 * STEP * v, v + 0.5 * STEP * pushed(q, v)  # Euler's step would err by its noise
+        free = v + STEP * pushed(half_q, half_v)
+        before, v = v, free - max(min(free, stops), -stops)
+        q += 0.5 * STEP * (before + v)
     names = ("time", "thigh.goal", "thigh.goal_velocity", "thigh.torque_command", "thigh.position")
     return dict(zip(names, np.array(rows).T, strict=True))
 
@@ -81,8 +90,58 @@ def test_a_log_without_an_impedance_drive_keeps_its_goals_and_says_what_is_unuse
 
 
 def test_a_drive_without_stiffness_has_no_goal_to_feed_forward_to() -> None:
-    with pytest.raises(SealegsError, match="a drive without one is a torque_command"):
+    with pytest.raises(SealegsError, match="no goal asks for its torque"):
         load_chain([{"ideal": {"stiffness": 0.0, "damping": 1.0, "feedforward": 1.0}}])
+
+
+@pytest.mark.parametrize("stage", [{"scale": {"factor": 2.0}}, {"rate_limit": {"speed": 1.0}}])
+def test_nothing_may_shape_the_torque_that_is_commanded_beside_a_goal(stage: dict[str, dict[str, float]]) -> None:
+    """A limit of the goal's speed would have limited the torque."""
+    drive = {"ideal": {"stiffness": 5.0, "feedforward": 1.0}}
+    with pytest.raises(SealegsError, match="would change the torque that is commanded beside the goal"):
+        load_chain([stage, drive])
+    model = JointModel(load_chain([{"delay": {"seconds": 0.0}}, drive]))
+    assert not {"drive.rate_limit", "drive.goal_filter", "drive.gain"} & {cause.name for cause in catalogue(model)}
+
+
+def test_gains_that_a_host_sends_are_known_and_the_torque_is_not() -> None:
+    """Turned gains would turn what was folded into the goal with the others."""
+    drive = {"ideal": {"stiffness": 5.0, "damping": 0.1, "feedforward": 1.0}}
+    numbers = {p.number: p for p in adjustable(JointModel(load_chain([drive])), 4.0)}
+    assert "ideal.stiffness" not in numbers and "ideal.damping" not in numbers
+    assert numbers["ideal.strength"].high == pytest.approx(1.0 + TIGHT)
+
+
+def test_columns_are_checked_as_they_were_recorded_and_folded_after(tmp_path: Path) -> None:
+    """A goal that held the torque of a fast motion went against it: the position of a right log was turned about."""
+    time = np.arange(0.0, 6.0, 0.005)
+    way = 0.4 * np.sin(9.0 * time)
+    columns = {"time": time, "thigh.goal": way, "thigh.position": np.roll(way, 1), "thigh.goal_velocity": 0.0 * time}
+    columns["thigh.torque_command"] = -0.074 * 81.0 * way
+    (tmp_path / "thigh.xml").write_text(MODEL, encoding="utf-8")
+    chain = [{"ideal": {"stiffness": 3.0, "feedforward": 1.0}}]
+    sidecar = {"robot": str(tmp_path / "thigh.xml"), "actuators": {"thigh": chain}}
+    data = measured_set([columns], sidecar, "fast")
+    checked, findings, _ = check_log(data, lambda text: None)
+    assert {finding.code for finding in findings} >= {"command.beside"}
+    np.testing.assert_array_equal(checked.runs[0].joints["thigh"].position, columns["thigh.position"])
+    degrees = {name: np.degrees(cells) if name in ("thigh.goal", "thigh.position") else cells
+               for name, cells in columns.items()}  # fmt: skip
+    mended, findings, _ = check_log(measured_set([degrees], sidecar, "fast"), lambda text: None)
+    assert {"unit.degrees", "command.beside"} <= {finding.code for finding in findings}
+    np.testing.assert_allclose(np.asarray(mended.runs[0].joints["thigh"].goal), way - 0.074 * 27.0 * way, atol=1e-9)
+
+
+def test_a_stop_is_read_off_the_goal_and_not_off_the_torque_beside_it(tmp_path: Path) -> None:
+    """A joint that held a pose against changing torques stood "against a stop"."""
+    time = np.arange(0.0, 20.0, 0.005)
+    way = 0.8 * np.clip(time / 6.0, 0.0, 1.0) + 0.02 * np.sin(0.7 * time)
+    columns = {"time": time, "thigh.goal": way, "thigh.position": way + 1e-4 * np.cos(9.0 * time)}
+    columns["thigh.torque_command"] = 1.5 + 1.4 * np.sin(2.0 * time)
+    (tmp_path / "thigh.xml").write_text(MODEL, encoding="utf-8")
+    sidecar = {"robot": str(tmp_path / "thigh.xml"), "actuators": {"thigh": [{"ideal": DRIVE | {"feedforward": 1.0}}]}}
+    runs, _ = with_whole_goals(measured_set([columns], sidecar, "held").runs)
+    assert not stops_of(runs, "thigh")
 
 
 def test_a_right_leg_behind_an_impedance_drive_leaves_nothing_to_explain(tmp_path: Path) -> None:
@@ -166,3 +225,24 @@ def test_gains_that_change_make_no_chain(tmp_path: Path) -> None:
     source = foreign(tmp_path / "low.csv", kp=np.linspace(10.0, 20.0, 600), kd=DAMPING)
     found = propose_for(source, tmp_path / "out")
     assert "actuators" not in found.mapping.sidecar
+
+
+@pytest.mark.parametrize(
+    "names",
+    [("hip_q_des", "hip_dq_des", "hip_tau_ff", "hip_kp", "hip_kd", "hip_q"),
+     ("q_des", "qd_des", "tau_ff", "kp", "kd", "q"),
+     ("q_ref", "v_ref", "tau_feedforward", "stiffness", "damping", "q")],
+)  # fmt: skip
+def test_other_names_of_the_same_columns_are_read_too(names: tuple[str, ...], tmp_path: Path) -> None:
+    """The torque was left out, and gravity compensation had been a gap then."""
+    own = moved(1, 0.0, 1.0, seconds=3.0)
+    columns = [own["thigh.goal"], own["thigh.goal_velocity"], own["thigh.torque_command"]]
+    columns += [np.full_like(own["time"], gain) for gain in (STIFFNESS, DAMPING)] + [own["thigh.position"]]
+    table, header = np.stack([own["time"], *columns], axis=1), ",".join(("time", *names))
+    np.savetxt(tmp_path / "low.csv", table, "%.7f", ",", header=header, comments="")
+    found = propose_for(tmp_path / "low.csv", tmp_path / "out").mapping
+    (joint,) = {name.rpartition(".")[0] for name in found.columns} - {""}
+    read = [found.columns[f"{joint}.{signal}"] for signal in ("goal", "goal_velocity", "torque_command", "position")]
+    assert read == [names[0], names[1], names[2], names[5]]
+    drive = {"stiffness": STIFFNESS, "damping": DAMPING, "feedforward": 1}
+    assert found.sidecar["actuators"] == {joint: [{"ideal": drive}]}

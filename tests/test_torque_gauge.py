@@ -3,15 +3,25 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from pathlib import Path
+from xml.etree import ElementTree
 
+import mujoco
 import pytest
 from sealegs.actuators import load_chain
+from sealegs.actuators.stability import velocity_slope
 from sealegs.gap.causes.catalogue import adjustable
+from sealegs.gap.load.tree import own_lever
 from sealegs.gap.load.tree_load import TreeLoad
+from sealegs.gap.output.mjcf import _actuator
 from sealegs.gap.replay.axis import Axis
 from sealegs.gap.replay.joint_model import JointModel
-from sealegs.gap.replay.parameters import TIGHT
+from sealegs.gap.replay.parameters import TIGHT, Parameter
+from sealegs.gap.search.torque_gauge import is_torque, room
 from sealegs.gap.verdict.unseen import refitted_numbers
+
+from testbed.logs import hidden_arm
+from tests.logged_robots import free_replay as problem
 
 CHAIN = [{"torque_command": {"armature": 0.01}}, {"friction": {"coulomb": 0.1, "viscous": 0.05}}]
 JOINT = JointModel(
@@ -33,3 +43,47 @@ def test_what_refitting_turned_names_scale_and_mass_too() -> None:
     values = {p.path: {"scale.factor": 0.57, "load.mass_factor": 1.05}.get(p.path, 1.0) for p in wide}
     assert refitted_numbers(wide, values) == "scale.factor x 0.57, load.mass_factor x 1.05"
     assert refitted_numbers(wide, values, adjustable(JOINT)) == "scale.factor x 0.57"
+
+
+def test_what_a_position_log_leaves_open_of_all_torques_is_the_room_of_drive_and_mass(tmp_path: Path) -> None:
+    """A profile about one optimum kept 0.4 N.m of friction out where it and the mass were 6 % high."""
+    data, _ = hidden_arm(tmp_path, "two_link", {}, seed=3, runs=1, duration=3.0, by_torque=True)
+    free = problem(data.runs[0], "elbow")
+    tuned = adjustable(free.models[0])
+    values = {p.path: 1.0 for p in tuned} | {"load.mass_factor": 1.06, "scale.factor": 1.02}
+    least, most = room(free, tuned, values)
+    assert most == pytest.approx(1.0) and least == pytest.approx(1.0 / (1.06 * 1.02))
+    assert room(free, [p for p in tuned if p.number != "load.mass_factor"], values) == (1.0, 1.0)  # it was weighed
+    torques = {p.number for p in tuned if is_torque(p)}
+    assert torques == {"torque_command.armature", "friction.coulomb", "friction.viscous", "scale.factor"} | {
+        "load.mass_factor"
+    } | ({"offset.value"} & {p.number for p in tuned})
+
+
+def test_what_is_a_torque_is_the_same_on_a_slide() -> None:
+    slide = Axis(slide=True, low=0.0, high=0.4, effort=20.0)
+    assert all(is_torque(slide.scaled(p)) for p in (Parameter("friction.coulomb", "N.m", 0.0, 9.0, 0.1, 0.1),))
+
+
+def test_the_masses_of_two_bodies_may_be_off_apart_and_of_one_they_may_not() -> None:
+    """A right arm that torques drive had a centre of mass named with 0.77."""
+    model = mujoco.MjModel.from_xml_string(
+        """<mujoco><worldbody><body name="a"><joint name="upper" axis="0 1 0"/>
+        <inertial pos="0 0 -0.1" mass="1" diaginertia="1e-3 1e-3 1e-3"/><body name="b" pos="0 0 -0.2">
+        <joint name="fore" axis="0 1 0"/><inertial pos="0 0 -0.15" mass="1" diaginertia="1e-3 1e-3 1e-3"/>
+        </body></body></worldbody></mujoco>"""
+    )
+    assert (own_lever(model, 0), own_lever(model, 1)) == (pytest.approx(0.1), 0.0)
+    apart = replace(JOINT, load=replace(JOINT.load, own_lever=0.1))
+    (shift,) = [p for p in adjustable(apart) if p.number == "load.centre_shift"]
+    assert shift.high == pytest.approx(2.0 * TIGHT * 0.1)
+    servo = replace(apart, chain=load_chain("sts3215"))
+    assert "load.centre_shift" not in {p.number for p in adjustable(servo)}
+
+
+def test_a_weak_ideal_drive_is_as_weak_in_plain_mujoco() -> None:
+    chain = load_chain([{"ideal": {"stiffness": 10.0, "damping": 1.0, "torque_limit": 4.0, "strength": 0.8}}])
+    law = ElementTree.fromstring('<general name="a" joint="j"/>')
+    made = _actuator(chain, law, 1e-3).attrib
+    assert (made["kp"], made["kv"], made["forcerange"]) == ("8", "0.8", "-3.2 3.2")
+    assert velocity_slope(chain, 1e-3) == pytest.approx(0.8)

@@ -167,9 +167,18 @@ class Ideal(Stage):
     )
 
     def check(self, chain: Any) -> None:
-        if self.feedforward > 0.0 and self.stiffness == 0.0:
+        if self.feedforward == 0.0:
+            return
+        if self.stiffness == 0.0:
             raise ChainError(
-                f"{chain.label}: 'ideal' has a feedforward and no stiffness; a drive without one is a torque_command."
+                f"{chain.label}: 'ideal' has a feedforward and no stiffness, so no goal asks for its torque; compute "
+                "the torque, log it as torque_command, and take a chain with torque_command."
+            )
+        before = [stage.name for stage in chain.stages[: chain.stages.index(self)]]
+        if shaping := [name for name in before if name not in ("delay", "offset")]:
+            raise ChainError(
+                f"{chain.label}: '{shaping[0]}' before an 'ideal' with a feedforward would change the torque that is "
+                "commanded beside the goal; remove it, or the feedforward."
             )
 
 

@@ -12,7 +12,7 @@ from ..replay.joint_model import JointModel
 from ..replay.parameters import TIGHT, Parameter, Target, factor
 from . import contact, drive, friction, load, sensor, transmission
 from .cause import Cause
-from .registry import ENTRIES, GROUND, ROBOT
+from .registry import ENTRIES, GROUND, ROBOT, impedance
 
 FAMILIES = (friction, drive, transmission, load, contact, sensor)
 """Importing a family enters its causes, in this order."""
@@ -63,6 +63,8 @@ def adjustable(nominal: JointModel, width: float = TIGHT) -> list[Parameter]:
     unknown = {parameter.number for parameter in nominal.unknown}
     found = []
     for stage, keys in ADJUSTABLE.items():
+        if stage == "ideal" and impedance(nominal):  # its host sends stiffness and damping
+            keys = ("armature",)
         if nominal.chain.find(stage) is not None:
             found += [
                 factor(path, *_tolerance(nominal, path, width), 0.05, DIFFERENCES.get(path, 0.4))
@@ -74,6 +76,8 @@ def adjustable(nominal: JointModel, width: float = TIGHT) -> list[Parameter]:
         low, high = 1.0 / (1.0 + TIGHT), 1.0 + TIGHT
         if (apart := 2.0 * TIGHT * nominal.load.own_lever) > 0.0:  # one body's mass too large, another's too small
             found.append(Parameter("load.centre_shift", "m", -apart, apart, 0.0, 0.2 * apart))
+    if impedance(nominal):
+        found.append(factor("ideal.strength", low, high, 0.05, 0.4))
     if nominal.by_torque:
         found.append(Parameter("scale.factor", "1", low, high, 1.0, 0.05, logarithmic=True))
         effort, believed = nominal.axis.effort or 1.0, nominal.value("offset.value")

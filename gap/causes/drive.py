@@ -7,7 +7,7 @@ from dataclasses import replace
 from ..replay.joint_model import JointModel
 from ..replay.parameters import Parameter, factor
 from .cause import Cause, Ceiling, Limit, Needs
-from .registry import both, entry, has, has_any, lacks, stall_torque
+from .registry import both, entry, follows_goals, has, has_any, impedance, lacks, stall_torque
 
 PER_COMMAND = Parameter("scale.factor", "1", 0.3, 3.0, 1.0, 0.1, logarithmic=True)
 LOOPS = ("position_p", "position_pd", "position_pi")
@@ -24,7 +24,7 @@ def _stiffer_loop(nominal: JointModel) -> list[tuple[Parameter, ...]]:
     return [(replace(factor(loop, 0.1, 10.0), start=2.0),)] if loop else []
 
 
-@entry("drive.gain", has_any(*LOOPS, "ideal"))
+@entry("drive.gain", both(has_any(*LOOPS, "ideal"), lambda nominal: not impedance(nominal)))
 def gain(nominal: JointModel) -> Cause:
     return Cause(
         sentence="The position loop is weaker or stronger than its setting says.",
@@ -69,7 +69,7 @@ def delay(nominal: JointModel) -> Cause:
     )
 
 
-@entry("drive.rate_limit", lacks("torque_command"))
+@entry("drive.rate_limit", follows_goals)
 def rate_limit(nominal: JointModel) -> Cause:
     del nominal
     speeds = [
@@ -85,7 +85,7 @@ def rate_limit(nominal: JointModel) -> Cause:
     )
 
 
-@entry("drive.acceleration_limit", lacks("torque_command"))
+@entry("drive.acceleration_limit", follows_goals)
 def acceleration_limit(nominal: JointModel) -> Cause:
     """Of a goal profile; the register of Feetech's servos reaches from 0.15 to 39 rad/s2."""
     limits = [
@@ -103,7 +103,7 @@ def acceleration_limit(nominal: JointModel) -> Cause:
     )
 
 
-@entry("drive.goal_filter", lacks("torque_command"))
+@entry("drive.goal_filter", follows_goals)
 def goal_filter(nominal: JointModel) -> Cause:
     """In the firmware or by the host, whose steps make the goal come earlier by half of its period."""
     # the steps of a slower one show in the log; with longer ones this stood in for half of a public arm's motor
@@ -121,7 +121,7 @@ def goal_filter(nominal: JointModel) -> Cause:
     )
 
 
-@entry("drive.deadband", lacks("torque_command"))
+@entry("drive.deadband", follows_goals)
 def deadband(nominal: JointModel) -> Cause:
     del nominal
     widths = [Parameter("dead_band.width", "rad", 0.0, 0.3, start, 0.003) for start in (0.006, 0.03)]
@@ -229,14 +229,17 @@ def thermal(nominal: JointModel) -> Cause:
 
 @entry("drive.motor_constant", has_any("dc_motor", "torque_command", "ideal"))
 def motor_constant(nominal: JointModel) -> Cause:
-    motor, ideal = (nominal.chain.find(stage) is not None for stage in ("dc_motor", "ideal"))
-    strength = factor("ideal.strength", 0.3, 3.0) if ideal else PER_COMMAND
+    motor, strength = nominal.chain.find("dc_motor") is not None, PER_COMMAND
+    if motor:
+        strength = factor("dc_motor.motor_constant", 0.3, 3.0)
+    elif nominal.chain.find("ideal") is not None:
+        strength = factor("ideal.strength", 0.3, 3.0)
     return Cause(
         sentence="Torque per current and back-EMF differ from the data sheet."
         if motor
         else "The drive gives more or less torque than it is commanded.",
         picture="response",
         against="motor torque",
-        variants=((factor("dc_motor.motor_constant", 0.3, 3.0) if motor else strength,),),
+        variants=((strength,),),
         error=True,
     )

@@ -75,6 +75,17 @@ def lacks(*stages: str) -> Applies:
     return lambda nominal: not has_any(*stages)(nominal)
 
 
+def impedance(nominal: JointModel) -> bool:
+    """The drive is told a velocity and a torque beside its goal, and gains that its host knows."""
+    ideal = nominal.chain.find("ideal")
+    return ideal is not None and ideal.feedforward > 0.0
+
+
+def follows_goals(nominal: JointModel) -> bool:
+    """What the drive is told is a goal, which something may shape."""
+    return not impedance(nominal) and lacks("torque_command")(nominal)
+
+
 def both(*conditions: Applies) -> Applies:
     """All of these conditions hold."""
     return lambda nominal: all(condition(nominal) for condition in conditions)
@@ -98,5 +109,7 @@ def stall_torque(nominal: JointModel) -> float:
     if (regression := chain.find("regression")) is not None:
         return abs(regression.duty_torque) * chain.gear_ratio()
     if (ideal := chain.find("ideal")) is not None:
+        if impedance(nominal) and nominal.axis.effort:
+            return nominal.axis.effort
         return min(ideal.torque_limit, ideal.stiffness * nominal.axis.reach * math.pi / 4)
     return nominal.axis.effort or 1.0

@@ -74,6 +74,8 @@ def _mended(log: JointLog, signal: str, finding: Finding) -> JointLog:
     if finding.code in WRAPS:
         other = log.goal if signal == "position" else log.position
         return replace(log, **{signal: _unwrapped(values, other, float(finding.value or TURN))})
+    if finding.code == "unit.degrees" and signal == "goal" and log.goal_velocity is not None:
+        log = replace(log, goal_velocity=CONVERTED[finding.code](log.goal_velocity, 1.0))
     if finding.code == HELD:
         angle = signal in ("position", "link_position")
         return replace(log, **{signal: unheld(values, int(finding.value or 1.0), angle=angle)})

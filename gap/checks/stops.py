@@ -69,7 +69,7 @@ def read_stops(joints: Sequence[JointContext], reach: float = 1.0) -> tuple[Stop
 
 def _rows(joint: JointContext) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
     """Goal, angle, whether the joint is slow, and sample period, where the drive is on and nothing touches it."""
-    goal = joint.log.goal
+    goal = joint.log.goal if joint.log.goal_alone is None else joint.log.goal_alone
     assert goal is not None
     on = joint.on & np.isfinite(goal)
     if joint.log.touched is not None:

@@ -25,6 +25,8 @@ ANGLE = 0.02  # [rad] or [m] either side of the measured position at which the t
 INERTIA, BIAS, CURVE = E_INERTIA - T_OWN, E_BIAS - T_OWN, E_CURVE - T_OWN
 DRAG, COUPLING = E_DRAG - T_OWN, E_COUPLING - T_OWN
 SHARES = 50  # of a body's mass in which it is tried how much of it may be missing at its tip
+NO_LEVER = 1e-6  # [m] from a joint to a centre of mass that lies in its axis
+LIGHT = 1e-9  # [kg] that count as nothing
 SHIFT = 0.01  # [m] of a centre of mass, either way: its effect is quadratic, so any does
 
 
@@ -278,15 +280,15 @@ def _payload(model: mujoco.MjModel, tip: Tip) -> mujoco.MjModel:
 def _shifted(model: mujoco.MjModel, joint: int, way: float) -> mujoco.MjModel:
     """The robot with the centre of mass of a joint's own body further from the joint [m]."""
     other = model.__copy__()
-    body, arm = int(model.jnt_bodyid[joint]), _arm(model, joint)
+    body, arm = int(model.jnt_bodyid[joint]), arm_of(model, joint)
     size = float(np.linalg.norm(arm))
-    if size > 1e-6:
+    if size > NO_LEVER:
         other.body_ipos[body] = np.array(model.body_ipos[body]) + way * arm / size
         other.body_sameframe[body] = NONE
     return other
 
 
-def _arm(model: mujoco.MjModel, joint: int) -> Array:
+def arm_of(model: mujoco.MjModel, joint: int) -> Array:
     """From a joint to the centre of mass of its own body (3,), for a hinge square to its axis [m]."""
     arm = np.array(model.body_ipos[model.jnt_bodyid[joint]]) - model.jnt_pos[joint]
     axis = np.array(model.jnt_axis[joint])
@@ -296,7 +298,11 @@ def _arm(model: mujoco.MjModel, joint: int) -> Array:
 
 
 def own_lever(model: mujoco.MjModel, joint: int) -> float:
-    """Length of that where other bodies with a mass hang behind the joint [m]; 0 where its own is all of it."""
-    body = int(model.jnt_bodyid[joint])
-    further = float(model.body_subtreemass[body] - model.body_mass[body])
-    return float(np.linalg.norm(_arm(model, joint))) if further > 1e-9 and model.body_mass[body] > 0.0 else 0.0
+    """Length of that where other bodies with a mass hang behind the joint [m]; 0 where its own is all of it.
+
+    Also 0 of a slide, whose load no centre of mass changes, and of a body without a name, which cannot be changed.
+    """
+    body, size = int(model.jnt_bodyid[joint]), float(np.linalg.norm(arm_of(model, joint)))
+    alone = model.body_subtreemass[body] - model.body_mass[body] <= LIGHT or model.body_mass[body] <= LIGHT
+    slides = int(model.jnt_type[joint]) != int(mujoco.mjtJoint.mjJNT_HINGE)
+    return 0.0 if alone or slides or size < NO_LEVER or not model.body(body).name else size

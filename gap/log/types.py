@@ -68,6 +68,8 @@ class JointLog:
         torque_command: commanded torque, held until the next sample [N.m]; of an open loop, or of a controller outside
             the drive that closes one. None where the drive takes a position goal alone.
         goal_velocity: commanded velocity beside the goal, of an impedance drive [rad/s].
+        goal_alone: the goal as it was commanded, where :attr:`goal` holds what was commanded beside it, too [rad]; None
+            where the goal is all. No column.
         touched: 1 where something that the model lacks holds what the joint moves, as a table under an arm; no column,
             but found before a diagnosis. None where nothing does.
     """
@@ -85,6 +87,7 @@ class JointLog:
     torque_command: Array | None = None
     goal_velocity: Array | None = None
     touched: Array | None = None
+    goal_alone: Array | None = None
 
     @property
     def always_touched(self) -> bool:

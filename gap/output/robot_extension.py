@@ -15,7 +15,7 @@ from scipy.optimize import lsq_linear
 
 from ...envs.extended import Change
 from ..load.robot import Frame, LoggedRobot
-from ..load.tree import tip_behind
+from ..load.tree import NO_LEVER, arm_of, tip_behind
 from ..shared import ROBOT
 from ..shared.directions import every
 from ..verdict.verdict import JointDiagnosis
@@ -80,12 +80,9 @@ def _shift(robot: LoggedRobot, change: Change) -> list[Change]:
     """The centre of mass of a joint's own body, further from the joint."""
     model, number = robot.model, robot.number(change.joint)
     body = int(model.jnt_bodyid[number])
-    arm = np.array(model.body_ipos[body] - model.jnt_pos[number])
-    if int(model.jnt_type[number]) == int(mujoco.mjtJoint.mjJNT_HINGE):
-        axis = np.array(model.jnt_axis[number])
-        arm = arm - axis * (arm @ axis)
+    arm = arm_of(model, number)
     size = float(np.linalg.norm(arm))
-    if size < 1e-6:
+    if size <= NO_LEVER:
         return [change]  # which is refused where it is applied
     name = model.body(body).name
     return [

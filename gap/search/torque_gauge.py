@@ -16,7 +16,8 @@ from ..replay.joint_model import JointModel
 from ..replay.parameters import Parameter, address
 from ..replay.problem import Problem
 
-LOADS = ("load.mass_factor", "load.payload", "load.extra_inertia")
+MASS = "load.mass_factor"
+LOADS = (MASS, "load.payload", "load.extra_inertia")
 DRIVES = (("scale.factor",), ("ideal.stiffness", "ideal.strength"))
 """Numbers of drives whose product says what a command is worth."""
 
@@ -30,13 +31,14 @@ def room(problem: Problem, parameters: Sequence[Parameter], values: Mapping[str,
         values: of them, by path.
 
     Returns:
-        1 and 1 where something else fixes the factor, or nothing holds it.
+        1 and 1 where something else fixes the factor, as a mass that was weighed, or nothing holds it.
     """
-    if problem.joint is None or not is_open(problem.joint.models[0]):
+    by_number = {p.number: p for p in parameters}
+    joint = problem.joint
+    if joint is None or joint.free_joint is None or MASS not in by_number or not is_open(joint.models[0]):
         return 1.0, 1.0
     least, most = 0.0, math.inf
-    by_number = {p.number: p for p in parameters}
-    for anchor in (("load.mass_factor",), *DRIVES):
+    for anchor in ((MASS,), *DRIVES):
         held = [by_number[number] for number in anchor if number in by_number]
         if held:
             least = max(least, math.prod(p.low / values[p.path] for p in held))
@@ -49,7 +51,9 @@ def room(problem: Problem, parameters: Sequence[Parameter], values: Mapping[str,
 def is_open(model: JointModel) -> bool:
     """Whether a joint's log leaves the factor open: torques or an ideal loop drive it, and no spring is behind."""
     chain = model.chain
-    elastic = any(chain.find(stage) is not None for stage in ("spring", "compliance", "backlash"))
+    play = chain.find("backlash")  # whose teeth are as stiff as the inertia asks for, unless somebody says
+    elastic = any(chain.find(stage) is not None for stage in ("spring", "compliance"))
+    elastic |= play is not None and play.tooth_stiffness > 0.0
     return not elastic and (model.by_torque or chain.find("ideal") is not None)
 
 
@@ -58,7 +62,6 @@ def is_torque(parameter: Parameter) -> bool:
     at = address(parameter.number)
     if parameter.number in (*LOADS, "scale.factor", "ideal.strength"):
         return True
-    unit = parameter.unit
-    if parameter.factor and at.owner in STAGES:
-        unit = STAGES[at.owner].unit_of(at.key)
+    stage = STAGES.get(at.owner)
+    unit = parameter.unit if stage is None or at.owner == "offset" else stage.unit_of(at.key)
     return unit.startswith(("N.m", "kg.m2"))

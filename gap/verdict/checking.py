@@ -19,7 +19,7 @@ from ..log.finding import Finding
 from ..log.progress import Progress
 from ..log.types import Array, LogError, MeasuredRun, MeasuredSet
 from .columns import check_robot
-from .feed_forward import with_whole_goals
+from .feed_forward import TAKEN, with_whole_goals
 
 MISTYPED = 0.7  # likeness to a robot's name from which a log means it: any other is a machine whose load nobody knows
 TURNS = {"rad": 2.0 * np.pi, "deg": 360.0, "turn": 1.0}
@@ -47,16 +47,19 @@ def check_log(data: MeasuredSet, progress: Progress) -> tuple[MeasuredSet, list[
     for run, now in zip(recorded.runs, data.runs, strict=True):
         _check_steps(run, converted[run.name])
         _check_ways(run, now, converted[run.name])
-    whole, of_drives = with_whole_goals(data.runs)  # a goal that stands still may not be all that was told
-    data, said = replace(data, runs=whole), [*said, *of_joints, *of_drives]
+    said += of_joints
     progress("checking the log")
     marked, off = released(data)  # a sign is told where the drive is on
     mended, every = corrected(marked, [*data.findings, *said, *check_set(marked)])
     _check_said(every, converted)
     if mended is not marked:  # once more: a goal in another unit or direction looks away
         mended, off = released(_unmarked(mended, data))
-    every += off
-    return mended, merged(every), unusable(every, mended)
+    every += off + [note for note in said if note not in every]  # mending asks the columns anew
+    runs, of_drives = with_whole_goals(mended.runs)
+    told = {finding.joint for finding in of_drives if finding.code == TAKEN}
+    every = [f for f in every if not (f.code == "goal.still" and f.joint in told)]  # it is not all that was told
+    mended = replace(mended, runs=runs)
+    return mended, merged([*every, *of_drives]), unusable(every, mended)
 
 
 def _unmarked(data: MeasuredSet, recorded: MeasuredSet) -> MeasuredSet:

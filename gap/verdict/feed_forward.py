@@ -11,6 +11,7 @@ from ..log.finding import Finding
 from ..log.types import JointLog, MeasuredRun
 from .pieces import chain_of
 
+TAKEN, UNUSED = "command.beside", "command.unused"
 BESIDE = ("goal_velocity", "torque_command")
 """What such a drive takes beside its goal."""
 
@@ -32,12 +33,12 @@ def with_whole_goals(runs: Sequence[MeasuredRun]) -> tuple[tuple[MeasuredRun, ..
         joints = dict(run.joints)
         for name, log in run.joints.items():
             beside = [signal for signal in BESIDE if getattr(log, signal) is not None]
-            if log.goal is None or not beside or (robot is None and name not in run.actuators):
+            if not beside or (robot is None and name not in run.actuators):
                 continue
             chain = chain_of(run, name, robot)
-            if chain.find("torque_command") is not None:
+            if log.goal is None or chain.find("torque_command") is not None:
                 beside = [signal for signal in beside if signal == "goal_velocity"]
-            elif share(chain) > 0.0:
+            elif chain.find("ideal") is not None and chain.find("ideal").feedforward > 0.0:
                 joints[name] = _whole(log, chain)
                 notes[name] = _taken(name, beside, chain)
                 continue
@@ -47,28 +48,21 @@ def with_whole_goals(runs: Sequence[MeasuredRun]) -> tuple[tuple[MeasuredRun, ..
     return tuple(whole), list(notes.values())
 
 
-def share(chain: Chain) -> float:
-    """Which part of what is commanded beside the goal acts."""
-    drive = chain.find("ideal")
-    return 0.0 if drive is None else drive.feedforward
-
-
 def _whole(log: JointLog, chain: Chain) -> JointLog:
     drive, goal = chain.find("ideal"), log.goal
-    assert drive is not None and goal is not None
+    assert goal is not None
     if log.goal_velocity is not None:
         goal = goal + drive.feedforward * drive.damping / drive.stiffness * log.goal_velocity
     if log.torque_command is not None:
         goal = goal + drive.feedforward / drive.stiffness * log.torque_command
-    return replace(log, goal=goal, goal_velocity=None, torque_command=None)
+    return replace(log, goal=goal, goal_alone=log.goal, goal_velocity=None, torque_command=None)
 
 
 def _taken(joint: str, beside: Sequence[str], chain: Chain) -> Finding:
     drive = chain.find("ideal")
-    assert drive is not None
     columns = " and ".join(f"{joint}.{signal}" for signal in beside)
     return Finding(
-        "command.beside", "note", joint, f"{joint}.{beside[0]}",
+        TAKEN, "note", joint, f"{joint}.{beside[0]}",
         f"{columns}: taken with {joint}.goal as one goal, by the stiffness of {drive.stiffness:g} and the damping of "
         f"{drive.damping:g} that the chain of '{joint}' has. Goals in what follows are these.",
     )  # fmt: skip
@@ -83,4 +77,5 @@ def _unused(joint: str, beside: Sequence[str]) -> Finding:
     )
     if "torque_command" in beside:
         sentence += " Of a loop outside the drive, log the whole torque, and take a chain with torque_command."
-    return Finding("command.unused", "warning", joint, f"{joint}.{beside[0]}", sentence)
+    severity = "warning" if "torque_command" in beside else "note"  # of a velocity the goal mostly tells, too
+    return Finding(UNUSED, severity, joint, f"{joint}.{beside[0]}", sentence)

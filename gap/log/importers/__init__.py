@@ -33,6 +33,7 @@ from .sidecars import (
     completed,
     folder_and_own,
     joints_of_robot,
+    limits_of,
     proposed_sidecar,
     said_before,
     slides_of,
@@ -120,7 +121,7 @@ def propose_for(
     proposal = propose(recordings, unit, slides_of(robot, out))
     check_shares(proposal, robot, out)
     sidecar = proposed_sidecar(
-        recordings, proposal, beside(robot, out), beside(checked_actuator(actuator), out), params
+        recordings, proposal, beside(robot, out), beside(checked_actuator(actuator), out), params, limits_of(robot, out)
     )
     text = proposal_text(
         proposal, sidecar, recordings, command, left, far_in_proposal(proposal, recordings, robot, out)

@@ -17,6 +17,8 @@ from .recording import Recording
 from .units import ASK, read_goal_velocity
 
 BESIDE = ("goal_velocity", "torque_command")
+PLAIN = ("rad", "m", "rad/s", "m/s", "N.m", "N")
+"""Units of columns in which gains are in N.m/rad and N.m.s/rad."""
 
 
 def place_goal_velocity(
@@ -36,8 +38,8 @@ def place_goal_velocity(
     values = columns[column.name]
     if goal is None or "goal" not in chosen:
         out.unused[column.name] = "a commanded velocity beside no goal"
-    elif span(values) == 0.0:
-        out.unused[column.name] = "a commanded velocity that never changes"
+    elif span(values) == 0.0 and not values[np.isfinite(values)].any():
+        out.unused[column.name] = "a commanded velocity of zero"
     else:
         slope = as_derivative(time, columns[chosen["goal"].name], values)
         read = read_goal_velocity(column.name, without_doubt(column.unit), column.how, slope, goal)
@@ -47,26 +49,36 @@ def place_goal_velocity(
             out.columns[f"{joint}.goal_velocity"] = read
 
 
-def impedance_chains(recordings: Sequence[Recording], out: Proposal) -> dict[str, list[dict[str, Any]]]:
+def impedance_chains(
+    recordings: Sequence[Recording], out: Proposal, limits: Mapping[str, float] | None = None
+) -> dict[str, list[dict[str, Any]]]:
     """Chains of joints that are told more than a goal, with stiffness and damping as the recordings have them.
 
-    A joint whose gains change has none: then only the whole torque says what its drive was told.
+    A joint whose gains change has none: then only the whole torque says what its drive was told. Nor has one whose
+    columns are in degrees or turns: nobody says whether its gains are, too.
+
+    Args:
+        recordings: of one kind.
+        out: what is proposed.
+        limits: largest torque of a joint [N.m], as a robot's file has it.
     """
     first, chains = recordings[0], {}
     for joint in out.joints:
         goal = out.columns.get(f"{joint}.goal")
-        if goal is None or not any(f"{joint}.{signal}" in out.columns for signal in BESIDE):
+        beside = [out.columns[name] for signal in BESIDE if (name := f"{joint}.{signal}") in out.columns]
+        if goal is None or not beside or not all(read.unit in PLAIN for read in (goal, *beside)):
             continue
         owners = {said(name).joint for name in names_in(goal.text) if name in first.columns}
         gains = {name: _gain(recordings, owners, words) for name, words in
                  (("stiffness", STIFFNESS), ("damping", DAMPING))}  # fmt: skip
         if gains["stiffness"] and gains["damping"] is not None:
-            chains[joint] = [{"ideal": {**gains, "feedforward": 1}}]
+            limit = {"torque_limit": limits[joint]} if limits and joint in limits else {}
+            chains[joint] = [{"ideal": {**gains, **limit, "feedforward": 1}}]
     return chains
 
 
 def _gain(recordings: Sequence[Recording], owners: set[str], words: tuple[str, ...]) -> float | None:
-    """A gain that all recordings have for one of these joints, and that is the same throughout; else None."""
+    """A gain of one of these joints that is the same throughout; else None."""
     names = [
         name
         for name in recordings[0].columns
@@ -74,6 +86,6 @@ def _gain(recordings: Sequence[Recording], owners: set[str], words: tuple[str, .
     ]
     if len(names) != 1:
         return None
-    values = np.concatenate([run.columns[names[0]] for run in recordings if names[0] in run.columns])
+    values = np.concatenate([run.columns[names[0]] for run in recordings])
     values = values[np.isfinite(values)]
     return float(values[0]) if len(values) and np.ptp(values) == 0.0 else None

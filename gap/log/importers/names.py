@@ -95,6 +95,8 @@ DROPPED = frozenset(
     ]
 )
 """Parts of a controller or of a model: no signal of the log, whatever else the name says."""
+FORWARD = frozenset(["ff", "feedforward"])
+"""Those that make a torque a commanded one."""
 STIFFNESS, DAMPING = ("kp", "stiffness"), ("kd", "damping")
 """Those of them that are gains of an impedance drive."""
 FILLERS = frozenset(
@@ -150,6 +152,8 @@ CLOCK_WORDS = frozenset(["ms", "seconds", "sec", "secs", "us", "ns", "millis", "
 """Units that are the whole name of a clock."""
 SHORT = re.compile(r"(q|theta|phi|x)(m|meas|a|act|g|r|ref|d|des|c|cmd|goal)")
 """Signs of control theory: ``qm`` measured, ``qg`` goal, ``qd`` desired (or the derivative: the data tell)."""
+RATES = frozenset(["qd", "xd", "thetad", "phid", "v", "w"])
+"""Derivatives, beside a word that says that they are commanded."""
 ONLY_UNIT = {"angle": "position", "rate": "velocity", "torque": "torque", "current": "current", "voltage": "voltage"}
 """Signals by the quantity of a unit, where a name says nothing else."""
 ODRIVE = re.compile(r"(?:.*[._/])?(pos_estimate|input_pos|pos_setpoint|vel_estimate|input_vel|vel_setpoint)")
@@ -193,11 +197,14 @@ def said(name: str) -> Said:
         del words[at], low[at]
     sides = set(low)
     part = sides & DROPPED
-    if "kp" in gains - part and not any(sides & own for one, own in SIGNALS if one in ("torque", "load")):
+    torques = any(sides & own for one, own in SIGNALS if one == "torque")
+    if part and part <= FORWARD and torques:  # which is commanded beside a goal
+        part, sides = set(), sides | {"commanded"}
+    if "kp" in gains - part and not torques and "load" not in sides:
         part, unit = {"kp"}, ""
     commanded, measured = bool(sides & COMMANDED), bool(sides & (MEASURED - WEAK))
     measured |= not commanded and bool(sides & WEAK)
-    used = {k for k, word in enumerate(low) if word in COMMANDED | MEASURED | FILTERED | FILLERS}
+    used = {k for k, word in enumerate(low) if word in COMMANDED | MEASURED | FILTERED | FILLERS | FORWARD}
     signal, how = "", ""
     for candidate, spoken in SIGNALS:
         hits = [k for k, word in enumerate(low) if word in spoken]
@@ -215,6 +222,12 @@ def said(name: str) -> Said:
         used |= {k for k, word in enumerate(low) if word == "torque"}
     if not signal:
         for k, word in enumerate(low):
+            if (
+                word in RATES and commanded and not measures(unit, "angle", "way")
+            ):  # qd_des: the derivative that is wanted
+                signal, how = "velocity", words[k]
+                used.add(k)
+                break
             if match := SHORT.fullmatch(word):
                 signal, how = "position", words[k]
                 used.add(k)

@@ -13,6 +13,7 @@ import yaml
 from ....actuators.chain import LIBRARY, load_chain
 from ....actuators.errors import nearest
 from ....actuators.published import DRIVES
+from ....actuators.stages.controller import Ideal
 from ....envs.bench.robot import NUMBERS
 from ....envs.robot_file import is_robot_file, load_robot_file
 from ....envs.robots import get_robot
@@ -53,8 +54,12 @@ def proposed_sidecar(
     robot: str | None,
     actuator: str | None,
     params: Mapping[str, float] | None = None,
+    limits: Mapping[str, float] | None = None,
 ) -> dict[str, Any]:
-    """The sidecar that files and answers give; what nobody says is left out."""
+    """The sidecar that files and answers give; what nobody says is left out.
+
+    ``limits`` are the largest torques of joints that a robot's file knows [N.m].
+    """
     first = recordings[0]
     facts, joints = first.facts, proposal.joints
     for recording in recordings:
@@ -72,7 +77,7 @@ def proposed_sidecar(
         sidecar["actuators"] = dict.fromkeys(joints, actuator)
     elif first.kind in ("bam", "table") and pendulum and driven and (chain := _bam_chain(facts)):
         sidecar["actuators"] = {driven[0]: chain}
-    elif driven and robot != BENCH and (chains := impedance_chains(recordings, proposal)):
+    elif driven and (chains := impedance_chains(recordings, proposal, limits)):
         sidecar["actuators"] = chains
     if "kp" in facts and pendulum:
         sidecar["group"] = "kp${kp}"
@@ -271,6 +276,16 @@ def slides_of(robot: str | None, out: Path) -> frozenset[str]:
     found = load_robot_file(Path(robot) if Path(robot).is_file() else out / robot)
     joints = [*found.model.joints.values(), *found.joints]
     return frozenset(joint.name for joint in joints if joint.kind == "slide")
+
+
+def limits_of(robot: str | None, out: Path) -> dict[str, float]:
+    """Largest torques that the robot's file gives the drives of joints [N.m]; none without such a file."""
+    if robot is None or not is_robot_file(robot):
+        return {}
+    found = load_robot_file(Path(robot) if Path(robot).is_file() else out / robot)
+    drives = {joint.name: joint.chain.find("ideal") for joint in found.joints}
+    none = Ideal(stiffness=0.0).torque_limit
+    return {name: drive.torque_limit for name, drive in drives.items() if drive and drive.torque_limit < none}
 
 
 def joints_of_robot(runs: Sequence[MeasuredRun], out: Path) -> None:
