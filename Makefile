@@ -16,7 +16,7 @@ export MUJOCO_GL ?= egl
 endif
 
 .DEFAULT_GOAL := help
-.PHONY: help setup demo test test-all lint types pytest bench hidden hidden-wide hidden-arm sensitivity docs format clean
+.PHONY: help setup demo test test-all test-weekly lint types pytest bench hidden hidden-wide hidden-arm sensitivity docs format clean
 
 help: ## list the commands
 	@awk -F ':.*## ' '/^[a-z-]+:.*## /{printf "  make %-8s %s\n", $$1, $$2}' $(MAKEFILE_LIST)
@@ -33,7 +33,10 @@ test: $(INSTALLED) $(LINKS) ## lint, and the tests that take seconds
 
 test-all: $(INSTALLED) $(LINKS) ## what `make test` leaves out: types, and the tests that take half an hour
 	@$(MAKE) --no-print-directory types
-	$(PYTEST) -m long
+	$(PYTEST) -m "long and not weekly"
+
+test-weekly: $(INSTALLED) ## the tests of a minute and more, which `make test-all` leaves out
+	$(PYTEST) -m weekly
 
 lint: $(INSTALLED) $(LINKS) ## ruff, layers of imports, pyright
 	$(RUFF)

@@ -35,6 +35,14 @@ def pytest_unconfigure() -> None:
         shutil.rmtree(folder, ignore_errors=True)
 
 
+@pytest.hookimpl(tryfirst=True)
+def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
+    """A weekly test is a long one."""
+    for item in items:
+        if item.get_closest_marker("weekly"):
+            item.add_marker(pytest.mark.long)
+
+
 @pytest.fixture(scope="session")
 def measured_data() -> Path:
     """Folder with logs of real servos, which the project does not ship."""

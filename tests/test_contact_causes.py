@@ -175,7 +175,7 @@ def test_rigid_ground_is_as_hard_as_the_floor_of_the_robot(time: float) -> None:
         assert share * stiffness * impedance / data.efc_R[row] == pytest.approx(leg.engine_stiffness(), rel=0.05)
 
 
-@pytest.mark.long
+@pytest.mark.weekly
 def test_a_slope_is_named_beside_play_in_the_belt() -> None:
     (_, _, ground), _ = small_hopper()
     assert ground.joint == GROUND

@@ -81,6 +81,10 @@ def few_causes(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr("sealegs.gap.causes.catalogue.ENTRIES", kept)
 
 
+WEEKLY = ("deploy.md", "your-own-robot.md", "diagnose-your-servo.md")
+"""Pages that take a minute and more; what they do has tests of its own."""
+
+
 @pytest.fixture(scope="session")
 def made(tmp_path_factory: pytest.TempPathFactory) -> dict[str, Path]:
     """Logs, a diagnosis of them and a trained policy, by the path that pages call them."""
@@ -98,7 +102,11 @@ def made(tmp_path_factory: pytest.TempPathFactory) -> dict[str, Path]:
 
 
 @pytest.mark.long
-@pytest.mark.parametrize("path", pages(), ids=lambda path: path.name)
+@pytest.mark.parametrize(
+    "path",
+    [pytest.param(page, marks=pytest.mark.weekly) if page.name in WEEKLY else page for page in pages()],
+    ids=lambda path: path.name,
+)
 def test_a_page_can_be_typed_from_top_to_bottom(
     path: Path, request: pytest.FixtureRequest, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:

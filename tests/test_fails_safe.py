@@ -239,7 +239,7 @@ QUIET = {"range_margin": 9.0, "speed": 200.0, "following_error": 9.0, "current":
 """For a hopper that falls over: what is tested is the bus."""
 
 
-@pytest.mark.parametrize("minutes", [0.1, pytest.param(10.0, marks=pytest.mark.long)])
+@pytest.mark.parametrize("minutes", [0.1, pytest.param(10.0, marks=pytest.mark.weekly)])
 def test_one_lost_reply_in_a_hundred_is_survived_with_every_servo_inside_its_limits(minutes: float) -> None:
     loss = {"kind": "drop", "probability": 0.01}
     simulation = Simulation("row", commands=sine(0.4, 0.7), faults=[loss])  # limits are those of configs/robot

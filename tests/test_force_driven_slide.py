@@ -69,7 +69,7 @@ def test_friction_is_named_though_the_amplifier_has_a_bias_that_nobody_knows(tmp
     assert values["friction.viscous"].value == pytest.approx(VISCOUS, rel=0.1)
 
 
-@pytest.mark.long
+@pytest.mark.weekly
 def test_friction_that_grows_faster_in_one_direction_is_named(tmp_path: Path) -> None:
     """Of a chain without friction it was never tried: its dry friction fell back to where a search would begin."""
     (found,) = diagnose(carriage(tmp_path, lean=-LEAN))

@@ -168,7 +168,7 @@ def test_a_saved_diagnosis_says_in_which_frames_its_values_are(tmp_path: Path) -
     assert found.frames == frames
 
 
-@pytest.mark.long
+@pytest.mark.weekly
 def test_friction_is_named_in_a_joint_that_counts_the_other_way(tmp_path: Path) -> None:
     """It was searched for minutes for masses and scales, then a zero of 0.03 rad too much was named an encoder's."""
     data, _ = hidden_arm(tmp_path, "two_link", {"friction": ("elbow", "clear")}, seed=11)

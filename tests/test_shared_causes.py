@@ -174,7 +174,7 @@ def test_a_payload_is_named_once_and_not_joint_by_joint(tmp_path: Path) -> None:
         assert not found.joint(joint).causes
 
 
-@pytest.mark.long
+@pytest.mark.weekly
 def test_inertias_about_the_joints_are_named_of_the_robot_and_friction_at_its_joint(tmp_path: Path) -> None:
     hidden = {"friction": ("elbow", "clear")}
     data, _ = hidden_arm(tmp_path, "two_link", hidden, seed=5, runs=2, duration=10.0, by_torque=True)
@@ -193,7 +193,7 @@ def test_a_joint_shares_a_cause_that_removes_a_good_part_of_its_own_loss() -> No
     assert not helps_several(before, {"shoulder": 17.0, "elbow": 11.0})
 
 
-@pytest.mark.long
+@pytest.mark.weekly
 @pytest.mark.parametrize("kinds", [("steps",) * 4, ("multisine", "chirp") * 2])
 def test_a_payload_is_as_heavy_on_steps_as_on_smooth_motion(kinds: tuple[str, ...], tmp_path: Path) -> None:
     """Steps made it a tenth too heavy: smoothing takes the peak of every acceleration that the other joint has."""

@@ -116,7 +116,7 @@ def test_friction_that_changes_with_the_angle_is_named_beside_the_dry_friction_t
     assert found.gap["extended"].rmse < 1e-2
 
 
-@pytest.mark.long
+@pytest.mark.weekly
 def test_inertias_about_the_joints_are_told_from_rotors_that_no_file_holds(tmp_path: Path) -> None:
     """Of a public arm, 0.61 of what the file had too much was named: rotors had hidden the rest."""
     *joints, robot = diagnose(arm(tmp_path))

@@ -110,7 +110,7 @@ def test_causes_that_reach_the_noise_are_not_outdone_by_numbers() -> None:
     assert handed_over(alone, "rad", 0, draws, named=False, noise=0.59, of_robot=True).model == "extended"
 
 
-@pytest.mark.long
+@pytest.mark.weekly
 def test_an_effect_is_found_beside_numbers_that_are_off_by_more_than_their_tolerance() -> None:
     """A chain made for another motor: one cause after the other stood in for its numbers, and play was not found."""
     data, _ = hidden_bench({"transmission.backlash": 0.03}, 5, runs=3, duration=6.0, nominal_error=0.0)
