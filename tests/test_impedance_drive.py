@@ -224,14 +224,26 @@ def test_gains_that_change_make_no_chain(tmp_path: Path) -> None:
     """Then only the whole torque says what the drive was told."""
     source = foreign(tmp_path / "low.csv", kp=np.linspace(10.0, 20.0, 600), kd=DAMPING)
     found = propose_for(source, tmp_path / "out")
-    assert "actuators" not in found.mapping.sidecar
+    assert "actuators" not in found.mapping.sidecar and "no chain holds for motor0" in " ".join(found.text.split())
+
+
+def test_rows_of_a_start_with_other_gains_are_left_out(tmp_path: Path) -> None:
+    """A host held its motors soft for half a second, and no chain was written, without a word."""
+    source = foreign(tmp_path / "low.csv", kp=np.where(np.arange(600) < 100, 0.0, STIFFNESS), kd=DAMPING)
+    (tmp_path / "leg.xml").write_text(MODEL.replace('name="thigh"', 'name="motor0"'), encoding="utf-8")
+    found = propose_for(source, tmp_path / "out", robot=str(tmp_path / "leg.xml"))
+    import_logs(source, tmp_path / "out", found.mapping)
+    (run,) = read_measured(tmp_path / "out").runs
+    chain = load_chain(run.actuators["motor0"])
+    assert len(run.time) == 500 and chain.find("ideal").stiffness == STIFFNESS
 
 
 @pytest.mark.parametrize(
     "names",
     [("hip_q_des", "hip_dq_des", "hip_tau_ff", "hip_kp", "hip_kd", "hip_q"),
      ("q_des", "qd_des", "tau_ff", "kp", "kd", "q"),
-     ("q_ref", "v_ref", "tau_feedforward", "stiffness", "damping", "q")],
+     ("q_ref", "v_ref", "tau_feedforward", "stiffness", "damping", "q"),
+     ("haa/p_des", "haa/v_des", "haa/t_ff", "haa/Kp", "haa/Kd", "haa/p_meas")],
 )  # fmt: skip
 def test_other_names_of_the_same_columns_are_read_too(names: tuple[str, ...], tmp_path: Path) -> None:
     """The torque was left out, and gravity compensation had been a gap then."""
@@ -243,6 +255,6 @@ def test_other_names_of_the_same_columns_are_read_too(names: tuple[str, ...], tm
     found = propose_for(tmp_path / "low.csv", tmp_path / "out").mapping
     (joint,) = {name.rpartition(".")[0] for name in found.columns} - {""}
     read = [found.columns[f"{joint}.{signal}"] for signal in ("goal", "goal_velocity", "torque_command", "position")]
-    assert read == [names[0], names[1], names[2], names[5]]
+    assert [name.strip("`") for name in read] == [names[0], names[1], names[2], names[5]]
     drive = {"stiffness": STIFFNESS, "damping": DAMPING, "feedforward": 1}
     assert found.sidecar["actuators"] == {joint: [{"ideal": drive}]}

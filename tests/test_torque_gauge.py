@@ -11,7 +11,7 @@ import pytest
 from sealegs.actuators import load_chain
 from sealegs.actuators.stability import velocity_slope
 from sealegs.gap.causes.catalogue import adjustable
-from sealegs.gap.load.tree import own_lever
+from sealegs.gap.load.tree import own_lever, tip_behind, tip_mass
 from sealegs.gap.load.tree_load import TreeLoad
 from sealegs.gap.output.mjcf import _actuator
 from sealegs.gap.replay.axis import Axis
@@ -77,6 +77,9 @@ def test_the_masses_of_two_bodies_may_be_off_apart_and_of_one_they_may_not() -> 
     apart = replace(JOINT, load=replace(JOINT.load, own_lever=0.1))
     (shift,) = [p for p in adjustable(apart) if p.number == "load.centre_shift"]
     assert shift.high == pytest.approx(2.0 * TIGHT * 0.1)
+    assert tip_mass(model, 0, tip_behind(model, 0)) == pytest.approx(1.0)
+    (payload,) = [p for p in adjustable(replace(apart, load=TreeLoad(tip_mass=0.5))) if p.number == "load.payload"]
+    assert (payload.low, payload.high) == (0.0, pytest.approx(TIGHT))
     servo = replace(apart, chain=load_chain("sts3215"))
     assert "load.centre_shift" not in {p.number for p in adjustable(servo)}
 

@@ -76,6 +76,9 @@ def adjustable(nominal: JointModel, width: float = TIGHT) -> list[Parameter]:
         low, high = 1.0 / (1.0 + TIGHT), 1.0 + TIGHT
         if (apart := 2.0 * TIGHT * nominal.load.own_lever) > 0.0:  # one body's mass too large, another's too small
             found.append(Parameter("load.centre_shift", "m", -apart, apart, 0.0, 0.2 * apart))
+        if (more := 2.0 * TIGHT * nominal.load.tip_mass) > 0.0:
+            less = max(-more, nominal.load.least_payload)
+            found.append(Parameter("load.payload", "kg", less, more, 0.0, 0.2 * more))
     if impedance(nominal):
         found.append(factor("ideal.strength", low, high, 0.05, 0.4))
     if nominal.by_torque:

@@ -172,6 +172,8 @@ def _unsigned(joint: JointContext, signal: str, values: Array) -> Iterator[Findi
     if len(known) < 100 or np.ptp(known) == 0.0 or known.min() < 0.0:
         return
     drive = joint.log.duty
+    if drive is None and joint.log.torque_command is not None:
+        drive = joint.log.torque_command  # which may hold a load on one side throughout
     if drive is None:
         drive = joint.velocity if joint.log.goal is None else joint.log.goal - joint.log.position
     if _goes_both_ways(drive[joint.moving]) and _goes_both_ways(joint.velocity[joint.moving]):

@@ -38,6 +38,11 @@ class Load(Protocol):
         ...
 
     @property
+    def tip_mass(self) -> float:
+        """Mass of the last of the bodies that hang behind a joint's own [kg]; 0 where there is none."""
+        ...
+
+    @property
     def tunable(self) -> tuple[str, ...]:
         """Factors of it that nobody knows exactly, though somebody claims them."""
         ...

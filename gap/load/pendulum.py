@@ -49,6 +49,11 @@ class PendulumLoad:
         return 0.0
 
     @property
+    def tip_mass(self) -> float:
+        """0: as :attr:`own_lever`."""
+        return 0.0
+
+    @property
     def tunable(self) -> tuple[str, ...]:
         """None: whoever hangs a mass there has weighed it."""
         return ()

@@ -107,6 +107,14 @@ def least_payload(model: mujoco.MjModel, tip: Tip) -> float:
     return least
 
 
+def tip_mass(model: mujoco.MjModel, joint: int, tip: Tip) -> float:
+    """What at the tip weighs as much as the last body about its joint [kg]; 0 where that is the joint's own."""
+    away = float(np.linalg.norm(tip.point))
+    if tip.body == model.jnt_bodyid[joint] or away < NO_LEVER or not model.body(tip.body).name:
+        return 0.0
+    return float(model.body_mass[tip.body]) * min(float(np.linalg.norm(model.body_ipos[tip.body])) / away, 1.0)
+
+
 def terms_along(model: mujoco.MjModel, joint: int, motion: Motion, sign: float = 1.0, *, changes: bool = True) -> Array:
     """What a joint works against along a motion (n, T_COLUMNS), columns as :mod:`sealegs.gap.load.terms` lists them.
 

@@ -25,6 +25,8 @@ class TreeLoad:
         least_payload: the least that leaves a body at the end of the robot [kg], below zero.
         own_lever: of the joint's own body where others hang behind it, from the joint to its centre of mass [m]; 0
             where nothing does: then one factor is all that its mass may be wrong by.
+        tip_mass: what would weigh as much at the end of the robot as the last of those bodies does [kg]; 0 where
+            there is none.
     """
 
     mass_factor: float = 1.0
@@ -37,6 +39,7 @@ class TreeLoad:
     typical_gravity: float = 0.0
     least_payload: float = 0.0
     own_lever: float = 0.0
+    tip_mass: float = 0.0
 
     @property
     def mass_keys(self) -> tuple[str, ...]:

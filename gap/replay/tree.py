@@ -13,7 +13,7 @@ from ...actuators import Chain
 from ..checks.signal import derivatives
 from ..load.robot import LoggedRobot
 from ..load.terms import E_INERTIA, E_POSITION, E_SLOPE
-from ..load.tree import Motion, least_payload, own_lever, terms_along, tip_behind
+from ..load.tree import Motion, least_payload, own_lever, terms_along, tip_behind, tip_mass
 from ..load.tree_load import TreeLoad
 from ..log.finding import Finding
 from ..log.types import MeasuredRun
@@ -209,13 +209,15 @@ def joint_of_tree(
         return JointModel(chain, axis=axis, of_robot=True)
     rows = np.concatenate(terms)
     lower, upper = stops_of(robot, joint, axis)
+    tip = tip_behind(robot.model, robot.number(joint))
     load = TreeLoad(
         lower_stop=lower,
         stop_angle=upper,
         typical_inertia=float(np.median(rows[:, E_INERTIA])),
         typical_gravity=float(np.quantile(np.abs(rows[:, E_SLOPE]), 0.99)),
         own_lever=own_lever(robot.model, robot.number(joint)),
-        least_payload=least_payload(robot.model, tip_behind(robot.model, robot.number(joint))),
+        least_payload=least_payload(robot.model, tip),
+        tip_mass=tip_mass(robot.model, robot.number(joint), tip),
     )
     return JointModel(chain, load, axis=axis, of_robot=True)
 

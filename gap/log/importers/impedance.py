@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
@@ -10,13 +11,15 @@ import numpy as np
 from ..types import Array
 from .column import Column, span, without_doubt
 from .evidence import as_derivative
-from .expression import names_in
+from .expression import names_in, quoted
 from .names import DAMPING, STIFFNESS, said
 from .proposed import Proposal
 from .recording import Recording
 from .units import ASK, read_goal_velocity
 
 BESIDE = ("goal_velocity", "torque_command")
+USUAL = 0.7
+"""Share of the rows from which a gain is the drive's; the other rows are left out."""
 PLAIN = ("rad", "m", "rad/s", "m/s", "N.m", "N")
 """Units of columns in which gains are in N.m/rad and N.m.s/rad."""
 
@@ -54,8 +57,9 @@ def impedance_chains(
 ) -> dict[str, list[dict[str, Any]]]:
     """Chains of joints that are told more than a goal, with stiffness and damping as the recordings have them.
 
-    A joint whose gains change has none: then only the whole torque says what its drive was told. Nor has one whose
-    columns are in degrees or turns: nobody says whether its gains are, too.
+    Rows with other ones are left out where these are few, as at a start. A joint whose gains change more has no chain:
+    then only the whole torque says what its drive was told. Nor has one whose columns are in degrees or turns: nobody
+    says whether its gains are, too.
 
     Args:
         recordings: of one kind.
@@ -69,16 +73,40 @@ def impedance_chains(
         if goal is None or not beside or not all(read.unit in PLAIN for read in (goal, *beside)):
             continue
         owners = {said(name).joint for name in names_in(goal.text) if name in first.columns}
-        gains = {name: _gain(recordings, owners, words) for name, words in
-                 (("stiffness", STIFFNESS), ("damping", DAMPING))}  # fmt: skip
-        if gains["stiffness"] and gains["damping"] is not None:
-            limit = {"torque_limit": limits[joint]} if limits and joint in limits else {}
-            chains[joint] = [{"ideal": {**gains, **limit, "feedforward": 1}}]
+        stiffness, damping = (_gain(recordings, owners, words) for words in (STIFFNESS, DAMPING))
+        if stiffness is None or damping is None:
+            continue
+        for gain, what in ((stiffness, "stiffness"), (damping, "damping")):
+            out.unused[gain.column] = f"the {what} of {joint}'s chain"
+        changing = [gain for gain in (stiffness, damping) if gain.share < 1.0]
+        if stiffness.value <= 0.0 or any(gain.share < USUAL for gain in changing):
+            for gain in changing or (stiffness,):
+                out.unused[gain.column] = (
+                    f"it is {gain.value:g} in {gain.share:.0%} of the rows, so no chain holds for {joint}: compute the "
+                    f"torque that its drive was told and give it as {joint}.torque_command, without the goal"
+                )
+            continue
+        for gain in changing:  # as at a start, when a host holds its motors soft
+            out.unused[gain.column] += f"; rows in which it is not {gain.value:g} are left out"
+            same = f"max(1-abs(sign({quoted(gain.column)}-{gain.value!r})), 0)"
+            out.keep.setdefault(joint, []).append(same)
+        limit = {"torque_limit": limits[joint]} if limits and joint in limits else {}
+        drive = {"stiffness": stiffness.value, "damping": damping.value, **limit, "feedforward": 1}
+        chains[joint] = [{"ideal": drive}]
     return chains
 
 
-def _gain(recordings: Sequence[Recording], owners: set[str], words: tuple[str, ...]) -> float | None:
-    """A gain of one of these joints that is the same throughout; else None."""
+@dataclass(frozen=True)
+class _Gain:
+    """A gain: its column, its usual value and the share of rows that have it."""
+
+    column: str
+    value: float
+    share: float
+
+
+def _gain(recordings: Sequence[Recording], owners: set[str], words: tuple[str, ...]) -> _Gain | None:
+    """A gain of one of these joints; None where no column, or more than one, is it."""
     names = [
         name
         for name in recordings[0].columns
@@ -87,5 +115,5 @@ def _gain(recordings: Sequence[Recording], owners: set[str], words: tuple[str, .
     if len(names) != 1:
         return None
     values = np.concatenate([run.columns[names[0]] for run in recordings])
-    values = values[np.isfinite(values)]
-    return float(values[0]) if len(values) and np.ptp(values) == 0.0 else None
+    each, counts = np.unique(values[np.isfinite(values)], return_counts=True)
+    return _Gain(names[0], float(each[np.argmax(counts)]), float(counts.max() / len(values))) if len(each) else None

@@ -148,6 +148,8 @@ SIGNALS: tuple[tuple[str, frozenset[str]], ...] = (
 """Signals by the words that say them; the first one that a name has is its signal."""
 SUPPLY = frozenset(["supply", "vsupply", "battery", "batt", "bat", "vbat", "vbatt", "vcc", "vdd", "psu", "versorgung"])
 """What a voltage is of; a name that says no other signal and no other unit means the voltage."""
+VOLTS = SUPPLY | {"bus"}
+"""Words beside which a v is a voltage."""
 CLOCK_WORDS = frozenset(["ms", "seconds", "sec", "secs", "us", "ns", "millis", "micros"])
 """Units that are the whole name of a clock."""
 SHORT = re.compile(r"(q|theta|phi|x)(m|meas|a|act|g|r|ref|d|des|c|cmd|goal)")
@@ -197,6 +199,9 @@ def said(name: str) -> Said:
         del words[at], low[at]
     sides = set(low)
     part = sides & DROPPED
+    if sides & FORWARD and not sides & {word for _, own in SIGNALS for word in own - {"t"}}:
+        sides, low = (sides - {"t"}) | {"tau"}, ["tau" if word == "t" else word for word in low]  # t_ff
+        part = sides & DROPPED
     torques = any(sides & own for one, own in SIGNALS if one == "torque")
     if part and part <= FORWARD and torques:  # which is commanded beside a goal
         part, sides = set(), sides | {"commanded"}
@@ -205,6 +210,9 @@ def said(name: str) -> Said:
     commanded, measured = bool(sides & COMMANDED), bool(sides & (MEASURED - WEAK))
     measured |= not commanded and bool(sides & WEAK)
     used = {k for k, word in enumerate(low) if word in COMMANDED | MEASURED | FILTERED | FILLERS | FORWARD}
+    if ("i", "q") in pairwise(low):  # of a motor's two axes, the one that makes torque
+        low = ["iq" if word == "i" else "" if word == "q" else word for word in low]
+        used |= {k for k, word in enumerate(low) if not word}
     signal, how = "", ""
     for candidate, spoken in SIGNALS:
         hits = [k for k, word in enumerate(low) if word in spoken]
@@ -222,9 +230,8 @@ def said(name: str) -> Said:
         used |= {k for k, word in enumerate(low) if word == "torque"}
     if not signal:
         for k, word in enumerate(low):
-            if (
-                word in RATES and commanded and not measures(unit, "angle", "way")
-            ):  # qd_des: the derivative that is wanted
+            wanted = word in RATES and (commanded or (measured and word in ("v", "w") and not VOLTS & set(low)))
+            if wanted and not measures(unit, "angle", "way"):  # qd_des: the derivative
                 signal, how = "velocity", words[k]
                 used.add(k)
                 break
@@ -248,6 +255,9 @@ def said(name: str) -> Said:
         signal, how = only, f"[{unit}]"
         if signal == "current" and low[-1:] == ["i"]:  # beside its unit, as in elbow_I_mA: of no joint
             used.add(len(low) - 1)
+    if not signal and low.count("p") == 1 and (commanded or measured):
+        signal, how = "position", "p"
+        used.add(low.index("p"))
     if not signal and commanded:
         signal, how = "position", next(word for word in words if word.lower() in COMMANDED)
     if not signal and sides and sides <= ALONE:
