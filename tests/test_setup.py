@@ -109,12 +109,14 @@ def test_make_clean_keeps_what_was_recorded(tmp_path: Path) -> None:
     assert all(file.exists() for file in kept) and not any(file.exists() for file in removed)
 
 
-def test_continuous_integration_runs_every_test() -> None:
+def test_continuous_integration_runs_every_test_once_a_week_and_all_but_the_longest_every_day() -> None:
     script = REPOSITORY / ".ci" / "run"
     assert script.stat().st_mode & 0o111
-    assert script.read_text().rstrip().splitlines()[-2:] == ["make test", "exec make test-all"]
+    lines = [line.strip() for line in script.read_text().splitlines()]
+    assert lines[-5:] == ["make test", "make test-all", 'if [ "$(date +%u)" = 7 ]; then', "make test-weekly", "fi"]
     makefile = (REPOSITORY / "Makefile").read_text()
-    assert '-m "not long"' in makefile and "-m long" in makefile
+    assert all(f'-m "{chosen}"' in makefile for chosen in ("not long", "long and not weekly"))
+    assert "-m weekly" in makefile
 
 
 @pytest.mark.long

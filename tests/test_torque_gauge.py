@@ -90,3 +90,5 @@ def test_a_weak_ideal_drive_is_as_weak_in_plain_mujoco() -> None:
     made = _actuator(chain, law, 1e-3).attrib
     assert (made["kp"], made["kv"], made["forcerange"]) == ("8", "0.8", "-3.2 3.2")
     assert velocity_slope(chain, 1e-3) == pytest.approx(0.8)
+    free = load_chain([{"ideal": {"stiffness": 10.0, "strength": 0.8}}])
+    assert "forcerange" not in _actuator(free, law, 1e-3).attrib
