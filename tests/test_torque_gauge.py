@@ -74,7 +74,7 @@ def test_the_masses_of_two_bodies_may_be_off_apart_and_of_one_they_may_not() -> 
         </body></body></worldbody></mujoco>"""
     )
     assert (own_lever(model, 0), own_lever(model, 1)) == (pytest.approx(0.1), 0.0)
-    apart = replace(JOINT, load=replace(JOINT.load, own_lever=0.1))
+    apart = replace(JOINT, load=TreeLoad(typical_inertia=0.02, typical_gravity=3.0, own_lever=0.1))
     (shift,) = [p for p in adjustable(apart) if p.number == "load.centre_shift"]
     assert shift.high == pytest.approx(2.0 * TIGHT * 0.1)
     assert tip_mass(model, 0, tip_behind(model, 0)) == pytest.approx(1.0)
