@@ -117,6 +117,11 @@ class Chain:
                 quantity = other.gives
         return quantity
 
+    def impedance_drive(self) -> Any:
+        """The 'ideal' stage that adds a commanded velocity and torque to its goal (MIT mode), or None."""
+        ideal = self.find("ideal")
+        return ideal if ideal is not None and ideal.feedforward > 0.0 else None
+
     def gear_ratio(self) -> float:
         """Motor turns per joint turn; 1 where the motor's numbers are given at the joint."""
         gear = self.find("gear")

@@ -13,6 +13,7 @@ import yaml
 
 from ..actuators.atomic import write_text
 from ..actuators.errors import SealegsError
+from ..actuators.stages.controller import UNLIMITED
 from .model_file import UNITS, ModelFile, read_model
 from .robot import RobotError
 from .robot_assembly import WARNING, assembled
@@ -161,7 +162,8 @@ def _joint(number: int, joint: FileJoint, chain: str | None, belt: dict[str, flo
     if drive is None:
         ideal = dataclasses.asdict(joint.chain.find("ideal"))
         kept = {key: ideal[key] for key in ("stiffness", "damping") if ideal[key]}
-        drive = [{"ideal": kept | ({"torque_limit": ideal["torque_limit"]} if ideal["torque_limit"] < 1e6 else {})}]
+        limit = {"torque_limit": ideal["torque_limit"]} if ideal["torque_limit"] < UNLIMITED else {}
+        drive = [{"ideal": kept | limit}]
     units = {
         "damping": f"{force}.s/{position}",
         "armature": "kg.m2" if joint.kind == "hinge" else "kg",

@@ -10,6 +10,8 @@ from ..compiled import compiled
 from ..layout import S_DUTY, S_GOAL, S_READING, S_SPEED, S_TIME
 from .base import ChainError, Law, Quantity, Stage, parameter, register
 
+UNLIMITED = 1e6  # [N.m] a limit that is none
+
 
 class PositionController(Stage):
     """What position_p, position_pd and position_pi share: one law with gains that may be zero."""
@@ -154,7 +156,7 @@ class Ideal(Stage):
 
     stiffness: float = parameter(None, "N.m/rad", 0.0, 1e6, "torque per radian of position error")
     damping: float = parameter(0.0, "N.m.s/rad", 0.0, 1e5, "torque per rad/s of speed")
-    torque_limit: float = parameter(1e6, "N.m", 0.0, 1e6, "largest torque")
+    torque_limit: float = parameter(UNLIMITED, "N.m", 0.0, UNLIMITED, "largest torque")
     armature: float = parameter(0.0, "kg.m2", 0.0, 1e3, "rotor inertia at the joint", in_law=False)
     strength: float = parameter(1.0, "-", 0.0, 10.0, "torque that it gives per torque that it computes")
     feedforward: float = parameter(

@@ -77,8 +77,7 @@ def lacks(*stages: str) -> Applies:
 
 def impedance(nominal: JointModel) -> bool:
     """The drive is told a velocity and a torque beside its goal, and gains that its host knows."""
-    ideal = nominal.chain.find("ideal")
-    return ideal is not None and ideal.feedforward > 0.0
+    return nominal.chain.impedance_drive() is not None
 
 
 def follows_goals(nominal: JointModel) -> bool:

@@ -39,7 +39,7 @@ class Load(Protocol):
 
     @property
     def tip_mass(self) -> float:
-        """Mass of the last of the bodies that hang behind a joint's own [kg]; 0 where there is none."""
+        """What at the end weighs as much as the last of the bodies behind a joint's own [kg]; 0 where there is none."""
         ...
 
     @property

@@ -41,6 +41,9 @@ SIGNAL_UNITS: dict[str, str] = {
 COMMANDS = ("goal", "torque_command", "torque")
 """What says how a joint is driven: a joint logs one of these at least."""
 
+BESIDE_GOAL = ("goal_velocity", "torque_command")
+"""What an impedance drive takes beside its goal."""
+
 OTHER = ("base", "host")
 """Groups of columns that belong to no joint: of the floating base, and of the computer that ran the loop."""
 

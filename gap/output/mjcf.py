@@ -17,7 +17,7 @@ from xml.etree import ElementTree
 
 from ...actuators import Chain
 from ...actuators.mounting import coupling_element
-from ...actuators.stages.controller import Ideal
+from ...actuators.stages.controller import UNLIMITED
 from ..replay.engine import bench
 from ..replay.joint_model import JointModel
 
@@ -132,8 +132,8 @@ def _actuator(chain: Chain, law: ElementTree.Element, timestep: float) -> Elemen
     if (ideal := chain.find("ideal")) is not None:
         torques.append(ideal.strength * ideal.torque_limit)
         attributes |= {"kp": _text(ideal.strength * ideal.stiffness), "kv": _text(ideal.strength * ideal.damping)}
-        unlimited = Ideal(stiffness=0.0).torque_limit * ideal.strength
-        attributes |= {"forcerange": f"{-min(torques):.9g} {min(torques):.9g}"} if min(torques) < unlimited else {}
+        if min(torques) < ideal.strength * UNLIMITED:
+            attributes["forcerange"] = f"{-min(torques):.9g} {min(torques):.9g}"
         return ElementTree.Element("position", attributes)
     constant = chain.gear_ratio() * chain.find("dc_motor").motor_constant * chain.magnetisation()
     resistance, volts = chain.find("dc_motor").resistance, chain.find("supply").volts

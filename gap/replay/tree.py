@@ -201,7 +201,7 @@ def joint_of_tree(
 ) -> JointModel:
     """A joint of a robot as the search sees it; without terms, one whose link moves as measured."""
     axis = axis_of(robot, joint, runs)
-    if (drive := chain.find("ideal")) is not None and drive.feedforward > 0.0:
+    if (drive := chain.impedance_drive()) is not None:
         asked = np.concatenate([drive.stiffness * np.abs(log.goal - log.position) for run in runs
                                 if (log := run.joints[joint]).goal is not None])  # fmt: skip
         axis = replace(axis, effort=min(float(np.nanquantile(asked, 0.999)), drive.torque_limit))

@@ -5,15 +5,13 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import replace
 
-from ...actuators.chain import Chain
+from ...actuators.stages.controller import Ideal
 from ..load.robot import robot_of
 from ..log.finding import Finding
-from ..log.types import JointLog, MeasuredRun
+from ..log.types import BESIDE_GOAL, JointLog, MeasuredRun
 from .pieces import chain_of
 
 TAKEN, UNUSED = "command.beside", "command.unused"
-BESIDE = ("goal_velocity", "torque_command")
-"""What such a drive takes beside its goal."""
 
 
 def with_whole_goals(runs: Sequence[MeasuredRun]) -> tuple[tuple[MeasuredRun, ...], list[Finding]]:
@@ -32,15 +30,15 @@ def with_whole_goals(runs: Sequence[MeasuredRun]) -> tuple[tuple[MeasuredRun, ..
     for run in runs:
         joints = dict(run.joints)
         for name, log in run.joints.items():
-            beside = [signal for signal in BESIDE if getattr(log, signal) is not None]
+            beside = [signal for signal in BESIDE_GOAL if getattr(log, signal) is not None]
             if not beside or (robot is None and name not in run.actuators):
                 continue
             chain = chain_of(run, name, robot)
             if log.goal is None or chain.find("torque_command") is not None:
                 beside = [signal for signal in beside if signal == "goal_velocity"]
-            elif chain.find("ideal") is not None and chain.find("ideal").feedforward > 0.0:
-                joints[name] = _whole(log, chain)
-                notes[name] = _taken(name, beside, chain)
+            elif (drive := chain.impedance_drive()) is not None:
+                joints[name] = _whole(log, drive)
+                notes[name] = _taken(name, beside, drive)
                 continue
             if beside:
                 notes[name] = _unused(name, beside)
@@ -48,8 +46,8 @@ def with_whole_goals(runs: Sequence[MeasuredRun]) -> tuple[tuple[MeasuredRun, ..
     return tuple(whole), list(notes.values())
 
 
-def _whole(log: JointLog, chain: Chain) -> JointLog:
-    drive, goal = chain.find("ideal"), log.goal
+def _whole(log: JointLog, drive: Ideal) -> JointLog:
+    goal = log.goal
     assert goal is not None
     if log.goal_velocity is not None:
         goal = goal + drive.feedforward * drive.damping / drive.stiffness * log.goal_velocity
@@ -58,8 +56,7 @@ def _whole(log: JointLog, chain: Chain) -> JointLog:
     return replace(log, goal=goal, goal_alone=log.goal, goal_velocity=None, torque_command=None)
 
 
-def _taken(joint: str, beside: Sequence[str], chain: Chain) -> Finding:
-    drive = chain.find("ideal")
+def _taken(joint: str, beside: Sequence[str], drive: Ideal) -> Finding:
     columns = " and ".join(f"{joint}.{signal}" for signal in beside)
     return Finding(
         TAKEN, "note", joint, f"{joint}.{beside[0]}",

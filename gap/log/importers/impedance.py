@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 
-from ..types import Array
+from ..types import BESIDE_GOAL, Array
 from .column import Column, span, without_doubt
 from .evidence import as_derivative
 from .expression import names_in, quoted
@@ -17,7 +17,6 @@ from .proposed import Proposal
 from .recording import Recording
 from .units import ASK, read_goal_velocity
 
-BESIDE = ("goal_velocity", "torque_command")
 USUAL = 0.7
 """Share of the rows from which a gain is the drive's; the other rows are left out."""
 PLAIN = ("rad", "m", "rad/s", "m/s", "N.m", "N")
@@ -69,7 +68,7 @@ def impedance_chains(
     first, chains = recordings[0], {}
     for joint in out.joints:
         goal = out.columns.get(f"{joint}.goal")
-        beside = [out.columns[name] for signal in BESIDE if (name := f"{joint}.{signal}") in out.columns]
+        beside = [out.columns[name] for signal in BESIDE_GOAL if (name := f"{joint}.{signal}") in out.columns]
         if goal is None or not beside or not all(read.unit in PLAIN for read in (goal, *beside)):
             continue
         owners = {said(name).joint for name in names_in(goal.text) if name in first.columns}

@@ -13,9 +13,9 @@ import yaml
 from ....actuators.chain import LIBRARY, load_chain
 from ....actuators.errors import nearest
 from ....actuators.published import DRIVES
-from ....actuators.stages.controller import Ideal
+from ....actuators.stages.controller import UNLIMITED
 from ....envs.bench.robot import NUMBERS
-from ....envs.robot_file import is_robot_file, load_robot_file
+from ....envs.robot_file import RobotFile, is_robot_file, load_robot_file
 from ....envs.robots import get_robot
 from ..sidecar import FOLDER_DEFAULTS, Sidecar, folder_defaults, robot_beside, sidecar_text
 from ..table import ENDINGS
@@ -271,21 +271,24 @@ def checked_robot(robot: str | None, out: Path) -> str | None:
 
 def slides_of(robot: str | None, out: Path) -> frozenset[str]:
     """Joints that the robot's file calls slides; none without such a file."""
-    if robot is None or not is_robot_file(robot):
+    if (found := _file_of(robot, out)) is None:
         return frozenset()
-    found = load_robot_file(Path(robot) if Path(robot).is_file() else out / robot)
     joints = [*found.model.joints.values(), *found.joints]
     return frozenset(joint.name for joint in joints if joint.kind == "slide")
 
 
 def limits_of(robot: str | None, out: Path) -> dict[str, float]:
     """Largest torques that the robot's file gives the drives of joints [N.m]; none without such a file."""
+    found = _file_of(robot, out)
+    drives = {joint.name: joint.chain.find("ideal") for joint in found.joints} if found else {}
+    return {name: drive.torque_limit for name, drive in drives.items() if drive and drive.torque_limit < UNLIMITED}
+
+
+def _file_of(robot: str | None, out: Path) -> RobotFile | None:
+    """The robot of a file, from here or from the folder of the logs; None where the word is of no file."""
     if robot is None or not is_robot_file(robot):
-        return {}
-    found = load_robot_file(Path(robot) if Path(robot).is_file() else out / robot)
-    drives = {joint.name: joint.chain.find("ideal") for joint in found.joints}
-    none = Ideal(stiffness=0.0).torque_limit
-    return {name: drive.torque_limit for name, drive in drives.items() if drive and drive.torque_limit < none}
+        return None
+    return load_robot_file(Path(robot) if Path(robot).is_file() else out / robot)
 
 
 def joints_of_robot(runs: Sequence[MeasuredRun], out: Path) -> None:
