@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -167,11 +167,7 @@ class Chain:
 
     def with_stage(self, stage: Stage) -> Chain:
         """A chain with a stage added where it belongs, or put in place of the one of its name."""
-        if (old := self.find(stage.name)) is not None:
-            return dataclasses.replace(self, stages=tuple(stage if item is old else item for item in self.stages))
-        rank = ORDER.index(stage.name)
-        at = next((k for k, item in enumerate(self.stages) if ORDER.index(item.name) > rank), len(self.stages))
-        return dataclasses.replace(self, stages=(*self.stages[:at], stage, *self.stages[at:]))
+        return dataclasses.replace(self, stages=with_stages(self.stages, [stage]))
 
     def without_stage(self, name: str) -> Chain:
         """A chain without the stages of that name."""
@@ -244,6 +240,20 @@ class Chain:
     def friction_needs_law(self) -> bool:
         """Whether dry friction is more than the constant that the engine knows natively."""
         return any(stage.shapes_dry_friction() for stage in self.stages)
+
+
+def with_stages(stages: Sequence[Stage], added: Iterable[Stage]) -> tuple[Stage, ...]:
+    """Stages with others added where they belong, or put in place of the first of their name."""
+    made = list(stages)
+    for stage in added:
+        at = next((k for k, item in enumerate(made) if item.name == stage.name), None)
+        if at is not None:
+            made[at] = stage
+            continue
+        rank = ORDER.index(stage.name)
+        at = next((k for k, item in enumerate(made) if ORDER.index(item.name) > rank), len(made))
+        made.insert(at, stage)
+    return tuple(made)
 
 
 def listed() -> list[str]:

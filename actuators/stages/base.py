@@ -14,6 +14,7 @@ import re
 from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass, field
 from enum import StrEnum
+from functools import cache
 from typing import Any, ClassVar, TypeVar
 
 from ..errors import SealegsError, nearest
@@ -107,12 +108,13 @@ class Stage:
     law: ClassVar[Law | None] = None
 
     def __post_init__(self) -> None:
-        for item in dataclasses.fields(self):
-            if "unit" in item.metadata:
-                object.__setattr__(self, item.name, self._checked(item.name, getattr(self, item.name), item.metadata))
+        for key, metadata in _parameters_of(type(self)):
+            object.__setattr__(self, key, self._checked(key, getattr(self, key), metadata))
 
     def _checked(self, key: str, value: Any, metadata: Mapping[str, Any]) -> float:
         """``value`` as a float within its bounds."""
+        if type(value) is float and metadata["low"] <= value <= metadata["high"] and abs(value) < math.inf:
+            return value  # a search makes thousands of chains
         where, unit, low, high = f"{self.name}.{key}", metadata["unit"], metadata["low"], metadata["high"]
         if isinstance(value, str):
             value = _number(where, unit, value)
@@ -128,7 +130,7 @@ class Stage:
 
     def parameters(self) -> dict[str, float]:
         """Parameter values by name."""
-        return {item.name: getattr(self, item.name) for item in dataclasses.fields(self) if "unit" in item.metadata}
+        return {key: getattr(self, key) for key, _ in _parameters_of(type(self))}
 
     @classmethod
     def unit_of(cls, key: str) -> str:
@@ -138,8 +140,7 @@ class Stage:
     @classmethod
     def record_names(cls) -> tuple[str, ...]:
         """Names of the numbers that the law reads, in the order of its record."""
-        own = [item.name for item in dataclasses.fields(cls) if item.metadata.get("in_law")]
-        return (*own, *cls.derived)
+        return _read_by_law(cls)
 
     @classmethod
     def offsets(cls) -> Any:
@@ -196,6 +197,19 @@ class Stage:
             if item.default is dataclasses.MISSING or value != item.default:
                 kept[item.name] = int(value) if isinstance(value, float) and value.is_integer() else value
         return {self.name: kept}
+
+
+@cache
+def _parameters_of(stage: type[Stage]) -> tuple[tuple[str, Mapping[str, Any]], ...]:
+    """Name and metadata of each parameter of a class of stages."""
+    return tuple((item.name, item.metadata) for item in dataclasses.fields(stage) if "unit" in item.metadata)
+
+
+@cache
+def _read_by_law(stage: type[Stage]) -> tuple[str, ...]:
+    """Names of the numbers that the law of a class of stages reads."""
+    own = [item.name for item in dataclasses.fields(stage) if item.metadata.get("in_law")]
+    return (*own, *stage.derived)
 
 
 TO_SI = {

@@ -1,9 +1,9 @@
 """The load of one joint of a robot: what the rest of the tree does to it while all other joints move as measured.
 
 Joint j obeys ``M_jj q_j'' + sum over k of M_jk q_k'' + c_j(q, q') + g_j(q) = torque_j``. All but the first term and the
-torque is known along a log, as is how it changes with the joint's own position and speed; MuJoCo's recursive
-Newton-Euler algorithm gives the numbers, once per log. Only bodies behind the joint enter, so all of it is linear in
-their masses.
+torque is known along a log, as is how it changes with the joint's own position and speed; MuJoCo gives the numbers,
+once per log (:mod:`sealegs.gap.load.dynamics`). Only bodies behind the joint enter, so all of it is linear in their
+masses.
 """
 
 from __future__ import annotations
@@ -15,7 +15,7 @@ import mujoco
 import numpy as np
 
 from ..log.types import Array
-from .robot import KINDS
+from .dynamics import Dynamics, single_joints
 from .terms import E_BIAS, E_COUPLING, E_CURVE, E_DRAG, E_INERTIA, T_COLUMNS, T_OWN, T_SIZE
 from .ties import Turned, moved_by
 
@@ -176,12 +176,6 @@ def passive_torques(model: mujoco.MjModel, data: mujoco.MjData) -> Array:
     return -(data.qfrc_spring + data.qfrc_gravcomp)
 
 
-def _single(model: mujoco.MjModel) -> tuple[Array, Array]:
-    """Degrees of freedom of hinges and slides, and their coordinates; free and ball joints stay where they are."""
-    found = [j for j in range(model.njnt) if int(model.jnt_type[j]) in KINDS]
-    return model.jnt_dofadr[found], model.jnt_qposadr[found]
-
-
 def passive_block(model: mujoco.MjModel, joint: int, motion: Motion) -> Array:
     """The same columns of springs, of weight compensation, and of what tied joints have of their own (n, T_SIZE)."""
     out = np.zeros((len(motion.position), T_SIZE))
@@ -189,7 +183,7 @@ def passive_block(model: mujoco.MjModel, joint: int, motion: Motion) -> Array:
     if not is_passive(model):
         return out
     data = mujoco.MjData(model)
-    dofs, address = _single(model)
+    dofs, address = single_joints(model)
     turned = Turned(model, joint)
 
     def placed(way: float) -> float:
@@ -198,11 +192,13 @@ def passive_block(model: mujoco.MjModel, joint: int, motion: Motion) -> Array:
         mujoco.mj_comPos(model, data)
         return turned.of(passive_torques(model, data))
 
+    torques = np.empty((len(motion.position), 3))
     for k, row in enumerate(motion.position):
         data.qpos[address] = row[dofs]
-        above, here, below = (placed(way) for way in (ANGLE, 0.0, -ANGLE))
-        out[k, BIAS] += here
-        out[k, BIAS + 1 : CURVE + 1] = _derivatives(model, joint, above, here, below)
+        torques[k] = [placed(way) for way in (ANGLE, 0.0, -ANGLE)]
+    above, here, below = torques.T
+    out[:, BIAS] += here
+    out[:, BIAS + 1], out[:, CURVE] = _derivatives(model, joint, above, here, below)
     return out
 
 
@@ -216,56 +212,39 @@ def _add_ties(model: mujoco.MjModel, joint: int, motion: Motion, out: Array) -> 
         out[:, BIAS] += damping * motion.speed[:, int(model.jnt_dofadr[joint])]
 
 
-def _derivatives(model: mujoco.MjModel, joint: int, above: float, here: float, below: float) -> tuple[float, float]:
-    """Slope and curve of a torque from its values either side; of a hinge as of a + b sin(away) + c (1 - cos(away))."""
+def _derivatives(model: mujoco.MjModel, joint: int, above: Array, here: Array, below: Array) -> tuple[Array, Array]:
+    """Slope and curve of torques (n,) from those either side; of a hinge as of a + b sin(away) + c (1 - cos(away))."""
     if int(model.jnt_type[joint]) != int(mujoco.mjtJoint.mjJNT_HINGE):
-        return (above - below) / (2.0 * ANGLE), 0.0
+        return (above - below) / (2.0 * ANGLE), np.zeros_like(here)
     return (above - below) / (2.0 * math.sin(ANGLE)), (above + below - 2.0 * here) / (2.0 * (1.0 - math.cos(ANGLE)))
 
 
 def _block(model: mujoco.MjModel, joint: int, motion: Motion) -> Array:
     """Inertia, bias, slope, curve, drag and coupling (n, T_SIZE) of one joint and of what an equality moves with it."""
-    data = mujoco.MjData(model)
-    result = np.zeros(model.nv)
-    out = np.empty((len(motion.position), T_SIZE))
-    dofs, address = _single(model)
     turned = Turned(model, joint)
+    dynamics = Dynamics(model, turned.dofs, turned.ratios, len(motion.position))
     own = int(model.jnt_dofadr[joint])
-    positions, speeds, accelerations = motion.position, motion.speed, motion.acceleration.copy()
-    accelerations[:, turned.dofs] -= np.outer(accelerations[:, own], turned.ratios)
-
-    def torque() -> float:
-        mujoco.mj_rne(model, data, 1, result)
-        return turned.of(result)
-
-    def placed(way: float) -> float:
-        turned.place(data, positions[k], way)
-        mujoco.mj_kinematics(model, data)
-        mujoco.mj_comPos(model, data)
-        mujoco.mj_comVel(model, data)
-        return torque()
-
-    def faster(way: float) -> float:
-        data.qvel[turned.dofs] = speeds[k][turned.dofs] + way * turned.ratios
-        mujoco.mj_comVel(model, data)
-        return torque()
-
-    for k in range(len(positions)):
-        data.qpos[address] = positions[k][dofs]
-        data.qvel[:] = speeds[k]
-        data.qacc[:] = accelerations[k]
-        above, below = placed(ANGLE), placed(-ANGLE)
-        here = placed(0.0)
-        data.qacc[turned.dofs] += turned.ratios
-        inertia = torque() - here
-        data.qacc[:] = 0.0
-        coupling = here - torque()
-        data.qacc[:] = accelerations[k]
+    together = np.zeros(model.nv)
+    together[turned.dofs] = turned.ratios
+    out = np.empty((len(motion.position), T_SIZE))
+    for first in range(0, len(out), dynamics.size):
+        part = slice(first, first + dynamics.size)
+        position, speed = motion.position[part], motion.speed[part]
+        others = motion.acceleration[part] - np.outer(motion.acceleration[part][:, own], together)
+        above, below = (_needed(*dynamics.at(position + way * together, speed), others) for way in (ANGLE, -ANGLE))
+        row, still = dynamics.at(position, speed)
+        here = _needed(row, still, others)
         slope, curve = _derivatives(model, joint, above, here, below)
         # linear in the speed of one joint, which turns no body about two axes; of tied ones quadratic
-        drag = faster(1.0) - here if turned.alone else 0.5 * (faster(1.0) - faster(-1.0))
-        out[k] = inertia, here, slope, curve, drag, coupling
+        faster = dynamics.at(position, speed + together)[1]
+        drag = faster - still if turned.alone else 0.5 * (faster - dynamics.at(position, speed - together)[1])
+        out[part] = np.stack([row @ together, here, slope, curve, drag, here - still], axis=1)
     return out
+
+
+def _needed(row: Array, bias: Array, acceleration: Array) -> Array:
+    """Torque (n,) for accelerations (n, nv), with a row of the mass matrix (n, nv) and a bias (n,)."""
+    return np.einsum("nk,nk->n", row, acceleration) + bias
 
 
 def _payload(model: mujoco.MjModel, tip: Tip) -> mujoco.MjModel:

@@ -12,7 +12,7 @@ from typing import Any
 
 import numpy as np
 
-from ...actuators.chain import Chain
+from ...actuators.chain import Chain, with_stages
 from ...actuators.layout import P_VISCOUS
 from ...actuators.stages import STAGES, Stage
 from ...actuators.stages.base import ChainError
@@ -105,9 +105,7 @@ class JointModel:
                 armature=motor.armature * factor**2,
             )
         if by_stage or "gear_ratio.factor" in values:
-            chain = dataclasses.replace(chain, stages=tuple(stages))
-            for stage in added:
-                chain = chain.with_stage(stage)
+            chain = Chain(with_stages(stages, added), chain.label)
         return JointModel(
             chain,
             self.load.with_values(load) if load else self.load,
