@@ -154,17 +154,21 @@ def rows_of(case: str, data: Path, kept: Path) -> Iterator[dict[str, Any]]:
         yield from known.values()
         return
     whole = began = time.perf_counter()
+    heard: dict[str, float] = {}  # when each of the joints that are diagnosed side by side first said something
     fresh: list[dict[str, Any]] = []
+
+    def hear(line: str) -> None:
+        heard.setdefault(line.partition(":")[0], time.perf_counter())
 
     def keep(found: JointDiagnosis) -> None:
         nonlocal began
-        fresh.append(row(case, found, time.perf_counter() - began))
+        fresh.append(row(case, found, time.perf_counter() - heard.get(found.joint, began)))
         with kept.open("a", encoding="utf-8") as file:
             file.write(json.dumps(fresh[-1]) + "\n")
         print(f"{case} {found.joint}: {found.sentence} ({fresh[-1]['seconds']:.0f} s)", flush=True)
         began = time.perf_counter()
 
-    found = diagnose(data_set, done=keep, workers=None)
+    found = diagnose(data_set, progress=hear, done=keep, workers=None)
     seconds = {item["joint"]: item["seconds"] for item in reversed(fresh)}  # of the first time it was judged
     cores = len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
     spent = {} if known else {"whole": time.perf_counter() - whole, "cores": cores}
