@@ -32,12 +32,14 @@ def check_robot(runs: Sequence[MeasuredRun], robot: LoggedRobot) -> list[Finding
 def commanded(runs: Sequence[MeasuredRun]) -> list[str]:
     """Joints of which a run says how they were driven: these are judged. Others of a robot only tell how they moved.
 
-    A column may have been set aside in some runs.
+    A column may have been set aside in some runs. What a joint works against is known of a bench; only there a measured
+    torque stands in for a command.
     """
+    keys = COMMANDS if runs[0].robot == "bench" else COMMANDS[:2]
     return [
         joint
         for joint in runs[0].joints
-        if any(key in run.joints[joint].signals() for run in runs if joint in run.joints for key in COMMANDS)
+        if any(key in run.joints[joint].signals() for run in runs if joint in run.joints for key in keys)
     ]
 
 
@@ -71,10 +73,16 @@ def uncommanded(runs: Sequence[MeasuredRun], robot: LoggedRobot) -> Finding | No
                 f"{runs[0].name}: {robot.file.model.path.name} has no joint '{joint}'{nearest(joint, known)}; rename "
                 f"the column '{joint}.position' or leave it out."
             )
+    measured = any(runs[0].joints[joint].torque is not None for joint in others)
+    said = f"No command of {', '.join(others)} was logged{' (a measured torque is none)' if measured else ''}"
+    if not named:
+        raise LogError(
+            f"{runs[0].name}: {said[0].lower()}{said[1:]}, so no joint can be judged; log what each joint was told as "
+            f"{others[0]}.goal [rad, slides m] or {others[0]}.torque_command [N.m, slides N]."
+        )
     return Finding(
         "robot.uncommanded", "note", None, None,
-        f"No command of {', '.join(others)} was logged: how they move counts for the other joints, and nothing is "
-        "judged at them.",
+        f"{said}: how they move counts for the other joints, and nothing is judged at them.",
     )  # fmt: skip
 
 

@@ -32,6 +32,7 @@ from .sidecars import (
     checked_robot,
     completed,
     folder_and_own,
+    joints_in_file,
     joints_of_robot,
     limits_of,
     proposed_sidecar,
@@ -39,6 +40,7 @@ from .sidecars import (
     slides_of,
     text_with_blanks,
 )
+from .spelling import spelled
 
 MANY_ROWS = 20_000
 """Longer recordings are written as Parquet where nobody says which format."""
@@ -119,6 +121,7 @@ def propose_for(
     recordings, left = _alike(read_recordings(source))
     robot = checked_robot(robot, out)
     proposal = propose(recordings, unit, slides_of(robot, out))
+    proposal = spelled(proposal, recordings[0].columns, joints_in_file(robot, out))
     check_shares(proposal, robot, out)
     sidecar = proposed_sidecar(
         recordings, proposal, beside(robot, out), beside(checked_actuator(actuator), out), params, limits_of(robot, out)

@@ -12,7 +12,7 @@ import numpy as np
 from ..types import Array, LogError
 from . import steps
 from .column import Column, span, without_doubt
-from .evidence import Relation, whole_numbers
+from .evidence import Relation, encoder, whole_numbers
 from .expression import quoted
 from .unit_words import measures
 from .units import ASK, CLOSE, LIKELY, POSITION, SURE, Read, read_alike, read_position
@@ -31,6 +31,7 @@ class Answer:
         filled: columns that it is for, or that say the same.
         against: unit that a column says itself, by column.
         steps: the question, by column of a position whose whole numbers look like encoder steps.
+        gridded: whether a position shows the steps of an encoder that its unit is told by.
     """
 
     unit: str | None
@@ -38,6 +39,7 @@ class Answer:
     filled: set[str] = field(default_factory=set)
     against: dict[str, str] = field(default_factory=dict)
     steps: dict[str, str] = field(default_factory=dict)
+    gridded: bool = False
 
     def look_at(self, positions: Iterable[tuple[Column, Array, Sequence[Array]]]) -> None:
         """Note how far the joints move that the question for the unit is about, and which are in encoder steps.
@@ -47,8 +49,10 @@ class Answer:
         """
         whole: dict[str, Array] = {}
         for column, values, goals in positions:
-            if read_position(column.name, values, column.unit, column.how).trust == ASK:
+            read = read_position(column.name, values, column.unit, column.how)
+            if read.trust == ASK:
                 self.largest = max(self.largest, span(values))
+            self.gridded |= read.trust == SURE and encoder(values) is not None
             if column.unit in ("", "?", "tick") and steps.may_be_steps(values, goals):
                 whole[column.name] = values
         if any(steps.beyond_degrees(values) for values in whole.values()):
@@ -84,6 +88,12 @@ class Answer:
         if self.unit == steps.TICKS:
             return _in_steps(column.name, values, slide)
         answered = read_position(column.name, values, self.unit, "unit=", slide)
+        if self.gridded and measures(self.unit, "angle") and steps.is_percent(values) and encoder(values) is None:
+            ask = (
+                f"is {quoted(column.name)} in {self.unit}, as unit= says? It stays within 0 and 100 and shows no "
+                "encoder's steps, which other joints do: as an opening in percent is (unit=percent)"
+            )
+            return replace(answered, trust=ASK, ask=ask)
         if asked and measures(self.unit, "angle"):
             ask = (
                 f"are these in {self.unit}, as unit= says? Positions and goals are whole numbers within 0..4095, as "

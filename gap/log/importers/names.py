@@ -152,6 +152,8 @@ VOLTS = SUPPLY | {"bus"}
 """Words beside which a v is a voltage."""
 CLOCK_WORDS = frozenset(["ms", "seconds", "sec", "secs", "us", "ns", "millis", "micros"])
 """Units that are the whole name of a clock."""
+ANGLE_WORDS = frozenset(["q", "theta", "phi", "angle", "winkel", "yaw", "pitch", "roll"])
+"""Words of which none is a way: an ``m`` behind them is no metre."""
 SHORT = re.compile(r"(q|theta|phi|x)(m|meas|a|act|g|r|ref|d|des|c|cmd|goal)")
 """Signs of control theory: ``qm`` measured, ``qg`` goal, ``qd`` desired (or the derivative: the data tell)."""
 RATES = frozenset(["qd", "xd", "thetad", "phid", "v", "w"])
@@ -220,6 +222,8 @@ def said(name: str) -> Said:
             signal, how = candidate, words[hits[0]]
             used |= set(hits)
             break
+    if low[-1:] == ["m"] and ANGLE_WORDS & set(low):  # theta_m: measured, or of the motor
+        measured, used = True, used | {len(low) - 1}
     if signal == "position" and "current" in low and measures(unit, "current"):  # q_current (A)
         signal, used = "current", used | {low.index("current"), *(k for k, word in enumerate(low) if word == "q")}
     if signal in ("position", "velocity", "torque") and {"input", "control"} & set(low):
@@ -322,7 +326,10 @@ def _unit(words: list[str]) -> tuple[str, slice]:
         last = all(other.isdigit() for other in words[k + 1 :])
         if found := _of_several(words, k, last, spoken):
             return found
-        if found := _of_one(words[k], last, spoken):
+        found = _of_one(words[k], last, spoken)
+        numbered = len(words[k]) == 1 and k + 1 < len(words)  # m1 is the first motor
+        of_motor = measures(found, "way") and ANGLE_WORDS & set(words)  # as theta_m
+        if found and not (numbered or of_motor):
             return found, slice(k, k + 1)
     if len(words) == 1 and words[0] in CLOCK_WORDS:
         return unit_of(words[0]), slice(0, 0)

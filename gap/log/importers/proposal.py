@@ -21,6 +21,7 @@ from .pairs import FOLLOWS, best_pair, in_order, matched, no_reading, same_joint
 from .proposed import Proposal
 from .recording import Recording
 from .sparse import held_goal, held_read, kept_samples
+from .spelling import bare
 from .unit_words import measures
 from .units import ASK, POSITION, Read, read_other, read_velocity
 
@@ -48,7 +49,7 @@ def propose(
 
 class _Proposer:
     def __init__(self, recordings: Sequence[Recording], unit: str | None, slides: Collection[str]) -> None:
-        self.recordings, self.slides = recordings, slides
+        self.recordings, self.slides = recordings, {bare(joint) for joint in slides}
         self.first = max(recordings, key=lambda recording: recording.length)
         self.answer = Answer(unit)
         self.out = Proposal()
@@ -255,7 +256,8 @@ class _Proposer:
         base = chosen["position"]
         run = self.moved(base.name)
         position = run.columns[base.name]
-        slide = joint in self.slides or any(measures(one.unit, "way", "speed", "force") for one in chosen.values())
+        says_way = any(measures(one.unit, "way", "speed", "force") for one in chosen.values())
+        slide = says_way or bare(joint) in self.slides
         read = self.answer.position(base, position, slide)
         if measures(read.unit, "way"):
             self.out.slides.add(joint)
@@ -282,17 +284,15 @@ class _Proposer:
                 self.put(f"{joint}.{signal}", other)
             elif signal == "velocity":
                 slope = as_derivative(self.clock(run), position, values)
-                self.put(
-                    f"{joint}.velocity", read_velocity(column.name, without_doubt(column.unit), column.how, slope, read)
-                )
+                unit = without_doubt(column.unit)
+                self.put(f"{joint}.velocity", read_velocity(column.name, unit, column.how, slope, read))
             elif signal == "load":
                 wraps = " (65527 is -9 as a number of 16 bits: signed16(load))" if np.nanmax(values) > 32767 else ""
                 self.out.unused[column.name] = f"a register without a unit{wraps}, no torque"
             else:
                 whole = self.moved(column.name).columns[column.name]
-                self.put(
-                    f"{joint}.{signal}", read_other(signal, column.name, whole, column.unit, column.how, column.rest)
-                )
+                other = read_other(signal, column.name, whole, column.unit, column.how, column.rest)
+                self.put(f"{joint}.{signal}", other)
         place_goal_velocity(self.out, joint, chosen, run.columns, self.clock(run))
 
     def leave_out_strays(self) -> None:
@@ -329,10 +329,11 @@ class _Proposer:
 
     def ask_for_commands(self) -> None:
         """A joint that nothing drives is no log of a drive."""
+        needed = COMMANDS if len(self.out.joints) == 1 else COMMANDS[:2]  # of a robot a measured torque is no command
         for joint in self.out.joints:
-            if not any(f"{joint}.{signal}" in self.out.columns for signal in COMMANDS):
-                ask = f"what was commanded to {joint}? It needs {joint}.goal, {joint}.torque_command or {joint}.torque"
-                ask += self.may_be_goal(joint)
+            names = [f"{joint}.{signal}" for signal in needed]
+            if not any(name in self.out.columns for name in names):
+                ask = f"what was commanded to {joint}? It needs {' or '.join(names)}{self.may_be_goal(joint)}"
                 self.out.questions.append(Question((f"{joint}.goal",), ask))
 
     def may_be_goal(self, joint: str) -> str:

@@ -277,6 +277,12 @@ def slides_of(robot: str | None, out: Path) -> frozenset[str]:
     return frozenset(joint.name for joint in joints if joint.kind == "slide")
 
 
+def joints_in_file(robot: str | None, out: Path) -> frozenset[str]:
+    """Joints of the robot's file, its model's too; none without such a file."""
+    found = _file_of(robot, out)
+    return frozenset({*found.model.joints, *(joint.name for joint in found.joints)}) if found else frozenset()
+
+
 def limits_of(robot: str | None, out: Path) -> dict[str, float]:
     """Largest torques that the robot's file gives the drives of joints [N.m]; none without such a file."""
     found = _file_of(robot, out)

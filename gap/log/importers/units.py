@@ -45,6 +45,8 @@ STRAY = 0.02
 """Share of the samples that may lie far outside as what a recorder writes for a lost one."""
 FAR = 2.2 * math.pi
 """An angle in rad without a turn to spare stays below this."""
+MOST_WAY = 10.0  # [m]
+"""What a slide may travel before a name that ends in m is doubted."""
 
 
 @dataclass(frozen=True)
@@ -80,6 +82,9 @@ def read_position(name: str, values: Array, said: str, how: str, slide: bool = F
     low, high = (float(f(values)) for f in (np.nanmin, np.nanmax))
     span = f"{low:.3g} to {high:.3g}"
     if way := measures(said, "way"):
+        if said == "m" and how == "the name" and high - low > MOST_WAY:
+            ask = "m of a slide (unit=m), or the angle of a motor that the name means (unit=deg, unit=rad)?"
+            return Read(column, said, ASK, f"the name ends in m; {span}", ask)
         return Read(column + way.behind, said, SURE, f"{how} says {said}: a slide; {span}")
     found = encoder(values)
     whole = whole_numbers(values)
