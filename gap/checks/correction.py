@@ -9,7 +9,7 @@ import numpy as np
 
 from ..log.finding import Finding
 from ..log.types import Array, JointLog, MeasuredRun
-from .motion import TURN
+from .motion import TURN, unwrapped
 from .recording import held_again, regular, unheld
 
 Mend = Callable[[Array, float], Array]
@@ -32,7 +32,7 @@ CONVERTED: dict[str, Mend] = {
     "column.behind": lambda values, size: np.concatenate([values[int(size) :], np.repeat(values[-1:], int(size))]),
 }
 """Column and the finding's value to the column as it should have been, by code."""
-WRAPS = ("position.wrap", "link_position.wrap")
+WRAPS = ("position.wrap", "link_position.wrap", "goal.wrap")
 HELD = "column.held"
 STAMPS = "clock.late_stamps"
 
@@ -72,6 +72,8 @@ def _mended(log: JointLog, signal: str, finding: Finding) -> JointLog:
     if finding.code in SET_ASIDE:
         return replace(log, **{signal: None})
     if finding.code in WRAPS:
+        if signal == "goal":
+            return replace(log, goal=_on_turn_of(unwrapped(values), unwrapped(log.position), TURN))
         other = log.goal if signal == "position" else log.position
         return replace(log, **{signal: _unwrapped(values, other, float(finding.value or TURN))})
     if finding.code == "unit.degrees" and signal == "goal" and log.goal_velocity is not None:
@@ -86,8 +88,10 @@ def _unwrapped(values: Array, other: Array | None, jump: float) -> Array:
     """An angle without its jumps, on the turn of another one that goes with it: the goal, or the motor's position."""
     period = TURN if abs(jump / TURN - 1.0) < 0.1 else jump
     angle = np.unwrap(values, period=period)
-    if other is None:
-        return angle
+    return angle if other is None else _on_turn_of(angle, other, period)
+
+
+def _on_turn_of(angle: Array, other: Array, period: float) -> Array:
     return angle - period * np.round(np.median(angle - other) / period)
 
 

@@ -60,7 +60,7 @@ def _without_unit_of_magnitudes(findings: list[Finding]) -> list[Finding]:
 
 
 MENDED_FIRST = (
-    *("position.wrap", "link_position.wrap", "unit.millimetres", "unit.degrees", "position.sign"),
+    *("goal.wrap", "position.wrap", "link_position.wrap", "unit.millimetres", "unit.degrees", "position.sign"),
     *("clock.late_stamps", "column.held", "column.behind", "goal.interpolated"),
 )
 """Errors that make others appear, one after the other."""

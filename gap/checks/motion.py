@@ -40,6 +40,8 @@ def check_motion(joint: JointContext) -> Iterator[Finding]:
         yield from lengths
         return
     yield from _wraps(joint)
+    if joint.radians and goal is not None:
+        yield from _goal_wraps(joint, goal)
     if joint.radians:
         yield from _degrees(joint)
     if goal is not None:
@@ -110,6 +112,32 @@ def _wraps(joint: JointContext) -> Iterator[Finding]:
                 f"jumps by {size:.4g} rad{turns} between neighbouring samples {len(jumps)} "
                 f"time{'s' * (len(jumps) > 1)}, {where}: the encoder wraps around; unwrap the column.",
             )  # fmt: skip
+
+
+def _goal_wraps(joint: JointContext, goal: np.ndarray) -> Iterator[Finding]:
+    """Goals that jump by a turn where the joint goes on, as a joint without end is told to."""
+    position = joint.log.position
+    jumps = int((np.abs(np.abs(np.diff(goal)) / TURN - 1.0) < 0.2).sum())
+    if not jumps or np.ptp(goal) > 1.1 * TURN or not (np.isfinite(goal).all() and np.isfinite(position).all()):
+        return
+    whole = unwrapped(position)
+    as_it_is, without = (_apart(values - whole) for values in (goal, unwrapped(goal)))
+    if without < 0.5 * as_it_is:
+        yield _misread(
+            joint, "goal", "wrap", TURN,
+            f"jumps by a turn between neighbouring samples {jumps} time{'s' * (jumps > 1)} where the joint goes on: "
+            "goals wrap around; unwrap the column.",
+        )  # fmt: skip
+
+
+def unwrapped(angle: np.ndarray) -> np.ndarray:
+    """An angle without jumps of about a turn; shorter ones are steps."""
+    return np.unwrap(angle, discont=0.8 * TURN)
+
+
+def _apart(away: np.ndarray) -> float:
+    """How far two angles are apart (rms), whole turns aside."""
+    return float(np.sqrt(np.mean((away - TURN * np.round(np.median(away) / TURN)) ** 2)))
 
 
 def _other_turn(joint: JointContext, signal: str) -> Iterator[Finding]:
