@@ -16,6 +16,7 @@ from mujoco.batch import Batch
 from ..actuators.engine import install
 from ..actuators.errors import SealegsError
 from ..actuators.layout import S_OUT_OF_RANGE, S_TORQUE
+from .position_goals import check_position_goals
 from .randomization import Randomization, Source
 from .robot import ChainSource
 from .sides import Sides
@@ -95,7 +96,7 @@ class BatchEngine:
             threads: of the engine; 0: one per core.
 
         Raises:
-            SealegsError: one of the arguments does not fit the robot.
+            SealegsError: one of the arguments does not fit the robot, or a chain takes no position goals.
         """
         self._sound = False  # what the task gives, which the first step looks at
         if num_envs < 1:
@@ -104,6 +105,7 @@ class BatchEngine:
         self.numbers = task.robot.parameters(params)
         self.drivetrain = task.robot.drivetrain(actuator, params)
         self.chains = self.drivetrain.chains
+        check_position_goals(task.robot, self.chains, "a task gives")
         self.randomization = Randomization(self.drivetrain, randomization)
         if self.randomization.chains != self.chains:
             self.drivetrain = task.robot.drivetrain(self.randomization.chains, params)

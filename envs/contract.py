@@ -18,6 +18,7 @@ from ..actuators.errors import SealegsError
 from . import registered_id
 from .arguments import task_arguments
 from .base import BaseLayout
+from .position_goals import check_position_goals
 from .robot import Robot
 from .task import ModulatedTask, Motion, Task
 
@@ -169,6 +170,7 @@ def make_contract(env: Mapping[str, Any], chains: Mapping[str, list], control_ra
     names = tuple(item.name for item in robot.coordinates)
     kept = {key: value for key, value in env.items() if key != "actuator"}
     loaded = {name: load_chain(list(chains[name])) for name in names}
+    check_position_goals(robot, loaded, "a policy gives")
     units = BaseLayout(robot, params).units
     start, state = start_of(task, numbers)
     return Contract(

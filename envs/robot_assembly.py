@@ -20,6 +20,7 @@ from .robot_assumed import goal_range, ideal_servo, reduction_note
 from .robot_choice import chosen, none_to_drive, passive_sentence
 from .robot_described import FileJoint, RobotFile, stated, with_owned
 from .robot_entries import UNKNOWN, YAML_SUFFIXES, FileEntry, JointEntry, Owner, ServoEntry
+from .robot_within import check_within
 
 TIMESTEP = 0.002  # [s] with RK4 accurate to 0.1 mrad (docs/numerics.md)
 SHORTEST = 1e-5  # [s] that a YAML may ask for
@@ -135,6 +136,7 @@ def _joint(
     limits = entry.range or goal_range(model, terms, drive, notes)
     if not limits[0] < limits[1]:
         raise RobotError(f"{where}.range is {limits[0]:g} to {limits[1]:g}; it goes from its low to its high end.")
+    check_within(where, model, terms, entry)
     ratio = abs(terms[-1][1])  # of the coordinate by the joint
     in_file = {
         "damping": joint.damping / ratio**2,

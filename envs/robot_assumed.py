@@ -24,6 +24,8 @@ SLIDE_REACH = 0.5  # [m] to either side, of a slide without a range
 NO_STOP = 1e4  # [rad or m] a range that ends beyond is written for none
 SAME = 1e-6  # of a range [rad or m]: what differs by less is the same
 TOLD = 0.01  # of a range: goals that end nearer to its ends are not worth a word
+RADIANS = "in radians, whatever the compiler's angle"
+"""What a control range is, and an angle in the YAML of a robot."""
 BOUNDS = {field.name: field.metadata for field in dataclasses.fields(Ideal)}
 STIFFEST, MOST_DAMPED = float(BOUNDS["stiffness"]["high"]), float(BOUNDS["damping"]["high"])
 STRONGEST = float(BOUNDS["torque_limit"]["high"])
@@ -43,11 +45,7 @@ def goal_range(
     """
     kind = model.joints[terms[-1][0]].kind
     unit = UNITS[kind][0]
-    ranges = [_stops(model.joints[name].range) for name, _ in terms]
-    stops = None
-    if len(known := [item for item in ranges if item is not None]) == len(terms):
-        ends = [sorted(factor * end for end in item) for item, (_, factor) in zip(known, terms, strict=True)]
-        stops = sum(low for low, _ in ends), sum(high for _, high in ends)
+    stops = joint_stops(model, terms)
     goals = drive.goals if drive is not None else None
     if drive is None or goals is None:
         if stops is None:
@@ -64,7 +62,7 @@ def goal_range(
         return goals
     both = max(stops[0], goals[0]), min(stops[1], goals[1])
     if not both[0] < both[1]:
-        hint = "; a control range is in radians, whatever the compiler's angle" if kind == "hinge" else ""
+        hint = f"; a control range is {RADIANS}" if kind == "hinge" else ""
         notes.append(f"{label} lies outside its range ({_ends(stops, unit)}), which counts{hint}")
         return stops
     narrower = max(abs(both[0] - stops[0]), abs(both[1] - stops[1]))
@@ -73,6 +71,15 @@ def goal_range(
     if narrower >= TOLD * (stops[1] - stops[0]):
         notes.append(f"its goals end with {label}, which is narrower than its range ({_ends(stops, unit)})")
     return both
+
+
+def joint_stops(model: ModelFile, terms: Sequence[tuple[str, float]]) -> tuple[float, float] | None:
+    """Lowest and highest position of a sum of joints [rad or m] by the ranges of all of them; None: one has none."""
+    ranges = [_stops(model.joints[name].range) for name, _ in terms]
+    if len(known := [item for item in ranges if item is not None]) < len(terms):
+        return None
+    ends = [sorted(factor * end for end in item) for item, (_, factor) in zip(known, terms, strict=True)]
+    return sum(low for low, _ in ends), sum(high for _, high in ends)
 
 
 def _stops(written: tuple[float, float] | None) -> tuple[float, float] | None:

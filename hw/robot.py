@@ -13,6 +13,7 @@ from ..configs.check import checked
 from ..envs.base import BaseLayout
 from ..envs.contract import Contract, ContractError, chain_hash, robot_hash
 from ..envs.extended import read_extended
+from ..envs.position_goals import check_position_goals, torque_driven
 from ..envs.robot import Robot
 from ..envs.robots import ROBOTS, get_robot
 from .chain_names import told_chains
@@ -66,10 +67,12 @@ class ServoRobot:
 
         Raises:
             CalibrationError: two joints have one id, or a joint has a range that its servo or the robot cannot reach.
+            RobotError: a chain takes torques, which no servo is sent.
         """
         self.robot, self.params, self.servo, self.joints = robot, dict(params), servo, tuple(joints)
         self.belief, self.registers = dict(belief), dict(registers or {})
         self.chains: dict[str, Chain] = {name: load_chain(source) for name, source in belief.items()}
+        check_position_goals(robot, self.chains, "a servo takes")
         check_joints(self.joints, robot, servo, self.params)
         self.ids = [joint.address for joint in self.joints]
         self.sensors = tuple(sensors)
@@ -167,6 +170,11 @@ class ServoRobot:
                 here,
                 f"the robot's numbers differ ({different}): correct robot.params, give the diagnosis that it was "
                 "trained on as extended=<folder>, or train it for this robot",
+            )
+        if driven := torque_driven(contract.chains):
+            raise ContractError(
+                f"the policy does not fit the robot: it was trained with torques as commands of {', '.join(driven)}, "
+                "which a servo would take for positions; train it again, with a position controller in each chain."
             )
         if contract.history != 1:
             refuse("history", contract.history, 1, "train it on single observations")

@@ -128,6 +128,35 @@ def test_what_is_wrong_is_told_in_a_sentence(arguments: list[str], sentence: str
         BatchVecEnv(request.config.env["id"], 1, robot=request.config.env["robot"])
 
 
+def driven_by(folder: Path, elbow: object) -> str:
+    """The arm with a chain of stages on its elbow."""
+    text = f"model: {ROBOTS / 'arm.xml'}\njoints: {{shoulder: {{chain: sts3215}}, elbow: {{chain: {elbow}}}}}\n"
+    (folder / "driven.yaml").write_text(text)
+    return str(folder / "driven.yaml")
+
+
+@pytest.mark.parametrize("task", TASKS)
+def test_goals_of_a_task_do_not_act_as_torques(task: str, tmp_path: Path) -> None:
+    """Goals between -2 and 2 rad acted as N.m, and episodes began with a torque as large as the position."""
+    own = driven_by(tmp_path, [{"torque_command": {"armature": 0.01}}])
+    says = (
+        r"the chain of joint 'elbow' takes a torque \[N\.m\] as command \(torque_command\), and a task gives position "
+        r"goals; name a chain with a position controller, such as ideal .* can be diagnosed, but not trained"
+    )
+    with pytest.raises(SealegsError, match=says):
+        sealegs.make_env(task, robot=own)
+    with pytest.raises(SealegsError, match=says):  # as a diagnosis gives its chains
+        BatchVecEnv(task, 1, robot=ARM, actuator={"elbow": [{"torque_command": {"armature": 0.01}}]})
+    assert BatchVecEnv(task, 1, robot=own, actuator="sts3215").engine.names == ["shoulder", "elbow"]
+
+
+def test_a_policy_of_torques_gets_no_contract(tmp_path: Path) -> None:
+    own = driven_by(tmp_path, [{"torque_command": {}}])
+    chains = {name: [{"torque_command": {}}] for name in ("shoulder", "elbow")}
+    with pytest.raises(SealegsError, match=r"the chains of joints shoulder, elbow take a torque .* a policy gives"):
+        make_contract({"id": "SeaLegs/Track-v0", "robot": own}, chains, 50.0)
+
+
 def test_a_task_file_that_fails_is_told_with_its_error(tmp_path: Path) -> None:
     (tmp_path / "broken.py").write_text("import nothing_of_the_kind\n")
     with pytest.raises(

@@ -1,6 +1,7 @@
 """A robot of one's own through the commands: its YAML is written, its virtual machine driven and logged."""
 
 import json
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -11,6 +12,7 @@ from sealegs import cli
 from sealegs.actuators.errors import SealegsError
 from sealegs.commands import deploy, new_robot, relevant
 from sealegs.configs.compose import compose
+from sealegs.envs.contract import make_contract
 from sealegs.envs.robot_file import load_robot_file
 from sealegs.gap.log import read_measured
 from sealegs.hw import deployment
@@ -18,6 +20,7 @@ from sealegs.hw.calibration import write_calibration
 from sealegs.hw.measured_log import read_events
 from sealegs.hw.own_robot import READERS
 from sealegs.hw.robot import build_robot
+from sealegs.hw.virtual.machine import Machine
 
 ROBOTS = Path(__file__).parent / "robots"
 
@@ -101,6 +104,25 @@ def test_servos_are_mounted_as_the_file_says(arm: Path) -> None:
     path.write_text("model: arm.xml\njoints: {elbow: {chain: sts3215}}\ndeploy: {safty: {}}\n")
     with pytest.raises(SealegsError, match=r"deploy.safty is unknown \(did you mean 'safety'\?\)"):
         config(robot=str(path))
+
+
+def test_no_servo_is_sent_torques(arm: Path) -> None:
+    """An excitation moved the virtual machine by its angles as N.m; a servo would have turned by torques as rad."""
+    path, goals = arm.with_suffix(".yaml"), arm.parent / "goals.csv"
+    path.write_text("model: arm.xml\njoints: {elbow: {chain: [{torque_command: {}}]}}\n")
+    goals.write_text("time,elbow.goal\n0.0,0.1\n1.0,0.2\n")
+    says = r"the chain of joint 'elbow' takes a torque \[N\.m\] .*, and a servo takes position goals; name a chain"
+    for given in ("excitation=multisine", f"excitation={goals}"):
+        with pytest.raises(SealegsError, match=says):
+            deploy.main([given, f"robot={path}"])
+    with pytest.raises(SealegsError, match=says):
+        Machine(load_robot_file(path).robot())
+    servo = build_robot(config(robot=str(path))["robot"], "sts3215")
+    chains = {name: chain.to_list() for name, chain in servo.chains.items()}
+    contract = make_contract({"id": "SeaLegs/Track-v0", "robot": str(path)}, chains, 50.0)
+    servo.check_contract(contract)
+    with pytest.raises(SealegsError, match="trained with torques as commands of elbow, which a servo would take for"):
+        servo.check_contract(replace(contract, chains={"elbow": [{"torque_command": {}}]}))
 
 
 def test_a_robot_of_ones_own_finds_the_calibration_that_was_made_for_it(

@@ -114,3 +114,52 @@ def test_the_step_that_is_assumed_is_short_enough_for_the_drives(tmp_path: Path,
     (tmp_path / "pair.yaml").write_text((tmp_path / "pair.yaml").read_text().replace(f"{robot.timestep:g} ", "0.002 "))
     with pytest.raises(SealegsError, match=r"unstable at a step of 0\.002 s"):
         load_robot_file(tmp_path / "pair.yaml").robot().drivetrain()
+
+
+DEGREES = """<mujoco><compiler angle="degree"/><worldbody><body><joint name="arm" axis="0 1 0" range="-90 90"/>
+<geom type="capsule" size="0.02" fromto="0 0 0 0 0 -0.2" mass="0.3"/><body pos="0 0 -0.2">
+<joint name="wheel" axis="0 1 0"/><geom type="capsule" size="0.02" fromto="0 0 0 0 0 -0.2" mass="0.3"/>
+<body pos="0 0 -0.2"><joint name="grip" type="slide" axis="1 0 0" range="0 0.04"/><geom size="0.02" mass="0.1"/>
+</body></body></body></worldbody></mujoco>"""
+
+
+@pytest.mark.parametrize(
+    ("joint", "sentence"),
+    [
+        (
+            "arm: {range: [-90, 90]}",
+            r"arm\.range is -90 to 90 rad, far outside the range of its joint \(-1\.571 to 1\.571 rad\) in degrees"
+            r"\.xml; angles in a robot's YAML are in radians, whatever the compiler's angle \(-90 to 90 degrees are -1",
+        ),
+        ("arm: {range: [-20, 20]}", r"arm\.range is -20 to 20 rad, far outside"),
+        ("arm: {start: 45}", r"arm\.start is 45 rad, far outside .*; angles .* \(45 degrees are 0\.7854\)"),
+        ("arm: {start: -5}", r"arm\.start is -5 rad, far outside"),
+        ("arm: {belt: {arm: 2}, range: [-180, 180]}", r"arm\.range is .* \(-3\.142 to 3\.142 rad\)"),
+        (
+            "grip: {range: [0, 40]}",
+            r"grip\.range is 0 to 40 m, far outside the range of its joint \(0 to 0\.04 m\) .*; positions of a slide "
+            "are in metres",
+        ),
+    ],
+)
+def test_degrees_and_millimetres_in_a_yaml_are_told(joint: str, sentence: str, tmp_path: Path) -> None:
+    """A range and a start in degrees were taken as rad, without a word."""
+    (tmp_path / "degrees.xml").write_text(DEGREES)
+    (tmp_path / "arm.yaml").write_text(f"model: degrees.xml\njoints: {{{joint}}}\n")
+    with pytest.raises(RobotError, match=sentence):
+        load_robot_file(tmp_path / "arm.yaml")
+
+
+@pytest.mark.parametrize(
+    ("joint", "limits"),
+    [
+        ("arm: {range: [-1.8, 1.8], start: 1.6}", (-1.8, 1.8)),  # a servo presses against its stops
+        ("arm: {range: [-3.14, 3.14]}", (-3.14, 3.14)),
+        ("wheel: {range: [-90, 90], start: 45}", (-90.0, 90.0)),  # it has no stops
+        ("grip: {range: [-0.05, 0.04]}", (-0.05, 0.04)),
+    ],
+)
+def test_goals_somewhat_beyond_a_stop_are_allowed(joint: str, limits: tuple[float, float], tmp_path: Path) -> None:
+    (tmp_path / "degrees.xml").write_text(DEGREES)
+    (tmp_path / "arm.yaml").write_text(f"model: degrees.xml\njoints: {{{joint}}}\n")
+    assert load_robot_file(tmp_path / "arm.yaml").joints[0].range == limits

@@ -47,8 +47,13 @@ def chosen(joints: Sequence[str], only: Sequence[str] | None) -> list[str]:
     """Those of some joints that a person asked for, None for all.
 
     Raises:
-        LogError: the log has no such joint.
+        LogError: the log has no such joint, or none that could be judged.
     """
+    if not joints:
+        raise LogError(
+            "No command of a joint was logged, and a measured torque stands in for one on a bench only; log what each "
+            "joint was told as <joint>.goal or <joint>.torque_command."
+        )
     for name in only or ():
         if name not in joints:
             hint = nearest(name, joints)

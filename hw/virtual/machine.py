@@ -15,6 +15,7 @@ from ...actuators.law import host_reading
 from ...actuators.layout import S_CURRENT, S_DUTY, S_READY, S_TORQUE
 from ...actuators.stages import build_stage
 from ...envs.base import BaseLayout
+from ...envs.position_goals import check_position_goals
 from ...envs.robot import ChainSource, Robot
 from .hidden import hide
 
@@ -84,6 +85,7 @@ class Machine:
             SealegsError: one of them does not fit the robot.
         """
         chains, params = hide(robot, robot.chains_for(actuator), dict(params or {}), hidden)
+        check_position_goals(robot, chains, "a servo takes")
         self._base = {name: _switchable(chain) for name, chain in chains.items()}
         self.drivetrain = robot.drivetrain(dict(self._base), params)
         self.model = self.drivetrain.model

@@ -2,24 +2,26 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from .....actuators.extras import needed_for
 from ...types import Array, LogError
 from ..recording import Recording
+from .ros_topics import COVERED, Topic, numbers, stamp_of
+from .trajectories import Trajectory, laid_out, trajectory_of
 
 ENDINGS = (".bag", ".db3", ".mcap")
 JOINT_STATE = "sensor_msgs/msg/JointState"
+TRAJECTORY = "trajectory_msgs/msg/JointTrajectory"
 FIELDS = {"position": "position", "velocity": "velocity", "effort": "torque"}
+UNITS = {"position": "rad", "velocity": "rad/s", "effort": "N.m"}
 COMMAND_WORDS = ("command", "cmd", "goal", "desired", "target", "reference", "setpoint")
-LISTS = ("name", "joint_names")
-"""Fields that name the joints of the lists beside them."""
-SKIPPED = ("header", "layout", "multi_dof_joint_names")
 
 
 def is_bag(path: Path) -> bool:
@@ -28,35 +30,31 @@ def is_bag(path: Path) -> bool:
 
 
 @dataclass
-class _Topic:
-    """Numbers of one topic by the field they come from.
+class _Bag:
+    """What a bag says of joints.
 
     Attributes:
-        times: when the bag received each message [s].
-        stamps: of each message's own header [s], NaN where it has none.
-        rows: numbers of each message.
+        kinds: type of each topic.
+        topics: those of numbers, by name.
+        paths: trajectories by topic: when the bag received each [s], its stamp [s], and its points.
+        unknown: topics that are not read, for the bag does not say how their type is laid out.
     """
 
-    times: list[float] = field(default_factory=list)
-    stamps: list[float] = field(default_factory=list)
-    rows: list[dict[str, float]] = field(default_factory=list)
-
-    def column(self, name: str) -> Array:
-        return np.array([row.get(name, np.nan) for row in self.rows])
-
-    def held(self, name: str, own: Array, at: Array) -> Array:
-        """The last value of a field at other times, NaN before its first: a message need not name all joints."""
-        values = self.column(name)
-        rank = np.argsort(own, kind="stable")
-        rank = rank[np.isfinite(values[rank])]
-        if not len(rank):
-            return np.full(len(at), np.nan)
-        last = np.searchsorted(own[rank], at, side="right") - 1
-        return np.where(last >= 0, values[rank][np.maximum(last, 0)], np.nan)
+    kinds: dict[str, str] = field(default_factory=dict)
+    topics: dict[str, Topic] = field(default_factory=dict)
+    paths: dict[str, _Paths] = field(default_factory=dict)
+    unknown: list[str] = field(default_factory=list)
 
     @property
-    def names(self) -> list[str]:
-        return list(dict.fromkeys(name for row in self.rows for name in row))
+    def states(self) -> set[str]:
+        return {topic for topic, kind in self.kinds.items() if kind == JOINT_STATE}
+
+
+@dataclass
+class _Paths:
+    times: list[float] = field(default_factory=list)
+    stamps: list[float] = field(default_factory=list)
+    messages: list[Trajectory] = field(default_factory=list)
 
 
 def read_bag(path: Path) -> list[Recording]:
@@ -70,47 +68,70 @@ def read_bag(path: Path) -> list[Recording]:
         from rosbags.highlevel import AnyReader, AnyReaderError
         from rosbags.typesys import Stores, get_typestore
 
-    topics: dict[str, _Topic] = {}
-    states: set[str] = set()
+    bag = _Bag()
     try:
         with AnyReader([path], default_typestore=get_typestore(Stores.ROS2_HUMBLE)) as reader:
-            kinds = {connection.topic: connection.msgtype for connection in reader.connections}
+            bag.kinds = {connection.topic: connection.msgtype for connection in reader.connections}
             used = [c for c in reader.connections if _of_joints(c.topic, c.msgtype)]
-            states = {c.topic for c in used if c.msgtype == JOINT_STATE}
-            for connection, logged, raw in reader.messages(connections=used):
+            known = [c for c in used if c.msgtype in reader.typestore.fielddefs]
+            bag.unknown = sorted({c.topic for c in used} - {c.topic for c in known})
+            for connection, logged, raw in reader.messages(connections=known) if known else ():
                 message = reader.deserialize(raw, connection.msgtype)
-                topic = topics.setdefault(connection.topic, _Topic())
-                topic.times.append(1e-9 * logged)
-                topic.stamps.append(_stamp(message))
-                topic.rows.append(dict(_numbers(message)))
+                _take(bag, connection.topic, 1e-9 * logged, message)
     except (AnyReaderError, OSError, ValueError, KeyError, AssertionError) as error:
         reason = str(error).splitlines()[0] if str(error) else type(error).__name__
         raise LogError(f"{path}: cannot be read as a bag: {reason}") from None
-    measured = [t for t in states if t in topics and not _commands(t) and any("position" in n for n in topics[t].names)]
-    if not measured:
-        there = ", ".join(f"{topic} ({kind})" for topic, kind in sorted(kinds.items())[:6]) or "nothing"
-        raise LogError(f"{path}: has no {JOINT_STATE} with positions; it holds {there}.")
-    main = max(measured, key=lambda topic: (len(topics[topic].times), topic))
-    return [_merged(path, topics, states, main)]
+    return [_merged(path, bag, _main(path, bag))]
+
+
+def _take(bag: _Bag, topic: str, logged: float, message: Any) -> None:
+    """Add one message, which the bag received at a time [s]."""
+    if bag.kinds[topic] != TRAJECTORY:
+        held = bag.topics.setdefault(topic, Topic())
+        held.rows.append(dict(numbers(message)))
+    else:
+        held = bag.paths.setdefault(topic, _Paths())
+        if (points := trajectory_of(message)) is None:
+            return
+        held.messages.append(points)
+    held.times.append(logged)
+    held.stamps.append(stamp_of(message))
+
+
+def _main(path: Path, bag: _Bag) -> str:
+    """The topic whose messages are the rows of the log: most joint states with positions."""
+    measured = [
+        topic
+        for topic in bag.states & set(bag.topics)
+        if not _commands(topic) and any("position" in name for name in bag.topics[topic].names)
+    ]
+    if measured:
+        return max(measured, key=lambda topic: (len(bag.topics[topic].times), topic))
+    there = ", ".join(f"{topic} ({kind})" for topic, kind in sorted(bag.kinds.items())[:6]) or "nothing"
+    if bag.unknown:
+        there = ", ".join(f"{topic} ({bag.kinds[topic]})" for topic in bag.unknown)
+        raise LogError(
+            f"{path}: has no {JOINT_STATE} with positions, and its storage does not say how {there} is laid out; "
+            "record the joint states beside, or convert the bag to MCAP, which carries definitions (`ros2 bag "
+            "convert` where ROS knows these types)."
+        )
+    raise LogError(f"{path}: has no {JOINT_STATE} with positions; it holds {there}.")
 
 
 def _of_joints(topic: str, kind: str) -> bool:
-    words = ("Float64", "Float32", "JointTrajectory", "JointState", "DynamicJointState", "MultiArray")
-    return kind == JOINT_STATE or (kind.rpartition("/")[2].startswith(words) and (_commands(topic) or "state" in topic))
+    """Whether a topic may say something of joints: by its type, and where that says too little by its name."""
+    plain = kind.rpartition("/")[2]
+    if kind == JOINT_STATE or plain.startswith("JointTrajectory"):
+        return True
+    words = ("Float64", "Float32", "JointState", "DynamicJointState", "MultiArray")
+    return plain.startswith(words) and (_commands(topic) or "state" in topic)
 
 
 def _commands(topic: str) -> bool:
     return any(word in topic.lower() for word in COMMAND_WORDS)
 
 
-def _stamp(message: Any) -> float:
-    """Time that the header of a message says [s]; NaN where it says none."""
-    stamp = getattr(getattr(message, "header", None), "stamp", None)
-    seconds = getattr(stamp, "sec", 0) + 1e-9 * getattr(stamp, "nanosec", 0)
-    return float(seconds) if seconds > 0.0 else float("nan")
-
-
-def _one_clock(topics: dict[str, _Topic]) -> tuple[dict[str, Array], str]:
+def _one_clock(topics: Mapping[str, Topic | _Paths]) -> tuple[dict[str, Array], str]:
     """Times of the messages of each topic [s], all by one clock, and a note which that is.
 
     Headers are stamped by the clock of the simulation or of another computer, so they do not go with times of the bag.
@@ -129,63 +150,144 @@ def _apart(own: Array, main: Array, name: str) -> str | None:
     return f"its times do not overlap with those of {name}: all are {gap:.3g} s {when} of them" if gap > 0.0 else None
 
 
-def _numbers(message: Any, prefix: str = "", joints: tuple[str, ...] = ()) -> Iterator[tuple[str, float]]:
-    """Numbers of a message by the path of their field; lists beside a list of joints by the joint's name."""
-    fields = {
-        key: getattr(message, key) for key in getattr(message, "__dataclass_fields__", {}) if not key.startswith("__")
-    }
-    joints = next((tuple(map(str, fields[key])) for key in LISTS if len(fields.get(key, ())) > 0), joints)
-    for key, value in fields.items():
-        if key in SKIPPED or key in LISTS:
-            continue
-        path = f"{prefix}{key}"
-        if isinstance(value, bool | int | float | np.number):
-            yield path, float(value)
-        elif isinstance(value, np.ndarray) and value.dtype.kind in "fiub":
-            named = joints if len(joints) == len(value) else [f"[{k}]" for k in range(len(value))]
-            for name, number in zip(named, value, strict=True):
-                yield f"{name}.{path}" if name[0] != "[" else f"{path}{name}", float(number)
-        elif isinstance(value, list) and value and key == "points":
-            yield from _numbers(value[0], f"{path}.", joints)
-        elif hasattr(value, "__dataclass_fields__"):
-            yield from _numbers(value, f"{path}.", joints)
+def _short(topic: str) -> str:
+    return topic.strip("/").replace("/", ".")
 
 
-def _merged(path: Path, topics: dict[str, _Topic], states: set[str], main: str) -> Recording:
+@dataclass
+class _Table:
+    """Columns of a recording as they come together.
+
+    Attributes:
+        time: of the rows [s].
+        columns: by name, each of shape (n,).
+        roles: that the format says, by column.
+        units: that the format says, by column.
+        notes: for people.
+        left: why a topic or column is not read.
+    """
+
+    time: Array
+    columns: dict[str, Array]
+    roles: dict[str, str] = field(default_factory=dict)
+    units: dict[str, str] = field(default_factory=dict)
+    notes: list[str] = field(default_factory=list)
+    left: dict[str, str] = field(default_factory=dict)
+
+    def add(self, column: str, values: Array, role: str, unit: str) -> None:
+        self.columns[column] = values
+        if role:
+            self.roles[column] = role
+        if unit:
+            self.units[column] = unit
+
+    def cut(self, keep: NDArray[np.bool_]) -> None:
+        self.time = self.time[keep]
+        self.columns = {name: values[keep] for name, values in self.columns.items()}
+
+
+def _merged(path: Path, bag: _Bag, main: str) -> Recording:
     """All topics at the times of the joint states: commands and other topics hold their last value."""
-    topics = {topic: held for topic, held in topics.items() if held.names}
-    times, clock = _one_clock(topics)
-    time = times[main]
-    order = np.argsort(time, kind="stable")
-    keep = order[np.concatenate([[True], np.diff(time[order]) > 0.0])]
-    time = time[keep]
-    columns: dict[str, Array] = {"stamp": time - time[0]}
-    roles, units, notes = {"stamp": "time"}, {"stamp": "s"}, [f"samples are the messages of {main}", clock]
-    left: dict[str, str] = {}
+    topics = {topic: held for topic, held in bag.topics.items() if held.names}
+    paths = {topic: held for topic, held in bag.paths.items() if held.messages}
+    times, clock = _one_clock({**topics, **paths})
+    table = _measured(topics[main], times[main], main)
+    table.notes.append(clock)
+    at = table.time
     for topic, held in topics.items():
-        short = topic.strip("/").replace("/", ".")
-        if why := _apart(times[topic], time, main):
-            left[short] = why
+        short = _short(topic)
+        if topic == main:
+            continue
+        if why := _apart(times[topic], times[main], main):
+            table.left[short] = why
             continue
         for name in held.names:
-            values = held.column(name)[keep] if topic == main else held.held(name, times[topic], time)
+            values = held.held(name, times[topic], at)
             if not np.isfinite(values).any():
                 continue
-            column = f"{short}.{name}"
-            columns[column] = values
             joint, _, signal = name.rpartition(".")
-            if topic == main and signal in FIELDS:
-                roles[column] = f"{joint.replace('/', '_')}.{FIELDS[signal]}"
-                units[column] = {"position": "rad", "velocity": "rad/s", "effort": "N.m"}[signal]
-            elif topic in states and _commands(topic) and signal in FIELDS:
-                role = {"position": "goal", "effort": "torque_command"}.get(signal)
-                if role:
-                    roles[column] = f"{joint.replace('/', '_')}.{role}"
-                units[column] = {"position": "rad", "velocity": "rad/s", "effort": "N.m"}[signal]
-    late = [name for name, values in columns.items() if np.isnan(values[0]) and _commands(name)]
-    first = max((int(np.argmax(np.isfinite(columns[name]))) for name in late), default=0)
+            of_joint = topic in bag.states and _commands(topic) and signal in FIELDS
+            role = {"position": "goal", "effort": "torque_command"}.get(signal) if of_joint else None
+            table.add(f"{short}.{name}", values, _role(joint, role), UNITS[signal] if of_joint else "")
+    led = [column for topic, held in paths.items() for column in _lead(table, topic, held, times[topic], main)]
+    for topic in [*bag.topics, *bag.paths]:
+        if topic not in topics and topic not in paths:
+            table.left[_short(topic)] = "its messages have no numbers of joints that are read"
+    for topic in bag.unknown:
+        table.left[_short(topic)] = (
+            f"the bag does not say how {bag.kinds[topic]} is laid out; converted to MCAP (`ros2 bag convert`) it does"
+        )
+    late = [name for name, values in table.columns.items() if np.isnan(values[0]) and (_commands(name) or name in led)]
+    first = max((int(np.argmax(np.isfinite(table.columns[name]))) for name in late), default=0)
     if first:
-        notes.append(f"the first {first} samples, before the first command, are left out")
-        columns = {name: values[first:] for name, values in columns.items()}
+        table.notes.append(f"the first {first} samples, before the first command, are left out")
+        table.cut(np.arange(len(table.time)) >= first)
     name = path.stem if path.is_file() else path.name
-    return Recording(name, columns, path, "ros", {}, roles, tuple(notes), units, left)
+    return Recording(name, table.columns, path, "ros", {}, table.roles, tuple(table.notes), table.units, table.left)
+
+
+def _role(joint: str, signal: str | None) -> str:
+    return f"{joint.replace('/', '_')}.{signal}" if signal else ""
+
+
+def _measured(held: Topic, own: Array, main: str) -> _Table:
+    """The joint states: rows, and their numbers; joints that only other messages name are brought onto these rows."""
+    lead, rest = held.leading()
+    order = lead[np.argsort(own[lead], kind="stable")]
+    keep = order[np.concatenate([[True], np.diff(own[order]) > 0.0])]
+    table = _Table(own[keep], {"stamp": own[keep]}, {"stamp": "time"}, {"stamp": "s"})
+    table.notes.append(f"samples are the messages of {main}")
+    short, there = _short(main), np.full(len(keep), True)
+    for name in held.names:
+        joint, _, signal = name.rpartition(".")
+        values = held.between(name, own, own[keep]) if joint in rest else held.column(name)[keep]
+        if not np.isfinite(values).any() and joint not in rest:
+            continue
+        if joint in rest:
+            share = float(np.isfinite(values).mean())
+            if share < COVERED:
+                table.left[f"{short}.{name}"] = f"other messages have it, along {100.0 * share:.0f} % of the samples"
+                continue
+            there &= np.isfinite(values)
+        table.add(f"{short}.{name}", values, _role(joint, FIELDS.get(signal)), UNITS.get(signal, ""))
+    among = [joint for joint in rest if any(name.startswith(f"{short}.{joint}.") for name in table.columns)]
+    if among:
+        table.notes.append(
+            f"messages of {main} name joints in turn: samples are those of the most joints, and {', '.join(among)} "
+            "of other messages is linear between its own"
+        )
+    elif len(lead) < len(held.rows):
+        table.notes.append(f"{len(held.rows) - len(lead)} messages of {main} that name other joints are left out")
+    if among and there.any() and not there.all():
+        table.notes.append(f"{int((~there).sum())} samples, at which not all joints were measured, are left out")
+        table.cut(there)
+    table.columns["stamp"] = table.time - table.time[0]
+    return table
+
+
+def _lead(table: _Table, topic: str, held: _Paths, starts: Array, main: str) -> list[str]:
+    """Add the goals of a topic of trajectories; their columns."""
+    short, at = _short(topic), table.time
+    ends = starts + np.array([one.after[-1] for one in held.messages])
+    if why := _apart(np.concatenate([starts, ends]), at, main):
+        table.left[short] = why
+        return []
+    state = _short(main)
+    joints = dict.fromkeys(joint for one in held.messages for joint in one.joints)
+    columns = {joint: table.columns.get(f"{state}.{joint}.position") for joint in joints}
+    measured = {joint: values for joint, values in columns.items() if values is not None}
+    added: list[str] = []
+    for joint, goal in laid_out(held.messages, starts, at, measured).items():
+        said = [f".{joint}.{word}.positions" for word in ("reference", "desired")]
+        if other := next((name for name in table.columns if name.endswith(tuple(said))), None):
+            # what the controller says that it commanded is better than what it was asked for
+            table.left[f"{short}.{joint}"] = f"points on the way to {other}, which is taken"
+        elif np.isfinite(goal).any():
+            table.add(column := f"{short}.{joint}.goal", goal, _role(joint, "goal"), UNITS["position"])
+            added.append(column)
+    if added:
+        table.notes.append(
+            f"goals of {topic} go to its points, each `time_from_start` after its message, from the goal before or, at "
+            "first, the measured position"
+        )
+    return added
