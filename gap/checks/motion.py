@@ -179,6 +179,9 @@ def _degrees(joint: JointContext) -> Iterator[Finding]:
             top = float(np.quantile(np.abs(joint.velocity), 0.995))
             if top > FASTEST_SERVO:
                 wrong[signal] = f"it reaches {np.abs(values).max():.3g} at {top:.3g} per second"
+    for signal, values in (("position", position), ("goal", goal)):
+        if values is not None and signal not in wrong and (reason := _beyond_degrees(joint, values)):
+            wrong[signal] = reason
     if goal is not None and np.ptp(goal) > 0:
         ratio = float(np.ptp(position) / np.ptp(goal))
         size = float(np.quantile(np.abs(goal), 0.98)), float(np.quantile(np.abs(position), 0.98))
@@ -205,6 +208,15 @@ def _degrees(joint: JointContext) -> Iterator[Finding]:
             f"{joint.column(signal)} is in degrees, not in radians: {reason}; multiply it by pi/180.",
             value=DEGREES, data_error=True,
         )  # fmt: skip
+
+
+def _beyond_degrees(joint: JointContext, values: np.ndarray) -> str:
+    """Why a column that no joint of the model could go through is in degrees; empty where it is not so."""
+    way = float(np.ptp(np.nanquantile(values, (0.01, 0.99))))
+    if joint.reach is None or not np.isfinite(way) or way < 2.0 * joint.reach + TURN:
+        return ""  # a wrong zero is no wrong unit
+    fits = way / DEGREES <= 2.0 * joint.reach
+    return f"it goes over {way:.3g}, and the joint of the model reaches {joint.reach:.3g} rad" if fits else ""
 
 
 def _slope_speed(joint: JointContext, goal: np.ndarray) -> float:
