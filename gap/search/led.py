@@ -15,7 +15,7 @@ import numpy as np
 
 from ..log.parts import FIT_A, FIT_B
 from ..replay.problem import JointProblem, Problem
-from .loose import beside_refitted, charged
+from .loose import beside_refitted, charged, search_loosely
 from .result import Search
 
 if TYPE_CHECKING:
@@ -47,17 +47,29 @@ def search_led(searcher: Searcher, find: Callable[[Searcher], Sequence[Search]])
     if not leads:
         return find(searcher)[-1]
     searcher.progress("seeking what was found there in all runs")
-    found = [each for lead in leads if (each := _led(searcher, lead, run)) is not None]
+    both = any(lead.loose for lead in leads)
+    found = [each for lead in leads if (each := _led(searcher, lead, run, loosely=not both)) is not None]
     if not found:
         return find(searcher)[-1]
     return min(found, key=lambda each: charged(searcher, each))
 
 
-def _led(searcher: Searcher, lead: Search, run: int) -> Search | None:
-    """What is found of all data led by what was found of one run; None where none of that pays."""
+def _led(searcher: Searcher, lead: Search, run: int, *, loosely: bool) -> Search | None:
+    """What is found of all data led by what was found of one run; None where none of that pays.
+
+    Args:
+        searcher: of all data.
+        lead: what was found of the run.
+        run: its number.
+        loosely: whether all data are searched beside refitted numbers too, where they ask for it: in the run alone it
+            may have been a close thing.
+    """
     keys = tuple(candidate.cause.key for candidate in lead.accepted)
     led = replace(searcher, led=keys)
     found = beside_refitted(led) if lead.loose else led.run()
+    if loosely:
+        led.led = keys  # it has forgotten them where none of them paid any more
+        found = search_loosely(led, found)
     if not any(candidate.cause.key in keys for candidate in found.accepted):
         return None
     # a cause that led had none to compete with but those that led too: it is as sure as where it was found
