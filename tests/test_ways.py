@@ -2,14 +2,22 @@
 
 from __future__ import annotations
 
+from dataclasses import dataclass, replace
+from typing import Any
+
 import numpy as np
 import pytest
 from sealegs.actuators import load_chain
+from sealegs.gap.causes.catalogue import catalogue
 from sealegs.gap.log.parts import FIT_A, FIT_B, TEST, cut
 from sealegs.gap.log.types import JointLog, MeasuredRun
 from sealegs.gap.replay.free import FreeProblem, free_problem
 from sealegs.gap.replay.joint_model import JointModel
+from sealegs.gap.search import led
+from sealegs.gap.search.fit import Fit
 from sealegs.gap.search.led import fastest, of_run
+from sealegs.gap.search.record import Evidence
+from sealegs.gap.search.result import Candidate, Round, Search
 from sealegs.gap.verdict.measure import unseen_in
 
 from tests.smooth_bench import CHAIN, PARAMS
@@ -72,3 +80,47 @@ def test_what_led_is_as_sure_as_in_its_own_run() -> None:
     assert len(found) == pytest.approx(int(alone.judged.sum()), rel=0.1)
     rest = np.concatenate([unseen_in(whole, k, values[0], values) for k in (0, 2)])
     assert len(found) + len(rest) == int(whole.judged.sum())
+
+
+@dataclass
+class Sought:
+    """A searcher that finds the same cause of whatever it is given, and is led by nothing afterwards."""
+
+    problem: FreeProblem
+    led: tuple[str, ...] = ()
+
+    @property
+    def both(self) -> FreeProblem:
+        return self.problem.part(FIT_A, FIT_B)
+
+    def progress(self, text: str) -> None:
+        del text
+
+    def run(self) -> Search:
+        (cause,) = catalogue(self.problem.models[0], ["friction.coulomb"])
+        fit = Fit({}, np.zeros(0), 1.0)
+        blocks = np.ones(4)
+        evidence = Evidence(cause.key, cause.error, 1, True, blocks, 1.0, (1.0, 1.0), None, 0.0, ({}, {}))
+        one = Candidate(cause, cause.variants[0], (fit, fit), evidence)
+        self.led = ()
+        return Search((), (one,), (Round(2.0 * blocks, (one,), True),), blocks, (fit, fit), (cause,))
+
+
+@pytest.mark.parametrize("loose", [False, True])
+def test_all_data_are_searched_beside_refitted_numbers_where_the_leading_run_was_not(
+    loose: bool, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """In the run alone the search within tolerances won by a hair, and a limit that refitted numbers show was lost."""
+    asked: list[tuple[str, ...]] = []
+
+    def loosely(searcher: Sought, found: Search) -> Search:
+        asked.append(searcher.led)
+        return found
+
+    monkeypatch.setattr(led, "search_loosely", loosely)
+    monkeypatch.setattr(led, "beside_refitted", lambda searcher: replace(searcher.run(), loose=True))
+    monkeypatch.setattr(led, "charged", lambda searcher, found: 1.0)
+    searcher: Any = Sought(problem(run("a", 0.1), run("fast", 0.6), run("b", 0.15)))
+    found = led.search_led(searcher, lambda one: [one.run(), *[replace(one.run(), loose=True)] * loose])
+    assert found.leader == 1
+    assert asked == ([] if loose else [("friction.coulomb",)])
