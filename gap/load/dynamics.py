@@ -33,7 +33,9 @@ def single_joints(model: mujoco.MjModel) -> tuple[Numbers, Numbers]:
 class Dynamics:
     """What accelerations, speeds and gravity ask of some joints that move together.
 
-    Armature is no body's, and is left out.
+    Armature is no body's, and is left out. MuJoCo takes the mass matrix of a body that stands alone on the world, such
+    as a carriage, from its compiled model, and as diagonal: both are wrong once a number is changed. What such joints
+    need is computed sample by sample.
 
     Args:
         model: of a robot of hinges and slides.
@@ -50,6 +52,8 @@ class Dynamics:
         self.size = min(samples, MOST)
         self.dofs, self.ratios = dofs, ratios
         self.all_dofs, self.address = single_joints(model)
+        self._model = bodies
+        self._alone = bool(np.any(model.body_simple[model.dof_bodyid[dofs]]))
         self._batch = batch.Batch(bodies, nsim=self.size, nthread=get_num_threads())
         self._qpos, self._qvel = self._batch.bind("qpos"), self._batch.bind("qvel")
         self._bias, self._mass = self._batch.bind("qfrc_bias"), self._batch.bind("M")
@@ -63,11 +67,31 @@ class Dynamics:
         self._qpos[:n, self.address] = position[:, self.all_dofs]
         self._qvel[:n] = speed
         self._batch.forward(np.arange(n), stage=mujoco.mjtStage.mjSTAGE_VEL)
+        if self._alone:
+            return self._rows(n), self._bias[:n][:, self.dofs] @ self.ratios
         row = np.zeros(speed.shape)
         row[:, self.dofs] = -ROTOR * self.ratios
         for entry, column, ratio in self._entries:
             row[:, column] += ratio * self._mass[:n, entry]
         return row, self._bias[:n][:, self.dofs] @ self.ratios
+
+    def _rows(self, samples: int) -> Array:
+        """Row of the mass matrix (samples, nv) where the batch stands, by the Newton-Euler algorithm."""
+        model, data = self._model, mujoco.MjData(self._model)
+        rows, needed = np.empty((samples, model.nv)), np.zeros(model.nv)
+        for k in range(samples):
+            data.qpos[:], data.qvel[:] = self._qpos[k], 0.0
+            mujoco.mj_kinematics(model, data)
+            mujoco.mj_comPos(model, data)
+            mujoco.mj_comVel(model, data)
+            mujoco.mj_rne(model, data, 0, needed)
+            still = needed[self.dofs] @ self.ratios
+            for dof in range(model.nv):
+                data.qacc[:] = 0.0
+                data.qacc[dof] = 1.0
+                mujoco.mj_rne(model, data, 1, needed)
+                rows[k, dof] = needed[self.dofs] @ self.ratios - still
+        return rows
 
 
 def _entries(model: mujoco.MjModel, ratios: dict[int, float]) -> Iterator[tuple[int, int, float]]:
