@@ -63,17 +63,23 @@ class Dynamics:
         """Row of the mass matrix (n, nv) [kg.m2] and bias torque (n,) [N.m] of the joints, at positions and speeds
         (n, nv) of the robot; n is at most ``size``.
         """
+        bias = self.bias(position, speed)
         n = len(position)
-        self._qpos[:n, self.address] = position[:, self.all_dofs]
-        self._qvel[:n] = speed
-        self._batch.forward(np.arange(n), stage=mujoco.mjtStage.mjSTAGE_VEL)
         if self._alone:
-            return self._rows(n), self._bias[:n][:, self.dofs] @ self.ratios
+            return self._rows(n), bias
         row = np.zeros(speed.shape)
         row[:, self.dofs] = -ROTOR * self.ratios
         for entry, column, ratio in self._entries:
             row[:, column] += ratio * self._mass[:n, entry]
-        return row, self._bias[:n][:, self.dofs] @ self.ratios
+        return row, bias
+
+    def bias(self, position: Array, speed: Array) -> Array:
+        """The bias torque of :meth:`at` alone (n,) [N.m]."""
+        n = len(position)
+        self._qpos[:n, self.address] = position[:, self.all_dofs]
+        self._qvel[:n] = speed
+        self._batch.forward(np.arange(n), stage=mujoco.mjtStage.mjSTAGE_VEL)
+        return self._bias[:n][:, self.dofs] @ self.ratios
 
     def _rows(self, samples: int) -> Array:
         """Row of the mass matrix (samples, nv) where the batch stands, by the Newton-Euler algorithm."""

@@ -236,8 +236,8 @@ def _block(model: mujoco.MjModel, joint: int, motion: Motion) -> Array:
         here = _needed(row, still, others)
         slope, curve = _derivatives(model, joint, above, here, below)
         # linear in the speed of one joint, which turns no body about two axes; of tied ones quadratic
-        faster = dynamics.at(position, speed + together)[1]
-        drag = faster - still if turned.alone else 0.5 * (faster - dynamics.at(position, speed - together)[1])
+        faster = dynamics.bias(position, speed + together)
+        drag = faster - still if turned.alone else 0.5 * (faster - dynamics.bias(position, speed - together))
         out[part] = np.stack([row @ together, here, slope, curve, drag, here - still], axis=1)
     return out
 
