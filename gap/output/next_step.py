@@ -22,6 +22,10 @@ RUN = (
     "with the old ones:"
 )
 TRAIN = "No further experiment would tell more. Train on the machine as found:"
+TORQUES = (
+    "No further experiment would tell more. The machine as found is in {file}. What torques drive is trained with your "
+    "own code: tasks give position goals."
+)
 MISSING = (
     "Nothing to train on yet: what was found is not identifiable, and no experiment is proposed that would tell. "
     "Needed is a log that shows more: a wider and faster motion (limits=), another load, or the columns current and "
@@ -51,7 +55,15 @@ def next_step(
     if overall([to_document(item) for item in diagnoses])["verdict"] == NOT_IDENTIFIABLE:
         driven = any(item.problem is not None and item.problem.free_joint is None for item in diagnoses)
         return MISSING + (DESCRIBE if driven else ""), ()
+    if any(map(_by_torque, diagnoses)):
+        return TORQUES.format(file=written["extended"]), ()
     return TRAIN, [train_command(written["extended"].parent)]
+
+
+def _by_torque(diagnosis: JointDiagnosis) -> bool:
+    """Whether a joint was commanded by a torque."""
+    joint = None if diagnosis.problem is None else diagnosis.problem.joint
+    return joint is not None and any(model.by_torque for model in joint.models)
 
 
 def tells(diagnosis: JointDiagnosis) -> bool:
