@@ -9,7 +9,7 @@ import numpy as np
 
 from ..log.finding import Finding
 from ..log.types import Array, JointLog, MeasuredRun
-from .motion import TURN, unwrapped
+from .motion import TURN, on_turn_of, unwrapped
 from .recording import held_again, regular, unheld
 
 Mend = Callable[[Array, float], Array]
@@ -73,7 +73,7 @@ def _mended(log: JointLog, signal: str, finding: Finding) -> JointLog:
         return replace(log, **{signal: None})
     if finding.code in WRAPS:
         if signal == "goal":
-            return replace(log, goal=_on_turn_of(unwrapped(values), unwrapped(log.position), TURN))
+            return replace(log, goal=on_turn_of(unwrapped(values), unwrapped(log.position)))
         other = log.goal if signal == "position" else log.position
         return replace(log, **{signal: _unwrapped(values, other, float(finding.value or TURN))})
     if finding.code == "unit.degrees" and signal == "goal" and log.goal_velocity is not None:
@@ -88,11 +88,7 @@ def _unwrapped(values: Array, other: Array | None, jump: float) -> Array:
     """An angle without its jumps, on the turn of another one that goes with it: the goal, or the motor's position."""
     period = TURN if abs(jump / TURN - 1.0) < 0.1 else jump
     angle = np.unwrap(values, period=period)
-    return angle if other is None else _on_turn_of(angle, other, period)
-
-
-def _on_turn_of(angle: Array, other: Array, period: float) -> Array:
-    return angle - period * np.round(np.median(angle - other) / period)
+    return angle if other is None else on_turn_of(angle, other, period)
 
 
 def told(finding: Finding) -> Finding:

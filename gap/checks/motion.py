@@ -40,9 +40,9 @@ def check_motion(joint: JointContext) -> Iterator[Finding]:
         yield from lengths
         return
     yield from _wraps(joint)
-    if joint.radians and goal is not None:
-        yield from _goal_wraps(joint, goal)
     if joint.radians:
+        if goal is not None:
+            yield from _goal_wraps(joint, goal)
         yield from _degrees(joint)
     if goal is not None:
         yield from _goal(joint, goal)
@@ -121,7 +121,7 @@ def _goal_wraps(joint: JointContext, goal: np.ndarray) -> Iterator[Finding]:
     if not jumps or np.ptp(goal) > 1.1 * TURN or not (np.isfinite(goal).all() and np.isfinite(position).all()):
         return
     whole = unwrapped(position)
-    as_it_is, without = (_apart(values - whole) for values in (goal, unwrapped(goal)))
+    as_it_is, without = (_apart(values, whole) for values in (goal, unwrapped(goal)))
     if without < 0.5 * as_it_is:
         yield _misread(
             joint, "goal", "wrap", TURN,
@@ -135,9 +135,14 @@ def unwrapped(angle: np.ndarray) -> np.ndarray:
     return np.unwrap(angle, discont=0.8 * TURN)
 
 
-def _apart(away: np.ndarray) -> float:
+def on_turn_of(angle: np.ndarray, other: np.ndarray, period: float = TURN) -> np.ndarray:
+    """An angle on the turn of another one that goes with it."""
+    return angle - period * np.round(np.median(angle - other) / period)
+
+
+def _apart(angle: np.ndarray, other: np.ndarray) -> float:
     """How far two angles are apart (rms), whole turns aside."""
-    return float(np.sqrt(np.mean((away - TURN * np.round(np.median(away) / TURN)) ** 2)))
+    return float(np.sqrt(np.mean((on_turn_of(angle, other) - other) ** 2)))
 
 
 def _other_turn(joint: JointContext, signal: str) -> Iterator[Finding]:

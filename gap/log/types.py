@@ -38,8 +38,12 @@ SIGNAL_UNITS: dict[str, str] = {
 }
 """Every signal a joint may log, with its unit on a hinge; on a slide rad is m and N.m is N."""
 
-COMMANDS = ("goal", "torque_command", "torque")
-"""What says how a joint is driven: a joint logs one of these at least."""
+TOLD = ("goal", "torque_command")
+"""What a joint of any machine may be told."""
+
+COMMANDS = (*TOLD, "torque")
+"""What says how a joint is driven: a joint logs one of these at least. A measured torque does on a bench only, where
+what it works against is known."""
 
 BESIDE_GOAL = ("goal_velocity", "torque_command")
 """What an impedance drive takes beside its goal."""

@@ -7,7 +7,7 @@ from collections.abc import Sequence
 from ...actuators.errors import nearest
 from ..load.robot import LoggedRobot
 from ..log.finding import Finding
-from ..log.types import COMMANDS, LogError, MeasuredRun
+from ..log.types import COMMANDS, TOLD, LogError, MeasuredRun
 
 LEAST = 30  # samples of a run of a robot: of fewer no derivative and no piece to judge on is left
 
@@ -32,10 +32,9 @@ def check_robot(runs: Sequence[MeasuredRun], robot: LoggedRobot) -> list[Finding
 def commanded(runs: Sequence[MeasuredRun]) -> list[str]:
     """Joints of which a run says how they were driven: these are judged. Others of a robot only tell how they moved.
 
-    A column may have been set aside in some runs. What a joint works against is known of a bench; only there a measured
-    torque stands in for a command.
+    A column may have been set aside in some runs.
     """
-    keys = COMMANDS if runs[0].robot == "bench" else COMMANDS[:2]
+    keys = COMMANDS if runs[0].robot == "bench" else TOLD
     return [
         joint
         for joint in runs[0].joints

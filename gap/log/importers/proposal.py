@@ -7,7 +7,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from ..types import COMMANDS, OTHER, SIGNAL_UNITS, Array
+from ..types import COMMANDS, OTHER, SIGNAL_UNITS, TOLD, Array
 from .answer import Answer
 from .between_runs import differing_units
 from .clocks import find_clock
@@ -329,7 +329,7 @@ class _Proposer:
 
     def ask_for_commands(self) -> None:
         """A joint that nothing drives is no log of a drive."""
-        needed = COMMANDS if len(self.out.joints) == 1 else COMMANDS[:2]  # of a robot a measured torque is no command
+        needed = COMMANDS if len(self.out.joints) == 1 else TOLD  # of a robot a measured torque is no command
         for joint in self.out.joints:
             names = [f"{joint}.{signal}" for signal in needed]
             if not any(name in self.out.columns for name in names):

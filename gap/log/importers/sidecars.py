@@ -280,7 +280,7 @@ def slides_of(robot: str | None, out: Path) -> frozenset[str]:
 def joints_in_file(robot: str | None, out: Path) -> frozenset[str]:
     """Joints of the robot's file, its model's too; none without such a file."""
     found = _file_of(robot, out)
-    return frozenset({*found.model.joints, *(joint.name for joint in found.joints)}) if found else frozenset()
+    return _names_in(found) if found else frozenset()
 
 
 def limits_of(robot: str | None, out: Path) -> dict[str, float]:
@@ -297,6 +297,10 @@ def _file_of(robot: str | None, out: Path) -> RobotFile | None:
     return load_robot_file(Path(robot) if Path(robot).is_file() else out / robot)
 
 
+def _names_in(robot: RobotFile) -> frozenset[str]:
+    return frozenset({*robot.model.joints, *(joint.name for joint in robot.joints)})
+
+
 def joints_of_robot(runs: Sequence[MeasuredRun], out: Path) -> None:
     """Refuse joints that the robot's file does not have, before anything is written.
 
@@ -308,7 +312,7 @@ def joints_of_robot(runs: Sequence[MeasuredRun], out: Path) -> None:
         if not (is_robot_file(run.robot) and path.is_file()):
             continue
         robot = load_robot_file(path)
-        known = {*robot.model.joints, *(joint.name for joint in robot.joints)}
+        known = _names_in(robot)
         for joint in run.joints:
             if joint not in known:
                 raise LogError(
