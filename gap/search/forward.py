@@ -206,7 +206,7 @@ class Searcher:
             sampled=judged.sampled,
             distances=(a, b),
             scale=first.scale if first.logarithmic else None,
-            contradicted=contradicted(self.both, cause, judged.fits),
+            contradicted=contradicted(self.both, cause, variant, judged.fits),
             values=(judged.fits[0].values, judged.fits[1].values),
         )
         return Candidate(cause, variant, judged.fits, evidence)

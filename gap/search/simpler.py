@@ -7,10 +7,11 @@ from collections.abc import Iterable, Sequence
 
 import numpy as np
 
-from ..causes.cause import Cause
+from ..causes.cause import Cause, Variant
 from ..replay.parameters import Parameter
 from ..replay.problem import Nominal, Problem
 from .fit import Fit
+from .met import unmet
 from .result import Candidate
 from .settings import SearchSettings
 
@@ -27,8 +28,14 @@ def at_bound(candidate: Candidate) -> bool:
     return any(all(p.path in found.at_bound for found in candidate.fits) for p in candidate.variant)
 
 
-def contradicted(problem: Problem, cause: Cause, fits: Sequence[Fit]) -> float:
-    """Share of the samples that show a cause is not there, such as duties above a limit that was fitted."""
+def contradicted(problem: Problem, cause: Cause, variant: Variant, fits: Sequence[Fit]) -> float:
+    """Share of the samples that show a cause is not there, such as duties above a limit that was fitted.
+
+    All of them do where nothing pushes a joint on to a stop.
+    """
+    joint = problem.free_joint
+    if cause.at_stops and joint is not None:
+        return float(any(unmet(joint, variant, found.values) for found in fits))
     limit = cause.refuted_by
     if limit is None or limit.channel not in problem.channels:
         return 0.0

@@ -1,0 +1,63 @@
+"""Whether a log shows that a fitted stop is met: something must push the joint on to it.
+
+A stop that only cuts off the ends of a motion explains as much as dry friction does that holds the joint there, and is
+wrong on every motion that goes further. A goal beyond it, or a load that the drive holds up to it, cannot be friction.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+
+import numpy as np
+
+from ..replay.layout import moved
+from ..replay.parameters import Parameter
+from ..replay.problem import JointProblem
+
+SIDES = {"load.stop_angle": 1.0, "load.lower_stop": -1.0}
+FELT = 3.0  # noise floors by which a stop must change the position to act at a sample
+BEYOND = 0.01  # [rad] that a goal must be beyond the joint to push it on: more than a servo's dead band
+OFTEN = 0.1  # share of the samples at which the stop acts that must be pushed on
+SLOW = 0.1  # of the usual top speed of a motion, below which a joint is where its goal and its load hold it
+ALWAYS = 0.8  # share of the slow samples with such goals that must be at the stop where a load alone pushes
+
+
+def unmet(problem: JointProblem, variant: tuple[Parameter, ...], fitted: Mapping[str, float]) -> bool:
+    """Whether one of the fitted stops acts somewhere, and nothing shows that the joint is pushed on to it.
+
+    It is pushed on by goals beyond it, by a load while the drive is off, or by a load that the drive works against. The
+    last leads to the stop whenever the goals are those that led to it before; dry friction does so from one side alone.
+
+    Args:
+        problem: of a joint with a free link.
+        variant: what was fitted.
+        fitted: numbers of the fit, by path.
+    """
+    if problem.models[0].by_torque:  # which pushes
+        return False
+    sides = [SIDES[p.number] for p in variant if p.number in SIDES]
+    without = {path: value for path, value in fitted.items() if path not in {p.path for p in variant}}
+    stopped, onward = problem.simulate([fitted, without])[:, :, 0]
+    speed = np.abs(moved(problem.time, problem.starts, stopped)[:, 1])
+    slow = problem.judged & (speed < SLOW * np.quantile(speed[problem.judged], 0.95))
+    for side in sides:
+        acts = problem.judged & (side * (onward - stopped) > FELT * problem.noise)
+        if acts.any() and not (_pushed(problem, side, acts) or _loaded(problem.goal, acts, slow)):
+            return True
+    return False
+
+
+def _pushed(problem: JointProblem, side: float, acts: np.ndarray) -> bool:
+    """Whether a goal beyond a joint pushes it on, or the drive is off, at enough of the samples at which a stop acts."""
+    position = problem.measured[:, problem.channels.index("position")]
+    beyond = side * (problem.goal - position) > BEYOND * problem.models[0].axis.reach
+    return float(np.mean((beyond | ~problem.on)[acts])) >= OFTEN
+
+
+def _loaded(goal: np.ndarray, acts: np.ndarray, slow: np.ndarray) -> bool:
+    """Whether the goals at which a stop acts on a slow joint are goals at which it always does."""
+    if not (acts & slow).any():
+        return False
+    low, high = np.quantile(goal[acts & slow], (0.1, 0.9))
+    alike = slow & (goal >= low) & (goal <= high)
+    return float(np.mean(acts[alike])) >= ALWAYS
