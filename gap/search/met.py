@@ -10,7 +10,6 @@ from collections.abc import Mapping
 
 import numpy as np
 
-from ..replay.layout import moved
 from ..replay.parameters import Parameter
 from ..replay.problem import JointProblem
 
@@ -18,8 +17,8 @@ SIDES = {"load.stop_angle": 1.0, "load.lower_stop": -1.0}
 FELT = 3.0  # noise floors by which a stop must change the position to act at a sample
 BEYOND = 0.01  # [rad] that a goal must be beyond the joint to push it on: more than a servo's dead band
 OFTEN = 0.1  # share of the samples at which the stop acts that must be pushed on
-SLOW = 0.1  # of the usual top speed of a motion, below which a joint is where its goal and its load hold it
-ALWAYS = 0.8  # share of the slow samples with such goals that must be at the stop where a load alone pushes
+BINS = 10  # of the goals at which a stop acts
+ALWAYS = 0.8  # share of the samples of a bin that must be at the stop, in the mean, where a load alone pushes
 
 
 def unmet(problem: JointProblem, variant: tuple[Parameter, ...], fitted: Mapping[str, float]) -> bool:
@@ -38,26 +37,26 @@ def unmet(problem: JointProblem, variant: tuple[Parameter, ...], fitted: Mapping
     sides = [SIDES[p.number] for p in variant if p.number in SIDES]
     without = {path: value for path, value in fitted.items() if path not in {p.path for p in variant}}
     stopped, onward = problem.simulate([fitted, without])[:, :, 0]
-    speed = np.abs(moved(problem.time, problem.starts, stopped)[:, 1])
-    slow = problem.judged & (speed < SLOW * np.quantile(speed[problem.judged], 0.95))
     for side in sides:
         acts = problem.judged & (side * (onward - stopped) > FELT * problem.noise)
-        if acts.any() and not (_pushed(problem, side, acts) or _loaded(problem.goal, acts, slow)):
+        if acts.any() and not (
+            _pushed(problem, side, acts) or _loaded(problem.goal[problem.judged], acts[problem.judged])
+        ):
             return True
     return False
 
 
 def _pushed(problem: JointProblem, side: float, acts: np.ndarray) -> bool:
-    """Whether a goal beyond a joint pushes it on, or the drive is off, at enough of the samples at which a stop acts."""
+    """Whether goals beyond a joint push it on, or its drive is off, at enough of the samples at which a stop acts."""
     position = problem.measured[:, problem.channels.index("position")]
     beyond = side * (problem.goal - position) > BEYOND * problem.models[0].axis.reach
     return float(np.mean((beyond | ~problem.on)[acts])) >= OFTEN
 
 
-def _loaded(goal: np.ndarray, acts: np.ndarray, slow: np.ndarray) -> bool:
-    """Whether the goals at which a stop acts on a slow joint are goals at which it always does."""
-    if not (acts & slow).any():
-        return False
-    low, high = np.quantile(goal[acts & slow], (0.1, 0.9))
-    alike = slow & (goal >= low) & (goal <= high)
-    return float(np.mean(acts[alike])) >= ALWAYS
+def _loaded(goal: np.ndarray, acts: np.ndarray) -> bool:
+    """Whether the goals (n,) at which a stop acts (n,) are goals at which it always does."""
+    low, high = np.quantile(goal[acts], (0.05, 0.95))
+    alike = (goal >= low) & (goal <= high)
+    bins = np.minimum((BINS * (goal[alike] - low) / max(high - low, 1e-12)).astype(int), BINS - 1)
+    there, those = np.bincount(bins, acts[alike], BINS), np.bincount(bins, minlength=BINS)
+    return float(np.mean(there[those > 0] / those[those > 0])) >= ALWAYS

@@ -1,0 +1,113 @@
+"""A stop is named where something pushes the joint on to it, not where friction holds it at the end of a motion."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from types import SimpleNamespace
+from typing import Any, cast
+
+import numpy as np
+import pytest
+from sealegs.actuators import load_chain
+from sealegs.gap.log.parts import cut
+from sealegs.gap.replay.free import FreeProblem, free_problem
+from sealegs.gap.replay.joint_model import JointModel
+from sealegs.gap.replay.parameters import Parameter
+from sealegs.gap.replay.problem import JointProblem
+from sealegs.gap.search.met import unmet
+
+from testbed import hidden_bench
+
+UPPER = (Parameter("load.stop_angle", "rad", -1.0, 3.0, 0.5, 0.03),)
+LOWER = (Parameter("load.lower_stop", "rad", -3.0, 1.0, -0.5, 0.03),)
+STOP = 0.15
+SECONDS, RATE = 40.0, 50.0
+TIME = np.arange(0.0, SECONDS, 1.0 / RATE)
+NOISE = 1e-3
+
+
+@dataclass
+class Scripted:
+    """A log, and what a model makes of it with a stop and without it."""
+
+    goal: np.ndarray
+    measured: np.ndarray
+    onward: np.ndarray
+    on: np.ndarray
+    side: float = 1.0
+
+    def problem(self) -> JointProblem:
+        def simulate(variants: Sequence[Mapping[str, float]]) -> np.ndarray:
+            stopped = self.side * np.minimum(self.side * self.onward, STOP)
+            rows = [stopped if len(values) else self.onward for values in variants]
+            return np.stack(rows)[:, :, None]
+
+        model = SimpleNamespace(by_torque=False, axis=SimpleNamespace(reach=1.0))
+        fields: dict[str, Any] = {
+            "models": (model,), "simulate": simulate, "time": TIME, "starts": np.array([0, len(TIME)]),
+            "judged": np.ones(len(TIME), bool), "noise": NOISE, "goal": self.goal, "on": self.on,
+            "measured": self.measured[:, None], "channels": ("position",),
+        }  # fmt: skip
+        return cast(JointProblem, SimpleNamespace(**fields))
+
+
+def swing(top: float) -> np.ndarray:
+    """Goals that go slowly up and down, faster towards the end, up to an angle [rad]."""
+    return top * np.sin(2.0 * np.pi * (0.1 * TIME + 0.005 * TIME**2))
+
+
+def rubbing(goal: np.ndarray, half: float) -> np.ndarray:
+    """A joint that dry friction holds until its goal is so far away (n,) [rad]."""
+    at = np.zeros_like(goal)
+    for k in range(1, len(goal)):
+        at[k] = min(max(at[k - 1], goal[k] - half), goal[k] + half)
+    return at
+
+
+def test_goals_that_go_beyond_a_stop_meet_it() -> None:
+    goal = swing(0.3)
+    log = Scripted(goal, np.minimum(goal, STOP), goal, np.ones(len(goal), bool))
+    assert not unmet(log.problem(), UPPER, {"load.stop_angle": STOP})
+    mirrored = Scripted(-goal, -np.minimum(goal, STOP), -goal, log.on, side=-1.0)
+    assert not unmet(mirrored.problem(), LOWER, {"load.lower_stop": -STOP})
+
+
+def test_a_stop_that_only_cuts_off_what_friction_holds_is_not_met() -> None:
+    """Goals of a public arm's chirp ended at 0.150 rad; friction held the joint at 0.153 while they went back."""
+    goal = swing(0.15)
+    measured = rubbing(goal, 0.03) + 0.033  # it sags, so that it comes a little past its goals
+    log = Scripted(goal, measured, measured + 0.02 * (measured > 0.13), np.ones(len(goal), bool))
+    assert unmet(log.problem(), UPPER, {"load.stop_angle": STOP})
+
+
+def test_a_load_that_the_drive_works_against_may_meet_a_stop_short_of_its_goals() -> None:
+    goal = swing(0.12)
+    sagging = goal + 0.08  # a spring-like drive under a load
+    log = Scripted(goal, np.minimum(sagging, STOP), sagging, np.ones(len(goal), bool))
+    assert not unmet(log.problem(), UPPER, {"load.stop_angle": STOP})
+
+
+def test_a_joint_whose_drive_is_off_falls_on_to_a_stop() -> None:
+    off = np.full(len(TIME), False)
+    falling = np.minimum(0.02 * TIME, 0.3)
+    log = Scripted(np.zeros(len(TIME)), np.minimum(falling, STOP), falling, off)
+    assert not unmet(log.problem(), UPPER, {"load.stop_angle": STOP})
+
+
+def test_a_stop_that_nothing_comes_to_is_no_matter() -> None:
+    goal = swing(0.1)
+    log = Scripted(goal, goal, goal, np.ones(len(goal), bool))
+    assert not unmet(log.problem(), UPPER, {"load.stop_angle": STOP})
+
+
+def bench(effects: Mapping[str, float | str]) -> FreeProblem:
+    lifts = (("triangle", "steps"), ("lift_and_drop", "multisine"))
+    data, _ = hidden_bench(dict(effects), 3, runs=2, duration=8.0, schedules=lifts)
+    models = [JointModel(load_chain(run.actuators["servo"])) for run in data.runs]
+    return free_problem(data.runs, "servo", models, cut(data.runs, "servo"), {"position": 1.0 / 6e-4})
+
+
+@pytest.mark.parametrize("stop", [0.5, 0.75, 0.9])
+def test_a_stop_of_another_plant_is_met(stop: float) -> None:
+    assert not unmet(bench({"contact.blocked": stop}), UPPER, {"load.stop_angle": stop})
