@@ -109,6 +109,7 @@ def search_shared(
     causes: Sequence[str] | None = None,
     settings: SearchSettings = DEFAULT,
     look_on: bool = False,
+    apart: Sequence[str] = (),
 ) -> SharedFound | None:
     """Seek causes that joints share; None where there are too few joints, or none that could.
 
@@ -122,6 +123,7 @@ def search_shared(
         causes: names of those to consider; default: all.
         settings: thresholds of the search.
         look_on: whether it records rounds that it would skip.
+        apart: causes of joints, beside those of their loads, that what they share may stand for.
     """
     if len(problems) < settings.shared_joints:
         return None
@@ -152,7 +154,7 @@ def search_shared(
     )
     tables = {number: {j: laid(found, problems[j]) for j, found in each.items()} for number, each in rows.items()}
     problem = RobotProblem(dict(problems), tables, (model,))
-    own = {joint: _own(found) for joint, found in searches.items()}
+    own = {joint: _own(found, (*LOADS, *apart)) for joint, found in searches.items()}
     plain = {joint: _friction(problems[joint], found) for joint, found in searches.items()}
     rotors = {joint: _rotor(problem) for joint, problem in problems.items()}
     # each joint's own search has been there: sixty numbers take long from anywhere else
@@ -181,9 +183,9 @@ def laid(rows: Sequence[Array], problem: JointProblem) -> Array:
     return np.concatenate([rows[unit.run][unit.start : unit.stop] for unit in problem.units])
 
 
-def _own(search: Search) -> list[Parameter]:
+def _own(search: Search, apart: Sequence[str]) -> list[Parameter]:
     """What a joint's own search left to turn, without causes of its load."""
-    kept = [candidate.variant for candidate in search.accepted if candidate.cause.name not in LOADS]
+    kept = [candidate.variant for candidate in search.accepted if candidate.cause.name not in apart]
     return merge(search.tuned, *kept)
 
 

@@ -38,6 +38,7 @@ from .case import Case, Cut, Replay
 from .checking import check_log
 from .columns import chosen, commanded
 from .decide import decide
+from .encoders import beside_tilt
 from .evidence import Refused, Replayed, as_noise_allows
 from .frames import DOUBTED, in_likely_frames
 from .measure import Measured, is_of_robot, measure, whole_runs
@@ -47,7 +48,8 @@ from .recorded import recording_reasons
 from .refusal import refuse, refuse_divergence
 from .request import Request
 from .resting import without_rests
-from .robot import Asked, with_robot
+from .robot import with_robot
+from .robot_joints import Asked
 from .torque import diagnose_torque
 from .unseen_range import unseen_range
 from .verdict import EXPLAINED, NOT_IDENTIFIABLE, PARTLY, WITHDRAWN, JointDiagnosis, data_errors, rivals_of
@@ -139,7 +141,7 @@ def _with_robot(
 
 
 def _again(
-    more: Sequence[Array],
+    more: Sequence[Array] | None,
     note: Finding,
     runs: Sequence[MeasuredRun],
     joint: str,
@@ -234,7 +236,7 @@ def _diagnose_ground(runs: Sequence[MeasuredRun], joints: Sequence[JointDiagnosi
 def conclude(case: Case, replay: Replay, search: Search, request: Request) -> JointDiagnosis:
     """Measure what a search found, and decide what is said of it."""
     measured = measure(replay.problem, replay.fitting, search, case.joint, replay.wide, request.seed)
-    return _decide(case, replay, search, measured, request)
+    return _decide(case, replay, search, beside_tilt(measured, case.findings), request)
 
 
 # --- the steps ---------------------------------------------------------------------------------------------------

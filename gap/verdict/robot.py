@@ -2,40 +2,25 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, replace
+from collections.abc import Sequence
+from dataclasses import replace
 
-from ..causes.catalogue import adjustable
 from ..load.robot import LoggedRobot
 from ..log.finding import Finding
-from ..log.types import Array, MeasuredRun
-from ..replay.problem import JointProblem
-from ..search.result import Search
-from ..search.settings import SearchSettings
+from ..log.types import MeasuredRun
 from ..search.structure import listed, told_in
-from ..search.windows import in_windows
 from ..shared import ROBOT, SharedFound, affected, search_shared
 from .decide import decide
+from .encoders import ENCODERS, in_light
 from .evidence import THRESHOLDS, Replayed
 from .measure import Measured, measure, whole_runs
 from .request import Request
+from .robot_joints import Again, joints_of
 from .verdict import JointDiagnosis, Reason, rivals_of
 
 NOT_NAMED = "robot.not_shared"
 SHARED = "robot.shared"
 """Code of the finding that says with what of the whole robot a joint is judged."""
-Asked = Mapping[str, tuple[Sequence[Array], Finding]]
-"""Joints to be diagnosed again: what is added to their terms in each run, and the finding that says so."""
-Again = Callable[[Asked], Sequence[JointDiagnosis]]
-"""Diagnoses joints again, in their order."""
-
-
-@dataclass(frozen=True, eq=False)
-class Joints:
-    """What is known of the joints that were replayed freely: problem and search by name."""
-
-    problems: Mapping[str, JointProblem]
-    searches: Mapping[str, Search]
 
 
 def with_robot(
@@ -54,10 +39,12 @@ def with_robot(
         request: what was asked for.
         again: diagnoses joints again.
     """
-    joints = _joints(found, request.search)
+    light = in_light(robot, runs, found, request, again)
+    found, runs = light.found, light.runs
+    joints = joints_of(found, request.search)
     named = {d.joint: [cause.name for cause in d.causes] for d in found}
     noticed = {d.joint: d.structure is not None and d.structure.noticed for d in found}
-    if not affected(named, noticed):
+    if not (light.tilted or affected(named, noticed)):
         return list(found)
     sought = search_shared(
         robot,
@@ -69,6 +56,7 @@ def with_robot(
         request.causes,
         request.search,
         request.look_on,
+        apart=ENCODERS if light.tilted else (),
     )
     if sought is None or not sought.search.accepted:
         return list(found)
@@ -89,6 +77,8 @@ def with_robot(
     for diagnosis in found:
         joint = diagnosis.joint
         if (more := sought.more(joint, values)) is not None:
+            if joint in light.rows:
+                more = [a + b for a, b in zip(more, light.rows[joint], strict=True)]
             sentence = f"'{joint}' is judged with what was found of the whole robot: {said}."
             asked[joint] = more, Finding(SHARED, "note", joint, None, sentence)
     if asked:
@@ -105,18 +95,6 @@ def _not_named(found: Sequence[JointDiagnosis], why: str, request: Request) -> l
     return [
         replace(one, findings=(*one.findings, Finding(NOT_NAMED, "note", one.joint, None, sentence))) for one in found
     ]
-
-
-def _joints(found: Sequence[JointDiagnosis], settings: SearchSettings) -> Joints:
-    problems, searches = {}, {}
-    for diagnosis in found:
-        problem, search = None if diagnosis.problem is None else diagnosis.problem.joint, diagnosis.search
-        if problem is not None and problem.terms is not None and search is not None:
-            problems[diagnosis.joint] = in_windows(
-                problem, adjustable(problem.models[0], settings.refitted_by), settings
-            )
-            searches[diagnosis.joint] = search
-    return Joints(problems, searches)
 
 
 def beside_before(now: JointDiagnosis, before: JointDiagnosis, said: str) -> JointDiagnosis:
