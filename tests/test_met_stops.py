@@ -36,6 +36,7 @@ class Scripted:
     onward: np.ndarray
     on: np.ndarray
     side: float = 1.0
+    runs: int = 1
 
     def problem(self) -> JointProblem:
         def simulate(variants: Sequence[Mapping[str, float]]) -> np.ndarray:
@@ -45,9 +46,11 @@ class Scripted:
 
         model = SimpleNamespace(by_torque=False, axis=SimpleNamespace(reach=1.0))
         fields: dict[str, Any] = {
-            "models": (model,), "simulate": simulate, "time": TIME, "starts": np.array([0, len(TIME)]),
+            "models": (model,), "simulate": simulate, "time": TIME,
+            "starts": np.linspace(0, len(TIME), self.runs + 1).astype(int),
             "judged": np.ones(len(TIME), bool), "noise": NOISE, "goal": self.goal, "on": self.on,
             "measured": self.measured[:, None], "channels": ("position",),
+            "units": tuple(SimpleNamespace(run=k) for k in range(self.runs)),
         }  # fmt: skip
         return cast(JointProblem, SimpleNamespace(**fields))
 
@@ -79,6 +82,39 @@ def test_a_stop_that_only_cuts_off_what_friction_holds_is_not_met() -> None:
     measured = rubbing(goal, 0.03) + 0.033  # it sags, so that it comes a little past its goals
     log = Scripted(goal, measured, measured + 0.02 * (measured > 0.13), np.ones(len(goal), bool))
     assert unmet(log.problem(), UPPER, {"load.stop_angle": STOP})
+
+
+@pytest.mark.parametrize("half", [0.02, 0.03, 0.05])
+def test_friction_that_a_drive_cannot_overcome_is_no_stop_though_goals_go_further(half: float) -> None:
+    goal = swing(STOP + half)
+    measured = rubbing(goal, half)
+    log = Scripted(goal, measured, measured + 0.02 * (measured > STOP - 0.02), np.ones(len(goal), bool))
+    assert unmet(log.problem(), UPPER, {"load.stop_angle": STOP})
+
+
+def test_a_soft_drive_that_stays_behind_its_goals_everywhere_meets_no_stop() -> None:
+    goal = swing(0.17)
+    measured = goal - 0.02 * np.sign(goal)
+    log = Scripted(goal, measured, measured + 0.015, np.ones(len(goal), bool))
+    assert unmet(log.problem(), UPPER, {"load.stop_angle": STOP})
+
+
+def test_a_jab_beyond_a_stop_meets_it_though_friction_holds_the_joint_there_for_long() -> None:
+    phase = TIME % 6.0
+    goal = np.select([phase < 0.14, phase < 2.5, phase < 4.0], [0.30, 0.13, -0.2], 0.13)
+    free = rubbing(goal, 0.03)
+    stopped = np.zeros_like(free)
+    for k in range(1, len(goal)):
+        stopped[k] = min(max(stopped[k - 1], goal[k] - 0.03), goal[k] + 0.03, STOP)
+    log = Scripted(goal, stopped, free, np.ones(len(goal), bool))
+    assert not unmet(log.problem(), UPPER, {"load.stop_angle": STOP})
+
+
+def test_a_load_that_meets_a_stop_with_a_soft_gain_alone_is_asked_run_by_run() -> None:
+    goal = np.tile(swing(0.12)[: len(TIME) // 2], 2)
+    onward = goal + np.where(np.arange(len(TIME)) < len(TIME) // 2, 0.08, 0.02)
+    log = Scripted(goal, np.minimum(onward, STOP), onward, np.ones(len(goal), bool), runs=2)
+    assert not unmet(log.problem(), UPPER, {"load.stop_angle": STOP})
 
 
 def test_a_load_that_the_drive_works_against_may_meet_a_stop_short_of_its_goals() -> None:

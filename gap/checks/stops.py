@@ -89,13 +89,13 @@ def _stop(
     if period[against].sum() < STAYS or np.ptp(goal[against]) < VARIED * reach:
         return None
     elsewhere = slow & ~near
-    if _follows(goal[against], position[against]) > GIVES or _follows(goal[elsewhere], position[elsewhere]) < FREE:
+    if follows(goal[against], position[against]) > GIVES or follows(goal[elsewhere], position[elsewhere]) < FREE:
         return None
     angle = float(np.median(position[against]))
     return Stop(angle, 1, float(np.max(goal[against])) - angle, float(period[against].sum()))
 
 
-def _follows(goal: np.ndarray, position: np.ndarray) -> float:
+def follows(goal: np.ndarray, position: np.ndarray) -> float:
     """Change of the angle over that of the goal, by least squares."""
     spread = float(np.var(goal)) if len(goal) else 0.0
     return float(np.cov(goal, position)[0, 1] / spread) if spread > 0.0 else 0.0

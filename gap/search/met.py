@@ -10,13 +10,15 @@ from collections.abc import Mapping
 
 import numpy as np
 
+from ..checks.stops import GIVES, follows
 from ..replay.parameters import Parameter
 from ..replay.problem import JointProblem
 
 SIDES = {"load.stop_angle": 1.0, "load.lower_stop": -1.0}
 FELT = 3.0  # noise floors by which a stop must change the position to act at a sample
-BEYOND = 0.01  # [rad] that a goal must be beyond the joint to push it on: more than a servo's dead band
-OFTEN = 0.1  # share of the samples at which the stop acts that must be pushed on
+BEYOND = 0.01  # [rad] that a goal must be beyond the joint to push it on, on top of how far it is ahead elsewhere
+AHEAD = 1.5  # times the median by which goals are ahead of a free joint, as friction or a soft drive lets them be
+OFTEN = 0.25  # share of the visits to a stop on which the joint must be pushed on
 BINS = 10  # of the goals at which a stop acts
 ALWAYS = 0.8  # share of the samples of a bin that must be at the stop, in the mean, where a load alone pushes
 
@@ -24,8 +26,9 @@ ALWAYS = 0.8  # share of the samples of a bin that must be at the stop, in the m
 def unmet(problem: JointProblem, variant: tuple[Parameter, ...], fitted: Mapping[str, float]) -> bool:
     """Whether one of the fitted stops acts somewhere, and nothing shows that the joint is pushed on to it.
 
-    It is pushed on by goals beyond it, by a load while the drive is off, or by a load that the drive works against. The
-    last leads to the stop whenever the goals are those that led to it before; dry friction does so from one side alone.
+    It is pushed on by goals that are further ahead of it than they are of a free joint, by a load while the drive is
+    off, or by a load that the drive works against. The last leads to the stop whenever the goals are those that led to
+    it before; dry friction does so from one side alone.
 
     Args:
         problem: of a joint with a free link.
@@ -39,24 +42,46 @@ def unmet(problem: JointProblem, variant: tuple[Parameter, ...], fitted: Mapping
     stopped, onward = problem.simulate([fitted, without])[:, :, 0]
     for side in sides:
         acts = problem.judged & (side * (onward - stopped) > FELT * problem.noise)
-        if acts.any() and not (
-            _pushed(problem, side, acts) or _loaded(problem.goal[problem.judged], acts[problem.judged])
-        ):
-            return True
+        if acts.any():
+            top = float((side * stopped[acts]).max())
+            acts &= side * stopped > top - FELT * problem.noise  # what a stop left behind is no visit to it
+            if not (_pushed(problem, side, acts) or _loaded(problem, acts)):
+                return True
     return False
 
 
 def _pushed(problem: JointProblem, side: float, acts: np.ndarray) -> bool:
-    """Whether goals beyond a joint push it on, or its drive is off, at enough of the samples at which a stop acts."""
+    """Whether goals far ahead of a joint push it on, or its drive is off, on enough of its visits to a stop."""
     position = problem.measured[:, problem.channels.index("position")]
-    beyond = side * (problem.goal - position) > BEYOND * problem.models[0].axis.reach
-    return float(np.mean((beyond | ~problem.on)[acts])) >= OFTEN
+    ahead = side * (problem.goal - position)
+    free = ahead[problem.judged & problem.on & ~acts & (ahead > 0.0)]
+    usual = AHEAD * float(np.median(free)) if len(free) else 0.0
+    pushed = (ahead > BEYOND * problem.models[0].axis.reach + usual) | ~problem.on
+    visit = np.cumsum(np.diff(acts.astype(int), prepend=0) == 1)[acts]
+    return float(np.mean(np.bincount(visit, pushed[acts])[1:] > 0.0)) >= OFTEN
 
 
-def _loaded(goal: np.ndarray, acts: np.ndarray) -> bool:
-    """Whether the goals (n,) at which a stop acts (n,) are goals at which it always does."""
+def _loaded(problem: JointProblem, acts: np.ndarray) -> bool:
+    """Whether the goals at which a stop acts, in runs where it does, are goals at which it always does there.
+
+    And the joint does not follow them.
+    """
+    position = problem.measured[:, problem.channels.index("position")]
+    if follows(problem.goal[acts], position[acts]) > GIVES:
+        return False
+    run = np.repeat([unit.run for unit in problem.units], np.diff(problem.starts))
+    shares = [
+        _share(problem.goal[rows], acts[rows])
+        for each in np.unique(run[acts])
+        if (rows := problem.judged & (run == each)).any()
+    ]
+    return float(np.mean(shares)) >= ALWAYS
+
+
+def _share(goal: np.ndarray, acts: np.ndarray) -> float:
+    """Share of the samples with goals (n,) at which a stop acts (n,), on average over these goals, at which it does."""
     low, high = np.quantile(goal[acts], (0.05, 0.95))
     alike = (goal >= low) & (goal <= high)
     bins = np.minimum((BINS * (goal[alike] - low) / max(high - low, 1e-12)).astype(int), BINS - 1)
     there, those = np.bincount(bins, acts[alike], BINS), np.bincount(bins, minlength=BINS)
-    return float(np.mean(there[those > 0] / those[those > 0])) >= ALWAYS
+    return float(np.mean(there[those > 0] / those[those > 0]))
