@@ -59,8 +59,8 @@ def model_effects(model: ModelFile, joints: Mapping[str, str]) -> dict[str, Effe
     """
     effects: dict[str, Effect] = {}
     for coordinate, joint in joints.items():
-        effects[f"{coordinate}.load.stop_angle"] = Effect(f"{joint}_upper_stop", "most")
-        effects[f"{coordinate}.load.lower_stop"] = Effect(f"{joint}_lower_stop", "least")
+        effects[f"{coordinate}.load.stop_angle"] = Effect(f"{joint}_upper_stop", "set")
+        effects[f"{coordinate}.load.lower_stop"] = Effect(f"{joint}_lower_stop", "set")
         effects[f"{coordinate}.load.extra_inertia"] = Effect(f"{joint}_inertia", "plus")
         effects[f"{coordinate}.load.about_joint"] = Effect(f"{joint}_about_joint", "plus")
     for body in model.bodies:

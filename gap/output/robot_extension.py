@@ -23,6 +23,7 @@ from ..verdict.verdict import JointDiagnosis
 STOPS = {"load.stop_angle": 1.0, "load.lower_stop": -1.0}
 """Paths of a joint's stops, and on which side of it they are."""
 CERTAINTY = 0.03  # of bodies to weigh as believed, beside what the joints say of those behind them
+BEYOND = 0.02  # of a joint's motion by which a range must be wider than what the log shows
 DILUTED = 2.0
 """By how much more than any joint says of all behind it a single body may be off, which is a part of that."""
 
@@ -52,6 +53,29 @@ def of_robot(robot: LoggedRobot, changes: Sequence[Change]) -> list[Change]:
         for (body, cause), found in payloads.items()
     ]
     return [*kept, *_masses(robot, weights)]
+
+
+def range_passed(robot: LoggedRobot, diagnosis: JointDiagnosis, found: Sequence[Change]) -> list[Change]:
+    """Ends of a joint's range that its log goes beyond, which stop nothing then: as far out as the log went at least.
+
+    Args:
+        robot: that was logged.
+        diagnosis: of the joint.
+        found: changes of the robot, of whose stops one may lie on that side.
+    """
+    joint = None if diagnosis.problem is None else diagnosis.problem.joint
+    ends = robot.ends(diagnosis.joint)
+    if joint is None or joint.terms is None or ends is None:
+        return []
+    axis, told = joint.models[0].axis, {c.path for c in found if c.joint == diagnosis.joint}
+    rows = []
+    for path, side, end, reached in zip(("load.lower_stop", "load.stop_angle"), (-1, 1), ends, (axis.low, axis.high),
+                                        strict=True):  # fmt: skip
+        if path not in told and np.isinf(joint.models[0].value(path)) and side * (reached - end) > 0.0:
+            rows.append(
+                Change(diagnosis.joint, path, end, reached + side * BEYOND * (axis.high - axis.low), "", "robot")
+            )
+    return rows
 
 
 def shared_changes(robot: LoggedRobot, found: JointDiagnosis) -> list[Change]:

@@ -26,6 +26,8 @@ HELD = "robot.held"
 """Code of the finding that says why a link is moved as measured."""
 STILL = "robot.still"
 """Code of the finding that says which joints were not logged and are taken as held."""
+PASSED = "robot.range"
+"""Code of the finding that says that a log goes beyond the range of a joint."""
 MARGIN = 0.02  # of its range by which a joint may pass the end of it in the log before that is no stop
 
 
@@ -230,6 +232,20 @@ def axis_of(robot: LoggedRobot, joint: str, runs: Sequence[MeasuredRun]) -> Axis
     commands = [np.abs(log.torque_command) for log in logs if log.torque_command is not None]
     effort = float(np.nanquantile(np.concatenate(commands), 0.999)) if commands else None
     return Axis(robot.slides(joint), low, high, effort or None)
+
+
+def range_passed(robot: LoggedRobot, joint: str, runs: Sequence[MeasuredRun]) -> Finding | None:
+    """That a log goes beyond the range that the robot's file gives a joint; None where it does not."""
+    axis, ends = axis_of(robot, joint, runs), robot.ends(joint)
+    if ends is None or np.isfinite(stops_of(robot, joint, axis)).any():
+        return None
+    unit = axis.unit("rad")
+    return Finding(
+        PASSED, "note", joint, f"{joint}.position",
+        f"'{joint}' goes from {axis.low:.4g} to {axis.high:.4g} {unit}, beyond the range of {ends[0]:.4g} to "
+        f"{ends[1]:.4g} {unit} in {robot.file.model.path.name}: that range stops nothing in the replay, and that of "
+        "the extended model is wider. Correct it in the file, or the joint's zero or direction in the log.",
+    )  # fmt: skip
 
 
 def stops_of(robot: LoggedRobot, joint: str, axis: Axis) -> tuple[float, float]:

@@ -1,0 +1,101 @@
+"""A wrong encoder of one joint is one cause at that joint, though the joints that feel it look wrong as well."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+from sealegs.envs.extended import Extended
+from sealegs.gap.log.types import MeasuredRun, MeasuredSet
+from sealegs.gap.output.robot_extension import of_robot, range_passed
+from sealegs.gap.replay.tree import axis_of, motion_of
+from sealegs.gap.replay.tree import range_passed as told_range
+from sealegs.gap.verdict.diagnosis import diagnose
+from sealegs.gap.verdict.encoders import Encoder, corrected
+from sealegs.gap.verdict.verdict import CERTAIN, JointDiagnosis
+
+from testbed.logs import hidden_arm
+from tests.logged_robots import robot, two_link_run
+
+
+def shifted(data: MeasuredSet, joint: str, zero: float) -> MeasuredSet:
+    """Logs whose encoder of a joint, which its servo goes by, is off [rad]."""
+    runs = []
+    for run in data.runs:
+        log = run.joints[joint]
+        assert log.goal is not None
+        moved = replace(log, position=log.position + zero, goal=log.goal + zero)
+        runs.append(replace(run, joints={**run.joints, joint: moved}))
+    return replace(data, runs=tuple(runs))
+
+
+def test_angles_are_those_that_were_before_an_encoder_misread_them(tmp_path: Path) -> None:
+    run = two_link_run(tmp_path, 2.0)
+    log = run.joints["shoulder"]
+    misread = replace(run, joints={**run.joints, "shoulder": replace(log, position=0.9 * log.position + 0.05)})
+    (mended,) = corrected([misread], Encoder("shoulder", 0.05, 0.9))
+    np.testing.assert_allclose(mended.joints["shoulder"].position, log.position, atol=1e-12)
+    assert mended.joints["elbow"] is misread.joints["elbow"]
+    np.testing.assert_allclose(motion_of(robot(run), mended).position, motion_of(robot(run), run).position, atol=1e-9)
+
+
+def test_an_encoder_is_said_in_words() -> None:
+    assert Encoder("a", 0.05, 1.0).said("rad") == "a zero that is 0.05 rad off"
+    assert Encoder("a", 0.0, 0.9).said("rad") == "0.9 times the angle"
+
+
+@pytest.mark.long
+@pytest.mark.parametrize(("joint", "zero", "seed"), [("shoulder", 0.05, 5), ("elbow", 0.06, 7)])
+def test_a_wrong_zero_is_named_at_one_joint(tmp_path: Path, joint: str, zero: float, seed: int) -> None:
+    """The shoulder's 0.050 rad were found there, and 0.045 rad at the elbow, which was right: both certain."""
+    data, _ = hidden_arm(tmp_path, "two_link", {}, seed, runs=2, duration=12.0)
+    found = {d.joint: d for d in diagnose(shifted(data, joint, zero))}
+    (cause,) = found[joint].causes
+    assert cause.name == "sensor.offset"
+    assert cause.parameters["encoder.offset"].value == pytest.approx(zero, abs=0.003)
+    (other,) = [d for name, d in found.items() if name not in (joint, "robot")]
+    assert other.causes == () and any(f.code == "robot.encoder" for f in other.findings)
+    if joint == "shoulder":  # a base that is tilted about the shoulder's axis is the same
+        assert "load.tilt" in cause.rivals and cause.standing != CERTAIN
+        assert any(f.code == "robot.encoder_or_tilt" and "level" in f.sentence for f in found[joint].findings)
+
+
+# --- ranges of a robot's file that its log goes beyond -------------------------------------------------------------
+
+
+def ranged(run: MeasuredRun, low: float, high: float) -> MeasuredRun:
+    """The run of a robot whose file gives the shoulder a range [rad]."""
+    path = Path(run.robot)
+    text = path.read_text(encoding="utf-8")
+    ends = np.array([low, high]) if 'angle="radian"' in text else np.degrees([low, high])
+    first = '<joint name="shoulder" type="hinge"'
+    assert first in text
+    other = path.with_name("ranged.xml")
+    other.write_text(text.replace(first, f'{first} limited="true" range="{ends[0]:.9g} {ends[1]:.9g}"'), "utf-8")
+    return replace(run, robot=str(other))
+
+
+def test_a_range_that_the_log_goes_beyond_is_said_and_widened_in_the_extended_model(tmp_path: Path) -> None:
+    """The extended robot was blocked 0.2 rad within the motion that was measured, and nothing said so."""
+    run = two_link_run(tmp_path, 2.0)
+    top = float(run.joints["shoulder"].position.max())
+    run = ranged(run, -3.0, top - 0.2)
+    said = told_range(robot(run), "shoulder", [run])
+    assert said is not None and "beyond the range" in said.sentence and "ranged.xml" in said.sentence
+    assert told_range(robot(run), "elbow", [run]) is None
+    (found,) = diagnose(MeasuredSet((run,), "log"), only=["shoulder"], causes=["drive.delay"])
+    machine = robot(run)
+    wider = of_robot(machine, range_passed(machine, found, ()))
+    model = machine.file.robot()
+    params = Extended(run.robot, {}, {}, tuple(wider)).params_on(model)
+    low, high = model.drivetrain(None, params).model.jnt_range[machine.number("shoulder")]
+    axis = axis_of(machine, "shoulder", [run])
+    assert high > axis.high and low == pytest.approx(-3.0, abs=1e-6)
+    assert isinstance(found, JointDiagnosis) and any(f.code == "robot.range" for f in found.findings)
+
+
+def test_a_range_that_the_log_stays_within_is_left_alone(tmp_path: Path) -> None:
+    run = ranged(two_link_run(tmp_path, 2.0), -3.0, 3.0)
+    assert told_range(robot(run), "shoulder", [run]) is None
