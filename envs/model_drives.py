@@ -25,6 +25,7 @@ class ModelDrive:
         goals: lowest and highest goal that its controls can give [rad or m]; None: any.
         dampratio: that the file gives in place of a damping; 0 where it gives none.
         motor: whether its control is a force: no actuator of it follows a position or a speed.
+        lost: what its actuators have that no ideal servo has, such as ``a delay of 0.03 s``.
         tied: joints with actuators of their own that an equality ties to it, whose drives were added to it.
     """
 
@@ -38,6 +39,7 @@ class ModelDrive:
     dampratio: float = 0.0
     motor: bool = False
     tied: tuple[str, ...] = ()
+    lost: tuple[str, ...] = ()
 
 
 def read_drives(full: mujoco.MjSpec, joints: Collection[str]) -> tuple[tuple[ModelDrive, ...], tuple[str, ...]]:
@@ -114,9 +116,30 @@ def _drive(
     plain = (mujoco.mjtBias.mjBIAS_NONE, mujoco.mjtGain.mjGAIN_FIXED, mujoco.mjtDyn.mjDYN_NONE)
     kinds = (model.actuator_biastype, model.actuator_gaintype, model.actuator_dyntype)
     motor = all(int(kind[number]) == int(want) for number in numbers for kind, want in zip(kinds, plain, strict=True))
+    lost = dict.fromkeys(phrase for number in numbers for phrase in _lost(model, number))
+    force = sum(forces) if forces else None
     return ModelDrive(
-        name, terms, stiffness, damping, sum(forces) if forces else None, goals=goals, dampratio=dampratio, motor=motor
+        name, terms, stiffness, damping, force, goals=goals, dampratio=dampratio, motor=motor, lost=tuple(lost)
     )
+
+
+def _lost(model: mujoco.MjModel, number: int) -> list[str]:
+    """What an actuator has that no ideal servo has."""
+    kinds = mujoco.mjtDyn
+    kind, constant = int(model.actuator_dyntype[number]), float(model.actuator_dynprm[number, 0])
+    found = []
+    if kind in (int(kinds.mjDYN_FILTER), int(kinds.mjDYN_FILTEREXACT)):
+        found.append(f"a lag of {constant:g} s (timeconst)")
+    elif kind not in (int(kinds.mjDYN_NONE), int(kinds.mjDYN_INTEGRATOR)):
+        found.append("an activation of its own (dyntype)")
+    for name, values, unit in (
+        ("delay", model.actuator_delay, " s"),
+        ("armature", model.actuator_armature, " kg.m2 or kg"),
+        ("damping", model.actuator_damping, " N.m.s/rad or N.s/m"),
+    ):
+        if (value := float(np.ravel(values[number])[0])) > 0.0:
+            found.append(f"{'an' if name == 'armature' else 'a'} {name} of {value:g}{unit}")
+    return found
 
 
 def _pull(model: mujoco.MjModel, number: int) -> tuple[float, float] | None:

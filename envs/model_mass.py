@@ -1,4 +1,4 @@
-"""A total mass that a model asks for, worked into the masses of its bodies: MuJoCo drops the attribute some day."""
+"""Masses that a model file does not give body by body: a total mass, and those that come from shapes."""
 
 from __future__ import annotations
 
@@ -36,6 +36,29 @@ def with_total_mass(spec: mujoco.MjSpec, path: Path, said: list[str]) -> None:
             body.mass, body.inertia = factor * body.mass, factor * body.inertia
             body.fullinertia = factor * body.fullinertia
     said.append(f"{path.name} asks for a total mass of {total:g} kg; its masses are multiplied by {factor:.4g}.")
+
+
+def told_guessed_masses(spec: mujoco.MjSpec, path: Path, said: list[str]) -> None:
+    """Say which links of a URDF have no mass of their own, and which mass MuJoCo gives them from their shapes.
+
+    Args:
+        spec: of the model.
+        path: of the model.
+        said: where a sentence is added.
+    """
+    bare = [body.name for body in spec.bodies[1:] if not body.explicitinertial and body.name]
+    if path.suffix.lower() != ".urdf" or not bare:
+        return
+    try:
+        model = plain_copy(spec).compile()
+    except ValueError:  # surveying the model says it
+        return
+    masses = {name: float(model.body(name).mass[0]) for name in bare}
+    if given := [f"{name} {mass:.3g} kg" for name, mass in masses.items() if mass > 0.0]:
+        said.append(
+            f"{path.name} gives no <inertial> for {len(given)} of its links; MuJoCo takes their shapes for solid, of "
+            f"1000 kg/m3: {', '.join(given)}. Write their masses into the file."
+        )
 
 
 def plain_copy(spec: mujoco.MjSpec) -> mujoco.MjSpec:

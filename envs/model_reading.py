@@ -9,7 +9,7 @@ from pathlib import Path
 import mujoco
 
 from .model_errors import unreadable
-from .model_mass import with_total_mass
+from .model_mass import told_guessed_masses, with_total_mass
 from .model_meshes import without_meshes_that_fail
 from .robot import RobotError
 from .urdf_text import mended_urdf
@@ -32,6 +32,7 @@ def read_specs(path: Path, changed: int) -> tuple[mujoco.MjSpec, mujoco.MjSpec, 
     full.compiler.fusestatic = False  # bodies keep their names, masses and sensors
     without_meshes_that_fail(full, path, missing, said)
     with_total_mass(full, path, said)
+    told_guessed_masses(full, path, said)
     bare = full.copy()
     for kind in ("keys", "sensors", "actuators"):
         for item in list(getattr(bare, kind)):

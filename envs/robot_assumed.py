@@ -139,6 +139,12 @@ def ideal_servo(
             f"its damping, {values['damping']:g} {force}.s/{position}, is what the engine makes of dampratio "
             f"{drive.dampratio:g} of {_listed(drive.actuators)} with kp and the inertia that it moves"
         )
+    if drive is not None and drive.lost:
+        plural = "s have" if len(drive.actuators) > 1 else " has"
+        notes.append(
+            f"its actuator{plural} {' and '.join(drive.lost)} in the file, which this servo lacks: a diagnosis would find "
+            "that missing; give the joint a chain with stages for it"
+        )
     try:
         chain = load_chain([{"ideal": values}])
     except SealegsError as error:

@@ -14,6 +14,7 @@ from sealegs.gap.replay.tree import axis_of, motion_of
 from sealegs.gap.replay.tree import range_passed as told_range
 from sealegs.gap.verdict.diagnosis import diagnose
 from sealegs.gap.verdict.encoders import Encoder, corrected
+from sealegs.gap.verdict.frames import in_likely_frames
 from sealegs.gap.verdict.verdict import CERTAIN, JointDiagnosis
 
 from testbed.logs import hidden_arm
@@ -99,3 +100,11 @@ def test_a_range_that_the_log_goes_beyond_is_said_and_widened_in_the_extended_mo
 def test_a_range_that_the_log_stays_within_is_left_alone(tmp_path: Path) -> None:
     run = ranged(two_link_run(tmp_path, 2.0), -3.0, 3.0)
     assert told_range(robot(run), "shoulder", [run]) is None
+
+
+def test_frames_that_are_not_compared_are_said_to_be_believed(tmp_path: Path) -> None:
+    """A gripper of 5 g without a column switched the check of directions off, and nothing said so."""
+    run = two_link_run(tmp_path, 2.0)
+    without = replace(run, joints={"shoulder": run.joints["shoulder"]})
+    _, findings = in_likely_frames([without], lambda text: None)
+    assert [f.code for f in findings] == ["robot.frame_unchecked"] and "elbow.position" in findings[0].sentence

@@ -163,3 +163,17 @@ def test_goals_somewhat_beyond_a_stop_are_allowed(joint: str, limits: tuple[floa
     (tmp_path / "degrees.xml").write_text(DEGREES)
     (tmp_path / "arm.yaml").write_text(f"model: degrees.xml\njoints: {{{joint}}}\n")
     assert load_robot_file(tmp_path / "arm.yaml").joints[0].range == limits
+
+
+def test_what_an_actuator_has_that_no_ideal_servo_has_is_said(tmp_path: Path) -> None:
+    """A lag and a delay of the file were dropped without a word; a diagnosis would have found them missing."""
+    path = tmp_path / "arm.xml"
+    path.write_text(
+        '<mujoco><worldbody><body><joint name="a" type="hinge" range="-90 90"/><geom size=".1" pos="0 0 .2"/></body>'
+        '</worldbody><actuator><position name="servo" joint="a" kp="5" timeconst="0.1" delay="0.03" nsample="20" '
+        'damping="0.7" armature="0.02"/></actuator></mujoco>',
+        encoding="utf-8",
+    )
+    (said,) = [sentence for sentence in load_robot_file(path).said if "lacks" in sentence]
+    assert "a lag of 0.1 s" in said and "a delay of 0.03 s" in said
+    assert "an armature of 0.02" in said and "a damping of 0.7" in said

@@ -156,3 +156,20 @@ def test_a_total_mass_is_worked_into_the_masses_and_warned_of_by_no_one(tmp_path
     np.testing.assert_allclose(model.body_mass, wanted.body_mass)
     np.testing.assert_allclose(model.body_inertia, wanted.body_inertia)
     assert "asks for a total mass of 2 kg" in " ".join(robot.said)
+
+
+def test_links_whose_mass_comes_from_their_shapes_are_named(tmp_path: Path) -> None:
+    """A camera mount without <inertial> weighed 2 kg, as a solid block of 1000 kg/m3, and nobody was told."""
+    inertial = (
+        '<inertial><mass value="0.3"/><inertia ixx="1e-3" iyy="1e-3" izz="1e-4" ixy="0" ixz="0" iyz="0"/></inertial>'
+    )
+    path = tmp_path / "arm.urdf"
+    path.write_text(
+        f'<robot name="r"><link name="base"/><link name="arm">{inertial}</link><link name="mount"><collision><geometry>'
+        '<box size="0.1 0.1 0.2"/></geometry></collision></link><joint name="j" type="revolute"><parent link="base"/>'
+        '<child link="arm"/><axis xyz="0 1 0"/><limit lower="-1" upper="1" effort="5" velocity="3"/></joint>'
+        '<joint name="f" type="fixed"><parent link="arm"/><child link="mount"/></joint></robot>',
+        encoding="utf-8",
+    )
+    (said,) = [sentence for sentence in load_robot_file(path).said if "<inertial>" in sentence]
+    assert "mount 2 kg" in said and "1 of its links" in said

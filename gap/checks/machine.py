@@ -10,7 +10,7 @@ import numpy as np
 from ..log.finding import Finding
 from ..log.types import MeasuredSet
 from .context import JointContext, joint_contexts
-from .motion import DEGREES, LARGEST_ANGLE
+from .motion import DEGREES, LARGEST_ANGLE, nearer
 
 ONCE = (
     "position.sign",
@@ -108,6 +108,11 @@ def _degrees(joint: JointContext, every: Sequence[JointContext], flagged: set[st
     """Whether a run's angle is in degrees, by runs known to be, else by those whose noise is far less."""
     noise = _noise(joint)
     in_degrees = [_noise(other) for other in every if other.run.name in flagged]
+    goal = joint.log.goal
+    if signal == "position" and goal is not None and np.isfinite(goal).all() and np.ptp(goal) > 0.0:
+        alike = 0.3 < np.ptp(joint.log.position) / np.ptp(goal) < 3.0  # then the goal is in degrees as well
+        if not alike and not nearer(joint.log.position, goal):
+            return False
     if in_degrees and noise > 0.0:
         return 1.0 / ALIKE < noise / float(np.median(in_degrees)) < ALIKE
     others = [other for other in every if other is not joint and other.run.name not in flagged]

@@ -11,6 +11,8 @@ from .context import JointContext
 from .lengths import check_lengths
 
 DEGREES = 180.0 / np.pi
+MOVES = 0.02  # [rad] that a goal must move for the way of its joint to tell a unit
+ALIKE = 5.0  # times as far as its goal, or as little, that a joint may move for its direction to be told
 FASTEST_SERVO = 60.0
 """Speed [rad/s] that no geared joint reaches."""
 TURN = 2.0 * np.pi
@@ -190,7 +192,7 @@ def _degrees(joint: JointContext) -> Iterator[Finding]:
     if goal is not None and np.ptp(goal) > 0:
         ratio = float(np.ptp(position) / np.ptp(goal))
         size = float(np.quantile(np.abs(goal), 0.98)), float(np.quantile(np.abs(position), 0.98))
-        if 0.3 * DEGREES < ratio < 2.0 * DEGREES:
+        if 0.3 * DEGREES < ratio < 2.0 * DEGREES and np.ptp(goal) > MOVES and nearer(position, goal):
             wrong["position"] = f"it moves {ratio:.3g} times as far as the goal"
             wrong.pop("goal", None)
         elif 0.5 / DEGREES < ratio < 2.0 / DEGREES and size[0] > LARGEST_ANGLE * 0.5:
@@ -205,7 +207,7 @@ def _degrees(joint: JointContext) -> Iterator[Finding]:
         ratio = float((np.nanmax(link) - np.nanmin(link)) / np.ptp(position))
         if "position" in wrong and 0.3 < ratio < 2.0:
             wrong["link_position"] = "it moves as far as the position"
-        elif "position" not in wrong and 0.3 * DEGREES < ratio < 2.0 * DEGREES:
+        elif "position" not in wrong and 0.3 * DEGREES < ratio < 2.0 * DEGREES and np.ptp(position) > MOVES:
             wrong["link_position"] = f"it moves {ratio:.3g} times as far as the position"
     for signal, reason in wrong.items():
         yield Finding(
@@ -213,6 +215,11 @@ def _degrees(joint: JointContext) -> Iterator[Finding]:
             f"{joint.column(signal)} is in degrees, not in radians: {reason}; multiply it by pi/180.",
             value=DEGREES, data_error=True,
         )  # fmt: skip
+
+
+def nearer(position: np.ndarray, goal: np.ndarray) -> bool:
+    """Whether a position is nearer to its goal once it is taken as degrees: a joint that is held only shakes more."""
+    return float(np.median(np.abs(position / DEGREES - goal))) < float(np.median(np.abs(position - goal)))
 
 
 def _beyond_degrees(joint: JointContext, values: np.ndarray) -> str:
@@ -259,8 +266,19 @@ def _sign(
     on = joint.on if len(values) == len(joint.on) and joint.on.sum() >= 100 else np.ones(len(values), bool)
     if np.ptp(other[on]) == 0.0 or np.ptp(values[on]) == 0.0:
         return
+    ways = float(np.ptp(values[on]) / np.ptp(other[on]))
+    if not 1.0 / ALIKE < ways < ALIKE:
+        return  # a joint that is held, and that its load moves
     correlation = float(np.corrcoef(other[on], values[on])[0, 1])
-    if correlation < -0.5:
+    turned = float(np.median(np.abs(-values[on] - other[on]))) < float(np.median(np.abs(values[on] - other[on])))
+    if correlation < -0.5 and not turned:
+        yield Finding(
+            f"{signal}.against", "warning", joint.name, joint.column(signal),
+            f"{joint.column(signal)} moves against {of_what} (correlation {correlation:.2f}), and would lie further "
+            "from it with the other sign: its zero and direction differ, or it is held and its load moves it.",
+            value=correlation,
+        )  # fmt: skip
+    elif correlation < -0.5:
         yield Finding(
             f"{signal}.sign", severity, joint.name, joint.column(signal),
             f"{joint.column(signal)} moves against {of_what} (correlation {correlation:.2f}): one of the two has the "

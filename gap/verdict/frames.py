@@ -26,6 +26,7 @@ from ..replay.unlogged import logged, needed
 from ..search.fit import fit
 from ..search.forward import NUMERICAL
 from ..search.settings import DEFAULT
+from ..search.structure import listed
 from .columns import commanded
 from .pieces import chain_of, cut_joint, nominal_replays
 
@@ -37,6 +38,15 @@ SETTLED = 1e-3  # [rad] by which none moves any more
 ZERO, OFFSET, GAIN = "sensor.offset", "encoder.offset", "drive.gain"
 DOUBTED = "robot.frame"
 """Code of the finding that the frames of log and model differ: what is said below it hangs on them."""
+
+
+def _unchecked(columns: Sequence[str]) -> Finding:
+    """That frames are believed, since torques of joints that were not logged would be looked for in them."""
+    return Finding(
+        "robot.frame_unchecked", "note", None, None,
+        f"Zeros and directions of the log were not compared with those of the model: {listed(columns)} "
+        f"{'was' if len(columns) == 1 else 'were'} not logged. Log what is missing, or weld it in the model.",
+    )  # fmt: skip
 
 
 def in_likely_frames(
@@ -57,8 +67,8 @@ def in_likely_frames(
     robot = robot_of(runs[0])
     if robot is None or robot.file.base == "free":
         return runs, []
-    if needed(robot, range(robot.model.njnt), logged(robot, runs)):  # their torque would be looked for in the frames
-        return runs, []
+    if missing := needed(robot, range(robot.model.njnt), logged(robot, runs)):
+        return runs, [_unchecked([f"{robot.column(number)}.position" for number in missing])]
     progress("comparing zeros and directions of log and model")
     hidden = held_out(runs, test_group)
     seen = [run for k, run in enumerate(runs) if k not in hidden]

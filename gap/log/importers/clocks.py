@@ -27,6 +27,7 @@ FACTORS = {unit: known.behind for unit in CLOCKS if (known := measures(unit, "ti
 """Expression behind a column that makes it seconds, by the units that steps tell."""
 DISORDER = 0.01
 """Share of the rows that go back in time from which a file is in no order, and not of several recordings."""
+SKIPPED = 10.0  # usual steps of a counter over which it may have gone where it starts again
 
 
 @dataclass(frozen=True)
@@ -58,7 +59,7 @@ def find_clock(recording: Recording) -> Clock:
     moving = {name: fault for name, fault in faults.items() if fault != NEVER}
     for name in [] if by_format or named else moving:
         whole = without_overflows(columns[name])
-        if (np.diff(columns[name]) < 0.0).any() and clock_units(whole):
+        if (np.diff(columns[name]) < 0.0).any() and _runs_on(columns[name], whole) and clock_units(whole):
             read = _read(replace(recording, columns={**columns, name: whole}), name, False, True)
             text = read.text.replace(quoted(name), f"counter({quoted(name)})", 1)
             return Clock(name, replace(read, text=text, why=f"{read.why}; it overflows, which counter() mends"), {})
@@ -68,6 +69,12 @@ def find_clock(recording: Recording) -> Clock:
     unused = faults | dict.fromkeys(candidates[1:], f"another clock; {name} is taken")
     sure_of_it = bool(by_format or named) or len(running) == 1
     return Clock(name, _read(recording, name, bool(by_format), sure_of_it), unused)
+
+
+def _runs_on(counts: Array, whole: Array) -> bool:
+    """Whether a counter goes on over its overflows as it does elsewhere: two recordings in one file do not."""
+    steps, over = np.diff(whole), np.diff(counts) < 0.0
+    return bool((counts == np.floor(counts)).all()) and float(steps[over].max()) <= SKIPPED * float(np.median(steps))
 
 
 def _no_clock(recording: Recording, faults: dict[str, str]) -> Clock:

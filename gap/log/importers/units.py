@@ -38,7 +38,12 @@ MILLI = {"current": "mA", "torque": "mN.m", "torque_command": "mN.m"}
 FULL_SCALES = (885.0, 1000.0, 1023.0, 100.0, 255.0)
 """Counts that mean a full duty on known servos and drives."""
 CLOSE = 2.5
+FOLLOWS = (
+    8.0  # times as far as its goal, or as little, that a joint in the same unit is taken to move without a question
+)
 """Two scales within this factor are the same unit."""
+FOLLOWS = 8.0
+"""Times as far as its goal, or as little, that a joint in the same unit moves without a question."""
 MOST_RAD = 60.0
 """An angle that goes beyond this is hardly in rad."""
 STRAY = 0.02
@@ -175,8 +180,15 @@ def read_alike(name: str, said: str, how: str, other: Read, goes: Relation) -> R
         known = dict(WAY if base.quantity == "way" else ANGLE) | {other.unit: base.behind}
         sizes = {unit: FACTOR.get(unit, base.factor) for unit in known}
         unit = min(known, key=lambda unit: abs(math.log(sizes[unit] / goes.scale / base.factor)))
-        if unit != other.unit and abs(math.log(goes.scale)) < math.log(CLOSE):
+        off = abs(math.log(sizes[unit] / goes.scale / base.factor))
+        if unit != other.unit and (abs(math.log(goes.scale)) < math.log(CLOSE) or off > math.log(1.5)):
             unit = other.unit
+        if off > math.log(1.5) and abs(math.log(goes.scale)) > math.log(FOLLOWS):
+            ask = (
+                f"in which unit is {column}? The position moves {goes.scale:.2g} times as far, as in no unit; keep "
+                f"{other.unit} if the joint hardly follows it, or is held and moved by its load"
+            )
+            return Read(column + known[other.unit], other.unit, ASK, ask.partition("? ")[2], other.ask or ask)
         trust = other.trust if unit == other.unit or other.trust == ASK else LIKELY
         why = f"the position moves {goes.scale:.2f} times as far: {unit}"
         return Read(column + known[unit], unit, trust, why, other.ask)
