@@ -10,6 +10,8 @@ import pytest
 from sealegs.gap.checks.data_set import check_set, corrected
 from sealegs.gap.log.importers import propose_for
 from sealegs.gap.log.types import JointLog, MeasuredRun, MeasuredSet
+from sealegs.gap.verdict.checking import check_log
+from sealegs.gap.verdict.columns import commanded
 
 from tests.test_import import motion
 
@@ -100,3 +102,18 @@ def test_runs_that_agree_on_degrees_are_still_all_found() -> None:
     found = after_checks(one, replace(one, name="b"))
     for each in found.runs:
         np.testing.assert_allclose(each.joints["wrist"].position, MOVED["smooth"])
+
+
+def test_a_joint_whose_goal_echoes_its_state_does_not_refuse_the_others() -> None:
+    """A mocked gripper made each joint of the arm unusable, also those that were asked for alone."""
+    noise = RNG.normal(0.0, 1e-4, len(TIME))
+    arm = run("a", gripper=(MOVED["smooth"], MOVED["smooth"]), elbow=(MOVED["goal"], MOVED["smooth"] + noise))
+    data, findings, stop = check_log(MeasuredSet((arm,), "log"), lambda text: None)
+    assert stop is None
+    assert commanded(data.runs) == ["elbow"] and "gripper" in data.runs[0].joints
+    (said,) = [f for f in findings if f.code == "goal.is_position"]
+    assert said.severity == "warning" and "not judged" in said.sentence
+    _, _, alone = check_log(
+        MeasuredSet((run("a", gripper=(MOVED["smooth"], MOVED["smooth"])),), "log"), lambda text: None
+    )
+    assert alone is not None

@@ -130,6 +130,13 @@ def test_a_load_that_was_found_at_a_joint_is_the_same_load_in_the_robots_model(
     np.testing.assert_allclose(block_of(found, 0), wanted, atol=2e-4)
 
 
+def test_a_payload_that_one_joint_names_and_another_tunes_is_hung_on_once(recorded: MeasuredRun) -> None:
+    """The named 0.15 kg and 5 g that a fit had turned the other way were added."""
+    changes = [change("shoulder", "load.payload", 0.15), replace(change("elbow", "load.payload", -0.005), cause="")]
+    (payload,) = [item for item in of_robot(robot(recorded), changes) if item.path == "body.payload"]
+    assert (payload.after, payload.cause) == (pytest.approx(0.15), changes[0].cause)
+
+
 def test_masses_that_joints_agree_on_become_those_of_the_bodies(recorded: MeasuredRun) -> None:
     changes = [change(joint, "load.mass_factor", 1.3) for joint in JOINTS]
     for joint in JOINTS:

@@ -32,7 +32,7 @@ def of_robot(robot: LoggedRobot, changes: Sequence[Change]) -> list[Change]:
     """Changes of a robot, those of loads by body and in the frame of its model."""
     kept: list[Change] = []
     weights: dict[str, Change] = {}
-    payloads: dict[tuple[str, str], list[float]] = {}
+    payloads: dict[str, list[Change]] = {}
     for change in changes:
         name = change.joint
         if change.owner != "robot" or robot.number(name) < 0:
@@ -43,16 +43,19 @@ def of_robot(robot: LoggedRobot, changes: Sequence[Change]) -> list[Change]:
             weights[name] = change
         elif change.path == "load.payload":
             tip = tip_behind(robot.model, robot.number(name))
-            payloads.setdefault((robot.model.body(tip.body).name, change.cause), []).append(change.after)
+            payloads.setdefault(robot.model.body(tip.body).name, []).append(change)
         elif change.path == "load.centre_shift":
             kept += _shift(robot, change)
         else:
             kept.append(change)
-    kept += [
-        Change(body, "body.payload", 0.0, float(np.mean(found)), cause, "robot")
-        for (body, cause), found in payloads.items()
-    ]
+    kept += [_payload(body, found) for body, found in payloads.items()]
     return [*kept, *_masses(robot, weights)]
+
+
+def _payload(body: str, found: Sequence[Change]) -> Change:
+    """One payload of a body, whichever joints found it: what is named counts, and what was tuned beside only alone."""
+    said = [change for change in found if change.cause] or list(found)
+    return Change(body, "body.payload", 0.0, float(np.mean([c.after for c in said])), said[0].cause, "robot")
 
 
 def range_passed(robot: LoggedRobot, diagnosis: JointDiagnosis, found: Sequence[Change]) -> list[Change]:

@@ -18,7 +18,7 @@ from ..load.units import POSITIONS, in_model_units
 from ..log.finding import Finding
 from ..log.progress import Progress
 from ..log.types import Array, LogError, MeasuredRun, MeasuredSet
-from .columns import check_robot
+from .columns import check_robot, commanded
 from .feed_forward import TAKEN, with_whole_goals
 
 MISTYPED = 0.7  # likeness to a robot's name from which a log means it: any other is a machine whose load nobody knows
@@ -58,8 +58,30 @@ def check_log(data: MeasuredSet, progress: Progress) -> tuple[MeasuredSet, list[
     runs, of_drives = with_whole_goals(mended.runs)
     told = {finding.joint for finding in of_drives if finding.code == TAKEN}
     every = [f for f in every if not (f.code == "goal.still" and f.joint in told)]  # it is not all that was told
-    mended = replace(mended, runs=runs)
+    mended, every = _without_bad_goals(replace(mended, runs=runs), every)
     return mended, merged([*every, *of_drives]), unusable(every, mended)
+
+
+def _without_bad_goals(data: MeasuredSet, findings: list[Finding]) -> tuple[MeasuredSet, list[Finding]]:
+    """The data without goals that cannot be used, where other joints have some: those joints tell how they moved."""
+    bad = {
+        finding.joint: finding
+        for finding in findings
+        if finding.joint and (finding.column or "").endswith(".goal") and unusable([finding], data) is finding
+    }
+    if not bad or not set(commanded(data.runs)) - set(bad):
+        return data, findings
+    runs = []
+    for run in data.runs:
+        joints = {name: replace(log, goal=None) if name in bad else log for name, log in run.joints.items()}
+        runs.append(replace(run, joints=joints))
+    said = " This joint is not judged; where it was counts for the others."
+    told = [
+        replace(f, severity="warning", sentence=f"{f.sentence}{said}") if bad.get(f.joint or "") is f else f
+        for f in findings
+    ]
+    others = [f for f in told if f.severity != "error" or not ((f.column or "").endswith(".goal") and f.joint in bad)]
+    return replace(data, runs=tuple(runs)), others
 
 
 def _unmarked(data: MeasuredSet, recorded: MeasuredSet) -> MeasuredSet:
