@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 from .....actuators.extras import needed_for
 from ...types import Array, LogError
 from ..recording import Recording
+from .ros_states import COMMANDED, MEASURED, feedback, is_controller, is_dynamic, parts, with_positions
 from .ros_topics import COVERED, Topic, numbers, stamp_of
 from .trajectories import Trajectory, laid_out, trajectory_of
 
@@ -21,6 +22,8 @@ JOINT_STATE = "sensor_msgs/msg/JointState"
 TRAJECTORY = "trajectory_msgs/msg/JointTrajectory"
 FIELDS = {"position": "position", "velocity": "velocity", "effort": "torque"}
 UNITS = {"position": "rad", "velocity": "rad/s", "effort": "N.m"}
+BARE = 0.5
+"""Share of the messages of a topic without a stamp from which its stamps say nothing."""
 COMMAND_WORDS = ("command", "cmd", "goal", "desired", "target", "reference", "setpoint")
 
 
@@ -38,12 +41,16 @@ class _Bag:
         topics: those of numbers, by name.
         paths: trajectories by topic: when the bag received each [s], its stamp [s], and its points.
         unknown: topics that are not read, for the bag does not say how their type is laid out.
+        stand_in: what controllers measured, as a topic of its own where nothing else says it; else empty.
+        notes: for people.
     """
 
     kinds: dict[str, str] = field(default_factory=dict)
     topics: dict[str, Topic] = field(default_factory=dict)
     paths: dict[str, _Paths] = field(default_factory=dict)
     unknown: list[str] = field(default_factory=list)
+    stand_in: str = ""
+    notes: list[str] = field(default_factory=list)
 
     @property
     def states(self) -> set[str]:
@@ -99,12 +106,14 @@ def _take(bag: _Bag, topic: str, logged: float, message: Any) -> None:
 
 
 def _main(path: Path, bag: _Bag) -> str:
-    """The topic whose messages are the rows of the log: most joint states with positions."""
+    """The topic whose messages are the rows of the log: most joint states with positions, or what stands in."""
     measured = [
         topic
         for topic in bag.states & set(bag.topics)
         if not _commands(topic) and any("position" in name for name in bag.topics[topic].names)
     ]
+    if not measured:
+        measured = _standing_in(bag)
     if measured:
         return max(measured, key=lambda topic: (len(bag.topics[topic].times), topic))
     there = ", ".join(f"{topic} ({kind})" for topic, kind in sorted(bag.kinds.items())[:6]) or "nothing"
@@ -116,6 +125,23 @@ def _main(path: Path, bag: _Bag) -> str:
             "convert` where ROS knows these types)."
         )
     raise LogError(f"{path}: has no {JOINT_STATE} with positions; it holds {there}.")
+
+
+def _standing_in(bag: _Bag) -> list[str]:
+    """Topics that say what a bag without joint states measured; none where nothing does."""
+    without = f"the bag has no {JOINT_STATE} with positions"
+    dynamic = [topic for topic in bag.topics if is_dynamic(bag.kinds[topic]) and with_positions(bag.topics[topic])]
+    if dynamic:
+        bag.notes.append(f"{without}: {', '.join(dynamic)} stands in")
+        return dynamic
+    states = {topic: held for topic, held in bag.topics.items() if is_controller(bag.kinds[topic])}
+    made = feedback(states)
+    if made is None:
+        return []
+    name, used, held = made
+    bag.notes.append(f"{without}: {name} stands in, which is what {', '.join(used)} measured")
+    bag.topics[name], bag.kinds[name], bag.stand_in = held, JOINT_STATE, name
+    return [name]
 
 
 def _of_joints(topic: str, kind: str) -> bool:
@@ -131,16 +157,25 @@ def _commands(topic: str) -> bool:
     return any(word in topic.lower() for word in COMMAND_WORDS)
 
 
-def _one_clock(topics: Mapping[str, Topic | _Paths]) -> tuple[dict[str, Array], str]:
-    """Times of the messages of each topic [s], all by one clock, and a note which that is.
+def _one_clock(topics: dict[str, Topic], paths: Mapping[str, _Paths]) -> tuple[dict[str, Array], list[str]]:
+    """Times of the messages of each topic [s], all by one clock, and notes which that is.
 
     Headers are stamped by the clock of the simulation or of another computer, so they do not go with times of the bag.
+    The first stamps of a simulation may be missing: such messages are taken out of ``topics``.
     """
-    bare = [topic for topic, held in topics.items() if np.isnan(held.stamps).any()]
-    if not bare:
-        return {topic: np.array(held.stamps) for topic, held in topics.items()}, "times are the stamps of the messages"
-    note = f"times are those at which the bag received the messages, since those of {bare[0]} have no stamp"
-    return {topic: np.array(held.times) for topic, held in topics.items()}, note
+    everything: dict[str, Topic | _Paths] = {**topics, **paths}
+    missing = {topic: np.isnan(held.stamps) for topic, held in everything.items()}
+    # no trajectory is dropped: each is a command, and a stamp of zero asks a controller to start at once
+    bare = [topic for topic, none in missing.items() if (none.any() if topic in paths else none.mean() > BARE)]
+    if bare:
+        note = f"times are those at which the bag received the messages, since those of {bare[0]} have no stamp"
+        return {topic: np.array(held.times) for topic, held in everything.items()}, [note]
+    notes = ["times are the stamps of the messages"]
+    for topic in list(topics):
+        if count := int(missing[topic].sum()):
+            topics[topic] = everything[topic] = topics[topic].only(~missing[topic])
+            notes.append(f"{count} messages of {topic} without a stamp are left out")
+    return {topic: np.array(held.stamps) for topic, held in everything.items()}, notes
 
 
 def _apart(own: Array, main: Array, name: str) -> str | None:
@@ -190,16 +225,24 @@ def _merged(path: Path, bag: _Bag, main: str) -> Recording:
     """All topics at the times of the joint states: commands and other topics hold their last value."""
     topics = {topic: held for topic, held in bag.topics.items() if held.names}
     paths = {topic: held for topic, held in bag.paths.items() if held.messages}
-    times, clock = _one_clock({**topics, **paths})
+    times, clock = _one_clock(topics, paths)
     table = _measured(topics[main], times[main], main)
-    table.notes.append(clock)
-    at = table.time
+    table.notes += [*bag.notes, *clock]
+    at, known = table.time, with_positions(topics[main])
+    owners: dict[str, str] = {}
     for topic, held in topics.items():
         short = _short(topic)
         if topic == main:
             continue
         if why := _apart(times[topic], times[main], main):
             table.left[short] = why
+            continue
+        if is_controller(bag.kinds[topic]):
+            _control(table, topic, held, times[topic], main, known, owners, main == bag.stand_in)
+            continue
+        if is_dynamic(bag.kinds[topic]):
+            more = ", ".join(joint for joint in with_positions(held) if joint not in known)
+            table.left[short] = f"{main} is taken{f', which does not have {more}' if more else ': it has its joints'}"
             continue
         for name in held.names:
             values = held.held(name, times[topic], at)
@@ -224,6 +267,57 @@ def _merged(path: Path, bag: _Bag, main: str) -> Recording:
         table.cut(np.arange(len(table.time)) >= first)
     name = path.stem if path.is_file() else path.name
     return Recording(name, table.columns, path, "ros", {}, table.roles, tuple(table.notes), table.units, table.left)
+
+
+def _control(
+    table: _Table,
+    topic: str,
+    held: Topic,
+    own: Array,
+    main: str,
+    known: Mapping[str, None],
+    owners: dict[str, str],
+    stands_in: bool,
+) -> None:
+    """Add what a controller says that it commands, as goals of the joints that the joint states have.
+
+    Args:
+        table: to which it is added.
+        topic, held, own: of the state of the controller, with the times of its messages [s].
+        main: topic of the joint states.
+        known: joints whose positions these have.
+        owners: goals by joint as far as controllers say them; those of this one are added.
+        stands_in: whether the joint states are what controllers measured.
+    """
+    short, state = _short(topic), _short(main)
+    for name in held.names:
+        joint, part, what = parts(name)
+        if part == "time_from_start":
+            table.left[f"{short}.{part}"] = "a time along the trajectory, no clock"
+            continue
+        values = held.held(name, own, table.time)
+        if not np.isfinite(values).any():
+            continue
+        goal = f"{short}.{joint}.{part}.positions"
+        if joint not in known:
+            table.add(f"{short}.{name}", values, "", "")
+        elif f"{state}.{joint}.position" not in table.columns:
+            table.left[f"{short}.{joint}"] = f"{main} has its position along too few of the samples"
+        elif part in MEASURED:
+            if not stands_in:
+                table.left[f"{short}.{part}"] = f"{main} says what these joints measured"
+        elif part not in COMMANDED or what not in ("positions", "velocities"):
+            which = f"{part}.{what}" if part in COMMANDED else part
+            table.left[f"{short}.{which}"] = "a value within the controller, which the log has no column for"
+        elif what == "positions" and owners.setdefault(joint, goal) == goal:
+            table.add(goal, values, _role(joint, "goal"), UNITS["position"])
+        elif what == "positions":
+            table.left[f"{short}.{joint}.{part}"] = f"{owners[joint]} is its goal as well, and is taken"
+        elif owners.get(joint) == goal and np.isnan(values[np.isfinite(table.columns[goal])]).any():
+            # it would cost the samples between
+            table.left[f"{short}.{joint}.{part}.{what}"] = "it begins after the goal"
+        elif owners.get(joint) == goal:
+            table.add(f"{short}.{name}", values, _role(joint, "goal_velocity"), UNITS["velocity"])
 
 
 def _role(joint: str, signal: str | None) -> str:

@@ -37,6 +37,11 @@ class Topic:
     stamps: list[float] = field(default_factory=list)
     rows: list[dict[str, float]] = field(default_factory=list)
 
+    def only(self, keep: NDArray[np.bool_]) -> Topic:
+        """The messages for which a flag is set."""
+        kept = np.flatnonzero(keep)
+        return Topic([self.times[k] for k in kept], [self.stamps[k] for k in kept], [self.rows[k] for k in kept])
+
     def column(self, name: str) -> Array:
         return np.array([row.get(name, np.nan) for row in self.rows])
 
@@ -92,7 +97,10 @@ def stamp_of(message: Any) -> float:
 
 
 def numbers(message: Any, prefix: str = "", joints: tuple[str, ...] = ()) -> Iterator[tuple[str, float]]:
-    """Numbers of a message by the path of their field; lists beside a list of joints by the joint's name."""
+    """Numbers of a message by the path of their field; lists beside a list of joints by the joint's name.
+
+    What joints measure by the names of their interfaces is named as joint states name it: ``elbow.position``.
+    """
     fields = {
         key: getattr(message, key) for key in getattr(message, "__dataclass_fields__", {}) if not key.startswith("__")
     }
@@ -107,5 +115,9 @@ def numbers(message: Any, prefix: str = "", joints: tuple[str, ...] = ()) -> Ite
             named = joints if len(joints) == len(value) else [f"[{k}]" for k in range(len(value))]
             for name, number in zip(named, value, strict=True):
                 yield f"{name}.{path}" if name[0] != "[" else f"{path}{name}", float(number)
+        elif isinstance(value, list) and len(value) == len(joints) and value and hasattr(value[0], "interface_names"):
+            for joint, one in zip(joints, value, strict=True):
+                for name, number in zip(one.interface_names, one.values, strict=False):
+                    yield f"{joint}.{name}", float(number)
         elif hasattr(value, "__dataclass_fields__"):
             yield from numbers(value, f"{path}.", joints)
