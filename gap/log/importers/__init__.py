@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 from collections import Counter
 from collections.abc import Mapping as AnyMapping
 from collections.abc import Sequence
@@ -18,6 +19,7 @@ from ..types import LogError
 from ..writer import write_run
 from .formats import read_recordings
 from .mapping import Mapping, converted, ended, fits, lacking, read_mapping
+from .per_joint import joined
 from .proposal import propose
 from .proposed import Proposal
 from .ranges import check_shares, far_in_proposal, far_in_runs
@@ -120,6 +122,7 @@ def propose_for(
     """
     recordings, left = _alike(read_recordings(source))
     robot = checked_robot(robot, out)
+    recordings = joined(recordings, joints_in_file(robot, out), source)
     proposal = propose(recordings, unit, slides_of(robot, out))
     proposal = spelled(proposal, recordings[0].columns, joints_in_file(robot, out))
     check_shares(proposal, robot, out)
@@ -152,6 +155,14 @@ def _alike(recordings: list[Recording]) -> tuple[list[Recording], list[str]]:
     return alike, [f"{one.name} has other columns than {alike[0].name}; import it on its own" for one in rest]
 
 
+def _read(source: Path, out: Path, mapping: Mapping) -> list[Recording]:
+    """The recordings of a source as a proposal for the robot of a mapping has them."""
+    alike, _ = _alike(found := read_recordings(source))
+    robot = Path(os.path.normpath(out / str(mapping.sidecar.get("robot"))))  # the folder need not exist yet
+    whole = joined(alike, joints_in_file(str(robot), out) if robot.is_file() else (), source)
+    return found if whole is alike else [*whole, *(one for one in found if one not in alike)]
+
+
 def import_logs(
     source: Path, out: Path, mapping: Mapping, format: str | None = None, recordings: Sequence[Recording] | None = None
 ) -> Imported:
@@ -176,7 +187,7 @@ def import_logs(
             f"about {', '.join(asked.about[:3])}: {ended(asked.ask)} Correct its lines under columns and remove it "
             "from questions."
         )
-    found = list(recordings) if recordings is not None else read_recordings(source)
+    found = list(recordings) if recordings is not None else _read(source, out, mapping)
     fitting = [recording for recording in found if fits(mapping, recording)]
     if not fitting:
         has = [*found[0].columns, *found[0].facts]

@@ -158,6 +158,9 @@ SHORT = re.compile(r"(q|theta|phi|x)(m|meas|a|act|g|r|ref|d|des|c|cmd|goal)")
 """Signs of control theory: ``qm`` measured, ``qg`` goal, ``qd`` desired (or the derivative: the data tell)."""
 RATES = frozenset(["qd", "xd", "thetad", "phid", "v", "w"])
 """Derivatives, beside a word that says that they are commanded."""
+SIGNS = frozenset(["q", "dq", "qd", "qdot", "ddq", "qdd", "qddot", "theta", "dtheta", "thetad", "thetadot", "phi",
+                   "phid", "omega", "tau"])  # fmt: skip
+"""Signs of papers and of libfranka, behind which a ``d`` is the wanted one: ``q_d``, ``tau_J_d``."""
 ONLY_UNIT = {"angle": "position", "rate": "velocity", "torque": "torque", "current": "current", "voltage": "voltage"}
 """Signals by the quantity of a unit, where a name says nothing else."""
 ODRIVE = re.compile(r"(?:.*[._/])?(pos_estimate|input_pos|pos_setpoint|vel_estimate|input_vel|vel_setpoint)")
@@ -210,8 +213,13 @@ def said(name: str) -> Said:
     if "kp" in gains - part and not torques and "load" not in sides:
         part, unit = {"kp"}, ""
     commanded, measured = bool(sides & COMMANDED), bool(sides & (MEASURED - WEAK))
+    beside = (
+        set() if part else {k for k, (one, two) in enumerate(pairwise(words), 1) if (one.lower(), two) == ("tau", "J")}
+    )
+    if not (part or commanded or measured) and (wanted := _wanted(words)) is not None:  # cmd_d is of a joint d
+        commanded, beside = True, beside | {wanted}
     measured |= not commanded and bool(sides & WEAK)
-    used = {k for k, word in enumerate(low) if word in COMMANDED | MEASURED | FILTERED | FILLERS | FORWARD}
+    used = beside | {k for k, word in enumerate(low) if word in COMMANDED | MEASURED | FILTERED | FILLERS | FORWARD}
     if ("i", "q") in pairwise(low):  # of a motor's two axes, the one that makes torque
         low = ["iq" if word == "i" else "" if word == "q" else word for word in low]
         used |= {k for k, word in enumerate(low) if not word}
@@ -289,6 +297,14 @@ def said(name: str) -> Said:
         signal = "link_position" if "motor" not in sides else "position"
     joint = _joined([word for k, word in enumerate(words) if k not in used])
     return Said(signal, unit, joint, bool(sides & FILTERED), how)
+
+
+def _wanted(words: list[str]) -> int | None:
+    """Place of a ``d`` for desired: the last word, behind a sign and maybe a ``J``, an index at either side of it."""
+    letters = [k for k, word in enumerate(words) if not word.isdigit()]
+    signs = [k for k in letters[:-1] if words[k] != "J"][-1:]
+    found = bool(signs) and words[letters[-1]] == "d" and words[signs[0]].lower() in SIGNS
+    return letters[-1] if found else None
 
 
 def _only(unit: str) -> str:

@@ -10,6 +10,7 @@ import numpy as np
 
 from ...types import Array, LogError
 from ..recording import Recording
+from .structures import flatten, spread
 
 WORDS = "it holds text, no numbers"
 
@@ -28,17 +29,8 @@ def recordings_of(path: Path, kind: str, content: Mapping[str, Any]) -> list[Rec
     """
     flat: dict[str, Any] = {}
     for name, value in content.items():
-        _flatten(name, value, flat)
-    return [recording_of(path, kind, run, name) for name, run in _runs(flat, path.stem).items()]
-
-
-def _flatten(name: str, value: Any, flat: dict[str, Any]) -> None:
-    """Put a variable among the others; fields of a structure by their own names."""
-    if not hasattr(value, "_fieldnames"):
-        flat[name] = value
-        return
-    for key in value._fieldnames:
-        _flatten(f"{name}.{key}", getattr(value, key), flat)
+        flatten(name, value, flat)
+    return [recording_of(path, kind, spread(run), name) for name, run in _runs(spread(flat), path.stem).items()]
 
 
 def _runs(content: Mapping[str, Any], stem: str) -> dict[str, dict[str, Any]]:
@@ -57,7 +49,7 @@ def _runs(content: Mapping[str, Any], stem: str) -> dict[str, dict[str, Any]]:
         for name, value in several.items():
             if len(value) == count:
                 fields: dict[str, Any] = {}
-                _flatten(name, value[k], fields)
+                flatten(name, value[k], fields)
                 short = {key.removeprefix(f"{name}."): held for key, held in fields.items()}
                 own |= fields if short.keys() & own.keys() else short
         runs[f"{stem}-{k + 1:0{len(str(count))}}"] = own
