@@ -142,8 +142,8 @@ def ideal_servo(
     if drive is not None and drive.lost:
         plural = "s have" if len(drive.actuators) > 1 else " has"
         notes.append(
-            f"its actuator{plural} {' and '.join(drive.lost)} in the file, which this servo lacks: a diagnosis would find "
-            "that missing; give the joint a chain with stages for it"
+            f"its actuator{plural} {' and '.join(drive.lost)} in the file, which this servo lacks: a diagnosis would "
+            "find that missing; give the joint a chain with stages for it"
         )
     try:
         chain = load_chain([{"ideal": values}])

@@ -105,7 +105,9 @@ def _section(cause: Cause, needs: str | None = None) -> str:
     if cause.refuted_by is not None:
         rows.append(f" Refuted by: samples of `{cause.refuted_by.channel}` above the fitted limit.")
     if cause.at_stops:
-        rows.append(" Refuted by: no goal beyond it, no drive that is off, and no load that leads to it from both sides.")
+        rows.append(
+            " Refuted by: no goal beyond it, no drive that is off, and no load that leads to it from both sides."
+        )
     if cause.degenerates_to is not None:
         rows.append(f" Cannot be told from `{cause.degenerates_to.cause}` where {cause.degenerates_to.where}.")
     rows.append("\n")
