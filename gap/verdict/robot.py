@@ -56,7 +56,7 @@ def with_robot(
         request.causes,
         request.search,
         request.look_on,
-        apart=ENCODERS if light.tilted else (),
+        ENCODERS if light.tilted else (),
     )
     if sought is None or not sought.search.accepted:
         return list(found)
