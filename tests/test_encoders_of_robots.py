@@ -35,9 +35,11 @@ def shifted(data: MeasuredSet, joint: str, zero: float) -> MeasuredSet:
 def test_angles_are_those_that_were_before_an_encoder_misread_them(tmp_path: Path) -> None:
     run = two_link_run(tmp_path, 2.0)
     log = run.joints["shoulder"]
-    misread = replace(run, joints={**run.joints, "shoulder": replace(log, position=0.9 * log.position + 0.05)})
+    read = replace(log, position=0.9 * log.position + 0.05, link_position=log.position)
+    misread = replace(run, joints={**run.joints, "shoulder": read})
     (mended,) = corrected([misread], Encoder("shoulder", 0.05, 0.9))
     np.testing.assert_allclose(mended.joints["shoulder"].position, log.position, atol=1e-12)
+    assert mended.joints["shoulder"].link_position is log.position, "an encoder of its own"
     assert mended.joints["elbow"] is misread.joints["elbow"]
     np.testing.assert_allclose(motion_of(robot(run), mended).position, motion_of(robot(run), run).position, atol=1e-9)
 

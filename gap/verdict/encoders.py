@@ -50,13 +50,8 @@ class Encoder:
     scale: float
 
     def link(self, log: JointLog) -> JointLog:
-        """The log with the angles that were, instead of those that were read."""
-        taken = {
-            name: (values - self.offset) / self.scale
-            for name in ("position", "link_position")
-            if (values := getattr(log, name)) is not None
-        }
-        return replace(log, **taken)
+        """The log with the angles that were, instead of those that were read; an encoder at the link is another one."""
+        return replace(log, position=(log.position - self.offset) / self.scale)
 
     def said(self, unit: str) -> str:
         """``a zero that is 0.05 rad off``."""
