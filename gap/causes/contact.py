@@ -11,6 +11,9 @@ from ..replay.parameters import Parameter
 from .cause import Cause, Needs, Variant
 from .registry import entry
 
+STOPS = {"load.stop_angle": 1.0, "load.lower_stop": -1.0}
+"""Numbers of a joint's stops, and on which side of it they are."""
+
 
 @entry("contact.blocked")
 def blocked(nominal: JointModel) -> Cause:

@@ -14,14 +14,13 @@ import numpy as np
 from scipy.optimize import lsq_linear
 
 from ...envs.extended import Change
+from ..causes.contact import STOPS
 from ..load.robot import Frame, LoggedRobot
 from ..load.tree import NO_LEVER, arm_of, tip_behind
 from ..shared import ROBOT
 from ..shared.directions import every
 from ..verdict.verdict import JointDiagnosis
 
-STOPS = {"load.stop_angle": 1.0, "load.lower_stop": -1.0}
-"""Paths of a joint's stops, and on which side of it they are."""
 CERTAINTY = 0.03  # of bodies to weigh as believed, beside what the joints say of those behind them
 BEYOND = 0.02  # of a joint's motion by which a range must be wider than what the log shows
 DILUTED = 2.0

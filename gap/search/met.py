@@ -10,11 +10,11 @@ from collections.abc import Mapping
 
 import numpy as np
 
+from ..causes.contact import STOPS
 from ..checks.stops import GIVES, follows
 from ..replay.parameters import Parameter
 from ..replay.problem import JointProblem
 
-SIDES = {"load.stop_angle": 1.0, "load.lower_stop": -1.0}
 FELT = 3.0  # noise floors by which a stop must change the position to act at a sample
 BEYOND = 0.01  # [rad] that a goal must be beyond the joint to push it on, on top of how far it is ahead elsewhere
 AHEAD = 1.5  # times the median by which goals are ahead of a free joint, as friction or a soft drive lets them be
@@ -37,7 +37,7 @@ def unmet(problem: JointProblem, variant: tuple[Parameter, ...], fitted: Mapping
     """
     if problem.models[0].by_torque:  # which pushes
         return False
-    sides = [SIDES[p.number] for p in variant if p.number in SIDES]
+    sides = [STOPS[p.number] for p in variant if p.number in STOPS]
     without = {path: value for path, value in fitted.items() if path not in {p.path for p in variant}}
     stopped, onward = problem.simulate([fitted, without])[:, :, 0]
     for side in sides:
@@ -70,12 +70,8 @@ def _loaded(problem: JointProblem, acts: np.ndarray) -> bool:
     if follows(problem.goal[acts], position[acts]) > GIVES:
         return False
     run = np.repeat([unit.run for unit in problem.units], np.diff(problem.starts))
-    shares = [
-        _share(problem.goal[rows], acts[rows])
-        for each in np.unique(run[acts])
-        if (rows := problem.judged & (run == each)).any()
-    ]
-    return float(np.mean(shares)) >= ALWAYS
+    judged = [problem.judged & (run == each) for each in np.unique(run[acts])]
+    return float(np.mean([_share(problem.goal[rows], acts[rows]) for rows in judged])) >= ALWAYS
 
 
 def _share(goal: np.ndarray, acts: np.ndarray) -> float:

@@ -17,7 +17,7 @@ from ..load.terms import T_OWN, T_SIZE
 from ..log.finding import Finding
 from ..log.parts import FIT_A, FIT_B
 from ..log.types import Array, JointLog, MeasuredRun
-from ..replay.parameters import Parameter, absolute
+from ..replay.parameters import BAR, Parameter, absolute
 from ..replay.problem import JointProblem
 from ..replay.tree import motion_of, terms_of
 from ..search.fit import fit, merge, middle
@@ -112,7 +112,7 @@ def in_light(
     light, kept = InLight(list(found), runs, {}), set[str]()
     for _ in found:
         suspects = {d.joint: e for d in light.found if d.joint not in kept and (e := misread(d)) is not None}
-        joints = joints_of(light.found, request.search)
+        joints = joints_of(light.found, request.search) if suspects else Joints({}, {})
         if len(joints.problems) < 2 or not set(suspects) & set(joints.problems):
             break
         request.progress(f"holding the encoder of {', '.join(suspects)} against all joints")
@@ -127,6 +127,15 @@ def in_light(
     return light
 
 
+@dataclass(frozen=True, eq=False)
+class _Others:
+    """Joints in the light of one encoder: runs with the angles that were, and by joint its terms and its loss."""
+
+    runs: list[MeasuredRun]
+    terms: dict[str, list[Array]]
+    losses: dict[str, float]
+
+
 class _Weighed:
     """Losses of all joints, on what was fitted, without encoders and loads of their own."""
 
@@ -135,6 +144,7 @@ class _Weighed:
         self.motions = [motion_of(robot, run) for run in runs]
         self.terms = {name: terms_of(robot, name, runs, self.motions) for name in joints.problems}
         self.problems: dict[str, JointProblem] = {}
+        self._others: dict[Encoder, _Others] = {}
         for name, problem in joints.problems.items():
             seen = spread(problem, request.search.sketched).part(FIT_A, FIT_B)
             self.problems[name] = replace(seen, terms=laid(self.terms[name], seen))
@@ -148,17 +158,23 @@ class _Weighed:
         """Of all joints with the encoder of one."""
         own = [c.variant for c in self.searches[encoder.joint].accepted if c.cause.name in ENCODERS]
         losses = {encoder.joint: self._loss(encoder.joint, merge(self._numbers(encoder.joint), *own))}
-        return sum({**self.plain, **self.others(encoder), **losses}.values())
+        return sum({**self.plain, **self.others(encoder).losses, **losses}.values())
 
-    def others(self, encoder: Encoder) -> dict[str, float]:
-        """Of each joint that feels how another one moves."""
+    def others(self, encoder: Encoder) -> _Others:
+        """Joints that feel how another one moves."""
+        if encoder not in self._others:
+            self._others[encoder] = self._moved_by(encoder)
+        return self._others[encoder]
+
+    def _moved_by(self, encoder: Encoder) -> _Others:
         runs = corrected(self.runs, encoder)
         motions = [motion_of(self.robot, run) for run in runs]
-        found = {}
+        found = _Others(runs, {}, {})
         for name, problem in self.problems.items():
             if name != encoder.joint and self.robot.number(encoder.joint) in self.robot.felt_by(name):
-                terms = laid(terms_of(self.robot, name, runs, motions), problem)
-                found[name] = self._loss(name, self._numbers(name), replace(problem, terms=terms))
+                found.terms[name] = terms_of(self.robot, name, runs, motions)
+                moved = replace(problem, terms=laid(found.terms[name], problem))
+                found.losses[name] = self._loss(name, self._numbers(name), moved)
         return found
 
     def with_tilt(self) -> float:
@@ -176,7 +192,7 @@ class _Weighed:
         problem = RobotProblem(dict(self.problems), rows, (model,))
         numbers = {name: self._numbers(name) for name in self.problems}
         tuned = [p.of_joint(name) for name, mine in numbers.items() for p in mine]
-        start = {f"{name}|{path}": x for name in numbers for path, x in middle(*self.searches[name].fits).items()}
+        start = {f"{name}{BAR}{path}": x for name in numbers for path, x in middle(*self.searches[name].fits).items()}
         found = fit(problem, [*(d.parameter for d in directions), *tuned], start, STEPS)
         return float(problem.block_errors(found.simulated).sum())
 
@@ -195,19 +211,15 @@ def _judged(
     light: InLight, weighed: _Weighed, encoder: Encoder, again: Again, request: Request, *, either: bool
 ) -> InLight:
     """Joints judged with the encoder of one, and that one beside a tilted base where that would do as well."""
-    robot, runs = weighed.robot, corrected(light.runs, encoder)
-    motions = [motion_of(robot, run) for run in runs]
-    slides = robot.slides(encoder.joint)
+    others, said = weighed.others(encoder), encoder.said("m" if weighed.robot.slides(encoder.joint) else "rad")
     asked = {}
     rows = dict(light.rows)
     named = {d.joint: {cause.name for cause in d.causes} for d in light.found}
-    for name, loss in weighed.others(encoder).items():
-        now = terms_of(robot, name, runs, motions)
+    for name, loss in others.losses.items():
         own = slice(T_OWN, T_OWN + T_SIZE)
-        more = [a[:, own] - b[:, own] for a, b in zip(now, weighed.terms[name], strict=True)]
+        more = [a[:, own] - b[:, own] for a, b in zip(others.terms[name], weighed.terms[name], strict=True)]
         rows[name] = [x + y for x, y in zip(rows[name], more, strict=True)] if name in rows else more
         if abs(loss - weighed.plain[name]) > CHANGED * weighed.plain[name] or named[name] & {*ENCODERS, *LOADS}:
-            said = encoder.said("m" if slides else "rad")
             sentence = f"'{name}' is judged with the encoder of '{encoder.joint}' as it was found: {said}."
             asked[name] = rows[name], Finding(MISREAD, "note", name, None, sentence)
     if either:
@@ -219,7 +231,7 @@ def _judged(
     if asked:
         request.progress(f"judging {', '.join(asked)} in the light of the encoder of {encoder.joint}")
     now = {d.joint: d for d in (again(asked) if asked else ())}
-    return InLight([now.get(d.joint, d) for d in light.found], runs, rows)
+    return InLight([now.get(d.joint, d) for d in light.found], others.runs, rows)
 
 
 def beside_tilt(measured: Measured, findings: Sequence[Finding]) -> Measured:

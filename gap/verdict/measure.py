@@ -10,6 +10,7 @@ import numpy as np
 
 from ..causes.catalogue import adjustable
 from ..causes.cause import Cause, Variant
+from ..causes.contact import STOPS
 from ..log.parts import FIT_A, FIT_B, TEST
 from ..replay.parameters import Parameter, absolute
 from ..replay.problem import Nominal, Problem
@@ -359,14 +360,10 @@ def measured(parameter: Parameter, bounds: tuple[float, float]) -> float:
 def _value(parameter: Parameter, extended: Fit, bounds: Mapping[str, tuple[float, float]], nominal: Nominal) -> Value:
     found = (extended.values[parameter.path], *bounds[parameter.path])
     value, low, high = (float(parameter.physical(number, nominal)) for number in found)
-    if parameter.number in STOPS:
+    if parameter.number in STOPS:  # angles of the link, which a person looks up in the log
         value, low, high = (_as_logged(angle, extended, nominal) for angle in (value, low, high))
     unit = nominal.unit(parameter.number) if parameter.factor else parameter.unit
     return Value(value, low, high, unit, float(nominal.value(parameter.number)))
-
-
-STOPS = ("load.stop_angle", "load.lower_stop")
-"""Angles of the link, which a person looks up in the log."""
 
 
 def _as_logged(angle: float, extended: Fit, nominal: Nominal) -> float:

@@ -38,9 +38,6 @@ MILLI = {"current": "mA", "torque": "mN.m", "torque_command": "mN.m"}
 FULL_SCALES = (885.0, 1000.0, 1023.0, 100.0, 255.0)
 """Counts that mean a full duty on known servos and drives."""
 CLOSE = 2.5
-FOLLOWS = (
-    8.0  # times as far as its goal, or as little, that a joint in the same unit is taken to move without a question
-)
 """Two scales within this factor are the same unit."""
 FOLLOWS = 8.0
 """Times as far as its goal, or as little, that a joint in the same unit moves without a question."""

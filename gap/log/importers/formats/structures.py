@@ -67,13 +67,12 @@ def _by_label(labels: Sequence[str], value: Sequence[Any]) -> dict[str, Any]:
 
 def is_structures(value: Any) -> bool:
     """Whether a variable is an array of structures."""
-    return (
-        isinstance(value, np.ndarray)
-        and value.dtype == object
-        and value.ndim == 1
-        and len(value) > 1
-        and all(hasattr(one, "_fieldnames") for one in value)
-    )
+    return is_list(value) and all(hasattr(one, "_fieldnames") for one in value)
+
+
+def is_list(value: Any) -> bool:
+    """Whether a variable is a list of several things: a cell, or an array of structures."""
+    return isinstance(value, np.ndarray) and value.dtype == object and value.ndim == 1 and len(value) > 1
 
 
 def _is_signal(value: Any) -> bool:

@@ -10,7 +10,7 @@ import numpy as np
 
 from ...types import Array, LogError
 from ..recording import Recording
-from .structures import flatten, spread
+from .structures import flatten, is_list, spread
 
 WORDS = "it holds text, no numbers"
 
@@ -59,10 +59,7 @@ def _runs(content: Mapping[str, Any], stem: str) -> dict[str, dict[str, Any]]:
 def _has_runs(value: Any) -> bool:
     """Whether a variable is a cell of arrays, or an array of structures: one for each run."""
     return (
-        isinstance(value, np.ndarray)
-        and value.dtype == object
-        and value.ndim == 1
-        and len(value) > 1
+        is_list(value)
         and all(hasattr(one, "_fieldnames") or (isinstance(one, np.ndarray) and one.size > 1) for one in value)
         and not any(isinstance(one, np.ndarray) and one.dtype.kind in "US" for one in value)
     )
