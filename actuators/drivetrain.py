@@ -29,7 +29,7 @@ from .layout import (
     P_TERMS,
     P_TICKS,
 )
-from .mounting import DrivenCoordinate, Mounted, mount
+from .mounting import ENGINE_DEFAULTS, DrivenCoordinate, Mounted, mount
 from .stability import check_step
 from .stages.sensor import late_positions
 
@@ -82,6 +82,7 @@ class Drivetrain:
         sizes = [int(self._programs[item.name][P_STATE_SIZE]) for item in self.coordinates]
         self._own_userdata = max(spec.nuserdata, 0)
         spec.nuserdata = self._own_userdata + sum(sizes)
+        spec.nuser_actuator = -1  # as many as the programs need: a number that the file gives would be too small
         self._check_rates()
         install()  # before compiling, which evaluates actuators too
         try:
@@ -137,7 +138,7 @@ class Drivetrain:
     def _add_actuator(self, name: str) -> None:
         side = self._sides[name]
         kind = mujoco.mjtTrn.mjTRN_TENDON if side.on_tendon else mujoco.mjtTrn.mjTRN_JOINT
-        actuator = self.spec.add_actuator(name=name, target=side.target, trntype=kind)
+        actuator = self.spec.add_actuator(default=ENGINE_DEFAULTS, name=name, target=side.target, trntype=kind)
         actuator.gaintype = mujoco.mjtGain.mjGAIN_FIXED
         actuator.gainprm[0] = 0.0
         actuator.biastype = mujoco.mjtBias.mjBIAS_USER

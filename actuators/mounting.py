@@ -29,6 +29,10 @@ TOOTH_SOLIMP = (0.99, 0.999, 0.0001, 0.5, 2.0)
 STOP_SOLREF = (0.002, 1.0)
 STOP_SOLIMP = (0.99, 0.999, 0.001, 0.5, 2.0)
 SPRING_TRAVEL = 1e3  # [rad] no stop on the other side
+# What is added to a user's model starts from these: otherwise it takes gears, force limits, friction, springs and stops
+# from the default classes of the file.
+EMPTY = mujoco.MjSpec()
+ENGINE_DEFAULTS = EMPTY.default
 MASSLESS = 1e-6  # [kg] and [kg.m2/100]: what the engine needs to accept a body whose inertia is the joint's armature
 
 
@@ -205,7 +209,7 @@ def mount(spec: mujoco.MjSpec, item: DrivenCoordinate, chain: Chain) -> Mounted:
     carrier = _carrier(spec, item)
     rotor = _massless(carrier, item, f"{item.name}_rotor") if turning is None else release(spec, turning, carrier)
     motor_joint = f"{item.name}_motor"
-    joint = rotor.add_joint(name=motor_joint, type=mujoco.mjtJoint.mjJNT_HINGE, axis=axis)
+    joint = rotor.add_joint(default=ENGINE_DEFAULTS, name=motor_joint, type=mujoco.mjtJoint.mjJNT_HINGE, axis=axis)
     joint.armature = max(rotor_inertia(chain, item.name) - held, 0.0)
     _dissipate(joint, viscous, native_coulomb(chain))
     between = ((motor_joint, 1.0), *((name, -c) for name, c in item.terms))
@@ -255,7 +259,8 @@ def _mount_deflection(spec: mujoco.MjSpec, item: DrivenCoordinate, spring: Any) 
     """The joint that is the deflection of a spring which turns an inertia, against its stop where it has one."""
     pulley = _massless(_carrier(spec, item), item, f"{item.name}_pulley")
     name = f"{item.name}_spring"
-    joint = pulley.add_joint(name=name, type=mujoco.mjtJoint.mjJNT_HINGE, axis=spec.joint(item.terms[0][0]).axis)
+    axis = spec.joint(item.terms[0][0]).axis
+    joint = pulley.add_joint(default=ENGINE_DEFAULTS, name=name, type=mujoco.mjtJoint.mjJNT_HINGE, axis=axis)
     joint.armature = spring.inertia
     joint.stiffness = _polynomial(joint.stiffness, spring.stiffness)
     joint.damping = _polynomial(joint.damping, spring.damping)
@@ -298,7 +303,7 @@ def _mount_stiff(
 
 
 def _tendon(spec: mujoco.MjSpec, name: str, terms: Sequence[tuple[str, float]]) -> Any:
-    tendon = spec.add_tendon(name=name)
+    tendon = spec.add_tendon(default=ENGINE_DEFAULTS, name=name)
     for joint, coefficient in terms:
         tendon.wrap_joint(joint, coefficient)
     return tendon

@@ -8,7 +8,8 @@ import numpy as np
 from .errors import SealegsError, nearest
 
 COPIED = ("mass", "ipos", "iquat", "inertia", "fullinertia", "explicitinertial")
-DRAWN = ("type", "size", "pos", "quat", "fromto", "rgba", "material", "group", "contype", "conaffinity", "mass")
+DRAWN = ("type", "size", "pos", "quat", "fromto", "rgba", "group", "contype", "conaffinity", "mass")
+TOUCHED = ("friction", "condim", "priority", "solmix", "solref", "solimp", "margin", "gap")
 
 
 def rotor_body(spec: mujoco.MjSpec, name: str, joint: str) -> mujoco.MjsBody:
@@ -55,7 +56,7 @@ def release(spec: mujoco.MjSpec, rotor: mujoco.MjsBody, carrier: mujoco.MjsBody)
     if link.parent.name != carrier.name:
         raise SealegsError(f"the rotor '{name}' needs its motor on '{link.parent.name}', which carries its link.")
     values = {field: np.copy(getattr(rotor, field)) for field in COPIED}
-    shapes = [{field: np.copy(getattr(geom, field)) for field in DRAWN if field != "material"} for geom in rotor.geoms]
+    shapes = [{field: np.copy(getattr(geom, field)) for field in (*DRAWN, *TOUCHED)} for geom in rotor.geoms]
     spec.delete(rotor)
     moved = carrier.add_body(name=name, pos=link.pos, quat=link.quat)
     for field, value in values.items():
@@ -63,6 +64,5 @@ def release(spec: mujoco.MjSpec, rotor: mujoco.MjsBody, carrier: mujoco.MjsBody)
     for shape in shapes:
         geom = moved.add_geom()
         for field, value in shape.items():
-            if value.ndim or field in ("type", "rgba", "group", "contype", "conaffinity", "mass"):
-                setattr(geom, field, value if value.ndim else value.item())
+            setattr(geom, field, value if value.ndim else value.item())
     return moved

@@ -96,7 +96,7 @@ def _drive(
 ) -> ModelDrive:
     """Actuators of one target; ``written`` is ``biasprm[2]`` as the file has it, where above 0 a dampratio."""
     stiffness = damping = dampratio = 0.0
-    forces = [force for number in numbers if (force := _force(model, number)) is not None]
+    forces = [_force(model, number) for number in numbers]
     pulls: list[tuple[float, float] | None] = []
     for number, before in zip(numbers, written, strict=True):
         if int(model.actuator_biastype[number]) != int(mujoco.mjtBias.mjBIAS_AFFINE):
@@ -117,7 +117,8 @@ def _drive(
     kinds = (model.actuator_biastype, model.actuator_gaintype, model.actuator_dyntype)
     motor = all(int(kind[number]) == int(want) for number in numbers for kind, want in zip(kinds, plain, strict=True))
     lost = dict.fromkeys(phrase for number in numbers for phrase in _lost(model, number))
-    force = sum(forces) if forces else None
+    limits = [force for force in forces if force is not None]
+    force = sum(limits) if len(limits) == len(forces) else None
     return ModelDrive(
         name, terms, stiffness, damping, force, goals=goals, dampratio=dampratio, motor=motor, lost=tuple(lost)
     )

@@ -23,6 +23,8 @@ SUFFIXES = (".xml", ".mjcf", ".urdf")
 UNITS: Mapping[str, tuple[str, str]] = {"hinge": ("rad", "N.m"), "slide": ("m", "N")}
 """Units of position and of force, by kind of joint."""
 
+SAME = 1e-6  # of a force: ends that differ by less are as far from 0
+
 
 @dataclass(frozen=True)
 class ModelJoint:
@@ -34,10 +36,11 @@ class ModelJoint:
         body: that it moves.
         range: where its stops are [rad or m]; None: it has none.
         damping, armature, frictionloss: that the file gives it.
-        force: largest force that the file lets actuators give it [N.m or N]; None: any.
+        force: largest force that the file lets actuators give it, either way [N.m or N]; None: any.
         inertia: at the file's pose, armature left out [kg.m2 or kg].
         axis: in the frame of the body.
         place: in the frame of the body [m].
+        simplified: what the file says of it that is read more simply here, a phrase each.
     """
 
     name: str
@@ -51,13 +54,14 @@ class ModelJoint:
     inertia: float
     axis: tuple[float, float, float]
     place: tuple[float, float, float]
+    simplified: tuple[str, ...] = ()
 
 
 @dataclass(frozen=True)
 class ModelBody:
     """A moving body: mass [kg], centre of mass [m], principal inertia [kg.m2] and the axes of that (w, x, y, z).
 
-    ``tip`` is where it would carry something [m]: at its last site, or else at its centre of mass.
+    ``tip`` is where it would carry something [m], as :func:`tip_of` says.
     """
 
     name: str
@@ -78,7 +82,8 @@ class ModelFile:
         joints: hinges and slides that have a name, by it.
         drives: what actuators of the file drive.
         undriveable: actuators that no chain can stand for, and why.
-        bodies: that move, by name.
+        bodies: that move and have a mass, by name.
+        frames: bodies that move and have none, such as that of a tool, and where they would carry something [m].
         followers: joints that an equality constraint ties to another one (or to a fixed place: empty), by name.
         coupled: joints whose load is more than a tree of bodies says, and why.
         root: body that carries the driven tree; empty where it is the world.
@@ -100,6 +105,7 @@ class ModelFile:
     drives: tuple[ModelDrive, ...]
     undriveable: tuple[str, ...]
     bodies: Mapping[str, ModelBody]
+    frames: Mapping[str, tuple[float, float, float]]
     followers: Mapping[str, str]
     coupled: Mapping[str, str]
     root: str
@@ -167,6 +173,7 @@ def _surveyed(path: Path, changed: int) -> ModelFile:
         drives=drives,
         undriveable=undriveable,
         bodies={body.name: body for body in _bodies(model)},
+        frames={model.body(k).name: _three(tip_of(model, k)) for k in _moved(model) if model.body_mass[k] <= 0.0},
         followers=followers,
         coupled=coupled,
         root=model.body(root).name if root else "",
@@ -207,7 +214,7 @@ def _joints(model: mujoco.MjModel, inertia: np.ndarray) -> list[ModelJoint]:
         if (kind := kinds.get(int(model.jnt_type[number]))) is None:
             continue
         dof, low, high = int(model.jnt_dofadr[number]), *map(float, model.jnt_range[number])
-        force = float(model.jnt_actfrcrange[number, 1]) if model.jnt_actfrclimited[number] else None
+        force, said = _force(model, number, UNITS[kind][1])
         found.append(
             ModelJoint(
                 name=model.joint(number).name,
@@ -221,9 +228,33 @@ def _joints(model: mujoco.MjModel, inertia: np.ndarray) -> list[ModelJoint]:
                 inertia=float(inertia[dof]),
                 axis=_three(model.jnt_axis[number]),
                 place=_three(model.jnt_pos[number]),
+                simplified=(*said, *_powers(model, dof)),
             )
         )
     return found
+
+
+def _force(model: mujoco.MjModel, joint: int, unit: str) -> tuple[float | None, list[str]]:
+    """Largest force of actuators on a joint either way, and in words how a range that is not so was read."""
+    if not model.jnt_actfrclimited[joint]:
+        return None, []
+    low, high = map(float, model.jnt_actfrcrange[joint])
+    both_ways = low < 0.0 < high  # else the larger end counts: with the other one, 0 or less, it would never move
+    force = (min if both_ways else max)(abs(low), abs(high))
+    if abs(low + high) <= SAME * force:
+        return force, []
+    why = "the smaller end counts both ways" if both_ways else "a drive that acts one way only is not known here"
+    return force, [f"its actuatorfrcrange of {low:g} to {high:g} {unit} is read as {-force:g} to {force:g}: {why}"]
+
+
+def _powers(model: mujoco.MjModel, dof: int) -> list[str]:
+    """In words, that a damping has more than its linear part."""
+    square, cube = map(float, model.dof_dampingpoly[dof])
+    if not (square or cube):
+        return []
+    whole = f"{float(model.dof_damping[dof]):g} {square:g} {cube:g}"
+    instead = f"; write friction: {{drag: {square:g}}} into its chain for the second" if square > 0.0 else ""
+    return [f"of its damping {whole} only the first number counts where it is driven{instead}"]
 
 
 def _single(model: mujoco.MjModel) -> list[int]:
@@ -237,8 +268,13 @@ def _three(values: np.ndarray) -> tuple[float, float, float]:
     return x, y, z
 
 
+def _moved(model: mujoco.MjModel) -> list[int]:
+    """Bodies with a name that some joint moves."""
+    return [k for k in range(1, model.nbody) if model.body_weldid[k] and model.body(k).name]
+
+
 def _bodies(model: mujoco.MjModel) -> list[ModelBody]:
-    """Bodies with a name and a mass that some joint moves."""
+    """Those of them that have a mass."""
     return [
         ModelBody(
             model.body(k).name,
@@ -246,17 +282,28 @@ def _bodies(model: mujoco.MjModel) -> list[ModelBody]:
             _three(model.body_ipos[k]),
             _three(model.body_inertia[k]),
             (float(model.body_iquat[k, 0]), *_three(model.body_iquat[k, 1:])),
-            tip=_tip(model, k),
+            tip=_three(tip_of(model, k)),
         )
-        for k in range(1, model.nbody)
-        if model.body_weldid[k] and model.body_mass[k] > 0.0 and model.body(k).name
+        for k in _moved(model)
+        if model.body_mass[k] > 0.0
     ]
 
 
-def _tip(model: mujoco.MjModel, body: int) -> tuple[float, float, float]:
-    """Where a body would carry something, in its frame [m]."""
+def tip_of(model: mujoco.MjModel, body: int) -> np.ndarray:
+    """Where a body would carry something, in its frame (3,) [m]: at its last site, or else at its centre of mass.
+
+    A body without a mass carries it at its origin.
+    """
     sites = np.flatnonzero(model.site_bodyid == body)
-    return _three(model.site_pos[sites[-1]] if len(sites) else model.body_ipos[body])
+    return np.array(model.site_pos[sites[-1]]) if len(sites) else centre_of(model, body)
+
+
+def centre_of(model: mujoco.MjModel, body: int) -> np.ndarray:
+    """Centre of mass of a body, in its frame (3,) [m]; its origin where it has no mass.
+
+    What MuJoCo gives for that of a body without a mass is no place in it: it may hold the body's place in its parent.
+    """
+    return np.array(model.body_ipos[body]) if model.body_mass[body] > 0.0 else np.zeros(3)
 
 
 def _root(model: mujoco.MjModel, joints: Sequence[str]) -> int:

@@ -27,16 +27,18 @@ def without_meshes_that_fail(spec: mujoco.MjSpec, path: Path, missing: list[str]
     Raises:
         RobotError: the mass of a body comes from such a mesh.
     """
-    folder = Path(spec.modelfiledir or path.parent) / (spec.meshdir or "")
-    absent = [mesh for mesh in spec.meshes if mesh.file and _place(mesh, folder) is None]
-    missing = [*missing, *(mesh.file for mesh in absent)]
-    _without(spec, path, {_name(mesh): "is not there; put the file beside the model" for mesh in absent})
+    places = _places(spec, path) if _meshes_stop(spec) else {}  # MuJoCo itself knows best what it finds
+    absent = {_name(mesh): mesh.file for mesh in spec.meshes if mesh.file and places.get(_name(mesh), path) is None}
+    missing = [*missing, *absent.values()]
+    _without(spec, path, dict.fromkeys(absent, "is not there; put the file beside the model"))
     if missing:
         said.append(f"{path.name}: these meshes are not there: {_files(missing)}; bodies move without them, and are "
                     "not drawn.")  # fmt: skip
-    if not spec.meshes or not _meshes_stop(spec):
+    if not places or not _meshes_stop(spec):
         return
-    damaged = {_name(mesh): mesh.file for mesh in spec.meshes if not _readable(mesh, folder, _touches(spec, mesh))}
+    damaged = {
+        _name(mesh): mesh.file for mesh in spec.meshes if not _readable(mesh, places[_name(mesh)], _touches(spec, mesh))
+    }
     _without(spec, path, dict.fromkeys(damaged, "MuJoCo cannot read; give it as STL or OBJ"))
     if damaged:
         said.append(
@@ -53,19 +55,29 @@ def _name(mesh: mujoco.MjsMesh) -> str:
     return mesh.name or Path(mesh.file).stem
 
 
-def _place(mesh: mujoco.MjsMesh, folder: Path) -> Path | None:
-    """Where the file of a mesh is."""
-    tried = (folder / mesh.file, folder / Path(mesh.file).name)
-    return next((place for place in tried if place.is_file()), None)
+def _places(spec: mujoco.MjSpec, path: Path) -> dict[str, Path | None]:
+    """Where the file of each mesh is, by name of the mesh: those of an attached model lie in that model's folders."""
+    home = Path(spec.modelfiledir or path.parent)
+    named = [] if path.suffix.lower() == ".urdf" else [Path(name) for name in mujoco.mju_getXMLDependencies(str(path))]
+    found = {}
+    for mesh in spec.meshes:
+        folder = Path(mesh.compiler.meshdir or "")
+        inside = folder / mesh.file
+        tried = [home / inside, home / folder / Path(mesh.file).name]
+        tried += [place for place in named if place.parts[-len(inside.parts) :] == inside.parts]
+        found[_name(mesh)] = next((place for place in tried if mesh.file and place.is_file()), None)
+    return found
 
 
 def _meshes_stop(spec: mujoco.MjSpec) -> bool:
     """Whether the model does not compile because of a mesh."""
+    if not spec.meshes:
+        return False
     try:
         plain_copy(spec).compile()
     except ValueError as error:
-        sentence = line_of(error)
-        return any(word in sentence.lower() for word in ("mesh", "stl", "obj file", "decoder", ".obj"))
+        files = [Path(mesh.file).name.lower() for mesh in spec.meshes if mesh.file]
+        return any(word in line_of(error).lower() for word in ("mesh", "stl", "obj file", "decoder", ".obj", *files))
     return False
 
 
@@ -74,9 +86,9 @@ def _touches(spec: mujoco.MjSpec, mesh: mujoco.MjsMesh) -> bool:
     return any(geom.meshname == _name(mesh) and (geom.contype or geom.conaffinity) for geom in spec.geoms)
 
 
-def _readable(mesh: mujoco.MjsMesh, folder: Path, touches: bool) -> bool:
+def _readable(mesh: mujoco.MjsMesh, place: Path | None, touches: bool) -> bool:
     """Whether a model of this mesh alone compiles."""
-    if not mesh.file or (place := _place(mesh, folder)) is None:
+    if place is None:
         return True
     alone = mujoco.MjSpec()
     alone.add_mesh(name="mesh", file=str(place), scale=mesh.scale, inertia=mesh.inertia, maxhullvert=mesh.maxhullvert)

@@ -12,13 +12,14 @@ from ..actuators import Chain, load_chain
 from ..actuators.errors import SealegsError, nearest
 from ..actuators.published import PREFIX, bam_file
 from ..actuators.stability import unstable_beyond
+from ..actuators.stages.controller import UNLIMITED
 from ..configs.check import checked, checked_fields
 from .model_drives import ModelDrive
 from .model_file import ModelFile, read_model
 from .robot import RobotError
 from .robot_assumed import goal_range, ideal_servo, reduction_note
 from .robot_choice import chosen, none_to_drive, passive_sentence
-from .robot_described import FileJoint, RobotFile, stated, with_owned
+from .robot_described import LIMIT, FileJoint, RobotFile, stated, with_owned
 from .robot_entries import UNKNOWN, YAML_SUFFIXES, FileEntry, JointEntry, Owner, ServoEntry
 from .robot_within import check_within
 
@@ -142,17 +143,20 @@ def _joint(
         "damping": joint.damping / ratio**2,
         "armature": joint.armature / ratio**2,
         "frictionloss": joint.frictionloss / ratio,
+        LIMIT: 0.0 if joint.force is None or joint.force / ratio >= UNLIMITED else joint.force / ratio,
     }
     if entry.chain is not None:
         chain = _chain(where, path, entry.chain)
     else:
         chain = ideal_servo(model, name, terms, drive, limits, timestep, notes)
     said += [f"joint {name}: {note}." for note in notes]
+    said += [f"{WARNING}joint {name}: {phrase}." for phrase in joint.simplified]
     owners: dict[str, Owner] = {}
     for key, value in in_file.items():
         of_chain = stated(chain, key)
-        owners[key] = getattr(entry, key) or ("chain" if of_chain > 0.0 or value == 0.0 else "file")
-        if of_chain > 0.0 and value > 0.0 and getattr(entry, key) is None:
+        own = of_chain > 0.0 and entry.chain is not None  # what an assumed chain states, it has from the file
+        owners[key] = getattr(entry, key) or ("chain" if own or value == 0.0 else "file")
+        if own and value > 0.0 and getattr(entry, key) is None:
             factor = max(value, of_chain) / min(value, of_chain)
             warning = WARNING if factor >= APART else ""
             by = f", {factor:.2g} times {'less' if of_chain < value else 'more'}" if warning else ""
@@ -161,6 +165,7 @@ def _joint(
                 f"the chain's counts ({key}: chain), the other is left out."
             )
         if owners[key] == "file":
+            before = chain
             try:
                 chain = with_owned(chain, key, value)
             except SealegsError as error:
@@ -169,7 +174,7 @@ def _joint(
                     f"{model.path}: joint '{joint.name}' has a {key} of {value:g}: {why} Correct it there, give {key}: "
                     f"chain in {path.name}, or do not drive the joint."
                 ) from None
-            if getattr(entry, key) is None:
+            if getattr(entry, key) is None and chain is not before:
                 said.append(f"joint {name}: {key} {value:g} of {model.path.name} counts, its chain states none.")
     for word in entry.unknown:
         if word not in UNKNOWN:
@@ -180,8 +185,9 @@ def _joint(
         start = min(max(start, limits[0]), limits[1])
     servo = None if entry.servo is None else checked_fields(f"joints.{name}.servo", entry.servo, ServoEntry)
     return FileJoint(
-        name, terms, joint.kind, limits, chain, owners, in_file, start, tuple(entry.unknown), servo, tuple(notes)
-    )
+        name, terms, joint.kind, limits, chain, owners, in_file, start, tuple(entry.unknown), servo,
+        (*notes, *joint.simplified),
+    )  # fmt: skip
 
 
 def _terms(where: str, model: ModelFile, name: str, entry: JointEntry) -> tuple[tuple[str, float], ...]:

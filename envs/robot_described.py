@@ -1,13 +1,15 @@
 """A robot that a model file and a YAML describe.
 
-A drive's damping, armature and dry friction can stand in the model file and in the chain. One of the two is their
-owner. The owner's number becomes the chain's, and the driven joint in the model has none, so nothing counts twice.
+A drive's damping, armature, dry friction and largest force can stand in the model file and in the chain. One of the two
+is their owner. The owner's number becomes the chain's, and the driven joint in the model has none, so nothing counts
+twice.
 """
 
 from __future__ import annotations
 
 import hashlib
 import json
+import math
 from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
@@ -19,13 +21,20 @@ import numpy as np
 from ..actuators import Chain, DrivenCoordinate
 from ..actuators.errors import nearest
 from ..actuators.stages import build_stage
+from ..actuators.stages.controller import UNLIMITED
 from .model_file import UNITS, ModelFile
 from .robot import Robot, RobotError
 from .robot_entries import Owner, ServoEntry
 from .robot_numbers import apply_numbers, model_effects, model_numbers
 
-OWNED = {"damping": "friction.viscous", "armature": "armature", "frictionloss": "friction.coulomb"}
-"""What model file and chain can both hold, and what it is called in a chain."""
+LIMIT = "actuatorfrcrange"
+OWNED = {
+    "damping": "friction.viscous",
+    "armature": "armature",
+    "frictionloss": "friction.coulomb",
+    LIMIT: "torque_limit.limit",
+}
+"""What model file and chain can both hold, and what it is called in a chain; an ideal servo has a limit of its own."""
 
 
 HINGES = {"range_margin": 0.15, "speed": 15.0}
@@ -44,8 +53,9 @@ class FileJoint:
         kind: hinge [rad, N.m] or slide [m, N].
         range: lowest and highest goal [rad or m].
         chain: that drives it, with all that the drive owns: friction, damping, armature.
-        owners: of ``damping``, ``armature`` and ``frictionloss``: where the chain's number came from.
-        model_values: of the same names, as the model file has them at the joint; no longer in the model.
+        owners: of ``damping``, ``armature``, ``frictionloss`` and ``actuatorfrcrange``: where the chain's number came
+            from.
+        model_values: of the same names, as the model file has them at the joint; no longer in the model; 0: none.
         start: where episodes start [rad or m].
         unknown: words of :data:`UNKNOWN`.
         servo: that drives it, for deployment.
@@ -143,7 +153,8 @@ class RobotFile:
     def build(self, values: Mapping[str, float]) -> mujoco.MjSpec:
         """The specification without actuators, from a value for each of the robot's numbers.
 
-        Driven joints have no armature, damping and dry friction: those are their chain's. Other joints keep theirs.
+        Driven joints have no armature, damping, dry friction and largest force of actuators: those are their chain's.
+        Other joints keep theirs.
         """
         spec = self.model.spec()
         spec.option.integrator = getattr(mujoco.mjtIntegrator, f"mjINT_{self.integrator.upper()}")
@@ -152,6 +163,7 @@ class RobotFile:
         for item in self.joints:
             joint = spec.joint(item.joint)
             joint.armature, joint.frictionloss, joint.damping = 0.0, 0.0, 0.0 * np.asarray(joint.damping)
+            joint.actfrclimited = mujoco.mjtLimited.mjLIMITED_FALSE
         apply_numbers(spec, self.model, values)
         return spec
 
@@ -210,15 +222,44 @@ def stated(chain: Chain, key: str) -> float:
     """A number of :data:`OWNED` as the chain has it, at the joint."""
     if key == "armature":
         return chain.armature()
+    if key == LIMIT:
+        return 0.0 if (limit := _limit(chain)) >= UNLIMITED else limit
     stage, _, parameter = OWNED[key].partition(".")
     return getattr(chain.find(stage), parameter) if chain.find(stage) is not None else 0.0
 
 
 def with_owned(chain: Chain, key: str, value: float) -> Chain:
-    """The chain with a number of :data:`OWNED`, given at the joint."""
+    """The chain with a number of :data:`OWNED`, given at the joint; a limit only where the chain could pass it."""
     if key == "armature":
         motor = next(stage for stage in chain.stages if "armature" in stage.parameters())
         return chain.with_value(f"{motor.name}.armature", value / chain.gear_ratio() ** 2)
+    if key == LIMIT:
+        return _limited(chain, value) if value > 0.0 else chain
     if chain.find("friction") is None and value > 0.0:
         chain = chain.with_stage(build_stage("friction", {"coulomb": 0.0, "viscous": 0.0}, chain.label))
     return chain.with_value(OWNED[key], value) if chain.find("friction") is not None else chain
+
+
+def _limit(chain: Chain) -> float:
+    """Largest torque at the joint that stages of the chain state [N.m or N]; :data:`UNLIMITED` where none does."""
+    limits = [stage.law_values(chain)["limit"] for stage in chain.stages if stage.name == "torque_limit"]
+    return min([*limits, chain.find("ideal").torque_limit if chain.find("ideal") is not None else UNLIMITED])
+
+
+def _stall(chain: Chain) -> float:
+    """Largest torque at the joint that the chain's motor has at rest [N.m or N]; infinite where that is not known."""
+    motor, supply, regression = (chain.find(name) for name in ("dc_motor", "supply", "regression"))
+    if motor is not None and supply is not None:
+        return chain.gear_ratio() * motor.motor_constant * supply.volts / motor.resistance
+    return math.inf if regression is None else chain.gear_ratio() * abs(regression.duty_torque)
+
+
+def _limited(chain: Chain, limit: float) -> Chain:
+    """The chain with a largest torque at the joint [N.m or N], where it could give more."""
+    if min(_limit(chain), _stall(chain)) <= limit:
+        return chain
+    if chain.find("ideal") is not None:
+        return chain.with_value("ideal.torque_limit", limit)
+    chain = chain.with_stage(build_stage("torque_limit", {"limit": limit}, chain.label))
+    at_joint = chain.find("torque_limit").law_values(chain)["limit"]  # a gear behind it turns faster and pulls less
+    return chain.with_value(OWNED[LIMIT], limit**2 / at_joint)

@@ -37,7 +37,8 @@ class JointEntry:
         joint: of the model; None: the one of the same name.
         belt: joints of the model and coefficients whose sum is driven, in place of one joint.
         range: of its goals [rad or m]; None: that of the model's joint.
-        damping, armature, frictionloss: their owner; None: the chain where it states the number, else the file.
+        damping, armature, frictionloss, actuatorfrcrange: their owner; None: the chain where it states the number, else
+            the file.
         start: where episodes start [rad or m]; None: the model's keyframe, else 0.
         unknown: words of :data:`UNKNOWN`.
         servo: that drives it; None: ids from 1 in order, zero at the encoder's centre.
@@ -50,6 +51,7 @@ class JointEntry:
     damping: Owner | None = None
     armature: Owner | None = None
     frictionloss: Owner | None = None
+    actuatorfrcrange: Owner | None = None
     start: float | None = None
     unknown: list[str] = field(default_factory=list)
     servo: dict[str, Any] | None = None

@@ -13,6 +13,8 @@ from .robot import Effect, Number, RobotError
 
 FREE = 1e3  # [rad or m] a stop that nothing reaches: there is none
 AXES = ("x", "y", "z")
+CARRIER = 1e-10
+"""Mass, as a share of its body's, of the point at which the weight of a body is compensated: too light to be felt."""
 
 
 def model_numbers(model: ModelFile, joints: Sequence[str], timestep: float) -> dict[str, Number]:
@@ -35,6 +37,8 @@ def model_numbers(model: ModelFile, joints: Sequence[str], timestep: float) -> d
             numbers[f"{body.name}_centre_{axis}"] = Number(value, "m", source, -math.inf)
         numbers[f"{body.name}_inertia_factor"] = Number(1.0, "-", source, 1e-3, 1e3, neutral=True)
         numbers[f"{body.name}_payload"] = Number(0.0, "kg", "assumed: it carries nothing", -math.inf, neutral=True)
+    for frame in model.frames:
+        numbers[f"{frame}_payload"] = Number(0.0, "kg", "assumed: it carries nothing", neutral=True)
     for name in joints:
         joint = model.joints[name]
         about = "kg.m2" if joint.kind == "hinge" else "kg"
@@ -66,18 +70,32 @@ def model_effects(model: ModelFile, joints: Mapping[str, str]) -> dict[str, Effe
     for body in model.bodies:
         effects[f"{body}.body.mass_factor"] = Effect(f"{body}_mass", "times")
         effects[f"{body}.body.inertia_factor"] = Effect(f"{body}_inertia_factor", "times")
-        effects[f"{body}.body.payload"] = Effect(f"{body}_payload", "plus")
         for axis in AXES:
             effects[f"{body}.body.centre_{axis}"] = Effect(f"{body}_centre_{axis}", "plus")
+    for body in (*model.bodies, *model.frames):
+        effects[f"{body}.body.payload"] = Effect(f"{body}_payload", "plus")
     for axis in AXES[:2]:
         effects[f"base.tilt_{axis}"] = Effect(f"tilt_{axis}", "plus")
     return effects
 
 
 def apply_numbers(spec: mujoco.MjSpec, model: ModelFile, values: Mapping[str, float]) -> None:
-    """Write the numbers into a specification of the model; what stays as it was read is not touched."""
+    """Write the numbers into a specification of the model; what stays as it was read is not touched.
+
+    What compensates the weight of a body (its ``gravcomp``) acts on as the file has it: a machine computes that of the
+    robot as believed.
+
+    Raises:
+        RobotError: no body has such a mass or inertia, or what compensates weights cannot stay as it is.
+    """
     spec.option.timestep = values["timestep"]
     if values["tilt_x"] or values["tilt_y"]:
+        if compensated := [body.name or "without a name" for body in spec.bodies if body.gravcomp]:
+            raise RobotError(
+                f"{model.path.name}: the base cannot be tilted (tilt_x {values['tilt_x']:g}, tilt_y "
+                f"{values['tilt_y']:g} rad), since MuJoCo would tilt the compensation of weights (gravcomp of bodies "
+                f"{', '.join(compensated)}) with it; stand the base level, or leave gravcomp out of the file."
+            )
         spec.option.gravity = _tilted(np.asarray(spec.option.gravity), values["tilt_x"], values["tilt_y"])
     excess: dict[str, np.ndarray] = {}  # what bodies have too much of inertia about their joint's axis
     for name, joint in model.joints.items():
@@ -92,6 +110,10 @@ def apply_numbers(spec: mujoco.MjSpec, model: ModelFile, values: Mapping[str, fl
             excess[joint.body] = excess.get(joint.body, np.zeros((3, 3))) + too_much
     for body in model.bodies.values():
         _weigh(spec, body, values, excess.get(body.name))
+    for name, tip in model.frames.items():
+        if payload := values[f"{name}_payload"]:
+            frame = _explicit(spec, name)
+            frame.mass, frame.ipos, frame.inertia, frame.gravcomp = payload, tip, np.zeros(3), 0.0
     for name, joint in model.joints.items():
         if f"{name}_lower_stop" not in values:
             continue
@@ -121,20 +143,22 @@ def _weigh(spec: mujoco.MjSpec, body: ModelBody, values: Mapping[str, float], ex
         return
     if mass + payload <= 0.0:
         raise RobotError(f"body '{body.name}' of {mass:g} kg cannot carry {payload:g} kg: nothing would be left of it.")
-    item = spec.body(body.name)
-    item.explicitinertial, item.fullinertia = True, [math.nan] * 6
-    spec.compiler.inertiafromgeom = mujoco.mjtInertiaFromGeom.mjINERTIAFROMGEOM_AUTO
+    item = _explicit(spec, body.name)
     inertia = factor * mass / body.mass * np.asarray(body.inertia)
-    if payload == 0.0 and excess is None:
+    if payload == 0.0 and excess is None and (centre == body.centre or not item.gravcomp):
+        item.gravcomp *= body.mass / mass
         item.mass, item.ipos, item.iquat, item.inertia = mass, centre, body.axes, inertia
         return
     turn = np.zeros(9)
     mujoco.mju_quat2Mat(turn, np.asarray(body.axes))
     axes = turn.reshape(3, 3)
     own, tip = np.asarray(centre), np.asarray(body.tip)
-    middle = (mass * own + payload * tip) / (mass + payload)
+    total = mass + payload
+    middle = (mass * own + payload * tip) / total
     whole = axes @ np.diag(inertia) @ axes.T + mass * _about(own - middle) + payload * _about(tip - middle)
     whole = whole if excess is None else whole - excess
+    if item.gravcomp:
+        total, middle, whole = _kept_compensation(spec, body, total, middle, whole)
     principal, frame = np.linalg.eigh(whole)
     if principal[0] <= 0.0:
         raise RobotError(
@@ -145,7 +169,41 @@ def _weigh(spec: mujoco.MjSpec, body: ModelBody, values: Mapping[str, float], ex
     frame[:, 0] *= np.linalg.det(frame)  # a rotation, not a mirror
     quaternion = np.zeros(4)
     mujoco.mju_mat2Quat(quaternion, frame.ravel())
-    item.mass, item.ipos, item.iquat, item.inertia = mass + payload, middle, quaternion, principal
+    item.mass, item.ipos, item.iquat, item.inertia = total, middle, quaternion, principal
+
+
+def _explicit(spec: mujoco.MjSpec, name: str) -> mujoco.MjsBody:
+    """A body whose mass and inertia are to be written; those of the others stay as the compiler takes them."""
+    shapes = mujoco.mjtInertiaFromGeom
+    if spec.compiler.inertiafromgeom == shapes.mjINERTIAFROMGEOM_TRUE:  # which overrides all that is written
+        plain = spec.copy()
+        model = plain.compile()
+        for body, compiled in zip(spec.bodies[1:], plain.bodies[1:], strict=True):
+            if (mass := float(model.body_mass[compiled.id])) or body.explicitinertial:
+                body.explicitinertial, body.fullinertia = True, [math.nan] * 6
+                body.mass, body.inertia = mass, model.body_inertia[compiled.id]
+                body.ipos, body.iquat = model.body_ipos[compiled.id], model.body_iquat[compiled.id]
+        spec.compiler.inertiafromgeom = shapes.mjINERTIAFROMGEOM_AUTO
+    item = spec.body(name)
+    item.explicitinertial, item.fullinertia = True, [math.nan] * 6
+    return item
+
+
+def _kept_compensation(
+    spec: mujoco.MjSpec, body: ModelBody, mass: float, centre: np.ndarray, inertia: np.ndarray
+) -> tuple[float, np.ndarray, np.ndarray]:
+    """Let the weight of a body be compensated as before, where its centre of mass was: at a point with next to no mass.
+
+    Returns:
+        Mass [kg], centre (3,) [m] and inertia about it (3, 3) [kg.m2] that are left for the body itself.
+    """
+    item, place = spec.body(body.name), np.asarray(body.centre)
+    light = max(CARRIER * body.mass, spec.compiler.boundmass)
+    point = item.add_body(pos=place, mass=light, ipos=np.zeros(3), inertia=np.zeros(3), explicitinertial=True)
+    point.gravcomp, item.gravcomp = item.gravcomp * body.mass / light, 0.0
+    left = mass - light
+    middle = (mass * centre - light * place) / left
+    return left, middle, inertia - light * _about(place - centre) - left * _about(middle - centre)
 
 
 def _about(away: np.ndarray) -> np.ndarray:

@@ -19,7 +19,7 @@ from .robot import RobotError
 from .robot_assembly import WARNING, assembled
 from .robot_assumed import motor_note, reduction_note, tied_note
 from .robot_choice import chosen, none_to_drive, passive, passive_sentence
-from .robot_described import HINGES, FileJoint, RobotFile
+from .robot_described import HINGES, LIMIT, FileJoint, RobotFile
 from .robot_entries import FileEntry
 from .robot_file import load_robot_file
 from .robot_names import in_yaml, name_note
@@ -168,6 +168,7 @@ def _joint(number: int, joint: FileJoint, chain: str | None, belt: dict[str, flo
         "damping": f"{force}.s/{position}",
         "armature": "kg.m2" if joint.kind == "hinge" else "kg",
         "frictionloss": force,
+        LIMIT: force,
     }
     lines = [f"  {in_yaml(joint.name)}:   # {joint.kind}, {position} and {force}"]
     for note in (*joint.notes, *more):
@@ -181,6 +182,8 @@ def _joint(number: int, joint: FileJoint, chain: str | None, belt: dict[str, flo
     lines.append(f"    range: {_flow([low, high])}   # of its goals [{position}]")
     for key, owner in joint.owners.items():
         value = joint.model_values[key]
+        if key == LIMIT and not value:
+            continue
         lines.append(f"    {key}: {owner}   # chain or file; the file has {value:g} {units[key]}")
     lines.append(f"    start: {min(max(round(joint.start, 6), low), high):.10g}   # of episodes [{position}]")
     lines.append("    unknown: []   # what nobody measured: zero, direction, friction, armature, motor, load")

@@ -16,6 +16,7 @@ from sealegs.gap.load.tree import block_along
 from sealegs.gap.log.types import MeasuredRun
 from sealegs.gap.output.pictures.summary import budget_slices
 from sealegs.gap.output.robot_extension import shared_changes
+from sealegs.gap.replay.parameters import Parameter
 from sealegs.gap.replay.tree import motion_of
 from sealegs.gap.shared import ROBOT, affected
 from sealegs.gap.shared.directions import (
@@ -30,6 +31,7 @@ from sealegs.gap.shared.directions import (
     tilt,
 )
 from sealegs.gap.shared.search import helps_several
+from sealegs.gap.verdict.measure import rival_of
 from sealegs.gap.verdict.pieces import cut_joint
 from sealegs.gap.verdict.robot import beside_before
 from sealegs.gap.verdict.verdict import Error, JointDiagnosis
@@ -146,6 +148,12 @@ def test_inertias_that_a_file_gives_about_the_joints_are_one_number(tmp_path: Pa
     )
     for body in ("shoulder_link", "elbow_link"):
         np.testing.assert_allclose(np.sort(mended.body(body).inertia), np.sort(model.body(body).inertia), rtol=1e-3)
+
+
+def test_a_shared_cause_is_not_credited_with_what_joints_have_of_their_own() -> None:
+    """Its confidence counted what it left of the nominal error, which the joints' own causes had mostly removed."""
+    friction = Parameter("friction.coulomb", "N.m", 0.0, 1.0, 0.0, 0.01)
+    assert rival_of(()) == "tuned" and rival_of((friction,)) == "refitted"
 
 
 def test_joints_that_have_nothing_left_are_not_searched_together() -> None:

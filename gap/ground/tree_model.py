@@ -14,6 +14,7 @@ import numpy as np
 
 from ...actuators import Chain, Drivetrain
 from ...actuators.errors import SealegsError
+from ...actuators.mounting import ENGINE_DEFAULTS
 from ...envs.base import BaseLayout
 from ...envs.robot import Robot
 from ..replay.parameters import absolute
@@ -205,12 +206,15 @@ def _built(robot: Robot, params: Mapping[str, float], chains: Mapping[str, Chain
             f"robot '{robot.name}': its model has {'several planes' if len(planes) > 1 else 'a height field'}, and one "
             "floor is what can be judged; leave one plane in it."
         )
-    plane = planes[0] if planes else spec.worldbody.add_geom(name=FLOOR, type=mujoco.mjtGeom.mjGEOM_PLANE, size=SIZE)
+    # default classes are of the parts of the file, and a floor of ours is none of them
+    of_ours = {"default": ENGINE_DEFAULTS, "type": mujoco.mjtGeom.mjGEOM_PLANE, "size": SIZE}
+    plane = planes[0] if planes else spec.worldbody.add_geom(name=FLOOR, **of_ours)
     contact, name, height = _contact(spec.copy().compile()), plane.name or FLOOR, float(plane.pos[2])
     kind, affinity = int(plane.contype), int(plane.conaffinity)
+    margin, gap = float(plane.margin), float(plane.gap)
     spec.delete(plane)
     body = spec.worldbody.add_body(name=GROUND_BODY, pos=(0.0, 0.0, height))
-    floor = body.add_geom(name=name, type=mujoco.mjtGeom.mjGEOM_PLANE, size=SIZE, contype=kind, conaffinity=affinity)
+    floor = body.add_geom(name=name, contype=kind, conaffinity=affinity, margin=margin, gap=gap, **of_ours)
     floor.priority = 1 + max((int(geom.priority) for geom in spec.geoms), default=0)
     floor.solimp, floor.condim, floor.solref = contact.solimp, contact.condim, (contact.time, contact.ratio)
     floor.friction = (contact.friction, *FRICTIONS)

@@ -13,6 +13,7 @@ from dataclasses import dataclass
 import mujoco
 import numpy as np
 
+from ...envs.model_file import centre_of
 from ..log.stretches import stretches
 from ..log.types import Array, MeasuredRun
 from .robot import LoggedRobot
@@ -333,7 +334,7 @@ def _surface(model: mujoco.MjModel, body: int) -> tuple[Array, Array]:
         radii.append(np.full(len(own), radius))
     if not points:
         sites = [model.site_pos[site] for site in range(model.nsite) if int(model.site_bodyid[site]) == body]
-        points = [np.array([*sites, np.zeros(3), model.body_ipos[body]])]
+        points = [np.array([*sites, np.zeros(3), centre_of(model, body)])]
         radii = [np.zeros(len(points[0]))]
     return np.concatenate(points), np.concatenate(radii)
 

@@ -10,6 +10,8 @@ from typing import Any
 
 import mujoco
 
+from ...envs.model_errors import line_of, uncompiled
+from ...envs.robot import RobotError
 from ...envs.robot_described import FileJoint, RobotFile
 from ...envs.robot_file import is_robot_file, load_robot_file
 from ..log.types import Array, LogError, MeasuredRun
@@ -191,18 +193,29 @@ def without_objects(file: RobotFile, params: Mapping[str, float]) -> mujoco.MjMo
     and no joint that is driven. No log says how they moved, and no joint of the robot carries them.
 
     Raises:
-        RobotError: as :meth:`RobotFile.bare_model`.
+        RobotError: as :meth:`RobotFile.bare_model`, or the model does not compile without them.
     """
     spec = file.robot().build_spec(params)
     driven = {name for item in file.joints for name, _ in item.terms}
     loose = [root for root in spec.worldbody.bodies if _is_object(root, driven)]
-    if not loose:
-        return spec.compile()
-    for key in list(spec.keys):  # they have a place for each coordinate
-        spec.delete(key)
+    names = ", ".join(root.name for root in loose)
+    if loose:
+        for key in list(spec.keys):  # they have a place for each coordinate
+            spec.delete(key)
+        for item in (*spec.cameras, *spec.lights):  # they may look at what goes, and move nothing
+            item.mode, item.targetbody = mujoco.mjtCamLight.mjCAMLIGHT_FIXED, ""
     for root in loose:
         spec.delete(root)
-    return spec.compile()
+    try:
+        return spec.compile()
+    except ValueError as error:
+        path = file.model.path
+        if not loose:
+            raise RobotError(uncompiled(path, error)) from None
+        raise RobotError(
+            f"{path} does not compile without the objects of its scene that move freely ({names}): {line_of(error)}; "
+            "take them out of the file, with all that names them."
+        ) from None
 
 
 def _is_object(root: mujoco.MjsBody, driven: Collection[str]) -> bool:

@@ -14,6 +14,7 @@ from dataclasses import dataclass
 import mujoco
 import numpy as np
 
+from ...envs.model_file import tip_of
 from ..log.types import Array
 from .dynamics import Dynamics, single_joints
 from .terms import E_BIAS, E_COUPLING, E_CURVE, E_DRAG, E_INERTIA, T_COLUMNS, T_OWN, T_SIZE
@@ -21,6 +22,7 @@ from .ties import Turned, moved_by
 
 NONE = int(mujoco.mjtSameFrame.mjSAMEFRAME_NONE)  # else the engine does not read where a centre of mass is
 ANGLE = 0.02  # [rad] or [m] either side of the measured position at which the terms are taken for their derivatives
+FASTER = 0.02  # [rad/s] or [m/s] either side of the measured speed, the same for what a fluid takes
 # columns of a block
 INERTIA, BIAS, CURVE = E_INERTIA - T_OWN, E_BIAS - T_OWN, E_CURVE - T_OWN
 DRAG, COUPLING = E_DRAG - T_OWN, E_COUPLING - T_OWN
@@ -57,7 +59,8 @@ class Tip:
 
 
 def tip_behind(model: mujoco.MjModel, joint: int) -> Tip:
-    """The end of the robot behind a joint: the furthest body in the tree, at its site or else its centre of mass.
+    """The end of the robot behind a joint: the body with a site that is furthest down the tree, at its last one, or
+    else the furthest body, at its centre of mass. Without a name, a body is none that could be changed.
 
     Args:
         model: of a robot.
@@ -68,12 +71,13 @@ def tip_behind(model: mujoco.MjModel, joint: int) -> Tip:
     for body in range(first + 1, model.nbody):
         if (parent := int(model.body_parentid[body])) in depth:
             depth[body] = depth[parent] + 1
-    body = max(depth, key=lambda b: (depth[b], -b))
     sites = [s for s in range(model.nsite) if int(model.site_bodyid[s]) in depth]
-    if sites:  # the last one of the body that is furthest down the tree, as a tool's frame usually is
-        site = max(sites, key=lambda s: (depth[int(model.site_bodyid[s])], s))
-        return Tip(int(model.site_bodyid[site]), np.array(model.site_pos[site]))
-    return Tip(body, np.array(model.body_ipos[body]))
+    if sites:  # as a tool's frame usually is
+        body = int(model.site_bodyid[max(sites, key=lambda s: (depth[int(model.site_bodyid[s])], s))])
+    else:
+        named = [b for b in depth if model.body(b).name] or list(depth)
+        body = max(named, key=lambda b: (depth[b], -b))
+    return Tip(body, tip_of(model, body))
 
 
 def carries(model: mujoco.MjModel, joint: int, body: int) -> bool:
@@ -129,15 +133,13 @@ def terms_along(model: mujoco.MjModel, joint: int, motion: Motion, sign: float =
     dof = int(model.jnt_dofadr[joint])
     own = _block(model, joint, motion)
     rows = [motion.position[:, [dof]], sign * motion.speed[:, [dof]], own]
-    passive = passive_block(model, joint, motion)
-    if changes:
-        here = own + passive
-        further, nearer = (_whole_block(_shifted(model, joint, way * SHIFT), joint, motion) for way in (1.0, -1.0))
+    if changes:  # of bodies alone: what compensates their weight stays as it was computed
+        further, nearer = (_block(_shifted(model, joint, way * SHIFT), joint, motion) for way in (1.0, -1.0))
         rows.append(_block(_payload(model, tip_behind(model, joint)), joint, motion))
-        rows += [(further - nearer) / (2.0 * SHIFT), (further + nearer - 2.0 * here) / (2.0 * SHIFT**2)]
+        rows += [(further - nearer) / (2.0 * SHIFT), (further + nearer - 2.0 * own) / (2.0 * SHIFT**2)]
     else:
         rows += [np.zeros_like(own)] * 3
-    rows.append(passive)
+    rows.append(passive_block(model, joint, motion))
     table = np.concatenate(rows, axis=1)
     if sign < 0.0:
         for first in range(T_OWN, T_COLUMNS, T_SIZE):
@@ -147,7 +149,7 @@ def terms_along(model: mujoco.MjModel, joint: int, motion: Motion, sign: float =
 
 def block_along(model: mujoco.MjModel, joint: int, motion: Motion, sign: float = 1.0) -> Array:
     """All that a joint works against with the bodies as they are (n, T_SIZE)."""
-    table = _whole_block(model, joint, motion)
+    table = _block(model, joint, motion) + passive_block(model, joint, motion)
     if sign < 0.0:
         _reverse(table)
     return table
@@ -160,42 +162,54 @@ def _reverse(block: Array) -> None:
     block[:, [BIAS, CURVE, COUPLING]] *= -1.0
 
 
-def _whole_block(model: mujoco.MjModel, joint: int, motion: Motion) -> Array:
-    return _block(model, joint, motion) + passive_block(model, joint, motion)
-
-
 def is_passive(model: mujoco.MjModel) -> bool:
-    """Whether joints of a robot's file have springs, or bodies a compensation of their weight."""
+    """Whether joints of a robot's file have springs, or its bodies a compensation of their weight or a fluid."""
     springs = np.any(model.jnt_stiffness) or np.any(model.jnt_stiffnesspoly)
-    return bool(springs or np.any(model.body_gravcomp))
+    return bool(springs or np.any(model.body_gravcomp) or in_fluid(model))
+
+
+def in_fluid(model: mujoco.MjModel) -> bool:
+    """Whether a robot's file has a fluid, which brakes bodies that move through it."""
+    return bool(model.opt.density or model.opt.viscosity)
 
 
 def passive_torques(model: mujoco.MjModel, data: mujoco.MjData) -> Array:
-    """What springs and weight compensation of a robot's file take from the joints where it was placed (nv,)."""
+    """What springs, weight compensation and fluid of a robot's file take from the joints where it was placed, at the
+    speeds that it was given there (nv,).
+    """
     mujoco.mj_passive(model, data)
-    return -(data.qfrc_spring + data.qfrc_gravcomp)
+    return -(data.qfrc_spring + data.qfrc_gravcomp + data.qfrc_fluid)
 
 
 def passive_block(model: mujoco.MjModel, joint: int, motion: Motion) -> Array:
-    """The same columns of springs, of weight compensation, and of what tied joints have of their own (n, T_SIZE)."""
+    """The same columns of springs, of weight compensation, of a fluid, and of what tied joints have of their own
+    (n, T_SIZE).
+    """
     out = np.zeros((len(motion.position), T_SIZE))
     _add_ties(model, joint, motion, out)
     if not is_passive(model):
         return out
     data = mujoco.MjData(model)
     dofs, address = single_joints(model)
-    turned = Turned(model, joint)
+    turned, braked = Turned(model, joint), in_fluid(model)
 
-    def placed(way: float) -> float:
+    def placed(row: Array, speed: Array, way: float, faster: float = 0.0) -> float:
         turned.place(data, row, way)
         mujoco.mj_kinematics(model, data)
         mujoco.mj_comPos(model, data)
+        if braked:  # springs know no speed
+            data.qvel[:] = speed
+            data.qvel[turned.dofs] += faster * turned.ratios
+            mujoco.mj_comVel(model, data)
         return turned.of(passive_torques(model, data))
 
     torques = np.empty((len(motion.position), 3))
-    for k, row in enumerate(motion.position):
+    for k, (row, speed) in enumerate(zip(motion.position, motion.speed, strict=True)):
         data.qpos[address] = row[dofs]
-        torques[k] = [placed(way) for way in (ANGLE, 0.0, -ANGLE)]
+        torques[k] = [placed(row, speed, way) for way in (ANGLE, 0.0, -ANGLE)]
+        if braked:
+            above, below = (placed(row, speed, 0.0, faster) for faster in (FASTER, -FASTER))
+            out[k, DRAG] += (above - below) / (2.0 * FASTER)
     above, here, below = torques.T
     out[:, BIAS] += here
     out[:, BIAS + 1], out[:, CURVE] = _derivatives(model, joint, above, here, below)

@@ -103,6 +103,9 @@ def native_text(xml: str, chains: Mapping[str, Chain]) -> str:
         root.remove(size)  # memory of the law
     actuators = root.find("actuator")
     assert actuators is not None
+    for defaults in root.iter("default"):  # of the file's own actuators: those written here would take their limits
+        for general in defaults.findall("general"):
+            defaults.remove(general)
     option = root.find("option")
     timestep = float("0.002" if option is None else option.get("timestep", "0.002"))
     for law in list(actuators):

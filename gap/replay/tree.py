@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
 from types import MappingProxyType
@@ -10,6 +11,7 @@ import mujoco
 import numpy as np
 
 from ...actuators import Chain
+from ...envs.robot_described import stated
 from ..checks.signal import derivatives
 from ..load.robot import LoggedRobot
 from ..load.terms import E_INERTIA, E_POSITION, E_SLOPE
@@ -28,6 +30,7 @@ STILL = "robot.still"
 """Code of the finding that says which joints were not logged and are taken as held."""
 PASSED = "robot.range"
 """Code of the finding that says that a log goes beyond the range of a joint."""
+ROUNDED = 1e-3  # share by which numbers differ that were written with four digits, and more
 MARGIN = 0.02  # of its range by which a joint may pass the end of it in the log before that is no stop
 
 
@@ -185,23 +188,44 @@ def held_terms(
     return along
 
 
-def owned(robot: LoggedRobot, joint: str) -> Finding | None:
-    """Who owns the numbers that both the model file and the chain may have, where the file has any."""
-    item = robot.joint(joint)
-    present = {key: item.owners[key] for key, value in item.model_values.items() if value}
-    if not present:
+def owned(robot: LoggedRobot, joint: str, chain: Chain | None = None) -> Finding | None:
+    """Who owns the numbers that both the model file and the chain may have, and what the file has more than any chain.
+
+    Args:
+        robot: that was logged.
+        joint: its name.
+        chain: that drives it; None: that of the robot's file.
+
+    Returns:
+        None where the file has neither.
+    """
+    item, file = robot.joint(joint), robot.file.model.path.name
+    chain = item.chain if chain is None else chain
+    counts = []
+    for key, value in item.model_values.items():
+        ours = stated(chain, key)
+        same = math.isclose(ours, value, rel_tol=ROUNDED)
+        whose = "the file's" if item.owners[key] == "file" and same else "the chain's"
+        if value:
+            counts.append(f"{key} is {whose}" + (f" ({ours:g} in place of {value:g})" if ours and not same else ""))
+    said = [f"{', '.join(counts)}; what {file} has of it is not added a second time"] if counts else []
+    simplified = robot.file.model.joints[item.joint].simplified
+    if not (said or simplified):
         return None
-    said = ", ".join(f"{key} is {'the chain' if owner == 'chain' else 'the file'}'s" for key, owner in present.items())
     return Finding(
-        "robot.owners", "note", joint, None,
-        f"Joint '{joint}': {said}; what {robot.file.model.path.name} has of it is not added a second time.",
+        "robot.owners", "warning" if simplified else "note", joint, None,
+        f"Joint '{joint}': {'; '.join([*said, *simplified])}.",
     )  # fmt: skip
 
 
 def joint_of_tree(
     robot: LoggedRobot, joint: str, chain: Chain, runs: Sequence[MeasuredRun], terms: Sequence[np.ndarray] | None
 ) -> JointModel:
-    """A joint of a robot as the search sees it; without terms, one whose link moves as measured."""
+    """A joint of a robot as the search sees it; without terms, one whose link moves as measured.
+
+    What the robot's file owns, the chain carries: the joint alone has none of it.
+    """
+    chain = robot.joint(joint).carried(chain)
     axis = axis_of(robot, joint, runs)
     if (drive := chain.impedance_drive()) is not None:
         asked = np.concatenate([drive.stiffness * np.abs(log.goal - log.position) for run in runs

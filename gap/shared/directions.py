@@ -2,6 +2,7 @@
 
 The load of a joint is linear in masses and inertias of the bodies, and nearly so in where their centres are and in how
 little the base is tilted. So a number of the robot adds its size times rows of its own to the terms of every joint.
+What compensates the weight of bodies (``gravcomp``) was computed of the robot as believed, and changes with none of it.
 """
 
 from __future__ import annotations
@@ -125,7 +126,7 @@ def _centre(model: mujoco.MjModel, body: int, name: str, axis: int) -> Direction
     def change() -> tuple[mujoco.MjModel, mujoco.MjModel, float]:
         ends = []
         for way in (-SHIFT, SHIFT):  # to both sides: the effect of a shift on inertia is quadratic
-            ends.append(model.__copy__())
+            ends.append(_uncompensated(model))
             ends[-1].body_ipos[body, axis] += way
             ends[-1].body_sameframe[body] = NONE
         return ends[0], ends[1], 2.0 * SHIFT
@@ -141,11 +142,11 @@ def tilt(robot: LoggedRobot) -> tuple[Direction, Direction]:
 
 def _tilt(model: mujoco.MjModel, axis: int) -> Direction:
     def change() -> tuple[mujoco.MjModel, mujoco.MjModel, float]:
-        other = model.__copy__()
+        before, other = _uncompensated(model), _uncompensated(model)
         x, y, z = (float(part) for part in model.opt.gravity)
         c, s = math.cos(TILT), math.sin(TILT)
         other.opt.gravity[:] = (x, c * y + s * z, c * z - s * y) if axis == 0 else (c * x - s * z, y, s * x + c * z)
-        return model, other, TILT
+        return before, other, TILT
 
     return Direction(TILTS[axis], 0.0, change, ("base",), f"tilt_{'xy'[axis]}")
 
@@ -211,11 +212,20 @@ def _heavy(model: mujoco.MjModel, light: float) -> list[int]:
     ]
 
 
+def _uncompensated(model: mujoco.MjModel) -> mujoco.MjModel:
+    """The robot without what compensates the weight of its bodies, which the engine would change with them."""
+    other = model.__copy__()
+    other.body_gravcomp[:] = 0.0
+    return other
+
+
 def _empty(model: mujoco.MjModel) -> mujoco.MjModel:
     """The robot without any mass, and without springs, armature and damping of its joints, which are no body's."""
-    other = model.__copy__()
+    other = _uncompensated(model)
+    other.body_sameframe[:] = NONE
     other.dof_armature[:] = other.dof_damping[:] = 0.0
     other.jnt_stiffness[:] = other.jnt_stiffnesspoly[:] = 0.0
+    other.opt.density = other.opt.viscosity = 0.0  # what a fluid takes hangs on shapes, not on masses
     other.body_mass[:] = other.body_inertia[:] = other.body_subtreemass[:] = 0.0
     return other
 

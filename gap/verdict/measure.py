@@ -76,7 +76,7 @@ def measure(
         fitting: the same as the search saw them.
         search: what was found.
         joint: its name.
-        wide: what refitting alone may turn, and how far.
+        wide: what refitting alone may turn, and how far; nothing where causes are held against what was found before.
         seed: of all resampling.
     """
     fitted, test = fitting.part(FIT_A, FIT_B), problem.part(TEST)
@@ -141,13 +141,14 @@ def measure(
         without = problem.simulate([tuned.values])[0]
         features = {name: signatures(key, problem, without, simulated["extended"]) for name, key in keys.items()}
     beyond = 1.0
+    rival = rival_of(wide)
     if (rest.noticed or search.loose) and sought.accepted:
-        both = (np.concatenate([unseen[name], crossed(name)]) for name in ("refitted", "extended"))
+        both = (np.concatenate([unseen[name], crossed(name)]) for name in (rival, "extended"))
         beyond = beyond_refitting(*(float(np.mean(error**2)) - white for error in both))
     charge = beyond if rest.noticed else 1.0
     led: dict[str, Led] = {}
     if rest.noticed and sought.accepted and sought.leader is not None:  # the other runs cannot show what led
-        both = (unseen_in(problem, sought.leader, found[name], halves(name)) for name in ("refitted", "extended"))
+        both = (unseen_in(problem, sought.leader, found[name], halves(name)) for name in (rival, "extended"))
         before, after = (max(float(np.mean(error**2)) - white, 0.0) for error in both)
         left_there = float(robust_loss(np.sqrt(after / problem.noise**2)))
         led = {key: Led(removed, left_there, beyond_refitting(before, after)) for key, removed in sought.led.items()}
@@ -267,6 +268,14 @@ class Account:
     beyond: float
     numbers: frozenset[str] | set[str]
     led: Mapping[str, Led]
+
+
+def rival_of(wide: Sequence[Parameter]) -> str:
+    """The model that causes are held against: the refitted one, or, where nothing may be refitted, the tuned one.
+
+    Of what joints share nothing is refitted, and what each of them was found to have before is not their gain.
+    """
+    return "refitted" if wide else "tuned"
 
 
 def beyond_refitting(refitted: float, extended: float) -> float:

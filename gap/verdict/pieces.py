@@ -51,7 +51,7 @@ def cut_joint(
             terms = terms_of(robot, joint, runs, _motions(robot, _Logged(_digest(runs), tuple(runs))))
             for table, added in zip(terms, more or (), strict=False):
                 table[:, T_OWN : T_OWN + T_SIZE] += added
-        notes = (owned(robot, joint), held_still(robot, joint, runs, armature) if why is None else why)
+        notes = (owned(robot, joint, chains[0]), held_still(robot, joint, runs, armature) if why is None else why)
         notes = (*notes, range_passed(robot, joint, runs) if why is None else None)
         findings += [said for said in notes if said is not None]
         if missing and (assumed := robot.joint(joint).notes):

@@ -9,11 +9,11 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 
 from ..types import Array
-from .evidence import CLOCKS, FASTEST, SLOWEST, clock_units
+from .evidence import CLOCKS, FASTEST, SLOWEST, clock_units, whole_numbers
 from .expression import ROW, quoted, without_overflows
 from .names import said
 from .recording import Recording
-from .unit_words import measures
+from .unit_words import measures, unit_of
 from .units import ASK, LIKELY, SURE, Read
 
 NEVER = "it never changes"
@@ -28,6 +28,9 @@ FACTORS = {unit: known.behind for unit in CLOCKS if (known := measures(unit, "ti
 DISORDER = 0.01
 """Share of the rows that go back in time from which a file is in no order, and not of several recordings."""
 SKIPPED = 10.0  # usual steps of a counter over which it may have gone where it starts again
+LAST_WORD = re.compile(r"(.*?)([A-Z]?[a-z]+|[A-Z]+)\Z")
+PARTS = {"ms": 1e3, "us": 1e6, "ns": 1e9}
+"""Parts of a second that a stamp in two columns has beside its whole seconds, and how many are a second."""
 
 
 @dataclass(frozen=True)
@@ -52,10 +55,15 @@ def find_clock(recording: Recording) -> Clock:
     spoken = sorted(
         (name for name in columns if said(name).signal == "time"), key=lambda name: (said(name).joint != "", len(name))
     )
-    named = [name for name in spoken if _units(columns[name], _spoken(recording, name))]
+    two = _in_two_columns(recording)
+    halves = two[:2] if two else ()
+    named = [name for name in spoken if name not in halves and _units(columns[name], _spoken(recording, name))]
     running = [name for name in columns if clock_units(columns[name]) and len(np.unique(columns[name])) > 10]
     candidates = by_format or named or running
-    faults = {name: clock_fault(columns[name]) for name in spoken if name not in (*named, *by_format)}
+    faults = {name: clock_fault(columns[name]) for name in spoken if name not in (*named, *by_format, *halves)}
+    if two and not (by_format or named):
+        return Clock(two[0], _summed_stamp(recording, *two), faults)
+    faults |= dict.fromkeys(halves, "a stamp in two columns, another clock")
     moving = {name: fault for name, fault in faults.items() if fault != NEVER}
     for name in [] if by_format or named else moving:
         whole = without_overflows(columns[name])
@@ -69,6 +77,56 @@ def find_clock(recording: Recording) -> Clock:
     unused = faults | dict.fromkeys(candidates[1:], f"another clock; {name} is taken")
     sure_of_it = bool(by_format or named) or len(running) == 1
     return Clock(name, _read(recording, name, bool(by_format), sure_of_it), unused)
+
+
+def _in_two_columns(recording: Recording) -> tuple[str, str, str] | None:
+    """A stamp in two columns, as ROS has it: whole seconds, the part of a second, and the unit of the part."""
+    stems = {name: _stem(name) for name in recording.columns}
+    for whole, (stem, unit) in stems.items():
+        if unit != "s" and (unit or said(whole).signal != "time"):
+            continue
+        for part, (other, fine) in stems.items():
+            halves = recording.columns[whole], recording.columns[part]
+            if part != whole and other == stem and fine in PARTS and _is_stamp(*halves, PARTS[fine]):
+                return whole, part, fine
+    return None
+
+
+def _stem(name: str) -> tuple[str, str]:
+    """A name without the unit of a time at its end, and that unit; empty where it has none."""
+    match = LAST_WORD.fullmatch(name)
+    word = match[2].lower() if match else ""
+    unit = next((unit for one in (word, word.removesuffix("s")) if (unit := unit_of(one)) in ("s", *PARTS)), "")
+    return (match[1] if match and unit else name).rstrip("._/-: ").lower(), unit
+
+
+def _is_stamp(whole: Array, part: Array, count: float) -> bool:
+    """Whether two columns are one stamp: the part begins again where the seconds step, but for recordings that end."""
+    known = np.isfinite(whole) & np.isfinite(part)
+    seconds, parts = whole[known], part[known]
+    if len(seconds) < 3 or not whole_numbers(seconds) or parts.min() < 0.0 or parts.max() >= count:
+        return False
+    steps = np.diff(seconds - seconds[0] + parts / count)
+    usual, over = float(np.median(steps)), np.diff(seconds) > 0.0
+    return (
+        FASTEST <= usual <= SLOWEST
+        and bool((steps < 0.0).sum() <= DISORDER * len(steps))
+        and (not over.any() or float(np.median(steps[over])) <= SKIPPED * usual)
+    )
+
+
+def _summed_stamp(recording: Recording, whole: str, part: str, unit: str) -> Read:
+    """The time as the sum of two columns, from the first second on: a float has no digits for seconds since 1970."""
+    seconds, parts = recording.columns[whole], recording.columns[part]
+    first = int(seconds[np.isfinite(seconds)][0])
+    since = f" - {first}" if first > 0 else f" + {-first}" if first else ""
+    text = f"{quoted(whole)}{since} + {quoted(part)}{FACTORS[unit]}"
+    time = seconds - first + parts / PARTS[unit]
+    if (np.diff(time[np.isfinite(time)]) < 0.0).any():
+        fault = clock_fault(time)
+        return Read(text, "s", ASK, fault, f"{quoted(whole)} and {quoted(part)} are the time, but {fault}")
+    step = float(np.nanmedian(np.diff(time)))
+    return Read(text, "s", SURE, f"whole seconds and {unit} of one stamp, from the first second on, each {step:.4g} s")
 
 
 def _runs_on(counts: Array, whole: Array) -> bool:

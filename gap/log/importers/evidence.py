@@ -18,6 +18,8 @@ TURN = {"rad": 2.0 * math.pi, "deg": 360.0, "turn": 1.0}
 STEP_TOLERANCE = 5e-5
 WINDOW = 0.1  # [s] over which motion is compared with the integral of its derivative
 LONGEST_LAG = 0.6  # [s]
+RARE = 0.1
+"""Share of the changes of an angle up to which jumps by a turn are an encoder's; more are commanded steps."""
 MOST = 40_000  # samples that are looked at
 
 
@@ -68,6 +70,22 @@ def whole_numbers(values: Array) -> bool:
     return bool(len(known)) and bool((known == np.round(known)).all())
 
 
+def unwound(values: Array) -> Array:
+    """An angle in degrees or rad without the jumps by a turn of an encoder that knows one; others as they are."""
+    known = np.isfinite(values)
+    cells = values[known]
+    reach = float(np.ptp(cells)) if len(cells) else 0.0
+    steps = np.abs(np.diff(cells))
+    for turn in (360.0, 2.0 * math.pi):
+        jumps = steps > 0.75 * turn
+        if not 0.9 * turn < reach < 1.01 * turn or not 0 < jumps.sum() < RARE * np.count_nonzero(steps):
+            continue
+        out = values.copy()
+        out[known] = np.unwrap(cells, period=turn)
+        return out if np.abs(np.diff(out[known])).max() < 0.25 * turn else values
+    return values
+
+
 @dataclass(frozen=True)
 class Relation:
     """How one signal goes with another.
@@ -85,7 +103,7 @@ class Relation:
 
 def as_derivative(time: Array, position: Array, column: Array) -> Relation:
     """A column against the derivative of a position: by way over :data:`WINDOW`, so that noise counts little."""
-    time, position, column = (a[:MOST] for a in (time, position, column))
+    time, position, column = time[:MOST], unwound(position[:MOST]), column[:MOST]
     good = np.isfinite(column) & np.isfinite(position) & np.isfinite(time)
     if good.sum() < 50:
         return Relation(0.0, 0.0)
@@ -109,7 +127,7 @@ def _slope(first: Array, second: Array) -> Relation:
 
 def following(time: Array, first: Array, second: Array) -> Relation:
     """How much later than ``first`` ``second`` moves, by the best correlation of their ways over short times."""
-    time, first, second = (a[:MOST] for a in (time, first, second))
+    time, first, second = time[:MOST], unwound(first[:MOST]), unwound(second[:MOST])
     good = np.isfinite(first) & np.isfinite(second) & np.isfinite(time)
     if good.sum() < 50:
         return Relation(0.0, 0.0)

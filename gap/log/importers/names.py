@@ -7,162 +7,30 @@ import unicodedata
 from dataclasses import dataclass
 from itertools import pairwise
 
+from .name_words import (
+    ALONE,
+    ANGLE_WORDS,
+    CLOCK_WORDS,
+    COMMANDED,
+    DAMPING,
+    DROPPED,
+    FILLERS,
+    FILTERED,
+    FORWARD,
+    MEASURED,
+    MODELLED,
+    ONLY_UNIT,
+    RATES,
+    SHORT,
+    SIGNALS,
+    SIGNS,
+    STIFFNESS,
+    SUPPLY,
+    VOLTS,
+    WEAK,
+)
 from .unit_words import OF_TEMPERATURE, OF_TIME, SPELT, UNITS, like_a_unit, measure, measures, unit_of
 
-COMMANDED = frozenset(
-    [
-        "goal",
-        "target",
-        "desired",
-        "des",
-        "ref",
-        "reference",
-        "setpoint",
-        "sp",
-        "cmd",
-        "command",
-        "commanded",
-        "con",
-        "set",
-        "action",
-        "actions",
-        "demand",
-        "requested",
-        "wanted",
-        "soll",
-        "sollwert",
-        "sollwinkel",
-        "sollposition",
-        "commands",
-        "goals",
-        "targets",
-        "setpoints",
-        "references",
-        "consigne",
-        "consigna",
-        "referencia",
-    ]
-)
-MEASURED = frozenset(
-    [
-        "meas",
-        "measured",
-        "act",
-        "actual",
-        "present",
-        "fb",
-        "feedback",
-        "ist",
-        "istwert",
-        "istwinkel",
-        "istposition",
-        "real",
-        "observation",
-        "state",
-        "states",
-        "sensor",
-        "read",
-        "est",
-        "estimate",
-        "estimated",
-        "mesure",
-        "medida",
-        "misura",
-    ]
-)
-WEAK = frozenset(["state", "states", "sensor", "observation"])
-"""Measured, where nothing else of the name says that it was commanded."""
-ALONE = frozenset(
-    ["actual", "act", "measured", "meas", "feedback", "fb", "ist", "istwert", "mesure", "medida", "misura"]
-)
-"""A position, where they are the whole name."""
-FILTERED = frozenset(["filt", "filtered", "smooth", "smoothed", "lp", "lowpass"])
-DROPPED = frozenset(
-    [
-        "error",
-        "err",
-        "fric",
-        "friction",
-        "ff",
-        "feedforward",
-        "integral",
-        "kp",
-        "ki",
-        "kd",
-        "gain",
-        "stiffness",
-        "damping",
-    ]
-)
-"""Parts of a controller or of a model: no signal of the log, whatever else the name says."""
-FORWARD = frozenset(["ff", "feedforward"])
-"""Those that make a torque a commanded one."""
-STIFFNESS, DAMPING = ("kp", "stiffness"), ("kd", "damping")
-"""Those of them that are gains of an impedance drive."""
-FILLERS = frozenset(
-    [
-        "observation",
-        "observations",
-        "obs",
-        "data",
-        "robot",
-        "joints",
-        "value",
-        "values",
-        "msg",
-        "the",
-        "of",
-        "in",
-        "per",
-        "and",
-        "input",
-        "supply",
-        "bus",
-        "battery",
-        "field",
-        "header",
-        "controller",
-        "control",
-    ]
-)
-SIGNALS: tuple[tuple[str, frozenset[str]], ...] = (
-    ("enabled", frozenset(["enable", "enabled"])),
-    ("acceleration", frozenset(["acc", "accel", "acceleration", "ddq", "qdd", "qddot", "ddtheta", "jerk"])),
-    ("velocity", frozenset(["vel", "velocity", "speed", "dq", "qdot", "qvel", "dtheta", "thetadot", "omega", "dpos",
-                            "geschwindigkeit", "winkelgeschwindigkeit", "drehzahl", "velocities", "vitesse",
-                            "velocidad", "velocita"])),
-    ("temperature", frozenset(["temp", "temperature", "temperatur", "temper", "temperatura", "temperatures"])),
-    ("voltage", frozenset(["volt", "volts", "voltage", "vin", "vbus", "ubat", "spannung"])),
-    ("duty", frozenset(["duty", "pwm"])),
-    ("torque", frozenset(["torque", "tau", "effort", "force", "trq", "moment", "drehmoment", "efforts", "torques",
-                          "couple"])),
-    ("position", frozenset(["pos", "position", "angle", "q", "theta", "phi", "qpos", "encoder", "enc", "positions",
-                            "angles", "posicion", "posizione", "angulo", "angolo", "winkel", "sollwinkel",
-                            "istwinkel", "sollposition", "istposition"])),
-    ("current", frozenset(["current", "curr", "amps", "ampere", "iq", "strom", "currents", "courant", "corriente",
-                           "corrente"])),
-    ("load", frozenset(("load",))),
-    ("time", frozenset(["time", "timestamp", "stamp", "t", "ts", "clock", "elapsed", "zeit", "temps", "tiempo",
-                        "tempo"])),
-)  # fmt: skip
-"""Signals by the words that say them; the first one that a name has is its signal."""
-SUPPLY = frozenset(["supply", "vsupply", "battery", "batt", "bat", "vbat", "vbatt", "vcc", "vdd", "psu", "versorgung"])
-"""What a voltage is of; a name that says no other signal and no other unit means the voltage."""
-VOLTS = SUPPLY | {"bus"}
-"""Words beside which a v is a voltage."""
-CLOCK_WORDS = frozenset(["ms", "seconds", "sec", "secs", "us", "ns", "millis", "micros"])
-"""Units that are the whole name of a clock."""
-ANGLE_WORDS = frozenset(["q", "theta", "phi", "angle", "winkel", "yaw", "pitch", "roll"])
-"""Words of which none is a way: an ``m`` behind them is no metre."""
-SHORT = re.compile(r"(q|theta|phi|x)(m|meas|a|act|g|r|ref|d|des|c|cmd|goal)")
-"""Signs of control theory: ``qm`` measured, ``qg`` goal, ``qd`` desired (or the derivative: the data tell)."""
-RATES = frozenset(["qd", "xd", "thetad", "phid", "v", "w"])
-"""Derivatives, beside a word that says that they are commanded."""
-SIGNS = frozenset(["q", "dq", "qd", "qdot", "ddq", "qdd", "qddot", "theta", "dtheta", "thetad", "thetadot", "phi",
-                   "phid", "omega", "tau"])  # fmt: skip
-"""Signs of papers and of libfranka, behind which a ``d`` is the wanted one: ``q_d``, ``tau_J_d``."""
-ONLY_UNIT = {"angle": "position", "rate": "velocity", "torque": "torque", "current": "current", "voltage": "voltage"}
-"""Signals by the quantity of a unit, where a name says nothing else."""
 ODRIVE = re.compile(r"(?:.*[._/])?(pos_estimate|input_pos|pos_setpoint|vel_estimate|input_vel|vel_setpoint)")
 """Names of ODrive, which counts turns."""
 ANYWHERE = frozenset(["ms", "us", "ns", "ma", "ua", "mv", "mm", "cm"])
@@ -184,6 +52,7 @@ class Said:
         joint: the rest of the name, empty where there is none.
         filtered: whether it says that it was processed.
         how: the word that says the signal, for people.
+        by: who says the unit, for people.
     """
 
     signal: str
@@ -191,12 +60,13 @@ class Said:
     joint: str
     filtered: bool = False
     how: str = ""
+    by: str = "the name"
 
 
 def said(name: str) -> Said:
     """Read a column's name."""
     unit, text = _bracketed(name)
-    words = _words(text)
+    words = words_of(text)
     low = [word.lower() for word in words]
     gains = DROPPED & set(low)  # kp is a kilopond, too
     if not unit:
@@ -210,6 +80,8 @@ def said(name: str) -> Said:
     torques = any(sides & own for one, own in SIGNALS if one == "torque")
     if part and part <= FORWARD and torques:  # which is commanded beside a goal
         part, sides = set(), sides | {"commanded"}
+    if torques and MODELLED in sides:
+        sides |= {"commanded"}
     if "kp" in gains - part and not torques and "load" not in sides:
         part, unit = {"kp"}, ""
     commanded, measured = bool(sides & COMMANDED), bool(sides & (MEASURED - WEAK))
@@ -220,6 +92,12 @@ def said(name: str) -> Said:
         commanded, beside = True, beside | {wanted}
     measured |= not commanded and bool(sides & WEAK)
     used = beside | {k for k, word in enumerate(low) if word in COMMANDED | MEASURED | FILTERED | FILLERS | FORWARD}
+    if torques and MODELLED in low:
+        used.add(low.index(MODELLED))
+    field = ""
+    if (at := _field(low, unit)) is not None:  # its words are no angle q and no joint
+        field, low[at : at + 2] = low[at], ["iq" if low[at] == "q" else "", ""]
+        used |= {at, at + 1}
     if ("i", "q") in pairwise(low):  # of a motor's two axes, the one that makes torque
         low = ["iq" if word == "i" else "" if word == "q" else word for word in low]
         used |= {k for k, word in enumerate(low) if not word}
@@ -295,8 +173,19 @@ def said(name: str) -> Said:
         signal = known.get(signal, f"commanded {signal}" if signal else "")
     elif signal == "position" and {"link", "output"} & sides and {"motor", "link"} & sides:
         signal = "link_position" if "motor" not in sides else "position"
+    if field and signal in ("current", "commanded current", "voltage", "commanded voltage"):
+        signal = signal if (field, signal) == ("q", "current") else f"{signal} of a motor's {field} axis"
     joint = _joined([word for k, word in enumerate(words) if k not in used])
     return Said(signal, unit, joint, bool(sides & FILTERED), how)
+
+
+def _field(words: list[str], unit: str) -> int | None:
+    """Place of the axis of a motor's field, ``q axis`` or ``d axis``, that a current or voltage is of."""
+    own = {word for signal, spoken in SIGNALS if signal in ("current", "voltage") for word in spoken}
+    if not (own & set(words) or measures(unit, "current", "voltage")):
+        return None
+    pairs = (k for k, pair in enumerate(pairwise(words)) if pair in (("q", "axis"), ("d", "axis")))
+    return next((k for k in pairs if not "".join(words[k + 2 : k + 3]).isdigit()), None)  # q_axis1: the angle of axis 1
 
 
 def _wanted(words: list[str]) -> int | None:
@@ -310,7 +199,7 @@ def _wanted(words: list[str]) -> int | None:
 def _only(unit: str) -> str:
     """The signal that a unit says on its own; turns and ways are too common to."""
     measured = measure(unit) if unit != "turn" else None
-    by_word = {"tick": "position", "degC": "temperature"}
+    by_word = {"tick": "position", "degC": "temperature", "erpm": "velocity"}
     return ONLY_UNIT.get(measured.quantity, "") if measured else by_word.get(unit, "")
 
 
@@ -326,7 +215,7 @@ def _bracketed(name: str) -> tuple[str, str]:
     return "", name
 
 
-def _words(text: str) -> list[str]:
+def words_of(text: str) -> list[str]:
     """Words of a name: parted by signs, by digits, and where a capital follows a small letter."""
     text = CASED.sub(lambda unit: unit[0].lower(), text)
     text = re.sub(r"(?<=[a-z0-9])(?=[A-Z])", " ", text)

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import math
+import re
 from collections.abc import Callable, Iterable, Mapping
 from dataclasses import replace
 
@@ -9,10 +11,15 @@ import numpy as np
 
 from ..types import COMMANDS, Array
 from .evidence import Relation
-from .expression import quoted
+from .expression import names_in, quoted
 from .mapping import Question
-from .units import ASK, LIKELY, Read
+from .names import said
+from .unit_words import measures
+from .units import ASK, LIKELY, POSITION, Read
 
+NAMELESS = "joint"
+"""What a number without a name is of."""
+NUMBERED = re.compile(r"(.*?)_?(\d+)")
 FOLLOWS = 0.5
 """Share of a motion that another one explains, from which the two are goal and position."""
 PAIRED = 0.8
@@ -21,6 +28,10 @@ MOST = 8
 """Columns without names that are looked at."""
 CLEARER = 0.1
 """Share of the motion by which the joint of a goal without a name is ahead of the next one."""
+ACTIONS = ("action", "actions")
+"""Words for what a policy gives, which may be scaled on its way to a goal."""
+SCALED = 1.5
+"""Times as far as the actions, or as little, from which positions show that actions are scaled."""
 
 NEARLY_ALL = 0.98
 """Share of the samples in motion in which a goal that was never one is the reading itself."""
@@ -38,10 +49,12 @@ def same_joint(groups: Mapping[str, Mapping[str, object]], same_motion: Callable
     Returns:
         New name by old one, of both.
     """
+    series = _one_series(groups)
+    groups = {joint: signals for joint, signals in groups.items() if joint not in {*series, *series.values()}}
     commanded = {joint for joint, signals in groups.items() if signals.keys() & {*COMMANDS}}
     measured = {joint for joint, signals in groups.items() if "position" in signals and joint not in commanded}
     without = {joint for joint in commanded if "position" not in groups[joint]}
-    names: dict[str, str] = {}
+    names = series
     for joint in measured:
         near = [other for other in without if _ends(joint, other) or _ends(other, joint)]
         near += [other for other in commanded - without if (_ends(joint, other) or _ends(other, joint))
@@ -52,6 +65,21 @@ def same_joint(groups: Mapping[str, Mapping[str, object]], same_motion: Callable
         if len(rivals) == 1:
             names[joint] = names[near[0]] = min(joint, near[0], key=len)
     return names
+
+
+def _one_series(groups: Mapping[str, Mapping[str, object]]) -> dict[str, str]:
+    """Columns that only an index names, as ``torques[0]``, go to the only joints that are numbered alike."""
+    series: dict[str, dict[int, str]] = {}
+    for joint in groups:
+        if match := NUMBERED.fullmatch(joint):
+            series.setdefault(match[1], {})[int(match[2])] = joint
+    own = series.pop(NAMELESS, {})
+    alike = (one for one in series.values() if one.keys() == own.keys())
+    placed = [one for one in alike if any("position" in groups[joint] for joint in one.values())]
+    if len(placed) != 1:
+        return {}
+    names = {own[index]: joint for index, joint in placed[0].items()}
+    return {} if any(groups[old].keys() & groups[new].keys() for old, new in names.items()) else names
 
 
 def _ends(joint: str, ending: str) -> bool:
@@ -91,22 +119,42 @@ def matched(goals: Iterable[str], positions: Iterable[str], follows: Callable[[s
     return {goal: position for goal, position in fits if clear(goal, position)}
 
 
-def in_order(read: Read, goes: Relation, by_motion: bool) -> Read:
+def in_order(read: Read, goes: Relation, by_motion: bool, position: Read) -> Read:
     """A goal's column with how late its position comes, in question where it comes before it.
 
     Args:
         read: how the column becomes a goal.
         goes: of the position behind it.
         by_motion: whether motion alone says whose goal it is.
+        position: how its position is read.
     """
     if by_motion:
         read = replace(read, trust=LIKELY, why=f"no name says whose goal it is; {read.why}")
     if goes.fit > FOLLOWS and goes.lag < 0.0:
         why = f"the position moves {-1e3 * goes.lag:.0f} ms before it: are goal and position exchanged?"
         return replace(read, trust=ASK, why=why, ask=why)
+    if (other := _scaled(read, goes, position)) is not None:
+        return other
     if goes.fit > FOLLOWS:
         return replace(read, why=f"{read.why}; the position follows it by {1e3 * goes.lag:.0f} ms")
     return read
+
+
+def _scaled(read: Read, goes: Relation, position: Read) -> Read | None:
+    """A goal that is called an action and moves further or less than the position: what a policy gave, not the goal."""
+    column = next(iter(names_in(read.text)), "")
+    if said(column).how.lower() not in ACTIONS or read.trust == ASK or goes.fit < PAIRED or goes.scale <= 0.0:
+        return None
+    goal, base = (measures(one.unit, *POSITION) for one in (read, position))
+    if goal is None or base is None or abs(math.log(goes.scale * base.factor / goal.factor)) < math.log(SCALED):
+        return None
+    ask = (
+        "by which factor, and from which angle, do actions become goals? Positions do not move as far as the actions, "
+        "as behind a policy whose actions are scaled. The factors in the lines are guesses from the motion: write "
+        "<default angle> + <factor>*<column> as the controller has them, or the column itself if it is the goal"
+    )
+    text = f"{quoted(column)}*{goes.scale:.2g}{base.behind}"
+    return Read(text, position.unit, ASK, f"the position moves {goes.scale:.2g} times as far as the action", ask)
 
 
 def no_reading(read: Read, goal: tuple[str, Array], position: tuple[str, Array]) -> Read:

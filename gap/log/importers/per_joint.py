@@ -13,6 +13,7 @@ from ..types import SIGNAL_UNITS, Array, LogError
 from .clocks import find_clock
 from .column import plain, without_doubt
 from .evidence import CLOCKS, clock_units
+from .in_table import said_together
 from .names import SHORT, said
 from .recording import Recording
 from .spelling import bare
@@ -46,7 +47,7 @@ def joined(recordings: list[Recording], joints: Collection[str], source: Path) -
     called = [name for name in names if name]
     clock = find_clock(recordings[0]).name
     times = [one.columns[clock] for one in recordings] if clock in recordings[0].columns else []
-    if len(called) < 2 and not (len(called) == 0 and _together(times) and _differ(recordings, clock)):
+    if len(called) < 2 and not (len(called) == 0 and together(times) and _differ(recordings, clock)):
         return recordings
     if all(called) and len(set(called)) == len(recordings) and _one_clock(times):
         return [_join(recordings, called, clock, source)]
@@ -67,7 +68,7 @@ def _name_joints(recording: Recording) -> bool:
     return bool((by_format | by_name) - {"", "joint"})
 
 
-def _together(times: Sequence[Array]) -> bool:
+def together(times: Sequence[Array]) -> bool:
     """Whether clocks of the day say that all recordings were made at one time."""
     return len(times) > 1 and all(map(_of_the_day, times)) and _overlap(times)
 
@@ -100,7 +101,7 @@ def _one_clock(times: Sequence[Array]) -> bool:
     """
     if not times or not all(clock_units(time) and np.isfinite(time).all() for time in times):
         return False
-    return all(np.array_equal(time, times[0]) for time in times) or _together(times)
+    return all(np.array_equal(time, times[0]) for time in times) or together(times)
 
 
 def _join(recordings: Sequence[Recording], joints: Sequence[str], clock: str, source: Path) -> Recording:
@@ -111,8 +112,9 @@ def _join(recordings: Sequence[Recording], joints: Sequence[str], clock: str, so
     at = times[0][(times[0] >= begin) & (times[0] <= end)]
     columns, units, roles = {clock: at}, {}, {}
     for recording, joint, time in zip(recordings, joints, times, strict=True):
+        spoken_of = said_together(recording.columns)
         for key, values in recording.columns.items():
-            spoken, name = said(key), f"{joint}.{key}"
+            spoken, name = spoken_of[key], f"{joint}.{key}"
             if key == clock or spoken.signal == "time":
                 continue
             role = recording.roles.get(key, "").rpartition(".")[2] or spoken.signal

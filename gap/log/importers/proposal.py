@@ -15,6 +15,7 @@ from .column import Column, plain, span, taken, without_doubt
 from .evidence import Relation, as_derivative, drives, following, multiple
 from .expression import evaluate, names_in, quoted
 from .impedance import place_goal_velocity
+from .in_table import ranked, said_together
 from .mapping import Question, known_names
 from .names import said
 from .pairs import FOLLOWS, best_pair, in_order, matched, no_reading, same_joint, what_drives
@@ -23,7 +24,7 @@ from .recording import Recording
 from .sparse import held_goal, held_read, kept_samples
 from .spelling import bare
 from .unit_words import measures
-from .units import ASK, POSITION, Read, read_other, read_velocity
+from .units import ASK, Read, counted_by_velocity, read_other, read_velocity
 
 ONLY_JOINT = "joint"
 MEASURED_BY_MOTION = ("velocity", "torque", "current")
@@ -91,17 +92,17 @@ class _Proposer:
         """Columns by joint and signal, as the format or their names say."""
         known = {*SIGNAL_UNITS, "load"}
         found: list[tuple[str, str, Column]] = []
-        for name in self.first.columns:
+        for name, spoken in said_together(self.first.columns).items():
             if name in self.out.unused or name in names_in(self.out.columns["time"].text):
                 continue
-            role, spoken = self.first.roles.get(name), said(name)
+            role = self.first.roles.get(name)
             unit = self.first.units.get(name, "")
             if role and role != "time":
                 joint, _, signal = role.rpartition(".")
                 column = Column(name, spoken, unit or spoken.unit, "the format", True)
                 found.append((joint, signal, column))
             elif spoken.signal in known:
-                column = Column(name, spoken, spoken.unit, "the name", False)
+                column = Column(name, spoken, spoken.unit, spoken.by, False)
                 found.append((spoken.joint, spoken.signal, column))
             elif spoken.signal == "time":
                 self.out.unused[name] = "another clock"
@@ -259,6 +260,9 @@ class _Proposer:
         says_way = any(measures(one.unit, "way", "speed", "force") for one in chosen.values())
         slide = says_way or bare(joint) in self.slides
         read = self.answer.position(base, position, slide)
+        speed = chosen.get("velocity")
+        slope = as_derivative(self.clock(run), position, run.columns[speed.name]) if speed else Relation(0.0, 0.0)
+        read = counted_by_velocity(read, base.name, position, speed.unit if speed else "", slope)
         if measures(read.unit, "way"):
             self.out.slides.add(joint)
         if joint in self.renamed:
@@ -276,14 +280,13 @@ class _Proposer:
                 goes = following(self.clock(run), values if held is None else held, position)
                 other = self.answer.alike(column, read, goes)
                 if signal == "goal" and self.time:
-                    other = in_order(other, goes, column.name in self.by_motion)
+                    other = in_order(other, goes, column.name in self.by_motion, read)
                     other = no_reading(other, (column.name, values), (base.name, position))
                 if held is not None:
                     other = held_read(other, column.name, values)
                     self.out.keep[joint] = kept_samples(column.name, held, base.name, position)
                 self.put(f"{joint}.{signal}", other)
             elif signal == "velocity":
-                slope = as_derivative(self.clock(run), position, values)
                 unit = without_doubt(column.unit)
                 self.put(f"{joint}.velocity", read_velocity(column.name, unit, column.how, slope, read))
             elif signal == "load":
@@ -388,12 +391,9 @@ class _Proposer:
                 signals.setdefault("velocity", []).append(column)
 
     def choose(self, signal: str, columns: list[Column]) -> Column:
-        """One of several columns of the same signal: what the format says, not processed, in a unit that is said."""
-        ranked = sorted(columns, key=lambda c: (not c.by_format, c.said.filtered, c.unit in ("tick", "%"), len(c.name)))
-        if signal == "position":  # none whose name says a unit of something else
-            ranked.sort(key=lambda c: c.unit not in ("", "?", "tick", "%") and not measures(c.unit, *POSITION))
-        best = ranked[0]
-        for other in ranked[1:]:
+        """One of several columns of the same signal; of the others it is said why they are left out."""
+        best, *others = ranked(signal, columns)
+        for other in others:
             ratio = multiple(self.first.columns[best.name], self.first.columns[other.name])
             what = f"{ratio:.6g} times {best.name}" if ratio else f"{signal} as well"
             self.out.unused[other.name] = f"{what}{', filtered' if other.said.filtered else ''}; {best.name} is taken"

@@ -59,7 +59,7 @@ def facts_beside(path: Path) -> tuple[dict[str, float | str], list[str]]:
             continue
         fault, content = "", None
         try:
-            text = beside.read_text(encoding="utf-8")
+            text = beside.read_text(encoding="utf-8-sig")
             content = json.loads(text) if ending.endswith("json") else yaml.safe_load(text)
         except (OSError, ValueError, yaml.YAMLError) as error:
             fault = f"cannot be read: {str(error).splitlines()[0]}"

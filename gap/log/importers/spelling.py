@@ -8,6 +8,7 @@ from collections.abc import Collection, Iterable, Mapping
 from dataclasses import replace
 
 from ..types import SIGNAL_UNITS
+from .names import said
 from .proposed import Proposal
 
 AS_A_LOG = re.compile(rf"([^.]+)\.(?:{'|'.join(SIGNAL_UNITS)})")
@@ -27,19 +28,21 @@ def spelled(proposal: Proposal, columns: Iterable[str], robot: Collection[str] =
         columns: header of the file.
         robot: names of the robot's joints.
     """
+    columns = list(columns)
     headers = [match[1] for name in columns if (match := AS_A_LOG.fullmatch(name))]
     mine = Counter(bare(joint) for joint in proposal.joints)
     names: dict[str, str] = {}
     for joint in proposal.joints:
         for known in (robot, headers):
             alike = {name for name in known if bare(name) == bare(joint)}
+            alike = alike or {name for name in known if bare(said(name).joint) == bare(joint)}  # dof_1, read as joint1
             if len(alike) == 1 and mine[bare(joint)] == 1:
                 names[joint] = alike.pop()
                 break
-    return _renamed(proposal, {old: new for old, new in names.items() if old != new})
+    return _renamed(proposal, {old: new for old, new in names.items() if old != new}, set(columns))
 
 
-def _renamed(proposal: Proposal, names: Mapping[str, str]) -> Proposal:
+def _renamed(proposal: Proposal, names: Mapping[str, str], columns: Collection[str]) -> Proposal:
     if not names:
         return proposal
 
@@ -50,7 +53,18 @@ def _renamed(proposal: Proposal, names: Mapping[str, str]) -> Proposal:
     return Proposal(
         {column(name): read for name, read in proposal.columns.items()},
         proposal.unused,
-        [replace(question, about=tuple(map(column, question.about))) for question in proposal.questions],
+        [
+            replace(question, about=tuple(map(column, question.about)), ask=_in_words(question.ask, names, columns))
+            for question in proposal.questions
+        ],
         {names.get(joint, joint) for joint in proposal.slides},
         {names.get(joint, joint): kept for joint, kept in proposal.keep.items()},
     )
+
+
+def _in_words(text: str, names: Mapping[str, str], columns: Collection[str]) -> str:
+    """A sentence with joints by their new names; columns of the file that are called alike keep theirs."""
+    new = dict(names) | {f"{old}.{signal}": f"{to}.{signal}" for old, to in names.items() for signal in SIGNAL_UNITS}
+    new |= {name: name for name in columns}
+    words = "|".join(re.escape(word) for word in sorted(new, key=len, reverse=True))
+    return re.sub(rf"(?<![\w.\]])(?:{words})(?![\w\[])", lambda match: new[match[0]], text)

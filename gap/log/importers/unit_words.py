@@ -42,7 +42,8 @@ UNITS = {
     "radian": "rad", "radians": "rad", "turn": "turn", "turns": "turn", "rev": "turn", "revs": "turn", "rpm": "rpm",
     "arcmin": "arcmin", "arcsec": "arcsec",
     "dps": "deg/s", "rps": "turn/s", "tick": "tick", "ticks": "tick", "count": "tick", "counts": "tick",
-    "steps": "tick", "raw": "tick", "msec": "ms", "millis": "ms", "usec": "us", "micros": "us",
+    "steps": "tick", "raw": "tick", "inc": "tick", "incr": "tick", "increments": "tick", "erpm": "erpm",
+    "msec": "ms", "millis": "ms", "usec": "us", "micros": "us",
     "nsec": "ns", "nanosec": "ns", "s": "s", "sec": "s", "secs": "s", "second": "s", "seconds": "s",
     "minutes": "min", "hours": "h", "days": "d", "nm": "N.m", "n": "N", "newton": "N", "newtons": "N", "a": "A",
     "amp": "A", "amps": "A", "ampere": "A", "amperes": "A", "v": "V", "volt": "V", "volts": "V",
@@ -51,7 +52,9 @@ UNITS = {
     "degc": "degC", "celsius": "degC", "fahrenheit": "degF", "degf": "degF", "kelvin": "K",
     "normalized": "%", "norm": "%", "grados": "deg", "degres": "deg", "gradi": "deg",
 }  # fmt: skip
-"""Units by the words that say them."""
+"""Units by the words that say them; ``erpm`` are electrical rounds, of which a motor has one a pole pair."""
+NAMED_BY_UNIT = frozenset(word for word, unit in UNITS.items() if unit in ("A", "V") and len(word) > 1)
+"""Words that name a signal as often as its unit: ``present_volts`` may count tenths of a volt."""
 SPELT = {
     "°": "deg", "°c": "degC", "c": "degC", "°f": "degF", "f": "degF", "k": "K", "%": "%", "u/min": "rpm",
     "tr/min": "rpm", "g/min": "rpm", "1/min": "rpm", "r/min": "rpm", "rev/min": "rpm", "°/s": "deg/s",
@@ -147,6 +150,12 @@ def measures(unit: str, *quantities: str) -> Measure | None:
     """What a unit measures where that is one of some quantities, else None."""
     found = measure(unit)
     return found if found and found.quantity in quantities else None
+
+
+def named_by_unit(name: str) -> bool:
+    """Whether a name has, outside brackets, a word for volt or ampere that may mean the signal alone."""
+    plain = re.sub("(?<=[a-z0-9])(?=[A-Z])", " ", re.sub(r"[\[(].*?[\])]", " ", name))
+    return bool(NAMED_BY_UNIT & set(re.findall("[a-z]+", plain.lower())))
 
 
 def unit_of(text: str) -> str:

@@ -12,7 +12,7 @@ from ..units import FACTOR, behind
 from . import steps
 from .evidence import Relation, encoder, grid, whole_numbers
 from .expression import names_in, quoted
-from .unit_words import measures
+from .unit_words import measures, named_by_unit, unit_of
 
 SURE, LIKELY, ASK = "sure", "likely", "ask"
 
@@ -21,9 +21,18 @@ ANGLE = behind("rad", "deg", "mrad", "turn")
 WAY = behind("m", "mm", "cm")
 POSITION = ("angle", "way")
 """Quantities of a position."""
-TURNING, MOVING = ("rad/s", "deg/s", "rpm", "turn/s", "mrad/s"), ("m/s", "mm/s")
-"""Units that the velocity of a hinge and of a slide may be in."""
-RATE = behind(*TURNING, *MOVING)
+TURNING, MOVING = ("rad/s", "deg/s", "rpm", "turn/s"), ("m/s", "mm/s")
+"""Units that the velocity of a hinge and of a slide may be in where no name says one."""
+RATE = behind(*TURNING, "mrad/s", *MOVING)
+ELECTRICAL = "erpm"
+"""Unit of a velocity that a pole pair and a gear belong to."""
+NEAR, ROUGH = 1.05, 1.3
+"""A velocity is in the unit in which it is within the first factor of what the position does; within the second, it
+may be."""
+BITS = range(8, 25)
+"""Powers of two that the counts of a turn may be."""
+EXACT = 0.01
+"""Share by which a velocity in a unit that is said may miss a power of two as the counts of a turn."""
 QUANTITIES = {
     "torque": ("torque", "force"),
     "torque_command": ("torque", "force"),
@@ -35,6 +44,8 @@ TEMPERATURES = {"degC": "{}", "0.1 degC": "{}*0.1", "degF": "({} - 32)/1.8", "K"
 """Expression of a temperature by its unit."""
 MILLI = {"current": "mA", "torque": "mN.m", "torque_command": "mN.m"}
 """By signal the unit in which registers count."""
+PLAUSIBLE = {"torque": 50.0, "torque_command": 50.0, "current": 60.0, "voltage": 60.0, "temperature": 130.0}
+"""By signal the most that is taken for N.m, A, V or degC unasked: more is of a large machine, or in a smaller unit."""
 FULL_SCALES = (885.0, 1000.0, 1023.0, 100.0, 255.0)
 """Counts that mean a full duty on known servos and drives."""
 CLOSE = 2.5
@@ -189,15 +200,59 @@ def read_alike(name: str, said: str, how: str, other: Read, goes: Relation) -> R
         trust = other.trust if unit == other.unit or other.trust == ASK else LIKELY
         why = f"the position moves {goes.scale:.2f} times as far: {unit}"
         return Read(column + known[unit], unit, trust, why, other.ask)
-    text = other.text.replace(next(iter(_columns(other.text)), ""), column) if other.trust == ASK else column
-    if base:
-        text = column + base.behind
+    text = column + base.behind if base else other.text.replace(next(iter(_columns(other.text)), ""), column)
     trust = ASK if other.trust == ASK else LIKELY
     return Read(text, other.unit, trust, f"taken to be in the unit of the position, {other.unit}", other.ask)
 
 
 def _columns(text: str) -> list[str]:
     return [quoted(name) for name in names_in(text) if name != "pi"]
+
+
+def counted_by_velocity(read: Read, name: str, values: Array, said: str, slope: Relation) -> Read:
+    """A position in counts, of which a velocity in a unit that is said tells how many are a turn.
+
+    Args:
+        read: of the position.
+        name: of its column.
+        values: of it.
+        said: unit of the velocity.
+        slope: of the velocity against the derivative of the position.
+    """
+    rate = measures(f"{said}/s" if measures(said, *POSITION) else said, "rate")
+    if read.trust != ASK or read.unit != "tick" or rate is None or slope.fit <= 0.7 or slope.scale <= 0.0:
+        return read
+    exact = 2.0 * math.pi / (rate.factor * slope.scale)
+    power = 2 ** round(math.log2(exact))
+    if power.bit_length() - 1 not in BITS:
+        return read
+    known = abs(exact / power - 1.0) < EXACT
+    turn = power if known else int(float(f"{exact:.3g}"))
+    shown = f"by the velocity in {said} a turn is {exact:.0f} of them"
+    low, high = float(np.nanmin(values)), float(np.nanmax(values))
+    if known and turn == steps.TURN and read.text == steps.steps_text(name):  # asked about with its answer, unit=ticks
+        return replace(read, why=f"{read.why}; {shown}")
+    middle = turn // 2 if low >= 0.0 and high < turn else 0
+    text = f"({quoted(name)} - {middle})*2*pi/{turn}" if middle else f"{quoted(name)}*2*pi/{turn}"
+    why = f"counts of an encoder, {low:.3g} to {high:.3g}; {shown}"
+    if known and low < 0.0:  # which a drive counts from its own zero
+        return Read(text, "tick", LIKELY, f"{why}: {turn}")
+    turns = f"A turn is {turn}, {shown}" if known else f"{shown[0].upper()}{shown[1:]}"
+    asked = "which count is 0 rad?" if known else "how many counts are a turn, and which one is 0 rad?"
+    return Read(text, "tick", ASK, why, f"{asked} {turns}; {middle} is a guess")
+
+
+def _electrical(column: str, slope: Relation, position: Read, shown: str) -> Read:
+    """A velocity in electrical rounds a minute, which only the pole pairs and the gear make one of the joint."""
+    known = measures(position.unit, "angle")
+    ask = "how many pole pairs times gear ratio make these electrical rpm those of the joint?"
+    if known is None or position.trust == ASK or not shown:
+        text = f"{column}*2*pi/60"
+        return Read(text, ELECTRICAL, ASK, "electrical rpm", f"{ask} Divide by that number: {text}/<number>")
+    number = slope.scale / known.factor * FACTOR["rpm"]
+    whole = round(number)
+    told = f"{whole if abs(number - whole) < EXACT * number else number:.4g}"
+    return Read(f"{column}*2*pi/60/{told}", ELECTRICAL, ASK, f"electrical rpm; {shown}", f"{ask} The data say {told}")
 
 
 def read_velocity(name: str, said: str, how: str, slope: Relation, position: Read) -> Read:
@@ -208,7 +263,8 @@ def read_velocity(name: str, said: str, how: str, slope: Relation, position: Rea
             f"in which unit is {column}? Its position is in percent: write it in rad/s (slide: m/s), or remove the line"
         )
         return Read(column, "?", ASK, "no unit is said, and the position is in percent", ask)
-    slide = bool(measures(position.unit, "way"))
+    if not said and (measures(whole := unit_of(name), "rate", "speed") or whole == ELECTRICAL):
+        said, how = whole, "the name"
     if measures(said, *POSITION):
         said += "/s"
     rate = measures(said, "rate", "speed")
@@ -218,12 +274,14 @@ def read_velocity(name: str, said: str, how: str, slope: Relation, position: Rea
         step = steps.step_size(position.text) if position.unit == "tick" else 1.0
         per = slope.scale / (base.factor if base else step)
         shown = f"it is {slope.scale:.3g} times the derivative of the position as logged"
-        rates = MOVING if slide else TURNING
+        rates = _rates(position)
         unit = min(rates, key=lambda unit: abs(math.log(per * FACTOR[unit])))
+        if said == ELECTRICAL:
+            return _electrical(column, slope, position, shown)
         if rate and abs(math.log(per * rate.factor)) > min(math.log(CLOSE), abs(math.log(per * FACTOR[unit])) + 0.01):
             return Read(column + rate.behind, said, ASK, f"{how} says {said}, but {shown}, as {unit} would be")
         if position.unit == "tick" and not said:
-            if position.trust == SURE and abs(math.log(slope.scale)) < math.log(1.3):
+            if position.trust == SURE and abs(math.log(slope.scale)) < math.log(NEAR):
                 behind_steps = f"*2*pi/{2.0 * math.pi / step:.0f}"
                 return Read(column + behind_steps, "tick/s", LIKELY, f"{shown}: steps a second")
             ask = position.ask or f"how many rad/s is a count of {column}? {shown}"
@@ -234,12 +292,20 @@ def read_velocity(name: str, said: str, how: str, slope: Relation, position: Rea
                 column + (own.behind if own else RATE[unit]), unit, ASK, "its unit hangs on that of the position",
                 position.ask,
             )  # fmt: skip
-        if rate and abs(math.log(per * rate.factor)) < math.log(1.3):
+        if rate and abs(math.log(per * rate.factor)) < math.log(ROUGH):
             return Read(column + rate.behind, said, SURE, f"{how} says {said}; {shown}")
-        if not rate and abs(math.log(per * FACTOR[unit])) < math.log(1.3):
+        ratio = per * FACTOR[unit]
+        if not rate and abs(math.log(ratio)) < math.log(NEAR):
             return Read(column + RATE[unit], unit, position.trust, f"{shown}: {unit}")
+        if not said and abs(math.log(ratio)) < math.log(ROUGH):
+            ask = (
+                f"is {column} in {unit}? No unit is said, and in {unit} it is {ratio:.3g} times what the position does"
+            )
+            return Read(column + RATE[unit], unit, ASK, shown, ask)
     elif slope.fit > 0.7:
         shown = "it goes against the derivative of the position"
+    if said == ELECTRICAL:
+        return _electrical(column, slope, position, "")
     if rate:
         trust, shown = (LIKELY, f"; {shown}") if shown else (SURE, "")
         return Read(column + rate.behind, said, trust, f"{how} says {said}{shown}")
@@ -247,11 +313,17 @@ def read_velocity(name: str, said: str, how: str, slope: Relation, position: Rea
     return Read(column, "?", ASK, f"{no_unit}, and {shown or 'it does not go with the derivative of the position'}")
 
 
+def _rates(position: Read) -> tuple[str, ...]:
+    """Units that the velocity beside a position may be in: the usual ones, and that of the position a second."""
+    own = f"{position.unit}/s"
+    return tuple(dict.fromkeys([*(MOVING if measures(position.unit, "way") else TURNING), *[own] * (own in RATE)]))
+
+
 def read_goal_velocity(name: str, said: str, how: str, slope: Relation, goal: Read) -> Read:
     """A velocity that is commanded beside a goal; it need not be the goal's derivative."""
     read = read_velocity(name, said, how, slope, goal)
     if read.trust == ASK and not said and measures(goal.unit, *POSITION):
-        rates = MOVING if measures(goal.unit, "way") else TURNING
+        rates = _rates(goal)
         unit = next((rate for rate in rates if rate == f"{goal.unit}/s"), rates[0])
         return Read(quoted(name) + RATE[unit], unit, LIKELY, f"no unit is said; taken for {unit}, as its goal")
     return replace(read, why=read.why.replace("of the position", "of the goal"))
@@ -272,6 +344,12 @@ def read_other(signal: str, name: str, values: Array, said: str, how: str, rest:
     finite = values[np.isfinite(values)]
     largest = float(np.abs(finite).max()) if len(finite) else 0.0
     span = f"{finite.min():.3g} to {finite.max():.3g}" if len(finite) else "no values"
+    whole = whole_numbers(finite)
+    most = PLAUSIBLE.get(signal, math.inf)
+    by_name = said if how == "the name" and said in ("A", "V") and named_by_unit(name) else ""
+    by_name = by_name if whole or largest > most else ""  # registers count whole numbers
+    if by_name:  # 50 may be 5.0 V
+        said, most = "", 0.5 * most if whole else most
     if signal == "temperature" and said in TEMPERATURES:
         return Read(TEMPERATURES[said].format(column), said, SURE, f"{how} says {said}; {span}")
     if signal == "duty" and said == "%":
@@ -288,8 +366,6 @@ def read_other(signal: str, name: str, values: Array, said: str, how: str, rest:
         guess = full or min(scale for scale in (*FULL_SCALES, 1e9) if scale >= largest)
         ask = f"how many counts mean a full duty? {guess:g} is a guess"
         return Read(f"{column}/{guess:g}", "counts", ASK, f"counts, {span}", ask)
-    # larger ones are of a large machine, or in mN.m: a person is asked
-    plausible = {"torque": 50.0, "torque_command": 50.0, "current": 60.0, "voltage": 60.0, "temperature": 130.0}
     units = {"torque": "N.m", "torque_command": "N.m", "current": "A", "voltage": "V", "temperature": "degC"}
     unit = units[signal]
     unsigned = ""
@@ -298,19 +374,21 @@ def read_other(signal: str, name: str, values: Array, said: str, how: str, rest:
         if signal == "torque" and not said:
             asked = unsigned.replace("; ", "? It is ").replace("so it", "and")
             return Read(column, unit, ASK, span, f"is it a torque at all{asked}")
-    if said not in ("", "?") or largest > plausible[signal] or said == "?":
+    if said not in ("", "?") or largest > most or said == "?":
         ask = (
             f"{how} says {said}, which is no unit of a {signal}"
             if said not in ("", "?")
             else f"in which unit is this {signal}?"
         )
+        ask += f" Its name says {by_name}, but {largest:.5g} may be tenths or thousandths of it" if by_name else ""
         milli = dict.fromkeys(MILLI, "*1e-3")
         smaller = (milli | {"voltage": "*0.1" if largest < 600 else "*1e-3"}).get(signal, "")
-        return Read(column + smaller * (largest > plausible[signal]), unit, ASK, span, ask)
+        return Read(column + smaller * (largest > most), unit, ASK, span, ask)
     if rest and signal in MILLI:
         ask = f"is {rest!r} in the name of {column} its unit? It is none that is known: write what makes it {unit}"
         return Read(column, unit, ASK, span, ask)
-    if signal in MILLI and whole_numbers(finite) and np.ptp(finite) > 1.0:
+    if signal in MILLI and whole and np.ptp(finite) > 1.0:
         ask = f"in which unit is this {signal}? Whole numbers are counts of a register, or {MILLI[signal]} (*1e-3)"
         return Read(f"{column}*1e-3", unit, ASK, span, ask)
-    return Read(column, unit, LIKELY, f"no unit is said; {span} taken for {unit}{unsigned}")
+    why = f"its name says {by_name}" if by_name else "no unit is said"
+    return Read(column, unit, LIKELY, f"{why}; {span} taken for {unit}{unsigned}")

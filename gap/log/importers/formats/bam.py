@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 
-from ...types import LogError
+from ...types import Array, LogError
 from ..recording import Recording, plain_facts
 
 JOINT = "servo"
@@ -33,10 +33,10 @@ def read_bam(path: Path) -> list[Recording]:
     """The one recording of a file.
 
     Raises:
-        LogError: it is no such file, or its entries are no equal mappings.
+        LogError: it is no such file, or its entries are no mappings.
     """
     try:
-        content = json.loads(path.read_text(encoding="utf-8"))
+        content = json.loads(path.read_text(encoding="utf-8-sig"))
     except (OSError, ValueError) as error:
         raise LogError(f"{path}: is not JSON: {str(error).splitlines()[0]}.") from None
     if not is_bam(content):
@@ -44,17 +44,22 @@ def read_bam(path: Path) -> list[Recording]:
     entries = content["entries"]
     if not entries or not all(isinstance(entry, dict) for entry in entries):
         raise LogError(f"{path}: 'entries' has no samples; record it again.")
-    columns = {}
-    for name in entries[0]:
+    columns: dict[str, Array] = {}
+    left: dict[str, str] = {}
+    notes: list[str] = []
+    for name in dict.fromkeys(name for entry in entries for name in entry):
+        lacking = [k for k, entry in enumerate(entries, 1) if name not in entry]
+        cells = [entry.get(name) for entry in entries]
         try:
-            columns[name] = np.array([np.nan if entry[name] is None else entry[name] for entry in entries], np.float64)
-        except KeyError:
-            raise LogError(f"{path}: not every entry has '{name}'; the recording is damaged.") from None
+            columns[name] = np.array([np.nan if cell is None else cell for cell in cells], np.float64)
         except (TypeError, ValueError):
-            continue  # words, such as a state
+            left[name] = "words or lists, where a column has a number in each entry"
+            continue
+        if lacking:
+            count = f"{len(lacking)} of {len(entries)} entries, the first is entry {lacking[0]}"
+            notes.append(f"'{name}' is missing in {count}; its cells are empty there")
     roles = {name: role for name, role in ROLES.items() if name in columns}
     units = dict.fromkeys(("goal_position", "position"), "rad") | {"speed": "rad/s", "timestamp": "s"}
     facts = plain_facts(content)
-    return [
-        Recording(path.stem, columns, path, "bam", facts, roles, (), {k: v for k, v in units.items() if k in columns})
-    ]
+    units = {name: unit for name, unit in units.items() if name in columns}
+    return [Recording(path.stem, columns, path, "bam", facts, roles, tuple(notes), units, left)]

@@ -58,7 +58,9 @@ def read_lerobot(folder: Path) -> list[Recording]:
     wanted = [name for name in features if str(features[name].get("dtype", "")).startswith(("float", "int", "bool"))]
     if MEASURED not in wanted:
         raise LogError(f"{folder}: has no '{MEASURED}', so it says nothing of a robot's joints.")
+    named = [name for name in (MEASURED, COMMANDED, *EXTRA) if name in wanted]
     notes = ("timestamps are the frame's number over the frame rate, not read from a clock",)
+    notes = (*notes, *(note for name in named for note in _nameless(name, features[name])))
     if FOLLOWERS.match(robot := str(info.get("robot_type") or "")):
         notes = (*notes, _gains(robot))
     facts: dict[str, float | str] = {
@@ -85,7 +87,7 @@ def _gains(robot: str) -> str:
 
 def _info(path: Path) -> dict[str, Any]:
     try:
-        content = json.loads(path.read_text(encoding="utf-8"))
+        content = json.loads(path.read_text(encoding="utf-8-sig"))
     except (OSError, ValueError) as error:
         raise LogError(f"{path}: cannot be read: {str(error).splitlines()[0]}; download it again.") from None
     if not isinstance(content, dict):
@@ -146,14 +148,37 @@ def _episode(
 
 
 def _names(feature: Mapping[str, Any]) -> list[str]:
-    """Names of a feature's places: a list, or one within a mapping, or none but their count."""
-    names = feature.get("names")
-    while isinstance(names, Mapping):
-        names = next(iter(names.values()), None)
-    count = int(np.prod(feature.get("shape") or [0]))
-    if isinstance(names, list) and len(names) == count and len(set(map(str, names))) == count:
-        return [str(name) for name in names]
-    return [f"joint{k}" for k in range(count)]
+    """Names of a feature's places: as it says them, or none but their count."""
+    count, said = _count(feature), _said(feature.get("names"))
+    return said if len(said) == len(set(said)) == count else [f"joint{k}" for k in range(count)]
+
+
+def _count(feature: Mapping[str, Any]) -> int:
+    return int(np.prod(feature.get("shape") or [0]))
+
+
+def _said(names: Any) -> list[str]:
+    """Names that stand in a list, in lists within it, within a mapping, or as a mapping to their places."""
+    if isinstance(names, Mapping):
+        values = list(names.values())
+        if all(isinstance(value, int) for value in values):
+            return [str(name) for name in sorted(names, key=lambda name: names[name])]
+        return next((_said(value) for value in values), [])
+    if isinstance(names, list):
+        return [word for one in names for word in (_said(one) if isinstance(one, list | Mapping) else [str(one)])]
+    return []
+
+
+def _nameless(feature: str, content: Mapping[str, Any]) -> list[str]:
+    """A note on names that do not name the places of a feature."""
+    said, count = _said(content.get("names")), _count(content)
+    if not content.get("names") or len(said) == len(set(said)) == count:
+        return []
+    fault = f"{len(said)} names" if len(said) != count else "names that repeat"
+    return [
+        f"'{feature}' has {fault} for {count} numbers, so these are called joint0 to joint{count - 1} here: correct "
+        "'names' in meta/info.json"
+    ]
 
 
 def _joint(word: str) -> tuple[str, str]:

@@ -12,6 +12,7 @@ import pyarrow as pa
 
 from ...types import SIGNAL_UNITS, Array, LogError
 from ..evidence import clock_units
+from ..in_table import said_together
 from ..names import SHORT, said
 from .cells import Cells
 
@@ -21,6 +22,8 @@ TOGETHER = 0.1
 """Share of the sample period within which joints were read at one time."""
 WHOLE = 0.9
 """Share of the samples that have all joints, of a table in long form."""
+REPEATED = 0.05
+"""Share of the rows up to which rows that say the same once more are left out."""
 JOINT = frozenset(["joint", "joints", "motor", "servo", "name", "id", "axis", "actuator", "device", "gelenk"])
 """Words for a column that names a joint."""
 
@@ -44,7 +47,8 @@ def pivoted(table: pa.Table, cells: Cells, path: Path) -> LongForm | None:
     """The columns of each joint, where one column names the joint of a row; None where none does.
 
     Raises:
-        LogError: the joints were read at different times, and a log has one time for all.
+        LogError: the joints were read at different times, and a log has one time for all; or a joint has two rows at
+            one time.
     """
     words: dict[str, list[Any]] = {
         name: table[name].to_pylist()
@@ -61,9 +65,9 @@ def pivoted(table: pa.Table, cells: Cells, path: Path) -> LongForm | None:
         clocks = [clock for clock in cells.columns if clock != name and _runs(cells.columns[clock], labels, joints)]
         for clock in sorted(clocks, key=lambda clock: said(clock).signal != "time")[:1]:
             blocks = bool((np.diff(cells.columns[clock]) < 0.0).any())  # one below the other: joints, or else runs
-            if (_says_joint(name) or not blocks) and (found := _pivot(cells, name, clock, labels, joints)):
+            if (_says_joint(name) or not blocks) and (found := _pivot(cells, name, clock, labels, joints, path)):
                 return found
-            if name in cells.left and _says_joint(name):
+            if _names_joint(name) and (name in cells.left or _in_turn(labels)):
                 _refuse(cells.columns[clock], clock, name, labels, joints, path)
     return None
 
@@ -76,6 +80,17 @@ def _of_words(kind: pa.DataType) -> bool:
 
 def _says_joint(name: str) -> bool:
     return bool(JOINT & set(re.findall("[a-z]+", name.lower())))
+
+
+def _names_joint(name: str) -> bool:
+    """Whether a column names a joint, and is no signal of one, as ``servo_temperature`` is."""
+    return _says_joint(name) and not said(name).signal
+
+
+def _in_turn(labels: np.ndarray) -> bool:
+    """Whether the joints were polled in turn: nearly each row is of another joint than the one before."""
+    known = labels[labels != ""]
+    return bool((known[1:] != known[:-1]).mean() > WHOLE)
 
 
 def _label(word: object) -> str:
@@ -94,7 +109,7 @@ def _runs(values: Array, labels: np.ndarray, joints: list[str]) -> bool:
     return bool(end - begin > 0.5 * max(part[-1] - part[0] for part in parts))
 
 
-def _pivot(cells: Cells, name: str, clock: str, labels: np.ndarray, joints: list[str]) -> LongForm | None:
+def _pivot(cells: Cells, name: str, clock: str, labels: np.ndarray, joints: list[str], path: Path) -> LongForm | None:
     """The table with one row a sample; None where joints do not share their samples."""
     rows = np.flatnonzero(labels != "")
     rows = rows[np.argsort(cells.columns[clock][rows], kind="stable")]
@@ -106,32 +121,65 @@ def _pivot(cells: Cells, name: str, clock: str, labels: np.ndarray, joints: list
         later = time[k] - time[first] > TOGETHER * period
         first = k if later else first
         sample[k] = sample[k - 1] + later
-    count = np.bincount(sample)
-    if len(np.unique(sample * len(joints) + number)) < len(rows) or (count == len(joints)).mean() < WHOLE:
+    _, firsts, same = np.unique(sample * len(joints) + number, return_index=True, return_inverse=True)
+    if (np.bincount(sample[firsts]) == len(joints)).mean() < WHOLE:
         return None
+    counter = {column for column, values in cells.columns.items() if (np.diff(values) == 1.0).all()}  # of the rows
+    carried = {k: values for k, values in cells.columns.items() if k not in {name, clock, *counter}}
+    notes = list(cells.notes)
+    if again := len(rows) - len(firsts):
+        fault = _repeated(carried, rows, rows[firsts][same])
+        if fault and not _names_joint(name):
+            return None
+        if fault:
+            what, row = fault
+            raise LogError(
+                f"{path}: '{name}' names the joint of each row, and {labels[row]} has two rows at {clock} = "
+                f"{cells.columns[clock][row]:.15g}, {what}; leave one row of each such pair out, or import a file for "
+                "each joint."
+            )
+        notes.append(f"{again} of {len(rows)} rows say once more what one of their joint and time says: left out")
+        kept = np.sort(firsts)
+        rows, time, number, sample = rows[kept], time[kept], number[kept], sample[kept]
+    count = np.bincount(sample)
     begins = np.concatenate([[0], np.cumsum(count)[:-1]])
     apart = float((time[np.cumsum(count) - 1] - time[begins]).max())
     columns: dict[str, Array] = {clock: np.bincount(sample, time) / count if apart > 0.0 else time[begins]}
     roles: dict[str, str] = {}
     units: dict[str, str] = {}
-    for column, values in cells.columns.items():
-        if column in (name, clock) or (np.diff(values) == 1.0).all():  # which counts the rows
-            continue
-        spoken = said(column)
+    spoken_of = said_together(cells.columns)
+    for column, values in carried.items():
+        spoken = spoken_of[column]
         for k, joint in enumerate(joints):
             own = columns[f"{joint}.{column}"] = np.full(len(count), np.nan)
             own[sample[number == k]] = values[rows[number == k]]
             if spoken.signal in SIGNAL_UNITS and not SHORT.fullmatch(spoken.how.lower()):  # of qd the numbers tell
                 roles[f"{joint}.{column}"] = f"{joint}.{spoken.signal}"
                 units |= {f"{joint}.{column}": spoken.unit} if spoken.unit else {}
-    notes = [
-        *cells.notes,
-        f"'{name}' names the joint of each row: {', '.join(joints)}; each has columns of its own here",
-    ]
+    notes.append(f"'{name}' names the joint of each row: {', '.join(joints)}; each has columns of its own here")
     if apart > 0.0:
         notes.append(f"rows of one sample are up to {apart:.3g} apart in {clock} and stand at their mean")
     left = {other: why for other, why in cells.left.items() if other != name}
     return LongForm(Cells(columns, left, notes), roles, units)
+
+
+def _repeated(columns: dict[str, Array], rows: np.ndarray, firsts: np.ndarray) -> tuple[str, int] | None:
+    """What is wrong with rows of one joint and time, and the first such row; None where they are a few that are equal.
+
+    Args:
+        columns: values of all rows.
+        rows: that are looked at.
+        firsts: for each of them the first row of its joint and time.
+    """
+    for column, values in columns.items():
+        own, other = values[rows], values[firsts]
+        differ = (own != other) & ~(np.isnan(own) & np.isnan(other))
+        if differ.any():
+            return f"which differ in {column}", int(rows[np.argmax(differ)])
+    again = rows != firsts
+    if again.mean() > REPEATED:
+        return f"as {again.mean():.0%} of all rows are repeats", int(rows[np.argmax(again)])
+    return None
 
 
 def _refuse(time: Array, clock: str, name: str, labels: np.ndarray, joints: list[str], path: Path) -> None:

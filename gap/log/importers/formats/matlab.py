@@ -13,7 +13,7 @@ from scipy.io.matlab import MatReadError
 from ...types import LogError
 from ..recording import Recording
 from .hdf5 import read_matlab73
-from .variables import recording_of, recordings_of
+from .variables import recordings_of
 
 
 def read_matlab(path: Path) -> list[Recording]:
@@ -33,7 +33,7 @@ def read_matlab(path: Path) -> list[Recording]:
 
 
 def read_numpy(path: Path) -> list[Recording]:
-    """The recording of a file of named arrays, as MATLAB's.
+    """The recordings of a file of named arrays, as MATLAB's.
 
     Raises:
         LogError: it is damaged, or has no vectors.
@@ -44,7 +44,7 @@ def read_numpy(path: Path) -> list[Recording]:
     except (OSError, ValueError, EOFError, AttributeError, BadZipFile) as error:
         said = str(error).splitlines()[0] if str(error) else "it is empty"
         raise LogError(f"{path}: is no file of named arrays (np.savez), or a damaged one: {said}.") from None
-    return [recording_of(path, "numpy", content, path.stem)]
+    return recordings_of(path, "numpy", content)
 
 
 def _plain_array(file: Any, name: str) -> Any:

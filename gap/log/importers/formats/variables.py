@@ -10,7 +10,7 @@ import numpy as np
 
 from ...types import Array, LogError
 from ..recording import Recording
-from .structures import flatten, is_list, spread
+from .structures import flatten, is_list, parted, spread
 
 WORDS = "it holds text, no numbers"
 
@@ -30,7 +30,12 @@ def recordings_of(path: Path, kind: str, content: Mapping[str, Any]) -> list[Rec
     flat: dict[str, Any] = {}
     for name, value in content.items():
         flatten(name, value, flat)
-    return [recording_of(path, kind, spread(run), name) for name, run in _runs(spread(flat), path.stem).items()]
+    parts, notes = parted(flat)
+    return [
+        recording_of(path, kind, spread(run), name, notes)
+        for part, own in parts.items()
+        for name, run in _runs(spread(own), f"{path.stem}-{part}" if part else path.stem).items()
+    ]
 
 
 def _runs(content: Mapping[str, Any], stem: str) -> dict[str, dict[str, Any]]:
@@ -65,8 +70,8 @@ def _has_runs(value: Any) -> bool:
     )
 
 
-def recording_of(path: Path, kind: str, content: Mapping[str, Any], name: str) -> Recording:
-    """The one recording that variables of a run make.
+def recording_of(path: Path, kind: str, content: Mapping[str, Any], name: str, said: tuple[str, ...] = ()) -> Recording:
+    """The one recording that variables of a run make, with what is said of it already.
 
     Raises:
         LogError: there are no vectors.
@@ -84,7 +89,7 @@ def recording_of(path: Path, kind: str, content: Mapping[str, Any], name: str) -
     lengths = [len(values) for values in columns.values()]
     length = max(set(lengths), key=lambda n: (lengths.count(n), n))
     other = sorted(key for key, values in columns.items() if len(values) != length)
-    notes = (f"left out, for they do not have {length} samples: {', '.join(other)}",) if other else ()
+    notes = (*said, f"left out, for they do not have {length} samples: {', '.join(other)}") if other else said
     kept = {key: values for key, values in columns.items() if len(values) == length}
     left |= dict.fromkeys(words, WORDS)
     return Recording(name, kept, path, kind, facts, notes=notes, left=left)

@@ -1,0 +1,182 @@
+"""Model files of all kinds: what is read from them moves, and what is written from them MuJoCo simulates by itself."""
+
+from __future__ import annotations
+
+import struct
+from pathlib import Path
+
+import mujoco
+import numpy as np
+import pytest
+import yaml
+from sealegs.actuators.chain import load_chain
+from sealegs.envs.extended import Extended, Mounted
+from sealegs.envs.model_meshes import without_meshes_that_fail
+from sealegs.envs.robot import RobotError
+from sealegs.envs.robot_file import load_robot_file
+from sealegs.gap.load import robot as robots
+from sealegs.gap.log.reader import read_measured
+from sealegs.gap.output.mjcf import native_text
+from sealegs.gap.output.robot_mjcf import write_robot
+
+SERVO = [{"ideal": {"stiffness": 100.0, "damping": 5.0}}]
+ARM = '<body name="u" pos="0 0 1"><joint name="s" axis="0 1 0"/><geom name="g" {}/><site name="tip"/></body>'
+ROUND, MESH = ARM.format('size=".1"'), ARM.format('type="mesh" mesh="m"')
+CUBE = '<body name="cube"><freejoint/><geom name="c" size=".1"/><site name="side"/></body>'
+
+
+def solid(path: Path) -> None:
+    """A tetrahedron as STL."""
+    corners = 0.4 * np.array([[0, 0, 0], [1, 0, 0], [0, 1, 0], [0, 0, 1]])
+    path.parent.mkdir(parents=True, exist_ok=True)
+    sides = ((0, 2, 1), (0, 1, 3), (0, 3, 2), (1, 2, 3))
+    rows = [struct.pack("<12fH", 0, 0, 0, *corners[list(side)].ravel(), 0) for side in sides]
+    path.write_bytes(b"\0" * 80 + struct.pack("<I", len(rows)) + b"".join(rows))
+
+
+def model_file(folder: Path, world: str, rest: str = "", before: str = "") -> Path:
+    path = folder / "arm.xml"
+    path.write_text(f"<mujoco>{before}<worldbody>{world}</worldbody>{rest}</mujoco>")
+    return path
+
+
+def written(path: Path, joint: str = "s") -> mujoco.MjModel:
+    """What a diagnosis of a log of the robot writes, as plain MuJoCo reads it."""
+    rows = "".join(f"{0.01 * k},0,0\n" for k in range(200))
+    (path.parent / "run.csv").write_text(f"time,{joint}.goal,{joint}.position\n{rows}")
+    (path.parent / "run.yaml").write_text(yaml.safe_dump({"robot": path.name, "actuators": {joint: SERVO}}))
+    data = read_measured(path.parent)
+    robot = robots.robot_of(data.runs[0])
+    assert robot is not None
+    chains = {joint: (Mounted(load_chain(SERVO), f"{joint}.yaml"),)}
+    (path.parent / "out").mkdir()
+    extended = Extended(data.runs[0].robot, {}, chains, (), digest=robot.file.model.digest)
+    file = write_robot(extended, data, path.parent / "out")
+    assert file is not None
+    return mujoco.MjModel.from_xml_path(str(file))
+
+
+@pytest.mark.parametrize(
+    ("chain", "defaults"),
+    [
+        (SERVO, '<position ctrlrange="-.1 .1"/>'),
+        (SERVO, '<motor gear="2" forcerange="-1 1"/><default class="a"><general gear="3"/></default>'),
+        ("sts3215", '<general gear="2" ctrlrange="-.1 .1" forcerange="-1 1"/>'),
+        ([{"torque_command": {}}], '<general gear="2" ctrlrange="-.1 .1" forcerange="-1 1"/>'),
+    ],
+)
+def test_a_written_actuator_has_no_limit_and_no_gear_of_the_files_own_actuators(
+    chain: str | list[dict], defaults: str, tmp_path: Path
+) -> None:
+    """A position goal of 3 rad was clamped at 0.1 rad, and a gear of 2 doubled each torque."""
+    actuators = '<actuator><position joint="s" kp="9" gear="1" ctrlrange="-3 3" forcerange="-9 9"/></actuator>'
+    path = model_file(tmp_path, ROUND, actuators, f"<default>{defaults}</default>")
+    drivetrain = load_robot_file(path).robot().drivetrain({"s": load_chain(chain)})
+    text = native_text(drivetrain.spec.to_xml(), drivetrain.chains)
+    (tmp_path / "plain").mkdir()
+    plain = (
+        load_robot_file(model_file(tmp_path / "plain", ROUND, actuators)).robot().drivetrain({"s": load_chain(chain)})
+    )
+    models = [
+        mujoco.MjModel.from_xml_string(native_text(item.spec.to_xml(), item.chains)) for item in (drivetrain, plain)
+    ]
+    assert "<general" not in text
+    for key in [name for name in dir(models[0]) if name.startswith("actuator_")]:
+        np.testing.assert_array_equal(getattr(models[0], key), getattr(models[1], key), err_msg=key)
+
+
+def test_a_written_motor_joint_and_tendon_have_nothing_of_the_default_classes_of_the_file(tmp_path: Path) -> None:
+    inner = '<joint damping="5" range="-30 30"/><tendon frictionloss="1"/>'
+    main = '<joint damping="2 1" frictionloss=".5" armature=".1" stiffness="3" range="-60 60"/><tendon stiffness="4"/>'
+    before = f'<default>{main}<default class="a">{inner}</default></default>'
+    forearm = (
+        '<body name="f"><joint name="e" axis="0 1 0" damping="0" frictionloss="0"/><geom size=".1"/></body></body>'
+    )
+    world = ROUND.replace('name="u"', 'name="u" childclass="a"').replace("</body>", forearm)
+    springy = load_chain([{"ideal": {**SERVO[0]["ideal"], "armature": 0.05}}, {"compliance": {"stiffness": 300.0}}])
+    robot = load_robot_file(model_file(tmp_path, world, before=before)).robot()
+    drivetrain = robot.drivetrain({"s": load_chain(SERVO), "e": springy})
+    plain = mujoco.MjModel.from_xml_string(native_text(drivetrain.spec.to_xml(), drivetrain.chains))
+    names = [name for name in dir(plain) if name.startswith(("jnt_", "dof_", "tendon_")) and "actfrc" not in name]
+    assert plain.joint("e_motor").damping[0] == 0.0 and not plain.joint("e_motor").limited
+    for key in names:
+        np.testing.assert_allclose(getattr(plain, key), getattr(drivetrain.model, key), rtol=1e-4, err_msg=key)
+
+
+def test_a_written_model_finds_a_height_field_where_it_lies(tmp_path: Path) -> None:
+    (tmp_path / "assets").mkdir()
+    heights = np.linspace(0.0, 1.0, 9, dtype=np.float32)
+    (tmp_path / "assets/h.bin").write_bytes(struct.pack("<2i", 3, 3) + heights.tobytes())
+    before = (
+        '<compiler meshdir="assets"/><asset><hfield name="h" file="h.bin" size="1 1 1 1" '
+        'content_type="image/vnd.mujoco.hfield"/></asset>'
+    )
+    path = model_file(tmp_path, f'<geom type="hfield" hfield="h" pos="0 0 -3"/>{ROUND}', before=before)
+    assert written(path).nhfield == 1
+
+
+ATTACHED = '<frame pos="0 0 .2"><attach model="c" body="u" prefix="L_"/></frame>'
+
+
+def attaching(folder: Path) -> Path:
+    """A model with a mesh of its own, to which another one is attached that has its mesh in folders of its own."""
+    solid(folder / "mm/o.stl")
+    child = folder / "child/c.xml"
+    child.parent.mkdir()
+    asset = '<compiler meshdir="assets"/><asset><mesh name="m" file="m.stl"/></asset>'
+    child.write_text(f"<mujoco>{asset}<worldbody>{MESH}</worldbody></mujoco>")
+    before = (
+        '<compiler meshdir="mm"/><asset><mesh name="own" file="o.stl"/><model name="c" file="child/c.xml"/></asset>'
+    )
+    return model_file(folder, f'<body name="base"><geom type="mesh" mesh="own"/>{ATTACHED}</body>', before=before)
+
+
+def test_an_attached_model_keeps_meshes_in_folders_of_its_own(tmp_path: Path) -> None:
+    """It was refused: the mesh of the attached model was looked for in the folder of the other."""
+    path = attaching(tmp_path)
+    solid(tmp_path / "child/assets/m.stl")
+    assert written(path, "L_s").nmesh == 2
+    assert not any("mesh" in sentence for sentence in load_robot_file(path).said)
+
+
+@pytest.mark.parametrize("text", [None, "not a solid"])
+def test_of_an_attached_model_only_the_mesh_that_fails_is_named(text: str | None, tmp_path: Path) -> None:
+    path = attaching(tmp_path)
+    if text is not None:
+        (tmp_path / "child/assets").mkdir()
+        (tmp_path / "child/assets/m.stl").write_text(text)
+    reason = "is not there" if text is None else "MuJoCo cannot read"
+    with pytest.raises(RobotError, match=f"body 'L_u' takes its mass from m.stl, which {reason}"):
+        without_meshes_that_fail(mujoco.MjSpec.from_file(str(path)), path, [], [])
+
+
+@pytest.mark.parametrize(
+    ("world", "rest"),
+    [
+        ('<camera mode="targetbody" target="cube"/><light mode="targetbodycom" target="cube"/>', ""),
+        ("", '<sensor><framepos objtype="site" objname="side" reftype="body" refname="u"/></sensor>'),
+        ("", '<contact><exclude body1="cube" body2="u"/><pair geom1="g" geom2="c"/></contact>'),
+        ("", '<equality><connect site1="tip" site2="side"/></equality>'),
+        ("", '<tendon><spatial><site site="tip"/><site site="side"/></spatial></tendon>'),
+        ("", '<keyframe><key qpos="0 0 0 0 1 0 0 0"/></keyframe>'),
+    ],
+)
+def test_what_refers_to_an_object_of_the_scene_goes_with_it(world: str, rest: str, tmp_path: Path) -> None:
+    """A camera that looked at the object ended in a traceback."""
+    file = load_robot_file(model_file(tmp_path, world + ROUND + CUBE, rest))
+    assert robots.without_objects(file, {}).nbody == 2
+
+
+def test_a_model_that_does_not_compile_without_its_objects_is_refused_in_a_sentence(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    file = load_robot_file(model_file(tmp_path, ROUND + CUBE))
+
+    def broken(root: mujoco.MjsBody, driven: set[str]) -> bool:
+        if root.name == "u":
+            root.add_geom(type=mujoco.mjtGeom.mjGEOM_MESH, meshname="none")
+        return root.name == "cube"
+
+    monkeypatch.setattr(robots, "_is_object", broken)
+    with pytest.raises(RobotError, match=r"arm\.xml does not compile without the objects .*\(cube\): .*none.*; take"):
+        robots.without_objects(file, {})
