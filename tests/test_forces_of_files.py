@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -15,12 +16,16 @@ from sealegs.envs.robot_described import LIMIT, stated
 from sealegs.envs.robot_file import load_robot_file
 from sealegs.envs.robot_yaml import robot_yaml
 from sealegs.envs.robots import get_robot
+from sealegs.gap.causes.catalogue import catalogue
+from sealegs.gap.diagnose import diagnose
 from sealegs.gap.log.reader import read_measured
 from sealegs.gap.log.types import MeasuredRun
+from sealegs.gap.replay.joint_model import JointModel
 from sealegs.gap.replay.tree import joint_of_tree, owned, terms_of
 from sealegs.gap.replay.whole import replay_whole, whole
 from sealegs.hw.virtual.machine import Machine
 
+from testbed.logs import hidden_arm
 from tests.logged_robots import free_replay, nominal_error, robot
 
 ARM = """<mujoco>{option}<worldbody><body><joint name="s" axis="0 1 0" {joint}/>
@@ -182,3 +187,24 @@ def test_powers_of_the_speed_in_a_damping_are_told_and_what_stands_for_them_in_a
     finding = owned(robot(run), "s")
     assert finding is not None and finding.severity == "warning" and phrase in finding.sentence
     assert free_errors(run) < 1e-3 and whole_errors(run) < 1e-3
+
+
+def test_a_limit_that_is_believed_may_be_wrong_either_way() -> None:
+    """A chain with a limit had no cause that changes it, and an effort of a URDF is often made up."""
+    chain = load_chain([{"torque_command": {}}, {"torque_limit": {"limit": 2.0}}])
+    joint = JointModel(chain)
+    (cause,) = catalogue(replace(joint, axis=replace(joint.axis, effort=5.0)), ["drive.overload"])
+    starts = [number.start for (number,) in cause.variants]
+    assert cause.error and min(starts) < 2.0 < max(starts)
+    assert all(number.low < 0.1 and number.high > 5.0 for (number,) in cause.variants)
+
+
+@pytest.mark.long
+def test_an_effort_that_a_file_makes_up_is_found(tmp_path: Path) -> None:
+    data, _ = hidden_arm(tmp_path, "two_link", {}, seed=5, runs=2, duration=10.0)
+    file = Path(data.runs[0].robot)
+    made_up = 'actuatorfrclimited="true" actuatorfrcrange="-0.5 0.5"'
+    file.write_text(file.read_text().replace('<joint name="elbow"', f'<joint {made_up} name="elbow"'))
+    found = diagnose(data, causes=["drive.overload", "drive.gain", "friction.coulomb"]).joint("elbow")
+    assert [cause.name for cause in found.causes] == ["drive.overload"]
+    assert found.causes[0].parameters["torque_limit.limit"].value > 1.0

@@ -184,18 +184,22 @@ def supply_sag(nominal: JointModel) -> Cause:
     )
 
 
-@entry("drive.overload", both(lacks("torque_limit"), lambda nominal: stall_torque(nominal) > 0.0))
+@entry("drive.overload", lambda nominal: stall_torque(nominal) > 0.0)
 def overload(nominal: JointModel) -> Cause:
+    """A limit that is believed, as the ``effort`` of a URDF, may be wrong either way."""
     top = stall_torque(nominal) / nominal.chain.gear_ratio()  # the limit goes before a gear
+    believed = nominal.value("torque_limit.limit") if nominal.chain.find("torque_limit") else top
+    most = 1.2 * max(top, believed)
+    starts = [share * believed for share in (0.8, 0.5, 0.25, 1.6) if share * believed < most]
     limits = [
-        Parameter("torque_limit.limit", "N.m", 0.02 * top, 1.2 * top, start * top, 0.1, logarithmic=True)
-        for start in (0.8, 0.5, 0.25)
+        Parameter("torque_limit.limit", "N.m", 0.02 * believed, most, start, 0.1, logarithmic=True) for start in starts
     ]
     return Cause(
         sentence="The firmware limits the torque.",
         picture="response",
         against="motor torque",
         variants=tuple((limit,) for limit in limits),
+        error=has("torque_limit")(nominal),
         degenerates_to=Limit("drive.saturation", "the torque is largest at one speed"),
     )
 
