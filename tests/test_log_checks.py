@@ -10,7 +10,16 @@ import pytest
 from scipy.interpolate import make_smoothing_spline
 from sealegs.actuators import load_chain
 from sealegs.gap.checks.correction import mended
-from sealegs.gap.checks.data_set import Finding, check_run, check_set, corrected, merged, noise_floor, unusable
+from sealegs.gap.checks.data_set import (
+    Finding,
+    _without_unit_of_magnitudes,
+    check_run,
+    check_set,
+    corrected,
+    merged,
+    noise_floor,
+    unusable,
+)
 from sealegs.gap.log.types import JointLog, MeasuredRun, MeasuredSet
 
 from testbed import NOISE_FLOOR, hidden_bench
@@ -379,15 +388,23 @@ def test_two_stretches_of_rest_are_not_the_same_recording() -> None:
     assert "set.duplicate" not in {finding.code for finding in findings}
 
 
+def test_a_current_that_a_load_holds_on_one_side_in_one_run_is_signed_in_all() -> None:
+    """A slide that carries weight draws one way in slow runs; its column was set aside in all of them."""
+    signed, held = clean().runs[:2]
+    held = with_log(held, current=np.abs(signal(held, "current")))
+    assert "current.unsigned" in {finding.code for finding in check_set(MeasuredSet((held,), "x"))}
+    assert "current.unsigned" not in {finding.code for finding in check_set(MeasuredSet((signed, held), "x"))}
+
+
 def test_a_current_without_sign_in_one_run_has_none_in_any() -> None:
     """Where a run pushes one way only, a magnitude looks like a current of another scale."""
-    both, scaled = (with_log(run, current=size * np.abs(signal(run, "current"))) for run, size in zip(
-        clean().runs, (1.0, 0.1), strict=False))  # fmt: skip
-    pushes = np.sign(signal(scaled, "duty"))
-    one_way = with_log(scaled, current=-0.1 * np.abs(signal(scaled, "current")) * pushes)
+    both, one_way = (with_log(run, current=np.abs(signal(run, "current"))) for run in clean().runs[:2])
+    one_way = with_log(one_way, duty=np.abs(signal(one_way, "duty")))
+    scaled = with_log(clean().runs[1], current=0.1 * signal(clean().runs[1], "current"))
+    (unit,) = [finding for finding in check_run(scaled) if finding.code == "unit.current"]
+    unsigned = found(both, "current.unsigned")
+    assert _without_unit_of_magnitudes([unsigned, unit]) == [unsigned]
     data = MeasuredSet((both, one_way), "x")
-    assert "unit.current" in {finding.code for finding in check_run(one_way)}
-    assert {finding.code for finding in check_set(data) if "current" in finding.code} == {"current.unsigned"}
     mended, said = corrected(data, check_set(data))
     assert [run.joints[JOINT].current for run in mended.runs] == [None, None]
     assert "converted" not in " ".join(finding.sentence for finding in said)

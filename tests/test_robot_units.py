@@ -61,6 +61,18 @@ def test_a_slide_in_millimetres_is_told_and_converted(limits: str, tmp_path: Pat
     assert not [f for f in check_set(log(tmp_path, plain, limits)) if f.code.startswith("unit.")]
 
 
+def test_a_slide_that_may_be_in_centimetres_is_not_taken_for_millimetres(tmp_path: Path) -> None:
+    """0.147 m became 0.0147 m."""
+    data = log(tmp_path, table(rail_position=100.0, rail_goal=100.0))
+    asked = [f for f in check_set(data) if f.code.startswith("unit.")]
+    assert {f.code for f in asked} == {"unit.length"}
+    assert "cm or mm would fit. Say which it is in the sidecar, units: {rail.position: cm}" in asked[0].sentence
+    said = log(tmp_path, table(rail_position=100.0, rail_goal=100.0), units={"rail.position": "cm", "rail.goal": "cm"})
+    machine = robot_of(said.runs[0])
+    assert machine is not None
+    assert not [f for f in check_set(in_model_units(said, machine)[0]) if f.code.startswith("unit.")]
+
+
 def test_a_slide_in_no_unit_that_fits_its_range_is_neither_degrees_nor_ticks(tmp_path: Path) -> None:
     data = log(tmp_path, {k: v if k == "time" else np.round(1e9 * v) for k, v in table().items()})
     found = {(f.code, f.column) for f in check_set(data)}

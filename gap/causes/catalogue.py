@@ -79,6 +79,9 @@ def adjustable(nominal: JointModel, width: float = TIGHT) -> list[Parameter]:
         if (more := 2.0 * TIGHT * nominal.load.tip_mass) > 0.0:
             less = max(-more, nominal.load.least_payload)
             found.append(Parameter("load.payload", "kg", less, more, 0.0, 0.2 * more))
+    elif nominal.of_robot:
+        # nor do they with a motor that is refitted too; masses of a file are not off because a chain is another motor's
+        low, high = 1.0 / (1.0 + TIGHT), 1.0 + TIGHT
     if impedance(nominal):
         found.append(factor("ideal.strength", low, high, 0.05, 0.4))
     if nominal.by_torque:

@@ -43,7 +43,23 @@ def check_set(data: MeasuredSet) -> list[Finding]:
     for name in names:
         same = [joint for joints in contexts for joint in joints if joint.name == name]
         findings += check_torque(same, only)
-    return _without_unit_of_magnitudes(findings) + list(_across(data))
+    return _without_unit_of_magnitudes(_magnitudes(findings, data)) + list(_across(data))
+
+
+def _magnitudes(findings: list[Finding], data: MeasuredSet) -> list[Finding]:
+    """Findings less those of an unsigned column that is negative in another run: there a load pushed one way."""
+    return [
+        finding
+        for finding in findings
+        if finding.code not in UNSIGNED or not any(_negative(run, finding.joint, finding.code) for run in data.runs)
+    ]
+
+
+def _negative(run: MeasuredRun, joint: str | None, code: str) -> bool:
+    """Whether the column that such a finding is of goes below zero in a run."""
+    log = run.joints.get(joint or "")
+    values = None if log is None else getattr(log, code.partition(".")[0])
+    return values is not None and bool(np.any(values < 0.0))
 
 
 def _without_unit_of_magnitudes(findings: list[Finding]) -> list[Finding]:

@@ -10,6 +10,9 @@ from ..log.finding import Finding
 from .context import JointContext
 
 MILLIMETRES = 1000.0
+OTHERS = {"cm": 100.0}
+"""Other units that people measure slides in and a sidecar can say, and how many of them are a metre."""
+LEAST = 0.3  # of the range, that a column in another unit must cover to be taken for one
 BEYOND = 2.0  # times as far as the range of the model reaches: more is another unit
 WITHIN = 1.5  # times that range up to which a column in millimetres may go
 FASTEST_SLIDE = 20.0
@@ -17,7 +20,10 @@ FASTEST_SLIDE = 20.0
 
 
 def check_lengths(joint: JointContext) -> Iterator[Finding]:
-    """Yield what is wrong with the unit of a slide: a factor of a thousand can be mended, any other cannot."""
+    """Yield what is wrong with the unit of a slide: a factor of a thousand can be mended, any other cannot.
+
+    Nor can that one where another unit fits the range of the model as well.
+    """
     for signal in ("position", "goal", "link_position"):
         values = getattr(joint.log, signal)
         if values is None or not np.isfinite(values).any():
@@ -26,7 +32,14 @@ def check_lengths(joint: JointContext) -> Iterator[Finding]:
         if far is None:
             continue
         column = joint.column(signal)
-        if far:
+        if far and (fit := [unit for unit, per in OTHERS.items() if _fits(joint, np.asarray(values), per)]):
+            yield Finding(
+                "unit.length", "error", joint.name, column,
+                f"{column} is not in metres: {reason}; {' or '.join([*fit, 'mm'])} would fit. Say which it is in the "
+                f"sidecar, units: {{{column}: {fit[0]}}}.",
+                data_error=True,
+            )  # fmt: skip
+        elif far:
             yield Finding(
                 "unit.millimetres", "error", joint.name, column,
                 f"{column} is in millimetres, not in metres: {reason}; divide it by 1000.",
@@ -50,3 +63,11 @@ def _too_far(joint: JointContext, values: np.ndarray) -> tuple[bool | None, str]
         return None, ""
     reason = f"it reaches {size:.3g}, and the joint of the model {joint.reach:.3g} m"
     return size / MILLIMETRES <= WITHIN * joint.reach, reason
+
+
+def _fits(joint: JointContext, values: np.ndarray, per_metre: float) -> bool:
+    """Whether a column in a unit of which so many are a metre stays in the model's range, covering much of it."""
+    if joint.reach is None:
+        return False
+    size = float(np.nanquantile(np.abs(values), 0.98)) / per_metre
+    return LEAST * joint.reach <= size <= joint.reach

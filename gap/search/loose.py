@@ -16,11 +16,14 @@ import numpy as np
 from ..causes.cause import Cause
 from ..checks.bootstrap import block_weights
 from ..replay.parameters import Parameter
+from ..replay.problem import Problem
 from .fit import Fit, merge, middle
 from .result import Candidate, Search
 
 if TYPE_CHECKING:
     from .forward import Searcher
+
+WEIGHT = "load.mass"
 
 
 def search_loosely(searcher: Searcher, found: Search) -> Search:
@@ -43,7 +46,12 @@ def search_loosely(searcher: Searcher, found: Search) -> Search:
 
 def beside_refitted(searcher: Searcher) -> Search:
     """What a searcher finds on top of refitted numbers."""
-    causes = [cause for cause in searcher.considered if not _turned_anyway(cause, searcher.wide)]
+    unmeasured = _torque_is_open(searcher.problem)
+    causes = [
+        cause
+        for cause in searcher.considered
+        if not (_turned_anyway(cause, searcher.wide) or (unmeasured and cause.name == WEIGHT))
+    ]
     found = replace(searcher, causes=causes, tuned=searcher.wide, wide=()).run()
     return replace(found, causes=searcher.considered, loose=True)
 
@@ -77,6 +85,16 @@ def held_back(searcher: Searcher, fits: tuple[Fit, Fit]) -> bool:
     """Whether a tuned number is at an end of its tolerance, and refitting is to be considered."""
     held = {p.path for p in searcher.tuned if p.factor}
     return bool(searcher.wide) and any(held.intersection(one.at_bound) for one in fits)
+
+
+def _torque_is_open(problem: Problem) -> bool:
+    """Whether nothing in a robot's log is a torque: a refitted motor and another mass then stand in for each other.
+
+    A slide was handed over with a fifth of its mass behind a motor with five times its resistance.
+    """
+    shown = zip(problem.channels, problem.weight, strict=True)
+    measured = any(weight for name, weight in shown if name in ("torque", "current"))
+    return problem.joint is not None and problem.joint.models[0].of_robot and not measured
 
 
 def _blocks(searcher: Searcher, found: Search) -> np.ndarray:

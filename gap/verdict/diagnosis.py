@@ -29,6 +29,7 @@ from ..replay.joint_model import JointModel
 from ..replay.steps import converged
 from ..replay.tree import HELD
 from ..search.channels import weigh_channels
+from ..search.delays import with_started_delays
 from ..search.forward import NUMERICAL, Searcher
 from ..search.result import Search
 from ..search.seek import seek
@@ -273,16 +274,15 @@ def _replay(pieces: Cut, request: Request, *, before_goal: bool = False) -> Repl
     causes, hidden = shown(driven, pieces.models[0], causes)
     request.progress(f"judging the actuator of {pieces.joint} along its measured motion")
     problem = weigh_channels(converged(driven), request.search)
-    told = (*seen, *limits_of_driven(driven, pieces.joint, hidden))
-    return Replay(problem, problem, wide, tuned, causes, told, stops, tuple(hidden))
+    seen = (*seen, *limits_of_driven(driven, pieces.joint, hidden))
+    return Replay(problem, problem, wide, tuned, with_started_delays(problem, causes), seen, stops, tuple(hidden))
 
 
 def _search(replay: Replay, request: Request) -> Search:
-    searcher = Searcher(
+    return seek(Searcher(
         replay.fitting, list(replay.causes), tuple(replay.tuned), request.progress, request.seed, request.search,
         request.look_on, tuple(replay.wide),
-    )  # fmt: skip
-    return seek(searcher)
+    ))  # fmt: skip
 
 
 def _decide(
