@@ -126,13 +126,6 @@ class RobotFile:
         return {name: reason for name, reason in found.items() if reason}
 
     @property
-    def slide_limits(self) -> dict[str, dict[str, float]]:
-        """Limits of safety of its slides, by name of the limit and of the joint [m], [m/s]; assumed."""
-        slides = {item.name: item.range[1] - item.range[0] for item in self.joints if item.kind == "slide"}
-        return {key: {name: float(f"{share * span:.3g}") for name, span in slides.items()}
-                for key, share in SLIDES.items()}  # fmt: skip
-
-    @property
     def digest(self) -> str:
         """Of model, driven coordinates and engine, to tell two robots apart."""
         rows = [[item.name, item.terms, item.range] for item in self.joints]

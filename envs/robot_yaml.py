@@ -5,7 +5,8 @@ from __future__ import annotations
 import dataclasses
 import os
 import textwrap
-from collections.abc import Collection, Sequence
+from collections.abc import Callable, Collection, Mapping, Sequence
+from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
@@ -45,8 +46,32 @@ deploy:   # for sealegs deploy: what configs/robot/bench.yaml holds of the bench
 """
 
 
+@dataclass(frozen=True)
+class AssumedLimits:
+    """Limits of safety that nobody stated.
+
+    Attributes:
+        limits: by name of the limit and of the joint [rad, m, rad/s or m/s]; only joints that the limits of
+            ``configs/robot/bench.yaml`` do not fit.
+        said: sentences about limits of the model file that are not used.
+    """
+
+    limits: Mapping[str, Mapping[str, float]] = field(default_factory=dict)
+    said: tuple[str, ...] = ()
+
+
+def none_assumed(robot: RobotFile) -> AssumedLimits:
+    """No limits but those of ``configs/robot/bench.yaml``."""
+    del robot
+    return AssumedLimits()
+
+
 def write_robot_yaml(
-    model: Path, out: Path, chain: str | None = None, reserved: Collection[str] = ()
+    model: Path,
+    out: Path,
+    chain: str | None = None,
+    reserved: Collection[str] = (),
+    limits_of: Callable[[RobotFile], AssumedLimits] = none_assumed,
 ) -> tuple[str, ...]:
     """Write the YAML of a model, and return what was assumed in it, a sentence each.
 
@@ -55,11 +80,12 @@ def write_robot_yaml(
         out: file to write; it must not exist.
         chain: that drives every joint; None: an ideal servo as the model has it.
         reserved: words that joints should not be called by, since columns of logs are.
+        limits_of: assumes limits of safety for a robot.
 
     Raises:
         RobotError: the model cannot be read, ``out`` exists, or what was written cannot be read.
     """
-    text, said = robot_yaml(model, out, chain, reserved)
+    text, said = robot_yaml(model, out, chain, reserved, limits_of)
     try:
         out.parent.mkdir(parents=True, exist_ok=True)
         write_text(out, text)
@@ -74,7 +100,11 @@ def write_robot_yaml(
 
 
 def robot_yaml(
-    model: Path, out: Path, chain: str | None = None, reserved: Collection[str] = ()
+    model: Path,
+    out: Path,
+    chain: str | None = None,
+    reserved: Collection[str] = (),
+    limits_of: Callable[[RobotFile], AssumedLimits] = none_assumed,
 ) -> tuple[str, tuple[str, ...]]:
     """The text that :func:`write_robot_yaml` writes, and what was assumed."""
     facts = read_model(model)
@@ -112,11 +142,12 @@ def robot_yaml(
     ]
     driven = [name for joint in robot.joints for name, _ in joint.terms]
     left += [f"# Nothing drives {what}: it moves freely.\n" for what in passive(facts, driven)]
-    said = (*robot.said, *(f"joint {name}: {note}." for name, notes in more.items() for note in notes))
+    assumed = limits_of(robot)
+    said = (*robot.said, *assumed.said, *(f"joint {name}: {note}." for name, notes in more.items() for note in notes))
     said = (*said, *(f"{reason}; it is left out." for reason in undriveable))
     said = (*said, *passive_sentence(facts, driven), *_chain_on_slides(robot, chain))
     said = tuple(sorted(said, key=lambda sentence: sentence.startswith(WARNING)))  # at the end they are seen
-    return head + "".join(lines) + "".join(left) + TAIL.format(safety=_safety(robot)), said
+    return head + "".join(lines) + "".join(left) + TAIL.format(safety=_safety(assumed.limits)), said
 
 
 def _more_notes(facts: ModelFile, joint: FileJoint, chain: str | None, reserved: Collection[str]) -> list[str]:
@@ -143,15 +174,16 @@ def _chain_on_slides(robot: RobotFile, chain: str | None) -> tuple[str, ...]:
     )
 
 
-def _safety(robot: RobotFile) -> str:
-    """The limits of slides, which those of hinges cannot stand for."""
+def _safety(limits: Mapping[str, Mapping[str, float]]) -> str:
+    """The limits that joints need in place of those of ``configs/robot/bench.yaml``."""
     rows = [
-        f"    {key}: {_flow({**values, '*': rest})}   # {what}; slides in m, assumed"
-        for key, values, rest, what in (
-            ("range_margin", robot.slide_limits["range_margin"], HINGES["range_margin"], "beyond the range"),
-            ("speed", robot.slide_limits["speed"], HINGES["speed"], "measured, a second"),
+        f"    {key}: {_flow({**values, '*': HINGES[key]} if key in HINGES else dict(values))}   # {what}, assumed"
+        for key, what in (
+            ("range_margin", "beyond the range; slides in m"),
+            ("speed", "measured, a second; slides in m; above what excitations need"),
+            ("following_error", "behind its goal, of ideal servos: leave it out with other chains"),
         )
-        if values
+        if (values := limits.get(key))
     ]
     return "".join(f"\n{row}" for row in rows) if rows else " {}"
 

@@ -55,6 +55,7 @@ def diagnose(
     from .experiment import Limits, default_limits
     from .output.partial import going_on, source_in_memory, source_of
     from .verdict import diagnosis as search
+    from .verdict.columns import chosen, commanded
 
     out = None if keep is None else Path(keep)
     data: MeasuredSet | None = None
@@ -78,6 +79,8 @@ def diagnose(
 
             data = read_bounded(Path(log), progress=say)
         data = _given(data)
+        if joints is not None:
+            chosen(commanded(data.runs), joints)  # says what there is not before the log is checked
         speed = math.inf if speed_limit is None else float(speed_limit)
         kept = None
         if limits is not None:

@@ -106,8 +106,9 @@ def prepare(config: Mapping[str, Any], source: Callable[[ServoRobot], Commands] 
         ("live", bool),
     ):
         config[key] = checked(key, config[key], kind)
-    for key in ("rate", "duration", "reach"):
+    for key in ("rate", "duration"):
         config[key] = checked(key, config[key], float | None)
+    config["reach"] = checked("reach", config["reach"], float | dict[str, float] | None)
     config["rest"] = config["rest"] or config["robot"].get("rest") or "release"
     if config["rest"] not in RESTS:
         raise SealegsError(f"rest is '{config['rest']}'; it may be release, hold or sit.")

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import fnmatch
 import math
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, fields
 from typing import Any
 
@@ -110,10 +110,7 @@ class Limits:
             if "m" in robot.units:
                 raise SealegsError(self._of_slides(robot))
             return np.full(len(names), float(value))
-        for pattern in value:
-            if not fnmatch.filter(names, pattern):
-                raise SealegsError(f"safety.{name}.{pattern} fits no joint; there are {', '.join(names)}.")
-        found = [next((value[p] for p in value if fnmatch.fnmatch(joint, p)), None) for joint in names]
+        found = by_pattern(f"safety.{name}", value, names)
         if None in found and name not in FROM_CHAIN:
             raise SealegsError(f"safety.{name} has no value for joint {names[found.index(None)]}; add one.")
         return np.array([math.nan if item is None else float(item) for item in found])
@@ -131,6 +128,18 @@ class Limits:
             rows.append(f"'robot.safety.{key}={{{table}}}'")
         more = f" and {len(slides) - 1} more joints are" if len(slides) > 1 else " is"
         return f"{said}, but joint {slides[0]}{more} in m; give limits by pattern of names, such as {' '.join(rows)}."
+
+
+def by_pattern(key: str, values: Mapping[str, float], names: Sequence[str]) -> list[float | None]:
+    """The number of the first pattern that fits, for each name (k); None where none does.
+
+    Raises:
+        SealegsError: a pattern fits no joint.
+    """
+    for pattern in values:
+        if not fnmatch.filter(names, pattern):
+            raise SealegsError(f"{key}.{pattern} fits no joint; there are {', '.join(names)}.")
+    return [next((values[p] for p in values if fnmatch.fnmatch(joint, p)), None) for joint in names]
 
 
 def _read(name: str, value: Any) -> Any:

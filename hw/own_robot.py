@@ -11,6 +11,7 @@ from ..actuators.errors import SealegsError, nearest
 from ..configs.compose import FOLDER
 from ..envs.robot import RobotError
 from ..envs.robots import get_robot
+from .assumed_limits import ASSUMED, assumed_limits
 
 DEFAULTS = "bench"
 """Robot of ``configs/robot`` whose safety limits hold where a robot's file says nothing: those of a small servo."""
@@ -33,8 +34,14 @@ def own_robot(word: str) -> dict[str, Any]:
     for key in given:
         if key not in known:
             raise SealegsError(f"{path}: deploy.{key} is unknown{nearest(key, known)}; there are {', '.join(known)}.")
-    slides = {key: {**values, "*": config["safety"][key]} for key, values in robot.file.slide_limits.items() if values}
-    limits = {**config["safety"], **slides, **(given.get("safety") or {})}
+    stated = given.get("safety") or {}
+    trial = {} if all(key in stated for key in ASSUMED) else assumed_limits(robot.file).limits  # it takes a second
+    assumed = {
+        key: values if config["safety"][key] is None else {**values, "*": config["safety"][key]}
+        for key, values in trial.items()
+        if values
+    }
+    limits = {**config["safety"], **assumed, **stated}
     for key in limits:
         if key not in config["safety"]:
             hint = nearest(key, config["safety"])

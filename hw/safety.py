@@ -18,6 +18,12 @@ from .packets import BusError, in_words
 from .robot import Reading, ServoRobot
 
 WINDOW = 2.0  # [s] over which lost replies are counted, and 50 cycles at least
+CHANGED = {
+    "range": " (robot.safety.range_margin)",
+    "speed": " (robot.safety.speed; a smaller reach= slows an excitation)",
+    "voltage": "",  # its words have the key
+}
+"""What a person may change where that is not the limit of the same name alone, by name of the fault."""
 JUMP = 5.0  # periods at most for which a goal may make up after a stall
 
 
@@ -110,7 +116,9 @@ class Safety:
         speed = np.zeros(len(goals)) if self._wanted is None else np.abs(goals - self._wanted) / dt
         self._wanted = goals
         self._too_fast = self._lasting(speed > self._goal_speed, self._too_fast, dt)
-        text = "is commanded at {0:.3g} {3}/s for more than {1:g} s; its limit is {2:.3g} {3}/s"
+        text = (
+            "is commanded at {0:.3g} {3}/s for more than {1:g} s; its limit is {2:.3g} {3}/s (robot.safety.goal_speed)"
+        )
         return self._first("goal_speed", self._too_fast, text, speed, self._goal_speed)
 
     def _first(
@@ -152,7 +160,10 @@ class Safety:
         missing = () if reading.state is None else reading.state.missing
         fresh = np.array([joint.address not in missing for joint in self._robot.joints])
         watch.see(goal, reading.position, fresh, reading.after)
-        text = "has been more than {2:.2g} {3} behind its goal for {1:g} s, at last {0:.2g} {3}: it is blocked or blind"
+        text = (
+            "has been more than {2:.2g} {3} behind its goal for {1:g} s, at last {0:.2g} {3}: it is blocked or blind, "
+            "or its goals are too fast for it (robot.safety.following_error; a smaller reach= slows an excitation)"
+        )
         if fault := self._first("following", watch.behind, text, watch.error, watch.limits):
             return fault
         text = "has reported the same position for {1:g} s although its goal has moved: its encoder is stuck, or it is"
@@ -190,7 +201,8 @@ class Safety:
             if len(bad):
                 joint = self._robot.joints[bad[0]]
                 both = found[bad[0]], np.broadcast_to(limit, found.shape)[bad[0]]
-                said = text.format(*(abs(v) if name == "voltage" else v for v in both), self._robot.units[bad[0]])
+                said = text + CHANGED.get(name, f" (robot.safety.{name})")
+                said = said.format(*(abs(v) if name == "voltage" else v for v in both), self._robot.units[bad[0]])
                 return Fault(name, f"joint {joint.name} (servo {joint.address}) {said}.", (joint.address,))
         return None
 

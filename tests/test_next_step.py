@@ -27,6 +27,8 @@ def test_nobody_is_told_to_train_what_torques_drive(
     monkeypatch.setattr(next_step, "train_command", lambda folder: f"sealegs train extended={folder}")
     model = JointModel(Chain(tuple(build_stage(name, given, "a chain") for name, given in stages)))
     problem = SimpleNamespace(joint=SimpleNamespace(models=(model,)))
-    found: Any = SimpleNamespace(joint="elbow", causes=("one",), model="extended", problem=problem, experiment=None)
+    found: Any = SimpleNamespace(
+        joint="elbow", causes=("one",), model="extended", problem=problem, experiment=None, refitted=False
+    )
     sentence, commands = next_step.next_step([found], {"extended": Path("diagnosis/extended.yaml")})
     assert bool(commands) == trained and ("with your own code" in sentence) != trained

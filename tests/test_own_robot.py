@@ -205,8 +205,8 @@ def test_a_robot_with_a_slide_can_be_deployed_as_new_robot_writes_it_and_as_its_
     standing: Any = None  # a trajectory reads nothing
     goals = [found.commands.goals(time, standing)[0] for time in np.arange(0.0, found.commands.duration, 0.02)]
     assert 0.1 < np.ptp(goals) / 2.0 <= 0.24 + 1e-9
-    with pytest.raises(SealegsError, match=r"reach is 0.5 m; joint rail has 0.30 m to either side: leave reach out"):
-        deployment.prepare(config("reach=0.5", **given))
+    with pytest.raises(SealegsError, match=r"reach is 0.7 rad; joint shoulder has 0.60 rad to either side"):
+        deployment.prepare(config("reach=0.7", **given))
     wrong = {**given, "robot.safety.range_margin": "0.1", "robot.safety.speed": "9"}
     with pytest.raises(
         SealegsError,

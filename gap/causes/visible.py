@@ -6,9 +6,10 @@ from collections.abc import Sequence
 
 import numpy as np
 
+from ..load.efforts import EFFORTS
 from ..log.finding import Finding
 from ..log.torque_side import side_note
-from ..replay.driven import DrivenProblem, is_elastic
+from ..replay.driven import DrivenProblem, efforts_of, is_elastic, not_predicted
 from ..replay.joint_model import JointModel
 from .cause import Cause, View, visible
 
@@ -23,7 +24,7 @@ JUDGED = {
 
 def view_of(problem: DrivenProblem, nominal: JointModel) -> View:
     """What a driven replay can show: its link is prescribed, and so is a motor that is rigid with it."""
-    columns = {name for c, name in enumerate(problem.channels) if np.isfinite(problem.measured[:, c]).any()}
+    columns = _logged(problem) & {"position", *efforts_of(problem.models)}
     if problem.torque_side == "drive":  # which says no more of friction than current and duty do
         columns -= {"torque"}
     moves = problem.signal[0] == "position" or is_elastic(nominal)
@@ -37,11 +38,27 @@ def shown(problem: DrivenProblem, nominal: JointModel, causes: Sequence[Cause]) 
 
 def limits(problem: DrivenProblem, joint: str, hidden: Sequence[str]) -> tuple[Finding, ...]:
     """What the driven replay of a joint cannot show, and what its torque was taken as, for people."""
+    blind = f"; this cannot show {', '.join(hidden)}" if hidden else ""
     beyond = Finding(
         "replay.driven", "note", joint, None,
         f"The link of '{joint}' was moved as measured, and {JUDGED[problem.signal[0]]} was judged, so no model of load "
-        f"and contact was needed; this cannot show {', '.join(hidden)}.",
+        f"and contact was needed{blind}.",
     )  # fmt: skip
-    if not np.isfinite(problem.measured[:, problem.channels.index("torque")]).any():
-        return (beyond,)
-    return beyond, side_note(joint, problem.torque_side, problem.side_reason)
+    found = (beyond, *_set_aside(problem, joint))
+    if "torque" not in _logged(problem):
+        return found
+    return *found, side_note(joint, problem.torque_side, problem.side_reason)
+
+
+def _set_aside(problem: DrivenProblem, joint: str) -> tuple[Finding, ...]:
+    """That columns of effort are not judged, which the chain of a joint does not predict; unless they are zero."""
+    moving = {name for c, name in enumerate(problem.channels) if np.nan_to_num(problem.measured[:, c]).any()}
+    idle = [name for name in EFFORTS if name in moving and name not in efforts_of(problem.models)]
+    if not idle:
+        return ()
+    return (Finding("replay.no_motor", "note", joint, None, f"{not_predicted(joint, idle)} '{joint}.torque'."),)
+
+
+def _logged(problem: DrivenProblem) -> set[str]:
+    """Channels of which the log holds anything."""
+    return {name for c, name in enumerate(problem.channels) if np.isfinite(problem.measured[:, c]).any()}

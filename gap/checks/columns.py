@@ -6,6 +6,7 @@ from collections.abc import Iterator
 
 import numpy as np
 
+from ..load.efforts import EFFORTS, predicted
 from ..log.finding import Finding
 from ..log.types import Array
 from .context import JointContext
@@ -51,11 +52,16 @@ def _stuck(joint: JointContext) -> Iterator[Finding]:
                 f"{joint.column(signal)} holds no value; leave the column out.", data_error=True,
             )  # fmt: skip
             continue
+        if signal in EFFORTS and joint.chain is not None and signal not in predicted(joint.chain) and not values.any():
+            continue  # a servo without a motor has neither current nor duty to report
         starts = np.flatnonzero(np.concatenate([[True], values[1:] != values[:-1]]))
         ends = np.concatenate([starts[1:], [len(values)]]) - 1
         length = joint.time[ends] - joint.time[starts]
         # from end to end: along its way, the noise of a joint at rest adds up
         moved = np.maximum.reduceat(position, starts) - np.minimum.reduceat(position, starts)
+        if signal == "velocity":  # it stays as long as the slope of the position does
+            way = [position[a : b + 1] - values[a] * joint.time[a : b + 1] for a, b in zip(starts, ends, strict=True)]
+            moved = np.minimum(moved, [np.ptp(beyond) for beyond in way])
         held = _at_an_end(np.abs(values[starts])) if signal == "duty" else False
         off = ~(np.broadcast_to(enabled, values.shape)[starts])
         # Dry friction holds a torque, so only motion well beyond noise shows that a column no longer follows.

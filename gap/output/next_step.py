@@ -7,12 +7,17 @@ import shlex
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 
+import numpy as np
+
 from ...actuators.errors import SealegsError
 from ...envs.extended import read_extended
 from ...envs.robot_file import is_robot_file
 from ...envs.robots import ROBOTS, get_robot
 from ..experiment.proposal import REPEATS, SHOWS
+from ..load.efforts import EFFORTS, predicted
 from ..log.sidecar import read_sidecar
+from ..replay.tree import HELD
+from ..search.structure import listed
 from ..verdict.verdict import NOT_IDENTIFIABLE, JointDiagnosis
 from .document import overall, to_document
 
@@ -21,15 +26,19 @@ RUN = (
     f"Run the proposed experiment {REPEATS} times, with hw= and port= of these servos, and diagnose its logs together "
     "with the old ones:"
 )
-TRAIN = "No further experiment would tell more. Train on the machine as found:"
+SETTLED = "No further experiment would tell more."
+REFITTED = (
+    "Numbers were refitted beyond their tolerance, and no experiment is proposed that would tell which of them is "
+    "wrong: measure them apart where you can."
+)
+TRAIN = "{settled} Train on the machine as found:"
 TORQUES = (
-    "No further experiment would tell more. The machine as found is in {file}. What torques drive is trained with your "
-    "own code: tasks give position goals."
+    "{settled} The machine as found is in {file}. What torques drive is trained with your own code: tasks give "
+    "position goals."
 )
 MISSING = (
     "Nothing to train on yet: what was found is not identifiable, and no experiment is proposed that would tell. "
-    "Needed is a log that shows more: a wider and faster motion (limits=), another load, or the columns current and "
-    "duty."
+    "Needed is a log that shows more: {needed}."
 )
 DESCRIBE = " The load is not known either: describe it in the file of a robot, so that the motion itself is judged."
 
@@ -54,10 +63,32 @@ def next_step(
         return "", ()
     if overall([to_document(item) for item in diagnoses])["verdict"] == NOT_IDENTIFIABLE:
         driven = any(item.problem is not None and item.problem.free_joint is None for item in diagnoses)
-        return MISSING + (DESCRIBE if driven else ""), ()
+        held = next((f.sentence for item in diagnoses for f in item.findings if f.code == HELD), "")
+        return MISSING.format(needed=_needed(diagnoses)) + (f" {held}" if held else DESCRIBE if driven else ""), ()
+    settled = REFITTED if any(item.refitted for item in diagnoses) else SETTLED
     if any(map(_by_torque, diagnoses)):
-        return TORQUES.format(file=written["extended"]), ()
-    return TRAIN, [train_command(written["extended"].parent)]
+        return TORQUES.format(settled=settled, file=written["extended"]), ()
+    return TRAIN.format(settled=settled), [train_command(written["extended"].parent)]
+
+
+def _needed(diagnoses: Sequence[JointDiagnosis]) -> str:
+    """What a log would have to show more of: motion, load, and columns that a chain predicts and that it lacks."""
+    lacking = [name for name in EFFORTS if any(name in _lacking(item) for item in diagnoses)]
+    ways = ["a wider and faster motion (limits=)", "another load"]
+    if lacking:
+        ways.append(f"the column{'s' if len(lacking) > 1 else ''} {listed(lacking)}")
+    return f"{', '.join(ways[:-1])}{',' if len(ways) > 2 else ''} or {ways[-1]}"
+
+
+def _lacking(diagnosis: JointDiagnosis) -> Sequence[str]:
+    """Columns of effort that would tell more of a joint."""
+    joint = None if diagnosis.problem is None else diagnosis.problem.joint
+    if joint is None:
+        return ("current", "duty")
+    logged = {name for c, name in enumerate(joint.channels) if np.isfinite(joint.measured[:, c]).any()}
+    driven = joint.free_joint is None
+    wanted = [name for name in predicted(joint.models[0].chain) if driven or name != "torque"]
+    return [name for name in wanted if name not in logged]
 
 
 def _by_torque(diagnosis: JointDiagnosis) -> bool:

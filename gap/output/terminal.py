@@ -6,14 +6,17 @@ import textwrap
 from collections.abc import Collection, Iterable, Mapping, Sequence
 from pathlib import Path
 
+from ..search.structure import fine
 from ..verdict.frames import DOUBTED
-from ..verdict.verdict import JointDiagnosis, NamedCause, Reason, Value
+from ..verdict.verdict import BESIDE, JointDiagnosis, NamedCause, Reason, Value
+from ..verdict.words import size
 from .limits import LEAD, LIMITS, by_family, limits_told
 from .next_step import next_step
 from .numbers import GLUE, glued, number, percent, rounded, sureness, unit_of
 
 LEAST_WIDTH = 40  # columns below which lines are allowed to run over
 MOST_WIDTH = 100  # longer lines are hard to read
+MUCH_LEFT = 0.1  # of the gap: what stays unexplained beside causes is a line of its own from there
 
 
 def screen(
@@ -67,7 +70,15 @@ def _joint(diagnosis: JointDiagnosis, width: int, told: Collection[str] = ()) ->
         for cause in diagnosis.causes:
             yield from _cause(cause, longest, width)
         if diagnosis.tuned_share >= 5e-4:
-            yield from _wrapped(f"{'tuned numbers':{longest}s}  {_share(diagnosis.tuned_share)}", width, 2)
+            name = "refitted numbers" if diagnosis.refitted else "tuned numbers"
+            yield from _wrapped(f"{name:{longest}s}  {_share(diagnosis.tuned_share)}", width, 2)
+        if diagnosis.unexplained >= MUCH_LEFT:
+            left = f"{_share(diagnosis.unexplained)}{_left(diagnosis)}"
+            yield from _wrapped(f"{'unexplained':{longest}s}  {left}", width, 2)
+        for reason in reasons:
+            if reason.code == BESIDE:
+                yield ""
+                yield from _wrapped(reason.sentence, width, 2)
     elif reasons and not diagnosis.data_errors:
         yield ""
         for reason in reasons:
@@ -86,6 +97,14 @@ def _joint(diagnosis: JointDiagnosis, width: int, told: Collection[str] = ()) ->
     if diagnosis.experiment is not None:
         yield from ("", "Next experiment")
         yield from _wrapped(diagnosis.experiment.sentence, width, 2)
+
+
+def _left(diagnosis: JointDiagnosis) -> str:
+    """How large what stays unexplained is, where that is known."""
+    structure, noise = diagnosis.structure, diagnosis.gap.get("noise_floor")
+    if structure is None or not structure.noticed or noise is None:
+        return ""
+    return f": {size(structure.rms, structure.unit)}, noise {fine(noise.rmse, structure.unit, 2)}"
 
 
 def told_once(diagnosis: JointDiagnosis) -> tuple[str, Sequence[Reason]]:

@@ -13,9 +13,10 @@ from typing import ClassVar
 import numpy as np
 
 from ..checks.signal import derivatives, typical_noise
+from ..load.efforts import EFFORTS, predicted
 from ..log.parts import Unit
 from ..log.torque_side import SIDES, Reason, TorqueSide, said_side, side_by_drive
-from ..log.types import LogError, MeasuredRun
+from ..log.types import JointLog, LogError, MeasuredRun
 from .constants import K
 from .driven_simulator import CHANNELS, replay_driven_many
 from .joint_model import JointModel
@@ -26,7 +27,6 @@ from .variants import Batch
 
 UNITS = {"position": "rad", "torque": "N.m", "duty": "1", "current": "A"}
 LEAST_TORQUES = 50  # samples of a torque column that can tell what it is of
-RIGID_SIGNALS = ("torque", "current", "duty")  # what judges a motor that is rigid with its link, the best first
 
 
 @dataclass(frozen=True, eq=False)
@@ -141,12 +141,9 @@ def driven_problem(
     first, weight = 0, np.zeros(len(CHANNELS))
     weight[0] = 1.0 / noise
     if not elastic and logs[0].link_position is None:
-        signal = next((s for s in RIGID_SIGNALS if all(getattr(log, s) is not None for log in logs)), None)
+        signal = next((s for s in efforts_of(models) if all(getattr(log, s) is not None for log in logs)), None)
         if signal is None:
-            raise LogError(
-                f"joint '{joint}': motor and link are one, so its position says nothing about its actuator unless the "
-                f"load is known; log '{joint}.duty', '{joint}.current' or '{joint}.torque' as well."
-            )
+            raise LogError(_unjudged(joint, logs, efforts_of(models)))
         first = CHANNELS.index(signal)
         measured = measured[:, _exchanged(first)]
         weight[0] = 1.0 / typical_noise(plain.time, measured[:, 0], plain.starts)
@@ -174,6 +171,33 @@ def driven_problem(
     )
     shown = None if said else _shown_side(problem)
     return problem if shown is None else replace(problem, torque_side=shown, side_reason="shown")
+
+
+def efforts_of(models: Sequence[JointModel]) -> tuple[str, ...]:
+    """What judges a motor that is rigid with its link, the best first: what the chain of each run predicts."""
+    return tuple(effort for effort in EFFORTS if all(effort in predicted(model.chain) for model in models))
+
+
+def not_predicted(joint: str, columns: Sequence[str]) -> str:
+    """That columns of effort are set aside, since the chain of a joint predicts none of them, and what to do."""
+    names = " and ".join(f"'{joint}.{column}'" for column in columns)
+    return f"{names} cannot be judged, since the chain of '{joint}' has no motor; name a chain with a motor, or log"
+
+
+def _unjudged(joint: str, logs: Sequence[JointLog], efforts: Sequence[str]) -> str:
+    """Why nothing of a rigid joint can be judged, and which columns would tell."""
+    names = [f"'{joint}.{effort}'" for effort in reversed(efforts)]
+    wanted = names[0] if len(names) == 1 else f"{', '.join(names[:-1])} or {names[-1]}"
+    start = (
+        f"joint '{joint}': motor and link are one, so its position says nothing about its actuator unless the load is "
+        "known"
+    )
+    idle = [
+        effort for effort in EFFORTS if effort not in efforts and any(getattr(log, effort) is not None for log in logs)
+    ]
+    if idle:
+        return f"{start}; {not_predicted(joint, idle)} {wanted}."
+    return f"{start}; log {wanted} as well."
 
 
 def _shown_side(problem: DrivenProblem) -> TorqueSide | None:

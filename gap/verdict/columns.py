@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 from ...actuators.errors import nearest
+from ..ground.ground import GROUND
 from ..load.robot import LoggedRobot
 from ..log.finding import Finding
 from ..log.types import COMMANDS, TOLD, LogError, MeasuredRun
@@ -54,6 +55,10 @@ def chosen(joints: Sequence[str], only: Sequence[str] | None) -> list[str]:
             "joint was told as <joint>.goal or <joint>.torque_command."
         )
     for name in only or ():
+        if name == GROUND and name not in joints:
+            raise LogError(
+                "joints= takes no 'ground': it is judged beside all joints, whose motion it needs; leave joints= out."
+            )
         if name not in joints:
             hint = nearest(name, joints)
             raise LogError(f"The log drives no joint '{name}'{hint}; joints= takes {', '.join(joints)}.")

@@ -23,6 +23,7 @@ from .balanced import balanced
 from .evidence import THRESHOLDS, Balanced, Evidence, Refused, Replayed, Thresholds
 from .signatures import disagreeing
 from .verdict import (
+    BESIDE,
     CERTAIN,
     EXPLAINED,
     LIKELY,
@@ -57,6 +58,7 @@ from .words import (
 
 MOSTLY = 0.5  # of what is explained, from which what tuned numbers do is told first
 ROUNDED = 5e-3  # change of a number below which no one is told of it
+MUCH = 0.2  # of the gap, from which it is told beside rivals how much stays unexplained
 MOST_WORDS = 25  # of the sentence that a verdict is told in
 
 
@@ -213,7 +215,7 @@ def _beside_causes(found: Replayed) -> list[Reason]:
         f"Beside that, numbers of the nominal model are refitted: {found.beside}. Data that no fit saw ask for it; "
         "which of them is wrong is not identifiable."
     )
-    return [Reason("beside", said)]
+    return [Reason(BESIDE, said)]
 
 
 def _contradictions(found: Replayed) -> list[Reason]:
@@ -295,15 +297,17 @@ def _beside(found: Replayed, certain: Sequence[NamedCause], doubtful: NamedCause
 def _rivalled(found: Replayed, doubtful: NamedCause) -> Verdict:
     others = ", ".join(doubtful.rivals)
     place = f" in place of {doubtful.name}" if len(found.causes) > 1 else ""
+    fits = "fits" if len(doubtful.rivals) == 1 else "fit"
+    alike, unexplained = f"{fits} about as well", ""
+    if found.structure.noticed and found.left >= MUCH:
+        alike, unexplained = f"{fits} alike", f"; {100.0 * found.left:.0f} % unexplained"
     sentence = (
         f"The gap of '{found.joint}' may be {subject(found.causes)}, but {some(doubtful.rivals)} "
-        f"{'fits' if len(doubtful.rivals) == 1 else 'fit'} about as well ({certainty([doubtful])})."
+        f"{alike} ({certainty([doubtful])}){unexplained}."
     )
-    return Verdict(
-        NOT_IDENTIFIABLE,
-        sentence,
-        (Reason("rivals", f"The data fit {others}{place} about as well. The error falls {change(found)}."),),
-    )
+    why = f"The data fit {others}{place} about as well. The error falls {change(found)}."
+    rest = (Reason("structure", found.structure.sentence),) if found.structure.noticed else ()
+    return Verdict(NOT_IDENTIFIABLE, sentence, (Reason("rivals", why), *rest))
 
 
 def _feeble(found: Replayed) -> Verdict:

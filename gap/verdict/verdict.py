@@ -22,6 +22,8 @@ EXPLAINED, PARTLY, NOTHING, NOT_IDENTIFIABLE, UNUSABLE = (
     "not identifiable",
     "unusable log",
 )
+BESIDE = "beside"
+"""Code of the reason that names numbers which were refitted beside the causes."""
 CERTAIN, LIKELY, POSSIBLE, ONE_OF_SEVERAL, WITHDRAWN, NEAR_MISS = (
     "certain",
     "likely",
@@ -204,6 +206,11 @@ class JointDiagnosis:
     model: str = "extended"
     limits: tuple[DetectionLimit, ...] = ()
     frames: Mapping[str, Any] | None = None
+
+    @property
+    def refitted(self) -> bool:
+        """Whether numbers of the model were refitted beside the causes, some beyond their tolerance."""
+        return any(reason.code == BESIDE for reason in self.reasons)
 
     @property
     def text(self) -> str:

@@ -92,7 +92,10 @@ def checked_settings(config: Mapping[str, Any]) -> dict[str, Any]:
         "hidden": (or_null(dict[str, Any]), "hidden={} must be a mapping, such as {{delay.seconds:0.03}}, or null."),
         "stepped": (bool, ""),
         **dict.fromkeys(("rate", "seconds"), (Positive, "")),
-        "reach": (or_null(Positive), ""),
+        "reach": (
+            or_null(Positive | dict[str, Positive]),
+            "reach={} must be a number, numbers by pattern of names such as {{left_finger:0.01}}, or null.",
+        ),
         **dict.fromkeys(("silence", "energy_weight"), (NotNegative, "")),
         **dict.fromkeys(("further", "seed"), (Natural, "")),
         "total_timesteps": (Count, ""),
@@ -172,7 +175,7 @@ def excite(
     machine = [argument for argument in machine if not argument.startswith(("robot.params=", "robot.params."))]
     arguments = [f"excitation={word}", f"out={out / 'log'}", f"name={name}", *machine, f"robot.params={params}"]
     arguments += [f"rate={config['rate']}", f"seed={seed}"]
-    arguments += [] if config["reach"] is None else [f"reach={config['reach']}"]
+    arguments += [] if config["reach"] is None else [f"reach={json.dumps(config['reach'])}"]
     heading(shlex.join(["sealegs", "deploy", *arguments]))
     script.main(arguments)
 
@@ -293,13 +296,26 @@ def tell(out: Path, folders: Mapping[str, Path]) -> None:
         print(f"  Policy trained on the {name} model: {figures['machine']['reward']:.1f} of reward a second there;")
         print(f"    the machine is off by {', by '.join(gaps)}.")
     if "extended" not in folders:
-        print("  The diagnosis found nothing to extend the model by.")
+        print(f"  {nothing_found(out)}")
     picture = out / "gap.png"
     if not picture.exists():
         draw_gap(documents, picture)
     print(f"  Picture      {picture}")
     for name, folder in folders.items():
         print(f"  Page         {folder / 'comparison.html'}  (policy of the {name} model)")
+
+
+def nothing_found(out: Path) -> str:
+    """Why there is no extended model, as the last diagnosis of the loop says it."""
+    from sealegs.gap.verdict.verdict import NOT_IDENTIFIABLE, UNUSABLE
+
+    files = sorted(out.glob("diagnosis*/diagnosis.json"))
+    found = json.loads(files[-1].read_text()) if files else {"joints": []}
+    open_ones = [item for item in found.get("joints", [found]) if item["verdict"] in (NOT_IDENTIFIABLE, UNUSABLE)]
+    if not open_ones:
+        return "The diagnosis found nothing to extend the model by."
+    why = " ".join(reason["sentence"] for reason in open_ones[0]["reasons"]) or open_ones[0]["sentence"]
+    return f"The diagnosis could not tell what to extend the model by. {why}"
 
 
 def heading(text: str) -> None:

@@ -20,6 +20,7 @@ def main(arguments: list[str]) -> None:
     """Write the file that the command line names."""
     from sealegs.envs.robot_yaml import write_robot_yaml
     from sealegs.gap.log.types import OTHER
+    from sealegs.hw.assumed_limits import assumed_limits
 
     files = [argument for argument in arguments if "=" not in argument]
     given = dict(argument.split("=", 1) for argument in arguments if "=" in argument)
@@ -30,6 +31,6 @@ def main(arguments: list[str]) -> None:
         raise SealegsError("name one model: sealegs new-robot my_arm.xml (an MJCF or URDF).")
     model = Path(files[0])
     out = Path(given.get("out") or model.with_suffix(".yaml"))
-    for sentence in write_robot_yaml(model, out, given.get("chain"), OTHER):
+    for sentence in write_robot_yaml(model, out, given.get("chain"), OTHER, assumed_limits):
         print(f"  {sentence}")
     print(f"Written: {out}. Read it, edit it, and give it as robot={out}.")

@@ -129,6 +129,7 @@ def _joint(diagnosis: JointDiagnosis, changes: Sequence[Mapping[str, Any]] | Non
         "limits": limit_rows(limits_told(diagnosis)),
         "data_errors": [{"name": error.name, "sentence": glued(error.sentence)} for error in diagnosis.data_errors],
         "tuned_share": percent(diagnosis.tuned_share) if diagnosis.tuned_share >= 5e-4 else "",
+        "refitted": diagnosis.refitted,
         "signal": diagnosis.signal,
         "gap": _gap(diagnosis),
         "plot": None if plot is None else {"html": plot[0], "moment": [round(t, 4) for t in plot[1]]},

@@ -1,0 +1,145 @@
+"""Limits of safety that a robot's file does not state, from the ideal servos that its model file gives the joints.
+
+An ideal servo has the force that a model file gives it, and no no-load speed; limits for a small servo would stop it in
+the first excitation. So the excitations are tried on its inertias beforehand, without gravity and other poses, which
+:data:`SPARE` is for. Of any other chain the limits of ``configs/robot/bench.yaml`` hold.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+
+import numpy as np
+
+from ..actuators.stages.controller import UNLIMITED
+from ..envs.model_file import UNITS
+from ..envs.robot_described import HINGES, SLIDES, FileJoint, RobotFile
+from ..envs.robot_yaml import AssumedLimits
+from ..envs.urdf_speeds import urdf_speeds
+from .excitation import usual_reach
+from .following import LEAST
+
+ASSUMED = ("range_margin", "speed", "following_error")
+"""Limits that are assumed."""
+SPARE = 1.5  # times what the trial shows: gravity, other poses and loads; assumed
+TRIAL = 1e-3  # [s] step of the trial
+LASTS = 0.3  # [s] ``following_time`` of configs/robot/bench.yaml
+CYCLE = 0.01  # [s] of deployment, where nothing else is said
+STEP = 2.0 * np.pi / 4096  # [rad] of an encoder; of a slide without a gear as many metres
+NOISE = 3.0  # steps that a position may jump by from cycle to cycle without having moved; assumed
+
+
+def assumed_limits(robot: RobotFile) -> AssumedLimits:
+    """Limits of safety of a robot's joints, from the servos that its file gives them."""
+    stated = urdf_speeds(robot.model.path)
+    ideal = [joint for joint in robot.joints if joint.chain.find("ideal") is not None]
+    fastest, behind = _trial(robot, ideal) if ideal else (np.zeros(0), np.zeros(0))
+    needed = {joint.name: SPARE * v + NOISE * STEP / CYCLE for joint, v in zip(ideal, fastest, strict=True)}
+    margin: dict[str, float] = {}
+    speed: dict[str, float] = {}
+    said = []
+    for joint in robot.joints:
+        usual, span = HINGES["speed"], joint.range[1] - joint.range[0]
+        if joint.kind == "slide":
+            margin[joint.name] = max(SLIDES["range_margin"] * span, NOISE * STEP)
+            usual = SLIDES["speed"] * span
+        need = needed.get(joint.name, 0.0)
+        if max(usual, need) > usual or joint.kind == "slide":
+            speed[joint.name] = max(usual, need)
+        if (own := _stated_speed(joint, stated)) is None:
+            continue
+        if joint.name in needed and own >= need:
+            speed[joint.name] = own
+            continue
+        unit = UNITS[joint.kind][0]
+        why = (
+            f"the excitations of sealegs deploy may need {need:.3g} {unit}/s"
+            if joint.name in needed
+            else "nobody tried whether its chain keeps to it"
+        )
+        said.append(
+            f"joint {joint.name}: its velocity limit of {own:g} {unit}/s in {robot.model.path.name} is not used, since "
+            f"{why}; where it must hold, write it to deploy: safety: speed, and give excitations a smaller reach=."
+        )
+    following = {
+        joint.name: _full_error(joint) + SPARE * max(lag, 0.0) for joint, lag in zip(ideal, behind, strict=True)
+    }
+    for joint in ideal:
+        least = LEAST if joint.kind == "hinge" else NOISE * STEP
+        following[joint.name] = max(following[joint.name], least)
+    found = dict(zip(ASSUMED, (margin, speed, following), strict=True))
+    return AssumedLimits(
+        {key: {name: float(f"{value:.3g}") for name, value in values.items()} for key, values in found.items()},
+        tuple(said),
+    )
+
+
+def _stated_speed(joint: FileJoint, stated: Mapping[str, float]) -> float | None:
+    """Largest speed that a URDF states for a joint [rad/s or m/s]; None: none, or of the parts of a belt only."""
+    if len(joint.terms) != 1 or (speed := stated.get(joint.joint)) is None:
+        return None
+    (_, ratio), *_ = joint.terms
+    return speed * abs(ratio)
+
+
+def _full_error(joint: FileJoint) -> float:
+    """Error at which an ideal servo gives its largest force: so far gravity may hold it behind [rad or m]."""
+    limit, stiffness = joint.chain.value("ideal.torque_limit"), joint.chain.value("ideal.stiffness")
+    most = joint.range[1] - joint.range[0]  # no goal is farther away
+    return 0.0 if limit >= UNLIMITED else min(limit / max(stiffness, 1e-9), most)
+
+
+def _trial(robot: RobotFile, joints: Sequence[FileJoint]) -> tuple[np.ndarray, np.ndarray]:
+    """Largest speed (n,) [rad/s or m/s], and largest error that lasts (n,) [rad or m], of ideal servos.
+
+    All excitations of the library run at once, and goals that jump from one end of the reach to the other. Joints act
+    on each other by the inertias of the file's pose.
+    """
+    goals = np.repeat(_goals(joints), round(CYCLE / TRIAL), axis=0)
+    stiffness, damping, force = (_column(joints, f"ideal.{key}") for key in ("stiffness", "damping", "torque_limit"))
+    viscous = np.array([[j.chain.value("friction.viscous") if j.chain.find("friction") else 0.0] for j in joints])
+    mass = np.linalg.inv(_mobility(robot, joints))
+    mass += np.diag([max(j.chain.armature() - j.model_values["armature"], 0.0) for j in joints])
+    inverse = np.linalg.inv(mass)
+    ahead = np.linalg.inv(mass + np.diag((TRIAL * (damping + viscous) + TRIAL**2 * stiffness)[:, 0]))
+    position, velocity = goals[0], np.zeros_like(goals[0])
+    errors, fastest = np.empty_like(goals), np.zeros(len(joints))
+    for row, goal in enumerate(goals):
+        error = goal - position
+        # implicit, since an assumed servo may be as stiff as a timestep resolves; a force at its limit is a constant
+        after = ahead @ (mass @ velocity + TRIAL * stiffness * error)
+        pull = np.clip(stiffness * (error - TRIAL * after) - damping * after, -force, force)
+        velocity = velocity + TRIAL * inverse @ (pull - viscous * after)
+        position = position + TRIAL * velocity
+        errors[row] = error
+        fastest = np.maximum(fastest, np.abs(velocity).max(axis=1))
+    # what Following asks: the least error of each stretch of LASTS, every cycle
+    distances = np.abs(errors[:: round(CYCLE / TRIAL)])
+    lasting = np.lib.stride_tricks.sliding_window_view(distances, round(LASTS / CYCLE), axis=0).min(axis=-1)
+    return fastest, lasting.max(axis=(0, 2))
+
+
+def _goals(joints: Sequence[FileJoint]) -> np.ndarray:
+    """Goals about the middle of the ranges (time, n, words) [rad or m], every :data:`CYCLE`."""
+    from ..gap.experiment import library
+
+    columns = []
+    for k, joint in enumerate(joints):
+        reach = usual_reach(0.5 * (joint.range[1] - joint.range[0]), UNITS[joint.kind][0])
+        shapes = list(library(0.0, reach, k).values())
+        count = np.arange(len(shapes[0]))
+        jumps = [reach * (1.0 - 2.0 * (count // half % 2)) for half in (40 + 7 * k, 100)]  # joints apart, and together
+        columns.append(np.stack([*shapes, *jumps], axis=1))
+    return np.stack(columns, axis=1)
+
+
+def _column(joints: Sequence[FileJoint], key: str) -> np.ndarray:
+    return np.array([[joint.chain.value(key)] for joint in joints])
+
+
+def _mobility(robot: RobotFile, joints: Sequence[FileJoint]) -> np.ndarray:
+    """How fast each coordinate gains speed by a force on each (n, n) [1/(kg.m2) or 1/kg]; all other joints give way."""
+    mobility = robot.model.mobility
+    return np.array(
+        [[sum(c * d * mobility[a, b] for a, c in one.terms for b, d in two.terms) for two in joints] for one in joints]
+    )

@@ -1,0 +1,102 @@
+"""Limits and excitations of a robot as new-robot writes it: its first measurements run through."""
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+import yaml
+from sealegs.actuators.errors import SealegsError
+from sealegs.commands import loop, new_robot
+from sealegs.configs.compose import compose
+from sealegs.hw import deployment
+from sealegs.hw.own_robot import READERS, own_robot
+
+HAND = """<mujoco><compiler angle="radian" autolimits="true"/><worldbody><body name="upper" pos="0 0 1">
+<joint name="shoulder" axis="0 1 0" range="-1.5 1.5" damping="0.2" armature="0.01"/>
+<geom type="capsule" fromto="0 0 0 0 0 -0.2" size="0.02" mass="0.4" contype="0" conaffinity="0"/>
+<body name="finger" pos="0 0 -0.2"><joint name="finger" type="slide" axis="0 1 0" range="0 0.04" armature="0.02"/>
+<geom size="0.01" mass="0.03" contype="0" conaffinity="0"/></body></body></worldbody><actuator>
+<position joint="shoulder" kp="40" kv="3" forcerange="-6 6"/>
+<position joint="finger" kp="400" kv="6" forcerange="-20 20"/>
+</actuator></mujoco>"""
+URDF = """<robot name="arm"><link name="base"/><link name="link"><inertial><mass value="0.5"/>
+<origin xyz="0 0 0.1"/><inertia ixx="0.002" iyy="0.002" izz="0.001" ixy="0" ixz="0" iyz="0"/></inertial></link>
+<joint name="turn" type="revolute"><parent link="base"/><child link="link"/><axis xyz="0 1 0"/>
+<limit lower="-1.5" upper="1.5" effort="10" velocity="{velocity}"/><dynamics damping="0.3"/></joint></robot>"""
+
+
+@pytest.fixture
+def hand(tmp_path: Path) -> Path:
+    (tmp_path / "hand.xml").write_text(HAND)
+    new_robot.main([str(tmp_path / "hand.xml")])
+    return tmp_path / "hand.yaml"
+
+
+def prepared(robot: Path, word: str, *more: str) -> deployment.Deployment:
+    arguments = [f"robot={robot}", f"excitation={word}", f"out={robot.parent / 'logs'}", f"name={word}"]
+    arguments += ["hw.virtual.time=stepped", "live=false", "silence=20", *more]
+    return deployment.prepare(compose("deploy", dict(item.split("=", 1) for item in arguments), readers=READERS))
+
+
+def halves(found: deployment.Deployment) -> dict[str, float]:
+    reach = found.commands.description["reach"]
+    return dict.fromkeys(found.robot.names, reach) if isinstance(reach, float) else reach
+
+
+@pytest.mark.parametrize(("word", "seconds"), [("steps", 3), ("chirp", 12)])
+def test_the_first_excitations_run_through_on_a_robot_that_new_robot_wrote(word: str, seconds: int, hand: Path) -> None:
+    done = deployment.run(prepared(hand, word, f"duration={seconds}"), lambda _: None)
+    assert done is not None and done.outcome.fault is None, done
+
+
+def test_limits_of_ideal_servos_are_above_their_largest_force_over_their_stiffness(hand: Path) -> None:
+    safety = yaml.safe_load(hand.read_text())["deploy"]["safety"]
+    assert safety["following_error"]["shoulder"] > 6.0 / 40.0
+    assert safety["speed"]["finger"] > 2 * 2 * np.pi / 4096 * 100.0, "two steps of the encoder in a cycle are no speed"
+    assert own_robot(str(hand))["safety"] == own_robot(str(hand.with_suffix(".xml")))["safety"]
+
+
+def test_a_robot_with_chains_of_real_servos_keeps_the_limits_of_the_bench(tmp_path: Path) -> None:
+    (tmp_path / "hand.xml").write_text(HAND)
+    new_robot.main([str(tmp_path / "hand.xml"), "chain=sts3215"])
+    safety = own_robot(str(tmp_path / "hand.yaml"))["safety"]
+    assert safety["following_error"] is None and safety["speed"] == {"finger": 0.2, "*": 15.0}
+
+
+def test_a_stop_names_the_key_that_a_person_may_change(hand: Path) -> None:
+    for key in ("speed", "following_error"):
+        low = f'robot.safety.{key}={{"*": 0.0001}}'
+        done = deployment.run(prepared(hand, "steps", "duration=2", low), lambda _: None)
+        assert done is not None and done.outcome.fault is not None
+        assert f"(robot.safety.{key}; a smaller reach= slows an excitation)" in done.outcome.fault.sentence
+
+
+def test_reach_is_a_number_for_hinges_or_numbers_by_pattern_of_names(hand: Path) -> None:
+    assert halves(prepared(hand, "chirp", "reach=0.3")) == {"shoulder": 0.3, "finger": 0.016}
+    given = 'reach={"finger": 0.01, "*": 0.3}'
+    assert halves(prepared(hand, "chirp", given)) == {"shoulder": 0.3, "finger": 0.01}
+    assert halves(prepared(hand, "chirp", "reach={finger: 0.01}")) == {"shoulder": 0.9, "finger": 0.01}
+    with pytest.raises(SealegsError, match=r"reach.fingre fits no joint; there are shoulder, finger"):
+        prepared(hand, "chirp", "reach={fingre: 0.01}")
+    with pytest.raises(SealegsError, match=r"reach is 0.03 m; joint finger has 0.02 m to either side"):
+        prepared(hand, "chirp", "reach={finger: 0.03}")
+    with pytest.raises(SealegsError, match=r"reach is 2 rad; joint shoulder has 1.50 rad"):
+        prepared(hand, "chirp", "reach=2")
+
+
+def test_the_loop_takes_the_same_reach(hand: Path) -> None:
+    config = dict(compose("loop", {"robot": str(hand), "reach": '{"finger": 0.01, "*": 0.3}'}, readers=READERS))
+    assert loop.checked_settings(config)["reach"] == {"finger": 0.01, "*": 0.3}
+    with pytest.raises(SealegsError, match="reach=far must be a number, numbers by pattern of names"):
+        loop.checked_settings({**config, "reach": "far"})
+
+
+@pytest.mark.parametrize(("velocity", "used"), [(3.0, False), (60.0, True)])
+def test_a_velocity_limit_of_a_urdf_is_written_or_said_to_be_unused(
+    velocity: float, used: bool, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    (tmp_path / "arm.urdf").write_text(URDF.format(velocity=velocity))
+    new_robot.main([str(tmp_path / "arm.urdf")])
+    assert ("its velocity limit of 3 rad/s in arm.urdf is not used" in capsys.readouterr().out) != used
+    speed = yaml.safe_load((tmp_path / "arm.yaml").read_text())["deploy"]["safety"]["speed"]["turn"]
+    assert (speed == velocity) == used
