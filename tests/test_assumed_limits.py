@@ -43,7 +43,7 @@ def halves(found: deployment.Deployment) -> dict[str, float]:
     return dict.fromkeys(found.robot.names, reach) if isinstance(reach, float) else reach
 
 
-@pytest.mark.parametrize(("word", "seconds"), [("steps", 3), ("chirp", 12)])
+@pytest.mark.parametrize(("word", "seconds"), [("steps", 3), pytest.param("chirp", 12, marks=pytest.mark.long)])
 def test_the_first_excitations_run_through_on_a_robot_that_new_robot_wrote(word: str, seconds: int, hand: Path) -> None:
     done = deployment.run(prepared(hand, word, f"duration={seconds}"), lambda _: None)
     assert done is not None and done.outcome.fault is None, done
@@ -63,6 +63,7 @@ def test_a_robot_with_chains_of_real_servos_keeps_the_limits_of_the_bench(tmp_pa
     assert safety["following_error"] is None and safety["speed"] == {"finger": 0.2, "*": 15.0}
 
 
+@pytest.mark.long
 def test_a_stop_names_the_key_that_a_person_may_change(hand: Path) -> None:
     for key in ("speed", "following_error"):
         low = f'robot.safety.{key}={{"*": 0.0001}}'
@@ -87,7 +88,7 @@ def test_reach_is_a_number_for_hinges_or_numbers_by_pattern_of_names(hand: Path)
 def test_the_loop_takes_the_same_reach(hand: Path) -> None:
     config = dict(compose("loop", {"robot": str(hand), "reach": '{"finger": 0.01, "*": 0.3}'}, readers=READERS))
     assert loop.checked_settings(config)["reach"] == {"finger": 0.01, "*": 0.3}
-    with pytest.raises(SealegsError, match="reach=far must be a number, numbers by pattern of names"):
+    with pytest.raises(SealegsError, match="reach=far must be a number above 0, numbers by pattern of names"):
         loop.checked_settings({**config, "reach": "far"})
 
 

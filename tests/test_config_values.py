@@ -146,7 +146,7 @@ def test_the_loop_is_for_one_servo(capsys: pytest.CaptureFixture[str], tmp_path:
         ("excitations=[chrip]", "there is no excitation 'chrip' (did you mean 'chirp'?)"),
         ("excitations=[]", "nothing would be measured"),
         ("further=two", "further takes a whole number"),
-        ("reach=-1", "reach must be more than 0"),
+        ("reach=-1", "reach=-1 must be a number above 0"),
         ("stepped=soon", "stepped takes true or false"),
         ("hidden=much", "hidden=much must be a mapping"),
     ],

@@ -34,8 +34,14 @@ def test_refitting_leaves_scale_and_mass_of_a_torque_driven_joint_within_their_t
     wide = {p.number: p for p in adjustable(JOINT, 4.0)}
     assert wide["load.mass_factor"].high == wide["scale.factor"].high == pytest.approx(1.0 + TIGHT)
     assert wide["friction.coulomb"].high == 5.0
-    servo = replace(JOINT, chain=load_chain("sts3215"))  # its back-EMF tells volts from speed
-    assert {p.number: p for p in adjustable(servo, 4.0)}["load.mass_factor"].high == 5.0
+
+
+def test_refitting_leaves_the_mass_behind_a_motor_of_a_robot_within_its_tolerance() -> None:
+    """A slide had a fifth of its mass behind five times the resistance: constant and resistance are refitted too."""
+    servo = replace(JOINT, chain=load_chain("sts3215"))
+    for of_robot, most in ((True, 1.0 + TIGHT), (False, 5.0)):
+        wide = {p.number: p for p in adjustable(replace(servo, of_robot=of_robot), 4.0)}
+        assert wide["load.mass_factor"].high == pytest.approx(most) and wide["dc_motor.resistance"].high == 5.0
 
 
 def test_what_refitting_turned_names_scale_and_mass_too() -> None:

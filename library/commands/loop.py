@@ -94,7 +94,7 @@ def checked_settings(config: Mapping[str, Any]) -> dict[str, Any]:
         **dict.fromkeys(("rate", "seconds"), (Positive, "")),
         "reach": (
             or_null(Positive | dict[str, Positive]),
-            "reach={} must be a number, numbers by pattern of names such as {{left_finger:0.01}}, or null.",
+            "reach={} must be a number above 0, numbers by pattern of names such as {{left_finger:0.01}}, or null.",
         ),
         **dict.fromkeys(("silence", "energy_weight"), (NotNegative, "")),
         **dict.fromkeys(("further", "seed"), (Natural, "")),
