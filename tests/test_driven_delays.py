@@ -16,7 +16,8 @@ def late_servo(rows: int, seed: int) -> dict[str, np.ndarray]:
     rng = np.random.default_rng(seed)
     time = PERIOD * np.arange(2400)
     phases = rng.uniform(0.0, 6.0, 4)
-    goal = sum(0.15 * np.sin(2.0 * np.pi * f * time + p) for f, p in zip((0.4, 0.9, 1.7, 2.6), phases, strict=True))
+    tones = [0.15 * np.sin(2.0 * np.pi * f * time + p) for f, p in zip((0.4, 0.9, 1.7, 2.6), phases, strict=True)]
+    goal = np.sum(tones, axis=0)
     swing = 0.08 * np.sin(2.0 * np.pi * 1.3 * time + phases[0])
     position, speed = 0.8 * goal + swing, np.gradient(0.8 * goal + swing, time)
     torque = 25.0 * (np.concatenate([np.full(rows, goal[0]), goal])[: len(goal)] - position) - 0.5 * speed
