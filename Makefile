@@ -10,6 +10,10 @@ RUFF = $(PY) -m ruff check . && $(PY) -m ruff format --check .
 LAYERS = PYTHONPATH=$(VENV)/types $(VENV)/bin/lint-imports --no-logo --no-cache
 PYTEST = $(PY) -m pytest -n 2 --dist worksteal --durations=15
 
+# Compiled modules are kept, whatever the shell says: without them each of the many processes that tests start compiles
+# all that it imports (torch alone takes 5 s), because pip is told not to.
+unexport PYTHONDONTWRITEBYTECODE
+
 # Headless drawing. MuJoCo on macOS has one way to draw and takes no choice.
 ifeq ($(shell uname),Linux)
 export MUJOCO_GL ?= egl

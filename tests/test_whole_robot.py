@@ -182,3 +182,27 @@ def test_the_robots_own_model_file_is_written_with_what_plain_mujoco_can_simulat
     data.ctrl[:] = 0.3, -0.2
     mujoco.mj_step(model, data, 1000)
     np.testing.assert_allclose(data.qpos, [0.3, -0.2], atol=0.05)
+
+
+def test_joints_that_rest_in_their_friction_stay_there_whatever_the_noise_of_their_first_samples(
+    recorded: MeasuredRun,
+) -> None:
+    """Thrown off at a derivative of noise, a joint slipped to where its friction held it again, and stayed off."""
+    rng, rows, noise = np.random.default_rng(1), 200, 1e-3
+    still = {
+        joint: replace(
+            recorded.joints[joint],
+            goal=np.full(rows, 0.4),
+            position=0.4 + noise * rng.normal(size=rows),
+            **{name: None for name in ("velocity", "current", "torque", "duty", "voltage", "temperature")},
+        )
+        for joint in JOINTS
+    }
+    run = replace(recorded, time=recorded.time[:rows], joints=still)
+    readings, machine = {}, robot(run)
+    for name, positions in (("noisy", None), ("exact", np.full(rows, 0.4))):
+        joints = {j: log if positions is None else replace(log, position=positions) for j, log in still.items()}
+        which = {j: item.chain for j, item in chains(run, machine).items()}
+        readings[name] = replay_whole(whole(machine, which), replace(run, joints=joints))
+    for joint in JOINTS:
+        assert np.abs(readings["noisy"][joint] - readings["exact"][joint])[-1] < 0.5 * noise

@@ -22,6 +22,8 @@ from .tree import motion_of
 
 STEP = 1e-3  # [s] largest engine step; each sample interval is divided evenly, so that commands fall on steps
 WINDOW = 1.0  # [s] after which a robot that is driven by torques begins anew
+REST = 0.1  # [s] at the start of a run in which a joint may be at rest
+SURE = 3.0  # standard deviations of the noise by which positions must leave their mean to move
 LONGEST = 120.0  # [s] of a log that are replayed: the first of each run
 
 
@@ -83,7 +85,7 @@ def replay_whole(machine: Whole, run: MeasuredRun, step: float = STEP) -> dict[s
     NaN where the replay was not asked for or ended.
     """
     robot, drivetrain, model = machine.robot, machine.drivetrain, machine.drivetrain.model
-    motion = motion_of(robot, run)
+    motion = _rested(robot, run, motion_of(robot, run))
     names, time = machine.names, run.time
     commands = {name: _command(machine, run, name) for name in names}
     frames = {name: robot.frame(name) for name in names}
@@ -134,6 +136,26 @@ def _starts(time: np.ndarray, window: float) -> np.ndarray:
         return np.array([0, end])
     first = np.searchsorted(time, np.arange(time[0], time[end - 1] - 0.5 * window, window))
     return np.array([*np.unique(first), end])
+
+
+def _rested(robot: LoggedRobot, run: MeasuredRun, motion: Motion) -> Motion:
+    """A motion whose first speeds are zero where they are within their noise.
+
+    The first derivative of a run has samples on one side only. Thrown off at a speed that it does not have, a joint
+    that rests slips out of the friction that holds it, and stays where it slips to.
+    """
+    first = run.time <= run.time[0] + REST
+    position, speed = motion.position.copy(), motion.speed.copy()
+    for name, log in run.joints.items():
+        number, values = robot.number(name), log.position if log.link_position is None else log.link_position
+        values = values[first]
+        if number < 0 or not robot.turns(number) or len(values) < 5 or not np.isfinite(values).all():
+            continue
+        time, frame, dof = run.time[first] - run.time[0], robot.frame(name), int(robot.model.jnt_dofadr[number])
+        still, curved = (float(np.sum((values - np.polyval(np.polyfit(time, values, n), time)) ** 2)) for n in (0, 2))
+        if still - curved <= SURE**2 * max(curved, 1e-300) / (len(values) - 3):
+            position[0, dof], speed[0, dof] = frame.sign / robot.ratio(name) * (values.mean() - frame.zero), 0.0
+    return Motion(position, speed, motion.acceleration)
 
 
 def _place(
