@@ -194,7 +194,7 @@ def test_joints_that_rest_in_their_friction_stay_there_whatever_the_noise_of_the
             recorded.joints[joint],
             goal=np.full(rows, 0.4),
             position=0.4 + noise * rng.normal(size=rows),
-            **{name: None for name in ("velocity", "current", "torque", "duty", "voltage", "temperature")},
+            **dict.fromkeys(("velocity", "current", "torque", "duty", "voltage", "temperature")),
         )
         for joint in JOINTS
     }
