@@ -9,9 +9,8 @@ import numpy as np
 import pytest
 from sealegs.envs.extended import Extended
 from sealegs.gap.log.types import MeasuredRun, MeasuredSet
-from sealegs.gap.output.robot_extension import of_robot, range_passed
-from sealegs.gap.replay.tree import axis_of, motion_of
-from sealegs.gap.replay.tree import range_passed as told_range
+from sealegs.gap.output.robot_extension import of_robot, widened_range
+from sealegs.gap.replay.tree import axis_of, motion_of, told_range
 from sealegs.gap.verdict.diagnosis import diagnose
 from sealegs.gap.verdict.encoders import Encoder, corrected
 from sealegs.gap.verdict.frames import in_likely_frames
@@ -92,7 +91,7 @@ def test_a_range_that_the_log_goes_beyond_is_said_and_widened_in_the_extended_mo
     assert told_range(robot(run), "elbow", [run]) is None
     (found,) = diagnose(MeasuredSet((run,), "log"), only=["shoulder"], causes=["drive.delay"])
     machine = robot(run)
-    wider = of_robot(machine, range_passed(machine, found, ()))
+    wider = of_robot(machine, widened_range(machine, found, ()))
     model = machine.file.robot()
     params = Extended(run.robot, {}, {}, tuple(wider)).params_on(model)
     low, high = model.drivetrain(None, params).model.jnt_range[machine.number("shoulder")]

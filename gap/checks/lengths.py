@@ -28,11 +28,12 @@ def check_lengths(joint: JointContext) -> Iterator[Finding]:
         values = getattr(joint.log, signal)
         if values is None or not np.isfinite(values).any():
             continue
-        far, reason = _too_far(joint, np.asarray(values))
+        size = float(np.nanquantile(np.abs(values), 0.98))
+        far, reason = _too_far(joint, np.asarray(values), size)
         if far is None:
             continue
         column = joint.column(signal)
-        if far and (fit := [unit for unit, per in OTHERS.items() if _fits(joint, np.asarray(values), per)]):
+        if far and (fit := [unit for unit, per in OTHERS.items() if _fits(joint, size / per)]):
             yield Finding(
                 "unit.length", "error", joint.name, column,
                 f"{column} is not in metres: {reason}; {' or '.join([*fit, 'mm'])} would fit. Say which it is in the "
@@ -53,9 +54,8 @@ def check_lengths(joint: JointContext) -> Iterator[Finding]:
             )  # fmt: skip
 
 
-def _too_far(joint: JointContext, values: np.ndarray) -> tuple[bool | None, str]:
+def _too_far(joint: JointContext, values: np.ndarray, size: float) -> tuple[bool | None, str]:
     """Whether a column further than the joint can go is in millimetres, and why; None where it is not too far."""
-    size = float(np.nanquantile(np.abs(values), 0.98))
     if joint.reach is None:
         speed = float(np.nanquantile(np.abs(np.diff(values)) / np.diff(joint.time), 0.9))
         return (True if speed > FASTEST_SLIDE else None), f"it moves by {speed:.3g} per second"
@@ -65,9 +65,6 @@ def _too_far(joint: JointContext, values: np.ndarray) -> tuple[bool | None, str]
     return size / MILLIMETRES <= WITHIN * joint.reach, reason
 
 
-def _fits(joint: JointContext, values: np.ndarray, per_metre: float) -> bool:
-    """Whether a column in a unit of which so many are a metre stays in the model's range, covering much of it."""
-    if joint.reach is None:
-        return False
-    size = float(np.nanquantile(np.abs(values), 0.98)) / per_metre
-    return LEAST * joint.reach <= size <= joint.reach
+def _fits(joint: JointContext, metres: float) -> bool:
+    """Whether a column that reaches so far stays in the model's range, covering much of it."""
+    return joint.reach is not None and LEAST * joint.reach <= metres <= joint.reach

@@ -23,7 +23,7 @@ from ..replay.problem import JointProblem
 from ..shared import ROBOT
 from ..verdict.verdict import JointDiagnosis
 from .mjcf import native_mjcf, not_native
-from .robot_extension import of_robot, range_passed, shared_changes
+from .robot_extension import of_robot, shared_changes, widened_range
 
 __all__ = ["as_taken", "changes", "extended_of", "not_native", "readable", "write_extended", "write_extension"]
 
@@ -89,7 +89,7 @@ def extended_of(diagnoses: Sequence[JointDiagnosis], data: MeasuredSet) -> Exten
     shared = believed[0] if all(params == believed[0] for params in believed) else None
     if robot is not None:  # numbers of joints become those of bodies, in the frame of the robot's model
         common = [change for item in every for change in shared_changes(robot, item)]
-        ranges = [change for item in diagnoses for change in range_passed(robot, item, found)]
+        ranges = [change for item in diagnoses for change in widened_range(robot, item, found)]
         found = [*of_robot(robot, [*found, *ranges]), *common]
         chains = {
             joint: tuple(Mounted(in_frame(item.chain, robot.frame(joint)), item.file) for item in variants)

@@ -57,7 +57,7 @@ def _payload(body: str, found: Sequence[Change]) -> Change:
     return Change(body, "body.payload", 0.0, float(np.mean([c.after for c in said])), said[0].cause, "robot")
 
 
-def range_passed(robot: LoggedRobot, diagnosis: JointDiagnosis, found: Sequence[Change]) -> list[Change]:
+def widened_range(robot: LoggedRobot, diagnosis: JointDiagnosis, found: Sequence[Change]) -> list[Change]:
     """Ends of a joint's range that its log goes beyond, which stop nothing then: as far out as the log went at least.
 
     Args:

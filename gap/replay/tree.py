@@ -258,7 +258,7 @@ def axis_of(robot: LoggedRobot, joint: str, runs: Sequence[MeasuredRun]) -> Axis
     return Axis(robot.slides(joint), low, high, effort or None)
 
 
-def range_passed(robot: LoggedRobot, joint: str, runs: Sequence[MeasuredRun]) -> Finding | None:
+def told_range(robot: LoggedRobot, joint: str, runs: Sequence[MeasuredRun]) -> Finding | None:
     """That a log goes beyond the range that the robot's file gives a joint; None where it does not."""
     axis, ends = axis_of(robot, joint, runs), robot.ends(joint)
     if ends is None or np.isfinite(stops_of(robot, joint, axis)).any():

@@ -25,7 +25,7 @@ from ..replay.flattened import flattened
 from ..replay.free import FreeProblem, free_problem
 from ..replay.joint_model import JointModel
 from ..replay.scene import untouched
-from ..replay.tree import held_still, held_terms, joint_of_tree, motion_of, not_free, owned, range_passed, terms_of
+from ..replay.tree import held_still, held_terms, joint_of_tree, motion_of, not_free, owned, terms_of, told_range
 from ..search.structure import fine
 from .case import Cut
 from .columns import commanded
@@ -52,7 +52,7 @@ def cut_joint(
             for table, added in zip(terms, more or (), strict=False):
                 table[:, T_OWN : T_OWN + T_SIZE] += added
         notes = (owned(robot, joint, chains[0]), held_still(robot, joint, runs, armature) if why is None else why)
-        notes = (*notes, range_passed(robot, joint, runs) if why is None else None)
+        notes = (*notes, told_range(robot, joint, runs) if why is None else None)
         findings += [said for said in notes if said is not None]
         if missing and (assumed := robot.joint(joint).notes):
             findings.append(_assumed(joint, missing[0], assumed))
