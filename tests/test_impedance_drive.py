@@ -146,6 +146,7 @@ def test_a_stop_is_read_off_the_goal_and_not_off_the_torque_beside_it(tmp_path: 
     assert stops_of([replace(run, joints={"thigh": folded})], "thigh"), "what the test is about"
 
 
+@pytest.mark.long
 def test_a_right_leg_behind_an_impedance_drive_leaves_nothing_to_explain(tmp_path: Path) -> None:
     """Its goal alone was replayed: 65 mrad of gap, and a gain as the cause of a good part."""
     (found,) = diagnose(leg(tmp_path), only=["thigh"], causes=["friction.coulomb", "drive.motor_constant"])

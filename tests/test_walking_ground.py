@@ -38,6 +38,7 @@ def laid_out(data: MeasuredSet) -> Laid:
     return found
 
 
+@pytest.mark.long
 def test_any_robot_whose_base_moves_stands_on_a_ground(tmp_path: Path) -> None:
     assert on_ground(walked().runs)
     for name, joints in (("hexapod", ["body"]), ("biped", ["hip_x", "hip_z", "torso_pitch"]), ("arm", [])):
