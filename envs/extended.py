@@ -193,7 +193,8 @@ class Extended:
 
     def _chains_alone(self) -> str:
         """How the actuators of the diagnosis are taken without the rest of it."""
-        files = {joint: f"{self.where}/{variants[0].file}" for joint, variants in self.chains.items()}
+        named = {joint: variants[0].file for joint, variants in self.chains.items()}
+        files = {joint: f"{self.where}/{file}" for joint, file in named.items() if file}
         if not files:
             return ""
         given = ",".join(f"{joint}:{file}" for joint, file in files.items())

@@ -78,9 +78,9 @@ class Diagnosis:
         if self.data is None:
             assert self.folder is not None
             return read_extended(self.folder)
-        from .output.extension import extended_of
+        from .output.hand_over import hand_over
 
-        found = extended_of(self.joints, self.data)
+        found, _ = hand_over(self.joints, self.data)
         if found is None:  # None would be taken for the nominal machine, and train the model that was refuted
             raise ExtensionError(no_model(f"the diagnosis of {self.name}"))
         return found

@@ -186,6 +186,15 @@ def read_document(folder: Path) -> dict[str, Any]:
     return document
 
 
+def sentences_of(written: Mapping[str, Path]) -> list[str]:
+    """What a diagnosis says of the whole robot, from the document among its files (``json``)."""
+    path = written.get("json")
+    if path is None or not path.is_file():
+        return []
+    found = json.loads(path.read_text(encoding="utf-8")).get("whole_robot") or {}
+    return [found[key] for key in ("left", "harm") if key in found]
+
+
 def joints_of(document: Mapping[str, Any], folder: Path) -> tuple[JointDiagnosis, ...]:
     """The joints of a document, without what is not on disk: problem, search and simulated channels.
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
-from typing import Any
+from typing import Any, Literal
 
 import numpy as np
 import yaml
@@ -14,7 +14,7 @@ from ...actuators import Chain, load_chain
 from ...envs.extended import FILE, Change, Extended, Mounted, Owner
 from ..causes.catalogue import adjustable
 from ..load.chain_frame import in_frame
-from ..load.robot import Frame, robot_of, with_frames
+from ..load.robot import Frame, LoggedRobot, robot_of, with_frames
 from ..log.sidecar import relative_robot
 from ..log.types import MeasuredRun, MeasuredSet
 from ..replay.joint_model import JointModel
@@ -27,6 +27,7 @@ from .robot_extension import of_robot, shared_changes, widened_range
 
 __all__ = ["as_taken", "changes", "extended_of", "not_native", "readable", "write_extended", "write_extension"]
 
+Taken = Literal["all", "own", "named"]
 TUNED = "tuned within its tolerance"
 REFITTED = "refitted, up to fivefold"
 OWNERS: dict[Target, Owner] = {
@@ -64,8 +65,14 @@ def changes(diagnosis: JointDiagnosis) -> list[dict[str, Any]]:
     return sorted(rows, key=lambda row: row["why"] in (TUNED, REFITTED))
 
 
-def extended_of(diagnoses: Sequence[JointDiagnosis], data: MeasuredSet) -> Extended | None:
-    """The machine as diagnosed, as an environment takes it; None where no joint has an extended model."""
+def extended_of(diagnoses: Sequence[JointDiagnosis], data: MeasuredSet, taken: Taken = "all") -> Extended | None:
+    """The machine as diagnosed, as an environment takes it; None where no joint has an extended model.
+
+    Args:
+        diagnoses, data: of the machine.
+        taken: what is taken of them: ``own`` is all but numbers of a robot's bodies that no cause is named for,
+            ``named`` of that only what joints have for which a cause is named.
+    """
     if all(diagnosis.problem is None for diagnosis in diagnoses):
         return None
     diagnoses, every = [item for item in diagnoses if item.joint != ROBOT], diagnoses
@@ -76,15 +83,22 @@ def extended_of(diagnoses: Sequence[JointDiagnosis], data: MeasuredSet) -> Exten
     found, believed = [], []
     for diagnosis in diagnoses:
         prefix = f"{diagnosis.joint}-" if several else ""
+        if believed_still(diagnosis, taken):
+            continue
         if variants := _chains(diagnosis, data.runs, prefix):
             chains[diagnosis.joint] = variants
         for row in changes(diagnosis):
             why, number = row["why"], row["path"]
             cause = "" if why in (TUNED, REFITTED) else why
+            if taken != "all" and not cause and _owner(number) == "robot":
+                continue
             change = Change(diagnosis.joint, number, row["from"], row["to"], cause, _owner(number), why == REFITTED)
             found.append(change)
         if (joint := _joint(diagnosis)) is not None:
             believed += [dict(params) for params in joint.params if params]
+    for joint in dict.fromkeys(joint for run in data.runs for joint in run.joints):
+        if joint not in chains and (chain := _believed(joint, data.runs, robot)) is not None:
+            chains[joint] = (Mounted(chain, ""),)
     believed = believed or [dict(run.robot_params) for run in data.runs]
     shared = believed[0] if all(params == believed[0] for params in believed) else None
     if robot is not None:  # numbers of joints become those of bodies, in the frame of the robot's model
@@ -109,11 +123,22 @@ def _owner(number: str) -> Owner:
     return "log" if number == HEIGHT else OWNERS[address(number).target]
 
 
+def believed_still(diagnosis: JointDiagnosis, taken: Taken) -> bool:
+    """Whether a joint stays as it was believed."""
+    return diagnosis.problem is None or (taken == "named" and not diagnosis.causes)
+
+
+def _believed(joint: str, runs: Sequence[MeasuredRun], robot: LoggedRobot | None) -> Chain | None:
+    """The chain that runs say of a joint, with what its robot's file owns; None where they say none."""
+    source = next((run.actuators[joint] for run in runs if joint in run.actuators), None)
+    if source is None:
+        return None
+    chain = load_chain(source)
+    return chain if robot is None or robot.number(joint) < 0 else robot.joint(joint).carried(chain)
+
+
 def _chains(diagnosis: JointDiagnosis, runs: Sequence[MeasuredRun], prefix: str) -> tuple[Mounted, ...]:
-    """Extended chains of a joint by nominal chain; as believed where the joint could not be diagnosed."""
-    if diagnosis.problem is None:
-        source = runs[0].actuators.get(diagnosis.joint)
-        return () if source is None else (Mounted(load_chain(source), ""),)
+    """Extended chains of a joint by nominal chain."""
     joints = _variants(diagnosis)
     warm = _temperature(diagnosis, runs)
     return tuple(

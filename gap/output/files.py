@@ -21,9 +21,9 @@ from ..replay.simulator import joint_state
 from ..replay.steps import largest_step
 from ..verdict.verdict import JointDiagnosis
 from .document import FILE, to_document, whole, write_document
-from .extension import as_taken, changes, extended_of, not_native, write_extended, write_extension
+from .extension import as_taken, changes, not_native, write_extended, write_extension
+from .hand_over import hand_over
 from .robot_mjcf import write_robot
-from .whole import confirm_whole
 
 
 def fresh_folder(path: Path, besides: Sequence[str] = ()) -> Path:
@@ -87,10 +87,9 @@ def write_diagnosis(
                 document["next_experiment"]["file"] = files["experiment"].name
                 written |= {f"{owner}{key}": path for key, path in files.items()}
             documents.append(document)
-        confirmed = None
-        if (extended := extended_of(diagnoses, data)) is not None:
+        extended, confirmed = hand_over(diagnoses, recorded, progress)
+        if extended is not None:
             written["extended"] = write_extended(extended, staged, folder)
-            confirmed = confirm_whole(diagnoses, recorded, extended, progress)
             if (robot := write_robot(extended, data, staged)) is not None:
                 written["robot"] = robot
         written["json"] = staged / FILE

@@ -26,6 +26,7 @@ MODEL = {
     "dc_motor": ("armature",),
     "regression": ("armature",),
     "ideal": ("armature",),
+    "torque_command": ("armature",),
     "net": ("armature",),
     "gear": ("ratio",),
     "spring": ("stiffness", "damping"),
@@ -49,6 +50,8 @@ ACTUATOR = {
 """Parameters that MuJoCo's own actuators have."""
 POSITION_ACTUATOR = ("delay", "ideal", "torque_limit")
 """Stages of them that act with an ideal servo, whose actuator is simpler."""
+TORQUE_ACTUATOR = {"delay": ("seconds",), "scale": ("factor",), "offset": ("value",), "torque_limit": ("limit",)}
+"""Parameters of stages between a torque that is commanded and the joint that MuJoCo's own actuator has."""
 SHAPES = {
     "friction.stribeck_velocity",
     "friction.stribeck_exponent",
@@ -70,9 +73,11 @@ def not_native(chain: Chain) -> list[str]:
     """Parameters of a chain, as ``stage.parameter``, that :func:`native_mjcf` leaves out."""
     driven, found = drives_natively(chain), []
     position = chain.find("ideal") is not None
+    by_torque = chain.find("torque_command") is not None
     for stage in chain.stages:
         native = driven and (stage.name in POSITION_ACTUATOR or not position)
         known = MODEL.get(stage.name, ()) + (ACTUATOR.get(stage.name, ()) if native else ())
+        known += TORQUE_ACTUATOR.get(stage.name, ()) if by_torque else ()
         neutral = {item.name: item.metadata.get("neutral") for item in dataclasses.fields(stage)}
         for key, value in stage.parameters().items():
             path = f"{stage.name}.{key}"
@@ -114,21 +119,45 @@ def native_text(xml: str, chains: Mapping[str, Chain]) -> str:
         if drives_natively(chain):
             actuators.append(_actuator(chain, law, timestep))
         elif chain.find("torque_command") is not None:
-            on = {key: law.attrib[key] for key in ("name", "joint", "tendon") if key in law.attrib}
-            actuators.append(ElementTree.Element("motor", on))
+            actuators.append(_torque_actuator(chain, law, timestep))
     if len(actuators) == 0:
         root.remove(actuators)
     ElementTree.indent(root)
     return ElementTree.tostring(root, encoding="unicode") + "\n"
 
 
-def _actuator(chain: Chain, law: ElementTree.Element, timestep: float) -> ElementTree.Element:
+def _common(chain: Chain, law: ElementTree.Element, timestep: float) -> dict[str, str]:
+    """What an actuator drives, and how late its command comes."""
     attributes = {key: law.attrib[key] for key in ("name", "joint", "tendon") if key in law.attrib}
     delay = chain.find("delay")
     if delay is not None and delay.seconds > 0.0:
         # a hair less: a command that is due exactly now counts, whatever the rounding of its time
         attributes["delay"] = _text(delay.seconds - min(1e-6, 0.5 * delay.seconds))
         attributes["nsample"] = str(math.ceil(delay.seconds / timestep) + 2)
+    return attributes
+
+
+def _torque_actuator(chain: Chain, law: ElementTree.Element, timestep: float) -> ElementTree.Element:
+    """A motor whose control is a torque, with the factor, the bias and the limit of its amplifier."""
+    attributes, factor, bias, limit = _common(chain, law, timestep), 1.0, 0.0, math.inf
+    for stage in chain.stages:
+        if stage.name == "scale":
+            factor, bias, limit = (value * stage.parameters()["factor"] for value in (factor, bias, limit))
+        elif stage.name == "offset":
+            bias += stage.parameters()["value"]
+        elif stage.name == "torque_limit":
+            limit = min(abs(limit), stage.law_values(chain)["limit"])
+    if math.isfinite(limit):
+        attributes["forcerange"] = f"{-abs(limit):.9g} {abs(limit):.9g}"
+    if (factor, bias) == (1.0, 0.0):
+        return ElementTree.Element("motor", attributes)
+    return ElementTree.Element(
+        "general", {**attributes, "gainprm": _text(factor), "biastype": "affine", "biasprm": f"{_text(bias)} 0 0"}
+    )
+
+
+def _actuator(chain: Chain, law: ElementTree.Element, timestep: float) -> ElementTree.Element:
+    attributes = _common(chain, law, timestep)
     torques = [
         stage.law_values(chain)["limit"] for stage in chain.stages if stage.name == "torque_limit"
     ]  # at the joint

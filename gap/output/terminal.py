@@ -10,6 +10,7 @@ from ..search.structure import fine
 from ..verdict.frames import DOUBTED
 from ..verdict.verdict import BESIDE, JointDiagnosis, NamedCause, Reason, Value
 from ..verdict.words import size
+from .document import sentences_of
 from .limits import LEAD, LIMITS, by_family, limits_told
 from .next_step import next_step
 from .numbers import GLUE, glued, number, percent, rounded, sureness, unit_of
@@ -36,6 +37,8 @@ def screen(
     for diagnosis in diagnoses:
         lines += ["", *_joint(diagnosis, width, told)]
         told.update(doubts(diagnosis))
+    if said := sentences_of(written):
+        lines += ["", "The whole robot", *(line for sentence in said for line in _wrapped(sentence, width, 2))]
     words, commands = ("", ()) if any(map(doubts, diagnoses)) else next_step(diagnoses, written, logs)
     if words:
         lines += ["", "Next", *_wrapped(words, width, 2)]

@@ -20,7 +20,7 @@ from ..shared import ROBOT
 from ..verdict.checking import check_log
 from ..verdict.resting import without_rests
 from ..verdict.verdict import JointDiagnosis
-from .extension import as_taken
+from .extension import Taken, as_taken, believed_still
 
 MODELS = ("nominal", "extended")
 
@@ -30,8 +30,17 @@ def confirm_whole(
     data: MeasuredSet,
     extended: Extended,
     progress: Progress = lambda text: None,
+    taken: Taken = "all",
+    models: Sequence[str] = MODELS,
 ) -> dict[str, Any] | None:
     """Error of each joint when the whole robot is simulated along the log.
+
+    Args:
+        diagnoses, data: of the robot.
+        extended: its model.
+        progress: is told what goes on.
+        taken: what ``extended`` takes of the diagnoses.
+        models: that are simulated.
 
     Returns:
         By joint the root mean square of the error of each model, in the unit of the joint; a ``reason`` where the robot
@@ -49,35 +58,37 @@ def confirm_whole(
         return {"reason": f"The robot was not simulated as a whole: {why}."}
     progress("simulating the whole robot along the log")
     found = {diagnosis.joint: diagnosis for diagnosis in diagnoses if diagnosis.joint != ROBOT}
-    squares: dict[str, dict[str, list[np.ndarray]]] = {name: {model: [] for model in MODELS} for name in found}
+    still = [name for name, diagnosis in found.items() if believed_still(diagnosis, taken)]
+    squares: dict[str, dict[str, list[np.ndarray]]] = {name: {model: [] for model in models} for name in found}
     machines: dict[str, Whole] = {}
     try:
         numbers = {"nominal": dict(extended.params or {}), "extended": extended.params_on(robot.file.robot())}
         for index, run in enumerate(data.runs):
-            for model in MODELS:
-                chains = {name: _chain(robot, run, name, found.get(name), index, model) for name in found}
+            for model in models:
+                as_found = {name: d for name, d in found.items() if model == "extended" and name not in still}
+                chains = {name: _chain(robot, run, name, found.get(name), index, name in as_found) for name in found}
                 key = model + "".join(chain.to_yaml() for chain in chains.values())
                 if key not in machines:
                     machines[key] = whole(robot, chains, numbers[model])
-                for name, error in _errors(machines[key], run, index, found, model).items():
+                for name, error in _errors(machines[key], run, index, list(found), as_found).items():
                     squares[name][model].append(error**2)
     except SealegsError as error:
         return {"reason": f"The robot was not simulated as a whole: {error}"}
     joints = {
-        name: {model: float(np.sqrt(np.mean(np.concatenate(parts)))) for model, parts in models.items()}
+        name: {model: float(np.sqrt(np.mean(np.concatenate(parts)))) for model, parts in of.items()}
         | {"unit": robot.joint(name).unit}
-        for name, models in squares.items()
+        for name, of in squares.items()
     }
     return {"runs": [run.name for run in data.runs], "joints": joints}
 
 
 def _chain(
-    robot: LoggedRobot, run: MeasuredRun, name: str, found: JointDiagnosis | None, index: int, model: str
+    robot: LoggedRobot, run: MeasuredRun, name: str, found: JointDiagnosis | None, index: int, as_found: bool
 ) -> Chain:
     """The chain of a joint in a run, in the frame of the robot's model."""
     if found is not None and found.problem is not None and found.problem.joint is not None:
         joint = found.problem.joint.models[index]
-        chain = joint.with_fitted(found.values).chain if model == "extended" else joint.chain
+        chain = joint.with_fitted(found.values).chain if as_found else joint.chain
     elif name in run.actuators:
         chain = robot.joint(name).carried(load_chain(run.actuators[name]))
     else:
@@ -86,12 +97,12 @@ def _chain(
 
 
 def _errors(
-    machine: Whole, run: MeasuredRun, index: int, found: Mapping[str, JointDiagnosis], model: str
+    machine: Whole, run: MeasuredRun, index: int, names: Sequence[str], as_found: Mapping[str, JointDiagnosis]
 ) -> dict[str, np.ndarray]:
-    """Errors of the joints that were diagnosed (n,), each reading as the host's log has it."""
-    hosts = dict.fromkeys(found, (1.0, 0.0))
-    for name, diagnosis in found.items():
-        if model == "extended" and diagnosis.problem is not None and diagnosis.problem.joint is not None:
+    """Errors of joints (n,), each reading as the host's log has it."""
+    hosts = dict.fromkeys(names, (1.0, 0.0))
+    for name, diagnosis in as_found.items():
+        if diagnosis.problem is not None and diagnosis.problem.joint is not None:
             joint = diagnosis.problem.joint.models[index].with_fitted(diagnosis.values)
             hosts[name] = joint.host_scale, joint.host_offset
     joints = dict(run.joints)

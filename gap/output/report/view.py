@@ -112,7 +112,8 @@ def _robot(found: Mapping[str, Any], diagnoses: Sequence[JointDiagnosis]) -> dic
         rows.append({"joint": name, "unit": unit, **row})
         if name in alone and item["extended"] > TOGETHER * alone[name]:
             apart.append(name)
-    return {"reason": found.get("reason", ""), "rows": rows, "apart": ", ".join(apart)}
+    said = [found[key] for key in ("left", "harm") if key in found]
+    return {"reason": found.get("reason", ""), "rows": rows, "apart": ", ".join(apart), "said": said}
 
 
 def _joint(diagnosis: JointDiagnosis, changes: Sequence[Mapping[str, Any]] | None, joints: int) -> dict[str, Any]:

@@ -1,0 +1,115 @@
+"""What of a diagnosis a robot takes: all of it, unless it then misses its own log by more than as it was believed.
+
+Each joint is judged alone, with its neighbours moving as measured, and what was tuned beside a cause is its own best
+guess. Of bodies that other joints carry as well, such guesses may contradict each other; only the whole robot tells.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping, Sequence
+from typing import Any
+
+from ...envs.extended import Extended
+from ..log.progress import Progress
+from ..log.types import MeasuredSet
+from ..search.structure import told_in
+from ..verdict.verdict import JointDiagnosis
+from .extension import Taken, as_taken, extended_of
+from .whole import confirm_whole
+
+NARROWER: tuple[Taken, ...] = ("own", "named")
+HARM = 1.1  # times its error as believed, beyond its noise, from which a joint counts as harmed
+LEFT = {
+    "own": "Numbers of bodies that were only tuned stay as the robot's file has them",
+    "named": "Joints without a named cause, and numbers of bodies that were only tuned, stay as they were believed",
+}
+UNSEEN = f"{LEFT['own']}: no simulation of the whole robot could show that they do no harm."
+"""Said where a robot cannot be simulated along its log."""
+
+
+def hand_over(
+    diagnoses: Sequence[JointDiagnosis], recorded: MeasuredSet, progress: Progress = lambda text: None
+) -> tuple[Extended | None, dict[str, Any] | None]:
+    """The machine as diagnosed, and how the whole robot follows its log with it.
+
+    Args:
+        diagnoses: of the machine.
+        recorded: the data as they were logged.
+        progress: is told what goes on.
+
+    Returns:
+        The model; of a robot with a file also what :func:`sealegs.gap.output.whole.confirm_whole` found of it, with
+        ``taken``, the sentence ``left`` where not all is taken, and ``harm`` where it still misses its log by more.
+    """
+    data = as_taken(recorded, diagnoses)
+    extended = extended_of(diagnoses, data)
+    confirmed = None if extended is None else confirm_whole(diagnoses, recorded, extended, progress)
+    if extended is None or confirmed is None:
+        return extended, confirmed
+    floors = {item.joint: item.gap["noise_floor"].rmse for item in diagnoses if "noise_floor" in item.gap}
+    if "joints" not in confirmed:
+        narrower = extended_of(diagnoses, data, "own")
+        if narrower is None or narrower.changes == extended.changes:
+            return extended, confirmed
+        return narrower, confirmed | {"taken": "own", "left": UNSEEN}
+    nominal = {name: {"nominal": item["nominal"]} for name, item in confirmed["joints"].items()}
+    tried: dict[Taken, tuple[Extended, dict[str, Any]]] = {"all": (extended, confirmed)}
+    for taken in NARROWER:
+        last, of_last = next(reversed(tried.values()))
+        if not harmed(of_last["joints"], floors):
+            break
+        narrower = extended_of(diagnoses, data, taken)
+        if narrower is None or narrower.to_dict() == last.to_dict():
+            continue
+        found = confirm_whole(diagnoses, recorded, narrower, progress, taken, ("extended",))
+        if found is None or "joints" not in found:
+            break
+        joints = {name: nominal[name] | item for name, item in found["joints"].items()}
+        tried[taken] = narrower, found | {"joints": joints}
+    best = min(
+        tried, key=lambda taken: (bool(harmed(tried[taken][1]["joints"], floors)), _missed(tried[taken], floors))
+    )
+    extended, found = tried[best]
+    said = found | {"taken": best}
+    if best != "all":
+        rows = _worse(confirmed["joints"], floors)
+        said["left"] = f"{LEFT[best]}. As tuned, the whole robot misses its log by more: {rows}."
+    if harmed(found["joints"], floors):
+        rows = _worse(found["joints"], floors)
+        said["harm"] = f"With what was found, the whole robot misses its log by more than as believed: {rows}."
+    return extended, said
+
+
+def harmed(joints: Mapping[str, Mapping[str, Any]], floors: Mapping[str, float]) -> list[str]:
+    """Joints that the extended robot misses by more than the nominal one.
+
+    Args:
+        joints: errors of both by joint.
+        floors: noise of joints, where it is known.
+    """
+    return [
+        name
+        for name, item in joints.items()
+        if item["extended"] > HARM * item["nominal"] and item["extended"] - item["nominal"] > floors.get(name, 0.0)
+    ]
+
+
+def _missed(tried: tuple[Extended, dict[str, Any]], floors: Mapping[str, float]) -> float:
+    """How much more a robot misses its log by than as believed, over all joints, in logarithms."""
+    joints = tried[1]["joints"]
+    least = {name: max(floors.get(name, 0.0), 1e-12) for name in joints}
+    return sum(
+        math.log(max(item["extended"], least[name]) / max(item["nominal"], least[name]))
+        for name, item in joints.items()
+    )
+
+
+def _worse(joints: Mapping[str, Mapping[str, Any]], floors: Mapping[str, float]) -> str:
+    """Which joints the whole robot misses by more, in words."""
+    rows = []
+    for name in harmed(joints, floors):
+        factor, unit = told_in(joints[name]["unit"])
+        before, after = (f"{factor * joints[name][model]:.3g}" for model in ("nominal", "extended"))
+        rows.append(f"'{name}' by {after} {unit} ({before} as believed)")
+    return ", ".join(rows)

@@ -1,0 +1,103 @@
+"""What of a diagnosis a robot takes: no more than keeps it from missing its own log by more than before."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import pytest
+from sealegs.gap.diagnose import diagnose
+from sealegs.gap.log.types import MeasuredSet
+from sealegs.gap.output import hand_over as module
+from sealegs.gap.output.hand_over import hand_over, harmed
+from sealegs.gap.verdict.verdict import JointDiagnosis
+
+from testbed.logs import hidden_arm
+
+CAUSES = ["friction.coulomb"]
+
+
+@pytest.fixture(scope="module")
+def arm(tmp_path_factory: pytest.TempPathFactory) -> tuple[MeasuredSet, Sequence[JointDiagnosis]]:
+    """An arm with more friction at its elbow than believed, and nominal numbers that are a little wrong."""
+    folder = tmp_path_factory.mktemp("arm")
+    data, _ = hidden_arm(folder, "two_link", {"friction": ("elbow", "clear")}, 3, runs=1, duration=5.0)
+    return data, list(diagnose(data, causes=CAUSES).joints)
+
+
+def answers(monkeypatch: pytest.MonkeyPatch, errors: Mapping[str, tuple[float, float] | None]) -> list[str]:
+    """Let the simulation of the whole robot find these errors (shoulder, elbow) of each model, 3 and 5 mrad before."""
+    asked: list[str] = []
+
+    def confirm(*_: Any, **__: Any) -> dict[str, Any]:
+        taken = _[4] if len(_) > 4 else "all"
+        asked.append(taken)
+        found = errors[taken]
+        if found is None:
+            return {"reason": "its base moves"}
+        joints = zip(("shoulder", "elbow"), (0.003, 0.005), found, strict=True)
+        return {"joints": {n: {"nominal": a, "extended": b, "unit": "rad"} for n, a, b in joints}}
+
+    monkeypatch.setattr(module, "confirm_whole", confirm)
+    return asked
+
+
+def tuned_bodies(extended: Any) -> list[str]:
+    return [change.path for change in extended.changes if change.owner == "robot" and not change.cause]
+
+
+def test_all_is_taken_where_the_whole_robot_gains(arm: Any, monkeypatch: pytest.MonkeyPatch) -> None:
+    asked = answers(monkeypatch, {"all": (0.001, 0.002)})
+    extended, found = hand_over(arm[1], arm[0])
+    assert asked == ["all"] and found is not None and found["taken"] == "all"
+    assert "left" not in found and "harm" not in found and tuned_bodies(extended)
+
+
+def test_masses_that_were_only_tuned_stay_where_they_do_harm(arm: Any, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Masses that each joint had guessed for itself moved an arm away from its log by ten times its nominal error."""
+    answers(monkeypatch, {"all": (0.03, 0.002), "own": (0.002, 0.002)})
+    extended, found = hand_over(arm[1], arm[0])
+    assert found is not None and found["taken"] == "own" and not tuned_bodies(extended)
+    assert "'shoulder' by 30 mrad (3 as believed)" in found["left"]
+    assert found["joints"]["shoulder"] == {"nominal": 0.003, "extended": 0.002, "unit": "rad"}
+    assert any(change.cause == "friction.coulomb" for change in extended.changes)
+
+
+def test_a_joint_without_a_cause_stays_as_believed_where_its_tuned_numbers_do_harm(
+    arm: Any, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    answers(monkeypatch, {"all": (0.03, 0.002), "own": (0.02, 0.002), "named": (0.003, 0.002)})
+    extended, found = hand_over(arm[1], arm[0])
+    assert found is not None and found["taken"] == "named" and "harm" not in found
+    assert {change.joint for change in extended.changes if change.owner == "chain"} == {"elbow"}
+    assert extended.chains["shoulder"][0].file == ""
+
+
+def test_harm_that_remains_is_said(arm: Any, monkeypatch: pytest.MonkeyPatch) -> None:
+    answers(monkeypatch, {"all": (0.03, 0.002), "own": (0.02, 0.002), "named": (0.01, 0.002)})
+    _, found = hand_over(arm[1], arm[0])
+    assert found is not None and "'shoulder' by 10 mrad (3 as believed)" in found["harm"]
+
+
+def test_bodies_stay_where_the_whole_robot_cannot_be_simulated(arm: Any, monkeypatch: pytest.MonkeyPatch) -> None:
+    answers(monkeypatch, {"all": None})
+    extended, found = hand_over(arm[1], arm[0])
+    assert found is not None and "its base moves" in found["reason"] and found["left"] == module.UNSEEN
+    assert not tuned_bodies(extended)
+
+
+def test_an_error_within_the_noise_is_no_harm() -> None:
+    joints = {"elbow": {"nominal": 1e-4, "extended": 2e-4}, "wrist": {"nominal": 1e-3, "extended": 2e-3}}
+    assert harmed(joints, {"elbow": 5e-4, "wrist": 5e-4}) == ["wrist"]
+
+
+def test_joints_that_were_not_diagnosed_keep_the_chains_that_their_log_states(tmp_path: Path) -> None:
+    """They lost damping and friction: with one joint diagnosed, the others missed a motion by twenty times more."""
+    data, _ = hidden_arm(tmp_path, "two_link", {}, 5, runs=1, duration=6.0)
+    found = list(diagnose(data, joints=["elbow"], causes=["friction.coulomb"]).joints)
+    extended = module.extended_of(found, replace(data))
+    assert extended is not None and set(extended.chains) == {"shoulder", "elbow"}
+    (shoulder,) = extended.chains["shoulder"]
+    assert shoulder.chain.find("friction").coulomb == 0.052
