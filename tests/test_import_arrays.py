@@ -137,3 +137,44 @@ def test_a_sample_period_or_rate_of_the_file_is_the_time_where_no_clock_is(
     assert f"time: {text} " in shown and "100 Hz" in shown
     savemat(tmp_path / "other.mat", {"pos_deg": LATE, "cmd_deg": ANGLE, "frequency": 5.0})
     assert "which column is the time?" in propose_for(tmp_path / "other.mat", tmp_path / "out").text
+
+
+def test_one_array_is_read_by_its_columns_or_fields(tmp_path: Path) -> None:
+    np.save(tmp_path / "run.npy", np.stack([TIME, ANGLE, LATE], 1))
+    (recording,) = read_recordings(tmp_path / "run.npy")
+    assert list(recording.columns) == ["run[0]", "run[1]", "run[2]"]
+    rows = np.array(list(zip(TIME, ANGLE, strict=True)), [("time", "f8"), ("cmd_rad", "f4")])
+    np.save(tmp_path / "rows.npy", rows)
+    (recording,) = read_recordings(tmp_path / "rows.npy")
+    assert list(recording.columns) == ["time", "cmd_rad"]
+
+
+@pytest.mark.parametrize("name", ["run.npy", "run.pkl"])
+def test_objects_of_python_are_refused_with_the_way_to_save_them(tmp_path: Path, name: str) -> None:
+    with open(tmp_path / name, "wb") as file:
+        np.save(file, np.array({"time": TIME}, object), allow_pickle=True)
+    with pytest.raises(LogError, match=r"can run any code; .*np\.savez\('run\.npz', \*\*arrays\)"):
+        read_recordings(tmp_path / name)
+
+
+def test_a_table_of_text_may_be_called_log(tmp_path: Path) -> None:
+    table(tmp_path, {"time": TIME, **RAD}).rename(tmp_path / "run.log")
+    assert list(read_recordings(tmp_path / "run.log")[0].columns) == ["time", *RAD]
+
+
+def test_recordings_of_folders_in_a_folder_are_called_by_their_paths(tmp_path: Path) -> None:
+    """A folder for each episode was refused as one without recordings."""
+    for episode in ("train/episode_0", "train/episode_1", "val/episode_0"):
+        (tmp_path / episode).mkdir(parents=True)
+        table(tmp_path / episode, {"time": TIME, **RAD}, "data.csv")
+        (tmp_path / episode / "meta.json").write_text('{"task": "lift"}')
+    (tmp_path / "imported").mkdir()
+    (tmp_path / "imported" / "log.yaml").write_text("robot: bench\n")
+    table(tmp_path / "imported", {"time": TIME}, "old.csv")
+    names = [recording.name for recording in read_recordings(tmp_path)]
+    assert names == ["train-episode_0-data", "train-episode_1-data", "val-episode_0-data"]
+    table(tmp_path, {"time": TIME, **RAD}, "top.csv")
+    assert [recording.name for recording in read_recordings(tmp_path)] == ["top"]
+    (tmp_path / "empty").mkdir()
+    with pytest.raises(LogError, match=r"holds no recording .* nor do the folders in it"):
+        read_recordings(tmp_path / "empty")

@@ -37,6 +37,8 @@ def stamp(seconds: np.ndarray, count: float) -> tuple[np.ndarray, np.ndarray]:
         ("header.stamp.sec", "header.stamp.nanosec", 1e9),
         ("stamp.secs", "stamp.nsecs", 1e9),
         ("stampSec", "stampNsec", 1e9),
+        ("timestampSec", "timestampNanoSec", 1e9),
+        ("stampSec", "stampMicroSec", 1e6),
         ("tv_sec", "tv_usec", 1e6),
         ("timestamp", "timestamp_ms", 1e3),
     ],
@@ -223,3 +225,36 @@ def test_json_may_begin_with_the_mark_of_its_encoding(tmp_path: Path) -> None:
     source = table(tmp_path, {"time": TIME, "pos": ANGLE})
     source.with_suffix(".meta.json").write_text('{"mass": 0.5}', encoding="utf-8-sig")
     assert read_recordings(source)[0].facts["mass"] == 0.5
+
+
+def test_stamps_of_a_timedelta_run_on_over_days(tmp_path: Path) -> None:
+    """pandas writes its index so; the column was left out as text."""
+    seconds = 86399.0 + TIME
+    cells = [
+        f"{int(s // 86400)} days {int(s % 86400) // 3600:02}:{int(s) // 60 % 60:02}:{s % 60:09.6f}" for s in seconds
+    ]
+    path = tmp_path / "run.csv"
+    rows = (f"{cell},{goal},{angle}" for cell, goal, angle in zip(cells, GOAL, ANGLE, strict=True))
+    path.write_text("\n".join([",cmd_rad,pos_rad", *rows]))
+    (recording,) = read_recordings(path)
+    np.testing.assert_allclose(recording.columns["column1_s"], seconds, atol=2e-6)
+
+
+@pytest.mark.parametrize("late", [0.0, 1.0])
+def test_a_goal_with_a_slower_clock_of_its_own_is_held(tmp_path: Path, late: float) -> None:
+    """It was left out, for it has fewer samples."""
+    own = np.flatnonzero(late <= TIME)[::5]
+    measured, wanted = {"Time": TIME, "Data": ANGLE}, {"Time": TIME[own], "Data": GOAL[own]}
+    savemat(tmp_path / "run.mat", {"q_meas": measured, "q_ref": wanted})
+    (recording,) = read_recordings(tmp_path / "run.mat")
+    held = recording.columns["q_ref.Data"]
+    np.testing.assert_array_equal(held[own[0] : own[0] + 10], np.repeat(GOAL[own[:2]], 5))
+    assert np.isnan(held[: own[0]]).all() and "q_ref.Time" not in recording.columns
+    assert any("is held until its next one" in note for note in recording.notes)
+
+
+def test_a_measured_signal_with_a_slower_clock_is_left_out(tmp_path: Path) -> None:
+    slow = {"Time": TIME[::5], "Data": ANGLE[::5]}
+    savemat(tmp_path / "run.mat", {"q_meas": {"Time": TIME, "Data": ANGLE}, "tau_meas": slow})
+    (recording,) = read_recordings(tmp_path / "run.mat")
+    assert "tau_meas.Data" not in recording.columns and "left out" in recording.notes[-1]

@@ -209,6 +209,21 @@ def test_joints_that_were_read_at_other_times_of_the_day_are_interpolated_and_go
     np.testing.assert_allclose(one.columns["shoulder.goal"], late["goal"][: one.length], atol=1e-8)
 
 
+def test_joints_of_several_rates_are_joined_on_the_slowest_clock(tmp_path: Path) -> None:
+    """On that of the fastest, which the alphabet put first, most readings of the other were straight lines."""
+    source = files_of(tmp_path / "arm", ("elbow", "shoulder"), (UNIX, UNIX))
+    head, *rows = (source / "shoulder.csv").read_text().splitlines()
+    (source / "shoulder.csv").write_text("\n".join([head, *rows[::5]]))
+    robot = robot_of(tmp_path, "shoulder", "elbow")
+    proposed = propose_for(source, tmp_path / "out", "rad", robot=str(robot))
+    assert "on 'time' of shoulder.csv, the slowest (elbow.csv at 100 Hz, shoulder.csv at 20 Hz); " in proposed.text
+    (one,) = proposed.recordings
+    np.testing.assert_allclose(one.columns["time"], UNIX + TIME[::5], atol=1e-3)
+    for joint, motion_of in zip(("elbow", "shoulder"), MOTIONS, strict=False):
+        np.testing.assert_allclose(one.columns[f"{joint}.position"], motion_of["smooth"][::5], atol=1e-5)
+        np.testing.assert_allclose(one.columns[f"{joint}.goal"], motion_of["goal"][::5], atol=1e-8)
+
+
 def test_files_of_joints_whose_clocks_do_not_say_what_belongs_together_are_refused(tmp_path: Path) -> None:
     source = files_of(tmp_path / "arm", ("elbow", "shoulder"), (0.0, 0.004))
     with pytest.raises(LogError, match=r"elbow.csv, shoulder.csv look like a file for each joint .*elbow.position"):

@@ -11,7 +11,7 @@ from ..log.finding import Finding
 from ..log.types import Array
 from .context import JointContext
 from .motion import DEGREES
-from .signal import derivatives, fit_lag, quantisation_step
+from .signal import Lag, derivatives, fit_lag, quantisation_step
 
 SCALE_TOLERANCE = 0.03
 LAG_TOLERANCE = 0.003
@@ -31,6 +31,8 @@ def check_columns(joint: JointContext) -> Iterator[Finding]:
     yield from _stuck(joint)
     if joint.log.velocity is not None and joint.natural:
         yield from _velocity(joint, joint.log.velocity)
+    if joint.log.goal_velocity is not None and joint.log.goal is not None and joint.natural:
+        yield from _goal_velocity(joint, joint.log.goal, joint.log.goal_velocity)
     for signal in ("current", "torque"):
         values = getattr(joint.log, signal)
         if values is not None:
@@ -117,14 +119,8 @@ def _velocity(joint: JointContext, velocity: Array) -> Iterator[Finding]:
     if known.mean() < 0.5 or joint.moving.sum() < 100 or joint.span < 20 * joint.noise or np.ptp(velocity[known]) == 0:
         return
     filled = velocity if known.all() else np.interp(joint.time, joint.time[known], velocity[known])
-    steps = np.diff(joint.time)
-    travelled = np.concatenate([[0.0], np.cumsum(0.5 * (filled[1:] + filled[:-1]) * steps)])
-    # The same filter on both sides: the derivative of the integrated column against that of the position.
-    window = max(0.1, 9 * joint.period)
-    column = derivatives(joint.time, travelled, window)[1]
-    derivative = derivatives(joint.time, joint.log.position, window)[1]
-    lag = fit_lag(joint.time, column, [derivative])
-    if lag is None or lag.r2 < 0.9:
+    lag = _beside_derivative(joint, filled, joint.log.position)
+    if lag is None:
         return
     # Noise in the position shrinks the slope by 1 - r2 of its own share: the middle of both regressions.
     scale = float(lag.coefficients[0]) / np.sqrt(lag.r2)
@@ -132,13 +128,8 @@ def _velocity(joint: JointContext, velocity: Array) -> Iterator[Finding]:
     as_logged = float(lag.coefficients_now[0]) / np.sqrt(lag.r2)
     name = joint.column("velocity")
     late = abs(lag.seconds) > LAG_TOLERANCE and lag.low * lag.high > 0 and (1 - lag.r2_now) > 1.3 * (1 - lag.r2)
-    unit = next((unit for unit, ratio in KNOWN_RATIOS.items() if abs(abs(scale) / ratio - 1.0) < 0.05), None)
-    if unit is not None:
-        yield Finding(
-            "unit.velocity", "error", joint.name, name,
-            f"{name} is in {unit}, not in rad/s: it is {scale:.4g} times the derivative of the position.",
-            value=scale, cause="sensor.scale", data_error=True,
-        )  # fmt: skip
+    if (unit := _unit_by(scale)) is not None:
+        yield _in_unit(joint, "velocity", "position", unit, scale)
         return
     if scale < -0.3:
         yield Finding(
@@ -171,6 +162,53 @@ def _velocity(joint: JointContext, velocity: Array) -> Iterator[Finding]:
             f"({abs(lag.low) * 1e3:.1f} to {abs(lag.high) * 1e3:.1f} ms); use the position instead.",
             value=lag.seconds, low=lag.low, high=lag.high, cause="sensor.delay", data_error=True,
         )  # fmt: skip
+
+
+def _goal_velocity(joint: JointContext, goal: Array, velocity: Array) -> Iterator[Finding]:
+    """A commanded velocity that is the goal's derivative in another unit.
+
+    What is commanded need not be that derivative: another ratio may be what the drive was told, so it stays.
+    """
+    good = np.isfinite(goal) & np.isfinite(velocity)
+    if not good.all() or np.ptp(goal) == 0.0 or np.ptp(velocity) == 0.0:
+        return
+    lag = _beside_derivative(joint, velocity, goal)
+    if lag is None:
+        return
+    scale, name = float(lag.coefficients[0]) / np.sqrt(lag.r2), joint.column("goal_velocity")
+    if scale > 0.0 and (unit := _unit_by(scale)) is not None:
+        yield _in_unit(joint, "goal_velocity", "goal", unit, scale)
+    elif scale > GEAR_SIDE or scale < 1.0 / GEAR_SIDE:
+        yield Finding(
+            "goal_velocity.scale", "warning", joint.name, name,
+            f"{name} is {scale:.4g} times the derivative of the goal; it stays, as what the drive was told. If it is "
+            "in another unit, or of the other side of a gear, correct it.",
+            value=scale,
+        )  # fmt: skip
+
+
+def _unit_by(scale: float) -> str | None:
+    """The unit of a velocity that is so many times the derivative in rad/s."""
+    return next((unit for unit, ratio in KNOWN_RATIOS.items() if abs(abs(scale) / ratio - 1.0) < 0.05), None)
+
+
+def _in_unit(joint: JointContext, signal: str, of: str, unit: str, scale: float) -> Finding:
+    name = joint.column(signal)
+    return Finding(
+        "unit.velocity", "error", joint.name, name,
+        f"{name} is in {unit}, not in rad/s: it is {scale:.4g} times the derivative of the {of}.",
+        value=scale, cause="sensor.scale" if signal == "velocity" else None, data_error=True,
+    )  # fmt: skip
+
+
+def _beside_derivative(joint: JointContext, velocity: Array, angle: Array) -> Lag | None:
+    """How a velocity goes with the derivative of an angle; None where it is not that derivative."""
+    travelled = np.concatenate([[0.0], np.cumsum(0.5 * (velocity[1:] + velocity[:-1]) * np.diff(joint.time))])
+    # The same filter on both sides: the derivative of the integrated column against that of the angle.
+    window = max(0.1, 9 * joint.period)
+    column, derivative = (derivatives(joint.time, values, window)[1] for values in (travelled, angle))
+    lag = fit_lag(joint.time, column, [derivative])
+    return None if lag is None or lag.r2 < 0.9 else lag
 
 
 def _unsigned(joint: JointContext, signal: str, values: Array) -> Iterator[Finding]:

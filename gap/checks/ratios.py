@@ -17,7 +17,8 @@ SAME = 0.08
 def together(findings: Sequence[Finding]) -> list[Finding]:
     """Findings of which those on one gear say so: both readings are told where both fit."""
     torques = {f.joint: f for f in findings if f.code == TORQUE and f.value}
-    speeds = {f.joint: f for f in findings if f.code in VELOCITY and f.value}
+    measured = (f for f in findings if f.code in VELOCITY and not (f.column or "").endswith(".goal_velocity"))
+    speeds = {f.joint: f for f in measured if f.value}
     found = []
     for finding in findings:
         torque, speed = torques.get(finding.joint), speeds.get(finding.joint)

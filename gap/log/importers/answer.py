@@ -49,7 +49,7 @@ class Answer:
         """
         whole: dict[str, Array] = {}
         for column, values, goals in positions:
-            read = read_position(column.name, values, column.unit, column.how)
+            read = read_position(column.name, values, column.unit, column.how, rest=column.rest)
             if read.trust == ASK:
                 self.largest = max(self.largest, span(values))
             self.gridded |= read.trust == SURE and encoder(values) is not None
@@ -62,7 +62,7 @@ class Answer:
     def position(self, column: Column, values: Array, slide: bool) -> Read:
         """A position, in the unit of the answer where its own is open."""
         asked = "" if slide else self.steps.get(column.name, "")
-        read = read_position(column.name, values, "tick" if asked else column.unit, column.how, slide)
+        read = read_position(column.name, values, "tick" if asked else column.unit, column.how, slide, column.rest)
         if asked:
             read = replace(read, ask=asked)
         if self.unit is None:

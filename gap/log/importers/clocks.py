@@ -28,6 +28,9 @@ FACTORS = {unit: known.behind for unit in CLOCKS if (known := measures(unit, "ti
 DISORDER = 0.01
 """Share of the rows that go back in time from which a file is in no order, and not of several recordings."""
 SKIPPED = 10.0  # usual steps of a counter over which it may have gone where it starts again
+INDEXED = re.compile(r".*\[\d+\]")
+"""A column of a matrix, which is no clock where a vector is."""
+LAST_WORDS = re.compile(r"(.*?)([A-Z]?[a-z]+[A-Z][a-z]+)\Z")
 LAST_WORD = re.compile(r"(.*?)([A-Z]?[a-z]+|[A-Z]+)\Z")
 PARTS = {"ms": 1e3, "us": 1e6, "ns": 1e9}
 """Parts of a second that a stamp in two columns has beside its whole seconds, and how many are a second."""
@@ -53,8 +56,10 @@ def find_clock(recording: Recording) -> Clock:
     columns = recording.columns
     by_format = [name for name, role in recording.roles.items() if role == "time" and name in columns]
     spoken = sorted(
-        (name for name in columns if said(name).signal == "time"), key=lambda name: (said(name).joint != "", len(name))
+        (name for name in columns if said(name).signal == "time"),
+        key=lambda name: (said(name).joint != "", "duration" in name.lower(), len(name)),
     )
+    spoken = [name for name in spoken if not INDEXED.fullmatch(name)] or spoken
     two = _in_two_columns(recording)
     halves = two[:2] if two else ()
     named = [name for name in spoken if name not in halves and _units(columns[name], _spoken(recording, name))]
@@ -94,10 +99,13 @@ def _in_two_columns(recording: Recording) -> tuple[str, str, str] | None:
 
 def _stem(name: str) -> tuple[str, str]:
     """A name without the unit of a time at its end, and that unit; empty where it has none."""
-    match = LAST_WORD.fullmatch(name)
-    word = match[2].lower() if match else ""
-    unit = next((unit for one in (word, word.removesuffix("s")) if (unit := unit_of(one)) in ("s", *PARTS)), "")
-    return (match[1] if match and unit else name).rstrip("._/-: ").lower(), unit
+    for pattern in (LAST_WORDS, LAST_WORD):  # NanoSec before Sec
+        match = pattern.fullmatch(name)
+        word = match[2].lower() if match else ""
+        unit = next((unit for one in (word, word.removesuffix("s")) if (unit := unit_of(one)) in ("s", *PARTS)), "")
+        if match and unit:
+            return match[1].rstrip("._/-: ").lower(), unit
+    return name.rstrip("._/-: ").lower(), ""
 
 
 def _is_stamp(whole: Array, part: Array, count: float) -> bool:
@@ -137,12 +145,14 @@ def _runs_on(counts: Array, whole: Array) -> bool:
 
 def _no_clock(recording: Recording, faults: dict[str, str]) -> Clock:
     columns = recording.columns
-    if faults:
+    period = next((name for name in columns if PERIODS & set(re.findall("[a-z]+", name.lower()))), None)
+    period = period or next((name for name in faults if _is_period(name, columns[name])), None)
+    if faults.keys() - {period}:
         name, fault = next(iter(faults.items()))
         ask = f"{quoted(name)} says that it is the time, but {fault}; or write another expression, in seconds"
         others = {other: why for other, why in faults.items() if other != name}
         return Clock("", Read(quoted(name), "?", ASK, fault, ask), others)
-    if period := next((name for name in columns if PERIODS & set(re.findall("[a-z]+", name.lower()))), None):
+    if period:
         return Clock(period, _summed(period, columns[period]))
     if read := _counted(recording.facts):
         return Clock(ROW, read)
@@ -151,6 +161,14 @@ def _no_clock(recording: Recording, faults: dict[str, str]) -> Clock:
         f"where the file has none, {ROW}/<samples a second>"
     )
     return Clock("", Read(f"{ROW}/100", "?", ASK, "100 Hz is a guess", ask))
+
+
+def _is_period(name: str, values: Array) -> bool:
+    """Whether a duration is that of one cycle, as control loops are given it."""
+    known = values[np.isfinite(values)]
+    usual = float(np.median(known)) if len(known) else 0.0
+    units = [unit for unit in ("s", "ms", "us") if FASTEST <= usual * CLOCKS[unit] <= SLOWEST]
+    return "duration" in name.lower() and bool(units) and bool((known >= 0.0).all() and known.max() < 100.0 * usual)
 
 
 def _counted(facts: Mapping[str, float | str]) -> Read | None:

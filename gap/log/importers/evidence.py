@@ -18,8 +18,15 @@ TURN = {"rad": 2.0 * math.pi, "deg": 360.0, "turn": 1.0}
 STEP_TOLERANCE = 5e-5
 WINDOW = 0.1  # [s] over which motion is compared with the integral of its derivative
 LONGEST_LAG = 0.6  # [s]
+OPPOSITE = 0.1
+"""Share of a motion by which it must go better against another one than along with it: of a swing both fit alike, half
+a period apart."""
 RARE = 0.1
 """Share of the changes of an angle up to which jumps by a turn are an encoder's; more are commanded steps."""
+BEYOND_NOISE = 3.0
+"""Times its noise that a column moves over :data:`WINDOW`; noise alone makes 1.4."""
+ADDED = 0.05
+"""Share of a column that speed and acceleration must explain beyond the angle, of which a pose is a function, too."""
 MOST = 40_000  # samples that are looked at
 
 
@@ -139,13 +146,55 @@ def following(time: Array, first: Array, second: Array) -> Relation:
         return Relation(0.0, 0.0)
     a, b = a[reach:] - a[:-reach], b[reach:] - b[:-reach]
     most = min(round(LONGEST_LAG / period), len(a) // 4)
-    best = Relation(0.0, 0.0)
+    along = against = Relation(0.0, 0.0)
     for shift in range(-most, most + 1):
         early, late = (a[: len(a) - shift], b[shift:]) if shift >= 0 else (a[-shift:], b[: len(b) + shift])
         found = _slope(early, late)
-        if found.fit > best.fit:
-            best = Relation(found.scale, found.fit, shift * period)
-    return best
+        if found.scale > 0.0 and found.fit > along.fit:
+            along = Relation(found.scale, found.fit, shift * period)
+        elif found.scale < 0.0 and found.fit > against.fit:
+            against = Relation(found.scale, found.fit, shift * period)
+    return against if against.fit > along.fit + OPPOSITE else along
+
+
+def moves(time: Array, values: Array) -> bool:
+    """Whether a column moves over :data:`WINDOW` by more than its noise, which shows from sample to sample."""
+    good = np.isfinite(time) & np.isfinite(values)
+    time, values = time[good][:MOST], unwound(values[good][:MOST])
+    if len(values) < 50:
+        return False
+    reach = max(round(WINDOW / float(np.median(np.diff(time)))), 1)
+    if len(values) < 2 * reach:
+        return False
+    noise = float(np.sqrt(np.mean(np.diff(values, 2) ** 2) / 6.0))
+    return float(np.sqrt(np.mean((values[reach:] - values[:-reach]) ** 2))) > BEYOND_NOISE * noise
+
+
+def both_move_apart(time: Array, goal: Array, position: Array, share: float) -> bool:
+    """Whether a goal that a position does not follow in time moves, and the position too, and not slowly after it.
+
+    Args:
+        time, goal, position: (n,) each.
+        share: of the position that the goal explains as it stands, from which a slow joint follows it.
+    """
+    good = np.isfinite(goal) & np.isfinite(position)
+    if good.sum() < 2 or np.ptp(goal[good]) == 0.0 or not moves(time, position):
+        return False
+    slow = _slope(goal[good][:MOST], position[good][:MOST])
+    return slow.scale <= 0.0 or slow.fit < share
+
+
+def no_signal(values: Array) -> str:
+    """Why a column is no signal at all; empty where it may be one."""
+    if np.nanmin(values) == np.nanmax(values):
+        return "it never changes"
+    return "it counts the samples" if (np.diff(values) == 1.0).all() else ""
+
+
+def same_motion(first: Array, second: Array) -> bool:
+    """Whether two columns are one motion, by their numbers."""
+    good = np.isfinite(first) & np.isfinite(second)
+    return bool(good.sum() > 50) and float(np.corrcoef(first[good], second[good])[0, 1]) > 0.999
 
 
 def multiple(first: Array, second: Array) -> float | None:
@@ -159,7 +208,10 @@ def multiple(first: Array, second: Array) -> float | None:
 
 
 def drives(time: Array, position: Array, column: Array) -> float:
-    """Share of a column that the terms of a motion explain: acceleration, speed, its direction, angle, a constant."""
+    """Share of a column that a motion explains: acceleration, speed, its direction, angle, a constant.
+
+    It is 0 where the angle alone explains as much, as of another angle or a pose.
+    """
     time, position, column = (a[:MOST] for a in (time, position, column))
     good = np.isfinite(time) & np.isfinite(position) & np.isfinite(column)
     if good.sum() < 50:
@@ -172,11 +224,15 @@ def drives(time: Array, position: Array, column: Array) -> float:
     acceleration = np.gradient(speed, time)
     ends = slice(4 * reach, -4 * reach)
     still = 0.02 * float(np.abs(speed).max() or 1.0)
-    terms = np.stack(
-        [acceleration, speed, np.tanh(speed / still), np.sin(smooth), np.cos(smooth), np.ones_like(speed)], axis=1
-    )[ends]
+    angle = [smooth, np.sin(smooth), np.cos(smooth), np.ones_like(speed)]
+    terms = np.stack([*angle, acceleration, speed, np.tanh(speed / still)], axis=1)[ends]
     wanted = np.convolve(column, kernel, "same")[ends]
     if len(wanted) < 50 or not np.isfinite(wanted).all() or np.ptp(wanted) == 0.0:
         return 0.0
+    share, of_angle = (_explained(part, wanted) for part in (terms, terms[:, : len(angle)]))
+    return share if share > of_angle + ADDED else 0.0
+
+
+def _explained(terms: Array, wanted: Array) -> float:
     left = wanted - terms @ np.linalg.lstsq(terms, wanted, rcond=None)[0]
     return max(1.0 - float(left.var() / wanted.var()), 0.0)

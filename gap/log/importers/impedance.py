@@ -15,7 +15,8 @@ from .expression import names_in, quoted
 from .names import DAMPING, STIFFNESS, said
 from .proposed import Proposal
 from .recording import Recording
-from .units import ASK, read_goal_velocity
+from .units import ASK
+from .velocities import read_goal_velocity
 
 USUAL = 0.7
 """Share of the rows from which a gain is the drive's; the other rows are left out."""
@@ -24,7 +25,7 @@ PLAIN = ("rad", "m", "rad/s", "m/s", "N.m", "N")
 
 
 def place_goal_velocity(
-    out: Proposal, joint: str, chosen: Mapping[str, Column], columns: Mapping[str, Array], time: Array
+    out: Proposal, joint: str, chosen: Mapping[str, Column], columns: Mapping[str, Array], time: Array | None
 ) -> None:
     """Put a joint's commanded velocity beside its goal; where that cannot be, say why it is left out.
 
@@ -32,7 +33,7 @@ def place_goal_velocity(
         out: what is proposed.
         joint: its name.
         chosen: its columns by signal.
-        columns, time: of the recording in which it moves most, (n,) each.
+        columns, time: of the recording in which it moves most, (n,) each; None where no time is known.
     """
     column, goal = chosen.get("goal_velocity"), out.columns.get(f"{joint}.goal")
     if column is None:
@@ -43,7 +44,7 @@ def place_goal_velocity(
     elif span(values) == 0.0 and not values[np.isfinite(values)].any():
         out.unused[column.name] = "a commanded velocity of zero"
     else:
-        slope = as_derivative(time, columns[chosen["goal"].name], values)
+        slope = None if time is None else as_derivative(time, columns[chosen["goal"].name], values)
         read = read_goal_velocity(column.name, without_doubt(column.unit), column.how, slope, goal)
         if read.trust == ASK:
             out.unused[column.name] = f"a commanded velocity in a unit that is not known: {read.why}"

@@ -7,8 +7,9 @@ from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import replace
 
 from .column import Column, plain
-from .name_words import MODELLED, SUPPLY
+from .name_words import MODELLED, PLANNED, SUPPLY
 from .names import Said, said, words_of
+from .series import joints_together
 from .unit_words import measures
 from .units import POSITION
 
@@ -28,6 +29,7 @@ def said_together(names: Iterable[str]) -> dict[str, Said]:
     together = {name: _axis(name, alone) or spoken for name, spoken in alone.items()}
     if _is_moteus(together):
         together = {name: _in_turns(spoken) for name, spoken in together.items()}
+    together = joints_together(together)
     goals = any(spoken.signal == "goal" for spoken in together.values())
     return {
         name: replace(spoken, signal="torque that a controller computed beside a goal, and that no drive is told")
@@ -41,7 +43,7 @@ def ranked(signal: str, columns: Sequence[Column]) -> list[Column]:
     """Columns of one signal, the best first: what the format says, not processed, in a unit that is said.
 
     A position is none whose name says a unit of something else; of currents the one that makes torque comes first, and
-    that of the supply last.
+    that of the supply last; of goals what was sent to the drive comes before the plan that it was made of.
     """
 
     def late(column: Column) -> tuple[bool, bool]:
@@ -55,6 +57,7 @@ def ranked(signal: str, columns: Sequence[Column]) -> list[Column]:
             not c.by_format,
             c.said.filtered,
             c.unit in ("tick", "%"),
+            signal == "goal" and bool(PLANNED & {word.lower() for word in words_of(c.name)}),
             *(late(c) if signal == "current" else ()),
             len(c.name),
         ),

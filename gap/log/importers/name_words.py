@@ -36,11 +36,18 @@ COMMANDED = frozenset(
         "consigne",
         "consigna",
         "referencia",
+        "planned",
+        "interpolated",
+        "ipo",
+        "lowcmd",
     ]
 )
+PLANNED = frozenset(["planned", "interpolated", "ipo"])
+"""Commanded, before a controller or a correction makes of it what is sent."""
 MEASURED = frozenset(
     [
         "meas",
+        "msr",
         "measured",
         "act",
         "actual",
@@ -64,9 +71,10 @@ MEASURED = frozenset(
         "medida",
         "misura",
         "applied",
+        "lowstate",
     ]
 )
-WEAK = frozenset(["state", "states", "sensor", "observation", "applied"])
+WEAK = frozenset(["state", "states", "lowstate", "sensor", "observation", "applied"])
 """Measured, where nothing else of the name says that it was commanded."""
 ALONE = frozenset(
     ["actual", "act", "measured", "meas", "feedback", "fb", "ist", "istwert", "mesure", "medida", "misura"]
@@ -91,6 +99,10 @@ DROPPED = frozenset(
     ]
 )
 """Parts of a controller or of a model: no signal of the log, whatever else the name says."""
+TOOL = frozenset(["cartesian", "eef", "tcp", "ee", "effector", "endeffector"])
+"""What stands at the end of an arm: its pose is of no joint."""
+OF_JOINTS = frozenset(["joint", "joints", "motor", "motors", "servo", "servos", "axis", "gripper"])
+"""Words beside which a word for the tool says where a joint is."""
 FORWARD = frozenset(["ff", "feedforward"])
 """Those that make a torque a commanded one."""
 MODELLED = "computed"
@@ -142,8 +154,8 @@ SIGNALS: tuple[tuple[str, frozenset[str]], ...] = (
     ("current", frozenset(["current", "curr", "amps", "ampere", "iq", "strom", "currents", "courant", "corriente",
                            "corrente"])),
     ("load", frozenset(("load",))),
-    ("time", frozenset(["time", "timestamp", "stamp", "t", "ts", "clock", "elapsed", "zeit", "temps", "tiempo",
-                        "tempo"])),
+    ("time", frozenset(["time", "timestamp", "stamp", "t", "ts", "clock", "elapsed", "duration", "zeit", "temps",
+                        "tiempo", "tempo"])),
 )  # fmt: skip
 """Signals by the words that say them; the first one that a name has is its signal."""
 SUPPLY = frozenset(["supply", "vsupply", "battery", "batt", "bat", "vbat", "vbatt", "vcc", "vdd", "psu", "versorgung"])
@@ -154,7 +166,7 @@ CLOCK_WORDS = frozenset(["ms", "seconds", "sec", "secs", "us", "ns", "millis", "
 """Units that are the whole name of a clock."""
 ANGLE_WORDS = frozenset(["q", "theta", "phi", "angle", "winkel", "yaw", "pitch", "roll"])
 """Words of which none is a way: an ``m`` behind them is no metre."""
-SHORT = re.compile(r"(q|theta|phi|x)(m|meas|a|act|g|r|ref|d|des|c|cmd|goal)")
+SHORT = re.compile(r"(q|theta|phi|x)(m|meas|msr|a|act|g|r|ref|d|des|c|cmd|goal)")
 """Signs of control theory: ``qm`` measured, ``qg`` goal, ``qd`` desired (or the derivative: the data tell)."""
 RATES = frozenset(["qd", "xd", "thetad", "phid", "v", "w"])
 """Derivatives, beside a word that says that they are commanded."""

@@ -19,6 +19,7 @@ from .name_words import (
     FORWARD,
     MEASURED,
     MODELLED,
+    OF_JOINTS,
     ONLY_UNIT,
     RATES,
     SHORT,
@@ -26,6 +27,7 @@ from .name_words import (
     SIGNS,
     STIFFNESS,
     SUPPLY,
+    TOOL,
     VOLTS,
     WEAK,
 )
@@ -37,6 +39,11 @@ ANYWHERE = frozenset(["ms", "us", "ns", "ma", "ua", "mv", "mm", "cm"])
 """Words of two letters that are units wherever they stand; others, and single letters, only at the end of a name."""
 NUMBERED = re.compile(r"(?<![A-Za-z0-9.])(?:10+|0?\.\d+)[A-Za-zµμ°]+(?![A-Za-z0-9])")
 """A unit with its number, as in ``time_10us``; ``pos_2deg`` is joint 2."""
+TRANSFORM = re.compile(r"(?<![A-Za-z])[A-Z]+_T_[A-Z]+(?![A-Za-z])")
+"""``F_T_NE``: where one frame stands in another."""
+MOVING = frozenset(["goal", "position", "velocity", "goal_velocity", "torque", "torque_command", "acceleration",
+                    "commanded acceleration"])  # fmt: skip
+"""Signals that a tool has as well as a joint."""
 CASED = re.compile(r"(?<![A-Za-z])([nuµμmcdk](?:A|V|C|N|Nm|Ncm|Nmm)|Nm|Ncm|Nmm|degC)(?![a-z])")
 """Units in which a capital follows a small letter, or does not begin a word."""
 
@@ -88,7 +95,8 @@ def said(name: str) -> Said:
     beside = (
         set() if part else {k for k, (one, two) in enumerate(pairwise(words), 1) if (one.lower(), two) == ("tau", "J")}
     )
-    if not (part or commanded or measured) and (wanted := _wanted(words)) is not None:  # cmd_d is of a joint d
+    wanted = _wanted(words) if not (part or measured) else None
+    if wanted is not None and (not commanded or words[-1].isdigit()):  # cmd_q_d may be of a joint d, cmd.q_d[0] is not
         commanded, beside = True, beside | {wanted}
     measured |= not commanded and bool(sides & WEAK)
     used = beside | {k for k, word in enumerate(low) if word in COMMANDED | MEASURED | FILTERED | FILLERS | FORWARD}
@@ -103,7 +111,7 @@ def said(name: str) -> Said:
         used |= {k for k, word in enumerate(low) if not word}
     signal, how = "", ""
     for candidate, spoken in SIGNALS:
-        hits = [k for k, word in enumerate(low) if word in spoken]
+        hits = [k for k, word in enumerate(low) if word in spoken and (word != "t" or _is_time(words, k))]
         if hits:
             signal, how = candidate, words[hits[0]]
             used |= set(hits)
@@ -120,8 +128,8 @@ def said(name: str) -> Said:
         used |= {k for k, word in enumerate(low) if word == "torque"}
     if not signal:
         for k, word in enumerate(low):
-            wanted = word in RATES and (commanded or (measured and word in ("v", "w") and not VOLTS & set(low)))
-            if wanted and not measures(unit, "angle", "way"):  # qd_des: the derivative
+            rate = word in RATES and (commanded or (measured and word in ("v", "w") and not VOLTS & set(low)))
+            if rate and not measures(unit, "angle", "way"):  # qd_des: the derivative
                 signal, how = "velocity", words[k]
                 used.add(k)
                 break
@@ -148,7 +156,7 @@ def said(name: str) -> Said:
     if not signal and low.count("p") == 1 and (commanded or measured):
         signal, how = "position", "p"
         used.add(low.index("p"))
-    if not signal and commanded:
+    if not signal and commanded and not measures(unit, "time"):  # a latency that was logged with an action
         signal, how = "position", next(word for word in words if word.lower() in COMMANDED)
     if not signal and sides and sides <= ALONE:
         signal, how = "position", words[0]
@@ -175,8 +183,20 @@ def said(name: str) -> Said:
         signal = "link_position" if "motor" not in sides else "position"
     if field and signal in ("current", "commanded current", "voltage", "commanded voltage"):
         signal = signal if (field, signal) == ("q", "current") else f"{signal} of a motor's {field} axis"
+    if (
+        (TOOL & sides or TRANSFORM.search(name))
+        and not OF_JOINTS & set(low)
+        and (signal in MOVING or not (signal or unit))
+    ):
+        signal = f"{(signal or 'pose').replace('_', ' ')} of the tool, no joint"
     joint = _joined([word for k, word in enumerate(words) if k not in used])
     return Said(signal, unit, joint, bool(sides & FILTERED), how)
+
+
+def _is_time(words: list[str], k: int) -> bool:
+    """Whether a ``t`` is the time: no frame's transform, as in the ``O_T_EE`` of libfranka."""
+    letters = [place for place, word in enumerate(words) if not word.isdigit()]
+    return k == letters[-1] or (k == letters[0] and words[k] == "t")
 
 
 def _field(words: list[str], unit: str) -> int | None:
@@ -232,7 +252,7 @@ def _unit(words: list[str]) -> tuple[str, slice]:
         if found := _of_several(words, k, last, spoken):
             return found
         found = _of_one(words[k], last, spoken)
-        numbered = len(words[k]) == 1 and k + 1 < len(words)  # m1 is the first motor
+        numbered = words[k].isalpha() and len(words[k]) == 1 and k + 1 < len(words)  # m1 is the first motor
         of_motor = measures(found, "way") and ANGLE_WORDS & set(words)  # as theta_m
         if found and not (numbered or of_motor):
             return found, slice(k, k + 1)
@@ -248,6 +268,8 @@ def _of_several(words: list[str], k: int, last: bool, spoken: set[str]) -> tuple
         return None
     if words[k] in ("s", "sec") or (words[k] == "min" and "velocity" in spoken):  # min is the least, too
         unit = unit_of(f"{words[start]}/{words[k]}")
+    elif words[k - 1] == "°" and words[k] in ("c", "f"):
+        unit = unit_of("".join(words[start : k + 1]))
     else:
         unit = unit_of(" ".join(words[start : k + 1])) if last else ""
         unit = unit if measures(unit, "torque") else ""
@@ -258,6 +280,8 @@ def _of_one(word: str, last: bool, spoken: set[str]) -> str:
     """The unit that one word is; at the end of a name also one that is not understood, as it stands."""
     if word in UNITS and (last or len(word) > 1):
         return UNITS[word]
+    if word == "°":
+        return "deg"
     if word in SPELT or len(word) < 2:
         return ""
     if unit := unit_of(word):

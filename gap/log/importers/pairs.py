@@ -119,25 +119,68 @@ def matched(goals: Iterable[str], positions: Iterable[str], follows: Callable[[s
     return {goal: position for goal, position in fits if clear(goal, position)}
 
 
-def in_order(read: Read, goes: Relation, by_motion: bool, position: Read) -> Read:
-    """A goal's column with how late its position comes, in question where it comes before it.
+def in_order(read: Read, goes: Relation, by_motion: bool, position: Read, timed: bool) -> Read:
+    """A goal's column with how late its position comes, in question where it comes before it or moves against it.
 
     Args:
         read: how the column becomes a goal.
         goes: of the position behind it.
         by_motion: whether motion alone says whose goal it is.
         position: how its position is read.
+        timed: whether the time is known.
     """
     if by_motion:
         read = replace(read, trust=LIKELY, why=f"no name says whose goal it is; {read.why}")
-    if goes.fit > FOLLOWS and goes.lag < 0.0:
+    if goes.fit > FOLLOWS and goes.scale < 0.0:
+        ask = f"the position moves against this goal. If it counts the other way round, write -{read.text}"
+        return asked_too(read, position, "the position moves against it", ask)
+    if timed and goes.fit > FOLLOWS and goes.lag < 0.0:
         why = f"the position moves {-1e3 * goes.lag:.0f} ms before it: are goal and position exchanged?"
         return replace(read, trust=ASK, why=why, ask=why)
     if (other := _scaled(read, goes, position)) is not None:
         return other
-    if goes.fit > FOLLOWS:
+    if timed and goes.fit > FOLLOWS:
         return replace(read, why=f"{read.why}; the position follows it by {1e3 * goes.lag:.0f} ms")
     return read
+
+
+def unfollowed(read: Read, column: str, position: Read, follower: str) -> Read:
+    """A goal's column that the position beside it does not follow, in question.
+
+    Args:
+        read: how the column becomes a goal.
+        column: its name.
+        position: how the position is read.
+        follower: column of another position that follows it; empty where none does.
+    """
+    ask = (
+        "is this the goal of the position beside it? The position does not move as it does. Keep the line if the joint "
+        "hardly follows its goal, or is moved by its load; else give another column, or remove it"
+    )
+    if follower:
+        ask = f"is {quoted(column)} the goal of {quoted(follower)}, which follows it? The position beside it does not"
+    return asked_too(read, position, "the position does not follow it", ask)
+
+
+def asked_too(read: Read, position: Read, why: str, ask: str) -> Read:
+    """A column with one more question; that of its unit stays where the position does not ask it."""
+    own = f"{read.ask or read.why}. And " if read.trust == ASK and read.ask != position.ask else ""
+    return replace(read, trust=ASK, why=f"{read.why}; {why}", ask=f"{own}{ask}")
+
+
+def who_moves(joint: str, pair: tuple[str, str, Relation]) -> Question:
+    """Whether two columns without names are goal and position."""
+    ask = (
+        f"is {quoted(pair[1])} the position and {quoted(pair[0])} its goal? It moves as that does, "
+        f"{1e3 * pair[2].lag:.0f} ms later"
+    )
+    return Question((f"{joint}.position", f"{joint}.goal"), ask)
+
+
+def what_commands(joint: str, names: Iterable[str], pair: tuple[str, str, Relation] | None) -> Question:
+    """What was commanded to a joint that nothing drives, with a hint at a column that it follows."""
+    hint = f". {quoted(pair[0])} moves as it does, {1e3 * pair[2].lag:.0f} ms earlier: is it the goal?" if pair else ""
+    return Question((f"{joint}.goal",), f"what was commanded to {joint}? It needs {' or '.join(names)}{hint}")
 
 
 def _scaled(read: Read, goes: Relation, position: Read) -> Read | None:

@@ -24,6 +24,8 @@ DAYS_OF_1970 = 25569.0
 """1970-01-01 as a spreadsheet counts days."""
 OVERLAP = 0.5
 """Share of the longest recording for which all run, of joints that were recorded together."""
+SAME_RATE = 0.98
+"""Share of the longest median step from which a clock is as slow as the slowest: the first of these is taken."""
 HELD = frozenset(["goal", "goal_velocity", "torque_command", "enabled"])
 """Signals that hold until the next one is sent."""
 
@@ -70,12 +72,13 @@ def _name_joints(recording: Recording) -> bool:
 
 def together(times: Sequence[Array]) -> bool:
     """Whether clocks of the day say that all recordings were made at one time."""
-    return len(times) > 1 and all(map(_of_the_day, times)) and _overlap(times)
+    return len(times) > 1 and all(map(_units_of_the_day, times)) and _overlap(times)
 
 
-def _of_the_day(time: Array) -> bool:
-    since = [CLOCKS[unit] * (time[0] - (DAYS_OF_1970 if unit == "d" else 0.0)) for unit in clock_units(time)]
-    return any(SINCE_1970[0] < one < SINCE_1970[1] for one in since)
+def _units_of_the_day(time: Array) -> list[str]:
+    """Units in which a clock is of the day; none where it may begin at any time."""
+    since = {unit: CLOCKS[unit] * (time[0] - (DAYS_OF_1970 if unit == "d" else 0.0)) for unit in clock_units(time)}
+    return [unit for unit, seconds in since.items() if SINCE_1970[0] < seconds < SINCE_1970[1]]
 
 
 def _overlap(times: Sequence[Array]) -> bool:
@@ -105,11 +108,17 @@ def _one_clock(times: Sequence[Array]) -> bool:
 
 
 def _join(recordings: Sequence[Recording], joints: Sequence[str], clock: str, source: Path) -> Recording:
-    """One recording on the times of the first that all have: goals held, what was measured on straight lines."""
-    first = recordings[0]
+    """One recording on the slowest clock while all run: goals held, what was measured on straight lines.
+
+    On a faster clock most samples of a slow file would lie on lines between two that were measured, without noise of
+    their own.
+    """
     times = [one.columns[clock] for one in recordings]
+    periods = [float(np.median(np.diff(time))) for time in times]
+    slowest = next(k for k, period in enumerate(periods) if period >= SAME_RATE * max(periods))
+    first = recordings[slowest]
     begin, end = max(time[0] for time in times), min(time[-1] for time in times)
-    at = times[0][(times[0] >= begin) & (times[0] <= end)]
+    at = times[slowest][(times[slowest] >= begin) & (times[slowest] <= end)]
     columns, units, roles = {clock: at}, {}, {}
     for recording, joint, time in zip(recordings, joints, times, strict=True):
         spoken_of = said_together(recording.columns)
@@ -129,8 +138,8 @@ def _join(recordings: Sequence[Recording], joints: Sequence[str], clock: str, so
     facts = {key: value for key, value in first.facts.items() if all(one.facts.get(key) == value for one in recordings)}
     files = ", ".join(one.source.name for one in recordings)
     note = (
-        f"{files} are taken for a joint each of one recording and joined on '{clock}' of {first.source.name}; where "
-        "each is a run of its own, import it on its own"
+        f"{files} are taken for a joint each of one recording and joined on '{clock}' of {first.source.name}"
+        f"{_rates(recordings, times, periods)}; where each is a run of its own, import it on its own"
     )
     notes = tuple(dict.fromkeys([*(note for one in recordings for note in one.notes), note]))
     return replace(
@@ -143,3 +152,12 @@ def _join(recordings: Sequence[Recording], joints: Sequence[str], clock: str, so
         notes=notes,
         units=units,
     )
+
+
+def _rates(recordings: Sequence[Recording], times: Sequence[Array], periods: Sequence[float]) -> str:
+    """That the slowest was joined on, and the rates, where they differ; else empty."""
+    if min(periods) >= SAME_RATE * max(periods):
+        return ""
+    rates = [1.0 / (period * CLOCKS[_units_of_the_day(time)[0]]) for time, period in zip(times, periods, strict=True)]
+    told = ", ".join(f"{one.source.name} at {rate:.4g} Hz" for one, rate in zip(recordings, rates, strict=True))
+    return f", the slowest ({told})"

@@ -8,23 +8,25 @@ from dataclasses import replace
 import numpy as np
 
 from ..types import COMMANDS, OTHER, SIGNAL_UNITS, TOLD, Array
+from . import pairs
 from .answer import Answer
 from .between_runs import differing_units
 from .clocks import find_clock
 from .column import Column, plain, span, taken, without_doubt
-from .evidence import Relation, as_derivative, drives, following, multiple
-from .expression import evaluate, names_in, quoted
+from .evidence import Relation, as_derivative, both_move_apart, drives, following, multiple, no_signal, same_motion
+from .expression import evaluate, names_in
 from .impedance import place_goal_velocity
 from .in_table import ranked, said_together
 from .mapping import Question, known_names
 from .names import said
-from .pairs import FOLLOWS, best_pair, in_order, matched, no_reading, same_joint, what_drives
 from .proposed import Proposal
 from .recording import Recording
 from .sparse import held_goal, held_read, kept_samples
 from .spelling import bare
+from .unit_or_name import parted
 from .unit_words import measures
-from .units import ASK, Read, counted_by_velocity, read_other, read_velocity
+from .units import ASK, TELLS, Read, read_other
+from .velocities import counted_by_velocity, read_velocity, slope_beside
 
 ONLY_JOINT = "joint"
 MEASURED_BY_MOTION = ("velocity", "torque", "current")
@@ -110,6 +112,7 @@ class _Proposer:
                 self.out.unused[name] = f"{spoken.signal}, which the log has no column for"
             else:
                 self.unknown.append(name)
+        found = parted(found)
         joints = {joint for joint, _, column in found if not column.by_format}
         moving = {joint for joint, signal, _ in found if signal in ("position", "goal", "velocity")}
         single = len({plain(joint) for joint in moving}) <= 1
@@ -117,7 +120,7 @@ class _Proposer:
             if not column.by_format:
                 joint = self.joint_of(joint, single, joints, moving)
                 unexplained = single and plain(column.said.joint).isalpha() and column.said.joint != joint
-                column = replace(column, rest=column.said.joint if unexplained else "")
+                column = replace(column, rest=column.rest or (column.said.joint if unexplained else ""))
             self.groups.setdefault(joint, {}).setdefault(signal, []).append(column)
         self.join_names()
         self.join_strays()
@@ -125,7 +128,7 @@ class _Proposer:
 
     def join_names(self) -> None:
         """Joints that are one by their names, and a name for the one that has none beside others."""
-        names = same_joint(self.groups, self.same_motion)
+        names = pairs.same_joint(self.groups, self.same_motion)
         if len(self.groups) > 1 and "position" in self.groups.get("", {}) and ONLY_JOINT not in self.groups:
             names[""] = ONLY_JOINT
         self.renamed = {f"{joint}_{ONLY_JOINT}": joint for joint in OTHER if joint in self.groups}
@@ -139,8 +142,7 @@ class _Proposer:
     def same_motion(self, joint: str, other: str) -> bool:
         """Whether two joints have the same position, by their numbers."""
         first, second = (self.first.columns[self.groups[one]["position"][0].name] for one in (joint, other))
-        good = np.isfinite(first) & np.isfinite(second)
-        return bool(good.sum() > 50) and float(np.corrcoef(first[good], second[good])[0, 1]) > 0.999
+        return same_motion(first, second)
 
     def find_positions(self) -> None:
         """Positions that no name says: what is called as a joint with a goal, and what follows a goal."""
@@ -156,7 +158,7 @@ class _Proposer:
         if len(goals) > 1:
             return
         joint, goal = goals[0] if goals else (ONLY_JOINT, None)
-        pair = best_pair(moving, self.relation, goal)
+        pair = pairs.best_pair(moving, self.relation, goal)
         if pair is None:
             return
         signals = self.groups.setdefault(joint, {})
@@ -164,11 +166,7 @@ class _Proposer:
             if signal not in signals:
                 self.unknown.remove(name)
                 signals[signal] = [Column(name, said(name), said(name).unit, "the name", False)]
-        ask = (
-            f"is {quoted(pair[1])} the position and {quoted(pair[0])} its goal? It moves as that does, "
-            f"{1e3 * pair[2].lag:.0f} ms later"
-        )
-        self.out.questions.append(Question((f"{joint}.position", f"{joint}.goal"), ask))
+        self.out.questions.append(pairs.who_moves(joint, pair))
 
     def relation(self, first: str, second: str) -> Relation:
         """How much later than one column another one moves."""
@@ -194,7 +192,7 @@ class _Proposer:
                  if "goal" in signals and "position" not in signals}  # fmt: skip
         free = {signals["position"][0].name: joint for joint, signals in self.groups.items()
                 if "position" in signals and not signals.keys() & {*COMMANDS}}  # fmt: skip
-        for goal, position in matched(goals, free, self.relation).items():
+        for goal, position in pairs.matched(goals, free, self.relation).items():
             self.groups[free[position]]["goal"] = self.groups[goals[goal]].pop("goal")
             self.by_motion.add(goal)
 
@@ -203,7 +201,7 @@ class _Proposer:
         run = self.moved(base.name)
         time, position, values = self.clock(run), run.columns[base.name], run.columns[column.name]
         goes = following(time, values, position)
-        return (goes.fit > FOLLOWS and goes.lag >= 0.0) or as_derivative(time, position, values).fit > 0.9
+        return (goes.fit > pairs.FOLLOWS and goes.lag >= 0.0) or as_derivative(time, position, values).fit > 0.9
 
     def joint_of(self, joint: str, single: bool, joints: set[str], moving: set[str]) -> str:
         """The joint that a name's rest means."""
@@ -222,10 +220,8 @@ class _Proposer:
     def place(self, name: str) -> str:
         """Put one column where its numbers belong; or say why it is not used."""
         values = self.moved(name).columns[name]
-        if np.nanmin(values) == np.nanmax(values):
-            return "it never changes"
-        if (np.diff(values) == 1.0).all():
-            return "it counts the samples"
+        if why := no_signal(values):
+            return why
         for joint, signals in self.groups.items():
             for other in signals.get("position", []):
                 run = self.moved(other.name)
@@ -236,19 +232,16 @@ class _Proposer:
                     signals["velocity"] = [column]
                     return ""
                 goes = following(time, values, position)
-                if goes.fit > FOLLOWS and goes.lag > 0.0 and "goal" not in signals and 0.2 < goes.scale < 5.0:
+                if goes.fit > pairs.FOLLOWS and goes.lag > 0.0 and "goal" not in signals and 0.2 < goes.scale < 5.0:
                     signals["goal"] = [column]
                     return ""
                 share = drives(time, position, values)
                 if share > DRIVES:
-                    self.ask_what_drives(joint, name, share)
+                    asked = pairs.what_drives(joint, name, share, self.first.facts)
+                    self.out.columns[f"{joint}.torque_command"] = asked[0]
+                    self.out.questions.append(asked[1])
                     return "in question"
         return "its name says no signal of the log, and its numbers do not go with a motion"
-
-    def ask_what_drives(self, joint: str, name: str, share: float) -> None:
-        """A column that goes with the motion as a torque does."""
-        self.out.columns[f"{joint}.torque_command"], question = what_drives(joint, name, share, self.first.facts)
-        self.out.questions.append(question)
 
     def read_joint(self, joint: str, signals: dict[str, list[Column]]) -> None:
         """The columns of one joint, their units and what they say of each other."""
@@ -261,7 +254,8 @@ class _Proposer:
         slide = says_way or bare(joint) in self.slides
         read = self.answer.position(base, position, slide)
         speed = chosen.get("velocity")
-        slope = as_derivative(self.clock(run), position, run.columns[speed.name]) if speed else Relation(0.0, 0.0)
+        time = self.clock(run) if self.timed else None
+        slope = slope_beside(time, position, run.columns[speed.name] if speed else None)
         read = counted_by_velocity(read, base.name, position, speed.unit if speed else "", slope)
         if measures(read.unit, "way"):
             self.out.slides.add(joint)
@@ -277,11 +271,14 @@ class _Proposer:
                 continue
             if signal in ("goal", "link_position"):
                 held = held_goal(values) if signal == "goal" else None
-                goes = following(self.clock(run), values if held is None else held, position)
+                steady = values if held is None else held
+                goes = following(self.clock(run), steady, position)
                 other = self.answer.alike(column, read, goes)
-                if signal == "goal" and self.time:
-                    other = in_order(other, goes, column.name in self.by_motion, read)
-                    other = no_reading(other, (column.name, values), (base.name, position))
+                if signal == "goal":
+                    other = pairs.in_order(other, goes, column.name in self.by_motion, read, self.timed)
+                    if goes.fit < TELLS and both_move_apart(self.clock(run), steady, position, TELLS):
+                        other = pairs.unfollowed(other, column.name, read, self.follower(column.name))
+                    other = pairs.no_reading(other, (column.name, values), (base.name, position))
                 if held is not None:
                     other = held_read(other, column.name, values)
                     self.out.keep[joint] = kept_samples(column.name, held, base.name, position)
@@ -296,7 +293,7 @@ class _Proposer:
                 whole = self.moved(column.name).columns[column.name]
                 other = read_other(signal, column.name, whole, column.unit, column.how, column.rest)
                 self.put(f"{joint}.{signal}", other)
-        place_goal_velocity(self.out, joint, chosen, run.columns, self.clock(run))
+        place_goal_velocity(self.out, joint, chosen, run.columns, time)
 
     def leave_out_strays(self) -> None:
         """Joints that have no position: shared columns such as a supply go to the only joint, others are left out."""
@@ -336,17 +333,15 @@ class _Proposer:
         for joint in self.out.joints:
             names = [f"{joint}.{signal}" for signal in needed]
             if not any(name in self.out.columns for name in names):
-                ask = f"what was commanded to {joint}? It needs {' or '.join(names)}{self.may_be_goal(joint)}"
-                self.out.questions.append(Question((f"{joint}.goal",), ask))
+                own = self.groups[joint]["position"][0].name
+                others = [self.groups[other]["position"][0].name for other in self.out.joints if other != joint]
+                pair = next((pair for other in others if (pair := pairs.best_pair([own], self.relation, other))), None)
+                self.out.questions.append(pairs.what_commands(joint, names, pair))
 
-    def may_be_goal(self, joint: str) -> str:
-        """A hint at the position of another joint that this one follows."""
-        own = self.groups[joint]["position"][0].name
-        others = [self.groups[other]["position"][0].name for other in self.out.joints if other != joint]
-        pair = next((pair for other in others if (pair := best_pair([own], self.relation, other))), None)
-        if pair is None:
-            return ""
-        return f". {quoted(pair[0])} moves as it does, {1e3 * pair[2].lag:.0f} ms earlier: is it the goal?"
+    def follower(self, goal: str) -> str:
+        """The position that follows a goal, by its column; empty where none does."""
+        positions = (signals["position"][0].name for signals in self.groups.values() if signals.get("position"))
+        return next((position for position in positions if pairs.best_pair([position], self.relation, goal)), "")
 
     # --- helpers ---------------------------------------------------------------------------------------------------
 
@@ -370,6 +365,11 @@ class _Proposer:
         base = self.choose("position", signals["position"])
         run = self.moved(base.name)
         return base, run.columns[base.name], [run.columns[one.name] for one in signals.get("goal", [])]
+
+    @property
+    def timed(self) -> bool:
+        """Whether the time is known, so that derivatives and delays can be told."""
+        return bool(self.time) and self.out.columns["time"].trust != ASK
 
     def clock(self, run: Recording) -> Array:
         """Time of a recording [s], as far as it is known."""

@@ -40,6 +40,7 @@ RATES = {"angle": "rate", "way": "speed"}
 UNITS = {
     "deg": "deg", "degree": "deg", "degrees": "deg", "degs": "deg", "grad": "deg", "rad": "rad", "rads": "rad",
     "radian": "rad", "radians": "rad", "turn": "turn", "turns": "turn", "rev": "turn", "revs": "turn", "rpm": "rpm",
+    "revolution": "turn", "revolutions": "turn", "rots": "turn", "rotations": "turn",
     "arcmin": "arcmin", "arcsec": "arcsec",
     "dps": "deg/s", "rps": "turn/s", "tick": "tick", "ticks": "tick", "count": "tick", "counts": "tick",
     "steps": "tick", "raw": "tick", "inc": "tick", "incr": "tick", "increments": "tick", "erpm": "erpm",
@@ -58,9 +59,12 @@ NAMED_BY_UNIT = frozenset(word for word, unit in UNITS.items() if unit in ("A", 
 SPELT = {
     "°": "deg", "°c": "degC", "c": "degC", "°f": "degF", "f": "degF", "k": "K", "%": "%", "u/min": "rpm",
     "tr/min": "rpm", "g/min": "rpm", "1/min": "rpm", "r/min": "rpm", "rev/min": "rpm", "°/s": "deg/s",
-    "degrés": "deg", "min": "min", "h": "h", "hr": "h", "d": "d", "ft": "ft", "foot": "ft", "in": "in",
+    "degrés": "deg", "min": "min", "h": "h", "hr": "h", "d": "d", "ft": "ft", "foot": "ft", "feet": "ft", "in": "in",
+    "rot": "turn", "rotation": "turn", "cycle": "turn", "cycles": "turn",
 }  # fmt: skip
 """Units as they stand in brackets, where no word of a name can be meant."""
+UNIT_OR_NAME = {"rot": "turn", "rotation": "turn", "cycle": "turn", "cycles": "turn"}
+"""Units by words that, outside brackets, name a joint as often."""
 OF_TIME = {"min": "min", "mins": "min", "minute": "min", "h": "h", "hr": "h", "hrs": "h", "hour": "h"}
 """Units by words that mean them in the name of a time alone: elsewhere ``min`` is the least."""
 OF_TEMPERATURE = {"f": "degF", "k": "K", "dc": "0.1 degC"}
@@ -78,7 +82,7 @@ NUMBER = re.compile(r"(\d*[.,]?\d+(?:e[-+]?\d+)?|pi|π|1/\d+)\s*[*x·]?\s*(?=[^\
 RATE = re.compile(r"(.+?)\s*(?:/|\bper\b|p(?=s\Z))\s*(s|sec|second|min|minute|h|hour)\Z")
 SHORT = re.compile(r"([numcdk])(rad|rads|deg|degs|rev|turn|rpm|amps?|meters?|nm|n\.m|[amvns])\Z")
 LONG = re.compile(rf"({'|'.join(SPELT_PREFIXES)})[ -]?(.+)\Z")
-ENDS = re.compile(r".+(deg|degs|degrees?|rads?|radians?|turns|revs|rpm|°)\Z")
+ENDS = re.compile(r".+(deg|degs|degrees?|rads?|radians?|turns|revs|rotations|revolutions|rpm|°)\Z")
 INSTEAD = str.maketrans({"µ": "u", "μ": "u", "′": "'", "²": "^2"})
 
 

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import numpy as np
 
@@ -12,7 +12,7 @@ from ..units import FACTOR, behind
 from . import steps
 from .evidence import Relation, encoder, grid, whole_numbers
 from .expression import names_in, quoted
-from .unit_words import measures, named_by_unit, unit_of
+from .unit_words import UNIT_OR_NAME, measures, named_by_unit
 
 SURE, LIKELY, ASK = "sure", "likely", "ask"
 
@@ -21,18 +21,6 @@ ANGLE = behind("rad", "deg", "mrad", "turn")
 WAY = behind("m", "mm", "cm")
 POSITION = ("angle", "way")
 """Quantities of a position."""
-TURNING, MOVING = ("rad/s", "deg/s", "rpm", "turn/s"), ("m/s", "mm/s")
-"""Units that the velocity of a hinge and of a slide may be in where no name says one."""
-RATE = behind(*TURNING, "mrad/s", *MOVING)
-ELECTRICAL = "erpm"
-"""Unit of a velocity that a pole pair and a gear belong to."""
-NEAR, ROUGH = 1.05, 1.3
-"""A velocity is in the unit in which it is within the first factor of what the position does; within the second, it
-may be."""
-BITS = range(8, 25)
-"""Powers of two that the counts of a turn may be."""
-EXACT = 0.01
-"""Share by which a velocity in a unit that is said may miss a power of two as the counts of a turn."""
 QUANTITIES = {
     "torque": ("torque", "force"),
     "torque_command": ("torque", "force"),
@@ -48,6 +36,8 @@ PLAUSIBLE = {"torque": 50.0, "torque_command": 50.0, "current": 60.0, "voltage":
 """By signal the most that is taken for N.m, A, V or degC unasked: more is of a large machine, or in a smaller unit."""
 FULL_SCALES = (885.0, 1000.0, 1023.0, 100.0, 255.0)
 """Counts that mean a full duty on known servos and drives."""
+TELLS = 0.3
+"""Share of a motion that its goal explains, from which their sizes tell the unit."""
 CLOSE = 2.5
 """Two scales within this factor are the same unit."""
 FOLLOWS = 8.0
@@ -81,7 +71,7 @@ class Read:
     ask: str = ""
 
 
-def read_position(name: str, values: Array, said: str, how: str, slide: bool = False) -> Read:
+def read_position(name: str, values: Array, said: str, how: str, slide: bool = False, rest: str = "") -> Read:
     """An angle or a way by what its name, its grid and its range say.
 
     Args:
@@ -90,6 +80,7 @@ def read_position(name: str, values: Array, said: str, how: str, slide: bool = F
         said: unit by its name or its format; ``?`` where the format leaves it open.
         how: who says so.
         slide: whether the joint is known to be a slide.
+        rest: word of its name that may be a unit or name the joint.
     """
     column = quoted(name)
     low, high = (float(f(values)) for f in (np.nanmin, np.nanmax))
@@ -124,6 +115,8 @@ def read_position(name: str, values: Array, said: str, how: str, slide: bool = F
             column + ANGLE[found[0]], found[0], SURE,
             f"its steps of {grid(values):.6g} are a turn in {found[0]} by {found[1]}; {span}",
         )  # fmt: skip
+    if rest and not said:
+        return _unit_or_name(column, rest, span)
     if slide and not said:
         return Read(column, "m", LIKELY, f"of a slide; {span}, taken for m")
     largest = max(abs(low), abs(high))
@@ -148,6 +141,18 @@ def read_position(name: str, values: Array, said: str, how: str, slide: bool = F
     if largest <= 105.0 and (low >= 0.0 or largest > 90.0):
         ask += f". Or is it a share? {_share(low, 'rad')}"
     return Read(column + ANGLE[unit], unit, ASK, span, ask)
+
+
+def _unit_or_name(column: str, word: str, span: str) -> Read:
+    """An angle or a way whose name has a word that may be its unit or name its joint."""
+    if unit := UNIT_OR_NAME.get(word):
+        ask = f"turns (unit={unit}), as {word!r} in the names may say, or does it name the joint (unit=rad, unit=deg)?"
+        return Read(column + ANGLE[unit], unit, ASK, f"{word!r} may be its unit; {span}", ask)
+    ask = (
+        f"is {word!r} in the names the unit? It is none that is known: write what makes it rad (slide: m), or give the "
+        "unit, as unit=deg, if the word names something else"
+    )
+    return Read(column, word, ASK, f"{word!r} may be its unit; {span}", ask)
 
 
 def _share(low: float, si: str) -> str:
@@ -184,14 +189,15 @@ def read_alike(name: str, said: str, how: str, other: Read, goes: Relation) -> R
     if said and said != other.unit:
         return Read(column, said, ASK, f"{how} says {said}, which is no unit of an angle or a way", other.ask)
     base = measures(other.unit, *POSITION)
-    if base and goes.fit > 0.3 and goes.scale > 0.0:
+    size = abs(goes.scale)  # one that goes the other way is in a unit, too
+    if base and goes.fit > TELLS and size > 0.0:
         known = dict(WAY if base.quantity == "way" else ANGLE) | {other.unit: base.behind}
         sizes = {unit: FACTOR.get(unit, base.factor) for unit in known}
-        unit = min(known, key=lambda unit: abs(math.log(sizes[unit] / goes.scale / base.factor)))
-        off = abs(math.log(sizes[unit] / goes.scale / base.factor))
-        if unit != other.unit and (abs(math.log(goes.scale)) < math.log(CLOSE) or off > math.log(1.5)):
+        unit = min(known, key=lambda unit: abs(math.log(sizes[unit] / size / base.factor)))
+        off = abs(math.log(sizes[unit] / size / base.factor))
+        if unit != other.unit and (abs(math.log(size)) < math.log(CLOSE) or off > math.log(1.5)):
             unit = other.unit
-        if off > math.log(1.5) and abs(math.log(goes.scale)) > math.log(FOLLOWS):
+        if off > math.log(1.5) and abs(math.log(size)) > math.log(FOLLOWS):
             ask = (
                 f"in which unit is {column}? The position moves {goes.scale:.2g} times as far, as in no unit; keep "
                 f"{other.unit} if the joint hardly follows it, or is held and moved by its load"
@@ -207,126 +213,6 @@ def read_alike(name: str, said: str, how: str, other: Read, goes: Relation) -> R
 
 def _columns(text: str) -> list[str]:
     return [quoted(name) for name in names_in(text) if name != "pi"]
-
-
-def counted_by_velocity(read: Read, name: str, values: Array, said: str, slope: Relation) -> Read:
-    """A position in counts, of which a velocity in a unit that is said tells how many are a turn.
-
-    Args:
-        read: of the position.
-        name: of its column.
-        values: of it.
-        said: unit of the velocity.
-        slope: of the velocity against the derivative of the position.
-    """
-    rate = measures(f"{said}/s" if measures(said, *POSITION) else said, "rate")
-    if read.trust != ASK or read.unit != "tick" or rate is None or slope.fit <= 0.7 or slope.scale <= 0.0:
-        return read
-    exact = 2.0 * math.pi / (rate.factor * slope.scale)
-    power = 2 ** round(math.log2(exact))
-    if power.bit_length() - 1 not in BITS:
-        return read
-    known = abs(exact / power - 1.0) < EXACT
-    turn = power if known else int(float(f"{exact:.3g}"))
-    shown = f"by the velocity in {said} a turn is {exact:.0f} of them"
-    low, high = float(np.nanmin(values)), float(np.nanmax(values))
-    if known and turn == steps.TURN and read.text == steps.steps_text(name):  # asked about with its answer, unit=ticks
-        return replace(read, why=f"{read.why}; {shown}")
-    middle = turn // 2 if low >= 0.0 and high < turn else 0
-    text = f"({quoted(name)} - {middle})*2*pi/{turn}" if middle else f"{quoted(name)}*2*pi/{turn}"
-    why = f"counts of an encoder, {low:.3g} to {high:.3g}; {shown}"
-    if known and low < 0.0:  # which a drive counts from its own zero
-        return Read(text, "tick", LIKELY, f"{why}: {turn}")
-    turns = f"A turn is {turn}, {shown}" if known else f"{shown[0].upper()}{shown[1:]}"
-    asked = "which count is 0 rad?" if known else "how many counts are a turn, and which one is 0 rad?"
-    return Read(text, "tick", ASK, why, f"{asked} {turns}; {middle} is a guess")
-
-
-def _electrical(column: str, slope: Relation, position: Read, shown: str) -> Read:
-    """A velocity in electrical rounds a minute, which only the pole pairs and the gear make one of the joint."""
-    known = measures(position.unit, "angle")
-    ask = "how many pole pairs times gear ratio make these electrical rpm those of the joint?"
-    if known is None or position.trust == ASK or not shown:
-        text = f"{column}*2*pi/60"
-        return Read(text, ELECTRICAL, ASK, "electrical rpm", f"{ask} Divide by that number: {text}/<number>")
-    number = slope.scale / known.factor * FACTOR["rpm"]
-    whole = round(number)
-    told = f"{whole if abs(number - whole) < EXACT * number else number:.4g}"
-    return Read(f"{column}*2*pi/60/{told}", ELECTRICAL, ASK, f"electrical rpm; {shown}", f"{ask} The data say {told}")
-
-
-def read_velocity(name: str, said: str, how: str, slope: Relation, position: Read) -> Read:
-    """A velocity, by its name and by how it goes with the derivative of the position [as logged]."""
-    column = quoted(name)
-    if position.unit == steps.PERCENT and not said:
-        ask = (
-            f"in which unit is {column}? Its position is in percent: write it in rad/s (slide: m/s), or remove the line"
-        )
-        return Read(column, "?", ASK, "no unit is said, and the position is in percent", ask)
-    if not said and (measures(whole := unit_of(name), "rate", "speed") or whole == ELECTRICAL):
-        said, how = whole, "the name"
-    if measures(said, *POSITION):
-        said += "/s"
-    rate = measures(said, "rate", "speed")
-    shown = ""
-    if slope.fit > 0.7 and slope.scale > 0.0 and position.unit != steps.PERCENT:
-        base = measures(position.unit, *POSITION)
-        step = steps.step_size(position.text) if position.unit == "tick" else 1.0
-        per = slope.scale / (base.factor if base else step)
-        shown = f"it is {slope.scale:.3g} times the derivative of the position as logged"
-        rates = _rates(position)
-        unit = min(rates, key=lambda unit: abs(math.log(per * FACTOR[unit])))
-        if said == ELECTRICAL:
-            return _electrical(column, slope, position, shown)
-        if rate and abs(math.log(per * rate.factor)) > min(math.log(CLOSE), abs(math.log(per * FACTOR[unit])) + 0.01):
-            return Read(column + rate.behind, said, ASK, f"{how} says {said}, but {shown}, as {unit} would be")
-        if position.unit == "tick" and not said:
-            if position.trust == SURE and abs(math.log(slope.scale)) < math.log(NEAR):
-                behind_steps = f"*2*pi/{2.0 * math.pi / step:.0f}"
-                return Read(column + behind_steps, "tick/s", LIKELY, f"{shown}: steps a second")
-            ask = position.ask or f"how many rad/s is a count of {column}? {shown}"
-            return Read(f"{column}*{step / slope.scale:.4g}", "counts", ASK, f"{shown}, in rad/s", ask)
-        if position.trust == ASK and not said:
-            own = measures(f"{position.unit}/s", "rate", "speed")
-            return Read(
-                column + (own.behind if own else RATE[unit]), unit, ASK, "its unit hangs on that of the position",
-                position.ask,
-            )  # fmt: skip
-        if rate and abs(math.log(per * rate.factor)) < math.log(ROUGH):
-            return Read(column + rate.behind, said, SURE, f"{how} says {said}; {shown}")
-        ratio = per * FACTOR[unit]
-        if not rate and abs(math.log(ratio)) < math.log(NEAR):
-            return Read(column + RATE[unit], unit, position.trust, f"{shown}: {unit}")
-        if not said and abs(math.log(ratio)) < math.log(ROUGH):
-            ask = (
-                f"is {column} in {unit}? No unit is said, and in {unit} it is {ratio:.3g} times what the position does"
-            )
-            return Read(column + RATE[unit], unit, ASK, shown, ask)
-    elif slope.fit > 0.7:
-        shown = "it goes against the derivative of the position"
-    if said == ELECTRICAL:
-        return _electrical(column, slope, position, "")
-    if rate:
-        trust, shown = (LIKELY, f"; {shown}") if shown else (SURE, "")
-        return Read(column + rate.behind, said, trust, f"{how} says {said}{shown}")
-    no_unit = f"{how} says {said}, which is no unit of a velocity" if said else "no unit is said"
-    return Read(column, "?", ASK, f"{no_unit}, and {shown or 'it does not go with the derivative of the position'}")
-
-
-def _rates(position: Read) -> tuple[str, ...]:
-    """Units that the velocity beside a position may be in: the usual ones, and that of the position a second."""
-    own = f"{position.unit}/s"
-    return tuple(dict.fromkeys([*(MOVING if measures(position.unit, "way") else TURNING), *[own] * (own in RATE)]))
-
-
-def read_goal_velocity(name: str, said: str, how: str, slope: Relation, goal: Read) -> Read:
-    """A velocity that is commanded beside a goal; it need not be the goal's derivative."""
-    read = read_velocity(name, said, how, slope, goal)
-    if read.trust == ASK and not said and measures(goal.unit, *POSITION):
-        rates = _rates(goal)
-        unit = next((rate for rate in rates if rate == f"{goal.unit}/s"), rates[0])
-        return Read(quoted(name) + RATE[unit], unit, LIKELY, f"no unit is said; taken for {unit}, as its goal")
-    return replace(read, why=read.why.replace("of the position", "of the goal"))
 
 
 def read_other(signal: str, name: str, values: Array, said: str, how: str, rest: str = "") -> Read:

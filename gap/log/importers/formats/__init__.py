@@ -3,38 +3,44 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from dataclasses import replace
 from pathlib import Path
 
+from ...sidecar import FOLDER_DEFAULTS
 from ...types import LogError
 from ..recording import Recording
 from . import hdf5, ros, tables
 from .json_rows import LINES, is_recording, read_json
 from .lerobot import is_lerobot, read_lerobot
-from .matlab import read_matlab, read_numpy
+from .matlab import read_array, read_matlab, read_numpy
 from .tables import read_table
 
+DEEPEST = 4
+"""Folders below one in which recordings are looked for."""
+PICKLED = (".pkl", ".pickle", ".pt", ".pth")
 KNOWN = (*tables.ENDINGS, ".json", *LINES, ".mat", ".npz", *hdf5.ENDINGS, *ros.ENDINGS)
 
 
 def read_recordings(path: Path) -> list[Recording]:
-    """The recordings of a file, or of all files of a folder.
+    """The recordings of a file, or of all files of a folder; where it has none itself, of the folders in it.
 
     Raises:
         LogError: one sentence that says which file, what is wrong with it and what to do.
     """
     if not path.exists():
         raise LogError(f"{path}: no such file or folder.")
-    if path.is_dir() and is_lerobot(path):
-        return read_lerobot(path)
-    if ros.is_bag(path):
-        return ros.read_bag(path)
-    if path.is_file():
-        return _reader(path)(path)
-    files = [file for file in sorted(path.iterdir()) if _is_recording(file)]
-    if not files:
-        raise LogError(f"{path}: holds no recording that is known: {', '.join(KNOWN)}, or a LeRobot data set.")
+    if not path.is_dir() or is_lerobot(path) or ros.is_bag(path):
+        return _read_one(path)
+    found = _in_folder(path)
+    if not found:
+        raise LogError(
+            f"{path}: holds no recording that is known: {', '.join(KNOWN)}, or a LeRobot data set; nor do the folders "
+            "in it."
+        )
     recordings = [
-        recording for file in files for recording in (ros.read_bag if ros.is_bag(file) else _reader(file))(file)
+        replace(recording, name="-".join((*file.relative_to(path).parts[:-1], recording.name)))
+        for file in found
+        for recording in _read_one(file)
     ]
     names: dict[str, Path] = {}
     for recording in recordings:
@@ -43,6 +49,25 @@ def read_recordings(path: Path) -> list[Recording]:
             raise LogError(f"{recording.source}: {other} has the same name; rename one, or import one at a time.")
         names[recording.name] = recording.source
     return recordings
+
+
+def _in_folder(folder: Path, depth: int = 0) -> list[Path]:
+    """Files, bags and data sets of a folder that are recordings, else those of the folders in it.
+
+    Folders of logs that were imported already are left out.
+    """
+    entries = [path for path in sorted(folder.iterdir()) if not path.name.startswith(".")]
+    found = [path for path in entries if _is_recording(path)]
+    if found or depth == DEEPEST:
+        return found
+    folders = (path for path in entries if path.is_dir() and not (path / FOLDER_DEFAULTS).is_file())
+    return [file for inner in folders for file in ([inner] if is_lerobot(inner) else _in_folder(inner, depth + 1))]
+
+
+def _read_one(path: Path) -> list[Recording]:
+    if path.is_dir() and is_lerobot(path):
+        return read_lerobot(path)
+    return ros.read_bag(path) if ros.is_bag(path) else _reader(path)(path)
 
 
 def _reader(path: Path) -> Callable[[Path], list[Recording]]:
@@ -55,8 +80,15 @@ def _reader(path: Path) -> Callable[[Path], list[Recording]]:
         return hdf5.read_hdf5
     if ending == ".npz":
         return read_numpy
-    if ending in tables.ENDINGS:
+    if ending == ".npy":
+        return read_array
+    if ending in (*tables.ENDINGS, ".log"):
         return read_table
+    if ending in PICKLED:
+        raise LogError(
+            f"{path}: is a pickle, which is not loaded, for it can run any code; save its arrays as a file of named "
+            f"arrays, np.savez('{path.stem}.npz', **arrays), where arrays is a dict with a vector for each column."
+        )
     raise LogError(f"{path}: is of no kind that is read; there are {', '.join(KNOWN)}, and LeRobot data sets.")
 
 

@@ -30,7 +30,10 @@ GROUPED = {
 """Numbers with grouped thousands, by the sign of their decimals."""
 OTHER_SIGN = {",": ".", ".": ","}
 QUANTITY = re.compile(r"([-+]?(?:\d+[.,]?\d*|[.,]\d+)(?:[eE][-+]?\d+)?)\s*([^\d\s.,;:+-]\S*)\Z")
-CLOCK = re.compile(r"(?:(\d{1,3}):)?(\d{1,2}):(\d{1,2}(?:[.,]\d+)?)\s*([AaPp][Mm])?\Z")
+CLOCK = re.compile(
+    r"(?:(?P<days>\d+) days? )?(?:(?P<hours>\d{1,3}):)?(?P<minutes>\d{1,2}):(?P<seconds>\d{1,2}(?:[.,]\d+)?)"
+    r"\s*(?P<half>[AaPp][Mm])?\Z"
+)
 DATES = ("%d.%m.%Y", "%Y/%m/%d", "%Y-%m-%d", "%m/%d/%Y", "%d/%m/%Y", "%d-%m-%Y", "%d.%m.%y", "%m/%d/%y")
 
 LOOKED_AT = 1000
@@ -202,10 +205,11 @@ def _time_of_day(cell: str) -> float:
     match = CLOCK.match(cell)
     if not match:
         raise ValueError(cell)
-    hours = float(match[1] or 0)
-    if match[4]:
-        hours = hours % 12 + 12 * (match[4].lower() == "pm")
-    return 3600.0 * hours + 60.0 * float(match[2]) + float(match[3].replace(",", "."))
+    hours = float(match["hours"] or 0)
+    if match["half"]:
+        hours = hours % 12 + 12 * (match["half"].lower() == "pm")
+    of_day = 3600.0 * hours + 60.0 * float(match["minutes"]) + float(match["seconds"].replace(",", "."))
+    return DAY * float(match["days"] or 0) + of_day
 
 
 def _dated(cell: str, form: str) -> date | None:

@@ -47,6 +47,27 @@ def read_numpy(path: Path) -> list[Recording]:
     return recordings_of(path, "numpy", content)
 
 
+def read_array(path: Path) -> list[Recording]:
+    """The recordings of a file of one array: a matrix of a column for each signal, or records with named fields.
+
+    Raises:
+        LogError: it is damaged, or holds no numbers.
+    """
+    try:
+        array = np.load(path, allow_pickle=False)
+    except (OSError, ValueError, EOFError) as error:
+        said = str(error).splitlines()[0] if str(error) else "it is empty"
+        if "Object arrays" in said:
+            said = "it holds Python objects, which are not loaded, for they can run any code"
+        raise LogError(
+            f"{path}: {said}; save named arrays, np.savez('{path.stem}.npz', **arrays), where arrays is a dict with a "
+            "vector for each column."
+        ) from None
+    fields = array.dtype.names
+    content = {name: array[name] for name in fields} if fields else {path.stem: np.squeeze(array)}
+    return recordings_of(path, "numpy", content)
+
+
 def _plain_array(file: Any, name: str) -> Any:
     """An array of a file; None where it holds Python objects, which are not loaded."""
     try:

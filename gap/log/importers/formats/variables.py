@@ -9,9 +9,13 @@ from typing import Any
 import numpy as np
 
 from ...types import Array, LogError
+from ..evidence import clock_units
+from ..names import said
 from ..recording import Recording
 from .structures import flatten, is_list, parted, spread
 
+HELD = frozenset(["goal", "goal_velocity", "torque_command"])
+"""Signals that hold until the next one is sent."""
 WORDS = "it holds text, no numbers"
 
 
@@ -70,7 +74,9 @@ def _has_runs(value: Any) -> bool:
     )
 
 
-def recording_of(path: Path, kind: str, content: Mapping[str, Any], name: str, said: tuple[str, ...] = ()) -> Recording:
+def recording_of(
+    path: Path, kind: str, content: Mapping[str, Any], name: str, notes: tuple[str, ...] = ()
+) -> Recording:
     """The one recording that variables of a run make, with what is said of it already.
 
     Raises:
@@ -88,11 +94,40 @@ def recording_of(path: Path, kind: str, content: Mapping[str, Any], name: str, s
         raise LogError(f"{path}: has no vectors of numbers{why}; a log is one vector for each signal and one of time.")
     lengths = [len(values) for values in columns.values()]
     length = max(set(lengths), key=lambda n: (lengths.count(n), n))
+    columns, of_held = _held_goals(columns, length)
+    notes = (*notes, *of_held)
     other = sorted(key for key, values in columns.items() if len(values) != length)
-    notes = (*said, f"left out, for they do not have {length} samples: {', '.join(other)}") if other else said
+    if other:
+        notes = (*notes, f"left out, for they do not have {length} samples: {', '.join(other)}")
     kept = {key: values for key, values in columns.items() if len(values) == length}
     left |= dict.fromkeys(words, WORDS)
     return Recording(name, kept, path, kind, facts, notes=notes, left=left)
+
+
+def _held_goals(columns: dict[str, Array], length: int) -> tuple[dict[str, Array], tuple[str, ...]]:
+    """Goals with a clock of their own, each held until the next at the times of the other columns, and notes on them.
+
+    Args:
+        columns: by name; those of a structure have its name before a point.
+        length: of the columns that the recording is made of.
+    """
+    fields = {key: key.rpartition(".")[::2] for key in columns}
+    clocks = {key: columns[key] for key, (_, own) in fields.items() if said(own).signal == "time"}
+    clocks = {key: values for key, values in clocks.items() if clock_units(values)}
+    at = next((values for values in clocks.values() if len(values) == length), None)
+    out, notes = dict(columns), ()
+    for key, time in clocks.items():
+        above = fields[key][0]
+        if at is None or len(time) == length or not above or time[0] > at[-1] or time[-1] < at[0]:
+            continue
+        beside = [name for name in columns if name != key and fields[name][0] == above]
+        if not beside or any(said(name).signal not in HELD or len(columns[name]) != len(time) for name in beside):
+            continue
+        before = np.searchsorted(time, at, side="right") - 1
+        out |= {name: np.where(before >= 0, columns[name][before], np.nan) for name in beside}
+        del out[key]
+        notes = (*notes, f"each sample of {', '.join(beside)} is held until its next one, by its own clock {key}")
+    return out, notes
 
 
 def _is_words(value: Any) -> bool:
