@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+import os
+import tempfile
+from collections.abc import Mapping
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -15,16 +17,20 @@ from sealegs.gap.output.hand_over import hand_over, harmed
 from sealegs.gap.verdict.verdict import JointDiagnosis
 
 from testbed.logs import hidden_arm
+from tests.made_once import SHARED, made_once
 
-CAUSES = ["friction.coulomb"]
 
-
-@pytest.fixture(scope="module")
-def arm(tmp_path_factory: pytest.TempPathFactory) -> tuple[MeasuredSet, Sequence[JointDiagnosis]]:
+@made_once
+def diagnosed() -> tuple[MeasuredSet, list[JointDiagnosis]]:
     """An arm with more friction at its elbow than believed, and nominal numbers that are a little wrong."""
-    folder = tmp_path_factory.mktemp("arm")
-    data, _ = hidden_arm(folder, "two_link", {"friction": ("elbow", "clear")}, 3, runs=1, duration=5.0)
-    return data, list(diagnose(data, causes=CAUSES).joints)
+    folder = Path(tempfile.mkdtemp(dir=os.environ[SHARED]))
+    data, _ = hidden_arm(folder, "two_link", {"friction": ("elbow", "clear")}, 3, runs=1, duration=4.0)
+    return data, list(diagnose(data, causes=["friction.coulomb"]).joints)
+
+
+@pytest.fixture
+def arm() -> tuple[MeasuredSet, list[JointDiagnosis]]:
+    return diagnosed()
 
 
 def answers(monkeypatch: pytest.MonkeyPatch, errors: Mapping[str, tuple[float, float] | None]) -> list[str]:
