@@ -11,6 +11,7 @@ from sealegs.gap.causes.catalogue import catalogue
 from sealegs.gap.causes.visible import limits, shown
 from sealegs.gap.log.parts import cut
 from sealegs.gap.log.types import JointLog, LogError, MeasuredRun, MeasuredSet
+from sealegs.gap.replay.axis import Axis
 from sealegs.gap.replay.constants import K
 from sealegs.gap.replay.driven import DrivenProblem, driven_problem
 from sealegs.gap.replay.driven_simulator import replay_driven
@@ -158,6 +159,14 @@ def test_a_torque_whose_side_nothing_tells_is_assumed_to_be_the_shafts() -> None
     chain[4] = {"friction": {"coulomb": 0.0, "viscous": 0.0}}
     problem = driven_problem([run], "servo", [JointModel(load_chain(chain))], cut([run], "servo"), 1e-4)
     assert problem.torque_side == "shaft" and "cannot tell" in limits(problem, "servo", ())[1].sentence
+
+
+def test_the_force_of_a_slide_is_told_as_a_force() -> None:
+    """It was told in mN.m."""
+    run, chain = geared("shaft")
+    slide = JointModel(load_chain(chain), axis=Axis(slide=True, low=-0.2, high=0.2))
+    problem = driven_problem([run], "servo", [slide], cut([run], "servo"), 1e-4)
+    assert problem.signal == ("torque", "N")
 
 
 def test_halving_the_step_changes_little() -> None:

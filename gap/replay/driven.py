@@ -25,6 +25,7 @@ from .layout import lay_out
 from .problem import JointProblem
 from .variants import Batch
 
+# of a hinge
 UNITS = {"position": "rad", "torque": "N.m", "duty": "1", "current": "A"}
 LEAST_TORQUES = 50  # samples of a torque column that can tell what it is of
 
@@ -83,8 +84,8 @@ class DrivenProblem(JointReplay):
 
     @property
     def signal(self) -> tuple[str, str]:
-        """The channel that is judged sample by sample, and its unit."""
-        return CHANNELS[self.first], UNITS[CHANNELS[self.first]]
+        """The channel that is judged sample by sample, and its unit, of a slide or of a hinge."""
+        return CHANNELS[self.first], self.models[0].axis.unit(UNITS[CHANNELS[self.first]])
 
     def motion(self, simulated: np.ndarray) -> np.ndarray:
         """Position, speed and acceleration (n, 3); a rigid motor moves as its link was measured to."""

@@ -11,11 +11,14 @@ from ..replay.parameters import Parameter
 from ..replay.problem import Problem, periods_of
 from ..replay.robust import robust_weight
 from .bounded import FLAT, nearest_within, root_of, solved
+from .delays import at_samples
 from .fit import Fit
 from .torque_gauge import is_torque, room
 
 UNLIKELY = 3.84  # rise of the cost, in squared noise floors: the 95 % quantile of chi square with one degree of freedom
 CLOCK = 0.03  # of a sample period: what all time stamps are late or early by
+STEP = 0.5  # of a sample period: either way, where a response that goes from sample to sample cannot tell times apart
+BESIDE = 1.2e-3  # of the range tried: that far from what is believed a wider interval stops, which the data exclude
 
 
 def intervals(
@@ -31,7 +34,8 @@ def intervals(
     Nuisance parameters move within their bounds: an armature that only its tolerance holds widens the interval of a
     load's inertia. What the log leaves open of all torques together (:mod:`.torque_gauge`) widens theirs. Two terms are
     added in quadrature: how far the fits of the two parts of the data disagree, and the systematic error that all data
-    share (calibration of the columns, clock of the log, discretisation error).
+    share (calibration of the columns, clock of the log, discretisation error). Where what is judged goes from sample to
+    sample (:func:`.delays.at_samples`), a time is not told more closely than half a sample either way.
 
     Args:
         halves: fits of the same parameters to two parts of the data.
@@ -70,8 +74,30 @@ def intervals(
         values = [fit.values[p.path] for fit in halves if p.path in fit.values]
         shared = CLOCK * period if p.unit == "s" else problem.systematic_error(p.path) * abs(value)
         wide = float(np.linalg.norm([0.5 * (most - least), max(values) - min(values) if values else 0.0, shared]))
-        found_intervals[p.path] = (max(min(least, value - wide), p.low), min(max(most, value + wide), p.high))
+        least, most = min(least, value - wide), max(most, value + wide)
+        if p.unit == "s" and at_samples(problem):
+            least, most = _over_a_step(value, (least, most), period, p, p.neutral(problem.models[0]))
+        found_intervals[p.path] = (max(least, p.low), min(most, p.high))
     return found_intervals
+
+
+def _over_a_step(
+    value: float, ends: tuple[float, float], period: float, parameter: Parameter, believed: float
+) -> tuple[float, float]:
+    """An interval of a time with half a sample either way, and with what the stamps of the log are late or early by.
+
+    A command that goes on between its samples, of a host that is faster than the log, is seen by the nearest sample,
+    where one that holds until the next is seen by the first after it: a delay may be half a sample longer for that.
+    What the data tell from the value themselves, the nominal model, stays outside.
+    """
+    below, above = STEP + CLOCK, STEP + CLOCK + (STEP if parameter.number == "delay.seconds" else 0.0)
+    least, most = min(ends[0], value - below * period), max(ends[1], value + above * period)
+    beside = BESIDE * (parameter.high - parameter.low)
+    if least <= believed + beside < ends[0]:
+        least = believed + beside
+    elif ends[1] < believed - beside <= most:
+        most = believed - beside
+    return least, most
 
 
 def inflation(curvature: np.ndarray, moves: np.ndarray) -> np.ndarray:

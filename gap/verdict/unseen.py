@@ -18,6 +18,7 @@ from ..checks.bootstrap import block_weights
 from ..log.parts import FIT_A, FIT_B
 from ..replay.parameters import Parameter, about
 from ..replay.problem import Nominal, Problem
+from ..search.delays import with_centred_times
 from ..search.fit import Fit, fit, middle
 from ..search.intervals import intervals
 from ..search.result import Candidate, Search
@@ -71,6 +72,7 @@ def effective(fitting: Problem, search: Search, seed: int) -> Model:
     while True:
         parts = search.fits
         found = fit(fitted, search.parameters(), middle(*parts), evaluations=search.settings.iterations)
+        found = with_centred_times(fitted, search.parameters(), found)
         if not search.accepted:
             return Model(search, found, {}, tuple(idled))
         spread = intervals(fitted, search.parameters(), found, seed, parts)

@@ -97,8 +97,8 @@ def timeline(diagnosis: JointDiagnosis) -> Timeline | None:
 
     models = {name: cut(simulated[name][:, 0]) for name in MODELS if name in simulated}
     measured = cut(problem.measured[:, 0])
-    joint = problem.joint if problem.signal[1] == "rad" else None  # goals are angles
-    goal = None if joint is None else cut(joint.goal)
+    joint = problem.joint if problem.signal[0] == "position" else None
+    goal = None if joint is None or joint.models[0].by_torque else cut(joint.goal)  # a torque is no position
     return Timeline(np.concatenate(x), goal, measured, models, tested, runs, quantity, diagnosis.unit)
 
 
