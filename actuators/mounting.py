@@ -69,12 +69,21 @@ class DrivenCoordinate:
 class OwnValues:
     """Armature [kg.m2], viscous friction [N.m.s/rad] and dry friction [N.m] of a joint before a chain was put on it.
 
-    What a rotor that is a body of its own has about the axis counts as negative armature.
+    ``held`` [kg.m2] is what a rotor that is a body of its own has about the axis: the chain's armature counts it too.
     """
 
     armature: float = 0.0
     damping: float = 0.0
     frictionloss: float = 0.0
+    held: float = 0.0
+
+    def with_rotor(self, inertia: float) -> float:
+        """Armature of the joint with a chain of so much inertia on it [kg.m2 or kg].
+
+        A rotor has no less than nothing; the joint's own may be below 0, where its load was found to be less than its
+        bodies are.
+        """
+        return min(self.armature, 0.0) + max(max(self.armature, 0.0) + inertia - self.held, 0.0)
 
 
 @dataclass(frozen=True)
@@ -112,7 +121,7 @@ class Mounted:
         number, kind = self.friction_id(model), "tendon" if self.on_tendon else "dof"
         inertia = rotor_inertia(chain, self.motor_terms[0][0]) if self.coupling else chain.armature()
         rows: list[tuple[str, int, Any]] = [
-            (f"{kind}_armature", number, max(self.own.armature + inertia, 0.0)),
+            (f"{kind}_armature", number, self.own.with_rotor(inertia)),
             (f"{kind}_frictionloss", number, self.own.frictionloss + native_coulomb(chain)),
             (f"{kind}_damping", number, self.own.damping + viscous),
         ]
@@ -229,7 +238,7 @@ def mount(spec: mujoco.MjSpec, item: DrivenCoordinate, chain: Chain) -> Mounted:
         tendon.limited = True
         tendon.range = [-half, half]
         tendon.solref_limit, tendon.solimp_limit = TOOTH_SOLREF, TOOTH_SOLIMP
-    own = OwnValues(armature=-held)
+    own = OwnValues(held=held)
     return Mounted(((motor_joint, 1.0),), item.terms, motor_joint, False, tendon.name, own, deflection)
 
 
@@ -266,7 +275,7 @@ def _mount_deflection(spec: mujoco.MjSpec, item: DrivenCoordinate, spring: Any) 
     joint.damping = _polynomial(joint.damping, spring.damping)
     if spring.unilateral > 0.5:
         joint.limited = mujoco.mjtLimited.mjLIMITED_TRUE
-        joint.range = (0.0, SPRING_TRAVEL)
+        joint.range = (0.0, np.degrees(SPRING_TRAVEL) if joint.compiler.degree else SPRING_TRAVEL)
         joint.solref_limit, joint.solimp_limit = STOP_SOLREF, STOP_SOLIMP
     return name
 
@@ -295,8 +304,8 @@ def _mount_stiff(
         target.armature = chain.armature()
     else:
         target = spec.joint(item.terms[0][0])
-        own = OwnValues(target.armature - held, float(np.ravel(target.damping)[0]), target.frictionloss)
-        target.armature = max(own.armature + chain.armature(), 0.0)
+        own = OwnValues(target.armature, float(np.ravel(target.damping)[0]), target.frictionloss, held)
+        target.armature = own.with_rotor(chain.armature())
         terms = ((target.name, 1.0),)
     _dissipate(target, viscous, native_coulomb(chain))
     return Mounted(terms, item.terms, target.name, on_tendon, own=own, deflection=deflection)

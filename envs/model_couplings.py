@@ -144,6 +144,7 @@ def _together(one: ModelDrive, other: ModelDrive, coefficient: float, origin: st
         goals=goals,
         dampratio=one.dampratio if one.dampratio == other.dampratio else 0.0,
         motor=one.motor and other.motor,
+        simplified=(*one.simplified, *other.simplified),
         tied=(*one.tied, origin),
     )
 

@@ -9,6 +9,7 @@ from dataclasses import dataclass
 import mujoco
 import numpy as np
 
+SAME = 1e-6  # of a force: ends that differ by less are as far from 0
 OVER_JOINTS = (mujoco.mjtTrn.mjTRN_JOINT, mujoco.mjtTrn.mjTRN_JOINTINPARENT)
 
 
@@ -27,6 +28,7 @@ class ModelDrive:
         motor: whether its control is a force: no actuator of it follows a position or a speed.
         lost: what its actuators have that no ideal servo has, such as ``a delay of 0.03 s``.
         tied: joints with actuators of their own that an equality ties to it, whose drives were added to it.
+        simplified: what the file says of its force that is read more simply here, a phrase each.
     """
 
     name: str
@@ -40,6 +42,7 @@ class ModelDrive:
     motor: bool = False
     tied: tuple[str, ...] = ()
     lost: tuple[str, ...] = ()
+    simplified: tuple[str, ...] = ()
 
 
 def read_drives(full: mujoco.MjSpec, joints: Collection[str]) -> tuple[tuple[ModelDrive, ...], tuple[str, ...]]:
@@ -117,11 +120,42 @@ def _drive(
     kinds = (model.actuator_biastype, model.actuator_gaintype, model.actuator_dyntype)
     motor = all(int(kind[number]) == int(want) for number in numbers for kind, want in zip(kinds, plain, strict=True))
     lost = dict.fromkeys(phrase for number in numbers for phrase in _lost(model, number))
-    limits = [force for force in forces if force is not None]
-    force = sum(limits) if len(limits) == len(forces) else None
+    limits = [ends for ends in forces if ends is not None]
+    force, said = None, ()
+    if len(limits) == len(forces):
+        slides = int(model.jnt_type[model.joint(terms[0][0]).id]) == int(mujoco.mjtJoint.mjJNT_SLIDE)
+        ends = sum(low for low, _ in limits), sum(high for _, high in limits)
+        label = "the force of its actuators," if len(numbers) > 1 else "the force of its actuator,"
+        force, said = both_ways(ends, label, "N" if slides else "N.m")
     return ModelDrive(
-        name, terms, stiffness, damping, force, goals=goals, dampratio=dampratio, motor=motor, lost=tuple(lost)
+        name,
+        terms,
+        stiffness,
+        damping,
+        force,
+        goals=goals,
+        dampratio=dampratio,
+        motor=motor,
+        lost=tuple(lost),
+        simplified=said,
     )
+
+
+def both_ways(ends: tuple[float, float], label: str, unit: str) -> tuple[float, tuple[str, ...]]:
+    """A range of forces as a largest force either way, and in words how one that is not so was read.
+
+    Args:
+        ends: lowest and highest force [N.m or N].
+        label: what the range is, for the words.
+        unit: of the force.
+    """
+    low, high = ends
+    both = low < 0.0 < high  # else the larger end counts: with the other one, 0 or less, it would never move
+    force = (min if both else max)(abs(low), abs(high))
+    if abs(low + high) <= SAME * force:
+        return force, ()
+    why = "the smaller end counts both ways" if both else "a drive that acts one way only is not known here"
+    return force, (f"{label} {low:g} to {high:g} {unit}, is read as {-force:g} to {force:g}: {why}",)
 
 
 def _lost(model: mujoco.MjModel, number: int) -> list[str]:
@@ -153,20 +187,30 @@ def _pull(model: mujoco.MjModel, number: int) -> tuple[float, float] | None:
         limited, ends = _control(model, number)
     if not limited:
         return None
-    gain, offset = float(model.actuator_gainprm[number, 0]), float(model.actuator_biasprm[number, 0])
+    gain = float(model.actuator_gainprm[number, 0])
+    plain = int(model.actuator_biastype[number]) == int(mujoco.mjtBias.mjBIAS_NONE)
+    offset = 0.0 if plain else float(model.actuator_biasprm[number, 0])
     low, high = sorted(_gear(model, number) * (gain * float(end) + offset) for end in ends)
     return low, high
 
 
-def _force(model: mujoco.MjModel, number: int) -> float | None:
-    """Largest force of an actuator on what it drives; None: any."""
-    gear = abs(_gear(model, number))
+def _force(model: mujoco.MjModel, number: int) -> tuple[float, float] | None:
+    """Lowest and highest force of an actuator on what it drives; None: any.
+
+    A motor is held by its controls and by its range of forces: the narrower counts at each end.
+    """
+    found: list[tuple[float, float]] = []
     if model.actuator_forcelimited[number]:
-        return gear * float(np.abs(model.actuator_forcerange[number]).max())
-    limited, ends = _control(model, number)
-    if limited and int(model.actuator_biastype[number]) == int(mujoco.mjtBias.mjBIAS_NONE):  # a motor
-        return gear * abs(float(model.actuator_gainprm[number, 0])) * float(np.abs(ends).max())
-    return None
+        low, high = sorted(_gear(model, number) * float(end) for end in model.actuator_forcerange[number])
+        found.append((low, high))
+    if int(model.actuator_biastype[number]) == int(mujoco.mjtBias.mjBIAS_NONE):  # a motor
+        pull = _pull(model, number)
+        if pull is not None:
+            found.append(pull)
+    if not found:
+        return None
+    low, high = max(low for low, _ in found), min(high for _, high in found)
+    return (low, high) if low <= high else found[0]
 
 
 def _control(model: mujoco.MjModel, number: int) -> tuple[bool, np.ndarray]:

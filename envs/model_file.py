@@ -13,17 +13,16 @@ import mujoco
 import numpy as np
 
 from .model_couplings import couplings, led, unnamed
-from .model_drives import ModelDrive, read_drives
+from .model_drives import ModelDrive, both_ways, read_drives
 from .model_errors import uncompiled
 from .model_reading import read_specs
+from .model_ties import carried_along, free_ways
 from .model_transmissions import reductions
 from .robot import RobotError
 
 SUFFIXES = (".xml", ".mjcf", ".urdf")
 UNITS: Mapping[str, tuple[str, str]] = {"hinge": ("rad", "N.m"), "slide": ("m", "N")}
 """Units of position and of force, by kind of joint."""
-
-SAME = 1e-6  # of a force: ends that differ by less are as far from 0
 
 
 @dataclass(frozen=True)
@@ -37,7 +36,7 @@ class ModelJoint:
         range: where its stops are [rad or m]; None: it has none.
         damping, armature, frictionloss: that the file gives it.
         force: largest force that the file lets actuators give it, either way [N.m or N]; None: any.
-        inertia: at the file's pose, armature left out [kg.m2 or kg].
+        inertia: at the file's pose, with that of joints that follow it, its own armature left out [kg.m2 or kg].
         axis: in the frame of the body.
         place: in the frame of the body [m].
         simplified: what the file says of it that is read more simply here, a phrase each.
@@ -85,15 +84,17 @@ class ModelFile:
         bodies: that move and have a mass, by name.
         frames: bodies that move and have none, such as that of a tool, and where they would carry something [m].
         followers: joints that an equality constraint ties to another one (or to a fixed place: empty), by name.
+        carried: by name of a joint that leads: those that follow it in proportion, offset [rad or m] and ratio of each.
         coupled: joints whose load is more than a tree of bodies says, and why.
         root: body that carries the driven tree; empty where it is the world.
         free: whether that body has a free joint.
-        start: positions of joints in the keyframe ``home``, or in the first one; where there is none, at 0.
+        start: positions of joints in the keyframe ``home``, or in the first one; where there is none, in the pose in
+            which the file describes the robot.
         floor: whether there is a plane or a height field to stand on.
         timestep: of the file [s].
         digest: of the model, to tell two files apart.
         mobility: at the file's pose, how fast a joint gains speed by a force on another one [1/(kg.m2) or 1/kg], by
-            both names; all joints give way.
+            both names; all joints give way, and those that equality constraints tie move together.
         reductions: mechanical reductions that a URDF states and that nothing here uses, as they stand, by joint.
         unnamed: joints that nothing can drive, since they have no name or are balls, in words.
         said: what was mended in reading, a sentence each.
@@ -107,6 +108,7 @@ class ModelFile:
     bodies: Mapping[str, ModelBody]
     frames: Mapping[str, tuple[float, float, float]]
     followers: Mapping[str, str]
+    carried: Mapping[str, tuple[tuple[str, float, float], ...]]
     coupled: Mapping[str, str]
     root: str
     free: bool
@@ -159,8 +161,8 @@ def _surveyed(path: Path, changed: int) -> ModelFile:
         drives, undriveable = read_drives(full, [model.joint(k).name for k in _single(model)])
     except ValueError as error:
         raise RobotError(uncompiled(path, error)) from None
-    masses = _masses(model)
-    joints = {joint.name: joint for joint in _joints(model, np.diag(masses) - model.dof_armature) if joint.name}
+    masses, ways = _masses(model), free_ways(model)
+    joints = {joint.name: joint for joint in _joints(model, _inertias(model, masses, ways)) if joint.name}
     followers, coupled = couplings(model)
     drives, carried = led(model, drives)
     undriveable = (*undriveable, *carried)
@@ -175,6 +177,7 @@ def _surveyed(path: Path, changed: int) -> ModelFile:
         bodies={body.name: body for body in _bodies(model)},
         frames={model.body(k).name: _three(tip_of(model, k)) for k in _moved(model) if model.body_mass[k] <= 0.0},
         followers=followers,
+        carried=carried_along(model),
         coupled=coupled,
         root=model.body(root).name if root else "",
         free=bool(root) and _is_free(model, root),
@@ -182,7 +185,7 @@ def _surveyed(path: Path, changed: int) -> ModelFile:
         floor=bool(np.isin(model.geom_type, (mujoco.mjtGeom.mjGEOM_PLANE, mujoco.mjtGeom.mjGEOM_HFIELD)).any()),
         timestep=float(model.opt.timestep),
         digest=hashlib.sha256(spec.to_xml().encode()).hexdigest()[:16],
-        mobility=_mobility(model, masses),
+        mobility=_mobility(model, masses, ways),
         reductions=reductions(path),
         unnamed=unnamed(model),
         said=said,
@@ -198,8 +201,17 @@ def _masses(model: mujoco.MjModel) -> np.ndarray:
     return full
 
 
-def _mobility(model: mujoco.MjModel, masses: np.ndarray) -> dict[tuple[str, str], float]:
-    inverse = np.linalg.inv(masses)
+def _inertias(model: mujoco.MjModel, masses: np.ndarray, ways: np.ndarray) -> np.ndarray:
+    """What each degree of freedom moves while the others are held (nv,), its followers with it, armature left out."""
+    found = np.diag(masses).copy()
+    leading = ways.any(axis=0)
+    found[leading] = np.diag(ways.T @ masses @ ways)[leading]
+    return found - model.dof_armature
+
+
+def _mobility(model: mujoco.MjModel, masses: np.ndarray, ways: np.ndarray) -> dict[tuple[str, str], float]:
+    ways = ways[:, ways.any(axis=0)]
+    inverse = ways @ np.linalg.inv(ways.T @ masses @ ways) @ ways.T
     dofs = {model.joint(k).name: int(model.jnt_dofadr[k]) for k in _single(model)}
     return {(one, two): float(inverse[a, b]) for one, a in dofs.items() for two, b in dofs.items()}
 
@@ -234,17 +246,12 @@ def _joints(model: mujoco.MjModel, inertia: np.ndarray) -> list[ModelJoint]:
     return found
 
 
-def _force(model: mujoco.MjModel, joint: int, unit: str) -> tuple[float | None, list[str]]:
+def _force(model: mujoco.MjModel, joint: int, unit: str) -> tuple[float | None, tuple[str, ...]]:
     """Largest force of actuators on a joint either way, and in words how a range that is not so was read."""
     if not model.jnt_actfrclimited[joint]:
-        return None, []
+        return None, ()
     low, high = map(float, model.jnt_actfrcrange[joint])
-    both_ways = low < 0.0 < high  # else the larger end counts: with the other one, 0 or less, it would never move
-    force = (min if both_ways else max)(abs(low), abs(high))
-    if abs(low + high) <= SAME * force:
-        return force, []
-    why = "the smaller end counts both ways" if both_ways else "a drive that acts one way only is not known here"
-    return force, [f"its actuatorfrcrange of {low:g} to {high:g} {unit} is read as {-force:g} to {force:g}: {why}"]
+    return both_ways((low, high), "its actuatorfrcrange,", unit)
 
 
 def _powers(model: mujoco.MjModel, dof: int) -> list[str]:
@@ -322,9 +329,7 @@ def _is_free(model: mujoco.MjModel, body: int) -> bool:
 
 
 def _start(spec: mujoco.MjSpec, model: mujoco.MjModel) -> dict[str, float]:
-    """Positions of hinges and slides in the file's keyframe, where it has one of the right size."""
+    """Positions of hinges and slides in the file's keyframe, where it has one of the right size, or in its pose."""
     keys = [key for key in spec.keys if len(key.qpos) == model.nq]
-    if not keys:
-        return {}
-    key = next((key for key in keys if key.name == "home"), keys[0])
-    return {model.joint(k).name: float(key.qpos[model.jnt_qposadr[k]]) for k in _single(model)}
+    pose = next((key.qpos for key in keys if key.name == "home"), keys[0].qpos if keys else model.qpos0)
+    return {model.joint(k).name: float(pose[model.jnt_qposadr[k]]) for k in _single(model)}

@@ -69,7 +69,7 @@ def assembled(path: Path, entry: FileEntry, said: list[str] | None = None) -> Ro
         raise RobotError(f"{path}: timestep is {timestep:g} s; it must lie between {SHORTEST:.5f} and 0.05 s.")
     own = {name: drives.get(row.joint or name) for name, row in entries.items()}
     joints = tuple(_joint(path, model, name, row, own[name], timestep, said) for name, row in entries.items())
-    _check_driven(path, model, joints)
+    _check_driven(path, joints)
     if entry.timestep is None:
         timestep = _stable_step(model, joints, timestep, entry.integrator)
     if entry.joints is None:
@@ -150,7 +150,9 @@ def _joint(
     else:
         chain = ideal_servo(model, name, terms, drive, limits, timestep, notes)
     said += [f"joint {name}: {note}." for note in notes]
-    said += [f"{WARNING}joint {name}: {phrase}." for phrase in joint.simplified]
+    # a chain of the YAML has a largest force of its own
+    simplified = (*joint.simplified, *(drive.simplified if drive is not None and entry.chain is None else ()))
+    said += [f"{WARNING}joint {name}: {phrase}." for phrase in simplified]
     owners: dict[str, Owner] = {}
     for key, value in in_file.items():
         of_chain = stated(chain, key)
@@ -186,7 +188,7 @@ def _joint(
     servo = None if entry.servo is None else checked_fields(f"joints.{name}.servo", entry.servo, ServoEntry)
     return FileJoint(
         name, terms, joint.kind, limits, chain, owners, in_file, start, tuple(entry.unknown), servo,
-        (*notes, *joint.simplified),
+        (*notes, *simplified),
     )  # fmt: skip
 
 
@@ -207,20 +209,20 @@ def _terms(where: str, model: ModelFile, name: str, entry: JointEntry) -> tuple[
                 f"{where}: {model.path.name} has no hinge or slide '{joint}'{nearest(joint, model.joints)}; "
                 f"it has {known}."
             )
+        if (leader := model.followers.get(joint)) is not None:
+            tied = f"follows '{leader}'" if leader else "is held in place"
+            path = where.rpartition(": ")[0]
+            raise RobotError(f"{path}: joint '{joint}' {tied} by an equality of the model; leave it out of joints.")
     return tuple(belt.items())
 
 
-def _check_driven(path: Path, model: ModelFile, joints: Sequence[FileJoint]) -> None:
-    """Refuse joints that are driven twice, or that another one carries along."""
+def _check_driven(path: Path, joints: Sequence[FileJoint]) -> None:
+    """Refuse joints that are driven twice."""
     users: dict[str, str] = {}
     for item in joints:
         if item.joint in users:
             raise RobotError(f"{path}: {users[item.joint]} and {item.name} both drive the joint '{item.joint}'.")
         users[item.joint] = item.name
-        for name, _ in item.terms:
-            if (leader := model.followers.get(name)) is not None:
-                tied = f"follows '{leader}'" if leader else "is held in place"
-                raise RobotError(f"{path}: joint '{name}' {tied} by an equality of the model; leave it out of joints.")
 
 
 def _chain(where: str, path: Path, source: str | list[Any]) -> Chain:

@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import dataclasses
 import math
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 
 from ..actuators import Chain, load_chain
 from ..actuators.errors import SealegsError
@@ -45,7 +45,7 @@ def goal_range(
     """
     kind = model.joints[terms[-1][0]].kind
     unit = UNITS[kind][0]
-    stops = joint_stops(model, terms)
+    stops = _reached(model, terms, notes)
     goals = drive.goals if drive is not None else None
     if drive is None or goals is None:
         if stops is None:
@@ -73,10 +73,40 @@ def goal_range(
     return both
 
 
+def _reached(model: ModelFile, terms: Sequence[tuple[str, float]], notes: list[str]) -> tuple[float, float] | None:
+    """Lowest and highest position of a sum of joints [rad or m], by their ranges and those of joints that follow."""
+    ranges = {name: _stops(model.joints[name].range) for name, _ in terms}
+    for name in ranges:
+        unit = UNITS[model.joints[name].kind][0]
+        for follower, offset, ratio in model.carried.get(name, ()):
+            own, before = _stops(model.joints[follower].range), ranges[name]
+            if own is None or not ratio:
+                continue
+            low, high = sorted((end - offset) / ratio for end in own)
+            both = (low, high) if before is None else (max(low, before[0]), min(high, before[1]))
+            label = (
+                f"'{follower}', which follows it, has a range of {_ends(own, UNITS[model.joints[follower].kind][0])}"
+            )
+            if not both[0] < both[1]:
+                notes.append(f"{label}, which its own does not let it keep to")
+                continue
+            ranges[name] = both
+            if before is None or max(abs(both[0] - before[0]), abs(both[1] - before[1])) >= TOLD * (both[1] - both[0]):
+                which = f"'{name}' goes" if len(terms) > 1 else "it goes"
+                notes.append(f"{label}, so {which} from {_ends(both, unit)} only")
+    return _sum_of(terms, ranges)
+
+
 def joint_stops(model: ModelFile, terms: Sequence[tuple[str, float]]) -> tuple[float, float] | None:
     """Lowest and highest position of a sum of joints [rad or m] by the ranges of all of them; None: one has none."""
-    ranges = [_stops(model.joints[name].range) for name, _ in terms]
-    if len(known := [item for item in ranges if item is not None]) < len(terms):
+    return _sum_of(terms, {name: _stops(model.joints[name].range) for name, _ in terms})
+
+
+def _sum_of(
+    terms: Sequence[tuple[str, float]], ranges: Mapping[str, tuple[float, float] | None]
+) -> tuple[float, float] | None:
+    """Ends of a sum of joints times coefficients by those of each; None: one has none."""
+    if len(known := [item for name, _ in terms if (item := ranges[name]) is not None]) < len(terms):
         return None
     ends = [sorted(factor * end for end in item) for item, (_, factor) in zip(known, terms, strict=True)]
     return sum(low for low, _ in ends), sum(high for _, high in ends)

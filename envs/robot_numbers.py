@@ -97,11 +97,14 @@ def apply_numbers(spec: mujoco.MjSpec, model: ModelFile, values: Mapping[str, fl
                 f"{', '.join(compensated)}) with it; stand the base level, or leave gravcomp out of the file."
             )
         spec.option.gravity = _tilted(np.asarray(spec.option.gravity), values["tilt_x"], values["tilt_y"])
+    less: dict[str, float] = {}  # [kg or kg.m2] inertia that joints have too much of, where no body can give it
     excess: dict[str, np.ndarray] = {}  # what bodies have too much of inertia about their joint's axis
     for name, joint in model.joints.items():
         more = values.get(f"{name}_inertia", 0.0)
         if more < 0.0 and joint.kind == "hinge" and joint.body in model.bodies:
             excess[joint.body] = excess.get(joint.body, np.zeros((3, 3))) - more * np.outer(joint.axis, joint.axis)
+        elif more < 0.0:
+            less[name] = -more
         elif more:
             spec.joint(name).armature += more
         if (share := values.get(f"{name}_about_joint", 0.0)) and joint.body in model.bodies:
@@ -114,6 +117,7 @@ def apply_numbers(spec: mujoco.MjSpec, model: ModelFile, values: Mapping[str, fl
         if payload := values[f"{name}_payload"]:
             frame = _explicit(spec, name)
             frame.mass, frame.ipos, frame.inertia, frame.gravcomp = payload, tip, np.zeros(3), 0.0
+    _lighten(spec, less)
     for name, joint in model.joints.items():
         if f"{name}_lower_stop" not in values:
             continue
@@ -122,7 +126,32 @@ def apply_numbers(spec: mujoco.MjSpec, model: ModelFile, values: Mapping[str, fl
             continue
         item = spec.joint(name)
         item.limited = mujoco.mjtLimited.mjLIMITED_TRUE
-        item.range = np.degrees(stops) if spec.compiler.degree and joint.kind == "hinge" else stops
+        # a file that the main one attaches may count angles in another unit
+        item.range = np.degrees(stops) if item.compiler.degree and joint.kind == "hinge" else stops
+
+
+def _lighten(spec: mujoco.MjSpec, less: Mapping[str, float]) -> None:
+    """Take inertia [kg or kg.m2] from joints, by a negative armature: gravity feels nothing of it.
+
+    Raises:
+        RobotError: nothing, or less, would be left at some joint.
+    """
+    if not less:
+        return
+    model = spec.copy().compile()
+    data = mujoco.MjData(model)
+    mujoco.mj_forward(model, data)
+    masses = np.zeros((model.nv, model.nv))
+    mujoco.mj_fullM(model, data, masses)
+    for name, amount in less.items():
+        dof = int(model.jnt_dofadr[model.joint(name).id])
+        masses[dof, dof] -= amount
+        if np.linalg.eigvalsh(masses)[0] <= 0.0:
+            raise RobotError(
+                f"joint '{name}' would have a negative inertia: what was found at it is more than the model file gives "
+                "it; correct the masses there."
+            )
+        spec.joint(name).armature -= amount
 
 
 def _tilted(gravity: np.ndarray, about_x: float, about_y: float) -> np.ndarray:
@@ -175,7 +204,9 @@ def _weigh(spec: mujoco.MjSpec, body: ModelBody, values: Mapping[str, float], ex
 def _explicit(spec: mujoco.MjSpec, name: str) -> mujoco.MjsBody:
     """A body whose mass and inertia are to be written; those of the others stay as the compiler takes them."""
     shapes = mujoco.mjtInertiaFromGeom
-    if spec.compiler.inertiafromgeom == shapes.mjINERTIAFROMGEOM_TRUE:  # which overrides all that is written
+    # which overrides all that is written; a file that the main one attaches has a setting of its own
+    forced = [body for body in spec.bodies[1:] if body.compiler.inertiafromgeom == shapes.mjINERTIAFROMGEOM_TRUE]
+    if forced:
         plain = spec.copy()
         model = plain.compile()
         for body, compiled in zip(spec.bodies[1:], plain.bodies[1:], strict=True):
@@ -183,7 +214,8 @@ def _explicit(spec: mujoco.MjSpec, name: str) -> mujoco.MjsBody:
                 body.explicitinertial, body.fullinertia = True, [math.nan] * 6
                 body.mass, body.inertia = mass, model.body_inertia[compiled.id]
                 body.ipos, body.iquat = model.body_ipos[compiled.id], model.body_iquat[compiled.id]
-        spec.compiler.inertiafromgeom = shapes.mjINERTIAFROMGEOM_AUTO
+        for body in forced:
+            body.compiler.inertiafromgeom = shapes.mjINERTIAFROMGEOM_AUTO
     item = spec.body(name)
     item.explicitinertial, item.fullinertia = True, [math.nan] * 6
     return item
@@ -198,7 +230,7 @@ def _kept_compensation(
         Mass [kg], centre (3,) [m] and inertia about it (3, 3) [kg.m2] that are left for the body itself.
     """
     item, place = spec.body(body.name), np.asarray(body.centre)
-    light = max(CARRIER * body.mass, spec.compiler.boundmass)
+    light = max(CARRIER * body.mass, spec.compiler.boundmass, item.compiler.boundmass)
     point = item.add_body(pos=place, mass=light, ipos=np.zeros(3), inertia=np.zeros(3), explicitinertial=True)
     point.gravcomp, item.gravcomp = item.gravcomp * body.mass / light, 0.0
     left = mass - light

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
+import json
 import os
 import textwrap
 from collections.abc import Callable, Collection, Mapping, Sequence
@@ -53,11 +54,13 @@ class AssumedLimits:
     Attributes:
         limits: by name of the limit and of the joint [rad, m, rad/s or m/s]; only joints that the limits of
             ``configs/robot/bench.yaml`` do not fit.
-        said: sentences about limits of the model file that are not used.
+        said: sentences about limits of the model file that excitations may not keep to.
+        reach: of excitations [rad or m], by joint, at which they would; only of such joints.
     """
 
     limits: Mapping[str, Mapping[str, float]] = field(default_factory=dict)
     said: tuple[str, ...] = ()
+    reach: Mapping[str, float] = field(default_factory=dict)
 
 
 def none_assumed(robot: RobotFile) -> AssumedLimits:
@@ -147,7 +150,7 @@ def robot_yaml(
     said = (*said, *(f"{reason}; it is left out." for reason in undriveable))
     said = (*said, *passive_sentence(facts, driven), *_chain_on_slides(robot, chain))
     said = tuple(sorted(said, key=lambda sentence: sentence.startswith(WARNING)))  # at the end they are seen
-    return head + "".join(lines) + "".join(left) + TAIL.format(safety=_safety(assumed.limits)), said
+    return head + "".join(lines) + "".join(left) + TAIL.format(safety=_safety(assumed)), said
 
 
 def _more_notes(facts: ModelFile, joint: FileJoint, chain: str | None, reserved: Collection[str]) -> list[str]:
@@ -174,17 +177,21 @@ def _chain_on_slides(robot: RobotFile, chain: str | None) -> tuple[str, ...]:
     )
 
 
-def _safety(limits: Mapping[str, Mapping[str, float]]) -> str:
+def _safety(assumed: AssumedLimits) -> str:
     """The limits that joints need in place of those of ``configs/robot/bench.yaml``."""
     rows = [
         f"    {key}: {_flow({**values, '*': HINGES[key]} if key in HINGES else dict(values))}   # {what}, assumed"
         for key, what in (
             ("range_margin", "beyond the range; slides in m"),
-            ("speed", "measured, a second; slides in m; above what excitations need"),
+            ("speed", "measured, a second; slides in m; as the model states, or above what excitations need"),
             ("following_error", "behind its goal, of ideal servos: leave it out with other chains"),
         )
-        if (values := limits.get(key))
+        if (values := assumed.limits.get(key))
     ]
+    if assumed.reach:
+        rows.append(
+            f"    # excitations keep to the velocity limits of the model with reach='{json.dumps(assumed.reach)}'"
+        )
     return "".join(f"\n{row}" for row in rows) if rows else " {}"
 
 

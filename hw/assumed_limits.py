@@ -7,6 +7,7 @@ the first excitation. So the excitations are tried on its inertias beforehand, w
 
 from __future__ import annotations
 
+import json
 from collections.abc import Mapping, Sequence
 
 import numpy as np
@@ -27,17 +28,28 @@ LASTS = 0.3  # [s] ``following_time`` of configs/robot/bench.yaml
 CYCLE = 0.01  # [s] of deployment, where nothing else is said
 STEP = 2.0 * np.pi / 4096  # [rad] of an encoder; of a slide without a gear as many metres
 NOISE = 3.0  # steps that a position may jump by from cycle to cycle without having moved; assumed
+SEEMING = NOISE * STEP / CYCLE  # [rad/s or m/s] measured by them at rest
+ROUNDS = 5  # trials with smaller reaches, at most
 
 
-def assumed_limits(robot: RobotFile) -> AssumedLimits:
-    """Limits of safety of a robot's joints, from the servos that its file gives them."""
+def assumed_limits(robot: RobotFile, *, advised: bool = True) -> AssumedLimits:
+    """Limits of safety of a robot's joints, from the servos that its file gives them.
+
+    A speed that the file states stays the limit.
+
+    Args:
+        robot: as read.
+        advised: whether to look for a reach at which excitations keep to such speeds; this takes some seconds.
+    """
     stated = urdf_speeds(robot.model.path)
     ideal = [joint for joint in robot.joints if joint.chain.find("ideal") is not None]
-    fastest, behind = _trial(robot, ideal) if ideal else (np.zeros(0), np.zeros(0))
-    needed = {joint.name: SPARE * v + NOISE * STEP / CYCLE for joint, v in zip(ideal, fastest, strict=True)}
+    usual_reaches = {joint.name: _usual_reach(joint) for joint in ideal}
+    fastest, behind = _trial(robot, ideal, usual_reaches) if ideal else (np.zeros(0), np.zeros(0))
+    needed = {joint.name: SPARE * v + SEEMING for joint, v in zip(ideal, fastest, strict=True)}
     margin: dict[str, float] = {}
     speed: dict[str, float] = {}
-    said = []
+    said: list[str] = []
+    too_slow: dict[str, float] = {}
     for joint in robot.joints:
         usual, span = HINGES["speed"], joint.range[1] - joint.range[0]
         if joint.kind == "slide":
@@ -51,27 +63,70 @@ def assumed_limits(robot: RobotFile) -> AssumedLimits:
         if joint.name in needed and own >= need:
             speed[joint.name] = own
             continue
-        unit = UNITS[joint.kind][0]
-        why = (
-            f"the excitations of sealegs deploy may need {need:.3g} {unit}/s"
-            if joint.name in needed
-            else "nobody tried whether its chain keeps to it"
-        )
-        said.append(
-            f"joint {joint.name}: its velocity limit of {own:g} {unit}/s in {robot.model.path.name} is not used, since "
-            f"{why}; where it must hold, write it to deploy: safety: speed, and give excitations a smaller reach=."
-        )
+        speed[joint.name] = own if own >= SPARE * SEEMING else own + SEEMING
+        said.append(_slower(robot, joint, own, speed[joint.name], needed.get(joint.name)))
+        if joint.name in needed:
+            too_slow[joint.name] = speed[joint.name]
     following = {
         joint.name: _full_error(joint) + SPARE * max(lag, 0.0) for joint, lag in zip(ideal, behind, strict=True)
     }
     for joint in ideal:
         least = LEAST if joint.kind == "hinge" else NOISE * STEP
         following[joint.name] = max(following[joint.name], least)
+    reach: dict[str, float] = {}
+    if too_slow and advised:
+        reach = _kept_reach(robot, ideal, usual_reaches, needed, too_slow)
+        said.append(
+            f"excitations keep to the velocity limits of {robot.model.path.name} with reach='{json.dumps(reach)}'."
+            if reach
+            else f"no reach was found at which excitations keep to all velocity limits of {robot.model.path.name}."
+        )
     found = dict(zip(ASSUMED, (margin, speed, following), strict=True))
     return AssumedLimits(
         {key: {name: float(f"{value:.3g}") for name, value in values.items()} for key, values in found.items()},
         tuple(said),
+        reach,
     )
+
+
+def _slower(robot: RobotFile, joint: FileJoint, own: float, written: float, need: float | None) -> str:
+    """That excitations may need more than a velocity limit that is written, or that nobody knows whether they do."""
+    unit = UNITS[joint.kind][0]
+    more = "" if written == own else f", with {written - own:.2g} {unit}/s for the steps of an encoder,"
+    why = (
+        "nobody tried whether its chain keeps to it in excitations"
+        if need is None
+        else f"excitations of the usual reach may need {need:.3g} {unit}/s"
+    )
+    return (
+        f"joint {joint.name}: its velocity limit of {own:g} {unit}/s in {robot.model.path.name}{more} is written as "
+        f"deploy: safety: speed, but {why}; give sealegs deploy a smaller reach= where it stops them."
+    )
+
+
+def _kept_reach(
+    robot: RobotFile,
+    joints: Sequence[FileJoint],
+    usual: Mapping[str, float],
+    needed: Mapping[str, float],
+    limits: Mapping[str, float],
+) -> dict[str, float]:
+    """Smaller reaches [rad or m] at which excitations keep to limits of speed [rad/s or m/s]; none: not found."""
+    reaches, needs = dict(usual), dict(needed)
+    for _ in range(ROUNDS):
+        for name, limit in limits.items():
+            if needs[name] > limit:
+                reaches[name] *= 0.9 * (limit - SEEMING) / (needs[name] - SEEMING)
+                reaches[name] = float(f"{reaches[name]:.2g}")
+        fastest, _ = _trial(robot, joints, reaches)
+        needs = {joint.name: SPARE * v + SEEMING for joint, v in zip(joints, fastest, strict=True)}
+        if all(needs[name] <= limit for name, limit in limits.items()):
+            return {name: reaches[name] for name in limits}
+    return {}
+
+
+def _usual_reach(joint: FileJoint) -> float:
+    return usual_reach(0.5 * (joint.range[1] - joint.range[0]), UNITS[joint.kind][0])
 
 
 def _stated_speed(joint: FileJoint, stated: Mapping[str, float]) -> float | None:
@@ -89,13 +144,15 @@ def _full_error(joint: FileJoint) -> float:
     return 0.0 if limit >= UNLIMITED else min(limit / max(stiffness, 1e-9), most)
 
 
-def _trial(robot: RobotFile, joints: Sequence[FileJoint]) -> tuple[np.ndarray, np.ndarray]:
+def _trial(
+    robot: RobotFile, joints: Sequence[FileJoint], reaches: Mapping[str, float]
+) -> tuple[np.ndarray, np.ndarray]:
     """Largest speed (n,) [rad/s or m/s], and largest error that lasts (n,) [rad or m], of ideal servos.
 
     All excitations of the library run at once, and goals that jump from one end of the reach to the other. Joints act
     on each other by the inertias of the file's pose.
     """
-    goals = np.repeat(_goals(joints), round(CYCLE / TRIAL), axis=0)
+    goals = np.repeat(_goals(joints, reaches), round(CYCLE / TRIAL), axis=0)
     stiffness, damping, force = (_column(joints, f"ideal.{key}") for key in ("stiffness", "damping", "torque_limit"))
     viscous = np.array([[j.chain.value("friction.viscous") if j.chain.find("friction") else 0.0] for j in joints])
     mass = np.linalg.inv(_mobility(robot, joints))
@@ -119,13 +176,13 @@ def _trial(robot: RobotFile, joints: Sequence[FileJoint]) -> tuple[np.ndarray, n
     return fastest, lasting.max(axis=(0, 2))
 
 
-def _goals(joints: Sequence[FileJoint]) -> np.ndarray:
+def _goals(joints: Sequence[FileJoint], reaches: Mapping[str, float]) -> np.ndarray:
     """Goals about the middle of the ranges (time, n, words) [rad or m], every :data:`CYCLE`."""
     from ..gap.experiment import library
 
     columns = []
     for k, joint in enumerate(joints):
-        reach = usual_reach(0.5 * (joint.range[1] - joint.range[0]), UNITS[joint.kind][0])
+        reach = reaches[joint.name]
         shapes = list(library(0.0, reach, k).values())
         count = np.arange(len(shapes[0]))
         jumps = [reach * (1.0 - 2.0 * (count // half % 2)) for half in (40 + 7 * k, 100)]  # joints apart, and together

@@ -35,7 +35,8 @@ def own_robot(word: str) -> dict[str, Any]:
         if key not in known:
             raise SealegsError(f"{path}: deploy.{key} is unknown{nearest(key, known)}; there are {', '.join(known)}.")
     stated = given.get("safety") or {}
-    trial = {} if all(key in stated for key in ASSUMED) else assumed_limits(robot.file).limits  # it takes a second
+    # a trial takes a second
+    trial = {} if all(key in stated for key in ASSUMED) else assumed_limits(robot.file, advised=False).limits
     assumed = {
         key: values if config["safety"][key] is None else {**values, "*": config["safety"][key]}
         for key, values in trial.items()

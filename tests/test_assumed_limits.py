@@ -1,5 +1,7 @@
 """Limits and excitations of a robot as new-robot writes it: its first measurements run through."""
 
+import json
+import re
 from pathlib import Path
 
 import numpy as np
@@ -8,7 +10,9 @@ import yaml
 from sealegs.actuators.errors import SealegsError
 from sealegs.commands import loop, new_robot
 from sealegs.configs.compose import compose
+from sealegs.envs.robot_file import load_robot_file
 from sealegs.hw import deployment
+from sealegs.hw.assumed_limits import assumed_limits
 from sealegs.hw.own_robot import READERS, own_robot
 
 HAND = """<mujoco><compiler angle="radian" autolimits="true"/><worldbody><body name="upper" pos="0 0 1">
@@ -92,12 +96,26 @@ def test_the_loop_takes_the_same_reach(hand: Path) -> None:
         loop.checked_settings({**config, "reach": "far"})
 
 
-@pytest.mark.parametrize(("velocity", "used"), [(3.0, False), (60.0, True)])
-def test_a_velocity_limit_of_a_urdf_is_written_or_said_to_be_unused(
-    velocity: float, used: bool, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+@pytest.mark.parametrize(("velocity", "slow"), [(3.0, True), (60.0, False)])
+def test_a_velocity_limit_of_a_urdf_is_written_with_a_reach_that_keeps_to_it(
+    velocity: float, slow: bool, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
+    """One of 3 rad/s was given up for 26, since excitations of the usual reach needed that."""
     (tmp_path / "arm.urdf").write_text(URDF.format(velocity=velocity))
     new_robot.main([str(tmp_path / "arm.urdf")])
-    assert ("its velocity limit of 3 rad/s in arm.urdf is not used" in capsys.readouterr().out) != used
-    speed = yaml.safe_load((tmp_path / "arm.yaml").read_text())["deploy"]["safety"]["speed"]["turn"]
-    assert (speed == velocity) == used
+    said, text = capsys.readouterr().out, (tmp_path / "arm.yaml").read_text()
+    assert yaml.safe_load(text)["deploy"]["safety"]["speed"]["turn"] == velocity
+    assert (
+        "joint turn: its velocity limit of 3 rad/s in arm.urdf is written as deploy: safety: speed, but" in said
+    ) == slow
+    found = re.search(r"keep to the velocity limits of the model with reach='(.*)'", text)
+    assert (found is not None) == slow
+    if found is not None:
+        assert 0.01 < json.loads(found[1])["turn"] < 0.5 and found[1] in said
+
+
+def test_a_velocity_limit_that_an_encoder_at_rest_reaches_is_written_with_its_steps(tmp_path: Path) -> None:
+    (tmp_path / "arm.urdf").write_text(URDF.format(velocity=0.1))
+    found = assumed_limits(load_robot_file(tmp_path / "arm.urdf"), advised=False)
+    assert found.limits["speed"]["turn"] == 0.56
+    assert "limit of 0.1 rad/s in arm.urdf, with 0.46 rad/s for the steps of an encoder, is" in found.said[0]
