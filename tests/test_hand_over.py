@@ -65,7 +65,7 @@ def test_masses_that_were_only_tuned_stay_where_they_do_harm(arm: Any, monkeypat
     """Masses that each joint had guessed for itself moved an arm away from its log by ten times its nominal error."""
     answers(monkeypatch, {"all": (0.03, 0.002), "own": (0.002, 0.002)})
     extended, found = hand_over(arm[1], arm[0])
-    assert found is not None and found["taken"] == "own" and not tuned_bodies(extended)
+    assert extended is not None and found is not None and found["taken"] == "own" and not tuned_bodies(extended)
     assert "'shoulder' by 30 mrad (3 as believed)" in found["left"]
     assert found["joints"]["shoulder"] == {"nominal": 0.003, "extended": 0.002, "unit": "rad"}
     assert any(change.cause == "friction.coulomb" for change in extended.changes)
@@ -76,7 +76,7 @@ def test_a_joint_without_a_cause_stays_as_believed_where_its_tuned_numbers_do_ha
 ) -> None:
     answers(monkeypatch, {"all": (0.03, 0.002), "own": (0.02, 0.002), "named": (0.003, 0.002)})
     extended, found = hand_over(arm[1], arm[0])
-    assert found is not None and found["taken"] == "named" and "harm" not in found
+    assert extended is not None and found is not None and found["taken"] == "named" and "harm" not in found
     assert {change.joint for change in extended.changes if change.owner == "chain"} == {"elbow"}
     assert extended.chains["shoulder"][0].file == ""
 

@@ -5,6 +5,7 @@ from pathlib import Path
 import mujoco
 import numpy as np
 import pytest
+from sealegs.actuators.chain import load_chain
 from sealegs.actuators.engine import install
 from sealegs.envs.robot import RobotError
 from sealegs.envs.robot_file import load_robot_file
@@ -60,7 +61,7 @@ def test_inertia_that_a_slide_has_too_much_of_is_taken_from_it(tmp_path: Path) -
     for more in (-0.6, 0.0, 0.6):
         drivetrain = robot.drivetrain({}, {"s_inertia": more})
         assert mass(drivetrain.model) == pytest.approx(2.0 + more)
-    heavy = robot.chains["s"].with_value("ideal.armature", 0.3)
+    heavy = load_chain(robot.chains["s"]).with_value("ideal.armature", 0.3)
     drivetrain = robot.drivetrain({"s": heavy}, {"s_inertia": -0.6})
     assert mass(drivetrain.model) == pytest.approx(1.7)
 
