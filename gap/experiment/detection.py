@@ -19,7 +19,8 @@ from .proposal import RIDGE, SHOWS, Hypothesis, Prediction, everything, predict,
 SIZES = tuple(2.0**k for k in range(-4, 6))  # that a detection limit is sought among, in parts of a plausible size
 AT_ONCE = 16  # replays
 FAR = 1e4  # noise floors at which a change is clipped: larger ones are those of a replay that diverges
-STEPS = 3  # evaluations of the tuned numbers on their way towards the log that was measured
+STEPS = 12  # evaluations of the tuned numbers, at most, on their way towards the log that was measured
+SLOW = 0.02  # of what is left, that such a step must take for the next one to be worth it
 HOPELESS = 3.0  # times what shows, as a step foresees it: from there tuned numbers do not hide a cause
 
 
@@ -111,35 +112,37 @@ class Looks:
         k = int(unseen[-1]) + 1 if len(unseen) else 0
         if k == len(sizes):
             return side * math.inf
-        size = max(abs(sizes[k] - none) * SHOWS / apart[k], abs(sizes[k - 1] - none) if k else 0.0)
-        return first.from_fit(none + side * size)
+        shown, hidden, left = abs(sizes[k] - none), *((abs(sizes[k - 1] - none), apart[k - 1]) if k else (0.0, 0.0))
+        # lines to the first size that shows, from none and from the last that does not, whichever hides more
+        between = hidden + (shown - hidden) * (SHOWS - left) / (apart[k] - left)
+        return first.from_fit(none + side * max(shown * SHOWS / apart[k], between))
 
     def apart(self, rows: Sequence[Mapping[str, float]], variant: Variant) -> np.ndarray:
         """How far models with a cause (s,) stay from the one that fits, with the numbers beside it tuned (rms).
 
-        Steps of a fixed Jacobian, each from what the step before really did.
+        From the numbers of the model that fits and from those that are believed, whichever come nearer: tuning may be
+        what hides the cause, and so may be that nothing is tuned.
         """
         own = {p.number for p in variant}
         kept = [k for k, p in enumerate(self.model.parameters) if p.number not in own]
         numbers = [self.model.parameters[k] for k in kept]
-        change, low, high = self.predicted.change[:, kept], self.predicted.low[kept], self.predicted.high[kept]
-        gram = change.T @ change
-        gram += np.diag(RIDGE * gram.diagonal() + RIDGE)
         here = np.array([p.to_fit(self.model.values[p.path]) for p in numbers])
-        moved, least = np.zeros((len(rows), len(kept))), np.full(len(rows), np.inf)
-        left = list(range(len(rows)))
+        low, high = self.predicted.low[kept], self.predicted.high[kept]
+        believed = np.array([p.to_fit(min(max(p.neutral(self.log.models[0]), p.low), p.high)) for p in numbers])
+        starts = [np.zeros(len(kept)), np.clip(believed - here, low, high)] if kept else [np.zeros(0)]
+        trips = [_Trip(row, k, start, self.predicted.change[:, kept]) for k, row in enumerate(rows) for start in starts]
+        least, left = np.full(len(rows), np.inf), trips
         for _ in range(STEPS):
-            tuned = [{p.path: p.from_fit(u) for p, u in zip(numbers, here + moved[k], strict=True)} for k in left]
-            rest = self.signals([{**rows[k], **more} for k, more in zip(left, tuned, strict=True)])
+            rest = self.signals([
+                trip.row | {p.path: p.from_fit(u) for p, u in zip(numbers, here + trip.moved, strict=True)}
+                for trip in left
+            ])  # fmt: skip
             rest = np.clip(np.nan_to_num(rest - self.predicted.signal, nan=FAR), -FAR, FAR)
-            least[left] = np.minimum(least[left], np.sqrt(np.mean(rest**2, axis=1)))
-            foreseen = np.full(len(rows), np.inf)
-            for k, error in zip(left, rest, strict=True):
-                move = bounded_step(gram, change.T @ error, low - moved[k], high - moved[k]) if kept else moved[k]
-                moved[k] += move
-                foreseen[k] = np.sqrt(np.mean((error + change @ move) ** 2))
-            left = [int(k) for k in np.flatnonzero((least >= SHOWS) & (foreseen < HOPELESS * SHOWS))]
-            if not (left and kept):
+            for trip, error in zip(left, rest, strict=True):
+                trip.arrived(error)
+                least[trip.number] = min(least[trip.number], trip.least)
+            left = [t for t in left if kept and least[t.number] >= SHOWS and t.goes_on(low, high)]
+            if not left:
                 break
         return least
 
@@ -148,3 +151,40 @@ class Looks:
         blank = dataclasses.replace(self.log, measured=np.where(np.isfinite(self.log.measured), 0.0, np.nan))
         parts = [rows[k : k + AT_ONCE] for k in range(0, len(rows), AT_ONCE)]
         return np.concatenate([blank.residual(blank.simulate(part)) for part in parts])
+
+
+class _Trip:
+    """A model with a cause on its way towards the log, its numbers within their tolerance."""
+
+    def __init__(self, row: Mapping[str, float], number: int, start: np.ndarray, change: np.ndarray) -> None:
+        """A trip.
+
+        Args:
+            row: values of the cause.
+            number: of the size that it is of.
+            start: of the tuned numbers, from those that fit without the cause (p,).
+            change: of the signals by each of them (m, p).
+        """
+        self.row, self.number = dict(row), number
+        self.moved, self.change = start.copy(), change
+        self.least, self.slow = math.inf, False
+        self._error = self._move = np.zeros(0)
+
+    def arrived(self, error: np.ndarray) -> None:
+        """Learn from what the last step really did (m,): the change along it is known better now."""
+        if len(self._move) and (length := float(self._move @ self._move)) > 0.0:
+            missed = error - self._error - self.change @ self._move
+            self.change = self.change + np.outer(missed, self._move) / length
+        size = float(np.sqrt(np.mean(error**2)))
+        self.slow = size > (1.0 - SLOW) * self.least
+        self.least, self._error = min(self.least, size), error
+
+    def goes_on(self, low: np.ndarray, high: np.ndarray) -> bool:
+        """Take the next step within bounds of all steps together; whether it is worth to be looked at."""
+        if self.slow:
+            return False
+        gram = self.change.T @ self.change
+        gram += np.diag(RIDGE * gram.diagonal() + RIDGE)
+        self._move = bounded_step(gram, self.change.T @ self._error, low - self.moved, high - self.moved)
+        self.moved = self.moved + self._move
+        return float(np.sqrt(np.mean((self._error + self.change @ self._move) ** 2))) < HOPELESS * SHOWS

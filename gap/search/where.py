@@ -45,9 +45,12 @@ def where(problem: Problem, simulated: np.ndarray, error: np.ndarray, settings: 
 def _shift(problem: Problem, simulated: np.ndarray, error: np.ndarray, settings: SearchSettings) -> str:
     """Whether most of an error (n,), in noise floors, is that one run is off by a constant from a moment on, or until
     one, while it goes on moving where it was before.
+
+    Not where nothing holds the replay near the log: any small error adds up to such a shift there, and the next piece,
+    which begins where the log is, knows of no slip.
     """
     speed = problem.covariates(simulated).get("speed")
-    if speed is None or problem.signal[0] != "position":
+    if speed is None or problem.open_loop or problem.signal[0] != "position":
         return ""
     runs = np.repeat([unit.run for unit in problem.units], np.diff(problem.starts))
     total = float(np.nansum(error**2))
@@ -107,7 +110,7 @@ def _places(problem: Problem, simulated: np.ndarray, settings: SearchSettings) -
         yield f"in run {run + 1}", runs == run
     name, unit = problem.signal
     position = problem.measured[:, 0] if name == "position" else signals["position"]
-    unit = unit if name == "position" else "rad"
+    unit = unit if name == "position" or problem.joint is None else problem.joint.models[0].axis.unit("rad")
     command = unit if problem.joint is None or not problem.joint.models[0].by_torque else {"rad": "N.m", "m": "N"}[unit]
     places = (("at angles" if unit == "rad" else "at places", unit, position), ("at goals", command, signals["goal"]))
     for name, unit, values in places:

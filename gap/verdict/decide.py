@@ -6,7 +6,7 @@ the order in which they apply:
 1. refitted numbers do better on unseen data than all causes: that is the finding, and not identifiable;
 2. no cause, no structure in the residual: nothing to explain; not identifiable where the motion would hide causes;
 3. no cause, but structure, or causes that unseen data refuted: not identifiable (a joint of a robot at the noise may
-   have slight structure, of the bodies beside it);
+   have slight structure, of the bodies beside it, and one that no goal holds what adds up in its replay);
 4. a rival beside a cause of low confidence: partly explained where another cause is certain; else not identifiable
    (the largest cause, or no structure is left);
 5. structure is left and the causes remove little, or none is more than a guess: not identifiable;
@@ -18,9 +18,10 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 
+from ..replay.problem import OF_A_ROBOT
 from ..search.structure import listed
 from .balanced import balanced
-from .evidence import THRESHOLDS, Balanced, Evidence, Refused, Replayed, Thresholds
+from .evidence import THRESHOLDS, Adrift, Balanced, Evidence, Refused, Replayed, Thresholds
 from .signatures import disagreeing
 from .verdict import (
     BESIDE,
@@ -46,7 +47,7 @@ from .words import (
     change,
     fall,
     firmly,
-    furthest,
+    first,
     is_guess,
     levels,
     open_reason,
@@ -115,7 +116,7 @@ def _replayed(found: Replayed, limit: Thresholds) -> Verdict:
         verdict = _refitted(found)
     elif found.causes:
         verdict = _with_causes(found, limit)
-    elif not found.settled(limit) or (found.structure.noticed and withdrawn):
+    elif not found.adds_up(limit) and (not found.settled(limit) or (found.structure.noticed and withdrawn)):
         verdict = _unknown_cause(found, withdrawn)
     else:
         verdict = _nothing(found, limit)
@@ -169,12 +170,14 @@ def _nothing(found: Replayed, limit: Thresholds) -> Verdict:
         )
         return Verdict(EXPLAINED, sentence, (agreement,))
     limits = (Reason("structure", found.structure.sentence),) if found.structure.noticed else ()
+    if found.structure.noticed and found.adrift is not None and found.adds_up(limit):
+        limits = (_added_up(found, found.adrift),)
     if found.limits:
         told = "; ".join(one.sentence for one in found.limits)
         limits = (Reason("limits", f"Beside numbers within their tolerance, this log would not show: {told}."), *limits)
     if found.factors and found.errors["nominal"].rmse ** 2 > limit.tuned_away * found.tuned.rmse**2:
         sentence = (
-            f"Nothing to explain: numbers within their tolerance ({furthest(list(found.factors.items()), 1)}) bring "
+            f"Nothing to explain: numbers within their tolerance ({first(list(found.factors.items()), 1)}) bring "
             f"'{found.joint}' within {after} of the measurement (noise {floor})."
         )
         return Verdict(NOTHING, sentence, (agreement, *limits))
@@ -186,9 +189,25 @@ def _nothing(found: Replayed, limit: Thresholds) -> Verdict:
 
 
 def _turned(found: Replayed) -> str:
-    """The tuned numbers that are furthest from their nominal values, to follow the word tolerance."""
+    """The tuned numbers that the fit needs most, to follow the word tolerance."""
     turned = [(number, factor) for number, factor in found.factors.items() if abs(factor - 1.0) > ROUNDED]
-    return f": {furthest(turned)}" if turned else ""
+    return f": {first(turned)}" if turned else ""
+
+
+def _added_up(found: Replayed, adrift: Adrift) -> Reason:
+    """Why what is left at a joint that nothing holds asks for no cause."""
+    left, may, unit = adrift.error, adrift.neighbours, found.structure.unit
+    start = "No goal holds the joint, so that small errors add up in its replay"
+    if left <= may:
+        return Reason(
+            "adds_up",
+            f"{start}: accelerations of its neighbours that are {100.0 * OF_A_ROBOT:g} % off would leave "
+            f"{size(may, unit)}. A cause that does no more than that would not show.",
+        )
+    return Reason(
+        "adds_up",
+        f"{start}: begun anew where it fits best, within the noise of the reading, it is {size(left, unit)} off.",
+    )
 
 
 def _refitted(found: Replayed) -> Verdict:

@@ -51,6 +51,7 @@ from .request import Request
 from .resting import without_rests
 from .robot import with_robot
 from .robot_joints import Asked
+from .telling import telling
 from .torque import diagnose_torque
 from .unseen_range import unseen_range
 from .verdict import EXPLAINED, NOT_IDENTIFIABLE, PARTLY, WITHDRAWN, JointDiagnosis, data_errors, rivals_of
@@ -294,11 +295,9 @@ def _decide(
     findings: tuple[Finding, ...] = (),
 ) -> JointDiagnosis:
     """The verdict, and the next experiment where it leaves something open."""
-    problem, joint = replay.problem, case.joint
-    errors = data_errors(case.findings, joint)
-    signal, unit = problem.signal
+    problem, joint, errors = replay.problem, case.joint, data_errors(case.findings, case.joint)
+    (signal, unit), free = problem.signal, problem.free_joint
     beyond = unseen_range(problem, measured.simulated["extended"], joint, request.search)
-    free = problem.free_joint
     after, noise = measured.gap["extended"].rmse, measured.gap["noise_floor"].rmse
     settled = as_noise_allows(measured.structure, after, noise, is_of_robot(problem))
     silent = settled and not (measured.causes or measured.turned)
@@ -307,7 +306,7 @@ def _decide(
     blind, limits = (blind_spots(asked, search, replay.hidden), detection_limits(asked, search)) if asked else ((), ())
     tuned = {p.number: measured.values[p.path] for p in search.tuned if p.path in measured.values}
     unmeasured = () if problem.joint is None else problem.joint.models[0].unknown
-    within = [p.number for p in search.tuned if p.factor and not search.loose and p not in unmeasured]
+    within = [p for p in search.tuned if p.relative and not search.loose and p not in unmeasured]
     verdict = decide(
         Replayed(
             joint,
@@ -328,9 +327,10 @@ def _decide(
             held,
             replay.hidden,
             limits,
-            {number: tuned[number] for number in within if number in tuned},
+            {} if measured.causes else telling(problem, measured.values, within),
             measured.removed,
             is_of_robot(problem),
+            measured.adrift,
         )
     )
     rivals = rivals_of(measured.causes)

@@ -55,7 +55,7 @@ class Thresholds:
     tuned_away: float = threshold(
         4.0,
         "Mean squared error of the nominal model, relative to that of the tuned one, from which the sentence of "
-        "`nothing to explain` gives the tuned number that is furthest from its nominal value.",
+        "`nothing to explain` gives the tuned number that the fit needs most.",
     )
     at_bound: float = threshold(
         0.5, "Factor on the confidence where the value is at an end of the range tried: there it is no measurement."
@@ -102,6 +102,26 @@ def as_noise_allows(
 
 
 @dataclass(frozen=True)
+class Adrift:
+    """What is left of a joint that nothing holds near the log (:mod:`sealegs.gap.verdict.adrift`).
+
+    Attributes:
+        level: of the structure that is left once pieces begin where they fit best, over the mean square of the noise.
+        error: that is left then, in the unit of the signal (rms).
+        neighbours: what errors of its neighbours' accelerations leave, in the same unit (rms).
+    """
+
+    level: float
+    error: float
+    neighbours: float
+
+    def allows(self, noise: float, limit: Thresholds = THRESHOLDS) -> bool:
+        """Whether what is left needs no cause: starts read with noise, or errors of the neighbours, leave as much."""
+        at_noise = self.error <= limit.at_noise * noise and self.level <= limit.slight
+        return at_noise or self.error <= self.neighbours
+
+
+@dataclass(frozen=True)
 class Replayed:
     """Evidence of a replay and a search.
 
@@ -119,12 +139,13 @@ class Replayed:
         held: why the link of a robot's joint moves as measured, and what to log instead.
         hidden: causes that such a link cannot show.
         limits: up to where each cause would not show; asked only where nothing was found.
-        factors: by which the tuned numbers differ from the nominal ones, by number.
+        factors: by which the tuned numbers differ from the nominal ones, by number, the most telling first.
         beyond: the test part goes further than what was fitted, and errs there.
         data_errors: faults of the log.
         fault_in_replay: whether one of them was in a column that the replay takes or is judged by.
         open_causes: that are not named: withdrawn ones and near misses.
         of_robot: whether it is a joint of a robot.
+        adrift: of such a joint that nothing holds, and without a cause, what its replay may be off by anyway.
         removed: where numbers were refitted beside the causes, the share of what these numbers leave on all data that
             no fit saw, and that the causes remove; None elsewhere: on the test part, of what tuned numbers leave.
         turned: the numbers that refitting turned, where the refitted model does better on unseen data than the causes.
@@ -151,11 +172,16 @@ class Replayed:
     factors: Mapping[str, float] = field(default_factory=dict)
     removed: float | None = None
     of_robot: bool = False
+    adrift: Adrift | None = None
 
     def settled(self, limit: Thresholds = THRESHOLDS) -> bool:
         """As :func:`as_noise_allows`, of the model that is handed over."""
         error, noise = self.errors["extended"].rmse, self.errors["noise_floor"].rmse
         return as_noise_allows(self.structure, error, noise, self.of_robot, limit)
+
+    def adds_up(self, limit: Thresholds = THRESHOLDS) -> bool:
+        """Whether what is left is no more than what adds up in a replay that nothing holds."""
+        return self.adrift is not None and self.adrift.allows(self.errors["noise_floor"].rmse, limit)
 
 
 @dataclass(frozen=True)

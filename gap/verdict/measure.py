@@ -21,8 +21,9 @@ from ..search.result import Search
 from ..search.settings import DEFAULT
 from ..search.sketch import coarsened
 from ..search.structure import Structure, structure
+from .adrift import adrift
 from .decide import confidence, law_error, standing
-from .evidence import THRESHOLDS
+from .evidence import THRESHOLDS, Adrift
 from .shares import owed
 from .signatures import Signature, disagreeing, signatures
 from .unseen import Model, crossed_errors, effective, handed_over, near_misses, outdone, refitted_numbers
@@ -47,7 +48,7 @@ class Measured:
         model: which model is handed over: ``extended``, ``refitted`` or ``nominal``.
         turned: the numbers that refitting turned furthest, where that is the model.
         beside: the same, where they were refitted beside the causes by more than their tolerance.
-        removed: as :attr:`sealegs.gap.verdict.evidence.Replayed.removed`.
+        removed, adrift: as of :class:`sealegs.gap.verdict.evidence.Replayed`.
     """
 
     gap: dict[str, Error]
@@ -64,6 +65,7 @@ class Measured:
     turned: str = ""
     beside: str = ""
     removed: float | None = None
+    adrift: Adrift | None = None
 
 
 def measure(
@@ -117,6 +119,11 @@ def measure(
     if chosen.why:
         sought, given_up = outdone(sought, chosen.why)
         open_causes = (*open_causes, *given_up)
+    drift = None
+    if not sought.accepted and problem.joint is not None and problem.open_loop and is_of_robot(problem):
+        drift = adrift(problem.joint, found["nominal" if handed == "nominal" else "tuned"], seed)
+        if drift.allows(problem.noise) and handed == "refitted":  # numbers that are not wrong fit what adds up
+            handed = "tuned"
     values = found[handed]
 
     gap = {name: errors[name] for name in ("nominal", "refitted")} | {"extended": errors[handed]}
@@ -173,6 +180,7 @@ def measure(
         turned=refitted_numbers(wide, refitted.values) if handed == "refitted" else "",
         beside="" if freed is None else refitted_numbers(_others(wide, causes), values, adjustable(freed)),
         removed=beyond if search.loose and sought.accepted else None,
+        adrift=drift,
     )
 
 

@@ -89,4 +89,9 @@ def also(causes: Sequence[NamedCause]) -> str:
 def furthest(factors: Sequence[tuple[str, float]], most: int = 3) -> str:
     """Numbers with their factors, those that were turned furthest, for people."""
     turned = sorted(factors, key=lambda row: -abs(math.log(max(row[1], 1e-9))))
-    return ", ".join(f"{number} x {factor:.3g}" for number, factor in turned[:most])
+    return first(turned, most)
+
+
+def first(factors: Sequence[tuple[str, float]], most: int = 3) -> str:
+    """The first numbers of several with their factors, for people."""
+    return ", ".join(f"{number} x {factor:.3g}" for number, factor in factors[:most])

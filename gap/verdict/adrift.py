@@ -1,0 +1,86 @@
+"""What adds up in a replay that nothing holds near the log, though nothing is wrong with the joint.
+
+A goal pulls a joint back. A joint that follows a commanded torque is where two integrals of all torques took it: where
+a piece of the log begins is read with noise and stays wrong, and so do the accelerations of its neighbours, which are
+smoothed readings. Of an arm whose file was exact this left 18 noise floors.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+from collections.abc import Mapping
+
+import numpy as np
+
+from ..load.terms import E_BIAS, E_COUPLING, E_INERTIA, T_OWN
+from ..replay.problem import OF_A_ROBOT, JointProblem
+from ..search.correlated import reading_error, shared
+from .evidence import Adrift
+
+READ_OVER = 0.03  # [s] over which the speed is read with which a piece begins
+FURTHEST = 3.0  # times their noise, by which a start may be read wrong
+NUDGE = 0.5  # of their noise, by which starts are moved to see what they change
+ROUNDS = 4  # of steps of the starts
+TRIED = (1.0, 0.3, 0.1)  # parts of such a step
+BIAS, COUPLING = T_OWN + E_BIAS - E_INERTIA, T_OWN + E_COUPLING - E_INERTIA  # columns of the joint's own block
+
+
+def adrift(problem: JointProblem, values: Mapping[str, float], seed: int) -> Adrift:
+    """What a model of a joint that nothing holds leaves once its pieces begin where they fit best, and what errors of
+    its neighbours would.
+
+    Args:
+        problem: all data of a joint of a robot.
+        values: of the model, by path.
+        seed: of the noise that the reading error is drawn with.
+    """
+    begun = with_starts(problem, values)
+    simulated = begun.simulate([values])[0]
+    error = np.where(begun.judged, (simulated[:, 0] - begun.measured[:, 0]) / begun.noise, np.nan)
+    level = shared(begun, error) - shared(begun, reading_error(begun, simulated, error, seed))
+    neighbours = np.zeros(1)
+    if begun.terms is not None:
+        terms = begun.terms.copy()
+        terms[:, [BIAS, COUPLING]] += OF_A_ROBOT * terms[:, [COUPLING]]
+        moved = dataclasses.replace(begun, terms=terms).simulate([values])[0]
+        neighbours = (moved - simulated)[begun.judged, 0]
+    return Adrift(max(level, 0.0), begun.noise * _rms(error[np.isfinite(error)]), _rms(neighbours))
+
+
+def with_starts(problem: JointProblem, values: Mapping[str, float]) -> JointProblem:
+    """The problem with pieces that begin where a model fits them best, as far as noise may have put them elsewhere.
+
+    Each piece has a position and a speed of its own, which cost what they are off by in parts of their noise. Damped
+    steps of least squares; a piece takes one where it fits better then.
+    """
+    spread = problem.noise * np.array([1.0, 1.0 / READ_OVER])
+    rows = [slice(a, b) for a, b in zip(problem.starts[:-1], problem.starts[1:], strict=True)]
+
+    def errors(moved: np.ndarray) -> np.ndarray:
+        at = dataclasses.replace(problem, states=problem.states + spread * moved)
+        error = (at.simulate([values])[0][:, 0] - problem.measured[:, 0]) / problem.noise
+        return np.where(problem.judged & np.isfinite(error), error, 0.0)
+
+    def costs(error: np.ndarray, moved: np.ndarray) -> np.ndarray:
+        return np.array([error[piece] @ error[piece] for piece in rows]) + np.sum(moved**2, axis=1)
+
+    moved = np.zeros((len(rows), 2))
+    here = errors(moved)
+    cost = costs(here, moved)
+    for _ in range(ROUNDS):
+        change = np.stack([(errors(moved + NUDGE * way) - here) / NUDGE for way in np.eye(2)], axis=1)
+        step = np.zeros_like(moved)
+        for k, piece in enumerate(rows):
+            gram = change[piece].T @ change[piece] + np.eye(2)
+            step[k] = -np.linalg.solve(gram, change[piece].T @ here[piece] + moved[k])
+        for part in TRIED:
+            trial = np.clip(moved + part * step, -FURTHEST, FURTHEST)
+            there = errors(trial)
+            better = costs(there, trial)
+            for k in np.flatnonzero(better < cost):
+                moved[k], here[rows[k]], cost[k] = trial[k], there[rows[k]], better[k]
+    return dataclasses.replace(problem, states=problem.states + spread * moved)
+
+
+def _rms(error: np.ndarray) -> float:
+    return float(np.sqrt(np.mean(error**2)))
