@@ -110,7 +110,8 @@ def _places(problem: Problem, simulated: np.ndarray, settings: SearchSettings) -
         yield f"in run {run + 1}", runs == run
     name, unit = problem.signal
     position = problem.measured[:, 0] if name == "position" else signals["position"]
-    unit = unit if name == "position" or problem.joint is None else problem.joint.models[0].axis.unit("rad")
+    if name != "position":
+        unit = "rad" if problem.joint is None else problem.joint.models[0].axis.unit("rad")
     command = unit if problem.joint is None or not problem.joint.models[0].by_torque else {"rad": "N.m", "m": "N"}[unit]
     places = (("at angles" if unit == "rad" else "at places", unit, position), ("at goals", command, signals["goal"]))
     for name, unit, values in places:
