@@ -10,4 +10,5 @@ import pytest
 
 def quick(cases: Iterable[Any], every: int) -> list[Any]:
     """All cases for ``pytest.mark.parametrize``, of which every n-th is quick and the others are marked long."""
-    return [case if k % every == 0 else pytest.param(case, marks=pytest.mark.long) for k, case in enumerate(cases)]
+    rows = [case if isinstance(case, tuple) else (case,) for case in cases]
+    return [pytest.param(*row, marks=() if k % every == 0 else pytest.mark.long) for k, row in enumerate(rows)]

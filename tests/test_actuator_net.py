@@ -189,6 +189,7 @@ def test_a_net_file_cut_short_is_refused(size, tmp_path):
         Net(file=str(path))
 
 
+@pytest.mark.long
 def test_a_net_file_is_never_overwritten(tmp_path, trained):
     write_net(trained.arrays, tmp_path / "net.npz")
     before = (tmp_path / "net.npz").read_bytes()

@@ -48,7 +48,8 @@ def test_clean_logs_raise_no_error_and_no_warning(seed: int) -> None:
 
 
 @pytest.mark.parametrize(
-    "effect", ["friction.coulomb", "friction.stribeck", "drive.supply_sag", "drive.delay", "transmission.backlash"]
+    "effect",
+    quick(["friction.coulomb", "friction.stribeck", "drive.supply_sag", "drive.delay", "transmission.backlash"], 2),
 )
 def test_physics_is_not_mistaken_for_a_data_error(effect: str) -> None:
     findings = check_set(hidden_bench({effect: "clear"}, 3)[0])

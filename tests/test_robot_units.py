@@ -22,6 +22,7 @@ from sealegs.gap.verdict.checking import check_log
 
 from testbed import hidden_bench
 from tests.changed_logs import JOINT
+from tests.quick import quick
 
 MODEL = """<mujoco><compiler angle="radian" autolimits="true"/><worldbody><body name="cart">
 <joint name="rail" type="slide" axis="1 0 0" {range}/><geom type="box" size="0.05 0.05 0.02" mass="1"/>
@@ -165,7 +166,7 @@ def checked(data: MeasuredSet) -> list[Finding]:
     return findings
 
 
-@pytest.mark.parametrize("robot", ["bench", "hopper", "a machine of ours"])
+@pytest.mark.parametrize("robot", quick(["bench", "hopper", "a machine of ours"], 3))
 @pytest.mark.parametrize("unit", ["deg", "turn", "mm"])
 def test_columns_of_a_robot_without_a_file_are_converted_as_its_sidecar_says(unit: str, robot: str) -> None:
     """A right log in turns or degrees was `not identifiable`."""

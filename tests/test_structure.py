@@ -50,7 +50,11 @@ def test_a_right_model_leaves_noise() -> None:
 
 
 @pytest.mark.parametrize(
-    ("stranger", "signal"), [("friction.drag", "speed"), ("stranger.friction_drift", "time since the start")]
+    ("stranger", "signal"),
+    [
+        ("friction.drag", "speed"),
+        pytest.param("stranger.friction_drift", "time since the start", marks=pytest.mark.long),
+    ],
 )
 def test_what_is_left_is_traced_to_the_signal_it_depends_on(stranger: str, signal: str) -> None:
     found = left({stranger: "moderate"}, 32)

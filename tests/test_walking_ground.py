@@ -47,6 +47,7 @@ def test_any_robot_whose_base_moves_stands_on_a_ground(tmp_path: Path) -> None:
         assert [model.joint(number).name for number in base_joints(robot, model)] == joints
 
 
+@pytest.mark.long
 def test_on_its_own_ground_a_walker_is_replayed_within_the_noise() -> None:
     problem = laid_out(walked()).problem
     believed, slippery = problem.residual(problem.simulate([{}, {"contact.friction*": 0.2}]))
