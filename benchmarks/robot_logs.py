@@ -236,8 +236,9 @@ def main(arguments: list[str]) -> None:
     if not data.is_dir():
         raise SystemExit(f"{data} is not there: give the folder of the data as data=<folder>.")
     page_file = RESULTS / "robot_logs.json"
-    before: list[dict[str, Any]] = json.loads(page_file.read_text()) if page_file.is_file() else []
     measured = {name: list(rows_of(name, data, kept)) for name in names}
+    # read last: another case that was measured meanwhile has its rows there
+    before: list[dict[str, Any]] = json.loads(page_file.read_text()) if page_file.is_file() else []
     others = {name: [item for item in before if item["case"] == name] for name in CASES}
     rows = [item for name in CASES for item in measured.get(name, others[name])]
     page_file.write_text(json.dumps(rows, indent=1) + "\n", encoding="utf-8")
