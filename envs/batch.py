@@ -16,7 +16,7 @@ from mujoco.batch import Batch
 from ..actuators.engine import install
 from ..actuators.errors import SealegsError
 from ..actuators.layout import S_OUT_OF_RANGE, S_TORQUE
-from .model_ties import place_followers, ties_of
+from .model_ties import in_turn, place_followers
 from .position_goals import check_position_goals
 from .randomization import Randomization, Source
 from .robot import ChainSource
@@ -122,7 +122,7 @@ class BatchEngine:
         # position, speed, acceleration or control went bad, and the engine reset the simulation
         self._warnings = self.batch.warning[:, int(mujoco.mjtWarning.mjWARN_BADQPOS) :, 1]
         self._programs: np.ndarray | None = None
-        self._ties = ties_of(model)
+        self._followers = in_turn(model)
         names = [item.name for item in self.drivetrain.coordinates]
         addresses = np.array([self.drivetrain.state_addresses[name] for name in names])
         self._torques, self._out_of_range = addresses + S_TORQUE, addresses + S_OUT_OF_RANGE
@@ -194,7 +194,7 @@ class BatchEngine:
         self._programs = self.batch.expanded("actuator_user")
         qpos, qvel = self._qpos[chosen], self._qvel[chosen]
         goals = self.task.place(self.drivetrain, self.numbers, random[:, :task_draws], qpos, qvel)
-        place_followers(self.drivetrain.model, self._ties, qpos)
+        place_followers(self.drivetrain.model, self._followers, qpos)
         self._command[chosen] = self.task.commands(random[:, :task_draws])
         self._qpos[chosen], self._qvel[chosen], self._ctrl[chosen] = qpos, qvel, goals
         self.batch.forward(chosen)  # the chains' memories start at these goals

@@ -6,70 +6,73 @@ from dataclasses import dataclass
 
 import mujoco
 import numpy as np
+from numpy.polynomial import Polynomial
 
 
 @dataclass(frozen=True)
-class Tie:
-    """What an equality constraint makes of a joint.
+class Follower:
+    """A joint that an equality constraint of the model moves.
 
     Attributes:
-        follower: number of the joint.
         leader: number of the joint that it follows; -1: it stays in a place.
-        homes: of the follower and of the leader, in the model's own pose [rad or m].
-        way: coefficients (5,) of a polynomial of the leader's distance from its home: of the follower from its own.
+        way: its position as a polynomial of the leader's.
     """
 
-    follower: int
     leader: int
-    homes: tuple[float, float]
-    way: tuple[float, ...]
-
-    def at(self, position: np.ndarray) -> np.ndarray:
-        """Where the follower stands while the leader stands at ``position`` [rad or m]."""
-        return self.homes[0] + np.polynomial.polynomial.polyval(position - self.homes[1], self.way)
+    way: Polynomial
 
 
-def ties_of(model: mujoco.MjModel) -> tuple[Tie, ...]:
-    """Ties of hinges and slides that act, each after that of its leader; those of a circle are left out."""
-    left: list[Tie] = []
+def followers_of(model: mujoco.MjModel) -> dict[int, Follower]:
+    """Hinges and slides that follow others by constraints that act, by number of the joint."""
+    found = {}
     for k in range(model.neq):
-        if not model.eq_active0[k] or int(model.eq_type[k]) != int(mujoco.mjtEq.mjEQ_JOINT):
+        if int(model.eq_type[k]) != int(mujoco.mjtEq.mjEQ_JOINT) or not model.eq_active0[k]:
             continue
         one, two = int(model.eq_obj1id[k]), int(model.eq_obj2id[k])
-        homes = [0.0 if joint < 0 else float(model.qpos0[model.jnt_qposadr[joint]]) for joint in (one, two)]
-        way = tuple(map(float, model.eq_data[k, : 5 if two >= 0 else 1]))
-        if all(tie.follower != one for tie in left):
-            left.append(Tie(one, two, (homes[0], homes[1]), way))
-    found: list[Tie] = []
-    while left:
-        waiting = {tie.follower for tie in left}
-        ready = [tie for tie in left if tie.leader not in waiting]
-        if not ready:
-            break
-        found += ready
-        left = [tie for tie in left if tie not in ready]
-    return tuple(found)
+        way = Polynomial(model.eq_data[k, :5] if two >= 0 else model.eq_data[k, :1])
+        if two >= 0:
+            way = way(Polynomial([-home_of(model, two), 1.0]))
+        found[one] = Follower(two, way + home_of(model, one))
+    return found
 
 
-def place_followers(model: mujoco.MjModel, ties: tuple[Tie, ...], qpos: np.ndarray) -> None:
-    """Put joints that follow others in ``qpos`` (..., nq) where their ties hold them: else these would jerk at them."""
-    for tie in ties:
-        leader = qpos[..., model.jnt_qposadr[tie.leader]] if tie.leader >= 0 else np.zeros(qpos.shape[:-1])
-        qpos[..., model.jnt_qposadr[tie.follower]] = tie.at(leader)
+def home_of(model: mujoco.MjModel, joint: int) -> float:
+    """Where a joint is in the model's own pose [rad or m]."""
+    return float(model.qpos0[model.jnt_qposadr[joint]])
+
+
+def in_turn(model: mujoco.MjModel) -> dict[int, Follower]:
+    """As :func:`followers_of`, each after its leader; those of a circle are left out."""
+    left, found = followers_of(model), dict[int, Follower]()
+    while ready := {number: follower for number, follower in left.items() if follower.leader not in left}:
+        found |= ready
+        left = {number: follower for number, follower in left.items() if number not in ready}
+    return found
+
+
+def place_followers(model: mujoco.MjModel, followers: dict[int, Follower], qpos: np.ndarray) -> None:
+    """Put joints that follow others in ``qpos`` (..., nq) where their ties hold them: else these would jerk at them.
+
+    Args:
+        model: of the robot.
+        followers: of it, by :func:`in_turn`.
+        qpos: positions, changed in place.
+    """
+    for number, follower in followers.items():
+        leader = qpos[..., model.jnt_qposadr[follower.leader]] if follower.leader >= 0 else np.zeros(qpos.shape[:-1])
+        qpos[..., model.jnt_qposadr[number]] = follower.way(leader)
 
 
 def carried_along(model: mujoco.MjModel) -> dict[str, tuple[tuple[str, float, float], ...]]:
     """By name of a joint that leads: joints that follow it in proportion, offset [rad or m] and ratio of each."""
-    ways: dict[int, tuple[int, float, float]] = {}
-    for tie in ties_of(model):
-        if tie.leader < 0 or any(tie.way[2:]):
-            continue
-        first, offset, ratio = ways.get(tie.leader, (tie.leader, 0.0, 1.0))
-        slope = tie.way[1]
-        own = tie.homes[0] + tie.way[0] - slope * tie.homes[1]
-        ways[tie.follower] = first, own + slope * offset, slope * ratio
+    ways: dict[int, tuple[int, Polynomial]] = {}
     found: dict[str, tuple[tuple[str, float, float], ...]] = {}
-    for number, (first, offset, ratio) in ways.items():
+    for number, follower in in_turn(model).items():
+        if follower.leader < 0 or follower.way.trim().degree() > 1:
+            continue
+        first, way = ways.get(follower.leader, (follower.leader, Polynomial([0.0, 1.0])))
+        ways[number] = first, follower.way(way)
+        offset, ratio = float(ways[number][1](0.0)), float(ways[number][1].deriv()(0.0))
         leader, name = model.joint(first).name, model.joint(number).name
         if leader and name:
             found[leader] = (*found.get(leader, ()), (name, offset, ratio))
@@ -82,9 +85,10 @@ def free_ways(model: mujoco.MjModel) -> np.ndarray:
     As the ties are at the model's own pose.
     """
     ways, tied = np.eye(model.nv), np.zeros(model.nv, dtype=bool)
-    for tie in ties_of(model):
-        own = int(model.jnt_dofadr[tie.follower])
-        ways[own] = tie.way[1] * ways[model.jnt_dofadr[tie.leader]] if tie.leader >= 0 else 0.0
+    for number, follower in in_turn(model).items():
+        own, leader = int(model.jnt_dofadr[number]), follower.leader
+        slope = 0.0 if leader < 0 else float(follower.way.deriv()(home_of(model, leader)))
+        ways[own] = slope * ways[model.jnt_dofadr[leader]]
         tied[own] = True
     ways[:, tied] = 0.0
     return ways

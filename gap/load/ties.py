@@ -2,45 +2,11 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-
 import mujoco
 import numpy as np
-from numpy.polynomial import Polynomial
 
+from ...envs.model_ties import followers_of
 from ..log.types import Array
-
-
-@dataclass(frozen=True)
-class Follower:
-    """A joint that an equality constraint of the model moves.
-
-    Attributes:
-        leader: number of the joint that it follows; -1: it stays in a place.
-        way: its position as a polynomial of the leader's.
-    """
-
-    leader: int
-    way: Polynomial
-
-
-def followers_of(model: mujoco.MjModel) -> dict[int, Follower]:
-    """By number of the joint."""
-    found = {}
-    for k in range(model.neq):
-        if int(model.eq_type[k]) != int(mujoco.mjtEq.mjEQ_JOINT) or not model.eq_active0[k]:
-            continue
-        one, two = int(model.eq_obj1id[k]), int(model.eq_obj2id[k])
-        way = Polynomial(model.eq_data[k, :5] if two >= 0 else model.eq_data[k, :1])
-        if two >= 0:
-            way = way(Polynomial([-home_of(model, two), 1.0]))
-        found[one] = Follower(two, way + home_of(model, one))
-    return found
-
-
-def home_of(model: mujoco.MjModel, joint: int) -> float:
-    """Where a joint is in the model's own pose [rad or m]."""
-    return float(model.qpos0[model.jnt_qposadr[joint]])
 
 
 def moved_by(model: mujoco.MjModel, joint: int) -> dict[int, float]:

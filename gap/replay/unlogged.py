@@ -8,8 +8,8 @@ from collections.abc import Mapping, Sequence
 import mujoco
 import numpy as np
 
+from ...envs.model_ties import Follower, followers_of, home_of
 from ..load.robot import LoggedRobot
-from ..load.ties import Follower, followers_of, home_of
 from ..load.tree import Motion, is_passive, passive_torques
 from ..log.types import MeasuredRun
 

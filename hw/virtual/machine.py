@@ -15,7 +15,7 @@ from ...actuators.law import host_reading
 from ...actuators.layout import S_CURRENT, S_DUTY, S_READY, S_TORQUE
 from ...actuators.stages import build_stage
 from ...envs.base import BaseLayout
-from ...envs.model_ties import place_followers, ties_of
+from ...envs.model_ties import in_turn, place_followers
 from ...envs.position_goals import check_position_goals
 from ...envs.robot import ChainSource, Robot
 from .hidden import hide
@@ -116,7 +116,7 @@ class Machine:
             self.data.ctrl[self.drivetrain.actuator_ids[name]] = middle
         if pose:
             self._place(pose)
-        place_followers(self.model, ties_of(self.model), self.data.qpos)
+        place_followers(self.model, in_turn(self.model), self.data.qpos)
         install()
         mujoco.mj_forward(self.model, self.data)
         self._check_stands(robot.name)
