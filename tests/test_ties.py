@@ -7,9 +7,10 @@ from pathlib import Path
 import mujoco
 import numpy as np
 import pytest
+from sealegs.envs.model_ties import followers_of
 from sealegs.gap.diagnose import diagnose
 from sealegs.gap.load.robot import LoggedRobot
-from sealegs.gap.load.ties import followers_of, moved_by
+from sealegs.gap.load.ties import moved_by
 from sealegs.gap.load.tree import Motion, block_along, carries, terms_along
 from sealegs.gap.log.types import MeasuredRun
 from sealegs.gap.replay.tree import not_free
