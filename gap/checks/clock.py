@@ -33,11 +33,18 @@ def check_clock(run: MeasuredRun) -> Iterator[Finding]:
     missing = gaps(run.time)
     if len(missing):
         worst = int(missing[np.argmax(steps[missing])])
+        logs = run.joints.values()
+        told = []
+        if any(log.goal is not None for log in logs):
+            told.append(
+                f"where goals changed meanwhile, motion counts again {WARM_UP:g} s later, or half way to the next gap"
+            )
+        if any(log.torque_command is not None for log in logs):
+            told.append("where torques changed meanwhile, a joint that follows them begins anew behind each")
         yield Finding(
             "clock.gaps", "warning", None, "time",
             f"{len(missing)} gap{'s' * (len(missing) > 1)} in the samples, the longest {steps[worst]:.3g} s after "
-            f"{run.time[worst]:.4g} s (period {period:.3g} s); where commands changed meanwhile, motion counts again "
-            f"{WARM_UP:g} s later, or half way to the next gap.",
+            f"{run.time[worst]:.4g} s (period {period:.3g} s){''.join(f'; {each}' for each in told)}.",
             value=float(steps[worst]), data_error=True,
         )  # fmt: skip
     tick = time_stamp_step(run.time[: 1 << 16])

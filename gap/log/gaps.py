@@ -1,11 +1,18 @@
-"""Samples that a recording lacks: what was commanded meanwhile is not known."""
+"""Samples that a recording lacks: what was commanded meanwhile is not known.
+
+A goal pulls a joint back to where it would have been. A torque does not: what acted meanwhile stays in the speed for
+good, so that a joint that follows torques begins anew behind a gap, where it was measured.
+"""
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+from dataclasses import replace
+
 import numpy as np
 
-from .parts import WARM_UP
-from .types import Array
+from .parts import LEAST_FREE, LEAST_START, WARM_UP, Unit, state_at
+from .types import Array, MeasuredRun
 
 PERIODS = 3.5  # between two samples, from which some lack
 BEFORE = 0.04  # [s] over which speeds and accelerations are read off positions: they reach across a gap
@@ -17,21 +24,56 @@ def gaps(time: Array) -> np.ndarray:
     return np.flatnonzero(steps > PERIODS * np.median(steps))
 
 
-def known_commands(time: Array, command: Array) -> np.ndarray:
+def lost(time: Array, command: Array) -> np.ndarray:
+    """Last samples before gaps (n,) in which the command changed."""
+    missing = gaps(time)
+    return missing[command[missing] != command[missing + 1]]
+
+
+def known_commands(time: Array, command: Array, forgotten: float = WARM_UP) -> np.ndarray:
     """Samples (n,) whose motion follows from commands that were logged.
 
     A replay holds the last command across a gap. Where the next one differs, what came between is unknown, and its
-    motion is forgotten after :data:`sealegs.gap.log.parts.WARM_UP`; where gaps follow each other faster, half of what
-    lies between them still counts.
+    motion is forgotten some time after; where gaps follow each other faster, half of what lies between them still
+    counts.
 
     Args:
         time: of the samples (n,) [s].
         command: goal [rad] or torque [N.m] (n,).
+        forgotten: time until then [s].
     """
     known = np.ones(len(time), bool)
-    lost = gaps(time)
-    lost = lost[command[lost] != command[lost + 1]]
-    for k, end in zip(lost, [*time[lost[1:]], time[-1]], strict=False):
+    ends = lost(time, command)
+    for k, end in zip(ends, [*time[ends[1:]], time[-1]], strict=False):
         first = time[k + 1]
-        known[(time >= time[k] - BEFORE) & (time < first + min(WARM_UP, 0.5 * (end - first)))] = False
+        known[(time >= time[k] - BEFORE) & (time < first + min(forgotten, 0.5 * (end - first)))] = False
     return known
+
+
+def between_gaps(runs: Sequence[MeasuredRun], joint: str, units: Sequence[Unit]) -> list[Unit]:
+    """Pieces of a joint that follows torques, cut where a recording lacks some; what is too short to judge is left out.
+
+    They begin where no reading of the neighbours' accelerations reaches across the gap.
+
+    Args:
+        runs: of one machine.
+        joint: that is judged.
+        units: of :func:`sealegs.gap.log.parts.cut`.
+    """
+    found: list[Unit] = []
+    for unit in units:
+        time, log = runs[unit.run].time, runs[unit.run].joints[joint]
+        command = log.torque_command
+        ends = np.zeros(0, int) if command is None else lost(time, command)
+        ends = ends[(ends >= unit.start) & (ends < unit.stop - 1)]
+        if not len(ends):
+            found.append(unit)
+            continue
+        begins = np.searchsorted(time, time[ends + 1] + BEFORE)
+        for start, stop in zip([unit.start, *begins], [*(ends + 1), unit.stop], strict=True):
+            first = unit.start + unit.judged
+            judged = max(first, int(np.searchsorted(time, time[start] + LEAST_START))) if start > unit.start else first
+            if judged < stop and time[stop - 1] - time[judged] >= LEAST_FREE:
+                state = unit.state if start == unit.start else state_at(time, log.position, int(start))
+                found.append(replace(unit, start=int(start), stop=int(stop), judged=judged - int(start), state=state))
+    return found

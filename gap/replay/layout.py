@@ -11,7 +11,7 @@ import numpy as np
 from ...actuators.stages.motor import Thermal
 from ..load.pendulum import bench_parameters
 from ..log.gaps import known_commands
-from ..log.parts import Unit
+from ..log.parts import LEAST_START, WARM_UP, Unit
 from ..log.types import LogError, MeasuredRun
 from .heating import heated
 from .simulator import CHANNELS
@@ -66,6 +66,7 @@ def lay_out(runs: Sequence[MeasuredRun], joint: str, units: Sequence[Unit], by_t
         LogError: the joint has no commands.
     """
     units = sorted(units, key=lambda unit: (unit.run, unit.start))
+    forgotten = LEAST_START if by_torque else WARM_UP  # a joint that follows torques begins anew behind a gap
     time, goal, on, temperature, measured, judged, block, group = ([] for _ in range(8))
     starts, blocks, groups = [0], 0, 0
     for unit in units:
@@ -81,7 +82,7 @@ def lay_out(runs: Sequence[MeasuredRun], joint: str, units: Sequence[Unit], by_t
         on.append(np.ones(count, bool) if log.enabled is None else log.enabled[part] > 0.5)
         warm = np.full(count, ROOM) if log.temperature is None else heated(clock, log.temperature, log.current)[part]
         temperature.append(_without_gaps(clock[part], warm))
-        judged.append((np.arange(count) >= unit.judged) & known_commands(clock, command)[part])
+        judged.append((np.arange(count) >= unit.judged) & known_commands(clock, command, forgotten)[part])
         since = clock[part] - clock[unit.start]
         number = (since / BLOCK).astype(int)
         block.append(number + blocks)

@@ -272,21 +272,22 @@ def _unknown_cause(found: Replayed, withdrawn: Sequence[OpenCause]) -> Verdict:
 
 def _with_causes(found: Replayed, limit: Thresholds) -> Verdict:
     causes, rest = found.causes, found.structure
+    noticed = rest.noticed and not found.only_starts(limit)
     doubtful = [cause for cause in causes if cause.rivals and cause.confidence < limit.sure]
     certain = [cause for cause in causes if cause.standing == CERTAIN]
     if doubtful and certain and not found.still:
         return _beside(found, certain, doubtful[0])
-    if doubtful and (doubtful[0] is causes[0] or not rest.noticed):
+    if doubtful and (doubtful[0] is causes[0] or not noticed):
         return _rivalled(found, doubtful[0])
     removed = found.removed
     if removed is None:
         removed = (found.tuned.rmse**2 - found.errors["extended"].rmse ** 2) / max(found.tuned.rmse**2, 1e-24)
-    if rest.noticed and removed < limit.feeble:
+    if noticed and removed < limit.feeble:
         return _feeble(found)
     if is_guess(causes, limit) and not found.still:
         return _guessed(found)
     sure = all(cause.confidence >= limit.sure for cause in causes)
-    explained = not rest.noticed or (found.left <= limit.negligible and sure and rest.level <= limit.as_noise)
+    explained = not noticed or (found.left <= limit.negligible and sure and rest.level <= limit.as_noise)
     verdict = _explained(found) if explained else _partly(found, sure)
     if not found.still:
         return verdict
@@ -359,6 +360,8 @@ def _explained(found: Replayed) -> Verdict:
     sentence = f"{told} the gap of '{found.joint}': error {fall(found)}, {certainty(firm)}{doubted}."
     names = listed([cause.name for cause in causes])
     reasons = [Reason("error", f"With {names} the error falls {change(found)}.")]
+    if found.structure.noticed and found.adrift is not None and found.only_starts():
+        reasons.append(_added_up(found, found.adrift))
     if any(cause.rivals for cause in causes):
         reasons.append(Reason("rivals", also(causes)))
     return Verdict(EXPLAINED, sentence, tuple(reasons))

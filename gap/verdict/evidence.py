@@ -115,10 +115,13 @@ class Adrift:
     error: float
     neighbours: float
 
+    def at_noise(self, noise: float, limit: Thresholds = THRESHOLDS) -> bool:
+        """Whether starts that were read with noise leave as much."""
+        return self.error <= noise or (self.error <= limit.at_noise * noise and self.level <= limit.slight)
+
     def allows(self, noise: float, limit: Thresholds = THRESHOLDS) -> bool:
-        """Whether what is left needs no cause: starts read with noise, or errors of the neighbours, leave as much."""
-        at_noise = self.error <= limit.at_noise * noise and self.level <= limit.slight
-        return at_noise or self.error <= self.neighbours
+        """Whether what is left needs no cause: starts, or errors of the neighbours, leave as much."""
+        return self.at_noise(noise, limit) or self.error <= self.neighbours
 
 
 @dataclass(frozen=True)
@@ -145,7 +148,7 @@ class Replayed:
         fault_in_replay: whether one of them was in a column that the replay takes or is judged by.
         open_causes: that are not named: withdrawn ones and near misses.
         of_robot: whether it is a joint of a robot.
-        adrift: of such a joint that nothing holds, and without a cause, what its replay may be off by anyway.
+        adrift: of such a joint that nothing holds, what its replay may be off by anyway.
         removed: where numbers were refitted beside the causes, the share of what these numbers leave on all data that
             no fit saw, and that the causes remove; None elsewhere: on the test part, of what tuned numbers leave.
         turned: the numbers that refitting turned, where the refitted model does better on unseen data than the causes.
@@ -182,6 +185,10 @@ class Replayed:
     def adds_up(self, limit: Thresholds = THRESHOLDS) -> bool:
         """Whether what is left is no more than what adds up in a replay that nothing holds."""
         return self.adrift is not None and self.adrift.allows(self.errors["noise_floor"].rmse, limit)
+
+    def only_starts(self, limit: Thresholds = THRESHOLDS) -> bool:
+        """Whether what is left is no more than where pieces begin does to a replay that nothing holds."""
+        return self.adrift is not None and self.adrift.at_noise(self.errors["noise_floor"].rmse, limit)
 
 
 @dataclass(frozen=True)

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cache
 
 import numpy as np
@@ -120,10 +120,10 @@ def measure(
         sought, given_up = outdone(sought, chosen.why)
         open_causes = (*open_causes, *given_up)
     drift = None
-    if not sought.accepted and problem.joint is not None and problem.open_loop and is_of_robot(problem):
-        drift = adrift(problem.joint, found["nominal" if handed == "nominal" else "tuned"], seed)
-        if drift.allows(problem.noise) and handed == "refitted":  # numbers that are not wrong fit what adds up
-            handed = "tuned"
+    if problem.joint is not None and problem.open_loop and is_of_robot(problem):
+        drift = adrift(problem.joint, found[handed if sought.accepted or handed == "nominal" else "tuned"], seed)
+        if not sought.accepted and drift.allows(problem.noise) and handed == "refitted":
+            handed = "tuned"  # numbers that are not wrong fit what adds up
     values = found[handed]
 
     gap = {name: errors[name] for name in ("nominal", "refitted")} | {"extended": errors[handed]}
@@ -142,6 +142,9 @@ def measure(
     if rest.noticed:  # structure that the test part shows less of than the rest is not explained for that
         before = float(np.mean(problem.position_error(simulated["nominal"]) ** 2)) - white
         unexplained = max(left, min(rest.rms**2 / max(before, 1e-12), 1.0))
+    unnamed = rest
+    if drift is not None and sought.accepted and drift.at_noise(problem.noise):  # the rest is where pieces begin
+        unexplained, unnamed = 0.0, replace(rest, level=drift.level)
     features: dict[str, tuple[Signature, ...]] = {}
     keys = {c.cause.key: c.cause.signature for c in sought.accepted if c.cause.signature}
     if keys:
@@ -164,7 +167,7 @@ def measure(
         sought_in = float(np.mean(fitting.position_error(fitting.simulate([{}])[0]) ** 2))
     account = Account(1.0 - unexplained, sought_in / problem.noise**2, charge, {p.number for p in wide}, led)
     freed = problem.joint.models[0] if problem.joint and handed == "extended" and sought.loose else None
-    causes, tuned_share = _name_causes(fitting, sought, model, joint, account, rest, features)
+    causes, tuned_share = _name_causes(fitting, sought, model, joint, account, unnamed, features)
     return Measured(
         gap=gap,
         tuned=errors["tuned"],

@@ -19,6 +19,7 @@ from ..load.robot import LoggedRobot, robot_of
 from ..load.terms import T_OWN, T_SIZE
 from ..load.tree import Motion
 from ..log.finding import Finding
+from ..log.gaps import between_gaps
 from ..log.parts import TEST, cut
 from ..log.types import Array, LogError, MeasuredRun
 from ..replay.flattened import flattened
@@ -74,7 +75,10 @@ def cut_joint(
     along = None
     if robot is not None and terms is not None and not (robot.slides(joint) or models[0].by_torque):
         along = held_terms(robot, joint, runs)
-    return Cut(joint, runs, models, cut(runs, joint, test_group), noise, terms, tuple(findings), along)
+    units = cut(runs, joint, test_group)
+    if models[0].by_torque:
+        units = between_gaps(runs, joint, units)
+    return Cut(joint, runs, models, units, noise, terms, tuple(findings), along)
 
 
 def fit_runs(pieces: Cut) -> list[MeasuredRun]:
