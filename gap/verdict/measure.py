@@ -21,7 +21,7 @@ from ..search.result import Search
 from ..search.settings import DEFAULT
 from ..search.sketch import coarsened
 from ..search.structure import Structure, structure
-from .adrift import adrift
+from .adrift import begun_fit, left_by
 from .decide import confidence, law_error, standing
 from .evidence import THRESHOLDS, Adrift
 from .shares import owed
@@ -88,6 +88,9 @@ def measure(
     if problem.open_loop and len(fitting.units) > len(problem.units):  # sought in windows, judged on whole pieces
         refitted = whole_fit(problem, wide, refitted, evaluations)
         model = model.with_fit(whole_fit(problem, model.search.parameters(), model.fitted, evaluations))
+    drifts = problem.joint if problem.open_loop and is_of_robot(problem) else None
+    if drifts is not None and model.search.accepted:
+        model = model.with_fit(begun_fit(drifts, model.search.parameters(), model.fitted, evaluations))
     sought, open_causes = model.search, model.withdrawn
     tuned = model.fitted
     if sought.accepted:
@@ -120,10 +123,8 @@ def measure(
         sought, given_up = outdone(sought, chosen.why)
         open_causes = (*open_causes, *given_up)
     drift = None
-    if problem.joint is not None and problem.open_loop and is_of_robot(problem):
-        drift = adrift(problem.joint, found[handed if sought.accepted or handed == "nominal" else "tuned"], seed)
-        if not sought.accepted and drift.allows(problem.noise) and handed == "refitted":
-            handed = "tuned"  # numbers that are not wrong fit what adds up
+    if drifts is not None:
+        handed, drift = left_by(drifts, found, handed, bool(sought.accepted), seed)
     values = found[handed]
 
     gap = {name: errors[name] for name in ("nominal", "refitted")} | {"extended": errors[handed]}
