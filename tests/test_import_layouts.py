@@ -255,7 +255,8 @@ def test_what_no_sidecar_takes_back_is_refused_before_anything_is_written(
     first: dict[str, object], second: dict[str, object], sentence: str, tmp_path: Path
 ) -> None:
     out = tmp_path / "log"
-    imported(tmp_path, "a", out, **first)
+    imported(tmp_path, "a", out, **first | {"actuators": {"joint": "ideal"}})
+    (out / "log.yaml").write_text(json.dumps(first))
     there = sorted(out.iterdir())
     with pytest.raises(LogError, match=rf"log\.yaml .*{sentence}.* import it into a folder of its own\.$"):
         imported(tmp_path, "b", out, **second)

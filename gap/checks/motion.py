@@ -6,16 +6,21 @@ from collections.abc import Iterator
 
 import numpy as np
 
+from ...actuators.chain import Chain
 from ..log.finding import Finding, Severity
 from .context import JointContext
 from .lengths import check_lengths
 
 DEGREES = 180.0 / np.pi
+TURN = 2.0 * np.pi
 MOVES = 0.02  # [rad] that a goal must move for the way of its joint to tell a unit
 ALIKE = 5.0  # times as far as its goal, or as little, that a joint may move for its direction to be told
 FASTEST_SERVO = 60.0
-"""Speed [rad/s] that no geared joint reaches."""
-TURN = 2.0 * np.pi
+"""Speed [rad/s] that no geared joint reaches; a motor without a gear does."""
+BY_ITS_LOAD = 2.0
+"""Times its no-load speed that a joint may turn: its load drives it, and the numbers of its motor are off."""
+RATES = (1.0, DEGREES, 60.0 / TURN)
+"""Times the derivative of a position in rad that a velocity is: in rad/s, degrees per second, revolutions a minute."""
 NEAR = 0.5
 """Angle [rad] around whole turns within which a joint is where it was sent, on another turn."""
 LARGEST_ANGLE = 10.0
@@ -172,6 +177,7 @@ def _misread(joint: JointContext, signal: str, kind: str, size: float, what: str
 def _degrees(joint: JointContext) -> Iterator[Finding]:
     position, goal = joint.log.position, joint.log.goal
     wrong: dict[str, str] = {}
+    fast: dict[str, str] = {}
     # An encoder has a power of two of steps per turn, so its step betrays the unit whatever the motion.
     for signal, values in (("position", position), ("goal", goal)):
         if values is None:
@@ -185,7 +191,7 @@ def _degrees(joint: JointContext) -> Iterator[Finding]:
         elif signal == "position" and np.abs(values).max() > LARGEST_ANGLE and speed > FASTEST_SERVO / 3.0:
             top = float(np.quantile(np.abs(joint.velocity), 0.995))
             if top > FASTEST_SERVO:
-                wrong[signal] = f"it reaches {np.abs(values).max():.3g} at {top:.3g} per second"
+                _told_by_speed(joint, signal, f"{np.abs(values).max():.3g} at {top:.3g} per second", top, wrong, fast)
     for signal, values in (("position", position), ("goal", goal)):
         if values is not None and signal not in wrong and (reason := _beyond_degrees(joint, values)):
             wrong[signal] = reason
@@ -200,8 +206,8 @@ def _degrees(joint: JointContext) -> Iterator[Finding]:
             wrong.pop("position", None)
         elif "position" in wrong:
             wrong["goal"] = "it moves as far as the position"
-        elif np.abs(goal).max() > LARGEST_ANGLE and _slope_speed(joint, goal) > FASTEST_SERVO:
-            wrong["goal"] = f"it reaches {np.abs(goal).max():.3g}"
+        elif np.abs(goal).max() > LARGEST_ANGLE and (speed := _slope_speed(joint, goal)) > FASTEST_SERVO:
+            _told_by_speed(joint, "goal", f"{np.abs(goal).max():.3g}", speed, wrong, fast)
     link = joint.log.link_position
     if link is not None and np.isfinite(link).any():
         ratio = float((np.nanmax(link) - np.nanmin(link)) / np.ptp(position))
@@ -215,6 +221,59 @@ def _degrees(joint: JointContext) -> Iterator[Finding]:
             f"{joint.column(signal)} is in degrees, not in radians: {reason}; multiply it by pi/180.",
             value=DEGREES, data_error=True,
         )  # fmt: skip
+    for signal, doubt in fast.items():
+        if wrong or (signal == "goal" and "position" in fast):
+            continue  # of the unit of a joint something better is known, or it is said already
+        column = joint.column(signal)
+        yield Finding(
+            f"{signal}.fast", "warning", joint.name, column,
+            f"{column} {doubt}. If it is in degrees, multiply it by pi/180; if it is not, say so in the sidecar, "
+            f"units: {{{column}: rad}}.",
+        )  # fmt: skip
+
+
+def _told_by_speed(
+    joint: JointContext, signal: str, reached: str, speed: float, wrong: dict[str, str], fast: dict[str, str]
+) -> None:
+    """Take an angle that is too fast for a geared joint for degrees, or for a doubt where the joint may be so fast."""
+    units = joint.run.meta.get("units") or {}
+    stated = not units.keys().isdisjoint((joint.column(signal), signal, joint.column("position"), "position"))
+    free = None if joint.chain is None else no_load_speed(joint.chain)
+    why = ""
+    if free is not None and speed <= BY_ITS_LOAD * free:
+        why = f"its motor turns {free:.3g} rad/s without a load"
+    elif free is None and (stated or _goes_with_velocity(joint)):
+        why = "its velocity goes with it"
+    if not why:
+        wrong[signal] = f"it reaches {reached}"
+    elif not stated:  # of a unit that is said there is no doubt
+        fast[signal] = f"reaches {reached}, more than a geared joint does in radians, and is left so, for {why}"
+
+
+def no_load_speed(chain: Chain) -> float | None:
+    """Speed at which the motor of a chain has no torque left [rad/s at the joint]; None where it has no such limit."""
+    limit = chain.find("duty_limit")
+    duty = 1.0 if limit is None else limit.limit
+    motor, supply, line = chain.find("dc_motor"), chain.find("supply"), chain.find("regression")
+    if motor is not None and supply is not None:
+        return duty * supply.volts / (motor.back_emf * chain.gear_ratio() * chain.magnetisation())
+    if line is not None and line.speed_torque < 0.0:
+        return abs(line.duty_torque) * duty / (-line.speed_torque * chain.gear_ratio())
+    return None
+
+
+def _goes_with_velocity(joint: JointContext) -> bool:
+    """Whether a velocity is the derivative of the position if that is in radians: in degrees it would be another unit,
+    or the whole log is in degrees."""
+    velocity = joint.log.velocity
+    known = np.zeros(0, bool) if velocity is None else np.isfinite(velocity)
+    if velocity is None or known.mean() < 0.5 or np.ptp(velocity[known]) == 0.0:
+        return False
+    logged, derived = velocity[known], joint.velocity[known]
+    if float(np.corrcoef(logged, derived)[0, 1]) < 0.9:
+        return False
+    ratio = float(np.std(logged) / np.std(derived))
+    return any(abs(ratio / rate - 1.0) < 0.15 for rate in RATES)
 
 
 def nearer(position: np.ndarray, goal: np.ndarray) -> bool:

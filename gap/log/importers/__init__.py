@@ -15,9 +15,9 @@ import yaml
 from ....actuators.atomic import write_text
 from ....actuators.errors import nearest
 from ..sidecar import FOLDER_DEFAULTS
-from ..types import LogError
-from ..writer import write_run
-from .formats import read_recordings
+from ..types import LogError, MeasuredRun
+from ..writer import in_the_way, is_written, write_run
+from .formats import read_recordings, read_source
 from .mapping import Mapping, converted, ended, fits, lacking, read_mapping
 from .per_joint import joined
 from .proposal import propose
@@ -30,6 +30,7 @@ from .sidecars import (
     beside,
     beyond,
     blanks,
+    check_machine,
     checked_actuator,
     checked_robot,
     completed,
@@ -44,6 +45,8 @@ from .sidecars import (
 )
 from .spelling import spelled
 
+RECORDED = 10
+"""Samples of a recording at least, where others are beside it."""
 MANY_ROWS = 20_000
 """Longer recordings are written as Parquet where nobody says which format."""
 
@@ -83,7 +86,7 @@ class Imported:
     """What an import wrote.
 
     Attributes:
-        files: tables, each with its sidecar.
+        files: tables, each with its sidecar; those that were there already, too.
         missing: keys of the sidecar that must be filled in.
         left: recordings that were not imported, with the reason.
         sidecar: of the folder.
@@ -120,7 +123,9 @@ def propose_for(
     Raises:
         LogError: the source cannot be read.
     """
-    recordings, left = _alike(read_recordings(source))
+    found, without = read_source(source)
+    recordings, left = _alike(found)
+    left += without
     robot = checked_robot(robot, out)
     recordings = joined(recordings, joints_in_file(robot, out), source)
     proposal = propose(recordings, unit, slides_of(robot, out))
@@ -147,26 +152,38 @@ def _certain(proposal: Proposal, sidecar: dict[str, Any]) -> Mapping:
 
 
 def _alike(recordings: list[Recording]) -> tuple[list[Recording], list[str]]:
-    """The recordings whose columns most of them have, and sentences on the others."""
-    kinds = Counter((recording.kind, frozenset(recording.columns)) for recording in recordings)
-    (kind, columns), _ = kinds.most_common(1)[0]
+    """The recordings whose columns most of them have, and sentences on the others.
+
+    Of as many with each, those with the most samples; a list of a few rows beside runs is none.
+    """
+    count: Counter[tuple[str, frozenset[str]]] = Counter()
+    samples: Counter[tuple[str, frozenset[str]]] = Counter()
+    for recording in recordings:
+        key = recording.kind, frozenset(recording.columns)
+        count[key] += recording.length >= RECORDED
+        samples[key] += recording.length
+    kind, columns = max(samples, key=lambda key: (count[key], samples[key]))
     alike = [one for one in recordings if one.kind == kind and columns == one.columns.keys()]
     rest = [one for one in recordings if not (one.kind == kind and columns == one.columns.keys())]
     return alike, [f"{one.name} has other columns than {alike[0].name}; import it on its own" for one in rest]
 
 
-def _read(source: Path, out: Path, mapping: Mapping) -> list[Recording]:
-    """The recordings of a source as a proposal for the robot of a mapping has them."""
-    alike, _ = _alike(found := read_recordings(source))
+def _read(source: Path, out: Path, mapping: Mapping) -> tuple[list[Recording], list[str]]:
+    """The recordings of a source as a proposal for the robot of a mapping has them, and sentences on files without."""
+    found, without = read_source(source)
+    alike, _ = _alike(found)
     robot = Path(os.path.normpath(out / str(mapping.sidecar.get("robot"))))  # the folder need not exist yet
     whole = joined(alike, joints_in_file(str(robot), out) if robot.is_file() else (), source)
-    return found if whole is alike else [*whole, *(one for one in found if one not in alike)]
+    return (found if whole is alike else [*whole, *(one for one in found if one not in alike)]), without
 
 
 def import_logs(
     source: Path, out: Path, mapping: Mapping, format: str | None = None, recordings: Sequence[Recording] | None = None
 ) -> Imported:
     """Write the recordings of a source as measured logs; nothing that is there is overwritten.
+
+    A log of the same recording that is there as this import would write it is left so: an import that was interrupted
+    goes on. Where a name is taken by anything else, nothing is written.
 
     A ``log.yaml`` that is there stays as it is: what the recordings say otherwise goes into sidecars of their own.
 
@@ -187,21 +204,24 @@ def import_logs(
             f"about {', '.join(asked.about[:3])}: {ended(asked.ask)} Correct its lines under columns and remove it "
             "from questions."
         )
-    found = list(recordings) if recordings is not None else _read(source, out, mapping)
+    found, without = (list(recordings), []) if recordings is not None else _read(source, out, mapping)
     fitting = [recording for recording in found if fits(mapping, recording)]
     if not fitting:
         has = [*found[0].columns, *found[0].facts]
         names = ", ".join(f"{name}{nearest(name, has)}" for name in sorted(lacking(mapping, found[0])))
         raise LogError(f"{found[0].source}: the mapping takes {names}, which it does not have; correct the mapping.")
-    left = [f"{one.name} does not have the columns of the mapping" for one in found if one not in fitting]
+    left = [f"{one.name} does not have the columns of the mapping" for one in found if one not in fitting] + without
     runs = [converted(mapping, recording) for recording in fitting]
     out = Path(out)
     said, sidecar = said_before(out), out / FOLDER_DEFAULTS
     whole = [completed(run, said or {}) for run in runs]
+    check_machine(whole, runs)
     joints_of_robot(whole, out)
     far = far_in_runs(whole, whole[0].robot, out)
     shared, own = folder_and_own(runs) if said is None else ({}, [beyond(run, said, out) for run in runs])
     text, missing = text_with_blanks(shared, runs), blanks(whole)
+    there = _there(runs, own, out)
+    left += [f"{run.name} is in {out} already" for run in runs if run.name in there]
     if format is None:
         format = "parquet" if max(len(run.time) for run in runs) > MANY_ROWS else "csv"
     out.mkdir(parents=True, exist_ok=True)
@@ -209,5 +229,29 @@ def import_logs(
         write_text(sidecar, text)
     files = []
     for run, content in zip(runs, own, strict=True):
-        files.append(write_run(run, out, format, yaml.safe_dump(content, sort_keys=False, allow_unicode=True)))
+        text = yaml.safe_dump(content, sort_keys=False, allow_unicode=True)
+        files.append(there.get(run.name) or write_run(run, out, format, text))
     return Imported(tuple(files), tuple(missing), tuple(left), sidecar, far)
+
+
+def _there(runs: Sequence[MeasuredRun], own: Sequence[dict[str, Any]], out: Path) -> dict[str, Path]:
+    """Logs of a folder that are what an import would write, by name.
+
+    Raises:
+        LogError: a name is taken by another log, or all of them are there.
+    """
+    there: dict[str, Path] = {}
+    for run, content in zip(runs, own, strict=True):
+        if file := is_written(run, out, content):
+            there[run.name] = file
+        elif first := in_the_way(run, out, content):
+            raise LogError(
+                f"{first}: exists already, not as this import of {run.source} would write it, and a recording is never "
+                "overwritten; choose another name or folder. Nothing was written."
+            )
+    if len(there) == len(runs):
+        all_of = f"all {len(runs)} of these logs" if len(runs) > 1 else f"this log, {runs[0].name},"
+        raise LogError(
+            f"{out}: has {all_of} already, and a recording is never overwritten; choose another folder to import again."
+        )
+    return there

@@ -24,6 +24,10 @@ TOKEN = re.compile(
     r"|(?P<sign>\*\*|[-+*/(),]))"
 )
 COUNTERS = (8, 16, 24, 32)  # [bit]
+SIGN_BITS = (10, 15)
+"""Bits that servos keep a sign in: of a load or a duty, of a speed or a current."""
+STEADIER = 0.4
+"""Share of the longest jump of its counts that a register with a sign has at most once that is read."""
 
 
 def passing(function: Callable[[Array], Array]) -> Callable[[Any], Array]:
@@ -61,6 +65,33 @@ def later(values: Any) -> Array:
     return (cells > np.concatenate([[-np.inf], latest[:-1]])).astype(float)
 
 
+def sign_bit(counts: Any, bit: Any) -> Array:
+    """Whole numbers of a register whose bit of that number, from 0, is their sign, the bits below it their size."""
+    cells, sign = np.asarray(counts, np.float64), np.power(2.0, np.asarray(bit, np.float64))
+    return np.where(cells >= sign, sign - cells, cells)
+
+
+def signed_reading(name: str, values: Array) -> str:
+    """Expression that reads a register with its sign, where its counts go on without long jumps then; else empty.
+
+    Args:
+        name: of the column.
+        values: of it (n,), whole numbers from 0 on.
+    """
+    counts = values[np.isfinite(values)]
+    if len(counts) < 2 or (counts != np.round(counts)).any() or counts.min() < 0.0 or counts.max() >= 2.0**16:
+        return ""
+    bits = [bit for bit in SIGN_BITS if counts.max() < 2.0 ** (bit + 1)]
+    column = quoted(name)
+    ways = [f"sign_bit({column}, {bit})" for bit in bits] + [f"signed16({column})"] * int(counts.max() >= 2.0**15)
+
+    def jump(text: str) -> float:
+        return float(np.abs(np.diff(evaluate(text, {name: counts}, name))).max())
+
+    best = min(ways, key=jump, default="")
+    return best if best and jump(best) < STEADIER * jump(column) else ""
+
+
 CONSTANTS = {"pi": math.pi}
 ROW = "row"
 """Name for the number of a sample, from 0."""
@@ -74,6 +105,7 @@ FUNCTIONS: dict[str, tuple[int, Callable[..., Any]]] = {
     "cumsum": (1, passing(np.cumsum)),
     "counter": (1, without_overflows),
     "signed16": (1, lambda counts: np.where(np.asarray(counts) > 32767, np.asarray(counts) - 65536, counts)),
+    "sign_bit": (2, sign_bit),
     "min": (2, np.minimum),
     "max": (2, np.maximum),
     "hypot": (2, np.hypot),

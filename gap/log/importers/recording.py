@@ -14,6 +14,10 @@ import yaml
 from ..types import Array, LogError
 
 
+class NoRecording(LogError):
+    """A file without any sample: of words, empty, or with names alone. Among recordings it is left out, and told."""
+
+
 @dataclass(frozen=True, eq=False)
 class Recording:
     """One run as its file has it.

@@ -12,15 +12,16 @@ import yaml
 
 from ....actuators.chain import LIBRARY, load_chain
 from ....actuators.errors import nearest
-from ....actuators.published import DRIVES
+from ....actuators.published import DRIVES, PREFIX
 from ....actuators.stages.controller import UNLIMITED
 from ....envs.bench.robot import NUMBERS
 from ....envs.robot_file import RobotFile, is_robot_file, load_robot_file
-from ....envs.robots import get_robot
+from ....envs.robots import ROBOTS, get_robot
 from ..sidecar import FOLDER_DEFAULTS, Sidecar, folder_defaults, robot_beside, sidecar_text
 from ..table import ENDINGS
 from ..types import LogError, MeasuredRun
 from ..units import FACTOR
+from ..writer import FROM
 from .impedance import impedance_chains
 from .mapping import Mapping as LogMapping
 from .proposed import Proposal
@@ -28,6 +29,8 @@ from .recording import Recording
 from .steps import PERCENT
 
 BENCH = "bench"
+A_SLIP = 0.8
+"""Likeness from which a word for a robot is a known one, misspelt."""
 ARM = NUMBERS["arm_mass"].value  # [kg] of a rod that nobody weighed
 UNMEASURED = {
     "unknown": ["zero", "friction", "armature"],
@@ -128,7 +131,7 @@ def folder_and_own(runs: Sequence[MeasuredRun]) -> tuple[dict[str, Any], list[di
     shared = {key: value for key, value in contents[0].items() if all(other.get(key) == value for other in contents)}
     own = [{key: value for key, value in content.items() if key not in shared} for content in contents]
     for content, run in zip(own, runs, strict=True):
-        content["meta"] = {**content.get("meta", {}), "imported_from": str(run.source)}
+        content["meta"] = {**content.get("meta", {}), FROM: str(run.source)}
     return shared, own
 
 
@@ -169,7 +172,7 @@ def beyond(run: MeasuredRun, said: Mapping[str, Any], folder: Path) -> dict[str,
         own.pop("robot", None)
     if said.get("group") is not None and run.meta.get("group") is None:
         own["group"] = None
-    own["meta"] = {**own.get("meta", {}), "imported_from": str(run.source)}
+    own["meta"] = {**own.get("meta", {}), FROM: str(run.source)}
     return own
 
 
@@ -299,6 +302,48 @@ def _file_of(robot: str | None, out: Path) -> RobotFile | None:
 
 def _names_in(robot: RobotFile) -> frozenset[str]:
     return frozenset({*robot.model.joints, *(joint.name for joint in robot.joints)})
+
+
+def check_machine(whole: Sequence[MeasuredRun], runs: Sequence[MeasuredRun]) -> None:
+    """Refuse a robot, numbers of it or chains that no diagnosis could take, before anything is written.
+
+    A word of one's own for a robot is taken, if it is not that of a known one with a slip in it.
+
+    Args:
+        whole: runs with what their folder says.
+        runs: the same with what the mapping says alone.
+
+    Raises:
+        SealegsError: one of them is none; the message names what may be meant.
+    """
+    for run in whole:
+        own = bool(run.robot) and run.robot not in ROBOTS and not is_robot_file(run.robot)
+        meant = nearest(run.robot, ROBOTS, A_SLIP) if own and run.robot.isalpha() else ""
+        if meant:
+            raise LogError(f"{run.name}: there is no robot '{run.robot}'{meant}; correct the key robot.")
+        if own and run.robot_params:
+            raise LogError(
+                f"{run.name}: robot_params are of a bench or of a robot's file, and the robot is {run.robot}; correct "
+                "the key robot, or remove robot_params."
+            )
+        if wrong := [key for key in run.robot_params if run.robot == BENCH and key not in NUMBERS]:
+            meant = nearest(wrong[0], NUMBERS) or f", which has {', '.join(NUMBERS)}"
+            raise LogError(f"{run.name}: robot_params.{wrong[0]} is no number of a bench{meant}; correct it.")
+    sound: set[str] = set()
+    for run in runs:
+        for joint, chain in run.actuators.items():
+            if joint not in run.joints:
+                raise LogError(
+                    f"{run.name}: the mapping gives an actuator for '{joint}', which is no joint of its columns"
+                    f"{nearest(joint, run.joints)}; its joints are {', '.join(run.joints)}."
+                )
+            if str(chain) not in sound and not (isinstance(chain, str) and _is_path(chain)):  # which lies beside them
+                load_chain(chain)
+            sound.add(str(chain))
+
+
+def _is_path(chain: str) -> bool:
+    return chain.startswith(PREFIX) or Path(chain).suffix in (".yaml", ".yml")
 
 
 def joints_of_robot(runs: Sequence[MeasuredRun], out: Path) -> None:

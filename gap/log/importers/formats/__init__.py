@@ -8,7 +8,7 @@ from pathlib import Path
 
 from ...sidecar import FOLDER_DEFAULTS
 from ...types import LogError
-from ..recording import Recording
+from ..recording import NoRecording, Recording
 from . import hdf5, ros, tables
 from .json_rows import LINES, is_recording, read_json
 from .lerobot import is_lerobot, read_lerobot
@@ -27,11 +27,23 @@ def read_recordings(path: Path) -> list[Recording]:
     Raises:
         LogError: one sentence that says which file, what is wrong with it and what to do.
     """
+    return read_source(path)[0]
+
+
+def read_source(path: Path) -> tuple[list[Recording], list[str]]:
+    """The recordings as :func:`read_recordings` has them, and sentences on files of a folder that hold no sample.
+
+    Raises:
+        LogError: one sentence that says which file, what is wrong with it and what to do.
+    """
     if not path.exists():
         raise LogError(f"{path}: no such file or folder.")
     if not path.is_dir() or is_lerobot(path) or ros.is_bag(path):
-        return _read_one(path)
-    found = _in_folder(path)
+        return _read_one(path), []
+    empty: dict[Path, NoRecording] = {}
+    found = _in_folder(path, empty)
+    if not found and empty:
+        raise next(iter(empty.values()))
     if not found:
         raise LogError(
             f"{path}: holds no recording that is known: {', '.join(KNOWN)}, or a LeRobot data set; nor do the folders "
@@ -39,8 +51,8 @@ def read_recordings(path: Path) -> list[Recording]:
         )
     recordings = [
         replace(recording, name="-".join((*file.relative_to(path).parts[:-1], recording.name)))
-        for file in found
-        for recording in _read_one(file)
+        for file, inside in found
+        for recording in inside
     ]
     names: dict[str, Path] = {}
     for recording in recordings:
@@ -48,20 +60,37 @@ def read_recordings(path: Path) -> list[Recording]:
             other = names[recording.name].name
             raise LogError(f"{recording.source}: {other} has the same name; rename one, or import one at a time.")
         names[recording.name] = recording.source
-    return recordings
+    return recordings, [_why_left(file, fault) for file, fault in empty.items()]
 
 
-def _in_folder(folder: Path, depth: int = 0) -> list[Path]:
-    """Files, bags and data sets of a folder that are recordings, else those of the folders in it.
+def _why_left(file: Path, fault: NoRecording) -> str:
+    """What is wrong with a file of a folder, without what to do about it: it is left out."""
+    return f"{file.name} {str(fault).removeprefix(f'{file}: ').partition('; ')[0].rstrip('.')}"
+
+
+def _in_folder(folder: Path, empty: dict[Path, NoRecording], depth: int = 0) -> list[tuple[Path, list[Recording]]]:
+    """Files, bags and data sets of a folder with their recordings, else those of the folders in it.
 
     Folders of logs that were imported already are left out.
+
+    Args:
+        folder: to look into.
+        empty: takes the files that hold no sample.
+        depth: of the folder below the one that was asked for.
     """
     entries = [path for path in sorted(folder.iterdir()) if not path.name.startswith(".")]
-    found = [path for path in entries if _is_recording(path)]
+    found = []
+    for path in filter(_is_recording, entries):
+        try:
+            found.append((path, _read_one(path)))
+        except NoRecording as fault:
+            empty[path] = fault
     if found or depth == DEEPEST:
         return found
     folders = (path for path in entries if path.is_dir() and not (path / FOLDER_DEFAULTS).is_file())
-    return [file for inner in folders for file in ([inner] if is_lerobot(inner) else _in_folder(inner, depth + 1))]
+    for inner in folders:
+        found += [(inner, read_lerobot(inner))] if is_lerobot(inner) else _in_folder(inner, empty, depth + 1)
+    return found
 
 
 def _read_one(path: Path) -> list[Recording]:

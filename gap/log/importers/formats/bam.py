@@ -12,6 +12,10 @@ from ...types import Array, LogError
 from ..recording import Recording, plain_facts
 
 JOINT = "servo"
+OWN = frozenset(["mass", "arm_mass", "length", "kp", "vin", "motor", "trajectory"])
+"""What its recorders say of a run, beside the entries."""
+OF_UNITS = ("unit", "units")
+"""Keys with which a file says the unit of its columns, one for all of its angles or by their names."""
 ROLES = {
     "timestamp": "time",
     "goal_position": f"{JOINT}.goal",
@@ -26,7 +30,9 @@ ROLES = {
 
 def is_bam(content: Any) -> bool:
     """Whether the content of a JSON file is such a recording."""
-    return isinstance(content, dict) and isinstance(content.get("entries"), list)
+    if not isinstance(content, dict) or not isinstance(content.get("entries"), list):
+        return False
+    return not OWN.isdisjoint(content) and content.keys().isdisjoint(OF_UNITS)  # all of its units are fixed
 
 
 def read_bam(path: Path) -> list[Recording]:
@@ -40,7 +46,10 @@ def read_bam(path: Path) -> list[Recording]:
     except (OSError, ValueError) as error:
         raise LogError(f"{path}: is not JSON: {str(error).splitlines()[0]}.") from None
     if not is_bam(content):
-        raise LogError(f"{path}: is no recording: a JSON file with the list 'entries' is expected, one entry a sample.")
+        raise LogError(
+            f"{path}: is no recording: a JSON file with the list 'entries', one a sample, and a key such as mass or "
+            "motor is expected."
+        )
     entries = content["entries"]
     if not entries or not all(isinstance(entry, dict) for entry in entries):
         raise LogError(f"{path}: 'entries' has no samples; record it again.")

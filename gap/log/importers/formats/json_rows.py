@@ -11,14 +11,18 @@ from typing import Any
 import pyarrow as pa
 
 from ...types import LogError
-from ..recording import Recording, plain_facts
-from .bam import is_bam, read_bam
+from ..names import said
+from ..recording import NoRecording, Recording, plain_facts
+from ..unit_words import measures, unit_of
+from ..units import POSITION
+from .bam import OF_UNITS, is_bam, read_bam
 from .cells import numeric_columns
 from .tables import ENDINGS, recording_of
 
 LINES = (".jsonl", ".ndjson")
 LEAST, RECORDED = 2, 10
 """Samples of a recording at least, and of one that stands among other files of a folder."""
+ANGLES = ("position", "goal", "link_position")
 
 
 def read_json(path: Path) -> list[Recording]:
@@ -32,16 +36,16 @@ def read_json(path: Path) -> list[Recording]:
         return read_bam(path)
     table = table_of(content)
     if table is None:
-        raise LogError(
+        raise NoRecording(
             f"{path}: is no recording: a list of rows, a mapping of columns to lists of one length, one row a line, or "
             "the list 'entries' of BAM is expected."
         )
     names = _columns(content) if isinstance(content, Mapping) else {}
-    other = sorted(names.keys() - {*table.column_names})
+    other = sorted(names.keys() - {*table.column_names, _rows_in(names)})
     notes = [f"left out, for they do not have {len(table)} samples: {', '.join(other)}"] if other else []
     recording = recording_of(table, path, notes)
     own = plain_facts(content) if isinstance(content, Mapping) else {}
-    return [replace(recording, facts={**recording.facts, **own})]
+    return [_with_units(replace(recording, facts={**recording.facts, **own}), content)]
 
 
 def is_recording(path: Path) -> bool:
@@ -85,6 +89,8 @@ def table_of(content: Any) -> pa.Table | None:
     """The table that JSON holds; None where it holds none."""
     if isinstance(content, Mapping):
         columns = _columns(content)
+        if rows := _rows_in(columns):
+            return table_of(columns[rows])
         lengths = [len(cells) for cells in columns.values()]
         length = max(set(lengths), key=lambda n: (lengths.count(n), n), default=0)
         kept = {name: cells for name, cells in columns.items() if len(cells) == length}
@@ -95,6 +101,40 @@ def table_of(content: Any) -> pa.Table | None:
     flat = [_flat(row) for row in rows]
     names = dict.fromkeys(name for row in flat for name in row)
     return _table({name: [row.get(name) for row in flat] for name in names})
+
+
+def _rows_in(columns: Mapping[str, list[Any]]) -> str:
+    """Name of the one list of rows of a mapping where no other list is as long; empty elsewhere."""
+    rows = [name for name, cells in columns.items() if cells and all(isinstance(row, Mapping) for row in cells)]
+    if len(rows) != 1 or sum(len(cells) >= len(columns[rows[0]]) for cells in columns.values()) > 1:
+        return ""
+    return rows[0]
+
+
+def _with_units(recording: Recording, content: Any) -> Recording:
+    """The recording with the units that its file says beside the columns; they stand in brackets behind the names.
+
+    They are said by the names of columns, or by one word for the angles.
+    """
+    entries = [content[key] for key in OF_UNITS if key in content] if isinstance(content, Mapping) else []
+    names: dict[str, str] = {}
+    units = dict(recording.units)
+    for name in recording.columns:
+        role = recording.roles.get(name, "").rpartition(".")[2]
+        open_unit = not (units.get(name) or said(name).unit)
+        for entry in entries:
+            word = entry.get(name, entry.get(name.partition("[")[0])) if isinstance(entry, Mapping) else entry
+            unit = unit_of(word) if isinstance(word, str) else ""
+            angle = measures(unit, *POSITION) and (role or said(name).signal) in ANGLES
+            if not (open_unit and unit and (isinstance(entry, Mapping) or angle)):
+                continue
+            if role:  # of which the format says the unit, too
+                units[name] = unit
+            else:
+                names[name] = f"{name} [{unit}]"
+    columns = {names.get(name, name): values for name, values in recording.columns.items()}
+    note = ("the units that the file says stand in brackets behind the names",) if names else ()
+    return replace(recording, columns=columns, units=units, notes=(*recording.notes, *note))
 
 
 def _columns(content: Mapping[str, Any], above: str = "") -> dict[str, list[Any]]:

@@ -8,7 +8,7 @@ import pyarrow as pa
 from pyarrow import parquet
 
 from ...types import LogError
-from ..recording import Recording, facts_beside
+from ..recording import NoRecording, Recording, facts_beside
 from .cells import numeric_columns
 from .long_form import LongForm, pivoted
 from .text import read_text
@@ -35,7 +35,9 @@ def recording_of(table: pa.Table, path: Path, notes: list[str]) -> Recording:
     cells = numeric_columns(table)
     if not cells.columns:
         why = _first_reason(cells.left)
-        raise LogError(f"{path}: has no column of numbers{why}; export it as CSV with one header line, or as Parquet.")
+        raise NoRecording(
+            f"{path}: has no column of numbers{why}; export it as CSV with one header line, or as Parquet."
+        )
     long = pivoted(table, cells, path) or LongForm(cells)
     cells = long.cells
     facts, of_facts = facts_beside(path)

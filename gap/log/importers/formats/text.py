@@ -14,6 +14,7 @@ import pyarrow as pa
 from pyarrow import csv as arrow_csv
 
 from ...types import LogError
+from ..recording import NoRecording
 from ..unit_words import unit_of
 from .cells import CLOCK, GROUPED, PLAIN, quantity
 
@@ -50,6 +51,7 @@ class _Layout:
         comma: whether decimals stand behind a comma.
         notes: for people.
         rewrite: lines are no CSV as they stand.
+        words: no column holds numbers in most of the last lines.
         labels: each cell names its column.
         ends: line behind the last sample; None at the end of the file.
     """
@@ -60,6 +62,7 @@ class _Layout:
     comma: bool
     notes: list[str] = field(default_factory=list)
     rewrite: bool = False
+    words: bool = False
     labels: bool = False
     ends: int | None = None
 
@@ -88,12 +91,18 @@ def read_text(path: Path) -> tuple[pa.Table, list[str]]:
         return _arrow(_rewritten(text, layout), layout, 0, ",", "utf8"), layout.notes
     except pa.ArrowInvalid as error:
         said = str(error).splitlines()[0]
+    if layout.words:
+        raise _no_numbers(path)
     text = path.read_bytes().decode(encoding, "replace")
     _check_rows(text, layout, path)
     try:
         return _arrow(_rewritten(text, layout), layout, 0, ",", "utf8"), layout.notes
     except pa.ArrowInvalid:
         raise LogError(f"{path}: cannot be read as CSV: {said}; export it again.") from None
+
+
+def _no_numbers(path: Path) -> NoRecording:
+    return NoRecording(f"{path}: has no column of numbers; export it as CSV with one header line, or as Parquet.")
 
 
 def _arrow(source: Path | io.BytesIO, layout: _Layout, skipped: int, separator: str, encoding: str) -> pa.Table:
@@ -124,7 +133,7 @@ def _encoding(raw: bytes, path: Path) -> str:
             not name.startswith("utf-16") or sum(map(str.isascii, text)) > 0.9 * len(text)
         ):
             return name
-    raise LogError(f"{path}: is not a text file; export the log as CSV or Parquet.")
+    raise NoRecording(f"{path}: is not a text file; export the log as CSV or Parquet.")
 
 
 # --- layout ----------------------------------------------------------------------------------------------------------
@@ -134,7 +143,7 @@ def _layout(lines: Sequence[str], path: Path) -> _Layout:
     """What the first lines of a file say of it."""
     filled = [k for k, line in enumerate(lines) if _is_filled(line)]
     if not filled:
-        raise LogError(f"{path}: is empty; record the log again or leave the file out.")
+        raise NoRecording(f"{path}: is empty; record the log again or leave the file out.")
     tail = [lines[k] for k in filled[-_LAST:]]
     separator, stamped = _separator(tail), all(STAMPED.match(line) for line in tail)
     rows = {k: _split(lines[k], separator) for k in filled}
@@ -148,16 +157,21 @@ def _layout(lines: Sequence[str], path: Path) -> _Layout:
     usual = _usual(rows, filled, width)
     start = next((k for k in filled if len(rows[k]) == width and _is_sample(rows[k], usual)), None)
     if len(filled) == 1 and start is None:
-        raise LogError(f"{path}: has names, but no samples; record the log again or leave the file out.")
+        raise NoRecording(f"{path}: has names, but no samples; record the log again or leave the file out.")
     if start is None or not usual:
         start = filled[1] if len(filled) > 1 else filled[0]
     above = [k for k in filled if k < start]
     notes = []
-    names = _names(lines, rows, above, start, width, path, notes)
+    try:
+        names = _names(lines, rows, above, start, width, path, notes)
+    except LogError:
+        if usual:
+            raise
+        raise _no_numbers(path) from None
     samples = [rows[k] for k in filled if k >= start][:20]
     comma = any("," in cell for row in samples for cell in row if PLAIN.match(cell.strip()))
     rewrite = stamped or separator == " " or all(WRAPPED.match(line) for line in tail)
-    return _Layout(_unique(names, notes), start, separator, comma, notes, rewrite)
+    return _Layout(_unique(names, notes), start, separator, comma, notes, rewrite, words=not usual)
 
 
 def _is_labelled(cell: str) -> bool:
