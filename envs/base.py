@@ -1,17 +1,19 @@
 """What a robot's base and its other undriven joints do, as scalar quantities that encoders can measure.
 
 A hinge or slide is one quantity, called as its joint. A free joint is six: ``<joint>.x``, ``.y``, ``.z`` in the world
-[m], and ``.yaw``, ``.pitch``, ``.roll`` [rad]: about the world's z axis, then the turned y axis, then the body's x.
+[m], and ``.yaw``, ``.pitch``, ``.roll`` [rad]: about the world's z axis, then the turned y axis, then the body's x. A
+joint without a name is called as its body, where no joint has that name.
 """
 
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Mapping
-from typing import Self
+from typing import Any, Self
 
 import mujoco
 import numpy as np
 
+from .model_poses import Label, numbers
 from .robot import Robot
 
 POSES = ("x", "y", "z", "roll", "pitch", "yaw")
@@ -45,15 +47,21 @@ class BaseLayout:
         self.units: dict[str, str] = {}
         self._scalars: dict[str, tuple[int, int]] = {}
         self._free: dict[str, tuple[int, int]] = {}
+        self._labels: dict[str, Label] = {}
+        labels = {number: label for label, number in numbers(model).items()}
         for number in self.joints:
-            joint = model.joint(number)
+            own, body = labels.get(number, ("", ""))
+            if not own and (not body or (body, "") in labels.values()):
+                continue
+            joint, name = model.joint(number), own or body
+            self._labels[name] = own, body
             place = int(joint.qposadr[0]), int(joint.dofadr[0])
             if joint.type[0] == mujoco.mjtJoint.mjJNT_FREE:
-                self._free[joint.name] = place
-                self.units |= {f"{joint.name}.{key}": "m" if key in "xyz" else "rad" for key in POSES}
+                self._free[name] = place
+                self.units |= {f"{name}.{key}": "m" if key in "xyz" else "rad" for key in POSES}
             elif joint.type[0] != mujoco.mjtJoint.mjJNT_BALL:
-                self._scalars[joint.name] = place
-                self.units[joint.name] = "m" if joint.type[0] == mujoco.mjtJoint.mjJNT_SLIDE else "rad"
+                self._scalars[name] = place
+                self.units[name] = "m" if joint.type[0] == mujoco.mjtJoint.mjJNT_SLIDE else "rad"
         self.names = tuple(self.units)
 
     def qpos(self, values: Mapping[str, float | np.ndarray], rows: int = 1) -> np.ndarray:
@@ -96,28 +104,28 @@ class BaseLayout:
 
     def values_of(self, model: mujoco.MjModel, qpos: np.ndarray) -> dict[str, float]:
         """Quantities by name from positions (model.nq,) of ``model``, a robot with chains."""
-        found = {name: float(qpos[int(model.joint(name).qposadr[0])]) for name in self._scalars}
+        found = {name: float(qpos[self._joint(model, name).qposadr[0]]) for name in self._scalars}
         for name in self._free:
-            at = int(model.joint(name).qposadr[0])
+            at = int(self._joint(model, name).qposadr[0])
             angles = euler(qpos[at + 3 : at + 7])
             found |= {f"{name}.{key}": float(v) for key, v in zip(POSES, (*qpos[at : at + 3], *angles), strict=True)}
         return found
 
     def rates_of(self, model: mujoco.MjModel, qvel: np.ndarray) -> dict[str, float]:
         """Rates by name from speeds (model.nv,) of ``model``, a robot with chains; 0 for the turn of a free joint."""
-        found = {name: float(qvel[int(model.joint(name).dofadr[0])]) for name in self._scalars}
+        found = {name: float(qvel[self._joint(model, name).dofadr[0]]) for name in self._scalars}
         for name in self._free:
-            at = int(model.joint(name).dofadr[0])
+            at = int(self._joint(model, name).dofadr[0])
             found |= {f"{name}.{key}": float(qvel[at + k]) if k < 3 else 0.0 for k, key in enumerate(POSES)}
         return found
 
     def measure(self, model: mujoco.MjModel, name: str) -> Callable[[np.ndarray], float]:
         """What gives the quantity ``name`` from positions (model.nq,) of ``model``, a robot with chains."""
         if name in self._scalars:
-            place = int(model.joint(name).qposadr[0])
+            place = int(self._joint(model, name).qposadr[0])
             return lambda qpos: float(qpos[place])
         joint, _, key = name.rpartition(".")
-        at = int(model.joint(joint).qposadr[0])
+        at = int(self._joint(model, joint).qposadr[0])
         if key in "xyz":
             return lambda qpos: float(qpos["xyz".index(key) + at])
         which = ("roll", "pitch", "yaw").index(key)
@@ -127,13 +135,18 @@ class BaseLayout:
         """Write quantities into ``qpos`` (model.nq,) of ``model``, a robot with chains; others stay as they are."""
         for name in self._scalars:
             if name in values:
-                qpos[int(model.joint(name).qposadr[0])] = values[name]
+                qpos[self._joint(model, name).qposadr[0]] = values[name]
         for name in self._free:
-            at = int(model.joint(name).qposadr[0])
+            at = int(self._joint(model, name).qposadr[0])
             now = dict(zip(POSES, (*qpos[at : at + 3], *euler(qpos[at + 3 : at + 7])), strict=True))
             pose = {key: values.get(f"{name}.{key}", now[key]) for key in POSES}
             qpos[at : at + 3] = [pose[key] for key in "xyz"]
             qpos[at + 3 : at + 7] = quaternion(pose["roll"], pose["pitch"], pose["yaw"])
+
+    def _joint(self, model: mujoco.MjModel, name: str) -> Any:
+        """The joint of ``model``, a robot with chains, whose quantities have that name."""
+        own, body = self._labels[name]
+        return model.joint(own or numbers(model)["", body])
 
 
 def quaternion(roll: float | np.ndarray, pitch: float | np.ndarray, yaw: float | np.ndarray) -> np.ndarray:

@@ -15,6 +15,7 @@ import numpy as np
 from .model_couplings import couplings, led, unnamed
 from .model_drives import ModelDrive, both_ways, read_drives
 from .model_errors import uncompiled
+from .model_poses import Pose, home_pose, standing
 from .model_reading import read_specs
 from .model_ties import carried_along, free_ways
 from .model_transmissions import reductions
@@ -90,6 +91,7 @@ class ModelFile:
         free: whether that body has a free joint.
         start: positions of joints in the keyframe ``home``, or in the first one; where there is none, in the pose in
             which the file describes the robot.
+        pose: joints of any kind that stand elsewhere in that keyframe than in the file's pose, a free base too.
         floor: whether there is a plane or a height field to stand on.
         timestep: of the file [s].
         digest: of the model, to tell two files apart.
@@ -113,6 +115,7 @@ class ModelFile:
     root: str
     free: bool
     start: Mapping[str, float]
+    pose: Pose
     floor: bool
     timestep: float
     digest: str
@@ -128,6 +131,10 @@ class ModelFile:
     def spec(self) -> mujoco.MjSpec:
         """A specification of its own: without actuators, and without keyframes, which would count them."""
         return read_specs(self.path, self.path.stat().st_mtime_ns)[0].copy()
+
+    def with_actuators(self) -> mujoco.MjSpec:
+        """A specification of its own: as the file has it, with actuators and keyframes."""
+        return read_specs(self.path, self.path.stat().st_mtime_ns)[1].copy()
 
 
 def read_model(path: str | Path) -> ModelFile:
@@ -167,7 +174,7 @@ def _surveyed(path: Path, changed: int) -> ModelFile:
     drives, carried = led(model, drives)
     undriveable = (*undriveable, *carried)
     moved = [name for drive in drives for name, _ in drive.terms] or list(joints)
-    root = _root(model, moved)
+    root, home = _root(model, moved), home_pose(full, model)
     return ModelFile(
         path=path,
         name=full.modelname if full.modelname not in ("", "MuJoCo Model") else path.stem,
@@ -181,7 +188,8 @@ def _surveyed(path: Path, changed: int) -> ModelFile:
         coupled=coupled,
         root=model.body(root).name if root else "",
         free=bool(root) and _is_free(model, root),
-        start=_start(full, model),
+        start={model.joint(k).name: float(home[model.jnt_qposadr[k]]) for k in _single(model)},
+        pose=standing(model, home),
         floor=bool(np.isin(model.geom_type, (mujoco.mjtGeom.mjGEOM_PLANE, mujoco.mjtGeom.mjGEOM_HFIELD)).any()),
         timestep=float(model.opt.timestep),
         digest=hashlib.sha256(spec.to_xml().encode()).hexdigest()[:16],
@@ -326,10 +334,3 @@ def _root(model: mujoco.MjModel, joints: Sequence[str]) -> int:
 def _is_free(model: mujoco.MjModel, body: int) -> bool:
     first, count = int(model.body_jntadr[body]), int(model.body_jntnum[body])
     return any(model.jnt_type[k] == mujoco.mjtJoint.mjJNT_FREE for k in range(first, first + count))
-
-
-def _start(spec: mujoco.MjSpec, model: mujoco.MjModel) -> dict[str, float]:
-    """Positions of hinges and slides in the file's keyframe, where it has one of the right size, or in its pose."""
-    keys = [key for key in spec.keys if len(key.qpos) == model.nq]
-    pose = next((key.qpos for key in keys if key.name == "home"), keys[0].qpos if keys else model.qpos0)
-    return {model.joint(k).name: float(pose[model.jnt_qposadr[k]]) for k in _single(model)}

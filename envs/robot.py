@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import fnmatch
+import functools
+import logging
 import math
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
@@ -13,10 +15,12 @@ import mujoco
 
 from ..actuators import Chain, DrivenCoordinate, Drivetrain, load_chain, load_chain_set
 from ..actuators.errors import SealegsError, nearest
+from .model_poses import Pose
 
 if TYPE_CHECKING:
     from .robot_described import RobotFile
 
+LOGGER = logging.getLogger("sealegs")
 ChainSource = str | Path | list | Chain
 """What :func:`actuators.load_chain` reads: a name, a path, a list of stages, or a chain."""
 
@@ -102,6 +106,8 @@ class Robot:
         effects: what paths of a diagnosis that are not of a chain, such as ``load.mass_factor``, do to numbers.
         finish: sets in the compiled robot what depends on robot and chains together.
         start: where episodes of tasks that any robot has start [rad or m]; where none is given, mid-range.
+        pose: where episodes of such tasks start joints that nothing drives, a free base too, if that is not where the
+            model has them.
         units: of coordinates that are no angles.
         file: that describes it; None for the robots that Python builds.
     """
@@ -116,6 +122,7 @@ class Robot:
     effects: Mapping[str, Effect] = field(default_factory=dict)
     finish: Callable[[Drivetrain, Mapping[str, float]], None] = _as_compiled
     start: Mapping[str, float] = field(default_factory=dict)
+    pose: Pose = field(default_factory=dict)
     units: Mapping[str, str] = field(default_factory=dict)
     file: RobotFile | None = None
 
@@ -180,15 +187,21 @@ class Robot:
         names = [item.name for item in self.coordinates]
         if actuator is None:
             actuator = dict(self.chains)
+        by_name = isinstance(actuator, str | Path)
         if isinstance(actuator, str | Path) and actuator not in self.words and (several := load_chain_set(actuator)):
             actuator = self._spread(several)
         if not isinstance(actuator, Mapping):
-            return {name: self._meant(actuator, name) for name in names}
+            actuator = dict.fromkeys(names, actuator)
         for name in actuator:
             if name not in names:
                 hint = nearest(name, names)
                 raise RobotError(f"robot '{self.name}' drives no '{name}'{hint}; it drives {', '.join(names)}.")
-        return {name: self._meant(actuator.get(name, self.chains[name]), name) for name in names}
+        given = {name: actuator.get(name, self.chains[name]) for name in names}
+        if self.file is not None:  # stages are of a diagnosis or a log, whose numbers nobody doubts
+            named = {name: item for name, item in given.items() if by_name or isinstance(item, str | Path)}
+            for sentence in self.file.whose({name: load_chain(item) for name, item in named.items()}):
+                _tell(sentence)
+        return {name: self._meant(item, name) for name, item in given.items()}
 
     def _spread(self, chains: Mapping[str, Chain]) -> dict[str, ChainSource]:
         """Chains by coordinate from those by pattern; a pattern that fits none stays, to be told of."""
@@ -219,3 +232,9 @@ class Robot:
         drivetrain = Drivetrain(self.build(values), self.chains_for(actuator), self.coordinates)
         self.finish(drivetrain, values)
         return drivetrain
+
+
+@functools.cache
+def _tell(sentence: str) -> None:
+    """Say something once: a command asks for the chains of a robot several times."""
+    LOGGER.warning("%s", sentence)

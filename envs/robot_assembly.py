@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any, Literal
@@ -19,7 +20,7 @@ from .model_file import ModelFile, read_model
 from .robot import RobotError
 from .robot_assumed import goal_range, ideal_servo, reduction_note
 from .robot_choice import chosen, none_to_drive, passive_sentence
-from .robot_described import LIMIT, FileJoint, RobotFile, stated, with_owned
+from .robot_described import LIMIT, FileJoint, RobotFile, stated, states, with_owned
 from .robot_entries import UNKNOWN, YAML_SUFFIXES, FileEntry, JointEntry, Owner, ServoEntry
 from .robot_within import check_within
 
@@ -154,14 +155,15 @@ def _joint(
     simplified = (*joint.simplified, *(drive.simplified if drive is not None and entry.chain is None else ()))
     said += [f"{WARNING}joint {name}: {phrase}." for phrase in simplified]
     owners: dict[str, Owner] = {}
+    # what an assumed chain states, it has from the file
+    its_own = [key for key in in_file if entry.chain is not None and states(chain, key)]
     for key, value in in_file.items():
-        of_chain = stated(chain, key)
-        own = of_chain > 0.0 and entry.chain is not None  # what an assumed chain states, it has from the file
+        of_chain, own = stated(chain, key), key in its_own
         owners[key] = getattr(entry, key) or ("chain" if own or value == 0.0 else "file")
         if own and value > 0.0 and getattr(entry, key) is None:
-            factor = max(value, of_chain) / min(value, of_chain)
+            factor = max(value, of_chain) / min(value, of_chain) if of_chain else math.inf
             warning = WARNING if factor >= APART else ""
-            by = f", {factor:.2g} times {'less' if of_chain < value else 'more'}" if warning else ""
+            by = f", {factor:.2g} times {'less' if of_chain < value else 'more'}" if warning and of_chain else ""
             said.append(
                 f"{warning}joint {name}: {key} is {value:g} in {model.path.name} and {of_chain:g} in its chain{by}; "
                 f"the chain's counts ({key}: chain), the other is left out."

@@ -35,7 +35,7 @@ OWNED = {
     LIMIT: "torque_limit.limit",
 }
 """What model file and chain can both hold, and what it is called in a chain; an ideal servo has a limit of its own."""
-
+SAME = 1e-6  # of a number: what differs by less is the same
 
 HINGES = {"range_margin": 0.15, "speed": 15.0}
 """Limits of safety of hinges [rad], [rad/s], as in ``configs/robot/bench.yaml``."""
@@ -86,10 +86,19 @@ class FileJoint:
 
     def carried(self, chain: Chain) -> Chain:
         """``chain`` with the model file's number where it states none itself and the file owns it."""
-        for key, owner in self.owners.items():
-            if owner == "file" and stated(chain, key) == 0.0:
-                chain = with_owned(chain, key, self.model_values[key])
+        for key in [key for key, owner in self.owners.items() if owner == "file" and not states(chain, key)]:
+            chain = with_owned(chain, key, self.model_values[key])
         return chain
+
+    def passed_over(self, chain: Chain) -> tuple[str, ...]:
+        """Names of numbers that the model file owns and that ``chain`` states otherwise, which then counts."""
+        return tuple(
+            key
+            for key, owner in self.owners.items()
+            if owner == "file"
+            and states(chain, key)
+            and not math.isclose(stated(chain, key), self.model_values[key], rel_tol=SAME)
+        )
 
 
 @dataclass(frozen=True)
@@ -143,6 +152,24 @@ class RobotFile:
             raise RobotError(f"{self.path} drives no '{name}'{nearest(name, found)}; it drives {', '.join(found)}.")
         return found[name]
 
+    def whose(self, chains: Mapping[str, Chain]) -> tuple[str, ...]:
+        """Which numbers of chains from elsewhere count in place of the model file's, though that owns them.
+
+        Args:
+            chains: by driven coordinate.
+        """
+        found: dict[tuple[str, tuple[str, ...]], list[str]] = {}
+        for name, chain in chains.items():
+            if keys := self.joint(name).passed_over(chain):
+                found.setdefault((chain.label, keys), []).append(name)
+        where = "a YAML of the robot" if self.path == self.model.path else self.path.name
+        return tuple(
+            f"joint{'s' if len(names) > 1 else ''} {', '.join(names)}: {', '.join(keys)} of the chain {label} "
+            f"{'count' if len(keys) > 1 else 'counts'}, not of {self.model.path.name}; to count these, name the chain "
+            f"in {where}, with {next(iter(keys))}: file."
+            for (label, keys), names in found.items()
+        )
+
     def build(self, values: Mapping[str, float]) -> mujoco.MjSpec:
         """The specification without actuators, from a value for each of the robot's numbers.
 
@@ -172,6 +199,7 @@ class RobotFile:
         """The robot as training, simulation and deployment take it."""
         singles = {item.name: item.joint for item in self.joints if item.terms == ((item.joint, 1.0),)}
         limits = {item.name: item.range for item in self.joints}
+        driven = {name for item in self.joints for name, _ in item.terms}
         return Robot(
             name=self.name,
             numbers=model_numbers(self.model, list(singles.values()), self.timestep),
@@ -181,6 +209,7 @@ class RobotFile:
             build=self.build,
             effects=model_effects(self.model, singles),
             start={item.name: item.start for item in self.joints},
+            pose={label: place for label, place in self.model.pose.items() if label[0] not in driven},
             units={item.name: item.unit for item in self.joints if item.unit != "rad"},
             file=self,
         )
@@ -209,6 +238,13 @@ def _set_base(spec: mujoco.MjSpec, root: str, base: str) -> None:
 
 
 # --- who owns what the file and the chain both hold ----------------------------------------------------------------
+
+
+def states(chain: Chain, key: str) -> bool:
+    """Whether a chain has a number of :data:`OWNED` of its own: a friction stage says both of its numbers, 0 too."""
+    if OWNED[key].startswith("friction."):
+        return chain.find("friction") is not None
+    return stated(chain, key) > 0.0
 
 
 def stated(chain: Chain, key: str) -> float:

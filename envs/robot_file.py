@@ -10,16 +10,17 @@ A bare model file is a robot too: what it leaves open is assumed, and :attr:`Rob
 
 from __future__ import annotations
 
+from dataclasses import replace
 from pathlib import Path
-
-import yaml
 
 from ..actuators.errors import SealegsError
 from ..configs.check import checked_fields
 from .model_file import SUFFIXES
 from .robot import RobotError
 from .robot_assembly import assembled
+from .robot_choice import passive_sentence
 from .robot_described import RobotFile
+from .robot_document import read_document
 from .robot_entries import YAML_SUFFIXES, FileEntry
 
 
@@ -45,18 +46,13 @@ def load_robot_file(path: str | Path) -> RobotFile:
         known = ", ".join((*YAML_SUFFIXES, *SUFFIXES))
         raise RobotError(f"{path} is no file of a robot; give one that ends in {known}.")
     try:
-        document = yaml.safe_load(path.read_text(encoding="utf-8"))
-    except FileNotFoundError:
-        raise RobotError(f"there is no robot file {path}; sealegs new-robot <model> writes one.") from None
-    except (OSError, UnicodeDecodeError) as error:
-        raise RobotError(f"{path} cannot be read: {getattr(error, 'strerror', None) or error}.") from None
-    except yaml.YAMLError as error:
-        mark = getattr(error, "problem_mark", None)
-        where = f" in line {mark.line + 1}" if mark else ""
-        raise RobotError(f"{path} is not valid YAML{where}: {getattr(error, 'problem', error)}.") from None
-    try:
-        return assembled(path, checked_fields("", document, FileEntry), [])
+        entry = checked_fields("", read_document(path), FileEntry)
+        file = assembled(path, entry, [])
     except RobotError:
         raise
     except SealegsError as error:
         raise RobotError(f"{path}: {error}") from None
+    if entry.joints is None:  # assembling told it
+        return file
+    driven = [name for joint in file.joints for name, _ in joint.terms]
+    return replace(file, said=(*file.said, *passive_sentence(file.model, driven)))

@@ -134,7 +134,9 @@ def robot_yaml(
         integrator=robot.integrator,
     )
     undriveable = (*facts.undriveable, *held)
-    more = {joint.name: _more_notes(facts, joint, chain, reserved) for joint in robot.joints}
+    assumed = limits_of(robot)
+    limited = {name for values in assumed.limits.values() for name in values}
+    more = {joint.name: _more_notes(facts, joint, chain, reserved, limited) for joint in robot.joints}
     lines = [
         _joint(number, joint, chain, belts.get(joint.name), more[joint.name])
         for number, joint in enumerate(robot.joints, 1)
@@ -145,7 +147,6 @@ def robot_yaml(
     ]
     driven = [name for joint in robot.joints for name, _ in joint.terms]
     left += [f"# Nothing drives {what}: it moves freely.\n" for what in passive(facts, driven)]
-    assumed = limits_of(robot)
     said = (*robot.said, *assumed.said, *(f"joint {name}: {note}." for name, notes in more.items() for note in notes))
     said = (*said, *(f"{reason}; it is left out." for reason in undriveable))
     said = (*said, *passive_sentence(facts, driven), *_chain_on_slides(robot, chain))
@@ -153,7 +154,9 @@ def robot_yaml(
     return head + "".join(lines) + "".join(left) + TAIL.format(safety=_safety(assumed)), said
 
 
-def _more_notes(facts: ModelFile, joint: FileJoint, chain: str | None, reserved: Collection[str]) -> list[str]:
+def _more_notes(
+    facts: ModelFile, joint: FileJoint, chain: str | None, reserved: Collection[str], limited: Collection[str]
+) -> list[str]:
     """What somebody who edits a file for the first time should know of a joint, a phrase each."""
     notes = []
     drive = next((drive for drive in facts.drives if drive.name == joint.name), None)
@@ -162,7 +165,10 @@ def _more_notes(facts: ModelFile, joint: FileJoint, chain: str | None, reserved:
     if chain is not None and drive is not None and drive.tied:
         notes.append(tied_note(drive))
     notes += [reduction_note(facts, name) for name, _ in joint.terms if name in facts.reductions]
-    notes += filter(None, [name_note(joint.name, joint.terms == ((joint.name, 1.0),), reserved)])
+    named = joint.terms == ((joint.name, 1.0),)
+    if note := name_note(joint.name, named, reserved):
+        # limits under the name of a joint of the model still count, those of a belt do not
+        notes.append(note if named or joint.name not in limited else f"{note}, and under deploy: safety as well")
     return notes
 
 

@@ -11,6 +11,7 @@ import numpy as np
 
 from ...actuators import Drivetrain
 from ..bench.robot import BENCH
+from ..model_poses import stand
 from ..robot import Robot
 from ..robots import get_robot
 from ..task import Motion, Task
@@ -88,7 +89,11 @@ class AnyRobotTask(Task):
         return random.reshape(len(random), len(self.names), self.per_joint)
 
     def placed(self, drivetrain: Drivetrain, angles: np.ndarray, qpos: np.ndarray, qvel: np.ndarray) -> np.ndarray:
-        """Put the coordinates of m robots to ``angles`` (m, k) [rad or m], at rest; the goals that hold them there."""
+        """Put the coordinates of m robots to ``angles`` (m, k) [rad or m], at rest; the goals that hold them there.
+
+        Joints that nothing drives, a free base too, stand as in the keyframe that the robot's start is from.
+        """
+        stand(drivetrain.model, self.robot.pose, qpos)
         for column, name in enumerate(self.names):
             drivetrain.set_position(name, qpos, angles[:, column])
         qvel[:] = 0.0

@@ -3,13 +3,19 @@
 from __future__ import annotations
 
 from pathlib import Path
+from xml.etree import ElementTree
 
 import mujoco
+import numpy as np
 
+from ...actuators import Drivetrain
 from ...actuators.errors import SealegsError
 from ...envs.extended import Extended
+from ...envs.model_poses import keyframes, stand, standing
+from ...envs.robot_described import FileJoint, RobotFile
 from ..load.robot import robot_of
 from ..log.types import MeasuredSet
+from .file_controls import FileControls, drive_of
 from .mjcf import native_text, not_native
 
 FILE = "extended.xml"
@@ -17,6 +23,8 @@ FILE = "extended.xml"
 
 def write_robot(extended: Extended, data: MeasuredSet, folder: Path) -> Path | None:
     """Write the model with friction, damping, armature, masses, inertias, stops and actuators as they were found.
+
+    Actuators have the file's names and control ranges, as far as these are of goals; its keyframes are kept.
 
     Returns:
         The path; None for the collection's own robots, and where what was found does not go into the model.
@@ -30,18 +38,127 @@ def write_robot(extended: Extended, data: MeasuredSet, folder: Path) -> Path | N
         drivetrain = machine.drivetrain(chains, extended.params_on(machine))
     except SealegsError:  # the folder's own message says so where it is applied
         return None
-    spec = drivetrain.spec
     source = robot.file.model.path
-    _name_whole_paths(spec, drivetrain.model, source.parent)
-    missing = {name: left for name, chain in drivetrain.chains.items() if (left := not_native(chain))}
-    said = "; ".join(f"{name}: {', '.join(left)}" for name, left in missing.items()) or "nothing"
+    _name_whole_paths(drivetrain.spec, drivetrain.model, source.parent)
+    written = _Written(robot.file, drivetrain)
     note = (
-        f"<!-- {source.name} as diagnosed, for plain MuJoCo; controls are position goals, or torques where the log "
-        f"commands torques. Left out: {said}. -->"
+        f"{source.name} as diagnosed, for plain MuJoCo; controls are position goals, or torques where the log commands "
+        f"torques. Left out: {'; '.join(written.left) or 'nothing'}."
     )
+    if written.changed:
+        note += f" Otherwise than in {source.name}: {'; '.join(written.changed)}."
+    note = note.replace("--", "- -")  # which would end the comment
     path = folder / FILE
-    path.write_text(f"{note}\n{native_text(spec.to_xml(), drivetrain.chains)}", encoding="utf-8")
+    path.write_text(f"<!-- {note} -->\n{written.text()}", encoding="utf-8")
     return path
+
+
+class _Written:
+    """A model as text, and what of its file is left out in it or means something else, a phrase each."""
+
+    def __init__(self, file: RobotFile, drivetrain: Drivetrain) -> None:
+        self._file, self._drivetrain = file, drivetrain
+        self._full = file.model.with_actuators()
+        self._controls = FileControls(self._full)
+        self._root = ElementTree.fromstring(native_text(drivetrain.spec.to_xml(), drivetrain.chains))
+        missing = {name: left for name, chain in drivetrain.chains.items() if (left := not_native(chain))}
+        self.left = [f"{name}: {', '.join(left)}" for name, left in missing.items()]
+        self.changed: list[str] = []
+        joints = {item.name: item for item in file.joints}
+        actuators = self._root.find("actuator")
+        self._actuators = [] if actuators is None else [(joints[row.attrib["name"]], row) for row in actuators]
+        for item, row in self._actuators:
+            self._name(item, row)
+            self._limit(item, row)
+        self._leave_out_actuators()
+        self._put_keyframes_back()
+
+    def text(self) -> str:
+        """The model."""
+        ElementTree.indent(self._root)
+        return ElementTree.tostring(self._root, encoding="unicode") + "\n"
+
+    def _by_torque(self, item: FileJoint) -> bool:
+        return self._drivetrain.chains[item.name].find("torque_command") is not None
+
+    def _name(self, item: FileJoint, row: ElementTree.Element) -> None:
+        """Call an actuator as the file does, and tell where its control means something else there."""
+        drive = drive_of(self._file.model, item)
+        if drive is None:
+            return
+        if len(drive.actuators) != 1:
+            self.changed.append(f"{item.name} acts for {', '.join(drive.actuators)}")
+            return
+        (name,) = drive.actuators
+        if all(row is other or other.attrib["name"] != name for _, other in self._actuators):
+            row.set("name", name)
+        if not self._controls.same(drive, self._by_torque(item)):
+            what = "torque" if self._by_torque(item) else "position goal"
+            self.changed.append(f"the control of {row.attrib['name']} is a {what} of {item.name}")
+
+    def _limit(self, item: FileJoint, row: ElementTree.Element) -> None:
+        """Give an actuator the control range of the file's, where that is one of goals too, or that of its goals."""
+        drive, ends = drive_of(self._file.model, item), None
+        if self._by_torque(item):
+            ends = None if drive is None else self._controls.torques(drive)
+        else:
+            ends = goals = item.range
+            if drive is not None and drive.goals is not None:
+                low, high = drive.goals
+                if max(low, goals[0]) < min(high, goals[1]):  # else it is in another unit
+                    ends = drive.goals
+        if ends is not None:
+            row.set("ctrllimited", "true")
+            row.set("ctrlrange", _row(ends))
+
+    def _leave_out_actuators(self) -> None:
+        drives = [drive_of(self._file.model, item) for item, _ in self._actuators]
+        kept = {name for drive in drives if drive is not None for name in drive.actuators}
+        gone = [name for name in self._controls.names if name not in kept]
+        sensed = mujoco.mjtObj.mjOBJ_ACTUATOR
+        sensors = [item.name or "one without a name" for item in self._full.sensors if item.objtype == sensed]
+        for what, names in (("actuator", gone), ("sensor of an actuator", sensors)):
+            if names:
+                self.left.append(f"{what}: {', '.join(names)}")
+
+    def _put_keyframes_back(self) -> None:
+        """Write the file's keyframes, with the joints that chains add, and with goals as controls."""
+        bare, model = self._file.model.spec().compile(), self._drivetrain.model
+        other = [key.name or "one without a name" for key in self._full.keys if len(key.qpos) != bare.nq]
+        if other:
+            self.left.append(f"keyframe of another size: {', '.join(other)}")
+        if not (kept := keyframes(self._full, bare)):
+            return
+        parent = ElementTree.SubElement(self._root, "keyframe")
+        for key in kept:
+            qpos = np.array(model.qpos0)
+            stand(model, standing(bare, np.array(key.qpos)), qpos)
+            for item in self._drivetrain.coordinates:
+                self._drivetrain.set_position(item.name, qpos, self._drivetrain.position(item.name, qpos, "link"))
+            row = {"name": key.name} if key.name else {}
+            row |= {"time": f"{key.time:.9g}"} if key.time else {}
+            row["qpos"] = _row(qpos)
+            row |= {name: _row(values) for name in ("mpos", "mquat") if len(values := getattr(key, name))}
+            controls = np.array(key.ctrl, dtype=float)
+            if self._actuators and len(controls) == self._controls.count:
+                row["ctrl"] = _row([self._control(item, controls, qpos) for item, _ in self._actuators])
+            ElementTree.SubElement(parent, "key", row)
+            for word, values in (("speeds", key.qvel), ("activations", key.act)):
+                if np.any(np.array(values)):
+                    self.left.append(f"{word} of keyframe {key.name}")
+
+    def _control(self, item: FileJoint, controls: np.ndarray, qpos: np.ndarray) -> float:
+        """The control that asks for what those of the file ask for, or else for where a keyframe stands."""
+        drive = drive_of(self._file.model, item)
+        if self._by_torque(item):
+            asked = None if drive is None else self._controls.torque(drive, controls)
+            return 0.0 if asked is None else asked
+        asked = None if drive is None else self._controls.goal(drive, controls)
+        return float(self._drivetrain.position(item.name, qpos, "link")) if asked is None else asked
+
+
+def _row(values: object) -> str:
+    return " ".join(f"{value:.9g}" for value in np.ravel(np.asarray(values, dtype=float)))
 
 
 def _name_whole_paths(spec: mujoco.MjSpec, model: mujoco.MjModel, folder: Path) -> None:
