@@ -14,8 +14,9 @@ from . import steps
 from .column import Column, span, without_doubt
 from .evidence import Relation, encoder, whole_numbers
 from .expression import quoted
+from .one_unit import fills_opening, together
 from .unit_words import measures
-from .units import ASK, CLOSE, LIKELY, POSITION, SURE, Read, read_alike, read_position
+from .units import ASK, CLOSE, LIKELY, POSITION, SURE, Read, is_opening, read_alike, read_position
 
 APART = 20.0
 """Two joints whose motions differ by this factor in one unit are hardly both in it."""
@@ -32,6 +33,9 @@ class Answer:
         against: unit that a column says itself, by column.
         steps: the question, by column of a position whose whole numbers look like encoder steps.
         gridded: whether a position shows the steps of an encoder that its unit is told by.
+        together: how a position is read by others of its name, by column.
+        few: whether no step goes beyond those of a servo that has 1024.
+        wide: whether a position goes beyond an opening from 0 to 1.
     """
 
     unit: str | None
@@ -40,6 +44,9 @@ class Answer:
     against: dict[str, str] = field(default_factory=dict)
     steps: dict[str, str] = field(default_factory=dict)
     gridded: bool = False
+    together: dict[str, Read] = field(default_factory=dict)
+    few: bool = False
+    wide: bool = False
 
     def look_at(self, positions: Iterable[tuple[Column, Array, Sequence[Array]]]) -> None:
         """Note how far the joints move that the question for the unit is about, and which are in encoder steps.
@@ -47,17 +54,23 @@ class Answer:
         Args:
             positions: column, values (n,) and goals, each (n,), of each joint.
         """
-        whole: dict[str, Array] = {}
+        whole: dict[str, float] = {}
+        turned = False
+        reads: list[tuple[Column, Array, Read]] = []
         for column, values, goals in positions:
             read = read_position(column.name, values, column.unit, column.how, rest=column.rest)
             if read.trust == ASK:
                 self.largest = max(self.largest, span(values))
+            reads.append((column, values, read))
             self.gridded |= read.trust == SURE and encoder(values) is not None
+            self.wide |= not is_opening(values)
             if column.unit in ("", "?", "tick") and steps.may_be_steps(values, goals):
-                whole[column.name] = values
-        if any(steps.beyond_degrees(values) for values in whole.values()):
-            few = max(float(np.nanmax(values)) for values in whole.values()) <= steps.FEW
-            self.steps = dict.fromkeys(whole, steps.ASKED_OF_FEW if few else steps.ASKED)
+                whole[column.name] = max(float(np.nanmax(one)) for one in (values, *goals))
+                turned |= steps.beyond_degrees(values)
+        self.few = bool(whole) and max(whole.values()) <= steps.FEW
+        if turned:
+            self.steps = dict.fromkeys(whole, steps.ASKED_OF_FEW if self.few else steps.ASKED)
+        self.together = together([one for one in reads if one[0].name not in self.steps])
 
     def position(self, column: Column, values: Array, slide: bool) -> Read:
         """A position, in the unit of the answer where its own is open."""
@@ -66,7 +79,7 @@ class Answer:
         if asked:
             read = replace(read, ask=asked)
         if self.unit is None:
-            return read
+            return read if asked or slide else self.together.get(column.name, read)
         own = without_doubt(column.unit)
         if (own, self.unit) in (("tick", steps.TICKS), ("%", steps.PERCENT)):
             own = ""
@@ -86,12 +99,18 @@ class Answer:
             why = f"unit= says percent, of the range that the robot's model has; {low:.3g} to {high:.3g}"
             return Read(quoted(column.name), steps.PERCENT, SURE, why)
         if self.unit == steps.TICKS:
-            return _in_steps(column.name, values, slide)
+            return _in_steps(column.name, values, slide, self.few)
         answered = read_position(column.name, values, self.unit, "unit=", slide)
         if self.gridded and measures(self.unit, "angle") and steps.is_percent(values) and encoder(values) is None:
             ask = (
                 f"is {quoted(column.name)} in {self.unit}, as unit= says? It stays within 0 and 100 and shows no "
                 "encoder's steps, which other joints do: as an opening in percent is (unit=percent)"
+            )
+            return replace(answered, trust=ASK, ask=ask)
+        if self.wide and measures(self.unit, "angle") and encoder(values) is None and fills_opening(column, values):
+            ask = (
+                f"in {self.unit}, as unit= says? These stay within 0 and 1, which other joints do not, as an opening "
+                "does: write low + <column>*(high - low) with the ends of its range in rad (slide: m)"
             )
             return replace(answered, trust=ASK, ask=ask)
         if asked and measures(self.unit, "angle"):
@@ -159,7 +178,7 @@ class Answer:
             )
 
 
-def _in_steps(name: str, values: Array, slide: bool) -> Read:
+def _in_steps(name: str, values: Array, slide: bool, few: bool) -> Read:
     """A position that ``unit=ticks`` says to be in encoder steps."""
     low, high = float(np.nanmin(values)), float(np.nanmax(values))
     read = Read(
@@ -176,4 +195,6 @@ def _in_steps(name: str, values: Array, slide: bool) -> Read:
         ask = (
             f"how many steps of {quoted(name)} are a turn, and which one is 0 rad? It goes from {low:.0f} to {high:.0f}"
         )
+    elif few:
+        ask = steps.TURN_OF_FEW
     return replace(read, trust=ASK, ask=ask) if ask else read

@@ -3,12 +3,13 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 
 import numpy as np
 
 from ..types import Array
+from .clock_units import rivals, told
 from .evidence import CLOCKS, FASTEST, SLOWEST, clock_units, whole_numbers
 from .expression import ROW, quoted, without_overflows
 from .names import said
@@ -221,17 +222,35 @@ def _read(recording: Recording, name: str, by_format: bool, sure_of_it: bool) ->
     if spoken:
         ask = f"the name says {spoken}, which is no unit of a time: write an expression in seconds"
         return Read(column, "?", ASK, f"{ask.partition(':')[0]}; a sample each {step:g}", ask)
-    unit = possible[0]
+    unit, shown = possible[0], ""
+    several = [] if by_format else rivals(step, possible)
+    if len(several) > 1:
+        found, shown = told(recording, name, several)
+        if not found:
+            return _several(column, step, several)
+        unit = found
     whole = step == 1.0 and unit != "s" and len(np.unique(np.diff(values))) == 1
     why = f"a sample each {step:g} is one of {1.0 / (step * CLOCKS[unit]):.4g} Hz in {unit}"
     if unit == "d":
         why = f"days, as of a spreadsheet, at {1.0 / (step * CLOCKS[unit]):.4g} Hz"
+    why += f": {shown}" if shown else ""
     if not whole and sure_of_it:
         return Read(column + FACTORS[unit], unit, LIKELY, why)
     counts = f"; or does it count samples? Then the time is {column}/<samples a second>" if whole else ""
     return Read(
         column + FACTORS[unit], unit, ASK, why, f"is {column} the time, in {unit}? {why[0].upper()}{why[1:]}{counts}"
     )
+
+
+def _several(column: str, step: float, units: Sequence[str]) -> Read:
+    """A clock whose steps are sample periods in more than one unit."""
+    rates = " or ".join(f"{1.0 / (step * CLOCKS[unit]):.5g} Hz in {unit}" for unit in units)
+    others = ", ".join(f"{column}{FACTORS[unit]} in {unit}" for unit in units[1:])
+    ask = (
+        f"in which unit is {column}? No name says it, and a sample each {step:g} is one of {rates}: the line is right "
+        f"in {units[0]}, else write {others}"
+    )
+    return Read(column + FACTORS[units[0]], units[0], ASK, f"a sample each {step:g} is one of {rates}", ask)
 
 
 def clock_fault(values: Array) -> str:

@@ -4,9 +4,10 @@ from __future__ import annotations
 
 import re
 import unicodedata
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from itertools import pairwise
 
+from .factors import factor_in
 from .name_words import (
     ALONE,
     ANGLE_WORDS,
@@ -37,8 +38,10 @@ ODRIVE = re.compile(r"(?:.*[._/])?(pos_estimate|input_pos|pos_setpoint|vel_estim
 """Names of ODrive, which counts turns."""
 ANYWHERE = frozenset(["ms", "us", "ns", "ma", "ua", "mv", "mm", "cm"])
 """Words of two letters that are units wherever they stand; others, and single letters, only at the end of a name."""
-NUMBERED = re.compile(r"(?<![A-Za-z0-9.])(?:10+|0?\.\d+)[A-Za-zµμ°]+(?![A-Za-z0-9])")
-"""A unit with its number, as in ``time_10us``; ``pos_2deg`` is joint 2."""
+NUMBERED = re.compile(r"(?:(?<![A-Za-z0-9.])10+|(?<![0-9.])\d*\.\d+[ _]?)[A-Za-zµμ°]+(?![A-Za-z0-9])")
+"""A unit with its number, as in ``time_10us`` and ``current_2.69mA``; ``pos_2deg`` is joint 2."""
+RATING = re.compile(r"[1-9]\d*\.\d+[ _]?(?:V|A|Nm)")
+"""What a supply or a motor is rated at, more likely than a unit: ``rail_3.3V``."""
 TRANSFORM = re.compile(r"(?<![A-Za-z])[A-Z]+_T_[A-Z]+(?![A-Za-z])")
 """``F_T_NE``: where one frame stands in another."""
 MOVING = frozenset(["goal", "position", "velocity", "goal_velocity", "torque", "torque_command", "acceleration",
@@ -72,6 +75,12 @@ class Said:
 
 def said(name: str) -> Said:
     """Read a column's name."""
+    if (factor := factor_in(name)) is not None:
+        found = said(factor.rest)
+        if found.unit or (found.signal and not factor.of_unit):
+            share = factor.share and measure(found.unit) and " " not in found.unit
+            unit = f"{factor.share} {found.unit}" if share else f"{found.unit} {factor.text}".strip()
+            return replace(found, unit=unit)
     unit, text = _bracketed(name)
     words = words_of(text)
     low = [word.lower() for word in words]
@@ -227,7 +236,10 @@ def _bracketed(name: str) -> tuple[str, str]:
     """A unit in brackets or with its number, understood or not, and the name without it."""
     brackets = list(re.finditer(r"[\[(]([^\])]*)[\])]", name))
     found = [(unit_of(match[1]), match) for match in brackets]
-    found += [(unit_of(match[0]), match) for match in NUMBERED.finditer(name)]
+    numbered = [one for one in NUMBERED.finditer(name) if not any(b.start() < one.start() < b.end() for b in brackets)]
+    found += [
+        (match[0] if RATING.fullmatch(match[0]) else unit_of(match[0].replace("_", "")), match) for match in numbered
+    ]
     found += [(match[1].strip(), match) for match in brackets if like_a_unit(match[1])]
     for unit, match in found:
         if unit:
@@ -254,6 +266,8 @@ def _unit(words: list[str]) -> tuple[str, slice]:
         found = _of_one(words[k], last, spoken)
         numbered = words[k].isalpha() and len(words[k]) == 1 and k + 1 < len(words)  # m1 is the first motor
         of_motor = measures(found, "way") and ANGLE_WORDS & set(words)  # as theta_m
+        if found and words[k + 1 : k + 2] == ["per"]:  # and not per second: of that it is not known what it is
+            return " ".join(words[k:]), slice(k, len(words))
         if found and not (numbered or of_motor):
             return found, slice(k, k + 1)
     if len(words) == 1 and words[0] in CLOCK_WORDS:

@@ -31,6 +31,10 @@ ASKED = (
 ASKED_OF_FEW = (
     f"{ASKED}; those of a servo with 1024 steps over 300 degrees (SCS, AX) are (<column> - 512)*300/1024*pi/180"
 )
+TURN_OF_FEW = (
+    f"how many steps are a turn? {TURN} is taken, and no step goes beyond {FEW}: a servo with 1024 of them over 300 "
+    "degrees (SCS, AX) needs (<column> - 512)*300/1024*pi/180 in these lines. Keep them if it has more"
+)
 
 
 def may_be_steps(values: Array, goals: Sequence[Array]) -> bool:

@@ -78,7 +78,9 @@ _FORCE, _ARM = ("|".join(sorted(words, key=len, reverse=True)) for words in (_FO
 TORQUE = re.compile(
     rf"(?P<force>{_FORCE}){_SIGN}(?P<arm>{_ARM})|(?P<arm2>in|ft|foot|inch){_SIGN}(?P<force2>lbs?|lbf|ozf?)"
 )
-NUMBER = re.compile(r"(\d*[.,]?\d+(?:e[-+]?\d+)?|pi|π|1/\d+)\s*[*x·]?\s*(?=[^\d\s.,/])")
+NUMBER = re.compile(r"(10(?:\^|\*\*)[-+]?\d+|\d*[.,]?\d+(?:e[-+]?\d+)?|pi|π|1/\d+)\s*[*x·]?\s*(?=[^\d\s.,/^*])")
+PLAIN_NUMBER = re.compile(r"(?:\d+\.?\d*|\.\d+)(?:e[-+]?\d+)?|pi|")
+"""What stands before a unit in its spelling here: a number, or nothing."""
 RATE = re.compile(r"(.+?)\s*(?:/|\bper\b|p(?=s\Z))\s*(s|sec|second|min|minute|h|hour)\Z")
 SHORT = re.compile(r"([numcdk])(rad|rads|deg|degs|rev|turn|rpm|amps?|meters?|nm|n\.m|[amvns])\Z")
 LONG = re.compile(rf"({'|'.join(SPELT_PREFIXES)})[ -]?(.+)\Z")
@@ -105,6 +107,8 @@ class Measure:
 def measure(unit: str) -> Measure | None:
     """What a unit in its spelling here measures; None for counts, shares, temperatures and what is no unit."""
     number, _, rest = unit.rpartition(" ")
+    if not PLAIN_NUMBER.fullmatch(number):
+        return None
     if rest in BEHIND and not number:
         quantity = "way" if rest in ("m", "mm", "cm") else "angle"
         if "/" in rest or rest == "rpm":
@@ -191,7 +195,7 @@ def _unit(text: str) -> str:
 
 
 def _value(text: str) -> str:
-    over, _, under = text.replace(",", ".").partition("/")
+    over, _, under = text.replace(",", ".").replace("10^", "1e").replace("10**", "1e").partition("/")
     return f"{float(over) / float(under or 1.0):.10g}"
 
 

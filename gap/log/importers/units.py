@@ -62,6 +62,7 @@ class Read:
         trust: ``sure``, ``likely`` (shown, and taken unless somebody objects) or ``ask``.
         why: for people.
         ask: the question, where there is one; columns with the same are asked about together.
+        by_range: whether the range alone tells the unit.
     """
 
     text: str
@@ -69,6 +70,7 @@ class Read:
     trust: str
     why: str
     ask: str = ""
+    by_range: bool = False
 
 
 def read_position(name: str, values: Array, said: str, how: str, slide: bool = False, rest: str = "") -> Read:
@@ -118,7 +120,7 @@ def read_position(name: str, values: Array, said: str, how: str, slide: bool = F
     if rest and not said:
         return _unit_or_name(column, rest, span)
     if slide and not said:
-        return Read(column, "m", LIKELY, f"of a slide; {span}, taken for m")
+        return Read(column, "m", LIKELY, f"of a slide; {span}, taken for m", by_range=True)
     largest = max(abs(low), abs(high))
     if said in ("?", "%"):
         si = "m" if slide else "rad"
@@ -126,21 +128,30 @@ def read_position(name: str, values: Array, said: str, how: str, slide: bool = F
         ask = _share(low, si)
         if said == "?":
             ask = f"degrees (unit=deg), rad (unit=rad), or {ask[0].lower()}{ask[1:]}"
-        return Read(column + ANGLE["deg"], guess, ASK, span if said == "?" else f"{how} says %; {span}", ask)
+        why = span if said == "?" else f"{how} says %; {span}"
+        return Read(column + ANGLE["deg"], guess, ASK, why, ask, said == "?")
     if said:
-        return Read(column, said, ASK, f"{how} says {said}, which is no unit of an angle or a way; {span}")
-    if low >= 0.0 and high <= 1.001 and high - low > 0.2:
+        asked = f"{how} says {said}, which is no unit of an angle or a way"
+        return Read(column, said, ASK, f"{asked}; {span}", f"{asked}: write what makes it rad (slide: m)")
+    if is_opening(values):
         ask = "an opening from 0 to 1, rad, turns or m? The values stay within 0 and 1 and show no encoder's steps"
-        return Read(column, "rad", ASK, span, ask)
+        return Read(column, "rad", ASK, span, ask, True)
     if largest <= FAR:
-        return Read(column, "rad", LIKELY, f"no unit is said; {span} look like rad (of a slide they would be m)")
+        why = f"no unit is said; {span} look like rad (of a slide they would be m)"
+        return Read(column, "rad", LIKELY, why, by_range=True)
     unit = "deg" if largest > 12.0 else "rad"
     ask = "degrees (unit=deg), rad over several turns (unit=rad), or mm of a slide (unit=mm)? No unit is said"
     if whole and low >= 0.0:
         ask += f". Whole numbers may also be encoder steps (unit={steps.TICKS})"
     if largest <= 105.0 and (low >= 0.0 or largest > 90.0):
         ask += f". Or is it a share? {_share(low, 'rad')}"
-    return Read(column + ANGLE[unit], unit, ASK, span, ask)
+    return Read(column + ANGLE[unit], unit, ASK, span, ask, True)
+
+
+def is_opening(values: Array) -> bool:
+    """Whether a column (n,) stays within 0 and 1, as the opening of a gripper does."""
+    low, high = float(np.nanmin(values)), float(np.nanmax(values))
+    return low >= 0.0 and high <= 1.001 and high - low > 0.2
 
 
 def _unit_or_name(column: str, word: str, span: str) -> Read:
@@ -185,6 +196,15 @@ def read_alike(name: str, said: str, how: str, other: Read, goes: Relation) -> R
     """A goal or a second position, by its name or by how it goes with the position that is read as ``other``."""
     column = quoted(name)
     if own := measures(said, *POSITION):
+        base = measures(other.unit, *POSITION)
+        size = abs(goes.scale)
+        if other.by_range and base and goes.fit > TELLS and said != other.unit and 1.0 / CLOSE < size < CLOSE:
+            position = next(iter(_columns(other.text)), "the position")
+            ask = (
+                f"is {position} in {said}, too (unit={said})? No unit of it is said, and it moves {size:.2f} times as "
+                f"far as {column} in the numbers of the file"
+            )
+            return Read(column + own.behind, said, ASK, f"{how} says {said}, and not of the position", ask)
         return Read(column + own.behind, said, SURE, f"{how} says {said}")
     if said and said != other.unit:
         return Read(column, said, ASK, f"{how} says {said}, which is no unit of an angle or a way", other.ask)
@@ -262,7 +282,7 @@ def read_other(signal: str, name: str, values: Array, said: str, how: str, rest:
             return Read(column, unit, ASK, span, f"is it a torque at all{asked}")
     if said not in ("", "?") or largest > most or said == "?":
         ask = (
-            f"{how} says {said}, which is no unit of a {signal}"
+            f"{how} says {said}, which is no unit of a {signal}: write what makes it {unit}"
             if said not in ("", "?")
             else f"in which unit is this {signal}?"
         )

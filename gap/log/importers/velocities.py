@@ -12,8 +12,8 @@ from ..units import FACTOR, behind
 from . import steps
 from .evidence import Relation, as_derivative
 from .expression import quoted
-from .unit_words import measures, unit_of
-from .units import ASK, CLOSE, LIKELY, POSITION, SURE, Read
+from .unit_words import Measure, measures, unit_of
+from .units import ANGLE, ASK, CLOSE, LIKELY, POSITION, SURE, WAY, Read
 
 TURNING, MOVING = ("rad/s", "deg/s", "rpm", "turn/s"), ("m/s", "mm/s")
 """Units that the velocity of a hinge and of a slide may be in where no name says one."""
@@ -25,6 +25,8 @@ UNTIMED = (
 """The question for a velocity without a unit beside no time."""
 ELECTRICAL = "erpm"
 """Unit of a velocity that a pole pair and a gear belong to."""
+FITS = 0.7
+"""Share of a velocity that the derivative of a position explains, from which their sizes tell units."""
 NEAR, ROUGH = 1.05, 1.3
 """A velocity is in the unit in which it is within the first factor of what the position does; within the second, it
 may be."""
@@ -42,7 +44,7 @@ def slope_beside(time: Array | None, position: Array, velocity: Array | None) ->
 
 
 def counted_by_velocity(read: Read, name: str, values: Array, said: str, slope: Relation | None) -> Read:
-    """A position in counts, of which a velocity in a unit that is said tells how many are a turn.
+    """A position of which a velocity in a unit that is said tells the unit, or how many counts are a turn.
 
     Args:
         read: of the position.
@@ -53,8 +55,12 @@ def counted_by_velocity(read: Read, name: str, values: Array, said: str, slope: 
     """
     if slope is None:
         return read
-    rate = measures(f"{said}/s" if measures(said, *POSITION) else said, "rate")
-    if read.trust != ASK or read.unit != "tick" or rate is None or slope.fit <= 0.7 or slope.scale <= 0.0:
+    rate = measures(f"{said}/s" if measures(said, *POSITION) else said, "rate", "speed")
+    if read.by_range and rate is not None and slope.fit > FITS and slope.scale > 0.0:
+        return _told(read, name, said, rate, slope)
+    if read.trust != ASK or read.unit != "tick" or rate is None or slope.fit <= FITS or slope.scale <= 0.0:
+        return read
+    if rate.quantity == "speed":
         return read
     exact = 2.0 * math.pi / (rate.factor * slope.scale)
     power = 2 ** round(math.log2(exact))
@@ -74,6 +80,18 @@ def counted_by_velocity(read: Read, name: str, values: Array, said: str, slope: 
     turns = f"A turn is {turn}, {shown}" if known else f"{shown[0].upper()}{shown[1:]}"
     asked = "which count is 0 rad?" if known else "how many counts are a turn, and which one is 0 rad?"
     return Read(text, "tick", ASK, why, f"{asked} {turns}; {middle} is a guess")
+
+
+def _told(read: Read, name: str, said: str, rate: Measure, slope: Relation) -> Read:
+    """A position of which no unit is said, in that in which a velocity in a unit that is said is its derivative."""
+    units = WAY if rate.quantity == "speed" else ANGLE
+    factor = rate.factor * slope.scale
+    unit = min(units, key=lambda unit: abs(math.log(factor / FACTOR[unit])))
+    off = abs(math.log(factor / FACTOR[unit]))
+    if off > math.log(ROUGH):
+        return read
+    why = f"the velocity in {said} is its derivative in {unit}"
+    return Read(quoted(name) + units[unit], unit, SURE if off < math.log(NEAR) else LIKELY, why)
 
 
 def _electrical(column: str, slope: Relation, position: Read, shown: str) -> Read:
@@ -116,7 +134,7 @@ def read_velocity(name: str, said: str, how: str, slope: Relation | None, positi
             return Read(column + RATE[unit], unit, ASK, f"no unit is said; taken for {unit}", UNTIMED)
         slope = Relation(0.0, 0.0)
     shown = ""
-    if slope.fit > 0.7 and slope.scale > 0.0 and position.unit != steps.PERCENT:
+    if slope.fit > FITS and slope.scale > 0.0 and position.unit != steps.PERCENT:
         base = measures(position.unit, *POSITION)
         step = steps.step_size(position.text) if position.unit == "tick" else 1.0
         per = slope.scale / (base.factor if base else step)
@@ -149,7 +167,7 @@ def read_velocity(name: str, said: str, how: str, slope: Relation | None, positi
                 f"is {column} in {unit}? No unit is said, and in {unit} it is {ratio:.3g} times what the position does"
             )
             return Read(column + RATE[unit], unit, ASK, shown, ask)
-    elif slope.fit > 0.7:
+    elif slope.fit > FITS:
         shown = "it goes against the derivative of the position"
     if said == ELECTRICAL:
         return _electrical(column, slope, position, "")
