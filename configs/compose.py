@@ -136,8 +136,8 @@ def override(base: Any, pairs: Mapping[str, str], extra_keys: ExtraKeys | None =
 
 
 def _parse(key: str, value: str) -> Any:
-    """Value of one argument, read with Hydra's grammar, or as JSON: its keys may be patterns of names."""
-    if value.startswith("{"):
+    """Value of one argument, read with Hydra's grammar, or as JSON: its keys may be any names and patterns of names."""
+    if value.startswith(("{", "[")):
         with contextlib.suppress(ValueError):
             return json.loads(value)
     try:

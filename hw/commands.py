@@ -145,8 +145,8 @@ class Reference:
         Raises:
             SealegsError: the robot has no reference controller, or no spring to feel.
         """
-        if robot.robot.name != "hopper":
-            raise SealegsError(f"robot '{robot.robot.name}' has no reference controller; the hopper has one.")
+        if robot.robot.source != "hopper":  # a file may have that name too
+            raise SealegsError(f"robot '{robot.robot.source}' has no reference controller; robot=hopper has one.")
         numbers = robot.robot.parameters(robot.params)
         stiffness = spring_stiffness(robot.chains[robot.names[0]])
         self._law = BangBang(rest=(numbers["hip_rest"], numbers["knee_rest"]), stiffness=stiffness)
@@ -299,7 +299,7 @@ def _trajectory(
     """Goals by joint (n,) as a trajectory; ``of_robot``: a sidecar says that they are of this robot."""
     if len(time) < 2 or not (np.diff(time) > 0.0).all() or not np.isfinite(time).all():
         raise SealegsError(f"{path}: the column 'time' must grow from row to row, over two rows at least.")
-    if of_robot and len(goals) == 1 and robot.robot.name == BENCH.name and robot.robot.file is None:
+    if of_robot and len(goals) == 1 and robot.robot.source == BENCH.name:
         goals = {robot.names[0]: next(iter(goals.values()))}  # logs of a bench call its servo as they like
     for name in goals:
         if name not in robot.names:
@@ -312,11 +312,11 @@ def _trajectory(
     for k, joint in enumerate(robot.joints):
         if joint.name not in goals:
             continue
-        table[:, k] = goals[joint.name]
+        table[:, k], unit = goals[joint.name], robot.units[k]
         bad = np.flatnonzero(~((table[:, k] >= joint.low) & (table[:, k] <= joint.high)))
         if len(bad):
             raise SealegsError(
-                f"{path}: row {bad[0] + 2} asks joint {joint.name} for {table[bad[0], k]:.3f} rad, but its range is "
-                f"{joint.low:.3f} to {joint.high:.3f} rad."
+                f"{path}: row {bad[0] + 2} asks joint {joint.name} for {table[bad[0], k]:.3f} {unit}, but its range is "
+                f"{joint.low:.3f} to {joint.high:.3f} {unit}."
             )
     return Trajectory(f"{kind}-{path.stem}", time - time[0], table, {kind: path.name})

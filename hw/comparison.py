@@ -44,6 +44,7 @@ class Comparison:
         policy: its file.
         robot: name.
         joints, base: names of the recordings' columns.
+        units: of the joints, rad or m.
         runs: by ``nominal``, ``extended`` (where there is one) and ``machine``.
         figures: by the same names.
         ending: of the machine's run.
@@ -53,6 +54,7 @@ class Comparison:
     policy: str
     robot: str
     joints: list[str]
+    units: list[str]
     base: list[str]
     runs: Mapping[str, Recording]
     figures: Mapping[str, Figures]
@@ -123,7 +125,8 @@ def compare(config: Mapping[str, Any], folder: Path, say: Callable[[str], None] 
             departures=departures,
         )
     runs[MACHINE], figures[MACHINE] = machine, measure(machine, robot)
-    return Comparison(str(policy.path), robot.robot.name, robot.names, robot.base_names, runs, figures, outcome, log)
+    columns = robot.names, robot.units, robot.base_names
+    return Comparison(str(policy.path), robot.robot.name, *columns, runs, figures, outcome, log)
 
 
 def gap_of(found: np.ndarray, accounted: np.ndarray, robot: ServoRobot) -> dict[str, Any]:

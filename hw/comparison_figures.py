@@ -116,7 +116,16 @@ def rms_by_unit(squares: np.ndarray, robot: ServoRobot) -> tuple[float, float]:
     return turns, ways
 
 
-def told(turns: float, slides: float) -> str:
-    """Errors of joints that turn [rad] and that slide [m], for people; those that there are."""
-    sizes = [f"{1e3 * size:.3g} {unit}" for size, unit in ((turns, "mrad"), (slides, "mm")) if not math.isnan(size)]
-    return " and ".join(sizes)
+UNITS = {"mrad": "same_goals", "mm": "same_goals_of_slides"}
+"""Units that people are told position errors in, a thousandth of the figure's own, and the figure of each."""
+
+
+def told(turns: float | None, slides: float | None) -> str:
+    """Errors of joints that turn [rad] and that slide [m], for people; those that there are: NaN, null for none."""
+    sizes = zip(UNITS, (turns, slides), strict=True)
+    return " and ".join(f"{1e3 * size:.3g} {unit}" for unit, size in sizes if size is not None and not math.isnan(size))
+
+
+def told_error(figures: Mapping[str, Any]) -> str:
+    """The model's position error on the machine's goals, of figures that were read from ``comparison.json``."""
+    return told(*(figures.get(key) for key in UNITS.values()))

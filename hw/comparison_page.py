@@ -65,7 +65,11 @@ def headline(comparison: Comparison) -> str:
 
 def _signals(comparison: Comparison) -> str:
     joints = comparison.joints
-    panels = [(f"{joint}: {label}", field, k) for k, joint in enumerate(joints) for label, field in _FIELDS]
+    panels = [
+        (f"{joint}: {label.format(comparison.units[k])}", field, k)
+        for k, joint in enumerate(joints)
+        for label, field in _FIELDS
+    ]
     panels += [(name, "base", k) for k, name in enumerate(comparison.base)]
     measured = comparison.runs[MACHINE]
     panels = [panel for panel in panels if np.ptp(getattr(measured, panel[1])[:, panel[2]]) > 0.0]
@@ -91,9 +95,9 @@ def _signals(comparison: Comparison) -> str:
 
 
 _FIELDS = (
-    ("goal [rad]", "goal"),
-    ("position [rad]", "position"),
-    ("velocity [rad/s]", "velocity"),
+    ("goal [{}]", "goal"),
+    ("position [{}]", "position"),
+    ("velocity [{}/s]", "velocity"),
     ("duty", "duty"),
     ("current [A]", "current"),
 )  # all that may be named as the first to depart

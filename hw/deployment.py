@@ -179,8 +179,9 @@ def dry_run(deployment: Deployment, bus: Bus, say: Callable[[str], None]) -> Non
     for error in bus.torque_off(robot.ids).values():
         raise error
     safety = Safety(robot, deployment.limits, period)
-    say(f"Dry run at {deployment.rate:g} Hz, no torque. Goals [rad]:")
-    say("  time [s]  " + "  ".join(f"{name:>18}" for name in robot.names))
+    say(f"Dry run at {deployment.rate:g} Hz, no torque. Goals:")
+    named = [f"{name} [{unit}]" for name, unit in zip(robot.names, robot.units, strict=True)]
+    say("  time [s]  " + "  ".join(f"{name:>18}" for name in named))
     last: np.ndarray | None = None
     for cycle in range(DRY_CYCLES):
         reading = robot.reading(bus.read_state(robot.all_ids))
@@ -212,7 +213,8 @@ def _guarded(deployment: Deployment, bus: Bus, opened: Opened, stop: Stop, say: 
         for line in unlike_the_file(registers, robot):
             say(line)
         log = stack.enter_context(contextlib.closing(_log(deployment, bus.port, registers)))
-        if robot.robot.name == BENCH.name and hw["virtual"] is None and not {"mass", "length"} <= robot.params.keys():
+        bench = robot.robot.source == BENCH.name  # a file may have that name too, and no such numbers
+        if bench and hw["virtual"] is None and not {"mass", "length"} <= robot.params.keys():
             say(
                 "A diagnosis needs to know what hangs on the servo: give robot.params.mass [kg] and "
                 "robot.params.length [m], or write them under robot_params in the log's sidecar."
@@ -381,7 +383,7 @@ def _log(deployment: Deployment, port: str, registers: Mapping[str, Mapping[str,
         "registers": registers,
     }
     # the load of a virtual bench is known; of a real one, only what somebody says
-    simulated = not real and robot.robot.name == BENCH.name
+    simulated = not real and robot.robot.source == BENCH.name
     params = robot.robot.parameters(robot.params) if simulated else robot.params
     word = robot.robot.name if robot.robot.file is None else os.path.relpath(robot.robot.file.path, folder.absolute())
     sidecar = make_sidecar(word, params, robot.belief, meta)

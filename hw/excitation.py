@@ -55,7 +55,7 @@ def _reaches(robot: ServoRobot, reach: ByJoint | None) -> dict[str, float]:
     """How far each joint goes to either side [rad or m]."""
     given: list[float | None] = [None] * len(robot.joints)
     if isinstance(reach, Mapping):
-        given = by_pattern("reach", reach, robot.names)
+        given = by_pattern("reach", reach, robot)
     elif reach is not None:
         given = [reach] * len(robot.joints)
     found = {}

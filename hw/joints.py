@@ -2,10 +2,9 @@
 
 from __future__ import annotations
 
-import fnmatch
 import math
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, fields
 from pathlib import Path
 from typing import Any
 
@@ -16,6 +15,7 @@ from ..configs.check import checked
 from ..envs.robot import Robot
 from ..envs.robot_entries import ServoEntry
 from .address import Address
+from .patterns import fits, fitting
 from .registers import ServoModel, load_model
 
 
@@ -271,11 +271,13 @@ def read_sensors(
     """Sensors of a robot's file.
 
     Raises:
-        CalibrationError: one has the id of a joint or of another one, or lacks something.
+        CalibrationError: one has the id of a joint or of another one, lacks something, or has a key that is none.
     """
     found: list[Sensor] = []
     users = {joint.address: joint.name for joint in joints}
     for name, row in config.items():
+        if isinstance(row, Mapping):
+            _check_sensor_keys(f"robot.sensors.{name}", row)
         try:
             per_radian = float(row.get("per_radian", 1.0))
             line = line_of(str(name), lines)
@@ -298,6 +300,24 @@ def read_sensors(
     return found
 
 
+SENSOR_KEYS = tuple(item.name for item in fields(Sensor) if item.name not in ("name", "line"))
+
+
+def _check_sensor_keys(where: str, row: Mapping[str, Any]) -> None:
+    """Refuse what would have no effect, such as a direction: it is the sign of ``per_radian``."""
+    for key in row:
+        if key in SENSOR_KEYS:
+            continue
+        if key == "direction":
+            raise CalibrationError(
+                f"{where}.direction is unknown: an encoder that counts the other way has a negative per_radian, such "
+                "as per_radian: -1."
+            )
+        raise CalibrationError(
+            f"{where}.{key} is unknown{nearest(str(key), SENSOR_KEYS)}; there are {', '.join(SENSOR_KEYS)}."
+        )
+
+
 def checked_gears(gears: Mapping[str, Any], robot: Robot) -> dict[str, float]:
     """``gears`` of a robot's file: how far joints move per radian of their servos, by pattern of names.
 
@@ -307,7 +327,7 @@ def checked_gears(gears: Mapping[str, Any], robot: Robot) -> dict[str, float]:
     names = [item.name for item in robot.coordinates]
     found = {str(key): checked(f"robot.gears.{key}", value, float) for key, value in gears.items()}
     for key, value in found.items():
-        if not fnmatch.filter(names, key):
+        if not any(fitting(names, key)):
             raise CalibrationError(f"robot.gears.{key} fits no joint of '{robot.name}'; it has {', '.join(names)}.")
         if value <= 0.0:
             raise CalibrationError(f"robot.gears.{key} is {value:g}; it must be above 0.")
@@ -316,7 +336,7 @@ def checked_gears(gears: Mapping[str, Any], robot: Robot) -> dict[str, float]:
 
 def gear_of(name: str, gears: Mapping[str, float]) -> float | None:
     """How far a joint moves per radian of its servo [rad or m], from ``gears`` of a robot's file; None: not said."""
-    return next((value for key, value in gears.items() if fnmatch.fnmatch(name, key)), None)
+    return next((value for key, value in gears.items() if fits(name, key)), None)
 
 
 def check_gears(joints: Sequence[Joint], gears: Mapping[str, float], path: Path) -> None:

@@ -2,9 +2,8 @@
 
 from __future__ import annotations
 
-import fnmatch
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from dataclasses import dataclass, fields
 from typing import Any
 
@@ -12,6 +11,7 @@ import numpy as np
 
 from ..actuators.errors import SealegsError, nearest
 from ..configs.check import checked
+from .patterns import fitting
 from .robot import ServoRobot
 
 FROM_CHAIN = ("goal_speed", "following_error")
@@ -110,7 +110,7 @@ class Limits:
             if "m" in robot.units:
                 raise SealegsError(self._of_slides(robot))
             return np.full(len(names), float(value))
-        found = by_pattern(f"safety.{name}", value, names)
+        found = by_pattern(f"safety.{name}", value, robot)
         if None in found and name not in FROM_CHAIN:
             raise SealegsError(f"safety.{name} has no value for joint {names[found.index(None)]}; add one.")
         return np.array([math.nan if item is None else float(item) for item in found])
@@ -130,16 +130,22 @@ class Limits:
         return f"{said}, but joint {slides[0]}{more} in m; give limits by pattern of names, such as {' '.join(rows)}."
 
 
-def by_pattern(key: str, values: Mapping[str, float], names: Sequence[str]) -> list[float | None]:
-    """The number of the first pattern that fits, for each name (k); None where none does.
+def by_pattern(key: str, values: Mapping[str, float], robot: ServoRobot) -> list[float | None]:
+    """The number of the first pattern that fits, for each joint (k); None where none does.
+
+    A pattern that fits no joint may mean what the robot's model calls one: a joint that got another name in the file of
+    its robot keeps the limits that ``sealegs new-robot`` wrote there before.
 
     Raises:
         SealegsError: a pattern fits no joint.
     """
+    meant: dict[str, list[bool]] = {}
     for pattern in values:
-        if not fnmatch.filter(names, pattern):
-            raise SealegsError(f"{key}.{pattern} fits no joint; there are {', '.join(names)}.")
-    return [next((values[p] for p in values if fnmatch.fnmatch(joint, p)), None) for joint in names]
+        own, of_model = fitting(robot.names, pattern), fitting(robot.model_names, pattern)
+        if not any(own) and not any(of_model):
+            raise SealegsError(f"{key}.{pattern} fits no joint; there are {', '.join(robot.names)}.")
+        meant[pattern] = own if any(own) else of_model
+    return [next((values[p] for p, fits in meant.items() if fits[k]), None) for k in range(len(robot.names))]
 
 
 def _read(name: str, value: Any) -> Any:

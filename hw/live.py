@@ -33,7 +33,18 @@ def picture(loop: ControlLoop) -> Table:
     table = Table(
         title=title, title_justify="left", caption=caption, caption_justify="left", style="dim" if stale else ""
     )
-    for name in ("joint", "goal [rad]", "position [rad]", "speed [rad/s]", "duty", "current [A]", "[V]", "[°C]"):
+    units = list(dict.fromkeys(loop.robot.units))
+    place, speed = " or ".join(units), " or ".join(f"{unit}/s" for unit in units)
+    for name in (
+        "joint",
+        f"goal [{place}]",
+        f"position [{place}]",
+        f"speed [{speed}]",
+        "duty",
+        "current [A]",
+        "[V]",
+        "[°C]",
+    ):
         table.add_column(name, justify="left" if name == "joint" else "right")
     reading = loop.reading
     if reading is None:

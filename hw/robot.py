@@ -48,6 +48,8 @@ class ServoRobot:
         registers: counts that the servos were set up with, by name.
         sensors: encoders that drive nothing; of the base in the order of the simulation's coordinates.
         all_ids: of the servos, and behind them of the sensors.
+        names: of the joints.
+        model_names: what the robot's model calls them; of a belt over several joints its own name.
         low, high: range of each joint (k,) [rad or m].
         units: of the joints, rad or m.
         lines: buses that its servos are on, the first one first.
@@ -80,6 +82,7 @@ class ServoRobot:
         used = {item.line.number: item.line for item in (*self.joints, *self.sensors)}
         self.lines = tuple(used[number] for number in sorted(used))
         self.names = [joint.name for joint in self.joints]
+        self.model_names = [c.terms[0][0] if len(c.terms) == 1 else c.name for c in robot.coordinates]
         links = {sensor.name: k for k, sensor in enumerate(self.sensors, len(self.joints))}
         self._links = [links.get(f"{name}.link") for name in self.names]
         self.measures_links = all(at is not None for at in self._links)

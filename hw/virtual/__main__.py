@@ -27,7 +27,7 @@ from .rig import Held, Rig, mounts
 from .server import Server, announce
 from .wire import Wire
 
-PLAIN = ("actuator", "hidden", "faults", "link")
+PLAIN = ("robot", "actuator", "hidden", "faults", "link")
 
 
 def build(config: dict[str, Any]) -> Server:

@@ -2,9 +2,11 @@
 
 from __future__ import annotations
 
+import json
 import subprocess
 import sys
 import tempfile
+from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
@@ -128,13 +130,7 @@ def _from_here(key: str, value: Any) -> Any:
 
 
 def _written(value: Any) -> str:
-    """A value as Hydra's grammar reads it."""
-    if value is None:
-        return "null"
-    if isinstance(value, bool):
-        return str(value).lower()
-    if isinstance(value, dict):
-        return "{" + ",".join(f"{key}:{_written(item)}" for key, item in value.items()) + "}"
-    if isinstance(value, list | tuple):
-        return "[" + ",".join(_written(item) for item in value) + "]"
-    return str(value)
+    """A value as :func:`sealegs.configs.compose.compose` reads it: names in mappings and lists may have any sign."""
+    if isinstance(value, Mapping | list | tuple):
+        return json.dumps(value, default=str)
+    return "null" if value is None else str(value).lower() if isinstance(value, bool) else str(value)

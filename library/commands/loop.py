@@ -286,13 +286,14 @@ def keep(file: Path, config: Mapping[str, Any]) -> None:
 
 def tell(out: Path, folders: Mapping[str, Path]) -> None:
     """Print and draw the gap before and after."""
+    from sealegs.hw.comparison_figures import told_error
     from sealegs.hw.comparison_picture import draw_gap
 
     documents = {name: json.loads((folder / "comparison.json").read_text()) for name, folder in folders.items()}
     heading("What came of it")
     for name, document in documents.items():
         figures = document["figures"]
-        gaps = [f"{1e3 * figures[m]['same_goals']:.1f} mrad in the {m} model" for m in figures if m != "machine"]
+        gaps = [f"{told_error(figures[model])} in the {model} model" for model in figures if model != "machine"]
         print(f"  Policy trained on the {name} model: {figures['machine']['reward']:.1f} of reward a second there;")
         print(f"    the machine is off by {', by '.join(gaps)}.")
     if "extended" not in folders:

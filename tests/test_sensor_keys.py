@@ -1,0 +1,37 @@
+"""Keys of a sensor in a robot's file: one that has no effect is refused, with what to write instead."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import pytest
+from sealegs.configs.compose import compose
+from sealegs.hw.joints import CalibrationError, Sensor
+from sealegs.hw.robot import build_robot
+
+
+def hopper(row: Any) -> tuple[Sensor, ...]:
+    """Sensors of a hopper whose file has one at the hip, with these keys."""
+    return build_robot({**compose("deploy", {"robot": "hopper"})["robot"], "sensors": {"hip.link": row}}).sensors
+
+
+def test_keys_of_a_sensor_count() -> None:
+    (sensor,) = hopper({"id": 9, "zero": 100, "per_radian": -0.5})
+    assert (sensor.id, sensor.zero, sensor.per_radian) == (9, 100, -0.5)
+
+
+def test_a_direction_of_a_sensor_is_refused_with_the_sign_to_write_in_its_place() -> None:
+    """An encoder that counts the other way was read as if it did not, and a policy saw its spring bend backwards."""
+    with pytest.raises(CalibrationError, match=r"robot\.sensors\.hip\.link\.direction is unknown: .*per_radian: -1"):
+        hopper({"id": 9, "direction": -1})
+
+
+def test_a_mistyped_key_of_a_sensor_is_refused_with_the_nearest_one() -> None:
+    with pytest.raises(CalibrationError, match=r"hip\.link\.zro is unknown \(did you mean 'zero'\?\); there are id, "):
+        hopper({"id": 9, "zro": 5})
+
+
+def test_a_sensor_without_its_id_is_refused_as_before() -> None:
+    for row in ({}, {"zero": 5}, 9, None):
+        with pytest.raises(CalibrationError, match="it needs an id, and takes zero, per_radian"):
+            hopper(row)
