@@ -1,4 +1,4 @@
-"""Names of joints in a YAML, and those that logs or the command line cannot take."""
+"""Names of joints in a YAML, and those that logs cannot take, or the command line only in quotes."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ import yaml
 SLASHES = "/\\"
 """What no log can have in the name of a joint, since files of a diagnosis are named for it."""
 SPECIAL = "!\"#&'(),:;<=>[]^`{}~"
-"""What the command line of ``sealegs deploy`` takes for something else."""
+"""What the command line takes for something else where it stands without quotes."""
 WORDS = ("true", "false", "null", "nan", "inf")
 
 
@@ -38,10 +38,10 @@ def name_note(name: str, single: bool, reserved: Collection[str]) -> str:
         why = "its name has a slash, so a log of this robot cannot be read: a diagnosis names files for joints"
         other = _without_signs(name)
     elif any(letter in SPECIAL or ord(letter) > 126 or ord(letter) < 32 for letter in name):
-        why = "its name has a sign that sealegs deploy cannot take"
+        why = "its name has a sign that needs quotes on the command line"
         other = _without_signs(name)
     elif _is_number(name) or name.lower() in WORDS:
-        why = "its name reads as a value, which sealegs deploy cannot take for a name"
+        why = "its name reads as a value, so that it needs quotes on the command line"
         other = f"joint_{_without_signs(name)}"
     else:
         return ""

@@ -72,7 +72,7 @@ def test_a_name_of_the_yaml_without_quotes_that_reads_as_a_number_is_refused_wit
     ("name", "why", "other"),
     [
         ("left/waist", "has a slash, so a log of this robot cannot be read", "left_waist: {joint: left/waist, ...}"),
-        ("robot0:W", "has a sign that sealegs deploy cannot take", "robot0_W: {joint: robot0:W, ...}"),
+        ("robot0:W", "has a sign that needs quotes on the command line", "robot0_W: {joint: robot0:W, ...}"),
         ("8", "reads as a value", "joint_8: {joint: '8', ...}"),
     ],
 )
