@@ -6,6 +6,7 @@ import re
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import replace
 
+from .actions import only_action
 from .column import Column, plain
 from .name_words import MODELLED, PLANNED, SUPPLY
 from .names import Said, said, words_of
@@ -43,7 +44,8 @@ def ranked(signal: str, columns: Sequence[Column]) -> list[Column]:
     """Columns of one signal, the best first: what the format says, not processed, in a unit that is said.
 
     A position is none whose name says a unit of something else; of currents the one that makes torque comes first, and
-    that of the supply last; of goals what was sent to the drive comes before the plan that it was made of.
+    that of the supply last; of goals what was sent to the drive comes before the plan, or the action of a policy,
+    that it was made of.
     """
 
     def late(column: Column) -> tuple[bool, bool]:
@@ -57,6 +59,7 @@ def ranked(signal: str, columns: Sequence[Column]) -> list[Column]:
             not c.by_format,
             c.said.filtered,
             c.unit in ("tick", "%"),
+            signal == "goal" and only_action(c.name),
             signal == "goal" and bool(PLANNED & {word.lower() for word in words_of(c.name)}),
             *(late(c) if signal == "current" else ()),
             len(c.name),

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 import re
 from collections.abc import Callable, Iterable, Mapping
 from dataclasses import replace
@@ -10,12 +9,10 @@ from dataclasses import replace
 import numpy as np
 
 from ..types import COMMANDS, Array
-from .evidence import Relation
-from .expression import names_in, quoted
+from .evidence import LONGEST_LAG, Relation
+from .expression import quoted
 from .mapping import Question
-from .names import said
-from .unit_words import measures
-from .units import ASK, LIKELY, POSITION, Read
+from .units import ASK, LIKELY, Read
 
 NAMELESS = "joint"
 """What a number without a name is of."""
@@ -26,13 +23,10 @@ PAIRED = 0.8
 """Share of a motion that another one explains, from which two columns without names may be goal and position."""
 MOST = 8
 """Columns without names that are looked at."""
+END = 0.95
+"""Share of the longest delay that is looked at from which the best one is at its end."""
 CLEARER = 0.1
 """Share of the motion by which the joint of a goal without a name is ahead of the next one."""
-ACTIONS = ("action", "actions")
-"""Words for what a policy gives, which may be scaled on its way to a goal."""
-SCALED = 1.5
-"""Times as far as the actions, or as little, from which positions show that actions are scaled."""
-
 NEARLY_ALL = 0.98
 """Share of the samples in motion in which a goal that was never one is the reading itself."""
 FEWEST = 40
@@ -119,7 +113,14 @@ def matched(goals: Iterable[str], positions: Iterable[str], follows: Callable[[s
     return {goal: position for goal, position in fits if clear(goal, position)}
 
 
-def in_order(read: Read, goes: Relation, by_motion: bool, position: Read, timed: bool) -> Read:
+def at_the_end(goes: Relation) -> bool:
+    """Whether a delay is the longest one that is looked at, so that the best may be a longer one, or none."""
+    return abs(goes.lag) > END * LONGEST_LAG
+
+
+def in_order(
+    read: Read, goes: Relation, by_motion: bool, position: Read, timed: bool, action: Read | None = None
+) -> Read:
     """A goal's column with how late its position comes, in question where it comes before it or moves against it.
 
     Args:
@@ -128,6 +129,7 @@ def in_order(read: Read, goes: Relation, by_motion: bool, position: Read, timed:
         by_motion: whether motion alone says whose goal it is.
         position: how its position is read.
         timed: whether the time is known.
+        action: how an action of a policy becomes a goal.
     """
     if by_motion:
         read = replace(read, trust=LIKELY, why=f"no name says whose goal it is; {read.why}")
@@ -137,8 +139,11 @@ def in_order(read: Read, goes: Relation, by_motion: bool, position: Read, timed:
     if timed and goes.fit > FOLLOWS and goes.lag < 0.0:
         why = f"the position moves {-1e3 * goes.lag:.0f} ms before it: are goal and position exchanged?"
         return replace(read, trust=ASK, why=why, ask=why)
-    if (other := _scaled(read, goes, position)) is not None:
-        return other
+    if action is not None and action.trust == ASK:
+        return action
+    if timed and goes.fit > FOLLOWS and at_the_end(goes):
+        why = f"the position follows it best after {1e3 * goes.lag:.0f} ms, the longest delay that is looked at"
+        return asked_too(read, position, why, f"is this the goal of the position beside it? {why[0].upper()}{why[1:]}")
     if timed and goes.fit > FOLLOWS:
         return replace(read, why=f"{read.why}; the position follows it by {1e3 * goes.lag:.0f} ms")
     return read
@@ -181,23 +186,6 @@ def what_commands(joint: str, names: Iterable[str], pair: tuple[str, str, Relati
     """What was commanded to a joint that nothing drives, with a hint at a column that it follows."""
     hint = f". {quoted(pair[0])} moves as it does, {1e3 * pair[2].lag:.0f} ms earlier: is it the goal?" if pair else ""
     return Question((f"{joint}.goal",), f"what was commanded to {joint}? It needs {' or '.join(names)}{hint}")
-
-
-def _scaled(read: Read, goes: Relation, position: Read) -> Read | None:
-    """A goal that is called an action and moves further or less than the position: what a policy gave, not the goal."""
-    column = next(iter(names_in(read.text)), "")
-    if said(column).how.lower() not in ACTIONS or read.trust == ASK or goes.fit < PAIRED or goes.scale <= 0.0:
-        return None
-    goal, base = (measures(one.unit, *POSITION) for one in (read, position))
-    if goal is None or base is None or abs(math.log(goes.scale * base.factor / goal.factor)) < math.log(SCALED):
-        return None
-    ask = (
-        "by which factor, and from which angle, do actions become goals? Positions do not move as far as the actions, "
-        "as behind a policy whose actions are scaled. The factors in the lines are guesses from the motion: write "
-        "<default angle> + <factor>*<column> as the controller has them, or the column itself if it is the goal"
-    )
-    text = f"{quoted(column)}*{goes.scale:.2g}{base.behind}"
-    return Read(text, position.unit, ASK, f"the position moves {goes.scale:.2g} times as far as the action", ask)
 
 
 def no_reading(read: Read, goal: tuple[str, Array], position: tuple[str, Array]) -> Read:

@@ -9,15 +9,18 @@ import numpy as np
 
 from ..types import COMMANDS, OTHER, SIGNAL_UNITS, TOLD, Array
 from . import pairs
+from .actions import read_action, together
 from .answer import Answer
 from .between_runs import differing_units
 from .clocks import find_clock
 from .column import Column, plain, span, taken, without_doubt
-from .evidence import Relation, as_derivative, both_move_apart, drives, following, multiple, no_signal, same_motion
+from .evidence import Relation, as_derivative, both_move_apart, drives, following, no_signal, same_motion
 from .expression import evaluate, names_in
+from .groups import best_of, match_goals, renamed, untwist
 from .impedance import place_goal_velocity
-from .in_table import ranked, said_together
+from .in_table import said_together
 from .mapping import Question, known_names
+from .nameless import lists_of
 from .names import said
 from .proposed import Proposal
 from .recording import Recording
@@ -60,6 +63,8 @@ class _Proposer:
         self.groups: dict[str, dict[str, list[Column]]] = {}
         self.unknown: list[str] = []
         self.by_motion: set[str] = set()  # goals that no name puts to a joint
+        self.lists = lists_of(self.first, frozenset({*SIGNAL_UNITS, "load"}))
+        self.actions: dict[str, Read] = {}  # how actions of a policy become goals, by column of the log
         self.renamed: dict[str, str] = {}  # words that logs reserve, by the joint's name here
 
     def run(self) -> Proposal:
@@ -72,6 +77,8 @@ class _Proposer:
         self.answer.look_at(self.base_and_goals(signals) for signals in measured.values())
         for joint, signals in measured.items():
             self.read_joint(joint, signals)
+        for name, read in together(self.actions, self.out.columns):
+            self.put(name, read)
         self.answer.check(self.first.source)
         self.leave_out_strays()
         if len(self.out.joints) >= 1:
@@ -94,7 +101,8 @@ class _Proposer:
         """Columns by joint and signal, as the format or their names say."""
         known = {*SIGNAL_UNITS, "load"}
         found: list[tuple[str, str, Column]] = []
-        for name, spoken in said_together(self.first.columns).items():
+        listed = {name for names in self.lists.columns.values() for name in names}
+        for name, spoken in said_together(name for name in self.first.columns if name not in listed).items():
             if name in self.out.unused or name in names_in(self.out.columns["time"].text):
                 continue
             role = self.first.roles.get(name)
@@ -125,6 +133,9 @@ class _Proposer:
         self.join_names()
         self.join_strays()
         self.match_goals()
+        self.lists.put(self.groups, self.first, self.clock(self.first))
+        self.by_motion |= self.lists.by_motion
+        self.out.unused |= self.lists.unused
 
     def join_names(self) -> None:
         """Joints that are one by their names, and a name for the one that has none beside others."""
@@ -133,11 +144,7 @@ class _Proposer:
             names[""] = ONLY_JOINT
         self.renamed = {f"{joint}_{ONLY_JOINT}": joint for joint in OTHER if joint in self.groups}
         names |= {joint: name for name, joint in self.renamed.items()}
-        groups, self.groups = self.groups, {}
-        for joint, signals in groups.items():
-            own = self.groups.setdefault(names.get(joint, joint), {})
-            for signal, columns in signals.items():
-                own.setdefault(signal, []).extend(columns)
+        self.groups = renamed(self.groups, names)
 
     def same_motion(self, joint: str, other: str) -> bool:
         """Whether two joints have the same position, by their numbers."""
@@ -188,13 +195,7 @@ class _Proposer:
 
     def match_goals(self) -> None:
         """Goals that no name puts to a joint, as of a list without names, go to the joint that follows them."""
-        goals = {signals["goal"][0].name: joint for joint, signals in self.groups.items()
-                 if "goal" in signals and "position" not in signals}  # fmt: skip
-        free = {signals["position"][0].name: joint for joint, signals in self.groups.items()
-                if "position" in signals and not signals.keys() & {*COMMANDS}}  # fmt: skip
-        for goal, position in pairs.matched(goals, free, self.relation).items():
-            self.groups[free[position]]["goal"] = self.groups[goals[goal]].pop("goal")
-            self.by_motion.add(goal)
+        self.by_motion |= match_goals(self.groups, self.relation)
 
     def goes_along(self, column: Column, base: Column) -> bool:
         """Whether a position moves as a goal, or its derivative as a velocity."""
@@ -275,7 +276,10 @@ class _Proposer:
                 goes = following(self.clock(run), steady, position)
                 other = self.answer.alike(column, read, goes)
                 if signal == "goal":
-                    other = pairs.in_order(other, goes, column.name in self.by_motion, read, self.timed)
+                    action = read_action(other, goes, steady, position, read)
+                    if action is not None:
+                        self.actions[f"{joint}.goal"] = action
+                    other = pairs.in_order(other, goes, column.name in self.by_motion, read, self.timed, action)
                     if goes.fit < TELLS and both_move_apart(self.clock(run), steady, position, TELLS):
                         other = pairs.unfollowed(other, column.name, read, self.follower(column.name))
                     other = pairs.no_reading(other, (column.name, values), (base.name, position))
@@ -347,6 +351,8 @@ class _Proposer:
 
     def put(self, name: str, read: Read) -> None:
         """Take a column into the proposal, with its question."""
+        if ask := next((self.lists.asked[name] for name in names_in(read.text) if name in self.lists.asked), ""):
+            read = replace(read, trust=ASK, why=f"{read.why}; no name says whose it is", ask=ask)
         self.out.columns[name] = read
         if read.trust == ASK:
             ask = read.ask or read.why
@@ -381,20 +387,11 @@ class _Proposer:
     def untwist(self, joint: str, signals: dict[str, list[Column]]) -> None:
         """``qd`` may be the derivative or the wanted one: the numbers tell."""
         base = self.choose("position", signals["position"])
-        for column in list(signals.get("goal", [])):
-            if column.by_format or column.said.how not in ("qd", "xd", "thetad", "phid"):
-                continue
-            run = self.moved(base.name)
-            slope = as_derivative(self.clock(run), run.columns[base.name], run.columns[column.name])
-            if slope.fit > 0.9:
-                signals["goal"].remove(column)
-                signals.setdefault("velocity", []).append(column)
+        run = self.moved(base.name)
+        untwist(signals, lambda name: as_derivative(self.clock(run), run.columns[base.name], run.columns[name]))
 
     def choose(self, signal: str, columns: list[Column]) -> Column:
         """One of several columns of the same signal; of the others it is said why they are left out."""
-        best, *others = ranked(signal, columns)
-        for other in others:
-            ratio = multiple(self.first.columns[best.name], self.first.columns[other.name])
-            what = f"{ratio:.6g} times {best.name}" if ratio else f"{signal} as well"
-            self.out.unused[other.name] = f"{what}{', filtered' if other.said.filtered else ''}; {best.name} is taken"
+        best, left = best_of(signal, columns, self.first)
+        self.out.unused |= left
         return best

@@ -93,19 +93,20 @@ def _motors(signals: Signals) -> dict[str, str]:
 
 
 def _without_joint(signals: Signals) -> dict[str, str]:
-    """``Joint_A1`` of ``JointPosition_A1`` is ``A1``, where another column calls it so."""
+    """``Joint_A1`` of ``JointPosition_A1`` is ``A1``, where another column calls it so; so is ``Axis_A1``."""
     names = {
         joint: rest
         for joint in signals
-        if joint.lower().startswith(f"{NAMELESS}_") and (rest := joint[len(NAMELESS) + 1 :]) in signals
-    }
+        if (before := joint.partition("_")[0]).lower() in (NAMELESS, "axis") and before != joint
+        and (rest := joint[len(before) + 1 :]) in signals
+    }  # fmt: skip
     return names if not any(signals[joint] & signals[rest] for joint, rest in names.items()) else {}
 
 
 def _led(found: Mapping[str, Said]) -> dict[str, Said]:
     """Columns in which an arm that is led by hand is the goal of the one that follows it."""
     arms = {name: match for name, spoken in found.items() if (match := ARM.fullmatch(spoken.joint))}
-    joints = {name: _beside(match) for name, match in arms.items()}
+    joints = {name: beside(match) for name, match in arms.items()}
     leads = {joints[name] for name, match in arms.items() if match[2]}
     follows = {joints[name] for name, match in arms.items() if match[3]}
     told = {joints[name] for name, match in arms.items() if match[3] and found[name].signal in ("goal", "position")}
@@ -125,7 +126,7 @@ def _led(found: Mapping[str, Said]) -> dict[str, Said]:
     return out
 
 
-def _beside(match: re.Match[str]) -> str:
+def beside(match: re.Match[str]) -> str:
     """The joint's name without the arm's."""
     rest = "_".join(part for part in (match[1], match[4]) if part)
     return f"{NAMELESS}{rest}" if rest.isdigit() else rest

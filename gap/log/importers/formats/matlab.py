@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 from zipfile import BadZipFile
@@ -11,6 +12,8 @@ from scipy.io import loadmat
 from scipy.io.matlab import MatReadError
 
 from ...types import LogError
+from ..evidence import clock_units
+from ..names import said
 from ..recording import Recording
 from .hdf5 import read_matlab73
 from .variables import recordings_of
@@ -26,10 +29,11 @@ def read_matlab(path: Path) -> list[Recording]:
     try:
         content = loadmat(path, squeeze_me=True, struct_as_record=False)
     except NotImplementedError:
-        return read_matlab73(path)
+        return [_one_clock(one) for one in read_matlab73(path)]
     except (MatReadError, OSError, ValueError, TypeError) as error:
         raise LogError(f"{path}: is not a MATLAB file, or a damaged one: {str(error).splitlines()[0]}.") from None
-    return recordings_of(path, "matlab", {name: value for name, value in content.items() if not name.startswith("__")})
+    named = {name: value for name, value in content.items() if not name.startswith("__")}
+    return [_one_clock(one) for one in recordings_of(path, "matlab", named)]
 
 
 def read_numpy(path: Path) -> list[Recording]:
@@ -42,8 +46,8 @@ def read_numpy(path: Path) -> list[Recording]:
         with np.load(path, allow_pickle=False) as file:
             content = {name: _plain_array(file, name) for name in file.files}
     except (OSError, ValueError, EOFError, AttributeError, BadZipFile) as error:
-        said = str(error).splitlines()[0] if str(error) else "it is empty"
-        raise LogError(f"{path}: is no file of named arrays (np.savez), or a damaged one: {said}.") from None
+        reason = str(error).splitlines()[0] if str(error) else "it is empty"
+        raise LogError(f"{path}: is no file of named arrays (np.savez), or a damaged one: {reason}.") from None
     return recordings_of(path, "numpy", content)
 
 
@@ -56,12 +60,12 @@ def read_array(path: Path) -> list[Recording]:
     try:
         array = np.load(path, allow_pickle=False)
     except (OSError, ValueError, EOFError) as error:
-        said = str(error).splitlines()[0] if str(error) else "it is empty"
-        if "Object arrays" in said:
-            said = "it holds Python objects, which are not loaded, for they can run any code"
+        reason = str(error).splitlines()[0] if str(error) else "it is empty"
+        if "Object arrays" in reason:
+            reason = "it holds Python objects, which are not loaded, for they can run any code"
         raise LogError(
-            f"{path}: {said}; save named arrays, np.savez('{path.stem}.npz', **arrays), where arrays is a dict with a "
-            "vector for each column."
+            f"{path}: {reason}; save named arrays, np.savez('{path.stem}.npz', **arrays), where arrays is a dict "
+            "with a vector for each column."
         ) from None
     fields = array.dtype.names
     content = {name: array[name] for name in fields} if fields else {path.stem: np.squeeze(array)}
@@ -75,3 +79,17 @@ def _plain_array(file: Any, name: str) -> Any:
     except ValueError:
         return None
     return str(value) if value.ndim == 0 and value.dtype.kind == "U" else np.squeeze(value)
+
+
+def _one_clock(recording: Recording) -> Recording:
+    """A recording without the clocks of structures that a name such as ``pos.Time`` would make a position."""
+    ends = {name: name.rpartition(".")[2] for name in recording.columns if "." in name}
+    clocks = [name for name, end in ends.items() if said(end).signal == "time" and clock_units(recording.columns[name])]
+    same = [name for name in clocks if np.array_equal(recording.columns[name], recording.columns[clocks[0]])]
+    misread = [name for name in same if said(name).signal != "time"]
+    if not misread:
+        return recording
+    kept = next((name for name in same if name not in misread), ends[misread[0]])
+    columns = {name: values for name, values in recording.columns.items() if name not in misread}
+    columns.setdefault(kept, recording.columns[misread[0]])
+    return replace(recording, columns=columns, left=recording.left | dict.fromkeys(misread, f"the clock {kept}"))
