@@ -2,7 +2,7 @@
 
 What the drives did along the measured motion is compared with what the model needs for that motion, for other zeros and
 directions of the joints. An arm and its mirror image need the same torques: of such frames, those are proposed that
-differ at the fewest joints.
+differ at the fewest joints. Directions of slides are asked in :mod:`sealegs.gap.replay.slide_directions`.
 """
 
 from __future__ import annotations
@@ -19,7 +19,7 @@ from ..load.tree import Motion
 from ..log.types import MeasuredRun
 from .driven_simulator import law_along
 from .joint_model import JointModel
-from .tree import axis_of, motion_of
+from .tree import MARGIN, axis_of, motion_of
 from .unlogged import torques_of
 
 SAMPLES = 300  # of all runs together, at which torques are compared
@@ -35,6 +35,7 @@ PLAIN = 0.4  # share of what other frames explain that may be given up for plain
 UNSURE = 0.5  # [rad] up to which a zero may be one that a wrong mass pretends
 SHOWS = 0.02  # share of the torque of one joint by which a zero must matter for the log to tell it
 OUTSIDE = 0.2  # [rad] by which a joint may pass the model's range
+SLIPS = 0.005  # [m/s] over which dry friction of a slide turns around
 
 
 @dataclass(frozen=True, eq=False)
@@ -99,7 +100,7 @@ def compare_frames(
     judged = [name for name in models[0] if _judged(robot, name)]
     plain = {name: frame for name, frame in robot.frames.items() if name not in judged}
     machine, drives = replace(robot, frames=plain), [{name: each[name] for name in judged} for each in models]
-    torques = _torques(machine, runs, drives, SAMPLES)
+    torques = torques_along(machine, runs, drives, SAMPLES)
     if torques is None:
         return None
     believed = {name: robot.frame(name) for name in torques.joints}
@@ -115,7 +116,7 @@ def compare_frames(
         best, least = tried[int(np.argmin(left))], min(left)
     proposed: list[Proposed] = []
     if here - least > BETTER:
-        torques = _torques(machine, runs, drives, FINE) or torques
+        torques = torques_along(machine, runs, drives, FINE) or torques
         here = _left(robot, torques, believed)
         sought = _sought(robot, torques, believed, best)
         for frames in (_plainer(robot, torques, believed, sought), sought):
@@ -186,7 +187,7 @@ def _likelier(
         return tuple(name for name, frame in frames.items() if frame.sign != believed[name].sign)
 
     def outside(frames: Mapping[str, Frame]) -> int:
-        return sum(not _within(robot, torques, name, frame) for name, frame in frames.items())
+        return sum(not within(robot, torques, name, frame) for name, frame in frames.items())
 
     one, other = sorted((dict(best), image), key=lambda frames: (outside(frames), len(turned(frames))))
     return one, turned(other) if outside(other) <= outside(one) else ()
@@ -203,13 +204,18 @@ def _apart(one: Frame, other: Frame) -> bool:
 
 def _judged(robot: LoggedRobot, name: str) -> bool:
     """Whether a joint is a hinge that its drive turns one to one: through a ratio, zeros of drive and joint differ."""
-    return not robot.slides(name) and robot.number(name) >= 0 and robot.ratio(name) == 1.0
+    return not robot.slides(name) and plainly_driven(robot, name)
 
 
-def _torques(
+def plainly_driven(robot: LoggedRobot, name: str) -> bool:
+    """Whether a joint of the model moves as its columns say, through no ratio."""
+    return robot.number(name) >= 0 and robot.ratio(name) == 1.0
+
+
+def torques_along(
     robot: LoggedRobot, runs: Sequence[MeasuredRun], models: Sequence[Mapping[str, JointModel]], samples: int
 ) -> Torques | None:
-    """The torques of hinges whose chain says what their drive did, at some samples of the runs."""
+    """The torques of joints whose chain says what their drive did, at some samples of the runs."""
     names = list(models[0])
     if not names or not all(robot.turns(joint) for joint in range(robot.model.njnt)):
         return None
@@ -255,26 +261,48 @@ def _drive(run: MeasuredRun, name: str, model: JointModel, motion: Motion, robot
 
 def _left(robot: LoggedRobot, torques: Torques, frames: Mapping[str, Frame]) -> float:
     """Mean share of the joints' torque that the model leaves over with these frames."""
-    model = robot.model
-    q, w, a = (getattr(torques.motion, key).copy() for key in ("position", "speed", "acceleration"))
-    dofs = [int(model.jnt_dofadr[robot.number(name)]) for name in torques.joints]
-    for name, dof in zip(torques.joints, dofs, strict=True):
-        frame = frames[name]
-        q[:, dof] = frame.sign * (q[:, dof] - frame.zero)
-        w[:, dof] *= frame.sign
-        a[:, dof] *= frame.sign
-    need = torques_of(model, Motion(q, w, a))
+    return float(np.mean(shares_of(robot, torques, frames)))
+
+
+def shares_of(robot: LoggedRobot, torques: Torques, frames: Mapping[str, Frame], *, level: bool = False) -> list[float]:
+    """Share of each joint's torque that the model leaves over with these frames; with ``level`` beside a constant."""
     shares = []
-    for j, (name, dof) in enumerate(zip(torques.joints, dofs, strict=True)):
-        speed = torques.motion.speed[:, dof]
-        passive = np.stack([np.tanh(speed / SLIP), speed, torques.motion.acceleration[:, dof]], axis=1)
-        drive = _beside(passive, torques.drive[:, j])
-        load = _beside(passive, frames[name].sign * Turned(model, robot.number(name)).along(need))
+    for drive, load in _compared(robot, torques, frames, level):
         size = float(load @ load)
         scale = max(float(load @ drive) / size, 0.0) if size > 1e-12 else 0.0  # a mass is positive
         whole = float(drive @ drive)
         shares.append(float(np.sum((drive - scale * load) ** 2)) / whole if whole > 1e-12 else 1.0)
-    return float(np.mean(shares))
+    return shares
+
+
+def load_of(robot: LoggedRobot, torques: Torques, frames: Mapping[str, Frame], name: str) -> float:
+    """How many times the model's load a joint's drive carries."""
+    drive, load = _compared(robot, torques, frames)[torques.joints.index(name)]
+    return float(load @ drive) / max(float(load @ load), 1e-12)
+
+
+def _compared(
+    robot: LoggedRobot, torques: Torques, frames: Mapping[str, Frame], level: bool = False
+) -> list[tuple[np.ndarray, np.ndarray]]:
+    """Torque of each joint's drive and its load by the model (m,), less what friction and armature explain."""
+    model = robot.model
+    q, w, a = (getattr(torques.motion, key).copy() for key in ("position", "speed", "acceleration"))
+    for name, frame in frames.items():
+        dof = int(model.jnt_dofadr[robot.number(name)])
+        q[:, dof] = frame.sign * (q[:, dof] - frame.zero)
+        w[:, dof] *= frame.sign
+        a[:, dof] *= frame.sign
+    need = torques_of(model, Motion(q, w, a))
+    found = []
+    for j, name in enumerate(torques.joints):
+        dof = int(model.jnt_dofadr[robot.number(name)])
+        speed, slip = torques.motion.speed[:, dof], SLIPS if robot.slides(name) else SLIP
+        columns = [np.tanh(speed / slip), speed, torques.motion.acceleration[:, dof]]
+        passive = np.stack([*columns, np.ones(len(speed))] if level else columns, axis=1)
+        drive = _beside(passive, torques.drive[:, j])
+        load = _beside(passive, frames[name].sign * Turned(model, robot.number(name)).along(need))
+        found.append((drive, load))
+    return found
 
 
 def _beside(passive: np.ndarray, values: np.ndarray) -> np.ndarray:
@@ -286,23 +314,24 @@ def _candidates(robot: LoggedRobot, torques: Torques, name: str, now: Frame) -> 
     """Frames in which a joint stays within the model's range, the present one turned around among them."""
     zeros = (now.zero, *(float(np.angle(np.exp(1j * zero))) for zero in ZEROS))
     every = [Frame(zero, sign) for sign in (1.0, -1.0) for zero in zeros]
-    return [frame for frame in every if _within(robot, torques, name, frame)]
+    return [frame for frame in every if within(robot, torques, name, frame)]
 
 
-def _within(robot: LoggedRobot, torques: Torques, name: str, frame: Frame) -> bool:
+def within(robot: LoggedRobot, torques: Torques, name: str, frame: Frame) -> bool:
     """Whether a joint stayed within the model's range, if it has one, by a frame."""
     j = torques.joints.index(name)
     return stays(robot, name, frame, float(torques.low[j]), float(torques.high[j]))
 
 
 def stays(robot: LoggedRobot, name: str, frame: Frame, low: float, high: float) -> bool:
-    """Whether a joint that went from one angle of the log to another [rad] stayed within the model's range."""
+    """Whether a joint that went from one place of the log to another [rad or m] stayed within the model's range."""
     number = robot.number(name)
     if not robot.model.jnt_limited[number]:
         return True
     ends = frame.to_model(np.array([low, high]))
     lower, upper = robot.model.jnt_range[number]
-    return bool(ends.min() >= lower - OUTSIDE and ends.max() <= upper + OUTSIDE)
+    margin = MARGIN * (upper - lower) if robot.slides(name) else OUTSIDE
+    return bool(ends.min() >= lower - margin and ends.max() <= upper + margin)
 
 
 def _shows(robot: LoggedRobot, torques: Torques, frames: dict[str, Frame], name: str, reference: float) -> bool:

@@ -2,12 +2,14 @@
 
 A direction that is wrong shows in gravity, coupling and replay like nothing else. A zero alone does not: a centre of
 mass that lies elsewhere looks the same, so it is taken only where the log leaves the model's range otherwise.
+
+A slide is only turned around. One that leaves the range otherwise is asked before the hinges, the others after them.
 """
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, replace
+from collections.abc import Collection, Mapping, Sequence
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 
@@ -21,6 +23,7 @@ from ..log.types import MeasuredRun
 from ..replay.frames import Compared, Proposed, compare_frames, stays
 from ..replay.free import free_problem
 from ..replay.joint_model import JointModel
+from ..replay.slide_directions import Directions, compare_slides
 from ..replay.tree import axis_of
 from ..replay.unlogged import logged, needed
 from ..search.fit import fit
@@ -71,21 +74,16 @@ def in_likely_frames(
         return runs, [_unchecked([f"{robot.column(number)}.position" for number in missing])]
     progress("comparing zeros and directions of log and model")
     hidden = held_out(runs, test_group)
-    seen = [run for k, run in enumerate(runs) if k not in hidden]
-    models = [{joint: JointModel(chain_of(run, joint, robot)) for joint in commanded(runs)} for run in seen]
+    given = {name for k, run in enumerate(runs) if k not in hidden for name in run.meta.get("frames") or {}}
+    framed: Sequence[MeasuredRun] = runs
+    found: list[Found] = []
     try:
-        compared = compare_frames(robot, seen, models)
-        if compared is None:
-            return runs, []
-        silent = [_unknown(compared.silent)] if compared.silent else []
-        if not compared.proposed:
-            return runs, silent
-        before = _missed(seen)
-        trial = _as_replayed(seen, robot, compared)
-        taken = _tells(robot, seen, trial.proposed.frames) and _better(before, trial.missed)
-        if taken:
-            progress("fitting the zeros that are taken")
-            trial = _refined(seen, robot, trial)
+        for stage in (_first_slides, _hinges, _other_slides):
+            seen = [run for k, run in enumerate(framed) if k not in hidden]
+            robot = robot_of(seen[0]) or robot
+            found.append(stage(Stage(seen, robot, given, found, progress)))
+            if found[-1].frames:
+                framed = _in_frames(framed, robot, found[-1].frames)
     except SealegsError:
         raise
     except (*NUMERICAL, ValueError, LookupError) as error:
@@ -93,13 +91,107 @@ def in_likely_frames(
             f"Zeros and directions could not be compared ({type(error).__name__}: {error}); the model's are believed."
         )
         return runs, [Finding("robot.frame_fault", "warning", None, None, said)]
-    doubt = _taken(compared, trial.proposed, before, trial.missed) if taken else _doubted(compared, trial.proposed)
-    progress(doubt.sentence)  # whoever sees it may stop and mend it
-    return (_in_frames(runs, robot, trial.proposed.frames) if taken else runs), [doubt, *silent]
+    doubts = [doubt for stage in found for doubt in stage.doubts]
+    for doubt in doubts:
+        progress(doubt.sentence)  # whoever sees it may stop and mend it
+    zeros = [name for stage in found for name in stage.zeros]
+    return framed, [*doubts, *_unknown(zeros, [name for stage in found for name in stage.directions])]
+
+
+@dataclass(frozen=True)
+class Stage:
+    """What joints of some kind are judged by.
+
+    Attributes:
+        runs: in the frames that were taken so far.
+        robot: of them.
+        given: joints whose frame the sidecar gives.
+        found: by the stages before.
+        progress: is told what goes on.
+    """
+
+    runs: Sequence[MeasuredRun]
+    robot: LoggedRobot
+    given: Collection[str]
+    found: Sequence[Found]
+    progress: Progress
+
+
+@dataclass(frozen=True)
+class Found:
+    """What one stage found of zeros and directions.
+
+    Attributes:
+        frames: that are taken.
+        doubted: joints that may have other frames, which are not taken.
+        doubts: what is to be said of both.
+        zeros, directions: joints whose zero, and slides whose direction, the log does not tell.
+    """
+
+    frames: Mapping[str, Frame] = field(default_factory=dict)
+    doubted: Collection[str] = ()
+    doubts: Sequence[Finding] = ()
+    zeros: Sequence[str] = ()
+    directions: Sequence[str] = ()
+
+
+def _hinges(stage: Stage) -> Found:
+    runs, robot = stage.runs, stage.robot
+    compared = compare_frames(robot, runs, _models(runs, robot))
+    if compared is None:
+        return Found()
+    if not compared.proposed:
+        return Found(zeros=compared.silent)
+    before = _missed(runs)
+    trial = _as_replayed(runs, robot, compared)
+    if not (_tells(robot, runs, trial.proposed.frames, stage.given) and _better(before, trial.missed)):
+        doubt = _doubted(compared, trial.proposed)
+        return Found({}, trial.proposed.frames, [doubt], compared.silent)
+    stage.progress("fitting the zeros that are taken")
+    trial = _refined(runs, robot, trial)
+    doubt = _taken(compared, trial.proposed, before, trial.missed)
+    return Found(trial.proposed.frames, (), [doubt], compared.silent)
+
+
+def _first_slides(stage: Stage) -> Found:
+    """Slides that leave the model's range: turned the other way, they may make a hinge seem to be."""
+    found = _slides(stage, outside=True)
+    return found if found.frames else Found()
+
+
+def _other_slides(stage: Stage) -> Found:
+    return _slides(stage, outside=False)
+
+
+def _slides(stage: Stage, *, outside: bool) -> Found:
+    runs, robot = stage.runs, stage.robot
+    compared = compare_slides(robot, runs, _models(runs, robot), outside=outside)
+    if compared is None:
+        return Found()
+    silent = () if outside else compared.silent
+    if {name for found in stage.found for name in found.doubted} & set(compared.instead):
+        return Found(directions=silent)  # the same doubt, which was said of a hinge
+    told = {name: frame for name, frame in compared.told.items() if name not in stage.given}
+    doubtful = {**compared.doubtful, **{name: frame for name, frame in compared.told.items() if name in stage.given}}
+    doubts = []
+    if told:
+        before, after = (_missed(some, slides=True) for some in (runs, _in_frames(runs, robot, told)))
+        alone = all(name in run for run in before for name in told)  # what a force drives is only doubted
+        if alone and _nearer(before, after):
+            doubts.append(_turned(compared, told, before, after))
+        else:
+            doubtful, told = {**doubtful, **told}, {}
+    if doubtful:
+        doubts.append(_may_be_turned(compared, doubtful))
+    return Found(told, doubtful, doubts, directions=silent)
+
+
+def _models(runs: Sequence[MeasuredRun], robot: LoggedRobot) -> list[dict[str, JointModel]]:
+    return [{joint: JointModel(chain_of(run, joint, robot)) for joint in commanded(runs)} for run in runs]
 
 
 Missed = Sequence[Mapping[str, float]]
-"""Mean squared error of each hinge of the nominal robot that is replayed alone [rad2], run by run."""
+"""Mean squared error of each joint of the nominal robot that is replayed alone [rad2 or m2], run by run."""
 
 
 @dataclass(frozen=True)
@@ -153,12 +245,14 @@ def _offset(runs: Sequence[MeasuredRun], joint: str) -> float:
     return fit(problem, [*adjustable(first, DEFAULT.refitted_by), *gain, *zeros]).values.get(OFFSET, 0.0)
 
 
-def _tells(robot: LoggedRobot, runs: Sequence[MeasuredRun], frames: Mapping[str, Frame]) -> bool:
+def _tells(
+    robot: LoggedRobot, runs: Sequence[MeasuredRun], frames: Mapping[str, Frame], given: Collection[str]
+) -> bool:
     """Whether nothing but other frames looks like this: directions, or zeros without which a range is left; of joints
     whose frame nobody gave.
     """
     for name, frame in frames.items():
-        if any(name in (run.meta.get("frames") or {}) for run in runs):
+        if name in given:
             return False
         axis = axis_of(robot, name, runs)
         if frame.sign == robot.frame(name).sign and stays(robot, name, robot.frame(name), axis.low, axis.high):
@@ -167,9 +261,12 @@ def _tells(robot: LoggedRobot, runs: Sequence[MeasuredRun], frames: Mapping[str,
 
 
 def _better(before: Missed, after: Missed) -> bool:
+    """Whether the hinges are missed by less, and as :func:`_nearer`."""
+    return _together(after) < _together(before) and _nearer(before, after)
+
+
+def _nearer(before: Missed, after: Missed) -> bool:
     """Whether a joint is missed by far less, in no run by more, and no other joint by much more."""
-    if not _together(after) < _together(before):
-        return False
     joints = [joint for joint in before[0] if all(joint in run for run in (*before, *after))]
 
     def whole(missed: Missed, joint: str) -> float:
@@ -190,7 +287,8 @@ def _in_frames(runs: Sequence[MeasuredRun], robot: LoggedRobot, frames: Mapping[
     return with_frames(runs, said)
 
 
-def _missed(runs: Sequence[MeasuredRun]) -> Missed:
+def _missed(runs: Sequence[MeasuredRun], *, slides: bool = False) -> Missed:
+    """Of hinges, with ``slides`` of all joints."""
     robot = robot_of(runs[0])
     if robot is None:
         return [{} for _ in runs]
@@ -198,14 +296,14 @@ def _missed(runs: Sequence[MeasuredRun]) -> Missed:
         {
             joint: float(np.mean(problem.position_error(problem.simulate([{}])[0]) ** 2))
             for joint, problem in nominal_replays(robot, [run]).items()
-            if not robot.slides(joint)
+            if slides or not robot.slides(joint)
         }
         for run in runs
     ]
 
 
 def _together(missed: Missed) -> float:
-    """Of all joints and runs, root of the mean square [rad]."""
+    """Of all joints and runs, root of the mean square [rad, of slides alone m]."""
     squares = [square for run in missed for square in run.values()]
     return float(np.sqrt(np.mean(squares))) if squares else np.nan
 
@@ -247,9 +345,52 @@ def _doubted(compared: Compared, proposed: Proposed) -> Finding:
     )  # fmt: skip
 
 
-def _unknown(names: Sequence[str]) -> Finding:
+def _turned(compared: Directions, frames: Mapping[str, Frame], before: Missed, after: Missed) -> Finding:
+    one, other = (_together([{name: run[name] for name in frames} for run in missed]) for missed in (before, after))
     return Finding(
-        "robot.frame_unknown", "note", None, None,
-        f"Neither gravity nor coupling tells the zero of {', '.join(names)}: the model's zero and direction are "
-        "believed.",
+        DOUBTED, "warning", None, None,
+        f"The places of log and model do not match: {listed(list(frames))} of the nominal robot "
+        f"{'misses' if len(frames) == 1 else 'miss'} the log by {1e3 * one:.3g} mm rms as the files say, by "
+        f"{1e3 * other:.3g} mm with {_said(frames)}. These are taken here. Check them, write "
+        "what is right into the sidecar under meta: frames, and diagnose again; no next experiment is proposed before."
+        f"{_alike(set(frames) & set(compared.alike))}{_instead(compared)}",
+        value=compared.left - compared.least,
     )  # fmt: skip
+
+
+def _may_be_turned(compared: Directions, frames: Mapping[str, Frame]) -> Finding:
+    return Finding(
+        DOUBTED, "warning", None, None,
+        f"The drives' force fits the model's gravity and coupling badly ({compared.left:.0%} is left over), and better "
+        f"({compared.least:.0%}) with {_said(frames)}. Check which way each of these joints counts, and write what is "
+        f"right into the sidecar under meta: frames."
+        f"{_alike(set(frames) & {*compared.alike, *compared.doubtful})}{_instead(compared)}",
+        value=compared.left - compared.least,
+    )  # fmt: skip
+
+
+def _alike(names: Collection[str]) -> str:
+    """What looks like the other direction of slides whose load is their weight alone."""
+    if not names:
+        return ""
+    return (
+        f" Of {listed(sorted(names))} only the weight tells the direction: a constant force of about twice the weight, "
+        "or a goal and a position of different zeros, would look the same."
+    )
+
+
+def _instead(compared: Directions) -> str:
+    if not compared.instead:
+        return ""
+    return f" {' or '.join(compared.instead)} turned around instead would fit as well."
+
+
+def _unknown(zeros: Sequence[str], directions: Sequence[str]) -> list[Finding]:
+    if not (zeros or directions):
+        return []
+    whose = [f"the zero of {', '.join(zeros)}"] if zeros else []
+    whose += [f"the direction of {', '.join(directions)}"] if directions else []
+    return [Finding(
+        "robot.frame_unknown", "note", None, None,
+        f"Neither gravity nor coupling tells {' or '.join(whose)}: the model's zero and direction are believed.",
+    )]  # fmt: skip
