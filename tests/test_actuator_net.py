@@ -89,6 +89,7 @@ def test_the_weak_form_is_exact_for_torques_held_over_a_sample():
     assert prepared.target == pytest.approx(seen, abs=0.03 * held.std())
 
 
+@pytest.mark.long
 def test_the_compiled_net_is_the_torch_net(tmp_path):
     """Stepped through a history, at the net's own rate inside a finer simulation."""
     torch = require_torch()
@@ -200,6 +201,7 @@ def test_a_net_file_is_never_overwritten(tmp_path, trained):
     assert read_net(tmp_path / "net.npz", 0.0)["layers"].tolist() == [6, 16, 1]
 
 
+@pytest.mark.long
 def test_ctrl_c_keeps_the_best_net_so_far():
     def stop(epoch: int, error: float, unseen: float) -> None:
         if epoch == 4:

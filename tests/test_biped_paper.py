@@ -398,6 +398,7 @@ def test_every_assumed_number_of_the_model_is_changed_in_the_comparison() -> Non
     assert {"boom_length", "foot_radius", "contact_time", "contact_damping", "gains K_p", "torque limits"} <= changed
 
 
+@pytest.mark.long
 def test_pictures_need_no_rigid_cables_that_got_so_far(tmp_path: Path, hopping: Hopping) -> None:
     paper_plots.plot_stretch(hopping, hopping.rows(slice(0, 0)), tmp_path / "stretch.png")
     assert (tmp_path / "stretch.png").exists()

@@ -38,6 +38,7 @@ def test_the_printed_protocol_has_every_point_three_times_in_random_order():
 
 
 @pytest.mark.parametrize("seed", range(4))
+@pytest.mark.long
 def test_the_coefficients_of_equation_3_come_back_within_a_percent(seed):
     table = measure(load_chain("sv1270tg_bench"), Protocol(), Noise(), seed)
     assert 0.2 < np.mean(~table.valid) < 0.6  # the servo does stall

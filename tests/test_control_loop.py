@@ -171,6 +171,7 @@ def test_a_fault_is_named_in_three_cycles_and_what_can_be_reached_is_released(
 
 
 @pytest.mark.parametrize(("kind", "servo"), [("overheat", 1), pytest.param("silence", 2, marks=pytest.mark.long)])
+@pytest.mark.long
 def test_in_real_time_a_fault_is_named_and_the_servos_in_reach_are_released(
     kind: str, servo: int, real_machine: VirtualBus, policy: Path, tmp_path: Path
 ) -> None:

@@ -71,6 +71,7 @@ def test_xl330_supply_reading_is_called_aliased(xl330: MeasuredSet) -> None:
 
 
 @needs_data
+@pytest.mark.long
 def test_so101_velocity_scale_and_unsigned_current_are_named(so101: MeasuredSet) -> None:
     findings = check_set(so101)
     scales = {

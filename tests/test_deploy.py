@@ -108,6 +108,7 @@ def test_an_arm_that_nobody_weighed_is_no_other_load(tmp_path: Path) -> None:
     assert run(f"excitation={proposal}", f"out={tmp_path / 'log'}", "name=next") == 0
 
 
+@pytest.mark.long
 def test_a_dry_run_prints_goals_and_leaves_no_log(
     policy: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
 ) -> None:

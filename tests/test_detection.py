@@ -39,6 +39,7 @@ def test_each_cause_has_a_limit_around_what_is_believed() -> None:
     assert not np.isfinite(late.low) and 0.0 < late.high < 0.01  # a reading is never early
 
 
+@pytest.mark.long
 def test_bristles_hide_where_they_are_stiff() -> None:
     """Their stiffness is zero where nothing gives way: the softest of all were told not to show."""
     bristles = limits()["friction.presliding"]

@@ -116,6 +116,7 @@ def test_a_frozen_encoder_ends_the_run() -> None:
     assert simulation.port.now() < 5.5
 
 
+@pytest.mark.long
 def test_one_lost_reply_in_a_hundred_is_survived() -> None:
     loss = {"kind": "drop", "probability": 0.01}
     simulation = Simulation("hopper", *LEGS, commands=sine(0.1), faults=[loss], limits=QUIET)

@@ -75,6 +75,7 @@ def test_every_kind_of_committed_policy_is_tried() -> None:
 
 
 @pytest.mark.parametrize("kind", ["biped", "hexapod"])
+@pytest.mark.long
 def test_the_file_keeps_step_with_the_environment(
     kind: str, exported: Mapping[str, Policy], monkeypatch: pytest.MonkeyPatch
 ) -> None:

@@ -63,6 +63,7 @@ def test_on_servos_a_policy_sees_what_it_saw_in_training(
         assert not done.any()
 
 
+@pytest.mark.long
 def test_a_missed_reading_makes_no_speed(tmp_path: Path) -> None:
     robot = build_robot(config()["robot"])
     observer = Observer(Policy(gentle_policy(tmp_path / "policy.onnx")).contract, robot)

@@ -148,6 +148,7 @@ def test_an_own_robot_that_is_called_hopper_has_no_reference_controller(tmp_path
         deploy.main(["reference=true", f"robot={robot}", *STEPPED])
 
 
+@pytest.mark.long
 def test_the_log_of_an_own_robot_that_is_called_bench_holds_no_numbers_as_its_load(tmp_path: Path) -> None:
     """All its numbers stood in the sidecar as what somebody had said of its load."""
     robot = robot_file(tmp_path, ("hip",), name="bench")

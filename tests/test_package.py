@@ -125,6 +125,7 @@ def test_every_command_has_its_help_page_anywhere(word: str, installed: Stranger
     assert ("Keys and their defaults" in page) == bool(COMMANDS[word][1])
 
 
+@pytest.mark.long
 def test_a_command_reads_the_configs_of_the_package_and_the_paths_of_its_caller(installed: Stranger) -> None:
     answer = installed.run("sealegs", "diagnose", "log=logs/none")
     assert answer.returncode == 2 and "logs/none" in answer.stderr and "Traceback" not in answer.stderr

@@ -79,6 +79,7 @@ def test_a_window_without_a_screen_is_refused_in_one_sentence(monkeypatch: pytes
 
 
 @pytest.mark.rendering
+@pytest.mark.long
 def test_gymnasiums_recorder_films_an_episode(tmp_path: Path) -> None:
     env = gym.make("SeaLegs/Bench-v0", render_mode="rgb_array", width=64, height=48, max_episode_steps=5)
     recorder = RecordVideo(env, str(tmp_path / "film"), episode_trigger=lambda episode: episode == 0)

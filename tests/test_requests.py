@@ -99,6 +99,7 @@ def test_what_joints_share_has_rivals_and_rounds(tmp_path: Path, monkeypatch: py
 @pytest.mark.parametrize(
     ("widespread", "confidence", "why"), [(False, 0.95, "fewer than two joints"), (True, 0.35, "a confidence of 35%")]
 )
+@pytest.mark.long
 def test_what_joints_do_not_share_after_all_is_told(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, widespread: bool, confidence: float, why: str
 ) -> None:

@@ -45,6 +45,7 @@ def pressed(tmp_path_factory: pytest.TempPathFactory) -> MeasuredSet:
     return arm(tmp_path_factory.mktemp("arm"), {"table": ("elbow_flex", TABLE)})
 
 
+@pytest.mark.long
 def test_a_table_is_found_at_its_height_by_the_body_that_touches_it(pressed: MeasuredSet) -> None:
     found = rests(pressed)
     assert found is not None

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 
+import pytest
 from sealegs.gap.search.settings import DEFAULT, SearchSettings
 
 from benchmarks.sensitivity import RECORDS, RESULTS, disagreeing, page, tally
@@ -15,6 +16,7 @@ def test_records_decided_again_with_the_same_settings_give_the_names_of_their_se
     assert ROWS and disagreeing(ROWS) == []
 
 
+@pytest.mark.long
 def test_the_committed_page_is_what_the_records_and_the_settings_say_now() -> None:
     written = (RESULTS / "sensitivity.md").read_text(encoding="utf-8")
     assert written == page(ROWS), "python -m benchmarks.sensitivity"

@@ -56,6 +56,7 @@ def test_a_right_model_leaves_noise() -> None:
         pytest.param("stranger.friction_drift", "time since the start", marks=pytest.mark.long),
     ],
 )
+@pytest.mark.long
 def test_what_is_left_is_traced_to_the_signal_it_depends_on(stranger: str, signal: str) -> None:
     found = left({stranger: "moderate"}, 32)
     assert found.noticed

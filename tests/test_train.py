@@ -270,6 +270,7 @@ def test_ctrl_c_saves_a_checkpoint_and_says_how_to_go_on(tmp_path: Path) -> None
     assert len(steps(folder)) == 1
 
 
+@pytest.mark.long
 def test_a_damaged_checkpoint_gives_way_to_the_one_before(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     folder = tmp_path / "damaged"
     assert run(*SMALL, f"out={tmp_path}", "name=damaged", "total_timesteps=512") == 0

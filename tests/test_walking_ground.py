@@ -55,6 +55,7 @@ def test_on_its_own_ground_a_walker_is_replayed_within_the_noise() -> None:
     assert np.mean(slippery**2) > 2.0 * np.mean(believed**2)
 
 
+@pytest.mark.long
 def test_joints_follow_their_measured_motion_whatever_the_ground() -> None:
     replay = laid_out(walked()).problem.replayer
     assert isinstance(replay, TreeReplay)
