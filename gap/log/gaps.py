@@ -7,11 +7,10 @@ good, so that a joint that follows torques begins anew behind a gap, where it wa
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import replace
 
 import numpy as np
 
-from .parts import LEAST_FREE, LEAST_START, WARM_UP, Unit, state_at
+from .parts import LEAST_START, WARM_UP, Unit, within
 from .types import Array, MeasuredRun
 
 PERIODS = 3.5  # between two samples, from which some lack
@@ -71,9 +70,5 @@ def between_gaps(runs: Sequence[MeasuredRun], joint: str, units: Sequence[Unit])
             continue
         begins = np.searchsorted(time, time[ends + 1] + BEFORE)
         for start, stop in zip([unit.start, *begins], [*(ends + 1), unit.stop], strict=True):
-            first = unit.start + unit.judged
-            judged = max(first, int(np.searchsorted(time, time[start] + LEAST_START))) if start > unit.start else first
-            if judged < stop and time[stop - 1] - time[judged] >= LEAST_FREE:
-                state = unit.state if start == unit.start else state_at(time, log.position, int(start))
-                found.append(replace(unit, start=int(start), stop=int(stop), judged=judged - int(start), state=state))
+            found += within(unit, int(start), int(stop), time, log.position, LEAST_START)
     return found

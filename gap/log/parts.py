@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -72,14 +72,26 @@ def _untouched(runs: Sequence[MeasuredRun], joint: str, unit: Unit) -> list[Unit
     free = log.touched[unit.start : unit.stop] < 0.5
     found = []
     for a, b in stretches(free):
-        start, stop = unit.start + a, unit.start + b
-        judged = unit.start + unit.judged
-        if a > 0:
-            judged = max(judged, int(np.searchsorted(time, time[start] + WARM_UP)))
-        if judged < stop and time[stop - 1] - time[judged] >= LEAST_FREE:
-            state = unit.state if a == 0 else state_at(time, log.position, start)
-            found.append(Unit(unit.run, unit.part, start, stop, max(judged - start, 1), state))
+        found += within(unit, unit.start + a, unit.start + b, time, log.position, WARM_UP)
     return found
+
+
+def within(unit: Unit, start: int, stop: int, time: np.ndarray, position: np.ndarray, unjudged: float) -> list[Unit]:
+    """A part of a unit, from where it was measured; none where too little of it is left to judge.
+
+    Args:
+        unit: of a run.
+        start, stop: samples of the run.
+        time, position: of the run (n,) [s], [rad].
+        unjudged: time at its start that is replayed only [s], if it is not the start of the unit.
+    """
+    judged, state = unit.start + unit.judged, unit.state
+    if start > unit.start:
+        judged = max(judged, int(np.searchsorted(time, time[start] + unjudged)))
+        state = state_at(time, position, start)
+    if judged >= stop or time[stop - 1] - time[judged] < LEAST_FREE:
+        return []
+    return [replace(unit, start=start, stop=stop, judged=max(judged - start, 1), state=state)]
 
 
 def _dealt(runs: Sequence[MeasuredRun], joint: str, test_group: str | None) -> list[Unit]:

@@ -67,12 +67,13 @@ def left_by(
         named: whether a cause is.
         seed: as of :func:`adrift`.
     """
-    if not named:
-        believed = adrift(problem, found["nominal"], seed)
-        if believed.at_noise(problem.noise):
-            return "nominal", believed
-    left = adrift(problem, found[handed if named or handed == "nominal" else "tuned"], seed)
-    return "tuned" if not named and handed == "refitted" and left.allows(problem.noise) else handed, left
+    if named:
+        return handed, adrift(problem, found[handed], seed)
+    believed = adrift(problem, found["nominal"], seed)
+    if handed == "nominal" or believed.at_noise(problem.noise):
+        return "nominal", believed
+    left = adrift(problem, found["tuned"], seed)
+    return "tuned" if handed == "refitted" and left.allows(problem.noise) else handed, left
 
 
 def begun_fit(problem: JointProblem, parameters: Sequence[Parameter], found: Fit, evaluations: int) -> Fit:
@@ -89,7 +90,7 @@ def begun_fit(problem: JointProblem, parameters: Sequence[Parameter], found: Fit
     better, last = found, np.inf
     for _ in range(IN_TURN):
         begun = with_starts(problem, better.values)
-        left = float(np.sqrt(np.mean(begun.position_error(begun.simulate([better.values])[0]) ** 2)))
+        left = _rms(begun.position_error(begun.simulate([better.values])[0]))
         if left > STALLS * last:
             break
         better, last = fit(begun.part(FIT_A, FIT_B), parameters, better.values, evaluations), left

@@ -23,7 +23,7 @@ from .per_joint import joined
 from .proposal import propose
 from .proposed import Proposal
 from .ranges import check_shares, far_in_proposal, far_in_runs
-from .recording import Recording
+from .recording import RECORDED, Recording
 from .show import proposal_text
 from .sidecars import (
     answered,
@@ -45,8 +45,6 @@ from .sidecars import (
 )
 from .spelling import spelled
 
-RECORDED = 10
-"""Samples of a recording at least, where others are beside it."""
 MANY_ROWS = 20_000
 """Longer recordings are written as Parquet where nobody says which format."""
 

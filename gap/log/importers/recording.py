@@ -13,6 +13,9 @@ import yaml
 
 from ..types import Array, LogError
 
+RECORDED = 10
+"""Samples of a recording at least, where others are beside it."""
+
 
 class NoRecording(LogError):
     """A file without any sample: of words, empty, or with names alone. Among recordings it is left out, and told."""

@@ -12,7 +12,7 @@ import pyarrow as pa
 
 from ...types import LogError
 from ..names import said
-from ..recording import NoRecording, Recording, plain_facts
+from ..recording import RECORDED, NoRecording, Recording, plain_facts
 from ..unit_words import measures, unit_of
 from ..units import POSITION
 from .bam import OF_UNITS, is_bam, read_bam
@@ -20,8 +20,8 @@ from .cells import numeric_columns
 from .tables import ENDINGS, recording_of
 
 LINES = (".jsonl", ".ndjson")
-LEAST, RECORDED = 2, 10
-"""Samples of a recording at least, and of one that stands among other files of a folder."""
+LEAST = 2
+"""Samples of a recording at least."""
 ANGLES = ("position", "goal", "link_position")
 
 
