@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -11,6 +12,8 @@ from sealegs.gap.log import LogError, read_measured
 from sealegs.gap.log.importers import import_logs, propose_for, read_recordings
 from sealegs.gap.log.importers.expression import evaluate, signed_reading
 from sealegs.gap.log.importers.mapping import Mapping
+from sealegs.gap.log.importers.units import Read
+from sealegs.gap.log.importers.velocities import with_sign
 
 from tests.test_import import motion, table
 
@@ -229,3 +232,13 @@ def test_the_counts_tell_how_a_register_keeps_its_sign(bit: int, size: float) ->
     turns = np.mod(np.arange(500.0) * 11.0, 2048.0)
     for other in (signed, np.abs(signed), turns, np.mod(np.arange(500.0) * 7.0, 40_000.0), 0.1 + magnitude):
         assert signed_reading("speed", other) == ""
+
+
+def test_the_question_for_a_speed_in_counts_says_how_its_sign_is_kept() -> None:
+    signed = np.round(900.0 * np.sin(3.0 * M["time"]))
+    magnitude = np.where(signed < 0.0, 2.0**15 - signed, signed)
+    asked = Read("Present_Speed", "rad/s", "ask", "no unit is said", "in which unit is this velocity?")
+    assert "With its sign it is sign_bit(Present_Speed, 15)" in with_sign(asked, "Present_Speed", magnitude).ask
+    assert with_sign(asked, "Present_Speed", signed) == asked
+    sure = replace(asked, trust="sure")
+    assert with_sign(sure, "Present_Speed", magnitude) == sure, "what is not asked is not explained"

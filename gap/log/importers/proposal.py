@@ -29,7 +29,7 @@ from .spelling import bare
 from .unit_or_name import parted
 from .unit_words import measures
 from .units import ASK, TELLS, Read, read_other
-from .velocities import counted_by_velocity, read_velocity, slope_beside
+from .velocities import counted_by_velocity, read_velocity, slope_beside, with_sign
 
 ONLY_JOINT = "joint"
 MEASURED_BY_MOTION = ("velocity", "torque", "current")
@@ -289,7 +289,8 @@ class _Proposer:
                 self.put(f"{joint}.{signal}", other)
             elif signal == "velocity":
                 unit = without_doubt(column.unit)
-                self.put(f"{joint}.velocity", read_velocity(column.name, unit, column.how, slope, read))
+                other = read_velocity(column.name, unit, column.how, slope, read)
+                self.put(f"{joint}.velocity", with_sign(other, column.name, values))
             elif signal == "load":
                 wraps = " (65527 is -9 as a number of 16 bits: signed16(load))" if np.nanmax(values) > 32767 else ""
                 self.out.unused[column.name] = f"a register without a unit{wraps}, no torque"

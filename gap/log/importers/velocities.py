@@ -11,7 +11,7 @@ from ..types import Array
 from ..units import FACTOR, behind
 from . import steps
 from .evidence import Relation, as_derivative
-from .expression import quoted
+from .expression import quoted, signed_reading
 from .unit_words import Measure, measures, unit_of
 from .units import ANGLE, ASK, CLOSE, LIKELY, POSITION, SURE, WAY, Read
 
@@ -92,6 +92,14 @@ def _told(read: Read, name: str, said: str, rate: Measure, slope: Relation) -> R
         return read
     why = f"the velocity in {said} is its derivative in {unit}"
     return Read(quoted(name) + units[unit], unit, SURE if off < math.log(NEAR) else LIKELY, why)
+
+
+def with_sign(read: Read, name: str, values: Array) -> Read:
+    """The question of a velocity, with how its register keeps its sign where the counts tell."""
+    if read.trust != ASK or not (signed := signed_reading(name, values)):
+        return read
+    ask = f"{read.ask or read.why}. With its sign it is {signed}: write that, and the unit of a count behind it"
+    return replace(read, ask=ask)
 
 
 def _electrical(column: str, slope: Relation, position: Read, shown: str) -> Read:
