@@ -124,6 +124,24 @@ def test_a_further_cause_must_win_most_draws() -> None:
 
 
 @pytest.mark.parametrize(
+    ("removes", "excess", "led", "paid"),
+    [
+        (0.5, 2.0, False, True),  # what it leaves is little: a quarter of it is enough
+        (2.0, 8.0, False, False),  # 6 are left: they may as well be what made it look good
+        (2.0, 8.0, True, True),  # one run alone has shown it before
+        (2.8, 8.0, False, True),
+    ],
+)
+def test_a_further_cause_that_leaves_much_must_remove_a_fair_share_of_it(
+    removes: float, excess: float, led: bool, paid: bool
+) -> None:
+    record = replace(round_of(evidence("a", removes), excess=excess), led=led)
+    good = Standing(0, 1.0, 1.0, removes / excess, removes)
+    assert pays(record, good, DEFAULT, further=True) is paid
+    assert pays(record, good, DEFAULT, further=False)
+
+
+@pytest.mark.parametrize(
     ("cost", "least", "excess", "passed_over"),
     [
         (16.0, 15.0, 20.0, False),

@@ -43,7 +43,16 @@ def promising(excess: float, promise: float, settings: SearchSettings) -> bool:
     return not (excess < settings.weak and promise < settings.least_promise)
 
 
-def hopeless(cost: float, least: float, before: float, optimum: float, excess: float, settings: SearchSettings) -> bool:
+def hopeless(
+    cost: float,
+    least: float,
+    before: float,
+    optimum: float,
+    excess: float,
+    settings: SearchSettings,
+    *,
+    further: bool = False,
+) -> bool:
     """Whether a candidate's fit to a sketch of the data is enough to pass it over.
 
     Far behind the best it cannot win a draw that counts. Where much is left, one that removes not half of what a cause
@@ -55,10 +64,13 @@ def hopeless(cost: float, least: float, before: float, optimum: float, excess: f
         before: of the model without it, as its fits to the parts left it.
         optimum: the least known of that model.
         excess: of that model on data that no fit saw.
+        settings: thresholds.
+        further: whether `least_open_gain` is asked of it.
     """
     if before - least > settings.weak and before - cost < settings.hopeless_gain * (before - least):
         return True
-    little = settings.hopeless_gain * settings.least_gain * (optimum - 1.0)
+    needed = settings.least_open_gain if further else settings.least_gain
+    little = settings.hopeless_gain * needed * (optimum - 1.0)
     return excess > settings.open_excess and optimum - cost < little
 
 
@@ -156,8 +168,11 @@ def shortfalls(
     def lacks(setting: str, sentence: str) -> None:
         found.append(Shortfall(setting, sentence))
 
+    share = f"it removes {100 * standing.gain:.0f} % of what is left"
     if not standing.gain > settings.least_gain:
-        lacks("least_gain", f"it removes {100 * standing.gain:.0f} % of what is left")
+        lacks("least_gain", share)
+    elif further and not record.led and _is_guess(record, standing, settings):
+        lacks("least_open_gain", share)
     if not standing.better > certainty_needed(candidate, standing, settings):
         lacks("least_certainty", f"it lowers the error in {100 * standing.better:.1f} % of the draws")
     if not standing.removed > settings.least_removed:
@@ -176,6 +191,12 @@ def shortfalls(
         if record.left - candidate.excess < settings.least_fall * standing.removed:  # never where it was not asked
             lacks("least_fall", "what it removes is not what neighbouring errors have in common")
     return tuple(found)
+
+
+def _is_guess(record: RoundRecord, standing: Standing, settings: SearchSettings) -> bool:
+    """Whether a cause leaves so much more than it removes that what acts there may as well have made it look good."""
+    leaves = record.left - standing.removed
+    return leaves > settings.open_excess and not standing.gain > settings.least_open_gain
 
 
 def certainty_needed(candidate: Evidence, standing: Standing, settings: SearchSettings) -> float:

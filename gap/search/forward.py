@@ -255,7 +255,9 @@ class Searcher:
             if cause.key in finalists and not outrun:
                 joint = self.fit_sketch(merge(extended, variant), start.values)
                 least = min(least, joint.cost)
-                if not self.look_on and decide.hopeless(joint.cost, least, before, optimum, left, settings):
+                if not self.look_on and decide.hopeless(
+                    joint.cost, least, before, optimum, left, settings, further=bool(accepted) and not self.led
+                ):
                     passed.append((joint, cause, variant))
                     continue
                 cost = charged(joint, cause, variant, settings)
@@ -345,7 +347,8 @@ class Searcher:
             left = self.excess(current.fits)
             asked = replace(winner.evidence, excess=self.excess(winner.fits))
             evidence = tuple(asked if one is winner.evidence else one for one in evidence)
-        record = RoundRecord(self.counts, current.blocks, current.sampled, begin, left, promise, evidence)
+        led = bool(self.led)
+        record = RoundRecord(self.counts, current.blocks, current.sampled, begin, left, promise, evidence, led)
         return record, current
 
     def ranked(self, record: RoundRecord, fitted: Sequence[Candidate]) -> list[Candidate]:

@@ -61,6 +61,7 @@ class RoundRecord:
         left: the same with the baseline refitted from the winner's optimum.
         promise: loss per value that the screen promised to remove; NaN where the search ended before it.
         candidates: all variants that were fitted, in the order of their rough costs; none where the search ended.
+        led: whether they are causes that one run of many had shown before.
     """
 
     counts: np.ndarray
@@ -70,6 +71,7 @@ class RoundRecord:
     left: float
     promise: float
     candidates: tuple[Evidence, ...]
+    led: bool = False
 
 
 @dataclass(frozen=True, eq=False)
@@ -153,6 +155,7 @@ def _round(record: RoundRecord) -> dict[str, Any]:
         "counts": [int(count) for count in record.counts],
         "before": _numbers(record.before),
         **{key: float(getattr(record, key)) for key in ("sampled", "excess", "left", "promise")},
+        "led": record.led,
         "candidates": [
             {
                 "name": c.name,

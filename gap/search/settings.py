@@ -54,7 +54,7 @@ class SearchSettings:
         0.5,
         "Share of the best finalist's gain, by the fit to the sketch, below which one is not fitted to the parts, "
         "if that gain is above `weak`. There all rivals of the recorded searches reached 0.97. Above `open_excess` the "
-        "same share of `least_gain` is asked for.",
+        "same share of `least_gain`, or of `least_open_gain`, is asked for.",
     )
     outrun_cost: float = threshold(
         1.15, "Rough cost, relative to its cause's best variant, from which a variant is not fitted to convergence."
@@ -96,7 +96,7 @@ class SearchSettings:
     )
     iterations: int = threshold(25, "Iterations of a fit to convergence, at most.")
     sketched_iterations: int = threshold(
-        6, "The same to each part of a log that is sketched, where it starts from the optimum of the sketch."
+        6, "The same to data of a log that is sketched, where the fit starts near the optimum."
     )
     coarse_step: float = threshold(2.0, "Factor on the largest step for play and switching firmware during the search.")
     coarse_robot_step: float = threshold(
@@ -124,6 +124,12 @@ class SearchSettings:
 
     # --- whether the best candidate pays
     least_gain: float = threshold(0.08, "Share of the excess loss that a cause must remove.", decides=True)
+    least_open_gain: float = threshold(
+        0.3,
+        "The same for a further cause that leaves more than `open_excess`: with less it is a guess. Causes that the "
+        "fastest run named are held against `least_gain`.",
+        decides=True,
+    )
     least_removed: float = threshold(
         0.04, "Loss that a cause must remove; encoder ticks and time steps can imitate smaller gains.", decides=True
     )

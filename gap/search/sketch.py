@@ -10,9 +10,11 @@ from typing import TypeVar, cast
 import numpy as np
 
 from ..log.parts import FIT_A, FIT_B, WARM_UP
+from ..replay.parameters import Parameter
 from ..replay.problem import JointProblem, Problem
 from ..replay.robust import robust_loss
 from ..replay.steps import STEPS
+from .fit import Fit, fit
 from .settings import SearchSettings
 from .several import Several
 from .windows import hidden_state, split
@@ -53,6 +55,25 @@ def sketch(problem: AnyProblem, seconds: float, values: Mapping[str, float] | No
             kept |= set(_first(others, lengths, WRONG * sum(lengths[k] for k in evenly)))
     units = tuple(replace(unit, part=SKETCHED) if k in kept else unit for k, unit in enumerate(problem.units))
     return replace(problem, units=units).part(SKETCHED)
+
+
+def is_long(problem: Problem, settings: SearchSettings) -> bool:
+    """Whether a log is so long that a search sketches it."""
+    return problem.joint is not None and _length(problem) >= 2.0 * settings.sketched
+
+
+def most_iterations(problem: Problem, settings: SearchSettings) -> int:
+    """Of a fit to all of a problem that starts near its optimum, which takes the longer the longer the log is."""
+    return settings.sketched_iterations if is_long(problem, settings) else settings.iterations
+
+
+def fit_from_sketch(
+    problem: Problem, parameters: Sequence[Parameter], start: Mapping[str, float] | None, settings: SearchSettings
+) -> Fit:
+    """A fit that starts far from its optimum: of a long log to the sketch first, and from there to all."""
+    if is_long(problem, settings):
+        start = fit(sketch(problem, settings.sketched), parameters, start, settings.iterations).values
+    return fit(problem, parameters, start, most_iterations(problem, settings))
 
 
 def spread(problem: AnyProblem, seconds: float) -> AnyProblem:

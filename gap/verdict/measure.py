@@ -19,7 +19,7 @@ from ..search.fit import Fit, fit, middle
 from ..search.led import of_run
 from ..search.result import Search
 from ..search.settings import DEFAULT
-from ..search.sketch import coarsened
+from ..search.sketch import coarsened, fit_from_sketch, most_iterations
 from ..search.structure import Structure, structure
 from .adrift import begun_fit, left_by
 from .decide import confidence, law_error, standing
@@ -82,19 +82,19 @@ def measure(
         seed: of all resampling.
     """
     fitted, test = fitting.part(FIT_A, FIT_B), problem.part(TEST)
-    evaluations = search.settings.iterations
-    refitted = fit(fitted, wide, evaluations=evaluations)
+    evaluations = most_iterations(fitted, search.settings)
+    refitted = fit_from_sketch(fitted, wide, None, search.settings)
     model = effective(fitting, search, seed)
     if problem.open_loop and len(fitting.units) > len(problem.units):  # sought in windows, judged on whole pieces
-        refitted = whole_fit(problem, wide, refitted, evaluations)
-        model = model.with_fit(whole_fit(problem, model.search.parameters(), model.fitted, evaluations))
+        refitted = whole_fit(problem, wide, refitted)
+        model = model.with_fit(whole_fit(problem, model.search.parameters(), model.fitted))
     drifts = problem.joint if problem.open_loop and is_of_robot(problem) else None
     if drifts is not None and model.search.accepted:
-        model = model.with_fit(begun_fit(drifts, model.search.parameters(), model.fitted, evaluations))
+        model = model.with_fit(begun_fit(drifts, model.search.parameters(), model.fitted, search.settings.iterations))
     sought, open_causes = model.search, model.withdrawn
     tuned = model.fitted
     if sought.accepted:
-        tuned = fit(fitted, search.tuned, middle(*search.base), evaluations=evaluations)
+        tuned = fit(fitted, search.tuned, middle(*search.base), evaluations)
     found = {"nominal": {}, "refitted": refitted.values, "tuned": tuned.values, "extended": model.fitted.values}
     unseen = {name: test.position_error(test.simulate([values])[0]) for name, values in found.items()}
     errors = {name: error_of(error) for name, error in unseen.items()}
@@ -199,21 +199,18 @@ def _others(wide: Sequence[Parameter], causes: Sequence[NamedCause]) -> list[Par
     return [p for p in wide if p.number not in named]
 
 
-def whole_fit(
-    problem: Problem, parameters: Sequence[Parameter], found: Fit, evaluations: int = DEFAULT.iterations
-) -> Fit:
+def whole_fit(problem: Problem, parameters: Sequence[Parameter], found: Fit) -> Fit:
     """A fit to windows, carried on to whole pieces, whose errors add up small ones; as it was where that is no better.
 
     Args:
         problem: all data, in whole pieces.
         parameters: of the fit.
         found: to windows of the same data.
-        evaluations: of the fit, at most.
     """
     if not parameters:
         return found
     fitted = problem.part(FIT_A, FIT_B)
-    again = fit(fitted, parameters, found.values, evaluations)
+    again = fit(fitted, parameters, found.values, DEFAULT.iterations)
     before, after = (fitted.position_error(fitted.simulate([one.values])[0]) for one in (found, again))
     return again if np.mean(after**2) < np.mean(before**2) else found
 

@@ -11,8 +11,10 @@ import numpy as np
 from ..log.parts import FIT_A, FIT_B
 from ..replay.parameters import Parameter
 from ..replay.problem import Problem
-from ..search.fit import Fit, fit, merge
+from ..search.fit import Fit, merge
 from ..search.result import Search
+from ..search.settings import SearchSettings
+from ..search.sketch import fit_from_sketch
 
 
 @dataclass(frozen=True)
@@ -46,10 +48,9 @@ def owed(problem: Problem, search: Search) -> Owed:
     """
     final = search.accepted[-1]
     parts = (problem.part(FIT_A), problem.part(FIT_B))
-    evaluations = search.settings.iterations
 
     def loss(others: Sequence[Parameter]) -> float:
-        return float(refitted(parts, others, final.fits, evaluations)[1].sum())
+        return float(refitted(parts, others, final.fits, search.settings)[1].sum())
 
     def of(kept: Sequence[str], *, tuned: bool = True) -> float:
         left = [candidate.variant for candidate in search.accepted if candidate.cause.key in kept]
@@ -59,7 +60,7 @@ def owed(problem: Problem, search: Search) -> Owed:
 
 
 def refitted(
-    parts: tuple[Problem, Problem], parameters: Sequence[Parameter], begun: tuple[Fit, Fit], evaluations: int
+    parts: tuple[Problem, Problem], parameters: Sequence[Parameter], begun: tuple[Fit, Fit], settings: SearchSettings
 ) -> tuple[tuple[Fit, Fit], np.ndarray]:
     """Fits of some parameters to both parts of the data, and the loss of each block under the one that did not see it.
 
@@ -67,10 +68,10 @@ def refitted(
         parts: FIT_A and FIT_B.
         parameters: to fit.
         begun: fits, of other parameters too, from whose values it starts.
-        evaluations: iterations of each fit.
+        settings: of the search.
     """
     starts = [{p.path: found.values[p.path] for p in parameters if p.path in found.values} for found in begun]
-    a, b = (fit(part, parameters, start, evaluations) for part, start in zip(parts, starts, strict=True))
+    a, b = (fit_from_sketch(part, parameters, start, settings) for part, start in zip(parts, starts, strict=True))
     crossed = zip(reversed(parts), (a, b), strict=True)
     return (a, b), np.concatenate([p.block_errors(p.simulate([f.values])[0]) for p, f in crossed])
 

@@ -22,7 +22,7 @@ from ..search.delays import with_centred_times
 from ..search.fit import Fit, fit, middle
 from ..search.intervals import intervals
 from ..search.result import Candidate, Search
-from ..search.sketch import coarsened
+from ..search.sketch import coarsened, most_iterations
 from ..search.structure import fine, told_in
 from .evidence import THRESHOLDS
 from .shares import refitted
@@ -71,7 +71,7 @@ def effective(fitting: Problem, search: Search, seed: int) -> Model:
     idled: list[OpenCause] = []
     while True:
         parts = search.fits
-        found = fit(fitted, search.parameters(), middle(*parts), evaluations=search.settings.iterations)
+        found = fit(fitted, search.parameters(), middle(*parts), most_iterations(fitted, search.settings))
         found = with_centred_times(fitted, search.parameters(), found)
         if not search.accepted:
             return Model(search, found, {}, tuple(idled))
@@ -102,7 +102,7 @@ def missed(problem: Problem, search: Search, candidate: Candidate, seed: int) ->
     """
     parts = (problem.part(FIT_A), problem.part(FIT_B))
     less = search.less([candidate.cause.key])
-    other = refitted(parts, less.parameters(), search.fits, search.settings.iterations)[1]
+    other = refitted(parts, less.parameters(), search.fits, search.settings)[1]
     blocks = search.accepted[-1].blocks
     if not blocks.sum() < THRESHOLDS.missed * other.sum():
         return False
@@ -140,7 +140,7 @@ def without(fitting: Problem, search: Search, keys: Collection[str]) -> Search:
     if not kept.accepted or first >= len(kept.accepted):  # nothing stood on what is left out
         return kept
     last, parts = kept.accepted[-1], (fitting.part(FIT_A), fitting.part(FIT_B))
-    fits, blocks = refitted(parts, kept.parameters(), last.fits, search.settings.iterations)
+    fits, blocks = refitted(parts, kept.parameters(), last.fits, search.settings)
     values = (fits[0].values, fits[1].values)
     last = replace(last, fits=fits, evidence=replace(last.evidence, blocks=blocks, values=values))
     return replace(kept, accepted=(*kept.accepted[:-1], last))
