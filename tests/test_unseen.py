@@ -247,6 +247,7 @@ class _Believed:
     """What of a problem is asked for when its fits are stand-ins."""
 
     models: tuple[JointModel, ...]
+    joint: None = None
 
     def part(self, *parts: int) -> _Believed:
         return self

@@ -64,7 +64,7 @@ class SearchSettings:
         "Excess loss from which the screen predicts nothing, so that every cause gets an iteration of a rough fit.",
     )
     sketched: float = threshold(
-        30.0,
+        20.0,
         "Length [s] of the data that screen and rough fits see of longer logs, spread evenly, beside which half as "
         "much shows where the model is most wrong; finalists are fitted to all.",
     )
