@@ -31,7 +31,7 @@ from .round_trip import RoundTrip
 
 LATEST, OVERDUE = 1.0, 4  # [s] after which no answer comes any more; failed requests whose answers are still expected
 USELESS = 8  # packets that are no answer, behind which the timeout counts though more come
-ECHO_WAIT = 0.005  # [s] within which an adapter's echo would be back
+ECHO_WAIT = 0.025  # [s] within which an adapter's echo would be back: a USB adapter may hold bytes for 16 ms
 
 T = TypeVar("T")
 

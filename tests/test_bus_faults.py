@@ -23,6 +23,8 @@ from sealegs.hw.packets import (
 from sealegs.hw.virtual.control import Control
 from sealegs.hw.virtual.faults import FaultError, fault_from, read_faults
 from sealegs.hw.virtual.server import Server
+from sealegs.hw.virtual.simulated_port import SimulatedPort
+from sealegs.hw.virtual.wire import Wire
 
 from tests.served_bus import served
 
@@ -222,6 +224,12 @@ def test_an_adapter_that_echoes_is_refused_at_once_and_later(rigged: Rigged):
     rigged.control.order("clear")
     with ServoBus(rigged.server.port, timeout=TIMEOUT) as bus:
         assert bus.ping(1) == 777
+
+
+def test_an_echo_that_a_usb_adapter_holds_back_is_seen_too(rigged: Rigged):
+    wire = Wire(rigged.server.wire.rig, [fault_from({"kind": "echo"})])
+    with pytest.raises(EchoError):
+        ServoBus("held", opened=SimulatedPort(wire, TIMEOUT, latency=0.016))
 
 
 # --- servos ------------------------------------------------------------------------------------------------------

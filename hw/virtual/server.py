@@ -191,7 +191,7 @@ class Server:
         except (BlockingIOError, OSError):
             return
         if first(line.wire.faults, "echo", self.now()) is not None:
-            line.terminal.write(data)
+            line.send_at(self.now() + self.latency, data)
         line.stream += data
         for request in line.wire.requests(line.stream):
             self._handle(line, request)

@@ -35,7 +35,7 @@ class SimulatedPort(BusPort):
     Attributes:
         wire: servos and their line.
         clock: shared by all ports to one machine.
-        latency: of the adapter, on every reply [s].
+        latency: of the adapter, on every reply and echo [s].
     """
 
     def __init__(
@@ -106,7 +106,7 @@ class SimulatedPort(BusPort):
         self._require_adapter()
         data = bytes(packet)
         if first(self.wire.faults, "echo", self._time) is not None:
-            self._push(self._time, data)
+            self._push(self._time + self.latency, data)
         for request in self.wire.requests(bytearray(data)):
             for at, reply in self.wire.exchange(request, self._time, self.baudrate):
                 self._push(at + self.latency, reply)
