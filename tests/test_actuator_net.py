@@ -212,6 +212,7 @@ def test_ctrl_c_keeps_the_best_net_so_far():
     assert np.isfinite(net.arrays["weights"]).all()
 
 
+@pytest.mark.long
 def test_ctrl_c_before_the_first_epoch_gives_no_net(monkeypatch):
     torch = require_torch()
 

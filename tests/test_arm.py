@@ -142,6 +142,7 @@ def test_the_environment_is_one_that_gymnasium_accepts() -> None:
     check_env(gymnasium.make("SeaLegs/Arm-v0").unwrapped, skip_render_check=True)
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("word", ["srlfj", "ideal", "regression", "net"])
 def test_the_reference_leads_the_tool_with_each_actuator_model(word: str) -> None:
     engine = BatchEngine(ArmTask(), 2, actuator=word, control_rate=100.0, autoreset=False)

@@ -76,6 +76,7 @@ def test_a_stop_names_the_key_that_a_person_may_change(hand: Path) -> None:
         assert f"(robot.safety.{key}; a smaller reach= slows an excitation)" in done.outcome.fault.sentence
 
 
+@pytest.mark.long
 def test_reach_is_a_number_for_hinges_or_numbers_by_pattern_of_names(hand: Path) -> None:
     assert halves(prepared(hand, "chirp", "reach=0.3")) == {"shoulder": 0.3, "finger": 0.016}
     given = 'reach={"finger": 0.01, "*": 0.3}'
@@ -96,6 +97,7 @@ def test_the_loop_takes_the_same_reach(hand: Path) -> None:
         loop.checked_settings({**config, "reach": "far"})
 
 
+@pytest.mark.long
 @pytest.mark.parametrize(("velocity", "slow"), [(3.0, True), (60.0, False)])
 def test_a_velocity_limit_of_a_urdf_is_written_with_a_reach_that_keeps_to_it(
     velocity: float, slow: bool, tmp_path: Path, capsys: pytest.CaptureFixture[str]

@@ -37,6 +37,7 @@ def test_the_python_hopper_moves_as_the_compiled_one():
     assert data.qpos == pytest.approx(plain.data.qpos, abs=1e-6)
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("chain", CHAINS)
 def test_bare_mujoco_holds_the_bench_where_the_chain_does(chain):
     driven = BENCH.drivetrain(chain)
@@ -92,6 +93,7 @@ def test_a_safety_stop_counts_only_if_it_is_in_time_right_and_whole():
     assert "before the fault" in str(control_loop.missed_because(early))
 
 
+@pytest.mark.long
 @pytest.mark.parametrize(
     "last", [{"kind": "overheat", "servos": [1]}, {"kind": "silence", "servos": [3]}, {"kind": "silence"}]
 )

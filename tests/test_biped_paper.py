@@ -69,6 +69,7 @@ def test_motor_constant_inertia_factor_friction_and_bias_are_recovered(
     assert motor.factor == pytest.approx(factor, rel=0.05)
 
 
+@pytest.mark.long
 def test_friction_and_bias_with_the_leg_on_are_recovered() -> None:
     rng, ratio = np.random.default_rng(2), 31.42
     links = {"thigh": (3.3, 0.2, 0.07), "shin": (1.5, 0.16, 0.05)}

@@ -48,6 +48,7 @@ def test_the_coefficients_of_equation_3_come_back_within_a_percent(seed):
     assert fit.r2 > 0.999
 
 
+@pytest.mark.long
 def test_wrong_measurements_are_dropped_but_for_those_within_two_deviations():
     chain = load_chain("sv1270tg_bench")
     table = measure(chain, Protocol(), Noise(spurious=0.02), 0)
@@ -186,6 +187,7 @@ def characterize(*arguments: str) -> Done:
     return typed("characterize", *arguments)
 
 
+@pytest.mark.long
 def test_the_script_writes_a_chain_that_can_be_loaded_and_overwrites_nothing(tmp_path):
     out = tmp_path / "out"
     done = characterize("actuator=sts3215", f"out={out}", "repeats=1")

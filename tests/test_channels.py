@@ -42,6 +42,7 @@ def test_columns_that_a_drive_holds_for_a_quarter_of_a_millisecond_are_not_taken
     assert structure(problem, found.simulated).level < LIMITS.noticed
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("margin", [0.8, 1.0, 1.25])
 def test_noise_is_no_excess_however_large_it_is_taken_for(margin: float) -> None:
     problem, factors = recorded(POSITION)

@@ -90,6 +90,7 @@ def test_a_changed_number_in_a_file_that_the_law_imports_compiles_it_anew(packag
     assert finish(start(package))[:2] == (15.0, 1)
 
 
+@pytest.mark.long
 def test_without_a_writable_package_folder_the_laws_are_kept_in_the_cache_of_the_user(tmp_path):
     run = (
         "import tempfile\n"

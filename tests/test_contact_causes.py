@@ -69,6 +69,7 @@ def test_whatever_a_stance_shows_is_drawn_as_a_stance_and_written_as_the_whole_l
     assert written.keys() == {"leg"} and "<mujoco" in written["leg"].read_text()
 
 
+@pytest.mark.long
 def test_touchdowns_are_found_without_knowing_where_the_ground_is() -> None:
     for name in ("", "contact.slope"):
         data, truth = recorded(name)
@@ -184,6 +185,7 @@ def test_a_slope_is_named_beside_play_in_the_belt() -> None:
     assert slope.low <= 0.07 <= slope.high
 
 
+@pytest.mark.long
 def test_stances_of_a_test_group_are_the_test_part_and_no_others() -> None:
     data, _ = recorded()
     leg, noise = leg_of(data), column_noise(data.runs)

@@ -185,6 +185,7 @@ def test_in_real_time_a_fault_is_named_and_the_servos_in_reach_are_released(
     assert not real_machine.status()["servos"]["1"]["torque"]
 
 
+@pytest.mark.long
 def test_a_single_lost_reply_is_counted_cured_and_does_not_stop_the_robot(
     virtual: VirtualBus, policy: Path, tmp_path: Path
 ) -> None:

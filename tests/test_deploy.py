@@ -121,6 +121,7 @@ def test_a_dry_run_prints_goals_and_leaves_no_log(
     assert not told and not (tmp_path / "none").exists()
 
 
+@pytest.mark.long
 @pytest.mark.parametrize(
     ("arguments", "says"),
     [
@@ -163,6 +164,7 @@ def changed(contract: Contract, **values: Any) -> Contract:
     return dataclasses.replace(contract, **values)
 
 
+@pytest.mark.long
 @pytest.mark.parametrize(
     ("field", "value", "says"),
     [
@@ -197,6 +199,7 @@ def test_a_policy_at_another_rate_or_for_a_heavier_load_is_refused(policy: Path)
         build_robot(config()["robot"]).check_contract(contract)
 
 
+@pytest.mark.long
 @pytest.mark.parametrize(
     ("text", "says"),
     [

@@ -47,6 +47,7 @@ def test_bristles_hide_where_they_are_stiff() -> None:
     assert "friction.presliding above" in bristles.sentence and bristles.hides(1e3) and not bristles.hides(0.1)
 
 
+@pytest.mark.long
 def test_a_number_that_tuning_takes_up_has_a_wider_limit() -> None:
     """An encoder that read 0.96 of the angle was taken up by tuned numbers, and nothing said that it might be there."""
     scale = limits()["sensor.scale"]
@@ -59,6 +60,7 @@ def test_what_the_limit_does_not_hide_is_found() -> None:
     assert nothing_hidden(beyond).verdict != NOTHING
 
 
+@pytest.mark.long
 def test_nothing_along_a_measured_motion_names_what_it_cannot_show() -> None:
     """Friction that moved the joint by 11 noise floors was "nothing to explain" where only the current was judged."""
     (found,) = diagnose(hidden_wide(236)[0])

@@ -191,6 +191,7 @@ def test_a_slide_that_a_force_drives_is_doubted_and_not_turned(run: MeasuredRun)
     assert frames == {} and "z: {zero: 0, direction: -1}" in said["robot.frame"].sentence
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("joint", ["", "reach", "pitch"])
 def test_of_a_slide_on_a_hinge_the_joint_is_turned_that_counts_the_other_way(tmp_path: Path, joint: str) -> None:
     """An arm and its mirror image need the same torques; the range of the slide tells them apart."""

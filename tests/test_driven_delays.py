@@ -45,6 +45,7 @@ def walked(rows: int) -> MeasuredSet:
     return measured_set([late_servo(rows, seed) for seed in range(3)], {"robot": "walker", "actuators": {"hip": SERVO}})
 
 
+@pytest.mark.long
 def test_a_command_that_is_late_by_whole_samples_is_found_along_a_measured_motion() -> None:
     """Between the samples a fit had no slope: 0.008 s (0.004 to 0.2) with a confidence of 0 % in place of 0.02 s."""
     found = diagnose(walked(ROWS), causes=["drive.delay", "friction.coulomb", "drive.gain"]).joint("hip")

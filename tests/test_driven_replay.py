@@ -188,6 +188,7 @@ def problem_of(data: MeasuredSet, joint: str) -> DrivenProblem:
     return driven_problem(data.runs, joint, models, cut(data.runs, joint), 6e-4)
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("joint", JOINTS)
 def test_the_true_servo_follows_the_log_of_a_hopping_leg_to_its_noise(joint: str) -> None:
     data, truth = hidden_hopper({"contact.friction": "clear", "contact.slope": "clear"}, seed=11, duration=8.0)
@@ -205,6 +206,7 @@ def test_the_true_servo_follows_the_log_of_a_hopping_leg_to_its_noise(joint: str
     assert np.sqrt(np.mean(error**2)) < 1.2 * truth["noise_floor"]
 
 
+@pytest.mark.long
 def test_what_the_link_hides_is_not_sought_and_is_said() -> None:
     data, _ = hidden_hopper({}, seed=11, duration=8.0, runs=2)
     problem = problem_of(data, "knee")
@@ -240,6 +242,7 @@ def bare(data: MeasuredSet, chain: list, keep: tuple[str, ...]) -> MeasuredSet:
     return MeasuredSet(tuple(runs), data.name)
 
 
+@pytest.mark.long
 def test_a_log_that_cannot_tell_says_which_column_would() -> None:
     data, _ = hidden_hopper({}, seed=12, duration=6.0, runs=2)
     for chain, column in ((nominal_hopper_chain(), "link_position"), (RIGID, "duty")):

@@ -82,6 +82,7 @@ def test_a_slow_loop_is_not_stopped_by_the_servos_own_watchdog() -> None:
     assert simulation.rig.servos[0].get("bus_watchdog") == 38, "three periods of 0.25 s, in 20 ms"
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("rate", [20.0, 100.0])
 @pytest.mark.parametrize(
     ("fault", "name"), [({"kind": "restart", "value": 0.015}, "restart"), ({"kind": "limp"}, "torque")]

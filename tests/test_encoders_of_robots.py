@@ -31,6 +31,7 @@ def shifted(data: MeasuredSet, joint: str, zero: float) -> MeasuredSet:
     return replace(data, runs=tuple(runs))
 
 
+@pytest.mark.long
 def test_angles_are_those_that_were_before_an_encoder_misread_them(tmp_path: Path) -> None:
     run = two_link_run(tmp_path, 2.0)
     log = run.joints["shoulder"]
@@ -81,6 +82,7 @@ def ranged(run: MeasuredRun, low: float, high: float) -> MeasuredRun:
     return replace(run, robot=str(other))
 
 
+@pytest.mark.long
 def test_a_range_that_the_log_goes_beyond_is_said_and_widened_in_the_extended_model(tmp_path: Path) -> None:
     """The extended robot was blocked 0.2 rad within the motion that was measured, and nothing said so."""
     run = two_link_run(tmp_path, 2.0)

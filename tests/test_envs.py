@@ -53,6 +53,7 @@ def few_steps(env: gym.Env, seed: int, count: int = 3) -> np.ndarray:
     return np.concatenate(seen)
 
 
+@pytest.mark.long
 @every_environment
 def test_environments_pass_the_checks_of_gymnasium_and_sb3(env_id: str) -> None:
     env = gym.make(env_id).unwrapped
@@ -64,6 +65,7 @@ def test_environments_pass_the_checks_of_gymnasium_and_sb3(env_id: str) -> None:
         check_sb3(env, skip_render_check=True)
 
 
+@pytest.mark.long
 @every_environment
 def test_equal_seeds_move_alike_and_others_do_not(env_id: str) -> None:
     first, again = gym.make(env_id), gym.make(env_id)
@@ -89,6 +91,7 @@ def test_a_spec_written_down_makes_the_same_environment(env_id: str) -> None:
     np.testing.assert_array_equal(few_steps(env, 2), few_steps(again, 2))
 
 
+@pytest.mark.long
 @every_environment
 def test_a_vector_environment_moves_as_single_ones(env_id: str) -> None:
     many = gym.make_vec(env_id, num_envs=2)

@@ -83,6 +83,7 @@ def nominal() -> np.ndarray:
     return in_environment(None)
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("name", FIRST)
 def test_an_environment_moves_as_the_extended_replay(name: str, nominal: np.ndarray) -> None:
     values = found_values(FIRST[name])

@@ -89,6 +89,7 @@ def plain() -> dict[str, list[float]]:
     return json.loads(done.stdout)
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("name", NATIVE)
 def test_plain_mujoco_reproduces_a_native_effect(name: str, plain: dict[str, list[float]]) -> None:
     values, tolerance = NATIVE[name]

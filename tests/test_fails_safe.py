@@ -154,6 +154,7 @@ def test_the_view_is_stale_once_the_release_has_failed() -> None:
 # --- torque that is lost -----------------------------------------------------------------------------------------
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("rate", [20.0, 100.0, 250.0])
 @pytest.mark.parametrize(
     ("fault", "name"),
@@ -186,6 +187,7 @@ def test_a_restart_is_named_though_the_servo_has_torque_again() -> None:
 # --- joints that do not follow -----------------------------------------------------------------------------------
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("amplitude", [0.06, 0.3, 1.0])
 @pytest.mark.parametrize("at", [1.0, 1.9, 2.6])
 def test_a_frozen_encoder_ends_the_run_within_two_thirds_of_a_period(amplitude: float, at: float) -> None:
@@ -303,6 +305,7 @@ def test_a_slow_adapter_is_named_before_torque_comes_on_with_the_command_that_me
     assert Simulation(latency=0.001).run(1.0).ending == "finished"
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("overruns", ["log", "stop"])
 def test_overruns_that_go_on_are_named_and_end_the_run_where_that_is_set(overruns: str, tmp_path: Path) -> None:
     simulation = Simulation(overruns=overruns, folder=tmp_path, limits={"following_error": 1.0})
@@ -334,6 +337,7 @@ def test_limits_are_judged_before_torque_comes_on(fault: dict[str, Any], limits:
     assert outcome.fault.sentence.startswith("before torque came on:")
 
 
+@pytest.mark.long
 def test_a_current_that_is_reported_as_a_magnitude_gets_its_sign(tmp_path: Path) -> None:
     logs = []
     for kind in ("unsigned", "drop"):
@@ -387,6 +391,7 @@ def parked(**keys: Any) -> Simulation:
     return simulation
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("stopped", [False, True])
 def test_a_robot_sits_down_before_it_is_released(stopped: bool, monkeypatch: pytest.MonkeyPatch) -> None:
     simulation = parked()

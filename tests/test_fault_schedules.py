@@ -154,6 +154,7 @@ def seeds(quick: int) -> list[Any]:
     return [*range(quick), *(pytest.param(seed, marks=pytest.mark.long) for seed in range(quick, ALL))]
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("seed", seeds(QUICK))
 def test_no_run_ends_with_torque_on_and_nothing_said_and_every_log_reads_back(
     seed: int, tmp_path: Path, policy: Policy
@@ -161,6 +162,7 @@ def test_no_run_ends_with_torque_on_and_nothing_said_and_every_log_reads_back(
     judge(run_of(seed, tmp_path, policy))
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("seed", seeds(QUICK_DYNAMIXEL))
 def test_nor_does_a_run_on_dynamixels(seed: int, tmp_path: Path, policy: Policy) -> None:
     judge(run_of(seed, tmp_path, policy, DYNAMIXEL))

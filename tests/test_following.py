@@ -45,6 +45,7 @@ def test_a_servo_that_sticks_and_slips_under_its_load_is_left_alone(
     assert simulation.run(seconds).ending == "finished"
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("amplitude", [0.01, 0.05])
 def test_twice_the_friction_that_the_chain_has_is_no_blind_servo(amplitude: float, tmp_path: Path) -> None:
     hidden = tmp_path / "stiff.yaml"

@@ -99,6 +99,7 @@ def test_a_limit_that_a_chain_states_counts_in_place_of_that_of_the_file(tmp_pat
     assert finding is not None and "actuatorfrcrange is the chain's (50 in place of 3)" in finding.sentence
 
 
+@pytest.mark.long
 @pytest.mark.parametrize(
     ("source", "limit", "expected"),
     [

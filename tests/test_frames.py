@@ -46,6 +46,7 @@ def test_angles_that_are_the_models_are_left_alone(run: MeasuredRun) -> None:
     assert taken(run) == {}
 
 
+@pytest.mark.long
 @pytest.mark.parametrize(
     ("joint", "zero"), quick([("shoulder", 0.0), ("shoulder", 0.8), ("elbow", 0.8), ("elbow", 0.35)], 2)
 )
@@ -67,6 +68,7 @@ def test_what_was_taken_is_said_with_what_it_gains_and_its_mirror_image(run: Mea
     assert sentence in told, "whoever sees it may stop and mend it"
 
 
+@pytest.mark.long
 def test_frames_that_a_sidecar_gives_are_doubted_and_kept(run: MeasuredRun) -> None:
     given = {"elbow": {"zero": 0.0, "direction": -1}, "shoulder": {"zero": 0.0, "direction": 1}}
     wrong = replace(run, meta={**run.meta, "frames": given})
@@ -75,6 +77,7 @@ def test_frames_that_a_sidecar_gives_are_doubted_and_kept(run: MeasuredRun) -> N
     assert runs[0].meta["frames"] == given
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("effect", ["friction", "payload", "cable"])
 def test_what_is_hidden_in_an_arm_is_no_other_frame(tmp_path: Path, effect: str) -> None:
     data, _ = hidden_arm(tmp_path, "two_link", {effect: ("elbow", "clear")}, seed=21, runs=1, duration=8.0)
@@ -97,6 +100,7 @@ def limited(run: MeasuredRun, folder: Path, low: float, high: float) -> Measured
     return edited(run, folder, rf'\1 range="{low} {high}"/>\2pos="0 \3 0"')
 
 
+@pytest.mark.long
 def test_a_centre_of_mass_that_lies_elsewhere_is_no_zero(run: MeasuredRun, tmp_path: Path) -> None:
     """Gravity cannot tell it from a zero of the last joint: a zero was taken, and nothing was left to explain."""
     wrong = edited(run, tmp_path, r'\1/>\2pos="0.06 \3 0"')
@@ -153,6 +157,7 @@ def test_a_group_that_is_kept_for_the_test_does_not_choose(run: MeasuredRun) -> 
     assert "robot.frame" not in [finding.code for finding in findings]
 
 
+@pytest.mark.long
 def test_a_frame_that_is_given_for_one_joint_leaves_the_others_to_be_found(run: MeasuredRun) -> None:
     given = {"elbow": {"zero": 0.0, "direction": 1}}
     said = replace(mirrored(run, "shoulder", 0.8), meta={**run.meta, "frames": given})

@@ -104,6 +104,7 @@ def test_the_file_keeps_step_with_the_environment(
             assert np.abs(state[:, 1 + 2 * len(contract.actions) :] - motions[-1].memory).max() < PARITY
 
 
+@pytest.mark.long
 def test_the_contract_says_what_the_policy_needs(exported: Mapping[str, Policy]) -> None:
     hopper, biped, hexapod = (exported[kind].contract for kind in ("hopper", "biped", "hexapod"))
     assert hopper.sensors == ("hip.link", "knee.link", "base_x", "base_z")

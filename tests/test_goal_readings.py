@@ -34,6 +34,7 @@ def in_tenths_of_degrees(position: np.ndarray) -> np.ndarray:
     return np.radians(np.round(np.degrees(position), 1))
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("copied", [np.copy, next_reading, in_tenths_of_degrees])
 def test_a_reading_that_was_logged_as_the_goal_makes_a_log_unusable(copied: Callable[[np.ndarray], np.ndarray]) -> None:
     """It went unnoticed, and a diagnosis fitted a servo without any lag."""
@@ -45,6 +46,7 @@ def test_a_reading_that_was_logged_as_the_goal_makes_a_log_unusable(copied: Call
         assert unusable([finding], MeasuredSet((wrong,), "x")) == finding
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("every", [1, 4, 10])
 @pytest.mark.parametrize("seed", quick(range(3), 3))
 def test_goals_of_a_bench_are_none_of_its_readings_at_any_rate(seed: int, every: int) -> None:

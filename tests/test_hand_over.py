@@ -99,6 +99,7 @@ def test_an_error_within_the_noise_is_no_harm() -> None:
     assert harmed(joints, {"elbow": 5e-4, "wrist": 5e-4}) == ["wrist"]
 
 
+@pytest.mark.long
 def test_joints_that_were_not_diagnosed_keep_the_chains_that_their_log_states(tmp_path: Path) -> None:
     """They lost damping and friction: with one joint diagnosed, the others missed a motion by twenty times more."""
     data, _ = hidden_arm(tmp_path, "two_link", {}, 5, runs=1, duration=6.0)

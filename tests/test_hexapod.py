@@ -232,6 +232,7 @@ def test_standing_costs_nothing_to_speak_of() -> None:
     assert info["reward_resistance"] > -0.05
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("word", ["ideal", "regression", "net", "amru5_dry", "amru5_load", "amru5_frictionless"])
 def test_it_stands_with_every_actuator_by_one_word(word: str) -> None:
     env = gym.make(ENV, actuator=word, start_noise=0.0, speed=0.0)
@@ -279,6 +280,7 @@ def test_feet_that_stand_keep_their_distances_whatever_the_action() -> None:
     assert max(jumps) < 0.006  # 0.6 m/s: no foot in the air is asked to jump
 
 
+@pytest.mark.long
 def test_feet_that_stand_stay_within_the_ranges_of_their_joints_whatever_the_action() -> None:
     middle, count = np.array([value for _ in range(6) for value in stance(VALUES)]), 200
     reach = np.array([GOAL_RANGE[kind] for kind in KINDS])

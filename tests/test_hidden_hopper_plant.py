@@ -103,6 +103,7 @@ def test_a_leg_slides_down_a_slope_that_is_steeper_than_its_friction() -> None:
     assert slides < -0.05
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("name", HOPPER_EFFECTS)
 def test_every_effect_changes_the_log_the_more_the_clearer_it_is(name: str) -> None:
     def early(effects: dict) -> np.ndarray:

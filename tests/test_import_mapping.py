@@ -25,6 +25,7 @@ def source(folder: Path, **columns: np.ndarray) -> Path:
 # --- the sidecar -----------------------------------------------------------------------------------------------------
 
 
+@pytest.mark.long
 @pytest.mark.parametrize(
     ("sidecar", "sentence"),
     [

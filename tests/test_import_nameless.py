@@ -60,6 +60,7 @@ def _in_order(topic: str, count: int = 4) -> dict[str, str]:
     return {f"{joint}.goal": f"{topic}.data[{k}]" for k, joint in enumerate(JOINTS[:count])}
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("topic", ["position_controller.commands", "forward_position_controller.commands"])
 def test_places_of_a_list_go_in_order_to_joints_that_move_together(tmp_path: Path, topic: str) -> None:
     """``data[1]`` was taken for ``joint1``, for their numbers are the same; all joints were driven alike."""

@@ -33,6 +33,7 @@ def _goals(path: Path) -> dict[str, str]:
     return {name: read.text for name, read in found.columns.items() if name.endswith(".goal")}
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("alike", [True, False])
 @pytest.mark.parametrize("kind", ["states", "trajectory", "list"])
 def test_each_of_two_arms_keeps_its_own_goals(tmp_path: Path, alike: bool, kind: str) -> None:
@@ -60,6 +61,7 @@ def test_each_of_two_arms_keeps_its_own_goals(tmp_path: Path, alike: bool, kind:
             np.testing.assert_allclose(goal, one["goal"][: len(goal)], atol=1e-9)
 
 
+@pytest.mark.long
 @pytest.mark.parametrize(
     ("states", "commands", "names"),
     [

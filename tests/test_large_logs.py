@@ -177,6 +177,7 @@ def test_a_fault_of_one_long_log_is_mended_in_that_one_alone(tmp_path: Path) -> 
     assert sizes["a"] == pytest.approx(sizes["b"], rel=0.3) and sizes["a"] > 0.5
 
 
+@pytest.mark.long
 def test_logs_of_machines_with_other_joints_are_refused(tmp_path: Path) -> None:
     for name, joint in (("a", "servo"), ("b", "elbow")):
         write(tmp_path / f"{name}.csv", 30_000)

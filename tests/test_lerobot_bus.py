@@ -84,6 +84,7 @@ def bus(request: pytest.FixtureRequest, lerobot: None) -> Iterator[tuple[Any, Se
     yield from connected(request.param, wire)
 
 
+@pytest.mark.long
 def test_it_finds_the_servos(bus: tuple[Any, Server]) -> None:
     client, _ = bus
     assert client.is_connected

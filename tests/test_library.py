@@ -78,6 +78,7 @@ def test_a_joint_that_the_log_does_not_drive_is_named_with_those_that_it_drives(
         sealegs.diagnose(COLUMNS, sidecar=SIDECAR, joints=["serov"])
 
 
+@pytest.mark.long
 def test_a_diagnosis_is_read_back_as_it_was_saved_and_is_never_overwritten(
     diagnosis: sealegs.Diagnosis, tmp_path: Path
 ) -> None:

@@ -40,6 +40,7 @@ def found(run: MeasuredRun, code: str) -> Finding:
     return findings[0]
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("seed", quick(range(4), 4))
 def test_clean_logs_raise_no_error_and_no_warning(seed: int) -> None:
     data = hidden_bench({}, seed, load=("light", "medium", "heavy"))[0]
@@ -47,6 +48,7 @@ def test_clean_logs_raise_no_error_and_no_warning(seed: int) -> None:
     assert unusable(check_set(data), data) is None
 
 
+@pytest.mark.long
 @pytest.mark.parametrize(
     "effect",
     quick(["friction.coulomb", "friction.stribeck", "drive.supply_sag", "drive.delay", "transmission.backlash"], 2),
@@ -192,6 +194,7 @@ def test_a_torque_column_out_of_step_is_measured(delay: float, code: str) -> Non
     assert finding.cause == "sensor.delay"
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("delay", [0.050, -0.080, 0.120])
 def test_a_torque_column_far_out_of_step_is_measured(delay: float) -> None:
     """All were 40 ms, where the search ended."""
@@ -200,6 +203,7 @@ def test_a_torque_column_far_out_of_step_is_measured(delay: float) -> None:
     assert finding.low <= abs(delay) <= finding.high < 1.1 * abs(delay)
 
 
+@pytest.mark.long
 def test_a_torque_column_further_out_of_step_than_is_tried_is_told_as_at_least_that() -> None:
     """Its ratio to what the motion needs then says nothing of a gear."""
     run = torque_run(delay=0.3)
@@ -297,6 +301,7 @@ def test_a_column_that_stops_updating_is_named() -> None:
     assert finding.value == pytest.approx(2.5, abs=0.1)
 
 
+@pytest.mark.long
 def test_a_duty_that_stops_updating_is_named_and_one_that_a_drive_holds_is_not() -> None:
     run = clean().runs[0]
     duty = signal(run, "duty").copy()

@@ -40,6 +40,7 @@ def images(monkeypatch: pytest.MonkeyPatch) -> list[Any]:
     return drawn
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("robot", ROBOTS)
 def test_the_gap_is_told_and_drawn_in_the_unit_of_each_kind_of_joint(
     robot: str, images: list[Any], tmp_path: Path, capsys: pytest.CaptureFixture[str]

@@ -56,6 +56,7 @@ def test_an_actuator_that_no_servo_can_stand_for_is_named_with_its_file_and_join
         new_robot.main([str(model)])
 
 
+@pytest.mark.long
 @pytest.mark.parametrize(
     ("actuator", "joint", "goals", "note"),
     [
@@ -130,6 +131,7 @@ URDF = """<robot name="arm"><link name="base">
 <limit lower="-1" upper="1" effort="3" velocity="6"/></joint>{more}</robot>"""
 
 
+@pytest.mark.long
 def test_every_mesh_that_is_missing_is_named_with_its_ending(tmp_path: Path, capsys) -> None:
     (tmp_path / "arm.urdf").write_text(URDF.format(more=""))
     (tmp_path / "meshes").mkdir()
@@ -140,6 +142,7 @@ def test_every_mesh_that_is_missing_is_named_with_its_ending(tmp_path: Path, cap
     assert sentence.format("base.dae, base.stl") in written(tmp_path / "arm.urdf", capsys)[1]
 
 
+@pytest.mark.long
 @pytest.mark.parametrize(
     ("inside", "number"),
     [

@@ -106,6 +106,7 @@ def test_servos_are_mounted_as_the_file_says(arm: Path) -> None:
         config(robot=str(path))
 
 
+@pytest.mark.long
 def test_no_servo_is_sent_torques(arm: Path) -> None:
     """An excitation moved the virtual machine by its angles as N.m; a servo would have turned by torques as rad."""
     path, goals = arm.with_suffix(".yaml"), arm.parent / "goals.csv"
@@ -193,6 +194,7 @@ LIFT = """<mujoco><compiler angle="radian" autolimits="true"/><worldbody><body n
 <actuator><position joint="rail" kp="800" kv="60"/><position joint="shoulder" kp="10" kv="0.3"/></actuator></mujoco>"""
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("word", ["lift.xml", "lift.yaml"])
 def test_a_robot_with_a_slide_can_be_deployed_as_new_robot_writes_it_and_as_its_model_stands(
     word: str, tmp_path: Path

@@ -54,6 +54,7 @@ def composed(robot: Path, **keys: str) -> dict:
     return compose("deploy", {"robot": str(robot), "hw.virtual.time": "stepped", **keys}, readers=READERS)
 
 
+@pytest.mark.long
 def test_a_virtual_machine_stands_in_its_pose_whatever_signs_are_in_the_names_of_joints_and_folders(
     tmp_path: Path,
 ) -> None:
@@ -99,6 +100,7 @@ def limits(robot: Path) -> tuple[ServoRobot, np.ndarray]:
     )
 
 
+@pytest.mark.long
 def test_a_joint_that_got_another_name_keeps_the_limits_that_were_written_under_the_old_one(tmp_path: Path) -> None:
     """Renamed as new-robot said, the next command ended with `safety.speed.left/hip fits no joint`."""
     robot = robot_file(tmp_path, ("left/hip", "knee"))
@@ -133,6 +135,7 @@ def test_new_robot_says_where_else_a_belt_must_be_renamed_of_which_the_model_has
     assert "give it another name here, such as left_belt, and under deploy: safety as well." in capsys.readouterr().out
 
 
+@pytest.mark.long
 def test_a_joint_whose_name_looks_like_a_pattern_is_meant_by_its_name(tmp_path: Path) -> None:
     """`safety.speed.j[0] fits no joint; there are j[0]`, of a file that new-robot had just written."""
     robot = robot_file(tmp_path, ("j[0]", "j[1]"))
@@ -142,6 +145,7 @@ def test_a_joint_whose_name_looks_like_a_pattern_is_meant_by_its_name(tmp_path: 
     assert limits(robot)[1][0].tolist() == [4.0, 3.0]
 
 
+@pytest.mark.long
 def test_an_own_robot_that_is_called_hopper_has_no_reference_controller(tmp_path: Path) -> None:
     robot = robot_file(tmp_path, ("hip", "knee"), name="hopper")
     with pytest.raises(SealegsError, match=r"hopper\.yaml' has no reference controller; robot=hopper has one"):
@@ -158,6 +162,7 @@ def test_the_log_of_an_own_robot_that_is_called_bench_holds_no_numbers_as_its_lo
     assert sidecar["robot"] == "../bench.yaml" and not sidecar.get("robot_params")
 
 
+@pytest.mark.long
 def test_a_dry_run_names_the_unit_of_each_joint(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     """Goals of slides stood under [rad]."""
     robot = robot_file(tmp_path, ("rail", "arm"), name="lift")

@@ -35,6 +35,7 @@ def named(name: str, picture: str, share: float = 0.5) -> NamedCause:
     return NamedCause(name, "A sentence.", "servo", share, 0.9, {}, 0.5, "effect", picture)
 
 
+@pytest.mark.long
 def test_every_picture_is_a_file_with_something_on_it(found: JointDiagnosis, tmp_path: Path) -> None:
     drawn = draw_all([found], tmp_path)
     assert {"overview", "budget", "rivals", "friction.load_dependent"} <= drawn.keys()
@@ -70,6 +71,7 @@ def test_an_error_is_drawn_against_what_its_cause_says_whatever_its_name(evidenc
     assert response(evidence, cause).axes[1].get_xlabel().startswith("acceleration")
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("key", CAUSES)
 def test_each_picture_can_be_drawn_of_any_log(evidence: Evidence, key: str) -> None:
     assert png(CAUSES[key](evidence, named("drive.deadband", key))).startswith(b"\x89PNG")

@@ -114,6 +114,7 @@ def test_a_wrong_randomisation_is_answered_in_one_sentence(source: object, sente
         hopper(source)
 
 
+@pytest.mark.long
 @pytest.mark.parametrize(
     ("actuator", "path", "ends"),
     [

@@ -15,6 +15,7 @@ from sealegs.envs.sb3 import BatchVecEnv
 from sealegs.envs.single import SingleEnv
 
 
+@pytest.mark.long
 @pytest.mark.rendering
 @pytest.mark.parametrize("env_id", ["SeaLegs/Hopper-v0", "SeaLegs/Bench-v0"])
 def test_a_picture_shows_the_robot_in_front_of_the_sky(env_id: str) -> None:

@@ -143,6 +143,7 @@ class Outline(HTMLParser):
             self.text += data
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("name", ["page", "rich_page"])
 def test_the_page_is_well_formed_and_loads_nothing(name: str, request: pytest.FixtureRequest) -> None:
     path: Path = request.getfixturevalue(name)
@@ -198,6 +199,7 @@ def test_what_is_to_be_checked_first_stands_once(small: tuple[JointDiagnosis, Me
     assert "\n".join(screen(two, {})).count("Check first") == 1
 
 
+@pytest.mark.long
 def test_says_where_the_whole_robot_misses_a_joint_by_more_than_it_does_alone(
     small: tuple[JointDiagnosis, MeasuredSet], tmp_path: Path
 ) -> None:
@@ -294,6 +296,7 @@ def test_every_figure_is_drawn_without_complaint(
     view.tab.close()
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("name", quick(["page", "rich_page"], 2))
 def test_a_phone_never_scrolls_sideways(browser: Any, name: str, request: pytest.FixtureRequest) -> None:
     view = opened(browser, request.getfixturevalue(name), 390, 844)

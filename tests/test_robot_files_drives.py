@@ -77,6 +77,7 @@ def test_an_equality_that_is_switched_off_ties_nothing(tmp_path: Path) -> None:
     assert [joint.name for joint in robot.joints] == ["a", "b"] and not robot.coupled
 
 
+@pytest.mark.long
 @pytest.mark.parametrize(("ratio", "reach"), [(1.0, 1.0), (-2.0, 46.0 / 52.0)])
 @pytest.mark.parametrize("swapped", [False, True])
 def test_two_servos_on_tied_joints_become_one_that_moves_both_as_the_model_does(

@@ -41,12 +41,14 @@ def arm(folder: Path, name: str = "j", high: str = "1", start: str = "0", file: 
     return path
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("name", NAMES)
 def test_a_joint_whose_name_yaml_reads_as_something_else_stands_in_quotes(name: str, tmp_path: Path) -> None:
     new_robot.main([str(arm(tmp_path, name))])
     assert [joint.name for joint in load_robot_file(tmp_path / "arm.yaml").joints] == [name]
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("file", ["a: b/arm.xml", "a #b/arm.xml", "8.xml"])
 def test_a_path_that_yaml_reads_as_something_else_stands_in_quotes(file: str, tmp_path: Path) -> None:
     model = arm(tmp_path, file=file)
@@ -68,6 +70,7 @@ def test_a_name_of_the_yaml_without_quotes_that_reads_as_a_number_is_refused_wit
         load_robot_file(tmp_path / "arm.yaml")
 
 
+@pytest.mark.long
 @pytest.mark.parametrize(
     ("name", "why", "other"),
     [

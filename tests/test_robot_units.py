@@ -166,6 +166,7 @@ def checked(data: MeasuredSet) -> list[Finding]:
     return findings
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("robot", quick(["bench", "hopper", "a machine of ours"], 3))
 @pytest.mark.parametrize("unit", ["deg", "turn", "mm"])
 def test_columns_of_a_robot_without_a_file_are_converted_as_its_sidecar_says(unit: str, robot: str) -> None:
@@ -201,6 +202,7 @@ def test_checks_of_a_run_see_the_units_of_the_model() -> None:
     assert wrap.value == pytest.approx(2.0 * np.pi, rel=0.02)
 
 
+@pytest.mark.long
 @pytest.mark.parametrize(
     ("units", "column"),
     [({}, "both"), (both("rad"), "both"), ({"position": "deg"}, "goal"), ({"goal": "deg"}, "position")],

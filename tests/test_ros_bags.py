@@ -101,6 +101,7 @@ def test_a_bag_of_unknown_types_alone_says_which_and_what_to_do(tmp_path: Path) 
     assert "\n" not in str(raised.value)
 
 
+@pytest.mark.long
 def test_drivers_that_share_a_topic_stand_in_common_rows(tmp_path: Path) -> None:
     """An arm and its gripper publish in turn: no row had all positions, and a goal that is held was blamed."""
     m, n = motion(6.0, 100.0, 0.05, seed=3), motion(6.0, 100.0, 0.05, seed=4)
@@ -121,6 +122,7 @@ def test_drivers_that_share_a_topic_stand_in_common_rows(tmp_path: Path) -> None
     np.testing.assert_allclose(run.joints["finger"].position, np.sin(time[rows]), atol=1e-4)
 
 
+@pytest.mark.long
 def test_a_pause_of_one_driver_is_no_motion(tmp_path: Path) -> None:
     """Nothing is interpolated where a driver was silent: these rows are left out."""
     with Bag(tmp_path / "run") as bag:

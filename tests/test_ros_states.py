@@ -217,6 +217,7 @@ def test_dynamic_joint_states_beside_joint_states_are_left_out_with_a_reason(tmp
     assert not any(name.startswith("dynamic") for name in found.columns)
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("parts", [NEW, OLD])
 def test_what_a_controller_measured_stands_in_for_joint_states(tmp_path: Path, parts: Sequence[str]) -> None:
     m, source, out = moves(), tmp_path / "run", tmp_path / "log"

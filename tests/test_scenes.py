@@ -31,6 +31,7 @@ def beside(run: MeasuredRun, objects: str, *, first: bool = False) -> None:
     path.write_text(path.read_text().replace("</mujoco>", key))
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("first", [True, False])
 @pytest.mark.parametrize("objects", [BOX, BALL, BOX + BALL])
 def test_objects_of_a_scene_change_nothing_of_its_robot(tmp_path: Path, objects: str, first: bool) -> None:

@@ -67,6 +67,7 @@ def test_halving_the_step_changes_little_and_ever_less(name: str) -> None:
     assert fine < 0.5 * coarse or coarse < 0.02e-3
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("name", [*EXTENSIONS, "bouncing teeth"])
 def test_the_engine_agrees(name: str) -> None:
     joint = JointModel(load_chain(CHAIN)).with_values(EXTENSIONS.get(name, BOUNCING))

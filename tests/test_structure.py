@@ -64,6 +64,7 @@ def test_what_is_left_is_traced_to_the_signal_it_depends_on(stranger: str, signa
     assert signal in found.sentence
 
 
+@pytest.mark.long
 def test_events_at_random_times_depend_on_no_signal() -> None:
     found = left({"stranger.jams": "clear"}, 33)
     assert found.noticed
@@ -96,6 +97,7 @@ def test_a_position_that_is_off_from_a_moment_on_is_told_with_the_moment(off: fl
     assert float(found[1]) == pytest.approx(5.0, abs=0.3) and float(found[2]) == pytest.approx(1e3 * off, rel=0.05)
 
 
+@pytest.mark.long
 def test_the_size_of_what_is_left_is_that_of_the_effect() -> None:
     problem, simulated = of_true_model({}, 34)
     wave = 2e-3 * np.sin(2.0 * np.pi * 0.7 * problem.time)
@@ -111,6 +113,7 @@ def test_ticks_of_a_coarse_encoder_are_no_structure() -> None:
     assert not structure(replace(problem, measured=coarse, weight=weight), simulated).noticed
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("judged", quick(["torque", "current", "duty"], 3))
 def test_a_rigid_driven_joint_is_told_by_its_link_and_by_its_own_duty(judged: str) -> None:
     """Whichever column is judged, an error that follows the link's speed (or the duty) is traced to just that."""

@@ -212,6 +212,7 @@ def test_a_held_servo_that_lost_its_torque_is_named_and_the_others_are_held_on()
     assert looked_at(left, 2.0), "somebody else released them"
 
 
+@pytest.mark.long
 @pytest.mark.parametrize(
     ("bearable", "said"),
     [(Bearable(20.0, 9.0, 1.0), "degC; its limit is 20 degC"), (Bearable(99.0, 0.0, 1.0), "drew more than 0 A for 1")],

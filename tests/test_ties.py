@@ -70,6 +70,7 @@ def sidecar(model: Path) -> dict[str, object]:
     return {"robot": str(model), "actuators": {"jaw": chain}}
 
 
+@pytest.mark.long
 def test_a_finger_that_another_one_follows_is_replayed_with_the_mass_of_both(tmp_path: Path) -> None:
     model = gripper(tmp_path, damping=0.02)
     found = diagnose(log(0.0, 0.02), sidecar=sidecar(model), causes=["friction.coulomb", "load.mass"]).joint("jaw")

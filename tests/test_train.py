@@ -300,6 +300,7 @@ def test_a_full_disk_ends_in_one_sentence_and_keeps_the_checkpoints(
     assert steps(tmp_path / "full") == [256]
 
 
+@pytest.mark.long
 def test_ctrl_c_in_the_final_evaluation_costs_none_of_the_training(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
@@ -461,6 +462,7 @@ def test_an_actuator_net_stays_with_the_run(tmp_path: Path) -> None:
     assert run(f"resume={tmp_path / 'moved'}", "total_timesteps=384") == 0
 
 
+@pytest.mark.long
 @pytest.mark.parametrize(
     ("argument", "says"),
     [
@@ -505,6 +507,7 @@ def test_wrong_input_is_one_sentence_and_leaves_no_folder(
     assert not (tmp_path / "runs").exists()
 
 
+@pytest.mark.long
 def test_progress_never_tells_more_than_the_whole_run(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     assert run(*SMALL, f"out={tmp_path}", "name=short", "total_timesteps=200") == 0
     told = re.findall(r"^ *(\d+) %  step (\d+) of (\d+)", capsys.readouterr().out, re.MULTILINE)
@@ -530,6 +533,7 @@ def test_a_resumed_run_refuses_another_experiment(finished: Path, capsys: pytest
     assert "keeps its config" in capsys.readouterr().err
 
 
+@pytest.mark.long
 def test_additional_arguments_of_the_algorithm_are_accepted(tmp_path: Path) -> None:
     assert run(*SMALL, f"out={tmp_path}", "name=kl", "agent.target_kl=0.02", "total_timesteps=128") == 0
     assert yaml.safe_load((tmp_path / "kl" / "config.yaml").read_text())["agent"]["target_kl"] == 0.02

@@ -49,6 +49,7 @@ def torques(chain: Chain) -> list[float]:
     return found
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("name", quick(sorted(chains()), 3))
 def test_a_chain_computes_the_torques_that_were_recorded(name):
     recorded = json.loads(RECORDED.read_text(encoding="utf-8"))

@@ -95,6 +95,7 @@ def test_joints_are_on_the_buses_that_the_robots_file_names() -> None:
     assert state.ids == tuple(both.robot.all_ids) and state.torque is not None and state.torque[:2].tolist() == [0, 0]
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("hw", ["feetech", "virtual", "dynamixel"])
 def test_dynamixels_on_a_further_bus_have_their_watchdog_whatever_the_first_bus_has(
     hw: str, monkeypatch: pytest.MonkeyPatch

@@ -93,6 +93,7 @@ def test_a_robot_with_closed_loops_starts_with_them_closed() -> None:
     assert loops.any() and np.abs(data.efc_pos[: data.nefc][loops]).max() < 1e-6
 
 
+@pytest.mark.long
 def test_ground_rises_along_x_and_y_by_its_slopes() -> None:
     model = laid_out(walked()).problem.models[0]
     assert isinstance(model, TreeModel)
@@ -105,6 +106,7 @@ def test_ground_rises_along_x_and_y_by_its_slopes() -> None:
     assert -normal[1] / normal[2] == pytest.approx(0.05, rel=0.02)
 
 
+@pytest.mark.long
 def test_feet_meet_the_ground_as_softly_as_the_model_file_says() -> None:
     model = laid_out(walked()).problem.models[0]
     assert isinstance(model, TreeModel)
