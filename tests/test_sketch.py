@@ -58,7 +58,7 @@ def test_of_a_long_log_pieces_of_both_parts_are_kept_from_beginning_to_end() -> 
     whole = long_log(40)
     kept = sketch(whole, 30.0).units
     numbers = [next(k for k, unit in enumerate(whole.units) if unit.start == chosen.start) for chosen in kept]
-    assert 30.0 <= PIECE * len(kept) < 45.0
+    assert 20.0 <= PIECE * len(kept) < 30.0
     assert sum(number % 2 for number in numbers) in (len(kept) // 2, (len(kept) + 1) // 2)
     assert numbers[0] < 10 and numbers[-1] >= 30
 
@@ -81,7 +81,7 @@ def test_of_a_long_log_more_is_kept_of_what_the_model_is_most_wrong_about() -> N
     evenly, anew = sketch(both, 30.0), sketch(both, 30.0, {})
     assert fast(evenly) < 0.25 <= fast(anew) <= 0.6
     assert fast(sketch(torn, 30.0, {})) >= 0.25  # a few samples of a jam do not take the place of a motion
-    assert 45.0 * RATE <= anew.judged.sum() < 70.0 * RATE
+    assert 30.0 * RATE <= anew.judged.sum() < 45.0 * RATE
     assert len({unit.part for unit in anew.units}) == 1
     before = {(unit.run, unit.start) for unit in evenly.units}
     assert before < {(unit.run, unit.start) for unit in anew.units}
@@ -98,7 +98,7 @@ def test_what_the_model_is_most_wrong_about_counts_by_its_length() -> None:
     models = [JointModel(load_chain(CHAIN))] * len(runs)
     whole = free_problem(runs, "servo", models, cut(runs, "servo"), {"position": 1e3})
     evenly, anew = (sketch(whole.part(FIT_A, FIT_B), 30.0, v).judged.sum() / RATE for v in (None, {}))
-    assert evenly > 28.0 and 1.5 * evenly - 1.0 < anew < 1.5 * evenly + 2 * 24.0  # up to a piece in each part
+    assert evenly > 18.0 and 1.5 * evenly - 1.0 < anew < 1.5 * evenly + 2 * 24.0  # up to a piece in each part
 
 
 def test_what_joints_share_is_sought_in_pieces_of_each_part_that_keep_their_part() -> None:
@@ -128,7 +128,7 @@ def test_of_long_runs_pieces_of_each_are_kept(short: Any) -> None:
     whole = free_problem(runs, "servo", models, cut(runs, "servo", "run7"), {"position": 1e3})
     kept = short(whole.part(FIT_A, FIT_B), 30.0)
     assert len({unit.run for unit in kept.units}) >= 4
-    assert 30.0 * RATE <= kept.judged.sum() < 50.0 * RATE
+    assert (20.0 if short is sketch else 30.0) * RATE <= kept.judged.sum() < 50.0 * RATE
     ends = zip(kept.units, kept.starts[:-1], kept.starts[1:], strict=True)
     assert all(kept.judged[a:b].any() and unit.judged < b - a for unit, a, b in ends)
     assert kept.judged.sum() > 0.6 * len(kept.time)

@@ -64,9 +64,9 @@ class SearchSettings:
         "Excess loss from which the screen predicts nothing, so that every cause gets an iteration of a rough fit.",
     )
     sketched: float = threshold(
-        20.0,
-        "Length [s] of the data that screen and rough fits see of longer logs, spread evenly, beside which half as "
-        "much shows where the model is most wrong; finalists are fitted to all.",
+        30.0,
+        "Length [s] of the data that screen and rough fits see of logs of twice that or more: two thirds spread evenly, "
+        "and where the model is most wrong; finalists are fitted to all.",
     )
     rough_iterations: int = threshold(3, "Iterations of a rough fit.")
     shape_edge: float = threshold(

@@ -19,7 +19,7 @@ from .settings import SearchSettings
 from .several import Several
 from .windows import hidden_state, split
 
-WRONG = 0.5  # of what is kept of all pieces, beside which so much is kept of those that a model is most wrong about
+WRONG = 1.0 / 3.0  # of what is kept: pieces that a model is most wrong about, beside some of all pieces
 PIECE = 5.0  # [s] into which runs are cut that are longer than all that is kept
 SKETCHED = -1  # label of the pieces that are kept
 DROPPED = -2  # and of those that are not, where the others keep theirs
@@ -28,21 +28,21 @@ AnyProblem = TypeVar("AnyProblem", bound=Problem)
 
 
 def sketch(problem: AnyProblem, seconds: float, values: Mapping[str, float] | None = None) -> AnyProblem:
-    """A joint's problem with every so many of the pieces of both parts, as short as may be but not below ``seconds``.
+    """A joint's problem with every so many of the pieces of both parts, and those that a model is most wrong about.
 
     A chirp or a joint that warms up is another in each piece of a log: those kept of one part lie between those kept of
-    the other. With a model, half as much again is kept of what it is most wrong about: of eight motions one alone may
-    show what the others do not reach. What is not of one joint stays whole: of several, each must be there.
+    the other. Of eight motions one alone may show what the others do not reach: the model is most wrong there. What is
+    not of one joint stays whole: of several, each must be there.
 
     Args:
         problem: with pieces to fit on.
-        seconds: length of what is judged, about.
-        values: of the model, by path.
+        seconds: length of what is judged, about; the log is not thinned below twice of that.
+        values: of the model, by path; without one, two thirds are kept.
     """
     if problem.joint is None or _length(problem) < 2.0 * seconds:
         return problem
     problem = _in_pieces(problem, seconds)
-    every = max(math.floor(_length(problem) / seconds), 1)
+    every = max(math.floor(_length(problem) / ((1.0 - WRONG) * seconds)), 1)
     wrong = None if values is None else _wrong(problem, values)
     lengths = _lengths(problem)
     kept = set[int]()
@@ -52,7 +52,7 @@ def sketch(problem: AnyProblem, seconds: float, values: Mapping[str, float] | No
         kept |= set(evenly)
         if wrong is not None:
             others = sorted(set(mine).difference(evenly), key=lambda k: float(wrong[k]), reverse=True)
-            kept |= set(_first(others, lengths, WRONG * sum(lengths[k] for k in evenly)))
+            kept |= set(_first(others, lengths, WRONG / (1.0 - WRONG) * sum(lengths[k] for k in evenly)))
     units = tuple(replace(unit, part=SKETCHED) if k in kept else unit for k, unit in enumerate(problem.units))
     return replace(problem, units=units).part(SKETCHED)
 
@@ -72,7 +72,7 @@ def fit_from_sketch(
 ) -> Fit:
     """A fit that starts far from its optimum: of a long log to the sketch first, and from there to all."""
     if is_long(problem, settings):
-        start = fit(sketch(problem, settings.sketched), parameters, start, settings.iterations).values
+        start = fit(sketch(problem, settings.sketched, start or {}), parameters, start, settings.iterations).values
     return fit(problem, parameters, start, most_iterations(problem, settings))
 
 
