@@ -65,8 +65,8 @@ class SearchSettings:
     )
     sketched: float = threshold(
         30.0,
-        "Length [s] of the data that screen and rough fits see of logs of twice that or more: two thirds spread evenly, "
-        "and where the model is most wrong; finalists are fitted to all.",
+        "Length [s] of the data that screen and rough fits see of logs of twice that or more: two thirds of it spread "
+        "evenly, the rest where the model is most wrong; finalists are fitted to all.",
     )
     rough_iterations: int = threshold(3, "Iterations of a rough fit.")
     shape_edge: float = threshold(
