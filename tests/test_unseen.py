@@ -258,6 +258,17 @@ def _accepted(name: str, parameter: Parameter, removed: float) -> Candidate:
     return Candidate(cause, (parameter,), (NO_FIT, NO_FIT), evidence("d", removed))
 
 
+def test_a_rival_that_is_named_beside_a_cause_is_none() -> None:
+    """Of a shoulder: "may be drive.derivative and 3 more, but drive.acceleration_limit fits about as well", one of 3."""
+    d, limit, other = (_accepted(name, SIZE, 0.4) for name in ("d", "l", "other"))
+    tied = (replace(d, best=0.6), replace(limit, best=0.3), replace(other, best=0.1))
+    rounds = (Round(BEFORE, tied, True), Round(BEFORE, (limit,), True), Round(BEFORE, (other,), False))
+    both = Search((), (d, limit), rounds, COUNTS, (NO_FIT, NO_FIT))
+    assert both.rivals(0) == ("other",) and both.rivals(1) == ()
+    alone = replace(both, accepted=(d,), rounds=(rounds[0], rounds[2]))
+    assert alone.rivals(0) == ("l", "other")
+
+
 def test_an_interval_that_fills_the_range_tried_is_no_measurement() -> None:
     assert measured(DELAY, (0.0, 0.2)) == 0.0
     assert measured(DELAY, (0.02, 0.17)) == pytest.approx(0.5)

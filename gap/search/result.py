@@ -104,6 +104,17 @@ class Search:
         groups: list[Sequence[Parameter]] = [c.variant for c in self.accepted if c.cause.key != without]
         return merge(self.tuned, *groups)
 
+    def rivals(self, which: int) -> tuple[str, ...]:
+        """Names of the causes that do about as well in the place of an accepted one, given by its number.
+
+        One that is accepted, too, stands beside it and not in its place.
+        """
+        cause, named = self.accepted[which].cause, {candidate.cause.key for candidate in self.accepted}
+        others = [r for r in self.rounds if r.accepted][which].candidates[1:]
+        close = [c.cause for c in others if c.best > self.settings.rival_win_rate and c.cause.key not in named]
+        # a rival of the same name is another body's
+        return tuple(dict.fromkeys(other.key if other.name == cause.name else other.name for other in close))
+
     def less(self, keys: Collection[str]) -> Search:
         """The search without some of the causes that it accepted; its record stays."""
         rounds = [r for r in self.rounds if r.accepted]

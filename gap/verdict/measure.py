@@ -311,11 +311,9 @@ def _name_causes(
     residual = float(robust_loss(np.sqrt(rest.level))) if rest.noticed else 0.0
     neighbours = float(robust_loss(np.sqrt(THRESHOLDS.neighbours))) if is_of_robot(fitting) else 0.0
     named = []
-    for candidate, share, without, chosen in zip(search.accepted, shares, debts.without, rounds, strict=True):
-        removed = float((chosen.before.sum() - candidate.blocks.sum()) / search.counts.sum())
-        close = [c.cause for c in chosen.candidates[1:] if c.best > search.settings.rival_win_rate]
-        # a rival of the same name is another body's
-        rivals = tuple(dict.fromkeys(c.key if c.name == candidate.cause.name else c.name for c in close))
+    for k, (candidate, share, without) in enumerate(zip(search.accepted, shares, debts.without, strict=True)):
+        removed = float((rounds[k].before.sum() - candidate.blocks.sum()) / search.counts.sum())
+        rivals = search.rivals(k)
         wrong = float(robust_loss(np.sqrt(law_error(account.size * (sum(shares) - share)))))
         led = account.led.get(candidate.cause.key, Led(removed, residual, account.beyond))
         beyond = 1.0 if candidate.variant[0].number in account.numbers else led.beyond
