@@ -259,7 +259,7 @@ def _accepted(name: str, parameter: Parameter, removed: float) -> Candidate:
 
 
 def test_a_rival_that_is_named_beside_a_cause_is_none() -> None:
-    """Of a shoulder: "may be drive.derivative and 3 more, but drive.acceleration_limit fits about as well", one of 3."""
+    """Of a shoulder: "may be drive.derivative and 3 more, but drive.acceleration_limit fits about as well"."""
     d, limit, other = (_accepted(name, SIZE, 0.4) for name in ("d", "l", "other"))
     tied = (replace(d, best=0.6), replace(limit, best=0.3), replace(other, best=0.1))
     rounds = (Round(BEFORE, tied, True), Round(BEFORE, (limit,), True), Round(BEFORE, (other,), False))

@@ -71,7 +71,7 @@ class NamedCause:
         kind: ``effect`` that the model lacks, wrong ``number`` of the model, or, where a column's fault is itself what
             is fitted (a torque column that lags), ``data``.
         picture: which picture shows it.
-        rivals: candidates that win in more than 5 % of the draws of the round that this cause won, and are not named, too.
+        rivals: those that win more than 5 % of the draws of the round that it won, less those that are named, too.
         standing: :data:`CERTAIN`, :data:`LIKELY`, :data:`POSSIBLE` or :data:`ONE_OF_SEVERAL`, whatever is said of other
             causes.
         signatures: features that it must bring to where they were measured before it is certain.
