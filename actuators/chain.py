@@ -27,6 +27,7 @@ from .layout import (
 from .published import bam_file, bam_stages
 from .stages import OPCODES, ORDER, STAGES, ChainError, Quantity, Stage, build_stage
 from .stages.net import Net
+from .yaml_text import load_yaml
 
 CHECKOUT = Path(__file__).resolve().parent.parent
 LIBRARY = CHECKOUT / "configs" / "actuator"
@@ -320,7 +321,7 @@ def load_chain(source: str | Path | Sequence[Any] | Chain) -> Chain:
 
 def _read(path: Path) -> Any:
     try:
-        return yaml.safe_load(path.read_text(encoding="utf-8"))
+        return load_yaml(path.read_text(encoding="utf-8"))
     except (OSError, UnicodeDecodeError) as error:
         reason = getattr(error, "strerror", None) or error
         raise ChainError(f"cannot read the actuator {path}: {reason}.") from None

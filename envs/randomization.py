@@ -20,6 +20,7 @@ from mujoco.batch import Batch
 from ..actuators import Chain, Drivetrain
 from ..actuators.errors import SealegsError, nearest
 from ..actuators.layout import P_STATE_SIZE
+from ..actuators.yaml_text import load_yaml
 from .scene import FLOOR
 
 
@@ -143,7 +144,7 @@ def read_randomization(source: Source) -> Mapping[str, Any]:
     if isinstance(source, Mapping):
         return source
     try:
-        document = yaml.safe_load(Path(source).read_text(encoding="utf-8"))
+        document = load_yaml(Path(source).read_text(encoding="utf-8"))
     except (OSError, UnicodeDecodeError) as error:
         reason = getattr(error, "strerror", None) or error
         raise RandomizationError(f"cannot read the randomisation {source}: {reason}.") from None

@@ -11,6 +11,7 @@ from typing import Any
 import yaml
 
 from ..actuators.errors import SealegsError, nearest
+from ..actuators.yaml_text import load_yaml
 from ..configs.check import checked
 from ..envs.robot import Robot
 from ..envs.robot_entries import ServoEntry
@@ -240,7 +241,7 @@ def read_joints(path: Path, robot: Robot, lines: Sequence[Line] = ()) -> list[Jo
         CalibrationError: the file cannot be read, or is of another robot.
     """
     try:
-        document = yaml.safe_load(path.read_text(encoding="utf-8"))
+        document = load_yaml(path.read_text(encoding="utf-8"))
         if document["robot"] != robot.name:
             raise CalibrationError(f"{path} is the calibration of robot '{document['robot']}', not of '{robot.name}'.")
         return [

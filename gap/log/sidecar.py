@@ -13,6 +13,7 @@ import yaml
 
 from ...actuators.errors import nearest
 from ...actuators.published import PREFIX
+from ...actuators.yaml_text import load_yaml
 from ...envs.robot_file import is_robot_file
 from ...envs.robot_sources import files_read
 from .types import LogError
@@ -131,7 +132,7 @@ def sidecar_text(sidecar: Sidecar) -> str:
 
 def _load_mapping(path: Path) -> dict[str, Any]:
     try:
-        content = yaml.safe_load(path.read_text(encoding="utf-8"))
+        content = load_yaml(path.read_text(encoding="utf-8"))
     except yaml.MarkedYAMLError as error:
         mark = error.problem_mark or error.context_mark
         where = f" at line {mark.line + 1}" if mark else ""

@@ -11,6 +11,7 @@ from typing import Any
 import yaml
 
 from ...actuators.errors import SealegsError, nearest
+from ...actuators.yaml_text import load_yaml
 
 KINDS = {
     "drop": "replies are lost",
@@ -125,7 +126,7 @@ def read_faults(path: str | Path) -> list[Fault]:
         FaultError: the file cannot be read or holds something else.
     """
     try:
-        rows = yaml.safe_load(Path(path).read_text())
+        rows = load_yaml(Path(path).read_text(encoding="utf-8"))
     except OSError as error:
         raise FaultError(f"the fault file {path} cannot be read: {error.strerror}.") from None
     except (UnicodeDecodeError, yaml.YAMLError) as error:

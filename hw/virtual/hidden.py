@@ -19,6 +19,7 @@ import yaml
 from ...actuators import Chain, load_chain
 from ...actuators.errors import SealegsError, nearest
 from ...actuators.stages import build_stage
+from ...actuators.yaml_text import load_yaml
 from ...envs.robot import Robot
 
 
@@ -40,7 +41,7 @@ def hide(
     if path is None:
         return believed, params
     try:
-        content = yaml.safe_load(Path(path).read_text())
+        content = load_yaml(Path(path).read_text(encoding="utf-8"))
     except OSError as error:
         raise SealegsError(f"the file of hidden effects {path} cannot be read: {error.strerror}.") from None
     except (UnicodeDecodeError, yaml.YAMLError) as error:
