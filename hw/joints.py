@@ -166,7 +166,7 @@ def check_joints(joints: Sequence[Joint], robot: Robot, servo: ServoModel, param
     users: dict[int, str] = {}
     limits = robot.goal_limits(robot.parameters(params))
     for joint in joints:
-        model = joint.line.model(servo)
+        model, unit = joint.line.model(servo), robot.unit(joint.name)
         if not 0 <= joint.id <= model.high_id:
             raise CalibrationError(f"joint {joint.name} has the id {joint.id}; ids are 0 to {model.high_id}.")
         if joint.address in users:
@@ -178,20 +178,23 @@ def check_joints(joints: Sequence[Joint], robot: Robot, servo: ServoModel, param
         if joint.direction not in (-1, 1):
             raise CalibrationError(f"joint {joint.name} has the direction {joint.direction}; it is 1 or -1.")
         if not (math.isfinite(joint.low) and math.isfinite(joint.high) and joint.low < joint.high):
-            raise CalibrationError(f"joint {joint.name} has the range {joint.low} to {joint.high} rad, which is none.")
+            raise CalibrationError(
+                f"joint {joint.name} has the range {joint.low} to {joint.high} {unit}, which is none."
+            )
         for angle in (joint.low, joint.high):
             place = joint.zero + joint.direction * angle / (joint.per_radian * model.step)
             if not -0.5 <= place <= model.steps - 0.5:
                 raise CalibrationError(
-                    f"joint {joint.name} cannot reach {angle:.3f} rad: its encoder ends at step 0 and "
+                    f"joint {joint.name} cannot reach {angle:.3f} {unit}: its encoder ends at step 0 and "
                     f"{model.steps - 1}, and that is step {place:.0f}; mount the horn so that the range keeps "
                     "clear of the encoder's seam, or give a smaller range."
                 )
         low, high = limits[joint.name]
         if joint.high <= low or joint.low >= high:
             raise CalibrationError(
-                f"joint {joint.name} has the range {joint.low:.2f} to {joint.high:.2f} rad, but robot '{robot.name}' "
-                f"works between {low:.2f} and {high:.2f} rad; zero or direction is wrong: calibrate it again."
+                f"joint {joint.name} has the range {joint.low:.2f} to {joint.high:.2f} {unit}, but robot "
+                f"'{robot.name}' works between {low:.2f} and {high:.2f} {unit}; zero or direction is wrong: "
+                "calibrate it again."
             )
 
 

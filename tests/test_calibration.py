@@ -175,6 +175,21 @@ def test_what_cannot_be_is_refused_in_a_sentence(changes: dict[str, dict[str, fl
     assert says in str(refusal.value)
 
 
+def test_a_range_of_a_slide_is_told_in_metres(tmp_path: Path) -> None:
+    model = tmp_path / "lift.xml"
+    model.write_text(
+        '<mujoco><worldbody><body><joint name="rail" type="slide" axis="0 0 1" range="-0.3 0.3"/>'
+        '<geom size="0.1" mass="1"/></body></worldbody></mujoco>'
+    )
+    robot = get_robot(str(model))
+    for low, high, said in (
+        (0.4, 0.5, "0.40 to 0.50 m, but robot .* works between -0.30 and 0.30 m"),
+        (0, 0, "0 to 0 m"),
+    ):
+        with pytest.raises(CalibrationError, match=said):
+            check_joints([Joint("rail", 1, 2048, 1, low, high)], robot, SERVO, {})
+
+
 def test_a_missing_joint_is_refused() -> None:
     with pytest.raises(CalibrationError, match="knee is missing"):
         check_joints(joints()[:1], HOPPER, SERVO, {})
