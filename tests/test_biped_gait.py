@@ -127,7 +127,6 @@ def test_a_time_step_makes_no_other_robot() -> None:
     assert robot_hash(BIPED, {"timestep": 0.002}) == robot_hash(BIPED) != robot_hash(BIPED, {"torso_mass": 41.0})
 
 
-@pytest.mark.long
 @pytest.mark.parametrize("folder", quick(POLICIES, 5), ids=lambda folder: folder.name)
 def test_a_learned_policy_walks_from_a_standing_start(folder: Path) -> None:
     env, actuator, act = load(folder)

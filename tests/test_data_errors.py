@@ -126,7 +126,6 @@ def test_a_data_error_is_found_alone_and_mended(name: str, size: float, seed: in
     assert [f.code for f in check_set(data) if f.data_error] == []
 
 
-@pytest.mark.long
 @pytest.mark.parametrize("seed", quick((1, 2), 2))
 @pytest.mark.parametrize(("delay", "code"), [(0.010, "torque.lag"), (0.020, "torque.lag"), (-0.012, "torque.lead")])
 def test_a_torque_column_out_of_step_is_measured(delay: float, code: str, seed: int) -> None:
@@ -136,7 +135,6 @@ def test_a_torque_column_out_of_step_is_measured(delay: float, code: str, seed: 
     assert faults[0].low <= abs(delay) <= faults[0].high
 
 
-@pytest.mark.long
 @pytest.mark.parametrize("seed", quick((1, 2), 2))
 @pytest.mark.parametrize("factor", [1 / GEAR, 1 / 6, 6.0, 1000.0])
 def test_a_torque_column_of_the_other_side_of_the_gear_is_named(factor: float, seed: int) -> None:

@@ -8,7 +8,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 from sealegs.gap.search.decide import Standing, decide, hopeless, pays
-from sealegs.gap.search.record import Evidence, RoundRecord, SearchRecord, Step, load, save
+from sealegs.gap.search.record import Evidence, RoundRecord, SearchRecord, Step, from_dict, load, save, to_dict
 from sealegs.gap.search.settings import DEFAULT, SearchSettings
 from sealegs.gap.search.tied import GAIN, ended_tied
 
@@ -123,6 +123,14 @@ def test_a_further_cause_must_win_most_draws() -> None:
     assert pays(record, rare, DEFAULT, further=False) and not pays(record, rare, DEFAULT, further=True)
 
 
+def test_a_record_keeps_that_a_run_led() -> None:
+    rounds = (replace(round_of(evidence("a", 0.4)), led=True), round_of(evidence("b", 0.4)))
+    kept = to_dict(SearchRecord(0, tuple(Step(one) for one in rounds)))
+    assert [step.round.led for step in from_dict(kept).steps] == [True, False]
+    del kept["steps"][0]["round"]["led"]  # of a record that was made before
+    assert not from_dict(kept).steps[0].round.led
+
+
 @pytest.mark.parametrize(
     ("removes", "excess", "led", "paid"),
     [
@@ -154,6 +162,22 @@ def test_a_finalist_that_cannot_win_or_cannot_pay_is_not_fitted_to_the_parts(
     cost: float, least: float, excess: float, passed_over: bool
 ) -> None:
     assert hopeless(cost, least, 21.0, 21.0, excess, DEFAULT) is passed_over
+
+
+@pytest.mark.parametrize(
+    ("cost", "excess", "passed_over"),
+    [
+        (19.0, 20.0, True),  # 2 of 20: a further cause that leaves so much must remove 6
+        (17.9, 20.0, False),
+        (3.8, 3.2, False),  # what it leaves is little, so that it need not
+        (4.1, 3.2, True),  # a further cause that removes nothing does not pay either
+    ],
+)
+def test_a_further_finalist_is_passed_over_only_where_it_is_a_guess(
+    cost: float, excess: float, passed_over: bool
+) -> None:
+    before = excess + 1.0
+    assert hopeless(cost, cost, before, before, excess, DEFAULT, further=True) is passed_over
 
 
 def test_a_decision_that_leaves_the_record_is_open() -> None:

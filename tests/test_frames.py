@@ -46,7 +46,6 @@ def test_angles_that_are_the_models_are_left_alone(run: MeasuredRun) -> None:
     assert taken(run) == {}
 
 
-@pytest.mark.long
 @pytest.mark.parametrize(
     ("joint", "zero"), quick([("shoulder", 0.0), ("shoulder", 0.8), ("elbow", 0.8), ("elbow", 0.35)], 2)
 )

@@ -46,7 +46,6 @@ def test_a_reading_that_was_logged_as_the_goal_makes_a_log_unusable(copied: Call
         assert unusable([finding], MeasuredSet((wrong,), "x")) == finding
 
 
-@pytest.mark.long
 @pytest.mark.parametrize("every", [1, 4, 10])
 @pytest.mark.parametrize("seed", quick(range(3), 3))
 def test_goals_of_a_bench_are_none_of_its_readings_at_any_rate(seed: int, every: int) -> None:

@@ -130,8 +130,7 @@ def test_loads_and_nominal_errors_are_what_they_say() -> None:
     assert all(abs(factor - 1) <= 0.05 for factor in truth["nominal_factors"].values())
 
 
-@pytest.mark.long
-@pytest.mark.parametrize("name", quick([name for name in EFFECTS if name not in SIZED_BY_HAND], 5))
+@pytest.mark.parametrize("name", quick([name for name in EFFECTS if name not in SIZED_BY_HAND], 15))
 def test_effects_have_the_promised_size(name: str) -> None:
     from testbed.calibrate import gap
 

@@ -40,7 +40,6 @@ def found(run: MeasuredRun, code: str) -> Finding:
     return findings[0]
 
 
-@pytest.mark.long
 @pytest.mark.parametrize("seed", quick(range(4), 4))
 def test_clean_logs_raise_no_error_and_no_warning(seed: int) -> None:
     data = hidden_bench({}, seed, load=("light", "medium", "heavy"))[0]
@@ -48,7 +47,6 @@ def test_clean_logs_raise_no_error_and_no_warning(seed: int) -> None:
     assert unusable(check_set(data), data) is None
 
 
-@pytest.mark.long
 @pytest.mark.parametrize(
     "effect",
     quick(["friction.coulomb", "friction.stribeck", "drive.supply_sag", "drive.delay", "transmission.backlash"], 2),

@@ -296,7 +296,6 @@ def test_every_figure_is_drawn_without_complaint(
     view.tab.close()
 
 
-@pytest.mark.long
 @pytest.mark.parametrize("name", quick(["page", "rich_page"], 2))
 def test_a_phone_never_scrolls_sideways(browser: Any, name: str, request: pytest.FixtureRequest) -> None:
     view = opened(browser, request.getfixturevalue(name), 390, 844)

@@ -166,7 +166,6 @@ def checked(data: MeasuredSet) -> list[Finding]:
     return findings
 
 
-@pytest.mark.long
 @pytest.mark.parametrize("robot", quick(["bench", "hopper", "a machine of ours"], 3))
 @pytest.mark.parametrize("unit", ["deg", "turn", "mm"])
 def test_columns_of_a_robot_without_a_file_are_converted_as_its_sidecar_says(unit: str, robot: str) -> None:

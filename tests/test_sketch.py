@@ -16,6 +16,7 @@ from sealegs.gap.replay.free import free_problem
 from sealegs.gap.replay.joint_model import JointModel
 from sealegs.gap.search import rough
 from sealegs.gap.search import screen as screening
+from sealegs.gap.search import sketch as sketching
 from sealegs.gap.search.fit import Fit
 from sealegs.gap.search.screen import screen
 from sealegs.gap.search.settings import DEFAULT
@@ -99,6 +100,28 @@ def test_what_the_model_is_most_wrong_about_counts_by_its_length() -> None:
     whole = free_problem(runs, "servo", models, cut(runs, "servo"), {"position": 1e3})
     evenly, anew = (sketch(whole.part(FIT_A, FIT_B), 30.0, v).judged.sum() / RATE for v in (None, {}))
     assert evenly > 18.0 and 1.5 * evenly - 1.0 < anew < 1.5 * evenly + 2 * 24.0  # up to a piece in each part
+
+
+def test_a_fit_to_a_long_log_starts_from_one_to_its_sketch(monkeypatch: pytest.MonkeyPatch) -> None:
+    asked: list[tuple[Any, Any, int]] = []
+
+    def fit(problem: Any, parameters: Any, start: Any, evaluations: int) -> Fit:
+        asked.append((problem, start, evaluations))
+        return Fit({"a": float(len(asked))}, np.zeros((3, 4)), 1.0)
+
+    monkeypatch.setattr(sketching, "fit", fit)
+    monkeypatch.setattr(sketching, "sketch", lambda problem, seconds, values: "sketch")
+    short, long = long_log(8), long_log(40)
+    sketching.fit_from_sketch(long, (), {"a": 0.5}, DEFAULT)
+    assert asked == [
+        ("sketch", {"a": 0.5}, DEFAULT.iterations),
+        (long, {"a": 1.0}, DEFAULT.sketched_iterations),
+    ]
+    asked.clear()
+    sketching.fit_from_sketch(short, (), None, DEFAULT)
+    assert asked == [(short, None, DEFAULT.iterations)]
+    several: Any = replace(long, joint=None)
+    assert sketching.most_iterations(several, DEFAULT) == DEFAULT.iterations
 
 
 def test_what_joints_share_is_sought_in_pieces_of_each_part_that_keep_their_part() -> None:

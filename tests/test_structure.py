@@ -113,7 +113,6 @@ def test_ticks_of_a_coarse_encoder_are_no_structure() -> None:
     assert not structure(replace(problem, measured=coarse, weight=weight), simulated).noticed
 
 
-@pytest.mark.long
 @pytest.mark.parametrize("judged", quick(["torque", "current", "duty"], 3))
 def test_a_rigid_driven_joint_is_told_by_its_link_and_by_its_own_duty(judged: str) -> None:
     """Whichever column is judged, an error that follows the link's speed (or the duty) is traced to just that."""

@@ -49,8 +49,7 @@ def torques(chain: Chain) -> list[float]:
     return found
 
 
-@pytest.mark.long
-@pytest.mark.parametrize("name", quick(sorted(chains()), 3))
+@pytest.mark.parametrize("name", quick(sorted(chains()), 8))
 def test_a_chain_computes_the_torques_that_were_recorded(name):
     recorded = json.loads(RECORDED.read_text(encoding="utf-8"))
     assert name in recorded, "record it: python -m tests.test_trajectories"

@@ -69,9 +69,10 @@ def hopeless(
     """
     if before - least > settings.weak and before - cost < settings.hopeless_gain * (before - least):
         return True
-    needed = settings.least_open_gain if further else settings.least_gain
-    little = settings.hopeless_gain * needed * (optimum - 1.0)
-    return excess > settings.open_excess and optimum - cost < little
+    needed = settings.least_gain * (optimum - 1.0)
+    if further:  # or it must leave no more than `open_excess`
+        needed = max(needed, min(settings.least_open_gain * (optimum - 1.0), excess - settings.open_excess))
+    return excess > settings.open_excess and optimum - cost < settings.hopeless_gain * needed
 
 
 def ranked(candidates: tuple[Evidence, ...], settings: SearchSettings) -> list[int]:

@@ -179,7 +179,8 @@ class SearchSettings:
     shared_win_gain: float = threshold(
         1.0,
         "Share of what is left that an additional cause must remove to be named, with its rivals, where none of them "
-        "wins most draws alone, and together they do. 1: never; a search that ends on such a tie goes on with 0.2.",
+        "wins most draws alone, and together they do. 1: never; a search that ends on such a tie goes on with 0.2, or "
+        "with `least_open_gain` where that holds.",
         decides=True,
     )
     least_sampled: float = threshold(

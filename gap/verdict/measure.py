@@ -86,8 +86,9 @@ def measure(
     refitted = fit_from_sketch(fitted, wide, None, search.settings)
     model = effective(fitting, search, seed)
     if problem.open_loop and len(fitting.units) > len(problem.units):  # sought in windows, judged on whole pieces
-        refitted = whole_fit(problem, wide, refitted)
-        model = model.with_fit(whole_fit(problem, model.search.parameters(), model.fitted))
+        most = search.settings.iterations
+        refitted = whole_fit(problem, wide, refitted, most)
+        model = model.with_fit(whole_fit(problem, model.search.parameters(), model.fitted, most))
     drifts = problem.joint if problem.open_loop and is_of_robot(problem) else None
     if drifts is not None and model.search.accepted:
         model = model.with_fit(begun_fit(drifts, model.search.parameters(), model.fitted, search.settings.iterations))
@@ -199,18 +200,19 @@ def _others(wide: Sequence[Parameter], causes: Sequence[NamedCause]) -> list[Par
     return [p for p in wide if p.number not in named]
 
 
-def whole_fit(problem: Problem, parameters: Sequence[Parameter], found: Fit) -> Fit:
+def whole_fit(problem: Problem, parameters: Sequence[Parameter], found: Fit, most: int = DEFAULT.iterations) -> Fit:
     """A fit to windows, carried on to whole pieces, whose errors add up small ones; as it was where that is no better.
 
     Args:
         problem: all data, in whole pieces.
         parameters: of the fit.
         found: to windows of the same data.
+        most: iterations.
     """
     if not parameters:
         return found
     fitted = problem.part(FIT_A, FIT_B)
-    again = fit(fitted, parameters, found.values, DEFAULT.iterations)
+    again = fit(fitted, parameters, found.values, most)
     before, after = (fitted.position_error(fitted.simulate([one.values])[0]) for one in (found, again))
     return again if np.mean(after**2) < np.mean(before**2) else found
 

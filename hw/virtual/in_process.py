@@ -33,7 +33,7 @@ def bus_in_process(
         hidden: file of what the machine really is.
         pose: in which a hand holds the robot until ``rig.held`` is None; None: until torque comes on.
         timeout: of the bus [s].
-        latency: of the adapter, on every reply [s].
+        latency: of the adapter, on every reply and echo [s].
 
     Raises:
         SealegsError: the machine cannot be built.

@@ -91,7 +91,7 @@ class Server:
             wire: servos and their line.
             stepped: whether time advances by transactions alone, instead of with the clock.
             cycle: in stepped time, every SYNC_READ waits for the next multiple of this [s]; 0: it does not.
-            latency: of the adapter, on every reply [s].
+            latency: of the adapter, on every reply and echo [s].
             link: fixed name of the port.
             others: further lines to the same machine, each on a port of its own; stepped time advances with the first.
             linger: end so long after the standard input is closed [s]; None: do not look at it.
@@ -192,6 +192,8 @@ class Server:
             return
         if first(line.wire.faults, "echo", self.now()) is not None:
             line.send_at(self.now() + self.latency, data)
+            if self.stepped:  # nothing else sends what is no request
+                line.flush(self._stepped_now + self.latency + 1e-9)
         line.stream += data
         for request in line.wire.requests(line.stream):
             self._handle(line, request)
