@@ -29,4 +29,3 @@ def read_document(path: Path) -> Any:
         mark = getattr(error, "problem_mark", None)
         where = f" in line {mark.line + 1}" if mark else ""
         raise RobotError(f"{path} is not valid YAML{where}: {getattr(error, 'problem', error)}.") from None
-
