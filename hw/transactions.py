@@ -31,7 +31,8 @@ from .round_trip import RoundTrip
 
 LATEST, OVERDUE = 1.0, 4  # [s] after which no answer comes any more; failed requests whose answers are still expected
 USELESS = 8  # packets that are no answer, behind which the timeout counts though more come
-ECHO_WAIT = 0.025  # [s] within which an adapter's echo would be back: a USB adapter may hold bytes for 16 ms
+ECHO_WAIT = 0.005  # [s] within which an adapter's echo would be back; a release must not wait longer for it
+HELD_ECHO_WAIT = 0.025  # [s] the same where one seems to be: a USB adapter may hold bytes for 16 ms
 
 T = TypeVar("T")
 
@@ -208,7 +209,7 @@ class Transactions:
                 continue
             servo = reply.servo
             if reply.whole == request and len(request) > self.dialect.overhead:
-                self._check_echo()
+                self._check_echo(HELD_ECHO_WAIT)
             if servo in replies or servo not in ids:
                 problem = StaleReplyError(
                     f"servo {servo} on {self.path} answered a question that was not the latest; it was ignored.",
@@ -295,12 +296,19 @@ class Transactions:
             self._gone = named
         return named
 
-    def _check_echo(self) -> None:
-        """Send what no servo answers and no reply can equal, a SYNC_WRITE to nobody, and see whether it comes back."""
+    def _check_echo(self, wait: float = ECHO_WAIT) -> None:
+        """Send what no servo answers and no reply can equal, a SYNC_WRITE to nobody, and see whether it comes back.
+
+        Args:
+            wait: for how long [s].
+
+        Raises:
+            EchoError: it does.
+        """
         try:
             self.port.settle(quiet=0.002)
             request = self._send(BROADCAST, SYNC_WRITE, self.dialect.block(0, 1))
-            self.port.setPacketTimeoutMillis(1e3 * ECHO_WAIT)
+            self.port.setPacketTimeoutMillis(1e3 * wait)
             seen: list[int] = []
             while not self.port.isPacketTimeout() and len(seen) < len(request):
                 seen += self.port.readPort(len(request) - len(seen))
