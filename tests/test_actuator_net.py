@@ -224,6 +224,7 @@ def test_ctrl_c_before_the_first_epoch_gives_no_net(monkeypatch):
         train(bench_runs(2), SHORT)
 
 
+@pytest.mark.long
 def test_ctrl_c_at_the_end_of_the_first_epoch_keeps_what_it_learned():
     def stop(*_) -> None:
         raise KeyboardInterrupt
@@ -269,6 +270,7 @@ def train_net(*arguments: str) -> Done:
     return typed("train-net", *arguments)
 
 
+@pytest.mark.long
 def test_the_script_learns_from_a_measured_log(tmp_path):
     from sealegs.gap.log import JointLog, MeasuredRun, write_run
 

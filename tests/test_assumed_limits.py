@@ -47,6 +47,7 @@ def halves(found: deployment.Deployment) -> dict[str, float]:
     return dict.fromkeys(found.robot.names, reach) if isinstance(reach, float) else reach
 
 
+@pytest.mark.long
 @pytest.mark.parametrize(("word", "seconds"), [("steps", 3), pytest.param("chirp", 12, marks=pytest.mark.long)])
 def test_the_first_excitations_run_through_on_a_robot_that_new_robot_wrote(word: str, seconds: int, hand: Path) -> None:
     done = deployment.run(prepared(hand, word, f"duration={seconds}"), lambda _: None)

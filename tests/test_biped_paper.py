@@ -51,6 +51,7 @@ def recorded(command: np.ndarray, place: np.ndarray) -> Record:
 # --- identification, against a plant of its own ----------------------------------------------------------------------
 
 
+@pytest.mark.long
 @pytest.mark.parametrize(("constant", "factor", "bias"), [(1.21, 0.85, -0.06), (0.93, 1.1, 0.03)])
 def test_motor_constant_inertia_factor_friction_and_bias_are_recovered(
     constant: float, factor: float, bias: float
@@ -260,6 +261,7 @@ def test_both_feet_leave_the_floor_in_every_hop(hopping: Hopping) -> None:
         assert all(phase in seen for seen in phases)
 
 
+@pytest.mark.long
 def test_without_the_update_of_the_lean_or_without_cable_stretch_it_falls() -> None:
     assert HoppingExperiment(replace(Gait(), torso_gain=0.0)).run(20, 20.0).fell
     assert HoppingExperiment(chains=rigid_cables).run(20, 20.0).fell

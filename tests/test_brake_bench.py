@@ -59,6 +59,7 @@ def test_wrong_measurements_are_dropped_but_for_those_within_two_deviations():
     assert usable(clean).sum() > 0.9 * clean.valid.sum()
 
 
+@pytest.mark.long
 def test_a_dc_motor_runs_where_its_equations_balance():
     chain = load_chain(
         [

@@ -95,6 +95,7 @@ def test_a_reply_without_its_header_is_named_corrupt_and_not_missing(rigged: Rig
         rigged.bus.read_state([1], retries=0)
 
 
+@pytest.mark.long
 def test_no_flipped_bit_is_ever_taken_for_a_reading(rigged: Rigged):
     rigged.bus.line.port.reply_timeout = 0.02
     rigged.fault("corrupt", probability=0.5)
@@ -109,6 +110,7 @@ def test_no_flipped_bit_is_ever_taken_for_a_reading(rigged: Rigged):
     assert 0 < read < 40
 
 
+@pytest.mark.long
 def test_a_silent_servo_is_named_and_the_others_are_released(rigged: Rigged):
     rigged.bus.torque_on(IDS)
     rigged.fault("silence", servos=[2])

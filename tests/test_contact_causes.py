@@ -81,6 +81,7 @@ def test_touchdowns_are_found_without_knowing_where_the_ground_is() -> None:
         assert np.median([np.abs(landed - time).min() for time in found]) < 0.015
 
 
+@pytest.mark.long
 def test_a_stance_starts_in_flight_where_the_leg_truly_is() -> None:
     data, truth = recorded()
     stances = find_stances(data.runs, leg_of(data), column_noise(data.runs))

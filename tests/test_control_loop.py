@@ -237,6 +237,7 @@ def switched_on(virtual: VirtualBus, since: float) -> bool:
     return any(on and time_ >= since for time_, _, on in virtual.status()["history"])
 
 
+@pytest.mark.long
 def test_no_torque_stays_on_without_a_supervisor(virtual: VirtualBus) -> None:
     asked = list[float]()
 

@@ -167,6 +167,7 @@ def test_a_late_torque_column_is_named_by_the_diagnosis_and_no_physics() -> None
     assert [error.name for error in found.data_errors] == ["sensor.delay"] and not found.causes, found.text
 
 
+@pytest.mark.long
 def test_a_machine_whose_both_encoders_are_in_degrees_and_backwards_is_mended() -> None:
     data = clean(1)[0]
     both = [-np.degrees(signal(run, "position")) for run in data.runs]

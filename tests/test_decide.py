@@ -224,6 +224,7 @@ def of_long_joint() -> Iterator[Replayed | Balanced]:
         yield balanced(left=0.1, nominal=nominal, open_causes=withdrawn)
 
 
+@pytest.mark.long
 def test_no_number_of_causes_and_no_long_name_makes_a_sentence_too_long() -> None:
     """Three certain causes beside a doubtful one took 28 words."""
     said = {decide(replace(evidence, joint=LONG)).sentence for evidence in of_long_joint()}

@@ -185,6 +185,7 @@ def test_a_policy_for_another_robot_is_refused_by_the_field(field: str, value: A
     assert f"'{field}'" in str(refusal.value) and says in str(refusal.value)
 
 
+@pytest.mark.long
 def test_a_policy_at_another_rate_or_for_a_heavier_load_is_refused(policy: Path) -> None:
     contract = Policy(policy).contract
     with pytest.raises(ContractError, match="'control_rate' is 50 Hz, and here it is 100 Hz"):

@@ -259,6 +259,7 @@ def test_a_rigid_joint_is_judged_by_what_it_asks_of_its_drive() -> None:
     assert "friction.coulomb" in hidden and "transmission.backlash" in hidden
 
 
+@pytest.mark.long
 def test_samples_without_the_judged_column_do_not_count() -> None:
     data, _ = hidden_hopper({}, seed=12, duration=6.0, runs=2)
     gaps = []

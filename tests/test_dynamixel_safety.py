@@ -25,6 +25,7 @@ def bench(**keys: Any) -> Simulation:
     return Simulation("bench", *XL330, **keys)
 
 
+@pytest.mark.long
 def test_a_run_ends_released_and_its_log_has_signed_currents(tmp_path: Path) -> None:
     simulation = bench(commands=sine(0.8, 1.0), folder=tmp_path, limits={"speed": 99.0})
     assert simulation.run(3.0).ending == "finished" and simulation.torque == [False]
@@ -97,6 +98,7 @@ def test_a_servo_that_lost_its_torque_is_named_within_100_ms(fault: dict[str, An
     assert off[1] - 2.0 < 0.1 and not any(simulation.torque)
 
 
+@pytest.mark.long
 def test_a_servo_whose_restart_gives_it_torque_again_is_named_within_100_ms() -> None:
     restart = {"kind": "restart", "value": 0.015, "servos": [2], "at": 2.0}
     simulation = Simulation("hopper", *LEGS, commands=sine(0.1), limits=QUIET, faults=[restart])
@@ -148,6 +150,7 @@ def test_a_garbled_request_costs_no_other_servo_its_reply_and_leaves_no_torque()
     assert simulation.bus.torque_off([1, 2]) == {} and simulation.torque == [False, False]
 
 
+@pytest.mark.long
 def test_a_silent_servo_is_named_alone_though_others_wait_for_its_packet() -> None:
     silence = {"kind": "silence", "servos": [1], "at": 2.0}
     simulation = Simulation("hopper", *LEGS, commands=sine(0.1), faults=[silence], limits=QUIET)
@@ -166,6 +169,7 @@ def test_a_slow_adapter_is_named_before_torque_comes_on() -> None:
     assert said < when_torque_came_on(simulation) and "takes 16" in line
 
 
+@pytest.mark.long
 @pytest.mark.parametrize(("fault", "limits", "name"), BEYOND_LIMITS)
 def test_limits_are_judged_before_torque_comes_on(fault: dict[str, Any], limits: dict[str, Any], name: str) -> None:
     simulation = bench(faults=[fault], limits=limits)
@@ -181,6 +185,7 @@ def test_a_shutdown_of_the_servo_is_named_with_what_frees_it() -> None:
     assert "sealegs scan id=1 reboot=true" in outcome.fault.sentence and outcome.not_at_rest == {}
 
 
+@pytest.mark.long
 def test_a_robot_sits_down_before_it_is_released(monkeypatch: pytest.MonkeyPatch) -> None:
     simulation = bench(commands=sine(0.3))
     simulation.loop.park = park_motion({"joint": -0.9}, simulation.robot)

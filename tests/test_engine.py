@@ -25,6 +25,7 @@ FREE = {"ideal": {"stiffness": 0.0, "armature": 0.006}}  # a motor that does not
 # --- accuracy ------------------------------------------------------------------------------------------------------
 
 
+@pytest.mark.long
 def test_rk4_at_a_millisecond_follows_an_exact_stick_slip_joint():
     goal = excitation(8.0)
     joint = ExactJoint()

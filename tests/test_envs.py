@@ -75,6 +75,7 @@ def test_equal_seeds_move_alike_and_others_do_not(env_id: str) -> None:
     assert (first.reset(seed=5)[0] != again.reset(seed=4)[0]).any()
 
 
+@pytest.mark.long
 @every_environment
 def test_an_environment_survives_pickling(env_id: str) -> None:
     env = gym.make(env_id, actuator="ideal", start_noise=0.01).unwrapped
@@ -83,6 +84,7 @@ def test_an_environment_survives_pickling(env_id: str) -> None:
     np.testing.assert_array_equal(few_steps(env, 1), few_steps(again, 1))
 
 
+@pytest.mark.long
 @every_environment
 def test_a_spec_written_down_makes_the_same_environment(env_id: str) -> None:
     env = gym.make(env_id, actuator="ideal", start_noise=0.01)
@@ -172,6 +174,7 @@ def test_a_mistyped_argument_of_make_gets_a_suggestion(argument: str, meant: str
             make("SeaLegs/Hopper-v0", **{argument: 1.0})
 
 
+@pytest.mark.long
 @every_environment
 def test_reward_is_the_sum_of_its_terms_in_info(env_id: str) -> None:
     env = gym.make(env_id)

@@ -55,6 +55,7 @@ def test_the_end_that_the_robots_file_asks_for_is_that_of_evaluate(run: Any) -> 
     assert sitting.rate == 50.0 and sitting.commands.name == "policy"
 
 
+@pytest.mark.long
 def test_a_real_robot_has_its_emergency_stop_and_dead_mans_switch_here_too(run: Any) -> None:
     assert run("estop=key").config["estop"] == "key" and run("dead_man=true").config["dead_man"] is True
     assert run().config["estop"] is None and run().config["dead_man"] is False

@@ -92,6 +92,7 @@ def test_a_command_names_the_extra_that_it_lacks(words: list[str], extra: str, t
     assert f"pip install 'sealegs[{extra}]'" in answer.stderr and len(answer.stderr.splitlines()) == 1
 
 
+@pytest.mark.long
 def test_the_environment_for_stable_baselines3_names_its_extra(tmp_path: Path) -> None:
     answer = without_extras("import sealegs.envs.sb3", tmp_path)
     assert "MissingPackage" in answer.stderr and "pip install 'sealegs[train]'" in answer.stderr

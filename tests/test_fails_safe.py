@@ -204,6 +204,7 @@ def test_a_joint_that_follows_is_left_alone_however_it_is_driven() -> None:
         assert Simulation(commands=commands, limits={"speed": 100.0}).run(6.0).ending == "finished"
 
 
+@pytest.mark.long
 def test_a_joint_behind_its_goal_may_be_logged_before_it_stops(tmp_path: Path) -> None:
     frozen = {"kind": "frozen", "at": 2.0, "seconds": 2.0}
     limits = {"range_margin": 9.0, "speed": 99.0, "log_only": ["following"]}
@@ -219,6 +220,7 @@ def test_the_limits_of_following_come_from_the_servos_chain() -> None:
     assert small.error == pytest.approx(1.0 / 1.151) and small.speed == pytest.approx(7.4 / 0.41)
 
 
+@pytest.mark.long
 def test_a_goal_jumps_no_further_than_its_speed_allows_and_may_not_jump_for_long() -> None:
     def wild(robot: Any) -> Trajectory:
         time = np.arange(0.0, 10.0, 0.01)
@@ -253,6 +255,7 @@ def test_one_lost_reply_in_a_hundred_is_survived_with_every_servo_inside_its_lim
     assert not any(simulation.torque) and simulation.said == [] and outcome.cut == {"range": 0, "speed": 0}
 
 
+@pytest.mark.long
 def test_the_replies_that_came_are_used_while_one_servo_is_silent_and_then_it_is_named() -> None:
     silence = {"kind": "silence", "servos": [2], "at": 2.0}
     simulation = Simulation("hopper", commands=sine(0.1), faults=[silence], limits=QUIET)
@@ -286,6 +289,7 @@ def test_a_lost_reply_is_waited_for_as_long_as_round_trips_take_and_not_for_the_
 # --- a rate that cannot be kept ----------------------------------------------------------------------------------
 
 
+@pytest.mark.long
 def test_a_slow_adapter_is_named_before_torque_comes_on_with_the_command_that_mends_it(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -416,6 +420,7 @@ def test_a_robot_sits_down_before_it_is_released(stopped: bool, monkeypatch: pyt
     assert np.abs(np.diff(places)).max() < 0.05, "without a jump"
 
 
+@pytest.mark.long
 def test_a_further_stop_and_a_fault_cut_the_way_down_short(monkeypatch: pytest.MonkeyPatch) -> None:
     simulation = parked()
     begun: list[float] = []

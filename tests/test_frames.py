@@ -120,6 +120,7 @@ def test_a_zero_alone_is_taken_where_the_log_leaves_the_range_of_the_model(run: 
     assert taken(other)["elbow"].zero == pytest.approx(2.5, abs=5e-3)
 
 
+@pytest.mark.long
 def test_the_joint_that_would_leave_its_range_is_the_one_that_is_turned(run: MeasuredRun, tmp_path: Path) -> None:
     """Either joint turned around fits the torques; the shoulder was turned, and the elbow left out of its range."""
     ranged = edited(run, tmp_path, r'\1 ref="1.3" range="0.2 2.4"/>\2pos="0 \3 0"')

@@ -55,6 +55,7 @@ def test_goals_of_a_bench_are_none_of_its_readings_at_any_rate(seed: int, every:
         assert CODE not in codes(replace(run, time=run.time[::every], joints={JOINT: replace(log, **fewer)}))
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("lag", [0.004, 0.008])
 @pytest.mark.parametrize("rate", [50.0, 200.0])
 def test_a_servo_that_lags_by_a_few_milliseconds_alone_is_none(lag: float, rate: float) -> None:

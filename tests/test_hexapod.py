@@ -255,6 +255,7 @@ def test_action_zero_is_the_reference_gait() -> None:
     assert (np.abs(np.array(goals) - wanted)[settled].max(axis=0) <= step + 1e-12).all()
 
 
+@pytest.mark.long
 def test_feet_that_stand_keep_their_distances_whatever_the_action() -> None:
     rng = np.random.default_rng(0)
     middle = np.array([0.5 * sum(HEXAPOD.limits[item.name]) for item in HEXAPOD.coordinates])
@@ -297,6 +298,7 @@ def test_feet_that_stand_stay_within_the_ranges_of_their_joints_whatever_the_act
     assert worst[0] < 0.01 and worst[2] < 1e-4, "a little in a support in which the action changes"
 
 
+@pytest.mark.long
 def test_the_power_that_the_task_counts_is_that_of_the_motors() -> None:
     env = gym.make(ENV, start_noise=0.0).unwrapped
     assert isinstance(env, SingleEnv)

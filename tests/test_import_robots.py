@@ -158,6 +158,7 @@ def bag(folder: Path, kind: str, *, effort: bool = True) -> Path:
     return next(path.glob("*.mcap")) if kind == "mcap" else path
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("kind", ["bag", "db3", "mcap"])
 def test_joint_states_and_their_commands_become_a_log(tmp_path: Path, kind: str) -> None:
     source, out = bag(tmp_path, kind), tmp_path / "log"

@@ -83,6 +83,7 @@ def test_the_parts_of_a_motors_torque_add_up(env, contact):
         assert verdict.error[name] <= sum(verdict.shares[name][part] for part in verdict.left_out[name]) + 1e-12
 
 
+@pytest.mark.long
 def test_the_analysis_of_a_robot_is_one_command(tmp_path, capsys):
     evaluate.main(["relevant", "robot=bench", "seconds=0.8", "tempos=[2.0]", f"out={tmp_path / 'found'}"])
     found = json.loads((tmp_path / "found" / "relevant.json").read_text())

@@ -167,6 +167,7 @@ def torque_run(delay: float = 0.0, factor: float = 1.0, armature: float = 0.0) -
     return with_log(run, torque=factor * np.interp(run.time - delay, run.time, torque))
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("armature", [0.0, 0.12])
 def test_a_right_torque_column_raises_nothing(armature: float) -> None:
     """A drive's estimate has the armature of its motor in it: sixteen times the load's inertia made it another unit."""
@@ -210,6 +211,7 @@ def test_a_torque_column_further_out_of_step_than_is_tried_is_told_as_at_least_t
     assert finding.high is None and "at least" in finding.sentence
 
 
+@pytest.mark.long
 def test_a_reversed_estimate_of_a_drive_has_the_wrong_sign_and_is_of_no_other_gear() -> None:
     """It was taken as of the shaft, and 1/2.11 of what the motion needs."""
     chain = {"ideal": {"stiffness": 10.0, "damping": 0.1, "torque_limit": 2.0, "armature": 0.12}}
@@ -400,6 +402,7 @@ def test_a_current_that_a_load_holds_on_one_side_in_one_run_is_signed_in_all() -
     assert "current.unsigned" not in {finding.code for finding in check_set(MeasuredSet((signed, held), "x"))}
 
 
+@pytest.mark.long
 def test_a_current_without_sign_in_one_run_has_none_in_any() -> None:
     """Where a run pushes one way only, a magnitude looks like a current of another scale."""
     both, one_way = (with_log(run, current=np.abs(signal(run, "current"))) for run in clean().runs[:2])

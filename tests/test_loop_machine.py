@@ -33,6 +33,7 @@ def composed(steps: dict[str, list[list[str]]], command: str) -> dict[str, Any]:
     return compose(command, split(arguments, plain), readers=READERS)
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("step", ["deploy", "evaluate"])
 def test_what_is_said_of_bus_and_servos_holds_in_every_step(
     step: str, steps: dict[str, list[list[str]]], tmp_path: Path
@@ -52,6 +53,7 @@ def test_what_is_said_of_bus_and_servos_holds_in_every_step(
     assert "actuator=xl330" in steps["train"][0]
 
 
+@pytest.mark.long
 def test_numbers_of_the_robot_hold_in_every_step_and_a_load_comes_on_top(
     steps: dict[str, list[list[str]]], tmp_path: Path
 ) -> None:
@@ -72,6 +74,7 @@ def test_a_chain_for_each_joint_reaches_training_as_it_was_given(
     assert composed(steps, "deploy")["robot"]["actuator"] == {"joint": "sts3250"}
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("step", ["deploy", "evaluate"])
 def test_a_virtual_machine_is_the_one_that_was_asked_for(
     step: str, steps: dict[str, list[list[str]]], tmp_path: Path

@@ -89,6 +89,7 @@ def test_the_torque_of_a_servo_that_did_not_answer_is_not_known() -> None:
     assert state.torque.tolist()[:2] == [1, -1]
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("latency", [0.0045, 0.012])
 def test_an_adapter_that_becomes_slower_for_good_is_waited_for(latency: float) -> None:
     simulation = Simulation(latency=0.001, commands=sine(0.1), limits=LOOSE)

@@ -36,6 +36,7 @@ def written(model: Path, capsys: pytest.CaptureFixture[str], *more: str) -> tupl
     return out.read_text().replace("\n    #   ", " "), capsys.readouterr().out
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("gear", [1.0, 2.0])
 def test_a_dampratio_is_the_damping_that_the_engine_makes_of_it(gear: float, tmp_path: Path, capsys) -> None:
     model = arm(tmp_path, f'<position name="p" joint="j" kp="20" dampratio="0.7" gear="{gear}"/>', 'armature="0.01"')
@@ -99,6 +100,7 @@ def test_of_two_servos_on_a_joint_goals_end_where_both_together_can_hold_it(tmp_
     assert load_robot_file(arm(tmp_path, both)).joint("j").range == pytest.approx((-0.8, 0.8))
 
 
+@pytest.mark.long
 def test_goals_of_a_belt_end_where_those_of_its_joints_do(tmp_path: Path, capsys) -> None:
     terms = '<joint joint="a" coef="1"/><joint joint="b" coef="-0.5"/>'
     model = tmp_path / "arm.xml"
@@ -170,6 +172,7 @@ def test_a_motor_is_said_to_become_a_position_servo_whatever_its_chain(tmp_path:
     assert sentence not in " ".join(load_robot_file(tmp_path / "arm.yaml").said), "the file has it as a comment"
 
 
+@pytest.mark.long
 def test_an_assumed_servo_gives_its_largest_force_at_an_error_of_an_eighth_of_its_range(tmp_path: Path, capsys) -> None:
     motor = '<motor joint="j" gear="5" ctrlrange="-1 1"/>'
     text, said = written(arm(tmp_path, motor, 'range="-1 1"'), capsys)

@@ -31,6 +31,7 @@ def arm(tmp_path: Path) -> Path:
     return tmp_path / "arm.xml"
 
 
+@pytest.mark.long
 def test_new_robot_writes_what_a_bare_model_means_and_never_over_a_file(arm: Path, capsys) -> None:
     new_robot.main([str(arm)])
     said = capsys.readouterr().out
@@ -218,6 +219,7 @@ def test_a_robot_with_a_slide_can_be_deployed_as_new_robot_writes_it_and_as_its_
         deployment.prepare(config(**wrong))
 
 
+@pytest.mark.long
 def test_relevant_dynamics_of_a_robot_of_ones_own(tmp_path: Path, capsys) -> None:
     (tmp_path / "lift.xml").write_text(LIFT)
     model = str(tmp_path / "lift.xml")

@@ -113,6 +113,7 @@ def test_a_joint_that_got_another_name_keeps_the_limits_that_were_written_under_
     assert prepared.commands.description["reach"]["left_hip"] == 0.1, "new-robot may have named a reach too"
 
 
+@pytest.mark.long
 def test_a_name_of_a_joint_counts_before_what_the_model_calls_another(tmp_path: Path) -> None:
     """Left and right were swapped in the model, and the file of the robot swaps them back."""
     robot = robot_file(tmp_path, ("left", "right"))
@@ -124,6 +125,7 @@ def test_a_name_of_a_joint_counts_before_what_the_model_calls_another(tmp_path: 
     assert dict(zip(servos.names, found[0], strict=True)) == {"left": 3.0, "right": 5.0}
 
 
+@pytest.mark.long
 def test_new_robot_says_where_else_a_belt_must_be_renamed_of_which_the_model_has_no_joint(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:

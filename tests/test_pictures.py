@@ -77,6 +77,7 @@ def test_each_picture_can_be_drawn_of_any_log(evidence: Evidence, key: str) -> N
     assert png(CAUSES[key](evidence, named("drive.deadband", key))).startswith(b"\x89PNG")
 
 
+@pytest.mark.long
 def test_friction_read_off_the_motion_is_that_of_the_hidden_machine(evidence: Evidence) -> None:
     """The plant's dry friction is about 0.05 N.m plus 0.133 of the load; the nominal model lacks the second part."""
     use = evidence.motion.moving

@@ -30,6 +30,7 @@ def test_a_picture_shows_the_robot_in_front_of_the_sky(env_id: str) -> None:
     env.close()
 
 
+@pytest.mark.long
 @pytest.mark.rendering
 def test_the_camera_follows_the_hopper() -> None:
     env = gym.make("SeaLegs/Hopper-v0", render_mode="rgb_array", width=160, height=120)
@@ -47,6 +48,7 @@ def test_the_camera_follows_the_hopper() -> None:
     env.close()
 
 
+@pytest.mark.long
 @pytest.mark.rendering
 def test_drawing_does_not_change_the_motion() -> None:
     drawn, blind = (

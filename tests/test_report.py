@@ -188,6 +188,7 @@ def test_what_could_be_there_unseen_is_a_table(rich_page: Path) -> None:
     assert "0.004 s" in text and "Shows above" in text and "A wall." not in text and "It agrees." in text
 
 
+@pytest.mark.long
 def test_what_is_to_be_checked_first_stands_once(small: tuple[JointDiagnosis, MeasuredSet], tmp_path: Path) -> None:
     """It stood at every joint of a robot, and the table above them said that all is explained."""
     found, data = small

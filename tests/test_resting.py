@@ -55,6 +55,7 @@ def test_a_table_is_found_at_its_height_by_the_body_that_touches_it(pressed: Mea
     assert found.joints == ("shoulder_pan", "shoulder_lift", "elbow_flex", "wrist_flex", "wrist_roll", "gripper")
 
 
+@pytest.mark.long
 def test_the_contacts_are_told_and_no_piece_and_no_stop_is_taken_from_them(pressed: MeasuredSet) -> None:
     runs, (finding,) = without_rests(pressed.runs)
     assert finding.code == RESTS
@@ -68,6 +69,7 @@ def test_the_contacts_are_told_and_no_piece_and_no_stop_is_taken_from_them(press
         assert stops_of(runs, name) == ()
 
 
+@pytest.mark.long
 def test_one_wrong_reading_and_a_run_of_a_moment_hide_no_table(pressed: MeasuredSet) -> None:
     """A single reading far below became the lowest height, and a run of one pose ended in a traceback."""
     first, second = pressed.runs
@@ -81,6 +83,7 @@ def test_one_wrong_reading_and_a_run_of_a_moment_hide_no_table(pressed: Measured
     assert found is not None and found.height == pytest.approx(TABLE, abs=0.006)
 
 
+@pytest.mark.long
 def test_contacts_are_kept_where_too_little_would_be_left_and_that_is_said(
     pressed: MeasuredSet, monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -90,6 +93,7 @@ def test_contacts_are_kept_where_too_little_would_be_left_and_that_is_said(
     assert "too little would be left" in finding.sentence
 
 
+@pytest.mark.long
 def test_numbers_that_fail_are_told_and_stop_no_diagnosis(
     pressed: MeasuredSet, monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -111,6 +115,7 @@ def test_the_public_arm_presses_on_its_table_in_two_motions(tmp_path: Path) -> N
     assert "wrist_flex" in found.joints and "gripper" not in found.joints
 
 
+@pytest.mark.long
 @pytest.mark.parametrize(
     "hidden",
     [

@@ -175,6 +175,7 @@ def test_columns_of_a_robot_without_a_file_are_converted_as_its_sidecar_says(uni
     assert [(finding.code, finding.column) for finding in checked(data)] == usual
 
 
+@pytest.mark.long
 def test_a_position_may_be_in_another_unit_than_its_goal() -> None:
     usual = [(finding.code, finding.column) for finding in check_log(bench(), lambda text: None)[1]]
     found = checked(recorded("turn", "rad", {"position": "turn"}))
@@ -211,6 +212,7 @@ def test_a_column_in_degrees_is_told_where_its_unit_is_not_said(units: dict[str,
     assert told == ({*both("")} if column == "both" else {f"{JOINT}.{column}"})
 
 
+@pytest.mark.long
 @pytest.mark.parametrize(
     ("position", "goal", "units", "noise", "sentence"),
     [

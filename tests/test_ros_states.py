@@ -118,6 +118,7 @@ def named(values: Sequence[float] | NDArray[np.float64]) -> dict[str, float]:
     return {name: float(value) for name, value in zip(NAMES, values, strict=True)}
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("parts", [NEW, OLD])
 def test_a_controller_slower_than_the_joint_states_commands_their_joints(tmp_path: Path, parts: Sequence[str]) -> None:
     """Its held feedback was no joint that is known: phantoms took the goals, and the real joints had none."""

@@ -186,6 +186,7 @@ def test_a_joint_in_metres_that_leaves_its_range_by_millimetres_ends_the_run() -
     assert fast is not None and fast.name == "speed" and "m/s" in fast.sentence
 
 
+@pytest.mark.long
 @pytest.mark.parametrize(
     ("limits", "says"),
     [

@@ -351,6 +351,7 @@ def test_an_adapter_that_takes_no_more_bytes_is_named():
         os.close(slave)
 
 
+@pytest.mark.long
 def test_waiting_for_a_reply_costs_no_processor_time(server: Server):
     with ServoBus(server.port, timeout=1.0, retries=0) as bus:
         begin = time.thread_time()

@@ -90,6 +90,7 @@ def test_a_joint_with_its_drive_off_coasts_less_far_than_a_model_that_lacks_fric
     assert np.isnan(coasted(replace(piece, on=np.ones(len(time), bool))))
 
 
+@pytest.mark.long
 def test_nothing_hidden_contradicts_nothing():
     for found in (problem("friction.coulomb", 0.0), problem("friction.coulomb", 0.0, STEPS)):
         for key in FEATURES:

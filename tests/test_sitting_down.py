@@ -85,6 +85,7 @@ def test_the_way_down_is_logged_and_shown(tmp_path: Path, monkeypatch: pytest.Mo
     assert joint.position[-1] == pytest.approx(-0.7, abs=0.05) and "STALE" not in titles[-1]
 
 
+@pytest.mark.long
 def test_the_hopper_folds_its_leg_before_it_is_released_as_its_file_says(monkeypatch: pytest.MonkeyPatch) -> None:
     settings = config("robot=hopper", patient=False)
     assert settings["robot"]["rest"] == "sit" and prepare({**settings, "reference": True}).park is not None

@@ -84,6 +84,7 @@ def test_what_is_left_at_a_place_is_told_by_it_before_it_is_called_random() -> N
     assert "spread" in where(problem, simulated, np.full(len(angle), 1e-3))
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("off", [-0.03, 0.005])
 def test_a_position_that_is_off_from_a_moment_on_is_told_with_the_moment(off: float) -> None:
     """A stepper that had lost steps had its error "spread over the whole log"."""

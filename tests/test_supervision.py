@@ -72,6 +72,7 @@ class Left:
 # --- taking over -------------------------------------------------------------------------------------------------
 
 
+@pytest.mark.long
 def test_servos_that_cannot_be_reached_are_said_at_the_first_failure_and_never_given_up() -> None:
     begun: list[float] = []
     left = Left(lambda count: GONE if left.now - begun[0] < 12.0 else None)
@@ -327,6 +328,7 @@ def test_a_loop_is_watched_from_the_moment_at_which_torque_comes_on(monkeypatch:
         assert end is not None and end.release and not end.held, "pressed as they became held"
 
 
+@pytest.mark.long
 def test_tables_are_read_before_it_watches(tmp_path: Path) -> None:
     """A file that is edited, or a disk that is gone, once the loop has died, must not keep servos driven."""
     code = "import json, sys\nfrom sealegs.hw import supervision\nsupervision.main(lambda: sys.argv[1].encode())\n"

@@ -230,6 +230,7 @@ def test_a_run_without_a_name_is_called_after_its_choices(tmp_path: Path) -> Non
     assert len(names) == 2 and all(name.startswith("bench-sts3215-ppo-") for name in names)
 
 
+@pytest.mark.long
 def test_a_finished_run_goes_on_when_given_more_steps(finished: Path, capsys: pytest.CaptureFixture[str]) -> None:
     assert run(f"resume={finished}") == 2
     assert "larger total_timesteps" in capsys.readouterr().err

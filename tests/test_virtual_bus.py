@@ -255,6 +255,7 @@ def test_the_state_behind_the_port_is_published(hopper: VirtualBus):
         hopper.fault("silense")
 
 
+@pytest.mark.long
 def test_a_third_party_client_works_unchanged(hopper: VirtualBus):
     rustypot = pytest.importorskip("rustypot", reason="needs the Feetech client rustypot: pip install rustypot")
     client = rustypot.Sts3215PyController(serial_port=hopper.port, baudrate=RATE, timeout=1.0)

@@ -150,6 +150,7 @@ def test_columns_may_leave_the_name_of_the_free_joint_out() -> None:
     np.testing.assert_array_equal(one.problem.measured, other.problem.measured)
 
 
+@pytest.mark.long
 def test_a_walk_without_one_of_its_joints_says_which() -> None:
     runs = [
         replace(run, joints={name: log for name, log in run.joints.items() if name != "rear_left_knee"})

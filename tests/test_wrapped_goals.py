@@ -15,6 +15,7 @@ def clean() -> MeasuredRun:
     return hidden_bench({}, 3)[0].runs[0]
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("both", [True, False], ids=["goal and encoder wrap", "goal alone wraps"])
 def test_goals_that_wrap_are_put_back_with_the_angle_that_follows(both: bool) -> None:
     """The encoder alone was unwrapped, and then moved against its goal."""
