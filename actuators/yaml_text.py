@@ -21,8 +21,13 @@ def load_yaml(text: str) -> Any:
         TwiceError: a key stands twice in a mapping.
         yaml.YAMLError: it is none.
     """
-    _check(yaml.compose(text, Loader=yaml.SafeLoader))
-    return yaml.safe_load(text)
+    loader = yaml.SafeLoader(text)
+    try:
+        node = loader.get_single_node()
+        _check(node)
+        return None if node is None else loader.construct_document(node)
+    finally:
+        loader.dispose()
 
 
 def _check(node: yaml.Node | None) -> None:

@@ -221,12 +221,8 @@ def _apart(rivals: Sequence[str]) -> str:
 
 def _rivals(search: Search) -> list[Hypothesis]:
     """The candidates that the first undecided round leaves, with what was accepted before it."""
-    least = search.settings.rival_win_rate
-    named = {candidate.cause.key for candidate in search.accepted}  # beside each other, not in each other's place
     for k, step in enumerate(search.rounds):
-        close = [c for j, c in enumerate(step.candidates) if j == 0 or (c.best > least and c.cause.key not in named)][
-            :MOST_RIVALS
-        ]
+        close = [*step.candidates[:1], *search.close(step)][:MOST_RIVALS]
         before = merge(search.tuned, *(c.variant for c in search.accepted[:k]))
         found = [_hypothesis(c.cause.name, middle(*c.fits), before, c.variant) for c in close]
         if found and not step.accepted:  # a round that ends the search leaves open whether anything is missing at all

@@ -23,7 +23,7 @@ from .rough import charged, rough_fits, to_try
 from .screen import screen
 from .settings import DEFAULT, SearchSettings
 from .simpler import at_bound, contradicted, elaborates, visited, without_friction
-from .sketch import coarsened, sketch
+from .sketch import coarsened, most_iterations, sketch
 from .state import Found, Judged
 
 NEVER = float("nan")  # promise of a screen that was not run
@@ -162,7 +162,7 @@ class Searcher:
 
     def fit_parts(self, parameters: Sequence[Parameter], optimum: Mapping[str, float]) -> tuple[Fit, Fit]:
         """Fits to the two parts from the optimum of the sketch."""
-        more = self.settings.iterations if self.sketch is self.both else self.settings.sketched_iterations
+        more = most_iterations(self.both, self.settings)
         a, b = (fit(part, parameters, optimum, more) for part in self.parts)
         return a, b
 

@@ -109,11 +109,15 @@ class Search:
 
         One that is accepted, too, stands beside it and not in its place.
         """
-        cause, named = self.accepted[which].cause, {candidate.cause.key for candidate in self.accepted}
-        others = [r for r in self.rounds if r.accepted][which].candidates[1:]
-        close = [c.cause for c in others if c.best > self.settings.rival_win_rate and c.cause.key not in named]
+        cause = self.accepted[which].cause
+        close = [c.cause for c in self.close([r for r in self.rounds if r.accepted][which])]
         # a rival of the same name is another body's
         return tuple(dict.fromkeys(other.key if other.name == cause.name else other.name for other in close))
+
+    def close(self, step: Round) -> list[Candidate]:
+        """Candidates of a round that do about as well as its best, less those that are accepted."""
+        named = {candidate.cause.key for candidate in self.accepted}
+        return [c for c in step.candidates[1:] if c.best > self.settings.rival_win_rate and c.cause.key not in named]
 
     def less(self, keys: Collection[str]) -> Search:
         """The search without some of the causes that it accepted; its record stays."""

@@ -39,7 +39,7 @@ def sketch(problem: AnyProblem, seconds: float, values: Mapping[str, float] | No
         seconds: length of what is judged, about; the log is not thinned below twice of that.
         values: of the model, by path; without one, two thirds are kept.
     """
-    if problem.joint is None or _length(problem) < 2.0 * seconds:
+    if not is_long(problem, seconds):
         return problem
     problem = _in_pieces(problem, seconds)
     every = max(math.floor(_length(problem) / ((1.0 - WRONG) * seconds)), 1)
@@ -57,21 +57,21 @@ def sketch(problem: AnyProblem, seconds: float, values: Mapping[str, float] | No
     return replace(problem, units=units).part(SKETCHED)
 
 
-def is_long(problem: Problem, settings: SearchSettings) -> bool:
-    """Whether a log is so long that a search sketches it."""
-    return problem.joint is not None and _length(problem) >= 2.0 * settings.sketched
+def is_long(problem: Problem, seconds: float) -> bool:
+    """Whether a log is so long that a sketch of so many seconds is much shorter."""
+    return problem.joint is not None and _length(problem) >= 2.0 * seconds
 
 
 def most_iterations(problem: Problem, settings: SearchSettings) -> int:
     """Of a fit to all of a problem that starts near its optimum, which takes the longer the longer the log is."""
-    return settings.sketched_iterations if is_long(problem, settings) else settings.iterations
+    return settings.sketched_iterations if is_long(problem, settings.sketched) else settings.iterations
 
 
 def fit_from_sketch(
     problem: Problem, parameters: Sequence[Parameter], start: Mapping[str, float] | None, settings: SearchSettings
 ) -> Fit:
     """A fit that starts far from its optimum: of a long log to the sketch first, and from there to all."""
-    if is_long(problem, settings):
+    if is_long(problem, settings.sketched):
         start = fit(sketch(problem, settings.sketched, start or {}), parameters, start, settings.iterations).values
     return fit(problem, parameters, start, most_iterations(problem, settings))
 
