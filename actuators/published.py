@@ -7,7 +7,8 @@ included; here the viscous part is a torque and the rest a limit, which is the s
 from __future__ import annotations
 
 import json
-from collections.abc import Mapping
+import math
+from collections.abc import Callable, Container, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -19,8 +20,8 @@ PREFIX = "bam:"
 
 
 @dataclass(frozen=True)
-class Drive:
-    """The drive that a fit was made with: what its file does not hold.
+class VoltageDrive:
+    """A firmware that turns the error of the position into a duty: what the file of a fit does not hold.
 
     Attributes:
         duty_per_kp: duty per rad and unit of the register P, an expression.
@@ -45,18 +46,93 @@ class Drive:
             value /= float(divisor)
         return self.kp * value
 
+    def stages(self, fit: Mapping[str, Any], number: Callable[[str], float]) -> list[dict[str, Any]]:
+        """From the goal to the torque of the motor."""
+        ratio = number("error_gain_ratio") if "error_gain_ratio" in fit else 1.0
+        motor = {"motor_constant": number("kt"), "resistance": number("R"), "armature": number("armature")}
+        return [
+            {"position_p": {"gain": self.gain * ratio}},
+            {"duty_limit": {"limit": self.limit}},
+            {"supply": {"volts": self.volts, "resistance": 0.0}},
+            {"dc_motor": motor},
+        ]
 
-DRIVES = {
-    "mx64": Drive("0.158", 32.0, 0.9625, 15.0),
-    "mx106": Drive("0.158", 32.0, 0.9625, 15.0),
-    "xl320": Drive("0.05048199", 32.0, 1.0, 7.5, 1024),
-    "sts3215": Drive("0.166", 32.0, 0.97, 7.4),
-    "xl330": Drive("4096/(2*pi)/256/885", 400.0, 1.0, 7.4),
+    def as_recorded(self, stages: Stages, said: Container[str]) -> dict[str, dict[str, Any]]:
+        """What a recording says of a chain of this drive, as expressions of its numbers."""
+        changed: dict[str, dict[str, Any]] = {"duty_limit": {"limit": self.limit}}
+        if "kp" in said:
+            ratio = _value(stages, "position_p", "gain") / self.gain
+            times = "" if abs(ratio - 1.0) < ROUNDED else f"*{ratio:.6g}"
+            changed["position_p"] = {"gain": f"${{kp*{self.duty_per_kp}{times}}}"}
+        if "vin" in said:
+            changed["supply"] = {"volts": "${vin}"}
+        return changed
+
+
+@dataclass(frozen=True)
+class CurrentDrive:
+    """A controller of the motor's current: kp (goal - position) - damping sqrt(kp) speed, within a limit.
+
+    The voltage that bounds the torque at high speed is left out: not every fit has the winding's resistance.
+
+    Attributes:
+        kp: that the tool assumes [A/rad].
+        damping: that the tool assumes [A^0.5.s/rad^0.5].
+        amps: largest current [A].
+        ticks: of the encoder, a turn.
+    """
+
+    kp: float
+    damping: float
+    amps: float
+    ticks: int = 4096
+
+    def stages(self, fit: Mapping[str, Any], number: Callable[[str], float]) -> list[dict[str, Any]]:
+        """From the goal to the torque of the motor."""
+        del fit
+        constant = number("kt")
+        servo = {
+            "stiffness": constant * self.kp,
+            "damping": constant * self.damping * math.sqrt(self.kp),
+            "torque_limit": constant * self.amps,
+            "armature": number("armature"),
+        }
+        return [{"ideal": servo}]
+
+    def as_recorded(self, stages: Stages, said: Container[str]) -> dict[str, dict[str, Any]]:
+        """What a recording says of a chain of this drive, as expressions of its numbers."""
+        constant = f"{_value(stages, 'ideal', 'torque_limit') / self.amps:.6g}"
+        servo: dict[str, str] = {}
+        if "kp" in said:
+            damping = "damping" if "damping" in said else f"{self.damping:g}"
+            servo = {"stiffness": f"${{kp*{constant}}}", "damping": f"${{{damping}*sqrt(kp)*{constant}}}"}
+        if "max_amps" in said:
+            servo["torque_limit"] = f"${{max_amps*{constant}}}"
+        return {"ideal": servo}
+
+
+Stages = Sequence[Mapping[str, Any]]
+Drive = VoltageDrive | CurrentDrive
+ROUNDED = 0.005  # relative, by which shipped chains round the gain
+
+DRIVES: dict[str, Drive] = {
+    "mx64": VoltageDrive("0.158", 32.0, 0.9625, 15.0),
+    "mx106": VoltageDrive("0.158", 32.0, 0.9625, 15.0),
+    "xl320": VoltageDrive("0.05048199", 32.0, 1.0, 7.5, 1024),
+    "sts3215": VoltageDrive("0.166", 32.0, 0.97, 7.4),
+    "sts3250": VoltageDrive("0.166", 32.0, 0.97, 12.0),
+    "waveshare_st3025": VoltageDrive("0.166", 32.0, 1.0, 12.0),
+    "xl330": VoltageDrive("4096/(2*pi)/256/885", 400.0, 1.0, 7.4),
+    "xc330m288t": VoltageDrive("0.00575504", 1100.0, 1.0, 5.1),
+    "erob80_50": CurrentDrive(10.0, 1.0, 12.0, 2**19),
+    "erob80_100": CurrentDrive(10.0, 2.0, 12.0, 2**19),
+    "feetech_hls": CurrentDrive(3.0, 0.08, 0.36),
 }
 """By the name that a file gives its actuator.
 
-Source: the actuator classes of github.com/Rhoban/bam, gains measured there with an oscilloscope; XL330: the control
-table of its maker, duty = P error_ticks / 256 / 885, which recordings follow to a count.
+Source: the actuator and recorder classes of github.com/Rhoban/bam, gains of MX, XL-320 and STS3215 measured there with
+an oscilloscope; STS3250: as the STS3215, at 12 V (assumed); XL330: the control table of its maker, duty = P
+error_ticks / 256 / 885, which recordings follow to a count; ticks of eRob: 19 bits, of its maker.
 """
 
 FRICTION = {
@@ -129,26 +205,47 @@ def bam_stages(path: Path) -> list[dict[str, Any]]:
         stages.append({"delay": {"seconds": number("command_delay")}})
     if "max_velocity" in fit:
         stages.append({"rate_limit": {"speed": number("max_velocity")}})
-    ratio = number("error_gain_ratio") if "error_gain_ratio" in fit else 1.0
-    motor = {"motor_constant": number("kt"), "resistance": number("R"), "armature": number("armature")}
     wanted = ("friction_base", "friction_viscous", *MODELS[str(fit["model"])])
     friction = {FRICTION[key]: number(key) for key in wanted if key in FRICTION}
     for key in wanted:
         if key in BEYOND:
             ours, other = BEYOND[key]
             friction[ours] = number(key) - number(other)
-    return [
-        *stages,
-        {"position_p": {"gain": drive.gain * ratio}},
-        {"duty_limit": {"limit": drive.limit}},
-        {"supply": {"volts": drive.volts, "resistance": 0.0}},
-        {"dc_motor": motor},
-        {"friction": friction},
-        {"encoder": {"ticks": drive.ticks}},
-    ]
+    return [*stages, *drive.stages(fit, number), {"friction": friction}, {"encoder": {"ticks": drive.ticks}}]
 
 
-def _numbers(fit: Mapping[str, Any], path: Path) -> Any:
+def drive_of(source: str) -> Drive | None:
+    """The drive of a fit or of a shipped chain by their word; None where it is not known.
+
+    Args:
+        source: ``bam:<path>``, or a word such as ``sts3215`` or ``sts3215_m6``.
+    """
+    if path := bam_file(source):
+        try:
+            return DRIVES.get(str(json.loads(path.read_text(encoding="utf-8")).get("actuator")))
+        except (OSError, ValueError, AttributeError):  # reading the chain says it
+            return None
+    word, _, model = source.rpartition("_")
+    return DRIVES.get(word if model in MODELS else source)
+
+
+def as_recorded(drive: Drive, stages: Stages, said: Container[str]) -> list[dict[str, Any]]:
+    """A chain whose gain, supply and limits are those of a recording, as expressions of its numbers.
+
+    Args:
+        drive: of the chain.
+        stages: of the chain.
+        said: names of the numbers that the recording has: kp, vin, damping, max_amps.
+    """
+    changed = drive.as_recorded(stages, said)
+    return [{name: {**(values or {}), **changed.get(name, {})} for name, values in stage.items()} for stage in stages]
+
+
+def _value(stages: Stages, name: str, parameter: str) -> float:
+    return next(float(stage[name][parameter]) for stage in stages if name in stage)
+
+
+def _numbers(fit: Mapping[str, Any], path: Path) -> Callable[[str], float]:
     def number(key: str) -> float:
         value = fit.get(key)
         if isinstance(value, bool) or not isinstance(value, int | float):

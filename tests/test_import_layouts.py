@@ -277,7 +277,7 @@ def test_an_import_says_nothing_of_logs_that_were_there_before(tmp_path: Path) -
 
 def test_a_load_that_a_mapping_leaves_blank_is_given_by_the_call(tmp_path: Path) -> None:
     blank = Mapping({"time": "t"}, sidecar={"robot": "bench", "robot_params": None})
-    assert answered(blank, tmp_path, None, None, LOAD).sidecar["robot_params"] == LOAD
+    assert answered(blank, tmp_path, None, None, LOAD, tmp_path).sidecar["robot_params"] == LOAD
 
 
 @pytest.mark.parametrize(

@@ -9,8 +9,12 @@ from typing import Any
 
 import numpy as np
 import pytest
-from sealegs.actuators import load_chain
+from sealegs.actuators import Chain, load_chain
+from sealegs.actuators.chain import LIBRARY
+from sealegs.actuators.published import DRIVES, VoltageDrive
 from sealegs.actuators.stages import ChainError
+from sealegs.gap.log import read_measured
+from sealegs.gap.log.importers import answered, import_logs, propose_for
 
 from tests.test_laws import limit
 
@@ -109,3 +113,94 @@ def test_a_fit_that_is_none_gets_one_sentence(tmp_path: Path, changed: dict[str,
         load_chain(written(tmp_path, "m4", changed))
     with pytest.raises(ChainError, match="cannot read the fit"):
         load_chain(f"bam:{tmp_path / 'absent.json'}")
+
+
+RECORDED: dict[str, float] = {"mass": 1.5, "length": 0.15, "arm_mass": 0.1, "kp": 8, "vin": 12.0}
+
+
+def recorded(folder: Path, motor: str, **said: float) -> Path:
+    """A recording as the recorders of BAM write it, of a servo that is set otherwise than its chain assumes."""
+    time = np.arange(200) / 50.0
+    entries = [
+        {"timestamp": t, "position": 0.3 * math.sin(2 * t - 0.2), "speed": 0.6 * math.cos(2 * t - 0.2), "temp": 30.0,
+         "goal_position": 0.3 * math.sin(2 * t), "torque_enable": True, "measured_current": 0.1 * math.sin(2 * t)}
+        for t in time.tolist()
+    ]  # fmt: skip
+    folder.mkdir()
+    path = folder / "a.json"
+    path.write_text(json.dumps({**RECORDED, **said, "motor": motor, "trajectory": "sin_sin", "entries": entries}))
+    return path
+
+
+def imported(source: Path, out: Path, actuator: str | None) -> Any:
+    return import_logs(source, out, propose_for(source, out, actuator=actuator).certain)
+
+
+def chain_of(out: Path) -> Chain:
+    [log] = read_measured(out).runs
+    [chain] = log.actuators.values()
+    return load_chain(chain)
+
+
+@pytest.mark.parametrize("actuator", [None, "mx106", "bam:fit"])
+def test_a_chain_has_the_gain_and_the_supply_that_the_recording_says(tmp_path: Path, actuator: str | None) -> None:
+    word = written(tmp_path, "m1") if actuator == "bam:fit" else actuator
+    imported(recorded(tmp_path / "raw", "mx106"), tmp_path / "log", word)
+    chain = chain_of(tmp_path / "log")
+    assert chain.value("position_p.gain") == pytest.approx(8 * 0.158)
+    assert chain.value("supply.volts") == 12.0
+    assert chain.value("dc_motor.motor_constant") == (PLAIN["kt"] if actuator == "bam:fit" else 2.1914)
+
+
+def test_a_mapping_with_a_fit_has_the_gain_of_the_recording_too(tmp_path: Path) -> None:
+    source, out = recorded(tmp_path / "raw", "mx106"), tmp_path / "log"
+    mapping = propose_for(source, out, robot="bench").mapping
+    import_logs(source, out, answered(mapping, out, None, written(tmp_path, "m1"), None, source))
+    assert chain_of(out).value("position_p.gain") == pytest.approx(8 * 0.158)
+
+
+@pytest.mark.parametrize("actuator", [None, "bam:fit"])
+def test_a_controller_of_the_current_is_set_as_recorded(tmp_path: Path, actuator: str | None) -> None:
+    fit = {"kt": 8.0, "R": None, "armature": 0.7, "actuator": "erob80_100"}
+    word = written(tmp_path, "m5", fit) if actuator else None
+    imported(recorded(tmp_path / "raw", "erob80_100", kp=50, damping=1.5), tmp_path / "log", word)
+    chain, constant = chain_of(tmp_path / "log"), 8.0 if actuator else 7.6578
+    assert chain.value("ideal.stiffness") == pytest.approx(50 * constant, rel=1e-4)
+    assert chain.value("ideal.damping") == pytest.approx(1.5 * math.sqrt(50) * constant, rel=1e-4)
+    assert chain.value("ideal.torque_limit") == pytest.approx(12 * constant, rel=1e-4)
+    assert chain.value("friction.coulomb") == (PLAIN["friction_base"] if actuator else 5.611)
+
+
+def test_the_limit_of_the_current_is_the_one_recorded(tmp_path: Path) -> None:
+    word = written(tmp_path, "m1", {"kt": 1.5, "actuator": "feetech_hls"})
+    assert load_chain(word).value("ideal.torque_limit") == pytest.approx(1.5 * 0.36)
+    imported(recorded(tmp_path / "raw", "feetech_hls", kp=3, damping=0.08, max_amps=0.5), tmp_path / "log", word)
+    assert chain_of(tmp_path / "log").value("ideal.torque_limit") == pytest.approx(1.5 * 0.5)
+    [log] = read_measured(tmp_path / "log").runs
+    current = log.joints["servo"].current
+    assert current is not None and np.max(current) == pytest.approx(0.1, rel=1e-3)
+
+
+def test_a_fit_that_is_elsewhere_is_found_beside_the_logs(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    written(tmp_path, "m1")
+    source = tmp_path / "run.csv"
+    source.write_text("t,pos_rad,goal_rad\n" + "".join(f"{k / 50},0.{k % 7},0.{k % 5}\n" for k in range(99)))
+    monkeypatch.chdir(tmp_path)
+    out = tmp_path / "deep" / "log"
+    import_logs(source, out, propose_for(source, out, robot="bench", actuator="bam:m1.json").certain)
+    monkeypatch.chdir(tmp_path / "deep")
+    assert chain_of(out).value("dc_motor.motor_constant") == PLAIN["kt"]
+
+
+@pytest.mark.parametrize("word", [word for word in DRIVES if (LIBRARY / f"{word}.yaml").is_file()])
+def test_a_shipped_chain_is_set_as_its_drive(word: str) -> None:
+    chain = load_chain(word)
+    drive = DRIVES[word]
+    assert chain.value("encoder.ticks") == drive.ticks
+    if isinstance(drive, VoltageDrive):
+        assert chain.value("position_p.gain") == pytest.approx(drive.gain, rel=0.15)
+        assert chain.value("supply.volts") == drive.volts
+    else:
+        assert chain.value("ideal.stiffness") / chain.value("ideal.torque_limit") == pytest.approx(
+            drive.kp / drive.amps, rel=1e-3
+        )

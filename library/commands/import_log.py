@@ -46,7 +46,8 @@ def main(arguments: list[str]) -> None:
         if config["unit"] is not None:
             raise SealegsError(f"unit={config['unit']} is for a proposal; in a mapping the units stand in its columns.")
         params = checked("robot_params", config["robot_params"], dict[str, float])
-        mapping = answered(read_mapping(str(config["mapping"])), out, config["robot"], config["actuator"], params)
+        said = read_mapping(str(config["mapping"]))
+        mapping = answered(said, out, config["robot"], config["actuator"], params, source)
         tell(import_logs(source, out, mapping, config["format"]), out)
         return
     file = _free(out)

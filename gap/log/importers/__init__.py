@@ -27,11 +27,11 @@ from .recording import RECORDED, Recording
 from .show import proposal_text
 from .sidecars import (
     answered,
+    asked_chain,
     beside,
     beyond,
     blanks,
     check_machine,
-    checked_actuator,
     checked_robot,
     completed,
     folder_and_own,
@@ -130,8 +130,9 @@ def propose_for(
     proposal = spelled(proposal, recordings[0].columns, joints_in_file(robot, out))
     check_shares(proposal, robot, out)
     sidecar = proposed_sidecar(
-        recordings, proposal, beside(robot, out), beside(checked_actuator(actuator), out), params, limits_of(robot, out)
-    )
+        recordings, proposal, beside(robot, out), asked_chain(actuator, out, proposal.joints, lambda: recordings[0]),
+        params, limits_of(robot, out),
+    )  # fmt: skip
     text = proposal_text(
         proposal, sidecar, recordings, command, left, far_in_proposal(proposal, recordings, robot, out)
     )

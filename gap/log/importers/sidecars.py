@@ -3,16 +3,16 @@
 from __future__ import annotations
 
 import os
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
 import yaml
 
-from ....actuators.chain import LIBRARY, load_chain
+from ....actuators.chain import load_chain
 from ....actuators.errors import nearest
-from ....actuators.published import DRIVES, PREFIX
+from ....actuators.published import PREFIX, drive_of
 from ....actuators.stages.controller import UNLIMITED
 from ....envs.bench.robot import NUMBERS
 from ....envs.robot_file import RobotFile, is_robot_file, load_robot_file
@@ -22,6 +22,8 @@ from ..table import ENDINGS
 from ..types import LogError, MeasuredRun
 from ..units import FACTOR
 from ..writer import FROM
+from .drives import Chain, of_one_servo, set_as_recorded, shipped_chain
+from .formats import read_source
 from .impedance import impedance_chains
 from .mapping import Mapping as LogMapping
 from .proposed import Proposal
@@ -37,6 +39,8 @@ UNMEASURED = {
     "notes": f"Neither the mass of the pendulum's rod was recorded ({ARM:g} kg are assumed) nor where the encoder's "
     "zero is.",
 }
+UNITS = {"mass": "kg", "length": "m", "arm_mass": "kg", "kp": "1", "vin": "V", "damping": "1", "max_amps": "A"}
+"""Of the numbers that a recording of one servo says."""
 BLANK_ROBOT = """\
 robot:  # FILL IN: bench (a mass on the shaft), or the file of your robot's model: my_arm.yaml, .xml, .urdf
 """
@@ -55,7 +59,7 @@ def proposed_sidecar(
     recordings: Sequence[Recording],
     proposal: Proposal,
     robot: str | None,
-    actuator: str | None,
+    actuator: Chain | None,
     params: Mapping[str, float] | None = None,
     limits: Mapping[str, float] | None = None,
 ) -> dict[str, Any]:
@@ -78,7 +82,7 @@ def proposed_sidecar(
     driven = [joint for joint in joints if f"{joint}.goal" in proposal.columns]
     if actuator:
         sidecar["actuators"] = dict.fromkeys(joints, actuator)
-    elif first.kind in ("bam", "table") and pendulum and driven and (chain := _bam_chain(facts)):
+    elif of_one_servo(first, joints) and driven and (chain := shipped_chain(facts)):
         sidecar["actuators"] = {driven[0]: chain}
     elif driven and (chains := impedance_chains(recordings, proposal, limits)):
         sidecar["actuators"] = chains
@@ -104,25 +108,9 @@ def _check_facts(recording: Recording) -> None:
     Raises:
         LogError: one of them is a word.
     """
-    for key, unit in (("mass", "kg"), ("length", "m"), ("arm_mass", "kg"), ("kp", "1"), ("vin", "V")):
+    for key, unit in UNITS.items():
         if isinstance(value := recording.facts.get(key), str):
             raise LogError(f"{recording.source}: {key} is '{value}', no number [{unit}]; correct it in the file.")
-
-
-def _bam_chain(facts: Mapping[str, float | str]) -> list[dict[str, Any]] | None:
-    """The shipped chain of a motor with gain and supply of its recording; None where it is not known."""
-    motor, path = facts.get("motor"), LIBRARY / f"{facts.get('motor')}.yaml"
-    if not isinstance(motor, str) or motor not in DRIVES or not path.is_file() or "kp" not in facts:
-        return None
-    stages = yaml.safe_load(path.read_text(encoding="utf-8"))
-    for stage in stages:
-        if "position_p" in stage:
-            stage["position_p"] = {**stage["position_p"], "gain": f"${{kp*{DRIVES[motor].duty_per_kp}}}"}
-        if "duty_limit" in stage:
-            stage["duty_limit"] = {"limit": DRIVES[motor].limit}
-        if "supply" in stage and "vin" in facts:
-            stage["supply"] = {**stage["supply"], "volts": "${vin}"}
-    return stages
 
 
 def folder_and_own(runs: Sequence[MeasuredRun]) -> tuple[dict[str, Any], list[dict[str, Any]]]:
@@ -251,9 +239,10 @@ def _without_load(runs: Sequence[MeasuredRun]) -> bool:
 
 
 def beside(name: str | None, out: Path) -> str | None:
-    """A file of a robot or a chain as its path from the folder of the logs; a name as it is."""
-    if name and Path(name).is_file():
-        return os.path.relpath(Path(name).resolve(), out.resolve())
+    """A file of a robot, a chain or a published fit as its path from the folder of the logs; a name as it is."""
+    prefix = PREFIX if name and name.startswith(PREFIX) else ""
+    if name and (path := Path(name.removeprefix(prefix))).is_file():
+        return prefix + os.path.relpath(path.resolve(), out.resolve())
     return name
 
 
@@ -367,9 +356,16 @@ def joints_of_robot(runs: Sequence[MeasuredRun], out: Path) -> None:
 
 
 def answered(
-    mapping: LogMapping, out: Path, robot: str | None, actuator: str | None, params: Mapping[str, float] | None
+    mapping: LogMapping,
+    out: Path,
+    robot: str | None,
+    actuator: str | None,
+    params: Mapping[str, float] | None,
+    source: Path,
 ) -> LogMapping:
     """A mapping whose sidecar has the answers of the call as well, which come before its own.
+
+    ``source`` is read for a chain whose drive is known: the file may say how it was set.
 
     Raises:
         SealegsError: there is no such robot or chain.
@@ -379,18 +375,29 @@ def answered(
         sidecar["robot"] = robot
     if params:
         sidecar["robot_params"] = {**(sidecar.get("robot_params") or {}), **params}
-    if actuator := beside(checked_actuator(actuator), out):
-        joints = [name.rpartition(".")[0] for name in mapping.columns if name.endswith((".goal", ".torque_command"))]
-        sidecar["actuators"] = dict.fromkeys(joints, actuator)
+    joints = [name.rpartition(".")[0] for name in mapping.columns if name.endswith((".goal", ".torque_command"))]
+    if chain := asked_chain(actuator, out, joints, lambda: read_source(source)[0][0]):
+        sidecar["actuators"] = dict.fromkeys(joints, chain)
     return replace(mapping, sidecar=sidecar)
 
 
-def checked_actuator(actuator: str | None) -> str | None:
-    """The word for a chain.
+def asked_chain(
+    actuator: str | None, out: Path, joints: Sequence[str], recording: Callable[[], Recording]
+) -> Chain | None:
+    """The chain that a call asks for, set as the recording of one servo says, or as it lies beside the logs.
+
+    Args:
+        actuator: word for it.
+        out: folder of the logs.
+        joints: that it drives.
+        recording: reads one of those that it is for, which is done only for a chain whose drive is known.
 
     Raises:
         SealegsError: there is no such chain.
     """
-    if actuator is not None:
-        load_chain(actuator)
-    return actuator
+    if actuator is None:
+        return None
+    load_chain(actuator)
+    known = drive_of(actuator) is not None and of_one_servo(recording(), joints)
+    chain = set_as_recorded(actuator, recording().facts) if known else actuator
+    return beside(chain, out) if isinstance(chain, str) else chain

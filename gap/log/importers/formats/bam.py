@@ -23,6 +23,7 @@ ROLES = {
     "speed": f"{JOINT}.velocity",
     "input_volts": f"{JOINT}.voltage",
     "temp": f"{JOINT}.temperature",
+    "measured_current": f"{JOINT}.current",
     "torque_enable": f"{JOINT}.enabled",
 }
 """What its recorders write (bam/*/record.py): SI units, angles in rad with 0 hanging, the supply in V."""
@@ -68,7 +69,11 @@ def read_bam(path: Path) -> list[Recording]:
             count = f"{len(lacking)} of {len(entries)} entries, the first is entry {lacking[0]}"
             notes.append(f"'{name}' is missing in {count}; its cells are empty there")
     roles = {name: role for name, role in ROLES.items() if name in columns}
-    units = dict.fromkeys(("goal_position", "position"), "rad") | {"speed": "rad/s", "timestamp": "s"}
+    units = dict.fromkeys(("goal_position", "position"), "rad") | {
+        "speed": "rad/s",
+        "timestamp": "s",
+        "measured_current": "A",
+    }
     facts = plain_facts(content)
     units = {name: unit for name, unit in units.items() if name in columns}
     return [Recording(path.stem, columns, path, "bam", facts, roles, tuple(notes), units, left)]
