@@ -35,6 +35,7 @@ from ..search.result import Search
 from ..search.seek import seek
 from ..search.settings import DEFAULT, SearchSettings
 from ..search.windows import in_windows
+from .belief import measured_within_belief
 from .case import Case, Cut, Replay
 from .checking import check_log
 from .columns import chosen, commanded
@@ -237,7 +238,7 @@ def _diagnose_ground(runs: Sequence[MeasuredRun], joints: Sequence[JointDiagnosi
 
 def conclude(case: Case, replay: Replay, search: Search, request: Request) -> JointDiagnosis:
     """Measure what a search found, and decide what is said of it."""
-    measured = measure(replay.problem, replay.fitting, search, case.joint, replay.wide, request.seed)
+    measured, search = measured_within_belief(replay, search, case.joint, request.seed)
     return _decide(case, replay, search, beside_tilt(measured, case.findings), request)
 
 
@@ -385,9 +386,7 @@ def _faults(search: Search, joint: str) -> tuple[Finding, ...]:
 
 def _found_chain(joint: JointDiagnosis) -> Chain | None:
     """The chain of a joint as its diagnosis left it."""
-    if joint.problem is None:
-        return None
-    return joint.problem.chain(joint.values)
+    return None if joint.problem is None else joint.problem.chain(joint.values)
 
 
 def _first_experiment(runs: Sequence[MeasuredRun], joint: str, reason: Finding, request: Request) -> Experiment | None:

@@ -24,8 +24,13 @@ class Thresholds:
     as_noise: float = threshold(1.0, "Largest structure in that case, relative to the mean square of the noise.")
     at_noise: float = threshold(
         1.05,
-        "Error on the test part, in noise floors, up to which no other model does clearly better, and up to which a "
-        "joint of a robot has nothing to explain in spite of `slight` structure.",
+        "Error on the test part, in noise floors, up to which no other model does clearly better.",
+    )
+    believed: float = threshold(
+        1.2,
+        "Error, in noise floors, up to which a joint of a robot has nothing to explain in spite of `slight` structure, "
+        "and up to which tuned numbers leave room only for a cause that is `certain`. Robots without any effect that "
+        "other programs simulated reached 1.16.",
     )
     slight: float = threshold(
         0.3,
@@ -97,7 +102,7 @@ def as_noise_allows(
         of_robot: whether it is a joint of a robot, whose other bodies are believed too.
         limit: what it is compared with.
     """
-    little = of_robot and error <= limit.at_noise * noise and structure.level <= limit.slight
+    little = of_robot and error <= limit.believed * noise and structure.level <= limit.slight
     return little or not structure.noticed
 
 
