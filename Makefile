@@ -37,7 +37,7 @@ test: $(INSTALLED) $(LINKS) ## lint, and the tests that take seconds
 
 test-all: $(INSTALLED) $(LINKS) ## what `make test` leaves out: types, and the tests that take half an hour
 	@$(MAKE) --no-print-directory types
-	$(PYTEST) -m "long and not weekly"
+	$(PYTEST) --durations=80 -m "long and not weekly"
 
 test-weekly: $(INSTALLED) ## the tests of a minute and more, which `make test-all` leaves out
 	$(PYTEST) -m weekly

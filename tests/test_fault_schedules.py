@@ -22,7 +22,7 @@ from tests.random_faults import SPAN, schedule
 from tests.servo_runs import config, gentle_policy
 from tests.simulated_runs import Simulation, sine
 
-QUICK, QUICK_DYNAMIXEL, ALL = 5, 2, 200
+QUICK, QUICK_DYNAMIXEL, DAILY, ALL = 5, 2, 60, 200
 
 
 @pytest.fixture(scope="module")
@@ -151,7 +151,9 @@ def judge(simulation: Simulation) -> None:
 
 
 def seeds(quick: int) -> list[Any]:
-    return [*range(quick), *(pytest.param(seed, marks=pytest.mark.long) for seed in range(quick, ALL))]
+    daily = (pytest.param(seed, marks=pytest.mark.long) for seed in range(quick, DAILY))
+    weekly = (pytest.param(seed, marks=[pytest.mark.long, pytest.mark.weekly]) for seed in range(DAILY, ALL))
+    return [*range(quick), *daily, *weekly]
 
 
 @pytest.mark.long

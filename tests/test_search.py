@@ -44,6 +44,7 @@ def test_a_clear_effect_is_named_with_its_size(effect: str, path: str, true: flo
 
 
 @pytest.mark.long
+@pytest.mark.weekly
 def test_a_d_term_is_named_first_with_its_size() -> None:
     """Its firmware takes differences once a millisecond, which a filter is not: after jumps of the goal some stays."""
     found = diagnosed({"drive.derivative": "clear"}, seed=11)

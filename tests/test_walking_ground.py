@@ -170,7 +170,10 @@ def test_runs_whose_sidecars_differ_in_the_robot_are_diagnosed_apart() -> None:
 @pytest.mark.long
 @pytest.mark.parametrize(
     ("effect", "truth", "low", "high"),
-    [("contact.friction", "clear", 0.2, 0.42), ("contact.slope", "clear", 0.07, 0.09)],
+    [
+        ("contact.friction", "clear", 0.2, 0.42),
+        pytest.param("contact.slope", "clear", 0.07, 0.09, marks=pytest.mark.weekly),
+    ],
 )
 def test_what_is_wrong_with_the_ground_of_an_independent_walker_is_named(
     effect: str, truth: str, low: float, high: float
@@ -184,7 +187,7 @@ def test_what_is_wrong_with_the_ground_of_an_independent_walker_is_named(
 
 
 @pytest.mark.long
-@pytest.mark.parametrize("seed", [1, 2])
+@pytest.mark.parametrize("seed", [1, pytest.param(2, marks=pytest.mark.weekly)])
 def test_the_ground_of_an_independent_walker_that_is_as_believed_is_left_alone(seed: int) -> None:
     *_, ground = diagnose(walked(seed=seed, duration=8.0))
     assert (ground.joint, ground.causes) == (GROUND, ())
