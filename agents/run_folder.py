@@ -2,6 +2,7 @@
 
 config.yaml      resolved config; what a resumed run reads
 actuators.yaml   copies of the chains, so that later changes of their files do not reach the run
+sources.json     digests of the files of robot and task, which a resumed run compares
 run.json         git revision, versions, and each session with its command line
 tensorboard/     event files
 evaluations.npz  as EvalCallback writes them

@@ -31,6 +31,7 @@ from .make_env import Actuator, make_single_env, make_vec_env, stream_seed
 from .policy_files import policy_of, policy_reward, policy_step, save_policy
 from .run_chains import chains, read_chains, write_chains
 from .run_folder import RunFolder
+from .run_sources import check_sources, write_sources
 from .stop import StopSignals
 from .tensorboard import tensorboard_logger
 from .video import record_video
@@ -96,6 +97,7 @@ class Session:
         run = RunFolder.create(out, f"{robot}-{actuator}-{config.agent['algorithm']}", name)
         with _disk_errors(run):
             write_chains(run, env)
+            write_sources(run, config.env["id"], env)
             run.write_text("config.yaml", yaml.safe_dump(config.as_dict(), sort_keys=False))
             run.record_session(0)
         return cls(run, config, model, env)
@@ -106,6 +108,7 @@ class Session:
         actuator = read_chains(run)
         torch.set_num_threads(config.threads)
         env = make_vec_env(config.env, actuator, config.n_envs, config.seed)
+        check_sources(run, config.env["id"], env)
         loaded = load_newest(run, config.agent, env)
         if loaded is None:
             print(f"{run.path} has no checkpoint yet: starting from step 0.")

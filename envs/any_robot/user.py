@@ -34,6 +34,11 @@ def absolute(word: str) -> str:
     return f"{Path(match['path']).absolute()}:{match['name']}"
 
 
+def file_of(word: str) -> Path:
+    """The file of a task that :func:`is_user_task`."""
+    return Path(absolute(word).rpartition(":")[0])
+
+
 def user_id(word: str) -> str:
     """Register the task with Gymnasium and return its id; again does no harm.
 
