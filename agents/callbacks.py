@@ -5,7 +5,7 @@ from __future__ import annotations
 import sys
 import time
 from collections import deque
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from typing import Any
 
 import numpy as np
@@ -16,6 +16,8 @@ from stable_baselines3.common.on_policy_algorithm import OnPolicyAlgorithm
 from stable_baselines3.common.vec_env import VecEnv
 
 from .stop import StopSignals
+
+_UNKNOWN = -1  # updates of the policy that was evaluated, as in runs of earlier versions
 
 
 class StopOnSignal(BaseCallback):
@@ -87,33 +89,49 @@ class Evaluation(EvalCallback):
         calls = max(every // n_envs, 1) if every else 0
         super().__init__(env, NewBest(save_best), None, episodes, calls, log_path=folder, verbose=0)
         self.best_mean_reward = best
+        self._updates = _UNKNOWN
+
+    def _on_step(self) -> bool:
+        # an update follows the last step of a learning, so its policy is evaluated by :meth:`evaluate` thereafter
+        return self.num_timesteps >= self.model._total_timesteps or self._evaluate_if_due()
+
+    def _evaluate_if_due(self) -> bool:
+        if self.eval_freq > 0 and self.n_calls % self.eval_freq == 0:
+            self._updates = self.model._n_updates
+        return super()._on_step()
 
     @property
-    def state(self) -> dict[str, list]:
+    def state(self) -> dict[str, Any]:
         """Evaluations so far, as a checkpoint keeps them."""
         return {
             "timesteps": list(self.evaluations_timesteps),
             "results": [[float(reward) for reward in rewards] for rewards in self.evaluations_results],
             "ep_lengths": [[int(length) for length in lengths] for lengths in self.evaluations_length],
+            "updates": self._updates,
         }
 
-    def restore(self, state: dict[str, list]) -> None:
+    def restore(self, state: Mapping[str, Any]) -> None:
         """Take over the evaluations of an earlier session from its checkpoint."""
         self.evaluations_timesteps = list(state["timesteps"])
         self.evaluations_results = list(state["results"])
         self.evaluations_length = list(state["ep_lengths"])
+        self._updates = state.get("updates", _UNKNOWN)
         self.last_mean_reward = float(np.mean(self.evaluations_results[-1])) if self.evaluations_results else -np.inf
 
     def evaluate(self, model: BaseAlgorithm) -> float:
-        """Evaluate ``model`` now, unless its step is evaluated already; returns the mean reward.
+        """Evaluate ``model`` now, unless it has been since its latest update; returns the mean reward.
 
         The model needs a logger, but need not have learned in this session.
         """
         self.init_callback(model)
         self.num_timesteps = model.num_timesteps
-        if self.num_timesteps not in self.evaluations_timesteps[-1:]:
+        same_step = self.num_timesteps in self.evaluations_timesteps[-1:]
+        if not same_step or self._updates != model._n_updates:
+            if same_step:  # of the policy before the update that ended the step
+                for results in (self.evaluations_timesteps, self.evaluations_results, self.evaluations_length):
+                    results.pop()
             frequency, self.eval_freq = self.eval_freq, 1  # the parent evaluates when its calls divide by this
-            self._on_step()
+            self._evaluate_if_due()
             self.eval_freq = frequency
         return self.last_mean_reward
 

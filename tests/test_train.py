@@ -19,6 +19,7 @@ from typing import Any
 import imageio.v2 as imageio
 import numpy as np
 import pytest
+import torch
 import yaml
 from sealegs.agents import run_folder
 from sealegs.agents.algorithms import build
@@ -106,6 +107,38 @@ def test_run_folder_holds_best_final_and_evaluated_policies(finished: Path) -> N
     assert list(evaluations["timesteps"]) == [256, 512]
     best = json.loads((finished / "best" / "policy.json").read_text())
     assert best["mean_reward"] == pytest.approx(evaluations["results"].mean(axis=1).max())
+
+
+@pytest.mark.long
+def test_the_last_evaluation_is_of_the_final_policy(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    """An update follows the last step, and the evaluation at that step had been of the policy before it."""
+    folder = tmp_path / "last"
+    quick = [*SMALL, "agent.learning_rate=0.01", f"out={tmp_path}", "name=last", "total_timesteps=256"]
+    assert run(*quick) == 0
+    said = re.search(r"Mean evaluation reward (\S+)\.\n", capsys.readouterr().out)
+    best, final = (
+        torch.cat([value.flatten() for value in PPO.load(folder / kind / "model.zip").policy.state_dict().values()])
+        for kind in ("best", "final")
+    )
+    assert torch.equal(best, final), "the only evaluation is of the policy at the end"
+    evaluations = np.load(folder / "evaluations.npz")
+    assert said is not None and float(said[1]) == pytest.approx(evaluations["results"].mean(), rel=1e-3)
+    assert [event.step for event in events(folder).Scalars("eval/mean_reward")] == [256]
+
+
+@pytest.mark.long
+def test_a_run_that_is_killed_before_its_last_evaluation_makes_it_on_resume(tmp_path: Path) -> None:
+    """The checkpoint's own evaluation at that step is of the policy before the update."""
+    folder = tmp_path / "late"
+    process = start(*SMALL, f"out={tmp_path}", "name=late", "total_timesteps=1000000")
+    wait_for(folder / "checkpoints", "[0-9]*/state.json", process)
+    process.kill()
+    process.communicate()
+    at = steps(folder)[-1]
+    assert run(f"resume={folder}", f"total_timesteps={at}") == 0
+    state = json.loads((folder / "checkpoints" / f"{at:012d}" / "state.json").read_text())["evaluations"]
+    assert state["timesteps"] == list(range(256, at + 1, 256))
+    assert state["updates"] == PPO.load(folder / "final" / "model.zip")._n_updates
 
 
 def test_policy_json_normalises_like_the_training(finished: Path) -> None:
