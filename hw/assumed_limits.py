@@ -183,7 +183,7 @@ def _goals(joints: Sequence[FileJoint], reaches: Mapping[str, float]) -> np.ndar
     columns = []
     for k, joint in enumerate(joints):
         reach = reaches[joint.name]
-        shapes = list(library(0.0, reach, k).values())
+        shapes = list(library(0.0, reach, [0, k]).values())  # as library_excitation with seed 0
         count = np.arange(len(shapes[0]))
         jumps = [reach * (1.0 - 2.0 * (count // half % 2)) for half in (40 + 7 * k, 100)]  # joints apart, and together
         columns.append(np.stack([*shapes, *jumps], axis=1))

@@ -38,7 +38,9 @@ def library_excitation(word: str, robot: ServoRobot, reach: ByJoint | None, seed
 
     columns, reaches = [], _reaches(robot, reach)
     for k, joint in enumerate(robot.joints):
-        shapes = {name.replace(" ", "_"): shape for name, shape in library(0.0, reaches[joint.name], seed + k).items()}
+        # seed + k would give joint k what joint k - 1 has under the next seed
+        found = library(0.0, reaches[joint.name], [seed, k])
+        shapes = {name.replace(" ", "_"): shape for name, shape in found.items()}
         if word not in shapes:
             hint = nearest(word, shapes)
             raise SealegsError(

@@ -76,7 +76,7 @@ def within(limits: Limits, stops: Sequence[Stop]) -> Limits | None:
     return replace(limits, lower=lower, upper=upper) if upper - lower > LEAST else None
 
 
-def library(centre: float, reach: float, seed: int = 0) -> dict[str, np.ndarray]:
+def library(centre: float, reach: float, seed: int | Sequence[int] = 0) -> dict[str, np.ndarray]:
     """Excitations within ``centre +- reach`` [rad], each (n,) at :data:`RATE`.
 
     All but the chirps and triangles begin again after half of their duration with other numbers, and all of them keep
