@@ -169,6 +169,10 @@ def _draws(drivetrain: Drivetrain, source: Mapping[str, Any]) -> Iterable[Draw]:
             for target in drivetrain.chains if group == "all" else (group,):
                 nominal = _nominal(drivetrain, target, str(name), where)
                 low, high = _range(value, nominal, where)
+                if target == "mass" and low <= 0.0:
+                    raise RandomizationError(f"{where} begins at {low:g}; a body has mass: give factors above 0.")
+                if target == "floor" and low < 0.0:
+                    raise RandomizationError(f"{where} begins at {low:g}; friction is never below 0: begin there.")
                 yield Draw(target, str(name), low, high)
 
 
@@ -184,6 +188,8 @@ def _nominal(drivetrain: Drivetrain, group: str, name: str, where: str) -> float
     if group == "floor":
         if name != "friction":
             raise RandomizationError(f"{where}: of the floor, only 'friction' can vary.")
+        if FLOOR not in (drivetrain.model.geom(k).name for k in range(drivetrain.model.ngeom)):
+            raise RandomizationError(f"{where}: the robot's model has no geom '{FLOOR}'; leave it out, or add one.")
         return float(drivetrain.model.geom(FLOOR).friction[0])
     return float(drivetrain.chains[group].value(name))
 
@@ -193,7 +199,11 @@ def _range(value: Any, nominal: float, where: str) -> tuple[float, float]:
     if isinstance(value, Mapping) and set(value) == {"times"}:
         value, factor = value["times"], nominal
     fits = isinstance(value, list | tuple) and len(value) == 2
-    if not fits or not all(isinstance(end, int | float) and np.isfinite(end) for end in value) or value[0] > value[1]:
+    if not fits or not all(_is_number(end) for end in value) or value[0] > value[1]:
         raise RandomizationError(f"{where} must be a range [low, high], or {{times: [low, high]}}, not {value!r}.")
     low, high = sorted(float(end) * factor for end in value)
     return low, high
+
+
+def _is_number(value: Any) -> bool:
+    return isinstance(value, int | float) and not isinstance(value, bool) and bool(np.isfinite(value))

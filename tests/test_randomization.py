@@ -7,6 +7,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 from sealegs.actuators.errors import SealegsError
+from sealegs.envs.any_robot.reach import ReachTask
 from sealegs.envs.batch import BatchEngine
 from sealegs.envs.bench.task import BenchTask
 from sealegs.envs.hopper.task import HopperTask
@@ -94,6 +95,12 @@ def test_it_is_read_from_a_yaml_file(tmp_path: Path) -> None:
     assert (hopper(str(path)).drawn["floor.friction"] <= 0.6).all()
 
 
+def test_a_floor_that_the_model_lacks_cannot_vary() -> None:
+    arm = Path(__file__).parent / "robots" / "arm.xml"
+    with pytest.raises(SealegsError, match="model has no geom 'floor'; leave it out, or add one"):
+        BatchEngine(ReachTask.on(arm)(), 2, randomization={"floor": {"friction": [0.5, 1.0]}})
+
+
 @pytest.mark.parametrize(
     ("source", "sentence"),
     [
@@ -106,6 +113,11 @@ def test_it_is_read_from_a_yaml_file(tmp_path: Path) -> None:
         ({"hip": [1]}, "must be 'name: .low, high.' pairs"),
         ({"mass": {"bsae": [1, 2]}}, "no body 'bsae' .did you mean 'base'"),
         ({"floor": {"colour": [1, 2]}}, "only 'friction' can vary"),
+        ({"floor": {"friction": [-0.5, -0.1]}}, "friction begins at -0.5; friction is never below 0"),
+        ({"floor": {"friction": [True, 2]}}, "must be a range"),
+        ({"mass": {"all": [-1, -0.5]}}, "mass.all begins at -1; a body has mass: give factors above 0"),
+        ({"mass": {"base": {"times": [0, 1]}}}, "mass.base begins at 0; a body has mass"),
+        ({"mass": {"base": [0.5, float("nan")]}}, "must be a range"),
         ("nowhere.yaml", "cannot read the randomisation nowhere.yaml"),
     ],
 )
