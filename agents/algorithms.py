@@ -5,20 +5,36 @@ from __future__ import annotations
 import logging
 import warnings
 from collections.abc import Mapping
-from typing import Any
+from typing import Annotated, Any
 
 import torch
+from annotated_types import Ge, Gt, Le
 from stable_baselines3 import PPO, SAC
 from stable_baselines3.common.base_class import BaseAlgorithm
 from stable_baselines3.common.utils import LinearSchedule
 from stable_baselines3.common.vec_env import VecEnv, VecNormalize
 
 from ..actuators.errors import SealegsError, nearest
-from ..configs.check import arguments, checked
+from ..configs.check import Count, Natural, NotNegative, Positive, arguments, checked
 
 LOGGER = logging.getLogger("sealegs")
 ALGORITHMS: dict[str, type[BaseAlgorithm]] = {"ppo": PPO, "sac": SAC}
 ACTIVATIONS = {"tanh": torch.nn.Tanh, "relu": torch.nn.ReLU, "elu": torch.nn.ELU}
+
+_PART = Annotated[float, Ge(0), Le(1)]
+_SB3_ALL = Annotated[int, Ge(-1)]  # -1: as many as there were steps, or never
+BOUNDS: dict[str, Any] = {
+    **dict.fromkeys(("n_steps", "batch_size", "n_epochs", "buffer_size", "train_freq"), Count),
+    **dict.fromkeys(("target_update_interval", "stats_window_size"), Count),
+    **dict.fromkeys(("gradient_steps", "sde_sample_freq"), _SB3_ALL),
+    **dict.fromkeys(("gamma", "gae_lambda"), _PART),
+    **dict.fromkeys(("learning_rate", "ent_coef", "vf_coef"), NotNegative),
+    **dict.fromkeys(("clip_range", "clip_range_vf", "max_grad_norm", "target_kl"), Positive),
+    **dict.fromkeys(("clip_obs", "clip_reward", "epsilon"), Positive),
+    "learning_starts": Natural,
+    "tau": Annotated[float, Gt(0), Le(1)],
+}
+"""Of numbers that Stable-Baselines3 takes and cannot learn with otherwise, or refuses by a traceback."""
 
 # Arguments that the run itself decides.
 _TAKEN = {"self", "env", "seed", "tensorboard_log", "verbose", "_init_setup_model"}
@@ -46,7 +62,7 @@ def checked_agent(agent: Mapping[str, Any]) -> dict[str, Any]:
     """The config group ``agent`` with every value in the type of its argument.
 
     Raises:
-        SealegsError: an unknown key or a value of the wrong type.
+        SealegsError: an unknown key, or a value of the wrong type or beyond its bounds.
     """
     types = arguments(algorithm(agent.get("algorithm")).__init__, _TAKEN)
     types |= {"algorithm": str, "normalize": dict | bool}
@@ -56,13 +72,21 @@ def checked_agent(agent: Mapping[str, Any]) -> dict[str, Any]:
             raise SealegsError(f"agent.{key} is not an argument of {agent['algorithm']}{nearest(key, types)}.")
         is_schedule = isinstance(value, str) and value.startswith("lin_") and _schedule(value) is not None
         result[key] = value if is_schedule else checked(f"agent.{key}", value, types[key])
+        _check_bounds(f"agent.{key}", key, _schedule(value) if is_schedule else result[key])
     if isinstance(normalize := result.get("normalize"), dict):
         names = _normalize_arguments()
         for key, value in normalize.items():
             if key not in names:
                 raise SealegsError(f"agent.normalize.{key} is not an argument of VecNormalize{nearest(key, names)}.")
             normalize[key] = checked(f"agent.normalize.{key}", value, names[key])
+            _check_bounds(f"agent.normalize.{key}", key, normalize[key])
     return result
+
+
+def _check_bounds(where: str, key: str, value: Any) -> None:
+    """Refuse a number beyond :data:`BOUNDS`; words such as ``auto`` pass."""
+    if key in BOUNDS and isinstance(value, int | float):
+        checked(where, value, BOUNDS[key])
 
 
 def normalized(env: VecEnv, agent: Mapping[str, Any], training: bool) -> VecEnv:

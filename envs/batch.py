@@ -8,6 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
+from typing import Any
 
 import mujoco
 import numpy as np
@@ -369,6 +370,7 @@ class _Generated:
 
 def _late(action_delay: float, timestep: float) -> int:
     """Physics steps in a delay [s]."""
+    _check_number("action_delay", action_delay)
     count = action_delay / timestep
     if action_delay < 0.0 or abs(count - round(count)) > 1e-6 * max(count, 1.0):
         raise SealegsError(
@@ -378,9 +380,15 @@ def _late(action_delay: float, timestep: float) -> int:
 
 
 def _substeps(control_rate: float, timestep: float) -> int:
+    _check_number("control_rate", control_rate)
     count = 1.0 / (control_rate * timestep) if control_rate > 0.0 else 0.0
     if round(count) < 1 or abs(count - round(count)) > 1e-6 * max(count, 1.0):
         raise SealegsError(
             f"control_rate is {control_rate:g} Hz; its period must be a whole number of steps of {timestep:g} s."
         )
     return round(count)
+
+
+def _check_number(name: str, value: Any) -> None:
+    if isinstance(value, bool) or not isinstance(value, int | float | np.number) or not np.isfinite(value):
+        raise SealegsError(f"{name} is {value!r}; it must be a finite number.")
