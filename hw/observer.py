@@ -33,8 +33,9 @@ class Seen:
 class Observer:
     """Observations of a task out of readings, of a robot or of anything that is read like one.
 
-    The arithmetic is the environment's own: speeds are differences over control steps, and the task itself puts the
-    observation together. Torque is the motor constant times the measured current, 0 for chains without a motor.
+    Speeds of joints are differences over control steps, as in the environment, and the task itself puts the observation
+    together. Speeds of a base are such differences too, where the environment has those of the moment: they are half a
+    control step late. Torque is the motor constant times the measured current, 0 for chains without a motor.
 
     Attributes:
         task: of the policy.

@@ -7,10 +7,12 @@ from typing import Any
 
 import numpy as np
 import pytest
+from sealegs.envs.contract import make_contract, start_pose
 from sealegs.envs.sb3 import BatchVecEnv
 from sealegs.hw.observer import Observer
 from sealegs.hw.policy import Policy
 from sealegs.hw.robot import Reading, build_robot
+from sealegs.hw.virtual.in_process import bus_in_process
 
 from tests.servo_runs import config, gentle_policy
 
@@ -73,3 +75,34 @@ def test_a_missed_reading_makes_no_speed(tmp_path: Path) -> None:
         seen = observer.see(reading(time, angle, angle, nothing, nothing))
         if time > 1.0:
             assert seen.observation[[3, 4]] == pytest.approx([0.5, 0.5], abs=1e-5), "link and motor speed"
+
+
+@pytest.mark.long
+def test_the_speed_of_a_base_is_half_a_control_step_late_on_servos() -> None:
+    """What docs/limits.md says of it; training observes the speed of the moment."""
+    robot = build_robot(config("robot=hopper")["robot"])
+    chains = {name: chain.to_list() for name, chain in robot.chains.items()}
+    contract = make_contract({"id": "SeaLegs/Hopper-v0"}, chains, 1.0 / PERIOD)
+    bus, rig = bus_in_process(robot, pose=start_pose(contract))
+    observer, place = Observer(contract, robot), contract.observation_names.index("upward speed [m/s]")
+    bus.torque_on(robot.ids)
+    bus.clock.sleep(0.5)
+    rig.held = None
+    begin, last, rows = bus.clock.now(), None, []
+    for cycle in range(250):
+        bus.clock.sleep(begin + PERIOD * (cycle + 1) - bus.clock.now())
+        of_the_moment, height = rig.machine.base()[1]["base_z"], rig.machine.base()[0]["base_z"]
+        last = robot.reading(bus.read_cycle(robot.all_ids, False, bus.clock.now() + 0.01), last)
+        rows.append((observer.see(last).observation[place], of_the_moment, height))
+        side = np.sign(np.sin(2.0 * np.pi * 3.0 * cycle * PERIOD))
+        hop = np.array([-0.61, 0.61]) + 0.35 * side * np.array([-0.5, 1.0])
+        bus.write_goals(robot.ids, robot.to_servo(np.clip(hop, robot.low, robot.high)))
+    seen, of_the_moment, height = np.array(rows[20:]).T
+    mean = np.diff(height) / PERIOD
+
+    def rms(values: np.ndarray) -> float:
+        return float(np.sqrt(np.mean(values**2)))
+
+    assert rms(of_the_moment) == pytest.approx(0.47, abs=0.05)
+    assert rms(seen - of_the_moment) == pytest.approx(0.08, abs=0.02)
+    assert rms(seen[1:] - mean) < 0.02
