@@ -117,16 +117,33 @@ class BatchVecEnv(VecEnv):
         return [getattr(owner, attr_name)] * len(list(self._get_indices(indices)))
 
     def set_attr(self, attr_name: str, value: Any, indices: VecEnvIndices = None) -> None:
-        """Set an attribute of the batch."""
-        del indices
+        """Set an attribute of the batch.
+
+        Raises:
+            SealegsError: ``indices`` are not all simulations, which share it.
+        """
+        self._check_all(indices, "an attribute")
         setattr(self._vector, attr_name, value)
 
     def env_method(
         self, method_name: str, *method_args: Any, indices: VecEnvIndices = None, **method_kwargs: Any
     ) -> list:
-        """Call a method of the batch once."""
+        """Call a method of the batch once.
+
+        Raises:
+            SealegsError: ``indices`` are not all simulations, on which it acts.
+        """
+        self._check_all(indices, "a method")
         answer = getattr(self._vector, method_name)(*method_args, **method_kwargs)
         return [answer] * len(list(self._get_indices(indices)))
+
+    def _check_all(self, indices: VecEnvIndices, what: str) -> None:
+        chosen = set(self._get_indices(indices))
+        if len(chosen) < self.num_envs:
+            raise SealegsError(
+                f"indices={indices} are {len(chosen)} of {self.num_envs} simulations, but all of them share {what} of "
+                "the batch: leave indices out."
+            )
 
     def env_is_wrapped(self, wrapper_class: type[gym.Wrapper], indices: VecEnvIndices = None) -> list[bool]:
         """Whether episodes are monitored: ``Monitor`` counts as there, because its infos are."""

@@ -198,3 +198,16 @@ def test_step_leaves_the_arrays_of_earlier_steps_alone() -> None:
 def test_a_wrong_vec_env_is_answered_in_one_sentence(env_id: str, keywords: dict, sentence: str) -> None:
     with pytest.raises(SealegsError, match=sentence):
         BatchVecEnv(env_id, 2, **keywords)
+
+
+def test_what_all_simulations_share_is_not_set_for_some_of_them() -> None:
+    env = BatchVecEnv(HOPPER, 3, seed=0)
+    env.set_attr("label", 1)
+    env.set_attr("label", 2, indices=[0, 1, 2])
+    assert env.get_attr("label", indices=[1]) == [2]
+    sentence = "indices=.* are 1 of 3 simulations, but all of them share .*: leave indices out"
+    with pytest.raises(SealegsError, match=sentence):
+        env.set_attr("label", 3, indices=1)
+    with pytest.raises(SealegsError, match=sentence):
+        env.env_method("close", indices=[0])
+    assert env.get_attr("label") == [2, 2, 2]
