@@ -7,7 +7,8 @@
     sealegs scan port=/dev/ttyUSB0 servo=xl330_m288           Dynamixels
     sealegs scan port=/dev/ttyUSB0 id=2 reboot=true           restart one; its torque goes off, its faults are forgotten
 
-No torque is switched on, and a scan writes nothing but what set= and new_id= name.
+No torque is switched on, and a scan writes nothing but what set= and new_id= name. set= takes no register that moves a
+servo: torque, goals, and speed and acceleration of a move.
 """
 
 from __future__ import annotations
@@ -21,7 +22,7 @@ from ..actuators.errors import SealegsError
 from ..configs.script import run
 from .bus import ServoBus
 from .packets import BusError, ConfigurationError, PortError, WrongModelError, faults
-from .registers import load_model, model_names
+from .registers import ServoModel, load_model, model_names
 
 TIMEOUT = 0.02  # [s] for a reply, until it is known how fast this adapter is
 TRIES = 3  # a servo that is asked for by its id is not given up for one reply that came late
@@ -89,7 +90,7 @@ def put(bus: ServoBus, servo: int, wanted: str, say: Callable[[str], None] = pri
     """Set registers, ``name:count`` with commas between.
 
     Raises:
-        SealegsError: a name or count is none; nothing is written then.
+        SealegsError: a name or count is none, or would move the servo; nothing is written then.
         BusError: a servo does not take it.
     """
     pairs = []
@@ -98,11 +99,26 @@ def put(bus: ServoBus, servo: int, wanted: str, say: Callable[[str], None] = pri
         if not count.strip().lstrip("-").isdigit():
             raise SealegsError(f"set={wanted} is not understood: give register:count, such as set=max_torque:500.")
         bus.model[name.strip()].encode(int(count))
+        _refuse_motion(bus.model, name.strip(), int(count))
         pairs.append((name.strip(), int(count)))
     for name, count in pairs:
         before = bus.read_register(servo, name)
         bus.write_register(servo, name, count)
         say(f"Servo {servo}: {name} {count} (before: {before}).")
+
+
+def _refuse_motion(model: ServoModel, name: str, count: int) -> None:
+    """Nobody watches a servo once a scan is over: torque would drive it to a goal that it may have had for hours.
+
+    Raises:
+        SealegsError: the register moves a servo, and the count does not take its torque.
+    """
+    moving = name in model.move or name.startswith("goal_") or (name == "torque_enable" and count != 0)
+    if moving and model[name].area == "ram":
+        raise SealegsError(
+            f"set={name}:{count} could move the servo, which nobody would watch or stop; use sealegs deploy, such as "
+            "with excitation=hold, which switches torque on where the servo stands."
+        )
 
 
 def main(arguments: list[str]) -> None:

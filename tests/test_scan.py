@@ -6,9 +6,11 @@ import threading
 from collections.abc import Iterator
 
 import pytest
+from sealegs.actuators.errors import SealegsError
 from sealegs.configs.script import run
 from sealegs.hw import scan
 from sealegs.hw.bus import ServoBus
+from sealegs.hw.registers import load_model
 from sealegs.hw.virtual.faults import fault_from
 from sealegs.hw.virtual.server import Server
 
@@ -63,3 +65,24 @@ def test_registers_are_shown_and_set(server: Server, capsys: pytest.CaptureFixtu
         assert status == 2 and says in error
     assert scanned(server, capsys, "set=p_gain:16")[0] == 2
     assert threading.active_count() < 10
+
+
+def test_a_scan_sets_nothing_that_moves_a_servo(server: Server, capsys: pytest.CaptureFixture[str]) -> None:
+    servo = server.wire.rig.servos[1]
+    before = servo.get("goal_position")
+    for wanted in ("torque_enable:1", "torque_enable:2", "goal_position:3000", "goal_velocity:50", "acceleration:9"):
+        status, _, error = scanned(server, capsys, "id=2", "baudrate=1000000", f"set=p_gain:16,{wanted}")
+        assert status == 2 and f"set={wanted}" in error and "sealegs deploy" in error
+    assert servo.get("p_gain") == 32 and servo.get("torque_enable") == 0 and servo.get("goal_position") == before
+    status, said, _ = scanned(server, capsys, "id=2", "baudrate=1000000", "set=torque_enable:0")
+    assert status == 0 and "torque_enable 0" in said
+
+
+@pytest.mark.parametrize("model", ["scs0009", "xl330_m288"])
+def test_registers_that_move_a_servo_are_known_of_every_make(model: str) -> None:
+    with served() as server, ServoBus(server.port, timeout=0.1) as bus:
+        bus.model = load_model(model)
+        moving = [name for name in bus.model.registers if name.startswith("goal_")] + [*bus.model.move, "torque_enable"]
+        for name in moving:
+            with pytest.raises(SealegsError, match=f"set={name}:1 could move"):
+                scan.put(bus, 1, f"{name}:1")
