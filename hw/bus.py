@@ -137,15 +137,16 @@ class ServoBus(ServoReadings):
         Args:
             ids: ids of the servos (n,).
             position: goals (n,) [rad]; clipped to the turn of the encoder.
-            velocity: largest speed of the move (n,) [rad/s], 0: no limit; None: the register keeps its value, or gets 0
-                if ``acceleration`` is given.
+            velocity: largest speed of the move (n,) [rad/s], one count of the register at least; 0: no limit; None:
+                the register keeps its value, or gets 0 if ``acceleration`` is given.
             acceleration: acceleration of the move (n,) [rad/s2], 0: no limit; None: likewise.
 
         Returns:
             Host's monotonic clock when the packet went out [s].
 
         Raises:
-            RegisterError: a goal is not finite, or the numbers of goals and servos differ.
+            RegisterError: a goal is not finite, the numbers of goals and servos differ, or a limit is negative or not
+                finite.
             UnpluggedError: the adapter is gone.
         """
         steps = self.to_steps(position)
@@ -167,9 +168,14 @@ class ServoBus(ServoReadings):
             return self.line.send_all(goal.address, ids, rows)
         columns = {"goal_position": np.asarray(steps, np.int64)}
         for role, wanted in (("speed", velocity), ("ramp", acceleration)):
-            name = self.model.role(role)
+            name, limits = self.model.role(role), np.asarray(0.0 if wanted is None else wanted, float)
+            if not (np.isfinite(limits) & (limits >= 0.0)).all() or limits.shape not in ((), (len(ids),)):
+                raise RegisterError(
+                    f"the {role} of a move is {limits.tolist()}; give a number from 0, no limit, or one for each servo."
+                )
             if name is not None:
-                counts = np.rint(np.asarray(0.0 if wanted is None else wanted, float) / self.model.si(name))
+                counts = np.rint(limits / self.model.si(name))
+                counts = np.where(limits > 0.0, np.maximum(counts, 1.0), 0.0)  # count 0 would be no limit
                 columns[name] = np.broadcast_to(np.minimum(counts, self.model[name].high), (len(ids),))
             elif wanted is not None and np.any(np.asarray(wanted) > 0.0):
                 raise RegisterError(f"the {self.model.name} has no register for the {role} of a move.")

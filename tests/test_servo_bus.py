@@ -178,6 +178,19 @@ def test_goals_reach_all_servos_and_stay_within_the_turn(server: Server, bus: Se
     assert bus.read_register(1, "goal_position") == round(2048 + 0.1 / STEP)
 
 
+def test_a_limit_below_one_count_is_the_smallest_that_there_is(bus: ServoBus):
+    bus.write_goals(IDS, [0.1, 0.2], velocity=[1e-5, 0.0], acceleration=0.01)
+    assert [bus.read_register(servo, "goal_velocity") for servo in IDS] == [1, 0]
+    assert [bus.read_register(servo, "acceleration") for servo in IDS] == [1, 1]
+
+
+@pytest.mark.parametrize("wrong", [-0.5, math.nan, math.inf, [1.0, -1.0], [1.0, 1.0, 1.0]])
+def test_a_limit_that_is_none_is_refused(bus: ServoBus, wrong):
+    for role, limits in (("speed", {"velocity": wrong}), ("ramp", {"acceleration": wrong})):
+        with pytest.raises(RegisterError, match=f"the {role} of a move is"):
+            bus.write_goals(IDS, [0.1, 0.2], **limits)
+
+
 @pytest.mark.parametrize(
     ("ids", "goals", "words"),
     [
