@@ -35,7 +35,8 @@ class Observer:
 
     Speeds of joints are differences over control steps, as in the environment, and the task itself puts the observation
     together. Speeds of a base are such differences too, where the environment has those of the moment: they are half a
-    control step late. Torque is the motor constant times the measured current, 0 for chains without a motor.
+    control step late. What was not read in a control step keeps its speed (:class:`_Speeds`). Torque is the motor
+    constant times the measured current, 0 for chains without a motor.
 
     Attributes:
         task: of the policy.
@@ -65,8 +66,9 @@ class Observer:
         self._dt, self._count = 1.0 / contract.control_rate, len(contract.actions)
         self._constants = np.array([_motor_constant(robot, name) for name in robot.names])
         self.state = np.array(contract.state)
-        self._last: tuple[np.ndarray, np.ndarray, np.ndarray] | None = None
-        self._begun = self._seen = 0.0
+        self._joint_speeds, self._link_speeds, self._rates = (_Speeds(self._dt) for _ in range(3))
+        self._begun: float | None = None
+        self._fresh = robot.fresh
         self._drawn: list[float] = []
 
     @property
@@ -97,15 +99,15 @@ class Observer:
         measured = dict(zip(self.base_names, reading.base_position.tolist(), strict=True))
         rates = dict(zip(self.base_names, reading.base_velocity.tolist(), strict=True))
         qpos = self._base.qpos(measured)
-        if self._last is None:
+        if self._begun is None:
             self._start(position)
-            self._last = position, link, qpos
-            self._begun = self._seen = reading.time
-        # whole control steps: more than one where readings were missed or periods left out
-        span = self._dt * max(round((reading.time - self._seen) / self._dt), 1)
-        speed, link_speed = (position - self._last[0]) / span, (link - self._last[1]) / span
-        qpos_rate = (qpos - self._last[2]) / span
-        self._last, self._seen = (position, link, qpos), reading.time
+            self._begun = reading.time
+        now = reading.time
+        joints, links, base = self._fresh(reading)
+        speed, link_speed = self._joint_speeds(position, joints, now), self._link_speeds(link, links, now)
+        known = dict(zip(self.base_names, np.where(base, reading.base_position, np.nan), strict=True))
+        # of a quaternion all four numbers are older where one of its angles is
+        qpos_rate = self._rates(qpos, np.isnan(qpos) | ~np.isnan(self._base.qpos(known)), now)
         count = self._count
         motion = Motion(
             qpos=qpos,
@@ -119,7 +121,7 @@ class Observer:
             action=self.action[None],
             previous_action=self.state[None, 1 + count : 1 + 2 * count],
             command=self.command[None],
-            time=np.array([self._dt * round((reading.time - self._begun) / self._dt)]),
+            time=np.array([self._dt * round((now - self._begun) / self._dt)]),
             numbers=self.numbers,
             memory=self.state[None, 1 + 2 * count :],
             power=np.array([np.mean(self._drawn) if self._drawn else 0.0]),
@@ -139,6 +141,26 @@ class Observer:
         zero, per_action = goal_scale(self.task, self.numbers, np.zeros(1), self.command[None])
         action = np.clip((position - np.reshape(zero, -1)) / per_action, -1.0, 1.0)
         self.state[1 : 1 + 2 * self._count] = np.tile(action, 2)
+
+
+class _Speeds:
+    """Speeds of several quantities, as differences over whole control steps.
+
+    A control step without a reading is no standstill: the quantity keeps its speed. The next reading tells the speed
+    over all steps since the last one.
+    """
+
+    def __init__(self, dt: float) -> None:
+        self._dt = dt
+        self._last: tuple[np.ndarray, np.ndarray, np.ndarray] | None = None  # place, time and speed of each
+
+    def __call__(self, place: np.ndarray, fresh: np.ndarray, time: float) -> np.ndarray:
+        """Speeds at ``time`` [s] at the places, of which those that are ``fresh`` were read in this control step."""
+        before, since, speed = self._last or (place, np.full(place.shape, time), np.zeros(place.shape))
+        steps = np.maximum(np.round((time - since) / self._dt), 1.0)  # more than one where periods were left out
+        speed = np.where(fresh, (place - before) / (self._dt * steps), speed)
+        self._last = np.where(fresh, place, before), np.where(fresh, time, since), speed
+        return speed
 
 
 def _motor_constant(robot: ServoRobot, name: str) -> float:

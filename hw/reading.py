@@ -25,6 +25,8 @@ class Reading:
         link: position on the far side of a series spring (k,) [rad]; where nothing measures it, ``position``.
         base_position, base_velocity: of the robot's base, as far as it is measured (b,) [m or rad], per second.
         state: as the bus gave it; None in simulation.
+        taken: when each servo and sensor of the robot was read last (n,) [s], before ``time`` where a reply is missing;
+            None: all of them at ``time``.
     """
 
     before: float
@@ -39,6 +41,7 @@ class Reading:
     base_position: np.ndarray
     base_velocity: np.ndarray
     state: ServoState | None
+    taken: np.ndarray | None = None
 
     @property
     def time(self) -> float:

@@ -84,8 +84,8 @@ class ServoRobot:
         self.names = [joint.name for joint in self.joints]
         self.model_names = [c.terms[0][0] if len(c.terms) == 1 else c.name for c in robot.coordinates]
         links = {sensor.name: k for k, sensor in enumerate(self.sensors, len(self.joints))}
-        self._links = [links.get(f"{name}.link") for name in self.names]
-        self.measures_links = all(at is not None for at in self._links)
+        self._links = [links.get(f"{name}.link", k) for k, name in enumerate(self.names)]
+        self.measures_links = all(f"{name}.link" in links for name in self.names)
         self.base_names = [sensor.name for sensor in self.sensors if not sensor.name.endswith(".link")]
         self._base = [k for k, sensor in enumerate(self.sensors, len(self.joints)) if sensor.name in self.base_names]
         self.low = np.array([joint.low for joint in self.joints])
@@ -107,9 +107,13 @@ class ServoRobot:
 
         Args:
             state: as read.
-            last: the reading before; speeds of the base are differences from it, and turns are counted on from it.
+            last: the reading before; turns are counted on from it. Speeds of the base are differences between two
+                times that it was read, and stay as they are where a reply is missing.
         """
-        k = len(self.joints)
+        k, now = len(self.joints), 0.5 * (state.before + state.after)
+        before = np.full(len(self.all_ids), now if last is None else last.time)
+        before = before if last is None or last.taken is None else last.taken
+        taken = np.where([servo in state.missing for servo in self.all_ids], before, now)
         place = self._scales * (state.position - self._zeros)
         side, sign = self._scales[:k], self._signs
         base = place[self._base]
@@ -117,23 +121,28 @@ class ServoRobot:
         if last is not None and len(base):
             turn = np.abs(2.0 * np.pi * self._scales[self._base])
             base = base + turn * np.round((last.base_position - base) / turn)
-            speed = (base - last.base_position) / max(0.5 * (state.before + state.after) - last.time, 1e-6)
-        position = place[:k]
-        link = np.array([place[at] if at is not None else position[n] for n, at in enumerate(self._links)])
+            speed = (base - last.base_position) / np.maximum((taken - before)[self._base], 1e-6)
+            speed = np.where(taken[self._base] < now, last.base_velocity, speed)
         return Reading(
             before=state.before,
             after=state.after,
-            position=position,
+            position=place[:k],
             velocity=side * state.velocity[:k],
             duty=sign * state.duty[:k],
             current=sign * state.current[:k],
             voltage=state.voltage[:k],
             temperature=state.temperature[:k],
-            link=link,
+            link=place[self._links],
             base_position=base,
             base_velocity=speed,
             state=state,
+            taken=taken,
         )
+
+    def fresh(self, reading: Reading) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        """Which joints (k,), far sides of springs (k,) and quantities of the base (b,) were read at its time."""
+        fresh = np.ones(len(self.all_ids), bool) if reading.taken is None else reading.taken >= reading.time
+        return fresh[: len(self.joints)], fresh[self._links], fresh[self._base]
 
     def to_servo(self, position: np.ndarray) -> np.ndarray:
         """Angles of the servos' shafts (k,) [rad] from angles of the joints (k,) [rad]."""

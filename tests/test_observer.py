@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -106,3 +107,25 @@ def test_the_speed_of_a_base_is_half_a_control_step_late_on_servos() -> None:
     assert rms(of_the_moment) == pytest.approx(0.47, abs=0.05)
     assert rms(seen - of_the_moment) == pytest.approx(0.08, abs=0.02)
     assert rms(seen[1:] - mean) < 0.02
+
+
+def test_a_lost_reply_makes_neither_a_standstill_nor_a_jump() -> None:
+    robot = build_robot(config("robot=hopper")["robot"])
+    chains = {name: chain.to_list() for name, chain in robot.chains.items()}
+    contract = make_contract({"id": "SeaLegs/Hopper-v0"}, chains, 1.0 / PERIOD)
+    observer, bus = Observer(contract, robot), bus_in_process(robot)[0]
+    lost, where = robot.all_ids[::2], list(contract.observation_names)
+    places, last, seen = np.zeros(len(robot.all_ids)), None, []
+    for cycle in range(5):
+        gone = [cycle == 3 and servo in lost for servo in robot.all_ids]
+        places = np.where(gone, places, 0.01 * cycle)  # what did not answer is read as it was
+        missing = tuple(lost) if any(gone) else ()
+        state = bus.read_state(robot.all_ids)
+        state = replace(state, before=PERIOD * cycle, after=PERIOD * cycle, position=places, missing=missing)
+        last = robot.reading(state, last)
+        seen.append((observer.see(last).observation, last.base_velocity))
+    speeds = [k for k, name in enumerate(where) if "speed" in name and "commanded" not in name]
+    for observation, base in seen[3:]:
+        assert observation[speeds] == pytest.approx(seen[2][0][speeds], rel=1e-5)
+        assert base == pytest.approx(seen[2][1], rel=1e-5)
+    assert np.abs(seen[2][0][speeds]).min() > 0.01
