@@ -21,7 +21,8 @@ from .robot import Joint, ServoRobot
 from .supervisor import Bearable, Charge, Opening, Rest
 
 WATCHED_CYCLES = 3  # without a request, at least, before servos with a bus watchdog stop by themselves
-SHORT = 16  # steps by which a servo may stop short of its joint's range
+SHORT = {"feetech": 16, "dynamixel": 0}
+"""Steps by which a servo may stop short of its joint's range: a Feetech clamps a goal, a Dynamixel ignores it."""
 
 
 @dataclass(frozen=True)
@@ -127,14 +128,16 @@ def check_joint(bus: ServoBus, joint: Joint) -> None:
     names = [model.role(role) or "" for role in ("min_angle", "max_angle")]
     low, high = (bus.read_register(joint.id, name) for name in names)
     steps = joint.direction / (model.step * joint.per_radian)
-    first, last = sorted(round(joint.zero + steps * angle) for angle in (joint.low, joint.high))
+    ends = (round(joint.zero + steps * angle) for angle in (joint.low, joint.high))
+    first, last = sorted(min(max(end, 0), model.steps - 1) for end in ends)  # as goals are clipped
+    short = SHORT[model.protocol]
     if low == high == 0:
         raise ConfigurationError(
             f"servo {joint.id} counts turns, since its registers {names[0]} and {names[1]} are 0; write 0 and "
             f"{model.steps - 1} (bus.write_register).",
             [joint.id],
         )
-    if first < low - SHORT or last > high + SHORT:
+    if first < low - short or last > high + short:
         raise ConfigurationError(
             f"servo {joint.id} keeps its goals between the steps {low} and {high}, but joint {joint.name} goes from "
             f"{first} to {last}; widen its registers {names[0]} and {names[1]} (bus.write_register), or calibrate "

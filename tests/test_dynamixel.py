@@ -16,7 +16,9 @@ from sealegs.configs.script import run
 from sealegs.gap.log import read_measured
 from sealegs.hw import scan
 from sealegs.hw.bus import ServoBus
+from sealegs.hw.connection import check_joint
 from sealegs.hw.dialects import READ, SYNC_READ
+from sealegs.hw.joints import Joint
 from sealegs.hw.packets import (
     ConfigurationError,
     NoReplyError,
@@ -316,3 +318,17 @@ def test_deploy_and_its_log_know_a_robot_with_a_dynamixel(tmp_path: Path, capsys
     joint = log.joints["joint"]
     assert joint.current is not None and joint.current.min() < -0.05 < 0.05 < joint.current.max()
     assert log.actuators["joint"] == "xl330" and len(log.time) > 250
+
+
+def test_a_range_beyond_the_limits_of_a_dynamixel_is_refused_to_the_step() -> None:
+    with bus_on(wired()) as bus:
+        bus.write_register(1, "max_position_limit", 2600)
+        reach = {step: (step - XL330.centre) * XL330.step for step in (2600, 2601)}
+        check_joint(bus, Joint("joint", 1, XL330.centre, 1, -0.5, reach[2600]))
+        with pytest.raises(ConfigurationError, match=r"between the steps 0 and 2600, but .* to 2601"):
+            check_joint(bus, Joint("joint", 1, XL330.centre, 1, -0.5, reach[2601]))
+
+
+def test_a_range_to_the_end_of_a_dynamixels_turn_is_within_its_limits() -> None:
+    with bus_on(wired()) as bus:
+        check_joint(bus, Joint("joint", 1, XL330.centre, 1, -2048.4 * XL330.step, 2047.5 * XL330.step))
