@@ -57,6 +57,9 @@ class ServoBus(ServoReadings):
     ) -> None:
         """Open the port; close it with :meth:`close`, or use the bus in a ``with``.
 
+        A ``with`` that an exception ends, Ctrl-C included, switches off what this bus has switched on: nobody else
+        would. One that ends as planned leaves torque as it is, so that servos can be held.
+
         Args:
             port: path, such as /dev/ttyUSB0.
             baudrate: of the bus [bit/s].
@@ -78,12 +81,27 @@ class ServoBus(ServoReadings):
         self.events: deque[tuple[float, BusError]] = self.line.events
         self.marks: dict[int, int | None] = {}
         self.watchdog = watchdog
+        self._switched_on: set[int] = set()
 
     def __enter__(self) -> ServoBus:
         return self
 
-    def __exit__(self, *_: object) -> None:
-        self.close()
+    def __exit__(self, kind: type[BaseException] | None, error: BaseException | None, trace: object) -> None:
+        try:
+            if error is not None and self._switched_on:
+                self._release_after(error)
+        finally:
+            self.close()
+
+    def _release_after(self, error: BaseException) -> None:
+        """Switch torque off; what fails is a note on ``error``, which must not be hidden."""
+        try:
+            failed: dict[int, Exception] = {**self.torque_off(sorted(self._switched_on))}
+        except Exception as problem:  # such as a port that the block has closed
+            failed = dict.fromkeys(sorted(self._switched_on), problem)
+        if failed:
+            names, reason = ", ".join(map(str, failed)), next(iter(failed.values()))
+            error.add_note(f"TORQUE MAY BE ON at servo(s) {names}: CUT THE POWER. They cannot be released: {reason}")
 
     def close(self) -> None:
         """Close the port. Torque stays as it is."""
@@ -199,6 +217,11 @@ class ServoBus(ServoReadings):
         return np.clip(steps, 0, self.model.steps - 1).astype(int)
 
     # --- torque ------------------------------------------------------------------------------------------------
+
+    def write_register(self, servo: int, name: str, count: int) -> None:
+        if name == "torque_enable" and count != 0:
+            self._switched_on.add(servo)  # before it is written: a try that fails may have switched it on
+        super().write_register(servo, name, count)
 
     def torque_on(self, ids: Sequence[int], wanted: Callable[[], bool] = lambda: True) -> bool:
         """Switch torque on where each servo stands: its position becomes its goal first, or it would jump.
@@ -337,6 +360,7 @@ class ServoBus(ServoReadings):
                     failed[servo] = error
                     if failing is not None:
                         failing([servo], error)
+        self._switched_on -= set(ids) - set(failed)
         return failed
 
     def tell_off(self, ids: Sequence[int]) -> BusError | None:
