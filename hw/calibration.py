@@ -153,9 +153,13 @@ def write_calibration(
         raise CalibrationError(f"{path} exists, and a calibration is never overwritten; give another out=.") from None
 
 
-def unfinished(out: Path, robot: Robot) -> Path:
-    """Where the joints that are done wait for the others."""
-    return out.parent / f"{robot.name}.unfinished"
+def unfinished(out: Path | None, robot: Robot) -> Path:
+    """Where the joints that are done wait for the others.
+
+    Beside ``out``, of whose machine they are; None: in the folder, since the name that a calibration gets there by
+    itself is another one at each try.
+    """
+    return FOLDER / f"{robot.name}.unfinished" if out is None else out.with_name(f"{out.name}.unfinished")
 
 
 def kept(
@@ -350,7 +354,8 @@ def main(arguments: list[str]) -> None:
     settings = config["robot"]
     robot, servo = get_robot(settings["name"]), load_model(settings["servo"])
     stamp = datetime.datetime.now().strftime(STAMP)
-    out = Path(str(config["out"] or FOLDER / f"{robot.name}-{stamp}.yaml"))
+    given = None if config["out"] is None else Path(str(config["out"]))
+    out, partial = given or FOLDER / f"{robot.name}-{stamp}.yaml", unfinished(given, robot)
     if out.exists():
         raise CalibrationError(f"{out} exists, and a calibration is never overwritten; give another out=.")
     params = settings.get("params") or {}
@@ -359,7 +364,7 @@ def main(arguments: list[str]) -> None:
     gears = checked_gears(settings.get("gears") or {}, robot)
 
     def work(done: Sequence[Joint], keep: Callable[[list[Joint]], None]) -> list[Joint]:
-        check_gears(done, gears, unfinished(out, robot))
+        check_gears(done, gears, partial)
         joints = [replace(joint, line=line_of(joint.name, lines)) for joint in done]
         for line in (MAIN, *lines):
             here = [name for name in names if line_of(name, lines) == line]
@@ -376,9 +381,9 @@ def main(arguments: list[str]) -> None:
         check_joints(joints, robot, servo, params)
         return joints
 
-    joints = kept(unfinished(out, robot), robot, work, servo)
+    joints = kept(partial, robot, work, servo)
     write_calibration(out, robot, servo, joints)
-    unfinished(out, robot).unlink(missing_ok=True)
+    partial.unlink(missing_ok=True)
     print(f"\nWritten: {out}. sealegs deploy takes the newest of {FOLDER}/, or calibration={out}.")
 
 

@@ -294,10 +294,27 @@ def test_a_calibration_that_is_stopped_keeps_the_joints_that_are_done(
             SERVO,
         )
 
-    with pytest.raises(CalibrationError, match=r"terminal was closed; hip is kept in .*hopper\.unfinished"):
+    with pytest.raises(CalibrationError, match=r"terminal was closed; hip is kept in .*hopper-1\.yaml\.unfinished"):
         work(Hand(hip, {3: 2048, 7: 2048}), stopped=True)
     hand = Hand(knee, {3: 2048, 7: 2500})
     joints = work(hand, stopped=False)
     assert [joint.name for joint in joints] == ["hip", "knee"] and joints[0].zero == 2100
     assert any("Kept from before: hip" in line for line in hand.said)
     assert newest("hopper", tmp_path) is None, "what is unfinished is no calibration"
+
+
+def test_what_is_unfinished_of_one_machine_is_not_carried_into_another(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    left, right = Path("calibrations/hopper-left.yaml"), Path("calibrations/hopper-right.yaml")
+
+    def stopped(done: object, keep: Callable[[list[Joint]], None]) -> list[Joint]:
+        keep(joints()[:1])
+        raise EOFError
+
+    with pytest.raises(CalibrationError, match="hip is kept"):
+        kept(unfinished(left, HOPPER), HOPPER, stopped, SERVO)
+    for out, known in ((left, ["hip"]), (right, []), (None, []), (Path("calibrations/hopper.yaml"), [])):
+        found = kept(unfinished(out, HOPPER), HOPPER, lambda done, _: list(done), SERVO)
+        assert [joint.name for joint in found] == known
