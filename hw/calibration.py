@@ -27,6 +27,7 @@ from ..actuators.errors import SealegsError
 from ..configs.script import run
 from ..envs.base import BaseLayout
 from ..envs.robot import Robot
+from .calibration_file import read_joints
 from .joints import (
     MAIN,
     CalibrationError,
@@ -37,7 +38,6 @@ from .joints import (
     checked_gears,
     gear_of,
     line_of,
-    read_joints,
     read_lines,
 )
 from .newest_calibration import FOLDER, STAMP
@@ -167,6 +167,7 @@ def kept(
     robot: Robot,
     work: Callable[[Sequence[Joint], Callable[[list[Joint]], None]], list[Joint]],
     servo: ServoModel,
+    lines: Sequence[Line] = (),
 ) -> list[Joint]:
     """Calibrate, going on where an earlier try ended; each joint is on the disk as soon as it is done.
 
@@ -175,11 +176,12 @@ def kept(
         robot: whose joints they are.
         work: calibrates: takes the joints that are done and what keeps them.
         servo: model of the servos.
+        lines: buses beside the first one.
 
     Raises:
         CalibrationError: it did not come to its end; says what is kept.
     """
-    done = read_joints(path, robot) if path.is_file() else []
+    done = read_joints(path, robot, servo, lines) if path.is_file() else []
 
     def keep(joints: list[Joint]) -> None:
         done[:] = joints
@@ -208,6 +210,8 @@ def as_row(joint: Joint) -> dict[str, Any]:
     }
     if joint.per_radian != 1.0:
         row |= {"range": [joint.low, joint.high], "per_radian": joint.per_radian}
+    if joint.line.servo is not None:
+        row["servo"] = joint.line.servo.name
     return row if joint.homing_offset is None else {**row, "homing_offset": joint.homing_offset}
 
 
@@ -365,7 +369,7 @@ def main(arguments: list[str]) -> None:
 
     def work(done: Sequence[Joint], keep: Callable[[list[Joint]], None]) -> list[Joint]:
         check_gears(done, gears, partial)
-        joints = [replace(joint, line=line_of(joint.name, lines)) for joint in done]
+        joints = list(done)
         for line in (MAIN, *lines):
             here = [name for name in names if line_of(name, lines) == line]
             if not here:
@@ -381,7 +385,7 @@ def main(arguments: list[str]) -> None:
         check_joints(joints, robot, servo, params)
         return joints
 
-    joints = kept(partial, robot, work, servo)
+    joints = kept(partial, robot, work, servo, lines)
     write_calibration(out, robot, servo, joints)
     partial.unlink(missing_ok=True)
     print(f"\nWritten: {out}. sealegs deploy takes the newest of {FOLDER}/, or calibration={out}.")

@@ -8,10 +8,7 @@ from dataclasses import dataclass, fields
 from pathlib import Path
 from typing import Any
 
-import yaml
-
 from ..actuators.errors import SealegsError, nearest
-from ..actuators.yaml_text import load_yaml
 from ..configs.check import checked
 from ..envs.robot import Robot
 from ..envs.robot_entries import ServoEntry
@@ -235,38 +232,6 @@ def nominal_joints(
         per_radian = abs(scale) / model.step
         found.append(Joint(item.name, mounted.id, zero, mounted.direction, low, high, None, per_radian, line))
     return found
-
-
-def read_joints(path: Path, robot: Robot, lines: Sequence[Line] = ()) -> list[Joint]:
-    """Joints from a calibration file.
-
-    Raises:
-        CalibrationError: the file cannot be read, or is of another robot.
-    """
-    try:
-        document = load_yaml(path.read_text(encoding="utf-8"))
-        if document["robot"] != robot.name:
-            raise CalibrationError(f"{path} is the calibration of robot '{document['robot']}', not of '{robot.name}'.")
-        return [
-            Joint(
-                str(name),
-                int(row["id"]),
-                int(row["zero"]),
-                int(row["direction"]),
-                float(row["range"][0]),
-                float(row["range"][1]),
-                None if row.get("homing_offset") is None else int(row["homing_offset"]),
-                float(row.get("per_radian", 1.0)),
-                line_of(str(name), lines),
-            )
-            for name, row in document["joints"].items()
-        ]
-    except CalibrationError:
-        raise
-    except OSError as error:
-        raise CalibrationError(f"the calibration {path} cannot be read: {error.strerror}.") from None
-    except (yaml.YAMLError, UnicodeDecodeError, LookupError, TypeError, ValueError, AttributeError) as error:
-        raise CalibrationError(f"{path} is no calibration ({' '.join(str(error).split())}); calibrate again.") from None
 
 
 def read_sensors(

@@ -16,6 +16,7 @@ from ..envs.extended import read_extended
 from ..envs.position_goals import check_position_goals, torque_driven
 from ..envs.robot import Robot
 from ..envs.robots import ROBOTS, get_robot
+from .calibration_file import read_joints
 from .chain_names import told_chains
 from .joints import (
     Joint,
@@ -24,7 +25,6 @@ from .joints import (
     check_joints,
     checked_gears,
     nominal_joints,
-    read_joints,
     read_lines,
     read_sensors,
 )
@@ -253,7 +253,7 @@ def build_robot(config: Mapping[str, Any], actuator: Any = None, calibration: Pa
     if calibration is None:
         joints = nominal_joints(robot, servo, params, gears, lines)
     else:
-        joints = read_joints(calibration, robot, lines)
+        joints = read_joints(calibration, robot, servo, lines)
         check_gears(joints, gears, calibration)
     chains = {name: _plain(chain) for name, chain in robot.chains_for(belief).items()}
     sensors = read_sensors(sensed, joints, servo, lines)

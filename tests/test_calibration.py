@@ -13,7 +13,8 @@ from sealegs.configs.compose import compose
 from sealegs.envs.robots import get_robot
 from sealegs.hw.bus import ServoBus
 from sealegs.hw.calibration import guide, kept, unfinished, write_calibration
-from sealegs.hw.joints import CalibrationError, Joint, check_joints, nominal_joints, read_joints
+from sealegs.hw.calibration_file import read_joints
+from sealegs.hw.joints import CalibrationError, Joint, Line, check_joints, nominal_joints
 from sealegs.hw.newest_calibration import newest
 from sealegs.hw.registers import load_model
 from sealegs.hw.robot import ServoRobot, build_robot
@@ -199,13 +200,13 @@ def test_a_file_is_read_as_written_and_never_overwritten(tmp_path: Path) -> None
     path = tmp_path / "calibrations" / "hopper-a.yaml"
     written = joints(hip={"homing_offset": -35})
     write_calibration(path, HOPPER, SERVO, written)
-    assert read_joints(path, HOPPER) == written and newest("hopper", path.parent) == path
+    assert read_joints(path, HOPPER, SERVO) == written and newest("hopper", path.parent) == path
     before = path.read_text()
     with pytest.raises(CalibrationError, match="never overwritten"):
         write_calibration(path, HOPPER, SERVO, joints(hip={"id": 9}))
     assert path.read_text() == before
     with pytest.raises(CalibrationError, match="of robot 'hopper', not of 'bench'"):
-        read_joints(path, BENCH)
+        read_joints(path, BENCH, SERVO)
 
 
 @pytest.mark.parametrize("text", ["", "- 1", "robot: hopper\njoints: {hip: {id: x}}", "robot: [", "robot: hopper"])
@@ -213,8 +214,48 @@ def test_a_damaged_file_is_refused(text: str, tmp_path: Path) -> None:
     path = tmp_path / "bad.yaml"
     path.write_text(text)
     with pytest.raises(CalibrationError, match="calibrat") as refusal:
-        read_joints(path, HOPPER)
+        read_joints(path, HOPPER, SERVO)
     assert "\n" not in str(refusal.value)
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "says"),
+    [
+        ("homing_offset", "homing_ofset", "did you mean 'homing_offset'"),
+        ("zero: 2048", "zero: 2048.9", "joints.joint.zero takes a whole number, not 2048.9"),
+        ("direction: 1", "direction: 1.9", "joints.joint.direction takes 1 or -1, not 1.9"),
+        ("direction: 1", "direction: 0", "takes 1 or -1"),
+        ("[-1.0, 1.0]", "[-1.0, 1.0, 2.5]", "two numbers"),
+        ("[-1.0, 1.0]", "[1.0, -1.0]", "the lower one first"),
+        ("id: 1", "id: true", "joints.joint.id takes a whole number, not True"),
+        ("id: 1", "id: 1, per_radian: 0", "per_radian must be more than 0"),
+        ("servo: sts3215", "sevro: sts3215", "did you mean 'servo'"),
+        ("{id", "[id", "calibrate again"),
+    ],
+)
+def test_a_row_that_is_wrong_is_refused(old: str, new: str, says: str, tmp_path: Path) -> None:
+    path = tmp_path / "bench.yaml"
+    row = "{id: 1, zero: 2048, direction: 1, range: [-1.0, 1.0], homing_offset: 85}"
+    good = f"robot: bench\nservo: sts3215\ndate: 2026-01-01T00:00:00\njoints:\n  joint: {row}\n"
+    path.write_text(good)
+    assert read_joints(path, BENCH, SERVO) == [Joint("joint", 1, 2048, 1, -1.0, 1.0, 85)]
+    path.write_text(good.replace(old, new))
+    with pytest.raises(CalibrationError) as refusal:
+        read_joints(path, BENCH, SERVO)
+    assert says in str(refusal.value) and "\n" not in str(refusal.value)
+
+
+def test_a_calibration_of_other_servos_is_refused(tmp_path: Path) -> None:
+    arm = Line("arm", 1, load_model("scs0009"), joints=("knee",))
+    made = [joints()[0], replace(joints()[1], line=arm)]
+    path = tmp_path / "hopper-a.yaml"
+    write_calibration(path, HOPPER, SERVO, made)
+    assert read_joints(path, HOPPER, SERVO, [arm]) == made
+    with pytest.raises(CalibrationError, match="joint hip was calibrated with servo sts3215 and has xl330_m288 now"):
+        read_joints(path, HOPPER, load_model("xl330_m288"), [arm])
+    for lines in ([], [replace(arm, servo=load_model("scs15"))]):
+        with pytest.raises(CalibrationError, match="joint knee was calibrated with servo scs0009 and has "):
+            read_joints(path, HOPPER, SERVO, lines)
 
 
 def test_angles_turn_with_zero_and_direction() -> None:

@@ -17,8 +17,9 @@ from sealegs.gap.diagnose import diagnose
 from sealegs.gap.log import read_measured
 from sealegs.hw import calibration
 from sealegs.hw.bus import ServoBus
+from sealegs.hw.calibration_file import read_joints
 from sealegs.hw.commands import Trajectory
-from sealegs.hw.joints import read_joints
+from sealegs.hw.registers import load_model
 from sealegs.hw.robot import ServoRobot
 from sealegs.hw.virtual.server import Server
 
@@ -83,7 +84,7 @@ def test_a_joint_with_a_dynamixel_is_calibrated_by_hand(
         server.stop()
         thread.join(5.0)
     assert status == 0, capsys.readouterr().err
-    (joint,) = read_joints(out, BENCH)
+    (joint,) = read_joints(out, BENCH, load_model("xl330_m288"))
     assert (joint.id, joint.direction, joint.homing_offset) == (1, 1, 0) and abs(joint.zero - 2048) < 20
     # told to go to 0.8 rad, the weak servo swings its load about as far, a little more or less each time
     assert -1.2 < joint.low < -0.3 and 0.3 < joint.high < 1.2
