@@ -180,7 +180,15 @@ def read_excitation(path: Path, robot: ServoRobot) -> Trajectory:
         raise SealegsError(f"the excitation {path} cannot be read: {error.strerror}.") from None
     except (ValueError, IndexError, UnicodeDecodeError, csv.Error) as error:
         raise SealegsError(f"the excitation {path} is no table of numbers with a header: {error}.") from None
-    columns = {name.strip(): values[:, k] for k, name in enumerate(header)} if values.ndim == 2 else {}
+    names = [name.strip() for name in header]
+    if twice := next((name for name in names if name and names.count(name) > 1), None):
+        raise SealegsError(f"the excitation {path} has two columns '{twice}'; keep one.")
+    if values.ndim == 2 and values.shape[1] != len(names):
+        raise SealegsError(
+            f"the excitation {path} has {len(names)} columns in its header and {values.shape[1]} in its rows; give "
+            "each column a name, and end no line with a comma."
+        )
+    columns = {name: values[:, k] for k, name in enumerate(names)} if values.ndim == 2 else {}
     goals = {name.removesuffix(".goal"): column for name, column in columns.items() if name.endswith(".goal")}
     if GOAL in columns and not goals and len(robot.joints) == 1:
         goals = {robot.names[0]: columns[GOAL]}
