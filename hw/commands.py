@@ -143,10 +143,17 @@ class Reference:
         """Prepare.
 
         Raises:
-            SealegsError: the robot has no reference controller, or no spring to feel.
+            SealegsError: the robot has no reference controller, no spring to feel, or nothing that measures springs.
         """
         if robot.robot.source != "hopper":  # a file may have that name too
             raise SealegsError(f"robot '{robot.robot.source}' has no reference controller; robot=hopper has one.")
+        if not robot.measures_links:  # motor and link would read the same, and the goals never change
+            mounted = [sensor.name for sensor in robot.sensors]
+            missing = [link for link in (f"{name}.link" for name in robot.names) if link not in mounted]
+            raise SealegsError(
+                f"the reference controller feels springs by encoders behind them, but robot.sensors lacks "
+                f"{', '.join(missing)}; mount them and name them there, such as {missing[0]}: {{id: 9}}."
+            )
         numbers = robot.robot.parameters(robot.params)
         stiffness = spring_stiffness(robot.chains[robot.names[0]])
         self._law = BangBang(rest=(numbers["hip_rest"], numbers["knee_rest"]), stiffness=stiffness)

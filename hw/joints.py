@@ -4,12 +4,12 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, fields
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
 from ..actuators.errors import SealegsError, nearest
-from ..configs.check import checked
+from ..configs.check import checked, checked_fields
 from ..envs.robot import Robot
 from ..envs.robot_entries import ServoEntry
 from .address import Address
@@ -234,57 +234,67 @@ def nominal_joints(
     return found
 
 
+@dataclass(frozen=True)
+class _SensorEntry:
+    id: int
+    zero: int | None = None
+    per_radian: float = 1.0
+
+
 def read_sensors(
-    config: Mapping[str, Any], joints: Sequence[Joint], servo: ServoModel, lines: Sequence[Line] = ()
+    config: Mapping[str, Any],
+    joints: Sequence[Joint],
+    servo: ServoModel,
+    lines: Sequence[Line] = (),
+    quantities: Sequence[str] = (),
 ) -> list[Sensor]:
     """Sensors of a robot's file.
 
+    Args:
+        config: ``sensors``, by name.
+        joints: of the robot.
+        servo: model on the first bus.
+        lines: buses beside the first one.
+        quantities: of the robot's base, as :mod:`sealegs.envs.base` names them.
+
     Raises:
-        CalibrationError: one has the id of a joint or of another one, lacks something, or has a key that is none.
+        CalibrationError: one measures nothing that there is, has the id of a joint or of another one, lacks something,
+            or has a key or a value that is none.
     """
     found: list[Sensor] = []
     users = {joint.address: joint.name for joint in joints}
+    known = [*(f"{joint.name}.link" for joint in joints), *quantities]
     for name, row in config.items():
-        if isinstance(row, Mapping):
-            _check_sensor_keys(f"robot.sensors.{name}", row)
-        try:
-            per_radian = float(row.get("per_radian", 1.0))
-            line = line_of(str(name), lines)
-            zero = int(row.get("zero", line.model(servo).centre))
-            sensor = Sensor(str(name), int(row["id"]), zero, per_radian, line)
-        except (LookupError, TypeError, ValueError, AttributeError):
+        where, line = f"robot.sensors.{name}", line_of(str(name), lines)
+        if name not in known:
             raise CalibrationError(
-                f"robot.sensors.{name} is {row!r}; it needs an id, and takes zero, per_radian."
-            ) from None
-        if sensor.address in users:
-            raise CalibrationError(
-                f"sensor {name} has the id {sensor.address}, and so has {users[sensor.address]}; ids are unique."
+                f"{where} measures nothing of this robot{nearest(str(name), known)}; there are {', '.join(known)}."
             )
-        if per_radian == 0.0 or not math.isfinite(per_radian):
-            raise CalibrationError(
-                f"robot.sensors.{name}.per_radian is {per_radian:g}; it must be a number other than 0."
-            )
-        users[sensor.address] = sensor.name
-        found.append(sensor)
-    return found
-
-
-SENSOR_KEYS = tuple(item.name for item in fields(Sensor) if item.name not in ("name", "line"))
-
-
-def _check_sensor_keys(where: str, row: Mapping[str, Any]) -> None:
-    """Refuse what would have no effect, such as a direction: it is the sign of ``per_radian``."""
-    for key in row:
-        if key in SENSOR_KEYS:
-            continue
-        if key == "direction":
+        if not isinstance(row, Mapping) or (row.keys() <= {"zero", "per_radian"}):
+            raise CalibrationError(f"{where} is {row!r}; it needs an id, and takes zero, per_radian.")
+        if "direction" in row:
             raise CalibrationError(
                 f"{where}.direction is unknown: an encoder that counts the other way has a negative per_radian, such "
                 "as per_radian: -1."
             )
-        raise CalibrationError(
-            f"{where}.{key} is unknown{nearest(str(key), SENSOR_KEYS)}; there are {', '.join(SENSOR_KEYS)}."
-        )
+        try:
+            entry = checked_fields(where, dict(row), _SensorEntry)
+        except SealegsError as error:
+            raise CalibrationError(str(error)) from None
+        model = line.model(servo)
+        if not 0 <= entry.id <= model.high_id:
+            raise CalibrationError(f"{where}.id is {entry.id}; ids are 0 to {model.high_id}.")
+        zero = model.centre if entry.zero is None else entry.zero
+        sensor = Sensor(str(name), entry.id, zero, entry.per_radian, line)
+        if sensor.address in users:
+            raise CalibrationError(
+                f"sensor {name} has the id {sensor.address}, and so has {users[sensor.address]}; ids are unique."
+            )
+        if sensor.per_radian == 0.0:
+            raise CalibrationError(f"{where}.per_radian is 0; it must be another number.")
+        users[sensor.address] = sensor.name
+        found.append(sensor)
+    return found
 
 
 def checked_gears(gears: Mapping[str, Any], robot: Robot) -> dict[str, float]:

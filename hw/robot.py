@@ -256,7 +256,8 @@ def build_robot(config: Mapping[str, Any], actuator: Any = None, calibration: Pa
         joints = read_joints(calibration, robot, servo, lines)
         check_gears(joints, gears, calibration)
     chains = {name: _plain(chain) for name, chain in robot.chains_for(belief).items()}
-    sensors = read_sensors(sensed, joints, servo, lines)
+    quantities = BaseLayout(robot, params).names if sensed else ()
+    sensors = read_sensors(sensed, joints, servo, lines, quantities)
     registers = set_up(config.get("registers") or {}, servo)
     return ServoRobot(robot, params, servo, joints, chains, sensors, registers)
 

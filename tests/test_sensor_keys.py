@@ -1,11 +1,13 @@
-"""Keys of a sensor in a robot's file: one that has no effect is refused, with what to write instead."""
+"""Sensors in a robot's file: what has no effect is refused, with what to write instead."""
 
 from __future__ import annotations
 
 from typing import Any
 
 import pytest
+from sealegs.actuators.errors import SealegsError
 from sealegs.configs.compose import compose
+from sealegs.hw.commands import Reference
 from sealegs.hw.joints import CalibrationError, Sensor
 from sealegs.hw.robot import build_robot
 
@@ -35,3 +37,27 @@ def test_a_sensor_without_its_id_is_refused_as_before() -> None:
     for row in ({}, {"zero": 5}, 9, None):
         with pytest.raises(CalibrationError, match="it needs an id, and takes zero, per_radian"):
             hopper(row)
+
+
+@pytest.mark.parametrize(
+    ("sensors", "says"),
+    [
+        ({"hipp.link": {"id": 3}}, r"hipp\.link measures nothing of this robot \(did you mean 'hip\.link'\?\)"),
+        ({"bse_x": {"id": 3}}, r"did you mean 'base_x'"),
+        ({"hip.link": {"id": 300}}, r"hip\.link\.id is 300; ids are 0 to 252"),
+        ({"hip.link": {"id": 3.9}}, r"hip\.link\.id takes a whole number, not 3\.9"),
+        ({"hip.link": {"id": 3, "zero": 1.5}}, r"hip\.link\.zero takes a whole number"),
+        ({"hip.link": {"id": 3, "per_radian": 0}}, r"per_radian is 0"),
+    ],
+)
+def test_a_sensor_of_nothing_or_nowhere_is_refused(sensors: dict[str, Any], says: str) -> None:
+    with pytest.raises(CalibrationError, match=says):
+        build_robot({**compose("deploy", {"robot": "hopper"})["robot"], "sensors": sensors})
+
+
+def test_the_reference_controller_needs_encoders_behind_the_springs() -> None:
+    config = compose("deploy", {"robot": "hopper"})["robot"]
+    Reference(build_robot(config))
+    for sensors, missing in (({}, "hip.link, knee.link"), ({"hip.link": {"id": 3}}, "knee.link")):
+        with pytest.raises(SealegsError, match=f"robot.sensors lacks {missing};"):
+            Reference(build_robot({**config, "sensors": sensors}))
