@@ -6,10 +6,12 @@ import contextlib
 import os
 from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass
-from typing import Any
+from typing import Annotated, Any
+
+from annotated_types import Gt, Le
 
 from ..actuators.errors import SealegsError
-from ..configs.check import checked
+from ..configs.check import Count, checked
 from .bus import ServoBus
 from .buses import BusGroup
 from .clock import Hold
@@ -21,8 +23,19 @@ from .robot import Joint, ServoRobot
 from .supervisor import Bearable, Charge, Opening, Rest
 
 WATCHED_CYCLES = 3  # without a request, at least, before servos with a bus watchdog stop by themselves
+LONGEST = 10.0  # [s] that a reply may take
 SHORT = {"feetech": 16, "dynamixel": 0}
 """Steps by which a servo may stop short of its joint's range: a Feetech clamps a goal, a Dynamixel ignores it."""
+
+
+def checked_hw(hw: Mapping[str, Any]) -> dict[str, Any]:
+    """``configs/hw`` with the baud rate and the time for a reply as numbers.
+
+    Raises:
+        SealegsError: one is none.
+    """
+    timeout = checked("hw.timeout", hw["timeout"], Annotated[float, Gt(0.0), Le(LONGEST)])
+    return {**hw, "baudrate": checked("hw.baudrate", hw["baudrate"], Count), "timeout": timeout}
 
 
 @dataclass(frozen=True)
@@ -53,7 +66,7 @@ def opened_port(
     """The ports to use, and a virtual machine behind them where one is asked for.
 
     Args:
-        hw: of ``configs/hw``.
+        hw: of ``configs/hw``, checked.
         port: that the person named.
         robot: as the host sees it; a virtual machine has its servos mounted like that.
         truth: chain of a virtual machine, before what it hides.
@@ -94,12 +107,10 @@ def opened_port(
         "held": "order" if pose else "torque",
         "pose": dict(pose or {}),
         "cycle": period,
-        "registers": {**ready_at(robot.servo, int(hw["baudrate"])), **robot.registers},
+        "registers": {**ready_at(robot.servo, hw["baudrate"]), **robot.registers},
         "buses": {name: model.name for name, model in others.items()},
         "bus_registers": {
-            line.name: ready_at(others[line.name], line.baudrate or int(hw["baudrate"]))
-            for line in robot.lines
-            if line.name
+            line.name: ready_at(others[line.name], line.baudrate or hw["baudrate"]) for line in robot.lines if line.name
         },
     }
     if robot.sensors:
@@ -147,13 +158,13 @@ def check_joint(bus: ServoBus, joint: Joint) -> None:
 
 
 def openings(hw: Mapping[str, Any], ports: Mapping[str, str], robot: ServoRobot) -> dict[str, Opening]:
-    """How to open each bus of a robot, by its name."""
+    """How to open each bus of a robot, by its name; ``hw`` is checked."""
     return {
         line.name: Opening(
             ports[line.name],
-            line.baudrate or int(hw["baudrate"]),
+            line.baudrate or hw["baudrate"],
             line.model(robot.servo).name,
-            float(hw["timeout"]),
+            hw["timeout"],
         )
         for line in robot.lines
     }

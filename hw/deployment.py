@@ -9,9 +9,10 @@ import shlex
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Any
+from typing import Annotated, Any
 
 import numpy as np
+from annotated_types import Ge, Le
 
 from ..actuators.errors import SealegsError
 from ..configs.check import checked, checked_seed
@@ -20,7 +21,7 @@ from ..envs.robots import get_robot
 from .calibration import as_row
 from .clock import HIGHEST_RATE, LOWEST_RATE
 from .commands import Commands, PolicyCommands, Reference, park_motion, read_excitation, read_replay
-from .connection import Opened, charge_of, opened_bus, opened_port
+from .connection import Opened, charge_of, checked_hw, opened_bus, opened_port
 from .deadman import PATIENCE, keyboard, pressed_key
 from .emergency import REASON as EMERGENCY
 from .emergency import check_descriptor, emergency_stop, release
@@ -43,6 +44,15 @@ DRY_CYCLES = 10
 SIGNALS = ("goal", "position", "velocity", "duty", "voltage", "current", "temperature")
 RESTS = ("release", "hold", "sit")
 SOURCES = ("policy", "excitation", "replay", "reference")
+KINDS: dict[str, Any] = {
+    "silence": Annotated[float, Le(60.0)],
+    "patience": Annotated[float, Ge(0.0), Le(3600.0)],
+    **dict.fromkeys(("dead_man", "dry_run", "live"), bool),
+    **dict.fromkeys(("rate", "duration"), float | None),
+    "reach": float | dict[str, float] | None,
+    "realtime": int | None,
+}
+"""Types of keys, where they need no more than that."""
 
 
 @dataclass(frozen=True)
@@ -98,21 +108,12 @@ def prepare(config: Mapping[str, Any], source: Callable[[ServoRobot], Commands] 
         SealegsError: something in it is wrong, or policy and robot do not fit.
     """
     config = dict(config)
-    for key, kind in (
-        ("silence", float),
-        ("patience", float),
-        ("dead_man", bool),
-        ("dry_run", bool),
-        ("live", bool),
-    ):
+    for key, kind in KINDS.items():
         config[key] = checked(key, config[key], kind)
-    for key in ("rate", "duration"):
-        config[key] = checked(key, config[key], float | None)
-    config["reach"] = checked("reach", config["reach"], float | dict[str, float] | None)
+    config["hw"] = checked_hw(config["hw"])
     config["rest"] = config["rest"] or config["robot"].get("rest") or "release"
     if config["rest"] not in RESTS:
         raise SealegsError(f"rest is '{config['rest']}'; it may be release, hold or sit.")
-    config["realtime"] = checked("realtime", config["realtime"], int | None)
     estop = config["estop"]
     if estop not in (None, "key") and (isinstance(estop, bool) or not isinstance(estop, int)):
         raise SealegsError(f"estop is {estop!r}; it may be key, or the number of a file descriptor.")
@@ -126,6 +127,8 @@ def prepare(config: Mapping[str, Any], source: Callable[[ServoRobot], Commands] 
     if len(given) != 1 and source is None:
         what = f"{' and '.join(given)} cannot run at once" if given else "say what to run"
         raise SealegsError(f"{what}: give one of {', '.join(f'{key}=' for key in SOURCES)} (--help lists the keys).")
+    if config["command"] is not None and given != ["policy"]:
+        raise SealegsError(f"command= is what a policy is asked for; leave it out with {''.join(given[:1])}=.")
     calibration = calibration_of(config)
     if config["extended"] is None:
         robot = build_robot(config["robot"], config["actuator"], calibration)

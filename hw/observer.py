@@ -54,13 +54,15 @@ class Observer:
             command: what is asked (c,); None: the middle of what the task draws.
 
         Raises:
-            SealegsError: the command has another size.
+            SealegsError: the command has another size, or is beyond those that the policy was trained on.
         """
         self.task: Task = task_of(contract.env)[0]
         middle = self.task.commands(np.full((1, self.task.draws), 0.5))[0]
         self.command = middle if command is None else np.asarray(command, float)
         if self.command.shape != middle.shape:
             raise SealegsError(f"the task takes {len(middle)} command value(s), not {len(self.command)}.")
+        if command is not None:
+            _check_range(self.task, self.command)
         self.numbers = robot.robot.parameters(robot.params)
         self._base, self.base_names = BaseLayout(robot.robot, robot.params), robot.base_names
         self._dt, self._count = 1.0 / contract.control_rate, len(contract.actions)
@@ -141,6 +143,27 @@ class Observer:
         zero, per_action = goal_scale(self.task, self.numbers, np.zeros(1), self.command[None])
         action = np.clip((position - np.reshape(zero, -1)) / per_action, -1.0, 1.0)
         self.state[1 : 1 + 2 * self._count] = np.tile(action, 2)
+
+
+def _check_range(task: Task, command: np.ndarray) -> None:
+    """Refuse a command (c,) that the task does not draw: what a policy does then, nobody has seen.
+
+    Raises:
+        SealegsError: it is beyond the range of one of its values.
+    """
+    random = np.random.default_rng(0)
+    draws = random.random((4096, task.draws))
+    draws[:2048] = np.round(draws[:2048])  # corners, where values are largest and smallest
+    draws[:2] = [[0.0], [1.0]]
+    drawn = task.commands(draws)
+    low, high = drawn.min(axis=0), drawn.max(axis=0)
+    slack = 1e-6 + 0.01 * (high - low)  # the corners are not all of them
+    for k in np.flatnonzero((command < low - slack) | (command > high + slack)):
+        span = f"{low[k]:.4g}" if low[k] == high[k] else f"{low[k]:.4g} to {high[k]:.4g}"
+        raise SealegsError(
+            f"value {k + 1} of command= is {command[k]:.4g}, but the policy was trained with {span}; give a value of "
+            "that, or train it for more."
+        )
 
 
 class _Speeds:

@@ -8,6 +8,7 @@ from typing import Any
 
 import numpy as np
 import pytest
+from sealegs.actuators.errors import SealegsError
 from sealegs.envs.contract import make_contract, start_pose
 from sealegs.envs.sb3 import BatchVecEnv
 from sealegs.hw.observer import Observer
@@ -129,3 +130,20 @@ def test_a_lost_reply_makes_neither_a_standstill_nor_a_jump() -> None:
         assert observation[speeds] == pytest.approx(seen[2][0][speeds], rel=1e-5)
         assert base == pytest.approx(seen[2][1], rel=1e-5)
     assert np.abs(seen[2][0][speeds]).min() > 0.01
+
+
+@pytest.mark.parametrize(
+    ("speed", "wrong", "says"),
+    [
+        ([0.1, 0.4], 100.0, "is 100, but the policy was trained with 0.1 to 0.4"),
+        (0.3, -0.3, "is -0.3, but .* with 0.3;"),
+    ],
+)
+def test_a_command_that_the_policy_was_not_trained_on_is_refused(speed: Any, wrong: float, says: str) -> None:
+    robot = build_robot(config("robot=hopper")["robot"])
+    chains = {name: chain.to_list() for name, chain in robot.chains.items()}
+    contract = make_contract({"id": "SeaLegs/Hopper-v0", "speed": speed}, chains, 1.0 / PERIOD)
+    for allowed in np.atleast_1d(speed):
+        assert Observer(contract, robot, np.array([allowed])).command == [allowed]
+    with pytest.raises(SealegsError, match=says):
+        Observer(contract, robot, np.array([wrong]))
