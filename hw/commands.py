@@ -168,12 +168,13 @@ class Reference:
         return self._law.goals(reading.position, reading.link)
 
 
-def read_excitation(path: Path, robot: ServoRobot) -> Trajectory:
+def read_excitation(path: Path, robot: ServoRobot, others: np.ndarray | None = None) -> Trajectory:
     """Goals of a CSV file with the columns ``time`` [s] and ``<joint>.goal`` [rad], such as a diagnosis proposes.
 
-    A joint without a column is brought to the middle of its range and held there. On a robot of one joint the column
-    may be called ``goal``; the servo of a bench has any name where a sidecar says that the goals are of the bench.
-    Goals whose sidecar has ``frames`` are of another machine's zeros and directions, and are turned into the model's.
+    A joint without a column is brought to its goal in ``others`` (k,) and held there; None: the middle of its range.
+    On a robot of one joint the column may be called ``goal``; the servo of a bench has any name where a sidecar says
+    that the goals are of the bench. Goals whose sidecar has ``frames`` are of another machine's zeros and directions,
+    and are turned into the model's.
 
     Raises:
         SealegsError: the file cannot be read, its sidecar names another robot or load, it names other joints, or its
@@ -205,7 +206,7 @@ def read_excitation(path: Path, robot: ServoRobot) -> Trajectory:
         )
     said = _check_beside(path, robot)
     goals = _in_model_frame(goals, None if said is None else said.meta.get("frames"), path)
-    return _trajectory("excitation", path, columns["time"], goals, robot, said is not None)
+    return _trajectory("excitation", path, columns["time"], goals, robot, said is not None, others)
 
 
 def robot_beside(path: Path) -> str | None:
@@ -220,7 +221,7 @@ def robot_beside(path: Path) -> str | None:
 
 
 def park_motion(park: Any, robot: ServoRobot) -> Trajectory:
-    """The motion along which a robot sits down, from ``park`` of its file.
+    """The motion along which a robot sits down, from ``park`` of its file; NaN for joints that it leaves out.
 
     Args:
         park: a pose, joint by joint [rad], or a CSV file as :func:`read_excitation` reads it.
@@ -229,8 +230,9 @@ def park_motion(park: Any, robot: ServoRobot) -> Trajectory:
     Raises:
         SealegsError: there is none, or it does not fit the robot.
     """
+    stay = np.full(len(robot.joints), np.nan)
     if isinstance(park, str):
-        return read_excitation(Path(park), robot)
+        return read_excitation(Path(park), robot, stay)
     if not isinstance(park, Mapping) or not park:
         raise SealegsError(
             "rest=sit needs robot.park: a pose such as robot.park={hip: -0.6, knee: 1.1} [rad], or the CSV file of a "
@@ -238,7 +240,7 @@ def park_motion(park: Any, robot: ServoRobot) -> Trajectory:
         )
     time = np.array([0.0, 0.5])
     goals = {str(name): np.full(2, checked(f"robot.park.{name}", value, float)) for name, value in park.items()}
-    return _trajectory("park", Path("robot.park"), time, goals, robot)
+    return _trajectory("park", Path("robot.park"), time, goals, robot, others=stay)
 
 
 def _in_model_frame(goals: Mapping[str, np.ndarray], said: Any, path: Path) -> dict[str, np.ndarray]:
@@ -310,8 +312,19 @@ def _trajectory(
     goals: Mapping[str, np.ndarray],
     robot: ServoRobot,
     of_robot: bool = False,
+    others: np.ndarray | None = None,
 ) -> Trajectory:
-    """Goals by joint (n,) as a trajectory; ``of_robot``: a sidecar says that they are of this robot."""
+    """Goals by joint (n,) as a trajectory.
+
+    Args:
+        kind: of the trajectory, a word of its name.
+        path: that they are from.
+        time: (n,) [s].
+        goals: by joint.
+        robot: that moves.
+        of_robot: a sidecar says that they are of this robot.
+        others: goals of joints that have none (k,); None: the middle of their ranges.
+    """
     if len(time) < 2 or not (np.diff(time) > 0.0).all() or not np.isfinite(time).all():
         raise SealegsError(f"{path}: the column 'time' must grow from row to row, over two rows at least.")
     if of_robot and len(goals) == 1 and robot.robot.source == BENCH.name:
@@ -323,7 +336,7 @@ def _trajectory(
                 f"{path}: the robot has no joint '{name}'{nearest(name, known)}; it has {', '.join(known)}: give goals "
                 "of these, or the robot= that has it."
             )
-    table = np.tile(0.5 * (robot.low + robot.high), (len(time), 1))
+    table = np.tile(0.5 * (robot.low + robot.high) if others is None else others, (len(time), 1))
     for k, joint in enumerate(robot.joints):
         if joint.name not in goals:
             continue

@@ -372,10 +372,9 @@ class ControlLoop:
     def _sit(self, park: Commands) -> Fault | None:
         """Go slowly to where ``park`` begins, and along it; under the same limits as all else."""
         heeded, self.state = self._stop.asked, "sitting down"
-        start = park.start()
-        way = Way(
-            self.robot, self.sent, self.sent if start is None else np.clip(start, self.robot.low, self.robot.high)
-        )
+        here, start = self.sent, park.start()
+        start = here if start is None else np.where(np.isnan(start), here, start)
+        way = Way(self.robot, here, np.clip(start, self.robot.low, self.robot.high))
         begun = self._metronome.wait()
         self._event("sitting down")
         while (now := self._metronome.now() - begun) < way.span + park.duration + SEATED:
@@ -387,6 +386,7 @@ class ControlLoop:
             goal, seen = way.goal(now), reading or self.reading
             if now > way.span and seen is not None:  # where nobody answers, the motion goes on all the same
                 goal = park.goals(min(now - way.span, park.duration), seen)
+                goal = np.where(np.isnan(goal), here, goal)  # of a joint that the motion leaves out
             if isinstance(admitted := self.safety.admit(goal, self.sent, now), Fault):
                 return admitted
             sent = self.bus.write_goals(self.robot.ids, self.robot.to_servo(admitted))

@@ -102,3 +102,16 @@ def test_the_hopper_folds_its_leg_before_it_is_released_as_its_file_says(monkeyp
     outcome = simulation.run(0.5)
     assert outcome.ending == "finished", outcome.fault
     assert heights[-1] < 0.7 * heights[0] and abs(machine.base()[1]["base_z"]) < 0.1, "low, and at rest"
+
+
+def test_a_joint_that_the_park_pose_leaves_out_stays_where_it_is(tmp_path: Path) -> None:
+    begin = np.array([-0.61, 0.4])
+    commands = Trajectory("still", np.array([0.0, 1.0]), np.tile(begin, (2, 1)))
+    stored = tmp_path / "sit.csv"
+    stored.write_text("time,hip.goal\n0,-0.7\n0.5,-0.9\n")
+    for park, end in (({"hip": -0.9}, -0.9), (str(stored), -0.9)):
+        simulation = Simulation("hopper", commands=lambda _: commands, limits={"range_margin": 3.0})
+        simulation.loop.park = park_motion(park, simulation.robot)
+        outcome = simulation.run(0.3)
+        assert outcome.ending == "finished", outcome.fault
+        assert simulation.loop.sent == pytest.approx([end, 0.4], abs=1e-3)
