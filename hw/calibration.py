@@ -24,6 +24,7 @@ import yaml
 
 from ..actuators.atomic import write_text
 from ..actuators.errors import SealegsError
+from ..configs.check import Count, checked
 from ..configs.script import run
 from ..envs.base import BaseLayout
 from ..envs.robot import Robot
@@ -39,6 +40,7 @@ from .joints import (
     gear_of,
     line_of,
     read_lines,
+    table,
 )
 from .newest_calibration import FOLDER, STAMP
 from .registers import ServoModel
@@ -355,17 +357,17 @@ def main(arguments: list[str]) -> None:
     config = compose("calibrate", split(arguments, plain=("port", "out")), readers=READERS)
     if config["port"] is None:
         raise SealegsError("port=<path> is missing: name the adapter's port, such as /dev/ttyUSB0.")
-    settings = config["robot"]
+    settings, rate = config["robot"], checked("baudrate", config["baudrate"], Count)
     robot, servo = get_robot(settings["name"]), load_model(settings["servo"])
     stamp = datetime.datetime.now().strftime(STAMP)
     given = None if config["out"] is None else Path(str(config["out"]))
     out, partial = given or FOLDER / f"{robot.name}-{stamp}.yaml", unfinished(given, robot)
     if out.exists():
         raise CalibrationError(f"{out} exists, and a calibration is never overwritten; give another out=.")
-    params = settings.get("params") or {}
+    params = table(settings, "params")
     names = [item.name for item in robot.coordinates]
-    lines = read_lines(settings.get("buses") or {}, [*names, *(settings.get("sensors") or {})])
-    gears = checked_gears(settings.get("gears") or {}, robot)
+    lines = read_lines(table(settings, "buses"), [*names, *table(settings, "sensors")])
+    gears = checked_gears(table(settings, "gears"), robot)
 
     def work(done: Sequence[Joint], keep: Callable[[list[Joint]], None]) -> list[Joint]:
         check_gears(done, gears, partial)
@@ -376,7 +378,7 @@ def main(arguments: list[str]) -> None:
                 continue
             rest = [joint for joint in joints if joint.name not in here]
             model, port = line.model(servo), line.port if line.name else config["port"]
-            with ServoBus(str(port), line.baudrate or int(config["baudrate"]), model.name) as bus:
+            with ServoBus(str(port), line.baudrate or rate, model.name) as bus:
                 mine = [joint for joint in joints if joint.name in here]
                 told = functools.partial(_with, rest, keep)
                 found = guide(bus, robot, model, params, done=mine, keep=told, line=line, names=here, gears=gears)

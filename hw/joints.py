@@ -9,7 +9,7 @@ from pathlib import Path
 from typing import Any
 
 from ..actuators.errors import SealegsError, nearest
-from ..configs.check import checked, checked_fields
+from ..configs.check import Count, checked, checked_fields
 from ..envs.robot import Robot
 from ..envs.robot_entries import ServoEntry
 from .address import Address
@@ -53,6 +53,23 @@ class Line:
 MAIN = Line()
 
 
+def table(config: Mapping[str, Any], key: str) -> dict[str, Any]:
+    """A table of a robot's file, such as ``buses``, by name; empty where it is left out.
+
+    Raises:
+        SealegsError: it is none.
+    """
+    return checked(f"robot.{key}", config.get(key) or {}, dict[str, Any])
+
+
+@dataclass(frozen=True)
+class _Bus:
+    servo: str
+    joints: list[Any]
+    port: str | None = None
+    baudrate: Count | None = None
+
+
 def read_lines(config: Mapping[str, Any], names: Sequence[str]) -> tuple[Line, ...]:
     """``buses`` of a robot's file: adapters beside the first one.
 
@@ -61,24 +78,21 @@ def read_lines(config: Mapping[str, Any], names: Sequence[str]) -> tuple[Line, .
         names: of the robot's joints and sensors.
 
     Raises:
-        CalibrationError: a bus lacks its servos or its joints, or a joint is unknown or on two of them.
+        SealegsError: a bus lacks its servos or its joints, has a key or a value that is none, or a joint is unknown or
+            on two of them.
     """
     found: list[Line] = []
     taken: dict[str, str] = {}
     for number, (name, row) in enumerate(config.items(), 1):
-        known = {"servo", "port", "baudrate", "joints"}
-        if not isinstance(row, Mapping) or set(row) - known or not {"servo", "joints"} <= set(row):
-            raise CalibrationError(f"robot.buses.{name} needs servo and joints, and takes port, baudrate; not {row!r}.")
-        joints = tuple(str(joint) for joint in row["joints"])
+        bus = checked_fields(f"robot.buses.{name}", row, _Bus)
+        joints = tuple(str(joint) for joint in bus.joints)
         for joint in joints:
             if joint not in names:
                 raise CalibrationError(f"robot.buses.{name}: there is no joint '{joint}'{nearest(joint, names)}.")
             if joint in taken:
                 raise CalibrationError(f"joint {joint} is on the buses {taken[joint]} and {name}; name it once.")
             taken[joint] = str(name)
-        port = None if row.get("port") is None else str(row["port"])
-        rate = None if row.get("baudrate") is None else int(row["baudrate"])
-        found.append(Line(str(name), number, load_model(str(row["servo"])), port, rate, joints))
+        found.append(Line(str(name), number, load_model(bus.servo), bus.port, bus.baudrate, joints))
     return tuple(found)
 
 
@@ -266,7 +280,7 @@ def read_sensors(
     known = [*(f"{joint.name}.link" for joint in joints), *quantities]
     for name, row in config.items():
         where, line = f"robot.sensors.{name}", line_of(str(name), lines)
-        if name not in known:
+        if str(name) not in known:
             raise CalibrationError(
                 f"{where} measures nothing of this robot{nearest(str(name), known)}; there are {', '.join(known)}."
             )

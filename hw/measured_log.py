@@ -224,8 +224,9 @@ def recover(path: Path) -> tuple[Path, int]:
     if len(whole) < 2:
         raise LogError(f"{path}: holds no whole sample.")
     target = path.with_name(f"{path.stem}-recovered.csv")
-    if target.exists():
-        raise LogError(f"{target}: exists already and a recording is never overwritten.")
+    for file in (target, target.with_suffix(".yaml")):
+        if file.exists():
+            raise LogError(f"{file}: exists already and a recording is never overwritten; move it elsewhere.")
     write_text(target.with_suffix(".yaml"), sidecar_text(read_sidecar(path)))
     write_text(target, b"\n".join([*whole, b""]).decode())
     return target, sum(line != b"" for line in lines) - len(whole)

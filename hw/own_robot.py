@@ -8,6 +8,7 @@ from typing import Any
 import yaml
 
 from ..actuators.errors import SealegsError, nearest
+from ..configs.check import checked
 from ..configs.compose import FOLDER
 from ..envs.robot import RobotError
 from ..envs.robots import get_robot
@@ -34,7 +35,7 @@ def own_robot(word: str) -> dict[str, Any]:
     for key in given:
         if key not in known:
             raise SealegsError(f"{path}: deploy.{key} is unknown{nearest(key, known)}; there are {', '.join(known)}.")
-    stated = given.get("safety") or {}
+    stated = checked(f"{path}: deploy.safety", given.get("safety") or {}, dict[str, Any])
     # a trial takes a second
     trial = {} if all(key in stated for key in ASSUMED) else assumed_limits(robot.file, advised=False).limits
     assumed = {

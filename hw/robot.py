@@ -27,6 +27,7 @@ from .joints import (
     nominal_joints,
     read_lines,
     read_sensors,
+    table,
 )
 from .reading import Reading
 from .registers import ServoModel, load_model
@@ -245,11 +246,11 @@ def build_robot(config: Mapping[str, Any], actuator: Any = None, calibration: Pa
         SealegsError: an unknown robot, servo or chain, or a calibration that does not fit.
     """
     robot, servo = get_robot(config["name"]), load_model(config["servo"])
-    params = {str(key): value for key, value in (config.get("params") or {}).items()}
+    params = {str(key): value for key, value in table(config, "params").items()}
     belief = actuator if actuator is not None else config.get("actuator")
-    gears = checked_gears(config.get("gears") or {}, robot)
-    sensed = config.get("sensors") or {}
-    lines = read_lines(config.get("buses") or {}, [*(item.name for item in robot.coordinates), *sensed])
+    gears = checked_gears(table(config, "gears"), robot)
+    sensed = table(config, "sensors")
+    lines = read_lines(table(config, "buses"), [*(item.name for item in robot.coordinates), *sensed])
     if calibration is None:
         joints = nominal_joints(robot, servo, params, gears, lines)
     else:
@@ -258,7 +259,7 @@ def build_robot(config: Mapping[str, Any], actuator: Any = None, calibration: Pa
     chains = {name: _plain(chain) for name, chain in robot.chains_for(belief).items()}
     quantities = BaseLayout(robot, params).names if sensed else ()
     sensors = read_sensors(sensed, joints, servo, lines, quantities)
-    registers = set_up(config.get("registers") or {}, servo)
+    registers = set_up(table(config, "registers"), servo)
     return ServoRobot(robot, params, servo, joints, chains, sensors, registers)
 
 

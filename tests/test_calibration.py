@@ -10,7 +10,9 @@ from pathlib import Path
 import numpy as np
 import pytest
 from sealegs.configs.compose import compose
+from sealegs.configs.script import run
 from sealegs.envs.robots import get_robot
+from sealegs.hw import calibration
 from sealegs.hw.bus import ServoBus
 from sealegs.hw.calibration import guide, kept, unfinished, write_calibration
 from sealegs.hw.calibration_file import read_joints
@@ -359,3 +361,8 @@ def test_what_is_unfinished_of_one_machine_is_not_carried_into_another(
     for out, known in ((left, ["hip"]), (right, []), (None, []), (Path("calibrations/hopper.yaml"), [])):
         found = kept(unfinished(out, HOPPER), HOPPER, lambda done, _: list(done), SERVO)
         assert [joint.name for joint in found] == known
+
+
+def test_a_baud_rate_that_is_none_is_refused_in_a_sentence(capsys: pytest.CaptureFixture[str]) -> None:
+    assert run(calibration.main, "calibrate", "", ["port=/dev/null", "baudrate=fast"]) == 2
+    assert "baudrate takes a whole number, not 'fast'." in capsys.readouterr().err

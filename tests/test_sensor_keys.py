@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from pathlib import Path
 from typing import Any
 
 import pytest
@@ -9,6 +10,7 @@ from sealegs.actuators.errors import SealegsError
 from sealegs.configs.compose import compose
 from sealegs.hw.commands import Reference
 from sealegs.hw.joints import CalibrationError, Sensor
+from sealegs.hw.own_robot import own_robot
 from sealegs.hw.robot import build_robot
 
 
@@ -61,3 +63,19 @@ def test_the_reference_controller_needs_encoders_behind_the_springs() -> None:
     for sensors, missing in (({}, "hip.link, knee.link"), ({"hip.link": {"id": 3}}, "knee.link")):
         with pytest.raises(SealegsError, match=f"robot.sensors lacks {missing};"):
             Reference(build_robot({**config, "sensors": sensors}))
+
+
+@pytest.mark.parametrize("key", ["sensors", "gears", "registers", "params"])
+def test_a_list_in_place_of_a_table_is_refused(key: str) -> None:
+    with pytest.raises(SealegsError, match=f"robot.{key} takes a mapping, not "):
+        build_robot({**compose("deploy", {"robot": "hopper"})["robot"], key: [1]})
+
+
+def test_limits_of_an_own_robot_that_are_a_list_are_refused(tmp_path: Path) -> None:
+    (tmp_path / "my.xml").write_text(
+        '<mujoco><worldbody><body><joint name="elbow" range="-1 1"/><geom size="0.1" mass="1"/></body></worldbody>'
+        '<actuator><position joint="elbow" kp="10"/></actuator></mujoco>'
+    )
+    (tmp_path / "my.yaml").write_text("model: my.xml\njoints: {elbow: {chain: sts3215}}\ndeploy: {safety: [1]}\n")
+    with pytest.raises(SealegsError, match=r"my\.yaml: deploy\.safety takes a mapping, not \[1\]"):
+        own_robot(str(tmp_path / "my.yaml"))

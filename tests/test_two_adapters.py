@@ -8,6 +8,7 @@ from typing import Any
 
 import numpy as np
 import pytest
+from sealegs.actuators.errors import SealegsError
 from sealegs.commands import deploy
 from sealegs.configs.script import run as run_script
 from sealegs.envs.robots import get_robot
@@ -16,7 +17,6 @@ from sealegs.hw import connection
 from sealegs.hw.address import Address
 from sealegs.hw.bus import ServoBus
 from sealegs.hw.buses import BusGroup
-from sealegs.hw.joints import CalibrationError
 from sealegs.hw.loop import ControlLoop
 from sealegs.hw.measured_log import read_events
 from sealegs.hw.outcome import Outcome
@@ -175,10 +175,15 @@ def test_whatever_goes_wrong_on_either_adapter_no_torque_is_left_on_unsaid(seed:
 def test_a_bus_that_is_wrong_is_refused_in_a_sentence() -> None:
     for words, said in (
         ("{knee: {servo: xl330_m288, joints: [ankle]}}", "no joint 'ankle'"),
-        ("{knee: {joints: [knee]}}", "needs servo and joints"),
+        ("{knee: {joints: [knee]}}", r"robot\.buses\.knee\.servo is missing"),
+        ("{knee: {servo: sts3215, joints: [knee], baudrate: fast}}", r"knee\.baudrate takes a whole number or null"),
+        ("{knee: {servo: sts3215, joints: 3}}", r"knee\.joints takes a list, not 3"),
+        ("{knee: {servo: sts3215, joints: null}}", r"knee\.joints takes a list"),
+        ("{knee: {servo: sts3215, joints: [knee], bauds: 5}}", r"knee\.bauds is unknown"),
+        ("[knee]", r"robot\.buses takes a mapping"),
         ("{a: {servo: sts3215, joints: [knee]}, b: {servo: sts3215, joints: [knee]}}", "name it once"),
     ):
-        with pytest.raises(CalibrationError, match=said):
+        with pytest.raises(SealegsError, match=said):
             build_robot(config("robot=hopper", f"robot.buses={words}", patient=False)["robot"])
 
 
