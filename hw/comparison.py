@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
@@ -233,16 +233,18 @@ def from_log(path: Path, commands: PolicyCommands) -> Recording:
         return np.stack([getattr(joint, name) for joint in joints], axis=1)
 
     begun = commands.history[0].time - run.time[0] if commands.history else 0.0
-    rewards = rewards_of(commands, run.time + begun)
     base = np.stack(list(run.base.values()), axis=1) if run.base else np.zeros((len(run.time), 0))
     columns = {name: column(name) for name in ("goal", "position", "duty", "current", "voltage")}
     columns["velocity"] = velocity_of(run.time, columns["position"])
     links = [joint.link_position for joint in joints if joint.link_position is not None]
     link = np.stack(links, axis=1) if len(links) == len(joints) else np.empty((0, 0))
     sent = run.host["goal_sent"] - run.time[0] if "goal_sent" in run.host else np.empty(0)
-    found = Recording(time=run.time - run.time[0], **columns, base=base, rewards=rewards, sent=sent, link=link)
+    # a model is put into states that are measured as a whole
+    known = np.isfinite(np.concatenate([base, link.reshape(len(base), -1)], axis=1).sum(axis=1))
+    found = Recording(run.time - run.time[0], **columns, base=base, rewards={}, sent=sent, link=link).cut(known)
+    found = replace(found, rewards=rewards_of(commands, run.time[known] + begun))
     sat = next((event["time"] for event in read_events(path) if event["event"] == "sitting down"), math.inf)
-    return found.cut(int((run.time < sat).sum()))
+    return found.cut(int((run.time[known] < sat).sum()))
 
 
 def find_departures(machine: Recording, model: Recording, robot: ServoRobot) -> dict[str, float]:

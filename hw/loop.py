@@ -343,7 +343,7 @@ class ControlLoop:
 
     def _write(self, reading: Reading, sent: float) -> None:
         if self._log is not None:
-            write_cycle(self._log, reading, self.sent, sent, self._zero_time)
+            write_cycle(self._log, reading, self.robot.fresh(reading), self.sent, sent, self._zero_time)
 
     def _write_last(self, reading: Reading) -> None:
         """Write the cycle in which a fault ends the run: a log that fails as well must not take its place."""

@@ -47,10 +47,13 @@ class Recording:
         """Of the cycles [s]."""
         return float((self.time[-1] - self.time[0]) / max(len(self.time) - 1, 1))
 
-    def cut(self, count: int) -> Recording:
-        """The first ``count`` cycles."""
-        values: dict[str, Any] = {name: value[:count] for name, value in vars(self).items() if name != "rewards"}
-        return Recording(**values, rewards={name: value[:count] for name, value in self.rewards.items()})
+    def cut(self, cycles: int | np.ndarray) -> Recording:
+        """The first so many cycles, or those of a mask (n,)."""
+        kept = slice(cycles) if isinstance(cycles, int) else cycles
+        values: dict[str, Any] = {
+            name: value[kept] if len(value) else value for name, value in vars(self).items() if name != "rewards"
+        }
+        return Recording(**values, rewards={name: value[kept] for name, value in self.rewards.items()})
 
 
 def simulate(

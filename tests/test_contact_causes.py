@@ -91,6 +91,26 @@ def test_a_stance_starts_in_flight_where_the_leg_truly_is() -> None:
         np.testing.assert_array_less(np.abs(stance.state[:4] - measured), [1e-3, 1e-3, 6e-3, 6e-3])
 
 
+def test_stances_are_found_where_encoders_were_silent_at_times() -> None:
+    data, _ = recorded()
+    leg, noise = leg_of(data), column_noise(data.runs)
+    runs, random = [], np.random.default_rng(0)
+    for run in data.runs:
+        lost = random.random((3, len(run.time))) < 0.02
+
+        def blank(values: np.ndarray | None, at: np.ndarray) -> np.ndarray:
+            assert values is not None
+            return np.where(at, np.nan, values)
+
+        joints = {
+            name: replace(log, link_position=blank(log.link_position, lost[k]))
+            for k, (name, log) in enumerate(run.joints.items())
+        }
+        runs.append(replace(run, joints=joints, base={name: blank(v, lost[2]) for name, v in run.base.items()}))
+    whole, found = find_stances(data.runs, leg, noise), find_stances(runs, leg, noise)
+    assert len(found) > 0.7 * len(whole) and all(np.isfinite(stance.state).all() for stance in found)
+
+
 def test_the_leg_in_flight_moves_as_the_plant_does() -> None:
     data, _ = recorded()
     leg = leg_of(data)

@@ -3,9 +3,15 @@
 from __future__ import annotations
 
 from pathlib import Path
+from types import SimpleNamespace
+from typing import Any
 
+import numpy as np
 import pytest
+from sealegs.gap.log import read_measured
 from sealegs.hw import pace
+from sealegs.hw.commands import Reference, read_replay
+from sealegs.hw.comparison import from_log
 from sealegs.hw.dialects import Reply
 from sealegs.hw.packets import NoReplyError, ShortReplyError, StaleReplyError, StalledError
 
@@ -119,3 +125,28 @@ def test_the_latency_timer_is_named_where_the_adapter_has_one_that_holds_bytes(
 
 def test_eighteen_servos_at_a_hundred_hertz_are_not_called_too_slow() -> None:
     assert pace.too_slow(0.0061, 0.01, "/dev/ttyUSB7") is None
+
+
+def test_a_silent_encoder_leaves_only_its_own_cells_of_a_log_without_a_value(tmp_path: Path) -> None:
+    simulation = Simulation("hopper", commands=Reference, folder=tmp_path, limits={"range_margin": 3.0})
+    silenced: list[float] = []
+
+    def once() -> None:
+        if simulation.log is not None and simulation.log.rows > 20 and not silenced:
+            silenced.append(simulation.loop.elapsed)
+            simulation.fault("silence", servos=[3, 6], seconds=0.03)
+
+    simulation.loop.each_cycle = once
+    assert simulation.run(0.6).ending == "finished"
+    run = read_measured(tmp_path / "run.csv").runs[0]
+    lost = np.isnan(run.base["base_z"])
+    assert 1 <= lost.sum() <= 5 and np.diff(run.time).max() < 0.015, "no cycle is left out"
+    for joint, same in (("hip", lost), ("knee", np.zeros_like(lost))):
+        link = run.joints[joint].link_position
+        assert link is not None and (np.isnan(link) == same).all()
+    assert np.isfinite(run.base["base_x"]).all()
+    goals = read_replay(tmp_path / "run.csv", simulation.robot)
+    assert goals.duration == pytest.approx(run.time[-1] - run.time[0], abs=0.02)
+    policy: Any = SimpleNamespace(history=[])
+    compared = from_log(tmp_path / "run.csv", policy)
+    assert len(compared.time) == (~lost).sum() and np.isfinite(compared.base).all()

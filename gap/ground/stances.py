@@ -122,9 +122,11 @@ def _stance(
             return None
         state[[c, c + 4]], spread[[c, c + 4]] = polynomial(time[near], values[near, c], 2, noise[c])
     over = np.stack([leg.mass_centre(values[:, 2], values[:, 3]), leg.mass_centre_ahead(values[:, 2], values[:, 3])])
+    if not np.isfinite(over[:, start]).all():
+        return None
     slope = np.stack([leg.mass_centre_ahead(*state[2:4], split=True), -leg.mass_centre(*state[2:4], split=True)])
     for c, fall in ((0, -0.5 * GRAVITY * time**2), (1, 0.0 * time)):
-        near = np.flatnonzero((np.abs(time) <= BASE_FIT) & np.isfinite(values[:, c]))
+        near = np.flatnonzero((np.abs(time) <= BASE_FIT) & np.isfinite(values[:, c] + over[c]))
         if len(near) < 5:
             if c == 0:
                 return None
