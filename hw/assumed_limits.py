@@ -14,6 +14,7 @@ import numpy as np
 
 from ..actuators.stages.controller import UNLIMITED
 from ..envs.model_file import UNITS
+from ..envs.robot_assembly import WARNING
 from ..envs.robot_described import HINGES, SLIDES, FileJoint, RobotFile
 from ..envs.robot_yaml import AssumedLimits
 from ..envs.urdf_speeds import urdf_speeds
@@ -30,6 +31,8 @@ STEP = 2.0 * np.pi / 4096  # [rad] of an encoder; of a slide without a gear as m
 NOISE = 3.0  # steps that a position may jump by from cycle to cycle without having moved; assumed
 SEEMING = NOISE * STEP / CYCLE  # [rad/s or m/s] measured by them at rest
 ROUNDS = 5  # trials with smaller reaches, at most
+SIDES = 8  # sets of servos at their largest pull that a step of the trial tries, at most
+KEPT = 500  # of such sets whose answer is kept: they come again step by step
 
 
 def assumed_limits(robot: RobotFile, *, advised: bool = True) -> AssumedLimits:
@@ -71,8 +74,10 @@ def assumed_limits(robot: RobotFile, *, advised: bool = True) -> AssumedLimits:
         joint.name: _full_error(joint) + SPARE * max(lag, 0.0) for joint, lag in zip(ideal, behind, strict=True)
     }
     for joint in ideal:
-        least = LEAST if joint.kind == "hinge" else NOISE * STEP
-        following[joint.name] = max(following[joint.name], least)
+        following[joint.name] = max(following[joint.name], _least(joint.kind))
+        if not (behind_by := following[joint.name]) <= most_behind(joint.kind, joint.range):
+            said.append(_too_far(joint, behind_by))
+            del following[joint.name]
     reach: dict[str, float] = {}
     if too_slow and advised:
         reach = _kept_reach(robot, ideal, usual_reaches, needed, too_slow)
@@ -86,6 +91,30 @@ def assumed_limits(robot: RobotFile, *, advised: bool = True) -> AssumedLimits:
         {key: {name: float(f"{value:.3g}") for name, value in values.items()} for key, values in found.items()},
         tuple(said),
         reach,
+    )
+
+
+def _least(kind: str) -> float:
+    return LEAST if kind == "hinge" else NOISE * STEP
+
+
+def most_behind(kind: str, ends: tuple[float, float]) -> float:
+    """Largest ``following_error`` that means something [rad or m]: no goal is farther from a joint than its range.
+
+    Args:
+        kind: of the joint, hinge or slide.
+        ends: of its range [rad or m].
+    """
+    return max(ends[1] - ends[0], _least(kind))
+
+
+def _too_far(joint: FileJoint, behind: float) -> str:
+    """That a servo is too weak for any limit of how far it stays behind."""
+    unit = UNITS[joint.kind][0]
+    return (
+        f"{WARNING}joint {joint.name}: with the usual reach its servo may stay {behind:.3g} {unit} behind in excitations, "
+        f"more than its range of {joint.range[1] - joint.range[0]:.3g} {unit}; no following_error is written for it: "
+        "give it a stronger servo, or a limit of your own under deploy: safety."
     )
 
 
@@ -155,18 +184,15 @@ def _trial(
     goals = np.repeat(_goals(joints, reaches), round(CYCLE / TRIAL), axis=0)
     stiffness, damping, force = (_column(joints, f"ideal.{key}") for key in ("stiffness", "damping", "torque_limit"))
     viscous = np.array([[j.chain.value("friction.viscous") if j.chain.find("friction") else 0.0] for j in joints])
-    mass = np.linalg.inv(_mobility(robot, joints))
-    mass += np.diag([max(j.chain.armature() - j.model_values["armature"], 0.0) for j in joints])
-    inverse = np.linalg.inv(mass)
-    ahead = np.linalg.inv(mass + np.diag((TRIAL * (damping + viscous) + TRIAL**2 * stiffness)[:, 0]))
+    mobility = _mobility(robot, joints)
+    more = np.diag([max(j.chain.armature() - j.model_values["armature"], 0.0) for j in joints])
+    mobility = np.linalg.solve(np.eye(len(joints)) + mobility @ more, mobility)
+    servos = _Servos(TRIAL * mobility, TRIAL * stiffness + damping, viscous, force)
     position, velocity = goals[0], np.zeros_like(goals[0])
     errors, fastest = np.empty_like(goals), np.zeros(len(joints))
     for row, goal in enumerate(goals):
         error = goal - position
-        # implicit, since an assumed servo may be as stiff as a timestep resolves; a force at its limit is a constant
-        after = ahead @ (mass @ velocity + TRIAL * stiffness * error)
-        pull = np.clip(stiffness * (error - TRIAL * after) - damping * after, -force, force)
-        velocity = velocity + TRIAL * inverse @ (pull - viscous * after)
+        velocity = servos.after(velocity, stiffness * error)
         position = position + TRIAL * velocity
         errors[row] = error
         fastest = np.maximum(fastest, np.abs(velocity).max(axis=1))
@@ -174,6 +200,56 @@ def _trial(
     distances = np.abs(errors[:: round(CYCLE / TRIAL)])
     lasting = np.lib.stride_tricks.sliding_window_view(distances, round(LASTS / CYCLE), axis=0).min(axis=-1)
     return fastest, lasting.max(axis=(0, 2))
+
+
+class _Servos:
+    """Steps of the trial: implicit, so that no stiffness, damping or friction makes them unstable at any inertia."""
+
+    def __init__(self, gain: np.ndarray, slope: np.ndarray, viscous: np.ndarray, force: np.ndarray) -> None:
+        """Prepare.
+
+        Args:
+            gain: speed that each joint gains in a step by a force on each (n, n) [1/(N.m.s) or 1/(N.s)].
+            slope: by which the pull of each servo falls per speed (n, 1) [N.m.s/rad or N.s/m].
+            viscous: the same of friction.
+            force: largest pull (n, 1) [N.m or N].
+        """
+        self._gain, self._slope, self._viscous, self._force = gain, slope, viscous, force
+        self._answers: dict[bytes, np.ndarray] = {}
+        self._free = self._answer(np.ones(len(gain), dtype=bool))
+
+    def after(self, speed: np.ndarray, pull: np.ndarray) -> np.ndarray:
+        """Speeds a step later (n, words) [rad/s or m/s], from those now and the pulls of servos at rest there."""
+        found = self._free @ (speed + self._gain @ pull)
+        side = self._side(found, pull)
+        held = np.zeros_like(side)
+        for _ in range(SIDES):
+            # another set of servos is at its largest pull than was reckoned with; each set gives a stable step
+            wrong = np.flatnonzero((side != held).any(axis=0))
+            if not len(wrong):
+                break
+            held[:, wrong] = side[:, wrong]
+            for k in wrong:
+                free = held[:, k] == 0.0
+                constant = np.where(free, pull[:, k], held[:, k] * self._force[:, 0])
+                found[:, k] = self._answer(free) @ (speed[:, k] + self._gain @ constant)
+            side = self._side(found, pull)
+        return found
+
+    def _answer(self, free: np.ndarray) -> np.ndarray:
+        """Speeds by those without damping (n, n), where the servos ``free`` (n,) are not at their largest pull."""
+        key = free.tobytes()
+        if key not in self._answers:
+            if len(self._answers) >= KEPT:
+                self._answers.clear()
+            slope = (self._viscous + self._slope * free[:, None])[:, 0]
+            self._answers[key] = np.linalg.inv(np.eye(len(free)) + self._gain * slope)
+        return self._answers[key]
+
+    def _side(self, speed: np.ndarray, pull: np.ndarray) -> np.ndarray:
+        """1 or -1 where a servo would pull more than it can, else 0."""
+        wanted = pull - self._slope * speed
+        return np.sign(wanted) * (np.abs(wanted) > self._force)
 
 
 def _goals(joints: Sequence[FileJoint], reaches: Mapping[str, float]) -> np.ndarray:

@@ -2,6 +2,7 @@
 
 import json
 import re
+import warnings
 from pathlib import Path
 
 import numpy as np
@@ -11,6 +12,7 @@ from sealegs.actuators.errors import SealegsError
 from sealegs.commands import loop, new_robot
 from sealegs.configs.compose import compose
 from sealegs.envs.robot_file import load_robot_file
+from sealegs.envs.robot_yaml import AssumedLimits
 from sealegs.hw import deployment
 from sealegs.hw.assumed_limits import assumed_limits
 from sealegs.hw.own_robot import READERS, own_robot
@@ -27,6 +29,16 @@ URDF = """<robot name="arm"><link name="base"/><link name="link"><inertial><mass
 <origin xyz="0 0 0.1"/><inertia ixx="0.002" iyy="0.002" izz="0.001" ixy="0" ixz="0" iyz="0"/></inertial></link>
 <joint name="turn" type="revolute"><parent link="base"/><child link="link"/><axis xyz="0 1 0"/>
 <limit lower="-1.5" upper="1.5" effort="10" velocity="{velocity}"/><dynamics damping="0.3"/></joint></robot>"""
+
+TOOL = """<robot name="arm"><link name="base"/><link name="link"><inertial><mass value="0.5"/>
+<origin xyz="0 0 0.1"/><inertia ixx="0.002" iyy="0.002" izz="0.001" ixy="0" ixz="0" iyz="0"/></inertial></link>
+<link name="tool"><inertial><mass value="0.05"/><inertia ixx="2e-5" iyy="2e-5" izz="2e-5" ixy="0" ixz="0" iyz="0"/>
+</inertial></link>
+<joint name="turn" type="revolute"><parent link="base"/><child link="link"/><axis xyz="0 1 0"/>
+<limit lower="-1.5" upper="1.5" effort="30" velocity="5"/><dynamics damping="1"/></joint>
+<joint name="tip" type="revolute"><parent link="link"/><child link="tool"/><axis xyz="0 1 0"/>
+<limit lower="-1.5" upper="1.5" effort="{effort}" velocity="5"/><dynamics damping="{damping}"/></joint></robot>"""
+"""A light tool on a joint with much damping: a step of the trial that takes it explicitly makes it ever wilder."""
 
 
 @pytest.fixture
@@ -122,3 +134,29 @@ def test_a_velocity_limit_that_an_encoder_at_rest_reaches_is_written_with_its_st
     found = assumed_limits(load_robot_file(tmp_path / "arm.urdf"), advised=False)
     assert found.limits["speed"]["turn"] == 0.56
     assert "limit of 0.1 rad/s in arm.urdf, with 0.46 rad/s for the steps of an encoder, is" in found.said[0]
+
+
+def limits_of_a_tool(folder: Path, effort: float, damping: float) -> AssumedLimits:
+    (folder / "arm.urdf").write_text(TOOL.format(effort=effort, damping=damping))
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")  # of numpy, which a person would see
+        return assumed_limits(load_robot_file(folder / "arm.urdf"))
+
+
+@pytest.mark.long
+def test_limits_of_a_light_tool_on_a_damped_joint_are_within_its_range(tmp_path: Path) -> None:
+    """They were 1e250 rad: the trial took the damping explicitly."""
+    found = limits_of_a_tool(tmp_path, effort=0.5, damping=0.1)
+    assert set(found.limits["following_error"]) == {"turn", "tip"}
+    assert all(0.1 <= value <= 3.0 for value in found.limits["following_error"].values()), found.limits
+    assert not any("e+" in sentence for sentence in found.said), found.said
+
+
+@pytest.mark.long
+def test_a_servo_that_stays_behind_by_more_than_the_range_gets_no_limit_and_a_warning(tmp_path: Path) -> None:
+    found = limits_of_a_tool(tmp_path, effort=0.02, damping=5.0)
+    assert set(found.limits["following_error"]) == {"turn"}
+    assert any(
+        re.match(r"Warning: joint tip: .* more than its range of 3 rad; no following_error is written", sentence)
+        for sentence in found.said
+    ), found.said
