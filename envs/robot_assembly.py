@@ -22,7 +22,7 @@ from .robot_assumed import goal_range, ideal_servo, reduction_note
 from .robot_choice import chosen, none_to_drive, passive_sentence
 from .robot_described import LIMIT, FileJoint, RobotFile, stated, states, with_owned
 from .robot_entries import UNKNOWN, YAML_SUFFIXES, FileEntry, JointEntry, Owner, ServoEntry
-from .robot_within import check_within
+from .robot_within import check_limits, check_within
 
 TIMESTEP = 0.002  # [s] with RK4 accurate to 0.1 mrad (docs/numerics.md)
 SHORTEST = 1e-5  # [s] that a YAML may ask for
@@ -71,6 +71,7 @@ def assembled(path: Path, entry: FileEntry, said: list[str] | None = None) -> Ro
     own = {name: drives.get(row.joint or name) for name, row in entries.items()}
     joints = tuple(_joint(path, model, name, row, own[name], timestep, said) for name, row in entries.items())
     _check_driven(path, joints)
+    check_limits(path, joints, entry.deploy.get("safety"))
     if entry.timestep is None:
         timestep = _stable_step(model, joints, timestep, entry.integrator)
     if entry.joints is None:

@@ -1,17 +1,26 @@
-"""Whether goals and start of a joint, as a robot's YAML has them, can be meant in the unit of its model's range."""
+"""Whether numbers of a robot's YAML fit the range of its joints: goals, start, and limits of safety."""
 
 from __future__ import annotations
 
+import fnmatch
 import math
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+from typing import Any
 
+from ..actuators.errors import SealegsError
+from ..configs.check import checked
 from .model_file import UNITS, ModelFile
 from .robot import RobotError
 from .robot_assumed import RADIANS, joint_stops
+from .robot_described import FileJoint
 from .robot_entries import JointEntry
 
 TURN = 2.0 * math.pi  # [rad] beyond a hinge's range is no goal
 TIMES = 10.0  # of the farther end of a range: degrees for rad are 57 of it, mm for m are 1000; assumed
+METRE = 1.0  # [m] a slide's limits may be as far where its range is less; assumed
+POSITIONS = ("range_margin", "following_error")
+"""Limits of safety that are positions."""
 SHARE = 0.5  # of a range: no episode starts so far beyond its stops; assumed
 
 
@@ -43,6 +52,48 @@ def check_within(where: str, model: ModelFile, terms: Sequence[tuple[str, float]
     ):
         if given is not None and max(stops[0] - min(given), max(given) - stops[1]) > most:
             raise RobotError(f"{where}.{key} is {_outside(given, stops, kind)} {model.path.name}{_hint(given, kind)}.")
+
+
+def check_limits(path: Path, joints: Sequence[FileJoint], safety: Any) -> None:
+    """Refuse limits of ``deploy: safety`` that are so far that they would never stop a joint.
+
+    Args:
+        path: of the YAML, for the message.
+        joints: that are driven.
+        safety: as it stands there; what is not a number is for deployment to refuse.
+
+    Raises:
+        RobotError: one is.
+    """
+    for key in POSITIONS if isinstance(safety, Mapping) else ():
+        given = safety.get(key)
+        by_pattern = given if isinstance(given, Mapping) else {"*": given}
+        for joint in joints:
+            names = (joint.name, joint.joint)
+            fits = (p for p in by_pattern if any(n == p or fnmatch.fnmatchcase(n, str(p)) for n in names))
+            try:
+                limit = checked(key, by_pattern[next(fits)], float)
+            except (StopIteration, SealegsError):
+                continue
+            if reason := never_stops(limit, joint.range, joint.unit):
+                raise RobotError(f"{path}: deploy.safety.{key} of joint {joint.name} {reason}")
+
+
+def never_stops(limit: float, ends: tuple[float, float], unit: str) -> str:
+    """Why a limit of a joint's position would never stop it, as the end of a sentence; empty where it would.
+
+    Args:
+        limit: beyond its range, or behind its goal [rad or m].
+        ends: of its range [rad or m].
+        unit: of its position.
+    """
+    width = ends[1] - ends[0]
+    if limit <= max(width, METRE if unit == "m" else TURN):
+        return ""
+    return (
+        f"is {limit:.3g} {unit}, but the range of the joint is {width:.3g} {unit}: it would never stop it; give less, "
+        "or leave it out."
+    )
 
 
 def _outside(given: Sequence[float], stops: Sequence[float], kind: str) -> str:

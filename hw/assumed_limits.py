@@ -70,14 +70,13 @@ def assumed_limits(robot: RobotFile, *, advised: bool = True) -> AssumedLimits:
         said.append(_slower(robot, joint, own, speed[joint.name], needed.get(joint.name)))
         if joint.name in needed:
             too_slow[joint.name] = speed[joint.name]
-    following = {
-        joint.name: _full_error(joint) + SPARE * max(lag, 0.0) for joint, lag in zip(ideal, behind, strict=True)
-    }
-    for joint in ideal:
-        following[joint.name] = max(following[joint.name], _least(joint.kind))
-        if not (behind_by := following[joint.name]) <= most_behind(joint.kind, joint.range):
-            said.append(_too_far(joint, behind_by))
-            del following[joint.name]
+    following: dict[str, float] = {}
+    for joint, lag in zip(ideal, SPARE * np.maximum(behind, 0.0), strict=True):
+        most = most_behind(joint.kind, joint.range)
+        if lag <= most:
+            following[joint.name] = min(max(_full_error(joint) + lag, _least(joint.kind)), most)
+        else:
+            said.append(_too_far(joint, lag))
     reach: dict[str, float] = {}
     if too_slow and advised:
         reach = _kept_reach(robot, ideal, usual_reaches, needed, too_slow)
@@ -110,11 +109,11 @@ def most_behind(kind: str, ends: tuple[float, float]) -> float:
 
 def _too_far(joint: FileJoint, behind: float) -> str:
     """That a servo is too weak for any limit of how far it stays behind."""
-    unit = UNITS[joint.kind][0]
+    unit, span = UNITS[joint.kind][0], joint.range[1] - joint.range[0]
     return (
-        f"{WARNING}joint {joint.name}: with the usual reach its servo may stay {behind:.3g} {unit} behind in excitations, "
-        f"more than its range of {joint.range[1] - joint.range[0]:.3g} {unit}; no following_error is written for it: "
-        "give it a stronger servo, or a limit of your own under deploy: safety."
+        f"{WARNING}joint {joint.name}: with the usual reach its servo may stay {behind:.3g} {unit} behind in "
+        f"excitations, more than its range of {span:.3g} {unit}; no following_error is written for it: give it a "
+        "stronger servo, or a limit of your own under deploy: safety."
     )
 
 

@@ -12,7 +12,10 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from ..actuators.errors import SealegsError
+from ..envs.robot_within import never_stops
 from .following import GOAL_SPEED, Following, ability
+from .limits import POSITIONS
 from .limits import Limits as Limits
 from .packets import BusError, in_words
 from .robot import Reading, ServoRobot
@@ -65,6 +68,7 @@ class Safety:
         self._silent: dict[int, tuple[float, int]] = dict.fromkeys(robot.all_ids, (0.0, 0))  # for how long [s], cycles
         self._over_current = np.zeros(len(robot.joints))
         self._margin, self._speed = limits.by_joint("range_margin", robot), limits.by_joint("speed", robot)
+        self._check_reach()
         abilities = [ability(robot.chains[joint.name], joint.per_radian) for joint in robot.joints]
         fastest, given = np.array([item.speed * GOAL_SPEED for item in abilities]), limits.by_joint("goal_speed", robot)
         self._goal_speed = np.where(np.isnan(given), fastest, given)
@@ -73,6 +77,14 @@ class Safety:
         self._wanted: np.ndarray | None = None
         self._over: set[tuple[str, int]] = set()
         self._read_at = self._asked_at = math.nan
+
+    def _check_reach(self) -> None:
+        """Refuse limits so far that they would never stop a joint."""
+        for key in POSITIONS:
+            for k, limit in enumerate(self.limits.by_joint(key, self._robot)):
+                ends = float(self._robot.low[k]), float(self._robot.high[k])
+                if math.isfinite(limit) and (reason := never_stops(float(limit), ends, self._robot.units[k])):
+                    raise SealegsError(f"safety.{key} of joint {self._robot.names[k]} {reason}")
 
     def _lasting(self, beyond: np.ndarray, lasted: np.ndarray, dt: float) -> np.ndarray:
         """How long each joint has been beyond a limit (k,) [s]; what was before the first reading beyond is unknown."""

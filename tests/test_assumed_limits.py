@@ -37,7 +37,7 @@ TOOL = """<robot name="arm"><link name="base"/><link name="link"><inertial><mass
 <joint name="turn" type="revolute"><parent link="base"/><child link="link"/><axis xyz="0 1 0"/>
 <limit lower="-1.5" upper="1.5" effort="30" velocity="5"/><dynamics damping="1"/></joint>
 <joint name="tip" type="revolute"><parent link="link"/><child link="tool"/><axis xyz="0 1 0"/>
-<limit lower="-1.5" upper="1.5" effort="{effort}" velocity="5"/><dynamics damping="{damping}"/></joint></robot>"""
+<limit lower="-0.6" upper="0.6" effort="{effort}" velocity="5"/><dynamics damping="{damping}"/></joint></robot>"""
 """A light tool on a joint with much damping: a step of the trial that takes it explicitly makes it ever wilder."""
 
 
@@ -157,6 +157,21 @@ def test_a_servo_that_stays_behind_by_more_than_the_range_gets_no_limit_and_a_wa
     found = limits_of_a_tool(tmp_path, effort=0.02, damping=5.0)
     assert set(found.limits["following_error"]) == {"turn"}
     assert any(
-        re.match(r"Warning: joint tip: .* more than its range of 3 rad; no following_error is written", sentence)
+        re.match(r"Warning: joint tip: .* more than its range of 1.2 rad; no following_error is written", sentence)
         for sentence in found.said
     ), found.said
+
+
+@pytest.mark.parametrize("key", ["following_error", "range_margin"])
+def test_a_limit_that_would_never_stop_a_joint_is_refused_wherever_the_robot_is_read(key: str, hand: Path) -> None:
+    """Training and deployment took 1e35 rad."""
+    text = hand.read_text()
+    document = yaml.safe_load(text)
+    document["deploy"]["safety"][key] = {"shoulder": 1e35, "*": 0.02}
+    hand.write_text(yaml.safe_dump(document, sort_keys=False))
+    said = f"deploy.safety.{key} of joint shoulder is 1e\\+35 rad, but the range of the joint is 3 rad: it would never"
+    with pytest.raises(SealegsError, match=said):
+        load_robot_file(hand)
+    hand.write_text(text)
+    with pytest.raises(SealegsError, match=f"safety.{key} of joint finger is 1e\\+35 m, but the range of the joint is"):
+        prepared(hand, "steps", f'robot.safety.{key}={{"finger": 1.0e+35, "*": 0.2}}')
