@@ -6,9 +6,18 @@ import re
 from pathlib import Path
 
 import mujoco
+import numpy as np
+
+from .urdf_text import urdf_root
 
 ELEMENT = re.compile(r" Element name '([^']*)'(?:, id \d+)?(?:, line \d+)?.*$")
 LINE = re.compile(r",? line \d+$")
+LEAST = float(mujoco.mjMINVAL)  # [kg], [kg.m2] of a body that moves
+MACRO = re.compile(r"<xacro:[^>]*>|\$\((?:arg|dirname|env|eval|find|optenv)\b[^)]*\)|\$\{[^}]*\}")
+"""What xacro would have replaced: its elements, and what it reckons within attributes."""
+NAMED = 6  # other links at most, of those with the same fault
+AXES = ("xx", "yy", "zz", "xy", "xz", "yz")
+COMMENT = re.compile(r"<!--.*?-->", re.DOTALL)
 
 
 def line_of(error: Exception) -> str:
@@ -26,7 +35,37 @@ def unreadable(path: Path, error: Exception) -> str:
         except ValueError as other:
             if LINE.sub("", line_of(other)) == sentence:
                 sentence = line_of(other)
+    if "'mujocoinclude'" in sentence:
+        return f"{path} is a part that other files include; give the file with <mujoco> that includes it."
+    if path.suffix.lower() == ".urdf" and isinstance(error, ValueError) and (macro := xacro_left(path)):
+        return (
+            f"{path} cannot be read as a model: {sentence}. It holds {macro}, which is for xacro to replace; expand "
+            f"it: xacro {path.name} > robot.urdf."
+        )
     return f"{path} cannot be read as a model: {sentence}."
+
+
+def xacro_left(path: Path) -> str:
+    """The first thing in a URDF that xacro should have replaced, in one line; empty where there is none."""
+    found = MACRO.search(COMMENT.sub("", path.read_text(encoding="utf-8", errors="replace")))
+    return "" if found is None else " ".join(found.group(0).split())
+
+
+def too_small(path: Path, but: str) -> list[str]:
+    """Links of a URDF that have an inertia with a principal moment that MuJoCo does not take, all but one."""
+    found = []
+    for link in urdf_root(path).iter("link"):
+        if (inertia := link.find("inertial/inertia")) is None or link.get("name") == but:
+            continue
+        try:
+            xx, yy, zz, xy, xz, yz = (float(inertia.get(f"i{axes}", "0")) for axes in AXES)
+        except ValueError:
+            continue
+        moments = [[xx, xy, xz], [xy, yy, yz], [xz, yz, zz]]
+        # frames without any inertia are another matter
+        if np.any(moments) and np.linalg.eigvalsh(moments)[0] <= LEAST:
+            found.append(f"'{link.get('name')}'")
+    return found
 
 
 def uncompiled(path: Path, error: Exception) -> str:
@@ -44,12 +83,18 @@ def uncompiled(path: Path, error: Exception) -> str:
             f"the others. Correct it, or add {line} inside {where}, and MuJoCo evens them out."
         )
     if "positive eigenvalues" in sentence:
+        others = too_small(path, found.group(1) if found else "") if urdf else []
+        shown = ", ".join(others[:NAMED]) + (", ..." if len(others) > NAMED else "")
+        more = f"; {len(others)} more {'has' if len(others) == 1 else 'have'} such: {shown}" if others else ""
         return (
-            f"{path}: {what} has an inertia that no body has: a principal moment is not above 0. Correct the numbers "
-            "of its inertia, among them their signs."
+            f"{path}: {what} has an inertia that no body has: a principal moment is not above {LEAST:g} kg.m2, the "
+            f"least that MuJoCo takes{more}. Correct the numbers of its inertia: their signs, or their unit."
         )
     if "mjMINVAL" in sentence:
-        return f"{path}: {what} moves, but has no mass or no inertia; give it an inertial with numbers above 0."
+        return (
+            f"{path}: {what} moves, but has no mass or no inertia, or at most {LEAST:g} kg or kg.m2, which MuJoCo "
+            "takes for none; give it an inertial with numbers above that."
+        )
     if "free joint can only be used on top level" in sentence:
         return (
             f"{path}: {what} has a {'floating' if urdf else 'free'} joint below another {what.split()[0]}; a free base "

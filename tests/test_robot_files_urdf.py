@@ -1,5 +1,6 @@
 """URDFs as they lie about: what MuJoCo reads is read, what it cannot is left out or named with the link."""
 
+import re
 import warnings
 from pathlib import Path
 
@@ -16,6 +17,7 @@ URDF = """<robot name="arm"><link name="{root}"/>{head}
 <link name="upper"><inertial><mass value="0.3"/><inertia {inertia}/></inertial>{shape}</link>
 <joint name="yaw" type="{kind}"><parent link="{root}"/><child link="upper"/><axis xyz="0 0 1"/>
 <limit lower="-1" upper="1" effort="3" velocity="6"{limit}/></joint>{more}</robot>"""
+FIXED = '<joint name="weld" type="fixed"><parent link="upper"/><child link="hand"/></joint>'
 MESH = '<collision><geometry><mesh filename="{}"/></geometry></collision>'
 CORNERS = ("0 0 0", "1 0 0", "0 1 0", "0 0 1")
 SOLID = "".join(f"v {corner}\n" for corner in CORNERS) + "f 1 3 2\nf 1 2 4\nf 1 4 3\nf 2 3 4\n"
@@ -173,3 +175,26 @@ def test_links_whose_mass_comes_from_their_shapes_are_named(tmp_path: Path) -> N
     )
     (said,) = [sentence for sentence in load_robot_file(path).said if "<inertial>" in sentence]
     assert "mount 2 kg" in said and "1 of its links" in said
+
+
+def test_all_links_with_too_small_a_moment_are_named_with_the_least_that_counts(tmp_path: Path) -> None:
+    small = GOOD.replace("1e-3", "1e-16")
+    hand = f'<link name="hand"><inertial><mass value="0.1"/><inertia {small}/></inertial></link>'
+    path = urdf(tmp_path, inertia=small, more=f"{hand}{FIXED}")
+    with pytest.raises(RobotError, match=r"a principal moment is not above 1e-15 kg.m2, the least") as caught:
+        read_model(path)
+    assert "'upper'" in str(caught.value) and "1 more has such: 'hand'" in str(caught.value), caught.value
+
+
+@pytest.mark.parametrize("left", ["$(optenv TILT 0.1)", "${0.1 * scale}"])
+def test_what_xacro_left_in_a_number_is_shown_with_the_way_to_expand_it(left: str, tmp_path: Path) -> None:
+    path = urdf(tmp_path, limit=f' friction="0"/><dynamics damping="{left}"', inertia=GOOD)
+    said = f"It holds {re.escape(left)}, which is for xacro to replace; expand it: xacro arm.urdf > robot.urdf."
+    with pytest.raises(RobotError, match=said):
+        read_model(path)
+
+
+def test_a_part_that_other_files_include_is_refused_with_what_to_give(tmp_path: Path) -> None:
+    (tmp_path / "part.xml").write_text("<mujocoinclude><body name='b'/></mujocoinclude>")
+    with pytest.raises(RobotError, match="is a part that other files include; give the file with <mujoco> that"):
+        read_model(tmp_path / "part.xml")
