@@ -17,6 +17,7 @@ from mujoco.batch import Batch
 from ..actuators.engine import install
 from ..actuators.errors import SealegsError
 from ..actuators.layout import S_OUT_OF_RANGE, S_TORQUE
+from .at_once import BreaksAtOnce
 from .model_ties import in_turn, place_followers
 from .position_goals import check_position_goals
 from .randomization import Randomization, Source
@@ -146,6 +147,7 @@ class BatchEngine:
         self.watch: Callable[[], None] = _nobody  # called at each new goal, for films
         self._command = np.zeros((num_envs, task.commands(np.zeros((1, task.draws))).shape[1]))
         self.steps = np.zeros(num_envs, dtype=np.int64)
+        self._breaks = BreaksAtOnce(task.robot.name, num_envs)
         self.drawn = {f"{draw.group}.{draw.name}": np.zeros(num_envs) for draw in self.randomization.draws}
         self.generators = [np.random.Generator(np.random.PCG64())] * num_envs
         self.seed(None)
@@ -245,6 +247,7 @@ class BatchEngine:
         for term in terms.values():
             reward += term
         unstable = self._warnings.any(axis=1)
+        self._breaks.see(unstable, self.steps, self.drivetrain.model.opt.timestep)
         terminated = failed | unstable
         truncated = np.zeros(self.num_envs, dtype=bool)
         if self.max_episode_steps is not None:
