@@ -49,6 +49,8 @@ class Drivetrain:
         spec: mujoco.MjSpec,
         chains: Mapping[str, str | Path | list | Chain],
         coordinates: Sequence[DrivenCoordinate] | None = None,
+        *,
+        checked: bool = True,
     ) -> None:
         """Edit ``spec`` (it is changed) and compile it.
 
@@ -56,6 +58,7 @@ class Drivetrain:
             spec: model without actuators on the driven coordinates.
             chains: chain of each coordinate by name.
             coordinates: default: the joints named in ``chains``.
+            checked: whether chains are refused that the step of the model makes unstable.
 
         Raises:
             ChainError: a chain is wrong or stands for a coordinate that does not exist.
@@ -83,13 +86,15 @@ class Drivetrain:
         self._own_userdata = max(spec.nuserdata, 0)
         spec.nuserdata = self._own_userdata + sum(sizes)
         spec.nuser_actuator = -1  # as many as the programs need: a number that the file gives would be too small
-        self._check_rates()
+        if checked:
+            self._check_rates()
         install()  # before compiling, which evaluates actuators too
         try:
             self.model = spec.compile()
         except ValueError as error:
             raise SealegsError(f"the model does not compile with its actuators: {error}.") from None
-        self._check_steps()
+        if checked:
+            self._check_steps()
         self.set_teeth()
         self._address()
         if self.model.ntree == 1:  # one tree is one island: looking for others costs 5 % of a step
@@ -110,14 +115,20 @@ class Drivetrain:
                 )
 
     def _check_steps(self) -> None:
-        model = self.model
+        for name, (inertia, coupled) in self.inertias().items():
+            if inertia < np.inf:
+                check_step(name, self.chains[name], inertia, coupled, self.model.opt)
+
+    def inertias(self) -> dict[str, tuple[float, bool]]:
+        """Inertia that each motor feels [kg.m2 or kg], and whether a spring or play lies between it and the link."""
+        model, found = self.model, {}
         for item in self.coordinates:
             side = self._sides[item.name]
             weights = model.tendon_invweight0 if side.on_tendon else model.dof_invweight0
             mobility = float(weights[side.friction_id(model)])
-            if mobility > 0.0:
-                coupled = side.coupling is not None or side.deflection is not None
-                check_step(item.name, self.chains[item.name], 1.0 / mobility, coupled, model.opt)
+            coupled = side.coupling is not None or side.deflection is not None
+            found[item.name] = (1.0 / mobility if mobility > 0.0 else np.inf), coupled
+        return found
 
     def set_teeth(self) -> None:
         """How hard teeth are goes into model and specification: again where step or inertias have changed.

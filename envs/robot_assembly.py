@@ -4,32 +4,30 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping, Sequence
+from dataclasses import replace
 from pathlib import Path
 from typing import Any, Literal
-
-import mujoco
 
 from ..actuators import Chain, load_chain
 from ..actuators.errors import SealegsError, nearest
 from ..actuators.published import PREFIX, bam_file
-from ..actuators.stability import unstable_beyond
 from ..actuators.stages.controller import UNLIMITED
 from ..configs.check import checked, checked_fields
 from .model_drives import ModelDrive
 from .model_file import ModelFile, read_model
 from .robot import RobotError
-from .robot_assumed import goal_range, ideal_servo, reduction_note
+from .robot_assumed import FULL_FORCE, goal_range, ideal_servo, reduction_note
 from .robot_choice import chosen, none_to_drive, passive_sentence
-from .robot_described import LIMIT, FileJoint, RobotFile, stated, states, with_owned
+from .robot_described import LIMIT, SAME, FileJoint, RobotFile, stated, states, with_owned
 from .robot_entries import UNKNOWN, YAML_SUFFIXES, FileEntry, JointEntry, Owner, ServoEntry
+from .robot_step import SHORTEST, feeble, settled
 from .robot_within import check_limits, check_within
 
 TIMESTEP = 0.002  # [s] with RK4 accurate to 0.1 mrad (docs/numerics.md)
-SHORTEST = 1e-5  # [s] that a YAML may ask for
+ACTION = 0.02  # [s] between two actions, into which a whole number of assumed steps goes
 WARNING = "Warning: "
 """Beginning of a sentence that a person should not pass over."""
 APART = 3.0  # ratio of the numbers of file and chain from which a warning is due; assumed
-HALVINGS = 4  # of an assumed step at most; a chain that needs more has a wrong number, which the engine then names
 
 
 def assembled(path: Path, entry: FileEntry, said: list[str] | None = None) -> RobotFile:
@@ -65,15 +63,13 @@ def assembled(path: Path, entry: FileEntry, said: list[str] | None = None) -> Ro
         entries = {name: checked_fields(f"joints.{name}", row or {}, JointEntry) for name, row in entry.joints.items()}
     if not entries:
         raise RobotError(f"{path}: no joint is driven; the model has {', '.join(model.joints) or 'no named joint'}.")
-    timestep = min(TIMESTEP, model.timestep) if entry.timestep is None else entry.timestep
+    timestep = _usual_step(model) if entry.timestep is None else entry.timestep
     if not SHORTEST <= timestep <= 0.05:
         raise RobotError(f"{path}: timestep is {timestep:g} s; it must lie between {SHORTEST:.5f} and 0.05 s.")
     own = {name: drives.get(row.joint or name) for name, row in entries.items()}
     joints = tuple(_joint(path, model, name, row, own[name], timestep, said) for name, row in entries.items())
     _check_driven(path, joints)
     check_limits(path, joints, entry.deploy.get("safety"))
-    if entry.timestep is None:
-        timestep = _stable_step(model, joints, timestep, entry.integrator)
     if entry.joints is None:
         driven = [name for joint in joints for name, _ in joint.terms]
         said += passive_sentence(model, driven)
@@ -88,27 +84,34 @@ def assembled(path: Path, entry: FileEntry, said: list[str] | None = None) -> Ro
         raise RobotError(f"{path}: base is free, but the joints {', '.join(entries)} hang on the world itself.")
     if base == "free" and not model.free and any(joint.body == model.root for joint in model.joints.values()):
         raise RobotError(f"{path}: base is free, but a joint ties '{model.root}' to the world; give the model a base.")
+    robot = RobotFile(
+        path, entry.name or path.stem, model, joints, base, timestep, entry.integrator or "RK4", entry.deploy, ()
+    )
     if entry.timestep is None:
-        said.append(f"{model.path.name}: the simulation steps by {1e3 * timestep:g} ms, with {entry.integrator}.")
-    name = entry.name or path.stem
-    return RobotFile(path, name, model, joints, base, timestep, entry.integrator, entry.deploy, tuple(said))
+        robot, why = settled(robot, entry.integrator)
+        for before, now in zip(joints, robot.joints, strict=True):
+            if now.notes != before.notes:
+                gone = [f"joint {now.name}: {note}." for note in before.notes if note not in now.notes]
+                said[:] = [f"joint {now.name}: {now.notes[-1]}." if item in gone else item for item in said]
+        said.append(
+            f"{model.path.name}: the simulation steps by {1e3 * robot.timestep:g} ms, with {robot.integrator}{why}."
+        )
+    said += [
+        f"{WARNING}joint {joint.name}: {phrase}."
+        for joint in robot.joints
+        if (phrase := feeble(joint, FULL_FORCE * (joint.range[1] - joint.range[0])))
+    ]
+    return replace(robot, said=tuple(said))
 
 
-def _stable_step(model: ModelFile, joints: Sequence[FileJoint], timestep: float, integrator: str) -> float:
-    """A step at which every chain is stable: ``timestep``, or a half, a quarter, ... of it [s].
+def _usual_step(model: ModelFile) -> float:
+    """Step where nothing forces another [s]: 2 ms or the model's."""
+    return between_actions(min(TIMESTEP, model.timestep))
 
-    The engine is what refuses a chain in the end. Here inertias are those of the file's pose, with its own armatures.
-    """
-    number = int(getattr(mujoco.mjtIntegrator, f"mjINT_{integrator.upper()}"))
-    for joint in joints:
-        inertia = 1.0 / model.mobility_of(joint.terms)
-        if joint.owners["armature"] == "chain":
-            inertia += max(joint.chain.armature() - joint.model_values["armature"], 0.0)
-        coupled = any(joint.chain.find(stage) is not None for stage in ("spring", "compliance", "backlash"))
-        steps = [timestep / 2.0**k for k in range(HALVINGS + 1)]
-        stable = (step for step in steps if unstable_beyond(joint.chain, inertia, coupled, step, number) is None)
-        timestep = next(stable, timestep)
-    return timestep
+
+def between_actions(step: float) -> float:
+    """The step [s], or a bit less, so that a whole number of them lies between two actions."""
+    return ACTION / math.ceil(ACTION / max(step, SHORTEST) - SAME)
 
 
 def _check_names(path: Path, joints: Mapping[Any, Any]) -> None:
@@ -147,10 +150,11 @@ def _joint(
         "frictionloss": joint.frictionloss / ratio,
         LIMIT: 0.0 if joint.force is None or joint.force / ratio >= UNLIMITED else joint.force / ratio,
     }
+    least: float | None = None
     if entry.chain is not None:
         chain = _chain(where, path, entry.chain)
     else:
-        chain = ideal_servo(model, name, terms, drive, limits, timestep, notes)
+        chain, least = ideal_servo(model, name, terms, drive, limits, timestep, notes)
     said += [f"joint {name}: {note}." for note in notes]
     # a chain of the YAML has a largest force of its own
     simplified = (*joint.simplified, *(drive.simplified if drive is not None and entry.chain is None else ()))
@@ -191,7 +195,7 @@ def _joint(
     servo = None if entry.servo is None else checked_fields(f"joints.{name}.servo", entry.servo, ServoEntry)
     return FileJoint(
         name, terms, joint.kind, limits, chain, owners, in_file, start, tuple(entry.unknown), servo,
-        (*notes, *simplified),
+        (*notes, *simplified), least,
     )  # fmt: skip
 
 

@@ -125,7 +125,7 @@ def ideal_servo(
     limits: tuple[float, float],
     timestep: float,
     notes: list[str],
-) -> Chain:
+) -> tuple[Chain, float | None]:
     """An ideal servo with the numbers of the model's position actuators, or with assumed ones.
 
     Args:
@@ -137,6 +137,9 @@ def ideal_servo(
         timestep: of the simulation [s].
         notes: where phrases are added that say where the numbers come from.
 
+    Returns:
+        The servo, and the stiffness that it should have at least where that is assumed, else None [N.m/rad or N/m].
+
     Raises:
         RobotError: the file has numbers that no servo has.
     """
@@ -145,6 +148,7 @@ def ideal_servo(
     position, force = UNITS[joint.kind]
     forces = [drive.force if drive is not None else None, None if joint.force is None else joint.force / ratio]
     limit = min((item for item in forces if item is not None), default=None)
+    least: float | None = None
     if drive is not None and drive.stiffness > 0.0:
         stiffness, damping, why = drive.stiffness, drive.damping, "its position actuator's"
     else:
@@ -152,12 +156,13 @@ def ideal_servo(
             notes.append(motor_note(drive, joint.kind))
         inertia = (joint.inertia + joint.armature) / ratio**2
         mobility = model.mobility_of(terms)
-        rate, why = _rate(limit, inertia, 1.0 / mobility, limits, timestep)
-        if (wanted := inertia * rate**2) > STIFFEST:
-            rate = math.sqrt(STIFFEST / inertia)
+        dry, viscous = joint.frictionloss / ratio, joint.damping / ratio**2
+        stiffness, least, why = _stiffness(limit, inertia, 1.0 / mobility, dry, viscous, limits, timestep)
+        if (wanted := stiffness) > STIFFEST:
+            stiffness = STIFFEST
             why = f"assumed, the most that a chain takes; {why.removeprefix('assumed, ')} would be {wanted:.4g}"
-        stiffness, damping = inertia * rate**2, min(2.0 * inertia * rate, 2.0 * RESOLVED / (mobility * timestep))
-        damping = min(damping, MOST_DAMPED)
+        critical = max(2.0 * math.sqrt(stiffness * inertia) - viscous, 0.0)
+        damping = min(critical, 2.0 * RESOLVED / (mobility * timestep), MOST_DAMPED)
     if drive is not None and drive.tied:
         notes.append(tied_note(drive))
     values = {"stiffness": _rounded(stiffness), "damping": _rounded(damping)}
@@ -182,7 +187,7 @@ def ideal_servo(
             f"{model.path}: joint '{name}': {_listed(drive.actuators) if drive else 'it'} cannot be taken as an ideal "
             f"servo: {str(error).partition(': ')[2] or error} Correct it there, or give the joint a chain."
         ) from None
-    return dataclasses.replace(chain, label=f"ideal on {name}")
+    return dataclasses.replace(chain, label=f"ideal on {name}"), least
 
 
 def motor_note(drive: ModelDrive, kind: str) -> str:
@@ -225,29 +230,51 @@ def reduction_note(model: ModelFile, name: str) -> str:
     )
 
 
-def _rate(
-    limit: float | None, inertia: float, apparent: float, limits: tuple[float, float], timestep: float
-) -> tuple[float, str]:
-    """Natural frequency [rad/s] of a critically damped servo whose gain nobody stated, and why it is that.
+def _stiffness(
+    limit: float | None,
+    inertia: float,
+    apparent: float,
+    dry: float,
+    viscous: float,
+    limits: tuple[float, float],
+    timestep: float,
+) -> tuple[float, float, str]:
+    """Stiffness of a servo whose gain nobody stated, what its joint needs at least [N.m/rad or N/m], and why the first.
 
     Args:
         limit: its largest force [N.m or N]; None: any.
         inertia: that it moves while the other joints are held [kg.m2 or kg].
         apparent: the same while they give way, which is less: a damping acts on this one before the others resist.
+        dry: friction of the joint in the file [N.m or N].
+        viscous: damping of the joint in the file [N.m.s/rad or N.s/m].
         limits: of its goals [rad or m].
         timestep: of the simulation [s].
     """
+    full = FULL_FORCE * (limits[1] - limits[0])
     slowest = 2.0 * math.pi * BANDWIDTH
-    fastest = RESOLVED * min(apparent / inertia, 1.0) / timestep
-    wanted = 0.0 if limit is None else math.sqrt(limit / (FULL_FORCE * (limits[1] - limits[0])) / inertia)
-    if min(wanted, fastest) <= slowest:
-        return slowest, f"assumed, {BANDWIDTH:g} Hz with the joint's inertia"
-    if wanted <= fastest:
-        return wanted, f"assumed, full force at an error of 1/{1.0 / FULL_FORCE:g} of its range"
-    return fastest, (
-        f"assumed, {fastest / (2.0 * math.pi):.3g} Hz with the joint's inertia, the fastest that a timestep of "
-        f"{1e3 * timestep:g} ms resolves"
-    )
+    rate = RESOLVED * min(apparent / inertia, 1.0) / timestep
+    fastest = max(inertia * rate**2, RESOLVED * viscous / timestep)
+    needs = {
+        f"assumed, {BANDWIDTH:g} Hz with the joint's inertia": inertia * slowest**2,
+        f"assumed, {BANDWIDTH:g} Hz with the joint's damping": viscous * slowest,
+        f"assumed, half of an error of 1/{1.0 / FULL_FORCE:g} of its range overcomes its dry friction": 2.0
+        * dry
+        / full,
+    }
+    why, needed = max(needs.items(), key=lambda item: item[1])
+    inertial = next(iter(needs.values()))
+    wanted = 0.0 if limit is None else limit / full
+    if wanted > needed:
+        why = f"assumed, full force at an error of 1/{1.0 / FULL_FORCE:g} of its range"
+    stiffness = max(wanted, needed)
+    if stiffness > max(fastest, inertial):
+        stiffness = max(fastest, inertial)
+        why = next(iter(needs))
+        if fastest > inertial:
+            hertz = math.sqrt(fastest / inertia) / (2.0 * math.pi)
+            why = f"assumed, {hertz:.3g} Hz with the joint's inertia, the fastest that a timestep of "
+            why += f"{1e3 * timestep:g} ms resolves"
+    return stiffness, min(needed, stiffness), why
 
 
 def _ends(ends: tuple[float, float], unit: str) -> str:

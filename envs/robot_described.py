@@ -60,6 +60,7 @@ class FileJoint:
         unknown: words of :data:`UNKNOWN`.
         servo: that drives it, for deployment.
         notes: what was read of its drive in the model file, or assumed, a phrase each.
+        least: stiffness that its servo should have at least [N.m/rad or N/m], where that is assumed; None: it is not.
     """
 
     name: str
@@ -73,6 +74,7 @@ class FileJoint:
     unknown: tuple[str, ...] = ()
     servo: ServoEntry | None = None
     notes: tuple[str, ...] = ()
+    least: float | None = None
 
     @property
     def joint(self) -> str:

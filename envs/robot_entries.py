@@ -66,8 +66,8 @@ class FileEntry:
         joints: by driven coordinate; None: those that the model's actuators drive, else all.
         name: of the robot; None: that of the YAML.
         base: fixed to the ground, or free; None: as in the model.
-        timestep: of the simulation [s]; None: 2 ms, or the model's where it is shorter.
-        integrator: of the engine.
+        timestep: of the simulation [s]; None: 2 ms, the model's where it is shorter, or what is stable.
+        integrator: of the engine; None: RK4, or what is stable.
         deploy: what ``configs/robot`` holds of built-in robots: servo, sensors, rest, park, safety.
     """
 
@@ -76,5 +76,5 @@ class FileEntry:
     name: str | None = None
     base: Literal["fixed", "free"] | None = None
     timestep: float | None = None
-    integrator: Literal["RK4", "Euler", "implicit", "implicitfast"] = "RK4"
+    integrator: Literal["RK4", "Euler", "implicit", "implicitfast"] | None = None
     deploy: dict[str, Any] = field(default_factory=dict)

@@ -25,6 +25,7 @@ from .robot_described import HINGES, LIMIT, FileJoint, RobotFile
 from .robot_entries import FileEntry
 from .robot_file import load_robot_file
 from .robot_names import in_yaml, name_note
+from .robot_trial import steady
 
 HEAD = """\
 # Robot {name}, written from {model} by sealegs new-robot; edit what is wrong. docs/your-own-robot.md explains it.
@@ -32,7 +33,7 @@ HEAD = """\
 # model file's, which then takes the chain's place. They are never added.
 model: {path}   # MJCF or URDF, relative to this file
 base: {base}   # fixed to the ground, or free
-timestep: {timestep:g}   # of the simulation [s]
+timestep: {timestep:.10g}   # of the simulation [s]
 integrator: {integrator}   # RK4, Euler, implicit or implicitfast
 joints:   # that servos drive, in the order of goals
 """
@@ -122,7 +123,7 @@ def robot_yaml(
         rows[name]["belt"] = belt
     path = os.path.relpath(model.resolve(), out.resolve().parent)
     try:
-        robot = assembled(out.resolve(), FileEntry(path, joints=rows))
+        robot = steady(assembled(out.resolve(), FileEntry(path, joints=rows)))
     except SealegsError as error:
         raise RobotError(str(error).replace(f"{out.resolve()}: ", f"{model}: ")) from None  # there is no such file yet
     head = HEAD.format(

@@ -1,0 +1,137 @@
+"""Step, integrator and assumed servos that new-robot chooses: what it writes loads, steps, and is fast enough."""
+
+from __future__ import annotations
+
+import re
+from pathlib import Path
+
+import numpy as np
+import pytest
+import sealegs
+import yaml
+from sealegs.actuators.errors import SealegsError
+from sealegs.commands import new_robot
+from sealegs.envs.robot_file import load_robot_file
+
+ROBOT = """<mujoco><compiler angle="radian" autolimits="true"/>{option}<worldbody>
+<body name="upper" pos="0 0 1"><joint name="shoulder" axis="0 1 0" range="-1.5 1.5" {shoulder}/>
+<inertial pos="0 0 -0.1" mass="0.4" diaginertia="0.002 0.002 0.001"/>
+<body name="hand" pos="0 0 -0.2">{hand}</body></body></worldbody>{more}</mujoco>"""
+LIGHT = """<joint name="finger" axis="0 1 0" {finger}/>
+<inertial pos="0 0 -0.005" mass="0.01" diaginertia="1e-6 1e-6 1e-6"/>"""
+MOTOR = '<actuator><motor joint="shoulder" ctrlrange="-5 5"/></actuator>'
+
+
+def model(folder: Path, finger: str = "", shoulder: str = "", more: str = "", option: str = "") -> Path:
+    path = folder / "robot.xml"
+    path.write_text(ROBOT.format(shoulder=shoulder, hand=LIGHT.format(finger=finger), more=more, option=option))
+    return path
+
+
+def written(path: Path, capsys: pytest.CaptureFixture[str]) -> tuple[dict, str]:
+    new_robot.main([str(path)])
+    return yaml.safe_load(path.with_suffix(".yaml").read_text()), capsys.readouterr().out
+
+
+def resets(robot: Path, steps: int = 50) -> int:
+    """How often the environment of a robot breaks in that many control steps."""
+    env = sealegs.make_env("track", robot=str(robot))
+    env.reset(seed=0)
+    generator, count = np.random.default_rng(0), 0
+    for _ in range(steps):
+        terminated = env.step(generator.uniform(-1.0, 1.0, env.action_space.shape).astype(np.float32))[2]
+        count += bool(terminated)
+        if terminated:
+            env.reset()
+    return count
+
+
+def test_the_damping_of_a_light_joint_that_nothing_drives_is_taken_implicitly(tmp_path: Path, capsys) -> None:
+    """RK4 takes it explicitly: such robots exploded in the first steps."""
+    robot, said = written(model(tmp_path, finger='damping="1"', more=MOTOR), capsys)
+    assert (robot["timestep"], robot["integrator"]) == (5e-4, "implicitfast")
+    reason = "since the damping that the file gives the joint finger would be unstable at a longer step"
+    assert f"the simulation steps by 0.5 ms, with implicitfast, {reason}." in said
+    assert resets(tmp_path / "robot.yaml") == 0
+
+
+def test_a_spring_on_a_light_joint_that_nothing_drives_makes_the_step_shorter(tmp_path: Path, capsys) -> None:
+    robot, said = written(model(tmp_path, finger='stiffness="5" damping="0.001"', more=MOTOR), capsys)
+    assert robot["timestep"] < 2e-3 and "since the springs that the file gives the joint finger" in said
+    assert resets(tmp_path / "robot.yaml") == 0
+
+
+def test_a_joint_that_carries_followers_gets_a_servo_that_its_own_inertia_bears(tmp_path: Path, capsys) -> None:
+    """new-robot reckoned with the inertia of all, the engine's check with that of the joint: it refused the file."""
+    follower = """<body name="heavy" pos="0 0.2 1"><joint name="heavy" axis="0 1 0"/>
+    <inertial pos="0 0 -0.1" mass="2" diaginertia="0.02 0.02 0.02"/></body>"""
+    tie = '<equality><joint joint1="heavy" joint2="finger"/></equality>'
+    path = model(tmp_path, more=f'{tie}<actuator><motor joint="finger" ctrlrange="-20 20"/></actuator>')
+    path.write_text(path.read_text().replace("</worldbody>", f"{follower}</worldbody>"))
+    robot, said = written(path, capsys)
+    assert robot["timestep"] >= 2.5e-4
+    assert re.search(r"joint finger: an ideal servo of \S+ N.m/rad drives it \(assumed: \S+ would be unstable at", said)
+    assert resets(tmp_path / "robot.yaml") == 0
+
+
+def test_steps_do_not_get_shorter_joint_by_joint(tmp_path: Path, capsys) -> None:
+    """Each joint halved the step that those before had left, until it was shorter than a YAML may ask for."""
+    fingers = "".join(
+        f'<body pos="0 {0.02 * k} 0"><joint name="f{k}" axis="0 1 0" range="-1 1" damping="{damping}"/>'
+        '<inertial pos="0 0 -0.005" mass="0.01" diaginertia="1e-6 1e-6 1e-6"/></body>'
+        for k, damping in enumerate((0.02, 0.3))
+    )
+    servos = "".join(f'<position joint="f{k}" kp="0.2"/>' for k in range(2))
+    path = model(tmp_path, more=f"<actuator>{servos}</actuator>", finger='armature="0.01"')
+    path.write_text(path.read_text().replace("</body></body>", f"{fingers}</body></body>"))
+    robot, said = written(path, capsys)
+    assert robot["timestep"] >= 2.5e-4 and re.search(r"since at joint f\d the servo's", said), said
+
+
+def test_an_assumed_step_fits_between_actions(tmp_path: Path, capsys) -> None:
+    robot, _ = written(model(tmp_path, option='<option timestep="0.0015"/>', more=MOTOR), capsys)
+    assert round(0.02 / robot["timestep"]) == pytest.approx(0.02 / robot["timestep"], rel=1e-8) == 14
+    assert resets(tmp_path / "robot.yaml", 5) == 0
+
+
+def test_an_assumed_servo_overcomes_friction_and_damping_of_the_file(tmp_path: Path) -> None:
+    """It was 4 Hz with the joint's inertia, however much friction held that."""
+    found = {}
+    for more in ("", 'frictionloss="5"', 'damping="8"'):
+        path = model(tmp_path, shoulder=more, finger='damping="0.001"').rename(tmp_path / f"{len(found)}.xml")
+        found[more] = load_robot_file(path).joint("shoulder").chain.value("ideal.stiffness")
+    assert found['frictionloss="5"'] >= 5.0 / (3.0 / 8.0) > found[""]
+    assert found['damping="8"'] >= 8.0 * 4.0
+
+
+def test_an_assumed_servo_that_friction_holds_is_named(tmp_path: Path, capsys) -> None:
+    _, said = written(model(tmp_path, finger='range="-1 1" frictionloss="10"'), capsys)
+    assert "Warning: joint finger: its servo of" in said and "N.m of dry friction only from an error of" in said
+    (tmp_path / "robot.yaml").unlink()
+    limited = 'range="-1 1" frictionloss="2" actuatorfrcrange="-1 1"'
+    _, said = written(model(tmp_path, finger=limited), capsys)
+    assert "Warning: joint finger: its largest force, 1 N.m, is not above the dry friction of 2 N.m" in said
+
+
+@pytest.mark.long
+def test_a_robot_whose_simulation_breaks_in_any_case_is_warned_about(tmp_path: Path, capsys) -> None:
+    """Two bodies within each other, which the contact throws apart."""
+    path = model(tmp_path, more=MOTOR, finger='damping="0.001"')
+    inside = '<geom name="a" type="sphere" size="0.05" solref="-1e12 0" mass="0.001"/>'
+    beside = (
+        '<body pos="0 0 0.8"><freejoint/><geom name="b" type="sphere" size="0.05" solref="-1e12 0" mass="1e-6"/></body>'
+    )
+    text = path.read_text().replace("</body></body></worldbody>", f"{inside}</body></body>{beside}</worldbody>")
+    path.write_text(text)
+    _, said = written(path, capsys)
+    assert re.search(r"Warning: robot.xml: a short trial of the simulation breaks at any step .*: .* of ", said)
+
+
+def test_a_run_stops_where_every_episode_breaks_at_once(tmp_path: Path) -> None:
+    """Training went on, and handed over a policy that had seen nothing."""
+    model(tmp_path, finger='damping="1"', more=MOTOR)
+    path = tmp_path / "robot.yaml"
+    servo = "[{ideal: {stiffness: 5, damping: 0.3}}]"
+    path.write_text(f"model: robot.xml\ntimestep: 0.002\nintegrator: RK4\njoints: {{shoulder: {{chain: {servo}}}}}\n")
+    with pytest.raises(SealegsError, match=r"the simulation of robot 'robot' breaks within the first 3 control steps"):
+        resets(path)
