@@ -20,7 +20,7 @@ from .robot_assumed import FULL_FORCE, goal_range, ideal_servo, reduction_note
 from .robot_choice import chosen, none_to_drive, passive_sentence
 from .robot_described import LIMIT, SAME, FileJoint, RobotFile, stated, states, with_owned
 from .robot_entries import UNKNOWN, YAML_SUFFIXES, FileEntry, JointEntry, Owner, ServoEntry
-from .robot_step import SHORTEST, feeble, settled
+from .robot_step import SHORTEST, feeble, said_again, settled
 from .robot_within import check_limits, check_within
 
 TIMESTEP = 0.002  # [s] with RK4 accurate to 0.1 mrad (docs/numerics.md)
@@ -89,10 +89,8 @@ def assembled(path: Path, entry: FileEntry, said: list[str] | None = None) -> Ro
     )
     if entry.timestep is None:
         robot, why = settled(robot, entry.integrator)
-        for before, now in zip(joints, robot.joints, strict=True):
-            if now.notes != before.notes:
-                gone = [f"joint {now.name}: {note}." for note in before.notes if note not in now.notes]
-                said[:] = [f"joint {now.name}: {now.notes[-1]}." if item in gone else item for item in said]
+        said = said_again(said, joints, robot.joints)
+        why = why or ("" if robot.timestep > 0.99 * TIMESTEP else ", as its own step is short")
         said.append(
             f"{model.path.name}: the simulation steps by {1e3 * robot.timestep:g} ms, with {robot.integrator}{why}."
         )

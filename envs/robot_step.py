@@ -221,10 +221,21 @@ class _System:
                 break
             most = max(open_to.values())
             for name in [name for name, share in open_to.items() if share >= ALIKE * most]:
-                for key, factor in (("stiffness", WEAKER), ("damping", WEAKER**0.5)):
-                    value = float(f"{factor * chains[name].value(f'ideal.{key}'):.4g}")
-                    chains[name] = chains[name].with_value(f"ideal.{key}", value)
+                chains[name] = _weaker(chains[name], WEAKER)
         return tuple(_with(joint, chains[joint.name], step, integrator) for joint in joints), cause
+
+
+def weak(joint: FileJoint, share: float, step: float, integrator: str) -> FileJoint:
+    """A joint with an assumed servo of a share of its stiffness, and the root of it of its damping."""
+    if joint.least is None:
+        return joint
+    return _with(joint, _weaker(joint.chain, share), step, integrator)
+
+
+def _weaker(chain: Chain, share: float) -> Chain:
+    for key, factor in (("stiffness", share), ("damping", share**0.5)):
+        chain = chain.with_value(f"ideal.{key}", float(f"{factor * chain.value(f'ideal.{key}'):.4g}"))
+    return chain
 
 
 def _with(joint: FileJoint, chain: Chain, step: float, integrator: str) -> FileJoint:
@@ -239,6 +250,16 @@ def _with(joint: FileJoint, chain: Chain, step: float, integrator: str) -> FileJ
     )
     kept = [item for item in joint.notes if not item.startswith("an ideal servo of ")]
     return dataclasses.replace(joint, chain=chain, notes=(*kept, note))
+
+
+def said_again(said: Sequence[str], before: Sequence[FileJoint], now: Sequence[FileJoint]) -> list[str]:
+    """Sentences with the notes that joints have now in place of those that they had before."""
+    found = list(said)
+    for old, new in zip(before, now, strict=True):
+        if old.notes != new.notes:
+            gone = [f"joint {old.name}: {note}." for note in old.notes if note not in new.notes]
+            found = [f"joint {new.name}: {new.notes[-1]}." if sentence in gone else sentence for sentence in found]
+    return found
 
 
 def feeble(joint: FileJoint, most: float) -> str:

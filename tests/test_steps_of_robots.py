@@ -127,6 +127,24 @@ def test_a_robot_whose_simulation_breaks_in_any_case_is_warned_about(tmp_path: P
     assert re.search(r"Warning: robot.xml: a short trial of the simulation breaks at any step .*: .* of ", said)
 
 
+@pytest.mark.long
+def test_a_step_that_is_stable_in_the_pose_of_the_file_alone_is_made_shorter(tmp_path: Path, capsys) -> None:
+    """Folded, this arm has a quarter of the inertia that it has outstretched."""
+    path = tmp_path / "robot.xml"
+    path.write_text("""<mujoco><compiler angle="radian" autolimits="true"/><worldbody>
+<body><joint name="shoulder" axis="0 0 1" range="-1.5 1.5" armature="0.04"/><inertial pos="0.1 0 0" mass="0.01"
+diaginertia="1e-5 1e-5 1e-5"/><body pos="0.2 0 0"><joint name="elbow" axis="0 0 1" range="0 3" armature="0.2"/>
+<inertial pos="0.2 0 0" mass="1" diaginertia="1e-5 1e-5 1e-5"/></body></body></worldbody><actuator>
+<position joint="shoulder" kp="500" kv="195"/><position joint="elbow" kp="2000" kv="40"/></actuator></mujoco>""")
+    robot, said = written(path, capsys)
+    assert (
+        robot["timestep"] <= 1e-3
+        and re.search("of goals (anywhere in|at the ends of) its ranges", said)
+        and "Warning" not in said
+    ), said
+    assert resets(tmp_path / "robot.yaml") == 0
+
+
 def test_a_run_stops_where_every_episode_breaks_at_once(tmp_path: Path) -> None:
     """Training went on, and handed over a policy that had seen nothing."""
     model(tmp_path, finger='damping="1"', more=MOTOR)
