@@ -31,7 +31,7 @@ STEP = 2.0 * np.pi / 4096  # [rad] of an encoder; of a slide without a gear as m
 NOISE = 3.0  # steps that a position may jump by from cycle to cycle without having moved; assumed
 SEEMING = NOISE * STEP / CYCLE  # [rad/s or m/s] measured by them at rest
 ROUNDS = 5  # trials with smaller reaches, at most
-SIDES = 8  # sets of servos at their largest pull that a step of the trial tries, at most
+SIDES = 4  # sets of servos at their largest pull that a step of the trial tries, at most
 KEPT = 500  # of such sets whose answer is kept: they come again step by step
 
 

@@ -46,6 +46,7 @@ def resets(robot: Path, steps: int = 50) -> int:
     return count
 
 
+@pytest.mark.long
 def test_the_damping_of_a_light_joint_that_nothing_drives_is_taken_implicitly(tmp_path: Path, capsys) -> None:
     """RK4 takes it explicitly: such robots exploded in the first steps."""
     robot, said = written(model(tmp_path, finger='damping="1"', more=MOTOR), capsys)
@@ -55,12 +56,14 @@ def test_the_damping_of_a_light_joint_that_nothing_drives_is_taken_implicitly(tm
     assert resets(tmp_path / "robot.yaml") == 0
 
 
+@pytest.mark.long
 def test_a_spring_on_a_light_joint_that_nothing_drives_makes_the_step_shorter(tmp_path: Path, capsys) -> None:
     robot, said = written(model(tmp_path, finger='stiffness="5" damping="0.001"', more=MOTOR), capsys)
     assert robot["timestep"] < 2e-3 and "since the springs that the file gives the joint finger" in said
     assert resets(tmp_path / "robot.yaml") == 0
 
 
+@pytest.mark.long
 def test_a_joint_that_carries_followers_gets_a_servo_that_its_own_inertia_bears(tmp_path: Path, capsys) -> None:
     """new-robot reckoned with the inertia of all, the engine's check with that of the joint: it refused the file."""
     follower = """<body name="heavy" pos="0 0.2 1"><joint name="heavy" axis="0 1 0"/>
@@ -74,6 +77,7 @@ def test_a_joint_that_carries_followers_gets_a_servo_that_its_own_inertia_bears(
     assert resets(tmp_path / "robot.yaml") == 0
 
 
+@pytest.mark.long
 def test_steps_do_not_get_shorter_joint_by_joint(tmp_path: Path, capsys) -> None:
     """Each joint halved the step that those before had left, until it was shorter than a YAML may ask for."""
     fingers = "".join(
@@ -88,6 +92,7 @@ def test_steps_do_not_get_shorter_joint_by_joint(tmp_path: Path, capsys) -> None
     assert robot["timestep"] >= 2.5e-4 and re.search(r"since at joint f\d the servo's", said), said
 
 
+@pytest.mark.long
 def test_an_assumed_step_fits_between_actions(tmp_path: Path, capsys) -> None:
     robot, _ = written(model(tmp_path, option='<option timestep="0.0015"/>', more=MOTOR), capsys)
     assert round(0.02 / robot["timestep"]) == pytest.approx(0.02 / robot["timestep"], rel=1e-8) == 14
@@ -104,6 +109,7 @@ def test_an_assumed_servo_overcomes_friction_and_damping_of_the_file(tmp_path: P
     assert found['damping="8"'] >= 8.0 * 4.0
 
 
+@pytest.mark.long
 def test_an_assumed_servo_that_friction_holds_is_named(tmp_path: Path, capsys) -> None:
     _, said = written(model(tmp_path, finger='range="-1 1" frictionloss="10"'), capsys)
     assert "Warning: joint finger: its servo of" in said and "N.m of dry friction only from an error of" in said
