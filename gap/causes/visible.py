@@ -6,6 +6,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
+from ..checks.recording import before_goal_note
 from ..load.efforts import EFFORTS
 from ..log.finding import Finding
 from ..log.torque_side import side_note
@@ -45,9 +46,11 @@ def limits(problem: DrivenProblem, joint: str, hidden: Sequence[str]) -> tuple[F
         f"and contact was needed{blind}.",
     )  # fmt: skip
     found = (beyond, *_set_aside(problem, joint))
-    if "torque" not in _logged(problem):
-        return found
-    return *found, side_note(joint, problem.torque_side, problem.side_reason)
+    if "torque" in _logged(problem):
+        found = (*found, side_note(joint, problem.torque_side, problem.side_reason))
+    if problem.read_early:
+        found = (*found, before_goal_note(joint, problem.signal[0], float(np.median(np.diff(problem.time)))))
+    return found
 
 
 def _set_aside(problem: DrivenProblem, joint: str) -> tuple[Finding, ...]:

@@ -228,8 +228,16 @@ def _before_goal(joint: JointContext, seen: int) -> bool:
     """Whether the goal in force is one row older than the chain has it, and would be that a moment earlier."""
     delay = load_chain(joint.run.actuators[joint.name]).find("delay")
     believed = 0.0 if delay is None else delay.seconds
-    now, tuned, before = (_rows_late(joint.time, s) for s in (believed, (1.0 + KNOWN) * believed, believed + MOMENT))
-    return seen == before == now + 1 and tuned == now  # the delay's own tolerance may be all there is
+    return seen == _rows_late(joint.time, believed) + 1 and a_moment_tells(joint.time, believed)
+
+
+def a_moment_tells(time: Array, delay: float) -> bool:
+    """Whether a goal is in force one row later where a row is read a moment earlier, its delay being as believed [s].
+
+    Where the tolerance of the delay does the same, that may be all there is.
+    """
+    now, tuned, before = (_rows_late(time, s) for s in (delay, (1.0 + KNOWN) * delay, delay + MOMENT))
+    return before == now + 1 and tuned == now
 
 
 def _rows_late(time: Array, delay: float) -> int:
@@ -244,6 +252,16 @@ def _trimmed(squares: np.ndarray) -> float:
     return float(kept.mean())
 
 
+def before_goal_note(joint: str, signal: str, period: float) -> Finding:
+    """That a column answers to the goal of the row before, with rows of a period [s]."""
+    return Finding(
+        "columns.before_goal", "note", joint, f"{joint}.{signal}",
+        f"What {joint} reads of its drive is of the moment before the goal of the same row acts: up to a row "
+        f"({1e3 * period:.3g} ms) of what looks like a delay is none.",
+        value=1.0,
+    )  # fmt: skip
+
+
 def _rows(joint: JointContext) -> Iterator[Finding]:
     duty = driving(joint)
     if duty is None or joint.log.goal is None:
@@ -252,12 +270,7 @@ def _rows(joint: JointContext) -> Iterator[Finding]:
     if seen is None or seen.explained < FOLLOWS:
         return
     if seen.rows == 0 and _before_goal(joint, seen.goal_rows):
-        yield Finding(
-            "columns.before_goal", "note", joint.name, joint.column("current" if joint.log.duty is None else "duty"),
-            f"What {joint.name} reads of its drive is of the moment before the goal of the same row acts: up to a row "
-            f"({1e3 * joint.period:.3g} ms) of what looks like a delay is none.",
-            value=float(seen.goal_rows),
-        )  # fmt: skip
+        yield before_goal_note(joint.name, "current" if joint.log.duty is None else "duty", joint.period)
     if seen.rows == 0 or seen.error > HALVED * seen.error_now:
         return
     seconds = abs(seen.rows) * joint.period

@@ -40,12 +40,14 @@ class DrivenProblem(JointReplay):
             in ``measured`` and in what is simulated, in exchange with the position.
         torque_side: what a logged torque is of, :mod:`sealegs.gap.log.torque_side`.
         side_reason: why it is taken as that.
+        read_early: whether it shows itself that its columns were read before the goals of their rows acted.
     """
 
     link: np.ndarray = field(kw_only=True)
     first: int = field(default=0, kw_only=True)
     torque_side: TorqueSide = field(default="shaft", kw_only=True)
     side_reason: Reason = field(default="assumed", kw_only=True)
+    read_early: bool = field(default=False, kw_only=True)
 
     by_sample: ClassVar[tuple[int, ...]] = (0,)
     by_group: ClassVar[tuple[int, ...]] = (1, 2, 3)
@@ -149,7 +151,7 @@ def driven_problem(
         measured = measured[:, _exchanged(first)]
         weight[0] = 1.0 / typical_noise(plain.time, measured[:, 0], plain.starts)
     said = said_side(runs, joint)
-    problem = DrivenProblem(
+    return with_shown_side(DrivenProblem(
         units=plain.units,
         params=plain.params,
         time=plain.time,
@@ -169,9 +171,15 @@ def driven_problem(
         first=first,
         torque_side=said or "shaft",
         side_reason="said" if said else "assumed",
-    )
-    shown = None if said else _shown_side(problem)
-    return problem if shown is None else replace(problem, torque_side=shown, side_reason="shown")
+    ))  # fmt: skip
+
+
+def with_shown_side(problem: DrivenProblem) -> DrivenProblem:
+    """The problem whose torque column is of the side that its nominal replays show, unless the log says of which."""
+    if problem.side_reason == "said":
+        return problem
+    shown = _shown_side(problem)
+    return replace(problem, torque_side=shown or "shaft", side_reason="shown" if shown else "assumed")
 
 
 def efforts_of(models: Sequence[JointModel]) -> tuple[str, ...]:

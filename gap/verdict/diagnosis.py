@@ -15,7 +15,6 @@ from ..causes.unknown import with_believed_load
 from ..causes.visible import limits as limits_of_driven
 from ..causes.visible import shown
 from ..checks.data_set import shows_little
-from ..checks.recording import MOMENT
 from ..checks.stops import stops_of, told_stops
 from ..experiment import Experiment, Limits, blind_spots, detection_limits, experiment_for_still, propose
 from ..ground.ground import GROUND, GroundSearch, on_ground, search_ground
@@ -26,6 +25,7 @@ from ..log.types import Array, LogError, MeasuredRun, MeasuredSet
 from ..replay.driven import driven_problem
 from ..replay.free import free_problem
 from ..replay.joint_model import JointModel
+from ..replay.reading import as_read
 from ..replay.steps import converged
 from ..replay.tree import HELD
 from ..search.channels import weigh_channels
@@ -250,7 +250,7 @@ def _replay(pieces: Cut, request: Request, *, before_goal: bool = False) -> Repl
 
     Args:
         pieces, request: of the joint.
-        before_goal: whether the columns of a row are of the moment before its goal acts.
+        before_goal: whether the checks say that the columns of a row are of the moment before its goal acts.
     """
     wide, tuned = adjustable(pieces.models[0], request.search.refitted_by), adjustable(pieces.models[0])
     causes = catalogue(pieces.models[0], request.causes)
@@ -265,11 +265,8 @@ def _replay(pieces: Cut, request: Request, *, before_goal: bool = False) -> Repl
         problem, causes = weigh_channels(free, request.search), with_stops(causes, fitted, pieces.models[0])
         fitting = in_windows(problem, wide, request.search)
         return Replay(problem, fitting, wide, tuned, causes, seen, stops, along=pieces.along)
-    if before_goal:  # on a bench the motion tells of the true delay; here nothing else does
-        late = [model.with_values({"delay.seconds": model.value("delay.seconds") + MOMENT}) for model in pieces.models]
-        layout = pieces.runs, pieces.joint, late, pieces.units
     try:
-        driven = driven_problem(*layout, pieces.noise)
+        driven = as_read(driven_problem(*layout, pieces.noise), told=before_goal)
     except LogError as error:
         held = next((f"{finding.sentence} " for finding in pieces.findings if finding.code == HELD), "")
         return Refused(f"'{pieces.joint}'", f"{held}{'Along that motion: ' if held else ''}{error}", usable=True)
