@@ -113,6 +113,17 @@ def test_a_delay_whose_tolerance_makes_a_goal_one_row_older_is_no_early_reading(
     assert not seen(replace(data, runs=tuple(replace(run, actuators={"hip": slow}) for run in data.runs))).read_early
 
 
+@pytest.mark.parametrize("age", [0, 1, 4])
+@pytest.mark.parametrize("side", ["shaft", "drive"])
+@pytest.mark.parametrize("stiffness", [17.0, 25.0])
+def test_the_side_of_a_torque_is_told_though_its_goal_is_late_and_its_gain_wrong(
+    stiffness: float, side: str, age: int
+) -> None:
+    """A goal one row old made of a drive's torque one of the shaft, and armature and friction went missing."""
+    problem = seen(torque_log(age, stiffness, side))
+    assert (problem.torque_side, problem.side_reason) == (side, "shown")
+
+
 def diagnosed(data: MeasuredSet, *causes: str) -> Any:
     return diagnose(data, causes=["drive.goal_filter", "drive.delay", "drive.rate_limit", *causes]).joint("hip")
 

@@ -95,21 +95,27 @@ def side_by_load(torque: Array, load: Array, armature: Array, friction: Array, b
     return by_friction or by_armature
 
 
-def side_by_drive(torque: Array, given: Array, inside: Array, block: np.ndarray) -> TorqueSide | None:
+def side_by_drive(torque: Array, given: Array, inside: Array, speed: Array, block: np.ndarray) -> TorqueSide | None:
     """What a torque column itself says where the motor's torque is known and the load is not.
+
+    The drive's own damping is free, as a torque that is right but for its gains has another.
 
     Args:
         torque: as logged (n,) [N.m].
-        given: what the motor is believed to give (n,) [N.m].
-        inside: what armature and friction of the drive are believed to take of it (n,) [N.m].
+        given: what the motor is believed to give with each of some delays (d, n) [N.m].
+        inside: what armature and friction of the drive are believed to take of it (d, n) [N.m].
+        speed: of the joint (n,) [rad/s].
         block: as of :func:`side_by_load`.
 
     Returns:
         None where it does not tell.
     """
-    if _slight(inside, torque):
+    if _slight(inside[0], torque):
         return None
-    numbers, spread = numbers_and_spread(np.column_stack([given, -inside, np.ones_like(torque)]), torque, block)
+    tables = [np.column_stack([g, -i, speed, np.ones_like(torque)]) for g, i in zip(given, inside, strict=True)]
+    found = [numbers_and_spread(table, torque, block) for table in tables]
+    left = [float(((torque - table @ numbers) ** 2).sum()) for table, (numbers, _) in zip(tables, found, strict=True)]
+    numbers, spread = found[int(np.argmin(left))]
     scale = float(numbers[0])
     if abs(scale) <= SURE * spread[0]:
         return None

@@ -28,6 +28,8 @@ from .variants import Batch
 # of a hinge
 UNITS = {"position": "rad", "torque": "N.m", "duty": "1", "current": "A"}
 LEAST_TORQUES = 50  # samples of a torque column that can tell what it is of
+MOST_LATE = 0.1  # [s] by which its goals may act later than believed
+MOST_DELAYS = 40  # delays that are tried up to there
 
 
 @dataclass(frozen=True, eq=False)
@@ -210,14 +212,20 @@ def _unjudged(joint: str, logs: Sequence[JointLog], efforts: Sequence[str]) -> s
 
 
 def _shown_side(problem: DrivenProblem) -> TorqueSide | None:
-    """What the torque column was taken of, by the nominal model; None where it cannot tell."""
+    """What the torque column was taken of, by the nominal model; None where it cannot tell.
+
+    A goal that acts late makes an error that looks like armature and friction, so the delay is the one that fits best.
+    """
     where = problem.channels.index("torque")
     torque = problem.measured[:, where]
     good = problem.judged & np.isfinite(torque)
     if good.sum() < LEAST_TORQUES:
         return None
-    shaft, drive = (replace(problem, torque_side=side).simulate([{}])[0, :, where] for side in SIDES)
-    return side_by_drive(torque[good], drive[good], (drive - shaft)[good], problem.block[good])
+    believed, period = problem.models[0].value("delay.seconds"), float(np.median(np.diff(problem.time)))
+    late = np.arange(0.0, MOST_LATE, max(period, MOST_LATE / MOST_DELAYS))
+    delays = [{}, *({"delay.seconds": believed + seconds} for seconds in late[1:])]
+    shaft, drive = (replace(problem, torque_side=side).simulate(delays)[:, good, where] for side in SIDES)
+    return side_by_drive(torque[good], drive, drive - shaft, problem.link[good, 1], problem.block[good])
 
 
 def is_elastic(model: JointModel) -> bool:
