@@ -42,7 +42,8 @@ def drive(chain: list, goal: np.ndarray, link: np.ndarray, time: np.ndarray, ste
     out = np.empty((len(time), 4))
     constants = joint.constants({}, program)
     on, warm = np.ones(len(time), bool), np.full(len(time), 25.0)
-    replay_driven(program, constants, time, goal, on, warm, link, link[0, 0], link[0, 1], step, out)
+    told = np.full(len(time), np.nan)
+    replay_driven(program, constants, time, goal, on, warm, link, told, link[0, 0], link[0, 1], step, out)
     return out
 
 

@@ -33,6 +33,12 @@ class Constants(NamedTuple):
     shift: float = 0.0  # of the centre of mass of the joint's own body, away from the joint [m]
     stop_stiffness: float = STOP_STIFFNESS  # [N.m/rad]
     stop_damping: float = STOP_DAMPING  # [N.m.s/rad]
+    integral: float = 0.0  # where the integral of a position controller stands in the state; 0: it has none
+    sampled: float = 0.0  # 1: that controller computes once a period
+    duty_current: float = 0.0  # current that a whole duty drives at rest [A]
+    duty_torque: float = 0.0  # and its torque at the joint [N.m]
+    judged: float = 0.0  # number of the channel that is judged
+    per_duty: float = 0.0  # what a whole duty makes of it; 0: no integral begins with what the log says of it
     at_drive: float = 0.0  # 1: a logged torque is the motor's, before armature and friction took theirs
 
 

@@ -38,6 +38,7 @@ class DrivenProblem(JointReplay):
 
     Attributes:
         link: position, speed and acceleration of the link (n, 3) [rad, rad/s, rad/s2].
+        told: what was logged of the judged channel where it is not judged, else NaN (n,): an integral begins with it.
         first: which of :data:`sealegs.gap.replay.driven_simulator.CHANNELS` is judged sample by sample; it comes first
             in ``measured`` and in what is simulated, in exchange with the position.
         torque_side: what a logged torque is of, :mod:`sealegs.gap.log.torque_side`.
@@ -46,6 +47,7 @@ class DrivenProblem(JointReplay):
     """
 
     link: np.ndarray = field(kw_only=True)
+    told: np.ndarray = field(kw_only=True)
     first: int = field(default=0, kw_only=True)
     torque_side: TorqueSide = field(default="shaft", kw_only=True)
     side_reason: Reason = field(default="assumed", kw_only=True)
@@ -53,7 +55,7 @@ class DrivenProblem(JointReplay):
 
     by_sample: ClassVar[tuple[int, ...]] = (0,)
     by_group: ClassVar[tuple[int, ...]] = (1, 2, 3)
-    per_sample: ClassVar[tuple[str, ...]] = (*JointReplay.per_sample, "link")
+    per_sample: ClassVar[tuple[str, ...]] = (*JointReplay.per_sample, "link", "told")
 
     @property
     def joint(self) -> JointProblem:
@@ -97,11 +99,15 @@ class DrivenProblem(JointReplay):
 
     def replay(self, batch: Batch) -> None:
         """Along the measured motion of the link."""
-        signals = (*self.driven_by(batch.rows), self.link[batch.rows])
-        batch.constants[..., K.at_drive] = float(self.torque_side == "drive")
-        replay_driven_many(
-            batch.programs, batch.constants, *signals, batch.starts, batch.states, batch.steps, batch.out
-        )
+        signals = (*self.driven_by(batch.rows), self.link[batch.rows], self.told[batch.rows])
+        k = batch.constants
+        k[..., K.judged] = self.first
+        if self.first:
+            k[..., K.per_duty] = {"torque": k[..., K.duty_torque], "duty": 1.0, "current": k[..., K.duty_current]}[
+                self.signal[0]
+            ]
+        k[..., K.at_drive] = float(self.torque_side == "drive")
+        replay_driven_many(batch.programs, k, *signals, batch.starts, batch.states, batch.steps, batch.out)
         if self.first:
             batch.out[...] = batch.out[..., _exchanged(self.first)]
 
@@ -170,6 +176,7 @@ def driven_problem(
         reliability=np.ones(measured.shape),
         models=tuple(models),
         link=link,
+        told=np.where(plain.judged, np.nan, measured[:, 0]),
         first=first,
         torque_side=said or "shaft",
         side_reason="said" if said else "assumed",

@@ -26,6 +26,7 @@ from ...actuators.stages.friction import REST_SPEED
 from ..load.terms import E_SIZE
 from .compiled import compiled, pointer
 from .constants import K
+from .integral import teach
 from .simulator import DIVERGED, coupling_torque, drive, host_reading_smooth, joint_state, next_change, slide
 
 CHANNELS = ("position", "torque", "duty", "current")
@@ -48,7 +49,7 @@ def ahead(time, link, latency, out):
 
 
 @compiled(allocates=True)
-def replay_driven(p, k, time, goal, on, temperature, link, q0, w0, step, out):
+def replay_driven(p, k, time, goal, on, temperature, link, told, q0, w0, step, out):
     """Replay the commands of one run while its link moves as measured.
 
     Args:
@@ -58,6 +59,7 @@ def replay_driven(p, k, time, goal, on, temperature, link, q0, w0, step, out):
         on: whether the drive was on, per sample (n,).
         temperature: of the motor (n,) [degC].
         link: its position, speed and acceleration at the samples (n, 3) [rad, rad/s, rad/s2].
+        told: what the log says of the channel that is judged, where it is not judged, else NaN (n,).
         q0, w0: reading and speed of a motor that is not rigid with the link at the first sample [rad, rad/s].
         step: largest step [s].
         out: (n, 4) filled with reading [rad], torque [N.m], duty and current [A] at the samples; the torque is that on
@@ -73,7 +75,7 @@ def replay_driven(p, k, time, goal, on, temperature, link, q0, w0, step, out):
         link = moved
     _replay_driven(
         pointer(acting), pointer(advancing), pointer(p), pointer(k), pointer(s), pointer(x), pointer(nothing),
-        time, goal, on, temperature, link, q0, w0, step, out,
+        time, goal, on, temperature, link, told, q0, w0, step, out,
     )  # fmt: skip
     # the memory behind the pointers must live until here
     return acting[0] + advancing[0] + s[0] + x[0] + nothing[0]
@@ -88,7 +90,7 @@ def less_friction(torque, limit, speed):
 
 
 @compiled()
-def _replay_driven(acting, advancing, p, k, s, x, nothing, time, goal, on, temperature, link, q0, w0, step, out):
+def _replay_driven(acting, advancing, p, k, s, x, nothing, time, goal, on, temperature, link, told, q0, w0, step, out):
     """As :func:`replay_driven`, in memory that it made."""
     coupled = k[K.coupled] > 0.0
     q0, w0 = joint_state(p, k, q0, w0)
@@ -99,6 +101,7 @@ def _replay_driven(acting, advancing, p, k, s, x, nothing, time, goal, on, tempe
     n = len(time)
     arrival = 0
     motor = int(k[K.motor])
+    taught = 0
     passed = 0.0  # to the link, which pushes back as much
     for j in range(n):
         if motor > 0:
@@ -119,6 +122,12 @@ def _replay_driven(acting, advancing, p, k, s, x, nothing, time, goal, on, tempe
         out[j, 1] = passed if k[K.at_drive] == 0.0 else given + k[K.viscous] * x[1]
         out[j, 2] = s[S_DUTY]
         out[j, 3] = s[S_CURRENT]
+        if k[K.integral] > 0.0 and k[K.per_duty] > 0.0:
+            if math.isnan(told[j]) or not on[j]:
+                taught = 0
+            else:
+                taught += 1  # each row has its share of their mean
+                teach(k, s, (told[j] - out[j, int(k[K.judged])]) / (k[K.per_duty] * taught))
         if j + 1 == n:
             break
         between = time[j + 1] - time[j]
@@ -148,7 +157,7 @@ def _replay_driven(acting, advancing, p, k, s, x, nothing, time, goal, on, tempe
 
 
 @compiled(parallel=True, allocates=True)
-def replay_driven_many(programs, constants, time, goal, on, temperature, link, starts, states, steps, out):
+def replay_driven_many(programs, constants, time, goal, on, temperature, link, told, starts, states, steps, out):
     """Replay many units with many variants of the model, on all cores; as :func:`gap.replay.simulator.replay_many`."""
     variants, units = constants.shape[0], constants.shape[1]
     for task in numba.prange(variants * units):
@@ -162,6 +171,7 @@ def replay_driven_many(programs, constants, time, goal, on, temperature, link, s
             on[a:b],
             temperature[a:b],
             link[a:b],
+            told[a:b],
             states[u, 0],
             states[u, 1],
             steps[v],

@@ -20,6 +20,7 @@ from ..load.load import Load
 from ..load.pendulum import PendulumLoad
 from .axis import ROTATION, Axis
 from .constants import Constants
+from .integral import integral_constants
 from .parameters import Parameter, Target, absolute, address
 
 TOOTH_FREQUENCY = 400.0  # [rad/s] of the motor against stiff teeth: far above any motion, far below the step
@@ -162,7 +163,7 @@ class JointModel:
                 motor=motor,
                 constant=program[motor] / chain.magnetisation(),
             )
-        numbers = numbers._replace(**self._coupling(numbers))
+        numbers = numbers._replace(**self._coupling(numbers), **integral_constants(chain, program))
         return np.array(numbers._replace(**load.along_log(self.axis.slide)), float)
 
     def _coupling(self, numbers: Constants) -> dict[str, float]:

@@ -12,6 +12,7 @@ import numpy as np
 
 from ..checks.recording import MOMENT, a_moment_tells
 from ..log.torque_side import SURE, numbers_and_spread
+from ..log.types import Array
 from .driven import DrivenProblem, with_shown_side
 
 LEAST = 200  # samples from which it can be told
@@ -34,8 +35,8 @@ def as_read(problem: DrivenProblem, *, told: bool) -> DrivenProblem:
 def read_before_goal(problem: DrivenProblem) -> bool:
     """Whether what is judged answers to the goal of the row before, by nominal replays with either.
 
-    Their difference is what a goal's age of one row changes, so its share in the column is that age in rows. The
-    column's size is free, and terms of the motion: gains, damping, and what is inside or outside of a torque.
+    Their difference is what a goal's age of one row changes, so its share in the column is that age in rows. Gains,
+    damping, the part of an integral, and what is inside or outside of a torque may be wrong beside it.
     """
     good = problem.judged & problem.on & np.isfinite(problem.measured[:, 0])
     if not problem.first or good.sum() < LEAST or not _shows(problem):
@@ -44,14 +45,25 @@ def read_before_goal(problem: DrivenProblem) -> bool:
     change = _with_goals_before(problem).simulate([{}])[0, good, 0] - now
     if np.ptp(change) == 0.0:
         return False
-    motion, measured = problem.link[good], problem.measured[good, 0]
-    table = np.column_stack([now, change, motion, np.sign(motion[:, 1]), np.ones(len(now))])
-    numbers, spread = numbers_and_spread(table, measured, problem.block[good])
+    motion = problem.link[good]
+    free = [now, change, motion, np.sign(motion[:, 1])]
+    if any(model.chain.find("position_pi") is not None for model in problem.models):
+        free.append(now - problem.simulate([{"position_pi.integral": 0.0}])[0, good, 0])
+    unit = np.repeat(np.arange(len(problem.units)), np.diff(problem.starts))[good]
+    table = _about_means(np.column_stack([problem.measured[good, 0], *free]), unit)
+    numbers, spread = numbers_and_spread(table[:, 1:], table[:, 0], problem.block[good])
     scale = abs(float(numbers[0]))
     if scale <= SURE * spread[0]:
         return False
     rows = float(numbers[1] / numbers[0])
     return abs(rows - 1.0) + SURE * float(spread[1]) / scale < HALF
+
+
+def _about_means(table: Array, unit: np.ndarray) -> Array:
+    """Columns (n, k) less their means in each unit (n,): every piece of a log may have offsets of its own."""
+    rows = np.maximum(np.bincount(unit), 1)
+    means = np.stack([np.bincount(unit, column) / rows for column in table.T], axis=1)
+    return table - means[unit]
 
 
 def _shows(problem: DrivenProblem) -> bool:
