@@ -72,8 +72,8 @@ def quick(monkeypatch: pytest.MonkeyPatch) -> Iterator[list[str]]:
     done: list[str] = []
 
     def diagnosed(log: Path, out: Path, progress: object = None, **settings: object) -> None:
-        if log.name == "c":
-            raise SealegsError(f"{log}: its sidecar is missing.")
+        if log.name in ("c", "notes"):
+            raise SealegsError(f"{log}: its {'sidecar is' if log.name == 'c' else 'logs are'} missing.")
         done.append(log.name)
         out.mkdir(parents=True, exist_ok=True)
         (out / "diagnosis.json").write_text(json.dumps(document(log.name, "drive.delay", 0.01)))
@@ -86,8 +86,10 @@ def quick(monkeypatch: pytest.MonkeyPatch) -> Iterator[list[str]]:
     yield done
 
 
-def test_every_folder_with_logs_is_a_servo(fleet: Path, tmp_path: Path) -> None:
-    assert [job.name for job in find_jobs(fleet, tmp_path / "out")] == ["a", "b", "c"]
+def test_every_folder_is_a_servo_where_one_has_a_log(fleet: Path, tmp_path: Path) -> None:
+    """One that is empty was dropped without a word."""
+    assert [job.name for job in find_jobs(fleet, tmp_path / "out")] == ["a", "b", "c", "notes"]
+    assert [job.name for job in find_jobs(fleet, fleet / "c")] == ["a", "b", "notes"], "what is written is no log"
     with pytest.raises(SealegsError, match="a folder of logs for each servo"):
         find_jobs(fleet / "a", tmp_path / "out")
 
@@ -100,8 +102,9 @@ def test_a_broken_folder_does_not_stop_the_others(
     assert quick == ["a", "b"]
     assert sorted(path.name for path in out.iterdir()) == ["a", "b", "fleet.csv", "fleet.html", "fleet.png"]
     table = list(csv.DictReader((out / "fleet.csv").open()))
-    assert {row["servo"]: row["verdict"] for row in table} == {"a": "explained", "b": "explained", "c": "not diagnosed"}
-    assert "its sidecar is missing" in table[-1]["sentence"]
+    said = {row["servo"]: row["verdict"] for row in table}
+    assert said == {"a": "explained", "b": "explained", "c": "not diagnosed", "notes": "not diagnosed"}
+    assert "its sidecar is missing" in table[-2]["sentence"]
     assert "its sidecar is missing" in (out / "fleet.html").read_text()
     assert "drive.delay: 2 servos" in capsys.readouterr().out
 
@@ -151,7 +154,7 @@ def test_ctrl_c_says_how_to_go_on(
 
     monkeypatch.setattr("sealegs.gap.fleet.run.in_processes", interrupted)
     assert diagnose_command(f"log={fleet}", f"out={tmp_path / 'out'}", "fleet=true") == 130
-    assert "1 of 3 servos are kept" in capsys.readouterr().err
+    assert "1 of 4 servos are kept" in capsys.readouterr().err
     assert (tmp_path / "out" / "a" / "diagnosis.json").is_file()
 
 

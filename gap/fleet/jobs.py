@@ -57,17 +57,17 @@ class Outcome:
 
 
 def find_jobs(folder: Path, out: Path, settings: Mapping[str, Any] | None = None) -> list[Job]:
-    """One job for each folder in ``folder`` that holds logs, by name.
+    """One job for each folder in ``folder``, by name; of one without a log the diagnosis says so.
 
     Raises:
-        LogError: there is none.
+        LogError: none of them holds a log.
     """
     if not folder.is_dir():
         raise LogError(f"{folder}: a fleet is a folder that has a folder of logs for each servo")
-    names = sorted(path.name for path in folder.iterdir() if path.is_dir() and not path.name.startswith("."))
+    folders = (path for path in folder.iterdir() if path.is_dir() and path.resolve() != out.resolve())
+    names = sorted(path.name for path in folders if not path.name.startswith("."))
     jobs = [Job(name, folder / name, out / name, dict(settings or {})) for name in names]
-    jobs = [job for job in jobs if any(path.suffix in ENDINGS for path in job.log.iterdir())]
-    if not jobs:
+    if not any(path.suffix in ENDINGS for job in jobs for path in job.log.iterdir()):
         raise LogError(f"{folder}: none of its folders holds a log; a fleet has a folder of logs for each servo")
     return jobs
 
