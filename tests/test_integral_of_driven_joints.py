@@ -49,7 +49,7 @@ def walked(column: str, period: float, gain: float = 6.0) -> MeasuredSet:
             angle += 0.14 * np.sin(w * (fine - 0.02) + phase)
             speed += 0.14 * w * np.cos(w * (fine - 0.02) + phase)
         every = max(round(period * steps / PERIOD), 1)
-        integral, duty = 0.3, np.zeros(len(fine))
+        integral, now, duty = 0.3, 0.0, np.zeros(len(fine))
         for k in range(len(fine)):
             if k % every == 0:
                 integral += 12.0 * (goal[k] - angle[k]) * every * PERIOD / steps
