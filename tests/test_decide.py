@@ -346,7 +346,7 @@ def test_a_joint_of_a_robot_at_the_noise_has_nothing_to_explain_in_spite_of_slig
     verdict = decide(right)
     assert verdict.name == NOTHING and verdict.because("structure")
     assert decide(replace(right, of_robot=False)).name == NOT_IDENTIFIABLE
-    assert decide(replayed(level=0.2, after=1.2 * NOISE, of_robot=True)).name == NOT_IDENTIFIABLE
+    assert decide(replayed(level=0.2, after=1.25 * NOISE, of_robot=True)).name == NOT_IDENTIFIABLE
     assert decide(replayed(level=0.5, after=NOISE, of_robot=True)).name == NOT_IDENTIFIABLE
     taken_out = OpenCause("load.mass", WITHDRAWN, "its size cannot be told from none")
     assert decide(replace(right, open_causes=(taken_out,))).name == NOT_IDENTIFIABLE
