@@ -46,6 +46,8 @@ def model_numbers(model: ModelFile, joints: Sequence[str], timestep: float) -> d
         share = "assumed: the file gives the inertia of its body about the centre of mass"
         numbers[f"{name}_about_joint"] = Number(0.0, "-", share, -1.0, 2.0, neutral=True)
         numbers[f"{name}_inertia"] = Number(0.0, about, said, -math.inf, neutral=True)
+        said = "assumed: no rotor but that of the chain"
+        numbers[f"{name}_rotor"] = Number(0.0, about, said, -math.inf, neutral=True)
         low, high = joint.range or (-FREE, FREE)
         unit, free = UNITS[joint.kind][0], joint.range is None
         said = "assumed: nothing stops the joint" if free else source
@@ -66,6 +68,7 @@ def model_effects(model: ModelFile, joints: Mapping[str, str]) -> dict[str, Effe
         effects[f"{coordinate}.load.stop_angle"] = Effect(f"{joint}_upper_stop", "set")
         effects[f"{coordinate}.load.lower_stop"] = Effect(f"{joint}_lower_stop", "set")
         effects[f"{coordinate}.load.extra_inertia"] = Effect(f"{joint}_inertia", "plus")
+        effects[f"{coordinate}.load.rotor_inertia"] = Effect(f"{joint}_rotor", "plus")
         effects[f"{coordinate}.load.about_joint"] = Effect(f"{joint}_about_joint", "plus")
     for body in model.bodies:
         effects[f"{body}.body.mass_factor"] = Effect(f"{body}_mass", "times")
@@ -101,12 +104,14 @@ def apply_numbers(spec: mujoco.MjSpec, model: ModelFile, values: Mapping[str, fl
     excess: dict[str, np.ndarray] = {}  # what bodies have too much of inertia about their joint's axis
     for name, joint in model.joints.items():
         more = values.get(f"{name}_inertia", 0.0)
-        if more < 0.0 and joint.kind == "hinge" and joint.body in model.bodies:
-            excess[joint.body] = excess.get(joint.body, np.zeros((3, 3))) - more * np.outer(joint.axis, joint.axis)
+        if more and joint.kind == "hinge" and joint.body in model.bodies:
+            excess[joint.body] = excess.get(joint.body, np.zeros((3, 3))) - _turning(more, np.asarray(joint.axis))
         elif more < 0.0:
             less[name] = -more
         elif more:
             spec.joint(name).armature += more
+        if rotor := values.get(f"{name}_rotor", 0.0):  # with that of the chain, it is no less than nothing
+            spec.joint(name).armature += rotor
         if (share := values.get(f"{name}_about_joint", 0.0)) and joint.body in model.bodies:
             body = model.bodies[joint.body]
             too_much = share * body.mass * _about(np.asarray(body.centre) - np.asarray(joint.place))
@@ -128,6 +133,14 @@ def apply_numbers(spec: mujoco.MjSpec, model: ModelFile, values: Mapping[str, fl
         item.limited = mujoco.mjtLimited.mjLIMITED_TRUE
         # a file that the main one attaches may count angles in another unit
         item.range = np.degrees(stops) if item.compiler.degree and joint.kind == "hinge" else stops
+
+
+def _turning(inertia: float, axis: np.ndarray) -> np.ndarray:
+    """More inertia of a body about an axis (3,), as a tensor (3, 3) [kg.m2]: that of a disc, which has the least about
+    all others that a body can have. What is taken off (below 0) is taken off about the axis alone.
+    """
+    about = np.outer(axis, axis)
+    return inertia * (about if inertia < 0.0 else 0.5 * (about + np.eye(3)))
 
 
 def _lighten(spec: mujoco.MjSpec, less: Mapping[str, float]) -> None:

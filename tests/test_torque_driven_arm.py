@@ -20,7 +20,10 @@ MODEL = """<mujoco model="two"><worldbody><body><joint name="upper" axis="0 1 0"
 <inertial pos="0 0 -{c2}" mass="{m2}" diaginertia="{i2} {i2} {i2}"/></body></body></worldbody></mujoco>"""
 
 
-def moved(seed: int, seconds: float = 10.0) -> dict[str, np.ndarray]:
+Pair = tuple[float, float]
+
+
+def moved(seed: int, seconds: float = 10.0, inertia: Pair = INERTIA, rotor: Pair = ROTOR) -> dict[str, np.ndarray]:
     """One run: torques that a controller commands which nobody knows, and where the joints are."""
     rng = np.random.default_rng(seed)
     rate, phase = rng.uniform(1.5, 5.0, (2, 2)), rng.uniform(0.0, 6.0, (2, 2))
@@ -33,7 +36,7 @@ def moved(seed: int, seconds: float = 10.0) -> dict[str, np.ndarray]:
             goal = np.sum([[0.9], [0.4]] * np.sin(rate * k * STEP + phase), axis=0) * min(k * STEP, 1.0)
             command = 6.0 * (goal - q) - 0.15 * v
             torque[k // EVERY], position[k // EVERY] = command, q
-        q, v = step(q, v, command)
+        q, v = step(q, v, command, inertia, rotor)
     position = position + rng.normal(0.0, 2e-4, position.shape)
     columns = {"time": np.arange(len(position)) * STEP * EVERY}
     for j, name in enumerate(("upper", "fore")):
@@ -41,13 +44,15 @@ def moved(seed: int, seconds: float = 10.0) -> dict[str, np.ndarray]:
     return columns
 
 
-def step(q: np.ndarray, v: np.ndarray, torque: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+def step(
+    q: np.ndarray, v: np.ndarray, torque: np.ndarray, links: Pair = INERTIA, rotor: Pair = ROTOR
+) -> tuple[np.ndarray, np.ndarray]:
     """A semi-implicit step; dry friction is an impulse that can stop a joint and not more."""
-    (m1, m2), (c1, c2), (i1, i2) = MASS, CENTRE, INERTIA
+    (m1, m2), (c1, c2), (i1, i2) = MASS, CENTRE, links
     bend, coupled = np.cos(q[1]), m2 * LENGTH * c2
     between = i2 + m2 * c2**2 + coupled * bend
-    first = i1 + i2 + m1 * c1**2 + m2 * (LENGTH**2 + c2**2) + 2.0 * coupled * bend + ROTOR[0]
-    inertia = np.array([[first, between], [between, i2 + m2 * c2**2 + ROTOR[1]]])
+    first = i1 + i2 + m1 * c1**2 + m2 * (LENGTH**2 + c2**2) + 2.0 * coupled * bend + rotor[0]
+    inertia = np.array([[first, between], [between, i2 + m2 * c2**2 + rotor[1]]])
     whirl = coupled * np.sin(q[1]) * np.array([-(2.0 * v[0] + v[1]) * v[1], v[0] ** 2])
     hangs = m2 * GRAVITY * c2 * np.sin(q.sum())
     weight = np.array([(m1 * c1 + m2 * LENGTH) * GRAVITY * np.sin(q[0]) + hangs, hangs])

@@ -32,12 +32,12 @@ def mass(nominal: JointModel) -> Cause:
 
 @entry("load.inertia")
 def inertia(nominal: JointModel) -> Cause:
-    extra = Parameter("load.extra_inertia", "kg.m2", *nominal.load.inertia_range(nominal.chain.armature()))
+    ranges = nominal.load.inertia_ranges(nominal.chain.armature())
     return Cause(
-        sentence="The load has another inertia than its mass and length give.",
+        sentence="The load, or a rotor that turns with it, has another inertia than the model says.",
         picture="response",
         against="acceleration",
-        variants=((extra,),),
+        variants=tuple((Parameter(f"load.{key}", "kg.m2", *ends),) for key, ends in ranges.items()),
         error=True,
         needs=CLAIMED,
     )

@@ -89,8 +89,10 @@ class Load(Protocol):
         """
         ...
 
-    def inertia_range(self, armature: float, /) -> Range:
-        """Where its inertia beyond the believed one is sought [kg.m2], with the motor's own armature [kg.m2]."""
+    def inertia_ranges(self, armature: float, /) -> dict[str, Range]:
+        """Where its inertia beyond the believed one is sought [kg.m2], by key: of the load itself first.
+        The motor's own ``armature`` is given [kg.m2].
+        """
         ...
 
     def unknown_ranges(self, armature: float, /) -> dict[str, Range]:

@@ -116,11 +116,11 @@ class PendulumLoad:
         del middle, half
         return Range(-0.5, 2.0, start, 0.03), Range(-2.0, 0.5, -start, 0.03)
 
-    def inertia_range(self, armature: float) -> Range:
+    def inertia_ranges(self, armature: float) -> dict[str, Range]:
         """Beyond that of mass and arm [kg.m2]: at least what a hobby servo carries, more where the load is larger."""
         whole = self.typical_inertia + armature
         change = max(0.002, 0.1 * whole)
-        return Range(0.0, max(0.5, 20.0 * whole), change, change)
+        return {"extra_inertia": Range(0.0, max(0.5, 20.0 * whole), change, change)}
 
     def unknown_ranges(self, armature: float) -> dict[str, Range]:
         """Of a mass that nobody weighed, from a gram to some kilograms, and more inertia than that of a point."""

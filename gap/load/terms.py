@@ -1,11 +1,11 @@
 """What a joint of a robot works against while all other joints move as measured: columns of its terms.
 
-A row of the terms holds, at one sample, the joint's position and speed as measured and then five blocks of the same
+A row of the terms holds, at one sample, the joint's position and speed as measured and then six blocks of the same
 six: of all that hangs behind the joint, per kilogram of a payload at the end of the robot, per metre by which the
-centre of mass of the joint's own body lies further from the joint, per square of that, and of springs and weight
-compensation that the robot's file has. The replay adds the blocks up with the numbers of
-:mod:`sealegs.gap.replay.constants`, so that a fit may turn those without MuJoCo (:mod:`sealegs.gap.load.tree` makes the
-rows).
+centre of mass of the joint's own body lies further from the joint, per square of that, per kg.m2 that this body has
+more about the joint's axis, and of springs and weight compensation that the robot's file has. The replay adds the
+blocks up with the numbers of :mod:`sealegs.gap.replay.constants`, so that a fit may turn those without MuJoCo
+(:mod:`sealegs.gap.load.tree` makes the rows).
 """
 
 from __future__ import annotations
@@ -23,5 +23,7 @@ E_SIZE = 8
 
 T_OWN = 2  # where the first block starts
 T_SIZE = 6  # columns of a block
-T_BLOCKS = 5
+T_SPIN = 4  # block of the inertia of the joint's own body
+T_PASSIVE = 5  # block of springs and the like
+T_BLOCKS = 6
 T_COLUMNS = T_OWN + T_BLOCKS * T_SIZE

@@ -137,8 +137,9 @@ def terms_along(model: mujoco.MjModel, joint: int, motion: Motion, sign: float =
         further, nearer = (_block(_shifted(model, joint, way * SHIFT), joint, motion) for way in (1.0, -1.0))
         rows.append(_block(_payload(model, tip_behind(model, joint)), joint, motion))
         rows += [(further - nearer) / (2.0 * SHIFT), (further + nearer - 2.0 * own) / (2.0 * SHIFT**2)]
+        rows.append(spin_block(model, joint, motion))
     else:
-        rows += [np.zeros_like(own)] * 3
+        rows += [np.zeros_like(own)] * 4
     rows.append(passive_block(model, joint, motion))
     table = np.concatenate(rows, axis=1)
     if sign < 0.0:
@@ -263,18 +264,53 @@ def _needed(row: Array, bias: Array, acceleration: Array) -> Array:
 
 def _payload(model: mujoco.MjModel, tip: Tip) -> mujoco.MjModel:
     """The robot without any mass but a kilogram at its tip."""
-    other = model.__copy__()
-    other.body_mass[:] = 0.0
-    other.body_inertia[:] = 0.0
+    other = without_mass(model)
     other.body_mass[tip.body] = 1.0
     other.body_ipos[tip.body] = tip.point
-    other.body_sameframe[tip.body] = NONE
-    other.body_subtreemass[:] = 0.0
     body = tip.body
     while body > 0:
         other.body_subtreemass[body] = 1.0
         body = int(other.body_parentid[body])
     other.body_subtreemass[0] = 1.0
+    return other
+
+
+def spin_block(model: mujoco.MjModel, joint: int, motion: Motion) -> Array:
+    """What a kg.m2 more of a hinge's own body about its axis adds (n, T_SIZE); nothing of a slide.
+
+    It acts on the whole angular acceleration of the body about that axis, also on what joints above give it.
+    """
+    block = np.zeros((len(motion.position), T_SIZE))
+    if int(model.jnt_type[joint]) != int(mujoco.mjtJoint.mjJNT_HINGE):
+        return block
+    if turns_alone(model, joint):
+        block[:, INERTIA] = 1.0
+        return block
+    other, body = without_mass(model), int(model.jnt_bodyid[joint])
+    other.body_inertia[body] = (0.0, 0.0, 1.0)
+    mujoco.mju_quatZ2Vec(other.body_iquat[body], np.array(model.jnt_axis[joint]))
+    return _block(other, joint, motion)
+
+
+def turns_alone(model: mujoco.MjModel, joint: int) -> bool:
+    """Whether no other joint turns a joint's own body."""
+    body = int(model.jnt_bodyid[joint])
+    dof = int(model.body_dofadr[body] + model.body_dofnum[body]) - 1
+    while dof >= 0:
+        number = int(model.dof_jntid[dof])
+        if number != joint and int(model.jnt_type[number]) != int(mujoco.mjtJoint.mjJNT_SLIDE):
+            return False
+        dof = int(model.dof_parentid[dof])
+    return True
+
+
+def without_mass(model: mujoco.MjModel) -> mujoco.MjModel:
+    """The robot without any mass, whose centres of mass may be set."""
+    other = model.__copy__()
+    other.body_mass[:] = 0.0
+    other.body_inertia[:] = 0.0
+    other.body_subtreemass[:] = 0.0
+    other.body_sameframe[:] = NONE
     return other
 
 

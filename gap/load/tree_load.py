@@ -17,7 +17,9 @@ class TreeLoad:
     Attributes:
         mass_factor: true over believed mass of all that hangs behind the joint.
         payload: at the end of the robot, believed to carry nothing [kg].
-        extra_inertia: about the joint, beyond that of the bodies [kg.m2].
+        extra_inertia: of the joint's own body about the joint's axis, beyond that of the file [kg.m2]; of a slide, mass
+            that gravity does not feel [kg].
+        rotor_inertia: the same of what turns only as the joint does against its parent, as a rotor behind a gear.
         centre_shift: of the joint's own body's centre of mass, away from the joint [m].
         stop_angle, lower_stop: beyond and below which something blocks the link [rad].
         typical_inertia: in the middle of the log [kg.m2].
@@ -27,11 +29,13 @@ class TreeLoad:
             where nothing does: then one factor is all that its mass may be wrong by.
         tip_mass: what would weigh as much at the end of the robot as the last of those bodies does [kg]; 0 where
             there is none.
+        carried: whether joints above turned the joint's own body about the joint's axis in the log.
     """
 
     mass_factor: float = 1.0
     payload: float = 0.0
     extra_inertia: float = 0.0
+    rotor_inertia: float = 0.0
     centre_shift: float = 0.0
     stop_angle: float = math.inf
     lower_stop: float = -math.inf
@@ -40,6 +44,7 @@ class TreeLoad:
     least_payload: float = 0.0
     own_lever: float = 0.0
     tip_mass: float = 0.0
+    carried: bool = False
 
     @property
     def mass_keys(self) -> tuple[str, ...]:
@@ -74,7 +79,7 @@ class TreeLoad:
     def inertia(self, params: Mapping[str, float]) -> float:
         """Typical inertia about the joint [kg.m2]."""
         del params
-        return self.typical_inertia * self.mass_factor + self.extra_inertia
+        return self.typical_inertia * self.mass_factor + self.extra_inertia + self.rotor_inertia
 
     def gravity_torque(self, params: Mapping[str, float]) -> float:
         """Largest torque of gravity [N.m]."""
@@ -101,10 +106,13 @@ class TreeLoad:
         upper = Range(middle - 0.25 * half, middle + 2.0 * half, middle + away, 0.03)
         return upper, Range(middle - 2.0 * half, middle + 0.25 * half, middle - away, 0.03)
 
-    def inertia_range(self, armature: float) -> Range:
-        """Down to a tenth of what the file gives [kg.m2]."""
+    def inertia_ranges(self, armature: float) -> dict[str, Range]:
+        """Down to a tenth of file and chain [kg.m2]. Where nothing above turns the link, a rotor is the same."""
         whole = self.typical_inertia + armature
-        return Range(-0.9 * self.typical_inertia, 20.0 * whole, 0.1 * whole, 0.1 * whole)
+        ranges = {"extra_inertia": Range(-0.9 * self.typical_inertia, 20.0 * whole, 0.1 * whole, 0.1 * whole)}
+        if self.carried:
+            ranges["rotor_inertia"] = Range(-0.9 * armature, 20.0 * whole, 0.1 * whole, 0.1 * whole)
+        return ranges
 
     def unknown_ranges(self, armature: float) -> dict[str, Range]:
         """About what the file gives: what hangs behind the joint by a factor, and more inertia."""
@@ -115,7 +123,8 @@ class TreeLoad:
     def along_log(self, slide: bool) -> dict[str, float]:
         """What a fit changes of the terms."""
         return {
-            "inertia": self.extra_inertia,
+            "inertia": self.rotor_inertia + (self.extra_inertia if slide else 0.0),
+            "spin": 0.0 if slide else self.extra_inertia,
             "gravity": 0.0,
             "tree": 2.0 if slide else 1.0,
             "mass": self.mass_factor,

@@ -30,6 +30,7 @@ class Constants(NamedTuple):
     tree: float = 0.0  # 1: a hinge, 2: a slide of a robot whose other joints move as measured; its terms are given
     mass: float = 1.0  # factor on what hangs behind the joint
     payload: float = 0.0  # at its end [kg]
+    spin: float = 0.0  # more inertia of the joint's own body about a hinge's axis [kg.m2]
     shift: float = 0.0  # of the centre of mass of the joint's own body, away from the joint [m]
     stop_stiffness: float = STOP_STIFFNESS  # [N.m/rad]
     stop_damping: float = STOP_DAMPING  # [N.m.s/rad]

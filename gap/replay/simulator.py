@@ -36,7 +36,9 @@ from ..load.terms import (
     E_SLOPE,
     E_SPEED,
     T_OWN,
+    T_PASSIVE,
     T_SIZE,
+    T_SPIN,
 )
 from .compiled import compiled, pointer
 from .constants import K
@@ -59,7 +61,8 @@ def combine(k, row, e):
             k[K.mass] * row[T_OWN + c]
             + k[K.payload] * row[T_OWN + T_SIZE + c]
             + k[K.shift] * (row[T_OWN + 2 * T_SIZE + c] + k[K.shift] * row[T_OWN + 3 * T_SIZE + c])
-            + row[T_OWN + 4 * T_SIZE + c]
+            + k[K.spin] * row[T_OWN + T_SPIN * T_SIZE + c]
+            + row[T_OWN + T_PASSIVE * T_SIZE + c]
         )
 
 

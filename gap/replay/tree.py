@@ -14,7 +14,7 @@ from ...actuators import Chain
 from ...envs.robot_described import stated
 from ..checks.signal import derivatives
 from ..load.robot import LoggedRobot
-from ..load.terms import E_INERTIA, E_POSITION, E_SLOPE
+from ..load.terms import E_COUPLING, E_INERTIA, E_POSITION, E_SLOPE, T_OWN, T_SIZE, T_SPIN
 from ..load.tree import Motion, least_payload, own_lever, terms_along, tip_behind, tip_mass
 from ..load.tree_load import TreeLoad
 from ..log.finding import Finding
@@ -244,6 +244,7 @@ def joint_of_tree(
         own_lever=own_lever(robot.model, robot.number(joint)),
         least_payload=least_payload(robot.model, tip),
         tip_mass=tip_mass(robot.model, robot.number(joint), tip),
+        carried=bool(np.any(rows[:, T_OWN + T_SPIN * T_SIZE + E_COUPLING - E_INERTIA])),
     )
     return JointModel(chain, load, axis=axis, of_robot=True)
 
