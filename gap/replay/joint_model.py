@@ -50,6 +50,13 @@ class JointModel:
         """Whether it is commanded by a torque (or force), not by a position."""
         return self.chain.find("torque_command") is not None
 
+    @property
+    def elastic(self) -> bool:
+        """Whether something of a known stiffness gives between motor and link."""
+        play = self.chain.find("backlash")  # whose teeth are as stiff as the inertia asks for, unless somebody says
+        springs = any(self.chain.find(stage) is not None for stage in ("spring", "compliance"))
+        return springs or (play is not None and play.tooth_stiffness > 0.0)
+
     def value(self, path: str) -> float:
         """A parameter by path: ``stage.parameter``, ``load.*``, ``host.*`` or ``gear_ratio.factor`` (1 by
         definition).

@@ -10,6 +10,7 @@ from ..checks.bootstrap import block_weights
 from ..replay.parameters import Parameter
 from ..replay.problem import Problem, periods_of
 from ..replay.robust import robust_weight
+from .alike import inertia_room
 from .bounded import FLAT, nearest_within, root_of, solved
 from .delays import at_samples
 from .fit import Fit
@@ -32,10 +33,11 @@ def intervals(
     """95 % profile-likelihood intervals, widened for autocorrelated errors by a block bootstrap.
 
     Nuisance parameters move within their bounds: an armature that only its tolerance holds widens the interval of a
-    load's inertia. What the log leaves open of all torques together (:mod:`.torque_gauge`) widens theirs. Two terms are
-    added in quadrature: how far the fits of the two parts of the data disagree, and the systematic error that all data
-    share (calibration of the columns, clock of the log, discretisation error). Where what is judged goes from sample to
-    sample (:func:`.delays.at_samples`), a time is not told more closely than half a sample either way.
+    load's inertia, exactly so (:mod:`.alike`). What the log leaves open of all torques together
+    (:mod:`.torque_gauge`) widens theirs. Two terms are added in quadrature: how far the fits of the two parts of
+    the data disagree, and the systematic error that all data share (calibration of the columns, clock of the log,
+    discretisation error). Where what is judged goes from sample to sample (:func:`.delays.at_samples`), a time is
+    not told more closely than half a sample either way.
 
     Args:
         halves: fits of the same parameters to two parts of the data.
@@ -66,6 +68,7 @@ def intervals(
     lows, highs = _reach(u, scores.sum(axis=0), curvature + ridge, low, high, rises)
     found_intervals = {}
     smaller, larger = room(problem, parameters, found.values)
+    alike = inertia_room(problem, parameters, found.values, (smaller, larger))
     period = max(periods_of(problem))
     for k, p in enumerate(parameters):
         value, least, most = (p.from_fit(x) for x in (u[k], lows[k], highs[k]))
@@ -75,6 +78,8 @@ def intervals(
         shared = CLOCK * period if p.unit == "s" else problem.systematic_error(p.path) * abs(value)
         wide = float(np.linalg.norm([0.5 * (most - least), max(values) - min(values) if values else 0.0, shared]))
         least, most = min(least, value - wide), max(most, value + wide)
+        if p.path in alike:
+            least, most = min(least, alike[p.path][0]), max(most, alike[p.path][1])
         if p.unit == "s" and at_samples(problem):
             least, most = _over_a_step(value, (least, most), period, p, p.neutral(problem.models[0]))
         found_intervals[p.path] = (max(least, p.low), min(most, p.high))

@@ -17,7 +17,7 @@ from ..replay.parameters import Parameter, address
 from ..replay.problem import Problem
 
 MASS = "load.mass_factor"
-LOADS = (MASS, "load.payload", "load.extra_inertia")
+LOADS = (MASS, "load.payload", "load.extra_inertia", "load.rotor_inertia")
 DRIVES = (("scale.factor",), ("ideal.stiffness", "ideal.strength"))
 """Numbers of drives whose product says what a command is worth."""
 
@@ -50,11 +50,7 @@ def room(problem: Problem, parameters: Sequence[Parameter], values: Mapping[str,
 
 def is_open(model: JointModel) -> bool:
     """Whether a joint's log leaves the factor open: torques or an ideal loop drive it, and no spring is behind."""
-    chain = model.chain
-    play = chain.find("backlash")  # whose teeth are as stiff as the inertia asks for, unless somebody says
-    elastic = any(chain.find(stage) is not None for stage in ("spring", "compliance"))
-    elastic |= play is not None and play.tooth_stiffness > 0.0
-    return not elastic and (model.by_torque or chain.find("ideal") is not None)
+    return not model.elastic and (model.by_torque or model.chain.find("ideal") is not None)
 
 
 def is_torque(parameter: Parameter) -> bool:

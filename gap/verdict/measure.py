@@ -15,6 +15,7 @@ from ..log.parts import FIT_A, FIT_B, TEST
 from ..replay.parameters import Parameter, absolute
 from ..replay.problem import Nominal, Problem
 from ..replay.robust import robust_loss
+from ..search.alike import with_alike
 from ..search.fit import Fit, fit, middle
 from ..search.led import of_run
 from ..search.result import Search
@@ -167,8 +168,10 @@ def measure(
     sought_in = excess  # counted where causes were sought: in windows that restart, or in whole pieces
     if fitting is not problem:
         sought_in = float(np.mean(fitting.position_error(fitting.simulate([{}])[0]) ** 2))
-    account = Account(1.0 - unexplained, sought_in / problem.noise**2, charge, {p.number for p in wide}, led)
-    freed = problem.joint.models[0] if problem.joint and handed == "extended" and sought.loose else None
+    own = problem.joint.models[0] if problem.joint else None
+    turned = with_alike({p.number for p in wide}, own)
+    account = Account(1.0 - unexplained, sought_in / problem.noise**2, charge, turned, led)
+    freed = own if handed == "extended" and sought.loose else None
     causes, tuned_share = _name_causes(fitting, sought, model, joint, account, unnamed, features)
     return Measured(
         gap=gap,
@@ -270,7 +273,7 @@ class Account:
         explained: share of the nominal mean squared error beyond the noise.
         size: that error, in squares of the noise floor.
         beyond: as of :func:`sealegs.gap.verdict.decide.confidence`.
-        numbers: that refitting turns: of a wrong one it must do as well.
+        numbers: that refitting turns, or their like: of a wrong one it must do as well.
         led: the same in the run that showed a cause first, by the cause's key.
     """
 
