@@ -3,6 +3,9 @@
 Other bodies of a robot are believed, its neighbours move as they were read, and whoever made the log had a step, too:
 small errors of all of these look like a cause now and then, mostly like an inertia. So no cause is named there that is
 not certain.
+
+A joint that follows torques has no goal that holds its replay near the log. What adds up there is counted as where no
+cause is sought (:mod:`sealegs.gap.verdict.adrift`).
 """
 
 from __future__ import annotations
@@ -29,23 +32,28 @@ def measured_within_belief(replay: Replay, search: Search, joint: str, seed: int
         seed: of all resampling.
     """
     measured = measure(replay.problem, replay.fitting, search, joint, replay.wide, seed)
-    if search.loose or not _is_near(replay, measured, search):
+    if search.loose or not _is_doubtful(replay, measured):
         return measured, search
-    times = f"{_without(replay, measured, search):.3g}"
-    why = f"numbers within their tolerance come within {times} times the noise without it, as those of any robot may"
-    found = tuple(OpenCause(cause.name, NEAR_MISS, why) for cause in measured.causes)
+    times = _without(replay, measured, search)
+    near = times <= THRESHOLDS.believed
+    if not (near or replay.problem.open_loop):
+        return measured, search
     less = search.less([candidate.cause.key for candidate in search.accepted])
     again = measure(replay.problem, replay.fitting, less, joint, replay.wide, seed)
+    if not (near or (again.adrift is not None and again.adrift.allows(replay.problem.noise))):
+        return measured, search
+    why = "without it, no more is left than adds up in a replay that no goal holds"
+    if near:
+        why = f"numbers within their tolerance come within {times:.3g} times the noise without it"
+        why += ", as those of any robot may"
+    found = tuple(OpenCause(cause.name, NEAR_MISS, why) for cause in measured.causes)
     return replace(again, open_causes=(*found, *measured.open_causes)), less
 
 
-def _is_near(replay: Replay, measured: Measured, search: Search) -> bool:
-    """Whether causes were named, none is certain, and the tuned model is as near as that of a robot may be."""
-    if not (is_of_robot(replay.problem) and measured.causes):
-        return False
-    if any(cause.confidence >= THRESHOLDS.certain for cause in measured.causes):
-        return False
-    return _without(replay, measured, search) <= THRESHOLDS.believed
+def _is_doubtful(replay: Replay, measured: Measured) -> bool:
+    """Whether it is a joint of a robot with causes of which none is certain."""
+    sure = any(cause.confidence >= THRESHOLDS.certain for cause in measured.causes)
+    return is_of_robot(replay.problem) and bool(measured.causes) and not sure
 
 
 def _without(replay: Replay, measured: Measured, search: Search) -> float:
