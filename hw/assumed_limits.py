@@ -16,6 +16,7 @@ from ..actuators.stages.controller import UNLIMITED
 from ..envs.model_file import UNITS
 from ..envs.robot_assembly import WARNING
 from ..envs.robot_described import HINGES, SLIDES, FileJoint, RobotFile
+from ..envs.robot_within import TURN
 from ..envs.robot_yaml import AssumedLimits
 from ..envs.urdf_speeds import urdf_speeds
 from .excitation import usual_reach
@@ -98,22 +99,25 @@ def _least(kind: str) -> float:
 
 
 def most_behind(kind: str, ends: tuple[float, float]) -> float:
-    """Largest ``following_error`` that means something [rad or m]: no goal is farther from a joint than its range.
+    """Largest ``following_error`` that means something [rad or m]: no goal is farther from a joint than its range, and
+    no joint that follows is a turn behind.
 
     Args:
         kind: of the joint, hinge or slide.
         ends: of its range [rad or m].
     """
-    return max(ends[1] - ends[0], _least(kind))
+    width = ends[1] - ends[0]
+    return max(min(width, TURN) if kind == "hinge" else width, _least(kind))
 
 
 def _too_far(joint: FileJoint, behind: float) -> str:
     """That a servo is too weak for any limit of how far it stays behind."""
     unit, span = UNITS[joint.kind][0], joint.range[1] - joint.range[0]
+    most = "a turn" if joint.kind == "hinge" and span > TURN else f"its range of {span:.3g} {unit}"
     return (
         f"{WARNING}joint {joint.name}: with the usual reach its servo may stay {behind:.3g} {unit} behind in "
-        f"excitations, more than its range of {span:.3g} {unit}; no following_error is written for it: give it a "
-        "stronger servo, or a limit of your own under deploy: safety."
+        f"excitations, more than {most}; no following_error is written for it: give it a stronger servo, "
+        "or a limit of your own under deploy: safety."
     )
 
 
