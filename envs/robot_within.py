@@ -79,16 +79,17 @@ def check_limits(path: Path, joints: Sequence[FileJoint], safety: Any) -> None:
                 raise RobotError(f"{path}: deploy.safety.{key} of joint {joint.name} {reason}")
 
 
-def never_stops(limit: float, ends: tuple[float, float], unit: str) -> str:
+def never_stops(limit: float, ends: tuple[float, float], unit: str, times: float = 1.0) -> str:
     """Why a limit of a joint's position would never stop it, as the end of a sentence; empty where it would.
 
     Args:
         limit: beyond its range, or behind its goal [rad or m].
         ends: of its range [rad or m].
         unit: of its position.
+        times: the range, or a turn or a metre where that is more, from which it would not.
     """
     width = ends[1] - ends[0]
-    if limit <= max(width, METRE if unit == "m" else TURN):
+    if limit <= times * max(width, METRE if unit == "m" else TURN):
         return ""
     return (
         f"is {limit:.3g} {unit}, but the range of the joint is {width:.3g} {unit}: it would never stop it; give less, "

@@ -13,7 +13,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from ..actuators.errors import SealegsError
-from ..envs.robot_within import never_stops
+from ..envs.robot_within import TIMES, never_stops
 from .following import GOAL_SPEED, Following, ability
 from .limits import POSITIONS
 from .limits import Limits as Limits
@@ -79,11 +79,11 @@ class Safety:
         self._read_at = self._asked_at = math.nan
 
     def _check_reach(self) -> None:
-        """Refuse limits so far that they would never stop a joint."""
+        """Refuse limits so far that they would never stop a joint; one that a person puts out of the way may pass."""
         for key in POSITIONS:
             for k, limit in enumerate(self.limits.by_joint(key, self._robot)):
                 ends = float(self._robot.low[k]), float(self._robot.high[k])
-                if math.isfinite(limit) and (reason := never_stops(float(limit), ends, self._robot.units[k])):
+                if math.isfinite(limit) and (reason := never_stops(float(limit), ends, self._robot.units[k], TIMES)):
                     raise SealegsError(f"safety.{key} of joint {self._robot.names[k]} {reason}")
 
     def _lasting(self, beyond: np.ndarray, lasted: np.ndarray, dt: float) -> np.ndarray:
