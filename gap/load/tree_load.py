@@ -107,12 +107,14 @@ class TreeLoad:
         return upper, Range(middle - 2.0 * half, middle + 0.25 * half, middle - away, 0.03)
 
     def inertia_ranges(self, armature: float) -> dict[str, Range]:
-        """Down to a tenth of file and chain [kg.m2]. Where nothing above turns the link, a rotor is the same."""
+        """Down to a tenth of file and chain [kg.m2]. Where nothing above turns the link, a rotor is the same.
+
+        The rotor comes first: nobody states it, where a link's inertia is reckoned from its shape.
+        """
         whole = self.typical_inertia + armature
-        ranges = {"extra_inertia": Range(-0.9 * self.typical_inertia, 20.0 * whole, 0.1 * whole, 0.1 * whole)}
-        if self.carried:
-            ranges["rotor_inertia"] = Range(-0.9 * armature, 20.0 * whole, 0.1 * whole, 0.1 * whole)
-        return ranges
+        link = {"extra_inertia": Range(-0.9 * self.typical_inertia, 20.0 * whole, 0.1 * whole, 0.1 * whole)}
+        rotor = {"rotor_inertia": Range(-0.9 * armature, 20.0 * whole, 0.1 * whole, 0.1 * whole)}
+        return {**rotor, **link} if self.carried else link
 
     def unknown_ranges(self, armature: float) -> dict[str, Range]:
         """About what the file gives: what hangs behind the joint by a factor, and more inertia."""

@@ -202,7 +202,7 @@ def _rotor(problem: JointProblem) -> list[Parameter]:
     inertia = ENTRIES["load.inertia"]
     if not (nominal.by_torque and inertia.applies(nominal)):
         return []
-    return [replace(p, low=0.0) for p in inertia.cause(nominal).variants[-1]]  # a rotor only adds
+    return [replace(p, low=0.0) for p in inertia.cause(nominal).variants[0]]  # a rotor only adds
 
 
 @dataclass(frozen=True)
