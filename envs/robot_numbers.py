@@ -143,6 +143,11 @@ def _turning(inertia: float, axis: np.ndarray) -> np.ndarray:
     return inertia * (about if inertia < 0.0 else 0.5 * (about + np.eye(3)))
 
 
+def inertia_about(inertia: float, own: np.ndarray, axis: np.ndarray) -> float:
+    """What more inertia of a body about an axis of its own (3,) has about another (3,) [kg.m2]."""
+    return float(axis @ _turning(inertia, own) @ axis)
+
+
 def _lighten(spec: mujoco.MjSpec, less: Mapping[str, float]) -> None:
     """Take inertia [kg or kg.m2] from joints, by a negative armature: gravity feels nothing of it.
 

@@ -7,14 +7,16 @@ from pathlib import Path
 import mujoco
 import numpy as np
 import pytest
+from sealegs.envs.extended import Change
 from sealegs.envs.robot_file import load_robot_file
 from sealegs.gap.load.terms import E_COUPLING, E_INERTIA, E_SIZE, T_OWN, T_PASSIVE, T_SPIN
 from sealegs.gap.load.tree import Motion, spin_block, terms_along
 from sealegs.gap.log.arrays import measured_set
+from sealegs.gap.output.robot_extension import of_robot
 from sealegs.gap.verdict.diagnosis import diagnose
 
 from testbed.arm import ARMS, mjcf
-from tests.logged_robots import block_of
+from tests.logged_robots import block_of, robot, two_link_run
 from tests.test_torque_driven_arm import CENTRE, COULOMB, INERTIA, LENGTH, MASS, MODEL, ROTOR, moved
 
 CARRIAGE = """<mujoco><worldbody><body name="base"><joint name="turn" axis="0 0 1"/>
@@ -92,6 +94,25 @@ def test_an_inertia_that_was_found_of_a_link_is_the_bodys_in_the_robots_model(tm
     assert found.dof_armature[1] == plain.dof_armature[1]
     rotor = file.robot().build_spec({f"{name}_rotor": 0.003}).compile()
     assert rotor.dof_armature[1] == pytest.approx(plain.dof_armature[1] + 0.003)
+
+
+@pytest.mark.parametrize(
+    ("shoulder", "elbow", "wanted"),
+    [
+        (0.005, 0.006, {"elbow": 0.006}),
+        (0.010, 0.006, {"shoulder": 0.004, "elbow": 0.006}),
+        (0.01, 0.0, {"shoulder": 0.01}),
+    ],
+)
+def test_what_a_shoulder_feels_of_its_forearm_is_not_added_to_the_upper_arm_too(
+    tmp_path: Path, shoulder: float, elbow: float, wanted: dict[str, float]
+) -> None:
+    """Alone, each joint named the same 0.006 kg.m2, and the whole robot got it twice."""
+    machine = robot(two_link_run(tmp_path, 2.0))
+    found = {"shoulder": shoulder, "elbow": elbow}
+    changes = [Change(j, "load.extra_inertia", 0.0, x, "load.inertia", "robot") for j, x in found.items() if x]
+    kept = {change.joint: change.after for change in of_robot(machine, changes)}
+    assert kept == {name: pytest.approx(value) for name, value in wanted.items()}
 
 
 @pytest.mark.long

@@ -14,9 +14,10 @@ import numpy as np
 from scipy.optimize import lsq_linear
 
 from ...envs.extended import Change
+from ...envs.robot_numbers import inertia_about
 from ..causes.contact import STOPS
 from ..load.robot import Frame, LoggedRobot
-from ..load.tree import NO_LEVER, arm_of, tip_behind
+from ..load.tree import NO_LEVER, arm_of, carries, tip_behind
 from ..shared import ROBOT
 from ..shared.directions import every
 from ..verdict.verdict import JointDiagnosis
@@ -31,6 +32,7 @@ def of_robot(robot: LoggedRobot, changes: Sequence[Change]) -> list[Change]:
     """Changes of a robot, those of loads by body and in the frame of its model."""
     kept: list[Change] = []
     weights: dict[str, Change] = {}
+    inertias: dict[str, Change] = {}
     payloads: dict[str, list[Change]] = {}
     for change in changes:
         name = change.joint
@@ -40,6 +42,8 @@ def of_robot(robot: LoggedRobot, changes: Sequence[Change]) -> list[Change]:
             kept.append(_stop(robot.frame(name), change))
         elif change.path == "load.mass_factor":
             weights[name] = change
+        elif change.path == "load.extra_inertia" and not robot.slides(name):
+            inertias[name] = change
         elif change.path == "load.payload":
             tip = tip_behind(robot.model, robot.number(name))
             payloads.setdefault(robot.model.body(tip.body).name, []).append(change)
@@ -48,13 +52,29 @@ def of_robot(robot: LoggedRobot, changes: Sequence[Change]) -> list[Change]:
         else:
             kept.append(change)
     kept += [_payload(body, found) for body, found in payloads.items()]
-    return [*kept, *_masses(robot, weights)]
+    return [*kept, *_inertias(robot, inertias), *_masses(robot, weights)]
 
 
 def _payload(body: str, found: Sequence[Change]) -> Change:
     """One payload of a body, whichever joints found it: what is named counts, and what was tuned beside only alone."""
     said = [change for change in found if change.cause] or list(found)
     return Change(body, "body.payload", 0.0, float(np.mean([c.after for c in said])), said[0].cause, "robot")
+
+
+def _inertias(robot: LoggedRobot, found: Mapping[str, Change]) -> list[Change]:
+    """Inertias of links, each counted once: joints above feel it too, and may have found it as their own."""
+    model, left = robot.model, dict(found)
+    data = mujoco.MjData(model)
+    mujoco.mj_kinematics(model, data)
+    for name in sorted(found, key=robot.number, reverse=True):  # from the end of the robot
+        number, own = robot.number(name), found[name].after
+        felt = 0.0
+        for other, change in left.items():
+            if (below := robot.number(other)) != number and carries(model, number, int(model.jnt_bodyid[below])):
+                felt += inertia_about(change.after, data.xaxis[below], data.xaxis[number])
+        rest = max(own - felt, 0.0) if own > 0.0 else min(own - felt, 0.0)
+        left[name] = dataclasses.replace(found[name], after=rest if felt * own > 0.0 else own)
+    return [change for change in left.values() if change.after]
 
 
 def widened_range(robot: LoggedRobot, diagnosis: JointDiagnosis, found: Sequence[Change]) -> list[Change]:
