@@ -122,10 +122,10 @@ def test_the_inertia_of_a_forearm_is_told_from_that_of_its_rotor(tmp_path: Path,
     path, more = tmp_path / "two.xml", 0.006
     named = dict(zip(("m1", "m2", "c1", "c2", "i1", "i2"), (*MASS, *CENTRE, *INERTIA), strict=True))
     path.write_text(MODEL.format(length=LENGTH, **named))
-    hidden = {
-        "inertia": (INERTIA[0], INERTIA[1] + more * (part == "link")),
-        "rotor": (ROTOR[0], ROTOR[1] + more * (part == "rotor")),
-    }
+    inertia, rotors = (
+        (INERTIA[0], INERTIA[1] + more * (part == "link")),
+        (ROTOR[0], ROTOR[1] + more * (part == "rotor")),
+    )
     chains = {
         joint: [
             {"delay": {"seconds": 0.0}},
@@ -134,7 +134,7 @@ def test_the_inertia_of_a_forearm_is_told_from_that_of_its_rotor(tmp_path: Path,
         ]
         for joint, rotor, dry in zip(("upper", "fore"), ROTOR, COULOMB, strict=True)
     }
-    runs = [moved(seed, **hidden) for seed in (1, 2, 3)]
+    runs = [moved(seed, inertia=inertia, rotor=rotors) for seed in (1, 2, 3)]
     (found,) = diagnose(measured_set(runs, {"robot": str(path), "actuators": chains}, "two"), only=["fore"])
     (cause,) = found.causes
     assert (cause.name, list(cause.parameters), cause.standing) == ("load.inertia", [number], "certain")
