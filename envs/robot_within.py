@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import fnmatch
 import math
 from collections.abc import Mapping, Sequence
 from pathlib import Path
@@ -11,6 +10,7 @@ from typing import Any
 from ..actuators.errors import SealegsError
 from ..configs.check import checked
 from .model_file import UNITS, ModelFile
+from .name_patterns import fits
 from .robot import RobotError
 from .robot_assumed import RADIANS, joint_stops
 from .robot_described import FileJoint
@@ -20,7 +20,7 @@ TURN = 2.0 * math.pi  # [rad] beyond a hinge's range is no goal
 TIMES = 10.0  # of the farther end of a range: degrees for rad are 57 of it, mm for m are 1000; assumed
 METRE = 1.0  # [m] a slide's limits may be as far where its range is less; assumed
 POSITIONS = ("range_margin", "following_error")
-"""Limits of safety that are positions."""
+"""Limits of safety that are positions; the others of joints are speeds."""
 SHARE = 0.5  # of a range: no episode starts so far beyond its stops; assumed
 
 
@@ -70,9 +70,9 @@ def check_limits(path: Path, joints: Sequence[FileJoint], safety: Any) -> None:
         by_pattern = given if isinstance(given, Mapping) else {"*": given}
         for joint in joints:
             names = (joint.name, joint.joint)
-            fits = (p for p in by_pattern if any(n == p or fnmatch.fnmatchcase(n, str(p)) for n in names))
+            patterns = (p for p in by_pattern if any(fits(name, str(p)) for name in names))
             try:
-                limit = checked(key, by_pattern[next(fits)], float)
+                limit = checked(key, by_pattern[next(patterns)], float)
             except (StopIteration, SealegsError):
                 continue
             if reason := never_stops(limit, joint.range, joint.unit):

@@ -10,10 +10,10 @@ from typing import Any
 
 from ..actuators.errors import SealegsError, nearest
 from ..configs.check import Count, checked, checked_fields
+from ..envs.name_patterns import fits, fitting
 from ..envs.robot import Robot
 from ..envs.robot_entries import ServoEntry
 from .address import Address
-from .patterns import fits, fitting
 from .registers import ServoModel, load_model
 
 

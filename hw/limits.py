@@ -11,15 +11,14 @@ import numpy as np
 
 from ..actuators.errors import SealegsError, nearest
 from ..configs.check import checked
-from .patterns import fitting
+from ..envs.name_patterns import fitting
+from ..envs.robot_within import POSITIONS
 from .robot import ServoRobot
 
 FROM_CHAIN = ("goal_speed", "following_error")
 """Limits that may be null: they follow from the servo's chain."""
 BY_JOINT = ("range_margin", "speed", "goal_speed", "following_error")
 """Limits in the units of the joints: a number [rad], or numbers by pattern of names [rad or m]."""
-POSITIONS = ("range_margin", "following_error")
-"""Those that are positions; the others are speeds."""
 LOGGABLE = ("following", "goal_speed")
 
 ByJoint = float | Mapping[str, float]

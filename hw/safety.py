@@ -13,9 +13,8 @@ from dataclasses import dataclass
 import numpy as np
 
 from ..actuators.errors import SealegsError
-from ..envs.robot_within import TIMES, never_stops
+from ..envs.robot_within import POSITIONS, TIMES, never_stops
 from .following import GOAL_SPEED, Following, ability
-from .limits import POSITIONS
 from .limits import Limits as Limits
 from .packets import BusError, in_words
 from .robot import Reading, ServoRobot

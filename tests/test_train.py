@@ -65,6 +65,15 @@ def wait_for(path: Path, pattern: str, process: subprocess.Popen[str]) -> None:
     wait_until(lambda: any(path.glob(pattern)), process, lambda: f"no {pattern} in {path}")
 
 
+def killed(folder: Path) -> Path:
+    """A run in ``folder`` that was killed after its first checkpoint."""
+    process = start(*SMALL, f"out={folder.parent}", f"name={folder.name}", "total_timesteps=1000000")
+    wait_for(folder / "checkpoints", "[0-9]*/state.json", process)
+    process.kill()
+    process.communicate()
+    return folder
+
+
 def steps(run_folder: Path) -> list[int]:
     """Steps of the complete checkpoints, oldest first."""
     return sorted(int(path.name) for path in (run_folder / "checkpoints").iterdir() if not path.name.startswith("."))
@@ -129,11 +138,7 @@ def test_the_last_evaluation_is_of_the_final_policy(tmp_path: Path, capsys: pyte
 @pytest.mark.long
 def test_a_run_that_is_killed_before_its_last_evaluation_makes_it_on_resume(tmp_path: Path) -> None:
     """The checkpoint's own evaluation at that step is of the policy before the update."""
-    folder = tmp_path / "late"
-    process = start(*SMALL, f"out={tmp_path}", "name=late", "total_timesteps=1000000")
-    wait_for(folder / "checkpoints", "[0-9]*/state.json", process)
-    process.kill()
-    process.communicate()
+    folder = killed(tmp_path / "late")
     at = steps(folder)[-1]
     assert run(f"resume={folder}", f"total_timesteps={at}") == 0
     state = json.loads((folder / "checkpoints" / f"{at:012d}" / "state.json").read_text())["evaluations"]
@@ -274,11 +279,7 @@ def test_a_finished_run_goes_on_when_given_more_steps(finished: Path, capsys: py
 
 @pytest.mark.long
 def test_a_killed_run_resumes_from_its_newest_complete_checkpoint(tmp_path: Path) -> None:
-    folder = tmp_path / "killed"
-    process = start(*SMALL, f"out={tmp_path}", "name=killed", "total_timesteps=1000000")
-    wait_for(folder / "checkpoints", "[0-9]*/state.json", process)
-    process.kill()
-    process.communicate()
+    folder = killed(tmp_path / "killed")
     killed_at = steps(folder)[-1]
     torn = folder / "checkpoints" / ".writing-000000999999"  # what a kill within a checkpoint leaves
     torn.mkdir()

@@ -2,11 +2,11 @@
 
 from __future__ import annotations
 
-from collections.abc import Container, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from typing import Any
 
 from ....actuators.chain import LIBRARY, load_chain
-from ....actuators.published import DRIVES, as_recorded, drive_of
+from ....actuators.published import DRIVES, as_recorded
 from .recording import Recording
 
 Chain = str | list[dict[str, Any]]
@@ -26,17 +26,4 @@ def shipped_chain(facts: Mapping[str, float | str]) -> Chain | None:
     motor = facts.get("motor")
     if not isinstance(motor, str) or motor not in DRIVES or not (LIBRARY / f"{motor}.yaml").is_file():
         return None
-    return set_as_recorded(motor, facts) if "kp" in facts else None
-
-
-def set_as_recorded(actuator: str, facts: Container[str]) -> Chain:
-    """A chain by its word, set as recordings say; the word itself where it has no drive that is known.
-
-    Args:
-        actuator: word of a shipped chain, or ``bam:`` and the path of a fit.
-        facts: names of the numbers that the recordings have.
-    """
-    drive = drive_of(actuator)
-    if drive is None or "kp" not in facts:
-        return actuator
-    return as_recorded(drive, load_chain(actuator).to_list(), facts)
+    return as_recorded(DRIVES[motor], load_chain(motor).to_list(), facts) if "kp" in facts else None

@@ -12,7 +12,7 @@ import yaml
 
 from ....actuators.chain import load_chain
 from ....actuators.errors import nearest
-from ....actuators.published import PREFIX, drive_of
+from ....actuators.published import PREFIX, as_recorded, drive_of
 from ....actuators.stages.controller import UNLIMITED
 from ....envs.bench.robot import NUMBERS
 from ....envs.robot_file import RobotFile, is_robot_file, load_robot_file
@@ -22,7 +22,7 @@ from ..table import ENDINGS
 from ..types import LogError, MeasuredRun
 from ..units import FACTOR
 from ..writer import FROM
-from .drives import Chain, of_one_servo, set_as_recorded, shipped_chain
+from .drives import Chain, of_one_servo, shipped_chain
 from .formats import read_source
 from .impedance import impedance_chains
 from .mapping import Mapping as LogMapping
@@ -397,7 +397,7 @@ def asked_chain(
     """
     if actuator is None:
         return None
-    load_chain(actuator)
-    known = drive_of(actuator) is not None and of_one_servo(recording(), joints)
-    chain = set_as_recorded(actuator, recording().facts) if known else actuator
-    return beside(chain, out) if isinstance(chain, str) else chain
+    chain, drive = load_chain(actuator), drive_of(actuator)
+    if drive is not None and of_one_servo(first := recording(), joints) and "kp" in first.facts:
+        return as_recorded(drive, chain.to_list(), first.facts)
+    return beside(actuator, out)
