@@ -103,6 +103,6 @@ $(INSTALLED): pyproject.toml setup.py constraints.txt
 # The type checker reads files, not import hooks: a package of links shows it what an installed `sealegs` looks like.
 $(LINKS): $(INSTALLED) FORCE
 	@mkdir -p $@
-	@for part in envs actuators agents gap hw configs; do ln -sfn $(CURDIR)/$$part $@/$$part; done
+	@for part in envs actuators agents gap hw configs common; do ln -sfn $(CURDIR)/$$part $@/$$part; done
 	@for file in $(CURDIR)/library/*; do ln -sfn $$file $@/; done
 FORCE:

@@ -2,7 +2,7 @@
 
 from setuptools import find_packages, setup
 
-PARTS = ("envs", "actuators", "agents", "gap", "hw", "configs")
+PARTS = ("envs", "actuators", "agents", "gap", "hw", "configs", "common")
 
 setup(
     packages=[

@@ -1,0 +1,1 @@
+"""What everything stands on: documents that people give, read within bounds."""
