@@ -13,7 +13,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 REPOSITORY = Path(__file__).resolve().parents[1]
-PARTS = ("library", "envs", "actuators", "agents", "gap", "hw", "configs")
+PARTS = ("library", "envs", "actuators", "agents", "gap", "hw", "configs", "common")
 NAMES = ("envs", "agents", "configs", "gap", "hw", "actuators", "tests", "testbed", "benchmarks", "library", "docs")
 """Folders of the checkout, none of which may be a package of its own once installed."""
 
